@@ -1,0 +1,1 @@
+//! The data model and the one loop: columns, spaces, seeds, environments, policies, World, evaluation.

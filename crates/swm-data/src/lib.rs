@@ -1,0 +1,1 @@
+//! Datasets: formats, readers, writers, windowed loader.

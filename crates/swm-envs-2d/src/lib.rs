@@ -1,0 +1,1 @@
+//! Two-dimensional environments: PushT.

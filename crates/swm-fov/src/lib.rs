@@ -1,0 +1,1 @@
+//! Factors of variation: declare, sample, constrain, fix, describe.

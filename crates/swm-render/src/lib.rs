@@ -1,0 +1,1 @@
+//! Software renderers: 2D raster, resampling, frames.

@@ -1,0 +1,1 @@
+//! Planning: costs, solvers, the MPC policy, planning on the true simulator.
