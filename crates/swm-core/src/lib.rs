@@ -1,1 +1,36 @@
-//! The data model and the one loop: columns, spaces, seeds, environments, policies, World, evaluation.
+//! The data model and the one loop of stable-worldmodel.
+//!
+//! * [`batch`]: typed columns and tables, the one shape that all data has;
+//! * [`space`], [`seed`]: what values may be, and where randomness comes from;
+//! * [`env`](mod@env), [`policy`]: the two traits that a user implements;
+//! * [`world`]: many environments in parallel, one `infos` table, one rollout loop;
+//! * [`recorder`], [`dataset`], [`evaluate`]: what watches the loop;
+//! * [`registry`]: tables of environments and policies;
+//! * [`testing`]: conformance checks that any environment can run.
+//!
+//! This crate knows no file format, no picture format, no physics and no tensor.
+
+pub mod batch;
+pub mod dataset;
+pub mod env;
+pub mod error;
+pub mod evaluate;
+pub mod policy;
+pub mod recorder;
+pub mod registry;
+pub mod seed;
+pub mod space;
+pub mod testing;
+pub mod world;
+
+pub use batch::{Batch, Column, Dtype, Field, FieldKind, Row, RowsMut, Schema, Slice, SliceMut, Value};
+pub use dataset::{EpisodeSink, EpisodeSource, Metadata};
+pub use env::{Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, ImageSize, Outcome, ResetOptions};
+pub use error::{BatchError, BoxError, EnvError, PolicyError, UnknownName, WorldError};
+pub use evaluate::{EvalOptions, Evaluation};
+pub use policy::{Actions, Actor, LiveEpisode, PerEpisode, Policy, RowView, View};
+pub use recorder::{EpisodeEnd, LiveRow, Recorder, RunInfo};
+pub use registry::{EnvEntry, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};
+pub use seed::EpisodeSeed;
+pub use space::Space;
+pub use world::{Rollout, Scenario, World, WorldOptions};

@@ -1,0 +1,106 @@
+//! A table of typed columns: `World`'s infos (row = environment) and a recorded episode (row = step) alike.
+
+use std::sync::Arc;
+
+use super::rows::{Row, RowsMut};
+use super::{Column, Element, Schema, Slice, SliceMut};
+use crate::error::BatchError;
+
+/// A schema and its columns. Allocated once; rows are then written in place.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Batch {
+    schema: Arc<Schema>,
+    rows: usize,
+    columns: Vec<Column>,
+}
+
+impl Batch {
+    /// `rows` rows of zeros.
+    pub fn new(schema: Arc<Schema>, rows: usize) -> Self {
+        let columns =
+            schema.fields().iter().map(|field| Column::zeros(field.dtype, rows * field.width())).collect();
+        Self { schema, rows, columns }
+    }
+
+    /// The fields.
+    pub fn schema(&self) -> &Arc<Schema> {
+        &self.schema
+    }
+
+    /// The number of rows.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Column `index`, all rows: `[rows, …shape]` values, row-major.
+    pub fn column(&self, index: usize) -> Slice<'_> {
+        self.columns[index].as_slice()
+    }
+
+    /// Column `index`, mutably.
+    pub fn column_mut(&mut self, index: usize) -> SliceMut<'_> {
+        self.columns[index].as_slice_mut()
+    }
+
+    /// The column `name` as `[rows, …shape]` values of type `T`.
+    pub fn get<T: Element>(&self, name: &str) -> Result<&[T], BatchError> {
+        let index = self.schema.require(name)?;
+        self.column(index).get().ok_or_else(|| self.wrong_type(index, T::DTYPE))
+    }
+
+    /// One row.
+    pub fn row(&self, row: usize) -> Row<'_> {
+        assert!(row < self.rows, "row {row} of a table with {} rows", self.rows);
+        Row { table: self, row }
+    }
+
+    /// All rows, to be split into disjoint parts and written.
+    pub fn rows_mut(&mut self) -> RowsMut<'_> {
+        RowsMut {
+            schema: &self.schema,
+            rows: self.rows,
+            columns: self.columns.iter_mut().map(Column::as_slice_mut).collect(),
+        }
+    }
+
+    /// Appends the fields of this table from `row`, taken from the columns `from` of the row's table (one per
+    /// field, in order).
+    pub fn push_row(&mut self, row: Row<'_>, from: &[usize]) -> Result<(), BatchError> {
+        for (target, &source) in from.iter().enumerate() {
+            let values = row.at(source);
+            let field = &self.schema.fields()[target];
+            if values.len() != field.width() || !self.columns[target].extend(values) {
+                return Err(BatchError::WrongValue {
+                    name: field.name.clone(),
+                    expected: format!("{} {:?}", field.dtype, field.shape),
+                    found: format!("{} values of {}", values.len(), values.dtype()),
+                });
+            }
+        }
+        self.rows += 1;
+        Ok(())
+    }
+
+    /// Changes the number of rows; new ones are zero. Keeps the memory.
+    pub fn resize(&mut self, rows: usize) {
+        for (field, column) in self.schema.fields().iter().zip(&mut self.columns) {
+            column.resize(rows * field.width());
+        }
+        self.rows = rows;
+    }
+
+    /// Forgets all rows and keeps the memory.
+    pub fn clear(&mut self) {
+        self.columns.iter_mut().for_each(Column::clear);
+        self.rows = 0;
+    }
+
+    fn wrong_type(&self, index: usize, wanted: super::Dtype) -> BatchError {
+        let field = &self.schema.fields()[index];
+        BatchError::WrongValue {
+            name: field.name.clone(),
+            expected: field.dtype.to_string(),
+            found: format!("a request for {wanted}"),
+        }
+    }
+}

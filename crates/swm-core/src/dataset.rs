@@ -1,0 +1,230 @@
+//! Datasets as the core sees them: a sink of whole episodes, a source of rows, and what is written about them.
+//! No file format is known here.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::batch::{Batch, Field, Schema};
+use crate::env::{ImageSize, VARIATION_PREFIX};
+use crate::error::{BoxError, WorldError};
+use crate::recorder::{EpisodeEnd, LiveRow, Recorder, RunInfo};
+use crate::world::{Rollout, Scenario, World};
+
+/// Takes whole episodes, in the order of their index.
+pub trait EpisodeSink: Send {
+    /// Called once, before the first episode: the columns (kind tells step from episode columns) and what is
+    /// known of the data. Returns how many episodes the dataset holds already.
+    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError>;
+
+    /// Appends one episode; row = step. When it returns, the episode is safe: a crash cannot lose it.
+    fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError>;
+
+    /// Ends the dataset cleanly.
+    fn finish(&mut self) -> Result<(), BoxError>;
+}
+
+/// Gives rows of recorded episodes.
+pub trait EpisodeSource: Send {
+    /// The columns.
+    fn schema(&self) -> &Arc<Schema>;
+
+    /// The number of episodes.
+    fn num_episodes(&self) -> usize;
+
+    /// The number of rows of one episode.
+    fn episode_len(&self, episode: usize) -> usize;
+
+    /// What is known of the data; `None` for files that say nothing of themselves.
+    fn metadata(&self) -> Option<&Metadata>;
+
+    /// Reads rows of one episode into `out`, whose schema names the wanted columns; its old rows are replaced.
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError>;
+}
+
+/// What a dataset says of itself, so that it can be repeated and checked. It holds nothing that does not change
+/// the content: no time, host, thread count or number of environments.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Metadata {
+    /// The version of this record.
+    pub version: u32,
+    /// The environment's id.
+    pub env: String,
+    /// The environment's settings that differ from the defaults.
+    #[serde(default)]
+    pub settings: serde_json::Map<String, serde_json::Value>,
+    /// The run's seed.
+    pub seed: u64,
+    /// The policy, in words.
+    pub policy: String,
+    /// The factors that were asked to be drawn; `None`: the environment's default list.
+    #[serde(default)]
+    pub variation: Option<Vec<String>>,
+    /// The factors that were set.
+    #[serde(default)]
+    pub variation_values: BTreeMap<String, serde_json::Value>,
+    /// Picture size.
+    #[serde(default)]
+    pub image: Option<ImageSize>,
+    /// Time limit of an episode.
+    #[serde(default)]
+    pub max_episode_steps: Option<u64>,
+    /// Environment steps per row.
+    #[serde(default = "one")]
+    pub frame_skip: u32,
+    /// Versions of the packages that made it.
+    #[serde(default)]
+    pub packages: BTreeMap<String, String>,
+}
+
+fn one() -> u32 {
+    1
+}
+
+/// The version of [`Metadata`] that is written.
+pub const METADATA_VERSION: u32 = 1;
+
+impl Metadata {
+    /// What can be said of a run.
+    pub fn of(run: &RunInfo<'_>) -> Self {
+        let (variation, variation_values) = match run.rollout.scenario {
+            Scenario::Same(options) => (
+                options.variation.clone(),
+                options
+                    .variation_values
+                    .iter()
+                    .map(|(name, value)| (name.clone(), value.to_json()))
+                    .collect(),
+            ),
+            Scenario::Each(_) => (None, BTreeMap::new()),
+        };
+        Self {
+            version: METADATA_VERSION,
+            env: run.spec.id.clone(),
+            settings: run.options.env.settings.clone(),
+            seed: run.rollout.seed,
+            policy: run.policy.to_owned(),
+            variation,
+            variation_values,
+            image: run.options.env.image,
+            max_episode_steps: run.options.max_episode_steps,
+            frame_skip: run.options.frame_skip,
+            packages: BTreeMap::from([("swm-core".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
+        }
+    }
+}
+
+/// A recorder that hands whole episodes to a sink, in the order of their index, whatever the order in which they
+/// end.
+pub struct DatasetRecorder<'a> {
+    sink: &'a mut dyn EpisodeSink,
+    schema: Arc<Schema>,
+    /// For every column of the dataset, its position in the infos.
+    from: Vec<usize>,
+    /// Episodes that run or wait for an earlier one.
+    open: BTreeMap<u64, Buffered>,
+    spare: Vec<Batch>,
+    next: u64,
+}
+
+struct Buffered {
+    rows: Batch,
+    complete: bool,
+}
+
+impl<'a> DatasetRecorder<'a> {
+    /// Records into `sink`.
+    pub fn new(sink: &'a mut dyn EpisodeSink) -> Self {
+        let schema = Arc::new(Schema::default());
+        Self { sink, schema, from: Vec::new(), open: BTreeMap::new(), spare: Vec::new(), next: 0 }
+    }
+
+    /// The columns of the dataset: all infos, except factors that were neither drawn nor set.
+    fn choose_columns(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
+        let varied = varied_factors(run);
+        let wanted = |field: &Field| match field.name.strip_prefix(VARIATION_PREFIX) {
+            Some(factor) => varied.contains(factor),
+            None => true,
+        };
+        let fields = run.schema.fields().iter().enumerate().filter(|(_, field)| wanted(field));
+        let (from, fields): (Vec<_>, Vec<_>) = fields.map(|(index, field)| (index, field.clone())).unzip();
+        self.schema = Schema::new(fields)?;
+        self.from = from;
+        Ok(())
+    }
+}
+
+/// The factors that a run draws or sets.
+fn varied_factors(run: &RunInfo<'_>) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    let mut add = |options: &crate::env::ResetOptions| {
+        for factor in &run.spec.factors {
+            let drawn = match &options.variation {
+                None => factor.drawn_by_default,
+                Some(list) => list.iter().any(|asked| selects(asked, &factor.name)),
+            };
+            if drawn || options.variation_values.contains_key(&factor.name) {
+                names.insert(factor.name.clone());
+            }
+        }
+    };
+    match run.rollout.scenario {
+        Scenario::Same(options) => add(options),
+        Scenario::Each(all) => all.iter().for_each(add),
+    }
+    names
+}
+
+/// Whether `asked` (a factor's name, a group's name, or `all`) selects the factor `name`.
+pub fn selects(asked: &str, name: &str) -> bool {
+    asked == "all" || asked == name || name.strip_prefix(asked).is_some_and(|rest| rest.starts_with('.'))
+}
+
+impl Recorder for DatasetRecorder<'_> {
+    fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
+        self.choose_columns(run)?;
+        self.next = run.rollout.episodes.start;
+        self.sink.begin(&self.schema, &Metadata::of(run))?;
+        Ok(())
+    }
+
+    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+        let buffered = self.open.entry(row.episode.index).or_insert_with(|| {
+            let mut rows = self.spare.pop().unwrap_or_else(|| Batch::new(self.schema.clone(), 0));
+            rows.clear();
+            Buffered { rows, complete: false }
+        });
+        Ok(buffered.rows.push_row(row.values, &self.from)?)
+    }
+
+    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
+        if let Some(buffered) = self.open.get_mut(&end.index) {
+            buffered.complete = true;
+        }
+        while self.open.get(&self.next).is_some_and(|buffered| buffered.complete) {
+            let Some(buffered) = self.open.remove(&self.next) else { break };
+            self.sink.write_episode(&buffered.rows)?;
+            self.spare.push(buffered.rows);
+            self.next += 1;
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), BoxError> {
+        self.sink.finish()
+    }
+}
+
+impl World {
+    /// Records the episodes of `rollout` into `sink`, watched by `watcher` too (`&mut ()` for none).
+    pub fn record_dataset(
+        &mut self,
+        rollout: &Rollout<'_>,
+        sink: &mut dyn EpisodeSink,
+        watcher: &mut dyn Recorder,
+    ) -> Result<(), WorldError> {
+        self.run(rollout, &mut (DatasetRecorder::new(sink), watcher))
+    }
+}

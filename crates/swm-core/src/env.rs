@@ -1,0 +1,215 @@
+//! The environment trait and what surrounds it: description, episode options, saved states.
+
+use std::collections::BTreeMap;
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use crate::batch::{Dtype, Field, RowsMut, Slice, Value};
+use crate::error::EnvError;
+use crate::seed::EpisodeSeed;
+use crate::space::Space;
+
+/// An environment: one simulated world, its observations and its pictures.
+///
+/// Advancing and observing are apart, so that frame skip and planning pay for neither rows nor pictures. All
+/// four ways to change it (`reset`, `step`, `restore`, nothing else) are deterministic.
+pub trait Env: Send + Sync {
+    /// What it is and what it writes. Constant over its life.
+    fn spec(&self) -> &EnvSpec;
+
+    /// Starts an episode: draws factors, start and goal. The returned outcome has no reward (NaN) and says
+    /// whether the goal is already reached.
+    fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError>;
+
+    /// Advances by one control step. `action` has the type and width of the spec's action space and is finite.
+    fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError>;
+
+    /// Writes the episode fields (factors, goal) into one row. Called once after a reset.
+    fn write_episode(&mut self, out: &mut RowsMut<'_>);
+
+    /// Writes the step fields (state, pixels) of the present moment into one row.
+    fn observe(&mut self, out: &mut RowsMut<'_>);
+
+    /// Saves everything that the future depends on: after `restore`, the same actions give the same bits, in
+    /// this or another environment made from the same entry.
+    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError>;
+
+    /// Returns to a saved moment, its factors and goal included.
+    fn restore(&mut self, state: &EnvState) -> Result<(), EnvError>;
+
+    /// How far the task is from done, for planners on the true simulator: lower is better. `None` if the
+    /// environment has no such measure.
+    fn task_cost(&self) -> Option<f64> {
+        None
+    }
+}
+
+/// What one control step (or a reset) led to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome {
+    /// Reward; NaN at reset.
+    pub reward: f64,
+    /// The task ended the episode. (Time limits are the `World`'s: they truncate.)
+    pub terminated: bool,
+    /// Whether the goal is reached now; `None` where the task has no success.
+    pub success: Option<bool>,
+}
+
+/// A description of an environment. Field indices are positions in `fields`.
+#[derive(Clone, Debug)]
+pub struct EnvSpec {
+    /// The registered name: `swm/PushT-v1`.
+    pub id: String,
+    /// What one action may be.
+    pub action: Space,
+    /// What `write_episode` and `observe` write.
+    pub fields: Vec<Field>,
+    /// The factors of variation. Factor `f` is the episode field `variation.f`.
+    pub factors: Vec<FactorSpec>,
+    /// Simulated seconds per control step.
+    pub time_step_s: f64,
+    /// Step columns from which [`ResetOptions::start`] can restore a moment.
+    pub start_columns: &'static [&'static str],
+    /// Step columns from which [`ResetOptions::goal`] can set a goal.
+    pub goal_columns: &'static [&'static str],
+}
+
+/// The name of the pixel field.
+pub const PIXELS: &str = "pixels";
+/// What stands before a factor's name in tables.
+pub const VARIATION_PREFIX: &str = "variation.";
+
+/// One factor of variation, as data.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FactorSpec {
+    /// Dotted name: `block.color`.
+    pub name: String,
+    /// What it does, in a few words.
+    pub doc: String,
+    /// What it may be.
+    pub space: Space,
+    /// The default, as JSON.
+    pub default: serde_json::Value,
+    /// Whether it is drawn when a reset names no factors.
+    pub drawn_by_default: bool,
+    /// Its constraint in words, if it has one.
+    pub constraint: Option<String>,
+    /// Values of other factors without which it changes nothing: a disc has no angle.
+    pub shows_with: Vec<(String, serde_json::Value)>,
+}
+
+/// The pixels that an environment draws: height and width.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ImageSize {
+    /// Rows.
+    pub height: usize,
+    /// Columns.
+    pub width: usize,
+}
+
+impl ImageSize {
+    /// The largest side that is accepted: larger ones are mistakes more often than wishes.
+    pub const MAX_SIDE: usize = 4096;
+
+    /// Checks that both sides are in `1..=4096`.
+    pub fn new(height: usize, width: usize) -> Result<Self, String> {
+        let valid = 1..=Self::MAX_SIDE;
+        if valid.contains(&height) && valid.contains(&width) {
+            Ok(Self { height, width })
+        } else {
+            Err(format!("image size {height}x{width} is out of range; each side is 1 to {}", Self::MAX_SIDE))
+        }
+    }
+
+    /// `[H, W, 3]`.
+    pub fn shape(self) -> [usize; 3] {
+        [self.height, self.width, 3]
+    }
+
+    /// The pixel field of this size.
+    pub fn field(self, name: &str) -> Field {
+        Field::step(name, Dtype::U8, &self.shape())
+    }
+}
+
+/// How to make an environment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EnvConfig {
+    /// Picture size; `None`: no pictures are drawn.
+    pub image: Option<ImageSize>,
+    /// Settings of this kind of environment, by name; see [`crate::registry::EnvEntry::settings`].
+    pub settings: serde_json::Map<String, serde_json::Value>,
+}
+
+impl EnvConfig {
+    /// The settings as the environment's own type; an unknown or misfit one is an error that lists the known.
+    pub fn parse_settings<T: DeserializeOwned>(&self, env: &str) -> Result<T, EnvError> {
+        serde_json::from_value(serde_json::Value::Object(self.settings.clone()))
+            .map_err(|error| EnvError::Setting { env: env.to_owned(), reason: error.to_string() })
+    }
+}
+
+/// What a reset is asked for: the scenario of an episode.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ResetOptions {
+    /// Factors to draw: names, groups, or `all`. `None`: the environment's default list.
+    pub variation: Option<Vec<String>>,
+    /// Factors to set, by name. They override drawn values.
+    pub variation_values: BTreeMap<String, Value>,
+    /// The moment to start from: columns of a recorded row (see [`EnvSpec::start_columns`]).
+    pub start: Option<BTreeMap<String, Value>>,
+    /// The goal: columns of a recorded row (see [`EnvSpec::goal_columns`]).
+    pub goal: Option<BTreeMap<String, Value>>,
+    /// The episode seed, instead of the one that the run would give: for repeating a recorded episode.
+    pub seed: Option<EpisodeSeed>,
+}
+
+/// One episode, as its environment sees it at reset.
+#[derive(Clone, Copy, Debug)]
+pub struct Episode<'a> {
+    /// Where its randomness comes from.
+    pub seed: EpisodeSeed,
+    /// What was asked for.
+    pub options: &'a ResetOptions,
+}
+
+/// A saved moment of an environment: plain bytes, so that it can be kept, compared, sent and stored.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct EnvState {
+    bytes: Vec<u8>,
+}
+
+impl EnvState {
+    /// An empty state, to be filled by [`Env::snapshot`].
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes bytes that [`EnvState::bytes`] gave.
+    pub fn from_bytes(bytes: Vec<u8>) -> Self {
+        Self { bytes }
+    }
+
+    /// The bytes.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// Replaces the content by `value`, reusing the memory. For environments.
+    pub fn store<T: Serialize>(&mut self, env: &str, value: &T) -> Result<(), EnvError> {
+        let mut bytes = std::mem::take(&mut self.bytes);
+        bytes.clear();
+        self.bytes = postcard::to_extend(value, bytes)
+            .map_err(|error| EnvError::State { env: env.to_owned(), reason: error.to_string() })?;
+        Ok(())
+    }
+
+    /// The content as the `T` that was stored. For environments.
+    pub fn load<T: DeserializeOwned>(&self, env: &str) -> Result<T, EnvError> {
+        let damaged = |reason: String| EnvError::State { env: env.to_owned(), reason };
+        let (value, rest) =
+            postcard::take_from_bytes(&self.bytes).map_err(|error| damaged(error.to_string()))?;
+        if rest.is_empty() { Ok(value) } else { Err(damaged(format!("{} bytes too many", rest.len()))) }
+    }
+}

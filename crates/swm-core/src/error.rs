@@ -1,0 +1,206 @@
+//! What can go wrong. Every message names the object, the reason and the way out.
+
+use thiserror::Error;
+
+/// An error of any kind, where the concrete type belongs to another crate.
+pub type BoxError = Box<dyn std::error::Error + Send + Sync>;
+
+/// Something is wrong with a table, a field or a value.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum BatchError {
+    /// Two fields of one schema share a name.
+    #[error("two fields are named `{name}`; field names must be unique")]
+    DuplicateField {
+        /// The name.
+        name: String,
+    },
+    /// No field has this name.
+    #[error("unknown field `{name}`{}", did_you_mean(.nearest.as_deref()))]
+    UnknownField {
+        /// The name asked for.
+        name: String,
+        /// The nearest existing one.
+        nearest: Option<String>,
+    },
+    /// Type, shape or range do not fit.
+    #[error("`{name}` must be {expected}, found {found}")]
+    WrongValue {
+        /// Field, factor or option.
+        name: String,
+        /// What it must be.
+        expected: String,
+        /// What it is.
+        found: String,
+    },
+}
+
+/// An environment cannot be made, reset, stepped, saved or restored.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum EnvError {
+    /// A constructor setting is unknown or has a wrong value.
+    #[error("environment `{env}`: {reason}")]
+    Setting {
+        /// Environment id.
+        env: String,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// A reset option (factor name, factor value, start or goal) is unusable.
+    #[error("cannot reset `{env}`: {reason}")]
+    Reset {
+        /// Environment id.
+        env: String,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// The simulation left the range in which it means something.
+    #[error("`{env}` diverged: {reason}")]
+    Diverged {
+        /// Environment id.
+        env: String,
+        /// The quantity that is not finite, and when.
+        reason: String,
+    },
+    /// A saved state belongs to another environment or version, or is damaged.
+    #[error("cannot restore a state of `{env}`: {reason}")]
+    State {
+        /// Environment id.
+        env: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A field or value is wrong.
+    #[error(transparent)]
+    Batch(#[from] BatchError),
+}
+
+/// A policy cannot be made or cannot act.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum PolicyError {
+    /// An argument is unknown or has a wrong value.
+    #[error("policy `{policy}`: {reason}")]
+    Argument {
+        /// Policy name.
+        policy: String,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// The policy needs something that this environment or view does not offer.
+    #[error("policy `{policy}` cannot act: {reason}")]
+    Unsupported {
+        /// Policy name.
+        policy: String,
+        /// What is missing.
+        reason: String,
+    },
+    /// An environment failed while the policy simulated it.
+    #[error(transparent)]
+    Env(#[from] EnvError),
+    /// A field or value is wrong.
+    #[error(transparent)]
+    Batch(#[from] BatchError),
+    /// Anything else, such as a model.
+    #[error(transparent)]
+    Other(BoxError),
+}
+
+/// A `World` cannot be built or run.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum WorldError {
+    /// An option is out of range.
+    #[error("world option `{option}`: {reason}")]
+    Option {
+        /// Its name.
+        option: &'static str,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// A policy is needed and none is set.
+    #[error("the world has no policy; call `set_policy` first")]
+    NoPolicy,
+    /// Actions have a wrong shape or value.
+    #[error("environment {row} (episode {episode}, step {step}): {reason}")]
+    Action {
+        /// Row of the world.
+        row: usize,
+        /// Episode index.
+        episode: u64,
+        /// Step of the episode.
+        step: u64,
+        /// What is wrong with the action.
+        reason: String,
+    },
+    /// An environment failed.
+    #[error("environment {row}, episode {episode}: {source}")]
+    Env {
+        /// Row of the world.
+        row: usize,
+        /// Episode index.
+        episode: u64,
+        /// The failure.
+        source: EnvError,
+    },
+    /// An environment could not be made.
+    #[error(transparent)]
+    Make(#[from] EnvError),
+    /// The policy failed.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// A recorder failed: writing a dataset, a video or a log.
+    #[error("recording failed: {0}")]
+    Record(BoxError),
+    /// A dataset cannot be read or does not fit the request.
+    #[error("dataset: {0}")]
+    Dataset(BoxError),
+    /// A field or value is wrong.
+    #[error(transparent)]
+    Batch(#[from] BatchError),
+}
+
+/// A name that no table has.
+#[derive(Debug, Error)]
+#[error("unknown {kind} `{name}`{}; `swm {command}` lists them", did_you_mean(.nearest.as_deref()))]
+pub struct UnknownName {
+    /// What was looked up: environment, policy, format.
+    pub kind: &'static str,
+    /// The name asked for.
+    pub name: String,
+    /// The nearest existing one.
+    pub nearest: Option<String>,
+    /// The command that lists what exists.
+    pub command: &'static str,
+}
+
+/// The closest of `names` to `name`, if it is close enough to be a typing error.
+pub fn nearest<'a>(name: &str, names: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    let fold = |text: &str| text.to_lowercase();
+    let wanted = fold(name);
+    names
+        .into_iter()
+        .map(|candidate| (strsim::damerau_levenshtein(&wanted, &fold(candidate)), candidate))
+        .min_by_key(|&(distance, _)| distance)
+        .filter(|&(distance, candidate)| distance <= 2 + candidate.len().max(wanted.len()) / 3)
+        .map(|(_, candidate)| candidate.to_owned())
+}
+
+/// `; did you mean …?`, or nothing.
+pub fn did_you_mean(nearest: Option<&str>) -> String {
+    nearest.map(|name| format!("; did you mean `{name}`?")).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn near_names_are_offered_and_far_ones_are_not() {
+        let names = ["swm/PushT-v1", "swm/TwoRoom-v1"];
+        assert_eq!(nearest("swm/PushTT-v1", names).as_deref(), Some("swm/PushT-v1"));
+        assert_eq!(nearest("swm/pusht-v1", names).as_deref(), Some("swm/PushT-v1"));
+        assert_eq!(nearest("completely different", names), None);
+    }
+}

@@ -1,0 +1,192 @@
+//! Goals from a dataset: start at a recorded row, reach what was recorded `goal_offset` rows later.
+//!
+//! Start, goal and factors are restored in the environment and drawn by it; stored pictures are not used.
+
+use std::collections::BTreeMap;
+
+use rand::seq::index;
+
+use super::{DatasetProtocol, Evaluation};
+use crate::batch::{Batch, Field, Schema, Value};
+use crate::dataset::{EpisodeSource, selects};
+use crate::env::{EnvSpec, ResetOptions, VARIATION_PREFIX};
+use crate::error::{BatchError, BoxError, WorldError};
+use crate::recorder::Recorder;
+use crate::seed::{EpisodeSeed, keyed};
+use crate::world::{Rollout, Scenario, World};
+
+/// The protocol of an evaluation from a dataset.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EvalOptions {
+    /// How many start rows are drawn, uniformly over all valid rows, without repetition.
+    pub episodes: usize,
+    /// The goal is this many rows after the start.
+    pub goal_offset: usize,
+    /// Actions allowed.
+    pub budget: u64,
+    /// Seed of the choice of rows and of the run.
+    pub seed: u64,
+    /// Factors to draw anew instead of restoring the recorded ones: names, groups or `all`.
+    pub variation: Vec<String>,
+    /// Factors to set instead.
+    pub variation_values: BTreeMap<String, Value>,
+}
+
+impl Default for EvalOptions {
+    /// The reference's protocol: 50 pairs, goals 25 rows ahead, 50 actions, seed 42.
+    fn default() -> Self {
+        Self {
+            episodes: 50,
+            goal_offset: 25,
+            budget: 50,
+            seed: 42,
+            variation: Vec::new(),
+            variation_values: BTreeMap::new(),
+        }
+    }
+}
+
+impl World {
+    /// Evaluates the attached policy from start and goal rows of a dataset.
+    pub fn evaluate_from_dataset(
+        &mut self,
+        source: &mut dyn EpisodeSource,
+        options: &EvalOptions,
+        watcher: &mut dyn Recorder,
+    ) -> Result<Evaluation, WorldError> {
+        if options.budget == 0 {
+            return Err(WorldError::Option {
+                option: "budget",
+                reason: "0 actions; use 1 or more".to_owned(),
+            });
+        }
+        if let Some(metadata) = source.metadata()
+            && metadata.env != self.spec.id
+        {
+            let reason = format!("was recorded in `{}`, this world is `{}`", metadata.env, self.spec.id);
+            return Err(WorldError::Dataset(reason.into()));
+        }
+        let starts = choose_starts(source, options).map_err(WorldError::Dataset)?;
+        let resets = starts
+            .iter()
+            .map(|&start| reset_options(&self.spec, source, start, options))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(WorldError::Dataset)?;
+        let rollout = Rollout {
+            episodes: 0..starts.len() as u64,
+            seed: options.seed,
+            scenario: Scenario::Each(&resets),
+        };
+        let limit = self.set_max_episode_steps(Some(options.budget));
+        let result = self.evaluate(&rollout, watcher);
+        self.set_max_episode_steps(limit);
+        let mut evaluation = result?;
+        evaluation.setup.variation = Some(options.variation.clone());
+        evaluation.setup.variation_values =
+            options.variation_values.iter().map(|(name, value)| (name.clone(), value.to_json())).collect();
+        evaluation.protocol = Some(DatasetProtocol {
+            goal_offset: options.goal_offset,
+            budget: options.budget,
+            starts,
+            dataset: source.metadata().cloned(),
+        });
+        Ok(evaluation)
+    }
+}
+
+/// Rows `[episode, row]` that have a goal row in the same episode, drawn uniformly over rows, sorted.
+fn choose_starts(source: &dyn EpisodeSource, options: &EvalOptions) -> Result<Vec<[usize; 2]>, BoxError> {
+    let valid = |episode| source.episode_len(episode).saturating_sub(options.goal_offset);
+    let mut ends = Vec::with_capacity(source.num_episodes());
+    let mut total = 0;
+    for episode in 0..source.num_episodes() {
+        total += valid(episode);
+        ends.push(total);
+    }
+    if total < options.episodes || options.episodes == 0 {
+        return Err(format!(
+            "{} start row(s) asked for, but only {total} row(s) of {} episode(s) have a goal {} rows later; ask for \
+             fewer episodes, a smaller goal offset, or record more",
+            options.episodes,
+            source.num_episodes(),
+            options.goal_offset,
+        )
+        .into());
+    }
+    let mut rng = keyed(options.seed, "evaluation starts", [0, 0]);
+    let mut rows = index::sample(&mut rng, total, options.episodes).into_vec();
+    rows.sort_unstable();
+    Ok(rows
+        .into_iter()
+        .map(|row| {
+            let episode = ends.partition_point(|&end| end <= row);
+            [episode, row + valid(episode) - ends[episode]]
+        })
+        .collect())
+}
+
+/// What a reset needs to stand at a recorded row with a recorded goal.
+fn reset_options(
+    spec: &EnvSpec,
+    source: &mut dyn EpisodeSource,
+    [episode, row]: [usize; 2],
+    options: &EvalOptions,
+) -> Result<ResetOptions, BoxError> {
+    let mut reset = recorded_episode(spec, source, episode, row)?;
+    reset.goal = Some(read_row(source, episode, row + options.goal_offset, spec.goal_columns)?);
+    reset.seed = Some(EpisodeSeed::of(options.seed, (episode as u64) << 32 | row as u64));
+    reset.variation_values.retain(|name, _| !options.variation.iter().any(|asked| selects(asked, name)));
+    reset.variation_values.extend(options.variation_values.clone());
+    reset.variation = Some(options.variation.clone());
+    Ok(reset)
+}
+
+/// Reset options that stand at a recorded row under the factors and seed of its episode, as far as the dataset
+/// holds them. The goal is not set.
+pub(crate) fn recorded_episode(
+    spec: &EnvSpec,
+    source: &mut dyn EpisodeSource,
+    episode: usize,
+    row: usize,
+) -> Result<ResetOptions, BoxError> {
+    let mut variation_values = BTreeMap::new();
+    for factor in &spec.factors {
+        let column = format!("{VARIATION_PREFIX}{}", factor.name);
+        if let Some(index) = source.schema().index(&column) {
+            let field = &source.schema().fields()[index];
+            // The reference stores a scalar factor as `[T]` or `[T, 1]`; both hold one number.
+            let (name, shape) = (field.name.clone(), factor.space.shape());
+            let dtype = factor.space.dtype().unwrap_or(field.dtype);
+            let value = read_row(source, episode, row, &[&name])?.remove(&name).expect("asked for");
+            variation_values.insert(factor.name.clone(), value.cast(&name, dtype, &shape)?);
+        }
+    }
+    Ok(ResetOptions {
+        variation: Some(Vec::new()),
+        variation_values,
+        start: Some(read_row(source, episode, row, spec.start_columns)?),
+        ..ResetOptions::default()
+    })
+}
+
+/// Some columns of one recorded row, by name.
+fn read_row(
+    source: &mut dyn EpisodeSource,
+    episode: usize,
+    row: usize,
+    columns: &[&str],
+) -> Result<BTreeMap<String, Value>, BoxError> {
+    let fields: Vec<Field> = columns
+        .iter()
+        .map(|name| Ok(source.schema().fields()[source.schema().require(name)?].clone()))
+        .collect::<Result<_, BatchError>>()?;
+    let mut batch = Batch::new(Schema::new(fields)?, 0);
+    source.read(episode, row..row + 1, &mut batch)?;
+    let values = batch
+        .schema()
+        .fields()
+        .iter()
+        .enumerate()
+        .map(|(index, field)| (field.name.clone(), Value::from_slice(&field.shape, batch.column(index))));
+    Ok(values.collect())
+}

@@ -1,0 +1,262 @@
+//! Policies: what chooses actions. A policy sees all rows at once; an actor, wrapped in [`PerEpisode`], sees one.
+
+use crate::batch::{Batch, Column, Row, Slice, SliceMut};
+use crate::env::{Env, EnvSpec, EnvState};
+use crate::error::{EnvError, PolicyError};
+use crate::seed::EpisodeSeed;
+use crate::space::Space;
+
+/// Chooses one action per live environment.
+pub trait Policy: Send {
+    /// A short name with its settings, for reports: `cem:samples=300`.
+    fn describe(&self) -> String;
+
+    /// Writes an action for every row of `view.live()`. Other rows are ignored.
+    fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError>;
+}
+
+/// What a policy sees: the infos of every environment, and which episode each is in.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    pub(crate) infos: &'a Batch,
+    pub(crate) spec: &'a EnvSpec,
+    pub(crate) slots: &'a [crate::world::Slot],
+}
+
+impl<'a> View<'a> {
+    /// The infos: row = environment.
+    pub fn infos(&self) -> &'a Batch {
+        self.infos
+    }
+
+    /// The environment's description.
+    pub fn spec(&self) -> &'a EnvSpec {
+        self.spec
+    }
+
+    /// The number of rows, live or not.
+    pub fn rows(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// The rows that need an action.
+    pub fn live(&self) -> impl Iterator<Item = usize> + 'a {
+        self.slots.iter().enumerate().filter(|(_, slot)| slot.is_live()).map(|(row, _)| row)
+    }
+
+    /// One live row; `None` for an idle one.
+    pub fn row(&self, row: usize) -> Option<RowView<'a>> {
+        let slot = &self.slots[row];
+        let episode = slot.live_episode()?;
+        Some(RowView { row: self.infos.row(row), spec: self.spec, env: slot.env(), episode })
+    }
+}
+
+/// One live environment, as an actor sees it.
+#[derive(Clone, Copy)]
+pub struct RowView<'a> {
+    /// Its row of the infos.
+    pub row: Row<'a>,
+    /// The environment's description.
+    pub spec: &'a EnvSpec,
+    /// Where it is in the run.
+    pub episode: LiveEpisode,
+    env: &'a dyn Env,
+}
+
+impl RowView<'_> {
+    /// Saves the true state of the environment, for policies that simulate it.
+    pub fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
+        self.env.snapshot(state)
+    }
+}
+
+/// The episode that a row is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LiveEpisode {
+    /// Its index in the run.
+    pub index: u64,
+    /// Its seed.
+    pub seed: EpisodeSeed,
+    /// Steps taken so far: 0 at the first action.
+    pub step: u64,
+}
+
+/// The actions of all rows, to be written: `[N, …action shape]` of the action space's type.
+pub struct Actions<'a> {
+    pub(crate) space: &'a Space,
+    pub(crate) column: &'a mut Column,
+}
+
+impl Actions<'_> {
+    /// The space of one action.
+    pub fn space(&self) -> &Space {
+        self.space
+    }
+
+    /// The action of one row.
+    pub fn row(&mut self, row: usize) -> SliceMut<'_> {
+        let width = self.space.width();
+        let (_, rest) = self.column.as_slice_mut().split_at(row * width);
+        rest.split_at(width).0
+    }
+}
+
+/// Writes numbers as an action of any type: floats are rounded to the action's type, and integers must be whole.
+pub fn write_action(action: &mut SliceMut<'_>, values: &[f32]) {
+    match action {
+        SliceMut::F32(out) => out.copy_from_slice(values),
+        SliceMut::F64(out) => out.iter_mut().zip(values).for_each(|(out, &v)| *out = f64::from(v)),
+        SliceMut::I64(out) => out.iter_mut().zip(values).for_each(|(out, &v)| *out = v.round() as i64),
+        _ => unreachable!("action spaces are boxes or integers"),
+    }
+}
+
+/// Chooses actions for one environment during one episode. Its state belongs to that episode.
+pub trait Actor: Send {
+    /// Writes the action for the present moment.
+    fn act(&mut self, view: &RowView<'_>, action: SliceMut<'_>) -> Result<(), PolicyError>;
+}
+
+/// A policy of independent actors, one made for each episode, which act in parallel.
+pub struct PerEpisode<F> {
+    description: String,
+    make: F,
+    actors: Vec<Option<(u64, Box<dyn Actor>)>>,
+}
+
+impl<F> PerEpisode<F>
+where
+    F: Fn(&RowView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
+{
+    /// `make` is called at the first step of every episode.
+    pub fn new(description: impl Into<String>, make: F) -> Self {
+        Self { description: description.into(), make, actors: Vec::new() }
+    }
+}
+
+impl<F> Policy for PerEpisode<F>
+where
+    F: Fn(&RowView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
+{
+    fn describe(&self) -> String {
+        self.description.clone()
+    }
+
+    fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
+        self.actors.resize_with(view.rows(), || None);
+        let width = actions.space.width();
+        let make = &self.make;
+        act_all(&mut self.actors, actions.column.as_slice_mut(), width, 0, view, make)
+    }
+}
+
+/// Halves the rows until one is left, in parallel where threads are free: no allocation, no locks.
+fn act_all<F>(
+    actors: &mut [Option<(u64, Box<dyn Actor>)>],
+    actions: SliceMut<'_>,
+    width: usize,
+    first: usize,
+    view: &View<'_>,
+    make: &F,
+) -> Result<(), PolicyError>
+where
+    F: Fn(&RowView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
+{
+    if let [slot] = actors {
+        let Some(row) = view.row(first) else { return Ok(()) };
+        if row.episode.step == 0 || slot.as_ref().is_none_or(|(index, _)| *index != row.episode.index) {
+            *slot = Some((row.episode.index, make(&row)?));
+        }
+        let (_, actor) = slot.as_mut().expect("filled above");
+        return actor.act(&row, actions);
+    }
+    let middle = actors.len() / 2;
+    let (left, right) = actors.split_at_mut(middle);
+    let (left_actions, right_actions) = actions.split_at(middle * width);
+    let (a, b) = rayon::join(
+        || act_all(left, left_actions, width, first, view, make),
+        || act_all(right, right_actions, width, first + middle, view, make),
+    );
+    a.and(b)
+}
+
+/// Draws every action uniformly from the action space.
+pub fn random() -> impl Policy {
+    PerEpisode::new("random", |_: &RowView<'_>| Ok(Box::new(Random) as Box<dyn Actor>))
+}
+
+struct Random;
+
+impl Actor for Random {
+    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+        let mut rng = view.episode.seed.indexed("policy random", [view.episode.step, 0]);
+        let value = view.spec.action.sample(&mut rng);
+        assert!(action.copy_from(value.data.as_slice()), "a space samples its own type");
+        Ok(())
+    }
+}
+
+/// Repeats one action: `constant:0.5,0`; doing nothing is `constant` without values (zeros).
+pub fn constant(values: Vec<f32>) -> impl Policy {
+    let description = match values.as_slice() {
+        [] => "constant".to_owned(),
+        values => format!("constant:{}", values.iter().map(f32::to_string).collect::<Vec<_>>().join(",")),
+    };
+    scripted(description, move |view, action| {
+        let width = view.spec.action.width();
+        if !values.is_empty() && values.len() != width {
+            return Err(PolicyError::Argument {
+                policy: "constant".to_owned(),
+                reason: format!(
+                    "{} value(s) given, the action of {} has {width}",
+                    values.len(),
+                    view.spec.id
+                ),
+            });
+        }
+        let zeros = [0.0; 64];
+        write_action(action, if values.is_empty() { &zeros[..width.min(64)] } else { &values });
+        Ok(())
+    })
+}
+
+/// A policy from a function of one environment's view: for scripts and tests.
+pub fn scripted<F>(description: impl Into<String>, act: F) -> impl Policy
+where
+    F: Fn(&RowView<'_>, &mut SliceMut<'_>) -> Result<(), PolicyError> + Send + Sync + Clone + 'static,
+{
+    PerEpisode::new(description, move |_: &RowView<'_>| Ok(Box::new(Scripted(act.clone())) as Box<dyn Actor>))
+}
+
+struct Scripted<F>(F);
+
+impl<F> Actor for Scripted<F>
+where
+    F: Fn(&RowView<'_>, &mut SliceMut<'_>) -> Result<(), PolicyError> + Send,
+{
+    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+        (self.0)(view, &mut action)
+    }
+}
+
+/// Plays back given actions: `[T, A]` per episode, by episode index.
+pub fn replay(actions: std::sync::Arc<Vec<Column>>) -> impl Policy {
+    scripted("replay", move |view, action| {
+        let missing = || PolicyError::Unsupported {
+            policy: "replay".to_owned(),
+            reason: format!(
+                "no action recorded for step {} of episode {}",
+                view.episode.step, view.episode.index
+            ),
+        };
+        let recorded = actions.get(view.episode.index as usize).ok_or_else(missing)?;
+        let width = action.len();
+        let start = view.episode.step as usize * width;
+        let values: Slice<'_> = recorded.as_slice();
+        if start + width > values.len() || !action.copy_from(values.range(start, width)) {
+            return Err(missing());
+        }
+        Ok(())
+    })
+}

@@ -1,0 +1,141 @@
+//! Recorders watch the rollout loop: datasets, evaluations, films and progress bars are recorders, and tuples of
+//! recorders are recorders.
+
+use crate::batch::{Row, Schema};
+use crate::env::EnvSpec;
+use crate::error::BoxError;
+use crate::policy::LiveEpisode;
+use crate::seed::EpisodeSeed;
+use crate::world::{Rollout, WorldOptions};
+
+/// Watches a run. Every row of the data is shown exactly once, in the order of steps within an episode: first
+/// observation with its action, …, last observation without an action; then the episode's end.
+pub trait Recorder: Send {
+    /// Before the first reset.
+    fn start(&mut self, _run: &RunInfo<'_>) -> Result<(), BoxError> {
+        Ok(())
+    }
+
+    /// One row of one environment.
+    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError>;
+
+    /// An episode is over; its last row has been shown.
+    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError>;
+
+    /// After the last episode.
+    fn finish(&mut self) -> Result<(), BoxError> {
+        Ok(())
+    }
+}
+
+/// What is known before a run starts.
+#[derive(Clone, Copy, Debug)]
+pub struct RunInfo<'a> {
+    /// The environment.
+    pub spec: &'a EnvSpec,
+    /// The fields of every row.
+    pub schema: &'a Schema,
+    /// How the world was built.
+    pub options: &'a WorldOptions,
+    /// Which episodes run.
+    pub rollout: &'a Rollout<'a>,
+    /// The policy, in words.
+    pub policy: &'a str,
+}
+
+/// One row of data, while it is true.
+#[derive(Clone, Copy, Debug)]
+pub struct LiveRow<'a> {
+    /// Its values.
+    pub values: Row<'a>,
+    /// The episode it belongs to; `step` is the row's index in the episode.
+    pub episode: LiveEpisode,
+    /// Whether the goal is reached in this row.
+    pub success: Option<bool>,
+}
+
+/// How an episode went.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EpisodeEnd {
+    /// Its index in the run.
+    pub index: u64,
+    /// Its seed.
+    pub seed: EpisodeSeed,
+    /// Actions taken; the episode has one row more.
+    pub steps: u64,
+    /// Sum of rewards.
+    pub total_reward: f64,
+    /// Whether the goal was reached at any moment; `None` where the task has no success.
+    pub success: Option<bool>,
+    /// Whether it was reached before the first action.
+    pub success_at_start: Option<bool>,
+    /// The first step at which it was reached (0: at the start).
+    pub first_success_step: Option<u64>,
+    /// The task ended it.
+    pub terminated: bool,
+    /// The time limit ended it.
+    pub truncated: bool,
+}
+
+/// Watches nothing.
+impl Recorder for () {
+    fn step(&mut self, _row: &LiveRow<'_>) -> Result<(), BoxError> {
+        Ok(())
+    }
+
+    fn episode(&mut self, _end: &EpisodeEnd) -> Result<(), BoxError> {
+        Ok(())
+    }
+}
+
+macro_rules! forward {
+    () => {
+        fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
+            (**self).start(run)
+        }
+        fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+            (**self).step(row)
+        }
+        fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
+            (**self).episode(end)
+        }
+        fn finish(&mut self) -> Result<(), BoxError> {
+            (**self).finish()
+        }
+    };
+}
+
+impl<R: Recorder + ?Sized> Recorder for &mut R {
+    forward!();
+}
+
+impl<R: Recorder + ?Sized> Recorder for Box<R> {
+    forward!();
+}
+
+macro_rules! tuple {
+    ($($name:ident: $index:tt),*) => {
+        impl<$($name: Recorder),*> Recorder for ($($name,)*) {
+            fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
+                $(self.$index.start(run)?;)*
+                Ok(())
+            }
+            fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+                $(self.$index.step(row)?;)*
+                Ok(())
+            }
+            fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
+                $(self.$index.episode(end)?;)*
+                Ok(())
+            }
+            fn finish(&mut self) -> Result<(), BoxError> {
+                $(self.$index.finish()?;)*
+                Ok(())
+            }
+        }
+    };
+}
+
+tuple!(A: 0, B: 1);
+tuple!(A: 0, B: 1, C: 2);
+tuple!(A: 0, B: 1, C: 2, D: 3);

@@ -1,0 +1,274 @@
+//! The single checks. Each says what went wrong in words that lead to the line.
+
+use std::collections::BTreeMap;
+
+use crate::batch::{Batch, Dtype, FieldKind, Schema, Slice, Value};
+use crate::env::{Env, EnvConfig, EnvSpec, EnvState, Episode, ImageSize, ResetOptions, VARIATION_PREFIX};
+use crate::registry::EnvEntry;
+use crate::seed::EpisodeSeed;
+
+const STEPS: usize = 40;
+const SEEDS: [u64; 3] = [0, 1, 42];
+
+/// An environment with one row to write into.
+struct Bench {
+    env: Box<dyn Env>,
+    row: Batch,
+}
+
+impl Bench {
+    fn new(entry: &EnvEntry) -> Result<Self, String> {
+        let config = EnvConfig { image: Some(ImageSize { height: 48, width: 64 }), ..EnvConfig::default() };
+        let env = (entry.make)(&config).map_err(|e| format!("cannot be made: {e}"))?;
+        let schema = Schema::new(env.spec().fields.clone()).map_err(|e| e.to_string())?;
+        Ok(Self { env, row: Batch::new(schema, 1) })
+    }
+
+    fn reset(&mut self, seed: u64, options: &ResetOptions) -> Result<(), String> {
+        let episode = Episode { seed: EpisodeSeed::new(seed), options };
+        self.env.reset(&episode).map_err(|e| format!("reset with seed {seed}: {e}"))?;
+        self.env.write_episode(&mut self.row.rows_mut());
+        self.env.observe(&mut self.row.rows_mut());
+        Ok(())
+    }
+
+    fn step(&mut self, seed: u64, step: usize) -> Result<f64, String> {
+        let mut rng = EpisodeSeed::new(seed).indexed("conformance actions", [step as u64, 0]);
+        let action = self.env.spec().action.sample(&mut rng);
+        let outcome = self.env.step(action.data.as_slice()).map_err(|e| format!("step {step}: {e}"))?;
+        self.env.observe(&mut self.row.rows_mut());
+        Ok(outcome.reward)
+    }
+
+    /// Resets, steps, and returns every row on the way.
+    fn trajectory(&mut self, seed: u64, options: &ResetOptions, steps: usize) -> Result<Vec<Batch>, String> {
+        self.reset(seed, options)?;
+        let mut rows = vec![self.row.clone()];
+        for step in 0..steps {
+            self.step(seed, step)?;
+            rows.push(self.row.clone());
+        }
+        Ok(rows)
+    }
+}
+
+/// The description agrees with itself: unique fields, one episode field per factor with the factor's type and
+/// shape, defaults inside their spaces, an action space that can be sampled, settings that are refused when
+/// unknown.
+pub fn spec_is_sound(entry: &EnvEntry) -> Result<(), String> {
+    let bench = Bench::new(entry)?;
+    let spec = bench.env.spec();
+    if spec.id != entry.id {
+        return Err(format!("the entry is `{}`, the spec says `{}`", entry.id, spec.id));
+    }
+    for factor in &spec.factors {
+        let name = format!("{VARIATION_PREFIX}{}", factor.name);
+        let index = bench.row.schema().index(&name).ok_or(format!("no field `{name}`"))?;
+        let field = &bench.row.schema().fields()[index];
+        if field.kind != FieldKind::Episode {
+            return Err(format!("`{name}` must be an episode field"));
+        }
+        if Some(field.dtype) != factor.space.dtype() || field.shape != factor.space.shape() {
+            return Err(format!("`{name}` has another type or shape than its factor"));
+        }
+        let default = default_of(spec, &factor.name)?;
+        if !factor.space.contains(&default) {
+            return Err(format!("the default of `{}`, {default}, lies outside its space", factor.name));
+        }
+    }
+    for column in spec.start_columns.iter().chain(spec.goal_columns) {
+        if bench.row.schema().index(column).is_none() {
+            return Err(format!("start or goal column `{column}` is not a field"));
+        }
+    }
+    let mut config = EnvConfig::default();
+    config.settings.insert("no such setting".to_owned(), true.into());
+    match (entry.make)(&config) {
+        Ok(_) => Err("an unknown setting is accepted".to_owned()),
+        Err(_) => Ok(()),
+    }
+}
+
+/// The same seed and actions give the same bits in another instance, also in one that was used before; another
+/// seed gives another episode; and no observed float is NaN.
+pub fn deterministic(entry: &EnvEntry) -> Result<(), String> {
+    let options = ResetOptions::default();
+    let mut used = Bench::new(entry)?;
+    let mut starts: Vec<Batch> = Vec::new();
+    for seed in SEEDS {
+        let again = used.trajectory(seed, &options, STEPS)?;
+        let fresh = Bench::new(entry)?.trajectory(seed, &options, STEPS)?;
+        if let Some((step, field)) = first_difference(&fresh, &again) {
+            return Err(format!(
+                "seed {seed}: `{field}` differs at step {step} between a new and a used instance"
+            ));
+        }
+        for row in &fresh {
+            for (index, field) in row.schema().fields().iter().enumerate() {
+                if !row.column(index).is_finite() {
+                    return Err(format!("seed {seed}: `{}` is not finite", field.name));
+                }
+            }
+        }
+        if starts.contains(&fresh[0]) {
+            return Err(format!("seed {seed} starts like another seed"));
+        }
+        starts.push(fresh.into_iter().next().expect("the first row is the reset"));
+    }
+    Ok(())
+}
+
+/// A snapshot restored into a fresh instance, at any step, continues with the same bits and rewards, pictures
+/// included; and a damaged state is refused.
+pub fn snapshots_are_exact(entry: &EnvEntry) -> Result<(), String> {
+    let everything = ResetOptions { variation: Some(vec!["all".to_owned()]), ..ResetOptions::default() };
+    for (seed, options) in [(0, ResetOptions::default()), (1, everything)] {
+        let mut bench = Bench::new(entry)?;
+        bench.reset(seed, &options)?;
+        let mut state = EnvState::new();
+        for step in 0..STEPS {
+            let fork = if step % 9 == 0 {
+                bench.env.snapshot(&mut state).map_err(|e| e.to_string())?;
+                let mut fork = Bench::new(entry)?;
+                fork.env.restore(&state).map_err(|e| e.to_string())?;
+                let mut again = EnvState::new();
+                fork.env.snapshot(&mut again).map_err(|e| e.to_string())?;
+                if state != again {
+                    return Err(format!("step {step}: the snapshot of a restored state differs from it"));
+                }
+                fork.env.write_episode(&mut fork.row.rows_mut());
+                Some((fork.step(seed, step)?, fork.row))
+            } else {
+                None
+            };
+            let reward = bench.step(seed, step)?;
+            if let Some((forked_reward, forked_row)) = fork {
+                if forked_reward.to_bits() != reward.to_bits() {
+                    return Err(format!(
+                        "step {step}: reward {forked_reward} after restoring, {reward} without"
+                    ));
+                }
+                if let Some((_, field)) = first_difference(&[bench.row.clone()], &[forked_row]) {
+                    return Err(format!("step {step}: `{field}` differs after restoring (seed {seed})"));
+                }
+            }
+        }
+        let cut = EnvState::from_bytes(state.bytes()[..state.bytes().len() / 2].to_vec());
+        if bench.env.restore(&cut).is_ok() {
+            return Err("half a state is accepted".to_owned());
+        }
+    }
+    Ok(())
+}
+
+/// Drawing one more factor moves no other one; factors that are not drawn keep their defaults; unknown names
+/// and values outside the bounds are errors that name them.
+pub fn factors_are_independent(entry: &EnvEntry) -> Result<(), String> {
+    let mut bench = Bench::new(entry)?;
+    let spec = bench.env.spec().clone();
+    let all = ResetOptions { variation: Some(vec!["all".to_owned()]), ..ResetOptions::default() };
+    bench.reset(7, &all)?;
+    let together = bench.row.clone();
+    for factor in spec.factors.iter().filter(|factor| factor.constraint.is_none()) {
+        let alone = ResetOptions { variation: Some(vec![factor.name.clone()]), ..ResetOptions::default() };
+        bench.reset(7, &alone)?;
+        for other in &spec.factors {
+            let field = format!("{VARIATION_PREFIX}{}", other.name);
+            let value = value_of(&bench.row, &field);
+            let expected = if other.name == factor.name {
+                value_of(&together, &field)
+            } else {
+                default_of(&spec, &other.name)?
+            };
+            if value != expected {
+                return Err(format!(
+                    "drawing `{}` alone: `{}` is {value}, not {expected}",
+                    factor.name, other.name
+                ));
+            }
+        }
+        let (_, high) = factor.space.bounds();
+        let outside = Value::vector(&high.iter().map(|h| h + 1.0).collect::<Vec<_>>());
+        let values = BTreeMap::from([(factor.name.clone(), outside)]);
+        let options = ResetOptions { variation_values: values, ..ResetOptions::default() };
+        match bench.reset(7, &options) {
+            Err(message) if message.contains(&factor.name) => {}
+            other => return Err(format!("a value outside the bounds of `{}` gives {other:?}", factor.name)),
+        }
+    }
+    let unknown = ResetOptions { variation: Some(vec!["no.such".to_owned()]), ..ResetOptions::default() };
+    match bench.reset(7, &unknown) {
+        Err(message) if message.contains("no.such") => Ok(()),
+        other => Err(format!("an unknown factor name gives {other:?}")),
+    }
+}
+
+/// Every factor changes what is seen or what happens: some step field (pixels included) or the goal picture, in
+/// one of a few draws, in the context that its description names.
+pub fn every_factor_acts(entry: &EnvEntry) -> Result<(), String> {
+    let mut bench = Bench::new(entry)?;
+    let spec = bench.env.spec().clone();
+    let nothing_drawn = || ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() };
+    let mut idle = Vec::new();
+    for factor in &spec.factors {
+        let mut context = BTreeMap::new();
+        for (name, json) in &factor.shows_with {
+            context.insert(name.clone(), Value::from_json(name, json).map_err(|e| e.to_string())?);
+        }
+        let base = ResetOptions { variation_values: context.clone(), ..nothing_drawn() };
+        let plain = bench.trajectory(3, &base, STEPS)?;
+        let mut acts = false;
+        for seed in SEEDS {
+            bench
+                .reset(seed, &ResetOptions { variation: Some(vec![factor.name.clone()]), ..base.clone() })?;
+            let drawn = value_of(&bench.row, &format!("{VARIATION_PREFIX}{}", factor.name));
+            let mut values = context.clone();
+            values.insert(factor.name.clone(), drawn);
+            let varied = ResetOptions { variation_values: values, ..nothing_drawn() };
+            acts |= differs_visibly(&plain, &bench.trajectory(3, &varied, STEPS)?);
+        }
+        if !acts {
+            idle.push(factor.name.as_str());
+        }
+    }
+    if idle.is_empty() { Ok(()) } else { Err(format!("without any effect: {}", idle.join(", "))) }
+}
+
+fn differs_visibly(a: &[Batch], b: &[Batch]) -> bool {
+    a.iter().zip(b).any(|(a, b)| {
+        a.schema().fields().iter().enumerate().any(|(index, field)| {
+            (field.kind == FieldKind::Step || field.name == "goal")
+                && !same_bits(a.column(index), b.column(index))
+        })
+    })
+}
+
+/// The first step and field in which two trajectories differ.
+fn first_difference(a: &[Batch], b: &[Batch]) -> Option<(usize, String)> {
+    a.iter().zip(b).enumerate().find_map(|(step, (a, b))| {
+        let fields = a.schema().fields().iter().enumerate();
+        let mut differing = fields.filter(|(index, _)| !same_bits(a.column(*index), b.column(*index)));
+        differing.next().map(|(_, field)| (step, field.name.clone()))
+    })
+}
+
+fn same_bits(a: Slice<'_>, b: Slice<'_>) -> bool {
+    match (a, b) {
+        (Slice::F32(a), Slice::F32(b)) => a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits()),
+        (Slice::F64(a), Slice::F64(b)) => a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits()),
+        (a, b) => a == b,
+    }
+}
+
+fn value_of(row: &Batch, field: &str) -> Value {
+    let index = row.schema().index(field).expect("checked by spec_is_sound");
+    Value::from_slice(&row.schema().fields()[index].shape, row.column(index))
+}
+
+fn default_of(spec: &EnvSpec, name: &str) -> Result<Value, String> {
+    let factor = spec.factors.iter().find(|factor| factor.name == name).ok_or("no such factor")?;
+    let dtype = factor.space.dtype().unwrap_or(Dtype::F64);
+    Value::from_json(name, &factor.default)
+        .and_then(|value| value.cast(name, dtype, &factor.space.shape()))
+        .map_err(|e| e.to_string())
+}

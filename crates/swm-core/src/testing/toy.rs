@@ -1,0 +1,159 @@
+//! The smallest complete environment: a point on a line that must reach a goal. For tests of everything that
+//! needs some environment; real ones declare their factors with `swm-fov`.
+
+use serde::{Deserialize, Serialize};
+
+use crate::batch::{Dtype, Field, RowsMut, Slice, Value};
+use crate::dataset::selects;
+use crate::env::{Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, Outcome};
+use crate::error::EnvError;
+use crate::registry::EnvEntry;
+use crate::space::Space;
+
+/// The table entry of the toy environment.
+pub const TOY: EnvEntry = EnvEntry {
+    id: "swm/Toy-v0",
+    summary: "a point on a line that must reach a goal (for tests)",
+    settings: &[],
+    policies: &[],
+    make: |config| Ok(Box::new(Toy::new(config)?)),
+};
+
+const STATE: usize = 0;
+const GOAL_STATE: usize = 1;
+const GAIN: usize = 2;
+const PIXELS: usize = 3;
+
+#[derive(Clone, Copy, Default, Serialize, Deserialize)]
+struct State {
+    position: f64,
+    goal: f64,
+    gain: f64,
+}
+
+struct Toy {
+    spec: EnvSpec,
+    state: State,
+    draws: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Settings {}
+
+impl Toy {
+    fn new(config: &EnvConfig) -> Result<Self, EnvError> {
+        config.parse_settings::<Settings>(TOY.id)?;
+        let gain = Space::uniform_box(Dtype::F64, &[], 0.1, 2.0);
+        let mut fields = vec![
+            Field::step("state", Dtype::F64, &[1]),
+            Field::episode("goal_state", Dtype::F64, &[1]),
+            Field::episode("variation.point.gain", Dtype::F64, &[]),
+        ];
+        fields.extend(config.image.map(|size| size.field("pixels")));
+        let spec = EnvSpec {
+            id: TOY.id.to_owned(),
+            action: Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0),
+            fields,
+            factors: vec![FactorSpec {
+                name: "point.gain".to_owned(),
+                doc: "distance per unit of action".to_owned(),
+                space: gain,
+                default: 1.0.into(),
+                drawn_by_default: false,
+                constraint: None,
+                shows_with: Vec::new(),
+            }],
+            time_step_s: 0.1,
+            start_columns: &["state"],
+            goal_columns: &["state"],
+        };
+        Ok(Self { spec, state: State::default(), draws: config.image.is_some() })
+    }
+
+    fn outcome(&self) -> Outcome {
+        let distance = (self.state.position - self.state.goal).abs();
+        Outcome { reward: -distance, terminated: distance < 0.5, success: Some(distance < 0.5) }
+    }
+
+    fn gain(&self, episode: &Episode<'_>) -> Result<f64, EnvError> {
+        let reset = |reason: String| EnvError::Reset { env: TOY.id.to_owned(), reason };
+        let factor = &self.spec.factors[0];
+        let mut gain = 1.0;
+        for asked in episode.options.variation.iter().flatten() {
+            if !selects(asked, &factor.name) {
+                return Err(reset(format!("unknown factor `{asked}`")));
+            }
+            gain = factor.space.sample(&mut episode.seed.stream(&factor.name)).numbers(&factor.name)?[0];
+        }
+        for (name, value) in &episode.options.variation_values {
+            if *name != factor.name {
+                return Err(reset(format!("unknown factor `{name}`")));
+            }
+            factor.space.check(name, value.data.as_slice())?;
+            gain = value.numbers(name)?[0];
+        }
+        Ok(gain)
+    }
+}
+
+fn first(values: &std::collections::BTreeMap<String, Value>) -> Result<f64, EnvError> {
+    let value = values.get("state").ok_or_else(|| EnvError::Reset {
+        env: TOY.id.to_owned(),
+        reason: "start and goal need the column `state`".to_owned(),
+    })?;
+    Ok(value.cast("state", Dtype::F64, &[1])?.numbers("state")?[0])
+}
+
+impl Env for Toy {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+        let space = Space::uniform_box(Dtype::F64, &[2], -10.0, 10.0);
+        let drawn = space.sample(&mut episode.seed.stream("start and goal")).numbers("start")?;
+        self.state = State { position: drawn[0], goal: drawn[1], gain: self.gain(episode)? };
+        if let Some(start) = &episode.options.start {
+            self.state.position = first(start)?;
+        }
+        if let Some(goal) = &episode.options.goal {
+            self.state.goal = first(goal)?;
+        }
+        Ok(Outcome { reward: f64::NAN, terminated: false, ..self.outcome() })
+    }
+
+    fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
+        let push = action.number(0).unwrap_or(f64::NAN);
+        self.state.position += self.state.gain * push;
+        Ok(self.outcome())
+    }
+
+    fn write_episode(&mut self, out: &mut RowsMut<'_>) {
+        out.write(GOAL_STATE, &[self.state.goal]);
+        out.write(GAIN, &[self.state.gain]);
+    }
+
+    fn observe(&mut self, out: &mut RowsMut<'_>) {
+        out.write(STATE, &[self.state.position]);
+        if self.draws {
+            let pixels = out.at::<u8>(PIXELS);
+            pixels.fill(255);
+            let column = ((self.state.position + 10.0) / 20.0).clamp(0.0, 0.999) * pixels.len() as f64;
+            pixels[column as usize] = 0;
+        }
+    }
+
+    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
+        state.store(TOY.id, &self.state)
+    }
+
+    fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
+        self.state = state.load(TOY.id)?;
+        Ok(())
+    }
+
+    fn task_cost(&self) -> Option<f64> {
+        Some((self.state.position - self.state.goal).abs())
+    }
+}

@@ -1,0 +1,62 @@
+//! The fields that `World` itself writes beside those of the environment.
+
+use crate::batch::{Dtype, Field, RowsMut};
+use crate::env::{EnvSpec, Outcome};
+use crate::policy::LiveEpisode;
+
+use super::slot::Progress;
+
+/// Positions of the common fields in the infos: they stand behind the environment's own, in this order.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CommonFields {
+    pub action: usize,
+    reward: usize,
+    terminated: usize,
+    truncated: usize,
+    step_idx: usize,
+    seed: usize,
+}
+
+impl CommonFields {
+    /// The environment's fields followed by the common ones.
+    pub(super) fn append(spec: &EnvSpec) -> (Vec<Field>, Self) {
+        let first = spec.fields.len();
+        let action_dtype = spec.action.dtype().unwrap_or(Dtype::F32);
+        let fields = spec.fields.iter().cloned().chain([
+            Field::step("action", action_dtype, &spec.action.shape()),
+            Field::step("reward", Dtype::F64, &[]),
+            Field::step("terminated", Dtype::Bool, &[]),
+            Field::step("truncated", Dtype::Bool, &[]),
+            Field::step("step_idx", Dtype::I64, &[]),
+            Field::episode("seed", Dtype::I64, &[]),
+        ]);
+        let common = Self {
+            action: first,
+            reward: first + 1,
+            terminated: first + 2,
+            truncated: first + 3,
+            step_idx: first + 4,
+            seed: first + 5,
+        };
+        (fields.collect(), common)
+    }
+
+    pub(super) fn write_reset(&self, out: &mut RowsMut<'_>, episode: LiveEpisode) {
+        out.slice_mut(self.action).fill_missing();
+        out.write(self.reward, &[f64::NAN]);
+        out.write(self.terminated, &[false]);
+        out.write(self.truncated, &[false]);
+        out.write(self.step_idx, &[0i64]);
+        out.write(self.seed, &[episode.seed.value()]);
+    }
+
+    /// After a step, the row holds the new observation, which has no action yet: it is filled in when the policy
+    /// has chosen one, and stays missing in the last row of an episode.
+    pub(super) fn write_step(&self, out: &mut RowsMut<'_>, outcome: &Outcome, progress: &Progress) {
+        out.slice_mut(self.action).fill_missing();
+        out.write(self.reward, &[outcome.reward]);
+        out.write(self.terminated, &[progress.terminated]);
+        out.write(self.truncated, &[progress.truncated]);
+        out.write(self.step_idx, &[progress.episode.step as i64]);
+    }
+}

@@ -1,0 +1,230 @@
+//! `World`: many environments stepped in parallel, all their data in one `infos` table, a policy attached.
+//!
+//! There is one rollout loop, [`World::run`]; collecting, evaluating and filming are recorders that watch it.
+
+mod fields;
+mod rollout;
+mod slot;
+
+use std::sync::Arc;
+
+use rayon::ThreadPool;
+
+use crate::batch::{Batch, Column, Schema, Slice};
+use crate::env::{EnvConfig, EnvSpec, ImageSize, ResetOptions};
+use crate::error::WorldError;
+use crate::policy::{Actions, LiveEpisode, Policy, View};
+use crate::registry::EnvEntry;
+use crate::seed::EpisodeSeed;
+
+pub use rollout::{Rollout, Scenario};
+pub(crate) use slot::Slot;
+
+use fields::CommonFields;
+use slot::StepRules;
+
+/// How a [`World`] is built.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WorldOptions {
+    /// Environments stepped side by side. Results do not depend on it.
+    pub num_envs: usize,
+    /// Picture size and environment settings.
+    pub env: EnvConfig,
+    /// Steps after which an episode is truncated; `None`: never.
+    pub max_episode_steps: Option<u64>,
+    /// How often each action is applied per step.
+    pub frame_skip: u32,
+    /// Threads; `None`: one per core. Results do not depend on it.
+    pub threads: Option<usize>,
+}
+
+impl Default for WorldOptions {
+    /// One environment, no pictures, 100 steps (the reference's default), every thread.
+    fn default() -> Self {
+        Self {
+            num_envs: 1,
+            env: EnvConfig::default(),
+            max_episode_steps: Some(100),
+            frame_skip: 1,
+            threads: None,
+        }
+    }
+}
+
+/// Many environments of one kind, and everything they say in one table.
+pub struct World {
+    options: WorldOptions,
+    pub(crate) spec: EnvSpec,
+    slots: Vec<Slot>,
+    infos: Batch,
+    actions: Column,
+    policy: Option<Box<dyn Policy>>,
+    rules: StepRules,
+    pool: Arc<ThreadPool>,
+}
+
+/// More environments than this in one process are a typing error.
+const MAX_ENVS: usize = 65_536;
+
+impl World {
+    /// Makes the environments. Nothing is reset yet.
+    pub fn new(entry: &EnvEntry, options: WorldOptions) -> Result<Self, WorldError> {
+        let wrong = |option, reason: String| Err(WorldError::Option { option, reason });
+        if !(1..=MAX_ENVS).contains(&options.num_envs) {
+            return wrong("num_envs", format!("{} is not in 1 to {MAX_ENVS}", options.num_envs));
+        }
+        if options.frame_skip == 0 {
+            return wrong("frame_skip", "0 steps per action; use 1 or more".to_owned());
+        }
+        if options.max_episode_steps == Some(0) {
+            return wrong("max_episode_steps", "0 steps; use 1 or more, or none".to_owned());
+        }
+        if let Some(ImageSize { height, width }) = options.env.image
+            && let Err(reason) = ImageSize::new(height, width)
+        {
+            return wrong("image", reason);
+        }
+        if options.threads == Some(0) {
+            return wrong("threads", "0 threads; use 1 or more".to_owned());
+        }
+        // rayon takes 0 for "one per core".
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0));
+        let pool = match pool.thread_name(|i| format!("swm-{i}")).build() {
+            Ok(pool) => Arc::new(pool),
+            Err(error) => return wrong("threads", error.to_string()),
+        };
+        let slots = (0..options.num_envs)
+            .map(|_| (entry.make)(&options.env).map(Slot::new))
+            .collect::<Result<Vec<_>, _>>()?;
+        let spec = slots[0].env().spec().clone();
+        let (fields, common) = CommonFields::append(&spec);
+        let infos = Batch::new(Schema::new(fields)?, options.num_envs);
+        let actions = infos.column(common.action).to_column();
+        let rules = StepRules {
+            frame_skip: options.frame_skip,
+            max_steps: options.max_episode_steps,
+            fields: common,
+        };
+        Ok(Self { options, spec, slots, infos, actions, policy: None, rules, pool })
+    }
+
+    /// The environments' description.
+    pub fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    /// How the world was built.
+    pub fn options(&self) -> &WorldOptions {
+        &self.options
+    }
+
+    /// The picture size, if pictures are drawn.
+    pub fn image(&self) -> Option<ImageSize> {
+        slot::image_of(self.slots[0].env())
+    }
+
+    /// The table of everything: row = environment. Holds the last reset's or step's values.
+    pub fn infos(&self) -> &Batch {
+        &self.infos
+    }
+
+    /// Changes the time limit of the episodes to come, and returns the old one.
+    pub fn set_max_episode_steps(&mut self, limit: Option<u64>) -> Option<u64> {
+        self.rules.max_steps = limit;
+        std::mem::replace(&mut self.options.max_episode_steps, limit)
+    }
+
+    /// Attaches the policy that `step` and `run` ask for actions.
+    pub fn set_policy(&mut self, policy: impl Policy + 'static) {
+        self.policy = Some(Box::new(policy));
+    }
+
+    /// The attached policy, in words.
+    pub fn policy_description(&self) -> Option<String> {
+        self.policy.as_ref().map(|policy| policy.describe())
+    }
+
+    /// Resets every environment: row `i` begins episode `i` of the run with seed `seed`.
+    pub fn reset(&mut self, seed: u64, options: &ResetOptions) -> Result<(), WorldError> {
+        for (row, slot) in self.slots.iter_mut().enumerate() {
+            let index = row as u64;
+            slot.next = Some(LiveEpisode { index, seed: EpisodeSeed::of(seed, index), step: 0 });
+        }
+        self.on_threads(|world| world.reset_phase(&Scenario::Same(options)))
+    }
+
+    /// Asks the policy for actions and steps every environment whose episode is not over.
+    pub fn step(&mut self) -> Result<(), WorldError> {
+        self.on_threads(|world| {
+            world.act()?;
+            world.step_phase()
+        })
+    }
+
+    /// Steps with given actions, `[N, …action shape]` of the action space's type.
+    pub fn step_with(&mut self, actions: Slice<'_>) -> Result<(), WorldError> {
+        let expected = self.actions.as_slice();
+        if actions.dtype() != expected.dtype() || actions.len() != expected.len() {
+            let width = self.spec.action.width();
+            let reason = format!(
+                "actions must be {} values of {} ({} environments × {width}), found {} of {}",
+                expected.len(),
+                expected.dtype(),
+                self.slots.len(),
+                actions.len(),
+                actions.dtype(),
+            );
+            return Err(WorldError::Action { row: 0, episode: 0, step: 0, reason });
+        }
+        assert!(self.actions.as_slice_mut().copy_from(actions), "checked above");
+        self.check_actions()?;
+        self.on_threads(Self::step_phase)
+    }
+
+    fn act(&mut self) -> Result<(), WorldError> {
+        let policy = self.policy.as_mut().ok_or(WorldError::NoPolicy)?;
+        let view = View { infos: &self.infos, spec: &self.spec, slots: &self.slots };
+        policy.act(&view, &mut Actions { space: &self.spec.action, column: &mut self.actions })?;
+        self.check_actions()
+    }
+
+    /// Refuses actions that are not finite, and copies the others into the infos.
+    fn check_actions(&mut self) -> Result<(), WorldError> {
+        let width = self.spec.action.width();
+        let actions = self.actions.as_slice();
+        for (row, slot) in self.slots.iter().enumerate() {
+            let Some(episode) = slot.live_episode() else { continue };
+            let action = actions.range(row * width, width);
+            if !action.is_finite() {
+                return Err(WorldError::Action {
+                    row,
+                    episode: episode.index,
+                    step: episode.step,
+                    reason: format!("the action {action:?} is not finite"),
+                });
+            }
+            let infos = self.infos.column_mut(self.rules.fields.action);
+            let (_, rest) = infos.split_at(row * width);
+            assert!(rest.split_at(width).0.copy_from(action), "one schema made both");
+        }
+        Ok(())
+    }
+
+    fn reset_phase(&mut self, scenario: &Scenario<'_>) -> Result<(), WorldError> {
+        slot::reset_all(&mut self.slots, self.infos.rows_mut(), scenario, &self.rules.fields)
+    }
+
+    fn step_phase(&mut self) -> Result<(), WorldError> {
+        slot::step_all(&mut self.slots, self.infos.rows_mut(), self.actions.as_slice(), &self.rules)
+    }
+
+    /// Does `work` on the world's own threads. A single environment has nothing to share, and stays on the
+    /// caller's thread, which saves the hand-over.
+    fn on_threads<R: Send>(&mut self, work: impl FnOnce(&mut Self) -> R + Send) -> R {
+        if self.slots.len() == 1 {
+            return work(self);
+        }
+        let pool = Arc::clone(&self.pool);
+        pool.install(|| work(self))
+    }
+}

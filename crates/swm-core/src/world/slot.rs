@@ -1,0 +1,208 @@
+//! One environment of a `World`, the episode it is in, and the parallel phases over all of them.
+
+use crate::batch::{RowsMut, Slice};
+use crate::env::{Env, Episode, ImageSize, Outcome, ResetOptions};
+use crate::error::{EnvError, WorldError};
+use crate::policy::LiveEpisode;
+
+use super::fields::CommonFields;
+
+/// An environment and where it is in the run.
+pub(crate) struct Slot {
+    env: Box<dyn Env>,
+    /// The episode to begin at the next reset phase.
+    pub(super) next: Option<LiveEpisode>,
+    pub(super) progress: Option<Progress>,
+}
+
+/// What is known of a running episode.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Progress {
+    pub episode: LiveEpisode,
+    pub total_reward: f64,
+    pub success_at_start: Option<bool>,
+    pub first_success_step: Option<u64>,
+    pub success_now: Option<bool>,
+    pub terminated: bool,
+    pub truncated: bool,
+}
+
+impl Progress {
+    fn done(&self) -> bool {
+        self.terminated || self.truncated
+    }
+}
+
+impl Slot {
+    pub(super) fn new(env: Box<dyn Env>) -> Self {
+        Self { env, next: None, progress: None }
+    }
+
+    pub(crate) fn env(&self) -> &dyn Env {
+        self.env.as_ref()
+    }
+
+    /// The episode that needs an action, if any.
+    pub(crate) fn live_episode(&self) -> Option<LiveEpisode> {
+        self.progress.as_ref().filter(|progress| !progress.done()).map(|progress| progress.episode)
+    }
+
+    pub(crate) fn is_live(&self) -> bool {
+        self.live_episode().is_some()
+    }
+
+    /// The finished episode, if it has not been collected yet.
+    pub(super) fn finished(&self) -> Option<&Progress> {
+        self.progress.as_ref().filter(|progress| progress.done())
+    }
+
+    fn reset(
+        &mut self,
+        options: &ResetOptions,
+        fields: &CommonFields,
+        out: &mut RowsMut<'_>,
+    ) -> Result<(), WorldError> {
+        let Some(mut episode) = self.next.take() else { return Ok(()) };
+        episode.seed = options.seed.unwrap_or(episode.seed);
+        let outcome = self
+            .env
+            .reset(&Episode { seed: episode.seed, options })
+            .map_err(|source| WorldError::Env { row: 0, episode: episode.index, source })?;
+        self.env.write_episode(out);
+        self.env.observe(out);
+        fields.write_reset(out, episode);
+        self.progress = Some(Progress {
+            episode,
+            total_reward: 0.0,
+            success_at_start: outcome.success,
+            first_success_step: outcome.success.unwrap_or(false).then_some(0),
+            success_now: outcome.success,
+            terminated: false,
+            truncated: false,
+        });
+        Ok(())
+    }
+
+    fn step(
+        &mut self,
+        action: Slice<'_>,
+        rules: &StepRules,
+        out: &mut RowsMut<'_>,
+    ) -> Result<(), WorldError> {
+        let Some(episode) = self.live_episode() else { return Ok(()) };
+        let outcome = repeat(self.env.as_mut(), action, rules.frame_skip)
+            .map_err(|source| WorldError::Env { row: 0, episode: episode.index, source })?;
+        self.env.observe(out);
+        let progress = self.progress.as_mut().expect("a live slot has progress");
+        progress.episode.step += 1;
+        progress.total_reward += outcome.reward;
+        progress.terminated = outcome.terminated;
+        progress.truncated =
+            !outcome.terminated && rules.max_steps.is_some_and(|max| progress.episode.step >= max);
+        progress.success_now = outcome.success;
+        if outcome.success == Some(true) {
+            progress.first_success_step.get_or_insert(progress.episode.step);
+        }
+        rules.fields.write_step(out, &outcome, progress);
+        Ok(())
+    }
+}
+
+/// Repeats one action: rewards add up, and the first terminating or successful sub-step decides.
+fn repeat(env: &mut dyn Env, action: Slice<'_>, times: u32) -> Result<Outcome, EnvError> {
+    let mut total = env.step(action)?;
+    for _ in 1..times {
+        if total.terminated {
+            break;
+        }
+        let next = env.step(action)?;
+        total.reward += next.reward;
+        total.terminated = next.terminated;
+        total.success = match (total.success, next.success) {
+            (Some(a), Some(b)) => Some(a || b),
+            (a, b) => a.or(b),
+        };
+    }
+    Ok(total)
+}
+
+/// What the step phase needs to know.
+pub(super) struct StepRules {
+    pub frame_skip: u32,
+    pub max_steps: Option<u64>,
+    pub fields: CommonFields,
+}
+
+/// Which options a slot's next episode gets.
+pub(super) trait Options: Sync {
+    fn of(&self, episode: u64) -> &ResetOptions;
+}
+
+/// Resets every slot that has a next episode, in parallel.
+pub(super) fn reset_all(
+    slots: &mut [Slot],
+    rows: RowsMut<'_>,
+    options: &dyn Options,
+    fields: &CommonFields,
+) -> Result<(), WorldError> {
+    for_each_row(slots, rows, 0, &|slot, out| match slot.next {
+        Some(next) => slot.reset(options.of(next.index), fields, out),
+        None => Ok(()),
+    })
+}
+
+/// Steps every live slot by its row of `actions` (`[N, …action shape]`), in parallel.
+pub(super) fn step_all(
+    slots: &mut [Slot],
+    rows: RowsMut<'_>,
+    actions: Slice<'_>,
+    rules: &StepRules,
+) -> Result<(), WorldError> {
+    let width = actions.len() / slots.len();
+    for_each_indexed_row(slots, rows, 0, &|row, slot, out| {
+        slot.step(actions.range(row * width, width), rules, out)
+    })
+}
+
+fn for_each_row<F>(slots: &mut [Slot], rows: RowsMut<'_>, first: usize, work: &F) -> Result<(), WorldError>
+where
+    F: Fn(&mut Slot, &mut RowsMut<'_>) -> Result<(), WorldError> + Sync,
+{
+    for_each_indexed_row(slots, rows, first, &|_, slot, out| work(slot, out))
+}
+
+/// Halves the rows until one is left. Rows are disjoint, so nothing is shared, and nothing is allocated; if
+/// several fail, the lowest row's error is returned, whatever the order in which they ran.
+fn for_each_indexed_row<F>(
+    slots: &mut [Slot],
+    mut rows: RowsMut<'_>,
+    first: usize,
+    work: &F,
+) -> Result<(), WorldError>
+where
+    F: Fn(usize, &mut Slot, &mut RowsMut<'_>) -> Result<(), WorldError> + Sync,
+{
+    if let [slot] = slots {
+        return work(first, slot, &mut rows).map_err(|error| match error {
+            WorldError::Env { episode, source, .. } => WorldError::Env { row: first, episode, source },
+            other => other,
+        });
+    }
+    let middle = slots.len() / 2;
+    let (left, right) = slots.split_at_mut(middle);
+    let (left_rows, right_rows) = rows.split_at(middle);
+    let (a, b) = rayon::join(
+        || for_each_indexed_row(left, left_rows, first, work),
+        || for_each_indexed_row(right, right_rows, first + middle, work),
+    );
+    a.and(b)
+}
+
+/// The picture size of an environment's pixel field, if it draws.
+pub(super) fn image_of(env: &dyn Env) -> Option<ImageSize> {
+    let field = env.spec().fields.iter().find(|field| field.name == crate::env::PIXELS)?;
+    match field.shape[..] {
+        [height, width, 3] => Some(ImageSize { height, width }),
+        _ => None,
+    }
+}
