@@ -1,0 +1,59 @@
+//! The one error type of the crate.
+
+/// What can be wrong with a request to a renderer or a resampler.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RenderError {
+    /// A side of an image is zero or absurdly large.
+    #[error("{what} of {height} x {width} px cannot be made: each side must be from 1 to {max}")]
+    Size {
+        /// Which image was asked for.
+        what: &'static str,
+        /// Asked height.
+        height: usize,
+        /// Asked width.
+        width: usize,
+        /// Largest side allowed.
+        max: usize,
+    },
+    /// A pixel slice does not hold exactly the image.
+    #[error(
+        "{what} holds {actual} bytes but {height} x {width} x 3 = {expected} are needed; pass a slice of that length"
+    )]
+    Length {
+        /// Which slice.
+        what: &'static str,
+        /// Its length.
+        actual: usize,
+        /// The image's height.
+        height: usize,
+        /// The image's width.
+        width: usize,
+        /// The length that it should have.
+        expected: usize,
+    },
+}
+
+/// Largest side of any image that the crate makes.
+pub(crate) const MAX_SIDE: usize = 4096;
+
+pub(crate) fn check_size(what: &'static str, height: usize, width: usize) -> Result<(), RenderError> {
+    let allowed = 1..=MAX_SIDE;
+    if allowed.contains(&height) && allowed.contains(&width) {
+        return Ok(());
+    }
+    Err(RenderError::Size { what, height, width, max: MAX_SIDE })
+}
+
+pub(crate) fn check_len(
+    what: &'static str,
+    actual: usize,
+    height: usize,
+    width: usize,
+) -> Result<(), RenderError> {
+    let expected = height * width * 3;
+    if actual == expected {
+        return Ok(());
+    }
+    Err(RenderError::Length { what, actual, height, width, expected })
+}

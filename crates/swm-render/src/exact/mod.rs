@@ -1,0 +1,203 @@
+//! The exact style: the reference's picture pipeline to the byte, redrawn only where the drawing changed.
+//!
+//! canvas (512, raster rules) -> image (224, fixed-point bilinear) -> frame (asked size, antialiased bilinear; left
+//! out when the asked size is the image's own, as the reference's library does).
+
+mod lines;
+mod raster;
+
+use crate::canvas::Canvas;
+use crate::damage::Damage;
+use crate::display_list::{DisplayList, Shape};
+use crate::error::{RenderError, check_len};
+use crate::geometry::Geometry;
+use crate::painter::{Painter, Rgb, round_half_even};
+use crate::rect::Rect;
+use crate::resample::{AntialiasBilinear, FixedBilinear};
+use raster::{Raster, Scratch};
+
+/// Draws frames as the reference does, to the byte. See [`Renderer`](crate::Renderer) for the calls.
+#[derive(Debug, Clone)]
+pub struct ExactRenderer {
+    geometry: Geometry,
+    drawn: DisplayList<i32>,
+    next: DisplayList<i32>,
+    background_list: DisplayList<i32>,
+    /// The background, and the background with the drawing over it.
+    background: Canvas,
+    canvas: Canvas,
+    to_image: FixedBilinear,
+    image: Vec<u8>,
+    to_frame: Option<AntialiasBilinear>,
+    /// Empty when the image is the frame.
+    frame: Vec<u8>,
+    damage: Damage,
+    all_damaged: bool,
+    scratch: Scratch,
+}
+
+impl ExactRenderer {
+    /// Allocates everything that frames of this geometry need.
+    ///
+    /// # Errors
+    /// If a side is zero or above 4096.
+    pub fn new(geometry: Geometry) -> Result<Self, RenderError> {
+        geometry.check()?;
+        let Geometry { canvas, image, height, width } = geometry;
+        let resized = (height, width) != (image, image);
+        let to_frame =
+            resized.then(|| AntialiasBilinear::new([image, image], [height, width])).transpose()?;
+        Ok(Self {
+            geometry,
+            drawn: DisplayList::new(),
+            next: DisplayList::new(),
+            background_list: DisplayList::new(),
+            background: Canvas::new(canvas, canvas),
+            canvas: Canvas::new(canvas, canvas),
+            to_image: FixedBilinear::new(canvas, image)?,
+            image: vec![0; image * image * 3],
+            to_frame,
+            frame: vec![0; if resized { geometry.frame_len() } else { 0 }],
+            damage: Damage::new(Rect::of_size(canvas, canvas)),
+            all_damaged: true,
+            scratch: Scratch::default(),
+        })
+    }
+
+    /// The sizes.
+    #[must_use]
+    pub fn geometry(&self) -> Geometry {
+        self.geometry
+    }
+
+    /// The canvas of the last frame, before any resize.
+    #[must_use]
+    pub fn canvas(&self) -> &Canvas {
+        &self.canvas
+    }
+
+    /// The reference's image of the last frame, `[image, image, 3]`, before the resize to the asked size.
+    #[must_use]
+    pub fn image(&self) -> &[u8] {
+        &self.image
+    }
+
+    /// See [`Renderer::set_background`](crate::Renderer::set_background).
+    pub fn set_background(&mut self, draw: impl FnOnce(&mut dyn Painter)) {
+        // The list of the frame to come is free until then.
+        let new = &mut self.next;
+        new.clear();
+        draw(&mut ExactPainter { list: new, canvas: self.canvas.bounds() });
+        if *new == self.background_list {
+            return;
+        }
+        std::mem::swap(new, &mut self.background_list);
+        self.background.pixels.fill(0);
+        let mut raster = Raster::new(&mut self.background, &mut self.scratch);
+        replay(&self.background_list, &mut raster);
+        self.all_damaged = true;
+    }
+
+    /// See [`Renderer::render`](crate::Renderer::render).
+    ///
+    /// # Errors
+    /// If `out` has the wrong length; nothing is drawn then.
+    pub fn render(&mut self, out: &mut [u8], draw: impl FnOnce(&mut dyn Painter)) -> Result<(), RenderError> {
+        let Geometry { height, width, .. } = self.geometry;
+        check_len("the frame to write", out.len(), height, width)?;
+        self.next.clear();
+        draw(&mut ExactPainter { list: &mut self.next, canvas: self.canvas.bounds() });
+        self.update();
+        out.copy_from_slice(if self.to_frame.is_some() { &self.frame } else { &self.image });
+        Ok(())
+    }
+
+    /// Brings canvas, image and frame from the drawing of `drawn` to that of `next`.
+    fn update(&mut self) {
+        self.damage.clear();
+        if self.all_damaged {
+            self.damage.add_all();
+        } else {
+            self.next.damage_since(&self.drawn, &mut self.damage);
+        }
+        for rect in self.damage.rects() {
+            self.canvas.copy_rect(&self.background, rect);
+            let mut raster = Raster::clipped(&mut self.canvas, &mut self.scratch, *rect);
+            replay(&self.next, &mut raster);
+            let dirty = self.to_image.resize_region(&self.canvas, *rect, &mut self.image);
+            if let Some(to_frame) = &mut self.to_frame {
+                to_frame.resize_region(&self.image, dirty, &mut self.frame);
+            }
+        }
+        self.all_damaged = false;
+        std::mem::swap(&mut self.drawn, &mut self.next);
+    }
+}
+
+fn replay(list: &DisplayList<i32>, raster: &mut Raster<'_>) {
+    let clip = raster.clip();
+    for primitive in list.iter().filter(|primitive| primitive.bounds.meets(&clip)) {
+        let color = primitive.color;
+        match (primitive.shape, primitive.points) {
+            (Shape::Fill, _) => raster.fill(color),
+            (Shape::Polygon, points) => raster.polygon(points, color),
+            (Shape::Disc, [center, ..]) => raster.disc(*center, primitive.radius, color),
+            (Shape::FatSegment, [from, to, ..]) => raster.fat_segment(*from, *to, color),
+            (Shape::AaLine, [from, to, ..]) => raster.aa_line(*from, *to, color),
+            _ => {}
+        }
+    }
+}
+
+/// Records primitives with rounded coordinates: motion below half a pixel compares equal.
+struct ExactPainter<'a> {
+    list: &'a mut DisplayList<i32>,
+    canvas: Rect,
+}
+
+fn round_point(point: [f64; 2]) -> [i32; 2] {
+    point.map(round_half_even)
+}
+
+/// The rectangle that holds all points and `before` pixels before and `after` pixels after them.
+fn bounds_of(points: &[[i32; 2]], before: i32, after: i32) -> Rect {
+    points.iter().fold(Rect::default(), |bounds, &[x, y]| {
+        bounds.union(&Rect::new(x - before, y - before, x + after + 1, y + after + 1))
+    })
+}
+
+impl ExactPainter<'_> {
+    fn push_pair(&mut self, shape: Shape, ends: [[f64; 2]; 2], margin: [i32; 2], color: Rgb) {
+        let points = ends.map(round_point);
+        self.list.push(shape, points.into_iter(), 0, color, bounds_of(&points, margin[0], margin[1]));
+    }
+}
+
+impl Painter for ExactPainter<'_> {
+    fn fill(&mut self, color: Rgb) {
+        self.list.push(Shape::Fill, std::iter::empty(), 0, color, self.canvas);
+    }
+
+    fn polygon(&mut self, vertices: &[[f64; 2]], color: Rgb) {
+        let bounds = vertices
+            .iter()
+            .fold(Rect::default(), |bounds, vertex| bounds.union(&bounds_of(&[round_point(*vertex)], 0, 0)));
+        self.list.push(Shape::Polygon, vertices.iter().copied().map(round_point), 0, color, bounds);
+    }
+
+    fn disc(&mut self, center: [f64; 2], radius: f64, color: Rgb) {
+        let center = round_point(center);
+        let radius = round_half_even(radius);
+        let bounds = bounds_of(&[center], radius.max(0), radius.max(0));
+        self.list.push(Shape::Disc, std::iter::once(center), radius, color, bounds);
+    }
+
+    fn fat_segment(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb) {
+        self.push_pair(Shape::FatSegment, [from, to], [2, 2], color);
+    }
+
+    fn aa_line(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb) {
+        // The slope is f32: the crossing may round to just before the smaller end.
+        self.push_pair(Shape::AaLine, [from, to], [1, 1], color);
+    }
+}

@@ -1,0 +1,209 @@
+//! Antialiased bilinear resize of `[H, W, 3]` u8 images, byte-equal to Pillow's `Image.resize(..., BILINEAR)`.
+//!
+//! Separable: horizontally to u8, then vertically to u8, each only if its size changes. A target pixel d is centred on
+//! c = (d + 1/2) scale, scale = source/target; its filter is a triangle of half-width max(scale, 1) about c, sampled at
+//! the pixel centres, normalised in f64, and rounded half away from zero to 22-bit fixed point. A sum of products is
+//! rounded to the nearest byte.
+
+use std::ops::Range;
+
+use crate::error::{RenderError, check_len, check_size};
+use crate::rect::Rect;
+
+/// Fraction bits of the weights: 32 less 8 of the pixel and 2 of headroom.
+const PRECISION_BITS: u32 = 32 - 8 - 2;
+const ONE_HALF: u32 = 1 << (PRECISION_BITS - 1);
+
+/// Resizes `[H, W, 3]` images of one size to another. Owns tables and the half-resized image.
+#[derive(Debug, Clone)]
+pub struct AntialiasBilinear {
+    source: [usize; 2],
+    target: [usize; 2],
+    /// Taps of each axis whose size changes.
+    rows: Option<Axis>,
+    columns: Option<Axis>,
+    /// Source rows, target columns: `[H source, W target, 3]`. Empty unless both axes change.
+    half: Vec<u8>,
+}
+
+impl AntialiasBilinear {
+    /// The resize from `source` to `target`, each `[height, width]`.
+    ///
+    /// # Errors
+    /// If a side is zero or above 4096.
+    pub fn new(source: [usize; 2], target: [usize; 2]) -> Result<Self, RenderError> {
+        check_size("the source of a resize", source[0], source[1])?;
+        check_size("the target of a resize", target[0], target[1])?;
+        let axis = |i: usize| (source[i] != target[i]).then(|| Axis::new(source[i], target[i]));
+        let (rows, columns) = (axis(0), axis(1));
+        let both = rows.is_some() && columns.is_some();
+        let half = vec![0; if both { source[0] * target[1] * 3 } else { 0 }];
+        Ok(Self { source, target, rows, columns, half })
+    }
+
+    /// Resizes `image`, `[H source, W source, 3]`, into `out`, `[H target, W target, 3]`.
+    ///
+    /// # Errors
+    /// If a slice has the wrong length.
+    pub fn resize(&mut self, image: &[u8], out: &mut [u8]) -> Result<(), RenderError> {
+        check_len("the image to resize", image.len(), self.source[0], self.source[1])?;
+        check_len("the resized image", out.len(), self.target[0], self.target[1])?;
+        self.resize_region(image, Rect::of_size(self.source[0], self.source[1]), out);
+        Ok(())
+    }
+
+    /// Recomputes the pixels of `out` that depend on the pixels `dirty` of `image`. The other pixels of `image` must be
+    /// those of the call before. Slices of a wrong length are left alone.
+    pub(crate) fn resize_region(&mut self, image: &[u8], dirty: Rect, out: &mut [u8]) -> Rect {
+        let dirty = dirty.intersect(&Rect::of_size(self.source[0], self.source[1]));
+        if dirty.is_empty() {
+            return Rect::default();
+        }
+        let target_range = |axis: &Option<Axis>, range: Range<usize>| match axis {
+            Some(axis) => axis.targets_of(range),
+            None => range,
+        };
+        let x = target_range(&self.columns, dirty.columns());
+        let y = target_range(&self.rows, dirty.rows());
+        let strides = [self.source[1] * 3, self.target[1] * 3];
+        match (&self.columns, &self.rows) {
+            (Some(columns), Some(rows)) => {
+                columns.along_rows(image, &mut self.half, strides, dirty.rows(), x.clone());
+                rows.across_rows(&self.half, out, strides[1], y.clone(), x.clone());
+            }
+            (Some(columns), None) => columns.along_rows(image, out, strides, y.clone(), x.clone()),
+            (None, Some(rows)) => rows.across_rows(image, out, strides[1], y.clone(), x.clone()),
+            (None, None) => {
+                for y in y.clone() {
+                    let bytes = y * strides[0] + x.start * 3..y * strides[0] + x.end * 3;
+                    out[bytes.clone()].copy_from_slice(&image[bytes]);
+                }
+            }
+        }
+        Rect::new(x.start as i32, y.start as i32, x.end as i32, y.end as i32)
+    }
+}
+
+/// The taps of one axis.
+#[derive(Debug, Clone)]
+struct Axis {
+    windows: Vec<Window>,
+    /// All windows' weights, one after the other.
+    weights: Vec<u32>,
+}
+
+/// Where one target pixel looks.
+#[derive(Debug, Clone, Copy)]
+struct Window {
+    source: usize,
+    weights: usize,
+    count: usize,
+}
+
+impl Axis {
+    fn new(source: usize, target: usize) -> Self {
+        let scale = source as f64 / target as f64;
+        let stretch = scale.max(1.0);
+        let mut axis = Self { windows: Vec::with_capacity(target), weights: Vec::new() };
+        let mut triangle = Vec::new();
+        for d in 0..target {
+            let center = (d as f64 + 0.5) * scale;
+            // Truncation, not floor: below zero both end at zero.
+            let low = (center - stretch + 0.5).max(0.0) as usize;
+            let high = ((center + stretch + 0.5) as usize).min(source);
+            triangle.clear();
+            triangle.extend((low..high).map(|s| {
+                let distance = ((s as f64 - center + 0.5) * (1.0 / stretch)).abs();
+                if distance < 1.0 { 1.0 - distance } else { 0.0 }
+            }));
+            let sum: f64 = triangle.iter().sum();
+            axis.windows.push(Window { source: low, weights: axis.weights.len(), count: high - low });
+            let fixed = |weight: f64| (0.5 + weight / sum * f64::from(1 << PRECISION_BITS)) as u32;
+            axis.weights.extend(triangle.iter().map(|&weight| fixed(weight)));
+        }
+        axis
+    }
+
+    /// The targets whose windows meet the sources `range`.
+    fn targets_of(&self, range: Range<usize>) -> Range<usize> {
+        let start = self.windows.partition_point(|window| window.source + window.count <= range.start);
+        let end = self.windows.partition_point(|window| window.source < range.end);
+        start..end.max(start)
+    }
+
+    fn taps(&self, target: usize) -> (usize, &[u32]) {
+        let Window { source, weights, count } = self.windows[target];
+        (source, &self.weights[weights..weights + count])
+    }
+
+    /// Resizes `rows` of an image along x, for the target columns `targets`. Strides are in bytes, in and out.
+    fn along_rows(
+        &self,
+        image: &[u8],
+        out: &mut [u8],
+        [stride_in, stride_out]: [usize; 2],
+        rows: Range<usize>,
+        targets: Range<usize>,
+    ) {
+        for y in rows {
+            let row = &image[y * stride_in..(y + 1) * stride_in];
+            let out = &mut out[y * stride_out + targets.start * 3..y * stride_out + targets.end * 3];
+            for (target, pixel) in targets.clone().zip(out.chunks_exact_mut(3)) {
+                let (source, weights) = self.taps(target);
+                let window = &row[source * 3..(source + weights.len()) * 3];
+                let mut sums = [ONE_HALF; 3];
+                for (&weight, channels) in weights.iter().zip(window.chunks_exact(3)) {
+                    for (sum, &channel) in sums.iter_mut().zip(channels) {
+                        *sum += weight * u32::from(channel);
+                    }
+                }
+                for (byte, sum) in pixel.iter_mut().zip(sums) {
+                    *byte = to_byte(sum);
+                }
+            }
+        }
+    }
+
+    /// Resizes an image along y, for the target rows `targets` and the pixels `columns`. `stride` is in bytes.
+    fn across_rows(
+        &self,
+        image: &[u8],
+        out: &mut [u8],
+        stride: usize,
+        targets: Range<usize>,
+        columns: Range<usize>,
+    ) {
+        const LANES: usize = 16;
+        let (left, right) = (columns.start * 3, columns.end * 3);
+        for target in targets {
+            let (source, weights) = self.taps(target);
+            let mut x = left;
+            while x < right {
+                let lanes = LANES.min(right - x);
+                let mut sums = [ONE_HALF; LANES];
+                for (index, &weight) in weights.iter().enumerate() {
+                    let start = (source + index) * stride + x;
+                    let bytes = &image[start..start + lanes];
+                    if let Some(bytes) = bytes.first_chunk::<LANES>() {
+                        for (sum, &byte) in sums.iter_mut().zip(bytes) {
+                            *sum += weight * u32::from(byte);
+                        }
+                    } else {
+                        for (sum, &byte) in sums.iter_mut().zip(bytes) {
+                            *sum += weight * u32::from(byte);
+                        }
+                    }
+                }
+                let start = target * stride + x;
+                for (byte, sum) in out[start..start + lanes].iter_mut().zip(sums) {
+                    *byte = to_byte(sum);
+                }
+                x += lanes;
+            }
+        }
+    }
+}
+
+fn to_byte(sum: u32) -> u8 {
+    (sum >> PRECISION_BITS).min(255) as u8
+}
