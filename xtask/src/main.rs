@@ -1,1 +1,72 @@
-fn main() {}
+//! `cargo xtask COMMAND`: everything a contributor or a CI machine runs on this workspace, one file per command.
+//!
+//! Not part of the product: the command that researchers use is `swm`.
+
+mod ci;
+mod deny;
+mod metadata;
+mod process;
+mod setup;
+mod test;
+mod tidy;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Set up, test and check this workspace.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask", after_help = EXAMPLES, disable_help_subcommand = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  cargo xtask test                      set up, then run every test
+  cargo xtask test -p swm-core seeds    one crate's tests whose name contains `seeds`
+  cargo xtask ci                        what the CI machine runs, step by step
+  cargo xtask ci --only clippy          one step of it
+  cargo xtask tidy                      the layering and source rules, in a second";
+
+#[derive(Subcommand)]
+enum Command {
+    /// Fetch the build tools that this machine lacks, pinned by version and hash, into `.tools/`
+    Setup(setup::Args),
+    /// Set up, then run all tests, and the examples in the documentation
+    Test(test::Args),
+    /// Run every check that a change must pass, and print a table of them
+    Ci(ci::Args),
+    /// Check the rules of the architecture and of the sources
+    Tidy(tidy::Args),
+    /// Check the licences and origins of all dependencies against deny.toml
+    Deny(deny::Args),
+}
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Setup(args) => setup::run(&args),
+        Command::Test(args) => test::run(&args),
+        Command::Ci(args) => ci::run(&args),
+        Command::Tidy(args) => tidy::run(&args),
+        Command::Deny(args) => deny::run(&args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {}", process::report(&error));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        super::Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,196 @@
+//! `cargo xtask ci`: every check that a change must pass, in an order that finds cheap faults first.
+//!
+//! The steps are a table; a new one is one line in it.
+
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, bail};
+use clap::builder::PossibleValuesParser;
+
+use crate::metadata::Metadata;
+use crate::{deny, process, setup, test, tidy};
+
+/// Options of `cargo xtask ci`.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Run the remaining steps after one has failed
+    #[arg(long)]
+    keep_going: bool,
+    /// Run only this step; may be given several times
+    #[arg(long, value_name = "STEP", value_parser = PossibleValuesParser::new(STEPS.iter().map(|step| step.name)))]
+    only: Vec<String>,
+}
+
+/// One line of the table.
+struct Step {
+    name: &'static str,
+    about: &'static str,
+    run: fn() -> Result<()>,
+}
+
+const STEPS: &[Step] = &[
+    Step { name: "setup", about: "the build tools are there", run: || setup::run(&setup::Args::default()) },
+    Step { name: "fmt", about: "formatted by rustfmt", run: || cargo("fmt --all --check") },
+    Step {
+        name: "tidy",
+        about: "rules of the architecture and the sources",
+        run: || tidy::run(&tidy::Args::default()),
+    },
+    Step {
+        name: "deny",
+        about: "licences and origins of dependencies",
+        run: || deny::run(&deny::Args::default()),
+    },
+    Step {
+        name: "clippy",
+        about: "no lint warns",
+        run: || cargo("clippy --workspace --all-targets -- -D warnings"),
+    },
+    Step { name: "test", about: "all tests", run: || test::suites(&test::Args::default()) },
+    Step {
+        name: "doctest",
+        about: "examples in the documentation",
+        run: || test::doctests(&test::Args::default()),
+    },
+    Step { name: "doc", about: "documentation without warnings", run: doc },
+    // Under `cargo test` criterion runs each benchmark once, in the profile that the tests have built already.
+    Step {
+        name: "benches",
+        about: "each benchmark runs, once",
+        run: || cargo("test --package swm-benches --benches"),
+    },
+    Step { name: "alone", about: "each crate builds alone, without default features", run: alone },
+];
+
+/// How a step ended.
+struct Outcome {
+    name: &'static str,
+    wall: Duration,
+    error: Option<String>,
+}
+
+/// Runs the steps and prints the table; an error if any of them failed.
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let mut chosen =
+        STEPS.iter().filter(|step| args.only.is_empty() || args.only.iter().any(|name| name == step.name));
+    let outcomes = run_steps(&mut chosen, args.keep_going);
+    let not_run: Vec<&str> = chosen.map(|step| step.name).collect();
+    println!("\n{}", table(&outcomes, &not_run));
+    let failed: Vec<&str> =
+        outcomes.iter().filter(|outcome| outcome.error.is_some()).map(|outcome| outcome.name).collect();
+    match failed.as_slice() {
+        [] => Ok(()),
+        failed => bail!("failed: {}", failed.join(", ")),
+    }
+}
+
+/// Runs steps until one fails, or all of them.
+fn run_steps<'a>(steps: &mut impl Iterator<Item = &'a Step>, keep_going: bool) -> Vec<Outcome> {
+    let mut outcomes = Vec::new();
+    for step in steps {
+        eprintln!("\n── {}: {} ──", step.name, step.about);
+        let start = Instant::now();
+        let error = (step.run)().err().map(|error| process::report(&error));
+        let outcome = Outcome { name: step.name, wall: start.elapsed(), error };
+        if let Some(error) = &outcome.error {
+            eprintln!(
+                "\n── FAILED: {} ──\n{error}\nagain, alone: cargo xtask ci --only {}",
+                step.name, step.name
+            );
+        }
+        let is_over = outcome.error.is_some() && !keep_going;
+        outcomes.push(outcome);
+        if is_over {
+            break;
+        }
+    }
+    outcomes
+}
+
+/// One line per step, wall times in seconds, and their sum.
+fn table(outcomes: &[Outcome], not_run: &[&str]) -> String {
+    let line = |name: &str, wall: String, result: &str| format!("{name:<10}{wall:>10}  {result}\n");
+    let seconds = |wall: Duration| format!("{:.1} s", wall.as_secs_f64());
+    let mut text = line("step", "wall".into(), "result");
+    for Outcome { name, wall, error } in outcomes {
+        text += &line(name, seconds(*wall), if error.is_none() { "ok" } else { "FAILED" });
+    }
+    for name in not_run {
+        text += &line(name, "-".into(), "not run");
+    }
+    text + &line("total", seconds(outcomes.iter().map(|outcome| outcome.wall).sum()), "")
+}
+
+/// Runs cargo with arguments that hold no blanks.
+fn cargo(args: &str) -> Result<()> {
+    process::run(&mut process::cargo(args.split_whitespace()))
+}
+
+fn doc() -> Result<()> {
+    let flags = std::env::var("RUSTDOCFLAGS").unwrap_or_default();
+    let mut command = process::cargo(["doc", "--workspace", "--no-deps"]);
+    process::run(command.env("RUSTDOCFLAGS", format!("{flags} -D warnings").trim_start()))
+}
+
+fn alone() -> Result<()> {
+    for member in Metadata::load()?.members() {
+        process::run(&mut process::cargo([
+            "check",
+            "--quiet",
+            "--no-default-features",
+            "--package",
+            &member.name,
+        ]))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: Step = Step { name: "good", about: "", run: || Ok(()) };
+    const BAD: Step = Step { name: "bad", about: "", run: || bail!("it is bad") };
+
+    #[test]
+    fn the_first_failure_ends_the_run() {
+        let mut steps = [GOOD, BAD, GOOD].into_iter().collect::<Vec<_>>();
+        steps[2].name = "later";
+        let mut rest = steps.iter();
+        let outcomes = run_steps(&mut rest, false);
+        assert_eq!(outcomes.len(), 2);
+        assert_eq!(outcomes[1].error.as_deref(), Some("it is bad"));
+        assert_eq!(rest.next().map(|step| step.name), Some("later"));
+    }
+
+    #[test]
+    fn keep_going_runs_everything() {
+        let outcomes = run_steps(&mut [BAD, GOOD].iter(), true);
+        assert_eq!(outcomes.iter().map(|outcome| outcome.error.is_none()).collect::<Vec<_>>(), [false, true]);
+    }
+
+    #[test]
+    fn the_table_names_each_step_once_and_sums_the_times() {
+        let outcome = |name, ms, error: Option<&str>| Outcome {
+            name,
+            wall: Duration::from_millis(ms),
+            error: error.map(Into::into),
+        };
+        let text = table(&[outcome("fmt", 400, None), outcome("test", 61_200, Some("no"))], &["doc"]);
+        let expected = "\
+step            wall  result
+fmt            0.4 s  ok
+test          61.2 s  FAILED
+doc                -  not run
+total         61.6 s  \n";
+        assert_eq!(text, expected);
+    }
+
+    #[test]
+    fn step_names_are_distinct() {
+        let mut names: Vec<&str> = STEPS.iter().map(|step| step.name).collect();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), STEPS.len());
+    }
+}

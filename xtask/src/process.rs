@@ -1,0 +1,98 @@
+//! Running other programs: where the checkout is, which cargo to call, and errors that say what was run.
+//!
+//! Knows no command of its own.
+
+use std::ffi::OsStr;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use anyhow::{Context as _, Error, Result, bail};
+
+/// The root of the checkout that this binary was built from.
+pub(crate) fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("xtask lies one level below the root")
+}
+
+/// The cargo that runs us, to be started in the checkout's root.
+pub(crate) fn cargo<I: AsRef<OsStr>>(args: impl IntoIterator<Item = I>) -> Command {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.current_dir(root()).args(args);
+    command
+}
+
+/// Whether the cargo subcommand `name` is installed.
+pub(crate) fn has_cargo_command(name: &str) -> bool {
+    let mut probe = cargo([name, "--version"]);
+    probe.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    probe.status().is_ok_and(|status| status.success())
+}
+
+/// Shows the command line and runs it with our standard streams; an exit status other than 0 is an error.
+pub(crate) fn run(command: &mut Command) -> Result<()> {
+    let line = display(command);
+    eprintln!("$ {line}");
+    let status = command.status().with_context(|| format!("failed to start `{line}`"))?;
+    if !status.success() {
+        bail!("`{line}` failed: {status}");
+    }
+    Ok(())
+}
+
+/// Runs silently and returns standard output; the error carries standard error.
+pub(crate) fn output(command: &mut Command) -> Result<Vec<u8>> {
+    let line = display(command);
+    let output =
+        command.stdin(Stdio::null()).output().with_context(|| format!("failed to start `{line}`"))?;
+    if !output.status.success() {
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        bail!("`{line}` failed: {}\n{}", output.status, stderr.trim_end());
+    }
+    Ok(output.stdout)
+}
+
+/// An error and its causes, one per line.
+pub(crate) fn report(error: &Error) -> String {
+    error.chain().map(ToString::to_string).collect::<Vec<_>>().join("\ncause: ")
+}
+
+/// A command line to copy into a shell: the program's plain name, words with blanks quoted.
+fn display(command: &Command) -> String {
+    let program = Path::new(command.get_program()).file_stem().unwrap_or(command.get_program());
+    let words = std::iter::once(program).chain(command.get_args()).map(|word| {
+        let word = word.to_string_lossy();
+        if word.is_empty() || word.contains(char::is_whitespace) { format!("'{word}'") } else { word.into() }
+    });
+    words.collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_root_holds_the_workspace_manifest() {
+        assert!(root().join("Cargo.lock").is_file());
+    }
+
+    #[test]
+    fn a_failed_command_says_what_was_run_and_why_it_failed() {
+        let error = output(&mut cargo(["no-such-subcommand", "two words"])).unwrap_err().to_string();
+        assert!(
+            error.starts_with("`cargo no-such-subcommand 'two words'` failed: exit status: 101"),
+            "{error}"
+        );
+        assert!(error.contains("no such command"), "{error}");
+    }
+
+    #[test]
+    fn a_report_leads_from_the_effect_to_the_cause() {
+        let error = Error::msg("no space").context("failed to write a.txt");
+        assert_eq!(report(&error), "failed to write a.txt\ncause: no space");
+    }
+
+    #[test]
+    fn installed_and_missing_subcommands_are_told_apart() {
+        assert!(has_cargo_command("help"));
+        assert!(!has_cargo_command("no-such-subcommand"));
+    }
+}

@@ -1,0 +1,96 @@
+//! `cargo xtask test`: every test of the workspace, and the examples in its documentation.
+//!
+//! Benchmarks in test mode are a step of `cargo xtask ci`.
+
+use anyhow::Result;
+
+use crate::{process, setup};
+
+/// Options of `cargo xtask test`.
+#[derive(clap::Args, Default)]
+pub(crate) struct Args {
+    /// Only this crate; may be given several times
+    #[arg(short, long = "package", value_name = "CRATE")]
+    packages: Vec<String>,
+    /// Filters and options for the test runner; with any of these, documentation examples are not run
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGS")]
+    runner_args: Vec<String>,
+}
+
+/// Sets up, then runs tests and documentation examples.
+pub(crate) fn run(args: &Args) -> Result<()> {
+    setup::run(&setup::Args::default())?;
+    suites(args)?;
+    if args.runner_args.is_empty() {
+        doctests(args)
+    } else {
+        eprintln!("test: documentation examples are not run: the extra arguments are for the test runner");
+        Ok(())
+    }
+}
+
+/// Unit and integration tests, by cargo-nextest where it is installed.
+pub(crate) fn suites(args: &Args) -> Result<()> {
+    let mut command;
+    if process::has_cargo_command("nextest") {
+        command = process::cargo(["nextest", "run"]);
+        if is_ci() {
+            command.args(["--profile", "ci"]);
+        }
+    } else {
+        eprintln!("test: cargo-nextest is not installed; cargo test takes its place");
+        command = process::cargo(["test", "--lib", "--bins", "--tests", "--no-fail-fast"]);
+    }
+    process::run(command.args(args.selection()).args(&args.runner_args))
+}
+
+/// The examples in the documentation, which nextest does not run.
+pub(crate) fn doctests(args: &Args) -> Result<()> {
+    process::run(process::cargo(["test", "--doc", "--quiet"]).args(args.selection()))
+}
+
+impl Args {
+    /// The crates asked for, as cargo's options.
+    fn selection(&self) -> Vec<&str> {
+        if self.packages.is_empty() {
+            return vec!["--workspace"];
+        }
+        self.packages.iter().flat_map(|name| ["--package", name]).collect()
+    }
+}
+
+/// Whether a CI machine runs us, by the variable that they all set.
+fn is_ci() -> bool {
+    std::env::var_os("CI").is_some_and(|value| !value.is_empty() && value != "false")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    #[test]
+    fn without_options_the_whole_workspace_is_tested() {
+        assert_eq!(Args::default().selection(), ["--workspace"]);
+    }
+
+    #[test]
+    fn crates_are_selected_and_the_rest_goes_to_the_runner() {
+        let cli =
+            Cli::parse_from(["test", "-p", "swm-core", "-p", "swm-fov", "seeds", "--no-capture", "-j1"]);
+        assert_eq!(cli.args.selection(), ["--package", "swm-core", "--package", "swm-fov"]);
+        assert_eq!(cli.args.runner_args, ["seeds", "--no-capture", "-j1"]);
+    }
+
+    #[test]
+    fn runner_options_need_no_separator() {
+        let cli = Cli::parse_from(["test", "--no-capture"]);
+        assert_eq!(cli.args.runner_args, ["--no-capture"]);
+    }
+}
