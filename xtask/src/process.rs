@@ -20,11 +20,10 @@ pub(crate) fn cargo<I: AsRef<OsStr>>(args: impl IntoIterator<Item = I>) -> Comma
     command
 }
 
-/// Whether the cargo subcommand `name` is installed.
+/// Whether cargo has the subcommand `name`, its own or an installed one.
 pub(crate) fn has_cargo_command(name: &str) -> bool {
-    let mut probe = cargo([name, "--version"]);
-    probe.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-    probe.status().is_ok_and(|status| status.success())
+    let list = output(&mut cargo(["--list"])).unwrap_or_default();
+    String::from_utf8_lossy(&list).lines().any(|line| line.split_whitespace().next() == Some(name))
 }
 
 /// Shows the command line and runs it with our standard streams; an exit status other than 0 is an error.
@@ -92,7 +91,7 @@ mod tests {
 
     #[test]
     fn installed_and_missing_subcommands_are_told_apart() {
-        assert!(has_cargo_command("help"));
+        assert!(has_cargo_command("metadata"));
         assert!(!has_cargo_command("no-such-subcommand"));
     }
 }
