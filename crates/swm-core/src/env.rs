@@ -165,6 +165,22 @@ pub struct ResetOptions {
     pub seed: Option<EpisodeSeed>,
 }
 
+impl ResetOptions {
+    /// Draws these factors (names, groups, or `all`) and no others.
+    #[must_use]
+    pub fn vary(mut self, names: &[&str]) -> Self {
+        self.variation.get_or_insert_default().extend(names.iter().map(|&name| name.to_owned()));
+        self
+    }
+
+    /// Sets one factor.
+    #[must_use]
+    pub fn fix(mut self, name: &str, value: Value) -> Self {
+        self.variation_values.insert(name.to_owned(), value);
+        self
+    }
+}
+
 /// One episode, as its environment sees it at reset.
 #[derive(Clone, Copy, Debug)]
 pub struct Episode<'a> {

@@ -43,8 +43,11 @@ pub struct PolicyEntry {
     /// Its arguments.
     pub settings: &'static [Setting],
     /// Makes one.
-    pub make: fn(&PolicyContext<'_>, &PolicyArgs) -> Result<Box<dyn Policy>, PolicyError>,
+    pub make: MakePolicy,
 }
+
+/// Makes a policy for an environment from its arguments.
+pub type MakePolicy = fn(&PolicyContext<'_>, &PolicyArgs) -> Result<Box<dyn Policy>, PolicyError>;
 
 /// What a policy is made for.
 #[derive(Clone, Copy, Debug)]

@@ -141,7 +141,7 @@ impl World {
 
     /// The attached policy, in words.
     pub fn policy_description(&self) -> Option<String> {
-        self.policy.as_ref().map(|policy| policy.describe())
+        self.policy.as_ref().map(Policy::describe)
     }
 
     /// Resets every environment: row `i` begins episode `i` of the run with seed `seed`.

@@ -1,0 +1,70 @@
+//! Factors for people: a tree for terminals and a Markdown table for pages.
+
+use std::fmt;
+
+use swm_core::FactorSpec;
+
+use crate::factor::FovSpace;
+
+impl FovSpace {
+    /// A Markdown table: name, kind, bounds, default, what it does.
+    pub fn markdown(&self) -> String {
+        let mut table =
+            String::from("| factor | kind | bounds | default | what it does |\n|---|---|---|---|---|\n");
+        for spec in self.specs() {
+            let doc = match &spec.constraint {
+                Some(words) => format!("{}; must be {words}", spec.doc),
+                None => spec.doc.clone(),
+            };
+            let drawn = if spec.drawn_by_default { " (drawn by default)" } else { "" };
+            table += &format!(
+                "| `{}` | {} | {} | {} | {doc}{drawn} |\n",
+                spec.name,
+                kind(&spec),
+                bounds(&spec),
+                spec.default
+            );
+        }
+        table
+    }
+}
+
+/// A tree by groups.
+impl fmt::Display for FovSpace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut specs = self.specs();
+        specs.sort_by(|a, b| a.name.cmp(&b.name));
+        let mut group = "";
+        for spec in &specs {
+            let (parent, leaf) = spec.name.rsplit_once('.').unwrap_or(("", &spec.name));
+            if parent != group {
+                writeln!(f, "{parent}")?;
+                group = parent;
+            }
+            let indent = if parent.is_empty() { "" } else { "  " };
+            write!(f, "{indent}{leaf}: {} {}, default {}", kind(spec), bounds(spec), spec.default)?;
+            writeln!(f, "{}", if spec.drawn_by_default { " *" } else { "" })?;
+        }
+        Ok(())
+    }
+}
+
+fn kind(spec: &FactorSpec) -> String {
+    match spec.space.shape().as_slice() {
+        [] => spec.space.kind().to_owned(),
+        shape => format!("{} {shape:?}", spec.space.kind()),
+    }
+}
+
+/// `low..high`, short where all elements agree.
+fn bounds(spec: &FactorSpec) -> String {
+    let short = |values: &[f64]| {
+        let text = |v: f64| format!("{}", (v * 1e4).round() / 1e4);
+        match values {
+            [first, rest @ ..] if rest.iter().all(|v| v == first) => text(*first),
+            values => format!("({})", values.iter().map(|&v| text(v)).collect::<Vec<_>>().join(", ")),
+        }
+    };
+    let (low, high) = spec.space.bounds();
+    format!("{}..{}", short(&low), short(&high))
+}

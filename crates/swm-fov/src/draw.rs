@@ -1,0 +1,261 @@
+//! Drawing an assignment: selection, explicit values, rejection under constraints.
+
+use std::collections::BTreeMap;
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use swm_core::dataset::selects;
+use swm_core::env::Episode;
+use swm_core::error::{did_you_mean, nearest};
+use swm_core::{BatchError, EnvError, RowsMut, Slice, Value};
+use thiserror::Error;
+
+use crate::factor::{Constraint, FovSpace};
+
+/// How often a constrained factor is drawn before giving up (as the reference).
+const MAX_TRIES: usize = 1000;
+
+/// A factor cannot be drawn or set.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum FovError {
+    /// No factor or group has this name.
+    #[error("unknown factor `{name}`{}; `swm fovs` lists them", did_you_mean(.nearest.as_deref()))]
+    Unknown {
+        /// The name asked for.
+        name: String,
+        /// The nearest factor or group.
+        nearest: Option<String>,
+    },
+    /// A value has a wrong type or shape, or lies outside the bounds.
+    #[error("factor {0}")]
+    Value(#[from] BatchError),
+    /// A constraint cannot be met.
+    #[error("factor `{owner}` must be {words}, which {tries}; factors involved: {involved}")]
+    Unsatisfied {
+        /// The constrained factor.
+        owner: String,
+        /// The rule in words.
+        words: &'static str,
+        /// `none of 1000 draws met` or `its value does not meet`.
+        tries: String,
+        /// Names and values of the factors that the rule reads.
+        involved: String,
+    },
+}
+
+/// One assignment of values to all factors: the scenario of an episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fov {
+    names: Vec<String>,
+    values: Vec<Value>,
+    /// Drawn or set in this reset, rather than left at its default.
+    touched: Vec<bool>,
+}
+
+impl FovSpace {
+    /// Draws the assignment of one episode for the environment `env`.
+    pub fn draw(&self, env: &str, episode: &Episode<'_>) -> Result<Fov, EnvError> {
+        self.try_draw(episode)
+            .map_err(|error| EnvError::Reset { env: env.to_owned(), reason: error.to_string() })
+    }
+
+    fn try_draw(&self, episode: &Episode<'_>) -> Result<Fov, FovError> {
+        let drawn = self.selection(episode.options.variation.as_deref())?;
+        let mut fov = self.defaults();
+        let mut set = vec![false; self.factors.len()];
+        for (name, value) in &episode.options.variation_values {
+            let index = self.index(name)?;
+            fov.values[index] = self.fit(index, value)?;
+            set[index] = true;
+        }
+        for (index, factor) in self.factors.iter().enumerate() {
+            fov.touched[index] = drawn[index] || set[index];
+            if !drawn[index] || set[index] {
+                continue;
+            }
+            let mut stream = episode.seed.stream(&factor.spec.name);
+            let rules: Vec<&Constraint> =
+                self.constraints.iter().filter(|rule| rule.owner == factor.spec.name).collect();
+            let mut tries = 0;
+            loop {
+                fov.values[index] = factor.spec.space.sample(&mut stream);
+                tries += 1;
+                let Some(broken) = rules.iter().find(|rule| !(rule.holds)(&fov)) else { break };
+                if tries == MAX_TRIES {
+                    return Err(unsatisfied(broken, &fov, format!("none of {MAX_TRIES} draws met")));
+                }
+            }
+        }
+        // Values that were set or left at their defaults must agree with what was drawn.
+        match self.constraints.iter().find(|rule| !(rule.holds)(&fov)) {
+            Some(broken) => Err(unsatisfied(broken, &fov, "its value does not meet".to_owned())),
+            None => Ok(fov),
+        }
+    }
+
+    /// All factors at their defaults.
+    pub fn defaults(&self) -> Fov {
+        Fov {
+            names: self.factors.iter().map(|factor| factor.spec.name.clone()).collect(),
+            values: self.factors.iter().map(|factor| factor.default.clone()).collect(),
+            touched: vec![false; self.factors.len()],
+        }
+    }
+
+    /// Which factors a list of names, groups or `all` selects; without a list, those drawn by default.
+    fn selection(&self, asked: Option<&[String]>) -> Result<Vec<bool>, FovError> {
+        let Some(asked) = asked else {
+            return Ok(self.factors.iter().map(|factor| factor.spec.drawn_by_default).collect());
+        };
+        let mut selected = vec![false; self.factors.len()];
+        for name in asked {
+            let mut any = false;
+            for (index, factor) in self.factors.iter().enumerate() {
+                let hit = selects(name, &factor.spec.name);
+                selected[index] |= hit;
+                any |= hit;
+            }
+            if !any {
+                return Err(self.unknown(name));
+            }
+        }
+        Ok(selected)
+    }
+
+    pub(crate) fn index(&self, name: &str) -> Result<usize, FovError> {
+        let found = self.factors.iter().position(|factor| factor.spec.name == name);
+        found.ok_or_else(|| self.unknown(name))
+    }
+
+    fn unknown(&self, name: &str) -> FovError {
+        let names = self.factors.iter().map(|factor| factor.spec.name.as_str());
+        let groups = names.clone().filter_map(|name| name.rsplit_once('.').map(|(group, _)| group));
+        FovError::Unknown { name: name.to_owned(), nearest: nearest(name, names.chain(groups)) }
+    }
+
+    /// A given value as this factor's type, if it fits and lies in the bounds.
+    pub(crate) fn fit(&self, index: usize, value: &Value) -> Result<Value, FovError> {
+        let factor = &self.factors[index];
+        let (name, default) = (&factor.spec.name, &factor.default);
+        let value = value.cast(name, default.data.dtype(), &default.shape)?;
+        factor.spec.space.check(name, value.data.as_slice())?;
+        Ok(value)
+    }
+}
+
+fn unsatisfied(rule: &Constraint, fov: &Fov, tries: String) -> FovError {
+    let involved = rule.reads.iter().chain([&rule.owner]).map(|name| format!("{name} = {}", fov.value(name)));
+    FovError::Unsatisfied {
+        owner: rule.owner.to_owned(),
+        words: rule.words,
+        tries,
+        involved: involved.collect::<Vec<_>>().join(", "),
+    }
+}
+
+/// Values by name. The names are the environment's own, so a wrong one is a programming error and panics; the
+/// conformance suite runs every getter.
+impl Fov {
+    fn index(&self, name: &str) -> usize {
+        let found = self.names.iter().position(|own| own == name);
+        found.unwrap_or_else(|| panic!("no factor `{name}`"))
+    }
+
+    /// The value of a factor.
+    pub fn value(&self, name: &str) -> &Value {
+        &self.values[self.index(name)]
+    }
+
+    /// Whether a factor was drawn or set in this reset.
+    pub fn touched(&self, name: &str) -> bool {
+        self.touched[self.index(name)]
+    }
+
+    /// All names and values, in the order of the table.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &Value)> {
+        self.names.iter().map(String::as_str).zip(&self.values)
+    }
+
+    fn slice<T: swm_core::batch::Element>(&self, name: &str) -> &[T] {
+        let value = self.value(name);
+        let slice: Slice<'_> = value.data.as_slice();
+        slice
+            .get()
+            .unwrap_or_else(|| panic!("factor `{name}` holds {}, not {}", value.data.dtype(), T::DTYPE))
+    }
+
+    /// A colour.
+    pub fn rgb(&self, name: &str) -> [u8; 3] {
+        self.vector(name)
+    }
+
+    /// A real number.
+    pub fn f64(&self, name: &str) -> f64 {
+        self.slice(name)[0]
+    }
+
+    /// A real number declared by [`crate::Factor::scalar_f32`].
+    pub fn f32(&self, name: &str) -> f32 {
+        self.slice(name)[0]
+    }
+
+    /// An integer.
+    pub fn i64(&self, name: &str) -> i64 {
+        self.slice(name)[0]
+    }
+
+    /// A vector of `N` values.
+    pub fn vector<T: swm_core::batch::Element + Copy, const N: usize>(&self, name: &str) -> [T; N] {
+        let values = self.slice::<T>(name);
+        values.try_into().unwrap_or_else(|_| panic!("factor `{name}` has {} values, not {N}", values.len()))
+    }
+
+    /// Writes the fields `variation.<name>`, which begin at field `first` of the row.
+    pub fn write(&self, first: usize, out: &mut RowsMut<'_>) {
+        for (offset, value) in self.values.iter().enumerate() {
+            let copied = out.slice_mut(first + offset).copy_from(value.data.as_slice());
+            assert!(copied, "field {} does not fit factor `{}`", first + offset, self.names[offset]);
+        }
+    }
+}
+
+/// Saved with an environment's state: every factor by name, and which were touched.
+impl Serialize for Fov {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let numbers = |value: &Value| value.numbers("factor").unwrap_or_default();
+        let rows: Vec<(&str, Vec<f64>, bool)> = self
+            .iter()
+            .zip(&self.touched)
+            .map(|((name, value), &touched)| (name, numbers(value), touched))
+            .collect();
+        rows.serialize(serializer)
+    }
+}
+
+/// A saved assignment; turn it into a [`Fov`] with [`FovSpace::recall`].
+#[derive(Clone, Debug)]
+pub struct SavedFov(BTreeMap<String, (Vec<f64>, bool)>);
+
+impl<'de> Deserialize<'de> for SavedFov {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let rows = Vec::<(String, Vec<f64>, bool)>::deserialize(deserializer)?;
+        let count = rows.len();
+        let map: BTreeMap<_, _> =
+            rows.into_iter().map(|(name, numbers, touched)| (name, (numbers, touched))).collect();
+        if map.len() == count { Ok(Self(map)) } else { Err(D::Error::custom("a factor is saved twice")) }
+    }
+}
+
+impl FovSpace {
+    /// The assignment that was saved; an error if it belongs to another space.
+    pub fn recall(&self, saved: &SavedFov) -> Result<Fov, FovError> {
+        let mut fov = self.defaults();
+        for (name, (numbers, touched)) in &saved.0 {
+            let index = self.index(name)?;
+            fov.values[index] = self.fit(index, &Value::vector(numbers))?;
+            fov.touched[index] = *touched;
+        }
+        Ok(fov)
+    }
+}

@@ -1,0 +1,173 @@
+//! The declaration of factors and constraints.
+
+use std::collections::BTreeMap;
+
+use serde_json::Value as Json;
+use swm_core::env::{FactorSpec, VARIATION_PREFIX};
+use swm_core::{Dtype, Field, Space, Value};
+
+use crate::draw::{Fov, FovError};
+
+/// One factor: a dotted name, a space, a default.
+#[derive(Clone, Debug)]
+pub struct Factor {
+    pub(crate) spec: FactorSpec,
+    pub(crate) default: Value,
+}
+
+impl Factor {
+    /// A factor with any space; `default` must lie in it (checked by [`FovSpace::new`]).
+    pub fn new(name: &str, space: Space, default: Value) -> Self {
+        let spec = FactorSpec {
+            name: name.to_owned(),
+            doc: String::new(),
+            space,
+            default: default.to_json(),
+            drawn_by_default: false,
+            constraint: None,
+            shows_with: Vec::new(),
+        };
+        Self { spec, default }
+    }
+
+    /// A colour.
+    pub fn rgb(name: &str, default: [u8; 3]) -> Self {
+        Self::new(name, Space::Rgb, Value::vector(&default))
+    }
+
+    /// A real number (`f64`) in `low..=high`.
+    pub fn scalar(name: &str, low: f64, high: f64, default: f64) -> Self {
+        Self::new(name, Space::uniform_box(Dtype::F64, &[], low, high), Value::scalar(default))
+    }
+
+    /// A real number stored as `f32`, as the reference does for lengths that enter its geometry.
+    pub fn scalar_f32(name: &str, low: f64, high: f64, default: f32) -> Self {
+        Self::new(name, Space::uniform_box(Dtype::F32, &[], low, high), Value::scalar(default))
+    }
+
+    /// A vector of real numbers (`f64`), each in `low..=high`.
+    pub fn vector(name: &str, low: f64, high: f64, default: &[f64]) -> Self {
+        let space = Space::uniform_box(Dtype::F64, &[default.len()], low, high);
+        Self::new(name, space, Value::vector(default))
+    }
+
+    /// An integer in `low..=high`.
+    pub fn integer(name: &str, low: i64, high: i64, default: i64) -> Self {
+        Self::new(name, Space::Discrete { n: high - low + 1, start: low }, Value::scalar(default))
+    }
+
+    /// What it does, in a few words.
+    #[must_use]
+    pub fn doc(mut self, doc: &str) -> Self {
+        self.spec.doc = doc.to_owned();
+        self
+    }
+
+    /// It is drawn when a reset names no factors.
+    #[must_use]
+    pub fn drawn_by_default(mut self) -> Self {
+        self.spec.drawn_by_default = true;
+        self
+    }
+
+    /// It changes nothing unless `factor` has `value`.
+    #[must_use]
+    pub fn shows_with(mut self, factor: &str, value: impl Into<Json>) -> Self {
+        self.spec.shows_with.push((factor.to_owned(), value.into()));
+        self
+    }
+}
+
+/// A rule between factors. It belongs to one of them, its owner: when the rule fails, the owner is drawn again.
+#[derive(Clone, Debug)]
+pub struct Constraint {
+    /// The factor that is drawn again.
+    pub owner: &'static str,
+    /// The other factors that the rule reads; they must stand before the owner in the table.
+    pub reads: &'static [&'static str],
+    /// The rule in words: "on the other side of the wall than agent.position".
+    pub words: &'static str,
+    /// The rule.
+    pub holds: fn(&Fov) -> bool,
+}
+
+/// All factors of an environment, in the order in which they are drawn.
+#[derive(Clone, Debug)]
+pub struct FovSpace {
+    pub(crate) factors: Vec<Factor>,
+    pub(crate) constraints: Vec<Constraint>,
+}
+
+impl FovSpace {
+    /// A space without constraints.
+    ///
+    /// # Panics
+    /// If two factors share a name or a default lies outside its space: the table is source code, and the
+    /// mistake is a bug in it.
+    pub fn new(factors: Vec<Factor>) -> Self {
+        for (index, factor) in factors.iter().enumerate() {
+            let name = &factor.spec.name;
+            assert!(
+                factor.spec.space.contains(&factor.default),
+                "the default of `{name}` lies outside its space"
+            );
+            assert!(
+                !factors[..index].iter().any(|other| other.spec.name == *name),
+                "two factors are named `{name}`"
+            );
+        }
+        Self { factors, constraints: Vec::new() }
+    }
+
+    /// Adds constraints.
+    ///
+    /// # Panics
+    /// If a constraint names a factor that does not exist, or reads one that is drawn after its owner.
+    #[must_use]
+    pub fn with_constraints(mut self, constraints: Vec<Constraint>) -> Self {
+        for constraint in &constraints {
+            let owner = self.position(constraint.owner);
+            for read in constraint.reads {
+                assert!(
+                    self.position(read) < owner,
+                    "`{}` reads `{read}`, which is drawn later",
+                    constraint.owner
+                );
+            }
+            self.factors[owner].spec.constraint = Some(constraint.words.to_owned());
+        }
+        self.constraints = constraints;
+        self
+    }
+
+    fn position(&self, name: &str) -> usize {
+        let found = self.factors.iter().position(|factor| factor.spec.name == name);
+        found.unwrap_or_else(|| panic!("a constraint names `{name}`, which is no factor"))
+    }
+
+    /// The same space with other defaults, by name.
+    pub fn with_defaults(mut self, defaults: &BTreeMap<String, Value>) -> Result<Self, FovError> {
+        for (name, value) in defaults {
+            let index = self.index(name)?;
+            let value = self.fit(index, value)?;
+            let factor = &mut self.factors[index];
+            factor.spec.default = value.to_json();
+            factor.default = value;
+        }
+        Ok(self)
+    }
+
+    /// The factors as data.
+    pub fn specs(&self) -> Vec<FactorSpec> {
+        self.factors.iter().map(|factor| factor.spec.clone()).collect()
+    }
+
+    /// The episode fields `variation.<name>`, in order.
+    pub fn fields(&self) -> Vec<Field> {
+        let field = |factor: &Factor| {
+            let Factor { spec, default } = factor;
+            Field::episode(&format!("{VARIATION_PREFIX}{}", spec.name), default.data.dtype(), &default.shape)
+        };
+        self.factors.iter().map(field).collect()
+    }
+}
