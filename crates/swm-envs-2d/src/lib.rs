@@ -1,1 +1,3 @@
 //! Two-dimensional environments: PushT.
+
+pub mod pusht;

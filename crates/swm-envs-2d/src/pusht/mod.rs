@@ -1,0 +1,3 @@
+//! PushT: push a block to a pose.
+
+pub mod physics;
