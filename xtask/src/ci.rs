@@ -109,7 +109,9 @@ fn run_steps<'a>(steps: &mut impl Iterator<Item = &'a Step>, keep_going: bool) -
 
 /// One line per step, wall times in seconds, and their sum.
 fn table(outcomes: &[Outcome], not_run: &[&str]) -> String {
-    let line = |name: &str, wall: String, result: &str| format!("{name:<10}{wall:>10}  {result}\n");
+    let line = |name: &str, wall: String, result: &str| {
+        format!("{name:<10}{wall:>10}  {result}").trim_end().to_owned() + "\n"
+    };
     let seconds = |wall: Duration| format!("{:.1} s", wall.as_secs_f64());
     let mut text = line("step", "wall".into(), "result");
     for Outcome { name, wall, error } in outcomes {
@@ -182,7 +184,7 @@ step            wall  result
 fmt            0.4 s  ok
 test          61.2 s  FAILED
 doc                -  not run
-total         61.6 s  \n";
+total         61.6 s\n";
         assert_eq!(text, expected);
     }
 

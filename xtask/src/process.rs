@@ -3,14 +3,21 @@
 //! Knows no command of its own.
 
 use std::ffi::OsStr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::LazyLock;
 
 use anyhow::{Context as _, Error, Result, bail};
 
-/// The root of the checkout that this binary was built from.
+/// The root of the checkout that cargo runs us in. A binary in a build directory that several checkouts share may have been
+/// built in another one.
 pub(crate) fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("xtask lies one level below the root")
+    static ROOT: LazyLock<PathBuf> = LazyLock::new(|| {
+        let xtask =
+            std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
+        Path::new(&xtask).parent().expect("xtask lies one level below the root").into()
+    });
+    &ROOT
 }
 
 /// The cargo that runs us, to be started in the checkout's root.

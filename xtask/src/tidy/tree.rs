@@ -29,7 +29,8 @@ impl Tree {
     /// Reads the checkout.
     pub(super) fn load() -> Result<Self> {
         let mut git = Command::new("git");
-        git.current_dir(process::root()).args([
+        // A CI machine may run us as another user than the one who owns the checkout; we only list files.
+        git.current_dir(process::root()).args(["-c", "safe.directory=*"]).args([
             "ls-files",
             "-z",
             "--cached",
