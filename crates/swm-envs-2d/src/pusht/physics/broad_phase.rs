@@ -173,22 +173,27 @@ impl BroadPhase {
 
     /// True if a foreign state can be stepped with these bodies.
     pub(super) fn is_sound(&self, layout: Layout) -> bool {
-        let partners_fit = self.partners.iter().enumerate().all(|(leaf, partners)| {
-            let fits = |partner: &Partner| match *partner {
-                Partner::Wall(wall) => usize::from(wall) < WALLS && layout.meets_walls(leaf),
-                Partner::Leaf(other) => {
-                    usize::from(other) < layout.leaves
-                        && layout.body_of(usize::from(other)) != layout.body_of(leaf)
-                        && !self.partners[usize::from(other)].as_slice().contains(&Partner::Leaf(leaf as u8))
-                }
-            };
-            let own = partners.items.get(..usize::from(partners.len));
-            own.is_some_and(|own| {
-                let distinct = own.iter().enumerate().all(|(i, partner)| !own[..i].contains(partner));
-                own.iter().all(fits) && distinct && (own.is_empty() || leaf < layout.leaves)
+        let capacity = WALLS + MAX_PARTS;
+        if self.partners.iter().any(|partners| usize::from(partners.len) > capacity) {
+            return false;
+        }
+        // Each pair at most once, and only pairs that can touch: this bounds the number of tests.
+        let pairs_fit = self.partners.iter().enumerate().all(|(leaf, partners)| {
+            let own = partners.as_slice();
+            own.iter().enumerate().all(|(place, partner)| {
+                let possible = match *partner {
+                    Partner::Wall(wall) => usize::from(wall) < WALLS && layout.meets_walls(leaf),
+                    Partner::Leaf(other) => {
+                        let other = usize::from(other);
+                        other < layout.leaves
+                            && layout.body_of(other) != layout.body_of(leaf)
+                            && !self.partners[other].as_slice().contains(&Partner::Leaf(leaf as u8))
+                    }
+                };
+                possible && leaf < layout.leaves && !own[..place].contains(partner)
             })
         });
-        partners_fit && self.tree.is_sound(layout.leaves)
+        pairs_fit && self.tree.is_sound(layout.leaves)
     }
 }
 

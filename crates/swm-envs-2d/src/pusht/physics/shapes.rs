@@ -146,6 +146,11 @@ impl Shape {
             .sum()
     }
 
+    /// The number of moving parts: rectangles, or the one disc.
+    pub fn part_count(self) -> usize {
+        self.facts().parts.len().max(1)
+    }
+
     fn facts(self) -> &'static ShapeFacts {
         &FACTS[self.index()]
     }

@@ -190,6 +190,14 @@ impl Sim {
         self.state.advance(&self.world, &mut scratch)
     }
 
+    /// Lets the contacts at the present poses set the velocities, without moving anything: after
+    /// [`Sim::place_exactly`] at a recorded moment, the next step then continues as the recorded one did. Returns the
+    /// number of contact points.
+    pub fn settle(&mut self) -> u32 {
+        let mut scratch = Scratch::new(&self.world, &self.state.bodies);
+        self.state.resolve_contacts(&self.world, &mut scratch)
+    }
+
     /// One control step of 0.1 s: ten times the controller and a substep. Returns the contact points of all ten; see
     /// [`contact_count`].
     ///
@@ -302,13 +310,17 @@ impl Sim {
 impl State {
     /// One substep. Returns the number of contact points.
     fn advance(&mut self, world: &World, scratch: &mut Scratch) -> u32 {
+        for (id, body) in [BodyId::Agent, BodyId::Block].into_iter().zip(&mut self.bodies) {
+            body.integrate();
+            scratch.placed.follow(world, id, body);
+        }
+        self.resolve_contacts(world, scratch)
+    }
+
+    /// Finds the contacts at the present poses and lets them set the velocities. Returns their number.
+    fn resolve_contacts(&mut self, world: &World, scratch: &mut Scratch) -> u32 {
         let State { bodies, broad_phase, memory } = self;
         let Scratch { placed, tests, touches, touches_len, contacts } = scratch;
-
-        for (id, body) in [BodyId::Agent, BodyId::Block].into_iter().zip(&mut *bodies) {
-            body.integrate();
-            placed.follow(world, id, body);
-        }
 
         broad_phase.update(world, placed, bodies, tests);
         contacts.clear();

@@ -1,1 +1,5 @@
-//! placeholder
+//! Tests of the simulation as a whole: facts that can be checked by hand, recorded trajectories, properties.
+
+mod facts;
+mod golden;
+mod properties;
