@@ -1,9 +1,6 @@
 //! Drawing an assignment: selection, explicit values, rejection under constraints.
 
-use std::collections::BTreeMap;
-
-use serde::de::Error as _;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 use swm_core::dataset::selects;
 use swm_core::env::Episode;
 use swm_core::error::{did_you_mean, nearest};
@@ -30,6 +27,14 @@ pub enum FovError {
     /// A value has a wrong type or shape, or lies outside the bounds.
     #[error("factor {0}")]
     Value(#[from] BatchError),
+    /// A saved assignment belongs to another space.
+    #[error("the saved factors hold {found} numbers, these factors {expected}")]
+    Foreign {
+        /// Numbers saved.
+        found: usize,
+        /// Numbers of this space.
+        expected: usize,
+    },
     /// A constraint cannot be met.
     #[error("factor `{owner}` must be {words}, which {tries}; factors involved: {involved}")]
     Unsatisfied {
@@ -220,42 +225,37 @@ impl Fov {
     }
 }
 
-/// Saved with an environment's state: every factor by name, and which were touched.
-impl Serialize for Fov {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let numbers = |value: &Value| value.numbers("factor").unwrap_or_default();
-        let rows: Vec<(&str, Vec<f64>, bool)> = self
-            .iter()
-            .zip(&self.touched)
-            .map(|((name, value), &touched)| (name, numbers(value), touched))
-            .collect();
-        rows.serialize(serializer)
-    }
+/// An assignment as plain numbers, for an environment's saved state; turn it into a [`Fov`] with
+/// [`FovSpace::recall`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SavedFov {
+    values: Vec<f64>,
+    touched: Vec<bool>,
 }
 
-/// A saved assignment; turn it into a [`Fov`] with [`FovSpace::recall`].
-#[derive(Clone, Debug)]
-pub struct SavedFov(BTreeMap<String, (Vec<f64>, bool)>);
-
-impl<'de> Deserialize<'de> for SavedFov {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let rows = Vec::<(String, Vec<f64>, bool)>::deserialize(deserializer)?;
-        let count = rows.len();
-        let map: BTreeMap<_, _> =
-            rows.into_iter().map(|(name, numbers, touched)| (name, (numbers, touched))).collect();
-        if map.len() == count { Ok(Self(map)) } else { Err(D::Error::custom("a factor is saved twice")) }
+impl Fov {
+    /// The assignment as plain numbers.
+    pub fn save(&self) -> SavedFov {
+        let numbers = self.iter().flat_map(|(name, value)| value.numbers(name).expect("factors are numbers"));
+        SavedFov { values: numbers.collect(), touched: self.touched.clone() }
     }
 }
 
 impl FovSpace {
-    /// The assignment that was saved; an error if it belongs to another space.
+    /// The assignment that was saved; an error if it does not fit this space.
     pub fn recall(&self, saved: &SavedFov) -> Result<Fov, FovError> {
         let mut fov = self.defaults();
-        for (name, (numbers, touched)) in &saved.0 {
-            let index = self.index(name)?;
-            fov.values[index] = self.fit(index, &Value::vector(numbers))?;
-            fov.touched[index] = *touched;
+        let mut rest = saved.values.as_slice();
+        let width: usize = fov.values.iter().map(|value| value.data.len()).sum();
+        if rest.len() != width || saved.touched.len() != fov.touched.len() {
+            return Err(FovError::Foreign { found: rest.len(), expected: width });
         }
+        for index in 0..fov.values.len() {
+            let (numbers, tail) = rest.split_at(fov.values[index].data.len());
+            fov.values[index] = self.fit(index, &Value::vector(numbers))?;
+            rest = tail;
+        }
+        fov.touched.clone_from(&saved.touched);
         Ok(fov)
     }
 }

@@ -84,7 +84,7 @@ proptest! {
     #[test]
     fn a_saved_assignment_comes_back(seed in 0u64..1 << 40) {
         let fov = draw(seed, &ResetOptions::default().vary(&["all"])).unwrap();
-        let saved = serde_json::from_str(&serde_json::to_string(&fov).unwrap()).unwrap();
+        let saved = serde_json::from_str(&serde_json::to_string(&fov.save()).unwrap()).unwrap();
         prop_assert_eq!(space().recall(&saved).unwrap(), fov);
     }
 }

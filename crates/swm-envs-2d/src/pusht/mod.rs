@@ -1,3 +1,68 @@
-//! PushT: push a block to a pose.
+//! PushT: an agent pushes a block to a goal pose on a table with four walls.
+//!
+//! Observation, factors, goals and reward are the reference's; where it has faults, the page of the environment says
+//! what is kept for parity and what is mended.
 
+mod discrete;
+mod drawing;
+mod env;
+mod factors;
+mod goal;
 pub mod physics;
+mod settings;
+mod weak;
+
+use serde::Deserialize;
+use swm_core::{Actor, EnvEntry, PerEpisode, PolicyEntry, RowView, Setting};
+
+pub use discrete::{from_continuous, to_continuous};
+pub use env::PushT;
+pub use factors::factors;
+pub use goal::{PushTState, angle_error, is_success, observed_state, reward, task_cost};
+
+/// `swm/PushT-v1`.
+pub const PUSHT: EnvEntry = EnvEntry {
+    id: "swm/PushT-v1",
+    summary: "push a block to a goal pose with a disc or polygon; two-dimensional continuous actions",
+    settings: settings::SETTINGS,
+    policies: POLICIES,
+    make: |config| Ok(Box::new(PushT::new(PUSHT.id, false, config)?)),
+};
+
+/// `swm/PushT-Discrete-v1`.
+pub const PUSHT_DISCRETE: EnvEntry = EnvEntry {
+    id: "swm/PushT-Discrete-v1",
+    summary: "PushT with 16 × 16 polar actions",
+    settings: settings::SETTINGS,
+    policies: POLICIES,
+    make: |config| Ok(Box::new(PushT::new(PUSHT_DISCRETE.id, true, config)?)),
+};
+
+/// Policies that know PushT.
+const POLICIES: &[PolicyEntry] = &[PolicyEntry {
+    name: "weak",
+    summary: "random pushes that stay near the block (the reference's WeakPolicy)",
+    settings: &[Setting {
+        name: "dist_constraint",
+        doc: "largest distance of the target from the block, px per axis",
+        default: "100",
+    }],
+    make: |_, args| {
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        struct Config {
+            dist_constraint: f64,
+        }
+        impl Default for Config {
+            fn default() -> Self {
+                Self { dist_constraint: 100.0 }
+            }
+        }
+        let Config { dist_constraint: reach_px } = args.parse_with("dist_constraint")?;
+        if !(reach_px > 0.0) {
+            return Err(args.wrong(format!("dist_constraint {reach_px} must be above 0")));
+        }
+        let make = move |_: &RowView<'_>| Ok(Box::new(weak::Weak { reach_px }) as Box<dyn Actor>);
+        Ok(Box::new(PerEpisode::new(format!("weak:dist_constraint={reach_px}"), make)))
+    },
+}];

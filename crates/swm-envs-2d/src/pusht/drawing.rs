@@ -1,0 +1,114 @@
+//! How PushT is drawn: once, against `Painter`, for exact and fast pictures alike. The order is the reference's:
+//! table and goal below, then bodies, walls over them, contacts on top.
+
+use swm_fov::Fov;
+use swm_render::{Painter, Rgb, light};
+
+use super::physics::{BodyId, Shape, Sim, WALL_SEGMENTS};
+
+const WALL_COLOR: Rgb = [211, 211, 211];
+const CONTACT_COLOR: Rgb = [231, 76, 60];
+const ACTION_COLOR: Rgb = [255, 0, 0];
+/// Half the length of a contact line beyond its two points, in pixels.
+const CONTACT_REACH: f64 = 2.0;
+/// The inner disc of the agent is this much smaller, in pixels.
+const RIM: f64 = 4.0;
+
+/// Colours and goal of an episode.
+#[derive(Clone, Debug)]
+pub(super) struct Look {
+    background: Rgb,
+    agent: Rgb,
+    block: Rgb,
+    goal: Option<DrawnGoal>,
+}
+
+#[derive(Clone, Debug)]
+struct DrawnGoal {
+    color: Rgb,
+    parts: Vec<[[f64; 2]; 4]>,
+}
+
+impl Look {
+    pub(super) fn new(fov: &Fov, shape: Shape, with_target: bool) -> Self {
+        let goal = with_target.then(|| {
+            let scale =
+                if fov.touched("goal.scale") { fov.f32("goal.scale") } else { fov.f32("block.scale") };
+            let (sin, cos) = fov.f64("goal.angle").sin_cos();
+            let [x0, y0]: [f64; 2] = fov.vector("goal.position");
+            let place = |[x, y]: [f64; 2]| [x0 + cos * x - sin * y, y0 + sin * x + cos * y];
+            let parts = shape.rectangles(scale).map(|part| part.corners().map(place)).collect();
+            DrawnGoal { color: fov.rgb("goal.color"), parts }
+        });
+        Self {
+            background: fov.rgb("background.color"),
+            agent: fov.rgb("agent.color"),
+            block: fov.rgb("block.color"),
+            goal,
+        }
+    }
+
+    /// What does not move in an episode.
+    pub(super) fn draw_background(&self, painter: &mut dyn Painter) {
+        painter.fill(self.background);
+        if let Some(goal) = &self.goal {
+            for corners in &goal.parts {
+                painter.polygon(corners, goal.color);
+            }
+        }
+    }
+
+    /// Everything else. `target` is the controller's, if it is to be marked.
+    pub(super) fn draw(&self, sim: &Sim, target: Option<[f64; 2]>, painter: &mut dyn Painter) {
+        self.draw_bodies(sim, painter);
+        for wall in &WALL_SEGMENTS {
+            painter.fat_segment(wall.from, wall.to, WALL_COLOR);
+        }
+        for contact in sim.contacts() {
+            let [nx, ny] = contact.normal.map(|n| CONTACT_REACH * n);
+            let ([ax, ay], [bx, by]) = (contact.on_first, contact.on_second);
+            painter.aa_line([ax - nx, ay - ny], [bx + nx, by + ny], CONTACT_COLOR);
+        }
+        if let Some([x, y]) = target {
+            painter.fat_segment([x - 20.0, y], [x + 20.0, y], ACTION_COLOR);
+            painter.fat_segment([x, y - 20.0], [x, y + 20.0], ACTION_COLOR);
+        }
+    }
+
+    /// The reference draws shapes in the order of a hash table: with up to four moving parts the first comes
+    /// last, otherwise they come in order.
+    fn draw_bodies(&self, sim: &Sim, painter: &mut dyn Painter) {
+        let count = |body| sim.shape(body).part_count();
+        let first_last = count(BodyId::Agent) + count(BodyId::Block) <= 4;
+        let skipped = usize::from(first_last);
+        self.draw_parts(sim, BodyId::Agent, skipped.., painter);
+        self.draw_parts(sim, BodyId::Block, 0.., painter);
+        if first_last {
+            self.draw_parts(sim, BodyId::Agent, ..1, painter);
+        }
+    }
+
+    fn draw_parts(
+        &self,
+        sim: &Sim,
+        body: BodyId,
+        parts: impl std::ops::RangeBounds<usize>,
+        painter: &mut dyn Painter,
+    ) {
+        let color = if body == BodyId::Agent { self.agent } else { self.block };
+        if sim.shape(body) == Shape::Disc {
+            if parts.contains(&0) {
+                let (center, radius) = (sim.position(body), Shape::disc_radius(sim.scale(body)));
+                painter.disc(center, radius, color);
+                painter.disc(center, radius - RIM, light(color));
+            }
+            return;
+        }
+        for (_, corners) in sim.corners(body).enumerate().filter(|(index, _)| parts.contains(index)) {
+            painter.polygon(&corners, light(color));
+            for (index, &from) in corners.iter().enumerate() {
+                painter.fat_segment(from, corners[(index + 1) % 4], color);
+            }
+        }
+    }
+}

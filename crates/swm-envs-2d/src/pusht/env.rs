@@ -1,0 +1,342 @@
+//! `swm/PushT-v1` and its discrete variant as environments: reset, step, observation, saved states.
+
+use serde::{Deserialize, Serialize};
+use swm_core::env::{PIXELS, ResetOptions};
+use swm_core::{
+    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, ImageSize, Outcome,
+    RowsMut, Slice, Space, Value,
+};
+use swm_fov::{Fov, FovSpace, SavedFov};
+use swm_render::{Geometry, Renderer};
+
+use super::discrete;
+use super::drawing::Look;
+use super::factors::{factors_with, setup};
+use super::goal::{self, PushTState, observed_state};
+use super::physics::{ActionMode, BodyId, Placement, Setup, Sim, State, contact_count};
+use super::settings::Settings;
+
+// Field indices, in the order of `fields`.
+const STATE: usize = 0;
+const PROPRIO: usize = 1;
+const POS_AGENT: usize = 2;
+const VEL_AGENT: usize = 3;
+const BLOCK_POSE: usize = 4;
+const N_CONTACTS: usize = 5;
+const GOAL_POSE: usize = 6;
+const GOAL_STATE: usize = 7;
+const GOAL_PROPRIO: usize = 8;
+const FACTORS: usize = 9;
+
+/// Push a block to a goal pose. See the crate's documentation.
+pub struct PushT {
+    spec: EnvSpec,
+    settings: Settings,
+    space: FovSpace,
+    fov: Fov,
+    sim: Sim,
+    goal: PushTState,
+    /// Contact points counted since the last observation.
+    contact_points: u32,
+    /// The controller's target of the last step, in pixels.
+    target: Option<[f64; 2]>,
+    picture: Option<Picture>,
+}
+
+/// What is needed to draw.
+struct Picture {
+    renderer: Renderer,
+    look: Look,
+    goal: Vec<u8>,
+    /// The goal picture belongs to an earlier episode.
+    goal_is_stale: bool,
+}
+
+/// A saved moment.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    fov: SavedFov,
+    goal: PushTState,
+    contact_points: u32,
+    target: Option<[f64; 2]>,
+    sim: State,
+}
+
+impl PushT {
+    /// Makes the environment `id`, continuous or discrete.
+    pub fn new(id: &str, discrete: bool, config: &EnvConfig) -> Result<Self, EnvError> {
+        let settings: Settings = config.parse_settings(id)?;
+        let wrong = |reason: String| EnvError::Setting { env: id.to_owned(), reason };
+        if discrete && !settings.relative {
+            return Err(wrong("discrete actions are relative; remove `relative=false`".to_owned()));
+        }
+        let space = factors_with(id, &settings.init_value)?;
+        let fov = space.defaults();
+        let setup = setup(&fov, &settings);
+        let sim = Sim::new(&setup).map_err(|error| wrong(error.to_string()))?;
+        let picture = config
+            .image
+            .map(|size| Picture::new(size, &settings, &fov, &setup))
+            .transpose()
+            .map_err(wrong)?;
+        Ok(Self {
+            spec: spec(id, discrete, config.image, &space),
+            settings,
+            fov,
+            space,
+            sim,
+            goal: [0.0; 7],
+            contact_points: 0,
+            target: None,
+            picture,
+        })
+    }
+
+    /// The simulation as it stands.
+    pub fn sim(&self) -> &Sim {
+        &self.sim
+    }
+
+    /// The rewarded goal.
+    pub fn goal(&self) -> &PushTState {
+        &self.goal
+    }
+
+    /// The goal that an episode draws: fresh samples of the start factors' spaces, and the start velocity.
+    fn drawn_goal(&self, seed: EpisodeSeed) -> Result<PushTState, EnvError> {
+        let draw = |factor: &str| -> Result<Vec<f64>, EnvError> {
+            let spec =
+                self.spec.factors.iter().find(|spec| spec.name == factor).expect("a factor of the table");
+            let mut stream = seed.stream(&format!("goal_state {factor}"));
+            Ok(spec.space.sample(&mut stream).numbers(factor)?)
+        };
+        let (agent, block) = (draw("agent.start_position")?, draw("block.start_position")?);
+        let angle = draw("block.angle")?;
+        let [vx, vy] = self.fov.vector("agent.velocity");
+        Ok([agent[0], agent[1], block[0], block[1], angle[0], vx, vy])
+    }
+
+    fn start(&self) -> PushTState {
+        let ([x, y], [vx, vy]) = (self.fov.vector("agent.start_position"), self.fov.vector("agent.velocity"));
+        let [bx, by]: [f64; 2] = self.fov.vector("block.start_position");
+        [x, y, bx, by, self.fov.f64("block.angle"), vx, vy]
+    }
+
+    /// A new world with the bodies at the goal, after the reference's one substep there.
+    fn sim_at_goal(&self) -> Result<(Sim, u32), EnvError> {
+        let mut sim = Sim::new(&setup(&self.fov, &self.settings)).map_err(|error| self.reset_error(error))?;
+        sim.place(&Placement::from(self.goal)).map_err(|error| self.reset_error(error))?;
+        let points = sim.substep();
+        Ok((sim, points))
+    }
+
+    fn reset_error(&self, reason: impl ToString) -> EnvError {
+        EnvError::Reset { env: self.spec.id.clone(), reason: reason.to_string() }
+    }
+
+    /// The column `state` of a recorded row.
+    fn recorded_state(
+        &self,
+        row: &std::collections::BTreeMap<String, Value>,
+    ) -> Result<PushTState, EnvError> {
+        let value =
+            row.get("state").ok_or_else(|| self.reset_error("start and goal need the column `state`"))?;
+        let numbers = value.cast("state", Dtype::F64, &[7])?.numbers("state")?;
+        if numbers.iter().any(|number| !number.is_finite()) {
+            return Err(self.reset_error("the recorded `state` is not finite"));
+        }
+        Ok(numbers.try_into().expect("cast to seven numbers"))
+    }
+
+    /// The reference's order: goal state and one substep, then start state and one substep. What the goal pose
+    /// leaves in contacts acts in the second. A recorded start is taken over exactly instead.
+    fn place_bodies(&mut self, options: &ResetOptions) -> Result<(), EnvError> {
+        let (sim, points) = self.sim_at_goal()?;
+        self.sim = sim;
+        self.contact_points = points;
+        if let Some(start) = &options.start {
+            let start = self.recorded_state(start)?;
+            self.sim.place_exactly(&Placement::from(start)).map_err(|error| self.reset_error(error))?;
+            self.contact_points = self.sim.settle();
+        } else {
+            let start = Placement::from(self.start());
+            self.sim.place(&start).map_err(|error| self.reset_error(error))?;
+            self.contact_points += self.sim.substep();
+        }
+        Ok(())
+    }
+
+    fn outcome(&self) -> Outcome {
+        let state = observed_state(&self.sim);
+        let success = goal::is_success(self.sim.shape(BodyId::Block), &self.goal, &state);
+        Outcome { reward: goal::reward(&self.goal, &state), terminated: success, success: Some(success) }
+    }
+
+    fn refresh_look(&mut self) {
+        if let Some(picture) = &mut self.picture {
+            picture.look = Look::new(&self.fov, self.sim.shape(BodyId::Block), self.settings.with_target);
+            let look = &picture.look;
+            picture.renderer.set_background(|painter| look.draw_background(painter));
+            picture.goal_is_stale = true;
+        }
+    }
+}
+
+impl Env for PushT {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+        self.fov = self.space.draw(&self.spec.id, episode)?;
+        self.goal = match &episode.options.goal {
+            Some(row) => self.recorded_state(row)?,
+            None => self.drawn_goal(episode.seed)?,
+        };
+        self.target = None;
+        self.place_bodies(episode.options)?;
+        self.refresh_look();
+        Ok(Outcome { reward: f64::NAN, terminated: false, ..self.outcome() })
+    }
+
+    fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
+        let (action, mode) = match action {
+            Slice::F32(&[x, y]) if self.settings.relative => ([x, y], ActionMode::Relative),
+            Slice::F32(&[x, y]) => ([x, y], ActionMode::Absolute),
+            Slice::I64(&[radius, angle]) => (discrete::to_continuous([radius, angle]), ActionMode::Relative),
+            other => {
+                let reason = format!("{} values of {} are no action", other.len(), other.dtype());
+                return Err(EnvError::Diverged { env: self.spec.id.clone(), reason });
+            }
+        };
+        let start = self.sim.position(BodyId::Agent);
+        self.target = Some(match mode {
+            ActionMode::Relative => [0, 1].map(|axis| start[axis] + 100.0 * f64::from(action[axis])),
+            ActionMode::Absolute => action.map(f64::from),
+        });
+        self.contact_points = self.sim.control_step(action, mode);
+        if observed_state(&self.sim).iter().any(|value| !value.is_finite()) {
+            let reason = format!("the state is not finite after the action {action:?}");
+            return Err(EnvError::Diverged { env: self.spec.id.clone(), reason });
+        }
+        Ok(self.outcome())
+    }
+
+    fn write_episode(&mut self, out: &mut RowsMut<'_>) {
+        let [gx, gy]: [f64; 2] = self.fov.vector("goal.position");
+        out.write(GOAL_POSE, &[gx, gy, self.fov.f64("goal.angle")]);
+        out.write(GOAL_STATE, &self.goal);
+        let [x, y, .., vx, vy] = self.goal;
+        out.write(GOAL_PROPRIO, &[x, y, vx, vy]);
+        self.fov.write(FACTORS, out);
+        let stale = self.picture.as_ref().is_some_and(|picture| picture.goal_is_stale);
+        let at_goal = stale.then(|| self.sim_at_goal()).and_then(Result::ok);
+        if let Some(picture) = &mut self.picture {
+            if let Some((sim, _)) = at_goal {
+                picture.draw_goal(&sim);
+            }
+            out.write(self.spec.fields.len() - 1, &picture.goal);
+        }
+    }
+
+    fn observe(&mut self, out: &mut RowsMut<'_>) {
+        let state = observed_state(&self.sim);
+        let [x, y, bx, by, _, vx, vy] = state;
+        out.write(STATE, &state);
+        out.write(PROPRIO, &[x, y, vx, vy]);
+        out.write(POS_AGENT, &[x, y]);
+        out.write(VEL_AGENT, &[vx, vy]);
+        out.write(BLOCK_POSE, &[bx, by, self.sim.angle(BodyId::Block)]);
+        out.write(N_CONTACTS, &[i64::from(contact_count(self.contact_points))]);
+        if let Some(picture) = &mut self.picture {
+            let target = self.target.filter(|_| self.settings.render_action);
+            picture.draw(&self.sim, target, out.at(self.spec.fields.len() - 2));
+        }
+    }
+
+    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
+        let saved = Saved {
+            fov: self.fov.save(),
+            goal: self.goal,
+            contact_points: self.contact_points,
+            target: self.target,
+            sim: *self.sim.state(),
+        };
+        state.store(&self.spec.id, &saved)
+    }
+
+    fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
+        let saved: Saved = state.load(&self.spec.id)?;
+        let foreign = |reason: String| EnvError::State { env: self.spec.id.clone(), reason };
+        let fov = self.space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
+        let same_world = fov == self.fov && saved.goal == self.goal;
+        let setup = setup(&fov, &self.settings);
+        let mut sim = Sim::new(&setup).map_err(|error| foreign(error.to_string()))?;
+        sim.restore(&saved.sim).map_err(|error| foreign(error.to_string()))?;
+        (self.fov, self.goal, self.sim) = (fov, saved.goal, sim);
+        (self.contact_points, self.target) = (saved.contact_points, saved.target);
+        if !same_world {
+            self.refresh_look();
+        }
+        Ok(())
+    }
+
+    fn task_cost(&self) -> Option<f64> {
+        Some(goal::task_cost(self.sim.shape(BodyId::Block), &self.goal, &observed_state(&self.sim)))
+    }
+}
+
+impl Picture {
+    fn new(size: ImageSize, settings: &Settings, fov: &Fov, setup: &Setup) -> Result<Self, String> {
+        let geometry = Geometry::new(size.height, size.width);
+        let mut renderer =
+            Renderer::new(settings.render.into(), geometry).map_err(|error| error.to_string())?;
+        let look = Look::new(fov, setup.block.shape, settings.with_target);
+        renderer.set_background(|painter| look.draw_background(painter));
+        Ok(Self { renderer, look, goal: vec![0; geometry.frame_len()], goal_is_stale: true })
+    }
+
+    fn draw(&mut self, sim: &Sim, target: Option<[f64; 2]>, out: &mut [u8]) {
+        let look = &self.look;
+        let drawn = self.renderer.render(out, |painter| look.draw(sim, target, painter));
+        drawn.expect("the pixel field has the renderer's size");
+    }
+
+    fn draw_goal(&mut self, sim: &Sim) {
+        let mut goal = std::mem::take(&mut self.goal);
+        self.draw(sim, None, &mut goal);
+        self.goal = goal;
+        self.goal_is_stale = false;
+    }
+}
+
+fn spec(id: &str, discrete: bool, image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
+    let step = |name: &str, width: usize| Field::step(name, Dtype::F64, &[width]);
+    let episode = |name: &str, width: usize| Field::episode(name, Dtype::F64, &[width]);
+    let mut fields = vec![
+        step("state", 7),
+        step("proprio", 4),
+        step("pos_agent", 2),
+        step("vel_agent", 2),
+        step("block_pose", 3),
+        Field::step("n_contacts", Dtype::I64, &[]),
+        episode("goal_pose", 3),
+        episode("goal_state", 7),
+        episode("goal_proprio", 4),
+    ];
+    fields.extend(space.fields());
+    if let Some(size) = image {
+        fields.push(size.field(PIXELS));
+        fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
+    }
+    let action = if discrete { discrete::space() } else { Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0) };
+    EnvSpec {
+        id: id.to_owned(),
+        action,
+        fields,
+        factors: space.specs(),
+        time_step_s: 0.1,
+        start_columns: &["state"],
+        goal_columns: &["state"],
+    }
+}

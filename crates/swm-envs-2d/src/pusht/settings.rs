@@ -1,0 +1,83 @@
+//! What the maker of a PushT environment may choose.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
+use swm_core::Setting;
+use swm_render::Style;
+
+/// Constructor settings. Unknown names are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Settings {
+    pub relative: bool,
+    pub with_target: bool,
+    pub render: Render,
+    pub render_action: bool,
+    pub damping: f64,
+    pub block_cog: Option<[f64; 2]>,
+    pub init_value: Map<String, Json>,
+}
+
+/// [`Style`], as it is written in settings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Render {
+    #[default]
+    Exact,
+    Fast,
+}
+
+impl From<Render> for Style {
+    fn from(render: Render) -> Self {
+        match render {
+            Render::Exact => Style::Exact,
+            Render::Fast => Style::Fast,
+        }
+    }
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            relative: true,
+            with_target: true,
+            render: Render::Exact,
+            render_action: false,
+            damping: 0.0,
+            block_cog: None,
+            init_value: Map::new(),
+        }
+    }
+}
+
+/// The settings for help and docs, one per field of `Settings`.
+pub(super) const SETTINGS: &[Setting] = &[
+    Setting {
+        name: "relative",
+        doc: "actions are offsets from the agent, in units of 100 px; otherwise targets in px",
+        default: "true",
+    },
+    Setting { name: "with_target", doc: "draw the goal", default: "true" },
+    Setting {
+        name: "render",
+        doc: "`exact`: the reference's pictures to the byte; `fast`: drawn at the asked size",
+        default: "exact",
+    },
+    Setting { name: "render_action", doc: "mark the controller's target in pictures", default: "false" },
+    Setting { name: "damping", doc: "fraction of velocity left after a second", default: "0" },
+    Setting { name: "block_cog", doc: "centre of gravity of the block, [x, y] px", default: "the shape's" },
+    Setting { name: "init_value", doc: "other defaults of factors, {name: value}", default: "{}" },
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_setting_is_described() {
+        let json = serde_json::to_value(Settings::default()).unwrap();
+        let fields: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
+        let described: Vec<&str> = SETTINGS.iter().map(|setting| setting.name).collect();
+        assert_eq!(fields, described);
+    }
+}

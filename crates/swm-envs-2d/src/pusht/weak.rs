@@ -1,0 +1,33 @@
+//! The reference's weak policy: random pushes that stay near the block. It collects contact-rich data; it is no
+//! expert.
+
+use swm_core::policy::write_action;
+use swm_core::{Actor, PolicyError, RowView, Slice, SliceMut, Space};
+
+use super::discrete;
+
+/// Draws a target within 100 px of the agent and moves it to within `reach` px of the block, per axis.
+pub(super) struct Weak {
+    /// Largest distance of the target from the block's origin, per axis, in pixels.
+    pub(super) reach_px: f64,
+}
+
+impl Actor for Weak {
+    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+        let agent: &[f64] = view.row.get("pos_agent")?;
+        let block: &[f64] = view.row.get("block_pose")?;
+        let mut stream = view.episode.seed.indexed("policy weak", [view.episode.step, 0]);
+        let uniform = Space::uniform_box(swm_core::Dtype::F64, &[2], -1.0, 1.0).sample(&mut stream);
+        let Slice::F64(drawn) = uniform.data.as_slice() else { unreachable!("a box of f64") };
+        let offset = [0, 1].map(|axis| {
+            let target = agent[axis] + 100.0 * drawn[axis];
+            let near = target.clamp(block[axis] - self.reach_px, block[axis] + self.reach_px);
+            ((near - agent[axis]) / 100.0).clamp(-1.0, 1.0) as f32
+        });
+        match &mut action {
+            SliceMut::I64(bins) => bins.copy_from_slice(&discrete::from_continuous(offset)),
+            _ => write_action(&mut action, &offset),
+        }
+        Ok(())
+    }
+}
