@@ -31,6 +31,14 @@ pub(crate) struct Package {
     pub source: Option<String>,
     /// Dependencies as the manifest declares them, optional and development ones included.
     pub dependencies: Vec<Dependency>,
+    /// What it builds.
+    pub targets: Vec<Target>,
+}
+
+/// A library, a program, a test, …
+#[derive(Debug, Default, Deserialize)]
+pub(crate) struct Target {
+    pub kind: Vec<String>,
 }
 
 /// A dependency as declared.
@@ -63,6 +71,12 @@ pub(crate) struct Edge {
 #[derive(Debug, Default, Deserialize)]
 pub(crate) struct EdgeKind {
     pub kind: Option<String>,
+}
+
+impl Package {
+    pub(crate) fn has_library(&self) -> bool {
+        self.targets.iter().flat_map(|target| &target.kind).any(|kind| kind == "lib")
+    }
 }
 
 impl Metadata {
@@ -128,6 +142,7 @@ pub(crate) fn fixture(text: &str) -> Metadata {
                 .iter()
                 .map(|name| Dependency { name: name.trim_start_matches('~').into() })
                 .collect(),
+            targets: Vec::new(),
         });
         let edge = |name: &&str| Edge {
             pkg: name.trim_start_matches('~').into(),
@@ -156,5 +171,7 @@ mod tests {
         let xtask = metadata.members().find(|package| package.name == "xtask").unwrap();
         assert!(xtask.dependencies.iter().any(|dependency| dependency.name == "clap"));
         assert!(metadata.built_into(xtask).contains("clap_builder"));
+        assert!(!xtask.has_library());
+        assert!(metadata.foreign().find(|package| package.name == "clap_builder").unwrap().has_library());
     }
 }

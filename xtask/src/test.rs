@@ -4,6 +4,7 @@
 
 use anyhow::Result;
 
+use crate::metadata::Metadata;
 use crate::{process, setup};
 
 /// Options of `cargo xtask test`.
@@ -39,14 +40,25 @@ pub(crate) fn suites(args: &Args) -> Result<()> {
         }
     } else {
         eprintln!("test: cargo-nextest is not installed; cargo test takes its place");
-        command = process::cargo(["test", "--lib", "--bins", "--tests", "--no-fail-fast"]);
+        command = process::cargo(["test", "--tests", "--no-fail-fast"]);
     }
     process::run(command.args(args.selection()).args(&args.runner_args))
 }
 
 /// The examples in the documentation, which nextest does not run.
 pub(crate) fn doctests(args: &Args) -> Result<()> {
-    process::run(process::cargo(["test", "--doc", "--quiet"]).args(args.selection()))
+    let metadata = Metadata::load()?;
+    let has_library =
+        |name: &String| metadata.members().any(|member| member.name == *name && member.has_library());
+    let libraries = Args {
+        packages: args.packages.iter().filter(|name| has_library(name)).cloned().collect(),
+        ..Args::default()
+    };
+    if libraries.packages.is_empty() && !args.packages.is_empty() {
+        eprintln!("test: no library among the chosen crates, so no documentation examples");
+        return Ok(());
+    }
+    process::run(process::cargo(["test", "--doc", "--quiet"]).args(libraries.selection()))
 }
 
 impl Args {
