@@ -20,9 +20,9 @@ pub enum Style {
 #[derive(Debug, Clone)]
 pub enum Renderer {
     /// [`Style::Exact`].
-    Exact(ExactRenderer),
+    Exact(Box<ExactRenderer>),
     /// [`Style::Fast`].
-    Fast(FastRenderer),
+    Fast(Box<FastRenderer>),
 }
 
 impl Renderer {
@@ -32,8 +32,8 @@ impl Renderer {
     /// If a side is zero or above 4096.
     pub fn new(style: Style, geometry: Geometry) -> Result<Self, RenderError> {
         match style {
-            Style::Exact => ExactRenderer::new(geometry).map(Self::Exact),
-            Style::Fast => FastRenderer::new(geometry).map(Self::Fast),
+            Style::Exact => ExactRenderer::new(geometry).map(|renderer| Self::Exact(Box::new(renderer))),
+            Style::Fast => FastRenderer::new(geometry).map(|renderer| Self::Fast(Box::new(renderer))),
         }
     }
 
