@@ -1,1 +1,38 @@
-//! The facade.
+//! stable-worldmodel: environments, factors of variation, datasets, planning and evaluation for world-model
+//! research.
+//!
+//! This crate joins the others: it re-exports them, merges their tables into one [`registry`], and holds the
+//! command `swm` (feature `cli`). Depend on the single crates where that is enough.
+//!
+//! ```
+//! use swm::core::{ResetOptions, Rollout, Scenario, World, WorldOptions, policy};
+//!
+//! let registry = swm::registry();
+//! let mut world = World::new(registry.env("swm/PushT-v1")?, WorldOptions { num_envs: 2, ..WorldOptions::default() })?;
+//! world.set_policy(policy::random());
+//! let options = ResetOptions::default();
+//! let rollout = Rollout { episodes: 0..4, seed: 42, scenario: Scenario::Same(&options) };
+//! let result = world.evaluate(&rollout, &mut ())?;
+//! assert_eq!(result.episodes, 4);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+#[cfg(feature = "cli")]
+pub mod cli;
+pub mod film;
+pub mod replay;
+
+pub use swm_core as core;
+pub use swm_data as data;
+pub use swm_envs_2d as envs_2d;
+pub use swm_fov as fov;
+pub use swm_media as media;
+pub use swm_render as render;
+pub use swm_solvers as solvers;
+
+use swm_core::Registry;
+
+/// Every environment and policy of this workspace.
+pub fn registry() -> Registry {
+    Registry::new().with_envs(swm_envs_2d::ENVS).with_policies(swm_solvers::PLANNERS)
+}

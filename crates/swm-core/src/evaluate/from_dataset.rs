@@ -7,10 +7,10 @@ use std::collections::BTreeMap;
 use rand::seq::index;
 
 use super::{DatasetProtocol, Evaluation};
-use crate::batch::{Batch, Field, Schema, Value};
-use crate::dataset::{EpisodeSource, selects};
-use crate::env::{EnvSpec, ResetOptions, VARIATION_PREFIX};
-use crate::error::{BatchError, BoxError, WorldError};
+use crate::batch::Value;
+use crate::dataset::{EpisodeSource, read_row, recorded_moment, selects};
+use crate::env::{EnvSpec, ResetOptions};
+use crate::error::{BoxError, WorldError};
 use crate::recorder::Recorder;
 use crate::seed::{EpisodeSeed, keyed};
 use crate::world::{Rollout, Scenario, World};
@@ -132,61 +132,11 @@ fn reset_options(
     [episode, row]: [usize; 2],
     options: &EvalOptions,
 ) -> Result<ResetOptions, BoxError> {
-    let mut reset = recorded_episode(spec, source, episode, row)?;
+    let mut reset = recorded_moment(spec, source, episode, row)?;
     reset.goal = Some(read_row(source, episode, row + options.goal_offset, spec.goal_columns)?);
     reset.seed = Some(EpisodeSeed::of(options.seed, (episode as u64) << 32 | row as u64));
     reset.variation_values.retain(|name, _| !options.variation.iter().any(|asked| selects(asked, name)));
     reset.variation_values.extend(options.variation_values.clone());
     reset.variation = Some(options.variation.clone());
     Ok(reset)
-}
-
-/// Reset options that stand at a recorded row under the factors and seed of its episode, as far as the dataset
-/// holds them. The goal is not set.
-pub(crate) fn recorded_episode(
-    spec: &EnvSpec,
-    source: &mut dyn EpisodeSource,
-    episode: usize,
-    row: usize,
-) -> Result<ResetOptions, BoxError> {
-    let mut variation_values = BTreeMap::new();
-    for factor in &spec.factors {
-        let column = format!("{VARIATION_PREFIX}{}", factor.name);
-        if let Some(index) = source.schema().index(&column) {
-            let field = &source.schema().fields()[index];
-            // The reference stores a scalar factor as `[T]` or `[T, 1]`; both hold one number.
-            let (name, shape) = (field.name.clone(), factor.space.shape());
-            let dtype = factor.space.dtype().unwrap_or(field.dtype);
-            let value = read_row(source, episode, row, &[&name])?.remove(&name).expect("asked for");
-            variation_values.insert(factor.name.clone(), value.cast(&name, dtype, &shape)?);
-        }
-    }
-    Ok(ResetOptions {
-        variation: Some(Vec::new()),
-        variation_values,
-        start: Some(read_row(source, episode, row, spec.start_columns)?),
-        ..ResetOptions::default()
-    })
-}
-
-/// Some columns of one recorded row, by name.
-fn read_row(
-    source: &mut dyn EpisodeSource,
-    episode: usize,
-    row: usize,
-    columns: &[&str],
-) -> Result<BTreeMap<String, Value>, BoxError> {
-    let fields: Vec<Field> = columns
-        .iter()
-        .map(|name| Ok(source.schema().fields()[source.schema().require(name)?].clone()))
-        .collect::<Result<_, BatchError>>()?;
-    let mut batch = Batch::new(Schema::new(fields)?, 0);
-    source.read(episode, row..row + 1, &mut batch)?;
-    let values = batch
-        .schema()
-        .fields()
-        .iter()
-        .enumerate()
-        .map(|(index, field)| (field.name.clone(), Value::from_slice(&field.shape, batch.column(index))));
-    Ok(values.collect())
 }

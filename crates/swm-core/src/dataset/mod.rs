@@ -1,6 +1,8 @@
 //! Datasets as the core sees them: a sink of whole episodes, a source of rows, and what is written about them.
 //! No file format is known here.
 
+mod restore;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::Arc;
@@ -12,6 +14,8 @@ use crate::env::{ImageSize, VARIATION_PREFIX};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::{EpisodeEnd, LiveRow, Recorder, RunInfo};
 use crate::world::{Rollout, Scenario, World};
+
+pub use restore::{read_row, recorded_moment, whole_episode};
 
 /// Takes whole episodes, in the order of their index.
 pub trait EpisodeSink: Send {

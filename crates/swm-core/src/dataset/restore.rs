@@ -1,0 +1,102 @@
+//! From recorded rows back to reset options: the moment to stand at, or the whole episode to repeat.
+
+use std::collections::BTreeMap;
+
+use super::EpisodeSource;
+use crate::batch::{Batch, Field, Schema, Value};
+use crate::env::{EnvSpec, ResetOptions, VARIATION_PREFIX};
+use crate::error::{BatchError, BoxError};
+use crate::seed::EpisodeSeed;
+
+/// Reset options that stand at a recorded row, under the factors of its episode as far as the dataset holds them.
+/// The goal is not set.
+pub fn recorded_moment(
+    spec: &EnvSpec,
+    source: &mut dyn EpisodeSource,
+    episode: usize,
+    row: usize,
+) -> Result<ResetOptions, BoxError> {
+    Ok(ResetOptions {
+        variation: Some(Vec::new()),
+        variation_values: recorded_factors(spec, source, episode)?,
+        start: Some(read_row(source, episode, row, spec.start_columns)?),
+        ..ResetOptions::default()
+    })
+}
+
+/// Reset options that repeat a recorded episode from its first row: its factors, its goal, its seed.
+///
+/// Where the dataset holds every factor that is drawn by default, the reset places things from them, just as the
+/// recorded one did; otherwise it stands at the first recorded row.
+pub fn whole_episode(
+    spec: &EnvSpec,
+    source: &mut dyn EpisodeSource,
+    episode: usize,
+) -> Result<ResetOptions, BoxError> {
+    let mut options = recorded_moment(spec, source, episode, 0)?;
+    let known = |name: &String| options.variation_values.contains_key(name);
+    if spec.factors.iter().filter(|factor| factor.drawn_by_default).all(|factor| known(&factor.name)) {
+        options.start = None;
+    }
+    let mut goal = BTreeMap::new();
+    for column in spec.goal_columns {
+        let name = format!("goal_{column}");
+        if source.schema().index(&name).is_some() {
+            goal.extend(
+                read_row(source, episode, 0, &[&name])?.into_values().map(|v| ((*column).to_owned(), v)),
+            );
+        }
+    }
+    options.goal = (!goal.is_empty()).then_some(goal);
+    if source.metadata().is_some() && source.schema().index("seed").is_some() {
+        let seed = read_row(source, episode, 0, &["seed"])?.remove("seed").expect("asked for");
+        options.seed = match seed.data {
+            crate::batch::Column::I64(values) => values.first().map(|&seed| EpisodeSeed::new(seed as u64)),
+            _ => None,
+        };
+    }
+    Ok(options)
+}
+
+/// The values of the factors that the dataset holds, as the environment's types. The reference stores scalars as
+/// `[T]` or `[T, 1]`; both hold one number.
+fn recorded_factors(
+    spec: &EnvSpec,
+    source: &mut dyn EpisodeSource,
+    episode: usize,
+) -> Result<BTreeMap<String, Value>, BoxError> {
+    let mut values = BTreeMap::new();
+    for factor in &spec.factors {
+        let column = format!("{VARIATION_PREFIX}{}", factor.name);
+        let Some(dtype) = factor.space.dtype() else { continue };
+        if source.schema().index(&column).is_none() {
+            continue;
+        }
+        for (name, value) in read_row(source, episode, 0, &[&column])? {
+            values.insert(factor.name.clone(), value.cast(&name, dtype, &factor.space.shape())?);
+        }
+    }
+    Ok(values)
+}
+
+/// Some columns of one recorded row, by name.
+pub fn read_row(
+    source: &mut dyn EpisodeSource,
+    episode: usize,
+    row: usize,
+    columns: &[&str],
+) -> Result<BTreeMap<String, Value>, BoxError> {
+    let fields: Vec<Field> = columns
+        .iter()
+        .map(|name| Ok(source.schema().fields()[source.schema().require(name)?].clone()))
+        .collect::<Result<_, BatchError>>()?;
+    let mut batch = Batch::new(Schema::new(fields)?, 0);
+    source.read(episode, row..row + 1, &mut batch)?;
+    let values = batch
+        .schema()
+        .fields()
+        .iter()
+        .enumerate()
+        .map(|(index, field)| (field.name.clone(), Value::from_slice(&field.shape, batch.column(index))));
+    Ok(values.collect())
+}

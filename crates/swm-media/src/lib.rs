@@ -1,0 +1,1 @@
+//! Pictures and films: PNG, GIF, MP4, contact sheets.

@@ -1,0 +1,158 @@
+//! Arguments that several commands share: the environment, the scenario, the world.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use clap::Args;
+use serde_json::{Map, Value as Json};
+use swm_core::{EnvConfig, EnvEntry, ImageSize, PolicyArgs, Registry, ResetOptions, Value, WorldOptions};
+
+use super::{Failure, usage};
+
+/// The environment and how it is made.
+#[derive(Args, Clone)]
+pub(super) struct EnvArgs {
+    /// The environment's id; `swm envs` lists them.
+    pub env: String,
+    /// A setting of the environment, `NAME=VALUE`; may be repeated. `swm envs` lists them.
+    #[arg(long = "env-option", value_name = "NAME=VALUE")]
+    env_options: Vec<String>,
+}
+
+impl EnvArgs {
+    pub(super) fn entry(&self, registry: &Registry) -> Result<&'static EnvEntry, Failure> {
+        Ok(registry.env(&self.env)?)
+    }
+
+    pub(super) fn config(&self, image: Option<ImageSize>) -> Result<EnvConfig, Failure> {
+        let mut settings = Map::new();
+        for option in &self.env_options {
+            let (name, value) = assignment(option, "--env-option")?;
+            settings.insert(name.to_owned(), json_value(value));
+        }
+        Ok(EnvConfig { image, settings })
+    }
+}
+
+/// Which factors vary, which are set.
+#[derive(Args, Clone)]
+pub(super) struct ScenarioArgs {
+    /// Factors to draw per episode: names, groups, `all` or `none`, separated by commas. Without it, the
+    /// environment's default list.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub vary: Option<Vec<String>>,
+    /// A factor to set, `NAME=VALUE` (numbers separated by commas); may be repeated.
+    #[arg(long = "set", value_name = "NAME=VALUE")]
+    pub set: Vec<String>,
+}
+
+impl ScenarioArgs {
+    pub(super) fn options(&self) -> Result<ResetOptions, Failure> {
+        Ok(ResetOptions {
+            variation: self.variation(),
+            variation_values: self.values()?,
+            ..ResetOptions::default()
+        })
+    }
+
+    /// The names of `--vary`; `none` draws nothing.
+    pub(super) fn variation(&self) -> Option<Vec<String>> {
+        let names = self.vary.as_ref()?.iter().map(|name| name.trim().to_owned());
+        Some(names.filter(|name| !name.is_empty() && name != "none").collect())
+    }
+
+    pub(super) fn values(&self) -> Result<BTreeMap<String, Value>, Failure> {
+        let mut values = BTreeMap::new();
+        for option in &self.set {
+            let (name, text) = assignment(option, "--set")?;
+            let numbers = text
+                .trim_matches(['[', ']'])
+                .split(',')
+                .map(|part| part.trim().parse::<f64>())
+                .collect::<Result<Vec<_>, _>>()
+                .map_err(|_| usage(format!("--set {option}: `{text}` is no number or list of numbers")))?;
+            values.insert(name.to_owned(), Value::vector(&numbers));
+        }
+        Ok(values)
+    }
+}
+
+/// How many environments run at once.
+#[derive(Args, Clone)]
+pub(super) struct WorldArgs {
+    /// Environments stepped side by side; results do not depend on it.
+    #[arg(long, default_value_t = 8, value_name = "K")]
+    pub num_envs: usize,
+    /// Threads; results do not depend on it. Default: one per core.
+    #[arg(long, value_name = "T")]
+    pub threads: Option<usize>,
+    /// How often each action is applied per step.
+    #[arg(long, default_value_t = 1, value_name = "F")]
+    pub frame_skip: u32,
+}
+
+impl WorldArgs {
+    pub(super) fn options(&self, env: EnvConfig, max_steps: u64) -> WorldOptions {
+        WorldOptions {
+            num_envs: self.num_envs,
+            env,
+            max_episode_steps: Some(max_steps),
+            frame_skip: self.frame_skip,
+            threads: self.threads,
+        }
+    }
+}
+
+/// A picture size: `64x64`, `96`, or `none`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ImageArg(pub Option<ImageSize>);
+
+impl std::str::FromStr for ImageArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "none" {
+            return Ok(Self(None));
+        }
+        let (height, width) = text.split_once('x').unwrap_or((text, text));
+        let side = |side: &str| {
+            side.parse::<usize>().map_err(|_| "write HEIGHTxWIDTH, such as 64x64, or `none`".to_owned())
+        };
+        ImageSize::new(side(height)?, side(width)?).map(|size| Self(Some(size)))
+    }
+}
+
+/// Reads `--policy NAME:ARGS`; `NAME:@FILE` takes the arguments from a TOML or JSON file, and further `key=value`
+/// after it override the file's.
+pub(super) fn policy_args(text: &str) -> Result<PolicyArgs, Failure> {
+    let Some((name, rest)) = text.split_once(":@") else { return Ok(PolicyArgs::parse(text)?) };
+    let (path, overrides) = rest.split_once(',').unwrap_or((rest, ""));
+    let mut args = PolicyArgs::parse(&format!("{name}:{overrides}"))?;
+    let mut named = settings_file(Path::new(path))?;
+    named.extend(args.named);
+    args.named = named;
+    Ok(args)
+}
+
+fn settings_file(path: &Path) -> Result<Map<String, Json>, Failure> {
+    let wrong = |reason: String| usage(format!("settings file {}: {reason}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
+    let json = path.extension().is_some_and(|extension| extension == "json");
+    if json {
+        serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))
+    } else {
+        toml::from_str(&text).map_err(|error| wrong(error.to_string()))
+    }
+}
+
+fn assignment<'a>(text: &'a str, option: &str) -> Result<(&'a str, &'a str), Failure> {
+    match text.split_once('=') {
+        Some((name, value)) if !name.trim().is_empty() => Ok((name.trim(), value.trim())),
+        _ => Err(usage(format!("{option} {text}: write NAME=VALUE"))),
+    }
+}
+
+/// JSON if it is JSON, else text.
+fn json_value(text: &str) -> Json {
+    serde_json::from_str(text).unwrap_or_else(|_| Json::String(text.to_owned()))
+}

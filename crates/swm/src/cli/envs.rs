@@ -1,0 +1,138 @@
+//! `swm envs` and `swm fovs`: what exists.
+
+use clap::Args;
+use serde_json::json;
+use swm_core::{EnvConfig, EnvEntry, EnvSpec, FactorSpec, PolicyEntry, Registry, Setting};
+
+use super::output::table;
+use super::{Failure, Output};
+
+/// List environments, their policies and settings.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  swm envs\n  swm envs swm/PushT-v1\n  swm envs --json")]
+pub(super) struct Envs {
+    /// Show one environment in full.
+    env: Option<String>,
+}
+
+impl Envs {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        match self.env {
+            Some(id) => one(registry, registry.env(&id)?, output),
+            None => all(registry, output),
+        }
+    }
+}
+
+fn spec_of(entry: &EnvEntry) -> Result<EnvSpec, Failure> {
+    Ok((entry.make)(&EnvConfig::default())?.spec().clone())
+}
+
+fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
+    let mut rows = Vec::new();
+    let mut list = Vec::new();
+    for entry in registry.envs() {
+        let spec = spec_of(entry)?;
+        rows.push(vec![entry.id.to_owned(), spec.factors.len().to_string(), entry.summary.to_owned()]);
+        list.push(describe(registry, entry, &spec));
+    }
+    output.result(&list, || table(&["id", "factors", "summary"], &rows))
+}
+
+fn one(registry: &Registry, entry: &'static EnvEntry, output: &Output) -> Result<(), Failure> {
+    let spec = spec_of(entry)?;
+    output.result(&describe(registry, entry, &spec), || {
+        let setting = |prefix: &str, s: &Setting| {
+            vec![format!("{prefix}{}", s.name), s.default.to_owned(), s.doc.to_owned()]
+        };
+        let mut policies = Vec::new();
+        for policy in registry.policies(entry) {
+            policies.push(vec![policy.name.to_owned(), String::new(), policy.summary.to_owned()]);
+            policies.extend(policy.settings.iter().map(|s| setting("  ", s)));
+        }
+        let settings: Vec<_> = entry.settings.iter().map(|s| setting("", s)).collect();
+        format!(
+            "{}: {}\n{} factors of variation: `swm fovs {}`\n\n{}\n{}",
+            entry.id,
+            entry.summary,
+            spec.factors.len(),
+            entry.id,
+            table(&["policy", "default", "what it does"], &policies),
+            table(&["setting (--env-option)", "default", "what it does"], &settings),
+        )
+    })
+}
+
+fn describe(registry: &Registry, entry: &'static EnvEntry, spec: &EnvSpec) -> serde_json::Value {
+    let settings = |list: &[Setting]| -> Vec<_> {
+        list.iter().map(|s| json!({"name": s.name, "default": s.default, "doc": s.doc})).collect()
+    };
+    let policy = |p: &PolicyEntry| json!({"name": p.name, "summary": p.summary, "settings": settings(p.settings)});
+    json!({
+        "id": entry.id,
+        "summary": entry.summary,
+        "num_factors": spec.factors.len(),
+        "action": spec.action,
+        "time_step_s": spec.time_step_s,
+        "policies": registry.policies(entry).map(policy).collect::<Vec<_>>(),
+        "settings": settings(entry.settings),
+    })
+}
+
+/// List the factors of variation of an environment.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  swm fovs swm/PushT-v1\n  swm fovs swm/PushT-v1 --json")]
+pub(super) struct Fovs {
+    /// The environment's id.
+    env: String,
+}
+
+impl Fovs {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let spec = spec_of(registry.env(&self.env)?)?;
+        let list: Vec<_> = spec.factors.iter().map(factor_json).collect();
+        output.result(&list, || {
+            let rows: Vec<_> = spec.factors.iter().map(factor_row).collect();
+            let table = table(&["factor", "kind", "shape", "low", "high", "default", "what it does"], &rows);
+            format!("{table}* drawn when no factors are named\n")
+        })
+    }
+}
+
+/// One number where all agree, else the list.
+fn short(values: &[f64]) -> serde_json::Value {
+    match values {
+        [first, rest @ ..] if rest.iter().all(|value| value == first) => json!(first),
+        values => json!(values),
+    }
+}
+
+fn factor_json(factor: &FactorSpec) -> serde_json::Value {
+    let (low, high) = factor.space.bounds();
+    json!({
+        "name": factor.name,
+        "kind": factor.space.kind(),
+        "shape": factor.space.shape(),
+        "low": short(&low),
+        "high": short(&high),
+        "default": factor.default,
+        "drawn_by_default": factor.drawn_by_default,
+        "constraint": factor.constraint,
+        "doc": factor.doc,
+    })
+}
+
+fn factor_row(factor: &FactorSpec) -> Vec<String> {
+    let (low, high) = factor.space.bounds();
+    let round = |values: &[f64]| short(&values.iter().map(|v| (v * 1e4).round() / 1e4).collect::<Vec<_>>());
+    let star = if factor.drawn_by_default { " *" } else { "" };
+    vec![
+        format!("{}{star}", factor.name),
+        factor.space.kind().to_owned(),
+        format!("{:?}", factor.space.shape()),
+        round(&low).to_string(),
+        round(&high).to_string(),
+        factor.default.to_string(),
+        factor.doc.clone(),
+    ]
+}

@@ -1,0 +1,112 @@
+//! The command line of `swm`. A downstream crate gives it its own registry: `swm::cli::main(&registry)`.
+//!
+//! Results go to stdout (tables, or JSON with `--json`), everything else to stderr. Exit status: 0 done, 1 the work
+//! failed or found a difference, 2 the request itself is wrong.
+
+mod args;
+mod bench;
+mod collect;
+mod envs;
+mod eval;
+mod inspect;
+mod output;
+mod policies;
+mod render;
+mod replay;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{CommandFactory as _, Parser, Subcommand};
+use swm_core::Registry;
+
+pub(crate) use output::{Failure, Output, usage};
+
+/// Reproducible world-model research: environments, datasets, planning, evaluation.
+#[derive(Parser)]
+#[command(name = "swm", version, propagate_version = true, arg_required_else_help = true)]
+struct Cli {
+    /// Print results as JSON.
+    #[arg(long, global = true)]
+    json: bool,
+    /// Print no progress and no notes.
+    #[arg(long, short, global = true)]
+    quiet: bool,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Envs(envs::Envs),
+    Fovs(envs::Fovs),
+    Collect(collect::Collect),
+    Inspect(inspect::Inspect),
+    Replay(replay::Replay),
+    Eval(eval::Eval),
+    Render(render::Render),
+    Bench(bench::Bench),
+    /// Print a completion script for a shell.
+    #[command(after_help = "Example:\n  swm completions bash > ~/.local/share/bash-completion/completions/swm")]
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+/// Runs the command line of this process.
+pub fn main(registry: &Registry) -> ExitCode {
+    run(registry, std::env::args_os())
+}
+
+/// Runs a command line; the first argument is the program's name.
+pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let cli = match Cli::try_parse_from(args) {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version are no errors, and clap knows where each goes.
+            let _ = error.print();
+            return ExitCode::from(error.exit_code() as u8);
+        }
+    };
+    let output = Output::new(cli.json, cli.quiet);
+    let result = match cli.command {
+        Command::Envs(command) => command.run(registry, &output),
+        Command::Fovs(command) => command.run(registry, &output),
+        Command::Collect(command) => command.run(registry, &output),
+        Command::Inspect(command) => command.run(&output),
+        Command::Replay(command) => command.run(registry, &output),
+        Command::Eval(command) => command.run(registry, &output),
+        Command::Render(command) => command.run(registry, &output),
+        Command::Bench(command) => command.run(registry, &output),
+        Command::Completions { shell } => {
+            clap_complete::generate(shell, &mut Cli::command(), "swm", &mut std::io::stdout());
+            Ok(())
+        }
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("{failure}");
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_sound() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn every_command_has_an_example() {
+        for command in Cli::command().get_subcommands() {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            assert!(help.contains("swm "), "`swm {}` has no example in its help", command.get_name());
+        }
+    }
+}

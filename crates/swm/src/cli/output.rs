@@ -1,0 +1,163 @@
+//! What a command prints: JSON or tables to stdout, progress and notes to stderr, failures in one readable block.
+
+use std::fmt;
+use std::io::{IsTerminal as _, Write as _};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use swm_core::error::BoxError;
+use swm_core::{EnvError, PolicyError, UnknownName, WorldError};
+
+/// A command that did not succeed.
+#[derive(Debug)]
+pub(crate) struct Failure {
+    source: BoxError,
+    /// The request is wrong, rather than its execution.
+    usage: bool,
+}
+
+impl Failure {
+    pub(crate) fn exit_code(&self) -> u8 {
+        if self.usage { 2 } else { 1 }
+    }
+}
+
+/// A wrong request.
+pub(crate) fn usage(reason: impl Into<BoxError>) -> Failure {
+    Failure { source: reason.into(), usage: true }
+}
+
+impl<E: Into<BoxError>> From<E> for Failure {
+    fn from(error: E) -> Self {
+        let source: BoxError = error.into();
+        let usage = is_usage(source.as_ref());
+        Self { source, usage }
+    }
+}
+
+/// Errors that say that what was asked for does not exist or is not allowed.
+fn is_usage(error: &(dyn std::error::Error + 'static)) -> bool {
+    if let Some(error) = error.downcast_ref::<WorldError>() {
+        return match error {
+            WorldError::Option { .. } => true,
+            WorldError::Make(source) | WorldError::Env { source, .. } => is_usage(source),
+            WorldError::Policy(source) => is_usage(source),
+            _ => false,
+        };
+    }
+    if let Some(error) = error.downcast_ref::<PolicyError>() {
+        return match error {
+            PolicyError::Argument { .. } | PolicyError::Unsupported { .. } => true,
+            PolicyError::Other(source) => is_usage(source.as_ref()),
+            _ => false,
+        };
+    }
+    let wrong_env = |e: &EnvError| matches!(e, EnvError::Setting { .. } | EnvError::Reset { .. });
+    error.downcast_ref::<EnvError>().is_some_and(wrong_env) || error.is::<UnknownName>()
+}
+
+/// `error: …`, then each cause that says more.
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "error: {}", self.source)?;
+        let mut shown = self.source.to_string();
+        let mut cause = self.source.source();
+        while let Some(error) = cause {
+            let text = error.to_string();
+            if !shown.contains(&text) {
+                write!(f, "\n  because: {text}")?;
+                shown = text;
+            }
+            cause = error.source();
+        }
+        Ok(())
+    }
+}
+
+/// Where and how results go.
+pub(crate) struct Output {
+    json: bool,
+    quiet: bool,
+}
+
+impl Output {
+    pub(crate) fn new(json: bool, quiet: bool) -> Self {
+        Self { json, quiet }
+    }
+
+    /// Prints the result: `json` if asked for, else `text`.
+    pub(crate) fn result(&self, json: &impl serde::Serialize, text: impl FnOnce() -> String) -> Result<(), Failure> {
+        let mut stdout = std::io::stdout().lock();
+        let text = if self.json { serde_json::to_string_pretty(json)? } else { text() };
+        match writeln!(stdout, "{}", text.trim_end()) {
+            // The reader (`head`, say) has what it wants.
+            Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+            result => Ok(result?),
+        }
+    }
+
+    /// A note for people.
+    pub(crate) fn note(&self, text: impl fmt::Display) {
+        if !self.quiet {
+            eprintln!("{text}");
+        }
+    }
+
+    /// Whether a person watches the progress.
+    pub(crate) fn shows_bars(&self) -> bool {
+        !self.quiet && std::io::stderr().is_terminal()
+    }
+
+    /// A progress bar of `len` units on stderr; hidden without a terminal or with `--quiet`.
+    pub(crate) fn bar(&self, len: u64, unit: &str) -> ProgressBar {
+        let bar = ProgressBar::new(len);
+        if !self.shows_bars() {
+            bar.set_draw_target(ProgressDrawTarget::hidden());
+        }
+        let template = format!("{{bar:32}} {{pos}}/{{len}} {unit} {{per_sec}} {{msg}} eta {{eta}}");
+        bar.set_style(ProgressStyle::with_template(&template).expect("the template is constant"));
+        bar.enable_steady_tick(Duration::from_millis(200));
+        bar
+    }
+}
+
+/// A plain table: columns as wide as their widest cell, numbers to the right.
+pub(crate) fn table(header: &[&str], rows: &[Vec<String>]) -> String {
+    let width = |column: usize| {
+        let cells = rows.iter().map(|row| row[column].chars().count());
+        cells.chain([header[column].chars().count()]).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..header.len()).map(width).collect();
+    let numeric = |cell: &str| cell.starts_with(|c: char| c.is_ascii_digit() || c == '-' || c == '+');
+    let line = |cells: &mut dyn Iterator<Item = &str>| {
+        let padded = cells.zip(&widths).map(|(cell, &width)| {
+            let pad = " ".repeat(width - cell.chars().count());
+            if numeric(cell) { format!("{pad}{cell}") } else { format!("{cell}{pad}") }
+        });
+        padded.collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n"
+    };
+    let mut text = line(&mut header.iter().copied());
+    text += &line(&mut widths.iter().map(|&width| "─".repeat(width)).collect::<Vec<_>>().iter().map(String::as_str));
+    for row in rows {
+        text += &line(&mut row.iter().map(String::as_str));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_align() {
+        let text = table(&["name", "n"], &[vec!["a".into(), "10".into()], vec!["long".into(), "7".into()]]);
+        assert_eq!(text, "name  n\n────  ──\na     10\nlong   7\n");
+    }
+
+    #[test]
+    fn unknown_names_are_wrong_requests() {
+        let error = swm_core::Registry::new().env("x").unwrap_err();
+        assert_eq!(Failure::from(error).exit_code(), 2);
+        assert_eq!(Failure::from(std::io::Error::other("disk")).exit_code(), 1);
+    }
+}

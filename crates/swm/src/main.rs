@@ -1,0 +1,7 @@
+//! The command `swm`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    swm::cli::main(&swm::registry())
+}

@@ -1,0 +1,154 @@
+//! Replaying a dataset on the simulator: do the two still agree?
+//!
+//! Each recorded episode's factors, goal and start are restored, its actions are run again, and every column of
+//! real numbers that both know is compared row by row.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use swm_core::batch::FieldKind;
+use swm_core::dataset::{self, EpisodeSource};
+use swm_core::error::BoxError;
+use swm_core::{Batch, Dtype, Env, EnvConfig, EnvEntry, Episode, EpisodeSeed, Field, Schema, Slice};
+
+/// The result of a replay.
+#[derive(Clone, Debug, Serialize)]
+pub struct ReplayReport {
+    /// Whether every column stays within the tolerance.
+    pub ok: bool,
+    /// Largest accepted deviation.
+    pub tolerance: f64,
+    /// Episodes replayed.
+    pub episodes: usize,
+    /// Rows compared.
+    pub rows: usize,
+    /// Deviation by column.
+    pub columns: BTreeMap<String, Deviation>,
+}
+
+/// How far a column of the replay is from the recorded one.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Deviation {
+    /// Largest absolute difference over all rows.
+    pub max_abs: f64,
+    /// Largest absolute difference over the last rows of episodes.
+    pub final_abs: f64,
+}
+
+/// Replays `episodes` of `source` on `entry`; `watch` is called after each.
+pub fn replay(
+    entry: &EnvEntry,
+    source: &mut dyn EpisodeSource,
+    episodes: &[usize],
+    tolerance: f64,
+    mut watch: impl FnMut(usize),
+) -> Result<ReplayReport, BoxError> {
+    let metadata = source.metadata().cloned();
+    let settings = metadata.as_ref().map(|m| m.settings.clone()).unwrap_or_default();
+    let frame_skip = metadata.as_ref().map_or(1, |m| m.frame_skip);
+    let mut env = (entry.make)(&EnvConfig { image: None, settings })?;
+    let mut live = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
+    let columns = Columns::shared(env.as_ref(), source)?;
+    let mut recorded = Batch::new(Schema::new(columns.read.clone())?, 0);
+    let mut report =
+        ReplayReport { ok: true, tolerance, episodes: episodes.len(), rows: 0, columns: BTreeMap::new() };
+    for &episode in episodes {
+        let options = dataset::whole_episode(env.spec(), source, episode)?;
+        let rows = source.episode_len(episode);
+        source.read(episode, 0..rows, &mut recorded)?;
+        let seed = options.seed.unwrap_or(EpisodeSeed::new(0));
+        env.reset(&Episode { seed, options: &options })?;
+        for row in 0..rows {
+            env.observe(&mut live.rows_mut());
+            columns.compare(&recorded, row, &live, row + 1 == rows, &mut report.columns);
+            report.rows += 1;
+            if row + 1 < rows {
+                let action = recorded.row(row).at(columns.action);
+                if !action.is_finite() {
+                    return Err(format!("episode {episode}, row {row}: the recorded action is not finite").into());
+                }
+                for _ in 0..frame_skip {
+                    env.step(action)?;
+                }
+            }
+        }
+        watch(episode);
+    }
+    report.ok = report.columns.values().all(|deviation| deviation.max_abs <= tolerance);
+    Ok(report)
+}
+
+/// Which columns are compared.
+struct Columns {
+    /// The fields to read from the dataset: the compared ones, then the action.
+    read: Vec<Field>,
+    /// For each compared one, its position in the environment's fields.
+    live: Vec<usize>,
+    action: usize,
+}
+
+impl Columns {
+    fn shared(env: &dyn Env, source: &dyn EpisodeSource) -> Result<Self, BoxError> {
+        let schema = source.schema();
+        let (mut read, mut live) = (Vec::new(), Vec::new());
+        for (index, field) in env.spec().fields.iter().enumerate() {
+            let real = matches!(field.dtype, Dtype::F32 | Dtype::F64) && field.kind == FieldKind::Step;
+            if !real {
+                continue;
+            }
+            if let Some(found) = schema.index(&field.name).map(|index| &schema.fields()[index])
+                && found.width() == field.width()
+                && matches!(found.dtype, Dtype::F32 | Dtype::F64)
+            {
+                read.push(found.clone());
+                live.push(index);
+            }
+        }
+        if read.is_empty() {
+            return Err(format!("the dataset shares no column of real numbers with {}", env.spec().id).into());
+        }
+        let action = schema.fields()[schema.require("action")?].clone();
+        let wanted = &env.spec().action;
+        if Some(action.dtype) != wanted.dtype() || action.width() != wanted.width() {
+            return Err(format!(
+                "the dataset's action is {} {:?}, the environment's {} {:?}",
+                action.dtype,
+                action.shape,
+                wanted.dtype().map_or("nothing", Dtype::name),
+                wanted.shape(),
+            )
+            .into());
+        }
+        let position = read.len();
+        read.push(action);
+        Ok(Self { read, live, action: position })
+    }
+
+    fn compare(
+        &self,
+        recorded: &Batch,
+        row: usize,
+        live: &Batch,
+        last: bool,
+        deviations: &mut BTreeMap<String, Deviation>,
+    ) {
+        for (position, &index) in self.live.iter().enumerate() {
+            let difference = largest_difference(recorded.row(row).at(position), live.row(0).at(index));
+            let deviation = deviations.entry(self.read[position].name.clone()).or_default();
+            deviation.max_abs = deviation.max_abs.max(difference);
+            if last {
+                deviation.final_abs = deviation.final_abs.max(difference);
+            }
+        }
+    }
+}
+
+/// The largest absolute difference; infinite where only one is a number.
+fn largest_difference(a: Slice<'_>, b: Slice<'_>) -> f64 {
+    let value = |slice: Slice<'_>, i| slice.number(i).unwrap_or(f64::NAN);
+    (0..a.len()).fold(0.0, |largest: f64, i| {
+        let (a, b) = (value(a, i), value(b, i));
+        let difference = if a.is_nan() && b.is_nan() { 0.0 } else { (a - b).abs() };
+        largest.max(if difference.is_nan() { f64::INFINITY } else { difference })
+    })
+}
