@@ -8,6 +8,7 @@ use crate::metadata::Metadata;
 const ARROWS: &[(&str, &[&str])] = &[
     ("swm-core", &[]),
     ("swm-render", &[]),
+    ("swm-media", &[]),
     ("swm-fov", &["swm-core"]),
     ("swm-envs-*", &["swm-core", "swm-fov", "swm-render"]),
     ("swm-solvers", &["swm-core"]),
