@@ -1,1 +1,37 @@
-//! Planning: costs, solvers, the MPC policy, planning on the true simulator.
+//! Planning: choose actions by asking a model what they would lead to.
+//!
+//! Three parts, which know each other only by plain slices of numbers (no tensors, no environment crates):
+//!
+//! * a [`Cost`] says how good candidate plans are: a learned model, an analytic problem, or the true simulator
+//!   ([`SimulatorCost`]);
+//! * a [`Solver`] searches for the cheapest plan: configuration data with a pure `solve` ([`SOLVERS`] lists
+//!   them; a new one is one file in `solvers/` and one line in that table);
+//! * [`MpcPolicy`] carries plans out: it plans, acts for a while, and plans again.
+//!
+//! [`PLANNERS`] joins the three into policies for any environment: `cem:samples=300,horizon=10`.
+//!
+//! A plan is `[H, D]`: H blocks of D = k × A numbers, which are k consecutive actions of A numbers each, in the
+//! order in which they are carried out. Noise is keyed by (episode seed, plan, iteration, sample), so the plan of
+//! an episode has the same bits alone or among many, on one thread or several.
+
+mod cost;
+mod error;
+mod mpc;
+mod planners;
+mod sampling;
+mod settings;
+mod simulator;
+mod solver;
+mod solvers;
+mod workspace;
+
+pub use cost::{Candidates, Cost};
+pub use error::PlanError;
+pub use mpc::{ActionMap, HistoryView, Moment, MpcPolicy, PlanConfig};
+pub use planners::PLANNERS;
+pub use sampling::{Noise, cheapest, count_non_finite};
+pub use settings::Settings;
+pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
+pub use solver::{MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
+pub use solvers::{Cem, SOLVERS};
+pub use workspace::{Scratch, Workspace};

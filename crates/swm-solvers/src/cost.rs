@@ -1,0 +1,65 @@
+//! What a planner minimises. Knows slices of numbers, not what computes them.
+
+use serde_json::{Map, Value as Json};
+
+use crate::error::PlanError;
+use crate::mpc::Moment;
+
+/// How good candidate plans are; lower is better.
+///
+/// Costs are `f64`: simulators and analytic problems add up in it, and models that compute in `f32` lose nothing.
+/// The cost of a candidate may depend on its episode and its own numbers only, never on its neighbours, on
+/// earlier calls or on threads; that is what keeps plans independent of how many are made together.
+pub trait Cost: Send {
+    /// Once per plan: learns the moment that all candidates start from. Encode observations and goals here.
+    /// [`crate::MpcPolicy`] calls it; a solver that is called directly works on whatever was prepared last.
+    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError>;
+
+    /// Fills `costs`, `[B, S]`, with the costs of `candidates`, `[B, S, H, D]`. Row `b` belongs to row `b` of
+    /// the prepared moment. A cost that is not finite marks a candidate as unusable: solvers count it as
+    /// infinite and say how many there were.
+    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError>;
+
+    /// The step fields whose past [`Moment::history`] shall hold; read once, when the policy is made.
+    fn history_fields(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Settings that differ from their defaults, for reports.
+    fn changed_settings(&self) -> Map<String, Json> {
+        Map::new()
+    }
+}
+
+/// A batch of candidate plans: `[B, S, H, D]`, row-major.
+#[derive(Clone, Copy, Debug)]
+pub struct Candidates<'a> {
+    /// The numbers.
+    pub actions: &'a [f32],
+    /// B: episodes.
+    pub rows: usize,
+    /// S: candidates of each episode.
+    pub samples: usize,
+    /// H: blocks of each candidate.
+    pub horizon: usize,
+    /// D: numbers of each block.
+    pub width: usize,
+}
+
+impl<'a> Candidates<'a> {
+    /// `[B, S, H, D]`.
+    pub fn shape(&self) -> [usize; 4] {
+        [self.rows, self.samples, self.horizon, self.width]
+    }
+
+    /// All plans, `[H, D]` each, in the order of the costs.
+    pub fn plans(&self) -> std::slice::ChunksExact<'a, f32> {
+        self.actions.chunks_exact(self.horizon * self.width)
+    }
+
+    /// Plan `index` of `0..B × S`: `[H, D]`.
+    pub fn plan(&self, index: usize) -> &'a [f32] {
+        let size = self.horizon * self.width;
+        &self.actions[index * size..][..size]
+    }
+}

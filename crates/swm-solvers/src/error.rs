@@ -1,0 +1,89 @@
+//! What can go wrong when planning.
+
+use swm_core::{BoxError, EnvError, PolicyError};
+use thiserror::Error;
+
+/// A plan cannot be made.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum PlanError {
+    /// A setting is unknown, has a wrong type or a value out of range.
+    #[error("setting `{name}`: {reason}")]
+    Setting {
+        /// Its name.
+        name: String,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// The solver does not know this kind of actions.
+    #[error("{solver} cannot plan these actions: {reason}")]
+    Space {
+        /// Name of the solver.
+        solver: &'static str,
+        /// What it needs, and what it found.
+        reason: String,
+    },
+    /// Part of the problem has the wrong size.
+    #[error("planning problem: `{name}` must hold {expected} values, found {found}")]
+    Size {
+        /// Which part.
+        name: &'static str,
+        /// How many it must hold.
+        expected: usize,
+        /// How many it holds.
+        found: usize,
+    },
+    /// No candidate can be told from any other.
+    #[error(
+        "episode {episode}, plan {plan}, iteration {iteration}: all {samples} candidates have a cost that is not \
+         finite; check the model, or search in a smaller range (sigma, clip)"
+    )]
+    NoFiniteCost {
+        /// Index of the episode in its run.
+        episode: u64,
+        /// How many plans the episode had before.
+        plan: u64,
+        /// Iteration, from 0.
+        iteration: usize,
+        /// How many candidates there were.
+        samples: usize,
+    },
+    /// Planning on the true simulator needs a task cost.
+    #[error(
+        "`{env}` has no task cost, so there is nothing to plan for on its simulator; plan with a learned model"
+    )]
+    NoTaskCost {
+        /// Environment id.
+        env: String,
+    },
+    /// A planner made for one environment was asked to act in another.
+    #[error("the planner simulates `{planner}` and cannot act in `{world}`; make one for that environment")]
+    OtherEnv {
+        /// The environment that the planner simulates.
+        planner: String,
+        /// The environment that asks for an action.
+        world: String,
+    },
+    /// An environment failed while it was simulated.
+    #[error(transparent)]
+    Env(#[from] EnvError),
+    /// A cost failed in its own way: a model that cannot run.
+    #[error("the cost of a plan cannot be computed: {0}")]
+    Cost(BoxError),
+}
+
+impl PlanError {
+    /// An error about setting `name`.
+    pub fn setting(name: &str, reason: impl Into<String>) -> Self {
+        PlanError::Setting { name: name.to_owned(), reason: reason.into() }
+    }
+}
+
+impl From<PlanError> for PolicyError {
+    fn from(error: PlanError) -> Self {
+        match error {
+            PlanError::Env(error) => PolicyError::Env(error),
+            error => PolicyError::Other(Box::new(error)),
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! Model-predictive control: plan, carry out the first part of the plan, plan again. Which solver and which cost
+//! is not known here.
+
+mod actions;
+mod config;
+mod history;
+mod moment;
+mod policy;
+
+pub use actions::ActionMap;
+pub use config::PlanConfig;
+pub use history::HistoryView;
+pub use moment::Moment;
+pub use policy::MpcPolicy;

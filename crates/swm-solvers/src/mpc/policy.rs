@@ -1,0 +1,199 @@
+//! The policy: queues of planned actions, one per environment, refilled by the solver when they are empty.
+
+use std::sync::Arc;
+
+use serde_json::Map;
+use swm_core::{Actions, LiveEpisode, Policy, PolicyError, SliceMut, Space, View};
+
+use super::actions::ActionMap;
+use super::config::PlanConfig;
+use super::history::History;
+use super::moment::Moment;
+use crate::cost::Cost;
+use crate::error::PlanError;
+use crate::settings::{Settings, display};
+use crate::solver::{Plan, PlanKey, Problem, Solver};
+use crate::workspace::Workspace;
+
+/// Plans with a solver and a cost, carries out R blocks, and plans again.
+///
+/// Everything it remembers of an environment belongs to the episode: a new episode starts with nothing, whatever
+/// ended the last one. Environments whose episode is over are never planned for.
+pub struct MpcPolicy {
+    config: PlanConfig,
+    solver: Box<dyn Solver>,
+    cost: Box<dyn Cost>,
+    history_fields: Vec<String>,
+    /// What depends on the environment, found at the first action.
+    setup: Option<Setup>,
+    rows: Vec<Row>,
+    search: Search,
+}
+
+/// What the policy needs to know of the environment.
+struct Setup {
+    space: Space,
+    map: Arc<ActionMap>,
+    history: Vec<usize>,
+}
+
+/// What the policy remembers of one environment.
+#[derive(Default)]
+pub(super) struct Row {
+    episode: Option<u64>,
+    plans: u64,
+    /// `[R × k, A]`: actions to carry out, `taken` of them are done.
+    queue: Vec<f32>,
+    taken: usize,
+    /// `[H - R, D]`: what is left of the last plan.
+    rest: Vec<f32>,
+    pub(super) history: Option<History>,
+}
+
+impl Row {
+    fn begin(&mut self, episode: LiveEpisode) {
+        self.episode = Some(episode.index);
+        self.plans = 0;
+        self.queue.clear();
+        self.taken = 0;
+        self.rest.clear();
+        if let Some(history) = &mut self.history {
+            history.clear();
+        }
+    }
+}
+
+/// Buffers of one round of planning.
+#[derive(Default)]
+struct Search {
+    rows: Vec<usize>,
+    keys: Vec<PlanKey>,
+    initial: Vec<f32>,
+    workspace: Workspace,
+    plan: Plan,
+}
+
+impl MpcPolicy {
+    /// A policy that plans with `solver` for what `cost` says.
+    pub fn new(solver: Box<dyn Solver>, cost: Box<dyn Cost>, config: PlanConfig) -> Result<Self, PlanError> {
+        config.validate()?;
+        let history_fields = cost.history_fields();
+        let (setup, rows, search) = (None, Vec::new(), Search::default());
+        Ok(Self { config, solver, cost, history_fields, setup, rows, search })
+    }
+
+    /// The plans made at the last step that made some, and the rows of the world that they are for.
+    pub fn last_plan(&self) -> (&[usize], &Plan) {
+        (&self.search.rows, &self.search.plan)
+    }
+
+    fn prepare(&mut self, view: &View<'_>, space: &Space) -> Result<(), PolicyError> {
+        if self.setup.as_ref().is_none_or(|setup| setup.space != *space) {
+            self.solver.check(space)?;
+            let schema = view.infos().schema();
+            let history = self.history_fields.iter().map(|name| schema.require(name));
+            let map = Arc::new(ActionMap::new(space, self.config.clip_actions));
+            self.setup =
+                Some(Setup { space: space.clone(), map, history: history.collect::<Result<_, _>>()? });
+            self.rows.clear();
+        }
+        self.rows.resize_with(view.rows(), Row::default);
+        Ok(())
+    }
+}
+
+impl Policy for MpcPolicy {
+    fn describe(&self) -> String {
+        let mut settings = Map::new();
+        for part in [self.solver.changed_settings(), self.config.changed(), self.cost.changed_settings()] {
+            settings.extend(part);
+        }
+        let name = self.solver.name();
+        if settings.is_empty() { name.to_owned() } else { format!("{name}:{}", display(&settings)) }
+    }
+
+    fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
+        self.prepare(view, actions.space())?;
+        let Self { config, solver, cost, setup, rows, search, .. } = self;
+        let setup = setup.as_ref().expect("prepared above");
+        search.rows.clear();
+        for index in view.live() {
+            let Some(live) = view.row(index) else { continue };
+            let row = &mut rows[index];
+            if live.episode.step == 0 || row.episode != Some(live.episode.index) {
+                row.begin(live.episode);
+            }
+            if config.history_len > 1 {
+                let history = row.history.get_or_insert_with(|| {
+                    let width = setup.map.width();
+                    History::new(config.history_len, config.action_block, width, view.infos(), &setup.history)
+                });
+                history.observe(live.row, &setup.history);
+            }
+            if row.taken == row.queue.len() {
+                search.rows.push(index);
+            }
+        }
+        if !search.rows.is_empty() {
+            search.run(config, solver.as_ref(), cost.as_mut(), setup, view, rows)?;
+        }
+        for index in view.live() {
+            let row = &mut rows[index];
+            let mut action: SliceMut<'_> = actions.row(index);
+            setup.map.write(&row.queue[row.taken..][..setup.map.width()], &mut action);
+            row.taken += setup.map.width();
+            if let Some(history) = &mut row.history {
+                history.acted(action.as_slice());
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Search {
+    /// Plans for all chosen rows together and refills their queues.
+    fn run(
+        &mut self,
+        config: &PlanConfig,
+        solver: &dyn Solver,
+        cost: &mut dyn Cost,
+        setup: &Setup,
+        view: &View<'_>,
+        states: &mut [Row],
+    ) -> Result<(), PlanError> {
+        let Self { rows, keys, initial, workspace, plan } = self;
+        let width = config.action_block * setup.map.width();
+        let size = config.horizon * width;
+        keys.clear();
+        initial.clear();
+        initial.resize(rows.len() * size, 0.0);
+        for (&index, initial) in rows.iter().zip(initial.chunks_exact_mut(size)) {
+            let episode = view.row(index).expect("only live rows are planned for").episode;
+            let state = &states[index];
+            keys.push(PlanKey::of(episode, state.plans));
+            initial[..state.rest.len()].copy_from_slice(&state.rest);
+        }
+        cost.prepare(&Moment { view: *view, rows, states, actions: &setup.map })?;
+        let problem = Problem {
+            keys,
+            horizon: config.horizon,
+            action_block: config.action_block,
+            action: &setup.space,
+            initial,
+        };
+        solver.solve(&problem, cost, workspace, plan)?;
+        for (&index, actions) in rows.iter().zip(plan.actions.chunks_exact(size)) {
+            let row = &mut states[index];
+            let (now, later) = actions.split_at(config.receding_horizon * width);
+            row.plans += 1;
+            row.taken = 0;
+            row.queue.clear();
+            row.queue.extend_from_slice(now);
+            row.rest.clear();
+            if config.warm_start {
+                row.rest.extend_from_slice(later);
+            }
+        }
+        Ok(())
+    }
+}

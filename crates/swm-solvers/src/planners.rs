@@ -1,0 +1,107 @@
+//! Solvers as policies: MPC on the true simulator, for any environment that has a task cost.
+
+use serde_json::{Map, Value as Json};
+use swm_core::registry::Setting;
+use swm_core::{Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
+
+use crate::error::PlanError;
+use crate::mpc::{MpcPolicy, PlanConfig};
+use crate::settings::{MAX_SETTINGS, Settings, join, refuse_rest, take};
+use crate::simulator::{SimulatorCost, SimulatorOptions};
+use crate::solver::SolverConfig;
+use crate::solvers::SOLVERS;
+
+/// Every solver of [`SOLVERS`] as a policy that plans on the true simulator, under the solver's name. Its arguments
+/// are the settings of the solver, of [`PlanConfig`] and of [`SimulatorOptions`], in one flat list.
+pub const PLANNERS: &[PolicyEntry] = &{
+    let mut all = [SOLVERS[0].on_simulator; SOLVERS.len()];
+    let mut index = 1;
+    while index < SOLVERS.len() {
+        all[index] = SOLVERS[index].on_simulator;
+        index += 1;
+    }
+    all
+};
+
+pub(crate) const fn on_simulator<S: SolverConfig>() -> PolicyEntry {
+    PolicyEntry { name: S::NAME, summary: S::SUMMARY, settings: AllSettings::<S>::TABLE, make: make::<S> }
+}
+
+/// All arguments of the policy of one solver.
+struct AllSettings<S>(std::marker::PhantomData<S>);
+
+impl<S: SolverConfig> AllSettings<S> {
+    const JOINED: &'static ([Setting; MAX_SETTINGS], usize) =
+        &join(&[S::SETTINGS, PlanConfig::SETTINGS, SimulatorOptions::SETTINGS]);
+    const TABLE: &'static [Setting] = Self::JOINED.0.split_at(Self::JOINED.1).0;
+}
+
+fn make<S: SolverConfig>(
+    context: &PolicyContext<'_>,
+    args: &PolicyArgs,
+) -> Result<Box<dyn Policy>, PolicyError> {
+    let given = args.parse_as::<Map<String, Json>>()?;
+    let policy = assemble::<S>(context, given).map_err(|error| match error {
+        PlanError::Env(error) => PolicyError::Env(error),
+        error => args.wrong(error.to_string()),
+    })?;
+    Ok(Box::new(policy))
+}
+
+fn assemble<S: SolverConfig>(
+    context: &PolicyContext<'_>,
+    mut given: Map<String, Json>,
+) -> Result<MpcPolicy, PlanError> {
+    let solver = take::<S>(&mut given)?;
+    let config = take::<PlanConfig>(&mut given)?;
+    let options = take::<SimulatorOptions>(&mut given)?;
+    refuse_rest(&given, AllSettings::<S>::TABLE)?;
+    let cost = SimulatorCost::new(context.env, context.config, options)?;
+    solver.check(cost.action_space())?;
+    MpcPolicy::new(Box::new(solver), Box::new(cost), config)
+}
+
+#[cfg(test)]
+mod tests {
+    use swm_core::EnvConfig;
+    use swm_core::testing::TOY;
+
+    use super::*;
+
+    fn describe(text: &str) -> Result<String, PolicyError> {
+        let args = PolicyArgs::parse(text)?;
+        let entry = PLANNERS.iter().find(|entry| entry.name == args.name).expect("a planner of the table");
+        let context = PolicyContext { env: &TOY, config: &EnvConfig::default() };
+        Ok((entry.make)(&context, &args)?.describe())
+    }
+
+    #[test]
+    fn documented_defaults_are_the_defaults() {
+        for entry in PLANNERS {
+            let all: Vec<String> =
+                entry.settings.iter().map(|s| format!("{}={}", s.name, s.default)).collect();
+            assert_eq!(describe(&format!("{}:{}", entry.name, all.join(","))).unwrap(), entry.name);
+        }
+    }
+
+    #[test]
+    fn a_description_makes_the_same_policy_again() {
+        let text = "cem:samples=64,sigma=0.5,return_best=true,horizon=7,aggregate=mean";
+        assert_eq!(describe(text).unwrap(), text);
+    }
+
+    #[test]
+    fn bad_settings_are_named() {
+        let message = |text: &str| describe(text).unwrap_err().to_string();
+        assert!(message("cem:sample=1").contains("setting `sample`: unknown; did you mean `samples`?"));
+        assert!(message("cem:horizon=0").contains("setting `horizon`: 0 is too small"));
+        assert!(message("cem:samples=20").contains("setting `elites`: 30 of 20 samples"));
+        assert!(message("cem:elites=1").contains("setting `elites`: 1 is too few"));
+        assert!(message("cem:samples=many").contains("setting `samples`: invalid type"));
+        assert!(message("cem:horizon=3").contains("5 blocks of a plan of 3"));
+        assert!(message("cem:sigma=-1").contains("setting `sigma`: -1 is not a positive number"));
+        assert!(message("cem:success_bonus=-1").contains("setting `success_bonus`"));
+        assert!(message("cem:aggregate=worst").contains("`last`, `mean`, `best`"));
+        assert!(message("cem:300").contains("write key=value"));
+    }
+}

@@ -1,0 +1,186 @@
+//! What every solver takes and gives. The solvers themselves stand in `solvers/`.
+
+use serde_json::{Map, Value as Json};
+use swm_core::registry::Setting;
+use swm_core::{EpisodeSeed, LiveEpisode, PolicyEntry, Space};
+
+use crate::cost::{Candidates, Cost};
+use crate::error::PlanError;
+use crate::planners;
+use crate::settings::Settings;
+use crate::workspace::Workspace;
+
+/// Searches for cheap plans. A solver is configuration and nothing else: `solve` is a pure function of the
+/// problem and the cost, and the workspace only saves allocations.
+pub trait Solver: Send + Sync {
+    /// Its name in [`crate::SOLVERS`].
+    fn name(&self) -> &'static str;
+
+    /// Settings that differ from their defaults, for reports.
+    fn changed_settings(&self) -> Map<String, Json>;
+
+    /// Whether it can plan actions of `space`; also says what is wrong with its own settings.
+    fn check(&self, space: &Space) -> Result<(), PlanError>;
+
+    /// Plans for all episodes of `problem` and writes the result to `plan`, whose memory is reused.
+    ///
+    /// Each episode's result has the same bits whatever other episodes are solved with it and on however many
+    /// threads.
+    fn solve(
+        &self,
+        problem: &Problem<'_>,
+        cost: &mut dyn Cost,
+        workspace: &mut Workspace,
+        plan: &mut Plan,
+    ) -> Result<(), PlanError>;
+}
+
+/// What to plan: for each of B episodes H blocks of D = k × A numbers.
+#[derive(Clone, Copy, Debug)]
+pub struct Problem<'a> {
+    /// `[B]`: the episodes.
+    pub keys: &'a [PlanKey],
+    /// H.
+    pub horizon: usize,
+    /// k: actions per block.
+    pub action_block: usize,
+    /// What one action may be, in the units of the plan.
+    pub action: &'a Space,
+    /// `[B, H, D]`: where the search begins; zeros where nothing is known.
+    pub initial: &'a [f32],
+}
+
+impl Problem<'_> {
+    /// D: numbers per block.
+    pub fn width(&self) -> usize {
+        self.action_block * self.action.width()
+    }
+
+    /// H × D: numbers per plan.
+    pub fn plan_size(&self) -> usize {
+        self.horizon * self.width()
+    }
+
+    /// Candidates of this problem: `[B, samples, H, D]`.
+    pub fn candidates<'c>(&self, actions: &'c [f32], samples: usize) -> Candidates<'c> {
+        let (rows, horizon, width) = (self.keys.len(), self.horizon, self.width());
+        Candidates { actions, rows, samples, horizon, width }
+    }
+
+    /// Checks the sizes.
+    pub fn check(&self) -> Result<(), PlanError> {
+        at_least_one("horizon", self.horizon)?;
+        at_least_one("action_block", self.action_block)?;
+        let expected = self.keys.len() * self.plan_size();
+        if self.initial.len() != expected {
+            return Err(PlanError::Size { name: "initial", expected, found: self.initial.len() });
+        }
+        Ok(())
+    }
+}
+
+pub(crate) fn at_least_one(name: &str, value: usize) -> Result<(), PlanError> {
+    if value == 0 { Err(PlanError::setting(name, "0 is too small; use 1 or more")) } else { Ok(()) }
+}
+
+/// Which plan of which episode: the key of all noise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PlanKey {
+    /// Index of the episode in its run, for messages; noise does not depend on it.
+    pub episode: u64,
+    /// Seed of the episode.
+    pub seed: EpisodeSeed,
+    /// How many plans the episode had before.
+    pub plan: u64,
+}
+
+impl PlanKey {
+    /// Plan number `plan` of a live episode.
+    pub fn of(episode: LiveEpisode, plan: u64) -> Self {
+        Self { episode: episode.index, seed: episode.seed, plan }
+    }
+}
+
+/// Plans of B episodes, and what is known of them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Plan {
+    /// `[B, H, D]`: the plans.
+    pub actions: Vec<f32>,
+    /// `[B, H, D]`: standard deviation of the final search distribution, for solvers that have one.
+    pub spread: Vec<f32>,
+    /// `[B]`: the cost of `actions` themselves, evaluated after the search (infinite if it was not finite).
+    pub cost_of_returned: Vec<f64>,
+    /// `[B]`: mean cost of the last iteration's elites, which were drawn around the previous mean: what the
+    /// reference reports as cost. NaN without iterations.
+    pub elite_mean_last: Vec<f64>,
+    /// `[B]`: how many evaluated costs were not finite.
+    pub non_finite: Vec<u64>,
+}
+
+impl Plan {
+    /// An empty plan, to be filled by [`Solver::solve`].
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The plan of episode `row`: `[H, D]`.
+    pub fn row(&self, row: usize) -> &[f32] {
+        let size = self.actions.len() / self.cost_of_returned.len().max(1);
+        &self.actions[row * size..][..size]
+    }
+
+    /// Sizes everything for `problem`. For solvers: plans start at the initial ones, costs are unknown.
+    pub fn begin(&mut self, problem: &Problem<'_>, spread: f32) {
+        let rows = problem.keys.len();
+        refill(&mut self.spread, problem.initial.len(), spread);
+        refill(&mut self.cost_of_returned, rows, f64::INFINITY);
+        refill(&mut self.elite_mean_last, rows, f64::NAN);
+        refill(&mut self.non_finite, rows, 0);
+        self.actions.clear();
+        self.actions.extend_from_slice(problem.initial);
+    }
+}
+
+fn refill<T: Clone>(values: &mut Vec<T>, len: usize, value: T) {
+    values.clear();
+    values.resize(len, value);
+}
+
+/// A solver that the tables can list.
+pub trait SolverConfig: Solver + Settings + 'static {
+    /// Its name: `cem`.
+    const NAME: &'static str;
+    /// What it does, in one line.
+    const SUMMARY: &'static str;
+}
+
+/// One solver of [`crate::SOLVERS`].
+#[derive(Clone, Copy, Debug)]
+pub struct SolverEntry {
+    /// Its name: `cem`.
+    pub name: &'static str,
+    /// What it does, in one line.
+    pub summary: &'static str,
+    /// Its settings.
+    pub settings: &'static [Setting],
+    /// Makes one from settings by name.
+    pub make: MakeSolver,
+    /// The policy that plans with it on the true simulator.
+    pub on_simulator: PolicyEntry,
+}
+
+/// Makes a solver from settings by name.
+pub type MakeSolver = fn(Map<String, Json>) -> Result<Box<dyn Solver>, PlanError>;
+
+impl SolverEntry {
+    /// The entry of `S`.
+    pub const fn of<S: SolverConfig>() -> Self {
+        Self {
+            name: S::NAME,
+            summary: S::SUMMARY,
+            settings: S::SETTINGS,
+            make: |given| Ok(Box::new(S::from_settings(given)?)),
+            on_simulator: planners::on_simulator::<S>(),
+        }
+    }
+}

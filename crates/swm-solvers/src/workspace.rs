@@ -1,0 +1,55 @@
+//! Memory that solvers reuse. Holds no state: whatever a solver needs to remember is in its problem.
+
+/// Buffers for any solver. The first solve of a size allocates, later ones do not.
+#[derive(Debug, Default)]
+pub struct Workspace {
+    /// Candidates, gradients, moments.
+    pub floats: Scratch<f32>,
+    /// Costs, multipliers.
+    pub doubles: Scratch<f64>,
+    /// Orders of samples.
+    pub indices: Scratch<u32>,
+}
+
+impl Workspace {
+    /// Empty buffers.
+    pub fn new() -> Self {
+        Self::default()
+    }
+}
+
+/// One buffer, cut into slices. It grows and never shrinks.
+#[derive(Debug, Default)]
+pub struct Scratch<T> {
+    buffer: Vec<T>,
+}
+
+impl<T: Copy + Default> Scratch<T> {
+    /// Disjoint slices of the given lengths, all zero: nothing leaks from one solve into the next.
+    pub fn cut<const N: usize>(&mut self, lengths: [usize; N]) -> [&mut [T]; N] {
+        self.buffer.clear();
+        self.buffer.resize(lengths.iter().sum(), T::default());
+        let mut rest = self.buffer.as_mut_slice();
+        lengths.map(|length| {
+            let (slice, tail) = std::mem::take(&mut rest).split_at_mut(length);
+            rest = tail;
+            slice
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slices_are_disjoint_and_zero_again() {
+        let mut scratch = Scratch::<u32>::default();
+        let [a, b] = scratch.cut([2, 3]);
+        a.fill(1);
+        b.fill(2);
+        assert_eq!((&*a, &*b), (&[1, 1][..], &[2, 2, 2][..]));
+        let [c] = scratch.cut([4]);
+        assert_eq!(c, [0; 4]);
+    }
+}

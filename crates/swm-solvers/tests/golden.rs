@@ -1,0 +1,209 @@
+//! Golden problems: our solvers against the distribution of the reference's results over 20 seeds.
+//!
+//! The generators differ, so means are compared: the difference must be within 3 standard errors (plus 1e-4 of the
+//! mean). Seeds are fixed; a failure is first checked with other seeds.
+
+#[expect(clippy::unwrap_used, reason = "tests")]
+mod problems;
+
+use problems::{Analytic, LQ_OPTIMA, PlanCost, keys, lq, nav, problem, space};
+use swm_solvers::{Cem, Plan, Solver as _, Workspace};
+
+/// Seeds of the reference's runs.
+const GOLDEN_SEEDS: f64 = 20.0;
+/// Our seeds per instance.
+const SEEDS: u64 = 100;
+
+/// Mean and standard deviation of the reference's final costs, by instance.
+struct Golden {
+    mean: [f64; 4],
+    std: [f64; 4],
+}
+
+struct Run {
+    plan: Plan,
+    cost: Analytic,
+}
+
+/// Row `b` is instance `b % 4` with seed `b / 4`.
+fn run(solver: &Cem, cost: PlanCost) -> Run {
+    let keys = keys((0..4 * SEEDS).map(|row| row / 4));
+    let (space, initial) = (space(), vec![0.0; keys.len() * problems::HORIZON * problems::WIDTH]);
+    let mut run = Run { plan: Plan::new(), cost: Analytic::new(cost, solver.elites) };
+    let problem = problem(&keys, &space, &initial);
+    solver.solve(&problem, &mut run.cost, &mut Workspace::new(), &mut run.plan).unwrap();
+    run
+}
+
+fn mean_and_std(values: impl Iterator<Item = f64> + Clone) -> (f64, f64, f64) {
+    let count = values.clone().count() as f64;
+    let mean = values.clone().sum::<f64>() / count;
+    let variance = values.map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    (mean, variance.sqrt(), count)
+}
+
+fn instance(values: &[f64], instance: usize) -> impl Iterator<Item = f64> + Clone {
+    values.iter().copied().skip(instance).step_by(4)
+}
+
+fn assert_near(what: &str, golden: (f64, f64), values: impl Iterator<Item = f64> + Clone) {
+    let (mean, std, count) = mean_and_std(values);
+    let error = 3.0 * (golden.1.powi(2) / GOLDEN_SEEDS + std.powi(2) / count).sqrt() + 1e-4 * golden.0.abs();
+    let difference = (mean - golden.0).abs();
+    assert!(difference <= error, "{what}: mean {mean}, golden {}, allowed difference {error}", golden.0);
+}
+
+fn check(name: &str, run: &Run, golden: &Golden) {
+    for i in 0..4 {
+        let what = format!("{name}, instance {i}");
+        let golden = (golden.mean[i], golden.std[i]);
+        assert_near(&what, golden, instance(&run.plan.cost_of_returned, i));
+    }
+    for (row, plan) in run.plan.actions.chunks_exact(problems::HORIZON * problems::WIDTH).enumerate() {
+        let cost = f64::from((run.cost.cost)(row % 4, plan));
+        assert_eq!(cost, run.plan.cost_of_returned[row], "the reported cost is that of the returned plan");
+    }
+}
+
+/// Mean of the smallest, of the elite and of all costs of iteration `number` (from 1), by instance. The golden spread
+/// is not known and taken as ours.
+fn check_iteration(name: &str, run: &Run, number: usize, golden: [[f64; 4]; 3]) {
+    let seen = &run.cost.iterations[number - 1];
+    let columns: [Vec<f64>; 3] = [
+        seen.iter().map(|s| s.min).collect(),
+        seen.iter().map(|s| s.elite).collect(),
+        seen.iter().map(|s| s.mean).collect(),
+    ];
+    for (column, golden) in columns.iter().zip(golden) {
+        for i in 0..4 {
+            let (_, std, _) = mean_and_std(instance(column, i));
+            let what = format!("{name}, iteration {number}, instance {i}");
+            assert_near(&what, (golden[i], std), instance(column, i));
+        }
+    }
+}
+
+#[test]
+fn cem_on_the_linear_quadratic_problem() {
+    let run = run(&Cem::default(), lq);
+    let golden = Golden {
+        mean: [4.63356, 3.98693, 6.7054, 19.8292],
+        std: [0.0702603, 0.0639247, 0.0822742, 0.225737],
+    };
+    check("cem_lq", &run, &golden);
+    check_iteration(
+        "cem_lq",
+        &run,
+        1,
+        [
+            [8.86144, 8.50562, 11.3051, 27.1151],
+            [18.0968, 16.129, 19.5617, 41.8355],
+            [103.067, 96.9811, 101.669, 144.212],
+        ],
+    );
+    check_iteration(
+        "cem_lq",
+        &run,
+        5,
+        [
+            [5.40279, 4.56933, 7.48805, 21.876],
+            [8.90094, 7.94887, 11.0411, 25.7839],
+            [34.1859, 33.4049, 38.0429, 55.3846],
+        ],
+    );
+    check_iteration(
+        "cem_lq",
+        &run,
+        30,
+        [
+            [4.63198, 3.9855, 6.70324, 19.8223],
+            [4.64111, 3.99394, 6.71252, 19.8388],
+            [4.6804, 4.0325, 6.75145, 19.8896],
+        ],
+    );
+    for (row, &cost) in run.plan.cost_of_returned.iter().enumerate() {
+        assert!(cost >= LQ_OPTIMA[row % 4] - 1e-4, "{cost} is below the optimum");
+        assert_eq!(run.plan.elite_mean_last[row], run.cost.iterations[29][row].elite);
+    }
+}
+
+#[test]
+fn small_cem_on_the_linear_quadratic_problem() {
+    let run = run(&Cem { samples: 64, iterations: 8, elites: 8, ..Cem::default() }, lq);
+    let golden =
+        Golden { mean: [5.50856, 4.95083, 7.65328, 22.1361], std: [0.437752, 0.499027, 0.253264, 1.28485] };
+    check("cem_small_lq", &run, &golden);
+    check_iteration(
+        "cem_small_lq",
+        &run,
+        2,
+        [
+            [8.41093, 6.76639, 10.1677, 28.4344],
+            [14.0106, 12.9171, 16.1485, 35.2338],
+            [67.5789, 64.3147, 69.6262, 99.6477],
+        ],
+    );
+    check_iteration(
+        "cem_small_lq",
+        &run,
+        8,
+        [
+            [5.56135, 4.94236, 7.67951, 22.2064],
+            [6.06566, 5.48871, 8.23449, 22.8092],
+            [10.557, 10.1838, 12.4065, 27.6548],
+        ],
+    );
+}
+
+#[test]
+fn cem_on_the_navigation_problem() {
+    let run = run(&Cem::default(), nav);
+    for golden in [
+        Golden {
+            mean: [9.72674, 3.97888, 7.7876, 5.26243],
+            std: [0.167817, 0.00875256, 0.0181606, 0.00460973],
+        },
+        Golden {
+            mean: [9.69622, 3.97821, 7.78178, 5.26279],
+            std: [0.15467, 0.00547747, 0.0198161, 0.00566317],
+        },
+    ] {
+        check("cem_nav", &run, &golden);
+    }
+    check_iteration(
+        "cem_nav",
+        &run,
+        2,
+        [
+            [17.779, 6.20023, 12.5188, 8.75804],
+            [23.6693, 9.65809, 16.139, 13.2263],
+            [33.682, 23.7376, 25.3085, 29.2412],
+        ],
+    );
+    check_iteration(
+        "cem_nav",
+        &run,
+        30,
+        [
+            [9.69609, 3.97815, 7.78156, 5.26276],
+            [9.6965, 3.97836, 7.78213, 5.26288],
+            [9.69719, 3.97879, 7.78315, 5.26312],
+        ],
+    );
+}
+
+#[test]
+fn sample_0_is_the_mean_of_the_last_refit() {
+    let keys = keys([3]);
+    let (space, initial) = (space(), vec![0.0; 20]);
+    let problem = problem(&keys, &space, &initial);
+    let mut cost = Analytic::new(lq, 30);
+    let mut plan = Plan::new();
+    Cem::default().solve(&problem, &mut cost, &mut Workspace::new(), &mut plan).unwrap();
+    for iterations in [0, 1, 7] {
+        let mut shorter = Analytic::new(lq, 30);
+        let solver = Cem { iterations, ..Cem::default() };
+        solver.solve(&problem, &mut shorter, &mut Workspace::new(), &mut plan).unwrap();
+        assert_eq!(plan.cost_of_returned[0], cost.iterations[iterations][0].first);
+    }
+}

@@ -1,0 +1,114 @@
+//! Analytic planning problems with known solutions: linear-quadratic control and navigation around an obstacle, four
+//! instances each. Computed in `f32` per candidate, as the reference's golden runs were.
+
+use swm_core::{Dtype, EpisodeSeed, Space};
+use swm_solvers::{Candidates, Cost, Moment, PlanError, PlanKey, Problem};
+
+/// H of both problems.
+pub const HORIZON: usize = 10;
+/// A of both problems.
+pub const WIDTH: usize = 2;
+
+/// An analytic problem: the cost of a plan `[H, A]` from start `instance`.
+pub type PlanCost = fn(instance: usize, plan: &[f32]) -> f32;
+
+/// Linear-quadratic: a damped double integrator driven to the origin.
+pub fn lq(instance: usize, plan: &[f32]) -> f32 {
+    const STARTS: [[f32; 4]; 4] =
+        [[1.0, 0.0, 0.0, 0.0], [-0.5, 0.8, 0.2, -0.1], [0.3, -1.2, 0.0, 0.5], [1.5, 1.5, -1.0, 0.0]];
+    let [mut x, mut y, mut vx, mut vy] = STARTS[instance];
+    let mut cost = 0.0;
+    for u in plan.chunks_exact(WIDTH) {
+        cost += x * x + y * y + 0.1 * (vx * vx + vy * vy) + 0.05 * (u[0] * u[0] + u[1] * u[1]);
+        (x, y, vx, vy) =
+            (x + 0.1 * vx + 0.05 * u[0], y + 0.1 * vy + 0.05 * u[1], 0.95 * vx + u[0], 0.95 * vy + u[1]);
+    }
+    cost + 10.0 * (x * x + y * y) + (vx * vx + vy * vy)
+}
+
+/// The unconstrained optima of [`lq`], by instance.
+pub const LQ_OPTIMA: [f64; 4] = [4.402300, 3.826701, 6.443985, 19.139794];
+
+/// Navigation to a goal past a round obstacle; paths left and right of it are local minima.
+pub fn nav(instance: usize, plan: &[f32]) -> f32 {
+    const STARTS: [[f32; 2]; 4] = [[0.0, 0.0], [0.0, 0.3], [-0.5, -0.2], [0.2, 0.6]];
+    const GOALS: [[f32; 2]; 4] = [[1.2, 1.0], [1.0, -0.8], [1.0, 0.4], [-1.0, -0.6]];
+    const OBSTACLE: [f32; 2] = [0.55, 0.45];
+    let far = |p: [f32; 2], q: [f32; 2]| (p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]);
+    let mut place = STARTS[instance];
+    let mut cost = 0.0;
+    for u in plan.chunks_exact(WIDTH) {
+        place = [place[0] + 0.2 * u[0].tanh(), place[1] + 0.2 * u[1].tanh()];
+        cost += far(place, GOALS[instance])
+            + 5.0 * (-far(place, OBSTACLE) / 0.1).exp()
+            + 0.01 * (u[0] * u[0] + u[1] * u[1]);
+    }
+    cost + 5.0 * far(place, GOALS[instance])
+}
+
+/// The statistics of one iteration over the candidates of one episode.
+#[derive(Clone, Copy, Debug)]
+pub struct Iteration {
+    /// The cheapest.
+    pub min: f64,
+    /// The mean of the cheapest `elites`.
+    pub elite: f64,
+    /// The mean of all.
+    pub mean: f64,
+    /// That of candidate 0.
+    pub first: f64,
+}
+
+/// A [`PlanCost`] as a [`Cost`] whose row `b` is instance `b % 4`; remembers what each iteration saw.
+pub struct Analytic {
+    pub cost: PlanCost,
+    /// How many elites the statistics use.
+    pub elites: usize,
+    /// `[iteration][B]`, the final evaluation included.
+    pub iterations: Vec<Vec<Iteration>>,
+}
+
+impl Analytic {
+    pub fn new(cost: PlanCost, elites: usize) -> Self {
+        Self { cost, elites, iterations: Vec::new() }
+    }
+
+    fn statistics(&self, costs: &[f64]) -> Iteration {
+        let mut sorted = costs.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        let elite = mean(&sorted[..self.elites.min(costs.len())]);
+        Iteration { min: sorted[0], elite, mean: mean(costs), first: costs[0] }
+    }
+}
+
+impl Cost for Analytic {
+    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+        Ok(())
+    }
+
+    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+        for (index, (plan, cost)) in candidates.plans().zip(&mut *costs).enumerate() {
+            *cost = f64::from((self.cost)(index / candidates.samples % 4, plan));
+        }
+        let seen = costs.chunks(candidates.samples).map(|costs| self.statistics(costs)).collect();
+        self.iterations.push(seen);
+        Ok(())
+    }
+}
+
+/// Episodes `episodes`, whose seeds are their indices, at their first plan.
+pub fn keys(episodes: impl IntoIterator<Item = u64>) -> Vec<PlanKey> {
+    let key = |episode| PlanKey { episode, seed: EpisodeSeed::new(episode), plan: 0 };
+    episodes.into_iter().map(key).collect()
+}
+
+/// The action space of both problems.
+pub fn space() -> Space {
+    Space::uniform_box(Dtype::F32, &[WIDTH], -1.0, 1.0)
+}
+
+/// The problem of planning for `keys` from `initial`.
+pub fn problem<'a>(keys: &'a [PlanKey], space: &'a Space, initial: &'a [f32]) -> Problem<'a> {
+    Problem { keys, horizon: HORIZON, action_block: 1, action: space, initial }
+}
