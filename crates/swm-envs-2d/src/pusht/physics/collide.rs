@@ -268,3 +268,102 @@ fn clip(normal: Vec2, first: Edge, radius_first: f64, second: Edge, radius_secon
     }
     (manifold.len > 0).then_some(manifold)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::FRAC_PI_4;
+
+    fn rectangle(x: f64, y: f64, half: f64, angle: f64) -> PlacedRectangle {
+        PlacedRectangle { center: vec2(x, y), half: vec2(half, half), rotation: Rotation::new(angle) }
+    }
+
+    fn assert_near(a: Vec2, b: Vec2) {
+        assert!((a - b).norm() < 1e-12, "{a:?} is not near {b:?}");
+    }
+
+    #[test]
+    fn a_disc_meets_faces_and_corners_from_outside_and_inside() {
+        let square = rectangle(100.0, 100.0, 10.0, 0.0);
+        let face = collide_disc_rectangle(vec2(85.0, 103.0), 6.0, &square).unwrap();
+        assert_near(face.normal, vec2(1.0, 0.0));
+        assert_near(face.points[0].on_second, vec2(90.0, 103.0));
+        assert_near(face.points[0].on_first, vec2(91.0, 103.0));
+
+        let corner = collide_disc_rectangle(vec2(87.0, 86.0), 6.0, &square).unwrap();
+        assert_near(corner.normal, vec2(0.6, 0.8));
+        assert_near(corner.points[0].on_second, vec2(90.0, 90.0));
+        assert!(collide_disc_rectangle(vec2(87.0, 86.0), 4.9, &square).is_none());
+
+        let inside = collide_disc_rectangle(vec2(93.0, 101.0), 6.0, &square).unwrap();
+        assert_near(inside.normal, vec2(1.0, 0.0));
+        assert_near(inside.points[0].on_second, vec2(90.0, 101.0));
+    }
+
+    #[test]
+    fn rectangles_meet_along_their_common_stretch() {
+        let (left, right) = (rectangle(100.0, 100.0, 10.0, 0.0), rectangle(119.0, 105.0, 10.0, 0.0));
+        let manifold = collide_rectangle_rectangle(&left, &right).unwrap();
+        assert_near(manifold.normal, vec2(1.0, 0.0));
+        assert_eq!(manifold.len, 2);
+        let mut ends = manifold.points.map(|point| (point.on_first, point.on_second));
+        ends.sort_by(|a, b| a.0.y.total_cmp(&b.0.y));
+        assert_near(ends[0].0, vec2(110.0, 95.0));
+        assert_near(ends[0].1, vec2(109.0, 95.0));
+        assert_near(ends[1].0, vec2(110.0, 110.0));
+        assert!(collide_rectangle_rectangle(&left, &rectangle(120.1, 100.0, 10.0, 0.0)).is_none());
+
+        let swapped = collide_rectangle_rectangle(&right, &left).unwrap();
+        assert_near(swapped.normal, vec2(-1.0, 0.0));
+        // The same two contacts in the other order, known by the same vertices.
+        assert_near(swapped.points[0].on_second, manifold.points[1].on_first);
+        assert_eq!(swapped.points[0].feature.first, manifold.points[1].feature.second);
+        assert_eq!(swapped.points[0].feature.second, manifold.points[1].feature.first);
+    }
+
+    #[test]
+    fn a_vertex_meets_a_wall_within_its_radius() {
+        // The left wall's segment is at x = 5; the vertex is 1 px from it.
+        let tilted = rectangle(6.0 + 10.0 * 2.0_f64.sqrt(), 250.0, 10.0, FRAC_PI_4);
+        let manifold = collide_wall_rectangle(0, &tilted).unwrap();
+        assert_near(manifold.normal, vec2(1.0, 0.0));
+        assert_eq!(manifold.len, 1);
+        assert_near(manifold.points[0].on_first, vec2(7.0, 250.0));
+        assert_near(manifold.points[0].on_second, vec2(6.0, 250.0));
+        let apart = rectangle(7.1 + 10.0 * 2.0_f64.sqrt(), 250.0, 10.0, FRAC_PI_4);
+        assert!(collide_wall_rectangle(0, &apart).is_none());
+    }
+
+    #[test]
+    fn a_face_rests_on_a_wall_with_two_points() {
+        let manifold = collide_wall_rectangle(3, &rectangle(300.0, 494.5, 10.0, 0.0)).unwrap();
+        assert_near(manifold.normal, vec2(0.0, -1.0));
+        assert_eq!(manifold.len, 2);
+        for point in manifold.points {
+            assert!((point.on_first.y - 504.0).abs() < 1e-12 && (point.on_second.y - 504.5).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_vertex_beyond_the_end_of_a_wall_meets_its_round_cap() {
+        // Outside the top right corner: the nearest point of both walls is their end (506, 5).
+        let beyond = rectangle(506.9 + 10.0, 3.8 - 10.0, 10.0, 0.0);
+        let manifold = collide_wall_rectangle(1, &beyond).unwrap();
+        assert_near(manifold.normal, vec2(0.6, -0.8));
+        assert!(collide_wall_rectangle(1, &rectangle(517.6, -7.0, 10.0, 0.0)).is_none());
+    }
+
+    #[test]
+    fn the_touching_edge_faces_the_direction() {
+        let square = rectangle(0.0, 0.0, 1.0, 0.0);
+        let ends = |x: f64, y: f64| {
+            let edge = touching_edge(&square, vec2(x, y));
+            (edge.a_index, edge.b_index)
+        };
+        assert_eq!(
+            [ends(0.0, -1.0), ends(1.0, 0.0), ends(0.0, 1.0), ends(-1.0, 0.0)],
+            [(0, 1), (1, 2), (2, 3), (3, 0)]
+        );
+        assert_eq!([ends(0.9, -0.1), ends(0.1, -0.9)], [(1, 2), (0, 1)]);
+    }
+}

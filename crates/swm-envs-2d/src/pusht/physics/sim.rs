@@ -190,9 +190,10 @@ impl Sim {
         self.state.advance(&self.world, &mut scratch)
     }
 
-    /// Lets the contacts at the present poses set the velocities, without moving anything: after
-    /// [`Sim::place_exactly`] at a recorded moment, the next step then continues as the recorded one did. Returns the
-    /// number of contact points.
+    /// Lets the contacts at the present poses set the velocities, without moving anything: a substep without its
+    /// motion. After [`Sim::place_exactly`] at a recorded pose, bodies in contact then go on with the next substep and
+    /// not one later. Impulses that the recorded world remembered are not known, so the continuation is close but not
+    /// exact. Returns the number of contact points.
     pub fn settle(&mut self) -> u32 {
         let mut scratch = Scratch::new(&self.world, &self.state.bodies);
         self.state.resolve_contacts(&self.world, &mut scratch)

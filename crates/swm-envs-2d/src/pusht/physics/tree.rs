@@ -218,3 +218,77 @@ impl Tree {
         parent_of_root_is_none && count == leaves && order[..count] == self.order[..count]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::math::vec2;
+    use super::*;
+
+    fn boxes(lefts: [f64; 3]) -> Boxes {
+        let mut boxes = [Aabb::default(); MAX_LEAVES];
+        for (leaf, left) in lefts.into_iter().enumerate() {
+            boxes[leaf] = Aabb { min: vec2(left, 0.0), max: vec2(left + 10.0, 10.0) };
+        }
+        boxes
+    }
+
+    fn order(tree: &Tree) -> Vec<usize> {
+        tree.order().iter().collect()
+    }
+
+    #[test]
+    fn of_two_leaves_the_newcomer_is_first() {
+        let boxes = boxes([0.0, 100.0, 0.0]);
+        let mut tree = Tree::new();
+        tree.insert(0, &boxes);
+        tree.insert(1, &boxes);
+        assert_eq!(order(&tree), [1, 0]);
+        tree.reinsert(0, &boxes);
+        assert_eq!(order(&tree), [0, 1]);
+        tree.reinsert(0, &boxes);
+        assert_eq!(order(&tree), [0, 1]);
+        assert!(tree.is_sound(2) && !tree.is_sound(3));
+    }
+
+    #[test]
+    fn of_three_leaves_the_newcomer_stands_before_its_nearer_neighbour() {
+        let near_first = boxes([0.0, 100.0, 12.0]);
+        let mut tree = Tree::new();
+        for leaf in 0..3 {
+            tree.insert(leaf, &near_first);
+        }
+        assert_eq!(order(&tree), [1, 2, 0]);
+        let near_second = boxes([0.0, 100.0, 88.0]);
+        tree.reinsert(2, &near_second);
+        assert_eq!(order(&tree), [2, 1, 0]);
+        assert!(tree.is_sound(3));
+    }
+
+    #[test]
+    fn equal_costs_are_decided_by_nearness_then_for_the_first() {
+        // Both siblings have the same size, and the newcomer lies inside both.
+        let mut boxes = boxes([0.0, 0.0, 0.0]);
+        boxes[2] = Aabb { min: vec2(4.0, 4.0), max: vec2(6.0, 6.0) };
+        let mut tree = Tree::new();
+        for leaf in 0..3 {
+            tree.insert(leaf, &boxes);
+        }
+        assert_eq!(order(&tree), [2, 1, 0]);
+    }
+
+    #[test]
+    fn climbing_shows_the_other_side_at_every_level() {
+        let boxes = boxes([0.0, 100.0, 12.0]);
+        let mut tree = Tree::new();
+        for leaf in 0..3 {
+            tree.insert(leaf, &boxes);
+        }
+        // The tree is (1 (2 0)).
+        let mut seen = Vec::new();
+        tree.climb(0, |is_second, others| seen.push((is_second, others.iter().collect::<Vec<_>>())));
+        assert_eq!(seen, [(true, vec![2]), (true, vec![1])]);
+        seen.clear();
+        tree.climb(1, |is_second, others| seen.push((is_second, others.iter().collect::<Vec<_>>())));
+        assert_eq!(seen, [(false, vec![2, 0])]);
+    }
+}

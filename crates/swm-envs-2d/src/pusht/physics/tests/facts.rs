@@ -126,6 +126,20 @@ fn only_the_exact_placement_forgets_what_the_last_pose_caused() {
 }
 
 #[test]
+fn settling_finds_contacts_without_moving() {
+    let overlapping = Placement::from([259.0, 300.0, 300.0, 300.0, 0.0]);
+    let mut settled = disc_and_square(&overlapping);
+    assert_eq!(settled.settle(), 1);
+    assert_eq!((settled.contact_points(), settled.position(BodyId::Block)), (1, [300.0, 300.0]));
+    settled.substep();
+    assert_near(
+        settled.position(BodyId::Block),
+        [300.0 + OVERLAP_REMOVED * (4.0 - ALLOWED_OVERLAP), 300.0],
+        1e-12,
+    );
+}
+
+#[test]
 fn walls_hold_the_block_but_not_the_disc() {
     let mut sim = disc_and_square(&Placement::from([400.0, 250.0, 460.0, 250.0, 0.0]));
     for _ in 0..40 {
