@@ -16,6 +16,18 @@ pub enum RenderError {
         /// Largest side allowed.
         max: usize,
     },
+    /// A canvas is not of the size that a resize was made for.
+    #[error(
+        "a canvas of {height} x {width} px cannot be resized by tables made for {side} x {side} px; make tables for its size"
+    )]
+    Canvas {
+        /// The canvas's height.
+        height: usize,
+        /// The canvas's width.
+        width: usize,
+        /// The side that it should have.
+        side: usize,
+    },
     /// A pixel slice does not hold exactly the image.
     #[error(
         "{what} holds {actual} bytes but {height} x {width} x 3 = {expected} are needed; pass a slice of that length"

@@ -60,12 +60,8 @@ impl AntialiasBilinear {
     }
 
     /// Recomputes the pixels of `out` that depend on the pixels `dirty` of `image`. The other pixels of `image` must be
-    /// those of the call before. Slices of a wrong length are left alone.
-    pub(crate) fn resize_region(&mut self, image: &[u8], dirty: Rect, out: &mut [u8]) -> Rect {
-        let dirty = dirty.intersect(&Rect::of_size(self.source[0], self.source[1]));
-        if dirty.is_empty() {
-            return Rect::default();
-        }
+    /// those of the call before. `dirty` is not empty and lies in the image; slices have the sizes of this resize.
+    pub(crate) fn resize_region(&mut self, image: &[u8], dirty: Rect, out: &mut [u8]) {
         let target_range = |axis: &Option<Axis>, range: Range<usize>| match axis {
             Some(axis) => axis.targets_of(range),
             None => range,
@@ -91,7 +87,6 @@ impl AntialiasBilinear {
                 }
             }
         }
-        Rect::new(x.start as i32, y.start as i32, x.end as i32, y.end as i32)
     }
 }
 

@@ -8,7 +8,7 @@
 //! farther f and its weight w <= 1024: R >> 4 = 128 n + (((f - n) w) >> 4), and everything fits 16-bit arithmetic.
 
 use crate::canvas::Canvas;
-use crate::error::{RenderError, check_size};
+use crate::error::{RenderError, check_len, check_size};
 use crate::rect::Rect;
 
 /// One target coordinate's source.
@@ -75,15 +75,23 @@ impl FixedBilinear {
         })
     }
 
-    /// Recomputes the pixels of `image`, `[target, target, 3]`, that depend on the pixels `dirty` of `canvas`, and
-    /// returns their rectangle. A canvas or image of another size is left alone (empty rectangle).
-    pub fn resize_region(&mut self, canvas: &Canvas, dirty: Rect, image: &mut [u8]) -> Rect {
-        let fits = canvas.width == self.source && canvas.height == self.source;
-        debug_assert!(fits && image.len() == self.target * self.target * 3, "a resize of other sizes");
-        let dirty = dirty.intersect(&canvas.bounds());
-        if !fits || image.len() != self.target * self.target * 3 || dirty.is_empty() {
-            return Rect::default();
+    /// Resizes `canvas` into `image`, `[target, target, 3]`.
+    ///
+    /// # Errors
+    /// If the canvas is not of the source's size, or `image` has the wrong length.
+    pub fn resize(&mut self, canvas: &Canvas, image: &mut [u8]) -> Result<(), RenderError> {
+        let Canvas { height, width, .. } = *canvas;
+        if (height, width) != (self.source, self.source) {
+            return Err(RenderError::Canvas { height, width, side: self.source });
         }
+        check_len("the resized image", image.len(), self.target, self.target)?;
+        self.resize_region(canvas, canvas.bounds(), image);
+        Ok(())
+    }
+
+    /// Recomputes the pixels of `image` that depend on the pixels `dirty` of `canvas`, and returns their rectangle.
+    /// `dirty` is not empty and lies in the canvas; canvas and image have the sizes of this resize.
+    pub(crate) fn resize_region(&mut self, canvas: &Canvas, dirty: Rect, image: &mut [u8]) -> Rect {
         let (x0, x1) = self.targets_of(dirty.x0, dirty.x1);
         let (y0, y1) = self.targets_of(dirty.y0, dirty.y1);
         let region = Rect::new(x0, y0, x1, y1);
@@ -112,11 +120,6 @@ impl FixedBilinear {
             );
         }
         region
-    }
-
-    /// Recomputes the whole of `image`, `[target, target, 3]`.
-    pub fn resize(&mut self, canvas: &Canvas, image: &mut [u8]) {
-        self.resize_region(canvas, canvas.bounds(), image);
     }
 
     /// The targets that look at sources `low..high`: first <= high - 1 and first + 1 >= low, edges repeated.
@@ -181,7 +184,7 @@ mod tests {
                     let (ya, yb, va, vb) = coordinate(y);
                     let p = |x, y| i64::from(canvas.get(x, y).expect("inside")[c]);
                     let r = |y| (p(xa, y) * wa + p(xb, y) * wb) >> 4;
-                    out.push((((va * r(ya)) >> 16) + ((vb * r(yb)) >> 16) + 2 >> 2) as u8);
+                    out.push(((((va * r(ya)) >> 16) + ((vb * r(yb)) >> 16) + 2) >> 2) as u8);
                 }
             }
         }
@@ -204,9 +207,22 @@ mod tests {
         for (source, target) in [(512, 224), (64, 28), (50, 37), (20, 45), (8, 8), (7, 1), (1, 5)] {
             let canvas = noise(source);
             let mut image = vec![0; target * target * 3];
-            FixedBilinear::new(source, target).expect("sizes are fine").resize(&canvas, &mut image);
+            FixedBilinear::new(source, target)
+                .and_then(|mut resize| resize.resize(&canvas, &mut image))
+                .expect("sizes and lengths fit");
             assert!(image == by_the_book(&canvas, target), "{source} to {target}");
         }
+    }
+
+    #[test]
+    fn other_sizes_are_errors() {
+        let mut resize = FixedBilinear::new(8, 4).expect("sizes are fine");
+        let error = resize.resize(&Canvas::new(4, 16), &mut [0; 48]).expect_err("not square");
+        assert_eq!(
+            error.to_string(),
+            "a canvas of 4 x 16 px cannot be resized by tables made for 8 x 8 px; make tables for its size"
+        );
+        assert!(resize.resize(&Canvas::new(8, 8), &mut [0; 47]).is_err());
     }
 
     #[test]
@@ -215,7 +231,7 @@ mod tests {
             let mut resize = FixedBilinear::new(source, target).expect("sizes are fine");
             let mut canvas = noise(source);
             let mut image = vec![0; target * target * 3];
-            resize.resize(&canvas, &mut image);
+            resize.resize(&canvas, &mut image).expect("the lengths fit");
             let side = source as i32;
             for dirty in [Rect::new(0, 0, 1, 1), Rect::new(side - 1, 3, side, 4), Rect::new(5, 7, 12, side)] {
                 for y in dirty.rows() {

@@ -2,8 +2,6 @@
 //!
 //! The drawing is the tests' own: it says in primitives what the environment's drawing code will say.
 
-#![allow(dead_code, reason = "each test binary uses its part")]
-
 use std::io::Read;
 use std::path::PathBuf;
 

@@ -1,7 +1,5 @@
 //! Drawing only what changed gives the bytes of drawing everything, in both styles and at any size.
 
-mod support;
-
 use proptest::prelude::*;
 use swm_render::{Geometry, Painter, RenderError, Renderer, Rgb, Style};
 
@@ -165,7 +163,7 @@ proptest! {
 
 #[test]
 fn golden_scenes_one_after_the_other_equal_fresh_ones() {
-    let scenes = support::golden_scenes();
+    let scenes = crate::scenes::golden_scenes();
     for (style, size) in [(Style::Exact, 224), (Style::Exact, 64), (Style::Fast, 64)] {
         let geometry = Geometry::new(size, size);
         let mut reused = Renderer::new(style, geometry).expect("sizes are fine");

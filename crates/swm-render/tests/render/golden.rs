@@ -2,13 +2,11 @@
 //!
 //! `SWM_GOLDEN_DIR` names a larger set in the layout of `tests/golden/render`.
 
-mod support;
-
 use std::fs::File;
 
+use crate::scenes::{committed_dir, decode_png, golden_dir, golden_scenes};
 use ndarray::Array1;
 use ndarray_npy::NpzReader;
-use support::{committed_dir, decode_png, golden_dir, golden_scenes};
 use swm_render::{AntialiasBilinear, Canvas, ExactRenderer, FixedBilinear, Geometry, Renderer, Style};
 
 /// How many pixels differ, and by how many levels at most.
@@ -30,7 +28,7 @@ fn exact_scenes_are_the_references() {
         renderer.render(&mut frame, |p| golden.scene.draw_rest(p)).expect("the length fits");
         let (canvas_pixels, canvas_levels) = difference(&renderer.canvas().to_rgb(), &golden.canvas);
         let (image_pixels, image_levels) = difference(&frame, &golden.image);
-        // The reference blends anti-aliased lines (contacts) in an order of operations that differs in the last bit.
+        // Contact lines: a few blended pixels come out one level off, by a rounding that is not known.
         let allowed = if golden.scene.segs.is_empty() { (0, 0) } else { (4, 1) };
         assert!(
             canvas_pixels <= allowed.0 && canvas_levels <= allowed.1,
@@ -50,7 +48,9 @@ fn exact_scenes_are_the_references() {
     }
     let count = scenes.len();
     println!("identical: {equal_canvases} of {count} canvases, {equal_images} of {count} images");
-    assert!(10 * equal_images >= 9 * count, "only {equal_images} of {count} images are identical");
+    let lines = scenes.iter().filter(|golden| !golden.scene.segs.is_empty()).count();
+    let differ = count - equal_images;
+    assert!(2 * differ < lines, "{differ} images differ, of {lines} with contact lines");
 }
 
 #[test]
@@ -70,7 +70,9 @@ fn resizes_are_the_references() {
         let image = picture("render224_png");
         let canvas = Canvas::from_rgb(512, 512, &canvas.rgb).expect("a 512-px canvas");
         let mut ours = vec![0; 224 * 224 * 3];
-        FixedBilinear::new(512, 224).expect("sizes are fine").resize(&canvas, &mut ours);
+        FixedBilinear::new(512, 224)
+            .and_then(|mut resize| resize.resize(&canvas, &mut ours))
+            .expect("sizes and lengths fit");
         assert_eq!(difference(&ours, &image.rgb), (0, 0), "{}: 512 to 224", path.display());
         for size in ["32", "64", "84", "96", "128", "256", "48x64_hw"] {
             let theirs = picture(&format!("pil_bilinear_{size}_png"));

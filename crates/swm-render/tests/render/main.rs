@@ -1,0 +1,5 @@
+//! Integration tests of the renderers, in one binary.
+
+mod golden;
+mod incremental;
+mod scenes;
