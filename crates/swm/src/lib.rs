@@ -21,6 +21,7 @@
 pub mod cli;
 pub mod film;
 pub mod replay;
+pub mod report;
 
 pub use swm_core as core;
 pub use swm_data as data;

@@ -1,0 +1,165 @@
+//! `swm collect`: record episodes to a dataset.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use clap::Args;
+use indicatif::ProgressBar;
+use serde_json::json;
+use swm_core::error::BoxError;
+use swm_core::{Batch, EpisodeEnd, EpisodeSink, LiveRow, Metadata, Recorder, Registry, Rollout, Scenario, Schema, World};
+use swm_data::{DatasetWriter, WriteMode};
+
+use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
+use super::{Failure, Output, policies, usage};
+
+/// Record episodes of a policy to a dataset.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm collect swm/PushT-v1 --policy expert --episodes 100 --seed 1 --out pusht.h5
+  swm collect swm/PushT-v1 --policy weak --episodes 50 --vary agent,block.color --set background.color=0,0,0 --out weak.h5
+  swm collect swm/PushT-v1 --policy expert --total 1000 --seed 1 --mode append --out pusht.h5   (continue up to 1000)
+
+An episode is safe on disk once it is announced as written: a crash or kill loses at most what came after.")]
+pub(super) struct Collect {
+    #[command(flatten)]
+    env: EnvArgs,
+    /// The policy: NAME, NAME:VALUE, NAME:KEY=VALUE,… or NAME:@FILE; `swm envs ENV` lists them.
+    #[arg(long, default_value = "random")]
+    policy: String,
+    /// Episodes to record. With `--mode append`, this many more.
+    #[arg(long, value_name = "N", required_unless_present = "total")]
+    episodes: Option<u64>,
+    /// Record until the dataset holds this many episodes.
+    #[arg(long, value_name = "N", conflicts_with = "episodes")]
+    total: Option<u64>,
+    /// Seed of the run; episode i depends on the seed and i alone.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Picture size, HEIGHTxWIDTH, or `none`.
+    #[arg(long, default_value = "64x64")]
+    image_size: ImageArg,
+    /// Steps after which an episode ends.
+    #[arg(long, default_value_t = 100)]
+    max_steps: u64,
+    #[command(flatten)]
+    world: WorldArgs,
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+    /// The file to write.
+    #[arg(long, short)]
+    out: PathBuf,
+    /// The format; default: by the file extension.
+    #[arg(long)]
+    format: Option<String>,
+    /// If the file exists: `append`, `overwrite` or `error`.
+    #[arg(long, default_value = "error")]
+    mode: WriteMode,
+}
+
+impl Collect {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let entry = self.env.entry(registry)?;
+        let config = self.env.config(self.image_size.0)?;
+        let policy = policies::make(registry, entry, &config, &self.policy)?;
+        let mut world = World::new(entry, self.world.options(config, self.max_steps))?;
+        world.set_policy(policy);
+        let options = self.scenario.options()?;
+        let mut writer = swm_data::create(&self.out, self.mode, self.format.as_deref())?;
+        let first = writer.num_episodes();
+        let last = match (self.episodes, self.total) {
+            (Some(0), _) | (_, Some(0)) => return Err(usage("0 episodes asked for; use 1 or more")),
+            (Some(more), _) => first + more,
+            (None, total) => total.unwrap_or(first).max(first),
+        };
+        let rollout = Rollout { episodes: first..last, seed: self.seed, scenario: Scenario::Same(&options) };
+        let started = Instant::now();
+        let bar = output.bar(last - first, "episodes");
+        let mut sink = Announced { writer: writer.as_mut(), bar: bar.clone(), output, path: &self.out, next: first };
+        let mut count = Count::default();
+        world.record_dataset(&rollout, &mut sink, &mut count)?;
+        bar.finish_and_clear();
+        let seconds = started.elapsed().as_secs_f64();
+        let result = json!({
+            "out": self.out,
+            "episodes": last - first,
+            "total_episodes": last,
+            "rows": count.rows,
+            "success_rate": count.success_rate(),
+            "frames_per_second": count.rows as f64 / seconds,
+            "wall_time_s": seconds,
+        });
+        output.result(&result, || {
+            let success = count.success_rate().map(|rate| format!(", {rate:.1} % successful")).unwrap_or_default();
+            format!(
+                "wrote {} episodes ({} rows{success}) to {} in {seconds:.1} s; it holds {last}",
+                last - first,
+                count.rows,
+                self.out.display(),
+            )
+        })
+    }
+}
+
+/// Counts rows and successes.
+#[derive(Default)]
+struct Count {
+    rows: u64,
+    judged: u64,
+    successes: u64,
+}
+
+impl Count {
+    fn success_rate(&self) -> Option<f64> {
+        (self.judged > 0).then(|| 100.0 * self.successes as f64 / self.judged as f64)
+    }
+}
+
+impl Recorder for Count {
+    fn step(&mut self, _row: &LiveRow<'_>) -> Result<(), BoxError> {
+        self.rows += 1;
+        Ok(())
+    }
+
+    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
+        self.judged += u64::from(end.success.is_some());
+        self.successes += u64::from(end.success == Some(true));
+        Ok(())
+    }
+}
+
+/// Says of every episode that it is written, once it is: by the bar, or by a line where nobody watches a bar.
+struct Announced<'a> {
+    writer: &'a mut dyn DatasetWriter,
+    bar: ProgressBar,
+    output: &'a Output,
+    path: &'a std::path::Path,
+    next: u64,
+}
+
+impl EpisodeSink for Announced<'_> {
+    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
+        self.writer.begin(schema, metadata)
+    }
+
+    fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
+        self.writer.write_episode(rows)?;
+        self.bar.inc(1);
+        if !self.output.shows_bars() {
+            self.output.note(format_args!(
+                "episode {} written to {} ({} rows)",
+                self.next,
+                self.path.display(),
+                rows.rows()
+            ));
+        }
+        self.next += 1;
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), BoxError> {
+        self.writer.finish()
+    }
+}

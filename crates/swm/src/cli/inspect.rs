@@ -1,0 +1,72 @@
+//! `swm inspect`: what a dataset holds.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::{Map, json};
+
+use super::output::table;
+use super::{Failure, Output};
+
+/// Show format, episodes, columns and metadata of a dataset.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  swm inspect pusht.h5\n  swm inspect pusht.h5 --json")]
+pub(super) struct Inspect {
+    /// The dataset.
+    file: PathBuf,
+}
+
+impl Inspect {
+    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+        let dataset = swm_data::open(&self.file)?;
+        let lengths: Vec<usize> = (0..dataset.num_episodes()).map(|e| dataset.episode_len(e)).collect();
+        let steps: usize = lengths.iter().sum();
+        let fields = dataset.schema().fields();
+        let columns: Map<_, _> = fields
+            .iter()
+            .map(|field| (field.name.clone(), json!({"dtype": field.dtype.name(), "shape": field.shape})))
+            .collect();
+        let result = json!({
+            "format": dataset.format(),
+            "episodes": lengths.len(),
+            "steps": steps,
+            "columns": columns,
+            "episode_lengths": {
+                "min": lengths.iter().min(),
+                "max": lengths.iter().max(),
+            },
+            "metadata": dataset.metadata(),
+            "skipped": dataset.skipped(),
+        });
+        output.result(&result, || {
+            let rows: Vec<_> = fields
+                .iter()
+                .map(|field| vec![field.name.clone(), field.dtype.to_string(), format!("{:?}", field.shape)])
+                .collect();
+            let range = match (lengths.iter().min(), lengths.iter().max()) {
+                (Some(min), Some(max)) => format!(" of {min} to {max} rows"),
+                _ => String::new(),
+            };
+            let mut text = format!(
+                "{}: {}, {} episodes{range}, {steps} rows\n\n{}",
+                self.file.display(),
+                dataset.format(),
+                lengths.len(),
+                table(&["column", "dtype", "shape"], &rows),
+            );
+            for (name, reason) in dataset.skipped() {
+                text += &format!("skipped `{name}`: {reason}\n");
+            }
+            match dataset.metadata() {
+                Some(m) => {
+                    text += &format!("\nrecorded in {} by policy `{}`, seed {}\n", m.env, m.policy, m.seed);
+                    if let Some(names) = &m.variation {
+                        text += &format!("factors drawn: {}\n", names.join(", "));
+                    }
+                }
+                None => text += "\nno metadata: not recorded by this program\n",
+            }
+            text
+        })
+    }
+}

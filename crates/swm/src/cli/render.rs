@@ -1,0 +1,65 @@
+//! `swm render`: a picture or film of an episode.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+use swm_core::{Registry, Rollout, Scenario, World};
+
+use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
+use super::{Failure, Output, policies, usage};
+use crate::film::Film;
+
+/// Draw an episode: `.png` shows its last moment, `.gif` and `.mp4` all of it.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm render swm/PushT-v1 --seed 3 --steps 0 --out start.png
+  swm render swm/PushT-v1 --policy expert --steps 100 --out expert.mp4
+  swm render swm/PushT-v1 --vary all --set block.shape=7 --steps 50 --out varied.gif")]
+pub(super) struct Render {
+    #[command(flatten)]
+    env: EnvArgs,
+    /// The policy that acts.
+    #[arg(long, default_value = "random")]
+    policy: String,
+    /// Seed of the run.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Steps to take; 0 shows the start.
+    #[arg(long, default_value_t = 50)]
+    steps: u64,
+    /// Picture size, HEIGHTxWIDTH.
+    #[arg(long, default_value = "224x224")]
+    image_size: ImageArg,
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+    /// The file to write: .png, .gif or .mp4.
+    #[arg(long, short)]
+    out: PathBuf,
+}
+
+impl Render {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let Some(size) = self.image_size.0 else { return Err(usage("a picture needs a size; remove `none`")) };
+        let entry = self.env.entry(registry)?;
+        let config = self.env.config(Some(size))?;
+        let world = WorldArgs { num_envs: 1, threads: None, frame_skip: 1 };
+        let policy = policies::make(registry, entry, &config, &self.policy)?;
+        let mut world = World::new(entry, world.options(config, self.steps.max(1)))?;
+        world.set_policy(policy);
+        let options = self.scenario.options()?;
+        let mut film = Film::first(1);
+        let rollout = Rollout { episodes: 0..1, seed: self.seed, scenario: Scenario::Same(&options) };
+        world.run(&rollout, &mut film)?;
+        let (_, scene) = film.scenes().next().ok_or("the episode has no pictures")?;
+        let mut clip = scene.clip.clone();
+        clip.truncate(usize::try_from(self.steps)? + 1);
+        if self.out.extension().is_some_and(|extension| extension == "png") {
+            clip = clip.last_frame();
+        }
+        clip.save(&self.out)?;
+        let result = json!({"out": self.out, "frames": clip.frames().len(), "height": size.height, "width": size.width});
+        output.result(&result, || format!("wrote {} ({} frames)", self.out.display(), clip.frames().len()))
+    }
+}

@@ -1,0 +1,110 @@
+//! `swm replay`: do a dataset and the simulator still agree?
+
+use std::path::PathBuf;
+
+use clap::Args;
+use swm_core::{EpisodeSource, Registry};
+
+use super::output::table;
+use super::{Failure, Output, usage};
+use crate::replay::{ReplayReport, replay};
+
+/// Re-run recorded actions from recorded starts and compare every state column.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm replay pusht.h5
+  swm replay pusht.h5 --episodes 0..10 --tolerance 1e-9 --json
+  swm replay from_the_reference.h5 --env swm/PushT-v1 --tolerance 0.5
+
+Exit status 1 if a column deviates by more than the tolerance.")]
+pub(super) struct Replay {
+    /// The dataset.
+    file: PathBuf,
+    /// The environment; needed for files that do not name it.
+    #[arg(long)]
+    env: Option<String>,
+    /// Episodes to replay: `5`, `0..10` or `0,3,7`. Default: all.
+    #[arg(long)]
+    episodes: Option<String>,
+    /// Largest accepted deviation of any number.
+    #[arg(long, default_value_t = 1e-6)]
+    tolerance: f64,
+}
+
+impl Replay {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let mut dataset = swm_data::open(&self.file)?;
+        let named = dataset.metadata().map(|metadata| metadata.env.clone());
+        let env = self.env.or(named).ok_or_else(|| {
+            usage(format!("{} does not name its environment; say --env ID", self.file.display()))
+        })?;
+        if self.tolerance.is_nan() || self.tolerance < 0.0 {
+            return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
+        }
+        let episodes = selection(self.episodes.as_deref(), dataset.num_episodes())?;
+        let bar = output.bar(episodes.len() as u64, "episodes");
+        let source: &mut dyn EpisodeSource = dataset.as_mut();
+        let report = replay(registry.env(&env)?, source, &episodes, self.tolerance, |_| bar.inc(1))?;
+        bar.finish_and_clear();
+        output.result(&report, || text(&report))?;
+        if report.ok {
+            return Ok(());
+        }
+        let worst = report.columns.iter().max_by(|a, b| a.1.max_abs.total_cmp(&b.1.max_abs));
+        let worst = worst.map(|(name, d)| format!("`{name}` by {:.3e}", d.max_abs)).unwrap_or_default();
+        Err(format!("dataset and simulator differ by more than {:e}: {worst}", self.tolerance).into())
+    }
+}
+
+fn text(report: &ReplayReport) -> String {
+    let rows: Vec<_> = report
+        .columns
+        .iter()
+        .map(|(name, d)| vec![name.clone(), format!("{:.3e}", d.max_abs), format!("{:.3e}", d.final_abs)])
+        .collect();
+    let verdict = if report.ok { "agree" } else { "differ" };
+    format!(
+        "{}\n{} episodes, {} rows: dataset and simulator {verdict} (tolerance {:e})",
+        table(&["column", "largest deviation", "at the end"], &rows),
+        report.episodes,
+        report.rows,
+        report.tolerance,
+    )
+}
+
+/// `None`, `5`, `0..10` or `0,3,7` as episode numbers below `count`.
+fn selection(text: Option<&str>, count: usize) -> Result<Vec<usize>, Failure> {
+    let Some(text) = text else { return Ok((0..count).collect()) };
+    let wrong = |why: &str| usage(format!("--episodes {text}: {why}"));
+    let number = |part: &str| part.trim().parse::<usize>().map_err(|_| wrong("write 5, 0..10 or 0,3,7"));
+    let chosen: Vec<usize> = match text.split_once("..") {
+        Some((first, end)) => {
+            let first = if first.is_empty() { 0 } else { number(first)? };
+            let end = if end.is_empty() { count } else { number(end)? };
+            (first..end).collect()
+        }
+        None => text.split(',').map(number).collect::<Result<_, _>>()?,
+    };
+    match chosen.iter().find(|&&episode| episode >= count) {
+        Some(episode) => Err(wrong(&format!("there is no episode {episode}; the dataset holds {count}"))),
+        None if chosen.is_empty() => Err(wrong("no episode is chosen")),
+        None => Ok(chosen),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn episodes_are_chosen_by_number_range_or_list() {
+        assert_eq!(selection(None, 3).unwrap(), [0, 1, 2]);
+        assert_eq!(selection(Some("1"), 3).unwrap(), [1]);
+        assert_eq!(selection(Some("1.."), 3).unwrap(), [1, 2]);
+        assert_eq!(selection(Some("0, 2"), 3).unwrap(), [0, 2]);
+        for wrong in ["3", "a", "2..2", "0..4"] {
+            assert!(selection(Some(wrong), 3).is_err(), "{wrong}");
+        }
+    }
+}
