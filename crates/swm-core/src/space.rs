@@ -71,11 +71,14 @@ impl Space {
         }
     }
 
-    /// The number of elements of one value.
+    /// The number of elements of one value. Allocates nothing: it is asked at every step.
     pub fn width(&self) -> usize {
         match self {
+            Space::Box { low, .. } => low.len(),
+            Space::Discrete { .. } => 1,
+            Space::MultiDiscrete { n, .. } => n.len(),
+            Space::Rgb => 3,
             Space::Dict { spaces } => spaces.iter().map(|(_, space)| space.width()).sum(),
-            space => space.shape().iter().product(),
         }
     }
 
@@ -227,6 +230,7 @@ mod tests {
                 assert!(space.contains(&value), "{space:?} does not contain {value}");
             }
             assert_eq!(space.batch(4).width(), 4 * space.width());
+            assert_eq!(space.width(), space.bounds().0.len());
         }
     }
 
