@@ -1,0 +1,65 @@
+//! The file formats, by name; how each is written stands in its own module.
+
+use std::fmt;
+use std::path::Path;
+
+use crate::error::MediaError;
+
+/// A file format for pictures or films.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Format {
+    /// A picture, without loss.
+    Png,
+    /// A film of at most 256 colours a frame.
+    Gif,
+    /// An H.264 film.
+    Mp4,
+}
+
+impl Format {
+    /// All formats.
+    pub const ALL: [Self; 3] = [Self::Png, Self::Gif, Self::Mp4];
+
+    /// The format that the extension of `path` names, in any case.
+    ///
+    /// # Errors
+    ///
+    /// [`MediaError::UnknownFormat`], which lists the known extensions.
+    pub fn from_path(path: &Path) -> Result<Self, MediaError> {
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+        Self::ALL
+            .into_iter()
+            .find(|format| format.extension().eq_ignore_ascii_case(extension))
+            .ok_or_else(|| MediaError::UnknownFormat { path: path.to_owned() })
+    }
+
+    /// The extension without its dot: `gif`.
+    pub const fn extension(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Gif => "gif",
+            Self::Mp4 => "mp4",
+        }
+    }
+
+    /// Whether this build can write it; all but [`Format::Mp4`] always can.
+    pub const fn is_built(self) -> bool {
+        !matches!(self, Self::Mp4) || cfg!(feature = "mp4")
+    }
+
+    /// The extensions for an error message: `*.png, *.gif, *.mp4`.
+    pub(crate) fn known() -> String {
+        Self::ALL.map(|format| format!("*.{}", format.extension())).join(", ")
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Png => "PNG",
+            Self::Gif => "GIF",
+            Self::Mp4 => "MP4",
+        })
+    }
+}
