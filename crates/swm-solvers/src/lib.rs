@@ -13,6 +13,34 @@
 //! A plan is `[H, D]`: H blocks of D = k × A numbers, which are k consecutive actions of A numbers each, in the
 //! order in which they are carried out. Noise is keyed by (episode seed, plan, iteration, sample), so the plan of
 //! an episode has the same bits alone or among many, on one thread or several.
+//!
+//! ```
+//! use swm_core::{Dtype, EpisodeSeed, Space};
+//! use swm_solvers::{Candidates, Cem, Cost, Moment, Plan, PlanError, PlanKey, Problem, Solver, Workspace};
+//!
+//! /// Three numbers that should add up to 2.
+//! struct Sum;
+//!
+//! impl Cost for Sum {
+//!     fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+//!         Ok(())
+//!     }
+//!     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+//!         for (plan, cost) in candidates.plans().zip(costs) {
+//!             *cost = f64::from((plan.iter().sum::<f32>() - 2.0).powi(2));
+//!         }
+//!         Ok(())
+//!     }
+//! }
+//!
+//! let key = PlanKey { episode: 0, seed: EpisodeSeed::new(42), plan: 0 };
+//! let action = Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0);
+//! let problem = Problem { keys: &[key], horizon: 3, action_block: 1, action: &action, initial: &[0.0; 3] };
+//! let mut plan = Plan::new();
+//! Cem::default().solve(&problem, &mut Sum, &mut Workspace::new(), &mut plan)?;
+//! assert!(plan.cost_of_returned[0] < 1e-6);
+//! # Ok::<(), PlanError>(())
+//! ```
 
 mod cost;
 mod error;

@@ -5,15 +5,15 @@ use swm_core::{Dtype, EpisodeSeed, Space};
 use swm_solvers::{Candidates, Cost, Moment, PlanError, PlanKey, Problem};
 
 /// H of both problems.
-pub const HORIZON: usize = 10;
+pub(super) const HORIZON: usize = 10;
 /// A of both problems.
-pub const WIDTH: usize = 2;
+pub(super) const WIDTH: usize = 2;
 
 /// An analytic problem: the cost of a plan `[H, A]` from start `instance`.
-pub type PlanCost = fn(instance: usize, plan: &[f32]) -> f32;
+pub(super) type PlanCost = fn(instance: usize, plan: &[f32]) -> f32;
 
 /// Linear-quadratic: a damped double integrator driven to the origin.
-pub fn lq(instance: usize, plan: &[f32]) -> f32 {
+pub(super) fn lq(instance: usize, plan: &[f32]) -> f32 {
     const STARTS: [[f32; 4]; 4] =
         [[1.0, 0.0, 0.0, 0.0], [-0.5, 0.8, 0.2, -0.1], [0.3, -1.2, 0.0, 0.5], [1.5, 1.5, -1.0, 0.0]];
     let [mut x, mut y, mut vx, mut vy] = STARTS[instance];
@@ -27,10 +27,10 @@ pub fn lq(instance: usize, plan: &[f32]) -> f32 {
 }
 
 /// The unconstrained optima of [`lq`], by instance.
-pub const LQ_OPTIMA: [f64; 4] = [4.402300, 3.826701, 6.443985, 19.139794];
+pub(super) const LQ_OPTIMA: [f64; 4] = [4.402300, 3.826701, 6.443985, 19.139794];
 
 /// Navigation to a goal past a round obstacle; paths left and right of it are local minima.
-pub fn nav(instance: usize, plan: &[f32]) -> f32 {
+pub(super) fn nav(instance: usize, plan: &[f32]) -> f32 {
     const STARTS: [[f32; 2]; 4] = [[0.0, 0.0], [0.0, 0.3], [-0.5, -0.2], [0.2, 0.6]];
     const GOALS: [[f32; 2]; 4] = [[1.2, 1.0], [1.0, -0.8], [1.0, 0.4], [-1.0, -0.6]];
     const OBSTACLE: [f32; 2] = [0.55, 0.45];
@@ -48,28 +48,28 @@ pub fn nav(instance: usize, plan: &[f32]) -> f32 {
 
 /// The statistics of one iteration over the candidates of one episode.
 #[derive(Clone, Copy, Debug)]
-pub struct Iteration {
+pub(super) struct Iteration {
     /// The cheapest.
-    pub min: f64,
+    pub(super) min: f64,
     /// The mean of the cheapest `elites`.
-    pub elite: f64,
+    pub(super) elite: f64,
     /// The mean of all.
-    pub mean: f64,
+    pub(super) mean: f64,
     /// That of candidate 0.
-    pub first: f64,
+    pub(super) first: f64,
 }
 
 /// A [`PlanCost`] as a [`Cost`] whose row `b` is instance `b % 4`; remembers what each iteration saw.
-pub struct Analytic {
-    pub cost: PlanCost,
+pub(super) struct Analytic {
+    pub(super) cost: PlanCost,
     /// How many elites the statistics use.
-    pub elites: usize,
+    pub(super) elites: usize,
     /// `[iteration][B]`, the final evaluation included.
-    pub iterations: Vec<Vec<Iteration>>,
+    pub(super) iterations: Vec<Vec<Iteration>>,
 }
 
 impl Analytic {
-    pub fn new(cost: PlanCost, elites: usize) -> Self {
+    pub(super) fn new(cost: PlanCost, elites: usize) -> Self {
         Self { cost, elites, iterations: Vec::new() }
     }
 
@@ -98,17 +98,17 @@ impl Cost for Analytic {
 }
 
 /// Episodes `episodes`, whose seeds are their indices, at their first plan.
-pub fn keys(episodes: impl IntoIterator<Item = u64>) -> Vec<PlanKey> {
+pub(super) fn keys(episodes: impl IntoIterator<Item = u64>) -> Vec<PlanKey> {
     let key = |episode| PlanKey { episode, seed: EpisodeSeed::new(episode), plan: 0 };
     episodes.into_iter().map(key).collect()
 }
 
 /// The action space of both problems.
-pub fn space() -> Space {
+pub(super) fn space() -> Space {
     Space::uniform_box(Dtype::F32, &[WIDTH], -1.0, 1.0)
 }
 
 /// The problem of planning for `keys` from `initial`.
-pub fn problem<'a>(keys: &'a [PlanKey], space: &'a Space, initial: &'a [f32]) -> Problem<'a> {
+pub(super) fn problem<'a>(keys: &'a [PlanKey], space: &'a Space, initial: &'a [f32]) -> Problem<'a> {
     Problem { keys, horizon: HORIZON, action_block: 1, action: space, initial }
 }

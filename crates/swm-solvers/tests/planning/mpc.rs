@@ -1,0 +1,206 @@
+//! The MPC policy in a world: when it plans, what it starts from, what it carries out, what it remembers.
+
+use std::sync::{Arc, Mutex};
+
+use serde_json::{Map, Value as Json};
+use swm_core::Space;
+use swm_solvers::{
+    Candidates, Cost, Moment, MpcPolicy, Plan, PlanConfig, PlanError, Problem, Solver, Workspace,
+};
+
+use crate::worlds::{Setting, Story, run, toward};
+
+/// What a solve was asked for.
+#[derive(Clone, Debug, PartialEq)]
+struct Asked {
+    episodes: Vec<u64>,
+    plans: Vec<u64>,
+    initial: Vec<f32>,
+}
+
+/// A solver without a search: block `h` of plan `p` is `0.1 × p + 0.01 × (h + 1)` in all its numbers.
+struct Staircase {
+    asked: Arc<Mutex<Vec<Asked>>>,
+    scale: f32,
+}
+
+fn stair(plan: u64, block: usize) -> f32 {
+    0.1 * plan as f32 + 0.01 * (block + 1) as f32
+}
+
+impl Solver for Staircase {
+    fn name(&self) -> &'static str {
+        "staircase"
+    }
+    fn changed_settings(&self) -> Map<String, Json> {
+        Map::new()
+    }
+    fn check(&self, _space: &Space) -> Result<(), PlanError> {
+        Ok(())
+    }
+    fn solve(
+        &self,
+        problem: &Problem<'_>,
+        _cost: &mut dyn Cost,
+        _workspace: &mut Workspace,
+        plan: &mut Plan,
+    ) -> Result<(), PlanError> {
+        problem.check()?;
+        self.asked.lock().expect("one thread").push(Asked {
+            episodes: problem.keys.iter().map(|key| key.episode).collect(),
+            plans: problem.keys.iter().map(|key| key.plan).collect(),
+            initial: problem.initial.to_vec(),
+        });
+        plan.begin(problem, 0.0);
+        for (key, actions) in problem.keys.iter().zip(plan.actions.chunks_exact_mut(problem.plan_size())) {
+            for (block, values) in actions.chunks_exact_mut(problem.width()).enumerate() {
+                values.fill(self.scale * stair(key.plan, block));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What a cost was shown of the past, per plan: states of the frames and actions between them.
+type Past = Arc<Mutex<Vec<(Vec<f64>, Vec<f32>)>>>;
+
+/// A cost that only looks.
+struct Watcher {
+    past: Past,
+}
+
+impl Cost for Watcher {
+    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
+        let Some(history) = moment.history(0) else { return Ok(()) };
+        let frames = (0..history.frames()).map(|frame| history.frame(0, frame).number(0).unwrap_or(f64::NAN));
+        let count = (history.frames() - 1) * 2;
+        let actions = (0..count).map(|index| history.action(index)[0]);
+        self.past.lock().expect("one thread").push((frames.collect(), actions.collect()));
+        Ok(())
+    }
+    fn evaluate(&mut self, _candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+        costs.fill(0.0);
+        Ok(())
+    }
+    fn history_fields(&self) -> Vec<String> {
+        vec!["state".to_owned()]
+    }
+}
+
+struct Outcome {
+    asked: Vec<Asked>,
+    past: Vec<(Vec<f64>, Vec<f32>)>,
+    stories: Vec<Story>,
+}
+
+fn act(config: PlanConfig, setting: &Setting, scale: f32) -> Outcome {
+    let (asked, past) = (Arc::new(Mutex::new(Vec::new())), Past::default());
+    let solver = Staircase { asked: Arc::clone(&asked), scale };
+    let watcher = Watcher { past: Arc::clone(&past) };
+    let policy = MpcPolicy::new(Box::new(solver), Box::new(watcher), config).expect("a valid configuration");
+    let stories = run(setting, policy).expect("a run without failures");
+    let take = |asked: Arc<Mutex<Vec<Asked>>>| asked.lock().expect("one thread").clone();
+    let past = past.lock().expect("one thread").clone();
+    Outcome { asked: take(asked), past, stories }
+}
+
+fn config(horizon: usize, receding_horizon: usize, action_block: usize) -> PlanConfig {
+    PlanConfig { horizon, receding_horizon, action_block, ..PlanConfig::default() }
+}
+
+fn far_goal() -> Setting {
+    Setting { reset: toward(1000.0), ..Setting::default() }
+}
+
+#[test]
+fn carries_out_the_first_blocks_then_plans_again_from_what_is_left() {
+    // H = 5, R = 2, k = 3: 6 steps per plan, 12 steps in all.
+    let Outcome { asked, stories, .. } = act(config(5, 2, 3), &far_goal(), 1.0);
+    let expected: Vec<f32> =
+        [(0, 0), (0, 1), (1, 0), (1, 1)].iter().flat_map(|&(plan, block)| [stair(plan, block); 3]).collect();
+    assert_eq!(stories[0].actions, expected);
+    assert_eq!(asked.iter().map(|asked| asked.plans[0]).collect::<Vec<_>>(), [0, 1]);
+    assert_eq!(asked[0].initial, [0.0; 15]);
+    let left = [2, 3, 4].iter().flat_map(|&block| [stair(0, block); 3]);
+    assert_eq!(asked[1].initial, left.chain([0.0; 6]).collect::<Vec<_>>());
+
+    let cold = act(PlanConfig { warm_start: false, ..config(5, 2, 3) }, &far_goal(), 1.0);
+    assert!(cold.asked.iter().all(|asked| asked.initial == [0.0; 15]));
+    let whole = act(config(2, 2, 3), &far_goal(), 1.0);
+    assert!(whole.asked.iter().all(|asked| asked.initial == [0.0; 6]), "nothing is left of a whole plan");
+}
+
+#[test]
+fn nothing_is_left_over_from_the_last_episode() {
+    // Two episodes of 12 steps in one slot; 8 steps per plan, so the first ends in the middle of one.
+    let setting = Setting { episodes: 2, ..far_goal() };
+    let Outcome { asked, stories, .. } = act(config(5, 4, 2), &setting, 1.0);
+    assert_eq!(stories[0], stories[1]);
+    let plans: Vec<_> = asked.iter().map(|asked| (asked.episodes[0], asked.plans[0])).collect();
+    assert_eq!(plans, [(0, 0), (0, 1), (1, 0), (1, 1)]);
+    assert_eq!(asked[2].initial, [0.0; 10]);
+}
+
+#[test]
+fn only_live_environments_without_actions_are_planned_for() {
+    // Random starts and goals: episodes end at different steps.
+    let setting = Setting { num_envs: 4, episodes: 12, max_steps: 30, ..Setting::default() };
+    let Outcome { asked, stories, .. } = act(config(3, 1, 4), &setting, 10.0);
+    let lengths: Vec<usize> = stories.iter().map(|story| story.actions.len()).collect();
+    assert!(lengths.iter().any(|&length| length < 30) && lengths.contains(&30), "{lengths:?}");
+    for (episode, length) in lengths.iter().enumerate() {
+        let plans: Vec<u64> = asked
+            .iter()
+            .flat_map(|asked| asked.episodes.iter().zip(&asked.plans))
+            .filter(|&(&of, _)| of == episode as u64)
+            .map(|(_, &plan)| plan)
+            .collect();
+        let needed = length.div_ceil(4) as u64;
+        assert_eq!(plans, (0..needed).collect::<Vec<_>>(), "episode {episode} of {length} steps");
+    }
+    assert!(asked.iter().any(|asked| asked.episodes.len() == 4), "they are planned for together");
+    assert!(asked.iter().any(|asked| asked.episodes.len() < 4));
+    let alone = act(config(3, 1, 4), &Setting { num_envs: 1, ..setting }, 10.0);
+    assert_eq!(alone.stories, stories);
+}
+
+#[test]
+fn actions_are_clipped_to_the_space_unless_told_otherwise() {
+    let clipped = act(config(2, 2, 1), &far_goal(), 75.0);
+    assert_eq!(clipped.stories[0].actions[..2], [0.75, 1.0]);
+    let free = act(PlanConfig { clip_actions: false, ..config(2, 2, 1) }, &far_goal(), 75.0);
+    assert_eq!(free.stories[0].actions[..2], [0.75, 1.5]);
+}
+
+#[test]
+fn history_holds_the_frames_that_exist_and_the_actions_between_them() {
+    let setting = Setting { episodes: 2, ..far_goal() };
+    let config = PlanConfig { history_len: 3, ..config(4, 1, 2) };
+    let Outcome { past, stories, .. } = act(config, &setting, 1.0);
+    assert_eq!(past.len(), 12, "12 steps in blocks of 2, twice");
+    for (plan, (frames, actions)) in past.iter().enumerate() {
+        let (story, now) = (&stories[plan / 6], plan % 6 * 2);
+        let first = now.saturating_sub(4);
+        let expected: Vec<f64> = (first..=now).step_by(2).map(|step| story.states[step]).collect();
+        assert_eq!(*frames, expected, "at step {now}");
+        assert_eq!(*actions, story.actions[first..now], "at step {now}");
+    }
+    let none = act(PlanConfig { history_len: 1, ..PlanConfig::default() }, &setting, 1.0);
+    assert!(none.past.is_empty());
+}
+
+#[test]
+fn bad_configurations_are_refused() {
+    for (config, expected) in [
+        (config(0, 1, 1), "setting `horizon`: 0 is too small; use 1 or more"),
+        (config(5, 0, 1), "setting `receding_horizon`: 0 is too small; use 1 or more"),
+        (config(5, 5, 0), "setting `action_block`: 0 is too small; use 1 or more"),
+        (config(2, 3, 1), "3 blocks of a plan of 2 cannot be carried out"),
+        (PlanConfig { history_len: 0, ..config(1, 1, 1) }, "setting `history_len`: 0 is too small"),
+    ] {
+        let solver = Staircase { asked: Arc::default(), scale: 1.0 };
+        let refused = MpcPolicy::new(Box::new(solver), Box::new(Watcher { past: Past::default() }), config);
+        let message = refused.err().expect("refused").to_string();
+        assert!(message.contains(expected), "{message}");
+    }
+}

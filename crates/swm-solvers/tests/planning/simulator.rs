@@ -1,0 +1,147 @@
+//! Planning on the true simulator: exact costs, goals reached, results that depend on nothing but the seed.
+
+use std::sync::{Arc, Mutex};
+
+use serde_json::{Map, Value as Json};
+use swm_core::testing::TOY;
+use swm_core::{EnvConfig, EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyError, Registry, Space};
+use swm_solvers::{
+    Aggregate, Cost, MpcPolicy, PLANNERS, Plan, PlanConfig, PlanError, Problem, SimulatorCost,
+    SimulatorOptions, Solver, Workspace,
+};
+
+use crate::worlds::{DISCRETE, FRAGILE, NO_TASK_COST, Setting, run, toward};
+
+fn planner(entry: &EnvEntry, text: &str) -> Result<Box<dyn Policy>, PolicyError> {
+    let context = PolicyContext { env: entry, config: &EnvConfig::default() };
+    Registry::new().with_policies(PLANNERS).policy(&context, &PolicyArgs::parse(text)?)
+}
+
+const SMALL: &str = "cem:samples=32,iterations=4,elites=6,horizon=3,receding_horizon=2,action_block=2";
+
+#[test]
+fn cem_reaches_the_goal_with_any_number_of_environments_and_threads() {
+    let base = Setting { episodes: 12, max_steps: 40, ..Setting::default() };
+    let stories = run(&base, planner(&TOY, SMALL).unwrap()).unwrap();
+    assert!(stories.iter().all(|story| story.success == Some(true)));
+    let steps: usize = stories.iter().map(|story| story.actions.len()).sum();
+    let shortest: f64 =
+        stories.iter().map(|story| (story.states[0] - story.states[story.states.len() - 1]).abs()).sum();
+    assert!((steps as f64) < 1.5 * shortest + 12.0, "{steps} steps over a distance of {shortest}");
+    for (num_envs, threads) in [(1, 2), (3, 1), (8, 2)] {
+        let setting = Setting { num_envs, threads, ..base.clone() };
+        assert_eq!(run(&setting, planner(&TOY, SMALL).unwrap()).unwrap(), stories, "{num_envs} {threads}");
+    }
+    let other = run(&base, planner(&TOY, &format!("{SMALL},seed=1")).unwrap()).unwrap();
+    assert_ne!(other, stories, "the planner's own seed matters");
+}
+
+/// A solver that evaluates given plans of 4 actions, writes their costs down, and does nothing.
+struct Probe {
+    plans: Vec<[f32; 4]>,
+    costs: Arc<Mutex<Vec<f64>>>,
+}
+
+impl Solver for Probe {
+    fn name(&self) -> &'static str {
+        "probe"
+    }
+    fn changed_settings(&self) -> Map<String, Json> {
+        Map::new()
+    }
+    fn check(&self, _space: &Space) -> Result<(), PlanError> {
+        Ok(())
+    }
+    fn solve(
+        &self,
+        problem: &Problem<'_>,
+        cost: &mut dyn Cost,
+        _workspace: &mut Workspace,
+        plan: &mut Plan,
+    ) -> Result<(), PlanError> {
+        let mut costs = vec![f64::NAN; self.plans.len()];
+        cost.evaluate(&problem.candidates(&self.plans.concat(), self.plans.len()), &mut costs)?;
+        *self.costs.lock().expect("one thread") = costs;
+        plan.begin(problem, 0.0);
+        Ok(())
+    }
+}
+
+/// Costs of plans of 4 actions, from 0 with the goal at `goal`.
+fn costs(
+    entry: EnvEntry,
+    goal: f64,
+    options: SimulatorOptions,
+    clip_actions: bool,
+    plans: &[[f32; 4]],
+) -> Vec<f64> {
+    let costs = Arc::new(Mutex::new(Vec::new()));
+    let probe = Probe { plans: plans.to_vec(), costs: Arc::clone(&costs) };
+    let simulator = SimulatorCost::new(&entry, &EnvConfig::default(), options).expect("valid options");
+    let config = PlanConfig {
+        horizon: 4,
+        receding_horizon: 1,
+        action_block: 1,
+        clip_actions,
+        ..PlanConfig::default()
+    };
+    let policy = MpcPolicy::new(Box::new(probe), Box::new(simulator), config).expect("a valid configuration");
+    let setting = Setting { entry, max_steps: 1, threads: 2, reset: toward(goal), ..Setting::default() };
+    run(&setting, policy).expect("a run without failures");
+    let costs = costs.lock().expect("one thread");
+    costs.clone()
+}
+
+#[test]
+fn the_cost_is_what_the_environment_says_after_the_plan() {
+    let slow = [0.5; 4];
+    let there_and_back = [1.0, 1.0, -1.0, -1.0];
+    let plans = [slow, there_and_back];
+    let of = |aggregate, plans: &[[f32; 4]]| {
+        costs(TOY, 3.0, SimulatorOptions { aggregate, ..SimulatorOptions::default() }, true, plans)
+    };
+    assert_eq!(of(Aggregate::Last, &plans), [1.0, 3.0]);
+    assert_eq!(of(Aggregate::Mean, &plans), [1.75, 2.0]);
+    assert_eq!(of(Aggregate::Best, &plans), [1.0, 1.0]);
+    // Success at step 3, whatever would follow; and clipped to 1, as it would be carried out.
+    assert_eq!(of(Aggregate::Last, &[[1.0, 1.0, 1.0, -1.0], [9.0; 4]]), [-997.0, -997.0]);
+}
+
+#[test]
+fn options_change_the_cost() {
+    let plans = [[1.0, 1.0, 1.0, 0.2], [0.5; 4]];
+    let bonus = |success_bonus| SimulatorOptions { success_bonus, ..SimulatorOptions::default() };
+    assert_eq!(costs(TOY, 3.0, bonus(50.0), true, &plans), [-47.0, 1.0]);
+    // The toy terminates on success, so the roll-out ends there even without a bonus.
+    assert_eq!(costs(TOY, 3.0, bonus(0.0), true, &plans), [0.0, 1.0]);
+    let skip = SimulatorOptions { frame_skip: 2, ..SimulatorOptions::default() };
+    assert_eq!(costs(TOY, 10.0, skip, true, &[[0.5; 4]]), [6.0]);
+    assert_eq!(costs(TOY, 10.0, bonus(0.0), false, &[[2.0; 4]]), [2.0], "unclipped, as the policy would act");
+}
+
+#[test]
+fn a_roll_out_that_diverges_or_is_not_finite_costs_infinity() {
+    let plans = [[0.5; 4], [0.5, 0.5, 0.9, 0.5], [f32::NAN; 4]];
+    assert_eq!(
+        costs(FRAGILE, 10.0, SimulatorOptions::default(), false, &plans),
+        [8.0, f64::INFINITY, f64::INFINITY]
+    );
+    let setting = Setting { entry: FRAGILE, reset: toward(5.0), max_steps: 30, ..Setting::default() };
+    let stories = run(&setting, planner(&FRAGILE, SMALL).unwrap()).unwrap();
+    assert_eq!(stories[0].success, Some(true), "planned around what breaks it");
+}
+
+#[test]
+fn environments_that_cannot_be_planned_for_are_refused() {
+    let message = |entry, text| planner(entry, text).err().expect("refused").to_string();
+    assert_eq!(
+        message(&DISCRETE, SMALL),
+        "policy `cem`: cem cannot plan these actions: it needs real numbers (a box), and the action space is discrete"
+    );
+    let setting = Setting { entry: NO_TASK_COST, ..Setting::default() };
+    let error = run(&setting, planner(&NO_TASK_COST, SMALL).unwrap()).unwrap_err().to_string();
+    assert!(error.contains("`swm/Toy-v0` has no task cost"), "{error}");
+    let setting = Setting { entry: FRAGILE, ..Setting::default() };
+    let error = run(&setting, planner(&TOY, SMALL).unwrap()).unwrap_err().to_string();
+    assert!(error.contains("simulates `swm/Toy-v0` and cannot act in `swm/Fragile-v0`"), "{error}");
+}

@@ -1,0 +1,144 @@
+//! Worlds to plan in: the toy environment and variations of it, run with a policy, and what was done in them.
+
+use std::collections::BTreeMap;
+
+use swm_core::env::{EnvConfig, EnvSpec, EnvState, Episode, Outcome};
+use swm_core::testing::TOY;
+use swm_core::{
+    BoxError, Env, EnvEntry, EnvError, EpisodeEnd, LiveRow, Policy, Recorder, ResetOptions, Rollout, RowsMut,
+    Scenario, Slice, Space, Value, World, WorldError, WorldOptions,
+};
+
+/// The toy environment, changed.
+#[derive(Clone, Copy, PartialEq)]
+enum Change {
+    Discrete,
+    NoTaskCost,
+    /// It has another name, and diverges when pushed by more than 0.8.
+    Fragile,
+}
+
+pub(super) const DISCRETE: EnvEntry = EnvEntry { make: |config| changed(config, Change::Discrete), ..TOY };
+pub(super) const NO_TASK_COST: EnvEntry =
+    EnvEntry { make: |config| changed(config, Change::NoTaskCost), ..TOY };
+pub(super) const FRAGILE: EnvEntry =
+    EnvEntry { id: "swm/Fragile-v0", make: |config| changed(config, Change::Fragile), ..TOY };
+
+fn changed(config: &EnvConfig, change: Change) -> Result<Box<dyn Env>, EnvError> {
+    let inner = (TOY.make)(config)?;
+    let mut spec = inner.spec().clone();
+    match change {
+        Change::Discrete => spec.action = Space::Discrete { n: 3, start: 0 },
+        Change::NoTaskCost => {}
+        Change::Fragile => spec.id = FRAGILE.id.to_owned(),
+    }
+    Ok(Box::new(Changed { inner, spec, change }))
+}
+
+struct Changed {
+    inner: Box<dyn Env>,
+    spec: EnvSpec,
+    change: Change,
+}
+
+impl Env for Changed {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+    fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+        self.inner.reset(episode)
+    }
+    fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
+        if self.change == Change::Fragile && action.number(0).is_some_and(|push| push > 0.8) {
+            return Err(EnvError::Diverged {
+                env: self.spec.id.clone(),
+                reason: "pushed too hard".to_owned(),
+            });
+        }
+        self.inner.step(action)
+    }
+    fn write_episode(&mut self, out: &mut RowsMut<'_>) {
+        self.inner.write_episode(out);
+    }
+    fn observe(&mut self, out: &mut RowsMut<'_>) {
+        self.inner.observe(out);
+    }
+    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
+        self.inner.snapshot(state)
+    }
+    fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
+        self.inner.restore(state)
+    }
+    fn task_cost(&self) -> Option<f64> {
+        self.inner.task_cost().filter(|_| self.change != Change::NoTaskCost)
+    }
+}
+
+/// What happened in one episode.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Story {
+    /// The state at every step, the last included.
+    pub(super) states: Vec<f64>,
+    /// The action at every step but the last.
+    pub(super) actions: Vec<f32>,
+    pub(super) success: Option<bool>,
+}
+
+/// Remembers every episode, by index.
+#[derive(Default)]
+struct Stories(BTreeMap<u64, Story>);
+
+impl Recorder for Stories {
+    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+        let story = self.0.entry(row.episode.index).or_default();
+        story.states.push(row.values.get::<f64>("state")?[0]);
+        let action = row.values.get::<f32>("action")?[0];
+        story.actions.extend((!action.is_nan()).then_some(action));
+        Ok(())
+    }
+
+    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
+        self.0.entry(end.index).or_default().success = end.success;
+        Ok(())
+    }
+}
+
+/// How to run.
+#[derive(Clone)]
+pub(super) struct Setting {
+    pub(super) entry: EnvEntry,
+    pub(super) num_envs: usize,
+    pub(super) threads: usize,
+    pub(super) episodes: u64,
+    pub(super) max_steps: u64,
+    pub(super) reset: ResetOptions,
+}
+
+impl Default for Setting {
+    fn default() -> Self {
+        let (num_envs, threads, episodes, max_steps) = (1, 1, 1, 12);
+        Self { entry: TOY, num_envs, threads, episodes, max_steps, reset: ResetOptions::default() }
+    }
+}
+
+/// From 0 to `goal`, with unit gain.
+pub(super) fn toward(goal: f64) -> ResetOptions {
+    let place = |value: f64| Some(BTreeMap::from([("state".to_owned(), Value::vector(&[value]))]));
+    ResetOptions { start: place(0.0), goal: place(goal), ..ResetOptions::default() }
+}
+
+pub(super) fn run(setting: &Setting, policy: impl Policy + 'static) -> Result<Vec<Story>, WorldError> {
+    let options = WorldOptions {
+        num_envs: setting.num_envs,
+        max_episode_steps: Some(setting.max_steps),
+        threads: Some(setting.threads),
+        ..WorldOptions::default()
+    };
+    let mut world = World::new(&setting.entry, options)?;
+    world.set_policy(policy);
+    let mut stories = Stories::default();
+    let rollout =
+        Rollout { episodes: 0..setting.episodes, seed: 7, scenario: Scenario::Same(&setting.reset) };
+    world.run(&rollout, &mut stories)?;
+    Ok(stories.0.into_values().collect())
+}
