@@ -1,0 +1,134 @@
+//! What every format offers beyond the core's `EpisodeSink` and `EpisodeSource`: reading single columns at a stride,
+//! a second handle for another thread, and the write modes.
+
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+use swm_core::{Batch, EpisodeSink, EpisodeSource, SliceMut};
+
+use crate::error::DataError;
+
+/// Rows of one episode: `first`, `first + stride`, …, `count` of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Steps {
+    /// The first row, counted from the start of the episode.
+    pub first: usize,
+    /// How many rows.
+    pub count: usize,
+    /// Distance between two rows, at least 1.
+    pub stride: usize,
+}
+
+impl Steps {
+    /// The row after the last one that is read; `None` if it does not fit a `usize`.
+    pub fn end(&self) -> Option<usize> {
+        match self.count {
+            0 => Some(self.first),
+            count => (count - 1).checked_mul(self.stride)?.checked_add(self.first)?.checked_add(1),
+        }
+    }
+}
+
+/// An open dataset.
+pub trait Dataset: EpisodeSource {
+    /// The file or folder.
+    fn path(&self) -> &Path;
+
+    /// The name of its format.
+    fn format(&self) -> &'static str;
+
+    /// Reads rows of column `column` (its position in the schema) into `out`, `[steps.count, …shape]` values of the
+    /// column's type.
+    fn read_column(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError>;
+
+    /// A second handle on the same open dataset, for another thread. Costs scratch memory only.
+    fn share(&self) -> Box<dyn Dataset>;
+
+    /// Root columns of the file that this program cannot represent, with the reason.
+    fn skipped(&self) -> &[(String, String)] {
+        &[]
+    }
+}
+
+/// A dataset that is being recorded.
+pub trait DatasetWriter: EpisodeSink {
+    /// Episodes that the file holds: before `begin`, those that were there; then also the written ones.
+    fn num_episodes(&self) -> u64;
+}
+
+/// What to do about a file that exists.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum WriteMode {
+    /// Continue it; create it if it does not exist.
+    #[default]
+    Append,
+    /// Replace it.
+    Overwrite,
+    /// Refuse.
+    Error,
+}
+
+impl WriteMode {
+    /// All modes, in the order of the help text.
+    pub const ALL: [WriteMode; 3] = [WriteMode::Append, WriteMode::Overwrite, WriteMode::Error];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            WriteMode::Append => "append",
+            WriteMode::Overwrite => "overwrite",
+            WriteMode::Error => "error",
+        }
+    }
+}
+
+impl fmt::Display for WriteMode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for WriteMode {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let known = Self::ALL.into_iter().find(|mode| mode.name() == text);
+        known.ok_or_else(|| format!("unknown write mode `{text}`; use append, overwrite or error"))
+    }
+}
+
+/// Reads rows of one episode into `out`, whose schema names the wanted columns: `EpisodeSource::read` for any
+/// [`Dataset`], in terms of [`Dataset::read_column`].
+pub(crate) fn read_rows(
+    dataset: &mut (impl Dataset + ?Sized),
+    episode: usize,
+    rows: std::ops::Range<usize>,
+    out: &mut Batch,
+) -> Result<(), DataError> {
+    let steps = Steps { first: rows.start, count: rows.len(), stride: 1 };
+    out.resize(steps.count);
+    let wanted = out.schema().clone();
+    for (target, field) in wanted.fields().iter().enumerate() {
+        let column = dataset
+            .schema()
+            .require(&field.name)
+            .map_err(|error| DataError::request(dataset.path(), error.to_string()))?;
+        let stored = &dataset.schema().fields()[column];
+        if stored.dtype != field.dtype || stored.shape != field.shape {
+            let reason = format!(
+                "column `{}` holds {} {:?}, not {} {:?}",
+                field.name, stored.dtype, stored.shape, field.dtype, field.shape
+            );
+            return Err(DataError::request(dataset.path(), reason));
+        }
+        dataset.read_column(column, episode, steps, out.column_mut(target))?;
+    }
+    Ok(())
+}

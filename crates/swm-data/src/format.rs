@@ -1,0 +1,96 @@
+//! The table of dataset formats: how a file is recognised, opened and created. A new format is one folder below
+//! `formats/` that exports one [`Format`], and one line in [`FORMATS`].
+
+use std::fs;
+use std::path::Path;
+
+use swm_core::error::nearest;
+
+use crate::dataset::{Dataset, DatasetWriter, WriteMode};
+use crate::error::DataError;
+use crate::formats;
+
+/// Every format that this crate knows.
+pub const FORMATS: &[Format] = &[formats::hdf5::FORMAT];
+
+/// What opening gives: a reader or a writer of whatever format.
+pub type Opened<T> = Result<Box<T>, DataError>;
+
+/// One way of storing a dataset.
+#[derive(Clone, Copy, Debug)]
+pub struct Format {
+    /// Its name, as on the command line.
+    pub name: &'static str,
+    /// File extensions without the dot, the preferred one first.
+    pub extensions: &'static [&'static str],
+    /// One line on what it is good for.
+    pub about: &'static str,
+    /// Whether the content of an existing file or folder is of this format.
+    pub detect: fn(&Path) -> bool,
+    /// Opens for reading.
+    pub open: fn(&Path) -> Opened<dyn Dataset>,
+    /// Opens for recording. Takes the file for itself until the writer is dropped; changes nothing before `begin`.
+    pub create: fn(&Path, WriteMode) -> Opened<dyn DatasetWriter>,
+}
+
+/// The format called `name`; names and file extensions both count.
+pub fn by_name(name: &str) -> Result<&'static Format, DataError> {
+    let called = |format: &&Format| format.name == name || format.extensions.contains(&name);
+    FORMATS.iter().find(called).ok_or_else(|| {
+        let names = FORMATS.iter().flat_map(|format| format.extensions.iter().copied().chain([format.name]));
+        DataError::UnknownFormat { name: name.to_owned(), nearest: nearest(name, names), known: known() }
+    })
+}
+
+/// Opens a dataset of any format, which its content tells.
+pub fn open(path: &Path) -> Opened<dyn Dataset> {
+    let metadata = fs::metadata(path).map_err(|source| DataError::io(path, "open", source))?;
+    if metadata.is_file() && metadata.len() == 0 {
+        return Err(DataError::not_a_dataset(path, "the file is empty"));
+    }
+    match FORMATS.iter().find(|format| (format.detect)(path)) {
+        Some(format) => (format.open)(path),
+        None => {
+            Err(DataError::not_a_dataset(path, format!("its content is of no known format ({})", known())))
+        }
+    }
+}
+
+/// Opens a dataset for recording. `format: None` goes by the file extension.
+pub fn create(path: &Path, mode: WriteMode, format: Option<&str>) -> Opened<dyn DatasetWriter> {
+    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+    let format = by_name(format.unwrap_or(extension))?;
+    (format.create)(path, mode)
+}
+
+/// `hdf5 (.h5, .hdf5)`, …
+fn known() -> String {
+    let one = |format: &Format| {
+        let extensions: Vec<_> = format.extensions.iter().map(|extension| format!(".{extension}")).collect();
+        format!("{} ({})", format.name, extensions.join(", "))
+    };
+    FORMATS.iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn formats_are_found_by_name_and_by_extension() {
+        for format in FORMATS {
+            assert_eq!(by_name(format.name).unwrap().name, format.name);
+            for extension in format.extensions {
+                assert_eq!(by_name(extension).unwrap().name, format.name);
+            }
+        }
+    }
+
+    #[test]
+    fn an_unknown_format_names_the_nearest() {
+        let message = by_name("hdf").unwrap_err().to_string();
+        assert!(message.contains("`hdf`") && message.contains("did you mean `hdf5`"), "{message}");
+        let message = create(Path::new("data.xyz"), WriteMode::Append, None).err().unwrap().to_string();
+        assert!(message.contains("`xyz`") && message.contains("hdf5 (.h5, .hdf5)"), "{message}");
+    }
+}

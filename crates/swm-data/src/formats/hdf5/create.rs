@@ -1,0 +1,162 @@
+//! Files open for recording: a new one, or an old one with its rows cut to the finished episodes. Both end up in
+//! SWMR mode ("single writer, multiple readers"), in which the library orders its writes so that the file on disk is
+//! readable at any moment.
+
+use std::fs;
+use std::path::Path;
+
+use hdf5_metno as h5;
+use hdf5_metno::file::{FileCloseDegree, LibraryVersion};
+use hdf5_metno::filters::BloscShuffle;
+use hdf5_metno::types::VarLenUnicode;
+use hdf5_metno::{Extent, SimpleExtents};
+use swm_core::{Dtype, Field, Metadata};
+
+use super::attributes::{self, Attributes};
+use super::layout::{EP_IDX, EP_LEN, EP_OFFSET, chunking};
+use super::superblock;
+use crate::error::DataError;
+use crate::lock::beside;
+
+/// Level of the LZ4 compression, as the reference has it.
+const COMPRESSION_LEVEL: u8 = 5;
+
+/// The open datasets of a recording.
+#[derive(Debug)]
+pub(super) struct Datasets {
+    pub(super) file: h5::File,
+    /// One per column that the caller fills.
+    pub(super) columns: Vec<h5::Dataset>,
+    pub(super) ep_idx: h5::Dataset,
+    pub(super) ep_len: h5::Dataset,
+    pub(super) ep_offset: h5::Dataset,
+}
+
+/// Makes a new file. It gets its name only when it is complete, so that a kill leaves no half-made file there, and
+/// an old file of that name stays until then.
+pub(super) fn create(path: &Path, fields: &[Field], metadata: &Metadata) -> Result<Datasets, DataError> {
+    let draft = beside(path, ".new");
+    let failed = |reason: String| DataError::record(path, reason);
+    let made = create_draft(&draft, fields, metadata).map_err(failed);
+    let moved = made.and_then(|datasets| {
+        fs::rename(&draft, path).map_err(|source| DataError::io(path, "create", source))?;
+        Ok(datasets)
+    });
+    moved.inspect_err(|_| {
+        // The error is what matters; a draft that stays is replaced by the next recording.
+        let _ = fs::remove_file(&draft);
+    })
+}
+
+fn create_draft(draft: &Path, fields: &[Field], metadata: &Metadata) -> Result<Datasets, String> {
+    let text = |error: h5::Error| error.to_string();
+    let mut builder = options();
+    // Without times of creation: equal content makes equal files.
+    builder.fcpl().obj_track_times(false);
+    let file = builder.create(draft).map_err(text)?;
+    let mut columns = Vec::with_capacity(fields.len());
+    for field in fields {
+        columns.push(new_column(&file, field).map_err(|error| format!("column `{}`: {error}", field.name))?);
+    }
+    let index = |name, dtype| new_column(&file, &Field::step(name, dtype, &[])).map_err(text);
+    let ep_idx = index(EP_IDX, Dtype::I32)?;
+    let ep_len = index(EP_LEN, Dtype::I32)?;
+    let ep_offset = index(EP_OFFSET, Dtype::I64)?;
+    attributes::write(&file, fields, metadata)?;
+    file.start_swmr().map_err(text)?;
+    Ok(Datasets { file, columns, ep_idx, ep_len, ep_offset })
+}
+
+/// Opens an old file to append to it: repairs it if its writer was killed, and cuts what belongs to no finished
+/// episode. The caller holds the writer's lock and has checked that the columns fit.
+pub(super) fn reopen(
+    path: &Path,
+    fields: &[Field],
+    end: &EndOfData,
+    metadata: &Metadata,
+) -> Result<Datasets, DataError> {
+    superblock::mend(path, end.chunks_end)?;
+    reopen_mended(path, fields, end, metadata).map_err(|reason| DataError::record(path, reason))
+}
+
+/// Where the finished part of a file ends.
+#[derive(Debug)]
+pub(super) struct EndOfData {
+    pub(super) episodes: usize,
+    pub(super) rows: usize,
+    pub(super) chunks_end: u64,
+    pub(super) attributes: Attributes,
+}
+
+fn reopen_mended(
+    path: &Path,
+    fields: &[Field],
+    end: &EndOfData,
+    metadata: &Metadata,
+) -> Result<Datasets, String> {
+    let text = |error: h5::Error| error.to_string();
+    let file = options().open_rw(path).map_err(text)?;
+    attributes::set_run(&file, &end.attributes.runs, end.episodes as u64, metadata)?;
+    let open = |name: &str| file.dataset(name).map_err(|error| format!("column `{name}`: {error}"));
+    let columns = fields.iter().map(|field| open(&field.name)).collect::<Result<_, _>>()?;
+    let (ep_idx, ep_len, ep_offset) = (open(EP_IDX)?, open(EP_LEN)?, open(EP_OFFSET)?);
+    file.start_swmr().map_err(text)?;
+    let datasets = Datasets { file, columns, ep_idx, ep_len, ep_offset };
+    for dataset in datasets.columns.iter().chain([&datasets.ep_idx]) {
+        cut(dataset, end.rows).map_err(text)?;
+    }
+    for dataset in [&datasets.ep_len, &datasets.ep_offset] {
+        cut(dataset, end.episodes).map_err(text)?;
+    }
+    datasets.file.flush().map_err(text)?;
+    Ok(datasets)
+}
+
+/// Sets the number of rows of a dataset.
+pub(super) fn set_rows(dataset: &h5::Dataset, rows: usize) -> h5::Result<()> {
+    let mut shape = dataset.shape();
+    if let Some(first) = shape.first_mut() {
+        *first = rows;
+    }
+    dataset.resize(shape)
+}
+
+fn cut(dataset: &h5::Dataset, rows: usize) -> h5::Result<()> {
+    if dataset.shape().first().is_some_and(|&there| there > rows) { set_rows(dataset, rows) } else { Ok(()) }
+}
+
+/// The file format of HDF5 1.10, the first with SWMR: later ones would lock out readers with older libraries.
+fn options() -> h5::FileBuilder {
+    let mut builder = h5::File::with_options();
+    builder
+        .fapl()
+        .libver_bounds(LibraryVersion::V110, LibraryVersion::V110)
+        .fclose_degree(FileCloseDegree::Strong);
+    builder
+}
+
+fn new_column(file: &h5::File, field: &Field) -> h5::Result<h5::Dataset> {
+    let (compressed, rows) = chunking(field);
+    let extents =
+        [Extent::resizable(0)].into_iter().chain(field.shape.iter().map(|&size| Extent::fixed(size)));
+    let extents = SimpleExtents::new(extents);
+    let chunk: Vec<usize> = [rows].into_iter().chain(field.shape.iter().copied()).collect();
+    macro_rules! dataset {
+        ($type:ty) => {{
+            let mut builder = file.new_dataset::<$type>().shape(extents).chunk(chunk).obj_track_times(false);
+            if compressed {
+                builder = builder.blosc_lz4(COMPRESSION_LEVEL, BloscShuffle::Byte);
+            }
+            builder.create(field.name.as_str())
+        }};
+    }
+    match field.dtype {
+        Dtype::Bool => dataset!(bool),
+        Dtype::U8 => dataset!(u8),
+        Dtype::I32 => dataset!(i32),
+        Dtype::I64 => dataset!(i64),
+        Dtype::F32 => dataset!(f32),
+        Dtype::F64 => dataset!(f64),
+        Dtype::Str => dataset!(VarLenUnicode),
+    }
+}

@@ -1,0 +1,135 @@
+//! Where things stand in the file: names of the index and of our attributes, element types, chunk shapes. Facts of
+//! the reference's layout, which readers and writers share; no data is read or written here.
+//!
+//! Every column is a dataset at the root, `[T, …shape]`, rows of all episodes end to end; `ep_len` and `ep_offset`
+//! say where episodes lie. The reference takes every other root dataset for a column, so what else is to be said
+//! stands in attributes of the root.
+
+use hdf5_metno::types::{FloatSize, IntSize, TypeDescriptor};
+use swm_core::{Dtype, Field};
+
+/// Rows of each episode, i32.
+pub(super) const EP_LEN: &str = "ep_len";
+/// First row of each episode, i64.
+pub(super) const EP_OFFSET: &str = "ep_offset";
+/// The episode that a row belongs to, i32: a column that the writer fills itself.
+pub(super) const EP_IDX: &str = "ep_idx";
+
+/// Attribute: the columns in order, with their kinds, as JSON.
+pub(super) const COLUMNS_ATTRIBUTE: &str = "swm_columns";
+/// Attribute: what is known of the data, as JSON. Episodes that were appended with other settings add
+/// `swm_metadata_<first episode>`.
+pub(super) const METADATA_ATTRIBUTE: &str = "swm_metadata";
+
+/// Rows per chunk of scalars and vectors.
+const ROWS_PER_CHUNK: usize = 1024;
+/// Chunks of wide vectors hold fewer rows, so that reading one row stays cheap.
+const MAX_CHUNK_BYTES: usize = 1 << 20;
+/// Rows of this size (pictures) are compressed, one per chunk: random access decodes nothing that is not wanted.
+const PICTURE_BYTES: usize = 4096;
+
+/// Size in bytes of one stored element; text is stored by reference.
+pub(super) fn element_size(dtype: Dtype) -> usize {
+    match dtype {
+        Dtype::Bool | Dtype::U8 => 1,
+        Dtype::I32 | Dtype::F32 => 4,
+        Dtype::I64 | Dtype::F64 => 8,
+        Dtype::Str => 16,
+    }
+}
+
+/// Whether a column is compressed, and how many of its rows make a chunk.
+pub(super) fn chunking(field: &Field) -> (bool, usize) {
+    let row_bytes = field.width() * element_size(field.dtype);
+    if field.shape.len() >= 2 && row_bytes >= PICTURE_BYTES && field.dtype != Dtype::Str {
+        return (true, 1);
+    }
+    (false, (MAX_CHUNK_BYTES / row_bytes.max(1)).clamp(1, ROWS_PER_CHUNK))
+}
+
+/// How the elements of a column stand in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Element {
+    /// One byte, 0 or 1: h5py's enumeration.
+    Bool,
+    I8,
+    I16,
+    I32,
+    I64,
+    U8,
+    U16,
+    U32,
+    U64,
+    F32,
+    F64,
+    /// So many bytes of UTF-8, padded with zeros.
+    FixedText(usize),
+    /// UTF-8 of any length, on the file's heap.
+    Text,
+    /// ASCII of any length, on the file's heap.
+    AsciiText,
+}
+
+impl Element {
+    /// The element type behind an HDF5 type, or why there is none.
+    pub(super) fn of(descriptor: &TypeDescriptor) -> Result<Self, String> {
+        Ok(match descriptor {
+            TypeDescriptor::Boolean => Element::Bool,
+            TypeDescriptor::Integer(IntSize::U1) => Element::I8,
+            TypeDescriptor::Integer(IntSize::U2) => Element::I16,
+            TypeDescriptor::Integer(IntSize::U4) => Element::I32,
+            TypeDescriptor::Integer(IntSize::U8) => Element::I64,
+            TypeDescriptor::Unsigned(IntSize::U1) => Element::U8,
+            TypeDescriptor::Unsigned(IntSize::U2) => Element::U16,
+            TypeDescriptor::Unsigned(IntSize::U4) => Element::U32,
+            TypeDescriptor::Unsigned(IntSize::U8) => Element::U64,
+            TypeDescriptor::Float(FloatSize::U4) => Element::F32,
+            TypeDescriptor::Float(FloatSize::U8) => Element::F64,
+            TypeDescriptor::FixedAscii(size) | TypeDescriptor::FixedUnicode(size) => {
+                Element::FixedText(*size)
+            }
+            TypeDescriptor::VarLenUnicode => Element::Text,
+            TypeDescriptor::VarLenAscii => Element::AsciiText,
+            other => return Err(format!("elements of type {other} are not supported")),
+        })
+    }
+
+    /// The column type that holds every value: small integers are widened; u64 beyond the range of i64 saturates.
+    pub(super) fn dtype(self) -> Dtype {
+        match self {
+            Element::Bool => Dtype::Bool,
+            Element::U8 => Dtype::U8,
+            Element::I8 | Element::I16 | Element::I32 | Element::U16 => Dtype::I32,
+            Element::I64 | Element::U32 | Element::U64 => Dtype::I64,
+            Element::F32 => Dtype::F32,
+            Element::F64 => Dtype::F64,
+            Element::FixedText(_) | Element::Text | Element::AsciiText => Dtype::Str,
+        }
+    }
+
+    /// Bytes per element in the file; `None` for what stands on the heap.
+    pub(super) fn size(self) -> Option<usize> {
+        match self {
+            Element::Bool | Element::I8 | Element::U8 => Some(1),
+            Element::I16 | Element::U16 => Some(2),
+            Element::I32 | Element::U32 | Element::F32 => Some(4),
+            Element::I64 | Element::U64 | Element::F64 => Some(8),
+            Element::FixedText(size) => Some(size),
+            Element::Text | Element::AsciiText => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_compressed_frame_by_frame_and_vectors_are_not() {
+        assert_eq!(chunking(&Field::step("pixels", Dtype::U8, &[64, 64, 3])), (true, 1));
+        assert_eq!(chunking(&Field::step("state", Dtype::F64, &[7])), (false, 1024));
+        assert_eq!(chunking(&Field::step("reward", Dtype::F64, &[])), (false, 1024));
+        assert_eq!(chunking(&Field::episode("variation.x", Dtype::F64, &[2, 3])), (false, 1024));
+        assert_eq!(chunking(&Field::step("embedding", Dtype::F32, &[4096])), (false, 64));
+    }
+}

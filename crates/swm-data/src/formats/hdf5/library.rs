@@ -1,0 +1,98 @@
+//! Rows through the HDF5 library, which knows every filter, layout and element type; slower than the chunk table
+//! and under the library's global lock. Both directions: what is read here can be anything, what is written is ours.
+
+use hdf5_metno::types::{VarLenAscii, VarLenUnicode};
+use hdf5_metno::{Dataset, H5Type, Hyperslab, SliceOrIndex};
+use ndarray::{ArrayD, ArrayViewD, IxDyn};
+use swm_core::{Field, Slice, SliceMut};
+
+use super::convert;
+use super::layout::Element;
+use crate::dataset::Steps;
+
+/// Reads rows, counted over the whole file, into `out`.
+pub(super) fn read(
+    dataset: &Dataset,
+    element: Element,
+    field: &Field,
+    rows: Steps,
+    out: SliceMut<'_>,
+) -> Result<(), String> {
+    let selection = || selection(field, rows);
+    match (element, out) {
+        // As numbers: a foreign file can hold other values than 0 and 1.
+        (Element::Bool, SliceMut::Bool(out)) => fill(dataset, selection(), out, |value: u8| Ok(value != 0)),
+        (Element::Text, SliceMut::Str(out)) => {
+            fill(dataset, selection(), out, |value: VarLenUnicode| convert::text(value.as_bytes()))
+        }
+        (Element::AsciiText, SliceMut::Str(out)) => {
+            fill(dataset, selection(), out, |value: VarLenAscii| convert::text(value.as_bytes()))
+        }
+        (Element::FixedText(_), _) => Err("compressed text of fixed length is not supported".to_owned()),
+        (_, SliceMut::U8(out)) => fill(dataset, selection(), out, Ok::<u8, _>),
+        (_, SliceMut::I32(out)) => fill(dataset, selection(), out, Ok::<i32, _>),
+        (_, SliceMut::I64(out)) => fill(dataset, selection(), out, Ok::<i64, _>),
+        (_, SliceMut::F32(out)) => fill(dataset, selection(), out, Ok::<f32, _>),
+        (_, SliceMut::F64(out)) => fill(dataset, selection(), out, Ok::<f64, _>),
+        (element, out) => Err(format!("{element:?} elements were asked for as {}", out.dtype())),
+    }
+}
+
+/// Writes `count` rows from row `first` on; the dataset is long enough.
+pub(super) fn write(
+    dataset: &Dataset,
+    field: &Field,
+    first: usize,
+    count: usize,
+    values: Slice<'_>,
+) -> Result<(), String> {
+    let selection = selection(field, Steps { first, count, stride: 1 });
+    let mut shape = vec![count];
+    shape.extend(&field.shape);
+    match values {
+        Slice::Bool(values) => put(dataset, selection, &shape, values),
+        Slice::U8(values) => put(dataset, selection, &shape, values),
+        Slice::I32(values) => put(dataset, selection, &shape, values),
+        Slice::I64(values) => put(dataset, selection, &shape, values),
+        Slice::F32(values) => put(dataset, selection, &shape, values),
+        Slice::F64(values) => put(dataset, selection, &shape, values),
+        Slice::Str(values) => {
+            let texts: Result<Vec<VarLenUnicode>, _> = values.iter().map(|text| text.parse()).collect();
+            let texts = texts.map_err(|_| "a text contains the character NUL".to_owned())?;
+            put(dataset, selection, &shape, &texts)
+        }
+    }
+}
+
+fn selection(field: &Field, rows: Steps) -> Hyperslab {
+    let rows = SliceOrIndex::SliceCount { start: rows.first, step: rows.stride, count: rows.count, block: 1 };
+    let whole = |&size: &usize| SliceOrIndex::SliceCount { start: 0, step: 1, count: size, block: 1 };
+    let axes: Vec<_> = [rows].into_iter().chain(field.shape.iter().map(whole)).collect();
+    axes.into()
+}
+
+fn fill<S: H5Type, T>(
+    dataset: &Dataset,
+    selection: Hyperslab,
+    out: &mut [T],
+    value: impl Fn(S) -> Result<T, String>,
+) -> Result<(), String> {
+    let array: ArrayD<S> = dataset.read_slice(selection).map_err(|error| error.to_string())?;
+    if array.len() != out.len() {
+        return Err(format!("{} values instead of {}", array.len(), out.len()));
+    }
+    for (target, stored) in out.iter_mut().zip(array) {
+        *target = value(stored)?;
+    }
+    Ok(())
+}
+
+fn put<T: H5Type>(
+    dataset: &Dataset,
+    selection: Hyperslab,
+    shape: &[usize],
+    values: &[T],
+) -> Result<(), String> {
+    let view = ArrayViewD::from_shape(IxDyn(shape), values).map_err(|error| error.to_string())?;
+    dataset.write_slice(view, selection).map_err(|error| error.to_string())
+}

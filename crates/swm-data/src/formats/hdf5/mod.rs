@@ -1,0 +1,27 @@
+//! HDF5 in the layout of the reference, which reads our files and whose files (both generations) are read here.
+//! For the layout see `layout`; how a recording survives a crash, see `writer` and `superblock`.
+
+mod attributes;
+mod blosc;
+mod convert;
+mod create;
+mod fetch;
+mod layout;
+mod library;
+mod lz4;
+mod reader;
+mod storage;
+mod superblock;
+mod writer;
+
+use crate::format::Format;
+
+/// The entry in the table of formats.
+pub(crate) const FORMAT: Format = Format {
+    name: "hdf5",
+    extensions: &["h5", "hdf5"],
+    about: "one file, compressed frame by frame; random access, crash-safe, readable by the Python package",
+    detect: superblock::detect,
+    open: |path| Ok(Box::new(reader::Hdf5Dataset::open(path)?)),
+    create: |path, mode| Ok(Box::new(writer::Hdf5Writer::new(path, mode)?)),
+};

@@ -1,0 +1,350 @@
+//! Opening a file for reading: which columns it has, where its episodes lie, and checks that these agree. A file
+//! whose writer lives or was killed opens too, with the episodes that were finished.
+
+use std::fs::File;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use hdf5_metno as h5;
+use swm_core::env::VARIATION_PREFIX;
+use swm_core::error::BoxError;
+use swm_core::{Batch, EpisodeSource, Field, FieldKind, Metadata, Schema, SliceMut};
+
+use super::attributes::Attributes;
+use super::layout::{EP_LEN, EP_OFFSET, Element};
+use super::storage::{ColumnStorage, Scratch};
+use super::superblock::Superblock;
+use crate::dataset::{Dataset, Steps, read_rows};
+use crate::error::DataError;
+
+/// How often the library may re-read metadata that a live writer is changing. Its own default of 100 doubles its
+/// pauses up to minutes when the file is simply damaged.
+const METADATA_READ_ATTEMPTS: u32 = 20;
+/// Cache for chunks that the library decodes; the reference's chunks of 100 frames exceed its default of 1 MiB.
+const CHUNK_CACHE_BYTES: usize = 64 << 20;
+/// A row above this size is taken for damage.
+const MAX_ROW_BYTES: usize = 1 << 30;
+
+/// An open HDF5 dataset.
+#[derive(Debug)]
+pub(super) struct Hdf5Dataset {
+    shared: Arc<Shared>,
+    scratch: Scratch,
+}
+
+/// What all handles on one file share; never changed after opening.
+#[derive(Debug)]
+struct Shared {
+    path: PathBuf,
+    file: File,
+    schema: Arc<Schema>,
+    columns: Vec<ColumnStorage>,
+    episodes: Vec<Span>,
+    attributes: Attributes,
+    skipped: Skipped,
+    chunks_end: u64,
+}
+
+/// The rows of one episode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Span {
+    first: usize,
+    len: usize,
+}
+
+impl Hdf5Dataset {
+    /// Opens a file for reading.
+    pub(super) fn open(path: &Path) -> Result<Self, DataError> {
+        let unclean = Superblock::read(path)?.is_unclean();
+        let library = open_library(path, unclean)?;
+        let failed = |action: &str, error: h5::Error| DataError::damaged(path, format!("{action}: {error}"));
+        let attributes = Attributes::read(&library).map_err(|reason| DataError::damaged(path, reason))?;
+
+        let mut datasets = Vec::new();
+        for name in library.member_names().map_err(|error| failed("its list of columns", error))? {
+            match library.dataset(&name) {
+                Ok(dataset) => datasets.push((name, dataset)),
+                Err(_) if library.group(&name).is_ok() => {}
+                Err(error) => return Err(failed(&format!("column `{name}`"), error)),
+            }
+        }
+        datasets.sort_by(|(a, _), (b, _)| a.cmp(b));
+        let mut chunks_end = 0;
+        for (name, dataset) in &datasets {
+            let end =
+                ColumnStorage::chunks_end(dataset).map_err(|e| failed(&format!("chunks of `{name}`"), e))?;
+            chunks_end = chunks_end.max(end);
+        }
+
+        let mut take = |name: &str| {
+            let at = datasets.iter().position(|(there, _)| there == name);
+            at.map(|at| datasets.remove(at).1).ok_or_else(|| {
+                DataError::not_a_dataset(path, format!("it has no `{name}`, which says where episodes lie"))
+            })
+        };
+        let index = |dataset: h5::Dataset, name| {
+            dataset.read_raw::<i64>().map_err(|error| failed(&format!("`{name}`"), error))
+        };
+        let lengths = index(take(EP_LEN)?, EP_LEN)?;
+        let offsets = index(take(EP_OFFSET)?, EP_OFFSET)?;
+
+        let (described, skipped) = describe(path, datasets, attributes.columns.as_deref())?;
+        let available =
+            described.iter().map(|column| (column.field.name.as_str(), column.rows)).min_by_key(|c| c.1);
+        let episodes = spans(path, &lengths, &offsets, available, unclean)?;
+        let rows = episodes.iter().map(|span| span.first + span.len).max().unwrap_or(0);
+
+        let file = File::open(path).map_err(|source| DataError::io(path, "open", source))?;
+        let length = file.metadata().map_err(|source| DataError::io(path, "open", source))?.len();
+        let (mut fields, mut columns) = (Vec::new(), Vec::new());
+        for Described { field, element, dataset, .. } in described {
+            let storage = ColumnStorage::of(dataset, &field, element, rows)
+                .map_err(|error| failed(&format!("column `{}`", field.name), error))?;
+            if let Some(row) = storage.first_row_behind(length).filter(|&row| row < rows) {
+                let reason =
+                    format!("it was cut short: row {row} of column `{}` lies behind its end", field.name);
+                return Err(DataError::damaged(path, reason));
+            }
+            fields.push(field);
+            columns.push(storage);
+        }
+        let schema = Schema::new(fields).map_err(|error| DataError::damaged(path, error.to_string()))?;
+        let path = path.to_owned();
+        let shared = Shared { path, file, schema, columns, episodes, attributes, skipped, chunks_end };
+        Ok(Self { shared: Arc::new(shared), scratch: Scratch::default() })
+    }
+
+    /// What the file says of itself.
+    pub(super) fn attributes(&self) -> &Attributes {
+        &self.shared.attributes
+    }
+
+    /// Rows of all episodes, which lie end to end in our own files.
+    pub(super) fn total_rows(&self) -> usize {
+        self.shared.episodes.last().map_or(0, |span| span.first + span.len)
+    }
+
+    /// The address behind the last chunk.
+    pub(super) fn chunks_end(&self) -> u64 {
+        self.shared.chunks_end
+    }
+
+    /// The column and the episode, if they have these rows.
+    fn check(
+        &self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        values: usize,
+    ) -> Result<(&Field, Span), DataError> {
+        let refuse = |reason| Err(DataError::request(&self.shared.path, reason));
+        let fields = self.shared.schema.fields();
+        let Some(field) = fields.get(column) else {
+            return refuse(format!("column {column} of {} does not exist", fields.len()));
+        };
+        let Some(&span) = self.shared.episodes.get(episode) else {
+            return refuse(format!("episode {episode} of {} does not exist", self.shared.episodes.len()));
+        };
+        if steps.stride == 0 || steps.end().is_none_or(|end| end > span.len) {
+            let Steps { first, count, stride } = steps;
+            return refuse(format!(
+                "episode {episode} has {} rows, too few for {count} from row {first} on at a stride of {stride}",
+                span.len
+            ));
+        }
+        if values != steps.count * field.width() {
+            return refuse(format!(
+                "{values} values cannot hold {} rows of column `{}`",
+                steps.count, field.name
+            ));
+        }
+        Ok((field, span))
+    }
+}
+
+impl EpisodeSource for Hdf5Dataset {
+    fn schema(&self) -> &Arc<Schema> {
+        &self.shared.schema
+    }
+
+    fn num_episodes(&self) -> usize {
+        self.shared.episodes.len()
+    }
+
+    fn episode_len(&self, episode: usize) -> usize {
+        self.shared.episodes.get(episode).map_or(0, |span| span.len)
+    }
+
+    fn metadata(&self) -> Option<&Metadata> {
+        self.shared.attributes.runs.first().map(|(_, metadata)| metadata)
+    }
+
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
+        Ok(read_rows(self, episode, rows, out)?)
+    }
+}
+
+impl Dataset for Hdf5Dataset {
+    fn path(&self) -> &Path {
+        &self.shared.path
+    }
+
+    fn format(&self) -> &'static str {
+        super::FORMAT.name
+    }
+
+    fn read_column(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        let (field, span) = self.check(column, episode, steps, out.len())?;
+        if out.dtype() != field.dtype {
+            let reason = format!("column `{}` holds {}, not {}", field.name, field.dtype, out.dtype());
+            return Err(DataError::request(&self.shared.path, reason));
+        }
+        let rows = Steps { first: span.first + steps.first, ..steps };
+        let shared = self.shared.clone();
+        let (storage, field) = (&shared.columns[column], &shared.schema.fields()[column]);
+        storage.read(&shared.file, field, rows, out, &mut self.scratch).map_err(|reason| {
+            DataError::damaged(&shared.path, format!("column `{}`, episode {episode}: {reason}", field.name))
+        })
+    }
+
+    fn share(&self) -> Box<dyn Dataset> {
+        Box::new(Self { shared: self.shared.clone(), scratch: Scratch::default() })
+    }
+
+    fn skipped(&self) -> &[(String, String)] {
+        &self.shared.skipped
+    }
+}
+
+/// Opens with the library. A file that was not closed can only be opened as one that is being written.
+fn open_library(path: &Path, unclean: bool) -> Result<h5::File, DataError> {
+    let mut builder = h5::File::with_options();
+    builder.fapl().metadata_read_attempts(METADATA_READ_ATTEMPTS).chunk_cache(521, CHUNK_CACHE_BYTES, 0.75);
+    let mode = if unclean { h5::OpenMode::ReadSWMR } else { h5::OpenMode::Read };
+    builder.open_as(path, mode).map_err(|error| DataError::damaged(path, error.to_string()))
+}
+
+/// Names of root datasets that are no columns, with the reason.
+type Skipped = Vec<(String, String)>;
+
+/// A root dataset that can be a column.
+struct Described {
+    field: Field,
+    element: Element,
+    dataset: h5::Dataset,
+    rows: usize,
+}
+
+/// Type, shape and kind of every column: ours first, in the order of the attribute, then others by name.
+fn describe(
+    path: &Path,
+    datasets: Vec<(String, h5::Dataset)>,
+    ours: Option<&[Field]>,
+) -> Result<(Vec<Described>, Skipped), DataError> {
+    let ours = ours.unwrap_or_default();
+    let (mut columns, mut skipped) = (Vec::new(), Skipped::new());
+    for (name, dataset) in datasets {
+        let shape = dataset.space().map(|space| space.shape());
+        let type_of = dataset.dtype().and_then(|dtype| dtype.to_descriptor());
+        let element =
+            type_of.map_err(|error| error.to_string()).and_then(|descriptor| Element::of(&descriptor));
+        let (shape, element) = match (shape, element) {
+            (Ok(shape), Ok(element)) => (shape, element),
+            (Err(error), _) => return Err(DataError::damaged(path, format!("column `{name}`: {error}"))),
+            (_, Err(reason)) => {
+                skipped.push((name, reason));
+                continue;
+            }
+        };
+        let Some((&rows, shape)) = shape.split_first() else {
+            skipped.push((name, "it is a single value, not one per row".to_owned()));
+            continue;
+        };
+        let bytes =
+            shape.iter().try_fold(element.size().unwrap_or(1), |bytes, &size| bytes.checked_mul(size));
+        if bytes.is_none_or(|bytes| bytes > MAX_ROW_BYTES) {
+            return Err(DataError::damaged(
+                path,
+                format!("a row of column `{name}` has the shape {shape:?}"),
+            ));
+        }
+        let kind = if name.starts_with(VARIATION_PREFIX) { FieldKind::Episode } else { FieldKind::Step };
+        let field = Field { name, dtype: element.dtype(), shape: shape.to_vec(), kind };
+        columns.push(Described { field, element, dataset, rows });
+    }
+    for (at, expected) in ours.iter().enumerate() {
+        let found = columns.iter().position(|column| {
+            let Field { name, dtype, shape, .. } = &column.field;
+            *name == expected.name && *dtype == expected.dtype && *shape == expected.shape
+        });
+        let Some(found) = found else {
+            let Field { name, dtype, shape, .. } = expected;
+            return Err(DataError::damaged(
+                path,
+                format!("it should have a column `{name}` of {dtype} {shape:?}"),
+            ));
+        };
+        columns[found].field.kind = expected.kind;
+        let column = columns.remove(found);
+        columns.insert(at.min(columns.len()), column);
+    }
+    Ok((columns, skipped))
+}
+
+/// Where episodes lie. `shortest` is the column with the fewest rows. After a recording that ended badly, one half
+/// of the index may name one episode more than the other, and columns may hold rows of an unfinished episode.
+fn spans(
+    path: &Path,
+    lengths: &[i64],
+    offsets: &[i64],
+    shortest: Option<(&str, usize)>,
+    unclean: bool,
+) -> Result<Vec<Span>, DataError> {
+    let Some((shortest, rows)) = shortest else {
+        return Err(DataError::not_a_dataset(path, "it has no columns"));
+    };
+    let mut spans = Vec::with_capacity(lengths.len().min(offsets.len()));
+    for (episode, (&len, &offset)) in lengths.iter().zip(offsets).enumerate() {
+        let span = usize::try_from(offset).ok().zip(usize::try_from(len).ok());
+        match span {
+            Some((first, len)) if first.checked_add(len).is_some_and(|end| end <= rows) => {
+                spans.push(Span { first, len });
+            }
+            _ if unclean => break,
+            _ => {
+                let reason = format!(
+                    "episode {episode} has {len} rows from row {offset} on, but column `{shortest}` has {rows}"
+                );
+                return Err(DataError::damaged(path, reason));
+            }
+        }
+    }
+    Ok(spans)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn episodes_that_do_not_fit_are_damage_or_the_end_of_a_killed_recording() {
+        let path = Path::new("x.h5");
+        let spans = |lengths: &[i64], offsets: &[i64], unclean| {
+            spans(path, lengths, offsets, Some(("state", 10)), unclean)
+        };
+        assert_eq!(spans(&[4, 6], &[0, 4], false).unwrap()[1], Span { first: 4, len: 6 });
+        let message = spans(&[4, 7], &[0, 4], false).unwrap_err().to_string();
+        assert!(message.contains("episode 1") && message.contains("`state` has 10"), "{message}");
+        assert!(spans(&[-1], &[0], false).is_err());
+        assert!(spans(&[1], &[i64::MAX], false).is_err());
+        assert_eq!(spans(&[4, 7], &[0, 4], true).unwrap().len(), 1);
+        assert_eq!(spans(&[4], &[0, 4], false).unwrap().len(), 1);
+    }
+}

@@ -1,0 +1,265 @@
+//! Where the bytes of one column lie, and reading rows of it: straight from the file by its chunk table (no global
+//! lock, only what is wanted is decoded), or through the HDF5 library for everything unusual.
+
+use std::fs::File;
+use std::io;
+
+use hdf5_metno::Dataset;
+use hdf5_metno::dataset::Layout;
+use hdf5_metno::datatype::ByteOrder;
+use hdf5_metno::filters::{Blosc, BloscShuffle, Filter};
+use swm_core::{Field, SliceMut};
+
+use super::fetch::{Fetched, read_exact_at};
+use super::layout::Element;
+use super::{blosc, convert, library};
+use crate::dataset::Steps;
+
+/// One column of an open file.
+#[derive(Debug)]
+pub(super) struct ColumnStorage {
+    element: Element,
+    place: Place,
+}
+
+#[derive(Debug)]
+enum Place {
+    /// In chunks of whole rows (one chunk for all rows, if the dataset is not chunked).
+    Chunks { rows_per_chunk: usize, row_bytes: usize, compressed: bool, chunks: Vec<Chunk> },
+    /// Wherever the library finds it.
+    Library(Dataset),
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Chunk {
+    address: u64,
+    size: u64,
+}
+
+/// Buffers of one reader.
+#[derive(Debug, Default)]
+pub(super) struct Scratch {
+    fetched: Fetched,
+    rows: Vec<u8>,
+    blosc: blosc::Scratch,
+}
+
+/// Adjacent chunks are fetched together, and gaps between strided rows with them, up to this size.
+const FETCH_BYTES: u64 = 1 << 20;
+
+impl ColumnStorage {
+    /// Finds out how the first `rows` rows of `dataset` are stored.
+    pub(super) fn of(
+        dataset: Dataset,
+        field: &Field,
+        element: Element,
+        rows: usize,
+    ) -> hdf5_metno::Result<Self> {
+        let place = match direct(&dataset, field, element, rows)? {
+            Some(place) => place,
+            None => Place::Library(dataset),
+        };
+        Ok(Self { element, place })
+    }
+
+    /// The first row that would lie behind the end of a file of this length.
+    pub(super) fn first_row_behind(&self, file_length: u64) -> Option<usize> {
+        let Place::Chunks { rows_per_chunk, compressed, row_bytes, chunks } = &self.place else {
+            return None;
+        };
+        let cut = |chunk: &Chunk| chunk.address.checked_add(chunk.size).is_none_or(|end| end > file_length);
+        let index = chunks.iter().position(cut)?;
+        // The last chunk of rows that are not compressed may be longer than what has been written of it.
+        let whole = file_length.saturating_sub(chunks[index].address) as usize / (*row_bytes).max(1);
+        Some(index * rows_per_chunk + if *compressed { 0 } else { whole })
+    }
+
+    /// Reads rows, counted over the whole file, into `out`. The caller has checked that they exist and that `out`
+    /// has their size and type.
+    pub(super) fn read(
+        &self,
+        file: &File,
+        field: &Field,
+        rows: Steps,
+        out: SliceMut<'_>,
+        scratch: &mut Scratch,
+    ) -> Result<(), String> {
+        if out.is_empty() {
+            return Ok(());
+        }
+        let Place::Chunks { row_bytes, .. } = &self.place else {
+            let Place::Library(dataset) = &self.place else { return Ok(()) };
+            return library::read(dataset, self.element, field, rows, out);
+        };
+        match out {
+            SliceMut::U8(bytes) if self.element == Element::U8 => self.read_bytes(file, rows, bytes, scratch),
+            out => {
+                let mut bytes = std::mem::take(&mut scratch.rows);
+                bytes.resize(rows.count * row_bytes, 0);
+                let read = self.read_bytes(file, rows, &mut bytes, scratch);
+                let converted = read.and_then(|()| convert::from_bytes(self.element, &bytes, out));
+                scratch.rows = bytes;
+                converted
+            }
+        }
+    }
+
+    /// Reads the stored form of rows, one after the other.
+    fn read_bytes(
+        &self,
+        file: &File,
+        rows: Steps,
+        out: &mut [u8],
+        scratch: &mut Scratch,
+    ) -> Result<(), String> {
+        let Place::Chunks { rows_per_chunk, row_bytes, compressed, chunks } = &self.place else {
+            return Ok(());
+        };
+        scratch.fetched.forget();
+        let mut done = 0;
+        while done < rows.count {
+            let row = rows.first + done * rows.stride;
+            let (index, within) = (row / rows_per_chunk, row % rows_per_chunk);
+            // The wanted rows of this chunk.
+            let count = (rows_per_chunk - within).div_ceil(rows.stride).min(rows.count - done);
+            let part = &mut out[done * row_bytes..(done + count) * row_bytes];
+            let here = Steps { first: within, count, stride: rows.stride };
+            // Chunks that follow in the file come along, if every chunk is wanted.
+            let last = (rows.first + (rows.count - 1) * rows.stride) / rows_per_chunk;
+            let ahead = adjacent(&chunks[index..=if rows.stride <= *rows_per_chunk { last } else { index }]);
+            let read = if *compressed {
+                let total = rows_per_chunk * row_bytes;
+                read_compressed(file, chunks[index], ahead, total, here, part, scratch)
+            } else {
+                let ahead = if *rows_per_chunk == 1 { ahead } else { 0 };
+                read_plain(file, chunks[index], ahead, here, part, scratch).map_err(|error| error.to_string())
+            };
+            read.map_err(|reason| format!("row {row}: {reason}"))?;
+            done += count;
+        }
+        Ok(())
+    }
+
+    /// The address behind the last chunk of a dataset, whatever its layout; 0 if it has none.
+    pub(super) fn chunks_end(dataset: &Dataset) -> hdf5_metno::Result<u64> {
+        let mut end = 0;
+        if dataset.is_chunked() {
+            dataset.chunks_visit(|chunk| {
+                end = end.max(chunk.addr.saturating_add(chunk.size));
+                0
+            })?;
+        }
+        Ok(end)
+    }
+}
+
+/// Rows of a compressed chunk of `total` bytes.
+fn read_compressed(
+    file: &File,
+    chunk: Chunk,
+    ahead: u64,
+    total: usize,
+    rows: Steps,
+    out: &mut [u8],
+    scratch: &mut Scratch,
+) -> Result<(), String> {
+    let Scratch { fetched, blosc: buffers, .. } = scratch;
+    let bytes = fetched.get(file, chunk.address, chunk.size, ahead).map_err(|error| error.to_string())?;
+    let row_bytes = out.len() / rows.count;
+    // Neighbouring rows are decoded in one go.
+    let piece = if rows.stride == 1 { rows.count } else { 1 };
+    for (index, into) in out.chunks_exact_mut(piece * row_bytes).enumerate() {
+        let start = (rows.first + index * rows.stride) * row_bytes;
+        let decoded = blosc::decode(bytes, total, start..start + into.len(), into, buffers);
+        decoded.map_err(|reason| format!("its chunk is {reason}"))?;
+    }
+    Ok(())
+}
+
+/// Rows of a chunk that is not compressed: together with what lies between them, if that is little.
+fn read_plain(
+    file: &File,
+    chunk: Chunk,
+    ahead: u64,
+    rows: Steps,
+    out: &mut [u8],
+    scratch: &mut Scratch,
+) -> io::Result<()> {
+    let row_bytes = out.len() / rows.count;
+    let address = |row: usize| chunk.address + (row * row_bytes) as u64;
+    let span = (((rows.count - 1) * rows.stride + 1) * row_bytes) as u64;
+    if span <= FETCH_BYTES {
+        let bytes = scratch.fetched.get(file, address(rows.first), span, ahead)?;
+        for (into, from) in out.chunks_exact_mut(row_bytes).zip(bytes.chunks(row_bytes).step_by(rows.stride))
+        {
+            into.copy_from_slice(from);
+        }
+        return Ok(());
+    }
+    if rows.stride == 1 {
+        return read_exact_at(file, out, address(rows.first));
+    }
+    let mut each = out.chunks_exact_mut(row_bytes).enumerate();
+    each.try_for_each(|(index, into)| read_exact_at(file, into, address(rows.first + index * rows.stride)))
+}
+
+/// The table of chunks, if the bytes can be read without the library.
+fn direct(
+    dataset: &Dataset,
+    field: &Field,
+    element: Element,
+    rows: usize,
+) -> hdf5_metno::Result<Option<Place>> {
+    let (Some(size), ByteOrder::LittleEndian | ByteOrder::None) =
+        (element.size(), dataset.dtype()?.byte_order())
+    else {
+        return Ok(None);
+    };
+    let row_bytes = field.width() * size;
+    let compressed = match dataset.dcpl()?.get_filters()?[..] {
+        [] => false,
+        [Filter::Blosc(Blosc::LZ4 | Blosc::LZ4HC, _, BloscShuffle::None | BloscShuffle::Byte)] => true,
+        _ => return Ok(None),
+    };
+    if dataset.layout() == Layout::Contiguous {
+        let place = dataset.offset().map(|address| {
+            let chunks = vec![Chunk { address, size: (rows * row_bytes) as u64 }];
+            Place::Chunks { rows_per_chunk: usize::MAX, row_bytes, compressed: false, chunks }
+        });
+        return Ok(place);
+    }
+    let rows_per_chunk = match dataset.chunk() {
+        Some(chunk) if chunk.first().is_some_and(|&rows| rows > 0) && chunk[1..] == field.shape => chunk[0],
+        _ => return Ok(None),
+    };
+    let Some(chunk_bytes) = rows_per_chunk.checked_mul(row_bytes) else { return Ok(None) };
+    let expected = rows.div_ceil(rows_per_chunk);
+    if dataset.num_chunks().is_none_or(|number| number < expected) {
+        return Ok(None); // Missing chunks stand for the fill value: the library's business.
+    }
+    let mut chunks = vec![Chunk::default(); expected];
+    let mut plain = true;
+    dataset.chunks_visit(|info| {
+        let index = info.offset.first().map_or(usize::MAX, |&row| row as usize / rows_per_chunk);
+        if let Some(chunk) = chunks.get_mut(index) {
+            *chunk = Chunk { address: info.addr, size: info.size };
+            plain &= info.filter_mask == 0 && (compressed || info.size == chunk_bytes as u64);
+        }
+        0
+    })?;
+    let complete = chunks.iter().all(|chunk| chunk.size > 0);
+    Ok((plain && complete).then_some(Place::Chunks { rows_per_chunk, row_bytes, compressed, chunks }))
+}
+
+/// How many bytes from the start of the first chunk on belong to chunks that follow each other in the file.
+fn adjacent(chunks: &[Chunk]) -> u64 {
+    let Some((first, rest)) = chunks.split_first() else { return 0 };
+    let mut bytes = first.size;
+    for chunk in rest {
+        if chunk.address != first.address + bytes || bytes + chunk.size > FETCH_BYTES {
+            break;
+        }
+        bytes += chunk.size;
+    }
+    bytes
+}

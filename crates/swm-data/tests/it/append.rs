@@ -1,0 +1,170 @@
+//! Write modes, and continuing a file.
+
+use std::fs;
+
+use swm_core::{Batch, Dtype, Field, FieldKind, Metadata, Schema};
+use swm_data::{WriteMode, create, open};
+
+use crate::support::{assert_same, contents, episode, metadata, record, schema};
+
+#[test]
+fn appending_equals_recording_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let [parts, whole] = ["parts.h5", "whole.h5"].map(|name| folder.path().join(name));
+    record(&whole, WriteMode::Append, 0..7).unwrap();
+    assert_eq!(record(&parts, WriteMode::Append, 0..3).unwrap(), 0);
+    assert_eq!(record(&parts, WriteMode::Append, 3..4).unwrap(), 3);
+    assert_eq!(record(&parts, WriteMode::Append, 4..7).unwrap(), 4);
+    let (parts, whole) = (contents(&parts), contents(&whole));
+    assert_eq!(parts.len(), 7);
+    for (a, b) in parts.iter().zip(&whole) {
+        assert_same(a, b);
+    }
+}
+
+#[test]
+fn the_mode_decides_about_an_old_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Error, 0..2).unwrap();
+    let message = record(&path, WriteMode::Error, 0..1).unwrap_err().to_string();
+    assert!(message.contains("exists already") && message.contains("overwrite"), "{message}");
+    assert_eq!(record(&path, WriteMode::Overwrite, 2..3).unwrap(), 0);
+    let read = contents(&path);
+    assert_eq!(read.len(), 1);
+    assert_same(&episode(&schema(), 2, 300), &read[0]);
+    for mode in WriteMode::ALL {
+        assert_eq!(mode.name().parse::<WriteMode>().unwrap(), mode);
+    }
+    assert!("replace".parse::<WriteMode>().unwrap_err().contains("overwrite"));
+}
+
+#[test]
+fn an_overwritten_file_stays_until_recording_begins() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Error, 0..2).unwrap();
+    let bytes = fs::read(&path).unwrap();
+    drop(create(&path, WriteMode::Overwrite, None).unwrap());
+    assert!(fs::read(&path).unwrap() == bytes);
+}
+
+#[test]
+fn a_second_writer_is_refused_while_the_first_lives() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    let mut first = create(&path, WriteMode::Append, None).unwrap();
+    for mode in WriteMode::ALL {
+        let message = create(&path, mode, None).err().unwrap().to_string();
+        assert!(message.contains("data.h5") && message.contains("another process"), "{message}");
+    }
+    first.begin(&schema(), &metadata()).unwrap();
+    assert!(create(&path, WriteMode::Append, None).is_err());
+    drop(first);
+    let writer = create(&path, WriteMode::Append, None).unwrap();
+    assert_eq!(writer.num_episodes(), 0);
+}
+
+#[test]
+fn what_does_not_fit_is_refused_and_leaves_the_file_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Append, 0..2).unwrap();
+    let bytes = fs::read(&path).unwrap();
+
+    let changed = |change: &dyn Fn(&mut Vec<Field>)| {
+        let mut fields = schema().fields().to_vec();
+        change(&mut fields);
+        Schema::new(fields).unwrap()
+    };
+    let refused = |schema: &std::sync::Arc<Schema>, metadata: &Metadata| {
+        let mut writer = create(&path, WriteMode::Append, None).unwrap();
+        writer.begin(schema, metadata).unwrap_err().to_string()
+    };
+    for (schema, part) in [
+        (changed(&|fields| drop(fields.remove(3))), "no column `reward`"),
+        (changed(&|fields| fields.push(Field::step("speed", Dtype::F32, &[]))), "it has no column `speed`"),
+        (changed(&|fields| fields[2].shape = vec![6]), "`state` holds float64 [7]"),
+        (changed(&|fields| fields[1].dtype = Dtype::F64), "`action` holds float32"),
+        (changed(&|fields| fields[3].kind = FieldKind::Episode), "per Step"),
+    ] {
+        let message = refused(&schema, &metadata());
+        assert!(message.contains(part) && message.contains("data.h5"), "{message}");
+    }
+    let message = refused(&schema(), &Metadata { env: "swm/Other-v1".into(), ..metadata() });
+    assert!(message.contains("swm/Test-v1") && message.contains("swm/Other-v1"), "{message}");
+    let message = refused(&schema(), &Metadata { frame_skip: 5, ..metadata() });
+    assert!(message.contains("frame skip"), "{message}");
+    assert!(fs::read(&path).unwrap() == bytes, "a refused append changed the file");
+}
+
+#[test]
+fn another_policy_may_continue_and_the_first_stays_on_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Append, 0..2).unwrap();
+    for policy in ["expert", "expert"] {
+        let mut writer = create(&path, WriteMode::Append, None).unwrap();
+        let other = Metadata { policy: policy.into(), seed: 8, ..metadata() };
+        let there = writer.begin(&schema(), &other).unwrap();
+        writer.write_episode(&episode(&schema(), there as usize, 4)).unwrap();
+        writer.finish().unwrap();
+    }
+    let dataset = open(&path).unwrap();
+    assert_eq!((dataset.num_episodes(), dataset.metadata().unwrap().policy.as_str()), (4, "random"));
+    let attributes = hdf5_metno::File::open(&path).unwrap().attr_names().unwrap();
+    assert!(
+        attributes.contains(&"swm_metadata_2".to_owned())
+            && !attributes.contains(&"swm_metadata_3".to_owned())
+    );
+}
+
+#[test]
+fn a_file_of_the_reference_is_not_continued() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = crate::golden::unpacked("tworoom_v1_64.h5", folder.path());
+    let mut writer = create(&path, WriteMode::Append, None).unwrap();
+    let message = writer.begin(&schema(), &metadata()).unwrap_err().to_string();
+    assert!(message.contains("another program"), "{message}");
+}
+
+#[test]
+fn columns_that_cannot_be_stored_and_wrong_calls() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    let begin = |fields: Vec<Field>| {
+        let mut writer = create(&path, WriteMode::Append, None).unwrap();
+        writer.begin(&Schema::new(fields).unwrap(), &metadata()).unwrap_err().to_string()
+    };
+    assert!(begin(vec![]).contains("no columns"));
+    assert!(begin(vec![Field::step("ep_len", Dtype::I32, &[])]).contains("reserved"));
+    assert!(begin(vec![Field::step("a/b", Dtype::I32, &[])]).contains("no `/`"));
+    assert!(begin(vec![Field::step("pixels", Dtype::U8, &[0, 64, 3])]).contains("holds no values"));
+    assert!(!path.exists());
+
+    let mut writer = create(&path, WriteMode::Append, None).unwrap();
+    let rows = episode(&schema(), 0, 5);
+    assert!(writer.write_episode(&rows).unwrap_err().to_string().contains("no recording"));
+    writer.begin(&schema(), &metadata()).unwrap();
+    assert!(writer.begin(&schema(), &metadata()).unwrap_err().to_string().contains("begun already"));
+    assert!(writer.write_episode(&Batch::new(schema(), 0)).unwrap_err().to_string().contains("without rows"));
+    let other = Schema::new(vec![Field::step("x", Dtype::F64, &[])]).unwrap();
+    assert!(writer.write_episode(&Batch::new(other, 1)).unwrap_err().to_string().contains("other columns"));
+    writer.write_episode(&rows).unwrap();
+    writer.finish().unwrap();
+    writer.finish().unwrap();
+    assert!(writer.write_episode(&rows).is_err());
+    assert_eq!(contents(&path).len(), 1);
+}
+
+#[test]
+fn a_folder_that_is_not_there_or_a_path_that_is_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("none").join("data.h5");
+    let message = create(&path, WriteMode::Append, None).err().unwrap().to_string();
+    assert!(message.contains("cannot create") && message.contains("data.h5"), "{message}");
+    let path = folder.path().join("folder.h5");
+    fs::create_dir(&path).unwrap();
+    let message = create(&path, WriteMode::Append, None).err().unwrap().to_string();
+    assert!(message.contains("is a folder"), "{message}");
+}

@@ -1,0 +1,125 @@
+//! Recordings that end badly: killed, or out of space. Each runs in a process of its own, which is this test binary
+//! again with a variable that says what to do.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use swm_data::{WriteMode, create, open};
+
+use crate::support::{assert_same, contents, episode, metadata, record, rows_of, schema};
+
+const TARGET: &str = "SWM_DATA_TEST_RECORD_TO";
+
+/// Not a test by itself: records until it is stopped, and says so after every episode.
+#[test]
+fn record_until_stopped() {
+    let Some(path) = std::env::var_os(TARGET) else { return };
+    let schema = schema();
+    let mut writer = create(Path::new(&path), WriteMode::Append, None).unwrap();
+    let there = writer.begin(&schema, &metadata()).unwrap() as usize;
+    println!("\nbegun {there}");
+    for index in there..2000 {
+        if let Err(error) = writer.write_episode(&episode(&schema, index, rows_of(index))) {
+            println!("failed {error}");
+            return;
+        }
+        println!("written {}", index + 1);
+    }
+}
+
+fn child(path: &Path, shell: &str) -> Command {
+    let mut command = Command::new("sh");
+    let test = std::env::current_exe().unwrap();
+    command.args(["-c", &format!("{shell} exec \"$0\" \"$@\"")]).arg(test);
+    command.args(["--exact", "crash::record_until_stopped", "--nocapture", "--test-threads=1"]);
+    command.env(TARGET, path).stdout(Stdio::piped()).stderr(Stdio::null());
+    command
+}
+
+/// The number behind the last line that begins with `word`.
+fn last(lines: &[String], word: &str) -> Option<usize> {
+    lines.iter().rev().find_map(|line| line.strip_prefix(word)?.trim().parse().ok())
+}
+
+#[test]
+fn a_killed_recording_keeps_what_it_announced_and_can_be_continued() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    let mut announced = 0;
+    for round in 0..8u64 {
+        let mut process = child(&path, "").spawn().unwrap();
+        // Killed at different moments: before, while and after the first episodes are written.
+        std::thread::sleep(Duration::from_millis(20 + 23 * round));
+        process.kill().unwrap();
+        let lines: Vec<String> =
+            BufReader::new(process.stdout.take().unwrap()).lines().map_while(Result::ok).collect();
+        process.wait().unwrap();
+        announced = last(&lines, "written ").unwrap_or(announced);
+        if !path.exists() {
+            assert_eq!(announced, 0, "the file is gone");
+            continue;
+        }
+        let read = contents(&path);
+        assert!(read.len() >= announced, "{} episodes of {announced} announced", read.len());
+        assert!(read.len() <= announced + 1);
+        if let Some(there) = last(&lines, "begun ") {
+            assert!(there <= announced);
+        }
+        for (index, batch) in read.iter().enumerate() {
+            assert_same(&episode(&schema(), index, rows_of(index)), batch);
+        }
+        announced = read.len();
+    }
+    assert!(announced > 0, "no round lived long enough to write an episode");
+
+    let end = announced + 3;
+    assert_eq!(record(&path, WriteMode::Append, announced..end).unwrap(), announced as u64);
+    let read = contents(&path);
+    assert_eq!(read.len(), end);
+    for (index, batch) in read.iter().enumerate() {
+        assert_same(&episode(&schema(), index, rows_of(index)), batch);
+    }
+    // A clean end: plain opening works, and no other file is left.
+    hdf5_metno::File::open(&path).unwrap();
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn a_full_disk_is_an_error_and_costs_no_finished_episode() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    // Blocks of 512 or 1024 bytes, as the shell has it.
+    let output = child(&path, "trap '' XFSZ; ulimit -f 12000;").output().unwrap();
+    let lines: Vec<String> = String::from_utf8_lossy(&output.stdout).lines().map(str::to_owned).collect();
+    let announced = last(&lines, "written ").unwrap();
+    let failure = lines.iter().find(|line| line.starts_with("failed")).expect("the limit was not reached");
+    assert!(failure.contains("data.h5") && failure.contains("episodes are safe"), "{failure}");
+    let dataset = open(&path).unwrap();
+    assert_eq!(dataset.num_episodes(), announced);
+    drop(dataset);
+    record(&path, WriteMode::Append, announced..announced + 2).unwrap();
+    let read = contents(&path);
+    assert_eq!(read.len(), announced + 2);
+    for (index, batch) in read.iter().enumerate() {
+        assert_same(&episode(&schema(), index, rows_of(index)), batch);
+    }
+}
+
+#[test]
+fn a_recording_can_be_read_while_it_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    let mut process = child(&path, "").spawn().unwrap();
+    let mut lines = BufReader::new(process.stdout.take().unwrap()).lines().map_while(Result::ok);
+    lines.by_ref().find(|line| line == "written 6").unwrap();
+    let read = contents(&path);
+    let busy = create(&path, WriteMode::Append, None).err().unwrap().to_string();
+    process.kill().unwrap();
+    process.wait().unwrap();
+    assert!(read.len() >= 6 && busy.contains("another process"), "{} episodes, {busy}", read.len());
+    for (index, batch) in read.iter().enumerate() {
+        assert_same(&episode(&schema(), index, rows_of(index)), batch);
+    }
+}

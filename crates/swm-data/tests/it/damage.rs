@@ -1,0 +1,142 @@
+//! Files that are no datasets, or damaged ones: an error that names the file, never a panic or a hang.
+
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use swm_core::Batch;
+use swm_data::{WriteMode, open};
+
+use crate::support::{contents, record};
+
+fn message(path: &Path) -> String {
+    open(path).err().expect("the file must be refused").to_string()
+}
+
+#[test]
+fn files_that_are_no_datasets() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    assert!(message(&path).contains("cannot open"));
+    fs::write(&path, "").unwrap();
+    assert!(message(&path).contains("data.h5") && message(&path).contains("empty"));
+    fs::write(&path, "episode,reward\n0,1.0\n").unwrap();
+    assert!(message(&path).contains("no known format (hdf5"));
+    assert!(message(folder.path()).contains("no known format"));
+
+    let file = hdf5_metno::File::create(&path).unwrap();
+    file.new_dataset::<f64>().shape((4,)).create("temperature").unwrap();
+    drop(file);
+    assert!(message(&path).contains("no `ep_len`"), "{}", message(&path));
+}
+
+#[test]
+fn columns_that_contradict_each_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    let make = |rows: usize, lengths: &[i32], offsets: &[i64]| {
+        let file = hdf5_metno::File::create(&path).unwrap();
+        file.new_dataset_builder().with_data(&vec![0.5; rows]).create("reward").unwrap();
+        file.new_dataset_builder().with_data(lengths).create("ep_len").unwrap();
+        file.new_dataset_builder().with_data(offsets).create("ep_offset").unwrap();
+    };
+    make(10, &[4, 6], &[0, 4]);
+    assert_eq!(contents(&path).len(), 2);
+    make(10, &[4, 7], &[0, 4]);
+    assert!(message(&path).contains("episode 1 has 7 rows from row 4"), "{}", message(&path));
+    make(10, &[4], &[0, 4]);
+    assert_eq!(contents(&path).len(), 1);
+    make(10, &[-4], &[0]);
+    assert!(message(&path).contains("episode 0 has -4 rows"), "{}", message(&path));
+}
+
+#[test]
+fn columns_of_unknown_types_are_left_out_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    let file = hdf5_metno::File::create(&path).unwrap();
+    file.new_dataset_builder().with_data(&[1i8, -2]).create("small").unwrap();
+    file.new_dataset_builder().with_data(&ndarray::arr2(&[[1u16, 2], [3, 65535]])).create("pairs").unwrap();
+    file.new_dataset::<hdf5_metno::types::VarLenArray<f32>>().shape((2,)).create("lists").unwrap();
+    file.new_dataset::<f64>().shape(()).create("scalar").unwrap();
+    file.create_group("notes").unwrap();
+    file.new_dataset_builder().with_data(&[2i32]).create("ep_len").unwrap();
+    file.new_dataset_builder().with_data(&[0i64]).create("ep_offset").unwrap();
+    drop(file);
+    let dataset = open(&path).unwrap();
+    let names: Vec<_> = dataset.schema().fields().iter().map(|field| field.name.as_str()).collect();
+    assert_eq!(names, ["pairs", "small"]);
+    let skipped: Vec<_> = dataset.skipped().iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(skipped, ["lists", "scalar"]);
+    assert_eq!(contents(&path)[0].get::<i32>("small").unwrap(), [1, -2]);
+    assert_eq!(contents(&path)[0].get::<i32>("pairs").unwrap(), [1, 2, 3, 65535]);
+}
+
+#[test]
+fn other_filters_go_through_the_library() {
+    use hdf5_metno::filters::BloscShuffle;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    let values = ndarray::Array2::from_shape_fn((200, 50), |(row, at)| (row * 50 + at) as f64 / 8.0);
+    let file = hdf5_metno::File::create(&path).unwrap();
+    let make = || file.new_dataset_builder().with_data(&values).chunk((64, 50));
+    make().deflate(6).create("gzip").unwrap();
+    make().lzf().create("lzf").unwrap();
+    make().shuffle().deflate(1).create("shuffled").unwrap();
+    make().blosc_zstd(3, BloscShuffle::Bit).create("zstd").unwrap();
+    make().blosc_zlib(3, BloscShuffle::Byte).create("zlib").unwrap();
+    make().blosc_lz4(9, BloscShuffle::None).create("lz4").unwrap();
+    make().blosc_lz4hc(5, BloscShuffle::Byte).create("lz4hc").unwrap();
+    file.new_dataset_builder().with_data(&values).chunk((64, 20)).create("tiles").unwrap();
+    file.new_dataset_builder().with_data(&values).create("contiguous").unwrap();
+    file.new_dataset_builder().with_data(&[150i32, 50]).create("ep_len").unwrap();
+    file.new_dataset_builder().with_data(&[0i64, 150]).create("ep_offset").unwrap();
+    drop(file);
+    let read = contents(&path);
+    assert_eq!(read[1].schema().fields().len(), 9);
+    for field in read[1].schema().fields() {
+        let expected: Vec<f64> = values.iter().skip(150 * 50).copied().collect();
+        assert_eq!(read[1].get::<f64>(&field.name).unwrap(), expected, "{}", field.name);
+    }
+}
+
+#[test]
+fn a_cut_file_is_an_error_at_every_length() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, cut] = ["data.h5", "cut.h5"].map(|name| folder.path().join(name));
+    record(&path, WriteMode::Append, 0..3).unwrap();
+    let bytes = fs::read(&path).unwrap();
+    let start = Instant::now();
+    for length in (1..48).chain((48..bytes.len()).step_by(bytes.len() / 400)) {
+        fs::write(&cut, &bytes[..length]).unwrap();
+        let message = message(&cut);
+        assert!(message.contains("cut.h5"), "{length}: {message}");
+    }
+    assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
+}
+
+#[test]
+fn flipped_bytes_never_panic() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, bad] = ["data.h5", "bad.h5"].map(|name| folder.path().join(name));
+    record(&path, WriteMode::Append, 0..3).unwrap();
+    let bytes = fs::read(&path).unwrap();
+    let mut failures = 0;
+    for at in (0..bytes.len()).step_by(bytes.len() / 300) {
+        let mut bytes = bytes.clone();
+        for byte in bytes.iter_mut().skip(at).take(3) {
+            *byte ^= 0x5a;
+        }
+        fs::write(&bad, &bytes).unwrap();
+        let Ok(mut dataset) = open(&bad) else {
+            failures += 1;
+            continue;
+        };
+        let mut batch = Batch::new(dataset.schema().clone(), 0);
+        for episode in 0..dataset.num_episodes() {
+            let rows = 0..dataset.episode_len(episode).min(1000);
+            failures += usize::from(dataset.read(episode, rows, &mut batch).is_err());
+        }
+    }
+    assert!(failures > 0, "no flip was noticed");
+}

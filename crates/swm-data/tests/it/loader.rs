@@ -1,0 +1,127 @@
+//! The windowed loader on our own recordings.
+
+use swm_core::Batch;
+use swm_data::loader::{ClipOptions, Loader, Pictures};
+use swm_data::{WriteMode, open};
+
+use crate::support::{assert_same, contents, record};
+
+fn loader(path: &std::path::Path, options: &ClipOptions) -> Loader {
+    Loader::new(open(path).unwrap(), options).unwrap()
+}
+
+#[test]
+fn clips_stride_columns_and_keep_actions_dense() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Append, 0..4).unwrap(); // 5, 1, 300 and 17 rows
+    let episodes = contents(&path);
+    let keys = ["action", "state", "pixels", "step_idx"].map(str::to_owned).to_vec();
+    let options = ClipOptions { num_steps: 3, frameskip: 4, keys: Some(keys), ..ClipOptions::default() };
+    let mut loader = loader(&path, &options);
+    assert_eq!(loader.len(), (300 - 11) + (17 - 11));
+    let shapes: Vec<_> = loader.schema().fields().iter().map(|field| field.shape.clone()).collect();
+    assert_eq!(shapes, [vec![3, 8], vec![3, 7], vec![3, 40, 40, 3], vec![3]]);
+
+    let mut batch = loader.new_batch();
+    let wanted = [0, 288, 289, 294, 100];
+    loader.read(&wanted, &mut batch).unwrap();
+    for (row, &index) in wanted.iter().enumerate() {
+        let clip = loader.clip(index).unwrap();
+        let whole = &episodes[clip.episode];
+        let states = whole.get::<f64>("state").unwrap();
+        let actions = whole.get::<f32>("action").unwrap();
+        let pixels = whole.get::<u8>("pixels").unwrap();
+        let row = batch.row(row);
+        let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(row.get("action").unwrap()), bits(&actions[2 * clip.start..][..24]));
+        for step in 0..3 {
+            let at = clip.start + 4 * step;
+            assert_eq!(row.get::<f64>("state").unwrap()[7 * step..][..7], states[7 * at..][..7]);
+            assert!(row.get::<u8>("pixels").unwrap()[4800 * step..][..4800] == pixels[4800 * at..][..4800]);
+        }
+    }
+}
+
+#[test]
+fn channels_come_first_when_asked() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Append, 0..1).unwrap();
+    let keys = Some(vec!["pixels".to_owned()]);
+    let options = ClipOptions { num_steps: 2, keys, ..ClipOptions::default() };
+    let mut last = loader(&path, &options);
+    let mut first = loader(&path, &ClipOptions { pictures: Pictures::ChannelsFirst, ..options });
+    assert_eq!(first.schema().fields()[0].shape, [2, 3, 40, 40]);
+    let (mut a, mut b) = (last.new_batch(), first.new_batch());
+    last.read(&[1], &mut a).unwrap();
+    first.read(&[1], &mut b).unwrap();
+    let (a, b) = (a.get::<u8>("pixels").unwrap(), b.get::<u8>("pixels").unwrap());
+    for step in 0..2 {
+        for channel in 0..3 {
+            for pixel in 0..1600 {
+                assert_eq!(a[step * 4800 + pixel * 3 + channel], b[step * 4800 + channel * 1600 + pixel]);
+            }
+        }
+    }
+}
+
+#[test]
+fn an_epoch_shows_every_clip_once_whatever_the_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Append, 0..4).unwrap();
+    let pass = |threads, shuffle| {
+        let options = ClipOptions { num_steps: 4, threads: Some(threads), ..ClipOptions::default() };
+        let mut loader = loader(&path, &options);
+        let mut batch = loader.new_batch();
+        let mut epoch = loader.epoch(32, shuffle);
+        let order = epoch.order().to_vec();
+        let mut batches: Vec<Batch> = Vec::new();
+        while epoch.next_into(&mut batch).unwrap() {
+            batches.push(batch.clone());
+        }
+        (order, batches)
+    };
+    let (order, batches) = pass(1, Some((42, 3)));
+    let clips = 2 + 297 + 14;
+    assert_eq!(batches.iter().map(Batch::rows).sum::<usize>(), clips);
+    assert_eq!(batches.last().unwrap().rows(), clips % 32);
+    let mut sorted = order.clone();
+    sorted.sort_unstable();
+    assert_eq!(sorted, (0..clips).collect::<Vec<_>>());
+    let (again, parallel) = pass(3, Some((42, 3)));
+    assert_eq!(order, again);
+    for (a, b) in batches.iter().zip(&parallel) {
+        assert_same(a, b);
+    }
+    assert_ne!(order, pass(1, Some((42, 4))).0);
+    assert_ne!(order, pass(1, Some((43, 3))).0);
+    assert_eq!(pass(1, None).0, (0..clips).collect::<Vec<_>>());
+}
+
+#[test]
+fn unusable_settings_say_what_is_allowed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Append, 0..2).unwrap();
+    let refused =
+        |options: &ClipOptions| Loader::new(open(&path).unwrap(), options).err().unwrap().to_string();
+    let plain = ClipOptions::default;
+    assert!(refused(&ClipOptions { num_steps: 0, ..plain() }).contains("num_steps"));
+    assert!(refused(&ClipOptions { frameskip: 0, ..plain() }).contains("frameskip"));
+    assert!(refused(&ClipOptions { num_steps: 2, frameskip: usize::MAX, ..plain() }).contains("too many"));
+    let message = refused(&ClipOptions { num_steps: 3, frameskip: 2, ..plain() });
+    assert!(message.contains("spans 6 rows") && message.contains("longest episode has 5"), "{message}");
+    let message = refused(&ClipOptions { keys: Some(vec!["pixel".to_owned()]), ..plain() });
+    assert!(message.contains("did you mean `pixels`"), "{message}");
+    let twice = vec!["state".to_owned(), "state".to_owned()];
+    assert!(refused(&ClipOptions { keys: Some(twice), ..plain() }).contains("`state`"));
+
+    let mut first = loader(&path, &plain());
+    let mut batch = first.new_batch();
+    assert!(first.read(&[6], &mut batch).unwrap_err().to_string().contains("there are 6"));
+    let mut other = loader(&path, &ClipOptions { num_steps: 2, ..plain() });
+    assert!(other.read(&[0], &mut batch).unwrap_err().to_string().contains("another loader"));
+    assert_eq!(open(&path).unwrap().num_episodes(), 2);
+}

@@ -1,0 +1,11 @@
+//! Datasets as a user sees them: recording, reading, appending, damage, the loader, files of the reference.
+
+#![expect(clippy::unwrap_used, reason = "helpers of tests panic as tests do")]
+
+mod append;
+mod crash;
+mod damage;
+mod golden;
+mod loader;
+mod round_trip;
+mod support;

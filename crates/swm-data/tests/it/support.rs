@@ -1,0 +1,113 @@
+//! Made-up episodes, and writing and reading whole datasets.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use swm_core::error::BoxError;
+use swm_core::{Batch, Column, Dtype, Field, Metadata, Schema, SliceMut};
+use swm_data::{WriteMode, create, open};
+
+/// A schema with every type, pictures, and an episode column.
+pub fn schema() -> Arc<Schema> {
+    Schema::new(vec![
+        Field::step("pixels", Dtype::U8, &[40, 40, 3]),
+        Field::step("action", Dtype::F32, &[2]),
+        Field::step("state", Dtype::F64, &[7]),
+        Field::step("reward", Dtype::F64, &[]),
+        Field::step("terminated", Dtype::Bool, &[]),
+        Field::step("step_idx", Dtype::I64, &[]),
+        Field::step("heights", Dtype::F64, &[30, 30]),
+        Field::step("task", Dtype::Str, &[]),
+        Field::episode("goal", Dtype::U8, &[40, 40, 3]),
+        Field::episode("variation.block.color", Dtype::U8, &[3]),
+    ])
+    .unwrap()
+}
+
+pub fn metadata() -> Metadata {
+    Metadata {
+        version: 1,
+        env: "swm/Test-v1".into(),
+        seed: 7,
+        policy: "random".into(),
+        ..Metadata::default()
+    }
+}
+
+/// Rows of `schema` whose values are a function of (`episode`, row, value).
+pub fn episode(schema: &Arc<Schema>, episode: usize, rows: usize) -> Batch {
+    let mut batch = Batch::new(schema.clone(), rows);
+    for (index, field) in schema.fields().iter().enumerate() {
+        let width = field.width();
+        let value = |at: usize| (episode * 7919 + at / width * 31 + at % width / 11) as u64;
+        match batch.column_mut(index) {
+            SliceMut::Bool(out) => fill(out, |at| value(at) % 3 == 0),
+            SliceMut::U8(out) => fill(out, |at| (value(at) % 251) as u8),
+            SliceMut::I32(out) => fill(out, |at| value(at) as i32),
+            SliceMut::I64(out) => fill(out, |at| value(at) as i64 - 5),
+            SliceMut::F32(out) => fill(out, |at| if at == 3 { f32::NAN } else { value(at) as f32 / 3.0 }),
+            SliceMut::F64(out) => fill(out, |at| (value(at) as f64).sqrt()),
+            SliceMut::Str(out) => fill(out, |at| format!("épisode {episode}, {at}")),
+        }
+    }
+    batch
+}
+
+fn fill<T>(out: &mut [T], value: impl Fn(usize) -> T) {
+    for (at, target) in out.iter_mut().enumerate() {
+        *target = value(at);
+    }
+}
+
+/// Lengths of the episodes of the tests: different ones, so that chunks begin anywhere.
+pub fn rows_of(episode: usize) -> usize {
+    [5, 1, 300, 17, 800][episode % 5]
+}
+
+/// Records episodes of this range.
+pub fn record(path: &Path, mode: WriteMode, episodes: std::ops::Range<usize>) -> Result<u64, BoxError> {
+    let schema = schema();
+    let mut writer = create(path, mode, None)?;
+    let there = writer.begin(&schema, &metadata())?;
+    for index in episodes {
+        writer.write_episode(&episode(&schema, index, rows_of(index)))?;
+    }
+    writer.finish()?;
+    Ok(there)
+}
+
+/// Every column of every episode.
+pub fn contents(path: &Path) -> Vec<Batch> {
+    let mut dataset = open(path).unwrap();
+    let schema = dataset.schema().clone();
+    (0..dataset.num_episodes())
+        .map(|episode| {
+            let mut batch = Batch::new(schema.clone(), 0);
+            dataset.read(episode, 0..dataset.episode_len(episode), &mut batch).unwrap();
+            batch
+        })
+        .collect()
+}
+
+/// Bit equality: NaN equals NaN.
+pub fn assert_same(left: &Batch, right: &Batch) {
+    assert_eq!(left.rows(), right.rows());
+    for field in left.schema().fields() {
+        let column =
+            |batch: &Batch| bits(&batch.column(batch.schema().require(&field.name).unwrap()).to_column());
+        assert!(column(left) == column(right), "column `{}` differs", field.name);
+    }
+}
+
+/// The values as little-endian bytes (text as it is).
+pub fn bits(column: &Column) -> Vec<u8> {
+    match column {
+        Column::Bool(values) => values.iter().map(|&value| u8::from(value)).collect(),
+        Column::U8(values) => values.clone(),
+        Column::I32(values) => values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        Column::I64(values) => values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        Column::F32(values) => values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        Column::F64(values) => values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        Column::Str(values) => values.join("\0").into_bytes(),
+    }
+}
