@@ -11,7 +11,7 @@ pub enum MediaError {
     /// A frame is not `[H, W, 3]`.
     #[error(
         "a frame of {height} x {width} pixels has {} bytes (H x W x 3), got {found}; all frames of a clip or sheet have one size",
-        .height * .width * 3
+        .height.saturating_mul(*.width).saturating_mul(3)
     )]
     FrameLength {
         /// Rows.

@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Files that appear whole or not at all, however the program ends; not a guard against a machine that loses power.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write as _};

@@ -83,8 +83,7 @@ impl Palette {
         for frame in clip.frames() {
             for colour in frame.as_chunks::<3>().0 {
                 // Drawn scenes are runs of one colour; the map need not see the rest of a run.
-                if last == Some(colour) || palette.index.contains_key(colour) {
-                    last = Some(colour);
+                if last.replace(colour) == Some(colour) || palette.index.contains_key(colour) {
                     continue;
                 }
                 if palette.index.len() == COLOURS {
@@ -92,7 +91,6 @@ impl Palette {
                 }
                 palette.index.insert(*colour, palette.index.len() as u8);
                 palette.colours.extend_from_slice(colour);
-                last = Some(colour);
             }
         }
         Some(palette)

@@ -11,7 +11,7 @@ use crate::format::Format;
 
 /// The bytes of a PNG file of the picture `rgb`, `[H, W, 3]`.
 ///
-/// Compressed at the fast setting, which suits drawn pictures: most of a megapixel in a few milliseconds.
+/// Compressed at the fast setting.
 ///
 /// # Errors
 ///
