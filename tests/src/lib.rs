@@ -1,1 +1,3 @@
-//! Workspace-level tests.
+//! What the workspace's end-to-end tests share.
+
+pub mod golden;

@@ -25,7 +25,7 @@ pub fn write_report(
     let result = dir.join("result.json");
     std::fs::write(&result, serde_json::to_string_pretty(evaluation)?).map_err(|error| failed(&result, &error))?;
     let mut written = vec![result];
-    let scenes: Vec<(u64, &Scene)> = film.scenes().filter(|(_, scene)| !scene.clip.frames().is_empty()).collect();
+    let scenes: Vec<(u64, &Scene)> = film.scenes().filter(|(_, scene)| !scene.clip.is_empty()).collect();
     if scenes.is_empty() {
         return Ok(written);
     }
@@ -51,11 +51,11 @@ fn write_sheet<'a>(path: &Path, scenes: impl Iterator<Item = &'a Scene>) -> Resu
     let rows: Vec<Vec<&[u8]>> = scenes
         .map(|scene| {
             size = (scene.clip.height(), scene.clip.width());
-            let frames = scene.clip.frames();
+            let frames: Vec<&[u8]> = scene.clip.frames().collect();
             let last = frames.len() - 1;
             let count = SHEET_COLUMNS.min(frames.len());
             let moment = |i: usize| if count == 1 { 0 } else { i * last / (count - 1) };
-            let moments = (0..count).map(|i| frames[moment(i)].as_slice());
+            let moments = (0..count).map(|i| frames[moment(i)]);
             moments.chain(scene.goal.as_deref()).collect()
         })
         .collect();

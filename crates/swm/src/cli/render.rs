@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 use swm_core::{Registry, Rollout, Scenario, World};
+use swm_media::Clip;
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
 use super::{Failure, Output, policies, usage};
@@ -53,13 +54,15 @@ impl Render {
         let rollout = Rollout { episodes: 0..1, seed: self.seed, scenario: Scenario::Same(&options) };
         world.run(&rollout, &mut film)?;
         let (_, scene) = film.scenes().next().ok_or("the episode has no pictures")?;
-        let mut clip = scene.clip.clone();
-        clip.truncate(usize::try_from(self.steps)? + 1);
-        if self.out.extension().is_some_and(|extension| extension == "png") {
-            clip = clip.last_frame();
+        let wanted = usize::try_from(self.steps)? + 1;
+        let single = self.out.extension().is_some_and(|extension| extension == "png");
+        let skipped = if single { wanted.min(scene.clip.len()) - 1 } else { 0 };
+        let mut clip = Clip::new(size.height, size.width, scene.clip.frames_per_second());
+        for frame in scene.clip.frames().take(wanted).skip(skipped) {
+            clip.push(frame)?;
         }
         clip.save(&self.out)?;
-        let result = json!({"out": self.out, "frames": clip.frames().len(), "height": size.height, "width": size.width});
-        output.result(&result, || format!("wrote {} ({} frames)", self.out.display(), clip.frames().len()))
+        let result = json!({"out": self.out, "frames": clip.len(), "height": size.height, "width": size.width});
+        output.result(&result, || format!("wrote {} ({} frames)", self.out.display(), clip.len()))
     }
 }

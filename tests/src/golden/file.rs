@@ -1,0 +1,99 @@
+//! One golden `.npz` file in memory.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Cursor;
+use std::path::Path;
+
+use anyhow::{Context as _, Result, anyhow, bail};
+use ndarray::{ArrayD, OwnedRepr};
+use ndarray_npy::NpzReader;
+use serde_json::{Map, Value as Json};
+
+/// A recorded trajectory: arrays by name, and what its `meta` says.
+#[derive(Debug)]
+pub struct GoldenFile {
+    /// File name without folder.
+    pub name: String,
+    /// The reference's environment id.
+    pub env_id: String,
+    /// The factors that were set, by name.
+    pub factors: Map<String, Json>,
+    /// Numeric arrays, as `f64`, `[T, …]` or `[T + 1, …]`.
+    pub numbers: BTreeMap<String, ArrayD<f64>>,
+    /// Pictures after some steps, `[H, W, 3]`.
+    pub images: BTreeMap<usize, Picture>,
+    /// The goal picture.
+    pub goal_image: Option<Picture>,
+}
+
+/// A decoded picture.
+#[derive(Debug)]
+pub struct Picture {
+    /// Rows.
+    pub height: usize,
+    /// Columns.
+    pub width: usize,
+    /// `[H, W, 3]`.
+    pub rgb: Vec<u8>,
+}
+
+impl GoldenFile {
+    /// Reads a file.
+    pub fn read(path: &Path) -> Result<Self> {
+        let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let mut npz = NpzReader::new(File::open(path)?).with_context(|| format!("{name} is no npz file"))?;
+        let (mut bytes, mut numbers) = (BTreeMap::new(), BTreeMap::new());
+        for entry in npz.names()? {
+            let key = entry.trim_end_matches(".npy").to_owned();
+            if key == "meta" || key.ends_with("_png") {
+                let array: ArrayD<u8> = npz.by_name(&entry)?;
+                bytes.insert(key, array.into_raw_vec_and_offset().0);
+            } else if let Some(array) = number_array(&mut npz, &entry) {
+                numbers.insert(key, array);
+            }
+        }
+        let meta: Json = serde_json::from_slice(bytes.get("meta").ok_or_else(|| anyhow!("{name} has no `meta`"))?)?;
+        let env_id = meta["env_id"].as_str().ok_or_else(|| anyhow!("{name}: `meta` has no env_id"))?.to_owned();
+        let factors = meta["options"]["variation_values"].as_object().cloned().unwrap_or_default();
+        let mut images = BTreeMap::new();
+        for (key, png) in &bytes {
+            if let Some(step) = key.strip_prefix("img_").and_then(|rest| rest.strip_suffix("_png")) {
+                images.insert(step.parse()?, decode(png)?);
+            }
+        }
+        let goal_image = bytes.get("goal_png").map(|png| decode(png)).transpose()?;
+        Ok(Self { name, env_id, factors, numbers, images, goal_image })
+    }
+
+    /// The array `key`, flattened per row: `[T, width]`.
+    pub fn rows(&self, key: &str) -> Option<Vec<Vec<f64>>> {
+        let array = self.numbers.get(key)?;
+        Some(array.outer_iter().map(|row| row.iter().copied().collect()).collect())
+    }
+}
+
+/// An array of any numeric type as `f64`.
+fn number_array(npz: &mut NpzReader<File>, name: &str) -> Option<ArrayD<f64>> {
+    macro_rules! first_of {
+        ($($type:ty => $convert:expr),*) => {
+            $(if let Ok(array) = npz.by_name::<OwnedRepr<$type>, ndarray::IxDyn>(name) {
+                return Some(array.mapv($convert));
+            })*
+        };
+    }
+    first_of!(f64 => |v| v, f32 => f64::from, bool => |v| f64::from(u8::from(v)), i64 => |v| v as f64,
+              i32 => f64::from, u8 => f64::from);
+    None
+}
+
+fn decode(png: &[u8]) -> Result<Picture> {
+    let mut reader = png::Decoder::new(Cursor::new(png)).read_info()?;
+    let mut rgb = vec![0; reader.output_buffer_size().ok_or_else(|| anyhow!("a picture of absurd size"))?];
+    let info = reader.next_frame(&mut rgb)?;
+    if info.color_type != png::ColorType::Rgb {
+        bail!("a picture is {:?}, not RGB", info.color_type);
+    }
+    rgb.truncate(info.buffer_size());
+    Ok(Picture { height: info.height as usize, width: info.width as usize, rgb })
+}

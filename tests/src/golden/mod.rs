@@ -1,0 +1,12 @@
+//! Replaying trajectories recorded from the reference (`tests/golden/README.md` has the schema of the files).
+//!
+//! Nothing here knows an environment, except the table of [`rules`]: which ids are meant, how far each quantity may
+//! be off, and where we differ on purpose.
+
+mod file;
+mod replay;
+mod rules;
+
+pub use file::GoldenFile;
+pub use replay::{Comparison, Report, check_file};
+pub use rules::{Rules, rules};

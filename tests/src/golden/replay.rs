@@ -1,0 +1,240 @@
+//! Running a recorded trajectory again and comparing every row.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context as _, Result, anyhow};
+use serde_json::Value as Json;
+use swm::core::env::PIXELS;
+use swm::core::{
+    Batch, Column, Dtype, Env, EnvConfig, Episode, EpisodeSeed, ImageSize, Registry, ResetOptions, Schema, Value,
+};
+
+use super::file::{GoldenFile, Picture};
+use super::rules::Rules;
+
+/// How one array compares.
+#[derive(Debug)]
+pub struct Comparison {
+    /// Key of the array, or picture.
+    pub column: String,
+    /// Worst deviation: absolute difference, or the share of differing pixels.
+    pub worst: f64,
+    /// Row of the worst deviation.
+    pub row: usize,
+    /// What is accepted; `None`: a difference is expected.
+    pub tolerance: Option<f64>,
+    /// Further words.
+    pub note: String,
+}
+
+impl Comparison {
+    /// Whether the deviation is accepted.
+    pub fn passes(&self) -> bool {
+        self.tolerance.is_none_or(|tolerance| self.worst <= tolerance)
+    }
+}
+
+/// The comparisons of one file.
+#[derive(Debug)]
+pub struct Report {
+    /// All of them.
+    pub comparisons: Vec<Comparison>,
+    /// Differences on purpose, in words.
+    pub expected: Vec<&'static str>,
+    /// The trajectory itself differs on purpose.
+    pub trajectory_differs: bool,
+}
+
+impl Report {
+    /// Whether everything that should agree does.
+    pub fn passes(&self) -> bool {
+        self.trajectory_differs || self.comparisons.iter().all(Comparison::passes)
+    }
+}
+
+/// Replays one file.
+pub fn check_file(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Result<Report> {
+    let mut factors = file.factors.clone();
+    let expected = (rules.adapt)(&mut factors);
+    let mut run = Run::new(registry, rules, file)?;
+    let options = run.start(rules, file, &factors)?;
+    let mut worst: BTreeMap<&str, (f64, usize)> = BTreeMap::new();
+    let mut comparisons = Vec::new();
+    let (actions, rewards) = (file.rows("actions").context("no actions")?, file.rows("reward"));
+    run.reset(&options)?;
+    if let Some(goal) = &file.goal_image {
+        comparisons.push(compare_picture("goal_png", goal, run.row.get("goal")?, rules.equal_pixels, 0));
+    }
+    for row in 0..=actions.len() {
+        for &(key, _) in rules.tolerances {
+            let Some(expected) = recorded(file, key, row) else { continue };
+            let actual = match (key, row) {
+                ("reward", _) => continue,
+                _ => run.field(key)?,
+            };
+            note_worst(&mut worst, key, row, &expected, &actual);
+        }
+        if let Some(picture) = file.images.get(&row) {
+            let name = format!("img_{row}_png");
+            comparisons.push(compare_picture(&name, picture, run.row.get(PIXELS)?, rules.equal_pixels, row));
+        }
+        if let Some(action) = actions.get(row) {
+            let reward = run.step(action)?;
+            if let Some(recorded) = rewards.as_ref().and_then(|rewards| rewards.get(row)) {
+                note_worst(&mut worst, "reward", row, recorded, &[reward]);
+            }
+        }
+    }
+    for &(key, tolerance) in rules.tolerances {
+        if let Some(&(worst, row)) = worst.get(key) {
+            let (column, note) = (key.to_owned(), String::new());
+            comparisons.push(Comparison { column, worst, row, tolerance: Some(tolerance), note });
+        }
+    }
+    for &(key, reason) in rules.expected_differences {
+        if file.numbers.contains_key(key) {
+            let (column, note) = (key.to_owned(), format!("expected difference: {reason}"));
+            comparisons.push(Comparison { column, worst: f64::NAN, row: 0, tolerance: None, note });
+        }
+    }
+    let trajectory_differs = expected.iter().any(|words| words.contains("trajectories differ"));
+    Ok(Report { comparisons, expected, trajectory_differs })
+}
+
+/// A row of an array that changes, or the whole of one that does not (`goal_state`), compared once.
+fn recorded(file: &GoldenFile, key: &str, row: usize) -> Option<Vec<f64>> {
+    if key.starts_with("goal_") {
+        return (row == 0).then(|| file.numbers.get(key).map(|array| array.iter().copied().collect()))?;
+    }
+    let array = file.numbers.get(key)?;
+    (row < array.shape()[0]).then(|| array.index_axis(ndarray::Axis(0), row).iter().copied().collect())
+}
+
+fn note_worst<'a>(
+    worst: &mut BTreeMap<&'a str, (f64, usize)>,
+    key: &'a str,
+    row: usize,
+    expected: &[f64],
+    actual: &[f64],
+) {
+    let difference = |(a, b): (&f64, &f64)| {
+        let difference = if a.is_nan() && b.is_nan() { 0.0 } else { (a - b).abs() };
+        if difference.is_nan() { f64::INFINITY } else { difference }
+    };
+    let here = expected.iter().zip(actual).map(difference).fold(0.0, f64::max);
+    let here = if expected.len() == actual.len() { here } else { f64::INFINITY };
+    let entry = worst.entry(key).or_insert((here, row));
+    if here > entry.0 {
+        *entry = (here, row);
+    }
+}
+
+/// Compares pictures: the share of unequal pixels counts; the largest difference is told.
+fn compare_picture(name: &str, expected: &Picture, actual: &[u8], equal: f64, row: usize) -> Comparison {
+    let column = name.to_owned();
+    let tolerance = Some(1.0 - equal);
+    if expected.rgb.len() != actual.len() {
+        let note = format!("{} bytes instead of {}", actual.len(), expected.rgb.len());
+        return Comparison { column, worst: 1.0, row, tolerance, note };
+    }
+    let pairs = expected.rgb.chunks_exact(3).zip(actual.chunks_exact(3));
+    let unequal = pairs.filter(|(a, b)| a != b).count();
+    let largest = expected.rgb.iter().zip(actual).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0);
+    let worst = unequal as f64 / (expected.height * expected.width) as f64;
+    let note = format!("{unequal} unequal pixels, largest difference {largest} levels");
+    Comparison { column, worst, row, tolerance, note }
+}
+
+/// One environment and its row.
+struct Run {
+    env: Box<dyn Env>,
+    row: Batch,
+}
+
+impl Run {
+    fn new(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Result<Self> {
+        let picture = file.images.values().next().or(file.goal_image.as_ref());
+        let mut config = EnvConfig {
+            image: picture.map(|p| ImageSize { height: p.height, width: p.width }),
+            ..EnvConfig::default()
+        };
+        (rules.settings)(&mut config.settings);
+        let env = (registry.env(rules.env_id)?.make)(&config)?;
+        let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
+        Ok(Self { env, row })
+    }
+
+    fn reset(&mut self, options: &ResetOptions) -> Result<()> {
+        self.env.reset(&Episode { seed: EpisodeSeed::new(0), options })?;
+        self.env.write_episode(&mut self.row.rows_mut());
+        self.env.observe(&mut self.row.rows_mut());
+        Ok(())
+    }
+
+    fn step(&mut self, action: &[f64]) -> Result<f64> {
+        let space = &self.env.spec().action;
+        let dtype = space.dtype().unwrap_or(Dtype::F64);
+        let action = Value::vector(action).cast("action", dtype, &space.shape())?;
+        let outcome = self.env.step(action.data.as_slice())?;
+        self.env.observe(&mut self.row.rows_mut());
+        Ok(outcome.reward)
+    }
+
+    /// The field that an array of the file holds.
+    fn field(&self, key: &str) -> Result<Vec<f64>> {
+        let name = key.strip_prefix("obs_").or_else(|| key.strip_prefix("info_")).unwrap_or(key);
+        let index = self.row.schema().require(name)?;
+        let column: Column = self.row.column(index).to_column();
+        Ok(Value { shape: vec![column.len()], data: column }.numbers(name)?)
+    }
+
+    /// Reset options whose first row is the recorded one.
+    ///
+    /// The recorded start is known only after the reset's own physics step, so the factors are corrected until the
+    /// first rows agree; two or three rounds suffice.
+    fn start(
+        &mut self,
+        rules: &Rules,
+        file: &GoldenFile,
+        factors: &serde_json::Map<String, Json>,
+    ) -> Result<ResetOptions> {
+        let mut options = ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() };
+        for (name, json) in factors {
+            options.variation_values.insert(name.clone(), Value::from_json(name, json)?);
+        }
+        let specs = self.env.spec().factors.clone();
+        let mut targets = Vec::new();
+        for &(key, first, factor) in rules.starts {
+            let spec = specs.iter().find(|spec| spec.name == factor).context("unknown start factor")?;
+            let row = recorded(file, key, 0).ok_or_else(|| anyhow!("{} has no {key}", file.name))?;
+            let wanted = row[first..first + spec.space.width()].to_vec();
+            if !factors.contains_key(factor) {
+                targets.push((key, first, factor, spec.space.bounds(), wanted));
+            }
+        }
+        for (.., factor, (low, high), wanted) in &targets {
+            options.variation_values.insert((*factor).to_owned(), Value::vector(&clamp(wanted, low, high)));
+        }
+        for column in self.env.spec().goal_columns {
+            if let Some(goal) = recorded(file, &format!("goal_{column}"), 0) {
+                options.goal.get_or_insert_default().insert((*column).to_owned(), Value::vector(&goal));
+            }
+        }
+        for _ in 0..4 {
+            self.reset(&options)?;
+            for (key, first, factor, (low, high), wanted) in &targets {
+                let actual = self.field(key)?;
+                let now = options.variation_values[*factor].numbers(factor)?;
+                let corrected: Vec<f64> = (now.iter().zip(wanted).zip(&actual[*first..]))
+                    .map(|((now, wanted), actual)| now + (wanted - actual))
+                    .collect();
+                options.variation_values.insert((*factor).to_owned(), Value::vector(&clamp(&corrected, low, high)));
+            }
+        }
+        Ok(options)
+    }
+}
+
+fn clamp(values: &[f64], low: &[f64], high: &[f64]) -> Vec<f64> {
+    values.iter().zip(low.iter().zip(high)).map(|(v, (low, high))| v.clamp(*low, *high)).collect()
+}

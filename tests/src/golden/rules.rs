@@ -1,0 +1,78 @@
+//! What is compared for which environment, how far it may be off, and where we differ on purpose.
+
+use serde_json::{Map, Value as Json, json};
+
+/// The rules of one environment of the reference.
+#[derive(Clone, Copy, Debug)]
+pub struct Rules {
+    /// The reference's id.
+    pub reference_id: &'static str,
+    /// Ours.
+    pub env_id: &'static str,
+    /// Settings that make ours behave like the recorded version.
+    pub settings: fn(&mut Map<String, Json>),
+    /// How far each compared array may be off, by its key in the file. Arrays without an entry are not compared.
+    pub tolerances: &'static [(&'static str, f64)],
+    /// Share of pixels that must be equal.
+    pub equal_pixels: f64,
+    /// Step columns that hold the start, with the factor that each sets: `(array, first entry, factor)`.
+    pub starts: &'static [(&'static str, usize, &'static str)],
+    /// Adapts the factors of a file to those that were in force when it was recorded; returns what differs on
+    /// purpose, in words.
+    pub adapt: fn(&mut Map<String, Json>) -> Vec<&'static str>,
+    /// Arrays in which we differ on purpose, with the reason.
+    pub expected_differences: &'static [(&'static str, &'static str)],
+}
+
+/// The rules for an id of the reference; `None` if the environment does not exist here.
+pub fn rules(reference_id: &str) -> Option<&'static Rules> {
+    RULES.iter().find(|rules| rules.reference_id == reference_id)
+}
+
+const RULES: &[Rules] = &[PUSHT];
+
+const PUSHT: Rules = Rules {
+    reference_id: "swm/PushT-v1",
+    env_id: "swm/PushT-v1",
+    settings: |_| {},
+    tolerances: &[
+        ("obs_state", 1e-6),
+        ("obs_proprio", 1e-6),
+        ("info_block_pose", 1e-6),
+        ("reward", 1e-6),
+        ("goal_state", 0.0),
+        ("goal_pose", 0.0),
+    ],
+    equal_pixels: 0.995,
+    starts: &[
+        ("obs_state", 0, "agent.start_position"),
+        ("obs_state", 2, "block.start_position"),
+        ("info_block_pose", 2, "block.angle"),
+    ],
+    adapt: adapt_pusht,
+    expected_differences: &[
+        ("info_n_contacts", "the recorded version divides by 1000 instead of 10 (operator precedence)"),
+        ("terminated", "the recorded version accepts wrong angles: it does not wrap their difference"),
+    ],
+};
+
+/// The recorded version (January 2026): the T ignores `block.scale` and has scale 30, other shapes default to 40;
+/// the drawn goal ignores `goal.scale`; the Z is built off-centre.
+fn adapt_pusht(factors: &mut Map<String, Json>) -> Vec<&'static str> {
+    let mut differences = Vec::new();
+    let shape = factors.get("block.shape").and_then(Json::as_i64).unwrap_or(2);
+    if shape == 2 {
+        if factors.remove("block.scale").is_some() {
+            differences.push("block.scale: the recorded T ignores it; replayed at the scale 30 that it used");
+        }
+    } else {
+        factors.entry("block.scale").or_insert(json!(40.0));
+    }
+    if factors.remove("goal.scale").is_some() {
+        differences.push("goal.scale: the recorded version ignores it; replayed without");
+    }
+    if shape == 3 || factors.get("agent.shape").and_then(Json::as_i64) == Some(3) {
+        differences.push("shape Z: the recorded version builds it off-centre; trajectories differ");
+    }
+    differences
+}
