@@ -62,6 +62,44 @@ struct Saved {
     sim: State,
 }
 
+impl Saved {
+    /// Rebuilds the saved moment's factors and world.
+    fn recall(
+        env: &str,
+        space: &FovSpace,
+        settings: &Settings,
+        state: &EnvState,
+    ) -> Result<(Saved, Fov, Setup, Sim), EnvError> {
+        let saved: Saved = state.load(env)?;
+        let foreign = |reason: String| EnvError::State { env: env.to_owned(), reason };
+        let fov = space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
+        let setup = setup(&fov, settings);
+        let mut sim = Sim::new(&setup).map_err(|error| foreign(error.to_string()))?;
+        sim.restore(&saved.sim).map_err(|error| foreign(error.to_string()))?;
+        Ok((saved, fov, setup, sim))
+    }
+}
+
+/// A saved moment as planners on the true simulator need it: no pictures, no episode bookkeeping.
+pub(super) struct Moment {
+    pub(super) setup: Setup,
+    pub(super) sim: Sim,
+    pub(super) goal: PushTState,
+}
+
+impl Moment {
+    /// Reads what [`Env::snapshot`] saved in an environment `env` with these settings.
+    pub(super) fn load(
+        env: &str,
+        space: &FovSpace,
+        settings: &Settings,
+        state: &EnvState,
+    ) -> Result<Moment, EnvError> {
+        let (saved, _, setup, sim) = Saved::recall(env, space, settings, state)?;
+        Ok(Moment { setup, sim, goal: saved.goal })
+    }
+}
+
 impl PushT {
     /// Makes the environment `id`, continuous or discrete.
     pub fn new(id: &str, discrete: bool, config: &EnvConfig) -> Result<Self, EnvError> {
@@ -266,13 +304,8 @@ impl Env for PushT {
     }
 
     fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
-        let saved: Saved = state.load(&self.spec.id)?;
-        let foreign = |reason: String| EnvError::State { env: self.spec.id.clone(), reason };
-        let fov = self.space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
+        let (saved, fov, _, sim) = Saved::recall(&self.spec.id, &self.space, &self.settings, state)?;
         let same_world = fov == self.fov && saved.goal == self.goal;
-        let setup = setup(&fov, &self.settings);
-        let mut sim = Sim::new(&setup).map_err(|error| foreign(error.to_string()))?;
-        sim.restore(&saved.sim).map_err(|error| foreign(error.to_string()))?;
         (self.fov, self.goal, self.sim) = (fov, saved.goal, sim);
         (self.contact_points, self.target) = (saved.contact_points, saved.target);
         if !same_world {

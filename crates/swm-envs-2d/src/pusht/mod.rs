@@ -6,6 +6,7 @@
 mod discrete;
 mod drawing;
 mod env;
+mod expert;
 mod factors;
 mod goal;
 pub mod physics;
@@ -39,7 +40,9 @@ pub const PUSHT_DISCRETE: EnvEntry = EnvEntry {
 };
 
 /// Policies that know PushT.
-const POLICIES: &[PolicyEntry] = &[PolicyEntry {
+const POLICIES: &[PolicyEntry] = &[expert::EXPERT, expert::NOISY_EXPERT, WEAK];
+
+const WEAK: PolicyEntry = PolicyEntry {
     name: "weak",
     summary: "random pushes that stay near the block (the reference's WeakPolicy)",
     settings: &[Setting {
@@ -65,4 +68,4 @@ const POLICIES: &[PolicyEntry] = &[PolicyEntry {
         let make = move |_: &RowView<'_>| Ok(Box::new(weak::Weak { reach_px }) as Box<dyn Actor>);
         Ok(Box::new(PerEpisode::new(format!("weak:dist_constraint={reach_px}"), make)))
     },
-}];
+};

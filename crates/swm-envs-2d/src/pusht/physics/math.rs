@@ -9,37 +9,37 @@ use std::ops::{Add, Mul, Neg, Sub};
 
 /// A vector in the plane: x to the right, y down, in pixels unless stated otherwise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Vec2 {
-    pub(super) x: f64,
-    pub(super) y: f64,
+pub(in crate::pusht) struct Vec2 {
+    pub(in crate::pusht) x: f64,
+    pub(in crate::pusht) y: f64,
 }
 
 /// Short for [`Vec2`] from its two components.
-pub(super) const fn vec2(x: f64, y: f64) -> Vec2 {
+pub(in crate::pusht) const fn vec2(x: f64, y: f64) -> Vec2 {
     Vec2 { x, y }
 }
 
 impl Vec2 {
-    pub(super) const ZERO: Vec2 = vec2(0.0, 0.0);
+    pub(in crate::pusht) const ZERO: Vec2 = vec2(0.0, 0.0);
 
-    pub(super) fn dot(self, other: Vec2) -> f64 {
+    pub(in crate::pusht) fn dot(self, other: Vec2) -> f64 {
         self.x * other.x + self.y * other.y
     }
 
     /// The z component of the cross product.
-    pub(super) fn cross(self, other: Vec2) -> f64 {
+    pub(in crate::pusht) fn cross(self, other: Vec2) -> f64 {
         self.x * other.y - self.y * other.x
     }
 
-    pub(super) fn norm(self) -> f64 {
+    pub(in crate::pusht) fn norm(self) -> f64 {
         self.dot(self).sqrt()
     }
 
-    pub(super) fn is_finite(self) -> bool {
+    pub(in crate::pusht) fn is_finite(self) -> bool {
         self.x.is_finite() && self.y.is_finite()
     }
 
-    pub(super) fn to_array(self) -> [f64; 2] {
+    pub(in crate::pusht) fn to_array(self) -> [f64; 2] {
         [self.x, self.y]
     }
 }
@@ -80,22 +80,22 @@ impl Mul<f64> for Vec2 {
 
 /// A rotation by an angle; turns body coordinates into world coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Rotation {
-    pub(super) cos: f64,
-    pub(super) sin: f64,
+pub(in crate::pusht) struct Rotation {
+    pub(in crate::pusht) cos: f64,
+    pub(in crate::pusht) sin: f64,
 }
 
 impl Rotation {
-    pub(super) fn new(angle_rad: f64) -> Rotation {
+    pub(in crate::pusht) fn new(angle_rad: f64) -> Rotation {
         let (sin, cos) = sin_cos(angle_rad);
         Rotation { cos, sin }
     }
 
-    pub(super) fn world_from_body(self, q: Vec2) -> Vec2 {
+    pub(in crate::pusht) fn world_from_body(self, q: Vec2) -> Vec2 {
         vec2(self.cos * q.x - self.sin * q.y, self.sin * q.x + self.cos * q.y)
     }
 
-    pub(super) fn body_from_world(self, q: Vec2) -> Vec2 {
+    pub(in crate::pusht) fn body_from_world(self, q: Vec2) -> Vec2 {
         vec2(self.cos * q.x + self.sin * q.y, self.cos * q.y - self.sin * q.x)
     }
 }

@@ -44,6 +44,7 @@ mod world;
 mod tests;
 
 pub use controller::{ActionMode, ActionScalar};
+pub(super) use math::{Rotation, Vec2, vec2};
 pub use shapes::{MAX_PARTS, Rectangle, Shape};
 pub use sim::{Contact, Placement, SUBSTEPS, Sim, State, contact_count};
 pub use world::{

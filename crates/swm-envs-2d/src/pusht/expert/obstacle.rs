@@ -1,0 +1,232 @@
+//! Where the agent cannot stand: the block, grown by the agent's own extent.
+//!
+//! Each pair of a block's rectangle and a part of the agent gives one convex piece with four pairs of parallel sides.
+//! For a polygon agent that is the exact set of overlapping positions at its present angle; around a disc's rounded
+//! corners it is slightly too large. Positions are those of the agent's origin, in the world, pixels.
+
+use crate::pusht::physics::{BodyId, Rectangle, Rotation, Setup, Shape, Sim, Vec2, WALL_RADIUS, WALL_SEGMENTS, vec2};
+
+/// What an agent or block occupies, in its own coordinates.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Figure {
+    /// A disc about the origin: its radius.
+    Disc(f64),
+    /// A union of rectangles.
+    Polygon(Vec<Rectangle>),
+}
+
+impl Figure {
+    pub(super) fn new(setup: &Setup, body: BodyId) -> Figure {
+        let body = if body == BodyId::Agent { &setup.agent } else { &setup.block };
+        match body.shape {
+            Shape::Disc => Figure::Disc(Shape::disc_radius(body.scale)),
+            shape => Figure::Polygon(shape.rectangles(body.scale).collect()),
+        }
+    }
+
+    fn parts(&self) -> Vec<Part> {
+        match self {
+            Figure::Disc(radius) => vec![Part { center: Vec2::default(), half: Vec2::default(), round: *radius }],
+            Figure::Polygon(rectangles) => rectangles.iter().map(Part::new).collect(),
+        }
+    }
+
+    /// The point that lies farthest in a direction, from the origin, in the world.
+    pub(super) fn farthest(&self, rotation: Rotation, direction: Vec2) -> Vec2 {
+        match self {
+            Figure::Disc(radius) => direction * (*radius / direction.norm()),
+            Figure::Polygon(rectangles) => {
+                let inward = rotation.body_from_world(direction);
+                let corners = rectangles.iter().flat_map(Rectangle::corners).map(Vec2::from);
+                let farthest = corners.max_by(|a, b| a.dot(inward).total_cmp(&b.dot(inward)));
+                rotation.world_from_body(farthest.unwrap_or_default())
+            }
+        }
+    }
+}
+
+/// A rectangle with rounded corners, in body coordinates.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    center: Vec2,
+    half: Vec2,
+    round: f64,
+}
+
+impl Part {
+    fn new(rectangle: &Rectangle) -> Part {
+        let [min, max] = [rectangle.min, rectangle.max].map(Vec2::from);
+        Part { center: (min + max) * 0.5, half: (max - min) * 0.5, round: 0.0 }
+    }
+
+    /// Half its width along a direction of the world.
+    fn reach(&self, rotation: Rotation, direction: Vec2) -> f64 {
+        let d = rotation.body_from_world(direction);
+        d.x.abs() * self.half.x + d.y.abs() * self.half.y + self.round
+    }
+}
+
+/// A rectangle that the agent's origin must stay in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Room {
+    pub(super) min: Vec2,
+    pub(super) max: Vec2,
+}
+
+impl Room {
+    /// Between the walls, for a body of this figure; `None` for a disc, which no wall stops.
+    pub(super) fn new(figure: &Figure, rotation: Rotation) -> Option<Room> {
+        let Figure::Polygon(_) = figure else { return None };
+        let near = WALL_SEGMENTS[0].from[0] + WALL_RADIUS;
+        let far = WALL_SEGMENTS[2].from[0] - WALL_RADIUS;
+        let reach = |x, y| figure.farthest(rotation, vec2(x, y));
+        let min = vec2(near - reach(-1.0, 0.0).x, near - reach(0.0, -1.0).y);
+        let max = vec2(far - reach(1.0, 0.0).x, far - reach(0.0, 1.0).y);
+        Some(Room { min, max })
+    }
+
+    pub(super) fn clamp(&self, p: Vec2) -> Vec2 {
+        vec2(p.x.min(self.max.x).max(self.min.x), p.y.min(self.max.y).max(self.min.y))
+    }
+}
+
+/// One convex piece: all `p` with `|normal · (p - center)| < half_width` for each of the four normals.
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    center: Vec2,
+    half_widths: [f64; 4],
+}
+
+/// The grown block.
+#[derive(Clone, Debug)]
+pub(super) struct Obstacle {
+    /// In the order of their angles, over half a turn.
+    normals: [Vec2; 4],
+    pieces: Vec<Piece>,
+}
+
+/// How near the agent may come to the block on its way, pixels.
+const MARGIN_PX: f64 = 0.8;
+
+impl Obstacle {
+    /// For the present poses.
+    pub(super) fn new(agent: &Figure, block: &Figure, sim: &Sim) -> Obstacle {
+        let [agent_rotation, block_rotation] =
+            [BodyId::Agent, BodyId::Block].map(|body| Rotation::new(sim.angle(body)));
+        Obstacle::at((agent, agent_rotation), (block, block_rotation), sim.position(BodyId::Block).into())
+    }
+
+    /// For an agent at any place and a block at `origin`.
+    pub(super) fn at(agent: (&Figure, Rotation), block: (&Figure, Rotation), origin: Vec2) -> Obstacle {
+        let (figure, agent_rotation) = agent;
+        let x = block.1.world_from_body(vec2(1.0, 0.0));
+        let y = block.1.world_from_body(vec2(0.0, 1.0));
+        // The agent's axis between the block's two; a disc has none, and halving the corner fits it best.
+        let mut between = match figure {
+            Figure::Disc(_) => (x + y) * std::f64::consts::FRAC_1_SQRT_2,
+            Figure::Polygon(_) => agent_rotation.world_from_body(vec2(1.0, 0.0)),
+        };
+        while between.dot(x) < 0.0 || between.dot(y) <= 0.0 {
+            between = quarter_turn(between);
+        }
+        let normals = [x, between, y, quarter_turn(between)];
+        let agent_parts = figure.parts();
+        let pairs = block.0.parts().into_iter().flat_map(|b| agent_parts.iter().map(move |a| (*a, b)));
+        let pieces = pairs.map(|(a, b)| Piece {
+            center: origin + block.1.world_from_body(b.center) - agent_rotation.world_from_body(a.center),
+            half_widths: normals.map(|n| a.reach(agent_rotation, n) + b.reach(block.1, n)),
+        });
+        Obstacle { normals, pieces: pieces.collect() }
+    }
+
+    /// True if the way from `a` to `b` keeps its distance, or at least does not come nearer than its ends are.
+    pub(super) fn is_free(&self, a: Vec2, b: Vec2) -> bool {
+        let way = b - a;
+        let projected = self.normals.map(|n| (n.dot(a), n.dot(way)));
+        self.pieces.iter().all(|piece| {
+            let mut at = [(0.0, 0.0); 4];
+            let mut clearance = [f64::NEG_INFINITY; 2];
+            for k in 0..4 {
+                let from = projected[k].0 - self.normals[k].dot(piece.center);
+                at[k] = (from, projected[k].1);
+                clearance[0] = clearance[0].max(from.abs() - piece.half_widths[k]);
+                clearance[1] = clearance[1].max((from + projected[k].1).abs() - piece.half_widths[k]);
+            }
+            let margin = MARGIN_PX.min(clearance[0] - 0.01).min(clearance[1] - 0.01);
+            let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
+            for k in 0..4 {
+                let (from, slope) = at[k];
+                let half = piece.half_widths[k] + margin;
+                if slope.abs() < 1e-12 {
+                    if from.abs() >= half {
+                        return true;
+                    }
+                    continue;
+                }
+                let (first, second) = ((-half - from) / slope, (half - from) / slope);
+                enter = enter.max(first.min(second));
+                leave = leave.min(first.max(second));
+            }
+            enter >= leave
+        })
+    }
+
+    /// Distance to the nearest piece (a lower bound of it around corners); negative inside.
+    pub(super) fn clearance(&self, p: Vec2) -> f64 {
+        self.pieces.iter().map(|piece| self.side(piece, p).0).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The nearest point outside that a few corrections find.
+    pub(super) fn outside(&self, mut p: Vec2) -> Vec2 {
+        for _ in 0..4 {
+            let sides = self.pieces.iter().map(|piece| self.side(piece, p));
+            let Some((clearance, outward)) = sides.min_by(|a, b| a.0.total_cmp(&b.0)) else { return p };
+            if clearance >= 0.0 {
+                break;
+            }
+            p = p + outward * (2.0 * MARGIN_PX - clearance);
+        }
+        p
+    }
+
+    /// Signed distance to the side of a piece that is passed first on the way out, and that side's outward normal.
+    fn side(&self, piece: &Piece, p: Vec2) -> (f64, Vec2) {
+        let mut best = (f64::NEG_INFINITY, Vec2::default());
+        for (&normal, half_width) in self.normals.iter().zip(piece.half_widths) {
+            let from = normal.dot(p - piece.center);
+            let clearance = from.abs() - half_width;
+            if clearance > best.0 {
+                best = (clearance, if from < 0.0 { -normal } else { normal });
+            }
+        }
+        best
+    }
+
+    /// Corners to go around: those of the pieces, a little outside, where nothing else is.
+    pub(super) fn corners(&self) -> Vec<Vec2> {
+        let mut corners = Vec::new();
+        for piece in &self.pieces {
+            for k in 0..8 {
+                let side = |k: usize| {
+                    let sign = if k % 8 < 4 { 1.0 } else { -1.0 };
+                    (self.normals[k % 4] * sign, piece.half_widths[k % 4] + 2.0 * MARGIN_PX)
+                };
+                let ((a, reach_a), (b, reach_b)) = (side(k), side(k + 1));
+                let det = a.cross(b);
+                if det.abs() < 0.02 {
+                    continue;
+                }
+                let corner = vec2(reach_a * b.y - reach_b * a.y, a.x * reach_b - b.x * reach_a) * (1.0 / det);
+                let corner = piece.center + corner;
+                if self.clearance(corner) > MARGIN_PX {
+                    corners.push(corner);
+                }
+            }
+        }
+        corners
+    }
+}
+
+fn quarter_turn(v: Vec2) -> Vec2 {
+    vec2(-v.y, v.x)
+}

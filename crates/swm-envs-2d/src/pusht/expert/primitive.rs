@@ -1,0 +1,74 @@
+//! Push primitives: three numbers that say a whole approach and push, and how they are drawn and varied.
+
+use std::f64::consts::PI;
+
+use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
+use swm_core::seed::Stream;
+
+use super::scene::Scene;
+
+/// Go somewhere beside the block, then push in one direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Primitive {
+    pub(super) start: Start,
+    /// Direction of the push: from the inward normal of the outline, or, where there is none, from the x axis.
+    pub(super) turn_rad: f64,
+    /// Strength of the push, up to 1.
+    pub(super) strength: f64,
+}
+
+/// Where a push begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Start {
+    /// Where the agent is.
+    Here,
+    /// At this position on the block's outline.
+    At {
+        /// Arc length.
+        arc_px: f64,
+    },
+}
+
+/// Weakest push.
+const WEAKEST: f64 = 0.15;
+/// Spread of the direction about the normal, radians.
+const TURN_SPREAD: f64 = 0.5;
+/// One in so many primitives begins where the agent is.
+const HERE_SHARE: f64 = 0.12;
+/// Spread of variations: arc position, direction, strength.
+const VARIATION: [f64; 3] = [10.0, 0.2, 0.15];
+
+impl Primitive {
+    /// Draws any primitive.
+    pub(super) fn draw(scene: &Scene, stream: &mut Stream) -> Primitive {
+        let strength = WEAKEST + (1.0 - WEAKEST) * uniform(stream);
+        if uniform(stream) < HERE_SHARE {
+            let turn_rad = PI * (2.0 * uniform(stream) - 1.0);
+            return Primitive { start: Start::Here, turn_rad, strength };
+        }
+        let start = Start::At { arc_px: scene.outline.length() * uniform(stream) };
+        Primitive { start, turn_rad: TURN_SPREAD * normal(stream), strength }
+    }
+
+    /// Draws a primitive near this one; `width` scales how near.
+    pub(super) fn vary(&self, width: f64, stream: &mut Stream) -> Primitive {
+        let [arc, turn, strength] = VARIATION.map(|spread| spread * width);
+        let start = match self.start {
+            Start::Here => Start::Here,
+            Start::At { arc_px } => Start::At { arc_px: arc_px + arc * normal(stream) },
+        };
+        Primitive {
+            start,
+            turn_rad: self.turn_rad + turn * normal(stream),
+            strength: (self.strength + strength * normal(stream)).clamp(WEAKEST, 1.0),
+        }
+    }
+}
+
+pub(super) fn uniform(stream: &mut Stream) -> f64 {
+    StandardUniform.sample(stream)
+}
+
+pub(super) fn normal(stream: &mut Stream) -> f64 {
+    StandardNormal.sample(stream)
+}

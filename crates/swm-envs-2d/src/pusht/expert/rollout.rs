@@ -1,0 +1,154 @@
+//! Rollouts of primitives on copies of the simulator: approach, push, finish.
+//!
+//! A copy holds everything that the future depends on, so a plan that succeeds here succeeds when it is carried out.
+
+use super::primitive::{Primitive, Start};
+use super::route::Routes;
+use super::scene::Scene;
+use super::steering::{Command, Steering};
+use crate::pusht::physics::{BodyId, Rotation, Sim, Vec2, vec2};
+
+/// An approach ends this near its target, pixels.
+const ARRIVED_PX: f64 = 5.0;
+/// An agent that moves less than this in a control step is held by something, pixels.
+const HELD_PX: f64 = 0.5;
+
+/// A copy of the world that a plan is tried on.
+#[derive(Clone)]
+pub(super) struct Rollout<'a> {
+    scene: &'a Scene,
+    pub(super) sim: Sim,
+    pub(super) steps: u32,
+    pub(super) success: bool,
+    /// What was commanded, if it is to be kept.
+    pub(super) commands: Option<Vec<Command>>,
+}
+
+/// What a primitive leads to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Outcome {
+    /// Lower is better; far below zero for a success.
+    pub(super) cost: f64,
+    pub(super) success: bool,
+}
+
+/// A success is better than anything else, and a short one better than a long one.
+const SUCCESS_COST: f64 = -1000.0;
+
+impl<'a> Rollout<'a> {
+    pub(super) fn new(scene: &'a Scene, sim: &Sim) -> Rollout<'a> {
+        Rollout { scene, sim: sim.clone(), steps: 0, success: false, commands: None }
+    }
+
+    /// Keeps the commands from now on.
+    pub(super) fn recorded(mut self) -> Rollout<'a> {
+        self.commands = Some(Vec::new());
+        self
+    }
+
+    /// Carries a primitive out and, if the block is then nearly placed, tries to finish. After a failed finish the
+    /// rollout stands at the primitive's end.
+    pub(super) fn perform(&mut self, primitive: &Primitive, routes: &Routes) -> Outcome {
+        self.apply(primitive, routes);
+        if !self.success && self.scene.is_nearly_placed(&self.sim) {
+            let end = self.clone();
+            self.finish();
+            if !self.success {
+                *self = end;
+            }
+        }
+        self.outcome()
+    }
+
+    fn outcome(&self) -> Outcome {
+        let base = if self.success { SUCCESS_COST } else { self.scene.block_cost(&self.sim) };
+        Outcome { cost: base + self.scene.step_weight * f64::from(self.steps), success: self.success }
+    }
+
+    fn apply(&mut self, primitive: &Primitive, routes: &Routes) {
+        let direction = match primitive.start {
+            Start::Here => vec2(1.0, 0.0),
+            Start::At { arc_px } => {
+                let Some((place, normal)) = self.scene.standoff(&self.sim, routes, arc_px) else { return };
+                self.walk(routes, place, self.scene.limits.approach);
+                -normal
+            }
+        };
+        if !self.success {
+            let direction = Rotation::new(primitive.turn_rad).world_from_body(direction);
+            self.push(Steering::push(direction, primitive.strength));
+        }
+    }
+
+    /// Goes to the agent's goal, or as near as the block lets it, then straight on.
+    pub(super) fn finish(&mut self) {
+        let goal = self.scene.agent_goal();
+        let routes = self.scene.routes(&self.sim);
+        let beside = routes.obstacle().outside(goal);
+        self.walk(&routes, beside, self.scene.limits.finish);
+        for _ in 0..6 {
+            if self.success {
+                break;
+            }
+            self.step(self.scene.steering.toward(&self.sim, goal));
+        }
+    }
+
+    /// Follows the way to `target`, cutting corners where the view is free.
+    fn walk(&mut self, routes: &Routes, target: Vec2, limit: u32) {
+        let path = routes.to(target);
+        let points = path.points();
+        let mut next = 0;
+        let mut held = 0;
+        for _ in 0..limit {
+            let position = self.agent();
+            if self.success || (target - position).norm() < ARRIVED_PX {
+                break;
+            }
+            while next + 1 < points.len() && routes.obstacle().is_free(position, points[next + 1]) {
+                next += 1;
+            }
+            self.step(self.scene.steering.toward(&self.sim, points[next]));
+            held = if (self.agent() - position).norm() < HELD_PX { held + 1 } else { 0 };
+            if held == 2 {
+                break;
+            }
+        }
+    }
+
+    /// Repeats a command, and returns to the best moment.
+    fn push(&mut self, command: Command) {
+        let mut best = (self.scene.block_cost(&self.sim), self.steps, self.sim.clone());
+        let step_weight = self.scene.step_weight;
+        let first = self.steps;
+        for _ in 0..self.scene.limits.push {
+            self.step(command);
+            if self.success {
+                return;
+            }
+            let cost = self.scene.block_cost(&self.sim) + step_weight * f64::from(self.steps - first);
+            if cost < best.0 {
+                best = (cost, self.steps, self.sim.clone());
+            } else if self.steps - best.1 >= self.scene.limits.patience {
+                break;
+            }
+        }
+        (_, self.steps, self.sim) = best;
+        if let Some(commands) = &mut self.commands {
+            commands.truncate(self.steps as usize);
+        }
+    }
+
+    fn step(&mut self, command: Command) {
+        self.scene.steering.drive(&mut self.sim, command);
+        self.steps += 1;
+        self.success = self.scene.is_success(&self.sim);
+        if let Some(commands) = &mut self.commands {
+            commands.push(command);
+        }
+    }
+
+    fn agent(&self) -> Vec2 {
+        self.sim.position(BodyId::Agent).into()
+    }
+}

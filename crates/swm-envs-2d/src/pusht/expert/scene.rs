@@ -1,0 +1,128 @@
+//! What a planner needs to know of an episode and what does not change in it: figures, goal, limits.
+
+use super::obstacle::{Figure, Obstacle, Room};
+use super::outline::Outline;
+use super::route::Routes;
+use super::settings::ExpertSettings;
+use super::steering::{ActionKind, Steering};
+use crate::pusht::env::Moment;
+use crate::pusht::goal::{PushTState, angle_error, is_success, observed_state};
+use crate::pusht::physics::{BodyId, PhysicsError, Rotation, Shape, Sim, Vec2};
+
+/// An episode, to be planned in.
+pub(super) struct Scene {
+    pub(super) steering: Steering,
+    pub(super) agent: Figure,
+    pub(super) block: Figure,
+    pub(super) outline: Outline,
+    pub(super) goal: PushTState,
+    pub(super) limits: Limits,
+    block_shape: Shape,
+    /// Cost of an angle error, px/rad.
+    angle_weight: f64,
+    /// Cost of a control step, pixels.
+    pub(super) step_weight: f64,
+}
+
+/// How long the phases of a primitive may take, and how near things have to come. They depend on how fast the agent
+/// is: a disc goes 26 px in its first control step, a polygon 10.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limits {
+    /// Control steps of an approach.
+    pub(super) approach: u32,
+    /// Control steps of a push.
+    pub(super) push: u32,
+    /// A push ends after so many control steps without improvement.
+    pub(super) patience: u32,
+    /// Control steps of the way to the agent's own goal.
+    pub(super) finish: u32,
+    /// Distance from the block at which a push begins, pixels.
+    pub(super) standoff_px: f64,
+}
+
+/// The finish is tried when the block is this near its goal.
+const FINISH_PX: f64 = 20.0;
+const FINISH_RAD: f64 = 0.349;
+
+/// The scale at which [`ExpertSettings::angle_weight`] is meant.
+const USUAL_SCALE: f64 = 30.0;
+
+impl Scene {
+    pub(super) fn new(
+        settings: &ExpertSettings,
+        kind: ActionKind,
+        moment: &Moment,
+    ) -> Result<Scene, PhysicsError> {
+        let setup = &moment.setup;
+        let steering = Steering::new(kind, setup)?;
+        let rectangles: Vec<_> = setup.block.shape.rectangles(setup.block.scale).collect();
+        let slow = setup.agent.shape != Shape::Disc;
+        let limits = Limits {
+            approach: if slow { 60 } else { 25 },
+            push: if slow { 45 } else { 12 },
+            patience: if slow { 8 } else { 5 },
+            finish: if slow { 60 } else { 30 },
+            standoff_px: if slow { 4.0 } else { 18.0 },
+        };
+        Ok(Scene {
+            steering,
+            agent: Figure::new(setup, BodyId::Agent),
+            block: Figure::new(setup, BodyId::Block),
+            outline: Outline::new(&rectangles),
+            goal: moment.goal,
+            limits,
+            block_shape: setup.block.shape,
+            angle_weight: settings.angle_weight * f64::from(setup.block.scale) / USUAL_SCALE,
+            step_weight: settings.step_weight,
+        })
+    }
+
+    pub(super) fn is_success(&self, sim: &Sim) -> bool {
+        is_success(self.block_shape, &self.goal, &observed_state(sim))
+    }
+
+    /// How far the block is from its goal, pixels.
+    pub(super) fn block_cost(&self, sim: &Sim) -> f64 {
+        let (position, angle) = self.block_errors(sim);
+        position + self.angle_weight * angle
+    }
+
+    /// Whether the block may already stand well enough.
+    pub(super) fn is_nearly_placed(&self, sim: &Sim) -> bool {
+        let (position, angle) = self.block_errors(sim);
+        position < FINISH_PX && angle < FINISH_RAD
+    }
+
+    fn block_errors(&self, sim: &Sim) -> (f64, f64) {
+        let goal = Vec2::from([self.goal[2], self.goal[3]]);
+        let position = (Vec2::from(sim.position(BodyId::Block)) - goal).norm();
+        (position, angle_error(self.block_shape, self.goal[4], sim.angle(BodyId::Block)))
+    }
+
+    /// Where the agent has to be in the end.
+    pub(super) fn agent_goal(&self) -> Vec2 {
+        Vec2::from([self.goal[0], self.goal[1]])
+    }
+
+    /// The ways of the agent from where it is.
+    pub(super) fn routes(&self, sim: &Sim) -> Routes {
+        let room = Room::new(&self.agent, Rotation::new(sim.angle(BodyId::Agent)));
+        let obstacle = Obstacle::new(&self.agent, &self.block, sim);
+        Routes::new(obstacle, room, sim.position(BodyId::Agent).into())
+    }
+
+    /// A place of the agent's origin from which it can begin to push at an arc position of the outline, and the
+    /// outward normal there; `None` if there is no room.
+    pub(super) fn standoff(&self, sim: &Sim, routes: &Routes, arc_px: f64) -> Option<(Vec2, Vec2)> {
+        let [agent, block] = [BodyId::Agent, BodyId::Block].map(|body| Rotation::new(sim.angle(body)));
+        let (point, normal) = self.outline.at(arc_px);
+        let point = Vec2::from(sim.position(BodyId::Block)) + block.world_from_body(point);
+        let normal = block.world_from_body(normal);
+        let touching = point - self.agent.farthest(agent, -normal);
+        let mut place = routes.obstacle().outside(touching + normal * self.limits.standoff_px);
+        if let Some(room) = routes.room() {
+            place = room.clamp(place);
+        }
+        (routes.obstacle().clearance(place) >= 0.0).then_some((place, normal))
+    }
+}

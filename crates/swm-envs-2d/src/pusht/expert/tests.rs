@@ -1,0 +1,1 @@
+//! The expert as a policy of the environment.
