@@ -1,1 +1,10 @@
-//! Placeholder while the tests are written.
+//! The workspace from outside: the command `swm` as a user runs it, on real files.
+//!
+//! One binary, one module per promise.
+
+mod bad_input;
+mod commands;
+mod crash;
+mod determinism;
+mod interop;
+mod support;

@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
 use crate::metadata::Metadata;
-use crate::{deny, process, setup, test, tidy};
+use crate::{demo, deny, process, setup, test, tidy};
 
 /// Options of `cargo xtask ci`.
 #[derive(clap::Args)]
@@ -59,8 +59,14 @@ const STEPS: &[Step] = &[
         about: "each benchmark runs, once",
         run: || cargo("test --package swm-benches --benches"),
     },
+    Step { name: "demo", about: "the main job, in a short form", run: short_demo },
     Step { name: "alone", about: "each crate builds alone, without default features", run: alone },
 ];
+
+/// The demonstration, its report in a folder that git ignores.
+fn short_demo() -> Result<()> {
+    demo::run(&demo::Args { short: true, out: process::root().join(".tools/demo-report") })
+}
 
 /// How a step ended.
 struct Outcome {

@@ -3,7 +3,10 @@
 //! Not part of the product: the command that researchers use is `swm`.
 
 mod ci;
+mod demo;
 mod deny;
+mod golden;
+mod interop;
 mod metadata;
 mod process;
 mod setup;
@@ -24,20 +27,26 @@ struct Cli {
 
 const EXAMPLES: &str = "\
 Examples:
+  cargo xtask demo                      the main job, end to end, into demo-report/
   cargo xtask test                      set up, then run every test
   cargo xtask test -p swm-core seeds    one crate's tests whose name contains `seeds`
   cargo xtask ci                        what the CI machine runs, step by step
   cargo xtask ci --only clippy          one step of it
+  cargo xtask golden --check            replay recorded trajectories of the reference
   cargo xtask tidy                      the layering and source rules, in a second";
 
 #[derive(Subcommand)]
 enum Command {
     /// Fetch the build tools that this machine lacks, pinned by version and hash, into `.tools/`
     Setup(setup::Args),
+    /// Record, plan and evaluate on PushT, and leave a report with pictures and films
+    Demo(demo::Args),
     /// Set up, then run all tests, and the examples in the documentation
     Test(test::Args),
     /// Run every check that a change must pass, and print a table of them
     Ci(ci::Args),
+    /// Replay recorded trajectories of the reference and print the deviations
+    Golden(golden::Args),
     /// Check the rules of the architecture and of the sources
     Tidy(tidy::Args),
     /// Check the licences and origins of all dependencies against deny.toml
@@ -47,8 +56,10 @@ enum Command {
 fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Setup(args) => setup::run(&args),
+        Command::Demo(args) => demo::run(&args),
         Command::Test(args) => test::run(&args),
         Command::Ci(args) => ci::run(&args),
+        Command::Golden(args) => golden::run(&args),
         Command::Tidy(args) => tidy::run(&args),
         Command::Deny(args) => deny::run(&args),
     };

@@ -211,7 +211,7 @@ fn is_native(path: &Path) -> bool {
 }
 
 /// The first Python 3 with pip that answers.
-fn python() -> Result<&'static str> {
+pub(crate) fn python() -> Result<&'static str> {
     let is_ok = |program: &str, args: &[&str]| {
         Command::new(program).args(args).output().is_ok_and(|output| output.status.success())
     };

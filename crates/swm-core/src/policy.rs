@@ -189,10 +189,9 @@ pub fn random() -> impl Policy {
 struct Random;
 
 impl Actor for Random {
-    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+    fn act(&mut self, view: &RowView<'_>, action: SliceMut<'_>) -> Result<(), PolicyError> {
         let mut rng = view.episode.seed.indexed("policy random", [view.episode.step, 0]);
-        let value = view.spec.action.sample(&mut rng);
-        assert!(action.copy_from(value.data.as_slice()), "a space samples its own type");
+        view.spec.action.sample_into(&mut rng, action);
         Ok(())
     }
 }

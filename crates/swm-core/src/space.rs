@@ -3,7 +3,7 @@
 use rand::{Rng, RngExt as _};
 use serde::{Deserialize, Serialize};
 
-use crate::batch::{Column, Dtype, Slice, Value};
+use crate::batch::{Column, Dtype, Slice, SliceMut, Value};
 use crate::error::BatchError;
 
 /// A set of values of one type and shape, or a dictionary of such sets.
@@ -141,28 +141,47 @@ impl Space {
     /// Draws one value, every element uniformly. A dictionary's elements are drawn in order and returned flat
     /// as `f64`.
     pub fn sample(&self, rng: &mut impl Rng) -> Value {
-        let data = match self {
-            Space::Box { dtype: Dtype::F32, low, high, .. } => {
-                Column::F32(zip_map(low, high, |l, h| (l + (h - l) * rng.random::<f64>()) as f32))
-            }
-            Space::Box { low, high, .. } => {
-                Column::F64(zip_map(low, high, |l, h| l + (h - l) * rng.random::<f64>()))
-            }
-            Space::Discrete { n, start } => Column::I64(vec![start + rng.random_range(0..*n)]),
-            Space::MultiDiscrete { n, start } => {
-                Column::I64(zip_map(n, start, |n, start| start + rng.random_range(0..n)))
-            }
-            Space::Rgb => Column::U8((0..3).map(|_| rng.random()).collect()),
-            Space::Dict { spaces } => {
-                let mut all = Vec::with_capacity(self.width());
-                for (name, space) in spaces {
-                    let value = space.sample(rng);
-                    all.extend(value.numbers(name).expect("spaces hold numbers only"));
+        let mut data = Column::zeros(self.dtype().unwrap_or(Dtype::F64), self.width());
+        self.sample_into(rng, data.as_slice_mut());
+        let shape = if matches!(self, Space::Dict { .. }) { vec![self.width()] } else { self.shape() };
+        Value { shape, data }
+    }
+
+    /// Draws one value into `out`, which has this space's type and width. Allocates nothing, but for a dictionary.
+    ///
+    /// # Panics
+    /// If `out` has another type.
+    pub fn sample_into(&self, rng: &mut impl Rng, out: SliceMut<'_>) {
+        match (self, out) {
+            (Space::Box { low, high, .. }, SliceMut::F32(out)) => {
+                for (out, (low, high)) in out.iter_mut().zip(low.iter().zip(high)) {
+                    *out = (low + (high - low) * rng.random::<f64>()) as f32;
                 }
-                return Value::vector(&all);
             }
-        };
-        Value { shape: self.shape(), data }
+            (Space::Box { low, high, .. }, SliceMut::F64(out)) => {
+                for (out, (low, high)) in out.iter_mut().zip(low.iter().zip(high)) {
+                    *out = low + (high - low) * rng.random::<f64>();
+                }
+            }
+            (Space::Discrete { n, start }, SliceMut::I64(out)) => {
+                out.fill_with(|| start + rng.random_range(0..*n))
+            }
+            (Space::MultiDiscrete { n, start }, SliceMut::I64(out)) => {
+                for (out, (n, start)) in out.iter_mut().zip(n.iter().zip(start)) {
+                    *out = start + rng.random_range(0..*n);
+                }
+            }
+            (Space::Rgb, SliceMut::U8(out)) => out.fill_with(|| rng.random()),
+            (Space::Dict { spaces }, SliceMut::F64(mut out)) => {
+                for (name, space) in spaces {
+                    let numbers = space.sample(rng).numbers(name).expect("spaces hold numbers only");
+                    let (head, tail) = out.split_at_mut(numbers.len());
+                    head.copy_from_slice(&numbers);
+                    out = tail;
+                }
+            }
+            (space, out) => panic!("a {} space has no values of {}", space.kind(), out.dtype()),
+        }
     }
 
     /// Whether `values` (one value of this space) lie in it; an error names `what` and the bounds.
@@ -196,10 +215,6 @@ impl Space {
         };
         typed && self.check("value", value.data.as_slice()).is_ok()
     }
-}
-
-fn zip_map<T: Copy, O>(a: &[T], b: &[T], mut f: impl FnMut(T, T) -> O) -> Vec<O> {
-    a.iter().zip(b).map(|(&a, &b)| f(a, b)).collect()
 }
 
 #[cfg(test)]

@@ -50,7 +50,8 @@ impl Recorder for Film {
     fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
         self.first = run.rollout.episodes.start;
         // Real time, but never slower than 5 pictures a second nor faster than 30.
-        self.frames_per_second = (1.0 / (run.spec.time_step_s * f64::from(run.options.frame_skip))).clamp(5.0, 30.0);
+        self.frames_per_second =
+            (1.0 / (run.spec.time_step_s * f64::from(run.options.frame_skip))).clamp(5.0, 30.0);
         if let Some(index) = run.schema.index(PIXELS) {
             self.pixels = index;
             let shape = &run.schema.fields()[index].shape;

@@ -65,7 +65,9 @@ pub fn replay(
             if row + 1 < rows {
                 let action = recorded.row(row).at(columns.action);
                 if !action.is_finite() {
-                    return Err(format!("episode {episode}, row {row}: the recorded action is not finite").into());
+                    return Err(
+                        format!("episode {episode}, row {row}: the recorded action is not finite").into()
+                    );
                 }
                 for _ in 0..frame_skip {
                     env.step(action)?;

@@ -20,10 +20,12 @@ pub fn write_report(
     film: &Film,
     film_format: &str,
 ) -> Result<Vec<PathBuf>, BoxError> {
-    let failed = |path: &Path, error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
+    let failed =
+        |path: &Path, error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
     std::fs::create_dir_all(dir).map_err(|error| failed(dir, &error))?;
     let result = dir.join("result.json");
-    std::fs::write(&result, serde_json::to_string_pretty(evaluation)?).map_err(|error| failed(&result, &error))?;
+    std::fs::write(&result, serde_json::to_string_pretty(evaluation)?)
+        .map_err(|error| failed(&result, &error))?;
     let mut written = vec![result];
     let scenes: Vec<(u64, &Scene)> = film.scenes().filter(|(_, scene)| !scene.clip.is_empty()).collect();
     if scenes.is_empty() {

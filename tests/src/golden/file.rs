@@ -53,8 +53,10 @@ impl GoldenFile {
                 numbers.insert(key, array);
             }
         }
-        let meta: Json = serde_json::from_slice(bytes.get("meta").ok_or_else(|| anyhow!("{name} has no `meta`"))?)?;
-        let env_id = meta["env_id"].as_str().ok_or_else(|| anyhow!("{name}: `meta` has no env_id"))?.to_owned();
+        let meta: Json =
+            serde_json::from_slice(bytes.get("meta").ok_or_else(|| anyhow!("{name} has no `meta`"))?)?;
+        let env_id =
+            meta["env_id"].as_str().ok_or_else(|| anyhow!("{name}: `meta` has no env_id"))?.to_owned();
         let factors = meta["options"]["variation_values"].as_object().cloned().unwrap_or_default();
         let mut images = BTreeMap::new();
         for (key, png) in &bytes {

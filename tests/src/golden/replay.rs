@@ -6,7 +6,8 @@ use anyhow::{Context as _, Result, anyhow};
 use serde_json::Value as Json;
 use swm::core::env::PIXELS;
 use swm::core::{
-    Batch, Column, Dtype, Env, EnvConfig, Episode, EpisodeSeed, ImageSize, Registry, ResetOptions, Schema, Value,
+    Batch, Column, Dtype, Env, EnvConfig, Episode, EpisodeSeed, ImageSize, Registry, ResetOptions, Schema,
+    Value,
 };
 
 use super::file::{GoldenFile, Picture};
@@ -228,7 +229,9 @@ impl Run {
                 let corrected: Vec<f64> = (now.iter().zip(wanted).zip(&actual[*first..]))
                     .map(|((now, wanted), actual)| now + (wanted - actual))
                     .collect();
-                options.variation_values.insert((*factor).to_owned(), Value::vector(&clamp(&corrected, low, high)));
+                options
+                    .variation_values
+                    .insert((*factor).to_owned(), Value::vector(&clamp(&corrected, low, high)));
             }
         }
         Ok(options)

@@ -87,7 +87,8 @@ impl Bench {
         }
         let policy = policies::make(registry, entry, &config, &self.policy)?;
         let threads_option = Some(threads);
-        let options = WorldOptions { num_envs, env: config, threads: threads_option, ..WorldOptions::default() };
+        let options =
+            WorldOptions { num_envs, env: config, threads: threads_option, ..WorldOptions::default() };
         let mut world = World::new(entry, options)?;
         world.set_policy(policy);
         let reset = ResetOptions::default();

@@ -8,7 +8,9 @@ use clap::Args;
 use indicatif::ProgressBar;
 use serde_json::json;
 use swm_core::error::BoxError;
-use swm_core::{Batch, EpisodeEnd, EpisodeSink, LiveRow, Metadata, Recorder, Registry, Rollout, Scenario, Schema, World};
+use swm_core::{
+    Batch, EpisodeEnd, EpisodeSink, LiveRow, Metadata, Recorder, Registry, Rollout, Scenario, Schema, World,
+};
 use swm_data::{DatasetWriter, WriteMode};
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
@@ -77,7 +79,8 @@ impl Collect {
         let rollout = Rollout { episodes: first..last, seed: self.seed, scenario: Scenario::Same(&options) };
         let started = Instant::now();
         let bar = output.bar(last - first, "episodes");
-        let mut sink = Announced { writer: writer.as_mut(), bar: bar.clone(), output, path: &self.out, next: first };
+        let mut sink =
+            Announced { writer: writer.as_mut(), bar: bar.clone(), output, path: &self.out, next: first };
         let mut count = Count::default();
         world.record_dataset(&rollout, &mut sink, &mut count)?;
         bar.finish_and_clear();
@@ -92,7 +95,8 @@ impl Collect {
             "wall_time_s": seconds,
         });
         output.result(&result, || {
-            let success = count.success_rate().map(|rate| format!(", {rate:.1} % successful")).unwrap_or_default();
+            let success =
+                count.success_rate().map(|rate| format!(", {rate:.1} % successful")).unwrap_or_default();
             format!(
                 "wrote {} episodes ({} rows{success}) to {} in {seconds:.1} s; it holds {last}",
                 last - first,

@@ -67,7 +67,8 @@ fn describe(registry: &Registry, entry: &'static EnvEntry, spec: &EnvSpec) -> se
     let settings = |list: &[Setting]| -> Vec<_> {
         list.iter().map(|s| json!({"name": s.name, "default": s.default, "doc": s.doc})).collect()
     };
-    let policy = |p: &PolicyEntry| json!({"name": p.name, "summary": p.summary, "settings": settings(p.settings)});
+    let policy =
+        |p: &PolicyEntry| json!({"name": p.name, "summary": p.summary, "settings": settings(p.settings)});
     json!({
         "id": entry.id,
         "summary": entry.summary,

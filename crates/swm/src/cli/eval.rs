@@ -90,7 +90,10 @@ impl Eval {
             None => {
                 let options = self.scenario.options()?;
                 let scenario = Scenario::Same(&options);
-                world.evaluate(&Rollout { episodes: 0..self.episodes, seed: self.seed, scenario }, &mut watch)?
+                world.evaluate(
+                    &Rollout { episodes: 0..self.episodes, seed: self.seed, scenario },
+                    &mut watch,
+                )?
             }
             Some(path) => {
                 let mut dataset = swm_data::open(path)?;
@@ -120,7 +123,10 @@ fn text(evaluation: &Evaluation, written: &[PathBuf]) -> String {
     let won = evaluation.episode_successes.iter().filter(|&&success| success).count();
     let steps = evaluation.mean_success_steps.map_or("–".to_owned(), |steps| format!("{steps:.1}"));
     let rows = vec![
-        vec!["success".to_owned(), format!("{:.1} % ({won} of {})", evaluation.success_rate, evaluation.episodes)],
+        vec![
+            "success".to_owned(),
+            format!("{:.1} % ({won} of {})", evaluation.success_rate, evaluation.episodes),
+        ],
         vec!["95 % interval".to_owned(), format!("{low:.1} to {high:.1} %")],
         vec!["mean steps to success".to_owned(), steps],
         vec!["solved at the start".to_owned(), evaluation.solved_at_start.to_string()],

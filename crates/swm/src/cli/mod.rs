@@ -47,7 +47,9 @@ enum Command {
     Render(render::Render),
     Bench(bench::Bench),
     /// Print a completion script for a shell.
-    #[command(after_help = "Example:\n  swm completions bash > ~/.local/share/bash-completion/completions/swm")]
+    #[command(
+        after_help = "Example:\n  swm completions bash > ~/.local/share/bash-completion/completions/swm"
+    )]
     Completions {
         /// The shell.
         shell: clap_complete::Shell,

@@ -86,7 +86,11 @@ impl Output {
     }
 
     /// Prints the result: `json` if asked for, else `text`.
-    pub(crate) fn result(&self, json: &impl serde::Serialize, text: impl FnOnce() -> String) -> Result<(), Failure> {
+    pub(crate) fn result(
+        &self,
+        json: &impl serde::Serialize,
+        text: impl FnOnce() -> String,
+    ) -> Result<(), Failure> {
         let mut stdout = std::io::stdout().lock();
         let text = if self.json { serde_json::to_string_pretty(json)? } else { text() };
         match writeln!(stdout, "{}", text.trim_end()) {
@@ -137,7 +141,9 @@ pub(crate) fn table(header: &[&str], rows: &[Vec<String>]) -> String {
         padded.collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n"
     };
     let mut text = line(&mut header.iter().copied());
-    text += &line(&mut widths.iter().map(|&width| "─".repeat(width)).collect::<Vec<_>>().iter().map(String::as_str));
+    text += &line(
+        &mut widths.iter().map(|&width| "─".repeat(width)).collect::<Vec<_>>().iter().map(String::as_str),
+    );
     for row in rows {
         text += &line(&mut row.iter().map(String::as_str));
     }

@@ -42,7 +42,9 @@ pub(super) struct Render {
 
 impl Render {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let Some(size) = self.image_size.0 else { return Err(usage("a picture needs a size; remove `none`")) };
+        let Some(size) = self.image_size.0 else {
+            return Err(usage("a picture needs a size; remove `none`"));
+        };
         let entry = self.env.entry(registry)?;
         let config = self.env.config(Some(size))?;
         let world = WorldArgs { num_envs: 1, threads: None, frame_skip: 1 };
@@ -62,7 +64,8 @@ impl Render {
             clip.push(frame)?;
         }
         clip.save(&self.out)?;
-        let result = json!({"out": self.out, "frames": clip.len(), "height": size.height, "width": size.width});
+        let result =
+            json!({"out": self.out, "frames": clip.len(), "height": size.height, "width": size.width});
         output.result(&result, || format!("wrote {} ({} frames)", self.out.display(), clip.len()))
     }
 }

@@ -1,0 +1,151 @@
+//! Wrong requests and damaged files: a message that names the object, the reason and the way out, and nothing lost.
+
+use crate::support::{Folder, PUSHT, content, swm_fails, swm_ok};
+
+/// Runs and demands that the message holds every word.
+fn says(status: i32, args: &[&str], words: &[&str]) {
+    let message = swm_fails(status, args);
+    for word in words {
+        assert!(message.contains(word), "swm {args:?}: no `{word}` in\n{message}");
+    }
+    assert!(!message.contains("panicked"), "{message}");
+}
+
+#[test]
+fn unknown_names_are_told_with_the_nearest() {
+    let folder = Folder::new();
+    let out = folder.path("a.h5");
+    says(2, &["fovs", "swm/PushTT-v1"], &["`swm/PushTT-v1`", "did you mean `swm/PushT-v1`?", "swm envs"]);
+    let collect = ["collect", PUSHT, "--episodes", "1", "--out", &out];
+    let with = |extra: &[&'static str]| [&collect[..], extra].concat();
+    says(2, &with(&["--vary", "blok.color"]), &["`blok.color`", "did you mean `block.color`?"]);
+    says(2, &with(&["--set", "agent.colour=1,2,3"]), &["`agent.colour`", "`agent.color`"]);
+    says(2, &with(&["--policy", "wek"]), &["`wek`", "did you mean `weak`?"]);
+    says(2, &with(&["--env-option", "rendr=fast"]), &["rendr", "render"]);
+    says(2, &with(&["--format", "hdf"]), &["`hdf`", "hdf5"]);
+    says(2, &["collect", PUSHT, "--episodes", "1", "--out", &folder.path("a.xyz")], &["`xyz`", ".h5"]);
+    says(2, &with(&["--policy", "weak:reach=3"]), &["weak", "reach", "dist_constraint"]);
+    assert!(!std::path::Path::new(&out).exists(), "a refused request leaves no file");
+}
+
+#[test]
+fn factor_values_outside_their_bounds_are_told_with_the_bounds() {
+    let folder = Folder::new();
+    let out = folder.path("a.h5");
+    let set = |value: &'static str| ["collect", PUSHT, "--episodes", "1", "--out", &out, "--set", value];
+    says(2, &set("block.scale=61"), &["`block.scale`", "between 20 and 60", "61"]);
+    says(2, &set("block.color=1,2"), &["`block.color`", "[3]", "2 value"]);
+    says(2, &set("block.shape=2.5"), &["`block.shape`", "2.5"]);
+    says(2, &set("block.scale=abc"), &["abc", "number"]);
+    says(2, &set("block.scale"), &["NAME=VALUE"]);
+}
+
+#[test]
+fn sizes_and_counts_are_checked_before_anything_is_made() {
+    let folder = Folder::new();
+    let out = folder.path("a.h5");
+    let with =
+        |extra: &[&'static str]| [&["collect", PUSHT, "--episodes", "1", "--out", &out][..], extra].concat();
+    says(2, &with(&["--image-size", "0x64"]), &["0x64", "1 to 4096"]);
+    says(2, &with(&["--image-size", "99999999"]), &["99999999", "1 to 4096"]);
+    says(2, &with(&["--image-size", "ten"]), &["HEIGHTxWIDTH"]);
+    says(2, &with(&["--num-envs", "0"]), &["num_envs", "1 to"]);
+    says(2, &with(&["--num-envs", "10000000"]), &["num_envs", "65536"]);
+    says(2, &with(&["--threads", "0"]), &["threads"]);
+    says(2, &with(&["--frame-skip", "0"]), &["frame_skip"]);
+    says(2, &with(&["--max-steps", "0"]), &["max_episode_steps"]);
+    says(2, &["collect", PUSHT, "--episodes", "0", "--out", &out], &["0 episodes"]);
+    says(2, &with(&["--policy", "cem:samples=5,elites=9"]), &["elites"]);
+    says(2, &with(&["--policy", "constant:1,2,3"]), &["constant", "3 value(s)"]);
+    says(1, &with(&["--policy", "constant:nan,0"]), &["not finite"]);
+}
+
+#[test]
+fn unusable_files_are_named_with_the_reason() {
+    let folder = Folder::new();
+    let good = folder.path("good.h5");
+    swm_ok(&[
+        "collect",
+        PUSHT,
+        "--episodes",
+        "2",
+        "--max-steps",
+        "5",
+        "--image-size",
+        "none",
+        "--out",
+        &good,
+        "--quiet",
+    ]);
+    let bytes = std::fs::read(&good).unwrap();
+    let damaged = [
+        ("missing.h5", None),
+        ("empty.h5", Some(Vec::new())),
+        ("text.h5", Some(b"this is no dataset".to_vec())),
+        ("half.h5", Some(bytes[..bytes.len() / 2].to_vec())),
+        ("head.h5", Some(bytes[..40].to_vec())),
+    ];
+    for (name, content) in damaged {
+        let path = folder.path(name);
+        if let Some(content) = content {
+            std::fs::write(&path, content).unwrap();
+        }
+        for command in [
+            &["inspect", path.as_str()][..],
+            &["replay", path.as_str()],
+            &["eval", PUSHT, "--policy", "random", "--dataset", path.as_str()],
+        ] {
+            let message = swm_fails(1, command);
+            assert!(message.contains(name), "{command:?} does not name the file:\n{message}");
+        }
+    }
+    says(
+        1,
+        &["collect", PUSHT, "--episodes", "1", "--out", "/nonexistent/folder/a.h5"],
+        &["/nonexistent/folder"],
+    );
+    says(
+        1,
+        &["collect", PUSHT, "--episodes", "1", "--image-size", "none", "--out", &good],
+        &["good.h5", "append", "overwrite"],
+    );
+    says(
+        1,
+        &["eval", PUSHT, "--policy", "random", "--dataset", &good, "--episodes", "500"],
+        &["500", "fewer episodes"],
+    );
+}
+
+#[test]
+fn appending_what_does_not_fit_is_refused_and_loses_nothing() {
+    let folder = Folder::new();
+    let out = folder.path("a.h5");
+    let base =
+        ["collect", PUSHT, "--max-steps", "5", "--episodes", "2", "--out", &out, "--quiet", "--image-size"];
+    swm_ok(&[&base[..], &["16x16"]].concat());
+    let before = content(&out);
+    says(1, &[&base[..], &["24x24", "--mode", "append"]].concat(), &["a.h5", "pixels"]);
+    says(1, &[&base[..], &["16x16", "--mode", "append", "--seed", "5"]].concat(), &["a.h5", "seed"]);
+    says(1, &[&base[..], &["16x16", "--mode", "append", "--vary", "all"]].concat(), &["a.h5"]);
+    assert_eq!(content(&out), before);
+}
+
+#[test]
+fn a_full_disk_is_told_and_earlier_episodes_stay() {
+    let folder = Folder::new();
+    let out = folder.path("a.h5");
+    // A limit on the size of files stands in for the disk; the shell ignores the signal that comes with it.
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 400; exec '{}' collect {PUSHT} --policy weak --episodes 500 --max-steps 30 \
+         --image-size 64x64 --vary all --out '{out}'",
+        env!("CARGO_BIN_EXE_swm-under-test"),
+    );
+    let output = std::process::Command::new("bash").args(["-c", &script]).output().expect("bash starts");
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("a.h5") && message.contains("error"), "{message}");
+    let announced = message.matches("written to").count();
+    assert!(announced > 0, "nothing was written before the limit:\n{message}");
+    let held = swm::data::open(std::path::Path::new(&out)).expect("the file opens").num_episodes();
+    assert!(held >= announced, "{announced} episodes were announced, {held} are left");
+}

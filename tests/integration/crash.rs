@@ -1,0 +1,65 @@
+//! A kill at any moment loses no announced episode, and appending continues to what an undisturbed run gives.
+
+use std::io::{BufRead as _, BufReader};
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+use rand::RngExt as _;
+use swm::core::seed::keyed;
+
+use crate::support::{Folder, PUSHT, content, swm, swm_ok};
+
+const EPISODES: u64 = 60;
+const KILLS: u64 = 20;
+
+fn collect<'a>(out: &'a str, extra: &[&'a str]) -> Vec<&'a str> {
+    let base =
+        ["collect", PUSHT, "--policy", "weak", "--seed", "11", "--max-steps", "20", "--image-size", "48x48"];
+    [&base, &["--num-envs", "3", "--out", out][..], extra].concat()
+}
+
+/// Starts a recording and kills it after a delay; returns how many episodes it had announced.
+fn killed_after(args: &[&str], delay: Duration) -> u64 {
+    let mut child: Child = swm(args).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("it starts");
+    let stderr = BufReader::new(child.stderr.take().expect("piped"));
+    // The count starts with the first episode, so that the kills spread over the writing and not over the start.
+    let reader =
+        std::thread::spawn(move || stderr.lines().map_while(Result::ok).filter(is_announcement).count());
+    std::thread::sleep(delay);
+    child.kill().expect("it can be killed");
+    child.wait().expect("it ends");
+    reader.join().expect("the reader ends with the pipe") as u64
+}
+
+fn is_announcement(line: &String) -> bool {
+    line.starts_with("episode ") && line.contains(" written to ")
+}
+
+#[test]
+fn kills_lose_nothing_that_was_announced() {
+    let folder = Folder::new();
+    let whole = folder.path("whole.h5");
+    let total = EPISODES.to_string();
+    let started = std::time::Instant::now();
+    swm_ok(&collect(&whole, &["--total", &total, "--quiet"]));
+    let undisturbed_seconds = started.elapsed().as_secs_f64();
+    let expected = content(&whole);
+    let mut rng = keyed(0, "moments of kills", [0, 0]);
+    let mut partial = 0;
+    for kill in 0..KILLS {
+        let out = folder.path(&format!("killed{kill}.h5"));
+        let delay = Duration::from_secs_f64(undisturbed_seconds * rng.random::<f64>());
+        let announced = killed_after(&collect(&out, &["--total", &total]), delay);
+        if std::path::Path::new(&out).exists() {
+            let held =
+                swm::data::open(out.as_ref()).expect("the file opens after a kill").num_episodes() as u64;
+            assert!(held >= announced, "kill {kill}: {announced} episodes announced, {held} left");
+            partial += u64::from(held > 0 && held < EPISODES);
+        } else {
+            assert_eq!(announced, 0, "kill {kill}: episodes were announced, but there is no file");
+        }
+        swm_ok(&collect(&out, &["--total", &total, "--mode", "append", "--quiet"]));
+        assert_eq!(content(&out), expected, "kill {kill} after {delay:?}");
+    }
+    assert!(partial > 0, "no kill hit the writing; the moments are badly chosen");
+}

@@ -1,0 +1,91 @@
+//! Results do not depend on environments, threads, or how a run is divided.
+
+use crate::support::{Folder, PUSHT, content, swm_json, swm_ok};
+
+fn collect(out: &str, extra: &[&str]) {
+    let base =
+        ["collect", PUSHT, "--policy", "weak", "--seed", "7", "--max-steps", "12", "--image-size", "32x32"];
+    let args: Vec<&str> = base.iter().chain(extra).chain(&["--out", out, "--quiet"]).copied().collect();
+    swm_ok(&args);
+}
+
+#[test]
+fn files_are_bit_identical_for_any_number_of_environments_and_threads() {
+    let folder = Folder::new();
+    let mut files = Vec::new();
+    for (num_envs, threads) in [("1", "1"), ("3", "1"), ("8", "2"), ("1", "2")] {
+        let out = folder.path(&format!("envs{num_envs}_threads{threads}.h5"));
+        collect(&out, &["--episodes", "10", "--num-envs", num_envs, "--threads", threads, "--vary", "all"]);
+        files.push(std::fs::read(&out).unwrap());
+    }
+    for (index, file) in files.iter().enumerate() {
+        assert!(*file == files[0], "file {index} differs from the first");
+    }
+}
+
+#[test]
+fn appending_gives_what_one_run_gives() {
+    let folder = Folder::new();
+    let (parts, whole) = (folder.path("parts.h5"), folder.path("whole.h5"));
+    collect(&parts, &["--episodes", "4", "--num-envs", "3"]);
+    collect(&parts, &["--episodes", "6", "--num-envs", "2", "--mode", "append"]);
+    collect(&whole, &["--episodes", "10", "--num-envs", "8"]);
+    assert_eq!(content(&parts), content(&whole));
+    let again = folder.path("again.h5");
+    collect(&again, &["--total", "3"]);
+    collect(&again, &["--total", "10", "--mode", "append"]);
+    assert_eq!(content(&again), content(&whole));
+}
+
+#[test]
+fn another_seed_gives_other_data() {
+    let folder = Folder::new();
+    let (a, b) = (folder.path("a.h5"), folder.path("b.h5"));
+    collect(&a, &["--episodes", "2"]);
+    swm_ok(&[
+        "collect",
+        PUSHT,
+        "--policy",
+        "weak",
+        "--seed",
+        "8",
+        "--max-steps",
+        "12",
+        "--image-size",
+        "32x32",
+        "--episodes",
+        "2",
+        "--out",
+        &b,
+        "--quiet",
+    ]);
+    assert_ne!(content(&a)["action"], content(&b)["action"]);
+}
+
+#[test]
+fn planning_does_not_depend_on_environments_or_threads() {
+    let policy = "cem:samples=24,elites=4,iterations=3,horizon=4,receding_horizon=4,action_block=2";
+    let outcome = |num_envs: &str, threads: &str| {
+        let mut result = swm_json(&[
+            "eval",
+            PUSHT,
+            "--policy",
+            policy,
+            "--episodes",
+            "5",
+            "--budget",
+            "16",
+            "--num-envs",
+            num_envs,
+            "--threads",
+            threads,
+            "--quiet",
+        ]);
+        result["wall_time_s"].take();
+        result
+    };
+    let first = outcome("1", "1");
+    assert_eq!(first["episodes"], 5);
+    assert_eq!(first, outcome("5", "1"));
+    assert_eq!(first, outcome("2", "2"));
+}

@@ -1,0 +1,93 @@
+//! Running the command under test, and reading what it wrote.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use swm::core::{Batch, EpisodeSource, Schema, Slice};
+
+pub(crate) const PUSHT: &str = "swm/PushT-v1";
+
+/// The command `swm`.
+pub(crate) fn swm(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_swm-under-test"));
+    command.args(args);
+    command
+}
+
+/// Runs `swm` and demands success; returns what it printed.
+pub(crate) fn swm_ok(args: &[&str]) -> String {
+    let output = run(args);
+    assert!(output.status.success(), "swm {args:?} failed:\n{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("output is text")
+}
+
+/// Runs `swm --json` and demands success; returns the result.
+pub(crate) fn swm_json(args: &[&str]) -> serde_json::Value {
+    let mut args = args.to_vec();
+    args.push("--json");
+    serde_json::from_str(&swm_ok(&args)).expect("--json prints JSON")
+}
+
+/// Runs `swm` and demands a failure with this exit status; returns what it said.
+pub(crate) fn swm_fails(status: i32, args: &[&str]) -> String {
+    let output = run(args);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(status), "swm {args:?} said:\n{message}");
+    message
+}
+
+fn run(args: &[&str]) -> Output {
+    swm(args).output().expect("the command under test starts")
+}
+
+/// A folder that goes away, and paths in it.
+pub(crate) struct Folder(tempfile::TempDir);
+
+impl Folder {
+    pub(crate) fn new() -> Self {
+        Self(tempfile::tempdir().expect("a temporary folder"))
+    }
+
+    pub(crate) fn path(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().expect("temporary paths are text").to_owned()
+    }
+}
+
+/// A fingerprint of every column and of the episode lengths of a dataset.
+pub(crate) fn content(path: &str) -> BTreeMap<String, u64> {
+    let mut dataset = swm::data::open(Path::new(path)).expect("the dataset opens");
+    let schema = dataset.schema().clone();
+    let mut hashes: BTreeMap<String, u64> = BTreeMap::new();
+    let mut rows = Batch::new(Schema::new(schema.fields().to_vec()).unwrap(), 0);
+    for episode in 0..dataset.num_episodes() {
+        let len = dataset.episode_len(episode);
+        dataset.read(episode, 0..len, &mut rows).expect("every episode reads");
+        for (index, field) in schema.fields().iter().enumerate() {
+            let hash = hashes.entry(field.name.clone()).or_insert(OFFSET);
+            hash_slice(hash, rows.column(index));
+        }
+        hash_slice(hashes.entry("(episode lengths)".to_owned()).or_insert(OFFSET), Slice::I64(&[len as i64]));
+    }
+    hashes
+}
+
+const OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
+
+fn hash_slice(hash: &mut u64, values: Slice<'_>) {
+    let mut add = |bits: u64| *hash = (*hash ^ bits).wrapping_mul(0x0100_0000_01b3);
+    match values {
+        Slice::Bool(v) => v.iter().for_each(|&v| add(u64::from(v))),
+        Slice::U8(v) => v.iter().for_each(|&v| add(u64::from(v))),
+        Slice::I32(v) => v.iter().for_each(|&v| add(v as u64)),
+        Slice::I64(v) => v.iter().for_each(|&v| add(v as u64)),
+        Slice::F32(v) => v.iter().for_each(|&v| add(u64::from(v.to_bits()))),
+        Slice::F64(v) => v.iter().for_each(|&v| add(v.to_bits())),
+        Slice::Str(v) => v.iter().flat_map(|v| v.bytes()).for_each(|v| add(u64::from(v))),
+    }
+}
+
+/// The root of the repository.
+pub(crate) fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("tests/ lies in the repository").to_owned()
+}
