@@ -57,7 +57,7 @@ pub use cost::{Candidates, Cost};
 pub use error::PlanError;
 pub use mpc::{ActionMap, HistoryView, Moment, MpcPolicy, PlanConfig};
 pub use planners::PLANNERS;
-pub use sampling::{Noise, cheapest, count_non_finite};
+pub use sampling::{Noise, cheapest, clip, count_non_finite};
 pub use settings::Settings;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
 pub use solver::{MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};

@@ -26,6 +26,17 @@ impl Noise {
     }
 }
 
+/// `value`, or the bound that it is beyond. NaN stays NaN, to be found and not hidden.
+pub fn clip(value: f32, low: f32, high: f32) -> f32 {
+    if value < low {
+        low
+    } else if value > high {
+        high
+    } else {
+        value
+    }
+}
+
 /// Replaces costs that are not finite by infinity and returns how many there were.
 pub fn count_non_finite(costs: &mut [f64]) -> u64 {
     let mut count = 0;

@@ -35,8 +35,9 @@ pub enum Aggregate {
 pub struct SimulatorOptions {
     /// What of a roll-out counts.
     pub aggregate: Aggregate,
-    /// A roll-out that succeeds at its step t (1 is the first) ends there and costs t minus this, so that any success
-    /// beats any failure and an early one a late one. 0: success neither ends a roll-out nor is rewarded.
+    /// A roll-out that succeeds at its step t (1 is the first) ends there and costs t minus this: where task costs are
+    /// not negative, 1000 lets any success beat any failure, and an early one a late one. 0: success has no part in
+    /// the cost.
     pub success_bonus: f64,
     /// Environment steps per action: the `frame_skip` of the world that is planned for.
     pub frame_skip: u32,

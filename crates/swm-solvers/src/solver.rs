@@ -67,6 +67,21 @@ impl Problem<'_> {
         Candidates { actions, rows, samples, horizon, width }
     }
 
+    /// Refuses more candidates than can be meant.
+    pub fn check_samples(&self, samples: usize) -> Result<(), PlanError> {
+        let numbers = self.initial.len().checked_mul(samples);
+        if numbers.is_none_or(|numbers| numbers > MAX_NUMBERS) {
+            let reason = format!(
+                "{samples} plans of {} numbers for {} episodes are too many (at most {MAX_NUMBERS} numbers); use fewer \
+                 samples or environments, or a shorter horizon",
+                self.plan_size(),
+                self.keys.len(),
+            );
+            return Err(PlanError::setting("samples", reason));
+        }
+        Ok(())
+    }
+
     /// Checks the sizes.
     pub fn check(&self) -> Result<(), PlanError> {
         at_least_one("horizon", self.horizon)?;
@@ -82,6 +97,9 @@ impl Problem<'_> {
 pub(crate) fn at_least_one(name: &str, value: usize) -> Result<(), PlanError> {
     if value == 0 { Err(PlanError::setting(name, "0 is too small; use 1 or more")) } else { Ok(()) }
 }
+
+/// Candidates of one iteration may take 4 GiB.
+const MAX_NUMBERS: usize = 1 << 30;
 
 /// Which plan of which episode: the key of all noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -127,6 +145,18 @@ impl Plan {
     pub fn row(&self, row: usize) -> &[f32] {
         let size = self.actions.len() / self.cost_of_returned.len().max(1);
         &self.actions[row * size..][..size]
+    }
+
+    /// Takes the plans `others`, `[B, H, D]`, that cost less. For solvers that remember the best they saw.
+    pub fn replace_by_cheaper(&mut self, others: &[f32], costs: &[f64]) {
+        let size = (self.actions.len() / costs.len().max(1)).max(1);
+        let own = self.actions.chunks_exact_mut(size).zip(&mut self.cost_of_returned);
+        for ((plan, cost), (other, &other_cost)) in own.zip(others.chunks_exact(size).zip(costs)) {
+            if other_cost < *cost {
+                plan.copy_from_slice(other);
+                *cost = other_cost;
+            }
+        }
     }
 
     /// Sizes everything for `problem`. For solvers: plans start at the initial ones, costs are unknown.

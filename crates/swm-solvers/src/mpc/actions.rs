@@ -3,6 +3,8 @@
 use swm_core::policy::write_action;
 use swm_core::{SliceMut, Space};
 
+use crate::sampling::clip;
+
 /// Turns A numbers of a plan into one action: clipped to the action space (if wanted), in its type.
 ///
 /// The policy and the costs that simulate use the same map, so that what is planned is what is done.
@@ -14,9 +16,9 @@ pub struct ActionMap {
 
 impl ActionMap {
     /// The map to actions of `space`.
-    pub fn new(space: &Space, clip: bool) -> Self {
+    pub fn new(space: &Space, clips: bool) -> Self {
         let (low, high) = space.bounds();
-        if !clip {
+        if !clips {
             return Self { low: vec![f32::NEG_INFINITY; low.len()], high: vec![f32::INFINITY; high.len()] };
         }
         Self {
@@ -33,7 +35,7 @@ impl ActionMap {
     /// Writes the action that `values`, `[A]`, stand for.
     pub fn write(&self, values: &[f32], action: &mut SliceMut<'_>) {
         let bounds = self.low.iter().zip(&self.high);
-        let clipped = values.iter().zip(bounds).map(|(value, (low, high))| value.max(*low).min(*high));
+        let clipped = values.iter().zip(bounds).map(|(&value, (&low, &high))| clip(value, low, high));
         match action {
             SliceMut::F32(out) => out.iter_mut().zip(clipped).for_each(|(out, value)| *out = value),
             SliceMut::F64(out) => out.iter_mut().zip(clipped).for_each(|(out, value)| *out = value.into()),

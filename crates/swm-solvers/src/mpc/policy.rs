@@ -82,11 +82,6 @@ impl MpcPolicy {
         Ok(Self { config, solver, cost, history_fields, setup, rows, search })
     }
 
-    /// The plans made at the last step that made some, and the rows of the world that they are for.
-    pub fn last_plan(&self) -> (&[usize], &Plan) {
-        (&self.search.rows, &self.search.plan)
-    }
-
     fn prepare(&mut self, view: &View<'_>, space: &Space) -> Result<(), PolicyError> {
         if self.setup.as_ref().is_none_or(|setup| setup.space != *space) {
             self.solver.check(space)?;

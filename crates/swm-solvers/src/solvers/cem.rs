@@ -12,7 +12,7 @@ use swm_core::registry::Setting;
 
 use crate::cost::Cost;
 use crate::error::PlanError;
-use crate::sampling::{Noise, cheapest, count_non_finite};
+use crate::sampling::{Noise, cheapest, clip, count_non_finite};
 use crate::settings::Settings;
 use crate::solver::{Plan, PlanKey, Problem, Solver, SolverConfig, at_least_one};
 use crate::workspace::Workspace;
@@ -129,6 +129,7 @@ impl Solver for Cem {
         problem.check()?;
         let bounds = box_bounds(Self::NAME, problem.action)?;
         let (rows, size, samples) = (problem.keys.len(), problem.plan_size(), self.samples);
+        problem.check_samples(samples)?;
         let [candidates, low, high, best] =
             workspace.floats.cut([rows * samples * size, size, size, rows * size]);
         let [costs, best_costs] = workspace.doubles.cut([rows * samples, rows]);
@@ -179,12 +180,8 @@ impl Solver for Cem {
         for (cost, count) in plan.cost_of_returned.chunks_exact_mut(1).zip(&mut plan.non_finite) {
             *count += count_non_finite(cost);
         }
-        let returned = plan.actions.chunks_exact_mut(size).zip(&mut plan.cost_of_returned);
-        for ((mean, mean_cost), (best, best_cost)) in returned.zip(best.chunks_exact(size).zip(best_costs)) {
-            if best_cost < mean_cost {
-                mean.copy_from_slice(best);
-                *mean_cost = *best_cost;
-            }
+        if self.return_best {
+            plan.replace_by_cheaper(best, best_costs);
         }
         Ok(())
     }
@@ -277,7 +274,7 @@ fn fill_bounds((low, high): (&[f64], &[f64]), clip: bool, lows: &mut [f32], high
 
 fn clamp(values: &mut [f32], low: &[f32], high: &[f32]) {
     for ((value, low), high) in values.iter_mut().zip(low).zip(high) {
-        *value = value.max(*low).min(*high);
+        *value = clip(*value, *low, *high);
     }
 }
 

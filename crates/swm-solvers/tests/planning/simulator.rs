@@ -126,6 +126,7 @@ fn a_roll_out_that_diverges_or_is_not_finite_costs_infinity() {
         costs(FRAGILE, 10.0, SimulatorOptions::default(), false, &plans),
         [8.0, f64::INFINITY, f64::INFINITY]
     );
+    assert_eq!(costs(TOY, 10.0, SimulatorOptions::default(), true, &[[f32::NAN; 4]]), [f64::INFINITY]);
     let setting = Setting { entry: FRAGILE, reset: toward(5.0), max_steps: 30, ..Setting::default() };
     let stories = run(&setting, planner(&FRAGILE, SMALL).unwrap()).unwrap();
     assert_eq!(stories[0].success, Some(true), "planned around what breaks it");

@@ -202,6 +202,7 @@ fn wrong_problems_are_refused() {
     for (solver, part) in [
         (Cem { elites: 301, ..Cem::default() }, "setting `elites`: 301 of 300 samples"),
         (Cem { elites: 1, ..Cem::default() }, "setting `elites`: 1 is too few"),
+        (Cem { samples: 10_000_000, ..cem.clone() }, "setting `samples`: 10000000 plans of 20 numbers"),
         (Cem { samples: 0, ..Cem::default() }, "setting `samples`: 0 is too small"),
         (Cem { sigma: f64::NAN, ..Cem::default() }, "setting `sigma`: NaN is not a positive number"),
         (Cem { sigma_min: -0.1, ..Cem::default() }, "setting `sigma_min`: -0.1 is not a number from 0 on"),
@@ -209,6 +210,12 @@ fn wrong_problems_are_refused() {
         let message = message(&solver, &|_| {});
         assert!(message.starts_with(part), "{message}");
     }
+}
+
+#[test]
+fn no_episodes_need_no_plans() {
+    let plan = solve(&Cem { return_best: true, ..Cem::default() }, &mut Analytic::new(lq, 30), &[]).unwrap();
+    assert!(plan.actions.is_empty() && plan.cost_of_returned.is_empty());
 }
 
 #[test]
