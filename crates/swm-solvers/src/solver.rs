@@ -98,8 +98,8 @@ pub(crate) fn at_least_one(name: &str, value: usize) -> Result<(), PlanError> {
     if value == 0 { Err(PlanError::setting(name, "0 is too small; use 1 or more")) } else { Ok(()) }
 }
 
-/// Candidates of one iteration may take 4 GiB.
-const MAX_NUMBERS: usize = 1 << 30;
+/// Candidates of one iteration may take 1 GiB.
+const MAX_NUMBERS: usize = 1 << 28;
 
 /// Which plan of which episode: the key of all noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
