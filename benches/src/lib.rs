@@ -1,1 +1,9 @@
-//! Workspace-level benches.
+//! What the benchmarks share: worlds and scenes of PushT, and clocks that do not count what other programs do.
+//!
+//! No benchmark stands here; they are in `benches/` (criterion) and `peers/` (beside the reference).
+
+mod clock;
+mod pusht;
+
+pub use clock::{Clock, Elapsed};
+pub use pusht::{Actions, BareEnv, EPISODE_STEPS, Picture, world};

@@ -1,0 +1,124 @@
+//! Datasets: recorded frames to HDF5, and random windows of them.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use swm_benches::{Actions, EPISODE_STEPS, Picture, world};
+use swm_core::error::BoxError;
+use swm_core::{Batch, EpisodeSink, Metadata, ResetOptions, Rollout, Scenario, Schema};
+use swm_data::WriteMode;
+use swm_data::loader::{ClipOptions, Loader};
+
+/// Keeps what it is given, so that writing can be timed without simulating.
+#[derive(Default)]
+struct Memory {
+    schema: Option<Arc<Schema>>,
+    metadata: Metadata,
+    episodes: Vec<Batch>,
+}
+
+impl EpisodeSink for Memory {
+    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
+        (self.schema, self.metadata) = (Some(Arc::clone(schema)), metadata.clone());
+        Ok(0)
+    }
+
+    fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
+        self.episodes.push(rows.clone());
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), BoxError> {
+        Ok(())
+    }
+}
+
+/// Episodes of the weak policy, as `swm collect` records them.
+fn recorded(side: usize, episodes: u64) -> Memory {
+    let mut memory = Memory::default();
+    let mut world =
+        world(Picture { side, style: "fast" }, Actions::Weak, 1, 1).expect("the options are valid");
+    world.set_max_episode_steps(Some(EPISODE_STEPS as u64));
+    let reset = ResetOptions::default();
+    let rollout = Rollout { episodes: 0..episodes, seed: 0, scenario: Scenario::Same(&reset) };
+    world.record_dataset(&rollout, &mut memory, &mut ()).expect("memory takes everything");
+    memory
+}
+
+fn write(path: &Path, recorded: &Memory) {
+    let mut writer = swm_data::create(path, WriteMode::Overwrite, None).expect("the folder is writable");
+    let schema = recorded.schema.as_ref().expect("it was recorded");
+    writer.begin(schema, &recorded.metadata).expect("the columns are storable");
+    for rows in &recorded.episodes {
+        writer.write_episode(rows).expect("the disk has room");
+    }
+    writer.finish().expect("the disk has room");
+}
+
+/// Frames per second into a new file, opening and clean end included.
+fn hdf5_write(c: &mut Criterion) {
+    let mut group = c.benchmark_group("hdf5_write");
+    group.sample_size(10);
+    for side in [64, 224] {
+        let recorded = recorded(side, 4);
+        let rows = recorded.episodes.iter().map(Batch::rows).sum::<usize>();
+        group.throughput(Throughput::Elements(rows as u64));
+        group.bench_function(format!("frames_{side}"), |b| {
+            let folder = || tempfile::tempdir().expect("the system has a temporary folder");
+            // The folder goes back to the harness, which drops it outside of the timed region.
+            b.iter_batched_ref(
+                folder,
+                |folder| write(&folder.path().join("frames.h5"), &recorded),
+                BatchSize::PerIteration,
+            );
+        });
+    }
+    group.finish();
+}
+
+/// Batches of 16 shuffled clips of 4 frames, 5 steps apart, with actions and states.
+fn hdf5_windows(c: &mut Criterion) {
+    const CLIPS: usize = 16;
+    let mut group = c.benchmark_group("hdf5_windows");
+    group.sample_size(20).throughput(Throughput::Elements(CLIPS as u64));
+    let folder = tempfile::tempdir().expect("the system has a temporary folder");
+    for side in [64, 224] {
+        let path = folder.path().join(format!("{side}.h5"));
+        write(&path, &recorded(side, 8));
+        for threads in [1, 2] {
+            let keys = ["pixels", "action", "proprio"].map(str::to_owned).to_vec();
+            let options = ClipOptions {
+                num_steps: 4,
+                frameskip: 5,
+                keys: Some(keys),
+                threads: Some(threads),
+                ..ClipOptions::default()
+            };
+            let dataset = swm_data::open(&path).expect("it was written above");
+            let mut loader = Loader::new(dataset, &options).expect("the options fit the file");
+            let mut batch = loader.new_batch();
+            let mut number = 0;
+            group.bench_function(format!("clips_{side}/threads={threads}"), |b| {
+                b.iter_custom(|count| {
+                    let mut elapsed = std::time::Duration::ZERO;
+                    let mut left = count;
+                    while left > 0 {
+                        let mut epoch = loader.epoch(CLIPS, Some((1, number)));
+                        number += 1;
+                        let start = std::time::Instant::now();
+                        while left > 0 && epoch.next_into(&mut batch).expect("the file is whole") {
+                            left -= 1;
+                        }
+                        elapsed += start.elapsed();
+                    }
+                    elapsed
+                });
+            });
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, hdf5_write, hdf5_windows);
+criterion_main!(benches);

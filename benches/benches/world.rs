@@ -1,0 +1,80 @@
+//! PushT in its world: the bare step, `World::step` by pictures, environments and threads, and the reset.
+
+use std::hint::black_box;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use swm_benches::{Actions, BareEnv, EPISODE_STEPS, Picture, world};
+use swm_core::ResetOptions;
+
+/// `Env::step` and `Env::observe` through whole episodes, without pictures.
+fn bare_step(c: &mut Criterion) {
+    let mut group = c.benchmark_group("bare_step");
+    group.throughput(Throughput::Elements(EPISODE_STEPS as u64));
+    for kind in Actions::ALL {
+        let mut env = BareEnv::new().expect("the defaults are valid");
+        let actions = env.actions(0, kind).expect("the environment steps");
+        env.reset(0).expect("the defaults are valid");
+        let start = env.snapshot().expect("a state can be saved");
+        group.bench_function(kind.name(), |b| {
+            b.iter(|| {
+                env.restore(&start).expect("the state is its own");
+                for &action in &actions {
+                    black_box(env.step(action).expect("actions are finite"));
+                }
+            });
+        });
+    }
+    group.finish();
+}
+
+/// One step of all environments. Threads matter for more than one environment only.
+fn world_step(c: &mut Criterion) {
+    let mut group = c.benchmark_group("world_step");
+    for picture in Picture::ALL {
+        for (num_envs, threads) in [(1, 1), (8, 1), (8, 2)] {
+            group.throughput(Throughput::Elements(num_envs as u64));
+            for kind in Actions::ALL {
+                let mut world = world(picture, kind, num_envs, threads).expect("the options are valid");
+                world.reset(0, &ResetOptions::default()).expect("the defaults are valid");
+                let name = format!("{}/{}/envs={num_envs}/threads={threads}", picture.name(), kind.name());
+                let mut steps = 0;
+                group.bench_function(name, |b| {
+                    b.iter(|| {
+                        // A reset in a hundred steps costs little, and keeps the agent from wandering off for ever.
+                        if steps % EPISODE_STEPS == 0 {
+                            world
+                                .reset(steps as u64, &ResetOptions::default())
+                                .expect("the defaults are valid");
+                        }
+                        steps += 1;
+                        world.step().expect("the policy is attached");
+                    });
+                });
+            }
+        }
+    }
+    group.finish();
+}
+
+/// A reset of one environment: factors, start, goal, and the first pictures of both.
+fn reset(c: &mut Criterion) {
+    let mut group = c.benchmark_group("reset");
+    for picture in Picture::ALL {
+        for (name, options) in
+            [("default", ResetOptions::default()), ("all", ResetOptions::default().vary(&["all"]))]
+        {
+            let mut world = world(picture, Actions::Random, 1, 1).expect("the options are valid");
+            let mut seed = 0;
+            group.bench_function(format!("{}/{name}", picture.name()), |b| {
+                b.iter(|| {
+                    seed += 1;
+                    world.reset(seed, &options).expect("the options are valid");
+                });
+            });
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, bare_step, world_step, reset);
+criterion_main!(benches);

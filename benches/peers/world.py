@@ -1,0 +1,342 @@
+#!/usr/bin/env python3
+"""Runs PushT here and in the Python reference, side by side, and prints how many times faster this one is.
+
+    python3 benches/peers/world.py [--rounds 5] [--json result.json]
+
+Installs the reference by name, version and hash into a virtual environment of its own, builds the release binaries, and
+then measures both in turns: each round asks the reference for every case, and this project for the same ones, so that
+whatever else the machine does disturbs both. Rates are per second of processor time, which counts no waiting; medians
+and the best of all rounds stand side by side. Needs only Python's standard library. README.md says what the cases are.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+ENV_ID = "swm/PushT-v1"
+
+# (case here, case of the reference, least ratio wanted or None)
+PAIRS = [
+    ("step/bare", "step/bare", 15),
+    ("step/224/exact", "step/224", 7),
+    ("step/64/exact", "step/64", 10),
+    ("step/64/fast", "step/64", 40),
+    ("step/224/fast", "step/224", None),
+    ("record/64/exact", "record/64", 10),
+    ("record/64/fast", "record/64", 20),
+]
+POLICIES = ("random", "weak")
+PARALLEL_TARGET = 1.7
+
+
+def main():
+    options = arguments()
+    python = make_environment(options.venv)
+    swm, step_rates = binaries(options)
+    result = {"machine": machine(), "load_at_start": os.getloadavg()}
+    with Reference(python) as reference:
+        result["reference"] = reference.hello
+        samples, runs = measure(options, reference, swm, step_rates)
+    result["load_at_end"] = os.getloadavg()
+    result["rates"] = {case: summary(rates) for case, rates in samples.items()}
+    result["ratios"] = ratios(result["rates"])
+    result["runs"] = [{**key_fields(key), **summary(rates)} for key, rates in runs.items()]
+    result["parallel"] = parallel(result["runs"])
+    print(report(result))
+    if options.json:
+        options.json.write_text(json.dumps(result, indent=2) + "\n")
+    misses = [row for row in result["ratios"] + result["parallel"] if row["met"] is False]
+    sys.exit(1 if options.check and misses else 0)
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add("--venv", type=Path, default=ROOT / ".tools/peers/world", help="where the reference is installed")
+    add("--swm", type=Path, help="the release binary `swm`; default: built by cargo")
+    add("--step-rates", type=Path, help="the release binary `step-rates`; default: built by cargo")
+    add("--rounds", type=int, default=5, help="how often every case is measured")
+    add("--seconds", type=float, default=1.0, help="processor time per measurement")
+    add("--bench-seconds", type=float, default=0.5, help="wall time per measurement of `swm bench`")
+    add("--json", type=Path, help="write everything there as JSON")
+    add("--check", action="store_true", help="exit with status 1 if a target is missed")
+    return parser.parse_args()
+
+
+# ---- what is measured ----------------------------------------------------------------------------------------------
+
+
+def make_environment(folder):
+    """The reference's Python; installs it unless it is there already with these very requirements."""
+    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    requirements = HERE / "requirements.txt"
+    digest = hashlib.sha256(requirements.read_bytes()).hexdigest()
+    stamp = folder / "requirements.sha256"
+    if not (python.exists() and stamp.exists() and stamp.read_text() == digest):
+        note(f"installing the reference into {folder}")
+        venv.create(folder, clear=True, with_pip=True)
+        # Every package is named with its hash, so nothing needs resolving; torch is left out (README.md).
+        pip = [python, "-m", "pip", "--disable-pip-version-check", "install", "--quiet"]
+        run([*pip, "--no-deps", "--require-hashes", "--only-binary", ":all:", "--requirement", requirements])
+        stamp.write_text(digest)
+    return python
+
+
+def binaries(options):
+    missing = {"swm": options.swm, "step-rates": options.step_rates}
+    packages = {"swm": "swm", "step-rates": "swm-benches"}
+    wanted = [flag for name, path in missing.items() if not path for flag in ("-p", packages[name], "--bin", name)]
+    if wanted:
+        note("building the release binaries")
+        run(["cargo", "build", "--release", "--quiet", *wanted], cwd=ROOT)
+        metadata = run(["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT, capture=True)
+        target = Path(json.loads(metadata)["target_directory"]) / "release"
+        suffix = ".exe" if os.name == "nt" else ""
+        missing = {name: path or target / (name + suffix) for name, path in missing.items()}
+    return missing["swm"].resolve(), missing["step-rates"].resolve()
+
+
+class Reference:
+    """The process in which the reference is measured: a request per line, an answer per line."""
+
+    def __init__(self, python):
+        self.process = subprocess.Popen(
+            [python, "-W", "ignore", HERE / "reference.py"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self.hello = self.answer()
+
+    def answer(self):
+        line = self.process.stdout.readline()
+        if not line:
+            sys.exit(f"the reference stopped with status {self.process.wait()}; its message stands above")
+        return json.loads(line)
+
+    def rate(self, case, seconds):
+        self.process.stdin.write(json.dumps({"case": case, "seconds": seconds}) + "\n")
+        self.process.stdin.flush()
+        return Rate.of(self.answer())
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.process.stdin.close()
+        self.process.wait()
+
+
+class Rate:
+    """Steps or frames per second of processor time and per second of the wall."""
+
+    def __init__(self, cpu, wall):
+        self.cpu, self.wall = cpu, wall
+
+    @staticmethod
+    def of(answer):
+        return Rate(answer["count"] / answer["cpu_s"], answer["count"] / answer["wall_s"])
+
+
+class Recording:
+    """`swm collect` of one environment on one thread, with the processor time of the whole process."""
+
+    def __init__(self, swm, case, policy, seconds):
+        self.swm, self.policy, self.seconds = swm, policy, seconds
+        _, side, self.style = case.split("/")
+        self.size = f"{side}x{side}"
+        self.episodes = 20
+        cpu_s = self.collect()["cpu_s"]
+        self.episodes = max(20, round(self.episodes * seconds / cpu_s))
+
+    def collect(self):
+        with tempfile.TemporaryDirectory() as folder:
+            command = [self.swm, "--quiet", "collect", ENV_ID, "--json", "--out", Path(folder) / "own.h5"]
+            command += ["--policy", self.policy, "--episodes", str(self.episodes), "--image-size", self.size]
+            command += ["--env-option", f"render={self.style}", "--num-envs", "1", "--threads", "1"]
+            start = time.perf_counter()
+            process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+            output = process.stdout.read()
+            _, status, usage = os.wait4(process.pid, 0)
+            wall_s = time.perf_counter() - start
+            process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode != 0:
+            sys.exit(f"`swm collect` stopped with status {process.returncode}")
+        rows = json.loads(output)["rows"]
+        return {"count": rows, "cpu_s": usage.ru_utime + usage.ru_stime, "wall_s": wall_s}
+
+    def rate(self):
+        return Rate.of(self.collect())
+
+
+def measure(options, reference, swm, step_rates):
+    """Rates by case, `ours/…` and `reference/…`, one per round; and those of `swm bench` by its parameters."""
+    seconds = options.seconds
+    recordings = {
+        f"{case}/{policy}": Recording(swm, case, policy, seconds)
+        for case, _, _ in PAIRS
+        if case.startswith("record/")
+        for policy in POLICIES
+    }
+    samples, runs = {}, {}
+    for number in range(1, options.rounds + 1):
+        note(f"round {number} of {options.rounds}, load {os.getloadavg()[0]:.1f}")
+        for policy in POLICIES:
+            for theirs in sorted({theirs for _, theirs, _ in PAIRS}):
+                name = f"{theirs}/{policy}"
+                add(samples, f"reference/{name}", reference.rate(name, seconds))
+                for ours in (f"{ours}/{policy}" for ours, other, _ in PAIRS if other == theirs):
+                    if ours in recordings:
+                        rate = recordings[ours].rate()
+                    else:
+                        rate = Rate.of(json.loads(run([step_rates, str(seconds), ours], capture=True))[0])
+                    add(samples, f"ours/{ours}", rate)
+        command = [swm, "--quiet", "bench", ENV_ID, "--json", "--seconds", str(options.bench_seconds)]
+        for line in json.loads(run(command, capture=True)):
+            key = (line["image"] or "none", line["num_envs"], line["threads"])
+            add(runs, key, Rate(None, line["steps_per_second"]))
+    return samples, runs
+
+
+# ---- what it comes to ----------------------------------------------------------------------------------------------
+
+
+def summary(rates):
+    result = {}
+    for name in ("cpu", "wall"):
+        values = [getattr(rate, name) for rate in rates if getattr(rate, name) is not None]
+        if values:
+            result |= {f"median_per_{name}_s": statistics.median(values), f"best_per_{name}_s": max(values)}
+            result[f"all_per_{name}_s"] = values
+    return result
+
+
+def ratios(rates):
+    """Ours over the reference's, by medians and by bests, in processor time."""
+    rows = []
+    for policy in POLICIES:
+        for ours, theirs, target in PAIRS:
+            own, other = rates[f"ours/{ours}/{policy}"], rates[f"reference/{theirs}/{policy}"]
+            ratio = {
+                key: own[f"{key}_per_cpu_s"] / other[f"{key}_per_cpu_s"] for key in ("median", "best")
+            }
+            ratio["wall"] = own["median_per_wall_s"] / other["median_per_wall_s"]
+            met = None if target is None else ratio["median"] >= target
+            rows.append({"case": ours, "policy": policy, **ratio, "target": target, "met": met})
+    return rows
+
+
+def parallel(runs):
+    """8 environments on several threads over 8 on one, in wall time: the best of all rounds, and the medians."""
+    find = {(run["pictures"], run["num_envs"], run["threads"]): run for run in runs}
+    rows = []
+    for (pictures, num_envs, threads), many in find.items():
+        one = find.get((pictures, num_envs, 1))
+        if threads == 1 or one is None:
+            continue
+        ratio = {key: many[f"{key}_per_wall_s"] / one[f"{key}_per_wall_s"] for key in ("median", "best")}
+        met = ratio["best"] >= PARALLEL_TARGET if threads == 2 else None
+        rows.append(
+            {"pictures": pictures, "num_envs": num_envs, "threads": threads, **ratio}
+            | {"target": PARALLEL_TARGET, "met": met}
+        )
+    return rows
+
+
+def report(result):
+    rates, lines = result["rates"], []
+
+    def table(header, rows):
+        rows = [header, *rows]
+        widths = [max(len(row[column]) for row in rows) for column in range(len(header))]
+        for number, row in enumerate(rows):
+            cells = (
+                cell.ljust(width) if column == 0 else cell.rjust(width)
+                for column, (cell, width) in enumerate(zip(row, widths))
+            )
+            lines.append("  ".join(cells).rstrip())
+            if number == 0:
+                lines.append("  ".join("-" * width for width in widths))
+        lines.append("")
+
+    verdict = {True: "met", False: "MISSED", None: ""}
+    lines.append("Per second of processor time, one environment, one thread: median (best) of the rounds")
+    header = ["case, policy", "reference", "here", "ratio", "of bests", "wall", "target", ""]
+    rows = []
+    by_case = {case: theirs for case, theirs, _ in PAIRS}
+    for row in result["ratios"]:
+        own = rates[f"ours/{row['case']}/{row['policy']}"]
+        other = rates[f"reference/{by_case[row['case']]}/{row['policy']}"]
+        rows.append(
+            [f"{row['case']}, {row['policy']}"]
+            + [f"{side['median_per_cpu_s']:,.0f} ({side['best_per_cpu_s']:,.0f})" for side in (other, own)]
+            + [f"{row['median']:.1f}", f"{row['best']:.1f}", f"{row['wall']:.1f}"]
+            + [f">= {row['target']}" if row["target"] else "", verdict[row["met"]]]
+        )
+    table(header, rows)
+    lines.append("Whole runs by `swm bench`, steps per second of the wall, resets included: median (best)")
+    table(
+        ["pictures", "environments", "threads", "steps/s"],
+        [
+            [run["pictures"], str(run["num_envs"]), str(run["threads"])]
+            + [f"{run['median_per_wall_s']:,.0f} ({run['best_per_wall_s']:,.0f})"]
+            for run in result["runs"]
+        ],
+    )
+    lines.append("8 environments, several threads over one, in wall time")
+    table(
+        ["pictures", "threads", "ratio of bests", "of medians", "target", ""],
+        [
+            [row["pictures"], str(row["threads"]), f"{row['best']:.2f}", f"{row['median']:.2f}"]
+            + [f">= {row['target']}", verdict[row["met"]]]
+            for row in result["parallel"]
+        ],
+    )
+    loads = " -> ".join(f"{result[key][0]:.1f}" for key in ("load_at_start", "load_at_end"))
+    lines.append(f"{result['machine']['cpu']}, {result['machine']['cores']} cores, load {loads}")
+    return "\n".join(lines)
+
+
+def machine():
+    cpu = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        cpu = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        pass
+    return {"cpu": cpu, "cores": os.cpu_count(), "system": platform.platform()}
+
+
+def key_fields(key):
+    pictures, num_envs, threads = key
+    return {"pictures": pictures, "num_envs": num_envs, "threads": threads}
+
+
+def add(samples, name, rate):
+    samples.setdefault(name, []).append(rate)
+
+
+def run(command, cwd=None, capture=False):
+    done = subprocess.run(command, cwd=cwd, stdout=subprocess.PIPE if capture else None, text=True)
+    if done.returncode != 0:
+        sys.exit(f"`{' '.join(map(str, command))}` stopped with status {done.returncode}")
+    return done.stdout
+
+
+def note(text):
+    print(text, file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    main()

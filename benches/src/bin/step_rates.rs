@@ -1,0 +1,78 @@
+//! `step-rates [SECONDS [CASE]]`: how often per second one PushT environment steps, as JSON.
+//!
+//! The side of `peers/world.py` that runs in this process: the same cases as the reference's side in `reference.py`,
+//! with the resets outside of the timed region, in processor time. Rates of whole runs are `swm bench`'s.
+
+use anyhow::{Context as _, Result};
+use serde::Serialize;
+use swm_benches::{Actions, BareEnv, Clock, EPISODE_STEPS, Elapsed, Picture, world};
+use swm_core::ResetOptions;
+
+/// One measurement.
+#[derive(Serialize)]
+struct Measurement {
+    /// `step/bare/random`, `step/64/exact/weak`.
+    case: String,
+    /// Steps taken.
+    count: u64,
+    #[serde(flatten)]
+    elapsed: Elapsed,
+}
+
+fn main() -> Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let seconds =
+        arguments.next().map_or(Ok(1.0), |text| text.parse()).context("SECONDS must be a number")?;
+    let only = arguments.next();
+    let wanted = |case: &str| only.as_deref().is_none_or(|only| only == case);
+    let mut measurements = Vec::new();
+    for actions in Actions::ALL {
+        let case = format!("step/bare/{}", actions.name());
+        if wanted(&case) {
+            measurements.push(bare(case, actions, seconds)?);
+        }
+        for picture in Picture::ALL {
+            let case = format!("step/{}/{}", picture.name(), actions.name());
+            if wanted(&case) {
+                measurements.push(world_steps(case, picture, actions, seconds)?);
+            }
+        }
+    }
+    println!("{}", serde_json::to_string_pretty(&measurements)?);
+    Ok(())
+}
+
+/// `Env::step` and `Env::observe`, no world around them.
+fn bare(case: String, actions: Actions, seconds: f64) -> Result<Measurement> {
+    let mut env = BareEnv::new()?;
+    episodes(case, seconds, |episode, clock| {
+        let actions = env.actions(episode, actions)?;
+        env.reset(episode)?;
+        clock.time(|| actions.iter().try_for_each(|&action| env.step(action).map(|_| ())))
+    })
+}
+
+/// `World::step` of one environment: policy, step, picture, infos.
+fn world_steps(case: String, picture: Picture, actions: Actions, seconds: f64) -> Result<Measurement> {
+    let mut world = world(picture, actions, 1, 1)?;
+    episodes(case, seconds, |episode, clock| {
+        world.reset(episode, &ResetOptions::default())?;
+        clock.time(|| (0..EPISODE_STEPS).try_for_each(|_| world.step()))?;
+        Ok(())
+    })
+}
+
+/// Repeats `episode` until its timed parts took `seconds` of processor time. The first one warms up and does not count.
+fn episodes(
+    case: String,
+    seconds: f64,
+    mut episode: impl FnMut(u64, &mut Clock) -> Result<()>,
+) -> Result<Measurement> {
+    episode(0, &mut Clock::new())?;
+    let (mut clock, mut done) = (Clock::new(), 0);
+    while clock.elapsed().cpu_s < seconds {
+        done += 1;
+        episode(done, &mut clock)?;
+    }
+    Ok(Measurement { case, count: done * EPISODE_STEPS as u64, elapsed: clock.elapsed() })
+}
