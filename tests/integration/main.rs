@@ -6,5 +6,6 @@ mod bad_input;
 mod commands;
 mod crash;
 mod determinism;
+mod docs;
 mod interop;
 mod support;

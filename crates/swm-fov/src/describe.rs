@@ -6,27 +6,21 @@ use swm_core::FactorSpec;
 
 use crate::factor::FovSpace;
 
-impl FovSpace {
-    /// A Markdown table: name, kind, bounds, default, what it does.
-    pub fn markdown(&self) -> String {
-        let mut table =
-            String::from("| factor | kind | bounds | default | what it does |\n|---|---|---|---|---|\n");
-        for spec in self.specs() {
-            let doc = match &spec.constraint {
-                Some(words) => format!("{}; must be {words}", spec.doc),
-                None => spec.doc.clone(),
-            };
-            let drawn = if spec.drawn_by_default { " (drawn by default)" } else { "" };
-            table += &format!(
-                "| `{}` | {} | {} | {} | {doc}{drawn} |\n",
-                spec.name,
-                kind(&spec),
-                bounds(&spec),
-                spec.default
-            );
-        }
-        table
+/// A Markdown table of factors: name, kind, bounds, default, what it does.
+pub fn markdown(factors: &[FactorSpec]) -> String {
+    let mut table =
+        String::from("| factor | kind | bounds | default | what it does |\n|---|---|---|---|---|\n");
+    for factor in factors {
+        let FactorSpec { name, default, .. } = factor;
+        let doc = match &factor.constraint {
+            Some(words) => format!("{}; must be {words}", factor.doc),
+            None => factor.doc.clone(),
+        };
+        let drawn = if factor.drawn_by_default { " (drawn by default)" } else { "" };
+        table +=
+            &format!("| `{name}` | {} | {} | {default} | {doc}{drawn} |\n", kind(factor), bounds(factor));
     }
+    table
 }
 
 /// A tree by groups.

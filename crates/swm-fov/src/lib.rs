@@ -23,5 +23,6 @@ mod describe;
 mod draw;
 mod factor;
 
+pub use describe::markdown;
 pub use draw::{Fov, FovError, SavedFov};
 pub use factor::{Constraint, Factor, FovSpace};

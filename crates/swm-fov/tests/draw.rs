@@ -63,7 +63,7 @@ fn messages_name_the_factor_and_the_way_out() {
 
 #[test]
 fn descriptions_list_every_factor() {
-    let (tree, table) = (space().to_string(), space().markdown());
+    let (tree, table) = (space().to_string(), swm_fov::markdown(&space().specs()));
     for spec in space().specs() {
         assert!(tree.contains(spec.name.rsplit('.').next().unwrap()), "{tree}");
         assert!(table.contains(&format!("`{}`", spec.name)), "{table}");
