@@ -236,6 +236,16 @@ impl Worker {
 fn channels_first(stored: &[u8], pixels: usize, channels: usize, out: &mut [u8]) {
     let picture = (pixels * channels).max(1);
     for (from, into) in stored.chunks_exact(picture).zip(out.chunks_exact_mut(picture)) {
+        if channels == 3 {
+            // Of known size, for the compiler: several times faster.
+            let (red, rest) = into.split_at_mut(pixels);
+            let (green, blue) = rest.split_at_mut(pixels);
+            for (((pixel, red), green), blue) in from.as_chunks::<3>().0.iter().zip(red).zip(green).zip(blue)
+            {
+                [*red, *green, *blue] = *pixel;
+            }
+            continue;
+        }
         for (channel, plane) in into.chunks_exact_mut(pixels).enumerate() {
             for (value, pixel) in plane.iter_mut().zip(from.chunks_exact(channels)) {
                 *value = pixel[channel];

@@ -123,3 +123,23 @@ fn a_recording_can_be_read_while_it_goes_on() {
         assert_same(&episode(&schema(), index, rows_of(index)), batch);
     }
 }
+
+#[test]
+fn a_writer_that_was_killed_while_it_opened_the_file_locks_nobody_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Append, 0..2).unwrap();
+    // What the library leaves between opening for writing and entering SWMR mode: its mark, and nothing else.
+    let marked = {
+        let mut builder = hdf5_metno::File::with_options();
+        let _open = builder.open_rw(&path).unwrap();
+        std::fs::read(&path).unwrap()
+    };
+    assert_eq!(marked[11], 1, "the library marks files otherwise than it used to");
+    std::fs::write(&path, &marked).unwrap();
+    assert!(hdf5_metno::File::open(&path).is_err());
+    assert_eq!(contents(&path).len(), 2);
+    std::fs::write(&path, &marked).unwrap();
+    assert_eq!(record(&path, WriteMode::Append, 2..3).unwrap(), 2);
+    assert_eq!(contents(&path).len(), 3);
+}

@@ -19,7 +19,7 @@ fn folder() -> PathBuf {
 }
 
 /// Unpacks a golden file into `target`.
-pub fn unpacked(name: &str, target: &Path) -> PathBuf {
+pub(crate) fn unpacked(name: &str, target: &Path) -> PathBuf {
     let packed = File::open(folder().join(format!("{name}.gz"))).unwrap();
     let path = target.join(name);
     io::copy(&mut GzDecoder::new(packed), &mut File::create(&path).unwrap()).unwrap();

@@ -8,7 +8,7 @@ use swm_core::{Batch, Column, Dtype, Field, Metadata, Schema, SliceMut};
 use swm_data::{WriteMode, create, open};
 
 /// A schema with every type, pictures, and an episode column.
-pub fn schema() -> Arc<Schema> {
+pub(crate) fn schema() -> Arc<Schema> {
     Schema::new(vec![
         Field::step("pixels", Dtype::U8, &[40, 40, 3]),
         Field::step("action", Dtype::F32, &[2]),
@@ -24,7 +24,7 @@ pub fn schema() -> Arc<Schema> {
     .unwrap()
 }
 
-pub fn metadata() -> Metadata {
+pub(crate) fn metadata() -> Metadata {
     Metadata {
         version: 1,
         env: "swm/Test-v1".into(),
@@ -35,7 +35,7 @@ pub fn metadata() -> Metadata {
 }
 
 /// Rows of `schema` whose values are a function of (`episode`, row, value).
-pub fn episode(schema: &Arc<Schema>, episode: usize, rows: usize) -> Batch {
+pub(crate) fn episode(schema: &Arc<Schema>, episode: usize, rows: usize) -> Batch {
     let mut batch = Batch::new(schema.clone(), rows);
     for (index, field) in schema.fields().iter().enumerate() {
         let width = field.width();
@@ -60,12 +60,16 @@ fn fill<T>(out: &mut [T], value: impl Fn(usize) -> T) {
 }
 
 /// Lengths of the episodes of the tests: different ones, so that chunks begin anywhere.
-pub fn rows_of(episode: usize) -> usize {
+pub(crate) fn rows_of(episode: usize) -> usize {
     [5, 1, 300, 17, 800][episode % 5]
 }
 
 /// Records episodes of this range.
-pub fn record(path: &Path, mode: WriteMode, episodes: std::ops::Range<usize>) -> Result<u64, BoxError> {
+pub(crate) fn record(
+    path: &Path,
+    mode: WriteMode,
+    episodes: std::ops::Range<usize>,
+) -> Result<u64, BoxError> {
     let schema = schema();
     let mut writer = create(path, mode, None)?;
     let there = writer.begin(&schema, &metadata())?;
@@ -77,7 +81,7 @@ pub fn record(path: &Path, mode: WriteMode, episodes: std::ops::Range<usize>) ->
 }
 
 /// Every column of every episode.
-pub fn contents(path: &Path) -> Vec<Batch> {
+pub(crate) fn contents(path: &Path) -> Vec<Batch> {
     let mut dataset = open(path).unwrap();
     let schema = dataset.schema().clone();
     (0..dataset.num_episodes())
@@ -90,7 +94,7 @@ pub fn contents(path: &Path) -> Vec<Batch> {
 }
 
 /// Bit equality: NaN equals NaN.
-pub fn assert_same(left: &Batch, right: &Batch) {
+pub(crate) fn assert_same(left: &Batch, right: &Batch) {
     assert_eq!(left.rows(), right.rows());
     for field in left.schema().fields() {
         let column =
@@ -100,7 +104,7 @@ pub fn assert_same(left: &Batch, right: &Batch) {
 }
 
 /// The values as little-endian bytes (text as it is).
-pub fn bits(column: &Column) -> Vec<u8> {
+pub(crate) fn bits(column: &Column) -> Vec<u8> {
     match column {
         Column::Bool(values) => values.iter().map(|&value| u8::from(value)).collect(),
         Column::U8(values) => values.clone(),

@@ -43,28 +43,39 @@ pub(super) fn write(file: &File, columns: &[Field], metadata: &Metadata) -> Resu
     write_json(file, METADATA_ATTRIBUTE, metadata)
 }
 
-/// Makes `metadata` the record of the run that continues the file at episode `first`. What a run that was killed
-/// before its first episode has left there is replaced.
-pub(super) fn set_run(
-    file: &File,
-    known: &[(u64, Metadata)],
-    first: u64,
-    metadata: &Metadata,
-) -> Result<(), String> {
-    let name = match first {
-        0 => METADATA_ATTRIBUTE.to_owned(),
-        first => format!("{METADATA_ATTRIBUTE}_{first}"),
-    };
-    let stale = known.iter().find(|&&(at, _)| at == first);
-    let before = known.iter().rfind(|&&(at, _)| at < first);
-    let wanted = before.is_none_or(|(_, earlier)| earlier != metadata);
-    if wanted && stale.is_some_and(|(_, there)| there == metadata) {
-        return Ok(());
+/// What has to change in the attributes so that `metadata` is the record of the run that goes on at an episode.
+#[derive(Debug)]
+pub(super) struct RunChange<'a> {
+    name: String,
+    /// A run that was killed before its first episode left an attribute of this name.
+    replaces: bool,
+    metadata: Option<&'a Metadata>,
+}
+
+impl<'a> RunChange<'a> {
+    /// `None` if the run goes on as the one before it, and the file says so already.
+    pub(super) fn plan(known: &[(u64, Metadata)], first: u64, metadata: &'a Metadata) -> Option<Self> {
+        let stale = known.iter().find(|&&(at, _)| at == first);
+        let before = known.iter().rfind(|&&(at, _)| at < first);
+        let wanted = before.is_none_or(|(_, earlier)| earlier != metadata);
+        let right = match stale {
+            Some((_, there)) => wanted && there == metadata,
+            None => !wanted,
+        };
+        let name = match first {
+            0 => METADATA_ATTRIBUTE.to_owned(),
+            first => format!("{METADATA_ATTRIBUTE}_{first}"),
+        };
+        (!right).then_some(Self { name, replaces: stale.is_some(), metadata: wanted.then_some(metadata) })
     }
-    if stale.is_some() {
-        file.delete_attr(&name).map_err(|error| error.to_string())?;
+
+    /// Makes the change.
+    pub(super) fn apply(&self, file: &File) -> Result<(), String> {
+        if self.replaces {
+            file.delete_attr(&self.name).map_err(|error| error.to_string())?;
+        }
+        self.metadata.map_or(Ok(()), |metadata| write_json(file, &self.name, metadata))
     }
-    if wanted { write_json(file, &name, metadata) } else { Ok(()) }
 }
 
 fn read_json<T: serde::de::DeserializeOwned>(file: &File, name: &str) -> Result<T, String> {
@@ -80,4 +91,27 @@ fn write_json(file: &File, name: &str, value: &(impl serde::Serialize + ?Sized))
     let text: VarLenUnicode = text.parse().map_err(|_| "metadata contains the character NUL".to_owned())?;
     let attribute = file.new_attr::<VarLenUnicode>().create(name);
     attribute.and_then(|attribute| attribute.write_scalar(&text)).map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_is_recorded_when_it_differs_from_the_one_before() {
+        let run = |policy: &str| Metadata { policy: policy.to_owned(), ..Metadata::default() };
+        let known = [(0, run("a")), (5, run("b"))];
+        let plan = |first, policy| {
+            let metadata = run(policy);
+            let change = RunChange::plan(&known, first, &metadata)?;
+            Some((change.name, change.replaces, change.metadata.is_some()))
+        };
+        assert_eq!(plan(9, "b"), None);
+        assert_eq!(plan(9, "a"), Some(("swm_metadata_9".to_owned(), false, true)));
+        // The run at episode 5 was killed before it wrote anything.
+        assert_eq!(plan(5, "b"), None);
+        assert_eq!(plan(5, "a"), Some(("swm_metadata_5".to_owned(), true, false)));
+        assert_eq!(plan(5, "c"), Some(("swm_metadata_5".to_owned(), true, true)));
+        assert_eq!(plan(0, "c"), Some(("swm_metadata".to_owned(), true, true)));
+    }
 }

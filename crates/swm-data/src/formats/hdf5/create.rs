@@ -12,7 +12,7 @@ use hdf5_metno::types::VarLenUnicode;
 use hdf5_metno::{Extent, SimpleExtents};
 use swm_core::{Dtype, Field, Metadata};
 
-use super::attributes::{self, Attributes};
+use super::attributes::{self, Attributes, RunChange};
 use super::layout::{EP_IDX, EP_LEN, EP_OFFSET, chunking};
 use super::superblock;
 use crate::error::DataError;
@@ -75,8 +75,33 @@ pub(super) fn reopen(
     end: &EndOfData,
     metadata: &Metadata,
 ) -> Result<Datasets, DataError> {
+    let change = RunChange::plan(&end.attributes.runs, end.episodes as u64, metadata);
+    if let Some(change) = change {
+        change_attributes(path, end.chunks_end, &change)?;
+    }
     superblock::mend(path, end.chunks_end)?;
-    reopen_mended(path, fields, end, metadata).map_err(|reason| DataError::record(path, reason))
+    reopen_mended(path, fields, end).map_err(|reason| DataError::record(path, reason))
+}
+
+/// Changes attributes in a copy that then takes the file's place: outside SWMR mode, in which attributes cannot be
+/// changed, a kill between two writes of the library could cost the file.
+fn change_attributes(path: &Path, chunks_end: u64, change: &RunChange<'_>) -> Result<(), DataError> {
+    let draft = beside(path, ".new");
+    let changed = || -> Result<(), DataError> {
+        fs::copy(path, &draft).map_err(|source| DataError::io(&draft, "copy the dataset to", source))?;
+        superblock::mend(&draft, chunks_end)?;
+        let apply = || -> Result<(), String> {
+            let file = options().open_rw(&draft).map_err(|error| error.to_string())?;
+            change.apply(&file)?;
+            file.close().map_err(|error| error.to_string())
+        };
+        apply().map_err(|reason| DataError::record(path, reason))?;
+        fs::rename(&draft, path).map_err(|source| DataError::io(path, "replace", source))
+    };
+    changed().inspect_err(|_| {
+        // The error is what matters; a draft that stays is replaced by the next recording.
+        let _ = fs::remove_file(&draft);
+    })
 }
 
 /// Where the finished part of a file ends.
@@ -88,15 +113,9 @@ pub(super) struct EndOfData {
     pub(super) attributes: Attributes,
 }
 
-fn reopen_mended(
-    path: &Path,
-    fields: &[Field],
-    end: &EndOfData,
-    metadata: &Metadata,
-) -> Result<Datasets, String> {
+fn reopen_mended(path: &Path, fields: &[Field], end: &EndOfData) -> Result<Datasets, String> {
     let text = |error: h5::Error| error.to_string();
     let file = options().open_rw(path).map_err(text)?;
-    attributes::set_run(&file, &end.attributes.runs, end.episodes as u64, metadata)?;
     let open = |name: &str| file.dataset(name).map_err(|error| format!("column `{name}`: {error}"));
     let columns = fields.iter().map(|field| open(&field.name)).collect::<Result<_, _>>()?;
     let (ep_idx, ep_len, ep_offset) = (open(EP_IDX)?, open(EP_LEN)?, open(EP_OFFSET)?);

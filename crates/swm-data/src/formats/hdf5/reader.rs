@@ -14,7 +14,7 @@ use swm_core::{Batch, EpisodeSource, Field, FieldKind, Metadata, Schema, SliceMu
 use super::attributes::Attributes;
 use super::layout::{EP_LEN, EP_OFFSET, Element};
 use super::storage::{ColumnStorage, Scratch};
-use super::superblock::Superblock;
+use super::superblock;
 use crate::dataset::{Dataset, Steps, read_rows};
 use crate::error::DataError;
 
@@ -56,7 +56,7 @@ struct Span {
 impl Hdf5Dataset {
     /// Opens a file for reading.
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
-        let unclean = Superblock::read(path)?.is_unclean();
+        let unclean = superblock::ensure_readable(path)?.is_unclean();
         let library = open_library(path, unclean)?;
         let failed = |action: &str, error: h5::Error| DataError::damaged(path, format!("{action}: {error}"));
         let attributes = Attributes::read(&library).map_err(|reason| DataError::damaged(path, reason))?;

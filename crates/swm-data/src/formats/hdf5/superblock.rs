@@ -5,9 +5,11 @@
 //! does, with one write of 48 bytes. Only versions 2 and 3 of the superblock carry a mark or a checksum; recordings
 //! have version 3. Source: HDF5 file format specification 3.0, section II.A.
 
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use crate::error::DataError;
 
@@ -15,6 +17,8 @@ const SIGNATURE: [u8; 8] = *b"\x89HDF\r\n\x1a\n";
 /// With 8-byte addresses, the only size that the library writes on 64-bit systems.
 const SIZE: usize = 48;
 const FLAGS: usize = 11;
+const WRITER: u8 = 1;
+const SWMR_WRITER: u8 = 4;
 const END_OF_FILE: usize = 28;
 const CHECKSUM: usize = 44;
 
@@ -72,11 +76,43 @@ impl Superblock {
         self.version >= 2 && (self.bytes[FLAGS] != 0 || self.end_of_file() > self.file_length)
     }
 
+    /// Whether a writer is about to enter SWMR mode, or was killed while it was: nobody can open such a file.
+    fn is_locked_out(&self) -> bool {
+        self.version >= 2 && self.bytes[FLAGS] & SWMR_WRITER == 0 && self.bytes[FLAGS] & WRITER != 0
+    }
+
     /// Where the file ends according to the superblock.
     fn end_of_file(&self) -> u64 {
         let mut bytes = [0; 8];
         bytes.copy_from_slice(&self.bytes[END_OF_FILE..END_OF_FILE + 8]);
         u64::from_le_bytes(bytes)
+    }
+}
+
+/// How long to wait for a writer that is entering SWMR mode, which takes it milliseconds.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Makes a file readable whose writer was killed before it entered SWMR mode. It had not changed anything yet but
+/// the mark. A living writer holds the library's lock on the file in that state, and is waited for.
+pub(super) fn ensure_readable(path: &Path) -> Result<Superblock, DataError> {
+    let start = Instant::now();
+    loop {
+        let superblock = Superblock::read(path)?;
+        if !superblock.is_locked_out() {
+            return Ok(superblock);
+        }
+        let failed = |source| DataError::io(path, "repair", source);
+        let file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
+        match file.try_lock() {
+            // Under the lock the state may be another one than above.
+            Ok(()) if Superblock::read(path)?.is_locked_out() => mend(path, 0)?,
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) if start.elapsed() < PATIENCE => {
+                thread::sleep(Duration::from_millis(10))
+            }
+            Err(TryLockError::WouldBlock) => return Err(DataError::Busy { path: path.to_owned() }),
+            Err(TryLockError::Error(error)) => return Err(failed(error)),
+        }
     }
 }
 
