@@ -38,6 +38,7 @@ fn factor_values_outside_their_bounds_are_told_with_the_bounds() {
     says(2, &set("block.shape=2.5"), &["`block.shape`", "2.5"]);
     says(2, &set("block.scale=abc"), &["abc", "number"]);
     says(2, &set("block.scale"), &["NAME=VALUE"]);
+    assert!(!std::path::Path::new(&out).exists(), "a refused request leaves no file");
 }
 
 #[test]
@@ -57,7 +58,8 @@ fn sizes_and_counts_are_checked_before_anything_is_made() {
     says(2, &["collect", PUSHT, "--episodes", "0", "--out", &out], &["0 episodes"]);
     says(2, &with(&["--policy", "cem:samples=5,elites=9"]), &["elites"]);
     says(2, &with(&["--policy", "constant:1,2,3"]), &["constant", "3 value(s)"]);
-    says(1, &with(&["--policy", "constant:nan,0"]), &["not finite"]);
+    says(2, &with(&["--policy", "constant:nan,0"]), &["constant", "numbers"]);
+    assert!(!std::path::Path::new(&out).exists(), "a refused request leaves no file");
 }
 
 #[test]
@@ -125,7 +127,6 @@ fn appending_what_does_not_fit_is_refused_and_loses_nothing() {
     swm_ok(&[&base[..], &["16x16"]].concat());
     let before = content(&out);
     says(1, &[&base[..], &["24x24", "--mode", "append"]].concat(), &["a.h5", "pixels"]);
-    says(1, &[&base[..], &["16x16", "--mode", "append", "--seed", "5"]].concat(), &["a.h5", "seed"]);
     says(1, &[&base[..], &["16x16", "--mode", "append", "--vary", "all"]].concat(), &["a.h5"]);
     assert_eq!(content(&out), before);
 }
@@ -136,7 +137,7 @@ fn a_full_disk_is_told_and_earlier_episodes_stay() {
     let out = folder.path("a.h5");
     // A limit on the size of files stands in for the disk; the shell ignores the signal that comes with it.
     let script = format!(
-        "trap '' XFSZ; ulimit -f 400; exec '{}' collect {PUSHT} --policy weak --episodes 500 --max-steps 30 \
+        "trap '' XFSZ; ulimit -f 4000; exec '{}' collect {PUSHT} --policy weak --episodes 500 --max-steps 30 \
          --image-size 64x64 --vary all --out '{out}'",
         env!("CARGO_BIN_EXE_swm-under-test"),
     );

@@ -20,7 +20,8 @@ fn factor_tables_are_current() {
         let Some((head, rest)) = text.split_once("<!-- factors of ") else { continue };
         let (id, rest) = rest.split_once(" -->\n").expect("the marker ends");
         let (_, tail) = rest.split_once("<!-- end -->").expect("the table ends");
-        let current = format!("{head}<!-- factors of {id} -->\n{}<!-- end -->{tail}", factor_table(&registry, id));
+        let current =
+            format!("{head}<!-- factors of {id} -->\n{}<!-- end -->{tail}", factor_table(&registry, id));
         if std::env::var_os("SWM_UPDATE_DOCS").is_some() {
             std::fs::write(&path, &current).unwrap();
         } else {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use swm::core::{Batch, EpisodeSource, Schema, Slice};
+use swm::core::{Batch, Schema, Slice};
 
 pub(crate) const PUSHT: &str = "swm/PushT-v1";
 

@@ -1,6 +1,7 @@
 //! Running a recorded trajectory again and comparing every row.
 
 use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 
 use anyhow::{Context as _, Result, anyhow};
 use serde_json::Value as Json;
@@ -11,18 +12,20 @@ use swm::core::{
 };
 
 use super::file::{GoldenFile, Picture};
-use super::rules::Rules;
+use super::rules::{Rules, Tolerance, Unit};
 
 /// How one array compares.
 #[derive(Debug)]
 pub struct Comparison {
     /// Key of the array, or picture.
     pub column: String,
-    /// Worst deviation: absolute difference, or the share of differing pixels.
+    /// Worst deviation, as a multiple of what is accepted: above 1 it fails.
+    pub excess: f64,
+    /// The absolute difference there (of a picture: the share of unequal pixels).
     pub worst: f64,
     /// Row of the worst deviation.
     pub row: usize,
-    /// What is accepted; `None`: a difference is expected.
+    /// What is accepted there; `None`: a difference is expected.
     pub tolerance: Option<f64>,
     /// Further words.
     pub note: String,
@@ -31,7 +34,7 @@ pub struct Comparison {
 impl Comparison {
     /// Whether the deviation is accepted.
     pub fn passes(&self) -> bool {
-        self.tolerance.is_none_or(|tolerance| self.worst <= tolerance)
+        self.tolerance.is_none() || self.excess <= 1.0
     }
 }
 
@@ -59,7 +62,8 @@ pub fn check_file(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Resu
     let expected = (rules.adapt)(&mut factors);
     let mut run = Run::new(registry, rules, file)?;
     let options = run.start(rules, file, &factors)?;
-    let mut worst: BTreeMap<&str, (f64, usize)> = BTreeMap::new();
+    let tolerance = rules.tolerance[usize::from(!file.factors.is_empty())];
+    let mut worst: BTreeMap<&str, Comparison> = BTreeMap::new();
     let mut comparisons = Vec::new();
     let (actions, rewards) = (file.rows("actions").context("no actions")?, file.rows("reward"));
     run.reset(&options)?;
@@ -67,13 +71,13 @@ pub fn check_file(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Resu
         comparisons.push(compare_picture("goal_png", goal, run.row.get("goal")?, rules.equal_pixels, 0));
     }
     for row in 0..=actions.len() {
-        for &(key, _) in rules.tolerances {
+        for &(key, units) in rules.compared {
             let Some(expected) = recorded(file, key, row) else { continue };
             let actual = match (key, row) {
                 ("reward", _) => continue,
                 _ => run.field(key)?,
             };
-            note_worst(&mut worst, key, row, &expected, &actual);
+            note_worst(&mut worst, (key, units, tolerance), row, &expected, &actual);
         }
         if let Some(picture) = file.images.get(&row) {
             let name = format!("img_{row}_png");
@@ -82,20 +86,22 @@ pub fn check_file(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Resu
         if let Some(action) = actions.get(row) {
             let reward = run.step(action)?;
             if let Some(recorded) = rewards.as_ref().and_then(|rewards| rewards.get(row)) {
-                note_worst(&mut worst, "reward", row, recorded, &[reward]);
+                note_worst(&mut worst, ("reward", &[Unit::Reward], tolerance), row, recorded, &[reward]);
             }
         }
     }
-    for &(key, tolerance) in rules.tolerances {
-        if let Some(&(worst, row)) = worst.get(key) {
-            let (column, note) = (key.to_owned(), String::new());
-            comparisons.push(Comparison { column, worst, row, tolerance: Some(tolerance), note });
-        }
-    }
+    comparisons.extend(worst.into_values());
     for &(key, reason) in rules.expected_differences {
         if file.numbers.contains_key(key) {
             let (column, note) = (key.to_owned(), format!("expected difference: {reason}"));
-            comparisons.push(Comparison { column, worst: f64::NAN, row: 0, tolerance: None, note });
+            comparisons.push(Comparison {
+                column,
+                excess: 0.0,
+                worst: f64::NAN,
+                row: 0,
+                tolerance: None,
+                note,
+            });
         }
     }
     let trajectory_differs = expected.iter().any(|words| words.contains("trajectories differ"));
@@ -112,21 +118,38 @@ fn recorded(file: &GoldenFile, key: &str, row: usize) -> Option<Vec<f64>> {
 }
 
 fn note_worst<'a>(
-    worst: &mut BTreeMap<&'a str, (f64, usize)>,
-    key: &'a str,
+    worst: &mut BTreeMap<&'a str, Comparison>,
+    (key, units, tolerance): (&'a str, &[Unit], Tolerance),
     row: usize,
     expected: &[f64],
     actual: &[f64],
 ) {
-    let difference = |(a, b): (&f64, &f64)| {
-        let difference = if a.is_nan() && b.is_nan() { 0.0 } else { (a - b).abs() };
-        if difference.is_nan() { f64::INFINITY } else { difference }
-    };
-    let here = expected.iter().zip(actual).map(difference).fold(0.0, f64::max);
-    let here = if expected.len() == actual.len() { here } else { f64::INFINITY };
-    let entry = worst.entry(key).or_insert((here, row));
-    if here > entry.0 {
-        *entry = (here, row);
+    let entry = worst.entry(key).or_insert(Comparison {
+        column: key.to_owned(),
+        excess: 0.0,
+        worst: 0.0,
+        row,
+        tolerance: Some(tolerance.of(units[0])),
+        note: String::new(),
+    });
+    if expected.len() != actual.len() || units.len() != actual.len() {
+        entry.excess = f64::INFINITY;
+        entry.note = format!("{} numbers recorded, {} here", expected.len(), actual.len());
+        return;
+    }
+    for ((&a, &b), &unit) in expected.iter().zip(actual).zip(units) {
+        let mut difference = if a.is_nan() && b.is_nan() { 0.0 } else { (a - b).abs() };
+        if unit == Unit::Rad {
+            difference = difference.min((difference - TAU).abs());
+        }
+        let accepted = tolerance.of(unit);
+        let excess = if difference == 0.0 { 0.0 } else { difference / accepted };
+        // NaN on one side only is the worst of all.
+        let excess = if excess.is_nan() { f64::INFINITY } else { excess };
+        if excess > entry.excess {
+            (entry.excess, entry.worst, entry.row, entry.tolerance) =
+                (excess, difference, row, Some(accepted));
+        }
     }
 }
 
@@ -136,14 +159,14 @@ fn compare_picture(name: &str, expected: &Picture, actual: &[u8], equal: f64, ro
     let tolerance = Some(1.0 - equal);
     if expected.rgb.len() != actual.len() {
         let note = format!("{} bytes instead of {}", actual.len(), expected.rgb.len());
-        return Comparison { column, worst: 1.0, row, tolerance, note };
+        return Comparison { column, excess: f64::INFINITY, worst: 1.0, row, tolerance, note };
     }
     let pairs = expected.rgb.chunks_exact(3).zip(actual.chunks_exact(3));
     let unequal = pairs.filter(|(a, b)| a != b).count();
     let largest = expected.rgb.iter().zip(actual).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0);
     let worst = unequal as f64 / (expected.height * expected.width) as f64;
     let note = format!("{unequal} unequal pixels, largest difference {largest} levels");
-    Comparison { column, worst, row, tolerance, note }
+    Comparison { column, excess: worst / (1.0 - equal), worst, row, tolerance, note }
 }
 
 /// One environment and its row.

@@ -11,8 +11,10 @@ pub struct Rules {
     pub env_id: &'static str,
     /// Settings that make ours behave like the recorded version.
     pub settings: fn(&mut Map<String, Json>),
-    /// How far each compared array may be off, by its key in the file. Arrays without an entry are not compared.
-    pub tolerances: &'static [(&'static str, f64)],
+    /// The compared arrays by their key in the file, with the unit of every element.
+    pub compared: &'static [(&'static str, &'static [Unit])],
+    /// What is accepted at default factors, and what with any factor set.
+    pub tolerance: [Tolerance; 2],
     /// Share of pixels that must be equal.
     pub equal_pixels: f64,
     /// Step columns that hold the start, with the factor that each sets: `(array, first entry, factor)`.
@@ -22,6 +24,44 @@ pub struct Rules {
     pub adapt: fn(&mut Map<String, Json>) -> Vec<&'static str>,
     /// Arrays in which we differ on purpose, with the reason.
     pub expected_differences: &'static [(&'static str, &'static str)],
+}
+
+/// The unit of one number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// Pixels.
+    Px,
+    /// Radians; compared modulo a full turn.
+    Rad,
+    /// Pixels per second.
+    PxPerS,
+    /// Something that must agree to the bit.
+    Given,
+    /// Reward: mixed units.
+    Reward,
+}
+
+/// Accepted absolute differences.
+#[derive(Clone, Copy, Debug)]
+pub struct Tolerance {
+    /// Of lengths, in pixels; rewards likewise.
+    pub px: f64,
+    /// Of angles.
+    pub rad: f64,
+    /// Of velocities.
+    pub px_per_s: f64,
+}
+
+impl Tolerance {
+    /// The accepted difference of a number.
+    pub fn of(&self, unit: Unit) -> f64 {
+        match unit {
+            Unit::Px | Unit::Reward => self.px,
+            Unit::Rad => self.rad,
+            Unit::PxPerS => self.px_per_s,
+            Unit::Given => 0.0,
+        }
+    }
 }
 
 /// The rules for an id of the reference; `None` if the environment does not exist here.
@@ -35,13 +75,17 @@ const PUSHT: Rules = Rules {
     reference_id: "swm/PushT-v1",
     env_id: "swm/PushT-v1",
     settings: |_| {},
-    tolerances: &[
-        ("obs_state", 1e-6),
-        ("obs_proprio", 1e-6),
-        ("info_block_pose", 1e-6),
-        ("reward", 1e-6),
-        ("goal_state", 0.0),
-        ("goal_pose", 0.0),
+    compared: &[
+        ("obs_state", &[Unit::Px, Unit::Px, Unit::Px, Unit::Px, Unit::Rad, Unit::PxPerS, Unit::PxPerS]),
+        ("obs_proprio", &[Unit::Px, Unit::Px, Unit::PxPerS, Unit::PxPerS]),
+        ("info_block_pose", &[Unit::Px, Unit::Px, Unit::Rad]),
+        ("reward", &[Unit::Reward]),
+        ("goal_state", &[Unit::Given; 7]),
+        ("goal_pose", &[Unit::Given; 3]),
+    ],
+    tolerance: [
+        Tolerance { px: 1e-6, rad: 1e-8, px_per_s: 1e-5 },
+        Tolerance { px: 0.5, rad: 0.01, px_per_s: 5.0 },
     ],
     equal_pixels: 0.995,
     starts: &[

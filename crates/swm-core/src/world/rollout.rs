@@ -59,17 +59,18 @@ impl World {
     fn run_here(&mut self, rollout: &Rollout<'_>, recorder: &mut dyn Recorder) -> Result<(), WorldError> {
         let policy = self.policy_description().ok_or(WorldError::NoPolicy)?;
         let schema = self.infos.schema().clone();
-        let info =
-            RunInfo { spec: &self.spec, schema: &schema, options: &self.options, rollout, policy: &policy };
-        recorder.start(&info).map_err(WorldError::Record)?;
         let mut upcoming = rollout.episodes.clone();
         for slot in &mut self.slots {
             slot.progress = None;
             slot.next = upcoming.next().map(|index| begin(rollout.seed, index));
         }
-        while self.slots.iter().any(|slot| slot.next.is_some() || slot.is_live()) {
-            self.reset_phase(&rollout.scenario)?;
-            self.act()?;
+        // The first reset and the first actions come before the recorder's start, so that a request that cannot be
+        // met leaves no file behind.
+        self.reset_and_act(&rollout.scenario)?;
+        let info =
+            RunInfo { spec: &self.spec, schema: &schema, options: &self.options, rollout, policy: &policy };
+        recorder.start(&info).map_err(WorldError::Record)?;
+        while self.slots.iter().any(Slot::is_live) {
             self.record_rows(recorder, Slot::is_live)?;
             self.step_phase()?;
             self.record_rows(recorder, |slot| slot.finished().is_some())?;
@@ -79,8 +80,15 @@ impl World {
                 slot.progress = None;
                 slot.next = upcoming.next().map(|index| begin(rollout.seed, index));
             }
+            self.reset_and_act(&rollout.scenario)?;
         }
         recorder.finish().map_err(WorldError::Record)
+    }
+
+    /// Begins the episodes that are due, and asks the policy for the actions of all live rows.
+    fn reset_and_act(&mut self, scenario: &Scenario<'_>) -> Result<(), WorldError> {
+        self.reset_phase(scenario)?;
+        if self.slots.iter().any(Slot::is_live) { self.act() } else { Ok(()) }
     }
 
     /// Shows the chosen rows to the recorder, in row order.

@@ -136,7 +136,7 @@ impl Recorder for Stopwatch {
     fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
         self.steps += u64::from(row.episode.step > 0);
         // Reading the clock at every step would be measured too.
-        if self.steps.is_multiple_of(64) && self.started.elapsed() >= self.limit {
+        if self.steps > 0 && self.steps.is_multiple_of(64) && self.started.elapsed() >= self.limit {
             self.elapsed = Some(self.started.elapsed());
             return Err("the measurement is over".into());
         }

@@ -1,0 +1,122 @@
+//! `World` on the toy environment: the loop, its rows, its errors.
+
+use swm_core::error::BoxError;
+use swm_core::testing::TOY;
+use swm_core::{
+    EpisodeEnd, LiveRow, Recorder, ResetOptions, Rollout, Scenario, Slice, Value, World, WorldError,
+    WorldOptions, policy,
+};
+
+fn world(num_envs: usize, max_steps: u64) -> World {
+    let options = WorldOptions { num_envs, max_episode_steps: Some(max_steps), ..WorldOptions::default() };
+    World::new(&TOY, options).unwrap()
+}
+
+/// Everything that a run shows, by episode.
+#[derive(Default, PartialEq, Debug)]
+struct Log {
+    rows: Vec<(u64, u64, f64, bool)>,
+    ends: Vec<(u64, u64, bool)>,
+}
+
+impl Recorder for Log {
+    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+        let action = row.values.get::<f32>("action")?[0];
+        let state = row.values.get::<f64>("state")?[0];
+        self.rows.push((row.episode.index, row.episode.step, state, action.is_nan()));
+        Ok(())
+    }
+
+    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
+        self.ends.push((end.index, end.steps, end.truncated));
+        Ok(())
+    }
+}
+
+fn run(world: &mut World, episodes: std::ops::Range<u64>) -> Log {
+    let options = ResetOptions::default();
+    let mut log = Log::default();
+    let rollout = Rollout { episodes, seed: 5, scenario: Scenario::Same(&options) };
+    world.run(&rollout, &mut log).unwrap();
+    log.rows.sort_by_key(|row| (row.0, row.1));
+    log.ends.sort_unstable();
+    log
+}
+
+#[test]
+fn a_run_shows_the_named_episodes_whatever_the_number_of_environments() {
+    let of = |num_envs| {
+        let mut world = world(num_envs, 9);
+        world.set_policy(policy::random());
+        run(&mut world, 3..10)
+    };
+    let one = of(1);
+    assert_eq!(one.ends.iter().map(|end| end.0).collect::<Vec<_>>(), (3..10).collect::<Vec<_>>());
+    assert_eq!(one, of(3));
+    assert_eq!(one, of(16));
+}
+
+#[test]
+fn only_the_last_row_of_an_episode_has_no_action() {
+    let mut world = world(2, 6);
+    world.set_policy(policy::random());
+    let log = run(&mut world, 0..5);
+    for &(index, steps, _) in &log.ends {
+        let rows: Vec<_> = log.rows.iter().filter(|row| row.0 == index).collect();
+        assert_eq!(rows.len() as u64, steps + 1, "episode {index}");
+        for row in rows {
+            assert_eq!(row.3, row.1 == steps, "episode {index}, row {}", row.1);
+        }
+    }
+}
+
+#[test]
+fn a_world_can_be_stepped_by_hand() {
+    let mut world = world(2, 100);
+    assert!(matches!(world.step().unwrap_err(), WorldError::NoPolicy));
+    world.reset(1, &ResetOptions::default().fix("point.gain", Value::scalar(2.0))).unwrap();
+    let before = world.infos().get::<f64>("state").unwrap().to_vec();
+    world.step_with(Slice::F32(&[1.0, -0.5])).unwrap();
+    let after = world.infos().get::<f64>("state").unwrap();
+    assert_eq!([after[0] - before[0], after[1] - before[1]], [2.0, -1.0]);
+    assert_eq!(world.infos().get::<i64>("step_idx").unwrap(), [1, 1]);
+    assert!(world.infos().get::<f64>("stat").unwrap_err().to_string().contains("did you mean `state`?"));
+}
+
+#[test]
+fn unusable_actions_are_refused_before_anything_moves() {
+    let mut world = world(2, 100);
+    world.reset(1, &ResetOptions::default()).unwrap();
+    let before = world.infos().clone();
+    let nan = world.step_with(Slice::F32(&[0.0, f32::NAN])).unwrap_err().to_string();
+    assert!(nan.contains("environment 1") && nan.contains("not finite"), "{nan}");
+    let width = world.step_with(Slice::F32(&[0.0; 3])).unwrap_err().to_string();
+    assert!(width.contains("2 values of float32") && width.contains("found 3"), "{width}");
+    let kind = world.step_with(Slice::F64(&[0.0; 2])).unwrap_err().to_string();
+    assert!(kind.contains("float64"), "{kind}");
+    assert_eq!(world.infos().get::<f64>("state").unwrap(), before.get::<f64>("state").unwrap());
+}
+
+#[test]
+fn an_evaluation_is_indexed_by_episode() {
+    let towards_goal = policy::scripted("towards the goal", |view, action| {
+        let error = view.row.get::<f64>("goal_state")?[0] - view.row.get::<f64>("state")?[0];
+        policy::write_action(action, &[error.clamp(-1.0, 1.0) as f32]);
+        Ok(())
+    });
+    let mut world = world(4, 40);
+    world.set_policy(towards_goal);
+    let options = ResetOptions::default();
+    let rollout = Rollout { episodes: 0..25, seed: 9, scenario: Scenario::Same(&options) };
+    let result = world.evaluate(&rollout, &mut ()).unwrap();
+    assert_eq!((result.success_rate, result.episodes), (100.0, 25));
+    assert!(result.ci95[0] > 80.0 && result.ci95[1] == 100.0, "{:?}", result.ci95);
+    assert_eq!(result.seeds.len(), 25);
+    assert_eq!(result.setup.policy, "towards the goal");
+    world.set_policy(policy::constant(Vec::new()));
+    let idle = world.evaluate(&rollout, &mut ()).unwrap();
+    let at_start = idle.first_success_steps.iter().filter(|step| **step == Some(0)).count();
+    assert_eq!(idle.episode_successes.iter().filter(|success| **success).count(), at_start);
+    assert_eq!(idle.solved_at_start, at_start);
+    assert_eq!(idle.seeds, result.seeds);
+}
