@@ -193,8 +193,12 @@ impl PushT {
         self.sim = sim;
         self.contact_points = points;
         if let Some(start) = &options.start {
-            let start = self.recorded_state(start)?;
-            self.sim.place_exactly(&Placement::from(start)).map_err(|error| self.reset_error(error))?;
+            let mut placement = Placement::from(self.recorded_state(start)?);
+            // `state` holds the angle modulo a full turn, `block_pose` all of it.
+            if let Some(pose) = start.get("block_pose") {
+                placement.block_angle = pose.cast("block_pose", Dtype::F64, &[3])?.numbers("block_pose")?[2];
+            }
+            self.sim.place_exactly(&placement).map_err(|error| self.reset_error(error))?;
             self.contact_points = self.sim.settle();
         } else {
             let start = Placement::from(self.start());
@@ -369,7 +373,7 @@ fn spec(id: &str, discrete: bool, image: Option<ImageSize>, space: &FovSpace) ->
         fields,
         factors: space.specs(),
         time_step_s: 0.1,
-        start_columns: &["state"],
+        start_columns: &["state", "block_pose"],
         goal_columns: &["state"],
     }
 }

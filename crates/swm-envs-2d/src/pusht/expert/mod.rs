@@ -29,7 +29,8 @@ mod tests;
 use std::sync::Arc;
 
 use swm_core::{
-    Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, RowView, SliceMut,
+    Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, RowView,
+    SliceMut,
 };
 use swm_fov::FovSpace;
 

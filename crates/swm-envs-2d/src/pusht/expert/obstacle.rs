@@ -4,7 +4,9 @@
 //! For a polygon agent that is the exact set of overlapping positions at its present angle; around a disc's rounded
 //! corners it is slightly too large. Positions are those of the agent's origin, in the world, pixels.
 
-use crate::pusht::physics::{BodyId, Rectangle, Rotation, Setup, Shape, Sim, Vec2, WALL_RADIUS, WALL_SEGMENTS, vec2};
+use crate::pusht::physics::{
+    BodyId, Rectangle, Rotation, Setup, Shape, Sim, Vec2, WALL_RADIUS, WALL_SEGMENTS, vec2,
+};
 
 /// What an agent or block occupies, in its own coordinates.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,7 +28,9 @@ impl Figure {
 
     fn parts(&self) -> Vec<Part> {
         match self {
-            Figure::Disc(radius) => vec![Part { center: Vec2::default(), half: Vec2::default(), round: *radius }],
+            Figure::Disc(radius) => {
+                vec![Part { center: Vec2::default(), half: Vec2::default(), round: *radius }]
+            }
             Figure::Polygon(rectangles) => rectangles.iter().map(Part::new).collect(),
         }
     }
@@ -42,6 +46,18 @@ impl Figure {
                 rotation.world_from_body(farthest.unwrap_or_default())
             }
         }
+    }
+
+    /// The point with which the figure touches something in front of it, from the origin, in the world: as far as it
+    /// reaches in `direction`, and across it from one end (0) to the other (1). A disc has one such point.
+    pub(super) fn contact(&self, rotation: Rotation, direction: Vec2, side: f64) -> Vec2 {
+        let foremost = self.farthest(rotation, direction);
+        if let Figure::Disc(_) = self {
+            return foremost;
+        }
+        let across = quarter_turn(direction);
+        let [low, high] = [-across, across].map(|way| self.farthest(rotation, way).dot(across));
+        direction * foremost.dot(direction) + across * (low + side * (high - low))
     }
 }
 

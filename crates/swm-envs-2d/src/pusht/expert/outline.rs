@@ -34,7 +34,9 @@ impl Outline {
         let (xs, ys) = (grid(0), grid(1));
         let covered = |column: usize, row: usize| {
             let middle = [(column, &xs), (row, &ys)].map(|(i, lines)| (lines[i] + lines[i + 1]) / 2.0);
-            rectangles.iter().any(|r| (0..2).all(|axis| r.min[axis] < middle[axis] && middle[axis] < r.max[axis]))
+            rectangles
+                .iter()
+                .any(|r| (0..2).all(|axis| r.min[axis] < middle[axis] && middle[axis] < r.max[axis]))
         };
         // One cell more on every side, which nothing covers, spares the special cases.
         let (columns, rows) = (xs.len() - 1, ys.len() - 1);
@@ -122,9 +124,9 @@ mod tests {
         for shape in Shape::ALL.into_iter().filter(|&shape| shape != Shape::Disc) {
             let outline = outline(shape, 20.0);
             let inside = |p: Vec2| {
-                shape.rectangles(20.0).any(|r| {
-                    r.min[0] < p.x && p.x < r.max[0] && r.min[1] < p.y && p.y < r.max[1]
-                })
+                shape
+                    .rectangles(20.0)
+                    .any(|r| r.min[0] < p.x && p.x < r.max[0] && r.min[1] < p.y && p.y < r.max[1])
             };
             for (edge, next) in outline.edges.iter().zip(outline.edges.iter().cycle().skip(1)) {
                 assert_eq!(edge.to, next.from, "{shape:?}");

@@ -15,6 +15,8 @@ pub(super) struct Primitive {
     pub(super) turn_rad: f64,
     /// Strength of the push, up to 1.
     pub(super) strength: f64,
+    /// Control steps of the push; `None`: up to the moment when the block is nearest to its goal.
+    pub(super) duration: Option<u32>,
 }
 
 /// Where a push begins.
@@ -26,41 +28,54 @@ pub(super) enum Start {
     At {
         /// Arc length.
         arc_px: f64,
+        /// Which side of a polygon agent touches there: 0 its one end across the normal, 1 the other.
+        side: f64,
     },
 }
 
-/// Weakest push.
-const WEAKEST: f64 = 0.15;
 /// Spread of the direction about the normal, radians.
 const TURN_SPREAD: f64 = 0.5;
 /// One in so many primitives begins where the agent is.
 const HERE_SHARE: f64 = 0.12;
 /// Spread of variations: arc position, direction, strength.
 const VARIATION: [f64; 3] = [10.0, 0.2, 0.15];
+const SIDE_VARIATION: f64 = 0.15;
 
 impl Primitive {
     /// Draws any primitive.
     pub(super) fn draw(scene: &Scene, stream: &mut Stream) -> Primitive {
-        let strength = WEAKEST + (1.0 - WEAKEST) * uniform(stream);
+        let weakest = scene.limits.weakest;
+        let strength = weakest + (1.0 - weakest) * uniform(stream);
         if uniform(stream) < HERE_SHARE {
             let turn_rad = PI * (2.0 * uniform(stream) - 1.0);
-            return Primitive { start: Start::Here, turn_rad, strength };
+            return Primitive { start: Start::Here, turn_rad, strength, duration: None };
         }
-        let start = Start::At { arc_px: scene.outline.length() * uniform(stream) };
-        Primitive { start, turn_rad: TURN_SPREAD * normal(stream), strength }
+        let start = Start::At { arc_px: scene.outline.length() * uniform(stream), side: uniform(stream) };
+        Primitive { start, turn_rad: TURN_SPREAD * normal(stream), strength, duration: None }
+    }
+
+    /// Draws a primitive that ends at some moment, good or bad: a detour.
+    pub(super) fn draw_detour(scene: &Scene, stream: &mut Stream) -> Primitive {
+        let longest = f64::from(scene.limits.push);
+        let duration = 1 + (longest * uniform(stream)) as u32;
+        Primitive { duration: Some(duration), ..Primitive::draw(scene, stream) }
     }
 
     /// Draws a primitive near this one; `width` scales how near.
-    pub(super) fn vary(&self, width: f64, stream: &mut Stream) -> Primitive {
+    pub(super) fn vary(&self, scene: &Scene, width: f64, stream: &mut Stream) -> Primitive {
         let [arc, turn, strength] = VARIATION.map(|spread| spread * width);
         let start = match self.start {
             Start::Here => Start::Here,
-            Start::At { arc_px } => Start::At { arc_px: arc_px + arc * normal(stream) },
+            Start::At { arc_px, side } => Start::At {
+                arc_px: arc_px + arc * normal(stream),
+                side: (side + SIDE_VARIATION * width * normal(stream)).clamp(0.0, 1.0),
+            },
         };
         Primitive {
             start,
             turn_rad: self.turn_rad + turn * normal(stream),
-            strength: (self.strength + strength * normal(stream)).clamp(WEAKEST, 1.0),
+            strength: (self.strength + strength * normal(stream)).clamp(scene.limits.weakest, 1.0),
+            duration: self.duration,
         }
     }
 }

@@ -34,6 +34,8 @@ pub(super) struct Outcome {
 
 /// A success is better than anything else, and a short one better than a long one.
 const SUCCESS_COST: f64 = -1000.0;
+/// What it costs to leave the block no better than it was: without it, standing still is cheap.
+const IDLE_COST: f64 = 20.0;
 
 impl<'a> Rollout<'a> {
     pub(super) fn new(scene: &'a Scene, sim: &Sim) -> Rollout<'a> {
@@ -49,6 +51,7 @@ impl<'a> Rollout<'a> {
     /// Carries a primitive out and, if the block is then nearly placed, tries to finish. After a failed finish the
     /// rollout stands at the primitive's end.
     pub(super) fn perform(&mut self, primitive: &Primitive, routes: &Routes) -> Outcome {
+        let before = self.scene.block_cost(&self.sim);
         self.apply(primitive, routes);
         if !self.success && self.scene.is_nearly_placed(&self.sim) {
             let end = self.clone();
@@ -57,26 +60,33 @@ impl<'a> Rollout<'a> {
                 *self = end;
             }
         }
-        self.outcome()
+        self.outcome(before)
     }
 
-    fn outcome(&self) -> Outcome {
-        let base = if self.success { SUCCESS_COST } else { self.scene.block_cost(&self.sim) };
+    fn outcome(&self, before: f64) -> Outcome {
+        let after = self.scene.block_cost(&self.sim);
+        let base = match self.success {
+            true => SUCCESS_COST,
+            false if after < before => after,
+            false => after + IDLE_COST,
+        };
         Outcome { cost: base + self.scene.step_weight * f64::from(self.steps), success: self.success }
     }
 
     fn apply(&mut self, primitive: &Primitive, routes: &Routes) {
         let direction = match primitive.start {
             Start::Here => vec2(1.0, 0.0),
-            Start::At { arc_px } => {
-                let Some((place, normal)) = self.scene.standoff(&self.sim, routes, arc_px) else { return };
+            Start::At { arc_px, side } => {
+                let Some((place, normal)) = self.scene.standoff(&self.sim, routes, arc_px, side) else {
+                    return;
+                };
                 self.walk(routes, place, self.scene.limits.approach);
                 -normal
             }
         };
         if !self.success {
             let direction = Rotation::new(primitive.turn_rad).world_from_body(direction);
-            self.push(Steering::push(direction, primitive.strength));
+            self.push(Steering::push(direction, primitive.strength), primitive.duration);
         }
     }
 
@@ -116,8 +126,16 @@ impl<'a> Rollout<'a> {
         }
     }
 
-    /// Repeats a command, and returns to the best moment.
-    fn push(&mut self, command: Command) {
+    /// Repeats a command for a while, or for long, and then returns to the best moment.
+    fn push(&mut self, command: Command, duration: Option<u32>) {
+        if let Some(duration) = duration {
+            for _ in 0..duration {
+                if !self.success {
+                    self.step(command);
+                }
+            }
+            return;
+        }
         let mut best = (self.scene.block_cost(&self.sim), self.steps, self.sim.clone());
         let step_weight = self.scene.step_weight;
         let first = self.steps;

@@ -38,14 +38,21 @@ pub(super) struct Limits {
     pub(super) finish: u32,
     /// Distance from the block at which a push begins, pixels.
     pub(super) standoff_px: f64,
+    /// Weakest push, up to 1.
+    pub(super) weakest: f64,
 }
 
 /// The finish is tried when the block is this near its goal.
 const FINISH_PX: f64 = 20.0;
 const FINISH_RAD: f64 = 0.349;
 
+/// Steps in which a free standoff is looked for, pixels.
+const OUTWARD_PX: f64 = 10.0;
+
 /// The scale at which [`ExpertSettings::angle_weight`] is meant.
 const USUAL_SCALE: f64 = 30.0;
+/// The first step of the agent for which [`ExpertSettings::step_weight`] is meant: a disc's.
+const USUAL_STEP_PX: f64 = 26.0;
 
 impl Scene {
     pub(super) fn new(
@@ -60,9 +67,10 @@ impl Scene {
         let limits = Limits {
             approach: if slow { 60 } else { 25 },
             push: if slow { 45 } else { 12 },
-            patience: if slow { 8 } else { 5 },
+            patience: if slow { 14 } else { 5 },
             finish: if slow { 60 } else { 30 },
             standoff_px: if slow { 4.0 } else { 18.0 },
+            weakest: if slow { 0.7 } else { 0.15 },
         };
         Ok(Scene {
             steering,
@@ -73,7 +81,7 @@ impl Scene {
             limits,
             block_shape: setup.block.shape,
             angle_weight: settings.angle_weight * f64::from(setup.block.scale) / USUAL_SCALE,
-            step_weight: settings.step_weight,
+            step_weight: settings.step_weight * steering.step_px() / USUAL_STEP_PX,
         })
     }
 
@@ -111,18 +119,30 @@ impl Scene {
         Routes::new(obstacle, room, sim.position(BodyId::Agent).into())
     }
 
-    /// A place of the agent's origin from which it can begin to push at an arc position of the outline, and the
-    /// outward normal there; `None` if there is no room.
-    pub(super) fn standoff(&self, sim: &Sim, routes: &Routes, arc_px: f64) -> Option<(Vec2, Vec2)> {
+    /// A place of the agent's origin from which it can begin to push at an arc position of the outline with one of
+    /// its sides, and the outward normal there; `None` if there is no room.
+    pub(super) fn standoff(
+        &self,
+        sim: &Sim,
+        routes: &Routes,
+        arc_px: f64,
+        side: f64,
+    ) -> Option<(Vec2, Vec2)> {
         let [agent, block] = [BodyId::Agent, BodyId::Block].map(|body| Rotation::new(sim.angle(body)));
         let (point, normal) = self.outline.at(arc_px);
         let point = Vec2::from(sim.position(BodyId::Block)) + block.world_from_body(point);
         let normal = block.world_from_body(normal);
-        let touching = point - self.agent.farthest(agent, -normal);
-        let mut place = routes.obstacle().outside(touching + normal * self.limits.standoff_px);
+        let touching = point - self.agent.contact(agent, -normal, side);
+        let clearance = |place| routes.obstacle().clearance(place);
+        // Where another part of the block is in the way, further out.
+        let mut places =
+            (0..8).map(|k| touching + normal * (self.limits.standoff_px + OUTWARD_PX * f64::from(k)));
+        let place = places.find(|&place| clearance(place) >= 0.0);
+        let mut place =
+            place.unwrap_or_else(|| routes.obstacle().outside(touching + normal * self.limits.standoff_px));
         if let Some(room) = routes.room() {
             place = room.clamp(place);
         }
-        (routes.obstacle().clearance(place) >= 0.0).then_some((place, normal))
+        (clearance(place) >= 0.0).then_some((place, normal))
     }
 }

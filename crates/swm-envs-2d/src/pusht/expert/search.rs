@@ -24,7 +24,12 @@ struct Candidate {
 }
 
 /// Plans from `sim` on. The commands reach to the end of the chosen primitive, or to success.
-pub(super) fn decide(scene: &Scene, settings: &ExpertSettings, sim: &Sim, stream: &mut Stream) -> Vec<Command> {
+pub(super) fn decide(
+    scene: &Scene,
+    settings: &ExpertSettings,
+    sim: &Sim,
+    stream: &mut Stream,
+) -> Vec<Command> {
     let mut finish = Rollout::new(scene, sim).recorded();
     if scene.is_nearly_placed(sim) {
         finish.finish();
@@ -45,12 +50,15 @@ pub(super) fn decide(scene: &Scene, settings: &ExpertSettings, sim: &Sim, stream
     for round in 1..=settings.refinements {
         for index in 0..settings.samples / 2 {
             let parent = candidates[index % VARIED.min(candidates.len().min(KEPT))];
-            candidates.push(try_out(parent.primitive.vary(1.0 / round as f64, stream)));
+            candidates.push(try_out(parent.primitive.vary(scene, 1.0 / round as f64, stream)));
         }
         keep_best(&mut candidates);
     }
     if !candidates[0].outcome.success && settings.beams > 0 {
         candidates.truncate(settings.beams);
+        for _ in 0..settings.detours {
+            candidates.push(try_out(Primitive::draw_detour(scene, stream)));
+        }
         for candidate in &mut candidates {
             candidate.outcome.cost = two_level_cost(scene, settings, sim, &candidate.primitive, stream);
         }

@@ -10,6 +10,7 @@ pub(super) struct ExpertSettings {
     pub(super) samples: usize,
     pub(super) refinements: usize,
     pub(super) beams: usize,
+    pub(super) detours: usize,
     pub(super) beam_samples: usize,
     pub(super) angle_weight: f64,
     pub(super) step_weight: f64,
@@ -24,6 +25,7 @@ impl Default for ExpertSettings {
             samples: 100,
             refinements: 2,
             beams: 4,
+            detours: 8,
             beam_samples: 25,
             angle_weight: 50.0,
             step_weight: 0.8,
@@ -60,6 +62,7 @@ impl ExpertSettings {
             ("samples", self.samples, 1),
             ("refinements", self.refinements, 0),
             ("beams", self.beams, 0),
+            ("detours", self.detours, 0),
             ("beam_samples", self.beam_samples, 0),
             ("replan", self.replan, 1),
         ];
@@ -85,7 +88,9 @@ impl ExpertSettings {
     /// The policy's name with the settings that are not `expert`'s defaults.
     pub(super) fn describe(&self, name: &str) -> String {
         let [own, default] = [self, &Self::default()].map(serde_json::to_value);
-        let (Ok(serde_json::Value::Object(own)), Ok(default)) = (own, default) else { return name.to_owned() };
+        let (Ok(serde_json::Value::Object(own)), Ok(default)) = (own, default) else {
+            return name.to_owned();
+        };
         let changed = own.iter().filter(|(key, value)| default[key.as_str()] != **value);
         let settings: Vec<String> = changed.map(|(key, value)| format!("{key}={value}")).collect();
         if settings.is_empty() { name.to_owned() } else { format!("{name}:{}", settings.join(",")) }
@@ -102,6 +107,7 @@ macro_rules! settings {
                 default: "2",
             },
             Setting { name: "beams", doc: "how many of the best are followed up", default: "4" },
+            Setting { name: "detours", doc: "how many others are followed up, good or bad", default: "8" },
             Setting { name: "beam_samples", doc: "second primitives tried for each of them", default: "25" },
             Setting {
                 name: "angle_weight",

@@ -104,7 +104,12 @@ impl Steering {
     }
 
     /// Writes a command as the action of an environment that stands as `sim` does.
-    pub(super) fn write(&self, sim: &Sim, command: Command, action: &mut SliceMut<'_>) -> Result<(), PolicyError> {
+    pub(super) fn write(
+        &self,
+        sim: &Sim,
+        command: Command,
+        action: &mut SliceMut<'_>,
+    ) -> Result<(), PolicyError> {
         match (self.kind, action) {
             (ActionKind::Discrete, SliceMut::I64(bins)) => {
                 bins.copy_from_slice(&discrete::from_continuous(command));
