@@ -73,7 +73,7 @@ impl Actions {
 /// A world of PushT without a time limit.
 pub fn world(picture: Picture, actions: Actions, num_envs: usize, threads: usize) -> Result<World> {
     let (env, threads) = (picture.config(), Some(threads));
-    let context = PolicyContext { env: &PUSHT, config: &env };
+    let context = PolicyContext { env: &PUSHT, config: &env, frame_skip: 1 };
     let policy = Registry::new().with_envs(ENVS).policy(&context, &PolicyArgs::parse(actions.name())?)?;
     let options = WorldOptions { num_envs, env, threads, max_episode_steps: None, ..WorldOptions::default() };
     let mut world = World::new(&PUSHT, options)?;

@@ -1,3 +1,8 @@
 //! What the workspace's end-to-end tests share.
 
 pub mod golden;
+
+/// The examples of the README are tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+pub struct Readme;

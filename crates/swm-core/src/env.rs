@@ -69,9 +69,10 @@ pub struct EnvSpec {
     pub factors: Vec<FactorSpec>,
     /// Simulated seconds per control step.
     pub time_step_s: f64,
-    /// Step columns from which [`ResetOptions::start`] can restore a moment.
+    /// Step columns from which [`ResetOptions::start`] restores a moment. A dataset may lack some; the reset then
+    /// says what it cannot do without.
     pub start_columns: &'static [&'static str],
-    /// Step columns from which [`ResetOptions::goal`] can set a goal.
+    /// Step columns from which [`ResetOptions::goal`] sets a goal, likewise.
     pub goal_columns: &'static [&'static str],
 }
 

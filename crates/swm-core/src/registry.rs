@@ -56,6 +56,8 @@ pub struct PolicyContext<'a> {
     pub env: &'a EnvEntry,
     /// How its environments are made.
     pub config: &'a EnvConfig,
+    /// How often the world applies each action.
+    pub frame_skip: u32,
 }
 
 /// Arguments of a policy: `name:key=value,key=value` or `name:value`.

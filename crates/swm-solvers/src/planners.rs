@@ -52,6 +52,7 @@ fn assemble<S: SolverConfig>(
     context: &PolicyContext<'_>,
     mut given: Map<String, Json>,
 ) -> Result<MpcPolicy, PlanError> {
+    given.entry("frame_skip").or_insert(context.frame_skip.into());
     let solver = take::<S>(&mut given)?;
     let config = take::<PlanConfig>(&mut given)?;
     let options = take::<SimulatorOptions>(&mut given)?;
@@ -71,7 +72,7 @@ mod tests {
     fn describe(text: &str) -> Result<String, PolicyError> {
         let args = PolicyArgs::parse(text)?;
         let entry = PLANNERS.iter().find(|entry| entry.name == args.name).expect("a planner of the table");
-        let context = PolicyContext { env: &TOY, config: &EnvConfig::default() };
+        let context = PolicyContext { env: &TOY, config: &EnvConfig::default(), frame_skip: 1 };
         Ok((entry.make)(&context, &args)?.describe())
     }
 

@@ -61,7 +61,11 @@ impl Settings for SimulatorOptions {
             doc: "success at step t of a roll-out costs t minus this; 0: no bonus",
             default: "1000",
         },
-        Setting { name: "frame_skip", doc: "environment steps per action, as in the world", default: "1" },
+        Setting {
+            name: "frame_skip",
+            doc: "environment steps per action; the world's unless given",
+            default: "1",
+        },
     ];
 
     fn validate(&self) -> Result<(), PlanError> {

@@ -64,7 +64,7 @@ fn later_plans_allocate_nothing() {
 
     for planner in PLANNERS {
         let config = EnvConfig::default();
-        let context = PolicyContext { env: &TOY, config: &config };
+        let context = PolicyContext { env: &TOY, config: &config, frame_skip: 1 };
         let text = format!("{}:horizon=2,receding_horizon=1,action_block=1,history_len=2", planner.name);
         let policy = Registry::new().with_policies(PLANNERS);
         let policy = policy.policy(&context, &PolicyArgs::parse(&text).unwrap()).unwrap();

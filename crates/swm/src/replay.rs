@@ -9,7 +9,7 @@ use serde::Serialize;
 use swm_core::batch::FieldKind;
 use swm_core::dataset::{self, EpisodeSource};
 use swm_core::error::BoxError;
-use swm_core::{Batch, Dtype, Env, EnvConfig, EnvEntry, Episode, EpisodeSeed, Field, Schema, Slice};
+use swm_core::{Batch, Dtype, Env, EnvConfig, EnvEntry, Episode, EpisodeSeed, Field, Schema, Slice, Value};
 
 /// The result of a replay.
 #[derive(Clone, Debug, Serialize)]
@@ -35,11 +35,13 @@ pub struct Deviation {
     pub final_abs: f64,
 }
 
-/// Replays `episodes` of `source` on `entry`; `watch` is called after each.
+/// Replays `episodes` of `source` on `entry`, with the factors of `overrides` in place of recorded ones; `watch` is
+/// called after each.
 pub fn replay(
     entry: &EnvEntry,
     source: &mut dyn EpisodeSource,
     episodes: &[usize],
+    overrides: &BTreeMap<String, Value>,
     tolerance: f64,
     mut watch: impl FnMut(usize),
 ) -> Result<ReplayReport, BoxError> {
@@ -53,7 +55,8 @@ pub fn replay(
     let mut report =
         ReplayReport { ok: true, tolerance, episodes: episodes.len(), rows: 0, columns: BTreeMap::new() };
     for &episode in episodes {
-        let options = dataset::whole_episode(env.spec(), source, episode)?;
+        let mut options = dataset::whole_episode(env.spec(), source, episode)?;
+        options.variation_values.extend(overrides.clone());
         let rows = source.episode_len(episode);
         source.read(episode, 0..rows, &mut recorded)?;
         let seed = options.seed.unwrap_or(EpisodeSeed::new(0));

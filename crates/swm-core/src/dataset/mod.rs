@@ -15,7 +15,7 @@ use crate::error::{BoxError, WorldError};
 use crate::recorder::{EpisodeEnd, LiveRow, Recorder, RunInfo};
 use crate::world::{Rollout, Scenario, World};
 
-pub use restore::{read_row, recorded_moment, whole_episode};
+pub use restore::{read_known, read_row, recorded_moment, whole_episode};
 
 /// Takes whole episodes, in the order of their index.
 pub trait EpisodeSink: Send {

@@ -19,7 +19,7 @@ pub fn recorded_moment(
     Ok(ResetOptions {
         variation: Some(Vec::new()),
         variation_values: recorded_factors(spec, source, episode)?,
-        start: Some(read_row(source, episode, row, spec.start_columns)?),
+        start: Some(read_known(source, episode, row, spec.start_columns)?),
         ..ResetOptions::default()
     })
 }
@@ -77,6 +77,18 @@ fn recorded_factors(
         }
     }
     Ok(values)
+}
+
+/// As [`read_row`], without the columns that the dataset lacks.
+pub fn read_known(
+    source: &mut dyn EpisodeSource,
+    episode: usize,
+    row: usize,
+    columns: &[&str],
+) -> Result<BTreeMap<String, Value>, BoxError> {
+    let known: Vec<&str> =
+        columns.iter().copied().filter(|column| source.schema().index(column).is_some()).collect();
+    read_row(source, episode, row, &known)
 }
 
 /// Some columns of one recorded row, by name.

@@ -8,7 +8,7 @@ use rand::seq::index;
 
 use super::{DatasetProtocol, Evaluation};
 use crate::batch::Value;
-use crate::dataset::{EpisodeSource, read_row, recorded_moment, selects};
+use crate::dataset::{EpisodeSource, read_known, recorded_moment, selects};
 use crate::env::{EnvSpec, ResetOptions};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::Recorder;
@@ -133,7 +133,7 @@ fn reset_options(
     options: &EvalOptions,
 ) -> Result<ResetOptions, BoxError> {
     let mut reset = recorded_moment(spec, source, episode, row)?;
-    reset.goal = Some(read_row(source, episode, row + options.goal_offset, spec.goal_columns)?);
+    reset.goal = Some(read_known(source, episode, row + options.goal_offset, spec.goal_columns)?);
     reset.seed = Some(EpisodeSeed::of(options.seed, (episode as u64) << 32 | row as u64));
     reset.variation_values.retain(|name, _| !options.variation.iter().any(|asked| selects(asked, name)));
     reset.variation_values.extend(options.variation_values.clone());

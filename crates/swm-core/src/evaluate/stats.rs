@@ -15,7 +15,10 @@ pub fn wilson95(successes: usize, trials: usize) -> [f64; 2] {
     let centre = p + Z * Z / (2.0 * n);
     let spread = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
     let scale = 100.0 / (1.0 + Z * Z / n);
-    [(scale * (centre - spread)).max(0.0), (scale * (centre + spread)).min(100.0)]
+    // At the ends the bound is exact, and rounding must not move it.
+    let low = if successes == 0 { 0.0 } else { scale * (centre - spread) };
+    let high = if successes == trials { 100.0 } else { scale * (centre + spread) };
+    [low, high]
 }
 
 #[cfg(test)]
@@ -29,6 +32,7 @@ mod tests {
         assert!((low - 78.64).abs() < 0.01 && (high - 95.65).abs() < 0.01, "{low} {high}");
         let [low, high] = wilson95(0, 10);
         assert!(low == 0.0 && (high - 27.75).abs() < 0.01, "{high}");
+        assert_eq!(wilson95(25, 25)[1], 100.0);
         assert_eq!(wilson95(0, 0), [0.0, 100.0]);
     }
 }

@@ -13,7 +13,7 @@ use swm_solvers::{
 use crate::worlds::{DISCRETE, FRAGILE, NO_TASK_COST, Setting, run, toward};
 
 fn planner(entry: &EnvEntry, text: &str) -> Result<Box<dyn Policy>, PolicyError> {
-    let context = PolicyContext { env: entry, config: &EnvConfig::default() };
+    let context = PolicyContext { env: entry, config: &EnvConfig::default(), frame_skip: 1 };
     Registry::new().with_policies(PLANNERS).policy(&context, &PolicyArgs::parse(text)?)
 }
 

@@ -62,19 +62,24 @@ impl ScenarioArgs {
     }
 
     pub(super) fn values(&self) -> Result<BTreeMap<String, Value>, Failure> {
-        let mut values = BTreeMap::new();
-        for option in &self.set {
-            let (name, text) = assignment(option, "--set")?;
-            let numbers = text
-                .trim_matches(['[', ']'])
-                .split(',')
-                .map(|part| part.trim().parse::<f64>())
-                .collect::<Result<Vec<_>, _>>()
-                .map_err(|_| usage(format!("--set {option}: `{text}` is no number or list of numbers")))?;
-            values.insert(name.to_owned(), Value::vector(&numbers));
-        }
-        Ok(values)
+        factor_values(&self.set)
     }
+}
+
+/// Reads `--set NAME=VALUE` options.
+pub(super) fn factor_values(options: &[String]) -> Result<BTreeMap<String, Value>, Failure> {
+    let mut values = BTreeMap::new();
+    for option in options {
+        let (name, text) = assignment(option, "--set")?;
+        let numbers = text
+            .trim_matches(['[', ']'])
+            .split(',')
+            .map(|part| part.trim().parse::<f64>())
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|_| usage(format!("--set {option}: `{text}` is no number or list of numbers")))?;
+        values.insert(name.to_owned(), Value::vector(&numbers));
+    }
+    Ok(values)
 }
 
 /// How many environments run at once.

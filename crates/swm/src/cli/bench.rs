@@ -85,7 +85,7 @@ impl Bench {
         if let Some((_, style)) = picture.filter(|_| has_styles) {
             config.settings.insert("render".to_owned(), style.into());
         }
-        let policy = policies::make(registry, entry, &config, &self.policy)?;
+        let policy = policies::make(registry, entry, &config, 1, &self.policy)?;
         let threads_option = Some(threads);
         let options =
             WorldOptions { num_envs, env: config, threads: threads_option, ..WorldOptions::default() };

@@ -65,7 +65,7 @@ impl Collect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let entry = self.env.entry(registry)?;
         let config = self.env.config(self.image_size.0)?;
-        let policy = policies::make(registry, entry, &config, &self.policy)?;
+        let policy = policies::make(registry, entry, &config, self.world.frame_skip, &self.policy)?;
         let mut world = World::new(entry, self.world.options(config, self.max_steps))?;
         world.set_policy(policy);
         let options = self.scenario.options()?;

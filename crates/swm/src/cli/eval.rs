@@ -74,7 +74,7 @@ impl Eval {
         let entry = self.env.entry(registry)?;
         let filmed = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
         let config = self.env.config(self.image_size.map_or(filmed, |size| size.0))?;
-        let policy = policies::make(registry, entry, &config, &self.policy)?;
+        let policy = policies::make(registry, entry, &config, self.world.frame_skip, &self.policy)?;
         let budget =
             self.budget.unwrap_or(if self.dataset.is_some() { BUDGET_DATASET } else { BUDGET_ONLINE });
         if let Some(dir) = &self.out {

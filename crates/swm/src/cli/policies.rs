@@ -10,8 +10,9 @@ pub(super) fn make(
     registry: &Registry,
     env: &EnvEntry,
     config: &EnvConfig,
+    frame_skip: u32,
     text: &str,
 ) -> Result<Box<dyn Policy>, Failure> {
     let config = EnvConfig { image: None, ..config.clone() };
-    Ok(registry.policy(&PolicyContext { env, config: &config }, &policy_args(text)?)?)
+    Ok(registry.policy(&PolicyContext { env, config: &config, frame_skip }, &policy_args(text)?)?)
 }

@@ -48,7 +48,7 @@ impl Render {
         let entry = self.env.entry(registry)?;
         let config = self.env.config(Some(size))?;
         let world = WorldArgs { num_envs: 1, threads: None, frame_skip: 1 };
-        let policy = policies::make(registry, entry, &config, &self.policy)?;
+        let policy = policies::make(registry, entry, &config, 1, &self.policy)?;
         let mut world = World::new(entry, world.options(config, self.steps.max(1)))?;
         world.set_policy(policy);
         let options = self.scenario.options()?;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use swm_core::{EpisodeSource, Registry};
 
+use super::args::factor_values;
 use super::output::table;
 use super::{Failure, Output, usage};
 use crate::replay::{ReplayReport, replay};
@@ -27,6 +28,10 @@ pub(super) struct Replay {
     /// Episodes to replay: `5`, `0..10` or `0,3,7`. Default: all.
     #[arg(long)]
     episodes: Option<String>,
+    /// A factor to set in place of the recorded one, `NAME=VALUE`; may be repeated. For files whose simulator read
+    /// it otherwise.
+    #[arg(long = "set", value_name = "NAME=VALUE")]
+    set: Vec<String>,
     /// Largest accepted deviation of any number.
     #[arg(long, default_value_t = 1e-6)]
     tolerance: f64,
@@ -45,7 +50,9 @@ impl Replay {
         let episodes = selection(self.episodes.as_deref(), dataset.num_episodes())?;
         let bar = output.bar(episodes.len() as u64, "episodes");
         let source: &mut dyn EpisodeSource = dataset.as_mut();
-        let report = replay(registry.env(&env)?, source, &episodes, self.tolerance, |_| bar.inc(1))?;
+        let overrides = factor_values(&self.set)?;
+        let entry = registry.env(&env)?;
+        let report = replay(entry, source, &episodes, &overrides, self.tolerance, |_| bar.inc(1))?;
         bar.finish_and_clear();
         output.result(&report, || text(&report))?;
         if report.ok {
