@@ -140,3 +140,28 @@ fn flipped_bytes_never_panic() {
     }
     assert!(failures > 0, "no flip was noticed");
 }
+
+#[test]
+fn impossible_sizes_are_refused_or_cost_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    let make = |episodes: usize, lengths: &[i32]| {
+        let file = hdf5_metno::File::create(&path).unwrap();
+        file.new_dataset::<f64>().shape((1usize << 50, 3)).chunk((1024, 3)).create("state").unwrap();
+        if lengths.is_empty() {
+            file.new_dataset::<i32>().shape((episodes,)).chunk((1024,)).create("ep_len").unwrap();
+        } else {
+            file.new_dataset_builder().with_data(lengths).create("ep_len").unwrap();
+        }
+        file.new_dataset_builder().with_data(&[0i64]).create("ep_offset").unwrap();
+    };
+    make(1 << 50, &[]);
+    assert!(message(&path).contains("`ep_len` has the impossible shape"), "{}", message(&path));
+    // Rows that were never written are zero, however many there are said to be.
+    make(1, &[i32::MAX]);
+    let mut dataset = open(&path).unwrap();
+    let steps = swm_data::Steps { first: i32::MAX as usize - 2, count: 2, stride: 1 };
+    let mut out = [1.0; 6];
+    dataset.read_column(0, 0, steps, swm_core::SliceMut::F64(&mut out)).unwrap();
+    assert_eq!(out, [0.0; 6]);
+}

@@ -8,7 +8,8 @@ use std::ops::Range;
 
 use super::lz4;
 
-const HEADER: usize = 16;
+/// Bytes before the first block.
+pub(super) const HEADER: usize = 16;
 const SHUFFLED: u8 = 0x01;
 const STORED: u8 = 0x02;
 const BIT_SHUFFLED: u8 = 0x04;

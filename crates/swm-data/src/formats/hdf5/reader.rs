@@ -71,23 +71,29 @@ impl Hdf5Dataset {
         }
         datasets.sort_by(|(a, _), (b, _)| a.cmp(b));
         let mut chunks_end = 0;
-        for (name, dataset) in &datasets {
+        // Only a repair asks for it, and it takes a pass over all chunks.
+        for (name, dataset) in datasets.iter().filter(|_| unclean) {
             let end =
                 ColumnStorage::chunks_end(dataset).map_err(|e| failed(&format!("chunks of `{name}`"), e))?;
             chunks_end = chunks_end.max(end);
         }
 
-        let mut take = |name: &str| {
-            let at = datasets.iter().position(|(there, _)| there == name);
-            at.map(|at| datasets.remove(at).1).ok_or_else(|| {
-                DataError::not_a_dataset(path, format!("it has no `{name}`, which says where episodes lie"))
-            })
-        };
-        let index = |dataset: h5::Dataset, name| {
+        let file = File::open(path).map_err(|source| DataError::io(path, "open", source))?;
+        let length = file.metadata().map_err(|source| DataError::io(path, "open", source))?.len();
+        let mut index = |name: &str| {
+            let Some(at) = datasets.iter().position(|(there, _)| there == name) else {
+                let reason = format!("it has no `{name}`, which says where episodes lie");
+                return Err(DataError::not_a_dataset(path, reason));
+            };
+            let (_, dataset) = datasets.remove(at);
+            if dataset.ndim() != 1 || dataset.size() as u64 > length {
+                let reason = format!("`{name}` has the impossible shape {:?}", dataset.shape());
+                return Err(DataError::damaged(path, reason));
+            }
             dataset.read_raw::<i64>().map_err(|error| failed(&format!("`{name}`"), error))
         };
-        let lengths = index(take(EP_LEN)?, EP_LEN)?;
-        let offsets = index(take(EP_OFFSET)?, EP_OFFSET)?;
+        let lengths = index(EP_LEN)?;
+        let offsets = index(EP_OFFSET)?;
 
         let (described, skipped) = describe(path, datasets, attributes.columns.as_deref())?;
         let available =
@@ -95,11 +101,9 @@ impl Hdf5Dataset {
         let episodes = spans(path, &lengths, &offsets, available, unclean)?;
         let rows = episodes.iter().map(|span| span.first + span.len).max().unwrap_or(0);
 
-        let file = File::open(path).map_err(|source| DataError::io(path, "open", source))?;
-        let length = file.metadata().map_err(|source| DataError::io(path, "open", source))?.len();
         let (mut fields, mut columns) = (Vec::new(), Vec::new());
         for Described { field, element, dataset, .. } in described {
-            let storage = ColumnStorage::of(dataset, &field, element, rows)
+            let storage = ColumnStorage::of(dataset, &field, element, rows, length)
                 .map_err(|error| failed(&format!("column `{}`", field.name), error))?;
             if let Some(row) = storage.first_row_behind(length).filter(|&row| row < rows) {
                 let reason =
@@ -125,7 +129,7 @@ impl Hdf5Dataset {
         self.shared.episodes.last().map_or(0, |span| span.first + span.len)
     }
 
-    /// The address behind the last chunk.
+    /// The address behind the last chunk; 0 for a file that was closed properly.
     pub(super) fn chunks_end(&self) -> u64 {
         self.shared.chunks_end
     }

@@ -48,14 +48,15 @@ pub(super) struct Scratch {
 const FETCH_BYTES: u64 = 1 << 20;
 
 impl ColumnStorage {
-    /// Finds out how the first `rows` rows of `dataset` are stored.
+    /// Finds out how the first `rows` rows of `dataset` are stored, in a file of this length.
     pub(super) fn of(
         dataset: Dataset,
         field: &Field,
         element: Element,
         rows: usize,
+        file_length: u64,
     ) -> hdf5_metno::Result<Self> {
-        let place = match direct(&dataset, field, element, rows)? {
+        let place = match direct(&dataset, field, element, rows, file_length)? {
             Some(place) => place,
             None => Place::Library(dataset),
         };
@@ -209,6 +210,7 @@ fn direct(
     field: &Field,
     element: Element,
     rows: usize,
+    file_length: u64,
 ) -> hdf5_metno::Result<Option<Place>> {
     let (Some(size), ByteOrder::LittleEndian | ByteOrder::None) =
         (element.size(), dataset.dtype()?.byte_order())
@@ -234,8 +236,10 @@ fn direct(
     };
     let Some(chunk_bytes) = rows_per_chunk.checked_mul(row_bytes) else { return Ok(None) };
     let expected = rows.div_ceil(rows_per_chunk);
-    if dataset.num_chunks().is_none_or(|number| number < expected) {
-        return Ok(None); // Missing chunks stand for the fill value: the library's business.
+    // More chunks than fit the file are not worth a table: missing ones stand for the fill value.
+    let smallest = if compressed { blosc::HEADER } else { chunk_bytes } as u64;
+    if (expected as u64).checked_mul(smallest).is_none_or(|bytes| bytes > file_length) {
+        return Ok(None);
     }
     let mut chunks = vec![Chunk::default(); expected];
     let mut plain = true;
