@@ -13,7 +13,7 @@ fn control_step(c: &mut Criterion) {
     group.throughput(Throughput::Elements(EPISODE_STEPS as u64));
 
     let mut free = Sim::new(&Setup::default()).expect("the defaults are valid");
-    let apart = Placement::from([100.0, 100.0, 400.0, 400.0, 0.0]);
+    let apart = Placement::from([100.0, 100.0, 350.0, 300.0, 0.0]);
     free.place_exactly(&apart).expect("the numbers are finite");
     let circle: Vec<[f32; 2]> = (0..EPISODE_STEPS)
         .map(|step| (step as f32 * 0.3).sin_cos().into())

@@ -4,7 +4,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use swm_benches::{Actions, BareEnv, EPISODE_STEPS, Picture, world};
-use swm_core::ResetOptions;
+use swm_core::{ResetOptions, Rollout, Scenario};
 
 /// `Env::step` and `Env::observe` through whole episodes, without pictures.
 fn bare_step(c: &mut Criterion) {
@@ -56,6 +56,27 @@ fn world_step(c: &mut Criterion) {
     group.finish();
 }
 
+/// Whole runs of 16 episodes of 100 steps, resets included: the loop that collecting and evaluating share. It moves to
+/// the world's threads once, where `World::step` does so at each step.
+fn world_run(c: &mut Criterion) {
+    const EPISODES: u64 = 16;
+    let mut group = c.benchmark_group("world_run");
+    group.sample_size(20).throughput(Throughput::Elements(EPISODES * EPISODE_STEPS as u64));
+    for picture in Picture::ALL {
+        for (num_envs, threads) in [(1, 1), (8, 1), (8, 2)] {
+            let mut world = world(picture, Actions::Weak, num_envs, threads).expect("the options are valid");
+            world.set_max_episode_steps(Some(EPISODE_STEPS as u64));
+            let reset = ResetOptions::default();
+            let rollout = Rollout { episodes: 0..EPISODES, seed: 0, scenario: Scenario::Same(&reset) };
+            let name = format!("{}/weak/envs={num_envs}/threads={threads}", picture.name());
+            group.bench_function(name, |b| {
+                b.iter(|| world.run(&rollout, &mut ()).expect("nothing can fail"));
+            });
+        }
+    }
+    group.finish();
+}
+
 /// A reset of one environment: factors, start, goal, and the first pictures of both.
 fn reset(c: &mut Criterion) {
     let mut group = c.benchmark_group("reset");
@@ -76,5 +97,5 @@ fn reset(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, bare_step, world_step, reset);
+criterion_group!(benches, bare_step, world_step, world_run, reset);
 criterion_main!(benches);
