@@ -319,7 +319,7 @@ impl Env for PushT {
     }
 
     fn task_cost(&self) -> Option<f64> {
-        Some(goal::task_cost(self.sim.shape(BodyId::Block), &self.goal, &observed_state(&self.sim)))
+        Some(goal::task_cost(&self.sim, &self.goal))
     }
 }
 

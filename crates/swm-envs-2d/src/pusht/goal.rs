@@ -47,11 +47,22 @@ pub fn reward(goal: &PushTState, state: &PushTState) -> f64 {
     -distance(goal, state)
 }
 
-/// How far the block is from its goal, in pixels, where a radian counts 50 px, plus a little for the agent.
-pub fn task_cost(shape: Shape, goal: &PushTState, state: &PushTState) -> f64 {
-    let agent = distance(&goal[..2], &state[..2]);
-    let block = distance(&goal[2..4], &state[2..4]);
-    block + 50.0 * angle_error(shape, goal[4], state[4]) + 0.1 * agent
+/// How far the task is from done, in pixels: the block's distance from its goal, where a radian counts 50 px, and, at
+/// a lower weight, how far the agent is from where it is useful next: at the block while that is out of place, at its
+/// own goal once it is not. The second part leads planners to contact, without which nothing they try has an effect.
+pub fn task_cost(sim: &Sim, goal: &PushTState) -> f64 {
+    /// Pixels that a radian counts.
+    const ANGLE_WEIGHT: f64 = 50.0;
+    const AGENT_WEIGHT: f64 = 0.3;
+    /// Above this block error, in pixels, the agent belongs at the block.
+    const OUT_OF_PLACE: f64 = 40.0;
+    let state = observed_state(sim);
+    let angle = angle_error(sim.shape(BodyId::Block), goal[4], state[4]);
+    let block = distance(&goal[2..4], &state[2..4]) + ANGLE_WEIGHT * angle;
+    let to_block = distance(&sim.center_of_gravity(BodyId::Block), &state[..2]);
+    let to_goal = distance(&goal[..2], &state[..2]);
+    let pushing = (block / OUT_OF_PLACE).min(1.0);
+    block + AGENT_WEIGHT * (pushing * to_block + (1.0 - pushing) * to_goal)
 }
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {
