@@ -13,7 +13,8 @@ use hdf5_metno::{Extent, SimpleExtents};
 use swm_core::{Dtype, Field, Metadata};
 
 use super::attributes::{self, Attributes, RunChange};
-use super::layout::{EP_IDX, EP_LEN, EP_OFFSET, chunking};
+use super::handles::{Handles, reason};
+use super::layout::chunking;
 use super::superblock;
 use crate::error::DataError;
 use crate::lock::beside;
@@ -21,20 +22,9 @@ use crate::lock::beside;
 /// Level of the LZ4 compression, as the reference has it.
 const COMPRESSION_LEVEL: u8 = 5;
 
-/// The open datasets of a recording.
-#[derive(Debug)]
-pub(super) struct Datasets {
-    pub(super) file: h5::File,
-    /// One per column that the caller fills.
-    pub(super) columns: Vec<h5::Dataset>,
-    pub(super) ep_idx: h5::Dataset,
-    pub(super) ep_len: h5::Dataset,
-    pub(super) ep_offset: h5::Dataset,
-}
-
 /// Makes a new file. It gets its name only when it is complete, so that a kill leaves no half-made file there, and
 /// an old file of that name stays until then.
-pub(super) fn create(path: &Path, fields: &[Field], metadata: &Metadata) -> Result<Datasets, DataError> {
+pub(super) fn create(path: &Path, fields: &[Field], metadata: &Metadata) -> Result<Handles, DataError> {
     let draft = beside(path, ".new");
     let failed = |reason: String| DataError::record(path, reason);
     let made = create_draft(&draft, fields, metadata).map_err(failed);
@@ -48,23 +38,15 @@ pub(super) fn create(path: &Path, fields: &[Field], metadata: &Metadata) -> Resu
     })
 }
 
-fn create_draft(draft: &Path, fields: &[Field], metadata: &Metadata) -> Result<Datasets, String> {
-    let text = |error: h5::Error| error.to_string();
+fn create_draft(draft: &Path, fields: &[Field], metadata: &Metadata) -> Result<Handles, String> {
     let mut builder = options();
     // Without times of creation: equal content makes equal files.
     builder.fcpl().obj_track_times(false);
-    let file = builder.create(draft).map_err(text)?;
-    let mut columns = Vec::with_capacity(fields.len());
-    for field in fields {
-        columns.push(new_column(&file, field).map_err(|error| format!("column `{}`: {error}", field.name))?);
-    }
-    let index = |name, dtype| new_column(&file, &Field::step(name, dtype, &[])).map_err(text);
-    let ep_idx = index(EP_IDX, Dtype::I32)?;
-    let ep_len = index(EP_LEN, Dtype::I32)?;
-    let ep_offset = index(EP_OFFSET, Dtype::I64)?;
-    attributes::write(&file, fields, metadata)?;
-    file.start_swmr().map_err(text)?;
-    Ok(Datasets { file, columns, ep_idx, ep_len, ep_offset })
+    let file = builder.create(draft).map_err(|error| reason(&error))?;
+    Handles::new(file, fields, new_column)?.prepared(|Handles { file, .. }| {
+        attributes::write(file, fields, metadata)?;
+        file.start_swmr().map_err(|error| reason(&error))
+    })
 }
 
 /// Opens an old file to append to it: repairs it if its writer was killed, and cuts what belongs to no finished
@@ -74,7 +56,7 @@ pub(super) fn reopen(
     fields: &[Field],
     end: &EndOfData,
     metadata: &Metadata,
-) -> Result<Datasets, DataError> {
+) -> Result<Handles, DataError> {
     let change = RunChange::plan(&end.attributes.runs, end.episodes as u64, metadata);
     if let Some(change) = change {
         change_attributes(path, end.chunks_end, &change)?;
@@ -91,9 +73,9 @@ fn change_attributes(path: &Path, chunks_end: u64, change: &RunChange<'_>) -> Re
         fs::copy(path, &draft).map_err(|source| DataError::io(&draft, "copy the dataset to", source))?;
         superblock::mend(&draft, chunks_end)?;
         let apply = || -> Result<(), String> {
-            let file = options().open_rw(&draft).map_err(|error| error.to_string())?;
+            let file = options().open_rw(&draft).map_err(|error| reason(&error))?;
             change.apply(&file)?;
-            file.close().map_err(|error| error.to_string())
+            file.close().map_err(|error| reason(&error))
         };
         apply().map_err(|reason| DataError::record(path, reason))?;
         fs::rename(&draft, path).map_err(|source| DataError::io(path, "replace", source))
@@ -113,22 +95,22 @@ pub(super) struct EndOfData {
     pub(super) attributes: Attributes,
 }
 
-fn reopen_mended(path: &Path, fields: &[Field], end: &EndOfData) -> Result<Datasets, String> {
-    let text = |error: h5::Error| error.to_string();
-    let file = options().open_rw(path).map_err(text)?;
-    let open = |name: &str| file.dataset(name).map_err(|error| format!("column `{name}`: {error}"));
-    let columns = fields.iter().map(|field| open(&field.name)).collect::<Result<_, _>>()?;
-    let (ep_idx, ep_len, ep_offset) = (open(EP_IDX)?, open(EP_LEN)?, open(EP_OFFSET)?);
-    file.start_swmr().map_err(text)?;
-    let datasets = Datasets { file, columns, ep_idx, ep_len, ep_offset };
-    for dataset in datasets.columns.iter().chain([&datasets.ep_idx]) {
-        cut(dataset, end.rows).map_err(text)?;
-    }
-    for dataset in [&datasets.ep_len, &datasets.ep_offset] {
-        cut(dataset, end.episodes).map_err(text)?;
-    }
-    datasets.file.flush().map_err(text)?;
-    Ok(datasets)
+fn reopen_mended(path: &Path, fields: &[Field], end: &EndOfData) -> Result<Handles, String> {
+    let file = options().open_rw(path).map_err(|error| reason(&error))?;
+    let handles = Handles::new(file, fields, |file, field| file.dataset(&field.name))?;
+    handles.prepared(|Handles { file, columns, ep_idx, ep_len, ep_offset }| {
+        let cut_all = || -> h5::Result<()> {
+            file.start_swmr()?;
+            for dataset in columns.iter().chain([ep_idx]) {
+                cut(dataset, end.rows)?;
+            }
+            for dataset in [ep_len, ep_offset] {
+                cut(dataset, end.episodes)?;
+            }
+            file.flush()
+        };
+        cut_all().map_err(|error| reason(&error))
+    })
 }
 
 /// Sets the number of rows of a dataset.

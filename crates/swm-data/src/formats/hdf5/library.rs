@@ -7,6 +7,7 @@ use ndarray::{ArrayD, ArrayViewD, IxDyn};
 use swm_core::{Field, Slice, SliceMut};
 
 use super::convert;
+use super::handles::reason;
 use super::layout::Element;
 use crate::dataset::Steps;
 
@@ -77,7 +78,7 @@ fn fill<S: H5Type, T>(
     out: &mut [T],
     value: impl Fn(S) -> Result<T, String>,
 ) -> Result<(), String> {
-    let array: ArrayD<S> = dataset.read_slice(selection).map_err(|error| error.to_string())?;
+    let array: ArrayD<S> = dataset.read_slice(selection).map_err(|error| reason(&error))?;
     if array.len() != out.len() {
         return Err(format!("{} values instead of {}", array.len(), out.len()));
     }
@@ -94,5 +95,5 @@ fn put<T: H5Type>(
     values: &[T],
 ) -> Result<(), String> {
     let view = ArrayViewD::from_shape(IxDyn(shape), values).map_err(|error| error.to_string())?;
-    dataset.write_slice(view, selection).map_err(|error| error.to_string())
+    dataset.write_slice(view, selection).map_err(|error| reason(&error))
 }

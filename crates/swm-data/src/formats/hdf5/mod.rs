@@ -6,6 +6,7 @@ mod blosc;
 mod convert;
 mod create;
 mod fetch;
+mod handles;
 mod layout;
 mod library;
 mod lz4;

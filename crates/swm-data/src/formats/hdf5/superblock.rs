@@ -108,7 +108,7 @@ pub(super) fn ensure_readable(path: &Path) -> Result<Superblock, DataError> {
             Ok(()) if Superblock::read(path)?.is_locked_out() => mend(path, 0)?,
             Ok(()) => {}
             Err(TryLockError::WouldBlock) if start.elapsed() < PATIENCE => {
-                thread::sleep(Duration::from_millis(10))
+                thread::sleep(Duration::from_millis(10));
             }
             Err(TryLockError::WouldBlock) => return Err(DataError::Busy { path: path.to_owned() }),
             Err(TryLockError::Error(error)) => return Err(failed(error)),

@@ -9,7 +9,8 @@ use std::sync::Arc;
 use swm_core::error::BoxError;
 use swm_core::{Batch, EpisodeSink, EpisodeSource, Field, Metadata, Schema, Slice};
 
-use super::create::{self, Datasets, EndOfData};
+use super::create::{self, EndOfData};
+use super::handles::{Handles, reason};
 use super::layout::{EP_IDX, EP_LEN, EP_OFFSET};
 use super::library;
 use super::reader::Hdf5Dataset;
@@ -39,7 +40,7 @@ enum State {
 
 #[derive(Debug)]
 struct Recording {
-    datasets: Datasets,
+    handles: Handles,
     schema: Arc<Schema>,
     /// Positions in the schema of the columns that are stored as they are given (all but `ep_idx`).
     stored: Vec<usize>,
@@ -66,7 +67,7 @@ impl Hdf5Writer {
         Ok(Self { path, mode, state: State::Waiting, episodes, _lock: lock })
     }
 
-    fn start(&self, fields: &[Field], metadata: &Metadata) -> Result<(Datasets, usize), DataError> {
+    fn start(&self, fields: &[Field], metadata: &Metadata) -> Result<(Handles, usize), DataError> {
         if self.mode != WriteMode::Append || !self.path.exists() {
             return Ok((create::create(&self.path, fields, metadata)?, 0));
         }
@@ -86,11 +87,7 @@ impl Hdf5Writer {
 
     fn close(&mut self) -> Result<(), DataError> {
         match std::mem::replace(&mut self.state, State::Closed) {
-            State::Recording(recording) => {
-                let Datasets { file, columns, ep_idx, ep_len, ep_offset } = recording.datasets;
-                drop((columns, ep_idx, ep_len, ep_offset));
-                file.close().map_err(|error| self.failed(error.to_string()))
-            }
+            State::Recording(recording) => recording.handles.close().map_err(|reason| self.failed(reason)),
             State::Waiting | State::Closed => Ok(()),
         }
     }
@@ -109,8 +106,8 @@ impl EpisodeSink for Hdf5Writer {
             (0..schema.fields().len()).filter(|&index| schema.fields()[index].name != EP_IDX).collect();
         let fields: Vec<Field> = stored.iter().map(|&index| schema.fields()[index].clone()).collect();
         check_columns(&self.path, &fields)?;
-        let (datasets, rows) = self.start(&fields, metadata)?;
-        let recording = Recording { datasets, schema: schema.clone(), stored, rows, ep_idx: Vec::new() };
+        let (handles, rows) = self.start(&fields, metadata)?;
+        let recording = Recording { handles, schema: schema.clone(), stored, rows, ep_idx: Vec::new() };
         self.state = State::Recording(Box::new(recording));
         Ok(self.episodes)
     }
@@ -134,10 +131,10 @@ impl EpisodeSink for Hdf5Writer {
                 Ok(())
             }
             Err(reason) => {
-                let error = self.failed(reason);
-                // What the library still holds cannot be written either; that it says so again is no news.
-                let _ = self.close();
-                Err(error.into())
+                if let State::Recording(recording) = std::mem::replace(&mut self.state, State::Closed) {
+                    recording.handles.abandon();
+                }
+                Err(self.failed(reason).into())
             }
         }
     }
@@ -168,11 +165,11 @@ impl Recording {
         let index = number("episodes", episode as usize)?;
         let length = number("rows in an episode", batch.rows())?;
         let (first, end) = (self.rows, self.rows + batch.rows());
-        let Datasets { file, columns, ep_idx, ep_len, ep_offset } = &self.datasets;
+        let Handles { file, columns, ep_idx, ep_len, ep_offset } = &self.handles;
 
         for (dataset, &column) in columns.iter().zip(&self.stored) {
             let field = &self.schema.fields()[column];
-            let written = create::set_rows(dataset, end).map_err(|error| error.to_string());
+            let written = create::set_rows(dataset, end).map_err(|error| reason(&error));
             written
                 .and_then(|()| library::write(dataset, field, first, batch.rows(), batch.column(column)))
                 .map_err(|error| format!("column `{}`: {error}", field.name))?;
@@ -180,7 +177,7 @@ impl Recording {
         self.ep_idx.clear();
         self.ep_idx.resize(batch.rows(), index);
         append(ep_idx, first, Slice::I32(&self.ep_idx))?;
-        let flush = || file.flush().map_err(|error| error.to_string());
+        let flush = || file.flush().map_err(|error| reason(&error));
         flush()?;
         append(ep_offset, episode as usize, Slice::I64(&[first as i64]))?;
         flush()?;
@@ -194,7 +191,7 @@ impl Recording {
 /// Appends scalars to a dataset that has `first` of them.
 fn append(dataset: &hdf5_metno::Dataset, first: usize, values: Slice<'_>) -> Result<(), String> {
     let field = Field::step("", values.dtype(), &[]);
-    create::set_rows(dataset, first + values.len()).map_err(|error| error.to_string())?;
+    create::set_rows(dataset, first + values.len()).map_err(|error| reason(&error))?;
     library::write(dataset, &field, first, values.len(), values)
 }
 
