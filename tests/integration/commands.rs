@@ -177,7 +177,7 @@ fn render_makes_pictures_and_films() {
         "--quiet",
     ]);
     assert_eq!(&std::fs::read(&out).unwrap()[4..8], b"ftyp");
-    let message = swm_fails(1, &["render", PUSHT, "--steps", "1", "--out", &folder.path("a.bmp")]);
+    let message = swm_fails(2, &["render", PUSHT, "--steps", "1", "--out", &folder.path("a.bmp")]);
     assert!(message.contains("mp4"), "{message}");
 }
 

@@ -165,16 +165,15 @@ fn html(recorded: &Json, results: &[(&str, PathBuf, Json)], out: &Path) -> Resul
             let relative =
                 file.strip_prefix(out).map_err(|_| anyhow!("a file outside of the report"))?.display();
             let caption = file.file_stem().unwrap_or_default().to_string_lossy().replace('_', " ");
-            match file.extension().and_then(|extension| extension.to_str()) {
-                Some("png") => _ = write!(page, "<img src=\"{relative}\" alt=\"{caption}\"><br>"),
+            let extension = file.extension().and_then(|extension| extension.to_str());
+            let element = match extension {
+                Some("png") => format!("<img src=\"{relative}\" alt=\"{caption}\"><br>"),
                 Some("mp4") => {
-                    _ = write!(
-                        page,
-                        "<video src=\"{relative}\" title=\"{caption}\" controls loop muted></video>"
-                    )
+                    format!("<video src=\"{relative}\" title=\"{caption}\" controls loop muted></video>")
                 }
-                _ => {}
-            }
+                _ => continue,
+            };
+            page += &element;
         }
     }
     Ok(page + "</html>\n")

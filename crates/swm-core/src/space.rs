@@ -164,7 +164,7 @@ impl Space {
                 }
             }
             (Space::Discrete { n, start }, SliceMut::I64(out)) => {
-                out.fill_with(|| start + rng.random_range(0..*n))
+                out.fill_with(|| start + rng.random_range(0..*n));
             }
             (Space::MultiDiscrete { n, start }, SliceMut::I64(out)) => {
                 for (out, (n, start)) in out.iter_mut().zip(n.iter().zip(start)) {

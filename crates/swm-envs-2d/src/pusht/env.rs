@@ -168,7 +168,7 @@ impl PushT {
         Ok((sim, points))
     }
 
-    fn reset_error(&self, reason: impl ToString) -> EnvError {
+    fn reset_error(&self, reason: impl std::fmt::Display) -> EnvError {
         EnvError::Reset { env: self.spec.id.clone(), reason: reason.to_string() }
     }
 

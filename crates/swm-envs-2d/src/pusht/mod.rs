@@ -62,7 +62,7 @@ const WEAK: PolicyEntry = PolicyEntry {
             }
         }
         let Config { dist_constraint: reach_px } = args.parse_with("dist_constraint")?;
-        if !(reach_px > 0.0) {
+        if reach_px.is_nan() || reach_px <= 0.0 {
             return Err(args.wrong(format!("dist_constraint {reach_px} must be above 0")));
         }
         let make = move |_: &RowView<'_>| Ok(Box::new(weak::Weak { reach_px }) as Box<dyn Actor>);

@@ -7,6 +7,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use swm_core::error::BoxError;
 use swm_core::{EnvError, PolicyError, UnknownName, WorldError};
+use swm_data::DataError;
 
 /// A command that did not succeed.
 #[derive(Debug)]
@@ -51,6 +52,9 @@ fn is_usage(error: &(dyn std::error::Error + 'static)) -> bool {
             PolicyError::Other(source) => is_usage(source.as_ref()),
             _ => false,
         };
+    }
+    if let Some(error) = error.downcast_ref::<DataError>() {
+        return matches!(error, DataError::UnknownFormat { .. });
     }
     let wrong_env = |e: &EnvError| matches!(e, EnvError::Setting { .. } | EnvError::Reset { .. });
     error.downcast_ref::<EnvError>().is_some_and(wrong_env) || error.is::<UnknownName>()

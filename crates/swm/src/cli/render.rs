@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 use swm_core::{Registry, Rollout, Scenario, World};
-use swm_media::Clip;
+use swm_media::{Clip, Format};
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
 use super::{Failure, Output, policies, usage};
@@ -45,6 +45,7 @@ impl Render {
         let Some(size) = self.image_size.0 else {
             return Err(usage("a picture needs a size; remove `none`"));
         };
+        let format = Format::from_path(&self.out).map_err(usage)?;
         let entry = self.env.entry(registry)?;
         let config = self.env.config(Some(size))?;
         let world = WorldArgs { num_envs: 1, threads: None, frame_skip: 1 };
@@ -57,8 +58,7 @@ impl Render {
         world.run(&rollout, &mut film)?;
         let (_, scene) = film.scenes().next().ok_or("the episode has no pictures")?;
         let wanted = usize::try_from(self.steps)? + 1;
-        let single = self.out.extension().is_some_and(|extension| extension == "png");
-        let skipped = if single { wanted.min(scene.clip.len()) - 1 } else { 0 };
+        let skipped = if format == Format::Png { wanted.min(scene.clip.len()) - 1 } else { 0 };
         let mut clip = Clip::new(size.height, size.width, scene.clip.frames_per_second());
         for frame in scene.clip.frames().take(wanted).skip(skipped) {
             clip.push(frame)?;
