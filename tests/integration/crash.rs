@@ -23,15 +23,16 @@ fn killed_after(args: &[&str], delay: Duration) -> u64 {
     let mut child: Child = swm(args).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("it starts");
     let stderr = BufReader::new(child.stderr.take().expect("piped"));
     // The count starts with the first episode, so that the kills spread over the writing and not over the start.
-    let reader =
-        std::thread::spawn(move || stderr.lines().map_while(Result::ok).filter(is_announcement).count());
+    let reader = std::thread::spawn(move || {
+        stderr.lines().map_while(Result::ok).filter(|line| is_announcement(line)).count()
+    });
     std::thread::sleep(delay);
     child.kill().expect("it can be killed");
     child.wait().expect("it ends");
     reader.join().expect("the reader ends with the pipe") as u64
 }
 
-fn is_announcement(line: &String) -> bool {
+fn is_announcement(line: &str) -> bool {
     line.starts_with("episode ") && line.contains(" written to ")
 }
 

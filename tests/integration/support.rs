@@ -59,7 +59,7 @@ pub(crate) fn content(path: &str) -> BTreeMap<String, u64> {
     let mut dataset = swm::data::open(Path::new(path)).expect("the dataset opens");
     let schema = dataset.schema().clone();
     let mut hashes: BTreeMap<String, u64> = BTreeMap::new();
-    let mut rows = Batch::new(Schema::new(schema.fields().to_vec()).unwrap(), 0);
+    let mut rows = Batch::new(Schema::new(schema.fields().to_vec()).expect("names are unique"), 0);
     for episode in 0..dataset.num_episodes() {
         let len = dataset.episode_len(episode);
         dataset.read(episode, 0..len, &mut rows).expect("every episode reads");

@@ -9,7 +9,7 @@ use swm_core::{
 
 fn world(num_envs: usize, max_steps: u64) -> World {
     let options = WorldOptions { num_envs, max_episode_steps: Some(max_steps), ..WorldOptions::default() };
-    World::new(&TOY, options).unwrap()
+    World::new(&TOY, options).expect("valid options")
 }
 
 /// Everything that a run shows, by episode.
@@ -37,7 +37,7 @@ fn run(world: &mut World, episodes: std::ops::Range<u64>) -> Log {
     let options = ResetOptions::default();
     let mut log = Log::default();
     let rollout = Rollout { episodes, seed: 5, scenario: Scenario::Same(&options) };
-    world.run(&rollout, &mut log).unwrap();
+    world.run(&rollout, &mut log).expect("the toy runs");
     log.rows.sort_by_key(|row| (row.0, row.1));
     log.ends.sort_unstable();
     log
