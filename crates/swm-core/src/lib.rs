@@ -15,6 +15,7 @@ pub mod dataset;
 pub mod env;
 pub mod error;
 pub mod evaluate;
+mod pace;
 pub mod policy;
 pub mod recorder;
 pub mod registry;

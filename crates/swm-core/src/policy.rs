@@ -3,6 +3,7 @@
 use crate::batch::{Batch, Column, Row, Slice, SliceMut};
 use crate::env::{Env, EnvSpec, EnvState};
 use crate::error::{EnvError, PolicyError};
+use crate::pace::Pace;
 use crate::seed::EpisodeSeed;
 use crate::space::Space;
 
@@ -123,6 +124,7 @@ pub struct PerEpisode<F> {
     description: String,
     make: F,
     actors: Vec<Option<(u64, Box<dyn Actor>)>>,
+    pace: Pace,
 }
 
 impl<F> PerEpisode<F>
@@ -131,7 +133,7 @@ where
 {
     /// `make` is called at the first step of every episode.
     pub fn new(description: impl Into<String>, make: F) -> Self {
-        Self { description: description.into(), make, actors: Vec::new() }
+        Self { description: description.into(), make, actors: Vec::new(), pace: Pace::default() }
     }
 }
 
@@ -145,38 +147,43 @@ where
 
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
         self.actors.resize_with(view.rows(), || None);
-        let width = actions.space.width();
-        let make = &self.make;
-        act_all(&mut self.actors, actions.column.as_slice_mut(), width, 0, view, make)
+        let Self { make, actors, pace, .. } = self;
+        let actions = actions.column.as_slice_mut();
+        pace.learn(actors.len(), |leaf| act_all(actors, actions, 0, leaf, view, make))
     }
 }
 
-/// Halves the rows until one is left, in parallel where threads are free: no allocation, no locks.
+/// Halves the rows until at most `leaf` are left, in parallel where threads are free: no allocation, no locks.
 fn act_all<F>(
     actors: &mut [Option<(u64, Box<dyn Actor>)>],
-    actions: SliceMut<'_>,
-    width: usize,
+    mut actions: SliceMut<'_>,
     first: usize,
+    leaf: usize,
     view: &View<'_>,
     make: &F,
 ) -> Result<(), PolicyError>
 where
     F: Fn(&RowView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
 {
-    if let [slot] = actors {
-        let Some(row) = view.row(first) else { return Ok(()) };
-        if row.episode.step == 0 || slot.as_ref().is_none_or(|(index, _)| *index != row.episode.index) {
-            *slot = Some((row.episode.index, make(&row)?));
+    let width = view.spec.action.width();
+    if actors.len() <= leaf.max(1) {
+        for (offset, slot) in actors.iter_mut().enumerate() {
+            let Some(row) = view.row(first + offset) else { continue };
+            if row.episode.step == 0 || slot.as_ref().is_none_or(|(index, _)| *index != row.episode.index) {
+                *slot = Some((row.episode.index, make(&row)?));
+            }
+            let (_, actor) = slot.as_mut().expect("filled above");
+            let (_, rest) = actions.reborrow().split_at(offset * width);
+            actor.act(&row, rest.split_at(width).0)?;
         }
-        let (_, actor) = slot.as_mut().expect("filled above");
-        return actor.act(&row, actions);
+        return Ok(());
     }
     let middle = actors.len() / 2;
     let (left, right) = actors.split_at_mut(middle);
     let (left_actions, right_actions) = actions.split_at(middle * width);
     let (a, b) = rayon::join(
-        || act_all(left, left_actions, width, first, view, make),
-        || act_all(right, right_actions, width, first + middle, view, make),
+        || act_all(left, left_actions, first, leaf, view, make),
+        || act_all(right, right_actions, first + middle, leaf, view, make),
     );
     a.and(b)
 }

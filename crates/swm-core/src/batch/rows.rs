@@ -21,7 +21,7 @@ impl<'a> Row<'a> {
 
     /// The values of field `index`.
     pub fn at(&self, index: usize) -> Slice<'a> {
-        let width = self.schema().fields()[index].width();
+        let width = self.schema().width(index);
         self.table.column(index).range(self.row * width, width)
     }
 
@@ -40,11 +40,12 @@ impl<'a> Row<'a> {
 /// How many columns fit without an allocation; the widest environment so far has 40.
 const INLINE_COLUMNS: usize = 48;
 
-/// A range of rows of a [`Batch`], open for writing.
+/// A range of rows of a [`Batch`], open for writing, of which one is selected (the first, to begin with).
 #[derive(Debug)]
 pub struct RowsMut<'a> {
     pub(super) schema: &'a Schema,
     pub(super) rows: usize,
+    pub(super) selected: usize,
     pub(super) columns: SmallVec<[SliceMut<'a>; INLINE_COLUMNS]>,
 }
 
@@ -59,32 +60,44 @@ impl<'a> RowsMut<'a> {
         self.rows
     }
 
+    /// Selects the row that the other methods write, counted from the start of the range.
+    pub fn select(&mut self, row: usize) -> &mut Self {
+        assert!(row < self.rows, "row {row} of a range of {} rows", self.rows);
+        self.selected = row;
+        self
+    }
+
     /// Two disjoint ranges: the first `at` rows and the rest.
     pub fn split_at(self, at: usize) -> (RowsMut<'a>, RowsMut<'a>) {
         let (mut left, mut right) = (SmallVec::new(), SmallVec::new());
-        for (field, column) in self.schema.fields().iter().zip(self.columns) {
-            let (head, tail) = column.split_at(at * field.width());
+        for (index, column) in self.columns.into_iter().enumerate() {
+            let (head, tail) = column.split_at(at * self.schema.width(index));
             left.push(head);
             right.push(tail);
         }
         (
-            RowsMut { schema: self.schema, rows: at, columns: left },
-            RowsMut { schema: self.schema, rows: self.rows - at, columns: right },
+            RowsMut { schema: self.schema, rows: at, selected: 0, columns: left },
+            RowsMut { schema: self.schema, rows: self.rows - at, selected: 0, columns: right },
         )
     }
 
-    /// The values of field `index` in this range: `[rows, …shape]`.
+    /// The values of field `index` in the selected row: `[…shape]`.
     ///
     /// # Panics
     /// If the field has another type: environments name their own fields by constants, so this is a programming
     /// error (which the conformance suite finds).
     pub fn at<T: Element>(&mut self, index: usize) -> &mut [T] {
-        let field = &self.schema.fields()[index];
-        let values = T::of_mut(self.columns[index].reborrow());
-        values.unwrap_or_else(|| panic!("field `{}` holds {}, not {}", field.name, field.dtype, T::DTYPE))
+        let (width, row) = (self.schema.width(index), self.selected);
+        match T::of_mut(self.columns[index].reborrow()) {
+            Some(values) => &mut values[row * width..(row + 1) * width],
+            None => {
+                let field = &self.schema.fields()[index];
+                panic!("field `{}` holds {}, not {}", field.name, field.dtype, T::DTYPE)
+            }
+        }
     }
 
-    /// Copies `values` into field `index`; their number must be `rows × width`.
+    /// Copies `values` into field `index` of the selected row.
     ///
     /// # Panics
     /// If type or number differ, as [`RowsMut::at`].
@@ -92,8 +105,10 @@ impl<'a> RowsMut<'a> {
         self.at(index).clone_from_slice(values);
     }
 
-    /// The untyped values of field `index`.
+    /// The untyped values of field `index` in the selected row.
     pub fn slice_mut(&mut self, index: usize) -> SliceMut<'_> {
-        self.columns[index].reborrow()
+        let width = self.schema.width(index);
+        let (_, rest) = self.columns[index].reborrow().split_at(self.selected * width);
+        rest.split_at(width).0
     }
 }

@@ -52,6 +52,8 @@ impl Field {
 #[derive(Clone, Debug, Default)]
 pub struct Schema {
     fields: Vec<Field>,
+    /// The width of every field, because rows ask for it at every access.
+    widths: Vec<usize>,
     by_name: HashMap<String, usize>,
 }
 
@@ -64,12 +66,18 @@ impl Schema {
                 return Err(BatchError::DuplicateField { name: field.name.clone() });
             }
         }
-        Ok(Arc::new(Self { fields, by_name }))
+        let widths = fields.iter().map(Field::width).collect();
+        Ok(Arc::new(Self { fields, widths, by_name }))
     }
 
     /// The fields, in order.
     pub fn fields(&self) -> &[Field] {
         &self.fields
+    }
+
+    /// The number of values in one row of field `index`.
+    pub fn width(&self, index: usize) -> usize {
+        self.widths[index]
     }
 
     /// The position of a field.

@@ -59,6 +59,7 @@ impl Batch {
         RowsMut {
             schema: &self.schema,
             rows: self.rows,
+            selected: 0,
             columns: self.columns.iter_mut().map(Column::as_slice_mut).collect(),
         }
     }

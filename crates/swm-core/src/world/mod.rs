@@ -13,6 +13,7 @@ use rayon::ThreadPool;
 use crate::batch::{Batch, Column, Schema, Slice};
 use crate::env::{EnvConfig, EnvSpec, ImageSize, ResetOptions};
 use crate::error::WorldError;
+use crate::pace::Pace;
 use crate::policy::{Actions, LiveEpisode, Policy, View};
 use crate::registry::EnvEntry;
 use crate::seed::EpisodeSeed;
@@ -60,6 +61,7 @@ pub struct World {
     actions: Column,
     policy: Option<Box<dyn Policy>>,
     rules: StepRules,
+    pace: Pace,
     pool: Arc<ThreadPool>,
 }
 
@@ -105,7 +107,7 @@ impl World {
             max_steps: options.max_episode_steps,
             fields: common,
         };
-        Ok(Self { options, spec, slots, infos, actions, policy: None, rules, pool })
+        Ok(Self { options, spec, slots, infos, actions, policy: None, rules, pace: Pace::default(), pool })
     }
 
     /// The environments' description.
@@ -215,7 +217,8 @@ impl World {
     }
 
     fn step_phase(&mut self) -> Result<(), WorldError> {
-        slot::step_all(&mut self.slots, self.infos.rows_mut(), self.actions.as_slice(), &self.rules)
+        let Self { slots, infos, actions, rules, pace, .. } = self;
+        slot::step_all(slots, infos.rows_mut(), actions.as_slice(), rules, pace)
     }
 
     /// Does `work` on the world's own threads. A single environment has nothing to share, and stays on the

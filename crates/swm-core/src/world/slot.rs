@@ -3,6 +3,7 @@
 use crate::batch::{RowsMut, Slice};
 use crate::env::{Env, Episode, ImageSize, Outcome, ResetOptions};
 use crate::error::{EnvError, WorldError};
+use crate::pace::Pace;
 use crate::policy::LiveEpisode;
 
 use super::fields::CommonFields;
@@ -145,7 +146,10 @@ pub(super) fn reset_all(
     options: &dyn Options,
     fields: &CommonFields,
 ) -> Result<(), WorldError> {
-    for_each_row(slots, rows, 0, &|slot, out| match slot.next {
+    if slots.iter().all(|slot| slot.next.is_none()) {
+        return Ok(());
+    }
+    for_each_row(slots, rows, 0, 1, &|_, slot, out| match slot.next {
         Some(next) => slot.reset(options.of(next.index), fields, out),
         None => Ok(()),
     })
@@ -157,43 +161,44 @@ pub(super) fn step_all(
     rows: RowsMut<'_>,
     actions: Slice<'_>,
     rules: &StepRules,
+    pace: &mut Pace,
 ) -> Result<(), WorldError> {
     let width = actions.len() / slots.len();
-    for_each_indexed_row(slots, rows, 0, &|row, slot, out| {
-        slot.step(actions.range(row * width, width), rules, out)
+    pace.learn(slots.len(), |leaf| {
+        for_each_row(slots, rows, 0, leaf, &|row, slot, out| {
+            slot.step(actions.range(row * width, width), rules, out)
+        })
     })
 }
 
-fn for_each_row<F>(slots: &mut [Slot], rows: RowsMut<'_>, first: usize, work: &F) -> Result<(), WorldError>
-where
-    F: Fn(&mut Slot, &mut RowsMut<'_>) -> Result<(), WorldError> + Sync,
-{
-    for_each_indexed_row(slots, rows, first, &|_, slot, out| work(slot, out))
-}
-
-/// Halves the rows until one is left. Rows are disjoint, so nothing is shared, and nothing is allocated; if
-/// several fail, the lowest row's error is returned, whatever the order in which they ran.
-fn for_each_indexed_row<F>(
+/// Halves the rows until at most `leaf` are left. Rows are disjoint, so nothing is shared, and nothing is
+/// allocated; if several fail, the lowest row's error is returned, whatever the order in which they ran.
+fn for_each_row<F>(
     slots: &mut [Slot],
     mut rows: RowsMut<'_>,
     first: usize,
+    leaf: usize,
     work: &F,
 ) -> Result<(), WorldError>
 where
     F: Fn(usize, &mut Slot, &mut RowsMut<'_>) -> Result<(), WorldError> + Sync,
 {
-    if let [slot] = slots {
-        return work(first, slot, &mut rows).map_err(|error| match error {
-            WorldError::Env { episode, source, .. } => WorldError::Env { row: first, episode, source },
-            other => other,
-        });
+    if slots.len() <= leaf.max(1) {
+        for (offset, slot) in slots.iter_mut().enumerate() {
+            let row = first + offset;
+            work(row, slot, rows.select(offset)).map_err(|error| match error {
+                WorldError::Env { episode, source, .. } => WorldError::Env { row, episode, source },
+                other => other,
+            })?;
+        }
+        return Ok(());
     }
     let middle = slots.len() / 2;
     let (left, right) = slots.split_at_mut(middle);
     let (left_rows, right_rows) = rows.split_at(middle);
     let (a, b) = rayon::join(
-        || for_each_indexed_row(left, left_rows, first, work),
-        || for_each_indexed_row(right, right_rows, first + middle, work),
+        || for_each_row(left, left_rows, first, leaf, work),
+        || for_each_row(right, right_rows, first + middle, leaf, work),
     );
     a.and(b)
 }
