@@ -11,7 +11,7 @@ use crate::error::DataError;
 #[derive(Debug)]
 pub(crate) struct WriterLock {
     path: PathBuf,
-    _locked: File,
+    file: File,
 }
 
 impl WriterLock {
@@ -31,7 +31,7 @@ impl WriterLock {
             }
             // The former owner may have removed the file between our open and our lock: then take the new one.
             if is_at(&file, &path) {
-                return Ok(Self { path, _locked: file });
+                return Ok(Self { path, file });
             }
         }
     }
@@ -41,6 +41,8 @@ impl Drop for WriterLock {
     fn drop(&mut self) {
         // The lock is still held here, so this removes no other writer's file. If it fails, the file does no harm.
         let _ = fs::remove_file(&self.path);
+        // Closing is not enough while a child process that is being started still has a copy of the handle.
+        let _ = self.file.unlock();
     }
 }
 

@@ -168,3 +168,23 @@ fn a_folder_that_is_not_there_or_a_path_that_is_one() {
     let message = create(&path, WriteMode::Append, None).err().unwrap().to_string();
     assert!(message.contains("is a folder"), "{message}");
 }
+
+#[test]
+fn text_that_does_not_fit_ends_the_recording_but_not_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    let schema = Schema::new(vec![Field::step("task", Dtype::Str, &[])]).unwrap();
+    for (text, part) in [("x".repeat(257), "257 bytes"), ("a\0b".to_owned(), "NUL")] {
+        let mut writer = create(&path, WriteMode::Overwrite, None).unwrap();
+        writer.begin(&schema, &metadata()).unwrap();
+        let mut write = |text: &str| {
+            let mut rows = Batch::new(schema.clone(), 1);
+            rows.rows_mut().write(0, &[text.to_owned()]);
+            writer.write_episode(&rows)
+        };
+        write(&"é".repeat(128)).unwrap();
+        let message = write(&text).unwrap_err().to_string();
+        assert!(message.contains(part) && message.contains("its 1 finished episodes are safe"), "{message}");
+        assert!(write("more").is_err());
+    }
+}

@@ -8,13 +8,13 @@ use std::path::Path;
 use hdf5_metno as h5;
 use hdf5_metno::file::{FileCloseDegree, LibraryVersion};
 use hdf5_metno::filters::BloscShuffle;
-use hdf5_metno::types::VarLenUnicode;
+use hdf5_metno::types::FixedUnicode;
 use hdf5_metno::{Extent, SimpleExtents};
 use swm_core::{Dtype, Field, Metadata};
 
 use super::attributes::{self, Attributes, RunChange};
 use super::handles::{Handles, reason};
-use super::layout::chunking;
+use super::layout::{TEXT_BYTES, chunking};
 use super::superblock;
 use crate::error::DataError;
 use crate::lock::beside;
@@ -158,6 +158,6 @@ fn new_column(file: &h5::File, field: &Field) -> h5::Result<h5::Dataset> {
         Dtype::I64 => dataset!(i64),
         Dtype::F32 => dataset!(f32),
         Dtype::F64 => dataset!(f64),
-        Dtype::Str => dataset!(VarLenUnicode),
+        Dtype::Str => dataset!(FixedUnicode<TEXT_BYTES>),
     }
 }

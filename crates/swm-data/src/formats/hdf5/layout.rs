@@ -28,13 +28,17 @@ const MAX_CHUNK_BYTES: usize = 1 << 20;
 /// Rows of this size (pictures) are compressed, one per chunk: random access decodes nothing that is not wanted.
 const PICTURE_BYTES: usize = 4096;
 
-/// Size in bytes of one stored element; text is stored by reference.
+/// Room for one text, in bytes of UTF-8. Text of any length would stand on the file's heap, which is not safe against
+/// a kill: what was written last cannot be overwritten afterwards.
+pub(super) const TEXT_BYTES: usize = 256;
+
+/// Size in bytes of one stored element.
 pub(super) fn element_size(dtype: Dtype) -> usize {
     match dtype {
         Dtype::Bool | Dtype::U8 => 1,
         Dtype::I32 | Dtype::F32 => 4,
         Dtype::I64 | Dtype::F64 => 8,
-        Dtype::Str => 16,
+        Dtype::Str => TEXT_BYTES,
     }
 }
 

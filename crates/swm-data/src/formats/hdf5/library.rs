@@ -1,14 +1,14 @@
 //! Rows through the HDF5 library, which knows every filter, layout and element type; slower than the chunk table
 //! and under the library's global lock. Both directions: what is read here can be anything, what is written is ours.
 
-use hdf5_metno::types::{VarLenAscii, VarLenUnicode};
+use hdf5_metno::types::{FixedUnicode, VarLenAscii, VarLenUnicode};
 use hdf5_metno::{Dataset, H5Type, Hyperslab, SliceOrIndex};
 use ndarray::{ArrayD, ArrayViewD, IxDyn};
 use swm_core::{Field, Slice, SliceMut};
 
 use super::convert;
 use super::handles::reason;
-use super::layout::Element;
+use super::layout::{Element, TEXT_BYTES};
 use crate::dataset::Steps;
 
 /// Reads rows, counted over the whole file, into `out`.
@@ -58,11 +58,21 @@ pub(super) fn write(
         Slice::F32(values) => put(dataset, selection, &shape, values),
         Slice::F64(values) => put(dataset, selection, &shape, values),
         Slice::Str(values) => {
-            let texts: Result<Vec<VarLenUnicode>, _> = values.iter().map(|text| text.parse()).collect();
-            let texts = texts.map_err(|_| "a text contains the character NUL".to_owned())?;
+            let texts: Vec<_> = values.iter().map(|text| fixed(text)).collect::<Result<_, _>>()?;
             put(dataset, selection, &shape, &texts)
         }
     }
+}
+
+/// Text as it is stored.
+fn fixed(text: &str) -> Result<FixedUnicode<TEXT_BYTES>, String> {
+    if text.len() > TEXT_BYTES {
+        return Err(format!("a text of {} bytes; {TEXT_BYTES} is the most", text.len()));
+    }
+    if text.contains('\0') {
+        return Err("a text contains the character NUL".to_owned());
+    }
+    text.parse().map_err(|error| format!("a text: {error}"))
 }
 
 fn selection(field: &Field, rows: Steps) -> Hyperslab {

@@ -230,7 +230,13 @@ impl Dataset for Hdf5Dataset {
 /// Opens with the library. A file that was not closed can only be opened as one that is being written.
 fn open_library(path: &Path, unclean: bool) -> Result<h5::File, DataError> {
     let mut builder = h5::File::with_options();
-    builder.fapl().metadata_read_attempts(METADATA_READ_ATTEMPTS).chunk_cache(521, CHUNK_CACHE_BYTES, 0.75);
+    builder
+        .fapl()
+        .metadata_read_attempts(METADATA_READ_ATTEMPTS)
+        .chunk_cache(521, CHUNK_CACHE_BYTES, 0.75)
+        // Reading needs no lock: what is finished is never changed. Held, it would stop writers, and be handed down
+        // to child processes.
+        .file_locking(false);
     let mode = if unclean { h5::OpenMode::ReadSWMR } else { h5::OpenMode::Read };
     builder.open_as(path, mode).map_err(|error| DataError::damaged(path, error.to_string()))
 }
