@@ -8,6 +8,9 @@ use crate::pusht::physics::{
     BodyId, Rectangle, Rotation, Setup, Shape, Sim, Vec2, WALL_RADIUS, WALL_SEGMENTS, vec2,
 };
 
+/// The inner faces of the walls, on both axes.
+const WALLS_PX: [f64; 2] = [WALL_SEGMENTS[0].from[0] + WALL_RADIUS, WALL_SEGMENTS[2].from[0] - WALL_RADIUS];
+
 /// What an agent or block occupies, in its own coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Figure {
@@ -46,6 +49,20 @@ impl Figure {
                 rotation.world_from_body(farthest.unwrap_or_default())
             }
         }
+    }
+
+    /// How far the figure is from each of the four walls, pixels; negative inside of one.
+    pub(super) fn wall_room(&self, origin: Vec2, rotation: Rotation) -> [f64; 4] {
+        let mut room = [f64::INFINITY; 4];
+        let Figure::Polygon(rectangles) = self else { return room };
+        let [near, far] = WALLS_PX;
+        for corner in rectangles.iter().flat_map(Rectangle::corners) {
+            let p = origin + rotation.world_from_body(Vec2::from(corner));
+            for (room, here) in room.iter_mut().zip([p.x - near, p.y - near, far - p.x, far - p.y]) {
+                *room = room.min(here);
+            }
+        }
+        room
     }
 
     /// The point with which the figure touches something in front of it, from the origin, in the world: as far as it
@@ -93,8 +110,7 @@ impl Room {
     /// Between the walls, for a body of this figure; `None` for a disc, which no wall stops.
     pub(super) fn new(figure: &Figure, rotation: Rotation) -> Option<Room> {
         let Figure::Polygon(_) = figure else { return None };
-        let near = WALL_SEGMENTS[0].from[0] + WALL_RADIUS;
-        let far = WALL_SEGMENTS[2].from[0] - WALL_RADIUS;
+        let [near, far] = WALLS_PX;
         let reach = |x, y| figure.farthest(rotation, vec2(x, y));
         let min = vec2(near - reach(-1.0, 0.0).x, near - reach(0.0, -1.0).y);
         let max = vec2(far - reach(1.0, 0.0).x, far - reach(0.0, 1.0).y);

@@ -17,6 +17,8 @@ pub(super) struct Primitive {
     pub(super) strength: f64,
     /// Control steps of the push; `None`: up to the moment when the block is nearest to its goal.
     pub(super) duration: Option<u32>,
+    /// Whether the push turns with the block and stays at its place of the outline.
+    pub(super) follow: bool,
 }
 
 /// Where a push begins.
@@ -37,6 +39,8 @@ pub(super) enum Start {
 const TURN_SPREAD: f64 = 0.5;
 /// One in so many primitives begins where the agent is.
 const HERE_SHARE: f64 = 0.12;
+/// Share of pushes that turn with the block.
+const FOLLOW_SHARE: f64 = 0.5;
 /// Spread of variations: arc position, direction, strength.
 const VARIATION: [f64; 3] = [10.0, 0.2, 0.15];
 const SIDE_VARIATION: f64 = 0.15;
@@ -48,10 +52,11 @@ impl Primitive {
         let strength = weakest + (1.0 - weakest) * uniform(stream);
         if uniform(stream) < HERE_SHARE {
             let turn_rad = PI * (2.0 * uniform(stream) - 1.0);
-            return Primitive { start: Start::Here, turn_rad, strength, duration: None };
+            return Primitive { start: Start::Here, turn_rad, strength, duration: None, follow: false };
         }
         let start = Start::At { arc_px: scene.outline.length() * uniform(stream), side: uniform(stream) };
-        Primitive { start, turn_rad: TURN_SPREAD * normal(stream), strength, duration: None }
+        let follow = uniform(stream) < FOLLOW_SHARE;
+        Primitive { start, turn_rad: TURN_SPREAD * normal(stream), strength, duration: None, follow }
     }
 
     /// Draws a primitive that ends at some moment, good or bad: a detour.
@@ -76,6 +81,7 @@ impl Primitive {
             turn_rad: self.turn_rad + turn * normal(stream),
             strength: (self.strength + strength * normal(stream)).clamp(scene.limits.weakest, 1.0),
             duration: self.duration,
+            follow: self.follow,
         }
     }
 }

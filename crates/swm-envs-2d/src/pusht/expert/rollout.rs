@@ -76,6 +76,18 @@ impl<'a> Rollout<'a> {
     fn apply(&mut self, primitive: &Primitive, routes: &Routes) {
         let direction = match primitive.start {
             Start::Here => vec2(1.0, 0.0),
+            Start::At { arc_px, side } if primitive.follow => {
+                let Some((place, _)) = self.scene.standoff(&self.sim, routes, arc_px, side) else {
+                    return;
+                };
+                self.walk(routes, place, self.scene.limits.approach);
+                if !self.success {
+                    self.push(primitive.duration, |scene, sim| {
+                        scene.following(sim, arc_px, side, primitive.turn_rad, primitive.strength)
+                    });
+                }
+                return;
+            }
             Start::At { arc_px, side } => {
                 let Some((place, normal)) = self.scene.standoff(&self.sim, routes, arc_px, side) else {
                     return;
@@ -86,7 +98,8 @@ impl<'a> Rollout<'a> {
         };
         if !self.success {
             let direction = Rotation::new(primitive.turn_rad).world_from_body(direction);
-            self.push(Steering::push(direction, primitive.strength), primitive.duration);
+            let command = Steering::push(direction, primitive.strength);
+            self.push(primitive.duration, |_, _| command);
         }
     }
 
@@ -127,11 +140,11 @@ impl<'a> Rollout<'a> {
     }
 
     /// Repeats a command for a while, or for long, and then returns to the best moment.
-    fn push(&mut self, command: Command, duration: Option<u32>) {
+    fn push(&mut self, duration: Option<u32>, command: impl Fn(&Scene, &Sim) -> Command) {
         if let Some(duration) = duration {
             for _ in 0..duration {
                 if !self.success {
-                    self.step(command);
+                    self.step(command(self.scene, &self.sim));
                 }
             }
             return;
@@ -140,7 +153,7 @@ impl<'a> Rollout<'a> {
         let step_weight = self.scene.step_weight;
         let first = self.steps;
         for _ in 0..self.scene.limits.push {
-            self.step(command);
+            self.step(command(self.scene, &self.sim));
             if self.success {
                 return;
             }

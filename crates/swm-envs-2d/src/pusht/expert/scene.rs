@@ -4,7 +4,7 @@ use super::obstacle::{Figure, Obstacle, Room};
 use super::outline::Outline;
 use super::route::Routes;
 use super::settings::ExpertSettings;
-use super::steering::{ActionKind, Steering};
+use super::steering::{ActionKind, Command, Steering};
 use crate::pusht::env::Moment;
 use crate::pusht::goal::{PushTState, angle_error, is_success, observed_state};
 use crate::pusht::physics::{BodyId, PhysicsError, Rotation, Shape, Sim, Vec2};
@@ -18,6 +18,8 @@ pub(super) struct Scene {
     pub(super) goal: PushTState,
     pub(super) limits: Limits,
     block_shape: Shape,
+    /// How far the block should be from each wall, pixels; `None` if the agent walks through walls.
+    wall_room: Option<[f64; 4]>,
     /// Cost of an angle error, px/rad.
     angle_weight: f64,
     /// Cost of a control step, pixels.
@@ -46,6 +48,10 @@ pub(super) struct Limits {
 const FINISH_PX: f64 = 20.0;
 const FINISH_RAD: f64 = 0.349;
 
+/// Room behind the block that an agent needs, in units of its scale, and the cost of each pixel less.
+const WALL_ROOM: f64 = 2.0;
+const WALL_WEIGHT: f64 = 1.0;
+
 /// Steps in which a free standoff is looked for, pixels.
 const OUTWARD_PX: f64 = 10.0;
 
@@ -72,10 +78,15 @@ impl Scene {
             standoff_px: if slow { 4.0 } else { 18.0 },
             weakest: if slow { 0.7 } else { 0.15 },
         };
+        let block = Figure::new(setup, BodyId::Block);
+        let [_, _, x, y, angle, ..] = moment.goal;
+        let behind = WALL_ROOM * f64::from(setup.agent.scale);
+        let at_goal = block.wall_room(Vec2::from([x, y]), Rotation::new(angle));
         Ok(Scene {
             steering,
             agent: Figure::new(setup, BodyId::Agent),
-            block: Figure::new(setup, BodyId::Block),
+            block,
+            wall_room: slow.then(|| at_goal.map(|room| room.clamp(0.0, behind))),
             outline: Outline::new(&rectangles),
             goal: moment.goal,
             limits,
@@ -92,7 +103,16 @@ impl Scene {
     /// How far the block is from its goal, pixels.
     pub(super) fn block_cost(&self, sim: &Sim) -> f64 {
         let (position, angle) = self.block_errors(sim);
-        position + self.angle_weight * angle
+        position + self.angle_weight * angle + self.wall_cost(sim)
+    }
+
+    /// What makes the block hard to get away from walls: it is nearer to one than at its goal, and an agent that walls
+    /// stop has no room behind it.
+    fn wall_cost(&self, sim: &Sim) -> f64 {
+        let Some(wanted) = &self.wall_room else { return 0.0 };
+        let pose = (sim.position(BodyId::Block).into(), Rotation::new(sim.angle(BodyId::Block)));
+        let room = self.block.wall_room(pose.0, pose.1);
+        WALL_WEIGHT * room.iter().zip(wanted).map(|(room, wanted)| (wanted - room).max(0.0)).sum::<f64>()
     }
 
     /// Whether the block may already stand well enough.
@@ -117,6 +137,26 @@ impl Scene {
         let room = Room::new(&self.agent, Rotation::new(sim.angle(BodyId::Agent)));
         let obstacle = Obstacle::new(&self.agent, &self.block, sim);
         Routes::new(obstacle, room, sim.position(BodyId::Agent).into())
+    }
+
+    /// The command that keeps the agent at its place of the outline and pushes in a direction that turns with the
+    /// block.
+    pub(super) fn following(
+        &self,
+        sim: &Sim,
+        arc_px: f64,
+        side: f64,
+        turn_rad: f64,
+        strength: f64,
+    ) -> Command {
+        let [agent, block] = [BodyId::Agent, BodyId::Block].map(|body| Rotation::new(sim.angle(body)));
+        let (point, normal) = self.outline.at(arc_px);
+        let point = Vec2::from(sim.position(BodyId::Block)) + block.world_from_body(point);
+        let normal = block.world_from_body(normal);
+        let slip = point - self.agent.contact(agent, -normal, side) - Vec2::from(sim.position(BodyId::Agent));
+        let across = slip - normal * slip.dot(normal);
+        let direction = Rotation::new(turn_rad).world_from_body(-normal);
+        Steering::push(direction + across * (1.0 / self.steering.step_px()), strength)
     }
 
     /// A place of the agent's origin from which it can begin to push at an arc position of the outline with one of

@@ -67,6 +67,10 @@ pub(super) fn decide(
     let chosen = pick(&candidates, settings.temperature, stream);
     let mut rollout = Rollout::new(scene, sim).recorded();
     rollout.perform(&chosen.primitive, &routes);
+    // Where nothing helps, anything else is better than standing still: the next decision sees another world.
+    while rollout.steps == 0 {
+        rollout.perform(&Primitive::draw_detour(scene, stream), &routes);
+    }
     rollout.commands.unwrap_or_default()
 }
 
