@@ -53,7 +53,7 @@ const ENV: &str = "swm/PushT-v1";
 pub(crate) fn run(args: &Args) -> Result<()> {
     setup::run(&setup::Args::default())?;
     let size = if args.short { &SHORT } else { &FULL };
-    process::run(process::cargo(["build", "--package", "swm", "--bin", "swm"]).args(size.profile))?;
+    process::run(process::cargo(["build"]).args(package()).args(size.profile))?;
     let started = Instant::now();
     let out = std::path::absolute(&args.out)?;
     fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
@@ -74,6 +74,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         ],
         &[("--out", &data)],
     )?;
+    let film_format = if process::has_cxx() { "mp4" } else { "gif" };
     let mut results = Vec::new();
     let policies = [
         ("expert", "expert", size.evaluated),
@@ -83,7 +84,20 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     for (name, policy, episodes) in policies {
         let folder = out.join(name.split(' ').next().unwrap_or(name));
         let paths = [("--dataset", data.as_path()), ("--out", folder.as_path())];
-        let call = ["eval", ENV, "--policy", policy, "--episodes", episodes, "--films", "3", "--seed", "42"];
+        let call = [
+            "eval",
+            ENV,
+            "--policy",
+            policy,
+            "--episodes",
+            episodes,
+            "--films",
+            "3",
+            "--film-format",
+            film_format,
+            "--seed",
+            "42",
+        ];
         results.push((name, folder.clone(), swm(size, &call, &paths)?));
     }
     let table = markdown(&results);
@@ -96,10 +110,18 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
+/// The command `swm`, with films in MP4 where the machine can build them.
+fn package() -> &'static [&'static str] {
+    const BIN: &[&str] = &["--package", "swm", "--bin", "swm"];
+    const WITHOUT_MP4: &[&str] =
+        &["--package", "swm", "--bin", "swm", "--no-default-features", "--features", "cli"];
+    if process::has_cxx() { BIN } else { WITHOUT_MP4 }
+}
+
 /// Runs the command `swm` and returns what it says as JSON.
 fn swm(size: &Size, args: &[&str], paths: &[(&str, &Path)]) -> Result<Json> {
-    let mut command = process::cargo(["run", "--quiet", "--package", "swm", "--bin", "swm"]);
-    command.args(size.profile).arg("--").args(args);
+    let mut command = process::cargo(["run", "--quiet"]);
+    command.args(package()).args(size.profile).arg("--").args(args);
     for (option, path) in paths {
         command.arg(option).arg(path);
     }
@@ -167,7 +189,7 @@ fn html(recorded: &Json, results: &[(&str, PathBuf, Json)], out: &Path) -> Resul
             let caption = file.file_stem().unwrap_or_default().to_string_lossy().replace('_', " ");
             let extension = file.extension().and_then(|extension| extension.to_str());
             let element = match extension {
-                Some("png") => format!("<img src=\"{relative}\" alt=\"{caption}\"><br>"),
+                Some("png" | "gif") => format!("<img src=\"{relative}\" alt=\"{caption}\"><br>"),
                 Some("mp4") => {
                     format!("<video src=\"{relative}\" title=\"{caption}\" controls loop muted></video>")
                 }

@@ -33,6 +33,24 @@ pub(crate) fn has_cargo_command(name: &str) -> bool {
     String::from_utf8_lossy(&list).lines().any(|line| line.split_whitespace().next() == Some(name))
 }
 
+/// Whether a C++ compiler answers; without one, everything is built but MP4 films.
+pub(crate) fn has_cxx() -> bool {
+    static FOUND: LazyLock<bool> = LazyLock::new(|| {
+        let chosen = std::env::var_os("CXX").filter(|name| !name.is_empty());
+        let usual = ["c++", "g++", "clang++"].map(Into::into);
+        let mut candidates = chosen.map_or_else(|| usual.to_vec(), |name| vec![name]).into_iter();
+        let found = candidates
+            .any(|name| Command::new(name).arg("--version").output().is_ok_and(|o| o.status.success()));
+        if !found {
+            eprintln!(
+                "xtask: no C++ compiler (tried $CXX, c++, g++, clang++): MP4 films are left out, GIFs take their place"
+            );
+        }
+        found
+    });
+    *FOUND
+}
+
 /// Shows the command line and runs it with our standard streams; an exit status other than 0 is an error.
 pub(crate) fn run(command: &mut Command) -> Result<()> {
     let line = display(command);
