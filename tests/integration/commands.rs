@@ -69,6 +69,22 @@ fn inspect_shows_columns_and_counts() {
 }
 
 #[test]
+fn columns_can_be_left_out() {
+    let folder = Folder::new();
+    let out = folder.path("small.h5");
+    let collect =
+        ["collect", PUSHT, "--episodes", "1", "--max-steps", "3", "--image-size", "16x16", "--out", &out];
+    swm_ok(&[&collect[..], &["--without", "goal,n_contacts", "--quiet"]].concat());
+    let columns = &swm_json(&["inspect", &out])["columns"];
+    assert!(
+        columns["pixels"].is_object() && columns["goal"].is_null() && columns["n_contacts"].is_null(),
+        "{columns}"
+    );
+    let message = swm_fails(2, &[&collect[..], &["--mode", "overwrite", "--without", "gaol"]].concat());
+    assert!(message.contains("did you mean `goal`?"), "{message}");
+}
+
+#[test]
 fn a_dataset_replays_exactly() {
     let folder = Folder::new();
     let data = dataset(&folder);

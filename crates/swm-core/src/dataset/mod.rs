@@ -145,10 +145,13 @@ impl<'a> DatasetRecorder<'a> {
         Self { sink, schema, from: Vec::new(), open: BTreeMap::new(), spare: Vec::new(), next: 0 }
     }
 
-    /// The columns of the dataset: all infos, except factors that were neither drawn nor set.
+    /// The columns of the dataset: all infos, except those that the world was told to leave out, and factors that
+    /// were neither drawn nor set.
     fn choose_columns(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
         let varied = varied_factors(run);
+        let unrecorded = &run.options.unrecorded;
         let wanted = |field: &Field| match field.name.strip_prefix(VARIATION_PREFIX) {
+            _ if unrecorded.contains(&field.name) => false,
             Some(factor) => varied.contains(factor),
             None => true,
         };

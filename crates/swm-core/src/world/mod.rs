@@ -37,6 +37,8 @@ pub struct WorldOptions {
     pub frame_skip: u32,
     /// Threads; `None`: one per core. Results do not depend on it.
     pub threads: Option<usize>,
+    /// Fields that datasets do without, by name: `goal`, say, a picture per row. They stay in the infos.
+    pub unrecorded: Vec<String>,
 }
 
 impl Default for WorldOptions {
@@ -48,6 +50,7 @@ impl Default for WorldOptions {
             max_episode_steps: Some(100),
             frame_skip: 1,
             threads: None,
+            unrecorded: Vec::new(),
         }
     }
 }
@@ -101,6 +104,9 @@ impl World {
         let spec = slots[0].env().spec().clone();
         let (fields, common) = CommonFields::append(&spec);
         let infos = Batch::new(Schema::new(fields)?, options.num_envs);
+        if let Some(error) = options.unrecorded.iter().find_map(|name| infos.schema().require(name).err()) {
+            return wrong("unrecorded", error.to_string());
+        }
         let actions = infos.column(common.action).to_column();
         let rules = StepRules {
             frame_skip: options.frame_skip,

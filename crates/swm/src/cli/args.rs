@@ -104,6 +104,7 @@ impl WorldArgs {
             max_episode_steps: Some(max_steps),
             frame_skip: self.frame_skip,
             threads: self.threads,
+            ..WorldOptions::default()
         }
     }
 }

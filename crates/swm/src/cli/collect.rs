@@ -10,6 +10,7 @@ use serde_json::json;
 use swm_core::error::BoxError;
 use swm_core::{
     Batch, EpisodeEnd, EpisodeSink, LiveRow, Metadata, Recorder, Registry, Rollout, Scenario, Schema, World,
+    WorldOptions,
 };
 use swm_data::{DatasetWriter, WriteMode};
 
@@ -50,6 +51,9 @@ pub(super) struct Collect {
     world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
+    /// Columns to leave out, separated by commas: `goal`, say, a picture per row.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    without: Vec<String>,
     /// The file to write.
     #[arg(long, short)]
     out: PathBuf,
@@ -66,7 +70,8 @@ impl Collect {
         let entry = self.env.entry(registry)?;
         let config = self.env.config(self.image_size.0)?;
         let policy = policies::make(registry, entry, &config, self.world.frame_skip, &self.policy)?;
-        let mut world = World::new(entry, self.world.options(config, self.max_steps))?;
+        let world = WorldOptions { unrecorded: self.without, ..self.world.options(config, self.max_steps) };
+        let mut world = World::new(entry, world)?;
         world.set_policy(policy);
         let options = self.scenario.options()?;
         let mut writer = swm_data::create(&self.out, self.mode, self.format.as_deref())?;
