@@ -66,6 +66,7 @@ struct Expert {
     factors: FovSpace,
     env_settings: Settings,
     kind: ActionKind,
+    frame_skip: u32,
     settings: ExpertSettings,
 }
 
@@ -83,7 +84,8 @@ fn make(
     };
     let factors = factors_with(env, &env_settings.init_value)?;
     let description = settings.describe(&args.name);
-    let expert = Arc::new(Expert { env, factors, env_settings, kind, settings });
+    let expert =
+        Arc::new(Expert { env, factors, env_settings, kind, frame_skip: context.frame_skip, settings });
     Ok(Box::new(PerEpisode::new(description, move |view: &RowView<'_>| {
         Ok(Box::new(ExpertActor::new(Arc::clone(&expert), view)?) as Box<dyn Actor>)
     })))
@@ -105,13 +107,14 @@ impl ExpertActor {
     fn new(expert: Arc<Expert>, view: &RowView<'_>) -> Result<Self, PolicyError> {
         let mut saved = EnvState::new();
         let moment = expert.moment(view, &mut saved)?;
-        let scene = Scene::new(&expert.settings, expert.kind, &moment).map_err(|error| {
+        let motion = (expert.kind, expert.frame_skip);
+        let scene = Scene::new(&expert.settings, motion, &moment).map_err(|error| {
             PolicyError::Unsupported { policy: "expert".to_owned(), reason: error.to_string() }
         })?;
         Ok(Self { expert, scene, sim: moment.sim, saved, plan: Vec::new(), done: 0 })
     }
 
-    /// Whether the environment is not where the plan supposes it: something else acted, or actions are repeated.
+    /// Whether the environment is not where the plan supposes it: something else acted.
     fn is_off_plan(&self, view: &RowView<'_>) -> Result<bool, PolicyError> {
         let state: &[f64] = view.row.get("state")?;
         Ok(state != observed_state(&self.sim))
@@ -143,7 +146,8 @@ impl Actor for ExpertActor {
             });
         }
         self.scene.steering.write(&self.sim, command, &mut action)?;
-        self.scene.steering.drive(&mut self.sim, command);
+        let scene = &self.scene;
+        scene.steering.drive(&mut self.sim, command, |sim| scene.is_success(sim));
         self.done += 1;
         Ok(())
     }

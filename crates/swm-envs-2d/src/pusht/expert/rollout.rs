@@ -171,9 +171,9 @@ impl<'a> Rollout<'a> {
     }
 
     fn step(&mut self, command: Command) {
-        self.scene.steering.drive(&mut self.sim, command);
+        let scene = self.scene;
+        self.success = scene.steering.drive(&mut self.sim, command, |sim| scene.is_success(sim));
         self.steps += 1;
-        self.success = self.scene.is_success(&self.sim);
         if let Some(commands) = &mut self.commands {
             commands.push(command);
         }

@@ -57,17 +57,18 @@ const OUTWARD_PX: f64 = 10.0;
 
 /// The scale at which [`ExpertSettings::angle_weight`] is meant.
 const USUAL_SCALE: f64 = 30.0;
-/// The first step of the agent for which [`ExpertSettings::step_weight`] is meant: a disc's.
+/// The first step of the agent for which [`ExpertSettings::step_weight`] is meant: a disc's. A polygon's way and its
+/// push are both shorter in a step, so its steps count less by the square of that.
 const USUAL_STEP_PX: f64 = 26.0;
 
 impl Scene {
     pub(super) fn new(
         settings: &ExpertSettings,
-        kind: ActionKind,
+        (kind, frame_skip): (ActionKind, u32),
         moment: &Moment,
     ) -> Result<Scene, PhysicsError> {
         let setup = &moment.setup;
-        let steering = Steering::new(kind, setup)?;
+        let steering = Steering::new(kind, frame_skip, setup)?;
         let rectangles: Vec<_> = setup.block.shape.rectangles(setup.block.scale).collect();
         let slow = setup.agent.shape != Shape::Disc;
         let limits = Limits {
@@ -92,7 +93,7 @@ impl Scene {
             limits,
             block_shape: setup.block.shape,
             angle_weight: settings.angle_weight * f64::from(setup.block.scale) / USUAL_SCALE,
-            step_weight: settings.step_weight * steering.step_px() / USUAL_STEP_PX,
+            step_weight: settings.step_weight * (steering.step_px() / USUAL_STEP_PX).powi(2),
         })
     }
 

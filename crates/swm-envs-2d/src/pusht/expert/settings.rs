@@ -28,7 +28,7 @@ impl Default for ExpertSettings {
             detours: 8,
             beam_samples: 25,
             angle_weight: 50.0,
-            step_weight: 0.8,
+            step_weight: 2.0,
             temperature: 0.0,
             std: 0.0,
             replan: 1000,
@@ -114,7 +114,7 @@ macro_rules! settings {
                 doc: "pixels that a radian counts, for a block of scale 30",
                 default: "50",
             },
-            Setting { name: "step_weight", doc: "pixels that a control step counts", default: "0.8" },
+            Setting { name: "step_weight", doc: "pixels that a control step counts", default: "2" },
             Setting {
                 name: "temperature",
                 doc: "0: the best primitive; above: drawn by the softmax of cost, in pixels, for diverse data",

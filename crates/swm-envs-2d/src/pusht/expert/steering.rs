@@ -36,6 +36,8 @@ pub(super) type Command = [f32; 2];
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Steering {
     kind: ActionKind,
+    /// How often the world applies each action.
+    frame_skip: u32,
     /// Way in a free control step per offset of the target.
     offset_share: f64,
     /// Way in a free control step per velocity, seconds.
@@ -44,7 +46,7 @@ pub(super) struct Steering {
 
 impl Steering {
     /// Measures how the agent of `setup` answers.
-    pub(super) fn new(kind: ActionKind, setup: &Setup) -> Result<Steering, PhysicsError> {
+    pub(super) fn new(kind: ActionKind, frame_skip: u32, setup: &Setup) -> Result<Steering, PhysicsError> {
         // A small agent of the same kind alone in the middle; the block is far off in a corner.
         let shape = if setup.agent.shape == Shape::Disc { Shape::Disc } else { Shape::Square };
         let body = |shape, position| BodySetup { shape, scale: 1.0, position, angle: 0.0 };
@@ -64,6 +66,7 @@ impl Steering {
         };
         Ok(Steering {
             kind,
+            frame_skip,
             offset_share: way(0.0, 1.0)? / ACTION_PX,
             velocity_share_s: way(100.0, 0.0)? / 100.0,
         })
@@ -91,16 +94,20 @@ impl Steering {
         [(direction.x * scale) as f32, (direction.y * scale) as f32]
     }
 
-    /// Carries a command out, rounded as the environment's actions are.
-    pub(super) fn drive(&self, sim: &mut Sim, command: Command) {
-        match self.kind {
-            ActionKind::Relative => sim.control_step(command, ActionMode::Relative),
-            ActionKind::Absolute => sim.control_step(absolute(sim, command), ActionMode::Absolute),
+    /// Carries a command out, rounded as the environment's actions are and as often as they are applied, until
+    /// `is_over`. Returns whether it is.
+    pub(super) fn drive(&self, sim: &mut Sim, command: Command, is_over: impl Fn(&Sim) -> bool) -> bool {
+        let (action, mode) = match self.kind {
+            ActionKind::Relative => (command, ActionMode::Relative),
+            ActionKind::Absolute => (absolute(sim, command), ActionMode::Absolute),
             ActionKind::Discrete => {
-                let middle = discrete::to_continuous(discrete::from_continuous(command));
-                sim.control_step(middle, ActionMode::Relative)
+                (discrete::to_continuous(discrete::from_continuous(command)), ActionMode::Relative)
             }
         };
+        (0..self.frame_skip).any(|_| {
+            sim.control_step(action, mode);
+            is_over(sim)
+        })
     }
 
     /// Writes a command as the action of an environment that stands as `sim` does.
@@ -155,10 +162,10 @@ mod tests {
             (Shape::L, ActionKind::Relative),
         ] {
             let (setup, mut sim) = alone(shape);
-            let steering = Steering::new(kind, &setup).unwrap();
+            let steering = Steering::new(kind, 1, &setup).unwrap();
             let target = vec2(254.0, 243.0);
             let command = steering.toward(&sim, target);
-            steering.drive(&mut sim, command);
+            steering.drive(&mut sim, command, |_| false);
             let miss = (Vec2::from(sim.position(BodyId::Agent)) - target).norm();
             assert!(miss < 1e-3, "{shape:?} {kind:?}: {miss}");
         }
@@ -167,14 +174,14 @@ mod tests {
     #[test]
     fn polygons_cover_a_tenth_of_the_way() {
         let (setup, _) = alone(Shape::Z);
-        let steering = Steering::new(ActionKind::Relative, &setup).unwrap();
+        let steering = Steering::new(ActionKind::Relative, 1, &setup).unwrap();
         assert!((steering.step_px() - 100.0 * (1.0 - 0.99_f64.powi(10))).abs() < 1e-9);
     }
 
     #[test]
     fn far_targets_keep_commands_in_the_box_and_the_direction() {
         let (setup, sim) = alone(Shape::Square);
-        let steering = Steering::new(ActionKind::Relative, &setup).unwrap();
+        let steering = Steering::new(ActionKind::Relative, 1, &setup).unwrap();
         let [x, y] = steering.toward(&sim, vec2(450.0, 350.0));
         assert!((x - 1.0).abs() < 1e-6 && (y - 0.5).abs() < 1e-6);
         assert_eq!(Steering::push(vec2(0.6, -0.8), 0.5), [0.375, -0.5]);
