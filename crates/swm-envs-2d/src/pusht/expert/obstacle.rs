@@ -176,19 +176,19 @@ impl Obstacle {
         let way = b - a;
         let projected = self.normals.map(|n| (n.dot(a), n.dot(way)));
         self.pieces.iter().all(|piece| {
-            let mut at = [(0.0, 0.0); 4];
-            let mut clearance = [f64::NEG_INFINITY; 2];
-            for k in 0..4 {
-                let from = projected[k].0 - self.normals[k].dot(piece.center);
-                at[k] = (from, projected[k].1);
-                clearance[0] = clearance[0].max(from.abs() - piece.half_widths[k]);
-                clearance[1] = clearance[1].max((from + projected[k].1).abs() - piece.half_widths[k]);
-            }
-            let margin = MARGIN_PX.min(clearance[0] - 0.01).min(clearance[1] - 0.01);
+            let sides = || {
+                let normals = self.normals.iter().zip(projected);
+                normals.zip(piece.half_widths).map(|((n, (from, slope)), half)| {
+                    (from - n.dot(piece.center), slope, half)
+                })
+            };
+            let outside = |t: f64| {
+                sides().fold(f64::NEG_INFINITY, |d, (from, slope, half)| d.max((from + t * slope).abs() - half))
+            };
+            let margin = MARGIN_PX.min(outside(0.0) - 0.01).min(outside(1.0) - 0.01);
             let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
-            for k in 0..4 {
-                let (from, slope) = at[k];
-                let half = piece.half_widths[k] + margin;
+            for (from, slope, half) in sides() {
+                let half = half + margin;
                 if slope.abs() < 1e-12 {
                     if from.abs() >= half {
                         return true;
