@@ -36,7 +36,7 @@ const FULL: Size = Size {
     recorded: "200",
     evaluated: "50",
     planner: "cem:samples=128,iterations=8,elites=16,horizon=10,receding_horizon=4,action_block=1",
-    planner_evaluated: "20",
+    planner_evaluated: "50",
 };
 
 const SHORT: Size = Size {
