@@ -178,7 +178,8 @@ fn html(recorded: &Json, results: &[(&str, PathBuf, Json)], out: &Path) -> Resul
     for (name, folder, _) in results {
         let _ = write!(
             page,
-            "<h2>{name}</h2><p>One row per episode, first to last moment; the goal is at the end.</p>"
+            "<h2>{name}</h2><p>One row per episode, first to last moment; the last picture is the goal. The green shape is a decoration that the reference draws, \
+             not the goal.</p>"
         );
         let mut files: Vec<PathBuf> =
             fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<Result<_>>()?;
@@ -191,7 +192,9 @@ fn html(recorded: &Json, results: &[(&str, PathBuf, Json)], out: &Path) -> Resul
             let element = match extension {
                 Some("png" | "gif") => format!("<img src=\"{relative}\" alt=\"{caption}\"><br>"),
                 Some("mp4") => {
-                    format!("<video src=\"{relative}\" title=\"{caption}\" controls loop muted></video>")
+                    format!(
+                        "<video src=\"{relative}\" title=\"{caption}\" controls autoplay loop muted playsinline></video>"
+                    )
                 }
                 _ => continue,
             };
