@@ -36,6 +36,9 @@ fn factor_values_outside_their_bounds_are_told_with_the_bounds() {
     says(2, &set("block.scale=61"), &["`block.scale`", "between 20 and 60", "61"]);
     says(2, &set("block.color=1,2"), &["`block.color`", "[3]", "2 value"]);
     says(2, &set("block.shape=2.5"), &["`block.shape`", "2.5"]);
+    says(2, &set("agent.color=256,0,0"), &["`agent.color`", "0 and 255", "256"]);
+    says(2, &set("agent=1"), &["`agent` is a group", "agent.color"]);
+    says(2, &set("block.angle=[1"), &["[1", "number"]);
     says(2, &set("block.scale=abc"), &["abc", "number"]);
     says(2, &set("block.scale"), &["NAME=VALUE"]);
     assert!(!std::path::Path::new(&out).exists(), "a refused request leaves no file");
@@ -55,9 +58,21 @@ fn sizes_and_counts_are_checked_before_anything_is_made() {
     says(2, &with(&["--threads", "0"]), &["threads"]);
     says(2, &with(&["--frame-skip", "0"]), &["frame_skip"]);
     says(2, &with(&["--max-steps", "0"]), &["max_episode_steps"]);
+    says(2, &with(&["--threads", "100000000"]), &["threads", "1024"]);
+    says(2, &with(&["--frame-skip", "4294967295"]), &["frame_skip", "1000"]);
+    says(2, &with(&["--num-envs", "60000", "--image-size", "4096"]), &["image", "GB", "fewer environments"]);
+    says(2, &with(&["--vary", "none,block"]), &["`none` stands alone"]);
+    says(2, &with(&["--without", "variation.block.angle"]), &["variation.block.angle", "restore"]);
     says(2, &["collect", PUSHT, "--episodes", "0", "--out", &out], &["0 episodes"]);
     says(2, &with(&["--policy", "cem:samples=5,elites=9"]), &["elites"]);
     says(2, &with(&["--policy", "constant:1,2,3"]), &["constant", "3 value(s)"]);
+    says(2, &with(&["--policy", "weak:inf"]), &["weak", "inf"]);
+    let discrete = ["render", "swm/PushT-Discrete-v1", "--steps", "1", "--out", &out, "--policy"];
+    let png = folder.path("a.png");
+    let discrete: Vec<&str> =
+        discrete.iter().map(|arg| if *arg == out { png.as_str() } else { *arg }).collect();
+    says(1, &[&discrete[..], &["constant:300,200"]].concat(), &["300", "between"]);
+    says(2, &[&discrete[..], &["constant:3.5,2"]].concat(), &["3.5", "no integer"]);
     says(2, &with(&["--policy", "constant:nan,0"]), &["constant", "numbers"]);
     assert!(!std::path::Path::new(&out).exists(), "a refused request leaves no file");
 }

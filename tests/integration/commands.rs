@@ -69,6 +69,95 @@ fn inspect_shows_columns_and_counts() {
 }
 
 #[test]
+fn datasets_of_every_kind_replay() {
+    let folder = Folder::new();
+    let kinds: [(&str, &[&str]); 5] = [
+        ("frame skip", &["--policy", "expert", "--frame-skip", "2"]),
+        (
+            "a default factor at its default",
+            &["--policy", "weak", "--vary", "agent", "--set", "block.angle=1"],
+        ),
+        ("nothing drawn", &["--policy", "weak", "--vary", "none"]),
+        ("everything drawn", &["--policy", "weak", "--vary", "all"]),
+        ("absolute actions", &["--policy", "weak", "--env-option", "relative=false"]),
+    ];
+    for (index, (kind, options)) in kinds.into_iter().enumerate() {
+        let out = folder.path(&format!("{index}.h5"));
+        let collect = [
+            "collect",
+            PUSHT,
+            "--episodes",
+            "3",
+            "--seed",
+            "3",
+            "--image-size",
+            "none",
+            "--out",
+            &out,
+            "--quiet",
+        ];
+        swm_ok(&[&collect[..], options].concat());
+        assert_eq!(swm_json(&["replay", &out, "--tolerance", "0"])["ok"], true, "{kind}");
+    }
+}
+
+#[test]
+fn evaluation_takes_settings_and_frame_skip_from_the_dataset() {
+    let folder = Folder::new();
+    let out = folder.path("plus.h5");
+    swm_ok(&[
+        "collect",
+        PUSHT,
+        "--policy",
+        "weak",
+        "--episodes",
+        "2",
+        "--max-steps",
+        "20",
+        "--image-size",
+        "none",
+        "--frame-skip",
+        "2",
+        "--env-option",
+        "init_value={\"block.shape\":7}",
+        "--out",
+        &out,
+        "--quiet",
+    ]);
+    let eval =
+        ["eval", PUSHT, "--policy", "random", "--dataset", &out, "--goal-offset", "3", "--budget", "3"];
+    let result = swm_json(&[&eval[..], &["--episodes", "2", "--quiet"]].concat());
+    assert_eq!(result["setup"]["frame_skip"], 2);
+    assert_eq!(result["setup"]["settings"]["init_value"]["block.shape"], 7);
+    let message = swm_fails(1, &[&eval[..], &["--episodes", "2", "--frame-skip", "1"]].concat());
+    assert!(message.contains("frame skip 2"), "{message}");
+}
+
+#[test]
+fn an_appended_run_is_told_apart() {
+    let folder = Folder::new();
+    let out = folder.path("two.h5");
+    let base = [
+        "collect",
+        PUSHT,
+        "--max-steps",
+        "3",
+        "--image-size",
+        "none",
+        "--episodes",
+        "2",
+        "--out",
+        &out,
+        "--quiet",
+    ];
+    swm_ok(&[&base[..], &["--policy", "weak"]].concat());
+    swm_ok(&[&base[..], &["--policy", "random", "--seed", "9", "--mode", "append"]].concat());
+    let runs = &swm_json(&["inspect", &out])["runs"];
+    assert_eq!(runs[0]["metadata"]["seed"], 0);
+    assert_eq!((&runs[1]["first_episode"], &runs[1]["metadata"]["policy"]), (&json!(2), &json!("random")));
+}
+
+#[test]
 fn columns_can_be_left_out() {
     let folder = Folder::new();
     let out = folder.path("small.h5");

@@ -178,7 +178,7 @@ fn html(recorded: &Json, results: &[(&str, PathBuf, Json)], out: &Path) -> Resul
     for (name, folder, _) in results {
         let _ = write!(
             page,
-            "<h2>{name}</h2><p>One row per episode, first to last moment; the last picture is the goal. The green shape is a decoration that the reference draws, \
+            "<h2>{name}</h2><p>One row per episode: the goal in an orange frame, then moments from first to last. The green shape is a decoration that the reference draws, \
              not the goal.</p>"
         );
         let mut files: Vec<PathBuf> =

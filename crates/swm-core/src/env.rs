@@ -45,6 +45,22 @@ pub trait Env: Send + Sync {
     }
 }
 
+/// One step of a world with frame skip: the action is applied `times` times, or until it ends the episode. Rewards
+/// add up, and any success counts.
+pub fn step_times(env: &mut dyn Env, action: Slice<'_>, times: u32) -> Result<Outcome, EnvError> {
+    let mut total = env.step(action)?;
+    for _ in 1..times {
+        if total.terminated {
+            break;
+        }
+        let next = env.step(action)?;
+        total.reward += next.reward;
+        total.terminated = next.terminated;
+        total.success = total.success.max(next.success);
+    }
+    Ok(total)
+}
+
 /// What one control step (or a reset) led to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {

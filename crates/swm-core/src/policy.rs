@@ -103,7 +103,7 @@ impl Actions<'_> {
     }
 }
 
-/// Writes numbers as an action of any type: floats are rounded to the action's type, and integers must be whole.
+/// Writes numbers as an action of any type: rounded to the nearest number that the type holds.
 pub fn write_action(action: &mut SliceMut<'_>, values: &[f32]) {
     match action {
         SliceMut::F32(out) => out.copy_from_slice(values),
@@ -211,20 +211,38 @@ pub fn constant(values: Vec<f32>) -> impl Policy {
     };
     scripted(description, move |view, action| {
         let width = view.spec.action.width();
-        if !values.is_empty() && values.len() != width {
-            return Err(PolicyError::Argument {
-                policy: "constant".to_owned(),
-                reason: format!(
-                    "{} value(s) given, the action of {} has {width}",
-                    values.len(),
-                    view.spec.id
-                ),
-            });
+        let wrong = |reason: String| PolicyError::Argument { policy: "constant".to_owned(), reason };
+        if values.is_empty() {
+            do_nothing(&view.spec.action, action);
+            return Ok(());
         }
-        let zeros = [0.0; 64];
-        write_action(action, if values.is_empty() { &zeros[..width.min(64)] } else { &values });
+        if values.len() != width {
+            let reason =
+                format!("{} value(s) given, the action of {} has {width}", values.len(), view.spec.id);
+            return Err(wrong(reason));
+        }
+        if let (SliceMut::I64(_), Some(value)) = (&*action, values.iter().find(|value| value.fract() != 0.0))
+        {
+            return Err(wrong(format!("{value} is no integer, as the actions of {} are", view.spec.id)));
+        }
+        write_action(action, &values);
         Ok(())
     })
+}
+
+/// Zeros; for integers, the allowed values nearest to zero.
+fn do_nothing(space: &Space, action: &mut SliceMut<'_>) {
+    match (space, action) {
+        (_, SliceMut::F32(out)) => out.fill(0.0),
+        (_, SliceMut::F64(out)) => out.fill(0.0),
+        (Space::Discrete { n, start }, SliceMut::I64(out)) => out.fill(0.clamp(*start, start + n - 1)),
+        (Space::MultiDiscrete { n, start }, SliceMut::I64(out)) => {
+            for (out, (n, start)) in out.iter_mut().zip(n.iter().zip(start)) {
+                *out = 0.clamp(*start, start + n - 1);
+            }
+        }
+        _ => unreachable!("action spaces are boxes or integers"),
+    }
 }
 
 /// A policy from a function of one environment's view: for scripts and tests.

@@ -129,7 +129,7 @@ fn literal(text: &str) -> Json {
     match (text, text.parse::<f64>()) {
         ("true", _) => true.into(),
         ("false", _) => false.into(),
-        (_, Ok(number)) => number.into(),
+        (_, Ok(number)) if number.is_finite() => number.into(),
         _ => text.into(),
     }
 }

@@ -207,6 +207,21 @@ impl Space {
         Ok(())
     }
 
+    /// Whether integers lie in this space of integers; true for other spaces, whose bounds are advice. Allocates
+    /// nothing.
+    pub fn holds_integers(&self, values: Slice<'_>) -> bool {
+        let within = |value: i64, n: i64, start: i64| value >= start && value - start < n;
+        match (self, values) {
+            (Space::Discrete { n, start }, Slice::I64(values)) => {
+                values.iter().all(|&value| within(value, *n, *start))
+            }
+            (Space::MultiDiscrete { n, start }, Slice::I64(values)) => {
+                values.iter().zip(n.iter().zip(start)).all(|(&value, (&n, &start))| within(value, n, start))
+            }
+            _ => true,
+        }
+    }
+
     /// Whether a value has this space's type and shape and lies in it.
     pub fn contains(&self, value: &Value) -> bool {
         let typed = match self.dtype() {

@@ -5,7 +5,7 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-use swm_core::{Batch, EpisodeSink, EpisodeSource, SliceMut};
+use swm_core::{Batch, EpisodeSink, EpisodeSource, Metadata, SliceMut};
 
 use crate::error::DataError;
 
@@ -50,6 +50,11 @@ pub trait Dataset: EpisodeSource {
 
     /// A second handle on the same open dataset, for another thread. Costs scratch memory only.
     fn share(&self) -> Box<dyn Dataset>;
+
+    /// The runs that were recorded into it, each with its first episode; empty for files that say nothing of themselves.
+    fn runs(&self) -> &[(u64, Metadata)] {
+        &[]
+    }
 
     /// Root columns of the file that this program cannot represent, with the reason.
     fn skipped(&self) -> &[(String, String)] {

@@ -24,6 +24,14 @@ pub enum FovError {
         /// The nearest factor or group.
         nearest: Option<String>,
     },
+    /// A group was given where one factor is meant.
+    #[error("`{name}` is a group of factors; name one of them: {factors}")]
+    Group {
+        /// The group.
+        name: String,
+        /// Its factors.
+        factors: String,
+    },
     /// A value has a wrong type or shape, or lies outside the bounds.
     #[error("factor {0}")]
     Value(#[from] BatchError),
@@ -130,11 +138,21 @@ impl FovSpace {
 
     pub(crate) fn index(&self, name: &str) -> Result<usize, FovError> {
         let found = self.factors.iter().position(|factor| factor.spec.name == name);
-        found.ok_or_else(|| self.unknown(name))
+        found.ok_or_else(|| {
+            let below: Vec<&str> = self.names().filter(|factor| selects(name, factor)).collect();
+            match below.as_slice() {
+                [] => FovError::Unknown { name: name.to_owned(), nearest: nearest(name, self.names()) },
+                names => FovError::Group { name: name.to_owned(), factors: names.join(", ") },
+            }
+        })
+    }
+
+    fn names(&self) -> impl Iterator<Item = &str> + Clone {
+        self.factors.iter().map(|factor| factor.spec.name.as_str())
     }
 
     fn unknown(&self, name: &str) -> FovError {
-        let names = self.factors.iter().map(|factor| factor.spec.name.as_str());
+        let names = self.names();
         let groups = names.clone().filter_map(|name| name.rsplit_once('.').map(|(group, _)| group));
         FovError::Unknown { name: name.to_owned(), nearest: nearest(name, names.chain(groups)) }
     }

@@ -7,8 +7,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
+use swm_core::env::step_times;
 use swm_core::registry::Setting;
-use swm_core::{Column, Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvState, Outcome, Space};
+use swm_core::{Column, Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvState, Space};
 
 use crate::cost::{Candidates, Cost};
 use crate::error::PlanError;
@@ -218,7 +219,7 @@ impl Worker {
             if !self.action.as_slice().is_finite() {
                 return Ok(f64::INFINITY);
             }
-            let outcome = match self.step(options.frame_skip) {
+            let outcome = match step_times(self.env.as_mut(), self.action.as_slice(), options.frame_skip) {
                 Ok(outcome) => outcome,
                 Err(EnvError::Diverged { .. }) => return Ok(f64::INFINITY),
                 Err(error) => return Err(error.into()),
@@ -243,19 +244,5 @@ impl Worker {
             }
         }
         Ok(f64::INFINITY)
-    }
-
-    /// One step of the world: the action repeated until it ends the episode; any success counts.
-    fn step(&mut self, frame_skip: u32) -> Result<Outcome, EnvError> {
-        let mut total = self.env.step(self.action.as_slice())?;
-        for _ in 1..frame_skip {
-            if total.terminated {
-                break;
-            }
-            let next = self.env.step(self.action.as_slice())?;
-            let success = total.success.max(next.success);
-            total = Outcome { success, ..next };
-        }
-        Ok(total)
     }
 }

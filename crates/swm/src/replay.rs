@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use swm_core::batch::FieldKind;
 use swm_core::dataset::{self, EpisodeSource};
+use swm_core::env::step_times;
 use swm_core::error::BoxError;
 use swm_core::{Batch, Dtype, Env, EnvConfig, EnvEntry, Episode, EpisodeSeed, Field, Schema, Slice, Value};
 
@@ -72,9 +73,7 @@ pub fn replay(
                         format!("episode {episode}, row {row}: the recorded action is not finite").into()
                     );
                 }
-                for _ in 0..frame_skip {
-                    env.step(action)?;
-                }
+                step_times(env.as_mut(), action, frame_skip)?;
             }
         }
         watch(episode);

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use swm_core::Evaluation;
 use swm_core::error::BoxError;
-use swm_media::{contact_sheet, png};
+use swm_media::{Clip, Format, contact_sheet, png};
 
 use crate::film::{Film, Scene};
 
@@ -12,13 +12,18 @@ use crate::film::{Film, Scene};
 const SHEET_COLUMNS: usize = 8;
 /// Films are enlarged to at least this short side, in pixels: players blur smaller ones.
 const MIN_SIDE: usize = 256;
+/// And never beyond this long side.
+const MAX_SIDE: usize = 2160;
+/// Frame around the goal, so that it is not taken for a moment.
+const GOAL_FRAME: usize = 3;
+const GOAL_COLOR: [u8; 3] = [220, 120, 0];
 
 /// Writes all of it and returns the paths.
 pub fn write_report(
     dir: &Path,
     evaluation: &Evaluation,
     film: &Film,
-    film_format: &str,
+    film_format: Format,
 ) -> Result<Vec<PathBuf>, BoxError> {
     let failed =
         |path: &Path, error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
@@ -40,27 +45,51 @@ pub fn write_report(
             Some(false) => "failure",
             None => "episode",
         };
-        let path = dir.join(format!("episode_{index:03}_{outcome}.{film_format}"));
-        scene.clip.upscaled(MIN_SIDE).save(&path)?;
+        let path = dir.join(format!("episode_{index:03}_{outcome}.{}", film_format.extension()));
+        enlarged(&scene.clip).save(&path)?;
         written.push(path);
     }
     Ok(written)
 }
 
-/// One row per episode: moments from first to last, then the goal.
+/// The clip at a size that players do not blur, unless it is so elongated that this would be huge.
+fn enlarged(clip: &Clip) -> Clip {
+    let (short, long) = (clip.height().min(clip.width()), clip.height().max(clip.width()));
+    let factor = MIN_SIDE.div_ceil(short).min(MAX_SIDE / long).max(1);
+    clip.upscaled(factor * short)
+}
+
+/// One row per episode: the goal in a frame, then moments from first to last.
 fn write_sheet<'a>(path: &Path, scenes: impl Iterator<Item = &'a Scene>) -> Result<(), BoxError> {
-    let mut size = (0, 0);
+    let scenes: Vec<&Scene> = scenes.collect();
+    let size = scenes.first().map_or((0, 0), |scene| (scene.clip.height(), scene.clip.width()));
+    let goals: Vec<Option<Vec<u8>>> =
+        scenes.iter().map(|scene| scene.goal.as_ref().map(|goal| framed(goal, size.1))).collect();
     let rows: Vec<Vec<&[u8]>> = scenes
-        .map(|scene| {
-            size = (scene.clip.height(), scene.clip.width());
+        .iter()
+        .zip(&goals)
+        .map(|(scene, goal)| {
             let frames: Vec<&[u8]> = scene.clip.frames().collect();
             let last = frames.len() - 1;
             let count = SHEET_COLUMNS.min(frames.len());
             let moment = |i: usize| if count == 1 { 0 } else { i * last / (count - 1) };
             let moments = (0..count).map(|i| frames[moment(i)]);
-            moments.chain(scene.goal.as_deref()).collect()
+            goal.as_deref().into_iter().chain(moments).collect()
         })
         .collect();
     let (height, width, rgb) = contact_sheet(&rows, size.0, size.1, 4)?;
     Ok(png::write(path, height, width, &rgb)?)
+}
+
+/// A picture `[H, W, 3]` with a coloured frame.
+fn framed(picture: &[u8], width: usize) -> Vec<u8> {
+    let mut framed = picture.to_vec();
+    let height = picture.len() / 3 / width;
+    for (index, pixel) in framed.chunks_exact_mut(3).enumerate() {
+        let (y, x) = (index / width, index % width);
+        if x.min(width - 1 - x).min(y).min(height - 1 - y) < GOAL_FRAME {
+            pixel.copy_from_slice(&GOAL_COLOR);
+        }
+    }
+    framed
 }

@@ -50,9 +50,9 @@ impl Value {
             return Ok(Self { shape: shape.to_vec(), data: self.data.clone() });
         }
         let numbers = self.numbers(what)?;
-        let integer = |low: f64, high: f64| -> Result<(), BatchError> {
+        let integer = |words: &str, low: f64, high: f64| -> Result<(), BatchError> {
             match numbers.iter().find(|v| v.fract() != 0.0 || **v < low || **v > high) {
-                Some(bad) => Err(wrong(what, &describe(dtype, shape), bad.to_string())),
+                Some(bad) => Err(wrong(what, &format!("integers {words}"), bad.to_string())),
                 None => Ok(()),
             }
         };
@@ -60,19 +60,19 @@ impl Value {
             Dtype::F64 => Column::F64(numbers),
             Dtype::F32 => Column::F32(numbers.iter().map(|&v| v as f32).collect()),
             Dtype::U8 => {
-                integer(0.0, 255.0)?;
+                integer("between 0 and 255", 0.0, 255.0)?;
                 Column::U8(numbers.iter().map(|&v| v as u8).collect())
             }
             Dtype::I32 => {
-                integer(f64::from(i32::MIN), f64::from(i32::MAX))?;
+                integer("of 32 bits", f64::from(i32::MIN), f64::from(i32::MAX))?;
                 Column::I32(numbers.iter().map(|&v| v as i32).collect())
             }
             Dtype::I64 => {
-                integer(-(2f64.powi(53)), 2f64.powi(53))?;
+                integer("of 53 bits", -(2f64.powi(53)), 2f64.powi(53))?;
                 Column::I64(numbers.iter().map(|&v| v as i64).collect())
             }
             Dtype::Bool => {
-                integer(0.0, 1.0)?;
+                integer("0 or 1", 0.0, 1.0)?;
                 Column::Bool(numbers.iter().map(|&v| v == 1.0).collect())
             }
             Dtype::Str => return Err(wrong(what, "text", "numbers".to_owned())),

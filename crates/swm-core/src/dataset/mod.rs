@@ -69,6 +69,9 @@ pub struct Metadata {
     /// The factors that were set.
     #[serde(default)]
     pub variation_values: BTreeMap<String, serde_json::Value>,
+    /// The episodes were started at recorded rows (an evaluation from a dataset), with options of their own each.
+    #[serde(default)]
+    pub from_recorded_rows: bool,
     /// Picture size.
     #[serde(default)]
     pub image: Option<ImageSize>,
@@ -112,6 +115,7 @@ impl Metadata {
             policy: run.policy.to_owned(),
             variation,
             variation_values,
+            from_recorded_rows: matches!(run.rollout.scenario, Scenario::Each(_)),
             image: run.options.env.image,
             max_episode_steps: run.options.max_episode_steps,
             frame_skip: run.options.frame_skip,
@@ -193,7 +197,13 @@ impl Recorder for DatasetRecorder<'_> {
     fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
         self.choose_columns(run)?;
         self.next = run.rollout.episodes.start;
-        self.sink.begin(&self.schema, &Metadata::of(run))?;
+        let held = self.sink.begin(&self.schema, &Metadata::of(run))?;
+        if held != self.next {
+            let next = self.next;
+            return Err(
+                format!("the dataset holds {held} episodes, so {held} must come next, not {next}").into()
+            );
+        }
         Ok(())
     }
 

@@ -26,16 +26,21 @@ pub fn recorded_moment(
 
 /// Reset options that repeat a recorded episode from its first row: its factors, its goal, its seed.
 ///
-/// Where the dataset holds every factor that is drawn by default, the reset places things from them, just as the
-/// recorded one did; otherwise it stands at the first recorded row.
+/// Where the factors of the episode are known, the reset places things from them, just as the recorded one did:
+/// in files of this program (a factor without a column was at its default), and in others that hold every factor that
+/// is drawn by default. Otherwise it stands at the first recorded row.
 pub fn whole_episode(
     spec: &EnvSpec,
     source: &mut dyn EpisodeSource,
     episode: usize,
 ) -> Result<ResetOptions, BoxError> {
     let mut options = recorded_moment(spec, source, episode, 0)?;
-    let known = |name: &String| options.variation_values.contains_key(name);
-    if spec.factors.iter().filter(|factor| factor.drawn_by_default).all(|factor| known(&factor.name)) {
+    let held = |name: &String| options.variation_values.contains_key(name);
+    let all_known = match source.metadata() {
+        Some(metadata) => !metadata.from_recorded_rows,
+        None => spec.factors.iter().filter(|factor| factor.drawn_by_default).all(|factor| held(&factor.name)),
+    };
+    if all_known {
         options.start = None;
     }
     let mut goal = BTreeMap::new();

@@ -66,6 +66,16 @@ impl World {
             let reason = format!("was recorded in `{}`, this world is `{}`", metadata.env, self.spec.id);
             return Err(WorldError::Dataset(reason.into()));
         }
+        if let Some(metadata) = source.metadata()
+            && metadata.frame_skip != self.options().frame_skip
+        {
+            let reason = format!(
+                "was recorded with frame skip {}, this world has {}: its rows are another time apart",
+                metadata.frame_skip,
+                self.options().frame_skip
+            );
+            return Err(WorldError::Dataset(reason.into()));
+        }
         let starts = choose_starts(source, options).map_err(WorldError::Dataset)?;
         let resets = starts
             .iter()

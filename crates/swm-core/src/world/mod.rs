@@ -11,7 +11,7 @@ use std::sync::Arc;
 use rayon::ThreadPool;
 
 use crate::batch::{Batch, Column, Schema, Slice};
-use crate::env::{EnvConfig, EnvSpec, ImageSize, ResetOptions};
+use crate::env::{EnvConfig, EnvSpec, ImageSize, ResetOptions, VARIATION_PREFIX};
 use crate::error::WorldError;
 use crate::pace::Pace;
 use crate::policy::{Actions, LiveEpisode, Policy, View};
@@ -68,8 +68,12 @@ pub struct World {
     pool: Arc<ThreadPool>,
 }
 
-/// More environments than this in one process are a typing error.
+// More than these in one process are typing errors.
 const MAX_ENVS: usize = 65_536;
+const MAX_THREADS: usize = 1024;
+const MAX_FRAME_SKIP: u32 = 1000;
+/// All pictures of the infos together: 4 GB.
+const MAX_FRAME_BYTES: usize = 4_000_000_000;
 
 impl World {
     /// Makes the environments. Nothing is reset yet.
@@ -78,8 +82,8 @@ impl World {
         if !(1..=MAX_ENVS).contains(&options.num_envs) {
             return wrong("num_envs", format!("{} is not in 1 to {MAX_ENVS}", options.num_envs));
         }
-        if options.frame_skip == 0 {
-            return wrong("frame_skip", "0 steps per action; use 1 or more".to_owned());
+        if !(1..=MAX_FRAME_SKIP).contains(&options.frame_skip) {
+            return wrong("frame_skip", format!("{} is not in 1 to {MAX_FRAME_SKIP}", options.frame_skip));
         }
         if options.max_episode_steps == Some(0) {
             return wrong("max_episode_steps", "0 steps; use 1 or more, or none".to_owned());
@@ -89,8 +93,19 @@ impl World {
         {
             return wrong("image", reason);
         }
-        if options.threads == Some(0) {
-            return wrong("threads", "0 threads; use 1 or more".to_owned());
+        let frame_bytes = options.env.image.map_or(0, |image| image.shape().iter().product::<usize>());
+        if frame_bytes * options.num_envs > MAX_FRAME_BYTES {
+            let gigabytes = (frame_bytes * options.num_envs) as f64 / 1e9;
+            let reason = format!(
+                "{} pictures of this size take {gigabytes:.0} GB; use fewer environments or smaller pictures",
+                options.num_envs
+            );
+            return wrong("image", reason);
+        }
+        if let Some(threads) = options.threads
+            && !(1..=MAX_THREADS).contains(&threads)
+        {
+            return wrong("threads", format!("{threads} is not in 1 to {MAX_THREADS}"));
         }
         // rayon takes 0 for "one per core".
         let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0));
@@ -104,6 +119,9 @@ impl World {
         let spec = slots[0].env().spec().clone();
         let (fields, common) = CommonFields::append(&spec);
         let infos = Batch::new(Schema::new(fields)?, options.num_envs);
+        if let Some(name) = options.unrecorded.iter().find(|name| name.starts_with(VARIATION_PREFIX)) {
+            return wrong("unrecorded", format!("`{name}` is needed to restore recorded episodes"));
+        }
         if let Some(error) = options.unrecorded.iter().find_map(|name| infos.schema().require(name).err()) {
             return wrong("unrecorded", error.to_string());
         }
@@ -203,13 +221,15 @@ impl World {
         for (row, slot) in self.slots.iter().enumerate() {
             let Some(episode) = slot.live_episode() else { continue };
             let action = actions.range(row * width, width);
+            let refuse = |reason: String| {
+                Err(WorldError::Action { row, episode: episode.index, step: episode.step, reason })
+            };
             if !action.is_finite() {
-                return Err(WorldError::Action {
-                    row,
-                    episode: episode.index,
-                    step: episode.step,
-                    reason: format!("the action {action:?} is not finite"),
-                });
+                return refuse(format!("the action {action:?} is not finite"));
+            }
+            if !self.spec.action.holds_integers(action) {
+                let (low, high) = self.spec.action.bounds();
+                return refuse(format!("the action {action:?} is not between {low:?} and {high:?}"));
             }
             let infos = self.infos.column_mut(self.rules.fields.action);
             let (_, rest) = infos.split_at(row * width);

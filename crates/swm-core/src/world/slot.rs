@@ -1,8 +1,8 @@
 //! One environment of a `World`, the episode it is in, and the parallel phases over all of them.
 
 use crate::batch::{RowsMut, Slice};
-use crate::env::{Env, Episode, ImageSize, Outcome, ResetOptions};
-use crate::error::{EnvError, WorldError};
+use crate::env::{Env, Episode, ImageSize, ResetOptions, step_times};
+use crate::error::WorldError;
 use crate::pace::Pace;
 use crate::policy::LiveEpisode;
 
@@ -91,7 +91,7 @@ impl Slot {
         out: &mut RowsMut<'_>,
     ) -> Result<(), WorldError> {
         let Some(episode) = self.live_episode() else { return Ok(()) };
-        let outcome = repeat(self.env.as_mut(), action, rules.frame_skip)
+        let outcome = step_times(self.env.as_mut(), action, rules.frame_skip)
             .map_err(|source| WorldError::Env { row: 0, episode: episode.index, source })?;
         self.env.observe(out);
         let progress = self.progress.as_mut().expect("a live slot has progress");
@@ -107,24 +107,6 @@ impl Slot {
         rules.fields.write_step(out, &outcome, progress);
         Ok(())
     }
-}
-
-/// Repeats one action: rewards add up, and the first terminating or successful sub-step decides.
-fn repeat(env: &mut dyn Env, action: Slice<'_>, times: u32) -> Result<Outcome, EnvError> {
-    let mut total = env.step(action)?;
-    for _ in 1..times {
-        if total.terminated {
-            break;
-        }
-        let next = env.step(action)?;
-        total.reward += next.reward;
-        total.terminated = next.terminated;
-        total.success = match (total.success, next.success) {
-            (Some(a), Some(b)) => Some(a || b),
-            (a, b) => a.or(b),
-        };
-    }
-    Ok(total)
 }
 
 /// What the step phase needs to know.

@@ -5,6 +5,7 @@ use swm_fov::Fov;
 use swm_render::{Painter, Rgb, light};
 
 use super::physics::{BodyId, Shape, Sim, WALL_SEGMENTS};
+use super::settings::Settings;
 
 const WALL_COLOR: Rgb = [211, 211, 211];
 const CONTACT_COLOR: Rgb = [231, 76, 60];
@@ -30,10 +31,13 @@ struct DrawnGoal {
 }
 
 impl Look {
-    pub(super) fn new(fov: &Fov, shape: Shape, with_target: bool) -> Self {
-        let goal = with_target.then(|| {
-            let scale =
-                if fov.touched("goal.scale") { fov.f32("goal.scale") } else { fov.f32("block.scale") };
+    pub(super) fn new(fov: &Fov, shape: Shape, settings: &Settings) -> Self {
+        let goal = settings.with_target.then(|| {
+            let scale = if fov.touched("goal.scale") || settings.init_value.contains_key("goal.scale") {
+                fov.f32("goal.scale")
+            } else {
+                fov.f32("block.scale")
+            };
             let (sin, cos) = fov.f64("goal.angle").sin_cos();
             let [x0, y0]: [f64; 2] = fov.vector("goal.position");
             let place = |[x, y]: [f64; 2]| [x0 + cos * x - sin * y, y0 + sin * x + cos * y];

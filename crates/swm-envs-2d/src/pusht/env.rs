@@ -179,7 +179,12 @@ impl PushT {
     ) -> Result<PushTState, EnvError> {
         let value =
             row.get("state").ok_or_else(|| self.reset_error("start and goal need the column `state`"))?;
-        let numbers = value.cast("state", Dtype::F64, &[7])?.numbers("state")?;
+        let mut numbers = value.numbers("state")?;
+        if numbers.len() == 5 {
+            // Without a velocity the agent rests, as in the reference.
+            numbers.extend([0.0, 0.0]);
+        }
+        let numbers = Value::vector(&numbers).cast("state", Dtype::F64, &[7])?.numbers("state")?;
         if numbers.iter().any(|number| !number.is_finite()) {
             return Err(self.reset_error("the recorded `state` is not finite"));
         }
@@ -216,7 +221,7 @@ impl PushT {
 
     fn refresh_look(&mut self) {
         if let Some(picture) = &mut self.picture {
-            picture.look = Look::new(&self.fov, self.sim.shape(BodyId::Block), self.settings.with_target);
+            picture.look = Look::new(&self.fov, self.sim.shape(BodyId::Block), &self.settings);
             let look = &picture.look;
             picture.renderer.set_background(|painter| look.draw_background(painter));
             picture.goal_is_stale = true;
@@ -328,7 +333,7 @@ impl Picture {
         let geometry = Geometry::new(size.height, size.width);
         let mut renderer =
             Renderer::new(settings.render.into(), geometry).map_err(|error| error.to_string())?;
-        let look = Look::new(fov, setup.block.shape, settings.with_target);
+        let look = Look::new(fov, setup.block.shape, settings);
         renderer.set_background(|painter| look.draw_background(painter));
         Ok(Self { renderer, look, goal: vec![0; geometry.frame_len()], goal_is_stale: true })
     }

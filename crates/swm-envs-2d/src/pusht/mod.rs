@@ -50,7 +50,7 @@ const WEAK: PolicyEntry = PolicyEntry {
         doc: "largest distance of the target from the block, px per axis",
         default: "100",
     }],
-    make: |_, args| {
+    make: |context, args| {
         #[derive(Deserialize)]
         #[serde(deny_unknown_fields, default)]
         struct Config {
@@ -65,7 +65,8 @@ const WEAK: PolicyEntry = PolicyEntry {
         if reach_px.is_nan() || reach_px <= 0.0 {
             return Err(args.wrong(format!("dist_constraint {reach_px} must be above 0")));
         }
-        let make = move |_: &RowView<'_>| Ok(Box::new(weak::Weak { reach_px }) as Box<dyn Actor>);
+        let relative = context.config.parse_settings::<settings::Settings>(context.env.id)?.relative;
+        let make = move |_: &RowView<'_>| Ok(Box::new(weak::Weak { reach_px, relative }) as Box<dyn Actor>);
         Ok(Box::new(PerEpisode::new(format!("weak:dist_constraint={reach_px}"), make)))
     },
 };

@@ -10,6 +10,8 @@ use super::discrete;
 pub(super) struct Weak {
     /// Largest distance of the target from the block's origin, per axis, in pixels.
     pub(super) reach_px: f64,
+    /// Actions are offsets from the agent, rather than targets in pixels.
+    pub(super) relative: bool,
 }
 
 impl Actor for Weak {
@@ -26,7 +28,8 @@ impl Actor for Weak {
         });
         match &mut action {
             SliceMut::I64(bins) => bins.copy_from_slice(&discrete::from_continuous(offset)),
-            _ => write_action(&mut action, &offset),
+            _ if self.relative => write_action(&mut action, &offset),
+            _ => write_action(&mut action, &[0, 1].map(|axis| agent[axis] as f32 + 100.0 * offset[axis])),
         }
         Ok(())
     }

@@ -25,7 +25,15 @@ impl EnvArgs {
     }
 
     pub(super) fn config(&self, image: Option<ImageSize>) -> Result<EnvConfig, Failure> {
-        let mut settings = Map::new();
+        self.config_like(Map::new(), image)
+    }
+
+    /// As [`EnvArgs::config`], on top of given settings: those of a dataset.
+    pub(super) fn config_like(
+        &self,
+        mut settings: Map<String, Json>,
+        image: Option<ImageSize>,
+    ) -> Result<EnvConfig, Failure> {
         for option in &self.env_options {
             let (name, value) = assignment(option, "--env-option")?;
             settings.insert(name.to_owned(), json_value(value));
@@ -49,16 +57,22 @@ pub(super) struct ScenarioArgs {
 impl ScenarioArgs {
     pub(super) fn options(&self) -> Result<ResetOptions, Failure> {
         Ok(ResetOptions {
-            variation: self.variation(),
+            variation: self.variation()?,
             variation_values: self.values()?,
             ..ResetOptions::default()
         })
     }
 
     /// The names of `--vary`; `none` draws nothing.
-    pub(super) fn variation(&self) -> Option<Vec<String>> {
-        let names = self.vary.as_ref()?.iter().map(|name| name.trim().to_owned());
-        Some(names.filter(|name| !name.is_empty() && name != "none").collect())
+    pub(super) fn variation(&self) -> Result<Option<Vec<String>>, Failure> {
+        let Some(names) = &self.vary else { return Ok(None) };
+        let names: Vec<String> =
+            names.iter().map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect();
+        match names.iter().any(|name| name == "none") {
+            false => Ok(Some(names)),
+            true if names.len() == 1 => Ok(Some(Vec::new())),
+            true => Err(usage("--vary: `none` stands alone, or is left out")),
+        }
     }
 
     pub(super) fn values(&self) -> Result<BTreeMap<String, Value>, Failure> {
@@ -71,8 +85,8 @@ pub(super) fn factor_values(options: &[String]) -> Result<BTreeMap<String, Value
     let mut values = BTreeMap::new();
     for option in options {
         let (name, text) = assignment(option, "--set")?;
-        let numbers = text
-            .trim_matches(['[', ']'])
+        let inner = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(text);
+        let numbers = inner
             .split(',')
             .map(|part| part.trim().parse::<f64>())
             .collect::<Result<Vec<_>, _>>()
@@ -91,9 +105,9 @@ pub(super) struct WorldArgs {
     /// Threads; results do not depend on it. Default: one per core.
     #[arg(long, value_name = "T")]
     pub threads: Option<usize>,
-    /// How often each action is applied per step.
-    #[arg(long, default_value_t = 1, value_name = "F")]
-    pub frame_skip: u32,
+    /// How often each action is applied per step. Default: 1, or as the dataset was recorded.
+    #[arg(long, value_name = "F")]
+    pub frame_skip: Option<u32>,
 }
 
 impl WorldArgs {
@@ -102,7 +116,7 @@ impl WorldArgs {
             num_envs: self.num_envs,
             env,
             max_episode_steps: Some(max_steps),
-            frame_skip: self.frame_skip,
+            frame_skip: self.frame_skip.unwrap_or(1),
             threads: self.threads,
             ..WorldOptions::default()
         }

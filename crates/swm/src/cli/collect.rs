@@ -69,7 +69,8 @@ impl Collect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let entry = self.env.entry(registry)?;
         let config = self.env.config(self.image_size.0)?;
-        let policy = policies::make(registry, entry, &config, self.world.frame_skip, &self.policy)?;
+        let policy =
+            policies::make(registry, entry, &config, self.world.frame_skip.unwrap_or(1), &self.policy)?;
         let world = WorldOptions { unrecorded: self.without, ..self.world.options(config, self.max_steps) };
         let mut world = World::new(entry, world)?;
         world.set_policy(policy);
@@ -78,7 +79,9 @@ impl Collect {
         let first = writer.num_episodes();
         let last = match (self.episodes, self.total) {
             (Some(0), _) | (_, Some(0)) => return Err(usage("0 episodes asked for; use 1 or more")),
-            (Some(more), _) => first + more,
+            (Some(more), _) => first
+                .checked_add(more)
+                .ok_or_else(|| usage(format!("{more} more episodes than {first} are too many to count")))?,
             (None, total) => total.unwrap_or(first).max(first),
         };
         let rollout = Rollout { episodes: first..last, seed: self.seed, scenario: Scenario::Same(&options) };

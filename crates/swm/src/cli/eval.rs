@@ -6,7 +6,9 @@ use clap::Args;
 use swm_core::error::BoxError;
 use swm_core::{
     EpisodeEnd, EvalOptions, Evaluation, ImageSize, LiveRow, Recorder, Registry, Rollout, Scenario, World,
+    WorldOptions,
 };
+use swm_media::Format;
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
 use super::output::table;
@@ -17,6 +19,8 @@ use crate::report::write_report;
 /// Actions allowed per episode: online, and from goals of a dataset (the reference's).
 const BUDGET_ONLINE: u64 = 200;
 const BUDGET_DATASET: u64 = 50;
+/// Largest side of a film, in pixels.
+const MAX_FILM_SIDE: usize = 2160;
 
 /// Evaluate a policy online, or from starts and goals of a dataset.
 #[derive(Args)]
@@ -58,9 +62,9 @@ pub(super) struct Eval {
     /// With --out: episodes to film.
     #[arg(long, default_value_t = 4)]
     films: u64,
-    /// With --out: kind of film, `mp4` or `gif`.
-    #[arg(long, default_value = "mp4", value_parser = ["mp4", "gif"])]
-    film_format: String,
+    /// With --out: kind of film. Default: mp4 where this build can make it.
+    #[arg(long, value_parser = ["mp4", "gif"])]
+    film_format: Option<String>,
     /// Picture size. Default: 128x128 with --out, else none.
     #[arg(long)]
     image_size: Option<ImageArg>,
@@ -73,20 +77,29 @@ impl Eval {
         }
         let entry = self.env.entry(registry)?;
         let filmed = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
-        let config = self.env.config(self.image_size.map_or(filmed, |size| size.0))?;
-        let policy = policies::make(registry, entry, &config, self.world.frame_skip, &self.policy)?;
+        let image = self.image_size.map_or(filmed, |size| size.0);
+        let format = self.film_format(image)?;
+        let mut dataset = self.dataset.as_deref().map(swm_data::open).transpose()?;
+        let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
+        let config = self.env.config_like(recorded.settings, image)?;
+        let frame_skip = self.world.frame_skip.unwrap_or(recorded.frame_skip.max(1));
+        let policy = policies::make(registry, entry, &config, frame_skip, &self.policy)?;
         let budget =
             self.budget.unwrap_or(if self.dataset.is_some() { BUDGET_DATASET } else { BUDGET_ONLINE });
         if let Some(dir) = &self.out {
+            // Found out now, a folder that cannot be written costs nothing.
+            let probe = dir.join(".writable");
             std::fs::create_dir_all(dir)
-                .map_err(|error| usage(format!("cannot make the folder {}: {error}", dir.display())))?;
+                .and_then(|()| std::fs::write(&probe, ""))
+                .and_then(|()| std::fs::remove_file(&probe))
+                .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
         }
-        let mut world = World::new(entry, self.world.options(config, budget))?;
+        let mut world = World::new(entry, WorldOptions { frame_skip, ..self.world.options(config, budget) })?;
         world.set_policy(policy);
         let bar = output.bar(self.episodes, "episodes");
         let mut film = Film::first(if self.out.is_some() { self.films } else { 0 });
         let mut watch = (&mut film, Progress { bar: bar.clone(), successes: 0 });
-        let evaluation = match &self.dataset {
+        let evaluation = match &mut dataset {
             None => {
                 let options = self.scenario.options()?;
                 let scenario = Scenario::Same(&options);
@@ -95,14 +108,13 @@ impl Eval {
                     &mut watch,
                 )?
             }
-            Some(path) => {
-                let mut dataset = swm_data::open(path)?;
+            Some(dataset) => {
                 let options = EvalOptions {
                     episodes: usize::try_from(self.episodes)?,
                     goal_offset: self.goal_offset,
                     budget,
                     seed: self.seed,
-                    variation: self.scenario.variation().unwrap_or_default(),
+                    variation: self.scenario.variation()?.unwrap_or_default(),
                     variation_values: self.scenario.values()?,
                 };
                 world.evaluate_from_dataset(dataset.as_mut(), &options, &mut watch)?
@@ -110,10 +122,38 @@ impl Eval {
         };
         bar.finish_and_clear();
         let written = match &self.out {
-            Some(dir) => write_report(dir, &evaluation, &film, &self.film_format)?,
-            None => Vec::new(),
+            Some(dir) => write_report(dir, &evaluation, &film, format),
+            None => Ok(Vec::new()),
         };
-        output.result(&evaluation, || text(&evaluation, &written))
+        // The figures first: a film that fails does not take them along.
+        let files = written.as_deref().unwrap_or_default();
+        output.result(&evaluation, || text(&evaluation, files))?;
+        written.map(drop).map_err(Failure::from)
+    }
+
+    /// The format of films, checked before anything runs.
+    fn film_format(&self, image: Option<ImageSize>) -> Result<Format, Failure> {
+        let format = match self.film_format.as_deref() {
+            Some("gif") => Format::Gif,
+            Some(_) => Format::Mp4,
+            None if Format::Mp4.is_built() => Format::Mp4,
+            None => Format::Gif,
+        };
+        if self.out.is_none() || self.films == 0 {
+            return Ok(format);
+        }
+        if !format.is_built() {
+            return Err(usage(
+                "this build has no MP4 encoder; use --film-format gif, or build with the feature `mp4`",
+            ));
+        }
+        if let Some(ImageSize { height, width }) = image
+            && height.max(width) > MAX_FILM_SIDE
+        {
+            let reason = format!("films hold pictures of up to {MAX_FILM_SIDE} pixels, not {height}x{width}");
+            return Err(usage(format!("{reason}; use a smaller --image-size, or --films 0")));
+        }
+        Ok(format)
     }
 }
 

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::{Map, json};
+use swm_core::Metadata;
 
 use super::output::table;
 use super::{Failure, Output};
@@ -36,6 +37,7 @@ impl Inspect {
                 "max": lengths.iter().max(),
             },
             "metadata": dataset.metadata(),
+            "runs": dataset.runs().iter().map(|(first, run)| json!({"first_episode": first, "metadata": run})).collect::<Vec<_>>(),
             "skipped": dataset.skipped(),
         });
         output.result(&result, || {
@@ -57,14 +59,17 @@ impl Inspect {
             for (name, reason) in dataset.skipped() {
                 text += &format!("skipped `{name}`: {reason}\n");
             }
-            match dataset.metadata() {
-                Some(m) => {
-                    text += &format!("\nrecorded in {} by policy `{}`, seed {}\n", m.env, m.policy, m.seed);
-                    if let Some(names) = &m.variation {
-                        text += &format!("factors drawn: {}\n", names.join(", "));
-                    }
+            text.push('\n');
+            for (first, run) in dataset.runs() {
+                let Metadata { env, policy, seed, .. } = run;
+                text += &format!("from episode {first} on: {env}, policy `{policy}`, seed {seed}");
+                if let Some(names) = &run.variation {
+                    text += &format!(", factors drawn: {}", names.join(", "));
                 }
-                None => text += "\nno metadata: not recorded by this program\n",
+                text.push('\n');
+            }
+            if dataset.runs().is_empty() {
+                text += "no metadata: not recorded by this program\n";
             }
             text
         })

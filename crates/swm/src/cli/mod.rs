@@ -82,8 +82,9 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         Command::Render(command) => command.run(registry, &output),
         Command::Bench(command) => command.run(registry, &output),
         Command::Completions { shell } => {
-            clap_complete::generate(shell, &mut Cli::command(), "swm", &mut std::io::stdout());
-            Ok(())
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "swm", &mut script);
+            output::print(&String::from_utf8_lossy(&script))
         }
     };
     match result {

@@ -78,6 +78,14 @@ impl fmt::Display for Failure {
     }
 }
 
+/// Prints to stdout. A reader that has what it wants (`head`, say) is no failure.
+pub(super) fn print(text: &str) -> Result<(), Failure> {
+    match writeln!(std::io::stdout().lock(), "{}", text.trim_end()) {
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        result => Ok(result?),
+    }
+}
+
 /// Where and how results go.
 pub(crate) struct Output {
     json: bool,
@@ -95,13 +103,7 @@ impl Output {
         json: &impl serde::Serialize,
         text: impl FnOnce() -> String,
     ) -> Result<(), Failure> {
-        let mut stdout = std::io::stdout().lock();
-        let text = if self.json { serde_json::to_string_pretty(json)? } else { text() };
-        match writeln!(stdout, "{}", text.trim_end()) {
-            // The reader (`head`, say) has what it wants.
-            Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-            result => Ok(result?),
-        }
+        print(&if self.json { serde_json::to_string_pretty(json)? } else { text() })
     }
 
     /// A note for people.

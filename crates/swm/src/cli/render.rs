@@ -48,7 +48,7 @@ impl Render {
         let format = Format::from_path(&self.out).map_err(usage)?;
         let entry = self.env.entry(registry)?;
         let config = self.env.config(Some(size))?;
-        let world = WorldArgs { num_envs: 1, threads: None, frame_skip: 1 };
+        let world = WorldArgs { num_envs: 1, threads: None, frame_skip: None };
         let policy = policies::make(registry, entry, &config, 1, &self.policy)?;
         let mut world = World::new(entry, world.options(config, self.steps.max(1)))?;
         world.set_policy(policy);
@@ -57,7 +57,7 @@ impl Render {
         let rollout = Rollout { episodes: 0..1, seed: self.seed, scenario: Scenario::Same(&options) };
         world.run(&rollout, &mut film)?;
         let (_, scene) = film.scenes().next().ok_or("the episode has no pictures")?;
-        let wanted = usize::try_from(self.steps)? + 1;
+        let wanted = usize::try_from(self.steps)?.saturating_add(1);
         let skipped = if format == Format::Png { wanted.min(scene.clip.len()) - 1 } else { 0 };
         let mut clip = Clip::new(size.height, size.width, scene.clip.frames_per_second());
         for frame in scene.clip.frames().take(wanted).skip(skipped) {

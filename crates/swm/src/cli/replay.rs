@@ -82,6 +82,9 @@ fn text(report: &ReplayReport) -> String {
 
 /// `None`, `5`, `0..10` or `0,3,7` as episode numbers below `count`.
 fn selection(text: Option<&str>, count: usize) -> Result<Vec<usize>, Failure> {
+    if count == 0 {
+        return Err("the dataset holds no episode".into());
+    }
     let Some(text) = text else { return Ok((0..count).collect()) };
     let wrong = |why: &str| usage(format!("--episodes {text}: {why}"));
     let number = |part: &str| part.trim().parse::<usize>().map_err(|_| wrong("write 5, 0..10 or 0,3,7"));

@@ -222,6 +222,10 @@ impl Dataset for Hdf5Dataset {
         Box::new(Self { shared: self.shared.clone(), scratch: Scratch::default() })
     }
 
+    fn runs(&self) -> &[(u64, Metadata)] {
+        &self.shared.attributes.runs
+    }
+
     fn skipped(&self) -> &[(String, String)] {
         &self.shared.skipped
     }
