@@ -178,12 +178,13 @@ impl Obstacle {
         self.pieces.iter().all(|piece| {
             let sides = || {
                 let normals = self.normals.iter().zip(projected);
-                normals.zip(piece.half_widths).map(|((n, (from, slope)), half)| {
-                    (from - n.dot(piece.center), slope, half)
-                })
+                normals
+                    .zip(piece.half_widths)
+                    .map(|((n, (from, slope)), half)| (from - n.dot(piece.center), slope, half))
             };
             let outside = |t: f64| {
-                sides().fold(f64::NEG_INFINITY, |d, (from, slope, half)| d.max((from + t * slope).abs() - half))
+                sides()
+                    .fold(f64::NEG_INFINITY, |d, (from, slope, half)| d.max((from + t * slope).abs() - half))
             };
             let margin = MARGIN_PX.min(outside(0.0) - 0.01).min(outside(1.0) - 0.01);
             let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
