@@ -263,3 +263,75 @@ impl Obstacle {
 fn quarter_turn(v: Vec2) -> Vec2 {
     vec2(-v.y, v.x)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pusht::physics::Placement;
+
+    /// A T-block at (250, 250), turned by half a radian, and an agent of some shape at an angle.
+    fn world(agent: Shape, at: [f64; 2]) -> (Obstacle, Sim) {
+        let mut setup = Setup::default();
+        setup.agent.shape = agent;
+        let mut sim = Sim::new(&setup).unwrap();
+        let placement = Placement {
+            agent: at,
+            agent_angle: Some(0.8),
+            block: [250.0, 250.0],
+            block_angle: 0.5,
+            ..Placement::default()
+        };
+        sim.place_exactly(&placement).unwrap();
+        let [agent, block] = [BodyId::Agent, BodyId::Block].map(|body| Figure::new(&setup, body));
+        (Obstacle::new(&agent, &block, &sim), sim)
+    }
+
+    #[test]
+    fn polygons_touch_exactly_where_there_is_no_clearance() {
+        for shape in [Shape::L, Shape::T, Shape::Square, Shape::Plus] {
+            for index in 0..400 {
+                let at = [60.0 + 20.0 * f64::from(index % 20), 60.0 + 20.0 * f64::from(index / 20)];
+                let (obstacle, mut sim) = world(shape, at);
+                let clearance = obstacle.clearance(Vec2::from(at));
+                sim.settle();
+                let touches = sim.contacts().any(|contact| {
+                    [contact.on_first, contact.on_second]
+                        .iter()
+                        .all(|p| p.iter().all(|x| (8.0..503.0).contains(x)))
+                });
+                // A contact at a wall proves nothing about the block.
+                if clearance.abs() > 1e-6 && at.iter().all(|x| (240.0..300.0).contains(x)) {
+                    assert_eq!(touches, clearance < 0.0, "{shape:?} at {at:?}: {clearance}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn discs_keep_their_radius() {
+        let (obstacle, _) = world(Shape::Disc, [400.0, 400.0]);
+        let rotation = Rotation::new(0.5);
+        let place = |x, y| vec2(250.0, 250.0) + rotation.world_from_body(vec2(x, y));
+        // The bar's upper side is at y = 0, the agent's radius is 15.
+        assert!((obstacle.clearance(place(0.0, -20.0)) - 5.0).abs() < 1e-9);
+        assert!(obstacle.clearance(place(0.0, -14.0)) < 0.0);
+        let outside = obstacle.outside(place(0.0, -3.0));
+        assert!(obstacle.clearance(outside) > 0.0 && (outside - place(0.0, -3.0)).norm() < 15.0);
+        assert!(obstacle.is_free(place(-90.0, -20.0), place(90.0, -20.0)));
+        assert!(!obstacle.is_free(place(-90.0, 20.0), place(90.0, 20.0)));
+        assert!(obstacle.is_free(place(0.0, -14.0), place(0.0, -60.0)), "away from a touch");
+        assert!(obstacle.corners().iter().all(|&corner| obstacle.clearance(corner) > 0.0));
+    }
+
+    #[test]
+    fn walls_leave_room_for_the_extent() {
+        let mut setup = Setup::default();
+        setup.agent.shape = Shape::Square;
+        let figure = Figure::new(&setup, BodyId::Agent);
+        let room = Room::new(&figure, Rotation::new(0.0)).unwrap();
+        assert_eq!((room.min, room.max), (vec2(47.0, 47.0), vec2(464.0, 464.0)));
+        assert_eq!(room.clamp(vec2(0.0, 300.0)), vec2(47.0, 300.0));
+        assert_eq!(figure.wall_room(vec2(100.0, 464.0), Rotation::new(0.0)), [53.0, 417.0, 364.0, 0.0]);
+        assert!(Room::new(&Figure::Disc(15.0), Rotation::new(0.0)).is_none());
+    }
+}

@@ -105,3 +105,34 @@ impl Routes {
         Tree { nodes }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pusht::expert::obstacle::Figure;
+    use crate::pusht::physics::{BodyId, Placement, Setup, Sim, vec2};
+
+    #[test]
+    fn ways_lead_around_the_block() {
+        let setup = Setup::default();
+        let mut sim = Sim::new(&setup).unwrap();
+        sim.place_exactly(&Placement::from([250.0, 200.0, 250.0, 250.0, 0.0])).unwrap();
+        let [agent, block] = [BodyId::Agent, BodyId::Block].map(|body| Figure::new(&setup, body));
+        let routes = Routes::new(Obstacle::new(&agent, &block, &sim), None, vec2(250.0, 200.0));
+        assert_eq!(routes.to(vec2(300.0, 180.0)).points(), [vec2(300.0, 180.0)], "straight where nothing is");
+
+        // From above the bar to below it, beside the stem.
+        let target = vec2(290.0, 320.0);
+        let path = routes.to(target);
+        assert!(path.points().len() >= 2);
+        assert_eq!(path.points().last(), Some(&target));
+        let mut from = vec2(250.0, 200.0);
+        let mut length = 0.0;
+        for &point in path.points() {
+            assert!(routes.obstacle().is_free(from, point), "{from:?} to {point:?}");
+            length += (point - from).norm();
+            from = point;
+        }
+        assert!((150.0..260.0).contains(&length), "{length}");
+    }
+}
