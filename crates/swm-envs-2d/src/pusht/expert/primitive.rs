@@ -26,13 +26,17 @@ pub(super) struct Primitive {
 pub(super) enum Start {
     /// Where the agent is.
     Here,
-    /// At this position on the block's outline.
-    At {
-        /// Arc length.
-        arc_px: f64,
-        /// Which side of a polygon agent touches there: 0 its one end across the normal, 1 the other.
-        side: f64,
-    },
+    /// At a spot of the block's outline.
+    At(Spot),
+}
+
+/// Where agent and block are to touch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Spot {
+    /// Position on the block's outline.
+    pub(super) arc_px: f64,
+    /// Which side of a polygon agent touches there: 0 its one end across the normal, 1 the other.
+    pub(super) side: f64,
 }
 
 /// Spread of the direction about the normal, radians.
@@ -54,7 +58,8 @@ impl Primitive {
             let turn_rad = PI * (2.0 * uniform(stream) - 1.0);
             return Primitive { start: Start::Here, turn_rad, strength, duration: None, follow: false };
         }
-        let start = Start::At { arc_px: scene.outline.length() * uniform(stream), side: uniform(stream) };
+        let start =
+            Start::At(Spot { arc_px: scene.outline.length() * uniform(stream), side: uniform(stream) });
         let follow = uniform(stream) < FOLLOW_SHARE;
         Primitive { start, turn_rad: TURN_SPREAD * normal(stream), strength, duration: None, follow }
     }
@@ -71,10 +76,10 @@ impl Primitive {
         let [arc, turn, strength] = VARIATION.map(|spread| spread * width);
         let start = match self.start {
             Start::Here => Start::Here,
-            Start::At { arc_px, side } => Start::At {
+            Start::At(Spot { arc_px, side }) => Start::At(Spot {
                 arc_px: arc_px + arc * normal(stream),
                 side: (side + SIDE_VARIATION * width * normal(stream)).clamp(0.0, 1.0),
-            },
+            }),
         };
         Primitive {
             start,

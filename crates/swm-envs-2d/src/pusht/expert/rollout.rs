@@ -74,32 +74,25 @@ impl<'a> Rollout<'a> {
     }
 
     fn apply(&mut self, primitive: &Primitive, routes: &Routes) {
-        let direction = match primitive.start {
-            Start::Here => vec2(1.0, 0.0),
-            Start::At { arc_px, side } if primitive.follow => {
-                let Some((place, _)) = self.scene.standoff(&self.sim, routes, arc_px, side) else {
-                    return;
-                };
-                self.walk(routes, place, self.scene.limits.approach);
-                if !self.success {
-                    self.push(primitive.duration, |scene, sim| {
-                        scene.following(sim, arc_px, side, primitive.turn_rad, primitive.strength)
-                    });
-                }
-                return;
+        let Primitive { start, turn_rad, strength, duration, follow } = *primitive;
+        let mut direction = vec2(1.0, 0.0);
+        if let Start::At(spot) = start {
+            let Some((place, normal)) = self.scene.standoff(&self.sim, routes, spot) else { return };
+            self.walk(routes, place, self.scene.limits.approach);
+            direction = -normal;
+        }
+        if self.success {
+            return;
+        }
+        match start {
+            Start::At(spot) if follow => {
+                self.push(duration, |scene, sim| scene.push_at(sim, spot, turn_rad, strength));
             }
-            Start::At { arc_px, side } => {
-                let Some((place, normal)) = self.scene.standoff(&self.sim, routes, arc_px, side) else {
-                    return;
-                };
-                self.walk(routes, place, self.scene.limits.approach);
-                -normal
+            _ => {
+                let direction = Rotation::new(turn_rad).world_from_body(direction);
+                let command = Steering::push(direction, strength);
+                self.push(duration, |_, _| command);
             }
-        };
-        if !self.success {
-            let direction = Rotation::new(primitive.turn_rad).world_from_body(direction);
-            let command = Steering::push(direction, primitive.strength);
-            self.push(primitive.duration, |_, _| command);
         }
     }
 

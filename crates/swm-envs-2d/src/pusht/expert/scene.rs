@@ -2,6 +2,7 @@
 
 use super::obstacle::{Figure, Obstacle, Room};
 use super::outline::Outline;
+use super::primitive::Spot;
 use super::route::Routes;
 use super::settings::ExpertSettings;
 use super::steering::{ActionKind, Command, Steering};
@@ -111,8 +112,8 @@ impl Scene {
     /// stop has no room behind it.
     fn wall_cost(&self, sim: &Sim) -> f64 {
         let Some(wanted) = &self.wall_room else { return 0.0 };
-        let pose = (sim.position(BodyId::Block).into(), Rotation::new(sim.angle(BodyId::Block)));
-        let room = self.block.wall_room(pose.0, pose.1);
+        let origin = Vec2::from(sim.position(BodyId::Block));
+        let room = self.block.wall_room(origin, Rotation::new(sim.angle(BodyId::Block)));
         WALL_WEIGHT * room.iter().zip(wanted).map(|(room, wanted)| (wanted - room).max(0.0)).sum::<f64>()
     }
 
@@ -140,47 +141,34 @@ impl Scene {
         Routes::new(obstacle, room, sim.position(BodyId::Agent).into())
     }
 
-    /// The command that keeps the agent at its place of the outline and pushes in a direction that turns with the
-    /// block.
-    pub(super) fn following(
-        &self,
-        sim: &Sim,
-        arc_px: f64,
-        side: f64,
-        turn_rad: f64,
-        strength: f64,
-    ) -> Command {
+    /// Where the agent's origin is when it touches the block at a spot, and the outward normal there.
+    fn touch(&self, sim: &Sim, spot: Spot) -> (Vec2, Vec2) {
         let [agent, block] = [BodyId::Agent, BodyId::Block].map(|body| Rotation::new(sim.angle(body)));
-        let (point, normal) = self.outline.at(arc_px);
+        let (point, normal) = self.outline.at(spot.arc_px);
         let point = Vec2::from(sim.position(BodyId::Block)) + block.world_from_body(point);
         let normal = block.world_from_body(normal);
-        let slip = point - self.agent.contact(agent, -normal, side) - Vec2::from(sim.position(BodyId::Agent));
+        (point - self.agent.contact(agent, -normal, spot.side), normal)
+    }
+
+    /// The command that keeps the agent at its spot and pushes in a direction that turns with the block.
+    pub(super) fn push_at(&self, sim: &Sim, spot: Spot, turn_rad: f64, strength: f64) -> Command {
+        let (place, normal) = self.touch(sim, spot);
+        let slip = place - Vec2::from(sim.position(BodyId::Agent));
         let across = slip - normal * slip.dot(normal);
         let direction = Rotation::new(turn_rad).world_from_body(-normal);
         Steering::push(direction + across * (1.0 / self.steering.step_px()), strength)
     }
 
-    /// A place of the agent's origin from which it can begin to push at an arc position of the outline with one of
-    /// its sides, and the outward normal there; `None` if there is no room.
-    pub(super) fn standoff(
-        &self,
-        sim: &Sim,
-        routes: &Routes,
-        arc_px: f64,
-        side: f64,
-    ) -> Option<(Vec2, Vec2)> {
-        let [agent, block] = [BodyId::Agent, BodyId::Block].map(|body| Rotation::new(sim.angle(body)));
-        let (point, normal) = self.outline.at(arc_px);
-        let point = Vec2::from(sim.position(BodyId::Block)) + block.world_from_body(point);
-        let normal = block.world_from_body(normal);
-        let touching = point - self.agent.contact(agent, -normal, side);
+    /// A place of the agent's origin from which it can begin to push at a spot, and the outward normal there; `None`
+    /// if there is no room.
+    pub(super) fn standoff(&self, sim: &Sim, routes: &Routes, spot: Spot) -> Option<(Vec2, Vec2)> {
+        let (touching, normal) = self.touch(sim, spot);
+        let near = touching + normal * self.limits.standoff_px;
         let clearance = |place| routes.obstacle().clearance(place);
         // Where another part of the block is in the way, further out.
-        let mut places =
-            (0..8).map(|k| touching + normal * (self.limits.standoff_px + OUTWARD_PX * f64::from(k)));
+        let mut places = (0..8).map(|k| near + normal * (OUTWARD_PX * f64::from(k)));
         let place = places.find(|&place| clearance(place) >= 0.0);
-        let mut place =
-            place.unwrap_or_else(|| routes.obstacle().outside(touching + normal * self.limits.standoff_px));
+        let mut place = place.unwrap_or_else(|| routes.obstacle().outside(near));
         if let Some(room) = routes.room() {
             place = room.clamp(place);
         }
