@@ -1,6 +1,6 @@
 //! Policies: what chooses actions. A policy sees all rows at once; an actor, wrapped in [`PerEpisode`], sees one.
 
-use crate::batch::{Batch, Column, Row, Slice, SliceMut};
+use crate::batch::{Batch, Column, Row, SliceMut};
 use crate::env::{Env, EnvSpec, EnvState};
 use crate::error::{EnvError, PolicyError};
 use crate::pace::Pace;
@@ -262,25 +262,4 @@ where
     fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         (self.0)(view, &mut action)
     }
-}
-
-/// Plays back given actions: `[T, A]` per episode, by episode index.
-pub fn replay(actions: std::sync::Arc<Vec<Column>>) -> impl Policy {
-    scripted("replay", move |view, action| {
-        let missing = || PolicyError::Unsupported {
-            policy: "replay".to_owned(),
-            reason: format!(
-                "no action recorded for step {} of episode {}",
-                view.episode.step, view.episode.index
-            ),
-        };
-        let recorded = actions.get(view.episode.index as usize).ok_or_else(missing)?;
-        let width = action.len();
-        let start = view.episode.step as usize * width;
-        let values: Slice<'_> = recorded.as_slice();
-        if start + width > values.len() || !action.copy_from(values.range(start, width)) {
-            return Err(missing());
-        }
-        Ok(())
-    })
 }

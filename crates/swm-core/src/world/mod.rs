@@ -63,9 +63,45 @@ pub struct World {
     infos: Batch,
     actions: Column,
     policy: Option<Box<dyn Policy>>,
-    rules: StepRules,
+    fields: CommonFields,
     pace: Pace,
     pool: Arc<ThreadPool>,
+}
+
+impl WorldOptions {
+    /// Refuses what is out of range, before anything is made.
+    fn check(&self) -> Result<(), WorldError> {
+        let wrong = |option, reason: String| Err(WorldError::Option { option, reason });
+        if !(1..=MAX_ENVS).contains(&self.num_envs) {
+            return wrong("num_envs", format!("{} is not in 1 to {MAX_ENVS}", self.num_envs));
+        }
+        if !(1..=MAX_FRAME_SKIP).contains(&self.frame_skip) {
+            return wrong("frame_skip", format!("{} is not in 1 to {MAX_FRAME_SKIP}", self.frame_skip));
+        }
+        if self.max_episode_steps == Some(0) {
+            return wrong("max_episode_steps", "0 steps; use 1 or more, or none".to_owned());
+        }
+        if let Some(ImageSize { height, width }) = self.env.image
+            && let Err(reason) = ImageSize::new(height, width)
+        {
+            return wrong("image", reason);
+        }
+        let frame_bytes = self.env.image.map_or(0, |image| image.shape().iter().product::<usize>());
+        if frame_bytes * self.num_envs > MAX_FRAME_BYTES {
+            let gigabytes = (frame_bytes * self.num_envs) as f64 / 1e9;
+            let reason = format!(
+                "{} pictures of this size take {gigabytes:.0} GB; use fewer environments or smaller pictures",
+                self.num_envs
+            );
+            return wrong("image", reason);
+        }
+        if let Some(threads) = self.threads
+            && !(1..=MAX_THREADS).contains(&threads)
+        {
+            return wrong("threads", format!("{threads} is not in 1 to {MAX_THREADS}"));
+        }
+        Ok(())
+    }
 }
 
 // More than these in one process are typing errors.
@@ -78,35 +114,8 @@ const MAX_FRAME_BYTES: usize = 4_000_000_000;
 impl World {
     /// Makes the environments. Nothing is reset yet.
     pub fn new(entry: &EnvEntry, options: WorldOptions) -> Result<Self, WorldError> {
+        options.check()?;
         let wrong = |option, reason: String| Err(WorldError::Option { option, reason });
-        if !(1..=MAX_ENVS).contains(&options.num_envs) {
-            return wrong("num_envs", format!("{} is not in 1 to {MAX_ENVS}", options.num_envs));
-        }
-        if !(1..=MAX_FRAME_SKIP).contains(&options.frame_skip) {
-            return wrong("frame_skip", format!("{} is not in 1 to {MAX_FRAME_SKIP}", options.frame_skip));
-        }
-        if options.max_episode_steps == Some(0) {
-            return wrong("max_episode_steps", "0 steps; use 1 or more, or none".to_owned());
-        }
-        if let Some(ImageSize { height, width }) = options.env.image
-            && let Err(reason) = ImageSize::new(height, width)
-        {
-            return wrong("image", reason);
-        }
-        let frame_bytes = options.env.image.map_or(0, |image| image.shape().iter().product::<usize>());
-        if frame_bytes * options.num_envs > MAX_FRAME_BYTES {
-            let gigabytes = (frame_bytes * options.num_envs) as f64 / 1e9;
-            let reason = format!(
-                "{} pictures of this size take {gigabytes:.0} GB; use fewer environments or smaller pictures",
-                options.num_envs
-            );
-            return wrong("image", reason);
-        }
-        if let Some(threads) = options.threads
-            && !(1..=MAX_THREADS).contains(&threads)
-        {
-            return wrong("threads", format!("{threads} is not in 1 to {MAX_THREADS}"));
-        }
         // rayon takes 0 for "one per core".
         let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0));
         let pool = match pool.thread_name(|i| format!("swm-{i}")).build() {
@@ -117,21 +126,16 @@ impl World {
             .map(|_| (entry.make)(&options.env).map(Slot::new))
             .collect::<Result<Vec<_>, _>>()?;
         let spec = slots[0].env().spec().clone();
-        let (fields, common) = CommonFields::append(&spec);
-        let infos = Batch::new(Schema::new(fields)?, options.num_envs);
+        let (columns, fields) = CommonFields::append(&spec);
+        let infos = Batch::new(Schema::new(columns)?, options.num_envs);
         if let Some(name) = options.unrecorded.iter().find(|name| name.starts_with(VARIATION_PREFIX)) {
             return wrong("unrecorded", format!("`{name}` is needed to restore recorded episodes"));
         }
         if let Some(error) = options.unrecorded.iter().find_map(|name| infos.schema().require(name).err()) {
             return wrong("unrecorded", error.to_string());
         }
-        let actions = infos.column(common.action).to_column();
-        let rules = StepRules {
-            frame_skip: options.frame_skip,
-            max_steps: options.max_episode_steps,
-            fields: common,
-        };
-        Ok(Self { options, spec, slots, infos, actions, policy: None, rules, pace: Pace::default(), pool })
+        let actions = infos.column(fields.action).to_column();
+        Ok(Self { options, spec, slots, infos, actions, policy: None, fields, pace: Pace::default(), pool })
     }
 
     /// The environments' description.
@@ -144,11 +148,6 @@ impl World {
         &self.options
     }
 
-    /// The picture size, if pictures are drawn.
-    pub fn image(&self) -> Option<ImageSize> {
-        slot::image_of(self.slots[0].env())
-    }
-
     /// The table of everything: row = environment. Holds the last reset's or step's values.
     pub fn infos(&self) -> &Batch {
         &self.infos
@@ -156,7 +155,6 @@ impl World {
 
     /// Changes the time limit of the episodes to come, and returns the old one.
     pub fn set_max_episode_steps(&mut self, limit: Option<u64>) -> Option<u64> {
-        self.rules.max_steps = limit;
         std::mem::replace(&mut self.options.max_episode_steps, limit)
     }
 
@@ -231,7 +229,7 @@ impl World {
                 let (low, high) = self.spec.action.bounds();
                 return refuse(format!("the action {action:?} is not between {low:?} and {high:?}"));
             }
-            let infos = self.infos.column_mut(self.rules.fields.action);
+            let infos = self.infos.column_mut(self.fields.action);
             let (_, rest) = infos.split_at(row * width);
             assert!(rest.split_at(width).0.copy_from(action), "one schema made both");
         }
@@ -239,12 +237,17 @@ impl World {
     }
 
     fn reset_phase(&mut self, scenario: &Scenario<'_>) -> Result<(), WorldError> {
-        slot::reset_all(&mut self.slots, self.infos.rows_mut(), scenario, &self.rules.fields)
+        slot::reset_all(&mut self.slots, self.infos.rows_mut(), scenario, &self.fields)
     }
 
     fn step_phase(&mut self) -> Result<(), WorldError> {
-        let Self { slots, infos, actions, rules, pace, .. } = self;
-        slot::step_all(slots, infos.rows_mut(), actions.as_slice(), rules, pace)
+        let Self { options, slots, infos, actions, fields, pace, .. } = self;
+        let rules = StepRules {
+            frame_skip: options.frame_skip,
+            max_steps: options.max_episode_steps,
+            fields: *fields,
+        };
+        slot::step_all(slots, infos.rows_mut(), actions.as_slice(), &rules, pace)
     }
 
     /// Does `work` on the world's own threads. A single environment has nothing to share, and stays on the

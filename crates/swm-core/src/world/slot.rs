@@ -1,7 +1,7 @@
 //! One environment of a `World`, the episode it is in, and the parallel phases over all of them.
 
 use crate::batch::{RowsMut, Slice};
-use crate::env::{Env, Episode, ImageSize, ResetOptions, step_times};
+use crate::env::{Env, Episode, ResetOptions, step_times};
 use crate::error::WorldError;
 use crate::pace::Pace;
 use crate::policy::LiveEpisode;
@@ -183,13 +183,4 @@ where
         || for_each_row(right, right_rows, first + middle, leaf, work),
     );
     a.and(b)
-}
-
-/// The picture size of an environment's pixel field, if it draws.
-pub(super) fn image_of(env: &dyn Env) -> Option<ImageSize> {
-    let field = env.spec().fields.iter().find(|field| field.name == crate::env::PIXELS)?;
-    match field.shape[..] {
-        [height, width, 3] => Some(ImageSize { height, width }),
-        _ => None,
-    }
 }
