@@ -2,7 +2,9 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use swm_core::{Dtype, EpisodeSeed, Space};
-use swm_solvers::{Candidates, Cem, Cost, Moment, Plan, PlanError, PlanKey, Problem, Solver as _, Workspace};
+use swm_solvers::{
+    Candidates, Cem, Cost, Moment, NoTrace, Plan, PlanError, PlanKey, Problem, Solver as _, Workspace,
+};
 
 /// A cost that is next to nothing: the distance of the first number from a half.
 struct Free;
@@ -32,14 +34,21 @@ fn cem(c: &mut Criterion) {
             .map(|episode| PlanKey { episode, seed: EpisodeSeed::of(1, episode), plan: 0 })
             .collect();
         let initial = vec![0.0; episodes * 10 * 2];
-        let problem =
-            Problem { keys: &keys, horizon: 10, action_block: 1, action: &action, initial: &initial };
+        let problem = Problem {
+            keys: &keys,
+            horizon: 10,
+            action_block: 1,
+            action: &action,
+            initial: &initial,
+            memory: &[],
+        };
         let (mut workspace, mut plan) = (Workspace::new(), Plan::new());
         group.throughput(Throughput::Elements(episodes as u64));
         group.bench_function(format!("episodes={episodes}/threads={threads}"), |b| {
             pool.install(|| {
                 b.iter(|| {
-                    let solved = Cem::default().solve(&problem, &mut Free, &mut workspace, &mut plan);
+                    let solved =
+                        Cem::default().solve(&problem, &mut Free, &mut workspace, &mut NoTrace, &mut plan);
                     solved.expect("the problem is sound");
                 });
             });

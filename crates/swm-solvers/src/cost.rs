@@ -20,6 +20,16 @@ pub trait Cost: Send {
     /// infinite and say how many there were.
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError>;
 
+    /// This cost with gradients, if it has them: what [`crate::SOLVERS`] of the gradient kind need.
+    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
+        None
+    }
+
+    /// This cost with constraints, if it has any.
+    fn constrained(&mut self) -> Option<&mut dyn ConstrainedCost> {
+        None
+    }
+
     /// The step fields whose past [`Moment::history`] shall hold; read once, when the policy is made.
     fn history_fields(&self) -> Vec<String> {
         Vec::new()
@@ -30,6 +40,48 @@ pub trait Cost: Send {
         Map::new()
     }
 }
+
+/// A cost that knows how it changes with the actions.
+pub trait DifferentiableCost: Cost {
+    /// Fills `costs`, `[B, S]`, and `gradient`, `[B, S, H, D]`: the derivative of each candidate's cost with respect
+    /// to its own numbers. Candidates do not interact. Costs are those of [`Cost::evaluate`].
+    fn evaluate_with_gradient(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError>;
+}
+
+/// A cost with C inequality constraints g: a plan is feasible when every g is 0 or less. An equality is two of them.
+pub trait ConstrainedCost: Cost {
+    /// C.
+    fn constraints(&self) -> usize;
+
+    /// Fills `costs`, `[B, S]`, and `values`, `[B, S, C]`, in one roll-out.
+    fn evaluate_constrained(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        values: &mut [f64],
+    ) -> Result<(), PlanError>;
+
+    /// As [`ConstrainedCost::evaluate_constrained`], and fills `gradient`, `[B, S, H, D]`, with the derivative of
+    /// cost + Σ w g, where `weigh` chooses the weights w once the values g of a candidate are known. One roll-out
+    /// forward and one back, whatever C is. An error if the cost has no gradients.
+    fn evaluate_constrained_with_gradient(
+        &mut self,
+        candidates: &Candidates<'_>,
+        weigh: &Weigh<'_>,
+        costs: &mut [f64],
+        values: &mut [f64],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError>;
+}
+
+/// Writes the weights `[C]` of the constraints of candidate `index` of `0..B × S` from their values `[C]`:
+/// `weigh(index, values, weights)`.
+pub type Weigh<'a> = dyn Fn(usize, &[f64], &mut [f64]) + Sync + 'a;
 
 /// A batch of candidate plans: `[B, S, H, D]`, row-major.
 #[derive(Clone, Copy, Debug)]

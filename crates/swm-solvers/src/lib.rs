@@ -11,12 +11,12 @@
 //! [`PLANNERS`] joins the three into policies for any environment: `cem:samples=300,horizon=10`.
 //!
 //! A plan is `[H, D]`: H blocks of D = k × A numbers, which are k consecutive actions of A numbers each, in the
-//! order in which they are carried out. Noise is keyed by (episode seed, plan, iteration, sample), so the plan of
+//! order in which they are carried out; integers are one-hot. [`Trace`] watches a solver work. Noise is keyed by (episode seed, plan, iteration, sample), so the plan of
 //! an episode has the same bits alone or among many, on one thread or several.
 //!
 //! ```
 //! use swm_core::{Dtype, EpisodeSeed, Space};
-//! use swm_solvers::{Candidates, Cem, Cost, Moment, Plan, PlanError, PlanKey, Problem, Solver, Workspace};
+//! use swm_solvers::{Candidates, Cem, Cost, Moment, NoTrace, Plan, PlanError, PlanKey, Problem, Solver, Workspace};
 //!
 //! /// Three numbers that should add up to 2.
 //! struct Sum;
@@ -35,9 +35,10 @@
 //!
 //! let key = PlanKey { episode: 0, seed: EpisodeSeed::new(42), plan: 0 };
 //! let action = Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0);
-//! let problem = Problem { keys: &[key], horizon: 3, action_block: 1, action: &action, initial: &[0.0; 3] };
+//! let problem =
+//!     Problem { keys: &[key], horizon: 3, action_block: 1, action: &action, initial: &[0.0; 3], memory: &[] };
 //! let mut plan = Plan::new();
-//! Cem::default().solve(&problem, &mut Sum, &mut Workspace::new(), &mut plan)?;
+//! Cem::default().solve(&problem, &mut Sum, &mut Workspace::new(), &mut NoTrace, &mut plan)?;
 //! assert!(plan.cost_of_returned[0] < 1e-6);
 //! # Ok::<(), PlanError>(())
 //! ```
@@ -51,9 +52,11 @@ mod settings;
 mod simulator;
 mod solver;
 mod solvers;
+mod space;
+mod trace;
 mod workspace;
 
-pub use cost::{Candidates, Cost};
+pub use cost::{Candidates, ConstrainedCost, Cost, DifferentiableCost, Weigh};
 pub use error::PlanError;
 pub use mpc::{ActionMap, HistoryView, Moment, MpcPolicy, PlanConfig};
 pub use planners::PLANNERS;
@@ -62,4 +65,6 @@ pub use settings::Settings;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
 pub use solver::{MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
 pub use solvers::{Cem, SOLVERS};
+pub use space::{categories, largest, plan_width};
+pub use trace::{Iteration, NoTrace, Trace};
 pub use workspace::{Scratch, Workspace};

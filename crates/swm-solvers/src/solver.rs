@@ -8,6 +8,8 @@ use crate::cost::{Candidates, Cost};
 use crate::error::PlanError;
 use crate::planners;
 use crate::settings::Settings;
+use crate::space::plan_width;
+use crate::trace::Trace;
 use crate::workspace::Workspace;
 
 /// Searches for cheap plans. A solver is configuration and nothing else: `solve` is a pure function of the
@@ -25,17 +27,21 @@ pub trait Solver: Send + Sync {
     /// Plans for all episodes of `problem` and writes the result to `plan`, whose memory is reused.
     ///
     /// Each episode's result has the same bits whatever other episodes are solved with it and on however many
-    /// threads.
+    /// threads. `trace` is shown every iteration; [`crate::NoTrace`] costs nothing.
     fn solve(
         &self,
         problem: &Problem<'_>,
         cost: &mut dyn Cost,
         workspace: &mut Workspace,
+        trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError>;
 }
 
 /// What to plan: for each of B episodes H blocks of D = k × A numbers.
+///
+/// A counts the numbers that stand for one action in a plan: its elements, if they are real; one per category
+/// (one-hot, or probabilities while a solver relaxes them) if they are integers.
 #[derive(Clone, Copy, Debug)]
 pub struct Problem<'a> {
     /// `[B]`: the episodes.
@@ -48,17 +54,24 @@ pub struct Problem<'a> {
     pub action: &'a Space,
     /// `[B, H, D]`: where the search begins; zeros where nothing is known.
     pub initial: &'a [f32],
+    /// `[B]`: what the solver left in [`Plan::memory`] at each episode's last plan; empty if nothing is remembered.
+    pub memory: &'a [Vec<f64>],
 }
 
 impl Problem<'_> {
     /// D: numbers per block.
     pub fn width(&self) -> usize {
-        self.action_block * self.action.width()
+        self.action_block * plan_width(self.action)
     }
 
     /// H × D: numbers per plan.
     pub fn plan_size(&self) -> usize {
         self.horizon * self.width()
+    }
+
+    /// What the solver remembers of episode `row`: empty at its first plan.
+    pub fn remembered(&self, row: usize) -> &[f64] {
+        self.memory.get(row).map_or(&[], Vec::as_slice)
     }
 
     /// Candidates of this problem: `[B, samples, H, D]`.
@@ -89,6 +102,10 @@ impl Problem<'_> {
         let expected = self.keys.len() * self.plan_size();
         if self.initial.len() != expected {
             return Err(PlanError::Size { name: "initial", expected, found: self.initial.len() });
+        }
+        let (expected, found) = (self.keys.len(), self.memory.len());
+        if found != 0 && found != expected {
+            return Err(PlanError::Size { name: "memory", expected, found });
         }
         Ok(())
     }
@@ -133,6 +150,14 @@ pub struct Plan {
     pub elite_mean_last: Vec<f64>,
     /// `[B]`: how many evaluated costs were not finite.
     pub non_finite: Vec<u64>,
+    /// `[B]`: how many iterations were made.
+    pub iterations: Vec<u32>,
+    /// `[B]`: the largest constraint value of the returned plan; negative infinity without constraints. A plan is
+    /// feasible at 0 or less.
+    pub violation: Vec<f64>,
+    /// `[B]`: what the solver wants to know when it plans for the episode again. Who calls it keeps this with the
+    /// episode, and forgets it with the episode.
+    pub memory: Vec<Vec<f64>>,
 }
 
 impl Plan {
@@ -166,6 +191,10 @@ impl Plan {
         refill(&mut self.cost_of_returned, rows, f64::INFINITY);
         refill(&mut self.elite_mean_last, rows, f64::NAN);
         refill(&mut self.non_finite, rows, 0);
+        refill(&mut self.iterations, rows, 0);
+        refill(&mut self.violation, rows, f64::NEG_INFINITY);
+        self.memory.resize_with(rows, Vec::new);
+        self.memory.iter_mut().for_each(Vec::clear);
         self.actions.clear();
         self.actions.extend_from_slice(problem.initial);
     }

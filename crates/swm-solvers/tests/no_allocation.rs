@@ -9,7 +9,7 @@ use swm_core::testing::TOY;
 use swm_core::{Dtype, EnvConfig, EpisodeSeed, PolicyArgs, PolicyContext, Registry, ResetOptions, Space};
 use swm_core::{Value, World, WorldOptions};
 use swm_solvers::{
-    Candidates, Cost, Moment, PLANNERS, Plan, PlanError, PlanKey, Problem, SOLVERS, Workspace,
+    Candidates, Cost, Moment, NoTrace, PLANNERS, Plan, PlanError, PlanKey, Problem, SOLVERS, Workspace,
 };
 
 #[global_allocator]
@@ -52,11 +52,18 @@ fn later_plans_allocate_nothing() {
         let key = |episode| PlanKey { episode, seed: EpisodeSeed::new(episode), plan: 0 };
         let keys: Vec<PlanKey> = (0..4).map(key).collect();
         let (action, initial) = (Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), vec![0.0; 4 * 20]);
-        let problem =
-            Problem { keys: &keys, horizon: 10, action_block: 1, action: &action, initial: &initial };
+        let problem = Problem {
+            keys: &keys,
+            horizon: 10,
+            action_block: 1,
+            action: &action,
+            initial: &initial,
+            memory: &[],
+        };
         let (mut workspace, mut plan) = (Workspace::new(), Plan::new());
         pool.install(|| {
-            let mut solve = || solver.solve(&problem, &mut Free, &mut workspace, &mut plan).unwrap();
+            let mut solve =
+                || solver.solve(&problem, &mut Free, &mut workspace, &mut NoTrace, &mut plan).unwrap();
             assert!(count(&mut solve) > 0, "the counter counts");
             assert_eq!(fewest(&mut solve), Some(0), "{}", entry.name);
         });

@@ -13,6 +13,7 @@ use crate::cost::Cost;
 use crate::error::PlanError;
 use crate::settings::{Settings, display};
 use crate::solver::{Plan, PlanKey, Problem, Solver};
+use crate::trace::NoTrace;
 use crate::workspace::Workspace;
 
 /// Plans with a solver and a cost, carries out R blocks, and plans again.
@@ -47,6 +48,8 @@ pub(super) struct Row {
     taken: usize,
     /// `[H - R, D]`: what is left of the last plan.
     rest: Vec<f32>,
+    /// What the solver remembers of the episode.
+    memory: Vec<f64>,
     pub(super) history: Option<History>,
 }
 
@@ -57,6 +60,7 @@ impl Row {
         self.queue.clear();
         self.taken = 0;
         self.rest.clear();
+        self.memory.clear();
         if let Some(history) = &mut self.history {
             history.clear();
         }
@@ -69,6 +73,7 @@ struct Search {
     rows: Vec<usize>,
     keys: Vec<PlanKey>,
     initial: Vec<f32>,
+    memory: Vec<Vec<f64>>,
     workspace: Workspace,
     plan: Plan,
 }
@@ -120,7 +125,7 @@ impl Policy for MpcPolicy {
             }
             if config.history_len > 1 {
                 let history = row.history.get_or_insert_with(|| {
-                    let width = setup.map.width();
+                    let width = setup.space.width();
                     History::new(config.history_len, config.action_block, width, view.infos(), &setup.history)
                 });
                 history.observe(live.row, &setup.history);
@@ -156,17 +161,19 @@ impl Search {
         view: &View<'_>,
         states: &mut [Row],
     ) -> Result<(), PlanError> {
-        let Self { rows, keys, initial, workspace, plan } = self;
+        let Self { rows, keys, initial, memory, workspace, plan } = self;
         let width = config.action_block * setup.map.width();
         let size = config.horizon * width;
         keys.clear();
         initial.clear();
         initial.resize(rows.len() * size, 0.0);
-        for (&index, initial) in rows.iter().zip(initial.chunks_exact_mut(size)) {
+        memory.resize_with(rows.len(), Vec::new);
+        for ((&index, initial), memory) in rows.iter().zip(initial.chunks_exact_mut(size)).zip(&mut *memory) {
             let episode = view.row(index).expect("only live rows are planned for").episode;
             let state = &states[index];
             keys.push(PlanKey::of(episode, state.plans));
             initial[..state.rest.len()].copy_from_slice(&state.rest);
+            memory.clone_from(&state.memory);
         }
         cost.prepare(&Moment { view: *view, rows, states, actions: &setup.map })?;
         let problem = Problem {
@@ -175,10 +182,13 @@ impl Search {
             action_block: config.action_block,
             action: &setup.space,
             initial,
+            memory,
         };
-        solver.solve(&problem, cost, workspace, plan)?;
-        for (&index, actions) in rows.iter().zip(plan.actions.chunks_exact(size)) {
+        solver.solve(&problem, cost, workspace, &mut NoTrace, plan)?;
+        for ((&index, actions), memory) in rows.iter().zip(plan.actions.chunks_exact(size)).zip(&plan.memory)
+        {
             let row = &mut states[index];
+            row.memory.clone_from(memory);
             let (now, later) = actions.split_at(config.receding_horizon * width);
             row.plans += 1;
             row.taken = 0;

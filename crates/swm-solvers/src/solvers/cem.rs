@@ -15,6 +15,7 @@ use crate::error::PlanError;
 use crate::sampling::{Noise, cheapest, clip, count_non_finite};
 use crate::settings::Settings;
 use crate::solver::{Plan, PlanKey, Problem, Solver, SolverConfig, at_least_one};
+use crate::trace::{Iteration, Trace};
 use crate::workspace::Workspace;
 
 /// Settings of the cross-entropy method. Defaults are the reference's.
@@ -123,6 +124,7 @@ impl Solver for Cem {
         problem: &Problem<'_>,
         cost: &mut dyn Cost,
         workspace: &mut Workspace,
+        trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
         self.validate()?;
@@ -138,6 +140,8 @@ impl Solver for Cem {
         best_costs.fill(f64::INFINITY);
         plan.begin(problem, self.sigma as f32);
         plan.actions.chunks_exact_mut(size).for_each(|mean| clamp(mean, low, high));
+        plan.iterations.fill(self.iterations as u32);
+        trace.begin(Self::NAME, problem);
 
         for iteration in 0..self.iterations {
             let episodes = (
@@ -174,6 +178,16 @@ impl Solver for Cem {
                     }
                 },
             );
+            trace.iteration(&Iteration {
+                number: iteration,
+                keys: problem.keys,
+                candidates: problem.candidates(candidates, samples),
+                costs,
+                elites: self.elites,
+                mean: &plan.actions,
+                spread: &plan.spread,
+                gradient: &[],
+            });
         }
 
         cost.evaluate(&problem.candidates(&plan.actions, 1), &mut plan.cost_of_returned)?;
@@ -183,6 +197,7 @@ impl Solver for Cem {
         if self.return_best {
             plan.replace_by_cheaper(best, best_costs);
         }
+        trace.end(problem, plan);
         Ok(())
     }
 }

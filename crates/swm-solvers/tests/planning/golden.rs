@@ -3,7 +3,7 @@
 //! The generators differ, so means are compared: the difference must be within 3 standard errors (plus 1e-4 of the
 //! mean). Seeds are fixed; a failure is first checked with other seeds.
 
-use swm_solvers::{Cem, Plan, Solver as _, Workspace};
+use swm_solvers::{Cem, NoTrace, Plan, Solver as _, Workspace};
 
 use crate::problems::{self, Analytic, LQ_OPTIMA, PlanCost, keys, lq, nav, problem, space};
 
@@ -29,7 +29,9 @@ fn run(solver: &Cem, cost: PlanCost) -> Run {
     let (space, initial) = (space(), vec![0.0; keys.len() * problems::HORIZON * problems::WIDTH]);
     let mut run = Run { plan: Plan::new(), cost: Analytic::new(cost, solver.elites) };
     let problem = problem(&keys, &space, &initial);
-    solver.solve(&problem, &mut run.cost, &mut Workspace::new(), &mut run.plan).expect("finite costs");
+    solver
+        .solve(&problem, &mut run.cost, &mut Workspace::new(), &mut NoTrace, &mut run.plan)
+        .expect("finite costs");
     run
 }
 
@@ -197,11 +199,11 @@ fn sample_0_is_the_mean_of_the_last_refit() {
     let problem = problem(&keys, &space, &initial);
     let mut cost = Analytic::new(lq, 30);
     let mut plan = Plan::new();
-    Cem::default().solve(&problem, &mut cost, &mut Workspace::new(), &mut plan).unwrap();
+    Cem::default().solve(&problem, &mut cost, &mut Workspace::new(), &mut NoTrace, &mut plan).unwrap();
     for iterations in [0, 1, 7] {
         let mut shorter = Analytic::new(lq, 30);
         let solver = Cem { iterations, ..Cem::default() };
-        solver.solve(&problem, &mut shorter, &mut Workspace::new(), &mut plan).unwrap();
+        solver.solve(&problem, &mut shorter, &mut Workspace::new(), &mut NoTrace, &mut plan).unwrap();
         assert_eq!(plan.cost_of_returned[0], cost.iterations[iterations][0].first);
     }
 }

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use serde_json::{Map, Value as Json};
 use swm_core::Space;
 use swm_solvers::{
-    Candidates, Cost, Moment, MpcPolicy, Plan, PlanConfig, PlanError, Problem, Solver, Workspace,
+    Candidates, Cost, Moment, MpcPolicy, Plan, PlanConfig, PlanError, Problem, Solver, Trace, Workspace,
 };
 
 use crate::worlds::{Setting, Story, run, toward};
@@ -43,6 +43,7 @@ impl Solver for Staircase {
         problem: &Problem<'_>,
         _cost: &mut dyn Cost,
         _workspace: &mut Workspace,
+        _trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
         problem.check()?;

@@ -110,5 +110,5 @@ pub(super) fn space() -> Space {
 
 /// The problem of planning for `keys` from `initial`.
 pub(super) fn problem<'a>(keys: &'a [PlanKey], space: &'a Space, initial: &'a [f32]) -> Problem<'a> {
-    Problem { keys, horizon: HORIZON, action_block: 1, action: space, initial }
+    Problem { keys, horizon: HORIZON, action_block: 1, action: space, initial, memory: &[] }
 }

@@ -7,7 +7,7 @@ use swm_core::testing::TOY;
 use swm_core::{EnvConfig, EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyError, Registry, Space};
 use swm_solvers::{
     Aggregate, Cost, MpcPolicy, PLANNERS, Plan, PlanConfig, PlanError, Problem, SimulatorCost,
-    SimulatorOptions, Solver, Workspace,
+    SimulatorOptions, Solver, Trace, Workspace,
 };
 
 use crate::worlds::{DISCRETE, FRAGILE, NO_TASK_COST, Setting, run, toward};
@@ -57,6 +57,7 @@ impl Solver for Probe {
         problem: &Problem<'_>,
         cost: &mut dyn Cost,
         _workspace: &mut Workspace,
+        _trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
         let mut costs = vec![f64::NAN; self.plans.len()];

@@ -4,7 +4,9 @@ use std::collections::HashSet;
 
 use serde_json::{Map, json};
 use swm_core::{Dtype, Space};
-use swm_solvers::{Candidates, Cem, Cost, Moment, Plan, PlanError, SOLVERS, Settings, Solver, Workspace};
+use swm_solvers::{
+    Candidates, Cem, Cost, Moment, NoTrace, Plan, PlanError, SOLVERS, Settings, Solver, Workspace,
+};
 
 use crate::problems::{Analytic, LQ_OPTIMA, keys, lq, nav, problem, space};
 
@@ -14,7 +16,7 @@ fn solve(solver: &dyn Solver, cost: &mut dyn Cost, episodes: &[u64]) -> Result<P
     let (keys, space) = (keys(episodes.iter().copied()), space());
     let initial = vec![0.0; keys.len() * SIZE];
     let mut plan = Plan::new();
-    solver.solve(&problem(&keys, &space, &initial), cost, &mut Workspace::new(), &mut plan)?;
+    solver.solve(&problem(&keys, &space, &initial), cost, &mut Workspace::new(), &mut NoTrace, &mut plan)?;
     Ok(plan)
 }
 
@@ -58,7 +60,9 @@ fn later_plans_and_other_seeds_have_other_noise() {
         let mut plan = Plan::new();
         let solver = Cem { seed, ..Cem::default() };
         let problem = problem(&keys, &space, &initial);
-        solver.solve(&problem, &mut Analytic::new(lq, 30), &mut Workspace::new(), &mut plan).unwrap();
+        solver
+            .solve(&problem, &mut Analytic::new(lq, 30), &mut Workspace::new(), &mut NoTrace, &mut plan)
+            .unwrap();
         plans.push(plan);
     }
     assert!(plans[0] != plans[1] && plans[0] != plans[2] && plans[1] != plans[2]);
@@ -71,8 +75,8 @@ fn a_workspace_leaks_nothing_from_one_solve_into_the_next() {
     let (mut workspace, mut used) = (Workspace::new(), Plan::new());
     let solver = Cem { return_best: true, ..Cem::default() };
     let problem = problem(&keys, &space, &initial);
-    solver.solve(&problem, &mut Analytic::new(nav, 30), &mut workspace, &mut used).unwrap();
-    solver.solve(&problem, &mut Analytic::new(lq, 30), &mut workspace, &mut used).unwrap();
+    solver.solve(&problem, &mut Analytic::new(nav, 30), &mut workspace, &mut NoTrace, &mut used).unwrap();
+    solver.solve(&problem, &mut Analytic::new(lq, 30), &mut workspace, &mut NoTrace, &mut used).unwrap();
     assert_eq!(used, solve(&solver, &mut Analytic::new(lq, 30), &[0, 1]).unwrap());
 }
 
@@ -172,7 +176,13 @@ fn wrong_problems_are_refused() {
         let mut problem = problem(&keys, &space, &initial);
         let mut plan = Plan::new();
         edit(&mut problem);
-        let solved = solver.solve(&problem, &mut Analytic::new(lq, 30), &mut Workspace::new(), &mut plan);
+        let solved = solver.solve(
+            &problem,
+            &mut Analytic::new(lq, 30),
+            &mut Workspace::new(),
+            &mut NoTrace,
+            &mut plan,
+        );
         solved.unwrap_err().to_string()
     };
     let cem = Cem::default();
@@ -188,8 +198,9 @@ fn wrong_problems_are_refused() {
     let crossed =
         Space::Box { dtype: Dtype::F32, shape: vec![2], low: vec![0.0, 1.0], high: vec![1.0, -1.0] };
     let problem = problem(&keys, &crossed, &[0.0; 2 * SIZE]);
-    let error =
-        cem.solve(&problem, &mut Analytic::new(lq, 30), &mut Workspace::new(), &mut Plan::new()).unwrap_err();
+    let error = cem
+        .solve(&problem, &mut Analytic::new(lq, 30), &mut Workspace::new(), &mut NoTrace, &mut Plan::new())
+        .unwrap_err();
     assert_eq!(
         error.to_string(),
         "cem cannot plan these actions: element 1 of the action has the bounds low 1 and high -1"
