@@ -55,6 +55,14 @@ pub enum EnvError {
         /// What is wrong, and what is allowed.
         reason: String,
     },
+    /// The values that factors have or were given do not go together.
+    #[error("cannot reset `{env}`: {reason}")]
+    Constraint {
+        /// Environment id.
+        env: String,
+        /// The constraint, and the factors involved.
+        reason: String,
+    },
     /// The simulation left the range in which it means something.
     #[error("`{env}` diverged: {reason}")]
     Diverged {

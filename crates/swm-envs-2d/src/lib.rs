@@ -4,6 +4,7 @@
 //! variation, its policies; rendering comes from `swm-render`. No solver, dataset or model is known here.
 
 pub mod pusht;
+mod settings;
 
 use swm_core::EnvEntry;
 

@@ -50,7 +50,7 @@ pub enum FovError {
         owner: String,
         /// The rule in words.
         words: &'static str,
-        /// `none of 1000 draws met` or `its value does not meet`.
+        /// `none of 1000 draws met`, `its value does not meet`, or the same of its default.
         tries: String,
         /// Names and values of the factors that the rule reads.
         involved: String,
@@ -69,8 +69,13 @@ pub struct Fov {
 impl FovSpace {
     /// Draws the assignment of one episode for the environment `env`.
     pub fn draw(&self, env: &str, episode: &Episode<'_>) -> Result<Fov, EnvError> {
-        self.try_draw(episode)
-            .map_err(|error| EnvError::Reset { env: env.to_owned(), reason: error.to_string() })
+        self.try_draw(episode).map_err(|error| {
+            let (env, reason) = (env.to_owned(), error.to_string());
+            match error {
+                FovError::Unsatisfied { .. } => EnvError::Constraint { env, reason },
+                _ => EnvError::Reset { env, reason },
+            }
+        })
     }
 
     fn try_draw(&self, episode: &Episode<'_>) -> Result<Fov, FovError> {
@@ -102,7 +107,12 @@ impl FovSpace {
         }
         // Values that were set or left at their defaults must agree with what was drawn.
         match self.constraints.iter().find(|rule| !(rule.holds)(&fov)) {
-            Some(broken) => Err(unsatisfied(broken, &fov, "its value does not meet".to_owned())),
+            Some(broken) if fov.touched(broken.owner) => {
+                Err(unsatisfied(broken, &fov, "its value does not meet".to_owned()))
+            }
+            Some(broken) => {
+                Err(unsatisfied(broken, &fov, "its default does not meet: draw or set it too".to_owned()))
+            }
             None => Ok(fov),
         }
     }

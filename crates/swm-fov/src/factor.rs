@@ -51,6 +51,19 @@ impl Factor {
         Self::new(name, space, Value::vector(default))
     }
 
+    /// A vector of real numbers stored as `f32`, each in `low..=high`.
+    pub fn vector_f32(name: &str, low: f64, high: f64, default: &[f32]) -> Self {
+        let space = Space::uniform_box(Dtype::F32, &[default.len()], low, high);
+        Self::new(name, space, Value::vector(default))
+    }
+
+    /// Integers, each in `low..=high`.
+    pub fn integers(name: &str, low: i64, high: i64, default: &[i64]) -> Self {
+        let count = default.len();
+        let space = Space::MultiDiscrete { n: vec![high - low + 1; count], start: vec![low; count] };
+        Self::new(name, space, Value::vector(default))
+    }
+
     /// An integer in `low..=high`.
     pub fn integer(name: &str, low: i64, high: i64, default: i64) -> Self {
         Self::new(name, Space::Discrete { n: high - low + 1, start: low }, Value::scalar(default))

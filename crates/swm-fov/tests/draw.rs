@@ -62,6 +62,15 @@ fn messages_name_the_factor_and_the_way_out() {
 }
 
 #[test]
+fn a_default_that_no_longer_fits_is_named_as_such() {
+    let message =
+        (0..40).find_map(|seed| draw(seed, &ResetOptions::default().vary(&["agent.position"])).err());
+    let message = message.expect("half of the draws lie on the default goal's side");
+    assert!(message.contains("`goal.position` must be on the other side"), "{message}");
+    assert!(message.contains("its default does not meet: draw or set it too"), "{message}");
+}
+
+#[test]
 fn descriptions_list_every_factor() {
     let (tree, table) = (space().to_string(), swm_fov::markdown(&space().specs()));
     for spec in space().specs() {

@@ -1,13 +1,12 @@
 //! The 16 factors of PushT, and what an assignment means for physics and pictures.
 
-use std::collections::BTreeMap;
-
 use serde_json::{Map, Value as Json};
-use swm_core::{EnvError, Value};
+use swm_core::EnvError;
 use swm_fov::{Factor, Fov, FovSpace};
 
 use super::physics::{BodySetup, Setup, Shape};
 use super::settings::Settings;
+use crate::settings::with_defaults;
 
 /// The factor table, in the order of drawing. Bounds and defaults are the reference's (August 2026; the default
 /// block scale of January was 40, which its T ignored).
@@ -46,12 +45,7 @@ pub fn factors() -> FovSpace {
 
 /// The factor table with other defaults: the constructor argument `init_value` of the reference.
 pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<FovSpace, EnvError> {
-    let wrong = |reason: String| EnvError::Setting { env: env.to_owned(), reason };
-    let mut values = BTreeMap::new();
-    for (name, json) in defaults {
-        values.insert(name.clone(), Value::from_json(name, json).map_err(|e| wrong(e.to_string()))?);
-    }
-    factors().with_defaults(&values).map_err(|error| wrong(format!("init_value: {error}")))
+    with_defaults(factors(), env, defaults)
 }
 
 /// The physical world that an assignment describes.

@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 use swm_core::Setting;
-use swm_render::Style;
+
+use crate::settings::Render;
 
 /// Constructor settings. Unknown names are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -16,24 +17,6 @@ pub(super) struct Settings {
     pub damping: f64,
     pub block_cog: Option<[f64; 2]>,
     pub init_value: Map<String, Json>,
-}
-
-/// [`Style`], as it is written in settings.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum Render {
-    #[default]
-    Exact,
-    Fast,
-}
-
-impl From<Render> for Style {
-    fn from(render: Render) -> Self {
-        match render {
-            Render::Exact => Style::Exact,
-            Render::Fast => Style::Fast,
-        }
-    }
 }
 
 impl Default for Settings {

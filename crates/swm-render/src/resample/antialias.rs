@@ -59,6 +59,21 @@ impl AntialiasBilinear {
         Ok(())
     }
 
+    /// Resizes again what depends on the pixels `dirty` of `image`; the others must be those of the call before, and
+    /// `out` what it wrote. The result is that of [`resize`](Self::resize).
+    ///
+    /// # Errors
+    /// If a slice has the wrong length.
+    pub fn update(&mut self, image: &[u8], dirty: Rect, out: &mut [u8]) -> Result<(), RenderError> {
+        check_len("the image to resize", image.len(), self.source[0], self.source[1])?;
+        check_len("the resized image", out.len(), self.target[0], self.target[1])?;
+        let dirty = dirty.intersect(&Rect::of_size(self.source[0], self.source[1]));
+        if !dirty.is_empty() {
+            self.resize_region(image, dirty, out);
+        }
+        Ok(())
+    }
+
     /// Recomputes the pixels of `out` that depend on the pixels `dirty` of `image`. The other pixels of `image` must be
     /// those of the call before. `dirty` is not empty and lies in the image; slices have the sizes of this resize.
     pub(crate) fn resize_region(&mut self, image: &[u8], dirty: Rect, out: &mut [u8]) {

@@ -1,7 +1,7 @@
 //! Drawing only what changed gives the bytes of drawing everything, in both styles and at any size.
 
 use proptest::prelude::*;
-use swm_render::{Geometry, Painter, RenderError, Renderer, Rgb, Style};
+use swm_render::{AntialiasBilinear, Geometry, Painter, Rect, RenderError, Renderer, Rgb, Style};
 
 #[derive(Debug, Clone)]
 enum Command {
@@ -192,5 +192,28 @@ fn bad_sizes_are_errors_that_say_what_to_do() {
         let mut renderer = Renderer::new(style, Geometry::new(64, 64)).expect("sizes are fine");
         let error = renderer.render(&mut [0; 5], |_| ()).expect_err("too short");
         assert!(matches!(error, RenderError::Length { actual: 5, expected: 12_288, .. }), "{error}");
+    }
+}
+
+proptest! {
+    #[test]
+    fn updating_a_resize_is_resizing(
+        (height, width) in (1_usize..90, 1_usize..90),
+        (x, y) in (-5_i32..60, -5_i32..60),
+        (w, h) in (0_i32..40, 0_i32..40),
+        pixel in any::<u8>(),
+    ) {
+        let (source, dirty) = ([48, 56], Rect::new(x, y, x + w, y + h));
+        let mut image: Vec<u8> = (0..48 * 56 * 3_u32).map(|i| (i * i / 7) as u8).collect();
+        let mut resize = AntialiasBilinear::new(source, [height, width])?;
+        let (mut updated, mut anew) = (vec![0; height * width * 3], vec![0; height * width * 3]);
+        resize.resize(&image, &mut updated)?;
+        let inside = dirty.intersect(&Rect::new(0, 0, 56, 48));
+        for (y, x) in (inside.y0..inside.y1).flat_map(|y| (inside.x0..inside.x1).map(move |x| (y, x))) {
+            image[(y * 56 + x) as usize * 3..][..3].fill(pixel);
+        }
+        resize.update(&image, dirty, &mut updated)?;
+        AntialiasBilinear::new(source, [height, width])?.resize(&image, &mut anew)?;
+        prop_assert_eq!(updated, anew);
     }
 }

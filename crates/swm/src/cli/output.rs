@@ -56,7 +56,9 @@ fn is_usage(error: &(dyn std::error::Error + 'static)) -> bool {
     if let Some(error) = error.downcast_ref::<DataError>() {
         return matches!(error, DataError::UnknownFormat { .. });
     }
-    let wrong_env = |e: &EnvError| matches!(e, EnvError::Setting { .. } | EnvError::Reset { .. });
+    let wrong_env = |e: &EnvError| {
+        matches!(e, EnvError::Setting { .. } | EnvError::Reset { .. } | EnvError::Constraint { .. })
+    };
     error.downcast_ref::<EnvError>().is_some_and(wrong_env) || error.is::<UnknownName>()
 }
 
