@@ -5,11 +5,12 @@ use std::alloc::System;
 use std::collections::BTreeMap;
 
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
-use swm_core::testing::TOY;
+use swm_core::testing::{DISCRETE_TOY, TOY};
 use swm_core::{Dtype, EnvConfig, EpisodeSeed, PolicyArgs, PolicyContext, Registry, ResetOptions, Space};
 use swm_core::{Value, World, WorldOptions};
 use swm_solvers::{
     Candidates, Cost, Moment, NoTrace, PLANNERS, Plan, PlanError, PlanKey, Problem, SOLVERS, Workspace,
+    plan_width,
 };
 
 #[global_allocator]
@@ -51,7 +52,9 @@ fn later_plans_allocate_nothing() {
         let solver = (entry.make)(serde_json::Map::new()).unwrap();
         let key = |episode| PlanKey { episode, seed: EpisodeSeed::new(episode), plan: 0 };
         let keys: Vec<PlanKey> = (0..4).map(key).collect();
-        let (action, initial) = (Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), vec![0.0; 4 * 20]);
+        let spaces = [Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), Space::Discrete { n: 5, start: 0 }];
+        let action = spaces.into_iter().find(|space| solver.check(space).is_ok()).unwrap();
+        let initial = vec![0.0; 4 * 10 * plan_width(&action)];
         let problem = Problem {
             keys: &keys,
             horizon: 10,
@@ -71,12 +74,18 @@ fn later_plans_allocate_nothing() {
 
     for planner in PLANNERS {
         let config = EnvConfig::default();
-        let context = PolicyContext { env: &TOY, config: &config, frame_skip: 1 };
         let text = format!("{}:horizon=2,receding_horizon=1,action_block=1,history_len=2", planner.name);
-        let policy = Registry::new().with_policies(PLANNERS);
-        let policy = policy.policy(&context, &PolicyArgs::parse(&text).unwrap()).unwrap();
+        let (registry, args) = (Registry::new().with_policies(PLANNERS), PolicyArgs::parse(&text).unwrap());
+        // The toy environment with real actions, or that with integers: whichever the planner can plan for.
+        let (toy, policy) = [TOY, DISCRETE_TOY]
+            .into_iter()
+            .find_map(|toy| {
+                let context = PolicyContext { env: &toy, config: &config, frame_skip: 1 };
+                Some((toy, registry.policy(&context, &args).ok()?))
+            })
+            .unwrap();
         let options = WorldOptions { threads: Some(1), ..WorldOptions::default() };
-        let mut world = World::new(&TOY, options).unwrap();
+        let mut world = World::new(&toy, options).unwrap();
         world.set_policy(policy);
         // So far away that the episode, and with it the planning, does not end.
         let place = |value: f64| Some(BTreeMap::from([("state".to_owned(), Value::vector(&[value]))]));

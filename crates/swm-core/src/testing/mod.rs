@@ -9,7 +9,7 @@ use crate::registry::EnvEntry;
 pub use checks::{
     deterministic, every_factor_acts, factors_are_independent, snapshots_are_exact, spec_is_sound,
 };
-pub use toy::TOY;
+pub use toy::{DISCRETE_TOY, TOY};
 
 /// Runs every check and panics with the list of all violations.
 ///
@@ -40,7 +40,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_toy_environment_conforms() {
+    fn the_toy_environments_conform() {
         assert_conforms(&TOY);
+        assert_conforms(&DISCRETE_TOY);
     }
 }

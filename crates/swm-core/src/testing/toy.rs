@@ -16,7 +16,15 @@ pub const TOY: EnvEntry = EnvEntry {
     summary: "a point on a line that must reach a goal (for tests)",
     settings: &[],
     policies: &[],
-    make: |config| Ok(Box::new(Toy::new(config)?)),
+    make: |config| Ok(Box::new(Toy::new(TOY.id, Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0), config)?)),
+};
+
+/// The toy environment whose point can go one left, stay or go one right.
+pub const DISCRETE_TOY: EnvEntry = EnvEntry {
+    id: "swm/DiscreteToy-v0",
+    summary: "a point on a line that must reach a goal by whole steps (for tests)",
+    make: |config| Ok(Box::new(Toy::new(DISCRETE_TOY.id, Space::Discrete { n: 3, start: -1 }, config)?)),
+    ..TOY
 };
 
 const STATE: usize = 0;
@@ -42,8 +50,8 @@ struct Toy {
 struct Settings {}
 
 impl Toy {
-    fn new(config: &EnvConfig) -> Result<Self, EnvError> {
-        config.parse_settings::<Settings>(TOY.id)?;
+    fn new(id: &str, action: Space, config: &EnvConfig) -> Result<Self, EnvError> {
+        config.parse_settings::<Settings>(id)?;
         let gain = Space::uniform_box(Dtype::F64, &[], 0.1, 2.0);
         let mut fields = vec![
             Field::step("state", Dtype::F64, &[1]),
@@ -52,8 +60,8 @@ impl Toy {
         ];
         fields.extend(config.image.map(|size| size.field("pixels")));
         let spec = EnvSpec {
-            id: TOY.id.to_owned(),
-            action: Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0),
+            id: id.to_owned(),
+            action,
             fields,
             factors: vec![FactorSpec {
                 name: "point.gain".to_owned(),
@@ -77,7 +85,7 @@ impl Toy {
     }
 
     fn gain(&self, episode: &Episode<'_>) -> Result<f64, EnvError> {
-        let reset = |reason: String| EnvError::Reset { env: TOY.id.to_owned(), reason };
+        let reset = |reason: String| EnvError::Reset { env: self.spec.id.clone(), reason };
         let factor = &self.spec.factors[0];
         let mut gain = 1.0;
         for asked in episode.options.variation.iter().flatten() {
@@ -145,11 +153,11 @@ impl Env for Toy {
     }
 
     fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
-        state.store(TOY.id, &self.state)
+        state.store(&self.spec.id, &self.state)
     }
 
     fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
-        self.state = state.load(TOY.id)?;
+        self.state = state.load(&self.spec.id)?;
         Ok(())
     }
 

@@ -1,5 +1,6 @@
-//! Planning as its users see it: golden problems, invariance, the MPC policy in a world, the true simulator.
+//! Planning as its users see it: golden problems, obstacle courses, invariance, the MPC policy in a world, the true simulator.
 
+mod courses;
 mod golden;
 mod mpc;
 mod problems;

@@ -1,13 +1,17 @@
-//! Analytic planning problems with known solutions: linear-quadratic control and navigation around an obstacle, four
-//! instances each. Computed in `f32` per candidate, as the reference's golden runs were.
+//! Analytic planning problems with known solutions: linear-quadratic control, navigation around an obstacle and walking
+//! by categories, four instances each. Computed in `f32` per candidate, as the reference's golden runs were.
 
 use swm_core::{Dtype, EpisodeSeed, Space};
-use swm_solvers::{Candidates, Cost, Moment, PlanError, PlanKey, Problem};
+use swm_solvers::{Candidates, Cost, Moment, PlanError, PlanKey, Problem, Solver};
 
-/// H of both problems.
+/// H of the problems with real actions.
 pub(super) const HORIZON: usize = 10;
-/// A of both problems.
+/// A of the problems with real actions.
 pub(super) const WIDTH: usize = 2;
+/// H of [`disc`].
+pub(super) const DISC_HORIZON: usize = 6;
+/// C of [`disc`].
+pub(super) const DISC_CATEGORIES: usize = 5;
 
 /// An analytic problem: the cost of a plan `[H, A]` from start `instance`.
 pub(super) type PlanCost = fn(instance: usize, plan: &[f32]) -> f32;
@@ -29,12 +33,19 @@ pub(super) fn lq(instance: usize, plan: &[f32]) -> f32 {
 /// The unconstrained optima of [`lq`], by instance.
 pub(super) const LQ_OPTIMA: [f64; 4] = [4.402300, 3.826701, 6.443985, 19.139794];
 
+/// Starts of [`nav`] and [`disc`], by instance.
+const STARTS: [[f32; 2]; 4] = [[0.0, 0.0], [0.0, 0.3], [-0.5, -0.2], [0.2, 0.6]];
+/// Goals of [`nav`] and [`disc`], by instance.
+const GOALS: [[f32; 2]; 4] = [[1.2, 1.0], [1.0, -0.8], [1.0, 0.4], [-1.0, -0.6]];
+
+/// The square of a distance.
+fn far(p: [f32; 2], q: [f32; 2]) -> f32 {
+    (p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1])
+}
+
 /// Navigation to a goal past a round obstacle; paths left and right of it are local minima.
 pub(super) fn nav(instance: usize, plan: &[f32]) -> f32 {
-    const STARTS: [[f32; 2]; 4] = [[0.0, 0.0], [0.0, 0.3], [-0.5, -0.2], [0.2, 0.6]];
-    const GOALS: [[f32; 2]; 4] = [[1.2, 1.0], [1.0, -0.8], [1.0, 0.4], [-1.0, -0.6]];
     const OBSTACLE: [f32; 2] = [0.55, 0.45];
-    let far = |p: [f32; 2], q: [f32; 2]| (p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]);
     let mut place = STARTS[instance];
     let mut cost = 0.0;
     for u in plan.chunks_exact(WIDTH) {
@@ -44,6 +55,59 @@ pub(super) fn nav(instance: usize, plan: &[f32]) -> f32 {
             + 0.01 * (u[0] * u[0] + u[1] * u[1]);
     }
     cost + 5.0 * far(place, GOALS[instance])
+}
+
+/// Walking toward a goal by steps of a quarter: none, right, left, up or down; mixtures of them while a solver relaxes
+/// the categories.
+pub(super) fn disc(instance: usize, plan: &[f32]) -> f32 {
+    let mut place = STARTS[instance];
+    let mut cost = 0.0;
+    for a in plan.chunks_exact(DISC_CATEGORIES) {
+        place = [place[0] + 0.25 * (a[1] - a[2]), place[1] + 0.25 * (a[3] - a[4])];
+        cost += 0.1 * far(place, GOALS[instance]);
+    }
+    cost + far(place, GOALS[instance])
+}
+
+/// The cheapest plans of [`disc`], by instance.
+pub(super) const DISC_OPTIMA: [f64; 4] = [0.852750, 0.694750, 0.722250, 1.166750];
+
+/// A problem to try a solver on, of the kind that it accepts.
+#[derive(Clone, Debug)]
+pub(super) struct Trial {
+    pub(super) cost: PlanCost,
+    pub(super) space: Space,
+    pub(super) horizon: usize,
+    /// H × D.
+    pub(super) size: usize,
+}
+
+impl Trial {
+    pub(super) fn nav() -> Self {
+        Self { cost: nav, space: space(), horizon: HORIZON, size: HORIZON * WIDTH }
+    }
+
+    pub(super) fn lq() -> Self {
+        Self { cost: lq, ..Self::nav() }
+    }
+
+    pub(super) fn disc() -> Self {
+        let space = Space::Discrete { n: DISC_CATEGORIES as i64, start: 0 };
+        Self { cost: disc, space, horizon: DISC_HORIZON, size: DISC_HORIZON * DISC_CATEGORIES }
+    }
+
+    /// [`nav`] for solvers of real actions, [`disc`] for those of integers.
+    pub(super) fn accepted_by(solver: &dyn Solver) -> Self {
+        [Self::nav(), Self::disc()]
+            .into_iter()
+            .find(|trial| solver.check(&trial.space).is_ok())
+            .unwrap_or_else(|| panic!("{} accepts neither a box nor categories", solver.name()))
+    }
+
+    /// The problem of planning for `keys` from `initial`.
+    pub(super) fn problem<'a>(&'a self, keys: &'a [PlanKey], initial: &'a [f32]) -> Problem<'a> {
+        Problem { horizon: self.horizon, ..problem(keys, &self.space, initial) }
+    }
 }
 
 /// The statistics of one iteration over the candidates of one episode.
@@ -103,12 +167,28 @@ pub(super) fn keys(episodes: impl IntoIterator<Item = u64>) -> Vec<PlanKey> {
     episodes.into_iter().map(key).collect()
 }
 
-/// The action space of both problems.
+/// The action space of the problems with real actions.
 pub(super) fn space() -> Space {
     Space::uniform_box(Dtype::F32, &[WIDTH], -1.0, 1.0)
 }
 
-/// The problem of planning for `keys` from `initial`.
+/// The problem of planning real actions for `keys` from `initial`.
 pub(super) fn problem<'a>(keys: &'a [PlanKey], space: &'a Space, initial: &'a [f32]) -> Problem<'a> {
     Problem { keys, horizon: HORIZON, action_block: 1, action: space, initial, memory: &[] }
+}
+
+#[test]
+fn the_cheapest_plans_by_categories_are_known_by_enumeration() {
+    for (instance, known) in DISC_OPTIMA.into_iter().enumerate() {
+        let count = DISC_CATEGORIES.pow(DISC_HORIZON as u32);
+        let cost = |number: usize| {
+            let mut plan = [0.0; DISC_HORIZON * DISC_CATEGORIES];
+            for t in 0..DISC_HORIZON {
+                plan[t * DISC_CATEGORIES + number / DISC_CATEGORIES.pow(t as u32) % DISC_CATEGORIES] = 1.0;
+            }
+            disc(instance, &plan)
+        };
+        let found = (0..count).map(cost).fold(f32::INFINITY, f32::min);
+        assert!((f64::from(found) - known).abs() < 1e-5, "instance {instance}: {found}");
+    }
 }

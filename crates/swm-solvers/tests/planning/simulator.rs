@@ -3,14 +3,14 @@
 use std::sync::{Arc, Mutex};
 
 use serde_json::{Map, Value as Json};
-use swm_core::testing::TOY;
+use swm_core::testing::{DISCRETE_TOY, TOY};
 use swm_core::{EnvConfig, EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyError, Registry, Space};
 use swm_solvers::{
     Aggregate, Cost, MpcPolicy, PLANNERS, Plan, PlanConfig, PlanError, Problem, SimulatorCost,
     SimulatorOptions, Solver, Trace, Workspace,
 };
 
-use crate::worlds::{DISCRETE, FRAGILE, NO_TASK_COST, Setting, run, toward};
+use crate::worlds::{FRAGILE, NO_TASK_COST, Setting, run, toward};
 
 fn planner(entry: &EnvEntry, text: &str) -> Result<Box<dyn Policy>, PolicyError> {
     let context = PolicyContext { env: entry, config: &EnvConfig::default(), frame_skip: 1 };
@@ -137,7 +137,7 @@ fn a_roll_out_that_diverges_or_is_not_finite_costs_infinity() {
 fn environments_that_cannot_be_planned_for_are_refused() {
     let message = |entry, text| planner(entry, text).err().expect("refused").to_string();
     assert_eq!(
-        message(&DISCRETE, SMALL),
+        message(&DISCRETE_TOY, SMALL),
         "policy `cem`: cem cannot plan these actions: it needs real numbers (a box), and the action space is discrete"
     );
     let setting = Setting { entry: NO_TASK_COST, ..Setting::default() };

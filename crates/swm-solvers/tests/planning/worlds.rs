@@ -6,19 +6,17 @@ use swm_core::env::{EnvConfig, EnvSpec, EnvState, Episode, Outcome};
 use swm_core::testing::TOY;
 use swm_core::{
     BoxError, Env, EnvEntry, EnvError, EpisodeEnd, LiveRow, Policy, Recorder, ResetOptions, Rollout, RowsMut,
-    Scenario, Slice, Space, Value, World, WorldError, WorldOptions,
+    Scenario, Slice, Value, World, WorldError, WorldOptions,
 };
 
 /// The toy environment, changed.
 #[derive(Clone, Copy, PartialEq)]
 enum Change {
-    Discrete,
     NoTaskCost,
     /// It has another name, and diverges when pushed by more than 0.8.
     Fragile,
 }
 
-pub(super) const DISCRETE: EnvEntry = EnvEntry { make: |config| changed(config, Change::Discrete), ..TOY };
 pub(super) const NO_TASK_COST: EnvEntry =
     EnvEntry { make: |config| changed(config, Change::NoTaskCost), ..TOY };
 pub(super) const FRAGILE: EnvEntry =
@@ -28,7 +26,6 @@ fn changed(config: &EnvConfig, change: Change) -> Result<Box<dyn Env>, EnvError>
     let inner = (TOY.make)(config)?;
     let mut spec = inner.spec().clone();
     match change {
-        Change::Discrete => spec.action = Space::Discrete { n: 3, start: 0 },
         Change::NoTaskCost => {}
         Change::Fragile => spec.id = FRAGILE.id.to_owned(),
     }
