@@ -3,6 +3,7 @@
 use serde_json::{Map, Value as Json};
 
 use crate::error::PlanError;
+use crate::models::ControlModel;
 use crate::mpc::Moment;
 
 /// How good candidate plans are; lower is better.
@@ -27,6 +28,11 @@ pub trait Cost: Send {
 
     /// This cost with constraints, if it has any.
     fn constrained(&mut self) -> Option<&mut dyn ConstrainedCost> {
+        None
+    }
+
+    /// The problem behind this cost step by step, if it is one that can be known so: what iLQR needs.
+    fn control(&self) -> Option<&dyn ControlModel> {
         None
     }
 
@@ -55,8 +61,8 @@ pub trait DifferentiableCost: Cost {
 
 /// A cost with C inequality constraints g: a plan is feasible when every g is 0 or less. An equality is two of them.
 pub trait ConstrainedCost: Cost {
-    /// C.
-    fn constraints(&self) -> usize;
+    /// C, for plans of H = `horizon` blocks of D = `width` numbers.
+    fn constraints(&self, horizon: usize, width: usize) -> usize;
 
     /// Fills `costs`, `[B, S]`, and `values`, `[B, S, C]`, in one roll-out.
     fn evaluate_constrained(

@@ -48,6 +48,24 @@ pub enum PlanError {
         /// How many candidates there were.
         samples: usize,
     },
+    /// The solver needs gradients and the cost has none.
+    #[error(
+        "{solver} needs the derivative of the cost, and this cost has none; use a cost with gradients, or a solver \
+         that samples"
+    )]
+    NoGradient {
+        /// Name of the solver.
+        solver: &'static str,
+    },
+    /// The solver needs to see the problem step by step.
+    #[error(
+        "{solver} needs a model of states and steps (`ControlModel`), and this cost has none; use such a model, or \
+         another solver"
+    )]
+    NoControlModel {
+        /// Name of the solver.
+        solver: &'static str,
+    },
     /// Planning on the true simulator needs a task cost.
     #[error(
         "`{env}` has no task cost, so there is nothing to plan for on its simulator; plan with a learned model"

@@ -45,6 +45,7 @@
 
 mod cost;
 mod error;
+pub mod models;
 mod mpc;
 mod planners;
 mod sampling;

@@ -1,0 +1,185 @@
+//! Models that roll out whole batches of plans, on plain slices: what a learned world model implements.
+
+use std::ops::Range;
+
+use super::control::{ControlModel, Stage};
+use super::control_cost::{Tape, check_width};
+use crate::cost::Candidates;
+use crate::error::PlanError;
+use crate::mpc::Moment;
+
+/// A model of what plans lead to: states (usually embeddings) of W numbers, one after every block of a plan.
+///
+/// A prediction depends on its own row and plan only, never on its neighbours in the batch.
+pub trait Dynamics: Send + Sync {
+    /// Once per plan: encodes the observations of the moment, and their goals. Neither changes while a plan is made,
+    /// so neither is encoded again.
+    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError>;
+
+    /// The named parts of a state, in ascending order and without gaps; W is where the last one ends.
+    fn parts(&self) -> &[Part];
+
+    /// `[W]`: the goal of row `row`, as a state.
+    fn goal(&self, row: usize) -> &[f32];
+
+    /// Fills `states`, `[B, S, H, W]`: what is predicted after each block of `candidates`, `[B, S, H, D]`.
+    fn roll_out(&mut self, candidates: &Candidates<'_>, states: &mut [f32]) -> Result<(), PlanError>;
+
+    /// Whether [`Dynamics::pull_back`] works.
+    fn has_gradients(&self) -> bool {
+        false
+    }
+
+    /// Adds to `gradient`, `[B, S, H, D]`, the vector-Jacobian product of `by_state`, `[B, S, H, W]`: the derivative of
+    /// Σ by_state × state with respect to the plans. `candidates` and `states` are those of the last roll-out.
+    fn pull_back(
+        &mut self,
+        candidates: &Candidates<'_>,
+        states: &[f32],
+        by_state: &[f32],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        let _ = (candidates, states, by_state, gradient);
+        Err(PlanError::NoGradient { solver: "the objective" })
+    }
+}
+
+/// A named part of a state: `pixels_emb`, `proprio_emb`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Part {
+    /// Its name.
+    pub name: String,
+    /// Which numbers of the state it is.
+    pub range: Range<usize>,
+}
+
+/// W: numbers of a state with these parts.
+pub(super) fn state_width(parts: &[Part]) -> usize {
+    parts.last().map_or(0, |part| part.range.end)
+}
+
+/// A [`ControlModel`] as [`Dynamics`]: its states without its cost, for objectives of another kind. One candidate after
+/// another: meant for tests and small problems.
+pub struct Stepwise<M> {
+    model: M,
+    /// `[n][W]`.
+    goals: Vec<Vec<f32>>,
+    parts: [Part; 1],
+    tape: Tape,
+}
+
+impl<M: ControlModel> Stepwise<M> {
+    /// The states of `model`, in one part named `state`; row `b` shall reach `goals[b % n]`.
+    pub fn new(model: M, goals: Vec<Vec<f32>>) -> Result<Self, PlanError> {
+        let width = model.state_width();
+        if goals.is_empty() {
+            return Err(PlanError::Size { name: "goals", expected: 1, found: 0 });
+        }
+        if let Some(goal) = goals.iter().find(|goal| goal.len() != width) {
+            return Err(PlanError::Size { name: "goal", expected: width, found: goal.len() });
+        }
+        Ok(Self { model, goals, parts: [Part { name: "state".to_owned(), range: 0..width }], tape: Tape::default() })
+    }
+}
+
+impl<M: ControlModel> Dynamics for Stepwise<M> {
+    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
+        self.model.prepare(moment)
+    }
+
+    fn parts(&self) -> &[Part] {
+        &self.parts
+    }
+
+    fn goal(&self, row: usize) -> &[f32] {
+        &self.goals[row % self.goals.len()]
+    }
+
+    fn roll_out(&mut self, candidates: &Candidates<'_>, states: &mut [f32]) -> Result<(), PlanError> {
+        let Self { model, tape, .. } = self;
+        let steps = check_width(model, candidates)?;
+        let (width, block) = (model.state_width(), candidates.width / model.action_width());
+        let paths = states.chunks_exact_mut(candidates.horizon * width);
+        for (index, (plan, path)) in candidates.plans().zip(paths).enumerate() {
+            let row = index / candidates.samples;
+            tape.forward(model, row, steps, plan);
+            for (number, state) in (1..).zip(path.chunks_exact_mut(width)) {
+                let predicted = tape.stage(model, row, number * block).state;
+                state.iter_mut().zip(predicted).for_each(|(out, &value)| *out = value as f32);
+            }
+        }
+        Ok(())
+    }
+
+    fn has_gradients(&self) -> bool {
+        true
+    }
+
+    fn pull_back(
+        &mut self,
+        candidates: &Candidates<'_>,
+        _states: &[f32],
+        by_state: &[f32],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        let Self { model, tape, .. } = self;
+        let steps = check_width(model, candidates)?;
+        let (width, block) = (model.state_width(), candidates.width / model.action_width());
+        let paths = by_state.chunks_exact(candidates.horizon * width);
+        let gradients = gradient.chunks_exact_mut(candidates.horizon * candidates.width);
+        for (index, ((plan, by_state), gradient)) in candidates.plans().zip(paths).zip(gradients).enumerate() {
+            let linear = Linear { model, by_state, block };
+            let row = index / candidates.samples;
+            tape.forward(&linear, row, steps, plan);
+            tape.add_backward(&linear, row, gradient);
+        }
+        Ok(())
+    }
+}
+
+/// A model with another cost: Σ by_state × state over the states after each block. The gradient of that is the
+/// vector-Jacobian product of its states.
+struct Linear<'a, M> {
+    model: &'a M,
+    /// `[H, W]`.
+    by_state: &'a [f32],
+    /// k.
+    block: usize,
+}
+
+impl<M: ControlModel> ControlModel for Linear<'_, M> {
+    fn state_width(&self) -> usize {
+        self.model.state_width()
+    }
+
+    fn action_width(&self) -> usize {
+        self.model.action_width()
+    }
+
+    fn start(&self, row: usize, state: &mut [f64]) {
+        self.model.start(row, state);
+    }
+
+    fn step(&self, at: &Stage<'_>, next: &mut [f64]) {
+        self.model.step(at, next);
+    }
+
+    fn cost(&self, _at: &Stage<'_>) -> f64 {
+        0.0
+    }
+
+    fn step_derivatives(&self, at: &Stage<'_>, by_state: &mut [f64], by_action: &mut [f64]) -> bool {
+        self.model.step_derivatives(at, by_state, by_action)
+    }
+
+    fn cost_derivatives(&self, at: &Stage<'_>, by_state: &mut [f64], by_action: &mut [f64]) -> bool {
+        by_action.fill(0.0);
+        by_state.fill(0.0);
+        if at.step > 0 && at.step % self.block == 0 {
+            let start = (at.step / self.block - 1) * by_state.len();
+            let values = &self.by_state[start..][..by_state.len()];
+            by_state.iter_mut().zip(values).for_each(|(out, &value)| *out = value.into());
+        }
+        true
+    }
+}
