@@ -43,6 +43,7 @@
 //! # Ok::<(), PlanError>(())
 //! ```
 
+mod bounds;
 mod cost;
 mod error;
 pub mod models;

@@ -147,7 +147,13 @@ pub(super) struct Tape {
 
 impl Tape {
     /// The cost of carrying `plan`, `[T, A]`, out in episode `row`.
-    pub(super) fn forward(&mut self, model: &dyn ControlModel, row: usize, steps: usize, plan: &[f32]) -> f64 {
+    pub(super) fn forward(
+        &mut self,
+        model: &dyn ControlModel,
+        row: usize,
+        steps: usize,
+        plan: &[f32],
+    ) -> f64 {
         let (w, a) = (model.state_width(), model.action_width());
         self.states.resize((steps + 1) * w, 0.0);
         self.actions.clear();
@@ -207,7 +213,10 @@ impl Tape {
                 earlier.iter_mut().zip(by_state).for_each(|(sum, value)| *sum += adjoint * value);
                 by_action.iter_mut().zip(with_action).for_each(|(sum, value)| *sum += adjoint * value);
             }
-            gradient[step * a..][..a].iter_mut().zip(&*by_action).for_each(|(out, &value)| *out += value as f32);
+            gradient[step * a..][..a]
+                .iter_mut()
+                .zip(&*by_action)
+                .for_each(|(out, &value)| *out += value as f32);
             std::mem::swap(adjoint, earlier);
         }
     }

@@ -55,7 +55,8 @@ impl DiscreteChain {
         let mut cost = 0.0;
         for (step, &category) in plan.iter().enumerate() {
             place = [place[0] + self.moves[category][0], place[1] + self.moves[category][1]];
-            let weight = if step + 1 == plan.len() { self.distance + self.end_distance } else { self.distance };
+            let weight =
+                if step + 1 == plan.len() { self.distance + self.end_distance } else { self.distance };
             cost += weight * square(place, goal);
         }
         cost

@@ -78,7 +78,12 @@ impl<M: ControlModel> Stepwise<M> {
         if let Some(goal) = goals.iter().find(|goal| goal.len() != width) {
             return Err(PlanError::Size { name: "goal", expected: width, found: goal.len() });
         }
-        Ok(Self { model, goals, parts: [Part { name: "state".to_owned(), range: 0..width }], tape: Tape::default() })
+        Ok(Self {
+            model,
+            goals,
+            parts: [Part { name: "state".to_owned(), range: 0..width }],
+            tape: Tape::default(),
+        })
     }
 }
 
@@ -127,7 +132,8 @@ impl<M: ControlModel> Dynamics for Stepwise<M> {
         let (width, block) = (model.state_width(), candidates.width / model.action_width());
         let paths = by_state.chunks_exact(candidates.horizon * width);
         let gradients = gradient.chunks_exact_mut(candidates.horizon * candidates.width);
-        for (index, ((plan, by_state), gradient)) in candidates.plans().zip(paths).zip(gradients).enumerate() {
+        for (index, ((plan, by_state), gradient)) in candidates.plans().zip(paths).zip(gradients).enumerate()
+        {
             let linear = Linear { model, by_state, block };
             let row = index / candidates.samples;
             tape.forward(&linear, row, steps, plan);

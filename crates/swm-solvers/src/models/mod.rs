@@ -26,5 +26,7 @@ pub use discrete_chain::DiscreteChain;
 pub use dynamics::{Dynamics, Part, Stepwise};
 pub use linear_quadratic::LinearQuadratic;
 pub use navigation::{Navigation, Obstacle, Obstacles};
-pub use objective::{Constraint, ControlPenalty, GoalMse, KeepAway, Objective, Path, Reduction, Steps, WeightedSum};
+pub use objective::{
+    Constraint, ControlPenalty, GoalMse, KeepAway, Objective, Path, Reduction, Steps, WeightedSum,
+};
 pub use shooting::ShootingCost;

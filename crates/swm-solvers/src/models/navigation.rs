@@ -107,7 +107,11 @@ impl Obstacle {
         let height = (-0.5 * scale * square([x, y])).exp();
         let curvature = |a: f64, b: f64, same: f64| height * scale * (scale * a * b - same);
         let slope = [-scale * x * height, -scale * y * height];
-        (height, slope, [[curvature(x, x, 1.0), curvature(x, y, 0.0)], [curvature(y, x, 0.0), curvature(y, y, 1.0)]])
+        (
+            height,
+            slope,
+            [[curvature(x, x, 1.0), curvature(x, y, 0.0)], [curvature(y, x, 0.0), curvature(y, y, 1.0)]],
+        )
     }
 }
 

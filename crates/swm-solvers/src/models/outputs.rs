@@ -74,10 +74,7 @@ pub(super) fn for_each<T: Send>(
             let part = outputs.costs.len() * half / scratch.len();
             let (some, others) = scratch.split_at_mut(half);
             let [left, right] = outputs.split(part);
-            rayon::join(
-                || for_each(some, first, left, work),
-                || for_each(others, first + part, right, work),
-            );
+            rayon::join(|| for_each(some, first, left, work), || for_each(others, first + part, right, work));
         }
     }
 }
