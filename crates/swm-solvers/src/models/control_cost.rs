@@ -60,7 +60,7 @@ pub(crate) fn check_width(
     candidates: &Candidates<'_>,
 ) -> Result<usize, PlanError> {
     let (width, action) = (candidates.width, model.action_width());
-    if action == 0 || width % action != 0 || width == 0 {
+    if action == 0 || !width.is_multiple_of(action) || width == 0 {
         return Err(PlanError::Size { name: "numbers per block", expected: action, found: width });
     }
     Ok(candidates.horizon * (width / action))

@@ -65,6 +65,7 @@ impl Differentiator {
 
     /// As [`ControlModel::cost_hessian`], always: differences of the first derivatives if those are given, second
     /// differences of the cost otherwise.
+    #[expect(dead_code, reason = "for iLQR")]
     pub(crate) fn hessian(&mut self, model: &dyn ControlModel, at: &Stage<'_>, hessian: &mut [f64]) {
         if model.cost_hessian(at, hessian) {
             return;

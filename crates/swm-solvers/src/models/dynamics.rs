@@ -181,7 +181,7 @@ impl<M: ControlModel> ControlModel for Linear<'_, M> {
     fn cost_derivatives(&self, at: &Stage<'_>, by_state: &mut [f64], by_action: &mut [f64]) -> bool {
         by_action.fill(0.0);
         by_state.fill(0.0);
-        if at.step > 0 && at.step % self.block == 0 {
+        if at.step > 0 && at.step.is_multiple_of(self.block) {
             let start = (at.step / self.block - 1) * by_state.len();
             let values = &self.by_state[start..][..by_state.len()];
             by_state.iter_mut().zip(values).for_each(|(out, &value)| *out = value.into());

@@ -2,6 +2,7 @@
 
 mod courses;
 mod golden;
+mod models;
 mod mpc;
 mod problems;
 mod simulator;
