@@ -29,7 +29,11 @@ struct Step {
 }
 
 const STEPS: &[Step] = &[
-    Step { name: "setup", about: "the build tools are there", run: || setup::run(&setup::Args::default()) },
+    Step {
+        name: "setup",
+        about: "build tools, physics library and models are there",
+        run: || setup::run(&setup::Args::default()),
+    },
     Step { name: "fmt", about: "formatted by rustfmt", run: || cargo("fmt --all --check") },
     Step {
         name: "tidy",

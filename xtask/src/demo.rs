@@ -51,7 +51,7 @@ const ENV: &str = "swm/PushT-v1";
 
 /// The whole demonstration.
 pub(crate) fn run(args: &Args) -> Result<()> {
-    setup::run(&setup::Args::default())?;
+    setup::for_demo()?;
     let size = if args.short { &SHORT } else { &FULL };
     process::run(process::cargo(["build"]).args(package()).args(size.profile))?;
     let started = Instant::now();

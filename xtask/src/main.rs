@@ -9,6 +9,7 @@ mod golden;
 mod interop;
 mod metadata;
 mod process;
+mod python;
 mod setup;
 mod test;
 mod tidy;
@@ -37,7 +38,7 @@ Examples:
 
 #[derive(Subcommand)]
 enum Command {
-    /// Fetch the build tools that this machine lacks, pinned by version and hash, into `.tools/`
+    /// Fetch the build tools that this machine lacks, the physics library and models, pinned by version and hash
     Setup(setup::Args),
     /// Record, plan and evaluate on PushT, and leave a report with pictures and films
     Demo(demo::Args),

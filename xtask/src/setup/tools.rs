@@ -1,0 +1,295 @@
+//! The build tools that a bare machine lacks, at the place where `.cargo/config.toml` looks for them.
+//!
+//! A tool that the machine already has is linked to, else the pinned one is fetched. Nothing is installed outside of the
+//! checkout.
+
+use std::fmt;
+use std::fs;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, bail};
+
+use super::Source;
+use super::folder;
+use super::wheel::{Keep, Package, Wheel};
+use crate::process;
+
+/// A program that a build script needs.
+struct Tool {
+    /// What it is for, to complete "needed to …".
+    purpose: &'static str,
+    /// Folder of the checkout that it goes to.
+    folder: &'static str,
+    /// Where the native program lies in that folder; `.cargo/config.toml` names the same path.
+    binary: &'static str,
+    /// The oldest that will do, and the first that will not.
+    versions: std::ops::Range<Version>,
+    package: Package,
+}
+
+const TOOLS: &[Tool] = &[
+    Tool {
+        purpose: "build the bundled HDF5",
+        folder: ".tools/cmake",
+        binary: "cmake/data/bin/cmake",
+        versions: Version(3, 26)..Version(5, 0),
+        package: Package {
+            name: "cmake",
+            version: "3.31.10",
+            wheels: &[
+                Wheel {
+                    platforms: &["linux-x86_64"],
+                    tag: "manylinux_2_17_x86_64",
+                    sha256: "2f766bb46367e5e0559fa33184653754bce044583a06014dcaebf8e6dff8a1f1",
+                },
+                Wheel {
+                    platforms: &["linux-aarch64"],
+                    tag: "manylinux_2_17_aarch64",
+                    sha256: "a4a5615f31f692c9b9aa8b365704e4b76172348af6fa40e16fea3f118bb01194",
+                },
+                Wheel {
+                    platforms: &["macos-x86_64", "macos-aarch64"],
+                    tag: "macosx_10_10_universal2",
+                    sha256: "ad697643a00d9ba85179590a383c4f7401169b55ebf4b8b2938daf28c6bdeb6d",
+                },
+                Wheel {
+                    platforms: &["linux-musl-x86_64"],
+                    tag: "musllinux_1_1_x86_64",
+                    sha256: "678fc23db37cc69f01e18eb28790450ecc9401fd2fcd43364cc18f92330c12c2",
+                },
+                Wheel {
+                    platforms: &["linux-musl-aarch64"],
+                    tag: "musllinux_1_1_aarch64",
+                    sha256: "c2e5361dea9754ed3b06cf834894fb47dcbe7036d5e5d87acaeb10ff3dd5fd10",
+                },
+            ],
+            keep: &[
+                Keep { from: &["cmake/data/bin/cmake"], to: "cmake/data/bin" },
+                Keep { from: &["cmake/data/share/cmake-3.31/**"], to: "cmake/data/share/cmake-3.31" },
+                Keep { from: &["cmake/data/doc/cmake-3.31/Copyright.txt"], to: "" },
+            ],
+        },
+    },
+    Tool {
+        purpose: "run the build steps that cmake plans",
+        folder: ".tools/ninja",
+        binary: "bin/ninja",
+        versions: Version(1, 10)..Version(2, 0),
+        package: Package {
+            name: "ninja",
+            version: "1.13.0",
+            wheels: &[
+                Wheel {
+                    platforms: &["linux-x86_64"],
+                    tag: "manylinux_2_17_x86_64",
+                    sha256: "fb46acf6b93b8dd0322adc3a4945452a4e774b75b91293bafcc7b7f8e6517dfa",
+                },
+                Wheel {
+                    platforms: &["linux-aarch64"],
+                    tag: "manylinux_2_17_aarch64",
+                    sha256: "3d00c692fb717fd511abeb44b8c5d00340c36938c12d6538ba989fe764e79630",
+                },
+                Wheel {
+                    platforms: &["macos-x86_64", "macos-aarch64"],
+                    tag: "macosx_10_9_universal2",
+                    sha256: "fa2a8bfc62e31b08f83127d1613d10821775a0eb334197154c4d6067b7068ff1",
+                },
+                Wheel {
+                    platforms: &["linux-musl-x86_64"],
+                    tag: "musllinux_1_2_x86_64",
+                    sha256: "b4f2a072db3c0f944c32793e91532d8948d20d9ab83da9c0c7c15b5768072200",
+                },
+                Wheel {
+                    platforms: &["linux-musl-aarch64"],
+                    tag: "musllinux_1_2_aarch64",
+                    sha256: "11be2d22027bde06f14c343f01d31446747dbb51e72d00decca2eb99be911e2f",
+                },
+            ],
+            keep: &[
+                Keep { from: &["ninja-1.13.0.data/scripts/ninja"], to: "bin" },
+                Keep { from: &["ninja-1.13.0.dist-info/licenses/*"], to: "" },
+            ],
+        },
+    },
+];
+
+/// What may have to be fetched.
+pub(super) fn packages() -> impl Iterator<Item = &'static Package> {
+    TOOLS.iter().map(|tool| &tool.package)
+}
+
+/// Makes sure that every tool is there.
+pub(super) fn run(pinned_only: bool, source: &Source) -> Result<()> {
+    for tool in TOOLS {
+        let what = tool.ensure(pinned_only, source).with_context(|| {
+            let name = tool.package.name;
+            format!(
+                "{name} is needed to {}, and setting it up failed\n\
+                 way out: put {name} {} or newer on PATH (a package manager has it) and run `cargo xtask setup` again",
+                tool.purpose, tool.versions.start
+            )
+        })?;
+        eprintln!("setup: {what}");
+    }
+    Ok(())
+}
+
+impl Tool {
+    /// Returns a line that says what is used, and where it came from.
+    fn ensure(&self, pinned_only: bool, source: &Source) -> Result<String> {
+        let name = self.package.name;
+        let binary = process::root().join(self.folder).join(self.binary);
+        let is_pinned =
+            || !binary.is_symlink() && version(&binary).is_some_and(|found| Some(found) == self.pin());
+        if is_pinned() {
+            return Ok(format!("{} is in place", self.package));
+        }
+        let linked = Some(&binary).filter(|binary| !pinned_only && binary.is_symlink());
+        if let Some(found) =
+            linked.and_then(|binary| version(binary)).filter(|found| self.versions.contains(found))
+        {
+            let target = fs::read_link(&binary).unwrap_or_default();
+            return Ok(format!("{name} {found}, the machine's own ({})", target.display()));
+        }
+        if !pinned_only && let Some((path, found)) = self.find_on_path() {
+            self.install(|| false, |folder| link(&path, &folder.join(self.binary)))?;
+            return Ok(format!("{name} {found}, the machine's own ({}), linked", path.display()));
+        }
+        let start = Instant::now();
+        source.announce(&self.package);
+        self.install(is_pinned, |folder| source.unpack(&self.package, folder))?;
+        let Some(found) = version(&binary) else {
+            bail!("`{} --version` does not run on this machine", binary.display());
+        };
+        let (done, seconds) = (source.done(), start.elapsed().as_secs_f32());
+        Ok(format!("{name} {found} {done} in {seconds:.1} s into {}", self.folder))
+    }
+
+    fn install(
+        &self,
+        is_done: impl FnOnce() -> bool,
+        fill: impl FnOnce(&Path) -> Result<()>,
+    ) -> Result<bool> {
+        let tools = process::root().join(".tools");
+        folder::install(&tools, &process::root().join(self.folder), is_done, fill)
+    }
+
+    /// The program of this name that PATH leads to, if it is native (not a wrapper script) and of a fitting version.
+    fn find_on_path(&self) -> Option<(PathBuf, Version)> {
+        if !cfg!(unix) {
+            return None;
+        }
+        let folders = std::env::var_os("PATH")?;
+        std::env::split_paths(&folders).map(|folder| folder.join(self.package.name)).find_map(|path| {
+            let found = Some(&path).filter(|path| is_native(path)).and_then(|path| version(path))?;
+            self.versions.contains(&found).then_some((path, found))
+        })
+    }
+
+    fn pin(&self) -> Option<Version> {
+        Version::parse(self.package.version)
+    }
+}
+
+/// Major and minor: what build scripts ask for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Version(u32, u32);
+
+impl Version {
+    /// Reads the first two numbers of `3.31.10`, `1.13.0.git.kitware` and their like.
+    fn parse(text: &str) -> Option<Self> {
+        let mut numbers = text.trim().split('.').map(str::parse);
+        Some(Self(numbers.next()?.ok()?, numbers.next()?.ok()?))
+    }
+
+    /// Finds the version in what `--version` prints: on the first line, alone or as its last word.
+    fn in_output(text: &str) -> Option<Self> {
+        Self::parse(text.lines().next()?.split_whitespace().last()?)
+    }
+}
+
+impl fmt::Display for Version {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{}", self.0, self.1)
+    }
+}
+
+/// What the program says of itself; none where it does not run.
+fn version(binary: &Path) -> Option<Version> {
+    let output = Command::new(binary).arg("--version").stdin(Stdio::null()).output().ok()?;
+    Version::in_output(std::str::from_utf8(&output.stdout).ok()?)
+}
+
+/// A wrapper script would break behind a link: it looks for its parts beside itself, or picks a program by its own name.
+fn is_native(path: &Path) -> bool {
+    let mut start = [0; 2];
+    fs::File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start != *b"#!"
+}
+
+#[cfg(unix)]
+fn link(original: &Path, place: &Path) -> Result<()> {
+    let folder = place.parent().expect("the place lies in a folder");
+    fs::create_dir_all(folder).with_context(|| format!("failed to create {}", folder.display()))?;
+    std::os::unix::fs::symlink(original, place)
+        .with_context(|| format!("failed to create {}", place.display()))
+}
+
+#[cfg(not(unix))]
+fn link(_: &Path, place: &Path) -> Result<()> {
+    bail!("failed to create {}: this system has no symbolic links for everyone", place.display())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_are_read_from_what_the_tools_print() {
+        let cmake =
+            "cmake version 3.31.10\n\nCMake suite maintained and supported by Kitware (kitware.com/cmake).\n";
+        assert_eq!(Version::in_output(cmake), Some(Version(3, 31)));
+        assert_eq!(Version::in_output("1.13.0.git.kitware.jobserver-pipe-1\n"), Some(Version(1, 13)));
+        assert_eq!(Version::in_output("command not found"), None);
+        assert_eq!(Version::in_output(""), None);
+    }
+
+    #[test]
+    fn versions_compare_as_numbers() {
+        assert!((Version(3, 26)..Version(5, 0)).contains(&Version(4, 4)));
+        assert!(!(Version(3, 26)..Version(5, 0)).contains(&Version(3, 9)));
+    }
+
+    #[test]
+    fn every_pin_is_a_fitting_version() {
+        for tool in TOOLS {
+            assert!(tool.versions.contains(&tool.pin().unwrap()), "{}", tool.package);
+        }
+    }
+
+    #[test]
+    fn cargo_looks_for_the_tools_where_setup_puts_them() {
+        let config = fs::read_to_string(process::root().join(".cargo/config.toml")).unwrap();
+        let config: toml::Table = config.parse().unwrap();
+        let value = |name: &str| config["env"][name]["value"].as_str().unwrap();
+        let place = |tool: &Tool| format!("{}/{}", tool.folder, tool.binary);
+        assert_eq!(value("CMAKE"), place(&TOOLS[0]));
+        assert_eq!(format!("{}/ninja", value("CMAKE_PROGRAM_PATH")), place(&TOOLS[1]));
+        assert_eq!(config["env"]["CMAKE_GENERATOR"].as_str(), Some("Ninja"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn scripts_are_not_taken_for_programs() {
+        let folder = std::env::temp_dir().join(format!("xtask-native-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let script = folder.join("cmake");
+        fs::write(&script, "#!/bin/sh\necho cmake version 3.31.10\n").unwrap();
+        assert!(!is_native(&script));
+        assert!(is_native(&std::env::current_exe().unwrap()));
+        assert!(!is_native(&folder.join("missing")));
+        fs::remove_dir_all(folder).unwrap();
+    }
+}
