@@ -1,6 +1,6 @@
 //! Policies: what chooses actions. A policy sees all rows at once; an actor, wrapped in [`PerEpisode`], sees one.
 
-use crate::batch::{Batch, Column, Row, SliceMut};
+use crate::batch::{Batch, Column, Element, Field, Row, SliceMut};
 use crate::env::{Env, EnvSpec, EnvState};
 use crate::error::{EnvError, PolicyError};
 use crate::pace::Pace;
@@ -11,6 +11,12 @@ use crate::space::Space;
 pub trait Policy: Send {
     /// A short name with its settings, for reports: `cem:samples=300`.
     fn describe(&self) -> String;
+
+    /// Step fields of its own, beside the actions: what a planner has to say of its plans. Asked when it is attached
+    /// ([`crate::World::set_policy`]); they stand in the infos behind all others and are recorded with them.
+    fn fields(&self) -> Vec<Field> {
+        Vec::new()
+    }
 
     /// Writes an action for every row of `view.live()`. Other rows are ignored.
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError>;
@@ -87,6 +93,7 @@ pub struct LiveEpisode {
 pub struct Actions<'a> {
     pub(crate) space: &'a Space,
     pub(crate) column: &'a mut Column,
+    pub(crate) report: &'a mut Batch,
 }
 
 impl Actions<'_> {
@@ -100,6 +107,15 @@ impl Actions<'_> {
         let width = self.space.width();
         let (_, rest) = self.column.as_slice_mut().split_at(row * width);
         rest.split_at(width).0
+    }
+
+    /// Writes field `field` of [`Policy::fields`] for one row. What is not written at a step is missing in it: NaN, or
+    /// -1 for integers.
+    ///
+    /// # Panics
+    /// If the policy has no such field, or one of another type or width: both are its own.
+    pub fn report<T: Element>(&mut self, row: usize, field: usize, values: &[T]) {
+        self.report.rows_mut().select(row).write(field, values);
     }
 }
 

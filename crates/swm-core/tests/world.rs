@@ -1,10 +1,11 @@
 //! `World` on the toy environment: the loop, its rows, its errors.
 
 use swm_core::error::BoxError;
+use swm_core::policy::write_action;
 use swm_core::testing::TOY;
 use swm_core::{
-    EpisodeEnd, LiveRow, Recorder, ResetOptions, Rollout, Scenario, Slice, Value, World, WorldError,
-    WorldOptions, policy,
+    Actions, Dtype, EpisodeEnd, Field, LiveRow, Policy, PolicyError, Recorder, ResetOptions, Rollout,
+    Scenario, Slice, Value, View, World, WorldError, WorldOptions, policy,
 };
 
 fn world(num_envs: usize, max_steps: u64) -> World {
@@ -101,7 +102,7 @@ fn unusable_actions_are_refused_before_anything_moves() {
 fn an_evaluation_is_indexed_by_episode() {
     let towards_goal = policy::scripted("towards the goal", |view, action| {
         let error = view.row.get::<f64>("goal_state")?[0] - view.row.get::<f64>("state")?[0];
-        policy::write_action(action, &[error.clamp(-1.0, 1.0) as f32]);
+        write_action(action, &[error.clamp(-1.0, 1.0) as f32]);
         Ok(())
     });
     let mut world = world(4, 40);
@@ -119,4 +120,80 @@ fn an_evaluation_is_indexed_by_episode() {
     assert_eq!(idle.episode_successes.iter().filter(|success| **success).count(), at_start);
     assert_eq!(idle.solved_at_start, at_start);
     assert_eq!(idle.seeds, result.seeds);
+}
+
+/// Does nothing, and says at every other step how many steps there were.
+struct Talks {
+    field: &'static str,
+}
+
+impl Policy for Talks {
+    fn describe(&self) -> String {
+        "talks".to_owned()
+    }
+
+    fn fields(&self) -> Vec<Field> {
+        vec![Field::step(self.field, Dtype::F64, &[]), Field::step("steps.twice", Dtype::I64, &[2])]
+    }
+
+    fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
+        for row in view.live() {
+            let step = view.row(row).expect("live").episode.step;
+            write_action(&mut actions.row(row), &[0.0]);
+            if step.is_multiple_of(2) {
+                actions.report(row, 0, &[step as f64]);
+                actions.report(row, 1, &[step as i64, -5]);
+            }
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn a_policy_adds_fields_of_its_own() {
+    let mut world = world(3, 4);
+    let place = |value: f64| Some([("state".to_owned(), Value::vector(&[value]))].into());
+    let options = ResetOptions { start: place(0.0), goal: place(9.0), ..ResetOptions::default() };
+    world.reset(1, &options).unwrap();
+    let state = world.infos().get::<f64>("state").unwrap().to_vec();
+    world.set_policy(Talks { field: "steps.so_far" });
+    assert_eq!(world.infos().get::<f64>("state").unwrap(), state, "attaching a policy changes no value");
+
+    struct Said(Vec<(u64, f64, Vec<i64>)>);
+    impl Recorder for Said {
+        fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+            let said = (row.values.get::<f64>("steps.so_far")?[0], row.values.get::<i64>("steps.twice")?);
+            self.0.push((row.episode.step, said.0, said.1.to_vec()));
+            Ok(())
+        }
+        fn episode(&mut self, _end: &EpisodeEnd) -> Result<(), BoxError> {
+            Ok(())
+        }
+    }
+    let mut said = Said(Vec::new());
+    let rollout = Rollout { episodes: 0..5, seed: 5, scenario: Scenario::Same(&options) };
+    world.run(&rollout, &mut said).unwrap();
+    assert_eq!(said.0.len(), 5 * 5);
+    for (step, so_far, twice) in said.0 {
+        // The last row has no action, so it has nothing of the policy's either.
+        if step % 2 == 0 && step < 4 {
+            assert_eq!((so_far, twice), (step as f64, vec![step as i64, -5]));
+        } else {
+            assert!(so_far.is_nan() && twice == [-1, -1], "step {step}: {so_far} {twice:?}");
+        }
+    }
+    world.set_policy(policy::random());
+    assert!(world.infos().schema().index("steps.so_far").is_none(), "the fields go with the policy");
+    world.run(&rollout, &mut ()).unwrap();
+}
+
+#[test]
+fn a_policy_cannot_take_the_name_of_another_field() {
+    let mut world = world(1, 4);
+    world.set_policy(Talks { field: "state" });
+    world.reset(1, &ResetOptions::default()).unwrap();
+    let message = world.step().unwrap_err().to_string();
+    assert!(message.contains("talks") && message.contains("`state`"), "{message}");
+    world.set_policy(Talks { field: "steps.so_far" });
+    world.step().unwrap();
 }

@@ -60,7 +60,7 @@ mod workspace;
 
 pub use cost::{Candidates, ConstrainedCost, Cost, DifferentiableCost, Weigh};
 pub use error::PlanError;
-pub use mpc::{ActionMap, HistoryView, Moment, MpcPolicy, PlanConfig};
+pub use mpc::{ActionMap, ActionScale, HistoryView, Moment, MpcPolicy, PlanConfig, Report};
 pub use planners::PLANNERS;
 pub use sampling::{Noise, cheapest, clip, count_non_finite};
 pub use settings::Settings;
@@ -68,5 +68,8 @@ pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
 pub use solver::{MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
 pub use solvers::{Cem, SOLVERS};
 pub use space::{categories, largest, plan_width};
-pub use trace::{Iteration, NoTrace, Trace};
+pub use trace::{
+    Detail, Elite, Iteration, IterationRecord, JsonLines, Memory, NoTrace, PlanRecord, Records, Trace,
+    TracedIteration, TracedPlan,
+};
 pub use workspace::{Scratch, Workspace};

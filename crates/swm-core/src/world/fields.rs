@@ -1,4 +1,4 @@
-//! The fields that `World` itself writes beside those of the environment.
+//! The fields that `World` itself writes beside those of the environment. Those of the policy come last.
 
 use crate::batch::{Dtype, Field, RowsMut};
 use crate::env::{EnvSpec, Outcome};
@@ -6,7 +6,8 @@ use crate::policy::LiveEpisode;
 
 use super::slot::Progress;
 
-/// Positions of the common fields in the infos: they stand behind the environment's own, in this order.
+/// Positions of the common fields in the infos: they stand behind the environment's own, in this order, and
+/// those of the policy behind them.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CommonFields {
     pub action: usize,
@@ -41,8 +42,21 @@ impl CommonFields {
         (fields.collect(), common)
     }
 
-    pub(super) fn write_reset(&self, out: &mut RowsMut<'_>, episode: LiveEpisode) {
+    /// Position of the policy's first field.
+    pub(super) fn of_policy(&self) -> usize {
+        self.seed + 1
+    }
+
+    /// What only the policy knows is missing until it has acted.
+    fn forget_policy(&self, out: &mut RowsMut<'_>) {
         out.slice_mut(self.action).fill_missing();
+        for index in self.of_policy()..out.schema().fields().len() {
+            out.slice_mut(index).fill_missing();
+        }
+    }
+
+    pub(super) fn write_reset(&self, out: &mut RowsMut<'_>, episode: LiveEpisode) {
+        self.forget_policy(out);
         out.write(self.reward, &[f64::NAN]);
         out.write(self.terminated, &[false]);
         out.write(self.truncated, &[false]);
@@ -53,7 +67,7 @@ impl CommonFields {
     /// After a step, the row holds the new observation, which has no action yet: it is filled in when the policy
     /// has chosen one, and stays missing in the last row of an episode.
     pub(super) fn write_step(&self, out: &mut RowsMut<'_>, outcome: &Outcome, progress: &Progress) {
-        out.slice_mut(self.action).fill_missing();
+        self.forget_policy(out);
         out.write(self.reward, &[outcome.reward]);
         out.write(self.terminated, &[progress.terminated]);
         out.write(self.truncated, &[progress.truncated]);

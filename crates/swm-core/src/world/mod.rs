@@ -10,9 +10,9 @@ use std::sync::Arc;
 
 use rayon::ThreadPool;
 
-use crate::batch::{Batch, Column, Schema, Slice};
+use crate::batch::{Batch, Column, Field, Schema, Slice};
 use crate::env::{EnvConfig, EnvSpec, ImageSize, ResetOptions, VARIATION_PREFIX};
-use crate::error::WorldError;
+use crate::error::{BatchError, PolicyError, WorldError};
 use crate::pace::Pace;
 use crate::policy::{Actions, LiveEpisode, Policy, View};
 use crate::registry::EnvEntry;
@@ -63,6 +63,10 @@ pub struct World {
     infos: Batch,
     actions: Column,
     policy: Option<Box<dyn Policy>>,
+    /// The policy's own fields at this step, to be copied into the infos.
+    report: Batch,
+    /// Why the policy's own fields do not fit into the infos.
+    unfit: Option<String>,
     fields: CommonFields,
     pace: Pace,
     pool: Arc<ThreadPool>,
@@ -135,7 +139,20 @@ impl World {
             return wrong("unrecorded", error.to_string());
         }
         let actions = infos.column(fields.action).to_column();
-        Ok(Self { options, spec, slots, infos, actions, policy: None, fields, pace: Pace::default(), pool })
+        let (report, pace) = (Batch::new(Arc::default(), options.num_envs), Pace::default());
+        Ok(Self {
+            options,
+            spec,
+            slots,
+            infos,
+            actions,
+            policy: None,
+            report,
+            unfit: None,
+            fields,
+            pace,
+            pool,
+        })
     }
 
     /// The environments' description.
@@ -158,9 +175,28 @@ impl World {
         std::mem::replace(&mut self.options.max_episode_steps, limit)
     }
 
-    /// Attaches the policy that `step` and `run` ask for actions.
+    /// Attaches the policy that `step` and `run` ask for actions. Its own fields, if it has any, become the last of
+    /// the infos; should another field have the same name, `step` and `run` say so.
     pub fn set_policy(&mut self, policy: impl Policy + 'static) {
+        self.unfit = self.make_room(policy.fields()).err().map(|error| error.to_string());
         self.policy = Some(Box::new(policy));
+    }
+
+    /// Replaces the last policy's fields of the infos by `fields`; all others keep their values.
+    fn make_room(&mut self, fields: Vec<Field>) -> Result<(), BatchError> {
+        let kept = self.fields.of_policy();
+        let old = self.infos.schema().fields();
+        if fields == old[kept..] {
+            return Ok(());
+        }
+        let all: Vec<Field> = old[..kept].iter().chain(&fields).cloned().collect();
+        let mut infos = Batch::new(Schema::new(all)?, self.slots.len());
+        for index in 0..kept {
+            assert!(infos.column_mut(index).copy_from(self.infos.column(index)), "the field is the same");
+        }
+        self.infos = infos;
+        self.report = Batch::new(Schema::new(fields)?, self.slots.len());
+        Ok(())
     }
 
     /// The attached policy, in words.
@@ -207,9 +243,31 @@ impl World {
 
     fn act(&mut self) -> Result<(), WorldError> {
         let policy = self.policy.as_mut().ok_or(WorldError::NoPolicy)?;
+        if let Some(reason) = &self.unfit {
+            let (policy, reason) = (policy.describe(), reason.clone());
+            return Err(PolicyError::Unsupported { policy, reason }.into());
+        }
+        let report = &mut self.report;
+        let fields = report.schema().fields().len();
+        (0..fields).for_each(|index| report.column_mut(index).fill_missing());
         let view = View { infos: &self.infos, spec: &self.spec, slots: &self.slots };
-        policy.act(&view, &mut Actions { space: &self.spec.action, column: &mut self.actions })?;
-        self.check_actions()
+        policy.act(&view, &mut Actions { space: &self.spec.action, column: &mut self.actions, report })?;
+        self.check_actions()?;
+        self.copy_report();
+        Ok(())
+    }
+
+    /// Copies what the policy said of live rows into the infos.
+    fn copy_report(&mut self) {
+        let first = self.fields.of_policy();
+        for index in 0..self.report.schema().fields().len() {
+            let width = self.report.schema().width(index);
+            for row in (0..self.slots.len()).filter(|&row| self.slots[row].is_live()) {
+                let (_, rest) = self.infos.column_mut(first + index).split_at(row * width);
+                let said = self.report.column(index).range(row * width, width);
+                assert!(rest.split_at(width).0.copy_from(said), "one schema made both");
+            }
+        }
     }
 
     /// Refuses actions that are not finite, and copies the others into the infos.

@@ -2,36 +2,76 @@
 
 use swm_core::{SliceMut, Space};
 
+use super::scale::{ActionScale, NAME};
+use crate::error::PlanError;
 use crate::sampling::clip;
 use crate::space::{categories, largest, plan_width};
 
-/// Turns A numbers of a plan into one action: clipped to the action space (if wanted), in its type. Integers are the
-/// category with the largest number.
+/// Turns A numbers of a plan into one action: clipped to the action space (if wanted), freed of the normalisation (if
+/// there is one), in its type. Integers are the category with the largest number.
 ///
 /// The policy and the costs that simulate use the same map, so that what is planned is what is done.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ActionMap {
+    /// `[A]`: bounds of plan numbers; infinite where nothing is clipped.
     low: Vec<f32>,
     high: Vec<f32>,
+    scaling: Option<Scaling>,
     /// For integers: how many categories each has, and which is the first.
     groups: Vec<(usize, i64)>,
+    /// The action space in plan units.
+    space: Space,
+}
+
+/// The way back from plan units.
+#[derive(Clone, Debug, PartialEq)]
+struct Scaling {
+    scale: ActionScale,
+    /// `[A]`: bounds of actions; rounding on the way back must not leave them.
+    low: Vec<f32>,
+    high: Vec<f32>,
 }
 
 impl ActionMap {
     /// The map to actions of `space`.
     pub fn new(space: &Space, clips: bool) -> Self {
-        let (low, high) = space.bounds();
         let groups: Vec<(usize, i64)> =
-            categories(space).zip(low.iter().map(|&first| first as i64)).collect();
-        if !clips || !groups.is_empty() {
+            categories(space).zip(space.bounds().0.iter().map(|&first| first as i64)).collect();
+        let [low, high] = if clips && groups.is_empty() {
+            inner_bounds(space)
+        } else {
             let width = plan_width(space);
-            return Self { low: vec![f32::NEG_INFINITY; width], high: vec![f32::INFINITY; width], groups };
+            [vec![f32::NEG_INFINITY; width], vec![f32::INFINITY; width]]
+        };
+        Self { low, high, scaling: None, groups, space: space.clone() }
+    }
+
+    /// The map to actions of `space` from plans in units of `scale`. Bounds of the space become bounds of the plan, by
+    /// the same formula as any action.
+    pub fn scaled(space: &Space, scale: &ActionScale, clips: bool) -> Result<Self, PlanError> {
+        let Space::Box { dtype, shape, low, high } = space else {
+            let reason = format!("normalises real numbers, and the action space is {}", space.kind());
+            return Err(PlanError::setting(NAME, reason));
+        };
+        scale.check()?;
+        if scale.width() != low.len() {
+            let (found, expected) = (scale.width(), low.len());
+            let reason =
+                format!("holds {found} numbers, and the action has {expected}; use that of a model for it");
+            return Err(PlanError::setting(NAME, reason));
         }
-        Self {
-            groups,
-            low: low.iter().map(|&bound| inward(bound, f32::next_up, |x| x < bound)).collect(),
-            high: high.iter().map(|&bound| inward(bound, f32::next_down, |x| x > bound)).collect(),
-        }
+        let planned = |bounds: &[f64]| -> Vec<f64> {
+            bounds.iter().enumerate().map(|(index, &bound)| scale.to_plan(index, bound)).collect()
+        };
+        let units =
+            Space::Box { dtype: *dtype, shape: shape.clone(), low: planned(low), high: planned(high) };
+        let [low, high] = Self::new(space, clips).into_bounds();
+        let scaling = Some(Scaling { scale: scale.clone(), low, high });
+        Ok(Self { scaling, ..Self::new(&units, clips) })
+    }
+
+    fn into_bounds(self) -> [Vec<f32>; 2] {
+        [self.low, self.high]
     }
 
     /// A: numbers per action.
@@ -39,24 +79,78 @@ impl ActionMap {
         self.low.len()
     }
 
+    /// What one action may be, in the units of the plan: the space that solvers search.
+    pub fn space(&self) -> &Space {
+        &self.space
+    }
+
     /// Writes the action that `values`, `[A]`, stand for.
     pub fn write(&self, values: &[f32], action: &mut SliceMut<'_>) {
-        let bounds = self.low.iter().zip(&self.high);
-        let clipped = values.iter().zip(bounds).map(|(&value, (&low, &high))| clip(value, low, high));
         match action {
-            SliceMut::F32(out) => out.iter_mut().zip(clipped).for_each(|(out, value)| *out = value),
-            SliceMut::F64(out) => out.iter_mut().zip(clipped).for_each(|(out, value)| *out = value.into()),
+            SliceMut::F32(out) => {
+                out.iter_mut().enumerate().for_each(|(index, out)| *out = self.number(index, values[index]));
+            }
+            SliceMut::F64(out) => out
+                .iter_mut()
+                .enumerate()
+                .for_each(|(index, out)| *out = self.number(index, values[index]).into()),
             SliceMut::I64(out) => {
-                let mut rest = values;
-                for (out, &(count, first)) in out.iter_mut().zip(&self.groups) {
-                    let (group, tail) = rest.split_at(count);
+                for (out, (group, first)) in out.iter_mut().zip(self.groups_of(values)) {
                     *out = first + largest(group) as i64;
-                    rest = tail;
                 }
             }
             _ => unreachable!("action spaces are boxes or integers"),
         }
     }
+
+    /// Action number `index` from its plan number.
+    fn number(&self, index: usize, value: f32) -> f32 {
+        let clipped = clip(value, self.low[index], self.high[index]);
+        match &self.scaling {
+            None => clipped,
+            Some(Scaling { scale, low, high }) => {
+                let action = scale.to_action(index, f64::from(clipped)) as f32;
+                clip(action, low[index], high[index])
+            }
+        }
+    }
+
+    /// Writes what is carried out when `values`, `[A]`, are planned, in plan units: clipped, or one-hot. What a model
+    /// is to be told of the past.
+    pub fn executed(&self, values: &[f32], out: &mut [f32]) {
+        let bounds = self.low.iter().zip(&self.high);
+        for ((out, &value), (&low, &high)) in out.iter_mut().zip(values).zip(bounds) {
+            *out = clip(value, low, high);
+        }
+        if self.groups.is_empty() {
+            return;
+        }
+        out.fill(0.0);
+        let mut start = 0;
+        for (group, _) in self.groups_of(values) {
+            out[start + largest(group)] = 1.0;
+            start += group.len();
+        }
+    }
+
+    /// The numbers of each integer, and its first category.
+    fn groups_of<'a>(&'a self, values: &'a [f32]) -> impl Iterator<Item = (&'a [f32], i64)> {
+        let mut rest = values;
+        self.groups.iter().map(move |&(count, first)| {
+            let (group, tail) = rest.split_at(count);
+            rest = tail;
+            (group, first)
+        })
+    }
+}
+
+/// The bounds of a box as `f32`, never wider than they are.
+fn inner_bounds(space: &Space) -> [Vec<f32>; 2] {
+    let (low, high) = space.bounds();
+    [
+        low.iter().map(|&bound| inward(bound, f32::next_up, |x| x < bound)).collect(),
+        high.iter().map(|&bound| inward(bound, f32::next_down, |x| x > bound)).collect(),
+    ]
 }
 
 /// The bound as `f32`, moved by `toward` where rounding has put it outside: 0.1 becomes larger in `f32`.
@@ -75,20 +169,54 @@ mod tests {
     fn clipped_actions_lie_in_the_space_to_the_last_bit() {
         let space =
             Space::Box { dtype: Dtype::F64, shape: vec![2], low: vec![-0.1, -1.0], high: vec![0.1, 0.7] };
+        let scale = ActionScale::MeanStd { mean: vec![0.03, 0.1], std: vec![0.07, 1e-9] };
         let mut action = Column::zeros(Dtype::F64, 2);
         for value in [-9.0, 9.0] {
-            ActionMap::new(&space, true).write(&[value, value], &mut action.as_slice_mut());
-            space.check("action", action.as_slice()).unwrap();
+            for map in [ActionMap::new(&space, true), ActionMap::scaled(&space, &scale, true).unwrap()] {
+                map.write(&[value, value], &mut action.as_slice_mut());
+                space.check("action", action.as_slice()).unwrap();
+            }
         }
         ActionMap::new(&space, false).write(&[9.0, -9.0], &mut action.as_slice_mut());
         assert_eq!(action, Column::F64(vec![9.0, -9.0]));
     }
 
     #[test]
+    fn plans_are_normalised_and_actions_are_not() {
+        let space = Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0);
+        let scale = ActionScale::MeanStd { mean: vec![0.5, 0.0], std: vec![0.25, 2.0] };
+        let map = ActionMap::scaled(&space, &scale, true).unwrap();
+        assert_eq!(map.space().bounds(), (vec![-6.0, -0.5], vec![2.0, 0.5]));
+        let (mut action, mut executed) = (Column::zeros(Dtype::F32, 2), [0.0; 2]);
+        map.write(&[1.0, 9.0], &mut action.as_slice_mut());
+        map.executed(&[1.0, 9.0], &mut executed);
+        assert_eq!((action, executed), (Column::F32(vec![0.75, 1.0]), [1.0, 0.5]));
+
+        let free = ActionMap::scaled(&space, &scale, false).unwrap();
+        let mut action = Column::zeros(Dtype::F32, 2);
+        free.write(&[1.0, 9.0], &mut action.as_slice_mut());
+        free.executed(&[1.0, 9.0], &mut executed);
+        assert_eq!((action, executed), (Column::F32(vec![0.75, 18.0]), [1.0, 9.0]));
+    }
+
+    #[test]
+    fn scales_for_other_actions_are_refused() {
+        let scale = ActionScale::MeanStd { mean: vec![0.0], std: vec![1.0] };
+        let message = |space: &Space| ActionMap::scaled(space, &scale, true).unwrap_err().to_string();
+        let two = Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0);
+        assert!(message(&two).contains("holds 1 numbers, and the action has 2"));
+        assert!(message(&Space::Discrete { n: 3, start: 0 }).contains("the action space is discrete"));
+    }
+
+    #[test]
     fn integers_are_read_from_groups_of_numbers() {
         let space = Space::MultiDiscrete { n: vec![2, 3], start: vec![0, -1] };
         let (map, mut action) = (ActionMap::new(&space, true), Column::zeros(Dtype::I64, 2));
-        map.write(&[0.2, 0.8, 0.0, 0.0, 1.0], &mut action.as_slice_mut());
+        let planned = [0.2, 0.8, 0.0, 0.0, 1.0];
+        map.write(&planned, &mut action.as_slice_mut());
         assert_eq!((map.width(), action), (5, Column::I64(vec![1, 1])));
+        let mut executed = [9.0; 5];
+        map.executed(&planned, &mut executed);
+        assert_eq!(executed, [0.0, 1.0, 0.0, 0.0, 1.0]);
     }
 }

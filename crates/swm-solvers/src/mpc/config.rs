@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use swm_core::registry::Setting;
 
+use super::report::Report;
 use crate::error::PlanError;
 use crate::settings::Settings;
 use crate::solver::at_least_one;
@@ -26,6 +27,8 @@ pub struct PlanConfig {
     pub warm_start: bool,
     /// Whether actions are clipped to the action space. The reference does not.
     pub clip_actions: bool,
+    /// What of its plans the policy writes into the infos.
+    pub report: Report,
 }
 
 impl Default for PlanConfig {
@@ -37,6 +40,7 @@ impl Default for PlanConfig {
             action_block: 5,
             warm_start: true,
             clip_actions: true,
+            report: Report::Off,
         }
     }
 }
@@ -56,6 +60,7 @@ impl Settings for PlanConfig {
         Setting { name: "action_block", doc: "consecutive actions per block", default: "5" },
         Setting { name: "warm_start", doc: "begin with what is left of the last plan", default: "true" },
         Setting { name: "clip_actions", doc: "clip actions to the action space", default: "true" },
+        Setting { name: "report", doc: "columns about the plans: off, plan, or timed", default: "off" },
     ];
 
     fn validate(&self) -> Result<(), PlanError> {

@@ -2,6 +2,8 @@
 
 use swm_core::{Batch, Column, Row, Slice};
 
+use super::actions::ActionMap;
+
 /// A ring of the last steps of one episode. Frames are k steps apart, counted back from the present; an
 /// episode that is younger than the history wanted has fewer frames: none is invented.
 #[derive(Debug)]
@@ -15,7 +17,8 @@ pub(super) struct History {
 }
 
 impl History {
-    /// Room for `frames` frames, `block` steps apart, of the fields `indices` of `infos`, and actions of `width`.
+    /// Room for `frames` frames, `block` steps apart, of the fields `indices` of `infos`, and actions of `width` plan
+    /// numbers.
     pub(super) fn new(frames: usize, block: usize, width: usize, infos: &Batch, indices: &[usize]) -> Self {
         let capacity = (frames - 1) * block + 1;
         let column = |&index: &usize| {
@@ -42,12 +45,10 @@ impl History {
         }
     }
 
-    /// Remembers the action taken from the present moment.
-    pub(super) fn acted(&mut self, action: Slice<'_>) {
+    /// Remembers the action taken from the present moment, which `planned` asked for.
+    pub(super) fn acted(&mut self, planned: &[f32], map: &ActionMap) {
         let start = self.slot(0) * self.width;
-        for (index, value) in self.actions[start..][..self.width].iter_mut().enumerate() {
-            *value = action.number(index).expect("actions are numbers") as f32;
-        }
+        map.executed(planned, &mut self.actions[start..][..self.width]);
     }
 
     /// The position in the ring of the step `back` steps before the present.
@@ -80,8 +81,8 @@ impl<'a> HistoryView<'a> {
         values.range(history.slot(back) * width, width)
     }
 
-    /// Action `index` of `0..(n - 1) × k`, oldest first: `[A]`, as carried out. Actions `i × k..(i + 1) × k` lead from
-    /// frame `i` to frame `i + 1`.
+    /// Action `index` of `0..(n - 1) × k`, oldest first: `[A]`, as carried out, in the units of plans (normalised, if
+    /// they are; integers one-hot). Actions `i × k..(i + 1) × k` lead from frame `i` to frame `i + 1`.
     pub fn action(&self, index: usize) -> &'a [f32] {
         let history = self.history;
         let back = (self.frames() - 1) * history.block - index;

@@ -6,9 +6,13 @@ mod config;
 mod history;
 mod moment;
 mod policy;
+mod report;
+mod scale;
 
 pub use actions::ActionMap;
 pub use config::PlanConfig;
 pub use history::HistoryView;
 pub use moment::Moment;
 pub use policy::MpcPolicy;
+pub use report::Report;
+pub use scale::ActionScale;

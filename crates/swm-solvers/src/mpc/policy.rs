@@ -1,19 +1,21 @@
 //! The policy: queues of planned actions, one per environment, refilled by the solver when they are empty.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use serde_json::Map;
-use swm_core::{Actions, LiveEpisode, Policy, PolicyError, SliceMut, Space, View};
+use swm_core::{Actions, Field, LiveEpisode, Policy, PolicyError, Schema, Space, View};
 
 use super::actions::ActionMap;
 use super::config::PlanConfig;
 use super::history::History;
 use super::moment::Moment;
+use super::scale::ActionScale;
 use crate::cost::Cost;
 use crate::error::PlanError;
 use crate::settings::{Settings, display};
 use crate::solver::{Plan, PlanKey, Problem, Solver};
-use crate::trace::NoTrace;
+use crate::trace::{NoTrace, Trace};
 use crate::workspace::Workspace;
 
 /// Plans with a solver and a cost, carries out R blocks, and plans again.
@@ -22,8 +24,8 @@ use crate::workspace::Workspace;
 /// ended the last one. Environments whose episode is over are never planned for.
 pub struct MpcPolicy {
     config: PlanConfig,
-    solver: Box<dyn Solver>,
-    cost: Box<dyn Cost>,
+    tools: Tools,
+    scale: Option<ActionScale>,
     history_fields: Vec<String>,
     /// What depends on the environment, found at the first action.
     setup: Option<Setup>,
@@ -31,10 +33,19 @@ pub struct MpcPolicy {
     search: Search,
 }
 
+/// What plans are made with.
+struct Tools {
+    solver: Box<dyn Solver>,
+    cost: Box<dyn Cost>,
+    trace: Box<dyn Trace>,
+}
+
 /// What the policy needs to know of the environment.
 struct Setup {
     space: Space,
+    schema: Arc<Schema>,
     map: Arc<ActionMap>,
+    /// Positions of the history's fields in the infos.
     history: Vec<usize>,
 }
 
@@ -83,18 +94,55 @@ impl MpcPolicy {
     pub fn new(solver: Box<dyn Solver>, cost: Box<dyn Cost>, config: PlanConfig) -> Result<Self, PlanError> {
         config.validate()?;
         let history_fields = cost.history_fields();
-        let (setup, rows, search) = (None, Vec::new(), Search::default());
-        Ok(Self { config, solver, cost, history_fields, setup, rows, search })
+        Ok(Self {
+            config,
+            tools: Tools { solver, cost, trace: Box::new(NoTrace) },
+            scale: None,
+            history_fields,
+            setup: None,
+            rows: Vec::new(),
+            search: Search::default(),
+        })
     }
 
+    /// Plans in units of `scale`: what the model behind the cost was trained with. Without it, plans are in the units
+    /// of the environment.
+    #[must_use]
+    pub fn with_scale(mut self, scale: ActionScale) -> Self {
+        self.scale = Some(scale);
+        self
+    }
+
+    /// Shows every plan to `trace`. It changes none.
+    #[must_use]
+    pub fn with_trace(mut self, trace: impl Trace + 'static) -> Self {
+        self.tools.trace = Box::new(trace);
+        self
+    }
+
+    /// How long plans are and how much of each is carried out.
+    pub fn config(&self) -> &PlanConfig {
+        &self.config
+    }
+
+    /// How numbers of its plans become actions of `space`.
+    pub fn actions(&self, space: &Space) -> Result<ActionMap, PlanError> {
+        match &self.scale {
+            Some(scale) => ActionMap::scaled(space, scale, self.config.clip_actions),
+            None => Ok(ActionMap::new(space, self.config.clip_actions)),
+        }
+    }
+
+    /// Learns what it needs to know of the environment, at the first action and whenever the world is another.
     fn prepare(&mut self, view: &View<'_>, space: &Space) -> Result<(), PolicyError> {
-        if self.setup.as_ref().is_none_or(|setup| setup.space != *space) {
-            self.solver.check(space)?;
-            let schema = view.infos().schema();
+        let schema = view.infos().schema();
+        let known = |setup: &Setup| Arc::ptr_eq(&setup.schema, schema) && setup.space == *space;
+        if !self.setup.as_ref().is_some_and(known) {
+            let map = Arc::new(self.actions(space)?);
+            self.tools.solver.check(map.space())?;
             let history = self.history_fields.iter().map(|name| schema.require(name));
-            let map = Arc::new(ActionMap::new(space, self.config.clip_actions));
-            self.setup =
-                Some(Setup { space: space.clone(), map, history: history.collect::<Result<_, _>>()? });
+            let history = history.collect::<Result<_, _>>()?;
+            self.setup = Some(Setup { space: space.clone(), schema: Arc::clone(schema), map, history });
             self.rows.clear();
         }
         self.rows.resize_with(view.rows(), Row::default);
@@ -104,18 +152,24 @@ impl MpcPolicy {
 
 impl Policy for MpcPolicy {
     fn describe(&self) -> String {
+        let Tools { solver, cost, .. } = &self.tools;
         let mut settings = Map::new();
-        for part in [self.solver.changed_settings(), self.config.changed(), self.cost.changed_settings()] {
+        for part in [solver.changed_settings(), self.config.changed(), cost.changed_settings()] {
             settings.extend(part);
         }
-        let name = self.solver.name();
+        let name = solver.name();
         if settings.is_empty() { name.to_owned() } else { format!("{name}:{}", display(&settings)) }
+    }
+
+    fn fields(&self) -> Vec<Field> {
+        self.config.report.fields()
     }
 
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
         self.prepare(view, actions.space())?;
-        let Self { config, solver, cost, setup, rows, search, .. } = self;
+        let Self { config, tools, setup, rows, search, .. } = self;
         let setup = setup.as_ref().expect("prepared above");
+        let width = setup.map.width();
         search.rows.clear();
         for index in view.live() {
             let Some(live) = view.row(index) else { continue };
@@ -125,7 +179,6 @@ impl Policy for MpcPolicy {
             }
             if config.history_len > 1 {
                 let history = row.history.get_or_insert_with(|| {
-                    let width = setup.space.width();
                     History::new(config.history_len, config.action_block, width, view.infos(), &setup.history)
                 });
                 history.observe(live.row, &setup.history);
@@ -135,16 +188,18 @@ impl Policy for MpcPolicy {
             }
         }
         if !search.rows.is_empty() {
-            search.run(config, solver.as_ref(), cost.as_mut(), setup, view, rows)?;
+            let started = Instant::now();
+            search.run(config, tools, setup, view, rows)?;
+            config.report.write(&search.rows, &search.plan, started.elapsed(), actions);
         }
         for index in view.live() {
             let row = &mut rows[index];
-            let mut action: SliceMut<'_> = actions.row(index);
-            setup.map.write(&row.queue[row.taken..][..setup.map.width()], &mut action);
-            row.taken += setup.map.width();
+            let planned = &row.queue[row.taken..][..width];
+            setup.map.write(planned, &mut actions.row(index));
             if let Some(history) = &mut row.history {
-                history.acted(action.as_slice());
+                history.acted(planned, &setup.map);
             }
+            row.taken += width;
         }
         Ok(())
     }
@@ -155,8 +210,7 @@ impl Search {
     fn run(
         &mut self,
         config: &PlanConfig,
-        solver: &dyn Solver,
-        cost: &mut dyn Cost,
+        tools: &mut Tools,
         setup: &Setup,
         view: &View<'_>,
         states: &mut [Row],
@@ -175,16 +229,17 @@ impl Search {
             initial[..state.rest.len()].copy_from_slice(&state.rest);
             memory.clone_from(&state.memory);
         }
-        cost.prepare(&Moment { view: *view, rows, states, actions: &setup.map })?;
+        tools.cost.prepare(&Moment { view: *view, rows, states, actions: &setup.map })?;
         let problem = Problem {
             keys,
             horizon: config.horizon,
             action_block: config.action_block,
-            action: &setup.space,
+            action: setup.map.space(),
             initial,
             memory,
         };
-        solver.solve(&problem, cost, workspace, &mut NoTrace, plan)?;
+        let Tools { solver, cost, trace } = tools;
+        solver.solve(&problem, cost.as_mut(), workspace, trace.as_mut(), plan)?;
         for ((&index, actions), memory) in rows.iter().zip(plan.actions.chunks_exact(size)).zip(&plan.memory)
         {
             let row = &mut states[index];

@@ -1,0 +1,212 @@
+//! How action numbers of an environment become numbers of a plan: the units that a model was trained with. Statistics
+//! belong to the model, and are stored with it; nothing here is fitted to an evaluation.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::PlanError;
+
+/// Normalisation of actions, a number per action number `[A]`. It acts on single actions, not on blocks.
+///
+/// Source of the formulas: the reference's `ZScoreScaler` and `PercentileScaler`. Where an action number does not vary
+/// (a width below 1e-8) the reference has three rules; here its width counts as 1, in both directions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum ActionScale {
+    /// `(x - mean) / std`.
+    MeanStd {
+        /// `[A]`: means.
+        mean: Vec<f64>,
+        /// `[A]`: standard deviations.
+        std: Vec<f64>,
+    },
+    /// `2 (x - low) / (high - low) - 1`, cut to -1..1.
+    Percentile {
+        /// `[A]`: 1st percentiles.
+        low: Vec<f64>,
+        /// `[A]`: 99th percentiles.
+        high: Vec<f64>,
+    },
+}
+
+/// Numbers that vary less than this do not vary.
+const NO_WIDTH: f64 = 1e-8;
+
+impl ActionScale {
+    /// Means and standard deviations (divided by n) of `actions`, `[rows, width]`. Rows with a NaN, such as the last of
+    /// an episode, do not count.
+    pub fn fit_mean_std(actions: &[f32], width: usize) -> Result<Self, PlanError> {
+        let columns = columns(actions, width)?;
+        let mean: Vec<f64> = columns.iter().map(|column| average(column.iter().copied())).collect();
+        let deviation = |(column, mean): (&Vec<f64>, &f64)| {
+            average(column.iter().map(|value| (value - mean) * (value - mean))).sqrt()
+        };
+        let std = columns.iter().zip(&mean).map(deviation).collect();
+        Ok(ActionScale::MeanStd { mean, std })
+    }
+
+    /// 1st and 99th percentiles (interpolated linearly) of `actions`, `[rows, width]`. Rows with a NaN do not count.
+    pub fn fit_percentile(actions: &[f32], width: usize) -> Result<Self, PlanError> {
+        let mut columns = columns(actions, width)?;
+        columns.iter_mut().for_each(|column| column.sort_unstable_by(f64::total_cmp));
+        let all = |fraction: f64| columns.iter().map(|column| quantile(column, fraction)).collect();
+        Ok(ActionScale::Percentile { low: all(0.01), high: all(0.99) })
+    }
+
+    /// A: numbers per action.
+    pub fn width(&self) -> usize {
+        let (ActionScale::MeanStd { mean: first, .. } | ActionScale::Percentile { low: first, .. }) = self;
+        first.len()
+    }
+
+    /// Refuses numbers that cannot be divided by, and lists of unequal length.
+    pub fn check(&self) -> Result<(), PlanError> {
+        let (one, other) = match self {
+            ActionScale::MeanStd { mean, std } => (mean, std),
+            ActionScale::Percentile { low, high } => (low, high),
+        };
+        if one.len() != other.len() {
+            let reason =
+                format!("lists of {} and {} numbers; one of each per action number", one.len(), other.len());
+            return Err(PlanError::setting(NAME, reason));
+        }
+        let wrong = |index: &usize| {
+            let widths = match self {
+                ActionScale::MeanStd { .. } => other[*index],
+                ActionScale::Percentile { .. } => other[*index] - one[*index],
+            };
+            !one[*index].is_finite() || !widths.is_finite() || widths < 0.0
+        };
+        match (0..one.len()).find(wrong) {
+            Some(index) => {
+                let reason =
+                    format!("{} and {} for action number {index} scale nothing", one[index], other[index]);
+                Err(PlanError::setting(NAME, reason))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// The centre and width of action number `index`: `plan = (action - centre) / width`.
+    pub(super) fn line(&self, index: usize) -> (f64, f64) {
+        let (centre, width) = match self {
+            ActionScale::MeanStd { mean, std } => (mean[index], std[index]),
+            ActionScale::Percentile { low, high } => {
+                ((low[index] + high[index]) / 2.0, (high[index] - low[index]) / 2.0)
+            }
+        };
+        (centre, if width < NO_WIDTH { 1.0 } else { width })
+    }
+
+    /// The plan number of action number `index` at `value`.
+    pub fn to_plan(&self, index: usize, value: f64) -> f64 {
+        let (centre, width) = self.line(index);
+        let scaled = (value - centre) / width;
+        match self {
+            ActionScale::MeanStd { .. } => scaled,
+            ActionScale::Percentile { .. } => scaled.clamp(-1.0, 1.0),
+        }
+    }
+
+    /// The value of action number `index` at plan number `number`.
+    pub fn to_action(&self, index: usize, number: f64) -> f64 {
+        let (centre, width) = self.line(index);
+        number * width + centre
+    }
+}
+
+/// What errors call it.
+pub(super) const NAME: &str = "action_scale";
+
+/// The usable rows of `[rows, width]`, column by column; at least one row.
+fn columns(actions: &[f32], width: usize) -> Result<Vec<Vec<f64>>, PlanError> {
+    if width == 0 || !actions.len().is_multiple_of(width) {
+        let reason = format!("{} numbers are no rows of {width}", actions.len());
+        return Err(PlanError::setting(NAME, reason));
+    }
+    let usable = || actions.chunks_exact(width).filter(|row| row.iter().all(|value| !value.is_nan()));
+    if usable().next().is_none() {
+        return Err(PlanError::setting(NAME, "no action to fit it to; give actions that are not NaN"));
+    }
+    Ok((0..width).map(|column| usable().map(|row| f64::from(row[column])).collect()).collect())
+}
+
+fn average(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    values.sum::<f64>() / count
+}
+
+/// Of sorted values; between two of them, on the line.
+fn quantile(sorted: &[f64], fraction: f64) -> f64 {
+    let place = fraction * (sorted.len() - 1) as f64;
+    let (below, above) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
+    below + (above - below) * place.fract()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NAN: f32 = f32::NAN;
+
+    #[test]
+    fn there_and_back() {
+        for scale in [
+            ActionScale::MeanStd { mean: vec![1.0, -2.0], std: vec![0.5, 3.0] },
+            ActionScale::Percentile { low: vec![-1.0, 2.0], high: vec![3.0, 2.5] },
+        ] {
+            for index in 0..2 {
+                let (centre, width) = scale.line(index);
+                for step in [-0.9, 0.0, 0.4] {
+                    let value = centre + step * width;
+                    assert!((scale.to_plan(index, value) - step).abs() < 1e-12);
+                    assert!((scale.to_action(index, step) - value).abs() < 1e-12);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn percentiles_cut_what_a_model_has_not_seen() {
+        let scale = ActionScale::Percentile { low: vec![-1.0], high: vec![3.0] };
+        assert_eq!((scale.to_plan(0, 9.0), scale.to_plan(0, -9.0), scale.to_plan(0, 2.0)), (1.0, -1.0, 0.5));
+    }
+
+    #[test]
+    fn what_does_not_vary_has_width_one_in_both_directions() {
+        for scale in [
+            ActionScale::MeanStd { mean: vec![2.0], std: vec![1e-9] },
+            ActionScale::Percentile { low: vec![2.0], high: vec![2.0] },
+        ] {
+            assert_eq!((scale.to_plan(0, 2.5), scale.to_action(0, 0.5)), (0.5, 2.5));
+        }
+    }
+
+    #[test]
+    fn fits_rows_without_nan() {
+        let actions = [1.0, 10.0, 3.0, 30.0, NAN, 5.0, 7.0, NAN];
+        let scale = ActionScale::fit_mean_std(&actions, 2).unwrap();
+        assert_eq!(scale, ActionScale::MeanStd { mean: vec![2.0, 20.0], std: vec![1.0, 10.0] });
+        let steps: Vec<f32> = (0..101).map(|value| value as f32).collect();
+        let scale = ActionScale::fit_percentile(&steps, 1).unwrap();
+        assert_eq!(scale, ActionScale::Percentile { low: vec![1.0], high: vec![99.0] });
+        let scale = ActionScale::fit_percentile(&[0.0, 10.0], 1).unwrap();
+        assert_eq!(scale, ActionScale::Percentile { low: vec![0.1], high: vec![9.9] });
+
+        let message =
+            |actions: &[f32], width| ActionScale::fit_mean_std(actions, width).unwrap_err().to_string();
+        assert!(message(&[NAN, NAN], 2).contains("no action to fit"));
+        assert!(message(&[1.0, 2.0, 3.0], 2).contains("3 numbers are no rows of 2"));
+    }
+
+    #[test]
+    fn bad_statistics_are_refused() {
+        let message = |scale: ActionScale| scale.check().unwrap_err().to_string();
+        let mean = vec![0.0, 0.0];
+        assert!(message(ActionScale::MeanStd { mean: mean.clone(), std: vec![1.0] }).contains("2 and 1"));
+        let negative = ActionScale::MeanStd { mean: mean.clone(), std: vec![1.0, -1.0] };
+        assert!(message(negative).contains("action number 1"));
+        assert!(message(ActionScale::MeanStd { mean: vec![f64::NAN], std: vec![1.0] }).contains("NaN"));
+        let crossed = ActionScale::Percentile { low: vec![1.0], high: vec![0.0] };
+        assert!(message(crossed).contains("1 and 0 for action number 0"));
+    }
+}
