@@ -3,6 +3,7 @@
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value as Json};
 
+use crate::batch::Field;
 use crate::env::{Env, EnvConfig};
 use crate::error::{EnvError, PolicyError, UnknownName, nearest};
 use crate::policy::{self, Policy};
@@ -231,6 +232,10 @@ pub struct NoArgs {}
 impl Policy for Box<dyn Policy> {
     fn describe(&self) -> String {
         (**self).describe()
+    }
+
+    fn fields(&self) -> Vec<Field> {
+        (**self).fields()
     }
 
     fn act(&mut self, view: &policy::View<'_>, actions: &mut policy::Actions<'_>) -> Result<(), PolicyError> {

@@ -65,7 +65,7 @@ pub use planners::PLANNERS;
 pub use sampling::{Noise, cheapest, clip, count_non_finite};
 pub use settings::Settings;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
-pub use solver::{MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
+pub use solver::{MakePlanner, MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
 pub use solvers::{Cem, SOLVERS};
 pub use space::{categories, largest, plan_width};
 pub use trace::{

@@ -40,12 +40,18 @@ fn make<S: SolverConfig>(
     context: &PolicyContext<'_>,
     args: &PolicyArgs,
 ) -> Result<Box<dyn Policy>, PolicyError> {
+    Ok(Box::new(planner::<S>(context, args)?))
+}
+
+pub(crate) fn planner<S: SolverConfig>(
+    context: &PolicyContext<'_>,
+    args: &PolicyArgs,
+) -> Result<MpcPolicy, PolicyError> {
     let given = args.parse_as::<Map<String, Json>>()?;
-    let policy = assemble::<S>(context, given).map_err(|error| match error {
+    assemble::<S>(context, given).map_err(|error| match error {
         PlanError::Env(error) => PolicyError::Env(error),
         error => args.wrong(error.to_string()),
-    })?;
-    Ok(Box::new(policy))
+    })
 }
 
 fn assemble<S: SolverConfig>(

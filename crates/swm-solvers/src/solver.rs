@@ -2,10 +2,11 @@
 
 use serde_json::{Map, Value as Json};
 use swm_core::registry::Setting;
-use swm_core::{EpisodeSeed, LiveEpisode, PolicyEntry, Space};
+use swm_core::{EpisodeSeed, LiveEpisode, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Space};
 
 use crate::cost::{Candidates, Cost};
 use crate::error::PlanError;
+use crate::mpc::MpcPolicy;
 use crate::planners;
 use crate::settings::Settings;
 use crate::space::plan_width;
@@ -226,7 +227,12 @@ pub struct SolverEntry {
     pub make: MakeSolver,
     /// The policy that plans with it on the true simulator.
     pub on_simulator: PolicyEntry,
+    /// Makes that policy as what it is, so that a trace can be given to it.
+    pub planner: MakePlanner,
 }
+
+/// Makes a policy that plans on the true simulator, from the arguments of [`SolverEntry::on_simulator`].
+pub type MakePlanner = fn(&PolicyContext<'_>, &PolicyArgs) -> Result<MpcPolicy, PolicyError>;
 
 /// Makes a solver from settings by name.
 pub type MakeSolver = fn(Map<String, Json>) -> Result<Box<dyn Solver>, PlanError>;
@@ -240,6 +246,7 @@ impl SolverEntry {
             settings: S::SETTINGS,
             make: |given| Ok(Box::new(S::from_settings(given)?)),
             on_simulator: planners::on_simulator::<S>(),
+            planner: planners::planner::<S>,
         }
     }
 }

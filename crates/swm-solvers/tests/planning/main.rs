@@ -7,4 +7,6 @@ mod mpc;
 mod problems;
 mod simulator;
 mod solving;
+mod traces;
+mod units;
 mod worlds;

@@ -3,9 +3,11 @@
 use std::sync::{Arc, Mutex};
 
 use serde_json::{Map, Value as Json};
-use swm_core::Space;
+use swm_core::testing::TOY;
+use swm_core::{EnvConfig, EpisodeSeed, ResetOptions, Space};
 use swm_solvers::{
-    Candidates, Cost, Moment, MpcPolicy, Plan, PlanConfig, PlanError, Problem, Solver, Trace, Workspace,
+    ActionScale, Candidates, Cem, Cost, Moment, MpcPolicy, Plan, PlanConfig, PlanError, Problem,
+    SimulatorCost, SimulatorOptions, Solver, Trace, Workspace,
 };
 
 use crate::worlds::{Setting, Story, run, toward};
@@ -24,7 +26,7 @@ struct Staircase {
     scale: f32,
 }
 
-fn stair(plan: u64, block: usize) -> f32 {
+pub(super) fn stair(plan: u64, block: usize) -> f32 {
     0.1 * plan as f32 + 0.01 * (block + 1) as f32
 }
 
@@ -62,12 +64,12 @@ impl Solver for Staircase {
     }
 }
 
-/// What a cost was shown of the past, per plan: states of the frames and actions between them.
-type Past = Arc<Mutex<Vec<(Vec<f64>, Vec<f32>)>>>;
+/// What a cost was shown of the past, per plan: states of the frames and numbers of the actions between them.
+pub(super) type Past = Vec<(Vec<f64>, Vec<f32>)>;
 
 /// A cost that only looks.
 struct Watcher {
-    past: Past,
+    past: Arc<Mutex<Past>>,
 }
 
 impl Cost for Watcher {
@@ -75,8 +77,8 @@ impl Cost for Watcher {
         let Some(history) = moment.history(0) else { return Ok(()) };
         let frames = (0..history.frames()).map(|frame| history.frame(0, frame).number(0).unwrap_or(f64::NAN));
         let count = (history.frames() - 1) * 2;
-        let actions = (0..count).map(|index| history.action(index)[0]);
-        self.past.lock().expect("one thread").push((frames.collect(), actions.collect()));
+        let actions = (0..count).flat_map(|index| history.action(index));
+        self.past.lock().expect("one thread").push((frames.collect(), actions.copied().collect()));
         Ok(())
     }
     fn evaluate(&mut self, _candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
@@ -88,28 +90,42 @@ impl Cost for Watcher {
     }
 }
 
-struct Outcome {
+pub(super) struct Outcome {
     asked: Vec<Asked>,
-    past: Vec<(Vec<f64>, Vec<f32>)>,
-    stories: Vec<Story>,
+    pub(super) past: Past,
+    pub(super) stories: Vec<Story>,
 }
 
 fn act(config: PlanConfig, setting: &Setting, scale: f32) -> Outcome {
-    let (asked, past) = (Arc::new(Mutex::new(Vec::new())), Past::default());
+    act_in_units(config, setting, scale, None)
+}
+
+/// Plans, in the given units, are stairs of height `scale`.
+pub(super) fn act_in_units(
+    config: PlanConfig,
+    setting: &Setting,
+    scale: f32,
+    units: Option<ActionScale>,
+) -> Outcome {
+    let (asked, past) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Mutex::new(Past::new())));
     let solver = Staircase { asked: Arc::clone(&asked), scale };
     let watcher = Watcher { past: Arc::clone(&past) };
-    let policy = MpcPolicy::new(Box::new(solver), Box::new(watcher), config).expect("a valid configuration");
+    let mut policy =
+        MpcPolicy::new(Box::new(solver), Box::new(watcher), config).expect("a valid configuration");
+    if let Some(units) = units {
+        policy = policy.with_scale(units);
+    }
     let stories = run(setting, policy).expect("a run without failures");
     let take = |asked: Arc<Mutex<Vec<Asked>>>| asked.lock().expect("one thread").clone();
     let past = past.lock().expect("one thread").clone();
     Outcome { asked: take(asked), past, stories }
 }
 
-fn config(horizon: usize, receding_horizon: usize, action_block: usize) -> PlanConfig {
+pub(super) fn config(horizon: usize, receding_horizon: usize, action_block: usize) -> PlanConfig {
     PlanConfig { horizon, receding_horizon, action_block, ..PlanConfig::default() }
 }
 
-fn far_goal() -> Setting {
+pub(super) fn far_goal() -> Setting {
     Setting { reset: toward(1000.0), ..Setting::default() }
 }
 
@@ -166,6 +182,48 @@ fn only_live_environments_without_actions_are_planned_for() {
 }
 
 #[test]
+fn an_episode_that_ends_leaves_the_others_in_the_middle_of_their_plans() {
+    // H = 5, R = 2, k = 3. Episode 1 is at its goal after 5 steps, in the middle of a plan; episode 3 takes its place.
+    let each = [1000.0, 0.56, 1000.0, 1000.0].map(toward).to_vec();
+    let setting = Setting { num_envs: 3, episodes: 4, each, ..Setting::default() };
+    let Outcome { asked, stories, .. } = act(config(5, 2, 3), &setting, 1.0);
+    let rounds: Vec<_> = asked.iter().map(|asked| (asked.episodes.clone(), asked.plans.clone())).collect();
+    let expected =
+        [(vec![0, 1, 2], vec![0, 0, 0]), (vec![3], vec![0]), (vec![0, 2], vec![1, 1]), (vec![3], vec![1])];
+    assert_eq!(rounds, expected);
+    let cold = [0.0; 15];
+    let warm: Vec<f32> = [2, 3, 4].iter().flat_map(|&block| [stair(0, block); 3]).chain([0.0; 6]).collect();
+    assert_eq!(asked[0].initial, [cold; 3].concat());
+    assert_eq!(asked[1].initial, cold, "nothing is left of episode 1");
+    assert_eq!(asked[2].initial, [warm.clone(), warm.clone()].concat());
+    assert_eq!(asked[3].initial, warm);
+    assert_eq!(stories[1].actions.len(), 5);
+    for episode in [2, 3] {
+        assert_eq!(stories[episode], stories[0], "neighbours change nothing");
+    }
+}
+
+#[test]
+fn permuting_environments_permutes_what_happens_in_them() {
+    let place =
+        |seed: u64| ResetOptions { seed: Some(EpisodeSeed::new(seed)), ..toward(seed as f64 / 2.0 - 4.0) };
+    let solve = |order: [u64; 5]| {
+        let each = order.map(place).to_vec();
+        let setting = Setting { num_envs: 5, episodes: 5, threads: 2, each, ..Setting::default() };
+        let solver = Cem { samples: 24, elites: 4, iterations: 3, ..Cem::default() };
+        let cost = SimulatorCost::new(&TOY, &EnvConfig::default(), SimulatorOptions::default());
+        let cost = Box::new(cost.expect("the toy can be made"));
+        let policy = MpcPolicy::new(Box::new(solver), cost, config(3, 2, 2)).expect("a valid configuration");
+        run(&setting, policy).expect("a run without failures")
+    };
+    let (straight, mixed) = (solve([1, 3, 6, 9, 14]), solve([9, 1, 14, 3, 6]));
+    for (position, original) in [3, 0, 4, 1, 2].into_iter().enumerate() {
+        assert_eq!(mixed[position], straight[original]);
+    }
+    assert!(straight.iter().any(|story| story.actions != straight[0].actions));
+}
+
+#[test]
 fn actions_are_clipped_to_the_space_unless_told_otherwise() {
     let clipped = act(config(2, 2, 1), &far_goal(), 75.0);
     assert_eq!(clipped.stories[0].actions[..2], [0.75, 1.0]);
@@ -200,7 +258,7 @@ fn bad_configurations_are_refused() {
         (PlanConfig { history_len: 0, ..config(1, 1, 1) }, "setting `history_len`: 0 is too small"),
     ] {
         let solver = Staircase { asked: Arc::default(), scale: 1.0 };
-        let refused = MpcPolicy::new(Box::new(solver), Box::new(Watcher { past: Past::default() }), config);
+        let refused = MpcPolicy::new(Box::new(solver), Box::new(Watcher { past: Arc::default() }), config);
         let message = refused.err().expect("refused").to_string();
         assert!(message.contains(expected), "{message}");
     }

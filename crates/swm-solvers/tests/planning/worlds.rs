@@ -89,13 +89,15 @@ impl Recorder for Stories {
     fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
         let story = self.0.entry(row.episode.index).or_default();
         story.states.push(row.values.get::<f64>("state")?[0]);
-        let action = row.values.get::<f32>("action")?[0];
-        story.actions.extend((!action.is_nan()).then_some(action));
+        let action = row.values.at(row.values.schema().require("action")?);
+        story.actions.extend(action.number(0).map(|action| action as f32));
         Ok(())
     }
 
     fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
-        self.0.entry(end.index).or_default().success = end.success;
+        let story = self.0.entry(end.index).or_default();
+        story.success = end.success;
+        story.actions.pop();
         Ok(())
     }
 }
@@ -109,12 +111,22 @@ pub(super) struct Setting {
     pub(super) episodes: u64,
     pub(super) max_steps: u64,
     pub(super) reset: ResetOptions,
+    /// One per episode, in place of `reset`.
+    pub(super) each: Vec<ResetOptions>,
 }
 
 impl Default for Setting {
     fn default() -> Self {
         let (num_envs, threads, episodes, max_steps) = (1, 1, 1, 12);
-        Self { entry: TOY, num_envs, threads, episodes, max_steps, reset: ResetOptions::default() }
+        Self {
+            entry: TOY,
+            num_envs,
+            threads,
+            episodes,
+            max_steps,
+            reset: ResetOptions::default(),
+            each: Vec::new(),
+        }
     }
 }
 
@@ -134,8 +146,11 @@ pub(super) fn run(setting: &Setting, policy: impl Policy + 'static) -> Result<Ve
     let mut world = World::new(&setting.entry, options)?;
     world.set_policy(policy);
     let mut stories = Stories::default();
-    let rollout =
-        Rollout { episodes: 0..setting.episodes, seed: 7, scenario: Scenario::Same(&setting.reset) };
+    let scenario = match setting.each.as_slice() {
+        [] => Scenario::Same(&setting.reset),
+        each => Scenario::Each(each),
+    };
+    let rollout = Rollout { episodes: 0..setting.episodes, seed: 7, scenario };
     world.run(&rollout, &mut stories)?;
     Ok(stories.0.into_values().collect())
 }
