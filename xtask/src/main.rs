@@ -2,11 +2,13 @@
 //!
 //! Not part of the product: the command that researchers use is `swm`.
 
+mod bindgen;
 mod ci;
 mod demo;
 mod deny;
 mod golden;
 mod interop;
+mod memcheck;
 mod metadata;
 mod process;
 mod python;
@@ -48,6 +50,10 @@ enum Command {
     Ci(ci::Args),
     /// Replay recorded trajectories of the reference and print the deviations
     Golden(golden::Args),
+    /// Run the tests of the `unsafe` code under valgrind
+    Memcheck(memcheck::Args),
+    /// Make the declarations of MuJoCo's C interface anew from its headers
+    Bindgen(bindgen::Args),
     /// Check the rules of the architecture and of the sources
     Tidy(tidy::Args),
     /// Check the licences and origins of all dependencies against deny.toml
@@ -59,6 +65,8 @@ fn main() -> ExitCode {
         Command::Setup(args) => setup::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Test(args) => test::run(&args),
+        Command::Memcheck(args) => memcheck::run(&args),
+        Command::Bindgen(args) => bindgen::run(&args),
         Command::Ci(args) => ci::run(&args),
         Command::Golden(args) => golden::run(&args),
         Command::Tidy(args) => tidy::run(&args),

@@ -93,9 +93,14 @@ fn home_from(variable: impl Fn(&str) -> Option<PathBuf>, os: &str) -> Result<Pat
     }
 }
 
-/// Makes sure that the package is in the data folder, whole and unaltered. Returns a line that says what was done.
+/// Where a package lies below the data folder, or below another one that is laid out like it.
+pub(super) fn place(package: &Package, home: &Path) -> PathBuf {
+    home.join(package.name).join(package.version)
+}
+
+/// Makes sure that the package is at its place, whole and unaltered. Returns a line that says what was done.
 pub(super) fn ensure(package: &Package, home: &Path, source: &Source) -> Result<String> {
-    let folder = home.join(package.name).join(package.version);
+    let folder = place(package, home);
     let origin = origin(package)?;
     let state = match check(&folder, &origin) {
         State::Whole => {
@@ -118,20 +123,13 @@ pub(super) fn ensure(package: &Package, home: &Path, source: &Source) -> Result<
             write_checksums(place, &origin)
         },
     )
-    .map_err(|error| {
-        let way_out = if is_about_the_place(&error) {
-            "\nway out: set SWM_HOME to a folder with space that you may write to, now and for later runs"
-        } else {
-            ""
-        };
-        error.context(format!("failed to set up {package} in {}{way_out}", folder.display()))
-    })?;
+    .with_context(|| format!("failed to set up {package} in {}", folder.display()))?;
     let done = if is_new { source.done() } else { "put there by another set-up" };
     Ok(format!("{package} {done} in {:.1} s into {}", start.elapsed().as_secs_f32(), folder.display()))
 }
 
 /// Whether the folder is at fault: full, or not ours to write.
-fn is_about_the_place(error: &Error) -> bool {
+pub(super) fn is_about_the_place(error: &Error) -> bool {
     error.chain().any(|cause| {
         let kind = cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind);
         let is_ours = matches!(

@@ -75,10 +75,22 @@ fn ensure_data(source: &Source) -> Result<()> {
             Err(error) if error.is::<Unpublished>() => {
                 eprintln!("setup: {error}: environments that need it will say so");
             }
+            Err(error) if data::is_about_the_place(&error) => {
+                return Err(error.context(
+                    "the data folder cannot be used\n\
+                     way out: set SWM_HOME to a folder with space that you may write to, now and for later runs",
+                ));
+            }
             Err(error) => return Err(error),
         }
     }
     Ok(())
+}
+
+/// Makes sure that a package is in a folder of its own below `home`, laid out like the data folder, and returns it.
+pub(crate) fn ensure_in(package: &Package, home: &Path) -> Result<PathBuf> {
+    eprintln!("setup: {}", data::ensure(package, home, &Source::Index)?);
+    Ok(data::place(package, home))
 }
 
 impl Source {

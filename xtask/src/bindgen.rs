@@ -1,0 +1,215 @@
+//! `cargo xtask bindgen`: makes the checked-in declarations of MuJoCo's C interface from the headers of the pinned wheel.
+//!
+//! For whoever moves to another version of MuJoCo or calls a new function of it; no build runs this. The generator and
+//! its libclang are pinned too, so that equal headers give equal bytes; on Windows C's enums are signed, so generate on
+//! another system.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context as _, Result, bail};
+
+use crate::process;
+use crate::setup::wheel::{Keep, Package, Wheel};
+use crate::setup::{self, data::MUJOCO};
+
+/// Options of `cargo xtask bindgen`.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Write nothing; exit status 1 if the checked-in file is not what the headers give
+    #[arg(long)]
+    check: bool,
+}
+
+/// What is made.
+const BINDINGS: &str = "crates/swm-envs-mujoco/src/ffi/bindings.rs";
+
+/// Headers below the wheel's include folder.
+const HEADERS: &[&str] = &["mujoco/mujoco.h", "mujoco/mjbatch.h"];
+
+/// Functions to declare, as alternatives of a regular expression. Loading fails if the library lacks one of them.
+const FUNCTIONS: &[&str] = &[
+    "mj_(version|versionString)",
+    "mj_(makeSpec|copySpec|deleteSpec|parseXML|parseXMLString|compile|recompile)",
+    "mj_(copyModel|deleteModel|sizeModel|name2id|id2name|setConst|setTotalmass)",
+    "mj_(makeData|copyData|deleteData|resetData|stateSize|getState|setState)",
+    "mj_(forward|step|step1|step2|kinematics|comPos|jac.*|mulM|solveM|objectVelocity)",
+    "mju_error",
+    "mjs_.*",
+    "mjb_.*",
+    "mjv_(default.*|makeScene|freeScene|updateScene|updateCamera)",
+    "mjr_(default.*|makeContext|freeContext|resizeOffscreen|uploadTexture|setBuffer|readPixels|render|maxViewport)",
+];
+
+/// Enums that no declared function names.
+const TYPES: &str = "mjt(State|DisableBit|EnableBit|Integrator|CatBit|Warning|Sensor)";
+
+const VARIABLES: &str = "mjVERSION_HEADER|mju_user_(error|warning)";
+
+/// Options of the generator. Functions come as fields of a struct `Api` that opens the library at run time, and may
+/// unwind: our handler of MuJoCo's fatal errors does.
+const OPTIONS: &str = "--dynamic-loading Api --dynamic-link-require-all --override-abi .*=C-unwind \
+    --default-enum-style consts --no-prepend-enum-name --no-layout-tests --no-doc-comments --merge-extern-blocks \
+    --rust-edition 2024 --rust-target 1.89 --use-core --formatter prettyplease --disable-header-comment";
+
+const GENERATOR: &str = "0.72.1";
+
+/// The compiler library that the generator loads.
+const LIBCLANG: Package = Package {
+    name: "libclang",
+    version: "18.1.1",
+    wheels: &[
+        Wheel {
+            platforms: &["linux-x86_64"],
+            tag: "manylinux2010_x86_64",
+            sha256: "c533091d8a3bbf7460a00cb6c1a71da93bffe148f172c7d03b1c31fbf8aa2a0b",
+        },
+        Wheel {
+            platforms: &["linux-aarch64"],
+            tag: "manylinux2014_aarch64",
+            sha256: "54dda940a4a0491a9d1532bf071ea3ef26e6dbaf03b5000ed94dd7174e8f9592",
+        },
+        Wheel {
+            platforms: &["macos-x86_64"],
+            tag: "macosx_10_9_x86_64",
+            sha256: "6f14c3f194704e5d09769108f03185fce7acaf1d1ae4bbb2f30a72c2400cb7c5",
+        },
+        Wheel {
+            platforms: &["macos-aarch64"],
+            tag: "macosx_11_0_arm64",
+            sha256: "0b2e143f0fac830156feb56f9231ff8338c20aecfe72b4ffe96f19e5a1dbb69a",
+        },
+    ],
+    keep: &[
+        Keep { from: &["libclang-18.1.1.data/platlib/clang/native/*"], to: "" },
+        Keep { from: &["libclang-18.1.1.dist-info/LICENSE.TXT"], to: "" },
+    ],
+};
+
+/// The headers of the library that `setup` installs: the same wheel.
+const MUJOCO_HEADERS: Package = Package {
+    name: MUJOCO.name,
+    version: MUJOCO.version,
+    wheels: MUJOCO.wheels,
+    keep: &[Keep { from: &["mujoco/include/mujoco/*.h"], to: "include/mujoco" }],
+};
+
+/// Generates the declarations, and writes them or compares.
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let tools = process::root().join(".tools/bindgen");
+    let headers = setup::ensure_in(&MUJOCO_HEADERS, &tools)?.join("include");
+    let libclang = setup::ensure_in(&LIBCLANG, &tools)?;
+    let generator = generator(&tools)?;
+    let generated = generate(&generator, &libclang, &headers, &tools.join("all.h"))?;
+    let place = process::root().join(BINDINGS);
+    if args.check {
+        let present = fs::read_to_string(&place).with_context(|| format!("failed to read {BINDINGS}"))?;
+        return compare(&present, &generated);
+    }
+    fs::write(&place, &generated).with_context(|| format!("failed to write {BINDINGS}"))?;
+    println!("bindgen: wrote {} lines to {BINDINGS}", generated.lines().count());
+    Ok(())
+}
+
+/// Builds the pinned generator, unless it is there.
+fn generator(tools: &Path) -> Result<PathBuf> {
+    let binary = tools.join("bin/bindgen");
+    let version = |binary: &Path| process::output(Command::new(binary).arg("--version")).ok();
+    if version(&binary).is_some_and(|said| said.trim_ascii() == format!("bindgen {GENERATOR}").as_bytes()) {
+        return Ok(binary);
+    }
+    let mut install =
+        process::cargo(["install", "bindgen-cli", "--version", GENERATOR, "--locked", "--root"]);
+    process::run(install.arg(tools))
+        .context("the generator could not be built; it comes from the registry of crates")?;
+    Ok(binary)
+}
+
+/// Runs the generator on all headers, which `input` is written to include.
+fn generate(generator: &Path, libclang: &Path, headers: &Path, input: &Path) -> Result<String> {
+    let mut all = String::new();
+    for header in HEADERS {
+        all += &format!("#include <{header}>\n");
+    }
+    fs::write(input, all).with_context(|| format!("failed to write {}", input.display()))?;
+    let first = format!(
+        "//! Generated by `cargo xtask bindgen` from the headers of MuJoCo {}; not edited by hand.",
+        MUJOCO.version
+    );
+    let mut command = Command::new(generator);
+    command.env("LIBCLANG_PATH", libclang).args(OPTIONS.split_whitespace()).args(["--raw-line", &first]);
+    command.args(["--allowlist-function", &FUNCTIONS.join("|")]);
+    command.args(["--allowlist-type", TYPES, "--allowlist-var", VARIABLES]);
+    command.arg(input).arg("--").arg("-I").arg(headers);
+    // The wheel of libclang lacks the headers that belong to a compiler, like stddef.h.
+    command.arg("-I").arg(compiler_headers()?);
+    let generated = process::output(&mut command).context("the generator failed")?;
+    String::from_utf8(generated).context("the generator wrote no text")
+}
+
+fn compiler_headers() -> Result<PathBuf> {
+    let compiler = std::env::var_os("CC").filter(|name| !name.is_empty()).unwrap_or_else(|| "cc".into());
+    let said = process::output(Command::new(&compiler).arg("-print-file-name=include"))
+        .context("a C compiler is needed for its headers (tried $CC, else cc)")?;
+    let folder = PathBuf::from(String::from_utf8_lossy(&said).trim());
+    if !folder.join("stddef.h").is_file() {
+        bail!(
+            "`{} -print-file-name=include` names no folder with stddef.h: {}",
+            compiler.display(),
+            folder.display()
+        );
+    }
+    Ok(folder)
+}
+
+/// Names the first line that differs.
+fn compare(present: &str, generated: &str) -> Result<()> {
+    if present == generated {
+        println!("bindgen: {BINDINGS} is what the headers of MuJoCo {} give", MUJOCO.version);
+        return Ok(());
+    }
+    let lines = present.lines().count().max(generated.lines().count());
+    let (mut ours, mut theirs) = (present.lines(), generated.lines());
+    for number in 1..=lines {
+        let (ours, theirs) = (ours.next(), theirs.next());
+        if ours != theirs {
+            let text =
+                |line: Option<&str>| line.map_or("nothing".to_owned(), |line| format!("`{}`", line.trim()));
+            bail!(
+                "{BINDINGS}:{number} has {}, the headers of MuJoCo {} give {}\nway out: cargo xtask bindgen",
+                text(ours),
+                MUJOCO.version,
+                text(theirs)
+            );
+        }
+    }
+    bail!("{BINDINGS} differs in its line ends from what the generator gives\nway out: cargo xtask bindgen")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_difference_is_named() {
+        let message = |present, generated| compare(present, generated).unwrap_err().to_string();
+        assert!(compare("a\nb\n", "a\nb\n").is_ok());
+        assert!(
+            message("a\nb\n", "a\nc\n")
+                .contains("bindings.rs:2 has `b`, the headers of MuJoCo 3.17.0 give `c`")
+        );
+        assert!(message("a\n", "a\nc\n").contains("bindings.rs:2 has nothing"));
+        assert!(message("a\nb\n", "a\n").contains("give nothing"));
+        assert!(message("a\r\n", "a\n").contains("line ends"));
+    }
+
+    #[test]
+    fn the_functions_of_one_kind_are_listed_once() {
+        let mut sorted = FUNCTIONS.to_vec();
+        sorted.sort_unstable();
+        sorted.dedup();
+        assert_eq!(sorted.len(), FUNCTIONS.len());
+        assert_eq!(LIBCLANG.keep[1].from, [format!("libclang-{}.dist-info/LICENSE.TXT", LIBCLANG.version)]);
+    }
+}
