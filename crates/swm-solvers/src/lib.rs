@@ -45,6 +45,7 @@
 
 mod bounds;
 mod cost;
+mod descent;
 mod error;
 pub mod models;
 mod mpc;
@@ -59,6 +60,7 @@ mod trace;
 mod workspace;
 
 pub use cost::{Candidates, ConstrainedCost, Cost, DifferentiableCost, Weigh};
+pub use descent::{Descent, GradClip};
 pub use error::PlanError;
 pub use mpc::{ActionMap, ActionScale, HistoryView, Moment, MpcPolicy, PlanConfig, Report};
 pub use planners::PLANNERS;
@@ -66,7 +68,7 @@ pub use sampling::{Noise, cheapest, clip, count_non_finite};
 pub use settings::Settings;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
 pub use solver::{MakePlanner, MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
-pub use solvers::{Cem, SOLVERS};
+pub use solvers::{Adam, AdamW, Cem, Form, Lagrangian, Optimizer, Pgd, SOLVERS, Select, Sgd};
 pub use space::{categories, largest, plan_width};
 pub use trace::{
     Detail, Elite, Iteration, IterationRecord, JsonLines, Memory, NoTrace, PlanRecord, Records, Trace,

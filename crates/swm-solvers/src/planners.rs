@@ -6,7 +6,7 @@ use swm_core::{Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
 
 use crate::error::PlanError;
 use crate::mpc::{MpcPolicy, PlanConfig};
-use crate::settings::{MAX_SETTINGS, Settings, join, refuse_rest, take};
+use crate::settings::{Joined, Settings, join, refuse_rest, take};
 use crate::simulator::{SimulatorCost, SimulatorOptions};
 use crate::solver::SolverConfig;
 use crate::solvers::SOLVERS;
@@ -31,9 +31,8 @@ pub(crate) const fn on_simulator<S: SolverConfig>() -> PolicyEntry {
 struct AllSettings<S>(std::marker::PhantomData<S>);
 
 impl<S: SolverConfig> AllSettings<S> {
-    const JOINED: &'static ([Setting; MAX_SETTINGS], usize) =
-        &join(&[S::SETTINGS, PlanConfig::SETTINGS, SimulatorOptions::SETTINGS]);
-    const TABLE: &'static [Setting] = Self::JOINED.0.split_at(Self::JOINED.1).0;
+    const JOINED: &'static Joined = &join(&[S::SETTINGS, PlanConfig::SETTINGS, SimulatorOptions::SETTINGS]);
+    const TABLE: &'static [Setting] = Self::JOINED.as_slice();
 }
 
 fn make<S: SolverConfig>(

@@ -63,22 +63,35 @@ pub(crate) fn refuse_rest(given: &Map<String, Json>, known: &[Setting]) -> Resul
 }
 
 /// How many settings one policy can have.
-pub(crate) const MAX_SETTINGS: usize = 64;
+const MAX_SETTINGS: usize = 64;
 
-/// One table from several, at compile time; the second part of the result is its length.
-pub(crate) const fn join(tables: &[&[Setting]]) -> ([Setting; MAX_SETTINGS], usize) {
-    let mut all = [Setting { name: "", doc: "", default: "" }; MAX_SETTINGS];
+/// One table made of several.
+pub(crate) struct Joined {
+    rows: [Setting; MAX_SETTINGS],
+    length: usize,
+}
+
+impl Joined {
+    /// The table.
+    pub(crate) const fn as_slice(&self) -> &[Setting] {
+        self.rows.split_at(self.length).0
+    }
+}
+
+/// One table from several, at compile time.
+pub(crate) const fn join(tables: &[&[Setting]]) -> Joined {
+    let mut rows = [Setting { name: "", doc: "", default: "" }; MAX_SETTINGS];
     let (mut length, mut table) = (0, 0);
     while table < tables.len() {
         let mut row = 0;
         while row < tables[table].len() {
-            all[length] = tables[table][row];
+            rows[length] = tables[table][row];
             length += 1;
             row += 1;
         }
         table += 1;
     }
-    (all, length)
+    Joined { rows, length }
 }
 
 /// Settings as they are written on the command line: `samples=100,clip=true`.

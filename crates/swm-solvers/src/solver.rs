@@ -147,7 +147,8 @@ pub struct Plan {
     /// `[B]`: the cost of `actions` themselves, evaluated after the search (infinite if it was not finite).
     pub cost_of_returned: Vec<f64>,
     /// `[B]`: mean cost of the last iteration's elites, which were drawn around the previous mean: what the
-    /// reference reports as cost. NaN without iterations.
+    /// reference reports as cost. NaN without iterations. Solvers that have no elites write what the reference reports
+    /// there, too: the cost of the returned plan, for integers that of the mixture which was rounded to it.
     pub elite_mean_last: Vec<f64>,
     /// `[B]`: how many evaluated costs were not finite.
     pub non_finite: Vec<u64>,

@@ -9,8 +9,8 @@ use swm_core::testing::{DISCRETE_TOY, TOY};
 use swm_core::{Dtype, EnvConfig, EpisodeSeed, PolicyArgs, PolicyContext, Registry, ResetOptions, Space};
 use swm_core::{Value, World, WorldOptions};
 use swm_solvers::{
-    Candidates, Cost, Moment, NoTrace, PLANNERS, Plan, PlanError, PlanKey, Problem, SOLVERS, Workspace,
-    plan_width,
+    Candidates, Cost, DifferentiableCost, Moment, NoTrace, PLANNERS, Plan, PlanError, PlanKey, Problem,
+    SOLVERS, Workspace, plan_width,
 };
 
 #[global_allocator]
@@ -29,6 +29,26 @@ impl Cost for Free {
             *cost = f64::from(plan[0] * plan[0]);
         }
         Ok(())
+    }
+
+    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
+        Some(self)
+    }
+}
+
+impl DifferentiableCost for Free {
+    fn evaluate_with_gradient(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        gradient.fill(0.0);
+        let size = candidates.horizon * candidates.width;
+        for (plan, gradient) in candidates.plans().zip(gradient.chunks_exact_mut(size)) {
+            gradient[0] = 2.0 * plan[0];
+        }
+        self.evaluate(candidates, costs)
     }
 }
 

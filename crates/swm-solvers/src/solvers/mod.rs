@@ -1,13 +1,30 @@
 //! The solvers, one file each, and their table.
 
+mod adam;
+mod adamw;
 mod cem;
+mod lagrangian;
+mod pgd;
+mod sgd;
 
 use crate::solver::SolverEntry;
 
+pub use adam::Adam;
+pub use adamw::AdamW;
 pub use cem::Cem;
+pub use lagrangian::{Form, Lagrangian, Optimizer};
+pub use pgd::{Pgd, Select};
+pub use sgd::Sgd;
 
 /// Every solver. A new one is a file in this folder and a line here; its policy on the true simulator follows.
-pub const SOLVERS: &[SolverEntry] = &[SolverEntry::of::<Cem>()];
+pub const SOLVERS: &[SolverEntry] = &[
+    SolverEntry::of::<Cem>(),
+    SolverEntry::of::<Sgd>(),
+    SolverEntry::of::<Adam>(),
+    SolverEntry::of::<AdamW>(),
+    SolverEntry::of::<Pgd>(),
+    SolverEntry::of::<Lagrangian>(),
+];
 
 #[cfg(test)]
 mod tests {

@@ -216,6 +216,9 @@ impl DifferentiableCost for Courses {
 /// Settings that a solver needs for a problem of 40 numbers with several valleys; the defaults of the rest will do.
 fn settings(solver: &str) -> Map<String, Json> {
     let settings = match solver {
+        "sgd" | "pgd" => json!({"iterations": 100, "samples": 40, "lr": 0.03}),
+        "adam" | "adamw" => json!({"iterations": 100, "samples": 40}),
+        "lagrangian" => json!({"samples": 40}),
         // The line of a solver that needs other settings stands here.
         _ => json!({}),
     };

@@ -13,9 +13,9 @@ const GOLDEN_SEEDS: f64 = 20.0;
 const SEEDS: u64 = 100;
 
 /// Mean and standard deviation of the reference's final costs, by instance.
-struct Golden {
-    mean: [f64; 4],
-    std: [f64; 4],
+pub(super) struct Golden {
+    pub(super) mean: [f64; 4],
+    pub(super) std: [f64; 4],
 }
 
 struct Run {
@@ -53,12 +53,16 @@ fn assert_near(what: &str, golden: (f64, f64), values: impl Iterator<Item = f64>
     assert!(difference <= error, "{what}: mean {mean}, golden {}, allowed difference {error}", golden.0);
 }
 
-fn check(name: &str, run: &Run, golden: &Golden) {
+/// Final costs of several seeds of every instance.
+pub(super) fn check_costs(name: &str, costs: &[f64], golden: &Golden) {
     for i in 0..4 {
         let what = format!("{name}, instance {i}");
-        let golden = (golden.mean[i], golden.std[i]);
-        assert_near(&what, golden, instance(&run.plan.cost_of_returned, i));
+        assert_near(&what, (golden.mean[i], golden.std[i]), instance(costs, i));
     }
+}
+
+fn check(name: &str, run: &Run, golden: &Golden) {
+    check_costs(name, &run.plan.cost_of_returned, golden);
     for (row, plan) in run.plan.actions.chunks_exact(problems::HORIZON * problems::WIDTH).enumerate() {
         let cost = f64::from((run.cost.cost)(row % 4, plan));
         assert_eq!(cost, run.plan.cost_of_returned[row], "the reported cost is that of the returned plan");

@@ -2,6 +2,7 @@
 
 mod courses;
 mod golden;
+mod gradients;
 mod models;
 mod mpc;
 mod problems;

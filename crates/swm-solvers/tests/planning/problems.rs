@@ -2,7 +2,7 @@
 //! by categories, four instances each. Computed in `f32` per candidate, as the reference's golden runs were.
 
 use swm_core::{Dtype, EpisodeSeed, Space};
-use swm_solvers::{Candidates, Cost, Moment, PlanError, PlanKey, Problem, Solver};
+use swm_solvers::{Candidates, Cost, DifferentiableCost, Moment, PlanError, PlanKey, Problem, Solver};
 
 /// H of the problems with real actions.
 pub(super) const HORIZON: usize = 10;
@@ -67,6 +67,28 @@ pub(super) fn disc(instance: usize, plan: &[f32]) -> f32 {
         cost += 0.1 * far(place, GOALS[instance]);
     }
     cost + far(place, GOALS[instance])
+}
+
+/// The gradient of [`disc`], in the order in which automatic differentiation finds it.
+pub(super) fn disc_gradient(instance: usize, plan: &[f32], gradient: &mut [f32]) {
+    let goal = GOALS[instance];
+    let mut places = [STARTS[instance]; DISC_HORIZON + 1];
+    for (t, a) in plan.chunks_exact(DISC_CATEGORIES).enumerate() {
+        let [x, y] = places[t];
+        places[t + 1] = [x + 0.25 * (a[1] - a[2]), y + 0.25 * (a[3] - a[4])];
+    }
+    let mut later = [0.0_f32; 2];
+    for (t, gradient) in gradient.chunks_exact_mut(DISC_CATEGORIES).enumerate().rev() {
+        for axis in 0..2 {
+            let away = 2.0 * (places[t + 1][axis] - goal[axis]);
+            if t + 1 == DISC_HORIZON {
+                later[axis] += away;
+            }
+            later[axis] += 0.1 * away;
+        }
+        let [x, y] = later.map(|slope| 0.25 * slope);
+        gradient.copy_from_slice(&[0.0, x, -x, y, -y]);
+    }
 }
 
 /// The cheapest plans of [`disc`], by instance.
@@ -157,6 +179,36 @@ impl Cost for Analytic {
         }
         let seen = costs.chunks(candidates.samples).map(|costs| self.statistics(costs)).collect();
         self.iterations.push(seen);
+        Ok(())
+    }
+
+    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
+        Some(self)
+    }
+}
+
+/// Gradients by differences: coarse, for checks that need any solver to run, whatever it finds.
+impl DifferentiableCost for Analytic {
+    fn evaluate_with_gradient(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        self.evaluate(candidates, costs)?;
+        let size = candidates.horizon * candidates.width;
+        for (index, (plan, gradient)) in candidates.plans().zip(gradient.chunks_exact_mut(size)).enumerate() {
+            let (mut moved, instance) = (plan.to_vec(), index / candidates.samples % 4);
+            for number in 0..size {
+                let mut at = |place: f32| {
+                    moved[number] = place;
+                    (self.cost)(instance, &moved)
+                };
+                let value = plan[number];
+                gradient[number] = (at(value + 0.01) - at(value - 0.01)) / 0.02;
+                at(value);
+            }
+        }
         Ok(())
     }
 }

@@ -1,0 +1,10 @@
+//! Gradient descent on many plans at once: what its solvers share. Which rule, and what else a step does, is theirs.
+
+mod rules;
+mod search;
+mod settings;
+mod simplex;
+
+pub(crate) use rules::{Rule, WeightDecay, not_negative, positive};
+pub(crate) use search::{Limits, Search};
+pub use settings::{Descent, GradClip};

@@ -1,0 +1,385 @@
+//! Augmented Lagrangian: gradient descent on cost plus what violated constraints cost, at prices that rise until they
+//! are kept. Without constraints it is descent whose rule restarts every round.
+//!
+//! Source: Nocedal & Wright, *Numerical Optimization* (2006), section 17.4; and the reference's `LagrangianSolver`, whose
+//! form of the penalty is an option.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
+use swm_core::Space;
+use swm_core::registry::Setting;
+
+use crate::bounds::box_bounds;
+use crate::cost::Cost;
+use crate::descent::{Descent, Limits, Rule, Search, WeightDecay, not_negative, positive};
+use crate::error::PlanError;
+use crate::settings::{Joined, Settings, join};
+use crate::solver::{Plan, Problem, Solver, SolverConfig, at_least_one};
+use crate::trace::Trace;
+use crate::workspace::Workspace;
+
+/// Settings of the augmented Lagrangian method.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Lagrangian {
+    /// Starts, steps of each round, noise.
+    #[serde(flatten)]
+    pub descent: Descent,
+    /// Whether plans are kept within the bounds of the actions.
+    pub clip: bool,
+    /// Rounds, after each of which multipliers and penalty grow.
+    pub rounds: usize,
+    /// The rule of the descent, with its usual settings.
+    pub optimizer: Optimizer,
+    /// Its learning rate. The reference's 1 is too long a step for most problems.
+    pub lr: f64,
+    /// Penalty of the first round: ρ.
+    pub rho_init: f64,
+    /// What ρ is multiplied with after a round.
+    pub rho_scale: f64,
+    /// The largest ρ.
+    pub rho_max: f64,
+    /// What violations cost.
+    pub form: Form,
+    /// Whether the next plan of an episode begins with the multipliers of the last.
+    pub persist: bool,
+    /// The largest constraint value with which a plan still counts as feasible.
+    pub tolerance: f64,
+}
+
+/// The rule of the descent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Optimizer {
+    /// As [`crate::Sgd`].
+    Sgd,
+    /// As [`crate::Adam`].
+    #[default]
+    Adam,
+    /// As [`crate::AdamW`].
+    Adamw,
+}
+
+/// What violations cost, given multipliers λ and penalty ρ. Either way λ becomes max(0, λ + ρ g) after a round.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Form {
+    /// Σ (max(0, λ + ρ g)² - λ²) / 2ρ, with multipliers of every candidate's own.
+    #[default]
+    Standard,
+    /// Σ λ g + ρ max(0, g)², with multipliers that the candidates of an episode share, by their mean g: the reference's.
+    /// It goes on paying for slack, and its multipliers grow more slowly than its penalty.
+    Reference,
+}
+
+impl Default for Lagrangian {
+    fn default() -> Self {
+        Self {
+            descent: Descent::default(),
+            clip: false,
+            rounds: 5,
+            optimizer: Optimizer::Adam,
+            lr: 0.1,
+            rho_init: 1.0,
+            rho_scale: 2.0,
+            rho_max: 1e4,
+            form: Form::Standard,
+            persist: true,
+            tolerance: 1e-3,
+        }
+    }
+}
+
+const OWN: &[Setting] = &[
+    Setting { name: "clip", doc: "keep plans within the action bounds", default: "false" },
+    Setting { name: "rounds", doc: "rounds of descent, each with dearer violations", default: "5" },
+    Setting { name: "optimizer", doc: "rule of the descent: sgd, adam or adamw", default: "adam" },
+    Setting { name: "lr", doc: "its learning rate", default: "0.1" },
+    Setting { name: "rho_init", doc: "penalty of the first round", default: "1" },
+    Setting { name: "rho_scale", doc: "what the penalty is multiplied with after a round", default: "2" },
+    Setting { name: "rho_max", doc: "largest penalty", default: "10000" },
+    Setting { name: "form", doc: "of the penalty: standard, or the reference's", default: "standard" },
+    Setting { name: "persist", doc: "keep multipliers for the episode's next plan", default: "true" },
+    Setting { name: "tolerance", doc: "largest violation that counts as none", default: "0.001" },
+];
+const ALL: &Joined = &join(&[Descent::SETTINGS, OWN]);
+
+/// More rounds are a typing error.
+const MAX_ROUNDS: usize = 10_000;
+
+impl Settings for Lagrangian {
+    const SETTINGS: &'static [Setting] = ALL.as_slice();
+
+    fn validate(&self) -> Result<(), PlanError> {
+        self.descent.validate()?;
+        self.rule().validate()?;
+        at_least_one("iterations", self.descent.iterations)?;
+        at_least_one("rounds", self.rounds)?;
+        if self.rounds > MAX_ROUNDS {
+            return Err(PlanError::setting("rounds", format!("{} is more than {MAX_ROUNDS}", self.rounds)));
+        }
+        for (name, value) in
+            [("rho_init", self.rho_init), ("rho_scale", self.rho_scale), ("rho_max", self.rho_max)]
+        {
+            positive(name, value)?;
+        }
+        not_negative("tolerance", self.tolerance)
+    }
+}
+
+impl SolverConfig for Lagrangian {
+    const NAME: &'static str = "lagrangian";
+    const SUMMARY: &'static str = "augmented Lagrangian: gradient descent that keeps constraints";
+}
+
+impl Solver for Lagrangian {
+    fn name(&self) -> &'static str {
+        Self::NAME
+    }
+
+    fn changed_settings(&self) -> Map<String, Json> {
+        self.changed()
+    }
+
+    fn check(&self, space: &Space) -> Result<(), PlanError> {
+        self.validate()?;
+        box_bounds(Self::NAME, space).map(|_| ())
+    }
+
+    fn solve(
+        &self,
+        problem: &Problem<'_>,
+        cost: &mut dyn Cost,
+        workspace: &mut Workspace,
+        trace: &mut dyn Trace,
+        plan: &mut Plan,
+    ) -> Result<(), PlanError> {
+        self.validate()?;
+        problem.check()?;
+        let limits = Limits::of_box(Self::NAME, problem.action, self.clip)?;
+        if cost.differentiable().is_none() {
+            return Err(PlanError::NoGradient { solver: Self::NAME });
+        }
+        let constraints = cost.constrained().map_or(0, |c| c.constraints(problem.horizon, problem.width()));
+        let (rows, samples) = (problem.keys.len(), self.descent.samples);
+        let all = (rows * samples).checked_mul(constraints).filter(|&all| all <= MAX_VALUES);
+        let all = all.ok_or_else(|| {
+            let reason =
+                format!("{constraints} constraints of {samples} plans of {rows} episodes are too many");
+            PlanError::setting("samples", reason)
+        })?;
+        let how = (&self.descent, self.rule(), limits);
+        let mut search = Search::begin(Self::NAME, how, problem, workspace, 2 * all + rows)?;
+        let (multipliers, extra) = std::mem::take(&mut search.extra).split_at_mut(all);
+        let (values, best_violations) = extra.split_at_mut(all);
+        for row in 0..rows {
+            let remembered = problem.remembered(row);
+            if self.persist && remembered.len() == constraints {
+                let own = multipliers[row * samples * constraints..][..samples * constraints]
+                    .chunks_exact_mut(constraints.max(1));
+                own.for_each(|multipliers| multipliers.copy_from_slice(remembered));
+            }
+        }
+        let rho = self.rho_init;
+        Run { settings: self, search, multipliers, values, best_violations, constraints, rho }
+            .solve(problem, cost, trace, plan)
+    }
+}
+
+/// Constraints and multipliers may take 1 GiB each.
+const MAX_VALUES: usize = 1 << 27;
+
+impl Lagrangian {
+    fn rule(&self) -> Rule {
+        let adam = |weight_decay| Rule::Adam { lr: self.lr, betas: [0.9, 0.999], eps: 1e-8, weight_decay };
+        match self.optimizer {
+            Optimizer::Sgd => Rule::Sgd { lr: self.lr, momentum: 0.0, nesterov: false },
+            Optimizer::Adam => adam(WeightDecay::InGradient(0.0)),
+            Optimizer::Adamw => adam(WeightDecay::Decoupled(0.01)),
+        }
+    }
+}
+
+/// A solve at work.
+struct Run<'a, 'w> {
+    settings: &'a Lagrangian,
+    search: Search<'a, 'w>,
+    /// `[B, S, C]`: λ.
+    multipliers: &'w mut [f64],
+    /// `[B, S, C]`: g, where the sequences are.
+    values: &'w mut [f64],
+    /// `[B]`: the largest g of the best plans so far.
+    best_violations: &'w mut [f64],
+    /// C.
+    constraints: usize,
+    /// ρ.
+    rho: f64,
+}
+
+impl Run<'_, '_> {
+    fn solve(
+        mut self,
+        problem: &Problem<'_>,
+        cost: &mut dyn Cost,
+        trace: &mut dyn Trace,
+        plan: &mut Plan,
+    ) -> Result<(), PlanError> {
+        let Lagrangian { descent, rounds, rho_scale, rho_max, persist, .. } = self.settings;
+        self.search.open(trace, plan);
+        plan.iterations.fill((rounds * descent.iterations) as u32);
+        for round in 0..*rounds {
+            self.search.restart();
+            for step in 0..descent.iterations {
+                let iteration = round * descent.iterations + step;
+                self.evaluate(problem, cost, true)?;
+                self.screen(iteration, true, plan)?;
+                if descent.track_best {
+                    self.remember(problem);
+                }
+                self.search.show(iteration, trace);
+                self.search.step(step + 1, iteration);
+            }
+            self.evaluate(problem, cost, false)?;
+            self.screen((round + 1) * descent.iterations, false, plan)?;
+            self.raise_multipliers();
+            self.rho = (self.rho * rho_scale).min(*rho_max);
+        }
+        let (size, count) = (problem.plan_size(), self.constraints);
+        for (row, actions) in plan.actions.chunks_exact_mut(size).enumerate() {
+            let index = row * descent.samples + self.cheapest_feasible(row);
+            let found = (self.search.costs[index], self.violation(index));
+            let best = (self.search.best_costs[row], self.best_violations[row]);
+            let (point, (cost, violation)) = if descent.track_best && self.is_better(best, found) {
+                (&self.search.best[row * size..][..size], best)
+            } else {
+                (&self.search.points[index * size..][..size], found)
+            };
+            actions.copy_from_slice(point);
+            plan.cost_of_returned[row] = cost;
+            plan.elite_mean_last[row] = cost;
+            plan.violation[row] = violation;
+            if *persist {
+                plan.memory[row].extend_from_slice(&self.multipliers[index * count..][..count]);
+            }
+        }
+        trace.end(problem, plan);
+        Ok(())
+    }
+
+    /// Costs and constraints where the sequences are and, if wanted, the gradient of what is minimised.
+    fn evaluate(
+        &mut self,
+        problem: &Problem<'_>,
+        cost: &mut dyn Cost,
+        with_gradient: bool,
+    ) -> Result<(), PlanError> {
+        let Self { settings, search, multipliers, values, constraints, rho, .. } = self;
+        let (count, rho, form) = (*constraints, *rho, settings.form);
+        let candidates = problem.candidates(search.points, settings.descent.samples);
+        let (costs, gradient) = (&mut *search.costs, &mut *search.gradient);
+        let Some(constrained) = cost.constrained().filter(|_| count > 0) else {
+            let cost = cost.differentiable().ok_or(PlanError::NoGradient { solver: Lagrangian::NAME })?;
+            return match with_gradient {
+                true => cost.evaluate_with_gradient(&candidates, costs, gradient),
+                false => cost.evaluate(&candidates, costs),
+            };
+        };
+        if !with_gradient {
+            return constrained.evaluate_constrained(&candidates, costs, values);
+        }
+        let multipliers = &**multipliers;
+        let weigh = |index: usize, values: &[f64], weights: &mut [f64]| {
+            let multipliers = &multipliers[index * count..][..count];
+            for ((weight, value), multiplier) in weights.iter_mut().zip(values).zip(multipliers) {
+                *weight = match form {
+                    Form::Standard => (multiplier + rho * value).max(0.0),
+                    Form::Reference => multiplier + 2.0 * rho * value.max(0.0),
+                };
+            }
+        };
+        constrained.evaluate_constrained_with_gradient(&candidates, &weigh, costs, values, gradient)
+    }
+
+    /// Stops sequences with a cost, constraint or gradient that is not finite.
+    fn screen(&mut self, iteration: usize, with_gradient: bool, plan: &mut Plan) -> Result<(), PlanError> {
+        let values = self.values.chunks_exact(self.constraints.max(1));
+        for (cost, values) in self.search.costs.iter_mut().zip(values) {
+            if values.iter().any(|value| !value.is_finite()) {
+                *cost = f64::NAN;
+            }
+        }
+        self.search.screen(iteration, with_gradient, &mut plan.non_finite)
+    }
+
+    /// λ becomes max(0, λ + ρ g); in the reference's form with the mean g of an episode's sequences.
+    fn raise_multipliers(&mut self) {
+        let (count, samples, rho) = (self.constraints, self.settings.descent.samples, self.rho);
+        let size = (samples * count).max(1);
+        let rows = self.multipliers.chunks_exact_mut(size).zip(self.values.chunks_exact(size));
+        for ((multipliers, values), costs) in rows.zip(self.search.costs.chunks_exact(samples)) {
+            for (index, multiplier) in multipliers.iter_mut().enumerate() {
+                let value = match self.settings.form {
+                    Form::Standard => values[index],
+                    Form::Reference => mean_of(values, index % count, costs),
+                };
+                *multiplier = (*multiplier + rho * value).max(0.0);
+            }
+        }
+    }
+
+    /// The largest constraint of sequence `index`; negative infinity without any.
+    fn violation(&self, index: usize) -> f64 {
+        let values = &self.values[index * self.constraints..][..self.constraints];
+        values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Of two plans with cost and violation, whether the first is better: of feasible ones the cheaper; a feasible one
+    /// before others; of others the less violating.
+    fn is_better(&self, (cost, violation): (f64, f64), (other_cost, other_violation): (f64, f64)) -> bool {
+        let feasible = |violation: f64| violation <= self.settings.tolerance;
+        match (cost.is_finite(), other_cost.is_finite()) {
+            (true, true) => {}
+            (usable, _) => return usable,
+        }
+        match (feasible(violation), feasible(other_violation)) {
+            (true, true) => cost < other_cost,
+            (false, false) => violation < other_violation,
+            (feasible, _) => feasible,
+        }
+    }
+
+    /// The best sequence of episode `row`, the first of equals.
+    fn cheapest_feasible(&self, row: usize) -> usize {
+        let samples = self.settings.descent.samples;
+        let of = |sample: usize| {
+            let index = row * samples + sample;
+            (self.search.costs[index], self.violation(index))
+        };
+        (0..samples).fold(0, |best, sample| if self.is_better(of(sample), of(best)) { sample } else { best })
+    }
+
+    /// Keeps the best plans so far.
+    fn remember(&mut self, problem: &Problem<'_>) {
+        let (size, samples) = (problem.plan_size(), self.settings.descent.samples);
+        for row in 0..problem.keys.len() {
+            let index = row * samples + self.cheapest_feasible(row);
+            let found = (self.search.costs[index], self.violation(index));
+            if self.is_better(found, (self.search.best_costs[row], self.best_violations[row])) {
+                (self.search.best_costs[row], self.best_violations[row]) = found;
+                self.search.best[row * size..][..size]
+                    .copy_from_slice(&self.search.points[index * size..][..size]);
+            }
+        }
+    }
+}
+
+/// The mean of constraint `constraint` of `values`, `[S, C]`, over the candidates of finite cost.
+fn mean_of(values: &[f64], constraint: usize, costs: &[f64]) -> f64 {
+    let candidates = values.chunks_exact(values.len() / costs.len()).zip(costs);
+    let (mut sum, mut count) = (0.0, 0);
+    for (values, _) in candidates.filter(|(_, cost)| cost.is_finite()) {
+        sum += values[constraint];
+        count += 1;
+    }
+    sum / f64::from(count)
+}
