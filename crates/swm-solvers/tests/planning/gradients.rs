@@ -214,7 +214,7 @@ fn categories_are_planned_as_the_reference_does_and_better() {
         let plan = on_disc(&pgd(1, select), 1);
         assert_costs("pgd", &plan, [1.28525, 1.26725, 0.91975, 1.17925]);
         for (row, golden) in golden.iter().enumerate() {
-            let chosen: Vec<usize> = plan.row(row).chunks(5).map(|group| one(group)).collect();
+            let chosen: Vec<usize> = plan.row(row).chunks(5).map(one).collect();
             assert_eq!(chosen, golden, "instance {row}");
         }
     }
