@@ -38,6 +38,12 @@ pub trait Env: Send + Sync {
     /// Returns to a saved moment, its factors and goal included.
     fn restore(&mut self, state: &EnvState) -> Result<(), EnvError>;
 
+    /// Whether the episode is cut off now, without the task having ended it: a budget that is the environment's own, such
+    /// as energy, is spent. (Limits of steps are the `World`'s.)
+    fn is_truncated(&self) -> bool {
+        false
+    }
+
     /// How far the task is from done, for planners on the true simulator: lower is better. `None` if the
     /// environment has no such measure.
     fn task_cost(&self) -> Option<f64> {
@@ -45,12 +51,12 @@ pub trait Env: Send + Sync {
     }
 }
 
-/// One step of a world with frame skip: the action is applied `times` times, or until it ends the episode. Rewards
-/// add up, and any success counts.
+/// One step of a world with frame skip: the action is applied `times` times, or until it ends the episode or the
+/// episode is cut off. Rewards add up, and any success counts.
 pub fn step_times(env: &mut dyn Env, action: Slice<'_>, times: u32) -> Result<Outcome, EnvError> {
     let mut total = env.step(action)?;
     for _ in 1..times {
-        if total.terminated {
+        if total.terminated || env.is_truncated() {
             break;
         }
         let next = env.step(action)?;

@@ -5,8 +5,9 @@
 
 pub mod pusht;
 mod settings;
+pub mod tworoom_v1;
 
 use swm_core::EnvEntry;
 
 /// All environments of this crate.
-pub const ENVS: &[EnvEntry] = &[pusht::PUSHT, pusht::PUSHT_DISCRETE];
+pub const ENVS: &[EnvEntry] = &[pusht::PUSHT, pusht::PUSHT_DISCRETE, tworoom_v1::TWO_ROOM];

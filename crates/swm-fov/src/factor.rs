@@ -147,7 +147,11 @@ impl FovSpace {
                     constraint.owner
                 );
             }
-            self.factors[owner].spec.constraint = Some(constraint.words.to_owned());
+            let words = &mut self.factors[owner].spec.constraint;
+            *words = Some(match words.take() {
+                None => constraint.words.to_owned(),
+                Some(others) => format!("{others}, and {}", constraint.words),
+            });
         }
         self.constraints = constraints;
         self

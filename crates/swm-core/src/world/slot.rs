@@ -98,8 +98,8 @@ impl Slot {
         progress.episode.step += 1;
         progress.total_reward += outcome.reward;
         progress.terminated = outcome.terminated;
-        progress.truncated =
-            !outcome.terminated && rules.max_steps.is_some_and(|max| progress.episode.step >= max);
+        let is_over = rules.max_steps.is_some_and(|max| progress.episode.step >= max);
+        progress.truncated = !outcome.terminated && (is_over || self.env.is_truncated());
         progress.success_now = outcome.success;
         if outcome.success == Some(true) {
             progress.first_success_step.get_or_insert(progress.episode.step);

@@ -5,7 +5,7 @@
 //! the remembered pairs of one part the most recent comes first. The solver takes its constraints in this order.
 
 use super::bodies::{Body, Placed};
-use super::math::{Aabb, vec2};
+use super::math::{Aabb, Vec2, vec2};
 use super::memory::PairId;
 use super::shapes::MAX_PARTS;
 use super::tree::Tree;
@@ -97,7 +97,7 @@ impl BroadPhase {
             partners: [Partners::EMPTY; MAX_LEAVES],
         };
         for leaf in 0..world.layout.leaves {
-            this.boxes[leaf] = enlarged(&placed.boxes[leaf], &Body::default());
+            this.boxes[leaf] = enlarged(&placed.boxes[leaf], Vec2::ZERO);
             this.tree.insert(leaf, &this.boxes);
             this.search(leaf, 1 << leaf, world.layout, &mut Tests::new());
         }
@@ -112,7 +112,8 @@ impl BroadPhase {
             // The order in which the reference's hash table yields them.
             let leaf = if layout.leaves <= 4 { (step + 1) % layout.leaves } else { step };
             if !self.boxes[leaf].contains(&placed.boxes[leaf]) {
-                self.boxes[leaf] = enlarged(&placed.boxes[leaf], &bodies[layout.body_of(leaf) as usize]);
+                self.boxes[leaf] =
+                    enlarged(&placed.boxes[leaf], bodies[layout.body_of(leaf) as usize].motion.linear);
                 self.tree.reinsert(leaf, &self.boxes);
                 self.forget(leaf, layout);
                 moved |= 1 << leaf;
@@ -212,9 +213,9 @@ fn leaf_test(first: usize, second: usize, layout: Layout) -> Test {
 }
 
 /// A box with room to move: a tenth of its size to all sides, more in the direction of the velocity.
-fn enlarged(tight: &Aabb, body: &Body) -> Aabb {
+pub(crate) fn enlarged(tight: &Aabb, velocity: Vec2) -> Aabb {
     let room = (tight.max - tight.min) * ENLARGEMENT;
-    let ahead = body.motion.linear * ENLARGEMENT;
+    let ahead = velocity * ENLARGEMENT;
     Aabb {
         min: tight.min + vec2(ahead.x.min(-room.x), ahead.y.min(-room.y)),
         max: tight.max + vec2(ahead.x.max(room.x), ahead.y.max(room.y)),

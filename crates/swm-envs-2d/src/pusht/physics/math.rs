@@ -9,37 +9,37 @@ use std::ops::{Add, Mul, Neg, Sub};
 
 /// A vector in the plane: x to the right, y down, in pixels unless stated otherwise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(in crate::pusht) struct Vec2 {
-    pub(in crate::pusht) x: f64,
-    pub(in crate::pusht) y: f64,
+pub(crate) struct Vec2 {
+    pub(crate) x: f64,
+    pub(crate) y: f64,
 }
 
 /// Short for [`Vec2`] from its two components.
-pub(in crate::pusht) const fn vec2(x: f64, y: f64) -> Vec2 {
+pub(crate) const fn vec2(x: f64, y: f64) -> Vec2 {
     Vec2 { x, y }
 }
 
 impl Vec2 {
-    pub(in crate::pusht) const ZERO: Vec2 = vec2(0.0, 0.0);
+    pub(crate) const ZERO: Vec2 = vec2(0.0, 0.0);
 
-    pub(in crate::pusht) fn dot(self, other: Vec2) -> f64 {
+    pub(crate) fn dot(self, other: Vec2) -> f64 {
         self.x * other.x + self.y * other.y
     }
 
     /// The z component of the cross product.
-    pub(in crate::pusht) fn cross(self, other: Vec2) -> f64 {
+    pub(crate) fn cross(self, other: Vec2) -> f64 {
         self.x * other.y - self.y * other.x
     }
 
-    pub(in crate::pusht) fn norm(self) -> f64 {
+    pub(crate) fn norm(self) -> f64 {
         self.dot(self).sqrt()
     }
 
-    pub(in crate::pusht) fn is_finite(self) -> bool {
+    pub(crate) fn is_finite(self) -> bool {
         self.x.is_finite() && self.y.is_finite()
     }
 
-    pub(in crate::pusht) fn to_array(self) -> [f64; 2] {
+    pub(crate) fn to_array(self) -> [f64; 2] {
         [self.x, self.y]
     }
 }
@@ -80,67 +80,67 @@ impl Mul<f64> for Vec2 {
 
 /// A rotation by an angle; turns body coordinates into world coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::pusht) struct Rotation {
-    pub(in crate::pusht) cos: f64,
-    pub(in crate::pusht) sin: f64,
+pub(crate) struct Rotation {
+    pub(crate) cos: f64,
+    pub(crate) sin: f64,
 }
 
 impl Rotation {
-    pub(in crate::pusht) fn new(angle_rad: f64) -> Rotation {
+    pub(crate) fn new(angle_rad: f64) -> Rotation {
         let (sin, cos) = sin_cos(angle_rad);
         Rotation { cos, sin }
     }
 
-    pub(in crate::pusht) fn world_from_body(self, q: Vec2) -> Vec2 {
+    pub(crate) fn world_from_body(self, q: Vec2) -> Vec2 {
         vec2(self.cos * q.x - self.sin * q.y, self.sin * q.x + self.cos * q.y)
     }
 
-    pub(in crate::pusht) fn body_from_world(self, q: Vec2) -> Vec2 {
+    pub(crate) fn body_from_world(self, q: Vec2) -> Vec2 {
         vec2(self.cos * q.x + self.sin * q.y, self.cos * q.y - self.sin * q.x)
     }
 }
 
 /// A box with sides along the axes; its border belongs to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Aabb {
-    pub(super) min: Vec2,
-    pub(super) max: Vec2,
+pub(crate) struct Aabb {
+    pub(crate) min: Vec2,
+    pub(crate) max: Vec2,
 }
 
 impl Aabb {
     /// The box around `center` that reaches `half` to each side.
-    pub(super) fn around(center: Vec2, half: Vec2) -> Aabb {
+    pub(crate) fn around(center: Vec2, half: Vec2) -> Aabb {
         Aabb { min: center - half, max: center + half }
     }
 
     /// True if the boxes share a point. A box with a NaN shares none.
-    pub(super) fn intersects(&self, other: &Aabb) -> bool {
+    pub(crate) fn intersects(&self, other: &Aabb) -> bool {
         (self.min.x <= other.max.x)
             & (other.min.x <= self.max.x)
             & (self.min.y <= other.max.y)
             & (other.min.y <= self.max.y)
     }
 
-    pub(super) fn contains(&self, other: &Aabb) -> bool {
+    pub(crate) fn contains(&self, other: &Aabb) -> bool {
         (self.min.x <= other.min.x)
             & (other.max.x <= self.max.x)
             & (self.min.y <= other.min.y)
             & (other.max.y <= self.max.y)
     }
 
-    pub(super) fn union(&self, other: &Aabb) -> Aabb {
+    pub(crate) fn union(&self, other: &Aabb) -> Aabb {
         Aabb {
             min: vec2(self.min.x.min(other.min.x), self.min.y.min(other.min.y)),
             max: vec2(self.max.x.max(other.max.x), self.max.y.max(other.max.y)),
         }
     }
 
-    pub(super) fn area(&self) -> f64 {
+    pub(crate) fn area(&self) -> f64 {
         (self.max.x - self.min.x) * (self.max.y - self.min.y)
     }
 
     /// How far apart the centres of two boxes are: twice the distance in the 1-norm.
-    pub(super) fn proximity(&self, other: &Aabb) -> f64 {
+    pub(crate) fn proximity(&self, other: &Aabb) -> f64 {
         ((self.min.x + self.max.x) - (other.min.x + other.max.x)).abs()
             + ((self.min.y + self.max.y) - (other.min.y + other.max.y)).abs()
     }

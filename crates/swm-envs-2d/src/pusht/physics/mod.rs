@@ -43,10 +43,13 @@ mod world;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use broad_phase::enlarged;
 pub use controller::{ActionMode, ActionScalar};
-pub(super) use math::{Rotation, Vec2, vec2};
+pub(crate) use math::{Aabb, Rotation, Vec2, vec2};
 pub use shapes::{MAX_PARTS, Rectangle, Shape};
 pub use sim::{Contact, Placement, SUBSTEPS, Sim, State, contact_count};
+pub(crate) use solver::{ALLOWED_OVERLAP, OVERLAP_REMOVED};
+pub(crate) use tree::prefers_second;
 pub use world::{
     BodyId, BodySetup, MAX_SCALE, PhysicsError, SUBSTEP_SECONDS, Setup, WALL_RADIUS, WALL_SEGMENTS, Wall,
 };

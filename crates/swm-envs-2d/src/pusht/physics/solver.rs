@@ -17,9 +17,9 @@ use super::world::{BodyFacts, BodyId, SUBSTEP_SECONDS};
 /// Gauss-Seidel sweeps per substep.
 const SWEEPS: usize = 10;
 /// Overlap that is left alone, pixels: 0.1 in single precision.
-const ALLOWED_OVERLAP: f64 = 0.1_f32 as f64;
+pub(crate) const ALLOWED_OVERLAP: f64 = 0.1_f32 as f64;
 /// Fraction of the excess overlap that one substep removes: `1 - ((f32 0.9)^60)^0.01`.
-const OVERLAP_REMOVED: f64 = 0.061_259_621_561_307_376;
+pub(crate) const OVERLAP_REMOVED: f64 = 0.061_259_621_561_307_376;
 /// Most contacts that are solved in the space of impulses.
 const MOST_DENSE: usize = 8;
 /// Most contacts at all: two per pair.

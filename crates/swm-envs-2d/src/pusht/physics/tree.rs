@@ -26,6 +26,17 @@ pub(super) struct Tree {
     len: u8,
 }
 
+/// Whether a newcomer goes below the second of two children: where the boxes grow less, else where it is nearer.
+pub(crate) fn prefers_second(first: &Aabb, second: &Aabb, newcomer: &Aabb) -> bool {
+    let cost_first = second.area() + first.union(newcomer).area();
+    let cost_second = first.area() + second.union(newcomer).area();
+    if cost_first == cost_second {
+        second.proximity(newcomer) < first.proximity(newcomer)
+    } else {
+        cost_second < cost_first
+    }
+}
+
 /// A list of leaves.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Leaves {
@@ -88,14 +99,7 @@ impl Tree {
         let mut node = self.root;
         while let Some([first, second]) = self.inner_children(node) {
             let (box_first, box_second) = (self.box_of(first, boxes), self.box_of(second, boxes));
-            let cost_first = box_second.area() + box_first.union(own).area();
-            let cost_second = box_first.area() + box_second.union(own).area();
-            let go_second = if cost_first == cost_second {
-                box_second.proximity(own) < box_first.proximity(own)
-            } else {
-                cost_second < cost_first
-            };
-            node = if go_second { second } else { first };
+            node = if prefers_second(&box_first, &box_second, own) { second } else { first };
         }
         self.replace(node, inner);
         // The newcomer goes first.

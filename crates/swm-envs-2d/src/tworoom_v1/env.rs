@@ -1,0 +1,339 @@
+//! `swm/TwoRoom-v1` as an environment: reset, step, observation, saved states.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use swm_core::env::{PIXELS, ResetOptions};
+use swm_core::{
+    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, RowsMut, Slice,
+    Space, Value,
+};
+use swm_fov::{Fov, FovSpace, SavedFov};
+use swm_render::{Geometry, Renderer};
+
+use super::drawing::Look;
+use super::factors::{factors_with, position, radius, setup};
+use super::goal::{Overlap, task_cost};
+use super::physics::{Sim, State, Vec2, contact_count};
+use super::settings::Settings;
+
+// Field indices, in the order of `fields`.
+const STATE: usize = 0;
+const PROPRIO: usize = 1;
+const POS_AGENT: usize = 2;
+const POS_GOAL: usize = 3;
+const N_CONTACTS: usize = 4;
+const ENERGY: usize = 5;
+const FRACTION_OF_GOAL: usize = 6;
+const FRACTION_OF_AGENT: usize = 7;
+const GOAL_POS: usize = 8;
+const GOAL_POS_AGENT: usize = 9;
+const MAX_ENERGY: usize = 10;
+const FACTORS: usize = 11;
+
+/// Reward of a step that ends at the goal, and of any other.
+const REWARDS: [f64; 2] = [1.0, -0.01];
+
+/// Steer a disc through the door of a wall to a goal in the other room. See the crate's documentation.
+pub struct TwoRoom {
+    spec: EnvSpec,
+    settings: Settings,
+    space: FovSpace,
+    fov: Fov,
+    sim: Sim,
+    goal: Vec2,
+    moment: Moment,
+    picture: Option<Picture>,
+}
+
+/// What else changes in an episode.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+struct Moment {
+    energy: i64,
+    /// Contact points counted since the last observation.
+    contact_points: u32,
+    /// No action has been taken: the reference reports no overlap then.
+    is_start: bool,
+}
+
+/// What is needed to draw.
+struct Picture {
+    renderer: Renderer,
+    look: Look,
+    goal: Vec<u8>,
+    /// The goal picture belongs to an earlier episode.
+    goal_is_stale: bool,
+}
+
+/// A saved moment.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    fov: SavedFov,
+    goal: [f64; 2],
+    moment: Moment,
+    sim: State,
+}
+
+impl TwoRoom {
+    /// Makes the environment `id`.
+    pub fn new(id: &str, config: &EnvConfig) -> Result<Self, EnvError> {
+        let settings: Settings = config.parse_settings(id)?;
+        let space = factors_with(id, &settings.init_value)?;
+        let fov = space.defaults();
+        let sim = Sim::new(setup(&fov, &settings), position(&fov, "agent"));
+        let picture = config
+            .image
+            .map(|size| Picture::new(size, &settings, Look::new(&fov, &sim.setup().plan)))
+            .transpose()
+            .map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
+        Ok(Self {
+            spec: spec(id, config.image, &space),
+            settings,
+            goal: position(&fov, "goal"),
+            fov,
+            space,
+            sim,
+            moment: Moment::default(),
+            picture,
+        })
+    }
+
+    fn reset_error(&self, reason: impl Into<String>) -> EnvError {
+        EnvError::Reset { env: self.spec.id.clone(), reason: reason.into() }
+    }
+
+    /// Some finite numbers of a recorded row.
+    fn recorded<const N: usize>(
+        &self,
+        row: &BTreeMap<String, Value>,
+        column: &str,
+    ) -> Result<Option<[f64; N]>, EnvError> {
+        let Some(value) = row.get(column) else { return Ok(None) };
+        let numbers = value.cast(column, Dtype::F64, &[N])?.numbers(column)?;
+        if numbers.iter().any(|number| !number.is_finite()) {
+            return Err(self.reset_error(format!("the recorded `{column}` is not finite")));
+        }
+        Ok(numbers.try_into().ok())
+    }
+
+    /// The recorded place of the agent: `pos_agent`, or the first two numbers of `state`.
+    fn recorded_agent(&self, row: &BTreeMap<String, Value>) -> Result<Option<Vec2>, EnvError> {
+        if let Some(place) = self.recorded::<2>(row, "pos_agent")? {
+            return Ok(Some(place.into()));
+        }
+        Ok(self.recorded::<6>(row, "state")?.map(|[x, y, ..]| [x, y].into()))
+    }
+
+    /// The reference's order: agent at the goal and one substep, then at its start and one substep. What the goal leaves
+    /// in contacts acts in the second. A recorded start is taken over exactly instead.
+    fn place(&mut self, options: &ResetOptions) -> Result<(), EnvError> {
+        let start = position(&self.fov, "agent");
+        self.goal = position(&self.fov, "goal");
+        self.sim = Sim::new(setup(&self.fov, &self.settings), start);
+        let max_energy = self.fov.i64("agent.max_energy");
+        self.moment = Moment { energy: max_energy, contact_points: 0, is_start: true };
+        let recorded = match &options.start {
+            None => None,
+            Some(row) => {
+                let state = self.recorded::<6>(row, "state")?;
+                let agent = self.recorded_agent(row)?.ok_or_else(|| {
+                    self.reset_error("a recorded start needs the column `state` or `pos_agent`")
+                })?;
+                if let Some([_, _, x, y, energy, _]) = state {
+                    self.goal = [x, y].into();
+                    self.moment.energy = (energy as i64).clamp(0, max_energy);
+                }
+                Some(agent)
+            }
+        };
+        if let Some(row) = &options.goal {
+            self.goal = self
+                .recorded_agent(row)?
+                .ok_or_else(|| self.reset_error("a recorded goal needs the column `pos_agent` or `state`"))?;
+        }
+        if let Some(agent) = recorded {
+            self.moment.contact_points = self.sim.place_exactly(agent);
+            return Ok(());
+        }
+        for place in [self.goal, start] {
+            self.sim.place(place);
+            self.moment.contact_points += self.sim.settle();
+        }
+        Ok(())
+    }
+
+    fn overlap(&self) -> Overlap {
+        let radius = |who| radius(&self.fov, who);
+        let (agent, goal) = (self.sim.position().to_array(), self.goal.to_array());
+        Overlap::new(agent, self.sim.setup().radius, goal, radius("goal"))
+    }
+
+    fn outcome(&self) -> Outcome {
+        let success = self.overlap().is_success();
+        Outcome { reward: REWARDS[usize::from(!success)], terminated: success, success: Some(success) }
+    }
+
+    fn refresh_look(&mut self) {
+        if let Some(picture) = &mut self.picture {
+            picture.look = Look::new(&self.fov, &self.sim.setup().plan);
+            picture.refresh();
+        }
+    }
+}
+
+impl Env for TwoRoom {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+        self.fov = self.space.draw(&self.spec.id, episode)?;
+        self.place(episode.options)?;
+        self.refresh_look();
+        Ok(Outcome { reward: f64::NAN, terminated: false, ..self.outcome() })
+    }
+
+    fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
+        let diverged = |reason| EnvError::Diverged { env: self.spec.id.clone(), reason };
+        let Slice::F32(&[x, y]) = action else {
+            return Err(diverged(format!("{} values of {} are no action", action.len(), action.dtype())));
+        };
+        let contact_points = self.sim.control_step([x, y]);
+        if !self.sim.position().is_finite() {
+            return Err(diverged(format!("the agent's place is not finite after the action {:?}", [x, y])));
+        }
+        self.moment = Moment { energy: self.moment.energy - 1, contact_points, is_start: false };
+        Ok(self.outcome())
+    }
+
+    fn is_truncated(&self) -> bool {
+        self.moment.energy <= 0
+    }
+
+    fn write_episode(&mut self, out: &mut RowsMut<'_>) {
+        let goal: [f32; 2] = self.fov.vector("goal.position");
+        out.write(GOAL_POS, &goal);
+        out.write(GOAL_POS_AGENT, &self.goal.to_array());
+        out.write(MAX_ENERGY, &[self.fov.i64("agent.max_energy")]);
+        self.fov.write(FACTORS, out);
+        if let Some(picture) = &mut self.picture {
+            if picture.goal_is_stale {
+                picture.draw_goal(self.goal);
+            }
+            out.write(self.spec.fields.len() - 1, &picture.goal);
+        }
+    }
+
+    fn observe(&mut self, out: &mut RowsMut<'_>) {
+        let ([x, y], [gx, gy]) = (self.sim.position().to_array(), self.goal.to_array());
+        let Moment { energy, contact_points, is_start } = self.moment;
+        let overlap = if is_start { Overlap::default() } else { self.overlap() };
+        out.write(STATE, &[x, y, gx, gy, energy as f64, f64::from(self.sim.setup().speed)]);
+        out.write(PROPRIO, &[x, y]);
+        out.write(POS_AGENT, &[x, y]);
+        out.write(POS_GOAL, &[gx, gy]);
+        out.write(N_CONTACTS, &[contact_count(contact_points)]);
+        out.write(ENERGY, &[energy]);
+        out.write(FRACTION_OF_GOAL, &[overlap.of_goal]);
+        out.write(FRACTION_OF_AGENT, &[overlap.of_agent]);
+        if let Some(picture) = &mut self.picture {
+            picture.draw(self.sim.position(), self.goal, out.at(self.spec.fields.len() - 2));
+        }
+    }
+
+    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
+        let saved = Saved {
+            fov: self.fov.save(),
+            goal: self.goal.to_array(),
+            moment: self.moment,
+            sim: self.sim.state(),
+        };
+        state.store(&self.spec.id, &saved)
+    }
+
+    fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
+        let saved: Saved = state.load(&self.spec.id)?;
+        let foreign = |reason: String| EnvError::State { env: self.spec.id.clone(), reason };
+        let fov = self.space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
+        let mut sim = if fov == self.fov {
+            self.sim.clone()
+        } else {
+            Sim::new(setup(&fov, &self.settings), position(&fov, "agent"))
+        };
+        let goal = Vec2::from(saved.goal);
+        if !sim.restore(saved.sim) || !goal.is_finite() {
+            return Err(foreign("it holds numbers that are not finite".to_owned()));
+        }
+        let same_world = fov == self.fov && goal == self.goal;
+        (self.fov, self.sim, self.goal, self.moment) = (fov, sim, goal, saved.moment);
+        if !same_world {
+            self.refresh_look();
+        }
+        Ok(())
+    }
+
+    fn task_cost(&self) -> Option<f64> {
+        Some(task_cost(&self.sim, self.goal))
+    }
+}
+
+impl Picture {
+    fn new(size: ImageSize, settings: &Settings, look: Look) -> Result<Self, String> {
+        let geometry = Geometry::new(size.height, size.width);
+        let renderer = Renderer::new(settings.render.into(), geometry).map_err(|error| error.to_string())?;
+        let mut picture = Self { renderer, look, goal: vec![0; geometry.frame_len()], goal_is_stale: true };
+        picture.refresh();
+        Ok(picture)
+    }
+
+    /// Another episode has begun.
+    fn refresh(&mut self) {
+        let look = &self.look;
+        self.renderer.set_background(|painter| look.draw_background(painter));
+        self.goal_is_stale = true;
+    }
+
+    fn draw(&mut self, agent: Vec2, goal: Vec2, out: &mut [u8]) {
+        let look = &self.look;
+        let drawn = self.renderer.render(out, |painter| look.draw(agent, goal, painter));
+        drawn.expect("the pixel field has the renderer's size");
+    }
+
+    fn draw_goal(&mut self, goal: Vec2) {
+        let mut pixels = std::mem::take(&mut self.goal);
+        self.draw(goal, goal, &mut pixels);
+        self.goal = pixels;
+        self.goal_is_stale = false;
+    }
+}
+
+fn spec(id: &str, image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
+    let step = |name: &str, shape: &[usize]| Field::step(name, Dtype::F64, shape);
+    let mut fields = vec![
+        step("state", &[6]),
+        step("proprio", &[2]),
+        step("pos_agent", &[2]),
+        step("pos_goal", &[2]),
+        Field::step("n_contacts", Dtype::I64, &[]),
+        Field::step("energy", Dtype::I64, &[]),
+        step("fraction_of_goal", &[]),
+        step("fraction_of_agent", &[]),
+        Field::episode("goal_pos", Dtype::F32, &[2]),
+        Field::episode("goal_pos_agent", Dtype::F64, &[2]),
+        Field::episode("max_energy", Dtype::I64, &[]),
+    ];
+    fields.extend(space.fields());
+    if let Some(size) = image {
+        fields.push(size.field(PIXELS));
+        fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
+    }
+    EnvSpec {
+        id: id.to_owned(),
+        action: Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0),
+        fields,
+        factors: space.specs(),
+        time_step_s: 0.1,
+        start_columns: &["state", "pos_agent"],
+        goal_columns: &["pos_agent"],
+    }
+}

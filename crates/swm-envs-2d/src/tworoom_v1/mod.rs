@@ -1,0 +1,30 @@
+//! TwoRoom, the paper's version: a disc goes through the door of a wall to a goal in the other room.
+//!
+//! Observation, factors, goal and reward are the reference's; where it has faults, the page of the environment says
+//! what is kept for parity and what is mended.
+
+mod drawing;
+mod env;
+mod expert;
+mod factors;
+mod goal;
+mod physics;
+mod settings;
+
+#[cfg(test)]
+mod tests;
+
+use swm_core::EnvEntry;
+
+pub use env::TwoRoom;
+pub use factors::factors;
+pub use goal::Overlap;
+
+/// `swm/TwoRoom-v1`.
+pub const TWO_ROOM: EnvEntry = EnvEntry {
+    id: "swm/TwoRoom-v1",
+    summary: "steer a disc through the door of a wall to a goal in the other room, before its energy is spent",
+    settings: settings::SETTINGS,
+    policies: &[expert::EXPERT, expert::NOISY_EXPERT],
+    make: |config| Ok(Box::new(TwoRoom::new(TWO_ROOM.id, config)?)),
+};

@@ -1,0 +1,343 @@
+//! Recordings of the reference: trajectories, pictures, the expert; and requests that cannot be met.
+
+use std::fs::File;
+
+use ndarray::{Array1, Array2};
+use ndarray_npy::NpzReader;
+use swm_core::{
+    Batch, Env as _, EnvConfig, EnvEntry, Episode, EpisodeSeed, ImageSize, PolicyArgs, PolicyContext,
+    Registry, ResetOptions, Rollout, Scenario, Schema, Slice, Value, World, WorldOptions,
+};
+
+use super::{TWO_ROOM, TwoRoom};
+
+/// Positions follow the reference to this, pixels.
+const PIXELS: f64 = 1e-9;
+
+fn golden(path: &str) -> NpzReader<File> {
+    let path = format!("{}/../../tests/golden/{path}", env!("CARGO_MANIFEST_DIR"));
+    NpzReader::new(File::open(&path).expect(&path)).unwrap()
+}
+
+fn env(config: &EnvConfig) -> (TwoRoom, Batch) {
+    let env = TwoRoom::new(TWO_ROOM.id, config).unwrap();
+    let row = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);
+    (env, row)
+}
+
+fn reset(env: &mut TwoRoom, options: &ResetOptions) -> Result<(), String> {
+    let episode = Episode { seed: EpisodeSeed::new(0), options };
+    env.reset(&episode).map(|_| ()).map_err(|error| error.to_string())
+}
+
+fn numbers<const N: usize>(env: &mut TwoRoom, row: &mut Batch, column: &str) -> [f64; N] {
+    env.observe(&mut row.rows_mut());
+    let values: &[f64] = row.row(0).get(column).unwrap();
+    values.try_into().unwrap()
+}
+
+fn fixed(values: &[(&str, Value)]) -> ResetOptions {
+    values
+        .iter()
+        .fold(ResetOptions::default().vary(&[]), |options, (name, value)| options.fix(name, value.clone()))
+}
+
+/// The recorded factors of a trajectory with one factor set, as reset options.
+fn recorded_options(npz: &mut NpzReader<File>) -> ResetOptions {
+    let meta: Array1<u8> = npz.by_name("meta").unwrap();
+    let meta: serde_json::Value = serde_json::from_slice(&meta.to_vec()).unwrap();
+    let mut options = ResetOptions::default().vary(&[]);
+    if let Some(values) = meta["options"]["variation_values"].as_object() {
+        for (name, json) in values {
+            options.variation_values.insert(name.clone(), Value::from_json(name, json).unwrap());
+        }
+    }
+    options
+}
+
+#[test]
+fn trajectories_with_known_factors_follow_the_reference() {
+    let names = [
+        "default",
+        "agent.position",
+        "agent.speed",
+        "door.position",
+        "door3",
+        "goal.radius",
+        "wall.thickness",
+    ];
+    let mut touches = 0;
+    for name in names {
+        let mut npz = golden(&format!("trajectories/TwoRoom__{name}.npz"));
+        let options = recorded_options(&mut npz);
+        let (mut env, mut row) = env(&EnvConfig::default());
+        reset(&mut env, &options).unwrap();
+        let actions: Array2<f32> = npz.by_name("actions").unwrap();
+        let states: Array2<f64> = npz.by_name("obs_state").unwrap();
+        let contacts: Array1<f64> = npz.by_name("info_n_contacts").unwrap();
+        let rewards: Array1<f64> = npz.by_name("reward").unwrap();
+        for step in 0..=actions.nrows() {
+            let state: [f64; 6] = numbers(&mut env, &mut row, "state");
+            for (column, (ours, theirs)) in state.iter().zip(states.row(step)).enumerate() {
+                assert!(
+                    (ours - theirs).abs() < PIXELS,
+                    "{name}, step {step}, {column}: {ours}, not {theirs}"
+                );
+            }
+            let count: &[i64] = row.row(0).get("n_contacts").unwrap();
+            assert_eq!(count[0] as f64, contacts[step], "{name}, step {step}: contacts");
+            touches += count[0];
+            if step < actions.nrows() {
+                let outcome = env.step(Slice::F32(actions.row(step).as_slice().unwrap())).unwrap();
+                assert_eq!(outcome.reward, rewards[step], "{name}, step {step}: reward");
+            }
+        }
+    }
+    assert!(touches > 20, "only {touches} contacts");
+}
+
+/// A decoded picture: height, width, `[H, W, 3]`.
+fn picture(npz: &mut NpzReader<File>, name: &str) -> (usize, usize, Vec<u8>) {
+    let bytes: Array1<u8> = npz.by_name(name).unwrap();
+    let mut reader = png::Decoder::new(std::io::Cursor::new(bytes.to_vec())).read_info().unwrap();
+    let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut rgb).unwrap();
+    assert_eq!(info.color_type, png::ColorType::Rgb);
+    (info.height as usize, info.width as usize, rgb)
+}
+
+#[test]
+fn pictures_of_every_size_are_the_references() {
+    for seed in 0..2 {
+        let mut npz = golden(&format!("render/image/TwoRoom_resize_seed{seed}.npz"));
+        let json: Array1<u8> = npz.by_name("variation_json").unwrap();
+        let factors: serde_json::Map<String, serde_json::Value> =
+            serde_json::from_slice(&json.to_vec()).unwrap();
+        let mut options = ResetOptions::default().vary(&[]);
+        for (name, json) in factors {
+            options.variation_values.insert(name.clone(), Value::from_json(&name, &json).unwrap());
+        }
+        for size in ["32", "64", "84", "96", "128", "224", "256", "48x64_hw"] {
+            let name =
+                if size == "224" { "render224_png".into() } else { format!("pil_bilinear_{size}_png") };
+            let (height, width, theirs) = picture(&mut npz, &name);
+            let image = Some(ImageSize { height, width });
+            let (mut env, mut row) = env(&EnvConfig { image, ..EnvConfig::default() });
+            reset(&mut env, &options).unwrap();
+            env.observe(&mut row.rows_mut());
+            let ours: &[u8] = row.row(0).get("pixels").unwrap();
+            let unequal = ours.chunks(3).zip(theirs.chunks(3)).filter(|(a, b)| a != b).count();
+            assert_eq!(unequal, 0, "seed {seed}, {size}: pixels differ");
+        }
+    }
+}
+
+#[test]
+fn pictures_of_trajectories_are_the_references() {
+    let names = [
+        "agent.color",
+        "agent.position",
+        "agent.speed",
+        "default",
+        "door.color",
+        "door.position",
+        "door3",
+        "goal.color",
+        "goal.radius",
+        "wall.border_color",
+        "wall.thickness",
+    ];
+    for name in names {
+        let mut npz = golden(&format!("trajectories/TwoRoom__{name}.npz"));
+        let options = recorded_options(&mut npz);
+        let image = Some(ImageSize { height: 224, width: 224 });
+        let (mut env, mut row) = env(&EnvConfig { image, ..EnvConfig::default() });
+        reset(&mut env, &options).unwrap();
+        env.write_episode(&mut row.rows_mut());
+        let actions: Array2<f32> = npz.by_name("actions").unwrap();
+        let differ = |row: &Batch, column: &str, theirs: &[u8]| {
+            let ours: &[u8] = row.row(0).get(column).unwrap();
+            ours.chunks(3).zip(theirs.chunks(3)).filter(|(a, b)| a != b).count()
+        };
+        assert_eq!(differ(&row, "goal", &picture(&mut npz, "goal_png").2), 0, "{name}: goal");
+        for step in 0..=actions.nrows() {
+            if let Ok(bytes) = npz.by_name::<ndarray::OwnedRepr<u8>, ndarray::Ix1>(&format!("img_{step}_png"))
+            {
+                drop(bytes);
+                env.observe(&mut row.rows_mut());
+                let (.., theirs) = picture(&mut npz, &format!("img_{step}_png"));
+                assert_eq!(differ(&row, "pixels", &theirs), 0, "{name}: step {step}");
+            }
+            if step < actions.nrows() {
+                env.step(Slice::F32(actions.row(step).as_slice().unwrap())).unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn fast_pictures_are_close_to_exact_ones() {
+    for side in [64, 96, 224] {
+        let image = Some(ImageSize { height: side, width: side });
+        let options = ResetOptions::default().vary(&["all"]);
+        let frames = ["exact", "fast"].map(|style| {
+            let settings = serde_json::Map::from_iter([("render".to_owned(), style.into())]);
+            let (mut env, mut row) = env(&EnvConfig { image, settings });
+            reset(&mut env, &options).unwrap();
+            env.observe(&mut row.rows_mut());
+            row.row(0).get::<u8>("pixels").unwrap().to_vec()
+        });
+        let total: u64 = frames[0].iter().zip(&frames[1]).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
+        let mean = total as f64 / frames[0].len() as f64;
+        assert!(mean < 3.0, "{side}: mean difference {mean} of 255");
+    }
+}
+
+#[test]
+fn constraints_that_cannot_be_met_say_which_and_why() {
+    let (mut env, _) = env(&EnvConfig::default());
+    let narrow = fixed(&[
+        ("agent.radius", Value::vector(&[30.0f32])),
+        ("door.number", Value::scalar(2i64)),
+        ("door.size", Value::vector(&[74i64, 10, 99])),
+    ]);
+    let message = reset(&mut env, &narrow).unwrap_err();
+    for part in
+        ["`door.size`", "2.5 times agent.radius", "agent.radius = [30.0]", "door.number = 2", "[74,10,99]"]
+    {
+        assert!(message.contains(part), "{part} is missing: {message}");
+    }
+    // The default doors fit a radius of 30, but not where the first of them is made shorter.
+    let drawn =
+        ResetOptions::default().vary(&["agent.radius"]).fix("door.size", Value::vector(&[36i64, 99, 99]));
+    let message = reset(&mut env, &drawn).unwrap_err();
+    assert!(message.contains("`door.size`") && message.contains("agent.radius"), "{message}");
+
+    let same_side = fixed(&[("agent.position", Value::vector(&[400.0f32, 100.0]))]);
+    let message = reset(&mut env, &same_side).unwrap_err();
+    for part in
+        ["`goal.position`", "other side of the wall", "draw or set it too", "agent.position = [400.0,100.0]"]
+    {
+        assert!(message.contains(part), "{part} is missing: {message}");
+    }
+    let in_the_wall = fixed(&[("agent.position", Value::vector(&[247.0f32, 100.0]))]);
+    let message = reset(&mut env, &in_the_wall).unwrap_err();
+    assert!(message.contains("`agent.position`") && message.contains("clear of wall"), "{message}");
+}
+
+#[test]
+fn drawing_agent_position_alone_fails_about_every_other_time() {
+    let (mut env, _) = env(&EnvConfig::default());
+    let options = ResetOptions::default().vary(&["agent.position"]);
+    let failures = (0..60)
+        .filter(|&seed| env.reset(&Episode { seed: EpisodeSeed::new(seed), options: &options }).is_err())
+        .count();
+    assert!((15..45).contains(&failures), "{failures} of 60");
+    let both = ResetOptions::default().vary(&["agent.position", "goal.position"]);
+    for seed in 0..60 {
+        env.reset(&Episode { seed: EpisodeSeed::new(seed), options: &both }).unwrap();
+    }
+}
+
+#[test]
+fn energy_cuts_the_episode_off() {
+    let (mut env, mut row) = env(&EnvConfig::default());
+    reset(&mut env, &fixed(&[("agent.max_energy", Value::scalar(50i64))])).unwrap();
+    for step in 1..=50 {
+        assert!(!env.is_truncated(), "before step {step}");
+        env.step(Slice::F32(&[0.1, 0.0])).unwrap();
+    }
+    assert!(env.is_truncated());
+    assert_eq!(numbers::<6>(&mut env, &mut row, "state")[4], 0.0);
+}
+
+#[test]
+fn recorded_rows_restore_moments_and_goals() {
+    let (mut env, mut row) = env(&EnvConfig::default());
+    reset(&mut env, &ResetOptions::default()).unwrap();
+    env.write_episode(&mut row.rows_mut());
+    let mut rows = Vec::new();
+    let push = [-0.9_f32, -0.4];
+    for _ in 0..30 {
+        rows.push((numbers::<6>(&mut env, &mut row, "state"), numbers::<2>(&mut env, &mut row, "pos_agent")));
+        env.step(Slice::F32(&push)).unwrap();
+    }
+    let last: [f64; 6] = numbers(&mut env, &mut row, "state");
+    // Pressed into the border, the correction that is due is part of the moment.
+    let (state, place) = rows[20];
+    let columns = |state: [f64; 6], place: [f64; 2]| {
+        Some(
+            [("state".to_owned(), Value::vector(&state)), ("pos_agent".to_owned(), Value::vector(&place))]
+                .into(),
+        )
+    };
+    let mut variation_values = std::collections::BTreeMap::new();
+    for name in ["door.size", "door.position"] {
+        let drawn: &[i64] = row.row(0).get(&format!("variation.{name}")).unwrap();
+        variation_values.insert(name.to_owned(), Value::vector(drawn));
+    }
+    let options = ResetOptions {
+        variation: Some(Vec::new()),
+        variation_values,
+        start: columns(state, place),
+        ..ResetOptions::default()
+    };
+    reset(&mut env, &options).unwrap();
+    assert_eq!(numbers::<6>(&mut env, &mut row, "state"), state);
+    for _ in 20..30 {
+        env.step(Slice::F32(&push)).unwrap();
+    }
+    for (ours, theirs) in numbers::<6>(&mut env, &mut row, "state").iter().zip(last) {
+        assert!((ours - theirs).abs() < 1e-6, "{ours}, not {theirs}");
+    }
+    let ahead = ResetOptions { goal: columns(rows[25].0, rows[25].1), ..options };
+    reset(&mut env, &ahead).unwrap();
+    assert_eq!(numbers::<2>(&mut env, &mut row, "pos_goal"), rows[25].1);
+    let nan = ResetOptions { start: columns([f64::NAN; 6], [1.0, 1.0]), ..ResetOptions::default() };
+    assert!(reset(&mut env, &nan).unwrap_err().contains("not finite"));
+}
+
+fn success_rate(
+    policy: &str,
+    settings: &[(&str, serde_json::Value)],
+    options: &ResetOptions,
+    episodes: u64,
+) -> f64 {
+    const ENVS: &[EnvEntry] = &[TWO_ROOM];
+    let settings = settings.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
+    let config = EnvConfig { image: None, settings };
+    let context = PolicyContext { env: &TWO_ROOM, config: &config, frame_skip: 1 };
+    let policy_name = policy;
+    let policy =
+        Registry::new().with_envs(ENVS).policy(&context, &PolicyArgs::parse(policy).unwrap()).unwrap();
+    let world_options = WorldOptions {
+        num_envs: 4,
+        env: config.clone(),
+        threads: Some(1),
+        max_episode_steps: Some(200),
+        ..WorldOptions::default()
+    };
+    let mut world = World::new(&TWO_ROOM, world_options).unwrap();
+    world.set_policy(policy);
+    let rollout = Rollout { episodes: 0..episodes, seed: 42, scenario: Scenario::Same(options) };
+    let result = world.evaluate(&rollout, &mut ()).unwrap();
+    println!("{policy_name}: {} % in {:?} steps", result.success_rate, result.mean_success_steps);
+    result.success_rate / 100.0
+}
+
+#[test]
+fn the_expert_reaches_the_goal() {
+    let (default, all) = (ResetOptions::default(), ResetOptions::default().vary(&["all"]));
+    for (policy, settings, options, least) in [
+        ("expert", vec![], &default, 0.98),
+        ("noisy-expert:1.3", vec![], &default, 0.98),
+        ("expert", vec![], &all, 0.95),
+        ("noisy-expert:1.3", vec![], &all, 0.9),
+        ("expert", vec![("solid_walls", true.into())], &default, 0.98),
+        ("expert", vec![("solid_walls", true.into())], &all, 0.95),
+    ] {
+        let rate = success_rate(policy, &settings, options, 100);
+        println!("{policy} {settings:?} {rate}");
+        assert!(rate >= least, "{policy}, {settings:?}: {rate}");
+    }
+}
