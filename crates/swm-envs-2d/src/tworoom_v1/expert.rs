@@ -31,6 +31,8 @@ pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry {
 
 const STD_DOC: &str = "standard deviation of the noise on each component of the action";
 const NOISY_STD: f64 = 1.3;
+/// Rounding of actions leaves the agent this near to where it goes, pixels.
+const CLOSE_PX: f64 = 1e-3;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -87,17 +89,28 @@ impl Rooms {
     fn waypoint(&self, agent: Vec2, goal: Vec2) -> Option<Vec2> {
         let axis = self.plan.axis;
         let side = |point: Vec2| axis.split(point).0 - WALL_AT_PX;
-        if side(agent) * side(goal) >= 0.0 {
-            return Some(goal);
-        }
+        // In front of the wall and behind it, the agent is clear of it; the goal may be nearer.
+        let clear = self.plan.half_thickness + self.radius;
+        let clear_behind = clear.min(side(goal).abs());
+        let is_across = side(agent) * side(goal) < 0.0;
+        let in_a_door = |opening: &&Opening| {
+            side(agent).abs() < clear_behind - CLOSE_PX
+                && (opening.from..=opening.to).contains(&axis.split(agent).1)
+        };
         let gate = |opening: &Opening| axis.join(WALL_AT_PX, opening.middle());
         let distance = |opening: &&Opening| (gate(opening) - agent).norm();
-        let opening = self.openings.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
-        // In front of the wall and behind it, the agent just clear of it.
-        let clear = (self.plan.half_thickness + self.radius).copysign(side(goal));
-        let [before, behind] = [-clear, clear].map(|step| axis.join(WALL_AT_PX + step, opening.middle()));
+        let opening = if is_across {
+            self.openings.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))?
+        } else {
+            match self.openings.iter().find(in_a_door) {
+                Some(opening) => opening,
+                None => return Some(goal),
+            }
+        };
+        let [before, behind] = [-clear, clear_behind]
+            .map(|step| axis.join(WALL_AT_PX + step.copysign(step * side(goal)), opening.middle()));
         let open_way = [goal, behind].into_iter().find(|&target| self.is_open(opening, agent, target));
-        Some(open_way.unwrap_or(before))
+        Some(open_way.unwrap_or(if is_across { before } else { behind }))
     }
 
     /// Whether the straight way from one room to the other stays clear of the opening's edges.
