@@ -69,6 +69,11 @@ impl Factor {
         Self::new(name, Space::Discrete { n: high - low + 1, start: low }, Value::scalar(default))
     }
 
+    /// Its dotted name.
+    pub fn name(&self) -> &str {
+        &self.spec.name
+    }
+
     /// What it does, in a few words.
     #[must_use]
     pub fn doc(mut self, doc: &str) -> Self {

@@ -26,6 +26,8 @@ pub mod report;
 pub use swm_core as core;
 pub use swm_data as data;
 pub use swm_envs_2d as envs_2d;
+#[cfg(feature = "mujoco")]
+pub use swm_envs_mujoco as envs_mujoco;
 pub use swm_fov as fov;
 pub use swm_media as media;
 pub use swm_render as render;
@@ -35,5 +37,8 @@ use swm_core::Registry;
 
 /// Every environment and policy of this workspace.
 pub fn registry() -> Registry {
-    Registry::new().with_envs(swm_envs_2d::ENVS).with_policies(swm_solvers::PLANNERS)
+    let registry = Registry::new().with_envs(swm_envs_2d::ENVS);
+    #[cfg(feature = "mujoco")]
+    let registry = registry.with_envs(swm_envs_mujoco::ENVS);
+    registry.with_policies(swm_solvers::PLANNERS)
 }

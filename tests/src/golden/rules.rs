@@ -15,7 +15,7 @@ pub struct Rules {
     pub compared: &'static [(&'static str, &'static [Unit])],
     /// What is accepted at default factors, and what with any factor set.
     pub tolerance: [Tolerance; 2],
-    /// Share of pixels that must be equal.
+    /// Share of pixels that must be equal; 0: pictures are not compared.
     pub equal_pixels: f64,
     /// Step columns that hold the start, with the factor that each sets: `(array, first entry, factor)`.
     pub starts: &'static [(&'static str, usize, &'static str)],
@@ -24,6 +24,13 @@ pub struct Rules {
     pub adapt: fn(&mut Map<String, Json>) -> Vec<&'static str>,
     /// Arrays in which we differ on purpose, with the reason.
     pub expected_differences: &'static [(&'static str, &'static str)],
+}
+
+impl Rules {
+    /// Whether the recorded pictures are drawn and compared.
+    pub fn compares_pictures(&self) -> bool {
+        self.equal_pixels > 0.0
+    }
 }
 
 /// The unit of one number.
@@ -69,7 +76,41 @@ pub fn rules(reference_id: &str) -> Option<&'static Rules> {
     RULES.iter().find(|rules| rules.reference_id == reference_id)
 }
 
-const RULES: &[Rules] = &[PUSHT];
+const RULES: &[Rules] = &[PUSHT, CHEETAH];
+
+/// Where a reset places things by writing into the model: `(array of the file, row, start column)` for an environment.
+pub(super) fn placed_in_model(env_id: &str) -> &'static [(&'static str, usize, &'static str)] {
+    const PLACED: &[(&str, &[(&str, usize, &str)])] = &[];
+    PLACED.iter().find(|(id, _)| *id == env_id).map_or(&[], |(_, places)| places)
+}
+
+/// What all environments of the DeepMind Control Suite have in common: bit-equal from the recorded start on.
+const SUITE: Rules = Rules {
+    reference_id: "",
+    env_id: "",
+    settings: |_| {},
+    compared: &[],
+    tolerance: [Tolerance { px: 0.0, rad: 0.0, px_per_s: 0.0 }; 2],
+    equal_pixels: 0.0,
+    starts: &[],
+    adapt: |_| Vec::new(),
+    expected_differences: &[("info_success", "the recorded version has no success: always NaN")],
+};
+
+const CHEETAH: Rules = Rules {
+    reference_id: "swm/CheetahDMControl-v0",
+    env_id: "swm/CheetahDMControl-v0",
+    compared: &[
+        ("state_qpos", &[Unit::Given; 9]),
+        ("state_qvel", &[Unit::Given; 9]),
+        ("state_time", &[Unit::Given]),
+        ("state_qacc_warmstart", &[Unit::Given; 9]),
+        ("obs", &[Unit::Given; 17]),
+        ("info_score", &[Unit::Given]),
+        ("reward", &[Unit::Given]),
+    ],
+    ..SUITE
+};
 
 const PUSHT: Rules = Rules {
     reference_id: "swm/PushT-v1",

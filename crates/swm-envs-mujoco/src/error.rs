@@ -1,0 +1,103 @@
+//! What can go wrong with MuJoCo. Every message names the object, the reason and the way out.
+
+use std::path::PathBuf;
+
+use swm_core::EnvError;
+use swm_core::error::did_you_mean;
+use thiserror::Error;
+
+/// MuJoCo is missing, or a model or simulation is unusable.
+#[derive(Clone, Debug, Error)]
+#[non_exhaustive]
+pub enum MujocoError {
+    /// The library could not be loaded.
+    #[error(
+        "cannot load MuJoCo {}: tried {tried}; run `cargo xtask setup`, which fetches it, or set SWM_MUJOCO_LIB to the \
+         library file",
+        crate::assets::MUJOCO_VERSION
+    )]
+    NoLibrary {
+        /// Each path tried, with the reason why it failed.
+        tried: String,
+    },
+    /// The library has another version than the bindings.
+    #[error(
+        "{} is MuJoCo {found}, this program needs {}; run `cargo xtask setup`, or set SWM_MUJOCO_LIB to a library of \
+         that version",
+        .path.display(), crate::assets::MUJOCO_VERSION
+    )]
+    WrongVersion {
+        /// The library.
+        path: PathBuf,
+        /// Its version.
+        found: String,
+    },
+    /// A file of a model is missing.
+    #[error("the model {} is missing; run `cargo xtask setup`, which fetches it", .path.display())]
+    NoAsset {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A model file cannot be read, or an edited model cannot be compiled.
+    #[error("the model {model} is unusable: {reason}")]
+    Model {
+        /// File or name of the model.
+        model: String,
+        /// What MuJoCo says.
+        reason: String,
+    },
+    /// The model has no object of this name.
+    #[error("the model has no {kind} `{name}`{}", did_you_mean(.nearest.as_deref()))]
+    NoObject {
+        /// `geom`, `joint`, …
+        kind: &'static str,
+        /// The name asked for.
+        name: String,
+        /// The nearest existing one.
+        nearest: Option<String>,
+    },
+    /// An episode cannot begin.
+    #[error("no start of an episode: {0}")]
+    Start(String),
+    /// MuJoCo stopped with an error.
+    #[error("MuJoCo: {0}")]
+    Raised(String),
+    /// MuJoCo warned that the simulation means nothing any more, or lacks memory.
+    #[error("MuJoCo warned at {time_s:.3} s of the episode: {warning}")]
+    Diverged {
+        /// What it warned of.
+        warning: String,
+        /// Simulated time of the last state before it.
+        time_s: f64,
+    },
+    /// A saved state belongs to another model.
+    #[error("the state holds {found} numbers, this model needs {expected}")]
+    StateSize {
+        /// Numbers saved.
+        found: usize,
+        /// Numbers of this model.
+        expected: usize,
+    },
+}
+
+impl MujocoError {
+    /// As the failure of making the environment `env`.
+    pub fn at_making(self, env: &str) -> EnvError {
+        EnvError::Setting { env: env.to_owned(), reason: self.to_string() }
+    }
+
+    /// As the failure of a reset of `env`.
+    pub fn at_reset(self, env: &str) -> EnvError {
+        EnvError::Reset { env: env.to_owned(), reason: self.to_string() }
+    }
+
+    /// As the failure of a step of `env`.
+    pub fn at_step(self, env: &str) -> EnvError {
+        EnvError::Diverged { env: env.to_owned(), reason: self.to_string() }
+    }
+
+    /// As the failure of a restore of `env`.
+    pub fn at_restore(self, env: &str) -> EnvError {
+        EnvError::State { env: env.to_owned(), reason: self.to_string() }
+    }
+}

@@ -1,0 +1,351 @@
+//! A compiled model: sizes, names, and numbers as slices.
+
+use std::ffi::CString;
+use std::ptr::NonNull;
+
+use swm_core::error::nearest;
+
+use super::bindings::*;
+use super::guard::guarded;
+use super::{JointKind, Library, Object, Shape};
+use crate::error::MujocoError;
+
+/// A compiled model. Sharing it is free; [`Clone`] copies it whole, so that `Arc::make_mut` gives an own one to edit.
+pub struct Model {
+    library: &'static Library,
+    raw: NonNull<mjModel>,
+}
+
+// SAFETY: the model owns all its memory, and MuJoCo keeps no thread-bound state in it.
+unsafe impl Send for Model {}
+// SAFETY: through `&Model` it is only read, by Rust and by MuJoCo (which takes it as `const`); writing needs `&mut`.
+unsafe impl Sync for Model {}
+
+/// The pixels of one texture, `[height, width, channels]`.
+#[derive(Debug)]
+pub struct Texture<'a> {
+    /// Rows; of a cube texture, of all six sides.
+    pub height: usize,
+    /// Columns.
+    pub width: usize,
+    /// Bytes per pixel.
+    pub channels: usize,
+    /// The bytes.
+    pub data: &'a mut [u8],
+}
+
+/// Accessors to arrays: `name: type [rows, width]`, documented by their MuJoCo name.
+macro_rules! arrays {
+    ($($(#[$meta:meta])* $name:ident / $name_mut:ident: $type:ty [$rows:ident, $width:literal];)*) => {$(
+        $(#[$meta])*
+        pub fn $name(&self) -> &[$type] {
+            let raw = self.header();
+            // SAFETY: MuJoCo allocates `rows × width` numbers here, initialised, for as long as the model lives.
+            unsafe { slice(raw.$name, raw.$rows, $width) }
+        }
+        #[doc = concat!("[`Model::", stringify!($name), "`], to be edited.")]
+        pub fn $name_mut(&mut self) -> &mut [$type] {
+            let (data, rows) = (self.header().$name, self.header().$rows);
+            // SAFETY: as above, and `&mut self` is the only access.
+            unsafe { slice_mut(data, rows, $width) }
+        }
+    )*};
+}
+
+impl Model {
+    /// Takes ownership.
+    ///
+    /// # Safety
+    /// `raw` is a model that MuJoCo allocated and that nothing else owns.
+    pub(super) unsafe fn from_raw(library: &'static Library, raw: NonNull<mjModel>) -> Self {
+        Self { library, raw }
+    }
+
+    pub(super) fn library(&self) -> &'static Library {
+        self.library
+    }
+
+    pub(super) fn header(&self) -> &mjModel {
+        // SAFETY: `raw` is valid as long as `self`, and nothing writes while `&self` is lent.
+        unsafe { self.raw.as_ref() }
+    }
+
+    pub(super) fn as_ptr(&self) -> *const mjModel {
+        self.raw.as_ptr()
+    }
+
+    arrays! {
+        /// Reference positions, `[nq]`.
+        qpos0 / qpos0_mut: f64 [nq, 1];
+        /// Body positions in their parents, `[nbody, 3]`, m.
+        body_pos / body_pos_mut: f64 [nbody, 3];
+        /// Body orientations in their parents, `[nbody, 4]`, quaternions w x y z.
+        body_quat / body_quat_mut: f64 [nbody, 4];
+        /// Masses, `[nbody]`, kg.
+        body_mass / body_mass_mut: f64 [nbody, 1];
+        /// Diagonal inertias, `[nbody, 3]`, kg m².
+        body_inertia / body_inertia_mut: f64 [nbody, 3];
+        /// Joint limits, `[njnt, 2]`, rad or m.
+        jnt_range / jnt_range_mut: f64 [njnt, 2];
+        /// Damping, `[nv]`.
+        dof_damping / dof_damping_mut: f64 [nv, 1];
+        /// Rotor inertia, `[nv]`.
+        dof_armature / dof_armature_mut: f64 [nv, 1];
+        /// Dry friction, `[nv]`.
+        dof_frictionloss / dof_frictionloss_mut: f64 [nv, 1];
+        /// Geom positions in their bodies, `[ngeom, 3]`, m.
+        geom_pos / geom_pos_mut: f64 [ngeom, 3];
+        /// Geom orientations in their bodies, `[ngeom, 4]`.
+        geom_quat / geom_quat_mut: f64 [ngeom, 4];
+        /// Geom sizes, `[ngeom, 3]`; their meaning depends on the shape. Contacts also use `geom_rbound` and the
+        /// bounding boxes, which do not follow: recompile for geoms that touch.
+        geom_size / geom_size_mut: f64 [ngeom, 3];
+        /// Sliding, torsional and rolling friction, `[ngeom, 3]`.
+        geom_friction / geom_friction_mut: f64 [ngeom, 3];
+        /// Geom colours, `[ngeom, 4]`, 0..1; (.5, .5, .5, 1) means the material's.
+        geom_rgba / geom_rgba_mut: f32 [ngeom, 4];
+        /// Site positions in their bodies, `[nsite, 3]`, m.
+        site_pos / site_pos_mut: f64 [nsite, 3];
+        /// Site sizes, `[nsite, 3]`.
+        site_size / site_size_mut: f64 [nsite, 3];
+        /// Site colours, `[nsite, 4]`, 0..1.
+        site_rgba / site_rgba_mut: f32 [nsite, 4];
+        /// Material colours, `[nmat, 4]`, 0..1.
+        mat_rgba / mat_rgba_mut: f32 [nmat, 4];
+        /// Diffuse colours of lights, `[nlight, 3]`, 0..1.
+        light_diffuse / light_diffuse_mut: f32 [nlight, 3];
+        /// Control ranges, `[nu, 2]`.
+        actuator_ctrlrange / actuator_ctrlrange_mut: f64 [nu, 2];
+    }
+
+    /// Numbers in `qpos`.
+    pub fn nq(&self) -> usize {
+        self.header().nq as usize
+    }
+
+    /// Degrees of freedom.
+    pub fn nv(&self) -> usize {
+        self.header().nv as usize
+    }
+
+    /// Controls.
+    pub fn nu(&self) -> usize {
+        self.header().nu as usize
+    }
+
+    /// Activations of actuators.
+    pub fn na(&self) -> usize {
+        self.header().na as usize
+    }
+
+    /// Joints.
+    pub fn njnt(&self) -> usize {
+        self.header().njnt as usize
+    }
+
+    /// Geoms.
+    pub fn ngeom(&self) -> usize {
+        self.header().ngeom as usize
+    }
+
+    /// Seconds per physics step.
+    pub fn timestep_s(&self) -> f64 {
+        self.header().opt.timestep
+    }
+
+    /// Whether it integrates by the Runge-Kutta method of fourth order.
+    pub fn integrates_by_rk4(&self) -> bool {
+        self.header().opt.integrator as mjtIntegrator == mjINT_RK4
+    }
+
+    /// Sets the acceleration of gravity, m/s².
+    pub fn set_gravity(&mut self, gravity: [f64; 3]) {
+        // SAFETY: `raw` is valid, and `&mut self` is the only access.
+        unsafe { self.raw.as_mut().opt.gravity = gravity };
+    }
+
+    /// Gravity, m/s².
+    pub fn gravity(&self) -> [f64; 3] {
+        self.header().opt.gravity
+    }
+
+    /// The index of an object.
+    pub fn id(&self, kind: Object, name: &str) -> Result<usize, MujocoError> {
+        let found = CString::new(name).ok().and_then(|text| {
+            // SAFETY: the model is valid and the text null-terminated.
+            let id =
+                unsafe { (self.library.api().mj_name2id)(self.as_ptr(), kind.code() as i32, text.as_ptr()) };
+            usize::try_from(id).ok()
+        });
+        found.ok_or_else(|| MujocoError::NoObject {
+            kind: kind.word(),
+            name: name.to_owned(),
+            nearest: nearest(name, self.names(kind).iter().map(String::as_str)),
+        })
+    }
+
+    /// The names of all objects of a kind; unnamed ones are empty.
+    pub fn names(&self, kind: Object) -> Vec<String> {
+        let header = self.header();
+        let count = match kind {
+            Object::Body => header.nbody,
+            Object::Joint => header.njnt,
+            Object::Geom => header.ngeom,
+            Object::Site => header.nsite,
+            Object::Camera => header.ncam,
+            Object::Light => header.nlight,
+            Object::Texture => header.ntex,
+            Object::Material => header.nmat,
+            Object::Tendon => header.ntendon,
+            Object::Actuator => header.nactuator,
+            Object::Sensor => header.nsensor,
+        };
+        let name = |id: i64| {
+            // SAFETY: the model is valid; a name out of range or absent is null.
+            let text =
+                unsafe { (self.library.api().mj_id2name)(self.as_ptr(), kind.code() as i32, id as i32) };
+            NonNull::new(text.cast_mut()).map(|text| {
+                // SAFETY: a name is null-terminated and lives in the model.
+                unsafe { std::ffi::CStr::from_ptr(text.as_ptr()) }.to_string_lossy().into_owned()
+            })
+        };
+        (0..count).map(|id| name(id).unwrap_or_default()).collect()
+    }
+
+    /// Where a joint's numbers begin in `qpos` and in `qvel`.
+    pub fn joint_addresses(&self, joint: usize) -> (usize, usize) {
+        let header = self.header();
+        // SAFETY: both arrays hold `njnt` numbers; the slice checks the index.
+        let (qpos, dof) = unsafe {
+            (slice(header.jnt_qposadr, header.njnt, 1)[joint], slice(header.jnt_dofadr, header.njnt, 1)[joint])
+        };
+        (qpos as usize, dof as usize)
+    }
+
+    /// The kind of a joint.
+    pub fn joint_kind(&self, joint: usize) -> JointKind {
+        let header = self.header();
+        // SAFETY: the array holds `njnt` numbers; the slice checks the index.
+        let code = unsafe { slice(header.jnt_type, header.njnt, 1)[joint] };
+        JointKind::of(code)
+    }
+
+    /// The limits of a joint, if it has any.
+    pub fn joint_limits(&self, joint: usize) -> Option<[f64; 2]> {
+        let header = self.header();
+        // SAFETY: the array holds `njnt` booleans; the slice checks the index.
+        let limited = unsafe { slice(header.jnt_limited, header.njnt, 1)[joint] };
+        limited.then(|| [self.jnt_range()[2 * joint], self.jnt_range()[2 * joint + 1]])
+    }
+
+    /// The body of each geom, `[ngeom]`; 0 is the world.
+    pub fn geom_body(&self) -> &[i32] {
+        let header = self.header();
+        // SAFETY: the array holds `ngeom` numbers as long as the model lives.
+        unsafe { slice(header.geom_bodyid, header.ngeom, 1) }
+    }
+
+    /// Where a sensor's numbers lie in `sensordata`.
+    pub fn sensor_range(&self, sensor: usize) -> std::ops::Range<usize> {
+        let header = self.header();
+        // SAFETY: both arrays hold `nsensor` numbers; the slices check the index.
+        let (start, len) = unsafe {
+            (slice(header.sensor_adr, header.nsensor, 1)[sensor], slice(header.sensor_dim, header.nsensor, 1)[sensor])
+        };
+        start as usize..(start + len) as usize
+    }
+
+    /// Gives a site another shape. Sites touch nothing, so that nothing else follows.
+    pub fn set_site_shape(&mut self, site: usize, shape: Shape) {
+        let header = self.header();
+        // SAFETY: the array holds `nsite` numbers, `&mut self` is the only access; the slice checks the index.
+        unsafe { slice_mut(header.site_type, header.nsite, 1)[site] = shape.code() as i32 };
+    }
+
+    /// The pixels of a texture.
+    pub fn texture(&mut self, texture: usize) -> Texture<'_> {
+        let header = self.header();
+        // SAFETY: these arrays hold `ntex` numbers, which the compiler made to lie within `tex_data`; the slices check
+        // the index and the range; `&mut self` is the only access.
+        unsafe {
+            let of = |array: *mut i32| slice(array, header.ntex, 1)[texture] as usize;
+            let (height, width) = (of(header.tex_height), of(header.tex_width));
+            let channels = of(header.tex_nchannel);
+            let start = slice(header.tex_adr, header.ntex, 1)[texture] as usize;
+            let data = &mut slice_mut(header.tex_data, header.ntexdata, 1)[start..];
+            Texture { height, width, channels, data: &mut data[..height * width * channels] }
+        }
+    }
+
+    /// Recomputes what follows from masses, armatures and positions (`mj_setConst`); call it after editing those.
+    pub fn set_constants(&mut self) -> Result<(), MujocoError> {
+        let api = self.library.api();
+        guarded(|| {
+            // SAFETY: the model is valid and ours alone; the scratch data is made for it and freed here. An error on the
+            // way leaks the scratch data, nothing else.
+            unsafe {
+                let scratch = (api.mj_makeData)(self.raw.as_ptr());
+                if !scratch.is_null() {
+                    (api.mj_setConst)(self.raw.as_ptr(), scratch);
+                    (api.mj_deleteData)(scratch);
+                }
+            }
+        })
+    }
+
+    /// Bytes that it occupies.
+    pub fn size_bytes(&self) -> usize {
+        // SAFETY: the model is valid.
+        unsafe { (self.library.api().mj_sizeModel)(self.as_ptr()) as usize }
+    }
+}
+
+impl Clone for Model {
+    /// # Panics
+    /// If memory runs out, as every allocation in Rust.
+    fn clone(&self) -> Self {
+        // SAFETY: the source is valid; a null destination asks for a new model, which nothing else owns.
+        let raw = unsafe { (self.library.api().mj_copyModel)(std::ptr::null_mut(), self.as_ptr()) };
+        let raw = NonNull::new(raw).expect("MuJoCo returns null only without memory");
+        Self { library: self.library, raw }
+    }
+}
+
+impl std::fmt::Debug for Model {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Model({} bodies, {} degrees of freedom)", self.header().nbody, self.nv())
+    }
+}
+
+impl Drop for Model {
+    fn drop(&mut self) {
+        // SAFETY: the model is ours and is not used again.
+        unsafe { (self.library.api().mj_deleteModel)(self.raw.as_ptr()) };
+    }
+}
+
+/// `rows × width` elements at `data`; an empty array may be null.
+///
+/// # Safety
+/// That many initialised elements lie there, unchanged for `'a`.
+pub(super) unsafe fn slice<'a, T>(data: *const T, rows: i64, width: usize) -> &'a [T] {
+    let len = rows as usize * width;
+    if len == 0 || data.is_null() {
+        return &[];
+    }
+    // SAFETY: the caller's promise.
+    unsafe { std::slice::from_raw_parts(data, len) }
+}
+
+/// As [`slice`], to be written.
+///
+/// # Safety
+/// That many initialised elements lie there, and nothing else reads or writes them for `'a`.
+pub(super) unsafe fn slice_mut<'a, T>(data: *mut T, rows: i64, width: usize) -> &'a mut [T] {
+    let len = rows as usize * width;
+    if len == 0 || data.is_null() {
+        return &mut [];
+    }
+    // SAFETY: the caller's promise.
+    unsafe { std::slice::from_raw_parts_mut(data, len) }
+}

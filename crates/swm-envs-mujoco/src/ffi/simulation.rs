@@ -1,0 +1,349 @@
+//! One simulated state over a model: stepping, reading, saving.
+
+use std::ptr::NonNull;
+use std::sync::Arc;
+
+use super::bindings::{
+    self as mj, Api, mjDSBL_ACTUATION, mjData, mjModel, mjSTATE_INTEGRATION, mjtSize, mjtWarning,
+};
+use super::guard::guarded;
+use super::model::{slice, slice_mut};
+use super::{Library, Model};
+use crate::error::MujocoError;
+
+/// A state of a model (`mjData`), and everything that MuJoCo computes from it.
+///
+/// After an error it must be [reset](Simulation::reset): until then every step is refused.
+pub struct Simulation {
+    library: &'static Library,
+    model: Arc<Model>,
+    raw: NonNull<mjData>,
+    failed: bool,
+}
+
+// SAFETY: it owns its memory, and MuJoCo keeps no thread-bound state in it (no thread pool is attached).
+unsafe impl Send for Simulation {}
+// SAFETY: through `&Simulation` it is only read.
+unsafe impl Sync for Simulation {}
+
+/// What the state consists of: everything that the future depends on.
+const STATE: i32 = mjSTATE_INTEGRATION as i32;
+
+/// Arrays that are read: `name: [rows, width]`, `rows` a size of the model.
+macro_rules! arrays {
+    ($($(#[$meta:meta])* $name:ident [$rows:ident, $width:literal];)*) => {$(
+        $(#[$meta])*
+        pub fn $name(&self) -> &[f64] {
+            // SAFETY: MuJoCo allocates `rows × width` numbers here, initialised, for as long as the data lives.
+            unsafe { slice(self.header().$name, self.model.header().$rows, $width) }
+        }
+    )*};
+}
+
+/// Arrays of which one row is read at a time.
+macro_rules! rows {
+    ($($(#[$meta:meta])* $name:ident [$rows:ident, $width:literal];)*) => {$(
+        $(#[$meta])*
+        pub fn $name(&self, index: usize) -> [f64; $width] {
+            // SAFETY: MuJoCo allocates `rows × width` numbers here; the slice checks the index.
+            let all = unsafe { slice(self.header().$name, self.model.header().$rows, $width) };
+            std::array::from_fn(|column| all[index * $width + column])
+        }
+    )*};
+}
+
+impl Simulation {
+    /// A new state at the model's reference position.
+    pub fn new(model: Arc<Model>) -> Result<Self, MujocoError> {
+        let library = model.library();
+        // SAFETY: the model is valid.
+        let raw = guarded(|| unsafe { (library.api().mj_makeData)(model.as_ptr()) })?;
+        let raw = NonNull::new(raw).ok_or_else(|| MujocoError::Raised("no memory for a state".to_owned()))?;
+        Ok(Self { library, model, raw, failed: false })
+    }
+
+    /// The model.
+    pub fn model(&self) -> &Arc<Model> {
+        &self.model
+    }
+
+    /// The model, to be edited: a copy of its own if it is shared.
+    pub fn model_mut(&mut self) -> &mut Model {
+        Arc::make_mut(&mut self.model)
+    }
+
+    /// Continues with another model. The state is lost where their structure differs; else it stays.
+    pub fn set_model(&mut self, model: Arc<Model>) -> Result<(), MujocoError> {
+        if Arc::ptr_eq(&self.model, &model) {
+            return Ok(());
+        }
+        if same_structure(self.model.header(), model.header()) {
+            self.model = model;
+        } else {
+            *self = Self::new(model)?;
+        }
+        Ok(())
+    }
+
+    fn header(&self) -> &mjData {
+        // SAFETY: `raw` is valid as long as `self`, and nothing writes while `&self` is lent.
+        unsafe { self.raw.as_ref() }
+    }
+
+    arrays! {
+        /// Positions, `[nq]`.
+        qpos [nq, 1];
+        /// Velocities, `[nv]`.
+        qvel [nv, 1];
+        /// Activations, `[na]`.
+        act [na, 1];
+        /// Controls, `[nu]`.
+        ctrl [nu, 1];
+        /// Accelerations from which the next solution starts, `[nv]`.
+        qacc_warmstart [nv, 1];
+        /// All sensors, `[nsensordata]`; see [`Simulation::sensor`].
+        sensordata [nsensordata, 1];
+    }
+
+    rows! {
+        /// The position of a body's frame, m.
+        xpos [nbody, 3];
+        /// The orientation of a body's frame, row-major.
+        xmat [nbody, 9];
+        /// The orientation of a body's frame, quaternion w x y z.
+        xquat [nbody, 4];
+        /// The position of a body's centre of mass, m.
+        xipos [nbody, 3];
+        /// The position of a geom, m.
+        geom_xpos [ngeom, 3];
+        /// The position of a site, m.
+        site_xpos [nsite, 3];
+        /// The orientation of a site, row-major.
+        site_xmat [nsite, 9];
+        /// The centre of mass of a body and all below it, m.
+        subtree_com [nbody, 3];
+        /// The angular momentum of a body and all below it, kg m²/s. Only up to date in models with a sensor of subtree
+        /// velocity or momentum.
+        subtree_angmom [nbody, 3];
+    }
+
+    /// Positions, to be set.
+    pub fn qpos_mut(&mut self) -> &mut [f64] {
+        // SAFETY: MuJoCo allocates `nq` numbers here, and `&mut self` is the only access.
+        unsafe { slice_mut(self.header().qpos, self.model.header().nq, 1) }
+    }
+
+    /// Velocities, to be set.
+    pub fn qvel_mut(&mut self) -> &mut [f64] {
+        // SAFETY: MuJoCo allocates `nv` numbers here, and `&mut self` is the only access.
+        unsafe { slice_mut(self.header().qvel, self.model.header().nv, 1) }
+    }
+
+    /// Activations, to be set.
+    pub fn act_mut(&mut self) -> &mut [f64] {
+        // SAFETY: MuJoCo allocates `na` numbers here, and `&mut self` is the only access.
+        unsafe { slice_mut(self.header().act, self.model.header().na, 1) }
+    }
+
+    /// Controls, to be set.
+    pub fn ctrl_mut(&mut self) -> &mut [f64] {
+        // SAFETY: MuJoCo allocates `nu` numbers here, and `&mut self` is the only access.
+        unsafe { slice_mut(self.header().ctrl, self.model.header().nu, 1) }
+    }
+
+    /// The start of the next solution, to be set.
+    pub fn qacc_warmstart_mut(&mut self) -> &mut [f64] {
+        // SAFETY: MuJoCo allocates `nv` numbers here, and `&mut self` is the only access.
+        unsafe { slice_mut(self.header().qacc_warmstart, self.model.header().nv, 1) }
+    }
+
+    /// Simulated seconds since the reset.
+    pub fn time_s(&self) -> f64 {
+        self.header().time
+    }
+
+    /// Sets the simulated time.
+    pub fn set_time(&mut self, time_s: f64) {
+        // SAFETY: `raw` is valid, and `&mut self` is the only access.
+        unsafe { self.raw.as_mut().time = time_s };
+    }
+
+    /// Contacts found.
+    pub fn contacts(&self) -> usize {
+        self.header().ncon as usize
+    }
+
+    /// The numbers of one sensor, by its index in the model.
+    pub fn sensor(&self, sensor: usize) -> &[f64] {
+        &self.sensordata()[self.model.sensor_range(sensor)]
+    }
+
+    /// Back to the reference position: time, velocities, controls and activations are zero. Computes nothing yet.
+    pub fn reset(&mut self) {
+        // SAFETY: model and data are valid and belong together. It only writes.
+        unsafe { (self.library.api().mj_resetData)(self.model.as_ptr(), self.raw.as_ptr()) };
+        self.failed = false;
+    }
+
+    /// Computes everything that follows from the state.
+    pub fn forward(&mut self) -> Result<(), MujocoError> {
+        // SAFETY: model and data are valid and belong together.
+        self.checked(|api, model, data| unsafe { (api.mj_forward)(model, data) })
+    }
+
+    /// As [`Simulation::forward`], with actuators off: how `dm_control` begins episodes.
+    pub fn forward_without_actuation(&mut self) -> Result<(), MujocoError> {
+        // SAFETY: a copy of the header alone. Its pointers lead to the arrays of the model, which lives longer; it is
+        // lent to one call, as `const`, and never freed.
+        let mut quiet = unsafe { std::ptr::read(self.model.as_ptr()) };
+        quiet.opt.disableflags |= mjDSBL_ACTUATION as i32;
+        // SAFETY: model and data are valid and belong together.
+        self.checked(|api, _, data| unsafe { (api.mj_forward)(&raw const quiet, data) })
+    }
+
+    /// One control step of `substeps` physics steps, in `dm_control`'s order: what depends on positions and velocities
+    /// belongs to the new state, what depends on accelerations to the last physics step.
+    pub fn control_step(&mut self, substeps: u32) -> Result<(), MujocoError> {
+        let whole = if self.model.integrates_by_rk4() { substeps } else { substeps.saturating_sub(1) };
+        let split = whole < substeps;
+        // SAFETY: model and data are valid and belong together. `mj_step2` continues from the last call of every way to
+        // change the state here: `control_step`, `forward*` and `load` end with the stages that it needs.
+        self.checked(|api, model, data| unsafe {
+            if split {
+                (api.mj_step2)(model, data);
+            }
+            for _ in 0..whole {
+                (api.mj_step)(model, data);
+            }
+            (api.mj_step1)(model, data);
+        })
+    }
+
+    /// Calls MuJoCo; its errors and its warnings become errors.
+    fn checked(&mut self, call: impl FnOnce(&Api, *const mjModel, *mut mjData)) -> Result<(), MujocoError> {
+        if self.failed {
+            return Err(MujocoError::Raised("the simulation failed before; reset it first".to_owned()));
+        }
+        let (before, time_s) = (self.header().warning, self.time_s());
+        let result = guarded(|| call(self.library.api(), self.model.as_ptr(), self.raw.as_ptr()));
+        self.failed = result.is_err();
+        result?;
+        let after = &self.header().warning;
+        let grown = before.iter().zip(after).position(|(before, after)| after.number > before.number);
+        match grown {
+            None => Ok(()),
+            Some(kind) => {
+                let warning = warning_text(kind, after[kind].lastinfo);
+                Err(MujocoError::Diverged { warning, time_s })
+            }
+        }
+    }
+
+    /// Appends everything that the future depends on to `out`.
+    pub fn save(&self, out: &mut Vec<f64>) {
+        let start = out.len();
+        out.resize(start + self.state_size(), 0.0);
+        // SAFETY: model and data are valid and belong together; the buffer has the size that MuJoCo asks for.
+        unsafe {
+            let state = out[start..].as_mut_ptr();
+            (self.library.api().mj_getState)(self.model.as_ptr(), self.raw.as_ptr(), state, STATE);
+        }
+        // Sensors of accelerations belong to the last physics step and do not follow from the state.
+        out.extend_from_slice(self.sensordata());
+    }
+
+    /// Returns to what [`Simulation::save`] saved, under a model of the same structure.
+    pub fn load(&mut self, saved: &[f64]) -> Result<(), MujocoError> {
+        let (size, sensors) = (self.state_size(), self.sensordata().len());
+        if saved.len() != size + sensors {
+            return Err(MujocoError::StateSize { found: saved.len(), expected: size + sensors });
+        }
+        self.reset();
+        let (state, sensordata) = saved.split_at(size);
+        // SAFETY: model and data are valid and belong together; the buffer has the size that MuJoCo asks for.
+        unsafe {
+            (self.library.api().mj_setState)(self.model.as_ptr(), self.raw.as_ptr(), state.as_ptr(), STATE);
+        }
+        // SAFETY: model and data are valid and belong together.
+        self.checked(|api, model, data| unsafe { (api.mj_step1)(model, data) })?;
+        // SAFETY: MuJoCo allocates `nsensordata` numbers here, and `&mut self` is the only access.
+        unsafe { slice_mut(self.header().sensordata, self.model.header().nsensordata, 1) }
+            .copy_from_slice(sensordata);
+        Ok(())
+    }
+
+    fn state_size(&self) -> usize {
+        // SAFETY: the model is valid.
+        unsafe { (self.library.api().mj_stateSize)(self.model.as_ptr(), STATE) as usize }
+    }
+}
+
+/// Whether data of one model fits the other: all sizes and flags that MuJoCo allocates by are equal.
+fn same_structure(a: &mjModel, b: &mjModel) -> bool {
+    const SIZES: usize = std::mem::offset_of!(mjModel, flg_gravcomp) / size_of::<mjtSize>();
+    // SAFETY: the header begins with integers of this type, one after the other, up to the flags.
+    let sizes = |model: &mjModel| unsafe { slice((&raw const *model).cast::<mjtSize>(), SIZES as i64, 1) };
+    let flags = |model: &mjModel| [model.flg_gravcomp, model.flg_surfacevel, model.flg_adhesion];
+    sizes(a) == sizes(b) && flags(a) == flags(b)
+}
+
+fn warning_text(kind: usize, info: i32) -> String {
+    match kind as mjtWarning {
+        mj::mjWARN_INERTIA => format!("the inertia matrix is nearly singular (degree of freedom {info})"),
+        mj::mjWARN_CONTACTFULL => format!("no memory for more than {info} contacts"),
+        mj::mjWARN_CNSTRFULL => format!("no memory for more than {info} constraints"),
+        mj::mjWARN_BADQPOS => format!("a position is not finite or huge (qpos {info})"),
+        mj::mjWARN_BADQVEL => format!("a velocity is not finite or huge (qvel {info})"),
+        mj::mjWARN_BADQACC => format!("an acceleration is not finite or huge (qacc {info})"),
+        mj::mjWARN_BADCTRL => format!("a control is not finite (ctrl {info})"),
+        other => format!("warning {other} ({info})"),
+    }
+}
+
+impl Drop for Simulation {
+    fn drop(&mut self) {
+        // SAFETY: the data is ours and is not used again.
+        unsafe { (self.library.api().mj_deleteData)(self.raw.as_ptr()) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    #[test]
+    fn timings() {
+        for name in ["cheetah.xml", "humanoid.xml", "quadruped.xml", "manipulator.xml"] {
+            let path = crate::assets::suite_model(name).unwrap();
+            let t = std::time::Instant::now();
+            let mut spec = crate::ffi::Spec::read(&path).unwrap();
+            let parse = t.elapsed();
+            let t = std::time::Instant::now();
+            let full = spec.compile().unwrap();
+            let c1 = t.elapsed();
+            spec.shrink_textures();
+            let model = spec.compile().unwrap();
+            let mut best = std::time::Duration::MAX;
+            for _ in 0..20 {
+                let t = std::time::Instant::now();
+                let m = spec.compile().unwrap();
+                best = best.min(t.elapsed());
+                assert_eq!(m.body_mass(), full.body_mass());
+                assert_eq!(m.body_inertia(), full.body_inertia());
+            }
+            let mut copy = std::time::Duration::MAX;
+            for _ in 0..20 {
+                let t = std::time::Instant::now();
+                let m = model.clone();
+                copy = copy.min(t.elapsed());
+                drop(m);
+            }
+            eprintln!("{name}: parse {parse:?} full compile {c1:?} {} B; shrunk {best:?} {} B copy {copy:?}", full.size_bytes(), model.size_bytes());
+            let mut sim = Simulation::new(Arc::new(model)).unwrap();
+            sim.reset();
+            sim.forward_without_actuation().unwrap();
+            let t = std::time::Instant::now();
+            for _ in 0..2000 { sim.control_step(1).unwrap(); }
+            eprintln!("   step {:?}", t.elapsed() / 2000);
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! What a domain of the suite is: a table of constants, and tasks that start, observe and reward.
+
+use swm_core::seed::Stream;
+use swm_core::{EnvConfig, EnvEntry, EnvError};
+
+use super::effect::Control;
+use super::settings::SETTINGS;
+use super::{Stage, SuiteEnv, Target};
+use crate::error::MujocoError;
+use crate::ffi::{Model, Spec};
+
+/// A domain: one model and the tasks in it. One `const` per file.
+pub struct Domain {
+    /// The environment's id: `swm/CheetahDMControl-v0`.
+    pub id: &'static str,
+    /// What it is, in one line.
+    pub summary: &'static str,
+    /// Its file in the suite: `cheetah.xml`.
+    pub model: &'static str,
+    /// Physics steps per control step.
+    pub substeps: u32,
+    /// Simulated seconds after which an episode is cut.
+    pub time_limit_s: f64,
+    /// Its tasks; the first is the default.
+    pub tasks: &'static [TaskEntry],
+    /// Named numbers beside the observation, written by [`Task::infos`] in this order: name and number of values, 0 for
+    /// one number without a dimension.
+    pub infos: &'static [(&'static str, usize)],
+    /// What a task places by writing into the model at the start of an episode.
+    pub targets: &'static [Target],
+    /// Columns of a recorded row that a reset can start from: [`START_COLUMNS`], and the columns of the targets.
+    pub start_columns: &'static [&'static str],
+    /// Edits of the description before anything else: what every episode of the task has.
+    pub compose: fn(&mut Spec, task: &str) -> Result<(), MujocoError>,
+    /// The factors of variation with what they do, in the order of their columns. The argument: whether the defaults are
+    /// those of `dm_control`'s own model (`stock`), or those that the reference applies.
+    pub factors: fn(stock: bool) -> Vec<Control>,
+}
+
+/// One task of a domain.
+pub struct TaskEntry {
+    /// Its name in the setting `task`.
+    pub name: &'static str,
+    /// What is rewarded, in a few words.
+    pub doc: &'static str,
+    /// Columns of a recorded row that can be its goal; a goal is handed to [`Task::set_goal`].
+    pub goal_columns: &'static [&'static str],
+    /// Looks up what the task needs in the model.
+    pub make: fn(&Model) -> Result<Box<dyn Task>, MujocoError>,
+}
+
+/// The columns that every start may name. `qpos` and `qvel` are needed; the others, zero where missing, make the
+/// continuation exact.
+pub const START_COLUMNS: &[&str] = &["qpos", "qvel", "time", "qacc_warmstart"];
+
+/// What is done in a domain. It keeps indices into the model and constants, no state: state is in the [`Stage`].
+pub trait Task: Send + Sync {
+    /// Places everything for a new episode. The simulation stands at the reference position, computed; afterwards it is
+    /// computed again.
+    fn start(&self, stage: &mut Stage, stream: &mut Stream) -> Result<(), MujocoError>;
+
+    /// Appends the observation, in the order of the suite.
+    fn observe(&self, stage: &Stage, out: &mut Vec<f64>);
+
+    /// The reward of the present state, after a control step.
+    fn reward(&self, stage: &Stage) -> f64;
+
+    /// Whether the goal is reached, where there is one.
+    fn success(&self, _stage: &Stage) -> Option<bool> {
+        None
+    }
+
+    /// Whether the task ends here. No task of the suite ever does; time limits are no ends.
+    fn terminated(&self, _stage: &Stage) -> bool {
+        false
+    }
+
+    /// Appends the numbers of [`Domain::infos`].
+    fn infos(&self, _stage: &Stage, _out: &mut Vec<f64>) {}
+
+    /// Sets the goal from column `column` of a recorded row, one of [`TaskEntry::goal_columns`].
+    fn set_goal(&self, _stage: &mut Stage, _column: &str, _values: &[f64]) {}
+}
+
+/// The table entry of a domain.
+pub const fn entry(domain: &'static Domain, make: MakeEnv) -> EnvEntry {
+    EnvEntry { id: domain.id, summary: domain.summary, settings: SETTINGS, policies: &[], make }
+}
+
+/// As [`EnvEntry::make`].
+pub type MakeEnv = fn(&EnvConfig) -> Result<Box<dyn swm_core::Env>, EnvError>;
+
+/// Makes the environment of a domain.
+pub fn make(domain: &'static Domain, config: &EnvConfig) -> Result<Box<dyn swm_core::Env>, EnvError> {
+    Ok(Box::new(SuiteEnv::new(domain, config)?))
+}
+
+/// For domains whose file is used as it is.
+pub fn unchanged(_: &mut Spec, _: &str) -> Result<(), MujocoError> {
+    Ok(())
+}

@@ -1,0 +1,388 @@
+//! The environment over a domain: reset, control steps, observation, saved states.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use swm_core::{
+    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, RowsMut, Slice,
+    Space, Value,
+};
+use swm_fov::{Fov, FovSpace, SavedFov};
+
+use super::Stage;
+use super::domain::{Domain, Task, TaskEntry};
+use super::models::{Models, Origin};
+use super::settings::{OnDivergence, Settings};
+use crate::error::MujocoError;
+
+// Field indices, in the order of `fields`; behind them the domain's numbers, its targets and the factors.
+const OBSERVATION: usize = 0;
+const QPOS: usize = 1;
+const QVEL: usize = 2;
+const SCORE: usize = 3;
+const TIME: usize = 4;
+const QACC_WARMSTART: usize = 5;
+const ACT: usize = 6;
+
+/// An environment of the DeepMind Control Suite.
+pub struct SuiteEnv {
+    spec: EnvSpec,
+    domain: &'static Domain,
+    settings: Settings,
+    task: Box<dyn Task>,
+    space: FovSpace,
+    fov: Fov,
+    models: Models,
+    origin: Origin,
+    stage: Stage,
+    /// `[A]`: control ranges as (low, half width).
+    ranges: Vec<[f64; 2]>,
+    /// Sum of the rewards since the reset.
+    total_reward: f64,
+    control_steps: u64,
+    /// Control steps after which an episode is cut.
+    step_limit: u64,
+    scratch: Vec<f64>,
+    columns: Columns,
+}
+
+/// Where the variable part of a row lies.
+struct Columns {
+    infos: usize,
+    targets: usize,
+    factors: usize,
+}
+
+/// A saved moment.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    fov: SavedFov,
+    targets: Vec<f64>,
+    simulation: Vec<f64>,
+    total_reward: f64,
+    control_steps: u64,
+}
+
+impl SuiteEnv {
+    /// Makes the environment of a domain.
+    pub fn new(domain: &'static Domain, config: &EnvConfig) -> Result<Self, EnvError> {
+        let id = domain.id;
+        let settings: Settings = config.parse_settings(id)?;
+        let wrong = |reason: String| EnvError::Setting { env: id.to_owned(), reason };
+        let entry = chosen_task(domain, settings.task.as_deref()).map_err(wrong)?;
+        if !(1..=1000).contains(&settings.action_repeat) {
+            return Err(wrong(format!("action_repeat {} is not in 1 to 1000", settings.action_repeat)));
+        }
+        if config.image.is_some() {
+            let reason = "there is no renderer for MuJoCo scenes yet; ask for no pictures (`--image-size none`)";
+            return Err(wrong(reason.to_owned()));
+        }
+        Self::assemble(domain, entry, settings).map_err(|error| error.at_making(id))
+    }
+
+    fn assemble(
+        domain: &'static Domain,
+        entry: &'static TaskEntry,
+        settings: Settings,
+    ) -> Result<Self, MujocoError> {
+        let (models, space) = Models::new(domain, entry.name, settings.stock)?;
+        let model = models.default_model();
+        let task = (entry.make)(&model)?;
+        let control_step_s = model.timestep_s() * f64::from(domain.substeps);
+        let ranges = model.actuator_ctrlrange().chunks_exact(2).map(|range| [range[0], (range[1] - range[0]) / 2.0]);
+        let ranges: Vec<[f64; 2]> = ranges.collect();
+        let mut stage = Stage::new(model, domain.targets)?;
+        stage.sim.reset();
+        stage.sim.forward_without_actuation()?;
+        let mut scratch = Vec::new();
+        task.observe(&stage, &mut scratch);
+        let (fields, columns) = fields(domain, &stage, scratch.len(), &space);
+        let spec = EnvSpec {
+            id: domain.id.to_owned(),
+            action: Space::uniform_box(Dtype::F64, &[ranges.len()], -1.0, 1.0),
+            fields,
+            factors: space.specs(),
+            time_step_s: control_step_s * f64::from(settings.action_repeat),
+            start_columns: domain.start_columns,
+            goal_columns: entry.goal_columns,
+        };
+        Ok(Self {
+            spec,
+            domain,
+            fov: space.defaults(),
+            step_limit: (domain.time_limit_s / control_step_s).round() as u64,
+            settings,
+            task,
+            space,
+            models,
+            origin: Origin::Shared,
+            stage,
+            ranges,
+            total_reward: 0.0,
+            control_steps: 0,
+            scratch,
+            columns,
+        })
+    }
+
+    /// How the model of the present episode came about.
+    pub fn model_origin(&self) -> Origin {
+        self.origin
+    }
+
+    /// The simulation, and what the task has placed.
+    pub fn stage(&self) -> &Stage {
+        &self.stage
+    }
+
+    /// Begins with the model for the present factors, at its reference position.
+    fn set_model(&mut self) -> Result<(), MujocoError> {
+        let (model, origin) = self.models.model(&self.fov)?;
+        self.origin = origin;
+        self.stage.sim.set_model(model)?;
+        self.stage.forget_targets();
+        Ok(())
+    }
+
+    fn begin(&mut self, episode: &Episode<'_>) -> Result<(), MujocoError> {
+        self.set_model()?;
+        self.stage.sim.reset();
+        match self.stage.sim.forward_without_actuation() {
+            // As in dm_control: the task may yet place things where they do no harm.
+            Ok(()) | Err(MujocoError::Diverged { .. }) => {}
+            Err(error) => return Err(error),
+        }
+        let mut stream = episode.seed.stream("start");
+        self.task.start(&mut self.stage, &mut stream)?;
+        self.stage.sim.forward_without_actuation()
+    }
+
+    /// Stands at a recorded row. Where it has all columns, what follows has the recorded bits.
+    fn start_from(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        let id = &self.spec.id;
+        let needed = |name: &str| EnvError::Reset {
+            env: id.clone(),
+            reason: format!("a start needs the column `{name}`"),
+        };
+        for (index, target) in self.domain.targets.iter().enumerate() {
+            if let Some(values) = recorded(id, row, target.column, target.place.width())? {
+                self.stage.set_target(index, &values);
+            }
+        }
+        let sim = &mut self.stage.sim;
+        let (nq, nv, na) = (sim.model().nq(), sim.model().nv(), sim.model().na());
+        let qpos = recorded(id, row, "qpos", nq)?.ok_or_else(|| needed("qpos"))?;
+        let qvel = recorded(id, row, "qvel", nv)?.ok_or_else(|| needed("qvel"))?;
+        let warmstart = recorded(id, row, "qacc_warmstart", nv)?.unwrap_or_else(|| vec![0.0; nv]);
+        sim.reset();
+        sim.qpos_mut().copy_from_slice(&qpos);
+        sim.qvel_mut().copy_from_slice(&qvel);
+        if let Some(act) = recorded(id, row, "act", na)? {
+            sim.act_mut().copy_from_slice(&act);
+        }
+        sim.set_time(recorded(id, row, "time", 1)?.map_or(0.0, |time| time[0]));
+        sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
+        sim.forward_without_actuation().map_err(|error| error.at_reset(id))?;
+        sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
+        Ok(())
+    }
+
+    /// One control step with the controls that are set; the reward of the new state.
+    fn control_step(&mut self) -> Result<Outcome, MujocoError> {
+        self.stage.sim.control_step(self.domain.substeps)?;
+        Ok(Outcome {
+            reward: self.task.reward(&self.stage),
+            terminated: self.task.terminated(&self.stage),
+            success: self.task.success(&self.stage),
+        })
+    }
+
+    fn set_controls(&mut self, action: Slice<'_>) -> Result<(), EnvError> {
+        let values = match action {
+            Slice::F64(values) if values.len() == self.ranges.len() && values.iter().all(|v| v.is_finite()) => values,
+            other => {
+                let expected = format!("{} finite float64 values", self.ranges.len());
+                let found = format!("{} values of {}: {other:?}", other.len(), other.dtype());
+                return Err(BatchError::WrongValue { name: "action".to_owned(), expected, found }.into());
+            }
+        };
+        let controls = self.stage.sim.ctrl_mut().iter_mut();
+        for ((control, [low, half]), value) in controls.zip(&self.ranges).zip(values) {
+            // The action-scale wrapper's order of operations; not clipped, as there.
+            *control = low + half * (value + 1.0);
+        }
+        Ok(())
+    }
+}
+
+impl Env for SuiteEnv {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+        self.fov = self.space.draw(&self.spec.id, episode)?;
+        (self.total_reward, self.control_steps) = (0.0, 0);
+        self.begin(episode).map_err(|error| error.at_reset(&self.spec.id))?;
+        if let Some(row) = &episode.options.start {
+            self.start_from(row)?;
+        }
+        for (column, value) in episode.options.goal.iter().flatten() {
+            if !self.spec.goal_columns.contains(&column.as_str()) {
+                let reason = format!("`{column}` is no goal of this task");
+                return Err(EnvError::Reset { env: self.spec.id.clone(), reason });
+            }
+            self.task.set_goal(&mut self.stage, column, &value.numbers(column)?);
+        }
+        Ok(Outcome { reward: f64::NAN, terminated: false, success: self.task.success(&self.stage) })
+    }
+
+    fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
+        self.set_controls(action)?;
+        let mut total = Outcome { reward: 0.0, terminated: false, success: None };
+        for _ in 0..self.settings.action_repeat {
+            let outcome = match self.control_step() {
+                Ok(outcome) => outcome,
+                Err(MujocoError::Diverged { .. }) if self.settings.on_divergence == OnDivergence::End => {
+                    total.terminated = true;
+                    break;
+                }
+                Err(error) => return Err(error.at_step(&self.spec.id)),
+            };
+            self.control_steps += 1;
+            total.reward += outcome.reward;
+            total.success = total.success.max(outcome.success);
+            total.terminated = outcome.terminated;
+            if total.terminated || self.truncated() {
+                break;
+            }
+        }
+        self.total_reward += total.reward;
+        Ok(total)
+    }
+
+    fn write_episode(&mut self, out: &mut RowsMut<'_>) {
+        self.fov.write(self.columns.factors, out);
+    }
+
+    fn observe(&mut self, out: &mut RowsMut<'_>) {
+        let Self { stage, task, scratch, columns, domain, .. } = self;
+        scratch.clear();
+        task.observe(stage, scratch);
+        for (target, value) in out.at::<f32>(OBSERVATION).iter_mut().zip(&*scratch) {
+            *target = *value as f32;
+        }
+        out.write(QPOS, stage.sim.qpos());
+        out.write(QVEL, stage.sim.qvel());
+        // The suite's episodes have at most 1,000 control steps with rewards up to 1.
+        out.write(SCORE, &[self.total_reward / 1000.0]);
+        out.write(TIME, &[stage.sim.time_s()]);
+        out.write(QACC_WARMSTART, stage.sim.qacc_warmstart());
+        if !stage.sim.act().is_empty() {
+            out.write(ACT, stage.sim.act());
+        }
+        scratch.clear();
+        task.infos(stage, scratch);
+        let mut rest = scratch.as_slice();
+        for (offset, (_, width)) in domain.infos.iter().enumerate() {
+            let (values, tail) = rest.split_at((*width).max(1));
+            out.write(columns.infos + offset, values);
+            rest = tail;
+        }
+        for index in 0..domain.targets.len() {
+            out.write(columns.targets + index, stage.target(index));
+        }
+    }
+
+    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
+        let mut simulation = Vec::new();
+        self.stage.sim.save(&mut simulation);
+        let saved = Saved {
+            fov: self.fov.save(),
+            targets: self.stage.targets().to_vec(),
+            simulation,
+            total_reward: self.total_reward,
+            control_steps: self.control_steps,
+        };
+        state.store(&self.spec.id, &saved)
+    }
+
+    fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
+        let saved: Saved = state.load(&self.spec.id)?;
+        let foreign = |reason: String| EnvError::State { env: self.spec.id.clone(), reason };
+        let fov = self.space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
+        if saved.targets.len() != self.stage.targets().len() {
+            return Err(foreign(format!("it has {} numbers of targets", saved.targets.len())));
+        }
+        let same_bits = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
+        let same_model = fov == self.fov && same_bits(&saved.targets, self.stage.targets());
+        self.fov = fov;
+        let restored = (|| {
+            if !same_model {
+                self.set_model()?;
+                self.stage.set_targets(&saved.targets);
+            }
+            self.stage.sim.load(&saved.simulation)
+        })();
+        restored.map_err(|error| error.at_restore(&self.spec.id))?;
+        (self.total_reward, self.control_steps) = (saved.total_reward, saved.control_steps);
+        Ok(())
+    }
+
+    /// Minus the rewards since the reset: the plan with the lowest final cost has the highest return.
+    fn task_cost(&self) -> Option<f64> {
+        Some(-self.total_reward)
+    }
+
+    fn truncated(&self) -> bool {
+        self.control_steps >= self.step_limit
+    }
+}
+
+fn chosen_task(domain: &'static Domain, name: Option<&str>) -> Result<&'static TaskEntry, String> {
+    let Some(name) = name else { return Ok(&domain.tasks[0]) };
+    domain.tasks.iter().find(|task| task.name == name).ok_or_else(|| {
+        let known: Vec<&str> = domain.tasks.iter().map(|task| task.name).collect();
+        format!("unknown task `{name}`; its tasks are {}", known.join(", "))
+    })
+}
+
+/// The values of a column, if the row has it.
+fn recorded(
+    env: &str,
+    row: &BTreeMap<String, Value>,
+    name: &str,
+    width: usize,
+) -> Result<Option<Vec<f64>>, EnvError> {
+    let Some(value) = row.get(name) else { return Ok(None) };
+    let values = value.cast(name, Dtype::F64, &[width])?.numbers(name)?;
+    if values.iter().any(|value| !value.is_finite()) {
+        return Err(EnvError::Reset { env: env.to_owned(), reason: format!("the recorded `{name}` is not finite") });
+    }
+    Ok(Some(values))
+}
+
+fn fields(domain: &Domain, stage: &Stage, observation: usize, space: &FovSpace) -> (Vec<Field>, Columns) {
+    let model = stage.sim.model();
+    let numbers = |name: &str, shape: &[usize]| Field::step(name, Dtype::F64, shape);
+    let mut fields = vec![
+        Field::step("observation", Dtype::F32, &[observation]),
+        numbers("qpos", &[model.nq()]),
+        numbers("qvel", &[model.nv()]),
+        numbers("score", &[]),
+        numbers("time", &[]),
+        numbers("qacc_warmstart", &[model.nv()]),
+    ];
+    if model.na() > 0 {
+        fields.push(numbers("act", &[model.na()]));
+    }
+    let infos = fields.len();
+    for (name, width) in domain.infos {
+        fields.push(if *width == 0 { numbers(name, &[]) } else { numbers(name, &[*width]) });
+    }
+    let targets = fields.len();
+    fields.extend(domain.targets.iter().map(|target| numbers(target.column, &[target.place.width()])));
+    let factors = fields.len();
+    fields.extend(space.fields());
+    (fields, Columns { infos, targets, factors })
+}

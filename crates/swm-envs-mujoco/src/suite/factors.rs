@@ -1,0 +1,61 @@
+//! The factors that the domains share, with the reference's names, spaces and defaults.
+
+use swm_core::{Dtype, Space, Value};
+use swm_fov::Factor;
+
+use super::effect::{Control, Effect};
+
+/// A colour, `[3]`, 0..1.
+pub fn colour(name: &str, default: [f64; 3], doc: &str, effect: Effect) -> Control {
+    let space = Space::uniform_box(Dtype::F64, &[3], 0.0, 1.0);
+    Control { factor: Factor::new(name, space, Value::vector(&default)).doc(doc), effect }
+}
+
+/// `agent.color`: the material `self`.
+pub fn agent_color(default: [f64; 3]) -> Control {
+    colour("agent.color", default, "colour of the agent", Effect::Material("self"))
+}
+
+/// `floor.color`, `[2, 3]`: the checker `grid`.
+pub fn floor_color() -> Control {
+    let space = Space::uniform_box(Dtype::F64, &[2, 3], 0.0, 1.0);
+    let default = Value { shape: vec![2, 3], ..Value::vector(&[0.1, 0.2, 0.3, 0.2, 0.3, 0.4]) };
+    let factor = Factor::new("floor.color", space, default).doc("the two colours of the floor's checker");
+    Control { factor, effect: Effect::Checker("grid") }
+}
+
+/// `light.intensity`, `[1]`: the diffuse part of a light. The headlight stays, so that 0 is not dark.
+pub fn light_intensity(light: &'static str, default: f64) -> Control {
+    let space = Space::uniform_box(Dtype::F64, &[1], 0.0, 1.0);
+    let factor = Factor::new("light.intensity", space, Value::vector(&[default]))
+        .doc("diffuse brightness of the light; the headlight stays");
+    Control { factor, effect: Effect::Light(light) }
+}
+
+/// `floor.friction`, `[1]`, f32; see [`Effect::FloorFriction`].
+pub fn floor_friction(floor: &'static str, default: f32) -> Control {
+    let doc = "sliding friction of contacts with the floor, as a share of the friction at 1";
+    scalar("floor.friction", [0.0, 1.0], default, doc, Effect::FloorFriction(floor))
+}
+
+/// A density, `[1]`, f32, 500..1500 kg/m³; 1000 by default. For [`Effect::Density`] and [`Effect::Mass`].
+pub fn density(name: &str, doc: &str, effect: Effect) -> Control {
+    scalar(name, [500.0, 1500.0], 1000.0, doc, effect)
+}
+
+/// A number as `[1]`, f32, as the reference declares most.
+pub fn scalar(name: &str, [low, high]: [f64; 2], default: f32, doc: &str, effect: Effect) -> Control {
+    let space = Space::uniform_box(Dtype::F32, &[1], low, high);
+    Control { factor: Factor::new(name, space, Value::vector(&[default])).doc(doc), effect }
+}
+
+/// A switch, 0 or 1.
+pub fn switch(name: &str, default: i64, doc: &str, effect: Effect) -> Control {
+    Control { factor: Factor::integer(name, 0, 1, default).doc(doc), effect }
+}
+
+/// `….…_locked`: 0 holds the joint, 1 (the default) leaves it free.
+pub fn locked(name: &str, joint: &'static str) -> Control {
+    let doc = format!("1: free; 0: the joint `{joint}` is held at its angle of the start");
+    switch(name, 1, &doc, Effect::Lock(joint))
+}

@@ -1,0 +1,22 @@
+//! What the domains of the DeepMind Control Suite share: episodes, control steps, rewards, random starts, factors, saved
+//! states. No domain is known here.
+//!
+//! A domain is one file with one [`Domain`] table and its [`Task`]s; [`SuiteEnv`] is the environment over it.
+
+mod domain;
+mod effect;
+mod env;
+pub mod factors;
+mod models;
+mod settings;
+mod stage;
+mod start;
+mod tolerance;
+
+pub use domain::{Domain, MakeEnv, START_COLUMNS, Task, TaskEntry, entry, make, unchanged};
+pub use effect::{Control, Effect, set_colour};
+pub use env::SuiteEnv;
+pub use models::{Origin, description, edit_in_place};
+pub use stage::{Place, Stage, Target};
+pub use start::{direction, normal, randomize_joints, uniform, until_free_of_contacts};
+pub use tolerance::{Falloff, GAUSSIAN, tolerance};
