@@ -42,7 +42,9 @@ fn steps_do_not_allocate() {
     let registry = swm::registry();
     for entry in registry.envs() {
         for (num_envs, render) in [(1, "exact"), (1, "fast"), (4, "exact")] {
-            let image = Some(ImageSize { height: 64, width: 64 });
+            // The scenes of MuJoCo have no pictures yet.
+            let draws = !entry.id.ends_with("DMControl-v0");
+            let image = draws.then_some(ImageSize { height: 64, width: 64 });
             let mut env = EnvConfig { image, ..EnvConfig::default() };
             if entry.settings.iter().any(|setting| setting.name == "render") {
                 env.settings.insert("render".to_owned(), render.into());

@@ -5,7 +5,7 @@
 //! <data>/dm_control/1.0.50/suite/*.xml, suite/common/*.xml
 //! ```
 //!
-//! `<data>` is `$SWM_HOME`, or else `stable-worldmodel` in the user's data folder.
+//! `<data>` is [`data_folder`].
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -30,19 +30,26 @@ pub const LIBRARY_FILE: &str = if cfg!(target_os = "macos") {
     "libmujoco.so.3.17.0"
 };
 
-/// The data folder: `$SWM_HOME`, else `stable-worldmodel` in `$XDG_DATA_HOME`, in `%LOCALAPPDATA%` (Windows) or in
-/// `~/.local/share`. `None`: none of these variables is set.
+/// The data folder: `$SWM_HOME`, else `stable-worldmodel` where the system keeps the data of programs: `$XDG_DATA_HOME`
+/// or `~/.local/share`; on macOS `~/Library/Application Support`, on Windows `%LOCALAPPDATA%`. `None`: none of these
+/// variables is set.
 pub fn data_folder() -> Option<PathBuf> {
-    data_folder_from(|name| std::env::var_os(name).filter(|value| !value.is_empty()))
+    data_folder_from(|name| std::env::var_os(name), std::env::consts::OS)
 }
 
-fn data_folder_from(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
-    if let Some(home) = variable(HOME_VARIABLE) {
-        return Some(home.into());
+fn data_folder_from(variable: impl Fn(&str) -> Option<OsString>, os: &str) -> Option<PathBuf> {
+    let set = |name: &str| variable(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    if let Some(home) = set(HOME_VARIABLE) {
+        return Some(home);
     }
-    let user = variable("XDG_DATA_HOME").or_else(|| variable("LOCALAPPDATA")).map(PathBuf::from);
-    let user = user.or_else(|| Some(PathBuf::from(variable("HOME")?).join(".local/share")))?;
-    Some(user.join("stable-worldmodel"))
+    let below_home = |path: &str| set("HOME").map(|home| home.join(path));
+    let user = match os {
+        "macos" => below_home("Library/Application Support"),
+        "windows" => set("LOCALAPPDATA"),
+        // The rule of the XDG specification: a relative path counts as none.
+        _ => set("XDG_DATA_HOME").filter(|path| path.is_absolute()).or_else(|| below_home(".local/share")),
+    };
+    Some(user?.join("stable-worldmodel"))
 }
 
 /// Where the library is looked for: `$SWM_MUJOCO_LIB` alone if it is set, else the data folder.
@@ -60,7 +67,7 @@ pub fn suite_model(name: &str) -> Result<PathBuf, MujocoError> {
 }
 
 fn known_data_folder() -> Result<PathBuf, MujocoError> {
-    let tried = || format!("no folder: {HOME_VARIABLE}, XDG_DATA_HOME and HOME are all unset");
+    let tried = || format!("no data folder: neither {HOME_VARIABLE} nor HOME is set");
     data_folder().ok_or_else(|| MujocoError::NoLibrary { tried: tried() })
 }
 
@@ -70,20 +77,28 @@ mod tests {
 
     use super::*;
 
-    fn folder(variables: &[(&str, &str)]) -> Option<PathBuf> {
-        data_folder_from(|name| {
-            variables.iter().find(|(key, _)| *key == name).map(|(_, value)| OsString::from(value))
-        })
+    fn folder(os: &str, variables: &[(&str, &str)]) -> Option<PathBuf> {
+        let variable =
+            |name: &str| variables.iter().find(|(key, _)| *key == name).map(|(_, value)| value.into());
+        data_folder_from(variable, os)
     }
 
     #[test]
-    fn the_data_folder_follows_the_environment() {
-        assert_eq!(folder(&[("SWM_HOME", "/a"), ("HOME", "/h")]).as_deref(), Some(Path::new("/a")));
-        let xdg = folder(&[("XDG_DATA_HOME", "/x"), ("HOME", "/h")]);
-        assert_eq!(xdg.as_deref(), Some(Path::new("/x/stable-worldmodel")));
-        let home = folder(&[("HOME", "/h")]);
-        assert_eq!(home.as_deref(), Some(Path::new("/h/.local/share/stable-worldmodel")));
-        assert_eq!(folder(&[]), None);
+    fn the_data_folder_follows_the_environment_and_the_system() {
+        let all = [("SWM_HOME", "/a"), ("XDG_DATA_HOME", "/x"), ("HOME", "/h"), ("LOCALAPPDATA", "/l")];
+        let expect = |os: &str, variables: &[(&str, &str)], path: &str| {
+            assert_eq!(folder(os, variables).as_deref(), Some(Path::new(path)), "{os} {variables:?}");
+        };
+        expect("linux", &all, "/a");
+        expect("linux", &all[1..], "/x/stable-worldmodel");
+        expect(
+            "linux",
+            &[("XDG_DATA_HOME", "relative"), ("HOME", "/h")],
+            "/h/.local/share/stable-worldmodel",
+        );
+        expect("macos", &all[1..], "/h/Library/Application Support/stable-worldmodel");
+        expect("windows", &all[1..], "/l/stable-worldmodel");
+        assert_eq!(folder("linux", &[("SWM_HOME", "")]), None);
     }
 
     #[test]

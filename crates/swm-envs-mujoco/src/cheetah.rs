@@ -32,13 +32,21 @@ static DOMAIN: Domain = Domain {
 const TASKS: &[TaskEntry] = &[
     task("run", "run forwards at 10 m/s", |model| Cheetah::new(model, Goal::Run(1.0))),
     task("run-backward", "run backwards at 10 m/s", |model| Cheetah::new(model, Goal::Run(-1.0))),
-    task("stand-front", "stand still on the front foot", |model| Cheetah::new(model, Goal::Stand(Legs::FRONT))),
+    task("stand-front", "stand still on the front foot", |model| {
+        Cheetah::new(model, Goal::Stand(Legs::FRONT))
+    }),
     task("stand-back", "stand still on the back foot", |model| Cheetah::new(model, Goal::Stand(Legs::BACK))),
-    task("jump", "both feet and the torso in the air, without speed", |model| Cheetah::new(model, Goal::Jump)),
-    task("run-front", "run on the front foot at 5 m/s", |model| Cheetah::new(model, Goal::RunOn(Legs::FRONT))),
+    task("jump", "both feet and the torso in the air, without speed", |model| {
+        Cheetah::new(model, Goal::Jump)
+    }),
+    task("run-front", "run on the front foot at 5 m/s", |model| {
+        Cheetah::new(model, Goal::RunOn(Legs::FRONT))
+    }),
     task("run-back", "run on the back foot at 5 m/s", |model| Cheetah::new(model, Goal::RunOn(Legs::BACK))),
     task("lie-down", "torso and feet on the ground", |model| Cheetah::new(model, Goal::LieDown)),
-    task("legs-up", "torso on the ground, the back foot in the air", |model| Cheetah::new(model, Goal::LegsUp)),
+    task("legs-up", "torso on the ground, the back foot in the air", |model| {
+        Cheetah::new(model, Goal::LegsUp)
+    }),
     task("flip", "turn over forwards", |model| Cheetah::new(model, Goal::Flip(1.0))),
     task("flip-backward", "turn over backwards", |model| Cheetah::new(model, Goal::Flip(-1.0))),
 ];
@@ -199,8 +207,7 @@ impl Task for Cheetah {
             }
             Goal::Flip(direction) => {
                 let turning = faster(direction * self.angular_momentum(stage), 8.0);
-                let moving =
-                    tolerance(direction * self.speed(stage), [0.0, f64::INFINITY], 0.0, GAUSSIAN);
+                let moving = tolerance(direction * self.speed(stage), [0.0, f64::INFINITY], 0.0, GAUSSIAN);
                 (2.0 * turning + moving) / 3.0
             }
         }

@@ -7,8 +7,8 @@ use anyhow::{Context as _, Result, anyhow};
 use serde_json::Value as Json;
 use swm::core::env::PIXELS;
 use swm::core::{
-    Batch, Column, Dtype, Env, EnvConfig, EnvSpec, Episode, EpisodeSeed, ImageSize, Registry, ResetOptions, Schema,
-    Value,
+    Batch, Column, Dtype, Env, EnvConfig, EnvSpec, Episode, EpisodeSeed, ImageSize, Registry, ResetOptions,
+    Schema, Value,
 };
 
 use super::file::{GoldenFile, Picture};

@@ -50,7 +50,7 @@
 #[rustfmt::skip]
 #[expect(
     non_camel_case_types, non_snake_case, non_upper_case_globals, dead_code, unused_imports, unreachable_pub,
-    unsafe_op_in_unsafe_fn, clippy::all,
+    unsafe_op_in_unsafe_fn, clippy::all, clippy::semicolon_if_nothing_returned,
     reason = "generated: C's names, and more of the interface than is used"
 )]
 mod bindings;

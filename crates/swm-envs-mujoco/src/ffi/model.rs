@@ -217,7 +217,10 @@ impl Model {
         let header = self.header();
         // SAFETY: both arrays hold `njnt` numbers; the slice checks the index.
         let (qpos, dof) = unsafe {
-            (slice(header.jnt_qposadr, header.njnt, 1)[joint], slice(header.jnt_dofadr, header.njnt, 1)[joint])
+            (
+                slice(header.jnt_qposadr, header.njnt, 1)[joint],
+                slice(header.jnt_dofadr, header.njnt, 1)[joint],
+            )
         };
         (qpos as usize, dof as usize)
     }
@@ -250,7 +253,10 @@ impl Model {
         let header = self.header();
         // SAFETY: both arrays hold `nsensor` numbers; the slices check the index.
         let (start, len) = unsafe {
-            (slice(header.sensor_adr, header.nsensor, 1)[sensor], slice(header.sensor_dim, header.nsensor, 1)[sensor])
+            (
+                slice(header.sensor_adr, header.nsensor, 1)[sensor],
+                slice(header.sensor_dim, header.nsensor, 1)[sensor],
+            )
         };
         start as usize..(start + len) as usize
     }

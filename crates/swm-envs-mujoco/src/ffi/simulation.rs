@@ -337,12 +337,18 @@ mod tests {
                 copy = copy.min(t.elapsed());
                 drop(m);
             }
-            eprintln!("{name}: parse {parse:?} full compile {c1:?} {} B; shrunk {best:?} {} B copy {copy:?}", full.size_bytes(), model.size_bytes());
+            eprintln!(
+                "{name}: parse {parse:?} full compile {c1:?} {} B; shrunk {best:?} {} B copy {copy:?}",
+                full.size_bytes(),
+                model.size_bytes()
+            );
             let mut sim = Simulation::new(Arc::new(model)).unwrap();
             sim.reset();
             sim.forward_without_actuation().unwrap();
             let t = std::time::Instant::now();
-            for _ in 0..2000 { sim.control_step(1).unwrap(); }
+            for _ in 0..2000 {
+                sim.control_step(1).unwrap();
+            }
             eprintln!("   step {:?}", t.elapsed() / 2000);
         }
     }

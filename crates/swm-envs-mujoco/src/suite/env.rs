@@ -74,7 +74,8 @@ impl SuiteEnv {
             return Err(wrong(format!("action_repeat {} is not in 1 to 1000", settings.action_repeat)));
         }
         if config.image.is_some() {
-            let reason = "there is no renderer for MuJoCo scenes yet; ask for no pictures (`--image-size none`)";
+            let reason =
+                "there is no renderer for MuJoCo scenes yet; ask for no pictures (`--image-size none`)";
             return Err(wrong(reason.to_owned()));
         }
         Self::assemble(domain, entry, settings).map_err(|error| error.at_making(id))
@@ -89,7 +90,8 @@ impl SuiteEnv {
         let model = models.default_model();
         let task = (entry.make)(&model)?;
         let control_step_s = model.timestep_s() * f64::from(domain.substeps);
-        let ranges = model.actuator_ctrlrange().chunks_exact(2).map(|range| [range[0], (range[1] - range[0]) / 2.0]);
+        let ranges =
+            model.actuator_ctrlrange().chunks_exact(2).map(|range| [range[0], (range[1] - range[0]) / 2.0]);
         let ranges: Vec<[f64; 2]> = ranges.collect();
         let mut stage = Stage::new(model, domain.targets)?;
         stage.sim.reset();
@@ -199,7 +201,11 @@ impl SuiteEnv {
 
     fn set_controls(&mut self, action: Slice<'_>) -> Result<(), EnvError> {
         let values = match action {
-            Slice::F64(values) if values.len() == self.ranges.len() && values.iter().all(|v| v.is_finite()) => values,
+            Slice::F64(values)
+                if values.len() == self.ranges.len() && values.iter().all(|v| v.is_finite()) =>
+            {
+                values
+            }
             other => {
                 let expected = format!("{} finite float64 values", self.ranges.len());
                 let found = format!("{} values of {}: {other:?}", other.len(), other.dtype());
@@ -253,7 +259,7 @@ impl Env for SuiteEnv {
             total.reward += outcome.reward;
             total.success = total.success.max(outcome.success);
             total.terminated = outcome.terminated;
-            if total.terminated || self.truncated() {
+            if total.terminated || self.is_truncated() {
                 break;
             }
         }
@@ -334,7 +340,7 @@ impl Env for SuiteEnv {
         Some(-self.total_reward)
     }
 
-    fn truncated(&self) -> bool {
+    fn is_truncated(&self) -> bool {
         self.control_steps >= self.step_limit
     }
 }
@@ -357,7 +363,10 @@ fn recorded(
     let Some(value) = row.get(name) else { return Ok(None) };
     let values = value.cast(name, Dtype::F64, &[width])?.numbers(name)?;
     if values.iter().any(|value| !value.is_finite()) {
-        return Err(EnvError::Reset { env: env.to_owned(), reason: format!("the recorded `{name}` is not finite") });
+        return Err(EnvError::Reset {
+            env: env.to_owned(),
+            reason: format!("the recorded `{name}` is not finite"),
+        });
     }
     Ok(Some(values))
 }

@@ -27,7 +27,7 @@ pub(super) struct Models {
     task: &'static str,
     controls: Vec<Control>,
     defaults: Fov,
-    shared: SharedModels,
+    shared: Arc<SharedModels>,
     /// Read when the first factor needs it.
     spec: Option<Spec>,
     /// The last recompiled model, and the values of the factors that it was compiled for.
@@ -35,7 +35,6 @@ pub(super) struct Models {
 }
 
 /// The models of a domain with all factors at their defaults.
-#[derive(Clone)]
 struct SharedModels {
     /// Without the effects in place.
     plain: Arc<Model>,
@@ -108,22 +107,22 @@ impl SharedModels {
         stock: bool,
         controls: &[Control],
         defaults: &Fov,
-    ) -> Result<Self, MujocoError> {
+    ) -> Result<Arc<Self>, MujocoError> {
         type Key = (&'static str, &'static str, bool);
-        static KNOWN: Mutex<Vec<(Key, Weak<Model>, Weak<Model>)>> = Mutex::new(Vec::new());
-        let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
-        known.retain(|(_, plain, complete)| plain.strong_count() > 0 && complete.strong_count() > 0);
+        static KNOWN: Mutex<Vec<(Key, Weak<SharedModels>)>> = Mutex::new(Vec::new());
         let key = (domain.id, task, stock);
-        if let Some((_, plain, complete)) = known.iter().find(|(other, ..)| *other == key)
-            && let (Some(plain), Some(complete)) = (plain.upgrade(), complete.upgrade())
-        {
-            return Ok(Self { plain, complete });
+        let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+        known.retain(|(_, models)| models.strong_count() > 0);
+        let found = known.iter().find(|(other, _)| *other == key);
+        if let Some(models) = found.and_then(|(_, models)| models.upgrade()) {
+            return Ok(models);
         }
         let plain = Arc::new(compile(&mut physics_description(domain, task)?, controls, defaults)?);
         let mut complete = Arc::clone(&plain);
         edit_in_place(controls, defaults, Arc::make_mut(&mut complete))?;
-        known.push((key, Arc::downgrade(&plain), Arc::downgrade(&complete)));
-        Ok(Self { plain, complete })
+        let models = Arc::new(Self { plain, complete });
+        known.push((key, Arc::downgrade(&models)));
+        Ok(models)
     }
 }
 

@@ -30,7 +30,11 @@ impl Default for Settings {
 
 /// The settings for help and docs, one per field of `Settings`.
 pub(super) const SETTINGS: &[Setting] = &[
-    Setting { name: "task", doc: "what is rewarded; the page of the environment lists the tasks", default: "the first" },
+    Setting {
+        name: "task",
+        doc: "what is rewarded; the page of the environment lists the tasks",
+        default: "the first",
+    },
     Setting {
         name: "stock",
         doc: "start from dm_control's own model and looks, not from what the reference makes of them",

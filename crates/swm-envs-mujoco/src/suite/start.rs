@@ -48,7 +48,12 @@ pub fn randomize_joints(sim: &mut Simulation, stream: &mut Stream) {
                 let axis: [f64; 3] = direction(stream);
                 let half = uniform(stream, 0.0, 1.0) * high / 2.0;
                 let (sin, cos) = half.sin_cos();
-                sim.qpos_mut()[at..at + 4].copy_from_slice(&[cos, sin * axis[0], sin * axis[1], sin * axis[2]]);
+                sim.qpos_mut()[at..at + 4].copy_from_slice(&[
+                    cos,
+                    sin * axis[0],
+                    sin * axis[1],
+                    sin * axis[2],
+                ]);
             }
             (JointKind::Ball, None) => {
                 sim.qpos_mut()[at..at + 4].copy_from_slice(&direction::<4>(stream));

@@ -31,12 +31,23 @@ fn spec_of(entry: &EnvEntry) -> Result<EnvSpec, Failure> {
 fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
     let mut rows = Vec::new();
     let mut list = Vec::new();
+    let mut failures = Vec::new();
     for entry in registry.envs() {
-        let spec = spec_of(entry)?;
-        rows.push(vec![entry.id.to_owned(), spec.factors.len().to_string(), entry.summary.to_owned()]);
-        list.push(describe(registry, entry, &spec));
+        let row = |factors: String| vec![entry.id.to_owned(), factors, entry.summary.to_owned()];
+        match (entry.make)(&EnvConfig::default()) {
+            Ok(env) => {
+                rows.push(row(env.spec().factors.len().to_string()));
+                list.push(describe(registry, entry, env.spec()));
+            }
+            // What cannot run here, for want of a library say, is listed with the reason.
+            Err(error) => {
+                rows.push(row("-".to_owned()));
+                list.push(json!({"id": entry.id, "summary": entry.summary, "error": error.to_string()}));
+                failures.push(format!("\n{error}\n"));
+            }
+        }
     }
-    output.result(&list, || table(&["id", "factors", "summary"], &rows))
+    output.result(&list, || table(&["id", "factors", "summary"], &rows) + &failures.concat())
 }
 
 fn one(registry: &Registry, entry: &'static EnvEntry, output: &Output) -> Result<(), Failure> {
