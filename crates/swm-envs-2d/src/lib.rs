@@ -3,11 +3,23 @@
 //! Each environment is one module and one line in [`ENVS`]. It brings its physics, its drawing, its factors of
 //! variation, its policies; rendering comes from `swm-render`. No solver, dataset or model is known here.
 
+#[cfg(feature = "rapier")]
+pub mod point_maze;
 pub mod pusht;
+#[cfg(feature = "rapier")]
+mod rigid;
 mod settings;
 pub mod tworoom_v1;
 
 use swm_core::EnvEntry;
 
 /// All environments of this crate.
-pub const ENVS: &[EnvEntry] = &[pusht::PUSHT, pusht::PUSHT_DISCRETE, tworoom_v1::TWO_ROOM];
+pub const ENVS: &[EnvEntry] = &[
+    pusht::PUSHT,
+    pusht::PUSHT_DISCRETE,
+    tworoom_v1::TWO_ROOM,
+    #[cfg(feature = "rapier")]
+    pusht::PUSHT_RAPIER,
+    #[cfg(feature = "rapier")]
+    point_maze::POINT_MAZE,
+];

@@ -4,7 +4,8 @@
 use swm_fov::Fov;
 use swm_render::{Painter, Rgb, light};
 
-use super::physics::{BodyId, Shape, Sim, WALL_SEGMENTS};
+use super::engine::Engine;
+use super::physics::{BodyId, Shape, WALL_SEGMENTS};
 use super::settings::Settings;
 
 const WALL_COLOR: Rgb = [211, 211, 211];
@@ -63,7 +64,7 @@ impl Look {
     }
 
     /// Everything else. `target` is the controller's, if it is to be marked.
-    pub(super) fn draw(&self, sim: &Sim, target: Option<[f64; 2]>, painter: &mut dyn Painter) {
+    pub(super) fn draw(&self, sim: &impl Engine, target: Option<[f64; 2]>, painter: &mut dyn Painter) {
         self.draw_bodies(sim, painter);
         for wall in &WALL_SEGMENTS {
             painter.fat_segment(wall.from, wall.to, WALL_COLOR);
@@ -81,7 +82,7 @@ impl Look {
 
     /// The reference draws shapes in the order of a hash table: with up to four moving parts the first comes
     /// last, otherwise they come in order.
-    fn draw_bodies(&self, sim: &Sim, painter: &mut dyn Painter) {
+    fn draw_bodies(&self, sim: &impl Engine, painter: &mut dyn Painter) {
         let count = |body| sim.shape(body).part_count();
         let first_last = count(BodyId::Agent) + count(BodyId::Block) <= 4;
         let skipped = usize::from(first_last);
@@ -94,7 +95,7 @@ impl Look {
 
     fn draw_parts(
         &self,
-        sim: &Sim,
+        sim: &impl Engine,
         body: BodyId,
         parts: impl std::ops::RangeBounds<usize>,
         painter: &mut dyn Painter,

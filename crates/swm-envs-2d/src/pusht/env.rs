@@ -1,5 +1,6 @@
 //! `swm/PushT-v1` and its discrete variant as environments: reset, step, observation, saved states.
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use swm_core::env::{PIXELS, ResetOptions};
 use swm_core::{
@@ -11,9 +12,10 @@ use swm_render::{Geometry, Renderer};
 
 use super::discrete;
 use super::drawing::Look;
+use super::engine::Engine;
 use super::factors::{factors_with, setup};
 use super::goal::{self, PushTState, observed_state};
-use super::physics::{ActionMode, BodyId, Placement, Setup, Sim, State, contact_count};
+use super::physics::{ActionMode, BodyId, Placement, Setup, Sim, contact_count};
 use super::settings::Settings;
 
 // Field indices, in the order of `fields`.
@@ -28,13 +30,13 @@ const GOAL_STATE: usize = 7;
 const GOAL_PROPRIO: usize = 8;
 const FACTORS: usize = 9;
 
-/// Push a block to a goal pose. See the crate's documentation.
-pub struct PushT {
+/// Push a block to a goal pose, on some engine. See the crate's documentation.
+pub struct PushT<E: Engine = Sim> {
     spec: EnvSpec,
     settings: Settings,
     space: FovSpace,
     fov: Fov,
-    sim: Sim,
+    sim: E,
     goal: PushTState,
     /// Contact points counted since the last observation.
     contact_points: u32,
@@ -54,53 +56,53 @@ struct Picture {
 
 /// A saved moment.
 #[derive(Serialize, Deserialize)]
-struct Saved {
+struct Saved<S> {
     fov: SavedFov,
     goal: PushTState,
     contact_points: u32,
     target: Option<[f64; 2]>,
-    sim: State,
+    sim: S,
 }
 
-impl Saved {
+impl<S: Clone + Serialize + DeserializeOwned> Saved<S> {
     /// Rebuilds the saved moment's factors and world.
-    fn recall(
+    fn recall<E: Engine<State = S>>(
         env: &str,
         space: &FovSpace,
         settings: &Settings,
         state: &EnvState,
-    ) -> Result<(Saved, Fov, Setup, Sim), EnvError> {
-        let saved: Saved = state.load(env)?;
+    ) -> Result<(Self, Fov, Setup, E), EnvError> {
+        let saved: Self = state.load(env)?;
         let foreign = |reason: String| EnvError::State { env: env.to_owned(), reason };
         let fov = space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
-        let setup = setup(&fov, settings);
-        let mut sim = Sim::new(&setup).map_err(|error| foreign(error.to_string()))?;
+        let setup = setup::<E>(&fov, settings);
+        let mut sim = E::new(&setup).map_err(|error| foreign(error.to_string()))?;
         sim.restore(&saved.sim).map_err(|error| foreign(error.to_string()))?;
         Ok((saved, fov, setup, sim))
     }
 }
 
 /// A saved moment as planners on the true simulator need it: no pictures, no episode bookkeeping.
-pub(super) struct Moment {
+pub(super) struct Moment<E> {
     pub(super) setup: Setup,
-    pub(super) sim: Sim,
+    pub(super) sim: E,
     pub(super) goal: PushTState,
 }
 
-impl Moment {
+impl<E: Engine> Moment<E> {
     /// Reads what [`Env::snapshot`] saved in an environment `env` with these settings.
     pub(super) fn load(
         env: &str,
         space: &FovSpace,
         settings: &Settings,
         state: &EnvState,
-    ) -> Result<Moment, EnvError> {
+    ) -> Result<Moment<E>, EnvError> {
         let (saved, _, setup, sim) = Saved::recall(env, space, settings, state)?;
         Ok(Moment { setup, sim, goal: saved.goal })
     }
 }
 
-impl PushT {
+impl<E: Engine> PushT<E> {
     /// Makes the environment `id`, continuous or discrete.
     pub fn new(id: &str, discrete: bool, config: &EnvConfig) -> Result<Self, EnvError> {
         let settings: Settings = config.parse_settings(id)?;
@@ -110,8 +112,8 @@ impl PushT {
         }
         let space = factors_with(id, &settings.init_value)?;
         let fov = space.defaults();
-        let setup = setup(&fov, &settings);
-        let sim = Sim::new(&setup).map_err(|error| wrong(error.to_string()))?;
+        let setup = setup::<E>(&fov, &settings);
+        let sim = E::new(&setup).map_err(|error| wrong(error.to_string()))?;
         let picture = config
             .image
             .map(|size| Picture::new(size, &settings, &fov, &setup))
@@ -131,7 +133,7 @@ impl PushT {
     }
 
     /// The simulation as it stands.
-    pub fn sim(&self) -> &Sim {
+    pub fn sim(&self) -> &E {
         &self.sim
     }
 
@@ -161,8 +163,9 @@ impl PushT {
     }
 
     /// A new world with the bodies at the goal, after the reference's one substep there.
-    fn sim_at_goal(&self) -> Result<(Sim, u32), EnvError> {
-        let mut sim = Sim::new(&setup(&self.fov, &self.settings)).map_err(|error| self.reset_error(error))?;
+    fn sim_at_goal(&self) -> Result<(E, u32), EnvError> {
+        let mut sim =
+            E::new(&setup::<E>(&self.fov, &self.settings)).map_err(|error| self.reset_error(error))?;
         sim.place(&Placement::from(self.goal)).map_err(|error| self.reset_error(error))?;
         let points = sim.substep();
         Ok((sim, points))
@@ -229,7 +232,7 @@ impl PushT {
     }
 }
 
-impl Env for PushT {
+impl<E: Engine> Env for PushT<E> {
     fn spec(&self) -> &EnvSpec {
         &self.spec
     }
@@ -307,7 +310,7 @@ impl Env for PushT {
             goal: self.goal,
             contact_points: self.contact_points,
             target: self.target,
-            sim: *self.sim.state(),
+            sim: self.sim.state().clone(),
         };
         state.store(&self.spec.id, &saved)
     }
@@ -338,13 +341,13 @@ impl Picture {
         Ok(Self { renderer, look, goal: vec![0; geometry.frame_len()], goal_is_stale: true })
     }
 
-    fn draw(&mut self, sim: &Sim, target: Option<[f64; 2]>, out: &mut [u8]) {
+    fn draw(&mut self, sim: &impl Engine, target: Option<[f64; 2]>, out: &mut [u8]) {
         let look = &self.look;
         let drawn = self.renderer.render(out, |painter| look.draw(sim, target, painter));
         drawn.expect("the pixel field has the renderer's size");
     }
 
-    fn draw_goal(&mut self, sim: &Sim) {
+    fn draw_goal(&mut self, sim: &impl Engine) {
         let mut goal = std::mem::take(&mut self.goal);
         self.draw(sim, None, &mut goal);
         self.goal = goal;

@@ -4,6 +4,7 @@ use serde_json::{Map, Value as Json};
 use swm_core::EnvError;
 use swm_fov::{Factor, Fov, FovSpace};
 
+use super::engine::Engine;
 use super::physics::{BodySetup, Setup, Shape};
 use super::settings::Settings;
 use crate::settings::with_defaults;
@@ -49,7 +50,7 @@ pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<Fo
 }
 
 /// The physical world that an assignment describes.
-pub(super) fn setup(fov: &Fov, settings: &Settings) -> Setup {
+pub(super) fn setup<E: Engine>(fov: &Fov, settings: &Settings) -> Setup {
     let shape = |name| {
         let index = usize::try_from(fov.i64(name)).ok().and_then(Shape::from_index);
         index.expect("the factor's bounds are the shapes")
@@ -69,5 +70,6 @@ pub(super) fn setup(fov: &Fov, settings: &Settings) -> Setup {
         },
         damping: settings.damping,
         block_cog: settings.block_cog,
+        friction: settings.friction.unwrap_or(E::FRICTION),
     }
 }

@@ -2,7 +2,8 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::physics::{BodyId, Shape, Sim};
+use super::engine::Engine;
+use super::physics::{BodyId, Shape};
 
 /// Agent x, y; block x, y (its origin, not its centre of gravity); block angle; agent velocity x, y. Pixels,
 /// radians, pixels per second.
@@ -14,7 +15,7 @@ const POSITION_TOLERANCE: f64 = 20.0;
 const ANGLE_TOLERANCE: f64 = PI / 9.0;
 
 /// The state of a simulation as it is observed: the angle in `[0, 2π)`.
-pub fn observed_state(sim: &Sim) -> PushTState {
+pub fn observed_state(sim: &impl Engine) -> PushTState {
     let ([x, y], [bx, by]) = (sim.position(BodyId::Agent), sim.position(BodyId::Block));
     let [vx, vy] = sim.velocity(BodyId::Agent);
     [x, y, bx, by, sim.angle(BodyId::Block).rem_euclid(TAU), vx, vy]
@@ -50,7 +51,7 @@ pub fn reward(goal: &PushTState, state: &PushTState) -> f64 {
 /// How far the task is from done, in pixels: the block's distance from its goal, where a radian counts 50 px, and, at
 /// a lower weight, how far the agent is from where it is useful next: at the block while that is out of place, at its
 /// own goal once it is not. The second part leads planners to contact, without which nothing they try has an effect.
-pub fn task_cost(sim: &Sim, goal: &PushTState) -> f64 {
+pub fn task_cost(sim: &impl Engine, goal: &PushTState) -> f64 {
     /// Pixels that a radian counts.
     const ANGLE_WEIGHT: f64 = 50.0;
     const AGENT_WEIGHT: f64 = 0.3;

@@ -5,6 +5,7 @@
 
 mod discrete;
 mod drawing;
+mod engine;
 mod env;
 mod expert;
 mod factors;
@@ -13,10 +14,12 @@ pub mod physics;
 mod settings;
 mod weak;
 
+use self::physics::Sim;
 use serde::Deserialize;
 use swm_core::{Actor, EnvEntry, PerEpisode, PolicyEntry, RowView, Setting};
 
 pub use discrete::{from_continuous, to_continuous};
+pub use engine::Engine;
 pub use env::PushT;
 pub use factors::factors;
 pub use goal::{PushTState, angle_error, is_success, observed_state, reward, task_cost};
@@ -26,8 +29,8 @@ pub const PUSHT: EnvEntry = EnvEntry {
     id: "swm/PushT-v1",
     summary: "push a block to a goal pose with a disc or polygon; two-dimensional continuous actions",
     settings: settings::SETTINGS,
-    policies: POLICIES,
-    make: |config| Ok(Box::new(PushT::new(PUSHT.id, false, config)?)),
+    policies: policies::<Sim>(),
+    make: |config| Ok(Box::new(PushT::<Sim>::new(PUSHT.id, false, config)?)),
 };
 
 /// `swm/PushT-Discrete-v1`.
@@ -35,12 +38,24 @@ pub const PUSHT_DISCRETE: EnvEntry = EnvEntry {
     id: "swm/PushT-Discrete-v1",
     summary: "PushT with 16 × 16 polar actions",
     settings: settings::SETTINGS,
-    policies: POLICIES,
-    make: |config| Ok(Box::new(PushT::new(PUSHT_DISCRETE.id, true, config)?)),
+    policies: policies::<Sim>(),
+    make: |config| Ok(Box::new(PushT::<Sim>::new(PUSHT_DISCRETE.id, true, config)?)),
 };
 
-/// Policies that know PushT.
-const POLICIES: &[PolicyEntry] = &[expert::EXPERT, expert::NOISY_EXPERT, WEAK];
+/// `swm/PushTRapier-v0`.
+#[cfg(feature = "rapier")]
+pub const PUSHT_RAPIER: EnvEntry = EnvEntry {
+    id: "swm/PushTRapier-v0",
+    summary: "PushT on rapier2d, with friction and solid walls: to test robustness across physics engines",
+    settings: settings::RAPIER_SETTINGS,
+    policies: policies::<physics::RapierSim>(),
+    make: |config| Ok(Box::new(PushT::<physics::RapierSim>::new(PUSHT_RAPIER.id, false, config)?)),
+};
+
+/// Policies that know PushT; the experts plan on the environment's own engine.
+const fn policies<E: Engine>() -> &'static [PolicyEntry] {
+    const { &[expert::expert::<E>(), expert::noisy_expert::<E>(), WEAK] }
+}
 
 const WEAK: PolicyEntry = PolicyEntry {
     name: "weak",

@@ -16,6 +16,7 @@ pub(super) struct Settings {
     pub render_action: bool,
     pub damping: f64,
     pub block_cog: Option<[f64; 2]>,
+    pub friction: Option<f64>,
     pub init_value: Map<String, Json>,
 }
 
@@ -28,29 +29,46 @@ impl Default for Settings {
             render_action: false,
             damping: 0.0,
             block_cog: None,
+            friction: None,
             init_value: Map::new(),
         }
     }
 }
 
-/// The settings for help and docs, one per field of `Settings`.
-pub(super) const SETTINGS: &[Setting] = &[
-    Setting {
-        name: "relative",
-        doc: "actions are offsets from the agent, in units of 100 px; otherwise targets in px",
-        default: "true",
-    },
-    Setting { name: "with_target", doc: "draw the goal", default: "true" },
-    Setting {
-        name: "render",
-        doc: "`exact`: the reference's pictures to the byte; `fast`: drawn at the asked size",
-        default: "exact",
-    },
-    Setting { name: "render_action", doc: "mark the controller's target in pictures", default: "false" },
-    Setting { name: "damping", doc: "fraction of velocity left after a second", default: "0" },
-    Setting { name: "block_cog", doc: "centre of gravity of the block, [x, y] px", default: "the shape's" },
-    Setting { name: "init_value", doc: "other defaults of factors, {name: value}", default: "{}" },
-];
+macro_rules! settings {
+    ($($own:expr),*) => {
+        &[
+            Setting {
+                name: "relative",
+                doc: "actions are offsets from the agent, in units of 100 px; otherwise targets in px",
+                default: "true",
+            },
+            Setting { name: "with_target", doc: "draw the goal", default: "true" },
+            Setting {
+                name: "render",
+                doc: "`exact`: the reference's pictures to the byte; `fast`: drawn at the asked size",
+                default: "exact",
+            },
+            Setting { name: "render_action", doc: "mark the controller's target in pictures", default: "false" },
+            Setting { name: "damping", doc: "fraction of velocity left after a second", default: "0" },
+            Setting {
+                name: "block_cog",
+                doc: "centre of gravity of the block, [x, y] px",
+                default: "the shape's",
+            },
+            $($own,)*
+            Setting { name: "init_value", doc: "other defaults of factors, {name: value}", default: "{}" },
+        ]
+    };
+}
+
+/// The settings for help and docs, one per field of `Settings` but `friction`, which PushT's own physics has not.
+pub(super) const SETTINGS: &[Setting] = settings!();
+
+/// The settings of PushT on rapier2d.
+#[cfg(feature = "rapier")]
+pub(super) const RAPIER_SETTINGS: &[Setting] =
+    settings!(Setting { name: "friction", doc: "coefficient of friction of all contacts", default: "0.5" });
 
 #[cfg(test)]
 mod tests {
@@ -60,7 +78,11 @@ mod tests {
     fn every_setting_is_described() {
         let json = serde_json::to_value(Settings::default()).unwrap();
         let fields: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
-        let described: Vec<&str> = SETTINGS.iter().map(|setting| setting.name).collect();
-        assert_eq!(fields, described);
+        let described =
+            |settings: &[Setting]| settings.iter().map(|setting| setting.name).collect::<Vec<_>>();
+        #[cfg(feature = "rapier")]
+        assert_eq!(fields, described(RAPIER_SETTINGS));
+        let without: Vec<&str> = fields.into_iter().filter(|name| *name != "friction").collect();
+        assert_eq!(without, described(SETTINGS));
     }
 }

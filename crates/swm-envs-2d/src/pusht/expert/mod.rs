@@ -38,27 +38,31 @@ use self::primitive::normal;
 use self::scene::Scene;
 use self::settings::ExpertSettings;
 use self::steering::{ActionKind, Command};
+use super::engine::Engine;
 use super::env::Moment;
 use super::factors::factors_with;
 use super::goal::observed_state;
-use super::physics::Sim;
 use super::settings::Settings;
 
 /// `expert`.
-pub(super) const EXPERT: PolicyEntry = PolicyEntry {
-    name: "expert",
-    summary: "searches over pushes on the true simulator",
-    settings: settings::SETTINGS,
-    make: |context, args| make(context, args, ExpertSettings::parse(args)?),
-};
+pub(super) const fn expert<E: Engine>() -> PolicyEntry {
+    PolicyEntry {
+        name: "expert",
+        summary: "searches over pushes on the true simulator",
+        settings: settings::SETTINGS,
+        make: |context, args| make::<E>(context, args, ExpertSettings::parse(args)?),
+    }
+}
 
 /// `noisy-expert`.
-pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry {
-    name: "noisy-expert",
-    summary: "the expert with normal noise on its actions (`noisy-expert:STD`), which plans anew every few steps",
-    settings: settings::NOISY_SETTINGS,
-    make: |context, args| make(context, args, ExpertSettings::parse_noisy(args)?),
-};
+pub(super) const fn noisy_expert<E: Engine>() -> PolicyEntry {
+    PolicyEntry {
+        name: "noisy-expert",
+        summary: "the expert with normal noise on its actions (`noisy-expert:STD`), which plans anew every few steps",
+        settings: settings::NOISY_SETTINGS,
+        make: |context, args| make::<E>(context, args, ExpertSettings::parse_noisy(args)?),
+    }
+}
 
 /// What all episodes share.
 struct Expert {
@@ -70,7 +74,7 @@ struct Expert {
     settings: ExpertSettings,
 }
 
-fn make(
+fn make<E: Engine>(
     context: &PolicyContext<'_>,
     args: &PolicyArgs,
     settings: ExpertSettings,
@@ -87,26 +91,26 @@ fn make(
     let expert =
         Arc::new(Expert { env, factors, env_settings, kind, frame_skip: context.frame_skip, settings });
     Ok(Box::new(PerEpisode::new(description, move |view: &RowView<'_>| {
-        Ok(Box::new(ExpertActor::new(Arc::clone(&expert), view)?) as Box<dyn Actor>)
+        Ok(Box::new(ExpertActor::<E>::new(Arc::clone(&expert), view)?) as Box<dyn Actor>)
     })))
 }
 
 /// The expert in one episode.
-struct ExpertActor {
+struct ExpertActor<E> {
     expert: Arc<Expert>,
     scene: Scene,
     /// Where the environment should be if nothing interferes.
-    sim: Sim,
+    sim: E,
     saved: EnvState,
     plan: Vec<Command>,
     /// Commands of the plan that have been carried out.
     done: usize,
 }
 
-impl ExpertActor {
+impl<E: Engine> ExpertActor<E> {
     fn new(expert: Arc<Expert>, view: &RowView<'_>) -> Result<Self, PolicyError> {
         let mut saved = EnvState::new();
-        let moment = expert.moment(view, &mut saved)?;
+        let moment = expert.moment::<E>(view, &mut saved)?;
         let motion = (expert.kind, expert.frame_skip);
         let scene = Scene::new(&expert.settings, motion, &moment).map_err(|error| {
             PolicyError::Unsupported { policy: "expert".to_owned(), reason: error.to_string() }
@@ -122,13 +126,13 @@ impl ExpertActor {
 }
 
 impl Expert {
-    fn moment(&self, view: &RowView<'_>, saved: &mut EnvState) -> Result<Moment, PolicyError> {
+    fn moment<E: Engine>(&self, view: &RowView<'_>, saved: &mut EnvState) -> Result<Moment<E>, PolicyError> {
         view.snapshot(saved)?;
         Ok(Moment::load(self.env, &self.factors, &self.env_settings, saved)?)
     }
 }
 
-impl Actor for ExpertActor {
+impl<E: Engine> Actor for ExpertActor<E> {
     fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let settings = &self.expert.settings;
         if self.done >= self.plan.len().min(settings.replan) || self.is_off_plan(view)? {

@@ -4,8 +4,9 @@
 //! For a polygon agent that is the exact set of overlapping positions at its present angle; around a disc's rounded
 //! corners it is slightly too large. Positions are those of the agent's origin, in the world, pixels.
 
+use crate::pusht::engine::Engine;
 use crate::pusht::physics::{
-    BodyId, Rectangle, Rotation, Setup, Shape, Sim, Vec2, WALL_RADIUS, WALL_SEGMENTS, vec2,
+    BodyId, Rectangle, Rotation, Setup, Shape, Vec2, WALL_RADIUS, WALL_SEGMENTS, vec2,
 };
 
 /// The inner faces of the walls, on both axes.
@@ -107,14 +108,13 @@ pub(super) struct Room {
 }
 
 impl Room {
-    /// Between the walls, for a body of this figure; `None` for a disc, which no wall stops.
-    pub(super) fn new(figure: &Figure, rotation: Rotation) -> Option<Room> {
-        let Figure::Polygon(_) = figure else { return None };
+    /// Between the walls, for a body of this figure.
+    pub(super) fn new(figure: &Figure, rotation: Rotation) -> Room {
         let [near, far] = WALLS_PX;
         let reach = |x, y| figure.farthest(rotation, vec2(x, y));
         let min = vec2(near - reach(-1.0, 0.0).x, near - reach(0.0, -1.0).y);
         let max = vec2(far - reach(1.0, 0.0).x, far - reach(0.0, 1.0).y);
-        Some(Room { min, max })
+        Room { min, max }
     }
 
     pub(super) fn clamp(&self, p: Vec2) -> Vec2 {
@@ -142,7 +142,7 @@ const MARGIN_PX: f64 = 0.8;
 
 impl Obstacle {
     /// For the present poses.
-    pub(super) fn new(agent: &Figure, block: &Figure, sim: &Sim) -> Obstacle {
+    pub(super) fn new(agent: &Figure, block: &Figure, sim: &impl Engine) -> Obstacle {
         let [agent_rotation, block_rotation] =
             [BodyId::Agent, BodyId::Block].map(|body| Rotation::new(sim.angle(body)));
         Obstacle::at((agent, agent_rotation), (block, block_rotation), sim.position(BodyId::Block).into())
@@ -267,7 +267,7 @@ fn quarter_turn(v: Vec2) -> Vec2 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pusht::physics::Placement;
+    use crate::pusht::physics::{Placement, Sim};
 
     /// A T-block at (250, 250), turned by half a radian, and an agent of some shape at an angle.
     fn world(agent: Shape, at: [f64; 2]) -> (Obstacle, Sim) {
@@ -323,10 +323,10 @@ mod tests {
         let mut setup = Setup::default();
         setup.agent.shape = Shape::Square;
         let figure = Figure::new(&setup, BodyId::Agent);
-        let room = Room::new(&figure, Rotation::new(0.0)).unwrap();
+        let room = Room::new(&figure, Rotation::new(0.0));
         assert_eq!((room.min, room.max), (vec2(47.0, 47.0), vec2(464.0, 464.0)));
         assert_eq!(room.clamp(vec2(0.0, 300.0)), vec2(47.0, 300.0));
         assert_eq!(figure.wall_room(vec2(100.0, 464.0), Rotation::new(0.0)), [53.0, 417.0, 364.0, 0.0]);
-        assert!(Room::new(&Figure::Disc(15.0), Rotation::new(0.0)).is_none());
+        assert_eq!(Room::new(&Figure::Disc(15.0), Rotation::new(1.0)).min, vec2(22.0, 22.0));
     }
 }

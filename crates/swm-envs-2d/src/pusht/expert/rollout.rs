@@ -6,7 +6,8 @@ use super::primitive::{Primitive, Start};
 use super::route::Routes;
 use super::scene::Scene;
 use super::steering::{Command, Steering};
-use crate::pusht::physics::{BodyId, Rotation, Sim, Vec2, vec2};
+use crate::pusht::engine::Engine;
+use crate::pusht::physics::{BodyId, Rotation, Vec2, vec2};
 
 /// An approach ends this near its target, pixels.
 const ARRIVED_PX: f64 = 5.0;
@@ -15,9 +16,9 @@ const HELD_PX: f64 = 0.5;
 
 /// A copy of the world that a plan is tried on.
 #[derive(Clone)]
-pub(super) struct Rollout<'a> {
+pub(super) struct Rollout<'a, E> {
     scene: &'a Scene,
-    pub(super) sim: Sim,
+    pub(super) sim: E,
     pub(super) steps: u32,
     pub(super) success: bool,
     /// What was commanded, if it is to be kept.
@@ -37,13 +38,13 @@ const SUCCESS_COST: f64 = -1000.0;
 /// What it costs to leave the block no better than it was: without it, standing still is cheap.
 const IDLE_COST: f64 = 20.0;
 
-impl<'a> Rollout<'a> {
-    pub(super) fn new(scene: &'a Scene, sim: &Sim) -> Rollout<'a> {
+impl<'a, E: Engine> Rollout<'a, E> {
+    pub(super) fn new(scene: &'a Scene, sim: &E) -> Rollout<'a, E> {
         Rollout { scene, sim: sim.clone(), steps: 0, success: false, commands: None }
     }
 
     /// Keeps the commands from now on.
-    pub(super) fn recorded(mut self) -> Rollout<'a> {
+    pub(super) fn recorded(mut self) -> Rollout<'a, E> {
         self.commands = Some(Vec::new());
         self
     }
@@ -133,7 +134,7 @@ impl<'a> Rollout<'a> {
     }
 
     /// Repeats a command for a while, or for long, and then returns to the best moment.
-    fn push(&mut self, duration: Option<u32>, command: impl Fn(&Scene, &Sim) -> Command) {
+    fn push(&mut self, duration: Option<u32>, command: impl Fn(&Scene, &E) -> Command) {
         if let Some(duration) = duration {
             for _ in 0..duration {
                 if !self.success {

@@ -6,9 +6,10 @@ use super::primitive::Spot;
 use super::route::Routes;
 use super::settings::ExpertSettings;
 use super::steering::{ActionKind, Command, Steering};
+use crate::pusht::engine::Engine;
 use crate::pusht::env::Moment;
 use crate::pusht::goal::{PushTState, angle_error, is_success, observed_state};
-use crate::pusht::physics::{BodyId, PhysicsError, Rotation, Shape, Sim, Vec2};
+use crate::pusht::physics::{BodyId, PhysicsError, Rotation, Shape, Vec2};
 
 /// An episode, to be planned in.
 pub(super) struct Scene {
@@ -63,13 +64,13 @@ const USUAL_SCALE: f64 = 30.0;
 const USUAL_STEP_PX: f64 = 26.0;
 
 impl Scene {
-    pub(super) fn new(
+    pub(super) fn new<E: Engine>(
         settings: &ExpertSettings,
         (kind, frame_skip): (ActionKind, u32),
-        moment: &Moment,
+        moment: &Moment<E>,
     ) -> Result<Scene, PhysicsError> {
         let setup = &moment.setup;
-        let steering = Steering::new(kind, frame_skip, setup)?;
+        let steering = Steering::new::<E>(kind, frame_skip, setup)?;
         let rectangles: Vec<_> = setup.block.shape.rectangles(setup.block.scale).collect();
         let slow = setup.agent.shape != Shape::Disc;
         let limits = Limits {
@@ -88,7 +89,7 @@ impl Scene {
             steering,
             agent: Figure::new(setup, BodyId::Agent),
             block,
-            wall_room: slow.then(|| at_goal.map(|room| room.clamp(0.0, behind))),
+            wall_room: (slow || E::WALLS_STOP_DISCS).then(|| at_goal.map(|room| room.clamp(0.0, behind))),
             outline: Outline::new(&rectangles),
             goal: moment.goal,
             limits,
@@ -98,19 +99,19 @@ impl Scene {
         })
     }
 
-    pub(super) fn is_success(&self, sim: &Sim) -> bool {
+    pub(super) fn is_success(&self, sim: &impl Engine) -> bool {
         is_success(self.block_shape, &self.goal, &observed_state(sim))
     }
 
     /// How far the block is from its goal, pixels.
-    pub(super) fn block_cost(&self, sim: &Sim) -> f64 {
+    pub(super) fn block_cost(&self, sim: &impl Engine) -> f64 {
         let (position, angle) = self.block_errors(sim);
         position + self.angle_weight * angle + self.wall_cost(sim)
     }
 
     /// What makes the block hard to get away from walls: it is nearer to one than at its goal, and an agent that walls
     /// stop has no room behind it.
-    fn wall_cost(&self, sim: &Sim) -> f64 {
+    fn wall_cost(&self, sim: &impl Engine) -> f64 {
         let Some(wanted) = &self.wall_room else { return 0.0 };
         let origin = Vec2::from(sim.position(BodyId::Block));
         let room = self.block.wall_room(origin, Rotation::new(sim.angle(BodyId::Block)));
@@ -118,12 +119,12 @@ impl Scene {
     }
 
     /// Whether the block may already stand well enough.
-    pub(super) fn is_nearly_placed(&self, sim: &Sim) -> bool {
+    pub(super) fn is_nearly_placed(&self, sim: &impl Engine) -> bool {
         let (position, angle) = self.block_errors(sim);
         position < FINISH_PX && angle < FINISH_RAD
     }
 
-    fn block_errors(&self, sim: &Sim) -> (f64, f64) {
+    fn block_errors(&self, sim: &impl Engine) -> (f64, f64) {
         let goal = Vec2::from([self.goal[2], self.goal[3]]);
         let position = (Vec2::from(sim.position(BodyId::Block)) - goal).norm();
         (position, angle_error(self.block_shape, self.goal[4], sim.angle(BodyId::Block)))
@@ -135,14 +136,14 @@ impl Scene {
     }
 
     /// The ways of the agent from where it is.
-    pub(super) fn routes(&self, sim: &Sim) -> Routes {
-        let room = Room::new(&self.agent, Rotation::new(sim.angle(BodyId::Agent)));
+    pub(super) fn routes(&self, sim: &impl Engine) -> Routes {
+        let room = self.wall_room.map(|_| Room::new(&self.agent, Rotation::new(sim.angle(BodyId::Agent))));
         let obstacle = Obstacle::new(&self.agent, &self.block, sim);
         Routes::new(obstacle, room, sim.position(BodyId::Agent).into())
     }
 
     /// Where the agent's origin is when it touches the block at a spot, and the outward normal there.
-    fn touch(&self, sim: &Sim, spot: Spot) -> (Vec2, Vec2) {
+    fn touch(&self, sim: &impl Engine, spot: Spot) -> (Vec2, Vec2) {
         let [agent, block] = [BodyId::Agent, BodyId::Block].map(|body| Rotation::new(sim.angle(body)));
         let (point, normal) = self.outline.at(spot.arc_px);
         let point = Vec2::from(sim.position(BodyId::Block)) + block.world_from_body(point);
@@ -151,7 +152,7 @@ impl Scene {
     }
 
     /// The command that keeps the agent at its spot and pushes in a direction that turns with the block.
-    pub(super) fn push_at(&self, sim: &Sim, spot: Spot, turn_rad: f64, strength: f64) -> Command {
+    pub(super) fn push_at(&self, sim: &impl Engine, spot: Spot, turn_rad: f64, strength: f64) -> Command {
         let (place, normal) = self.touch(sim, spot);
         let slip = place - Vec2::from(sim.position(BodyId::Agent));
         let across = slip - normal * slip.dot(normal);
@@ -161,7 +162,7 @@ impl Scene {
 
     /// A place of the agent's origin from which it can begin to push at a spot, and the outward normal there; `None`
     /// if there is no room.
-    pub(super) fn standoff(&self, sim: &Sim, routes: &Routes, spot: Spot) -> Option<(Vec2, Vec2)> {
+    pub(super) fn standoff(&self, sim: &impl Engine, routes: &Routes, spot: Spot) -> Option<(Vec2, Vec2)> {
         let (touching, normal) = self.touch(sim, spot);
         let near = touching + normal * self.limits.standoff_px;
         let clearance = |place| routes.obstacle().clearance(place);

@@ -11,7 +11,7 @@ use super::rollout::{Outcome, Rollout};
 use super::scene::Scene;
 use super::settings::ExpertSettings;
 use super::steering::Command;
-use crate::pusht::physics::Sim;
+use crate::pusht::engine::Engine;
 
 /// Candidates kept between refinements, and how many of them are varied.
 const KEPT: usize = 20;
@@ -27,7 +27,7 @@ struct Candidate {
 pub(super) fn decide(
     scene: &Scene,
     settings: &ExpertSettings,
-    sim: &Sim,
+    sim: &impl Engine,
     stream: &mut Stream,
 ) -> Vec<Command> {
     let mut finish = Rollout::new(scene, sim).recorded();
@@ -78,7 +78,7 @@ pub(super) fn decide(
 fn two_level_cost(
     scene: &Scene,
     settings: &ExpertSettings,
-    sim: &Sim,
+    sim: &impl Engine,
     first: &Primitive,
     stream: &mut Stream,
 ) -> f64 {

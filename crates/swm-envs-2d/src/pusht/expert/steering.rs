@@ -8,9 +8,8 @@ use swm_core::policy::write_action;
 use swm_core::{PolicyError, SliceMut};
 
 use crate::pusht::discrete;
-use crate::pusht::physics::{
-    ActionMode, BodyId, BodySetup, PhysicsError, Placement, Setup, Shape, Sim, Vec2,
-};
+use crate::pusht::engine::Engine;
+use crate::pusht::physics::{ActionMode, BodyId, BodySetup, PhysicsError, Placement, Setup, Shape, Vec2};
 
 /// Length of a relative action of 1, pixels.
 const ACTION_PX: f64 = 100.0;
@@ -46,7 +45,11 @@ pub(super) struct Steering {
 
 impl Steering {
     /// Measures how the agent of `setup` answers.
-    pub(super) fn new(kind: ActionKind, frame_skip: u32, setup: &Setup) -> Result<Steering, PhysicsError> {
+    pub(super) fn new<E: Engine>(
+        kind: ActionKind,
+        frame_skip: u32,
+        setup: &Setup,
+    ) -> Result<Steering, PhysicsError> {
         // A small agent of the same kind alone in the middle; the block is far off in a corner.
         let shape = if setup.agent.shape == Shape::Disc { Shape::Disc } else { Shape::Square };
         let body = |shape, position| BodySetup { shape, scale: 1.0, position, angle: 0.0 };
@@ -56,8 +59,9 @@ impl Steering {
             block: body(Shape::Square, block),
             damping: setup.damping,
             block_cog: None,
+            friction: setup.friction,
         };
-        let mut sim = Sim::new(&probe)?;
+        let mut sim = E::new(&probe)?;
         let mut way = |velocity: f64, action: f64| -> Result<f64, PhysicsError> {
             let agent_velocity = [velocity, 0.0];
             sim.place_exactly(&Placement { agent, agent_velocity, block, ..Placement::default() })?;
@@ -78,7 +82,7 @@ impl Steering {
     }
 
     /// The command after which the agent is at `target`, or as near on the way to it as it can get.
-    pub(super) fn toward(&self, sim: &Sim, target: Vec2) -> Command {
+    pub(super) fn toward(&self, sim: &impl Engine, target: Vec2) -> Command {
         let [position, velocity] = [sim.position(BodyId::Agent), sim.velocity(BodyId::Agent)].map(Vec2::from);
         let way = target - position;
         let distance = way.norm();
@@ -96,7 +100,12 @@ impl Steering {
 
     /// Carries a command out, rounded as the environment's actions are and as often as they are applied, until
     /// `is_over`. Returns whether it is.
-    pub(super) fn drive(&self, sim: &mut Sim, command: Command, is_over: impl Fn(&Sim) -> bool) -> bool {
+    pub(super) fn drive<E: Engine>(
+        &self,
+        sim: &mut E,
+        command: Command,
+        is_over: impl Fn(&E) -> bool,
+    ) -> bool {
         let (action, mode) = match self.kind {
             ActionKind::Relative => (command, ActionMode::Relative),
             ActionKind::Absolute => (absolute(sim, command), ActionMode::Absolute),
@@ -113,7 +122,7 @@ impl Steering {
     /// Writes a command as the action of an environment that stands as `sim` does.
     pub(super) fn write(
         &self,
-        sim: &Sim,
+        sim: &impl Engine,
         command: Command,
         action: &mut SliceMut<'_>,
     ) -> Result<(), PolicyError> {
@@ -133,7 +142,7 @@ impl Steering {
 }
 
 /// The target of a command, pixels.
-fn absolute(sim: &Sim, command: Command) -> Command {
+fn absolute(sim: &impl Engine, command: Command) -> Command {
     let position = sim.position(BodyId::Agent);
     [0, 1].map(|axis| (position[axis] + ACTION_PX * f64::from(command[axis])) as f32)
 }
@@ -141,7 +150,7 @@ fn absolute(sim: &Sim, command: Command) -> Command {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pusht::physics::vec2;
+    use crate::pusht::physics::{Sim, vec2};
 
     fn alone(shape: Shape) -> (Setup, Sim) {
         let mut setup = Setup::default();
@@ -162,7 +171,7 @@ mod tests {
             (Shape::L, ActionKind::Relative),
         ] {
             let (setup, mut sim) = alone(shape);
-            let steering = Steering::new(kind, 1, &setup).unwrap();
+            let steering = Steering::new::<Sim>(kind, 1, &setup).unwrap();
             let target = vec2(254.0, 243.0);
             let command = steering.toward(&sim, target);
             steering.drive(&mut sim, command, |_| false);
@@ -174,14 +183,14 @@ mod tests {
     #[test]
     fn polygons_cover_a_tenth_of_the_way() {
         let (setup, _) = alone(Shape::Z);
-        let steering = Steering::new(ActionKind::Relative, 1, &setup).unwrap();
+        let steering = Steering::new::<Sim>(ActionKind::Relative, 1, &setup).unwrap();
         assert!((steering.step_px() - 100.0 * (1.0 - 0.99_f64.powi(10))).abs() < 1e-9);
     }
 
     #[test]
     fn far_targets_keep_commands_in_the_box_and_the_direction() {
         let (setup, sim) = alone(Shape::Square);
-        let steering = Steering::new(ActionKind::Relative, 1, &setup).unwrap();
+        let steering = Steering::new::<Sim>(ActionKind::Relative, 1, &setup).unwrap();
         let [x, y] = steering.toward(&sim, vec2(450.0, 350.0));
         assert!((x - 1.0).abs() < 1e-6 && (y - 0.5).abs() < 1e-6);
         assert_eq!(Steering::push(vec2(0.6, -0.8), 0.5), [0.375, -0.5]);

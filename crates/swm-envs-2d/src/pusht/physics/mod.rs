@@ -1,10 +1,11 @@
-//! The quasi-static contact dynamics of PushT: an agent pushes a block on a table between four walls.
+//! The dynamics of PushT: an agent pushes a block on a table between four walls.
 //!
 //! Nothing slides on: dynamic bodies are stopped at every substep and move only by what contacts (or, for a polygon
 //! agent, the controller) give them. There is no friction, no bounce and no gravity. The dynamics are those of the
 //! published environment, which runs on a general impulse engine, to about 1e-10 px over whole episodes: including
 //! its ten unconverged solver sweeps, the order of its contacts, its contact memory and its single-precision
-//! controller. What is absent is everything that such an engine has beyond that: joints, friction, callbacks.
+//! controller. What is absent is everything that such an engine has beyond that: joints, friction, callbacks. With the
+//! feature `rapier`, `RapierSim` moves the same bodies by rapier2d, with friction.
 //!
 //! ```
 //! use swm_envs_2d::pusht::physics::{ActionMode, BodyId, Placement, Setup, Sim};
@@ -27,6 +28,7 @@
 //! | `memory` | impulses remembered between substeps |
 //! | `solver` | impulses from contacts |
 //! | `math` | vectors, boxes, sine |
+//! | `rapier` | the other engine |
 
 mod bodies;
 mod broad_phase;
@@ -34,6 +36,8 @@ mod collide;
 mod controller;
 mod math;
 mod memory;
+#[cfg(feature = "rapier")]
+mod rapier;
 mod shapes;
 mod sim;
 mod solver;
@@ -46,6 +50,8 @@ mod tests;
 pub(crate) use broad_phase::enlarged;
 pub use controller::{ActionMode, ActionScalar};
 pub(crate) use math::{Aabb, Rotation, Vec2, vec2};
+#[cfg(feature = "rapier")]
+pub use rapier::{RapierSim, RapierState};
 pub use shapes::{MAX_PARTS, Rectangle, Shape};
 pub use sim::{Contact, Placement, SUBSTEPS, Sim, State, contact_count};
 pub(crate) use solver::{ALLOWED_OVERLAP, OVERLAP_REMOVED};

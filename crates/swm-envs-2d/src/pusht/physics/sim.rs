@@ -64,6 +64,23 @@ impl From<[f64; 7]> for Placement {
     }
 }
 
+impl Placement {
+    /// [`PhysicsError::NotFinite`] if a number is NaN or infinite.
+    pub(super) fn check(&self) -> Result<(), PhysicsError> {
+        let finite = [
+            ("the agent's position", Vec2::from(self.agent).is_finite()),
+            ("the agent's velocity", Vec2::from(self.agent_velocity).is_finite()),
+            ("the agent's angle", self.agent_angle.is_none_or(f64::is_finite)),
+            ("the block's position", Vec2::from(self.block).is_finite()),
+            ("the block's angle", self.block_angle.is_finite()),
+        ];
+        match finite.into_iter().find(|(_, finite)| !finite) {
+            Some((what, _)) => Err(PhysicsError::NotFinite { what }),
+            None => Ok(()),
+        }
+    }
+}
+
 /// One contact of the last substep.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
@@ -105,6 +122,10 @@ impl Sim {
     /// # Errors
     /// [`PhysicsError`] if a number is out of range or the block is a disc.
     pub fn new(setup: &Setup) -> Result<Sim, PhysicsError> {
+        if setup.friction != 0.0 {
+            let allowed = "this engine has no friction; leave it at 0, or use swm/PushTRapier-v0";
+            return Err(PhysicsError::Friction { friction: setup.friction, allowed });
+        }
         let mut world = World::new(setup)?;
         let mut bodies = [Body::default(); 2];
         for (body, setup, facts) in [(0, &setup.agent, &world.bodies[0]), (1, &setup.block, &world.bodies[1])]
@@ -127,16 +148,7 @@ impl Sim {
     /// # Errors
     /// [`PhysicsError::NotFinite`] if a number is NaN or infinite; nothing has moved then.
     pub fn place(&mut self, placement: &Placement) -> Result<(), PhysicsError> {
-        let finite = [
-            ("the agent's position", Vec2::from(placement.agent).is_finite()),
-            ("the agent's velocity", Vec2::from(placement.agent_velocity).is_finite()),
-            ("the agent's angle", placement.agent_angle.is_none_or(f64::is_finite)),
-            ("the block's position", Vec2::from(placement.block).is_finite()),
-            ("the block's angle", placement.block_angle.is_finite()),
-        ];
-        if let Some((what, _)) = finite.into_iter().find(|(_, finite)| !finite) {
-            return Err(PhysicsError::NotFinite { what });
-        }
+        placement.check()?;
         let [agent, block] = &mut self.state.bodies;
         let [agent_facts, block_facts] = &self.world.bodies;
         agent.motion.linear = Vec2::from(placement.agent_velocity);
@@ -268,13 +280,7 @@ impl Sim {
 
     /// The corners `[4][2]` of a body's rectangles in the world, in hull order, pixels; none for a disc.
     pub fn corners(&self, body: BodyId) -> impl Iterator<Item = [[f64; 2]; 4]> + '_ {
-        let rotation = Rotation::new(self.angle(body));
-        let rectangles = self.world.layout.leaves_of(body).filter(move |_| self.shape(body) != Shape::Disc);
-        rectangles.map(move |leaf| {
-            let center = self.world.leaf_center(leaf, self.body(body).center, rotation);
-            let rectangle = PlacedRectangle { center, half: self.world.parts[leaf].half, rotation };
-            [0, 1, 2, 3].map(|index| rectangle.vertex(index).to_array())
-        })
+        self.world.corners(body, self.body(body).center, Rotation::new(self.angle(body)))
     }
 
     /// Number of contact points of the last substep.

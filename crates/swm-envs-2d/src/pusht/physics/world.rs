@@ -2,6 +2,7 @@
 //!
 //! The facts are built once from a [`Setup`]; the moving quantities are in `bodies`, `broad_phase` and `memory`.
 
+use super::collide::PlacedRectangle;
 use super::math::{Aabb, Rotation, Vec2, vec2};
 use super::shapes::{MAX_PARTS, Shape};
 use std::fmt;
@@ -52,6 +53,8 @@ pub struct Setup {
     pub damping: f64,
     /// Centre of gravity of the block in its coordinates, pixels, instead of the shape's own.
     pub block_cog: Option<[f64; 2]>,
+    /// Coefficient of friction of all contacts; the quasi-static engine has none and accepts only 0.
+    pub friction: f64,
 }
 
 impl Default for Setup {
@@ -62,6 +65,7 @@ impl Default for Setup {
             block: BodySetup { shape: Shape::T, scale: 30.0, position: [400.0, 100.0], angle: 0.0 },
             damping: 0.0,
             block_cog: None,
+            friction: 0.0,
         }
     }
 }
@@ -89,6 +93,13 @@ pub enum PhysicsError {
         /// The offending value.
         damping: f64,
     },
+    /// The coefficient of friction is negative, NaN or infinite, or the engine has no friction.
+    Friction {
+        /// The offending value.
+        friction: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
     /// The state is damaged, or belongs to bodies with another number of parts.
     ForeignState,
 }
@@ -112,6 +123,7 @@ impl fmt::Display for PhysicsError {
             PhysicsError::Damping { damping } => {
                 write!(f, "damping {damping} is out of range; give a finite fraction per second, 0 or more")
             }
+            PhysicsError::Friction { friction, allowed } => write!(f, "friction {friction}: {allowed}"),
             PhysicsError::ForeignState => {
                 write!(
                     f,
@@ -238,6 +250,10 @@ impl World {
         if !(setup.damping >= 0.0 && setup.damping.is_finite()) {
             return Err(PhysicsError::Damping { damping: setup.damping });
         }
+        if !(setup.friction >= 0.0 && setup.friction.is_finite()) {
+            let allowed = "give a finite coefficient, 0 or more";
+            return Err(PhysicsError::Friction { friction: setup.friction, allowed });
+        }
         let finite = [
             ("the agent's start position", Vec2::from(setup.agent.position).is_finite()),
             ("the block's start position", Vec2::from(setup.block.position).is_finite()),
@@ -294,6 +310,21 @@ impl World {
     /// Centre of a leaf in the world, from the pose of its body.
     pub(super) fn leaf_center(&self, leaf: usize, body_position: Vec2, rotation: Rotation) -> Vec2 {
         body_position + rotation.world_from_body(self.parts[leaf].center)
+    }
+
+    /// The corners `[4][2]` of a body's rectangles in the world, in hull order; none for a disc.
+    pub(super) fn corners(
+        &self,
+        body: BodyId,
+        center: Vec2,
+        rotation: Rotation,
+    ) -> impl Iterator<Item = [[f64; 2]; 4]> + '_ {
+        let is_polygon = self.body(body).shape != Shape::Disc;
+        self.layout.leaves_of(body).filter(move |_| is_polygon).map(move |leaf| {
+            let center = self.leaf_center(leaf, center, rotation);
+            let rectangle = PlacedRectangle { center, half: self.parts[leaf].half, rotation };
+            [0, 1, 2, 3].map(|index| rectangle.vertex(index).to_array())
+        })
     }
 
     /// Bounding box of a leaf around its centre.

@@ -3,3 +3,5 @@
 mod facts;
 mod golden;
 mod properties;
+#[cfg(feature = "rapier")]
+mod rapier;

@@ -1,0 +1,29 @@
+//! PointMaze: a force drives a disc through a maze to a goal.
+//!
+//! Mazes, cell size and coordinates are OGBench's; the dynamics are ours: where its point is moved by its action, this
+//! disc has a mass, is driven by a force, and slides along walls that rapier2d stops it at.
+
+mod drawing;
+mod env;
+mod factors;
+mod layout;
+mod physics;
+mod policies;
+mod settings;
+#[cfg(test)]
+mod tests;
+mod ways;
+
+use swm_core::EnvEntry;
+
+pub use env::PointMaze;
+pub use factors::factors;
+
+/// `swm/PointMaze-v0`.
+pub const POINT_MAZE: EnvEntry = EnvEntry {
+    id: "swm/PointMaze-v0",
+    summary: "drive a disc through a maze to a goal by a force; two-dimensional continuous actions",
+    settings: settings::SETTINGS,
+    policies: policies::POLICIES,
+    make: |config| Ok(Box::new(PointMaze::new(config)?)),
+};

@@ -1,0 +1,183 @@
+//! Policies that know the maze: `expert` goes the shortest way, `explorer` wanders from cell to cell.
+//!
+//! Both steer by the velocity that they want: along the way, as fast as the next bend allows.
+
+use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
+use serde::Deserialize;
+use swm_core::policy::write_action;
+use swm_core::{
+    Actor, EpisodeSeed, PerEpisode, Policy, PolicyArgs, PolicyEntry, PolicyError, RowView, Setting, SliceMut,
+};
+
+use super::factors::layout_at;
+use super::layout::{Layout, center};
+use super::physics::{Disc, STEP_S};
+use super::ways::{Ways, distance};
+
+/// The policies of the maze.
+pub(super) const POLICIES: &[PolicyEntry] = &[
+    PolicyEntry {
+        name: "expert",
+        summary: "takes the shortest way to the goal",
+        settings: &[],
+        make: |_, args| {
+            args.parse_as::<swm_core::registry::NoArgs>()?;
+            Ok(navigator("expert".to_owned(), 0.0, Errand::Goal))
+        },
+    },
+    PolicyEntry {
+        name: "noisy-expert",
+        summary: "the expert with normal noise on its actions (`noisy-expert:STD`)",
+        settings: &[NOISE],
+        make: |_, args| noisy(args, Errand::Goal),
+    },
+    PolicyEntry {
+        name: "explorer",
+        summary: "wanders from one random cell to the next, whatever the goal, with noise on its actions \
+                  (`explorer:STD`): diverse data, best with terminate_at_goal=false",
+        settings: &[NOISE],
+        make: |_, args| noisy(args, Errand::Cells),
+    },
+];
+
+const NOISE: Setting =
+    Setting { name: "std", doc: "standard deviation of the noise on each component", default: "0.5" };
+
+/// Where to go.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Errand {
+    /// To the goal.
+    Goal,
+    /// To random cells, one after the other.
+    Cells,
+}
+
+fn noisy(args: &PolicyArgs, errand: Errand) -> Result<Box<dyn Policy>, PolicyError> {
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct Config {
+        std: f64,
+    }
+    impl Default for Config {
+        fn default() -> Self {
+            Self { std: 0.5 }
+        }
+    }
+    let Config { std } = args.parse_with("std")?;
+    if !(std >= 0.0 && std.is_finite()) {
+        return Err(args.wrong(format!("std {std} must be 0 or more, and finite")));
+    }
+    Ok(navigator(format!("{}:std={std}", args.name), std, errand))
+}
+
+fn navigator(description: String, std: f64, errand: Errand) -> Box<dyn Policy> {
+    Box::new(PerEpisode::new(description, move |view: &RowView<'_>| {
+        Ok(Box::new(Navigator::new(std, errand, view)?) as Box<dyn Actor>)
+    }))
+}
+
+/// One episode's navigation.
+struct Navigator {
+    std: f64,
+    errand: Errand,
+    layout: &'static Layout,
+    disc: Disc,
+    /// A way ends within this distance of its goal.
+    goal_radius: f64,
+    ways: Ways,
+    target: [f64; 2],
+    /// Cells that the explorer has chosen so far.
+    errands: u64,
+}
+
+/// Explorers choose the next cell within this distance of the middle of theirs.
+const VISITED: f64 = 1.0;
+/// Time in which the wanted velocity is to be reached, seconds.
+const RESPONSE_S: f64 = 0.15;
+/// Share of the greatest force that planned braking counts on.
+const BRAKE: f64 = 0.6;
+/// How far a bend may be overshot.
+const BEND: f64 = 0.8;
+
+impl Navigator {
+    fn new(std: f64, errand: Errand, view: &RowView<'_>) -> Result<Self, PolicyError> {
+        let number = |factor: &str| -> Result<f64, PolicyError> {
+            let values: &[f64] = view.row.get(&format!("variation.{factor}"))?;
+            Ok(values[0])
+        };
+        let index: &[i64] = view.row.get("variation.maze.layout")?;
+        let layout = layout_at(index[0]).ok_or_else(|| PolicyError::Unsupported {
+            policy: "expert".to_owned(),
+            reason: format!("there is no layout {}", index[0]),
+        })?;
+        let disc = Disc {
+            radius: number("agent.radius")?,
+            mass: number("agent.mass")?,
+            damping: number("agent.damping")?,
+            gain: number("agent.gain")?,
+        };
+        let (target, goal_radius) = match errand {
+            Errand::Goal => {
+                let goal: &[f64] = view.row.get("goal_state")?;
+                ([goal[0], goal[1]], number("goal.radius")?)
+            }
+            Errand::Cells => (random_cell(layout, view.episode.seed, 0), VISITED),
+        };
+        let ways = Ways::new(layout, disc.radius, target);
+        Ok(Self { std, errand, layout, disc, goal_radius, ways, target, errands: 0 })
+    }
+
+    /// The force, in units of actions, that follows the way from here.
+    fn steer(&self, position: [f64; 2], velocity: [f64; 2]) -> [f64; 2] {
+        let Disc { mass, damping, gain, .. } = self.disc;
+        let leg = self.ways.leg(position);
+        let reach = distance(position, leg.to);
+        if reach == 0.0 {
+            return [0.0; 2];
+        }
+        // Braking is helped by the floor; driving is not.
+        let brake = BRAKE * gain / mass;
+        let speed_there = match leg.rest == 0.0 {
+            // The goal must not be jumped over between two observations.
+            true => 0.8 * self.goal_radius / STEP_S,
+            false => (brake * BEND).sqrt(),
+        };
+        let speed = (speed_there * speed_there + 2.0 * brake * reach).sqrt().min(gain / (mass * damping));
+        let force = [0, 1].map(|axis| {
+            let wanted = speed * (leg.to[axis] - position[axis]) / reach;
+            mass * ((wanted - velocity[axis]) / RESPONSE_S + damping * wanted) / gain
+        });
+        let scale = force[0].abs().max(force[1].abs()).max(1.0);
+        force.map(|force| force / scale)
+    }
+}
+
+impl Actor for Navigator {
+    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+        let state: &[f64] = view.row.get("state")?;
+        let (position, velocity) = ([state[0], state[1]], [state[2], state[3]]);
+        if self.errand == Errand::Cells && distance(position, self.target) < VISITED {
+            self.errands += 1;
+            self.target = random_cell(self.layout, view.episode.seed, self.errands);
+            self.ways = Ways::new(self.layout, self.disc.radius, self.target);
+        }
+        let mut force = self.steer(position, velocity);
+        if self.std > 0.0 {
+            let mut stream = view.episode.seed.indexed("policy maze noise", [view.episode.step, 0]);
+            for component in &mut force {
+                let noise: f64 = StandardNormal.sample(&mut stream);
+                *component = (*component + self.std * noise).clamp(-1.0, 1.0);
+            }
+        }
+        write_action(&mut action, &force.map(|component| component as f32));
+        Ok(())
+    }
+}
+
+/// The middle of the cell that an explorer goes to next.
+fn random_cell(layout: &Layout, seed: EpisodeSeed, errand: u64) -> [f64; 2] {
+    let share: f64 = StandardUniform.sample(&mut seed.indexed("policy maze cell", [errand, 0]));
+    let count = layout.free_cells().count();
+    let index = ((share * count as f64) as usize).min(count - 1);
+    center(layout.free_cells().nth(index).unwrap_or([1, 1]))
+}

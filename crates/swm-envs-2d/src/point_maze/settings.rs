@@ -1,0 +1,48 @@
+//! What the maker of a PointMaze environment may choose.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
+use swm_core::Setting;
+
+use crate::settings::Render;
+
+/// Constructor settings. Unknown names are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Settings {
+    pub(super) with_target: bool,
+    pub(super) terminate_at_goal: bool,
+    pub(super) render: Render,
+    pub(super) init_value: Map<String, Json>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { with_target: true, terminate_at_goal: true, render: Render::Exact, init_value: Map::new() }
+    }
+}
+
+/// The settings for help and docs, one per field of `Settings`.
+pub(super) const SETTINGS: &[Setting] = &[
+    Setting { name: "with_target", doc: "draw the goal", default: "true" },
+    Setting { name: "terminate_at_goal", doc: "reaching the goal ends the episode", default: "true" },
+    Setting {
+        name: "render",
+        doc: "`exact`: as the other environments' exact pictures are made; `fast`: drawn at the asked size",
+        default: "exact",
+    },
+    Setting { name: "init_value", doc: "other defaults of factors, {name: value}", default: "{}" },
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_setting_is_described() {
+        let json = serde_json::to_value(Settings::default()).unwrap();
+        let fields: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
+        let described: Vec<&str> = SETTINGS.iter().map(|setting| setting.name).collect();
+        assert_eq!(fields, described);
+    }
+}
