@@ -44,13 +44,16 @@
 //! ```
 
 mod bounds;
+mod coloured;
 mod cost;
 mod descent;
 mod error;
 pub mod models;
 mod mpc;
 mod planners;
+mod ranges;
 mod sampling;
+mod search;
 mod settings;
 mod simulator;
 mod solver;
@@ -59,6 +62,7 @@ mod space;
 mod trace;
 mod workspace;
 
+pub use coloured::Normalise;
 pub use cost::{Candidates, ConstrainedCost, Cost, DifferentiableCost, Weigh};
 pub use descent::{Descent, GradClip};
 pub use error::PlanError;
@@ -68,7 +72,10 @@ pub use sampling::{Noise, cheapest, clip, count_non_finite};
 pub use settings::Settings;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
 pub use solver::{MakePlanner, MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
-pub use solvers::{Adam, AdamW, Cem, Form, Lagrangian, Optimizer, Pgd, SOLVERS, Select, Sgd};
+pub use solvers::{
+    Adam, AdamW, CategoricalCem, Cem, Form, Icem, Lagrangian, Mppi, Optimizer, Pgd, PredictiveSampling,
+    SOLVERS, Select, Sgd, TemperatureMode,
+};
 pub use space::{categories, largest, plan_width};
 pub use trace::{
     Detail, Elite, Iteration, IterationRecord, JsonLines, Memory, NoTrace, PlanRecord, Records, Trace,

@@ -1,10 +1,11 @@
-//! What solvers that sample have in common: keyed normal noise, and picking the cheapest samples.
+//! What solvers that sample have in common: keyed noise, and picking the cheapest samples.
 
 use rand_distr::{Distribution as _, StandardNormal};
+use swm_core::seed::Stream;
 
 use crate::solver::PlanKey;
 
-/// Standard normal noise, keyed by what it is for: no number depends on which others were drawn.
+/// Noise, keyed by what it is for: no number depends on which others were drawn.
 #[derive(Clone, Copy, Debug)]
 pub struct Noise {
     /// What it is for, usually the solver's name: two solvers see different noise.
@@ -14,15 +15,20 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Fills `out` with the noise of one sample of one iteration of one plan.
+    /// Fills `out` with the normal noise of one sample of one iteration of one plan.
     pub fn fill(&self, key: &PlanKey, iteration: u32, sample: u32, out: &mut [f32]) {
-        // Plans are counted from 0 per episode, far below 2^32; seed and count share a word of the key.
-        let plan = u64::from(self.seed) << 32 | key.plan;
-        let draw = u64::from(iteration) << 32 | u64::from(sample);
-        let mut stream = key.seed.indexed(self.purpose, [plan, draw]);
+        let mut stream = self.stream(key, iteration, sample);
         for value in out {
             *value = StandardNormal.sample(&mut stream);
         }
+    }
+
+    /// The generator of one sample of one iteration of one plan, for noise that is not normal.
+    pub fn stream(&self, key: &PlanKey, iteration: u32, sample: u32) -> Stream {
+        // Plans are counted from 0 per episode, far below 2^32; seed and count share a word of the key.
+        let plan = u64::from(self.seed) << 32 | key.plan;
+        let draw = u64::from(iteration) << 32 | u64::from(sample);
+        key.seed.indexed(self.purpose, [plan, draw])
     }
 }
 
@@ -64,6 +70,29 @@ pub fn cheapest<'a>(costs: &[f64], count: usize, order: &'a mut [u32]) -> &'a [u
     }
     order[..count].sort_unstable_by(by_cost);
     &order[..count]
+}
+
+/// Mean and unbiased standard deviation, `[H, D]` each, of the candidates `elites` (1 or more); a single one leaves
+/// `spread` as it is.
+pub(crate) fn fit_gaussian(candidates: &[f32], elites: &[u32], mean: &mut [f32], spread: &mut [f32]) {
+    let size = mean.len();
+    let plans = || elites.iter().map(|&elite| &candidates[elite as usize * size..][..size]);
+    mean.fill(0.0);
+    for plan in plans() {
+        mean.iter_mut().zip(plan).for_each(|(sum, value)| *sum += value);
+    }
+    let count = elites.len() as f32;
+    mean.iter_mut().for_each(|sum| *sum /= count);
+    if elites.len() < 2 {
+        return;
+    }
+    spread.fill(0.0);
+    for plan in plans() {
+        for ((sum, value), mean) in spread.iter_mut().zip(plan).zip(&*mean) {
+            *sum += (value - mean) * (value - mean);
+        }
+    }
+    spread.iter_mut().for_each(|sum| *sum = (*sum / (count - 1.0)).sqrt());
 }
 
 #[cfg(test)]

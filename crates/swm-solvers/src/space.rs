@@ -2,6 +2,8 @@
 
 use swm_core::Space;
 
+use crate::error::PlanError;
+
 /// A: numbers that stand for one action of `space` in a plan. Real numbers stand for themselves; an integer is
 /// one-hot, a number per category.
 pub fn plan_width(space: &Space) -> usize {
@@ -19,6 +21,21 @@ pub fn categories(space: &Space) -> impl Iterator<Item = usize> + Clone {
         _ => &[],
     };
     counts.iter().map(|&n| usize::try_from(n).unwrap_or(0))
+}
+
+/// Refuses everything but integers, in the name of `solver`.
+pub(crate) fn check_categories(solver: &'static str, space: &Space) -> Result<(), PlanError> {
+    let refuse = |reason| Err(PlanError::Space { solver, reason });
+    if !matches!(space, Space::Discrete { .. } | Space::MultiDiscrete { .. }) {
+        return refuse(format!("it needs integers, and the action space is {}", space.kind()));
+    }
+    if let Some(index) = categories(space).position(|count| count == 0) {
+        return refuse(format!("element {index} of the action has no categories"));
+    }
+    if plan_width(space) == 0 {
+        return refuse("the action has no elements".to_owned());
+    }
+    Ok(())
 }
 
 /// The first of the largest numbers: the category that a group of a plan stands for.

@@ -1,5 +1,7 @@
 //! Memory that solvers reuse. Holds no state: whatever a solver needs to remember is in its problem.
 
+use std::mem::MaybeUninit;
+
 /// Buffers for any solver. The first solve of a size allocates, later ones do not.
 #[derive(Debug, Default)]
 pub struct Workspace {
@@ -9,6 +11,8 @@ pub struct Workspace {
     pub doubles: Scratch<f64>,
     /// Orders of samples.
     pub indices: Scratch<u32>,
+    /// Room for matrices to be factorised in; holds nothing from use to use.
+    pub stack: Scratch<f64>,
 }
 
 impl Workspace {
@@ -35,6 +39,13 @@ impl<T: Copy + Default> Scratch<T> {
             rest = tail;
             slice
         })
+    }
+
+    /// Room for `length` numbers that are not set.
+    pub fn spare(&mut self, length: usize) -> &mut [MaybeUninit<T>] {
+        self.buffer.clear();
+        self.buffer.reserve(length);
+        &mut self.buffer.spare_capacity_mut()[..length]
     }
 }
 

@@ -2,23 +2,35 @@
 
 mod adam;
 mod adamw;
+mod categorical_cem;
 mod cem;
+mod icem;
 mod lagrangian;
+mod mppi;
 mod pgd;
+mod predictive_sampling;
 mod sgd;
 
 use crate::solver::SolverEntry;
 
 pub use adam::Adam;
 pub use adamw::AdamW;
+pub use categorical_cem::CategoricalCem;
 pub use cem::Cem;
+pub use icem::Icem;
 pub use lagrangian::{Form, Lagrangian, Optimizer};
+pub use mppi::{Mppi, TemperatureMode};
 pub use pgd::{Pgd, Select};
+pub use predictive_sampling::PredictiveSampling;
 pub use sgd::Sgd;
 
 /// Every solver. A new one is a file in this folder and a line here; its policy on the true simulator follows.
 pub const SOLVERS: &[SolverEntry] = &[
     SolverEntry::of::<Cem>(),
+    SolverEntry::of::<Icem>(),
+    SolverEntry::of::<Mppi>(),
+    SolverEntry::of::<PredictiveSampling>(),
+    SolverEntry::of::<CategoricalCem>(),
     SolverEntry::of::<Sgd>(),
     SolverEntry::of::<Adam>(),
     SolverEntry::of::<AdamW>(),

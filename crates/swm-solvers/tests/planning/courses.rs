@@ -95,7 +95,7 @@ impl Course {
         let mut places = [self.start; STEPS + 1];
         for (t, u) in plan.chunks_exact(WIDTH).enumerate() {
             let [x, y] = places[t];
-            places[t + 1] = [x + STRIDE * f64::from(u[0]).tanh(), y + STRIDE * f64::from(u[1]).tanh()];
+            places[t + 1] = [x + STRIDE * bend(f64::from(u[0])), y + STRIDE * bend(f64::from(u[1]))];
         }
         places
     }
@@ -113,7 +113,7 @@ impl Course {
             add(&mut gradient[t + 1], away, 2.0 * weight);
             for &(centre, radius) in &self.obstacles {
                 let (part, away) = nearest([places[t], end], centre);
-                let distance = away[0].hypot(away[1]);
+                let distance = (away[0] * away[0] + away[1] * away[1]).sqrt();
                 let depth = radius + MARGIN - distance;
                 if depth > 0.0 && distance > 0.0 {
                     cost += OBSTACLE_WEIGHT * depth * depth;
@@ -135,7 +135,7 @@ impl Course {
             add(&mut later, places[t], 1.0);
             for axis in 0..2 {
                 let u = f64::from(plan[t * WIDTH + axis]);
-                let slope = STRIDE * (1.0 - u.tanh().powi(2));
+                let slope = STRIDE * (1.0 + u * u).powf(-1.5);
                 gradient[t * WIDTH + axis] = (later[axis] * slope + 2.0 * EFFORT_WEIGHT * u) as f32;
             }
         }
@@ -151,6 +151,11 @@ fn nearest([a, b]: [Point; 2], centre: Point) -> (f64, Point) {
     let part = if length > 0.0 { -(way[0] * from[0] + way[1] * from[1]) / length } else { 0.0 };
     let part = part.clamp(0.0, 1.0);
     (part, [from[0] + part * way[0], from[1] + part * way[1]])
+}
+
+/// From any number to one between -1 and 1.
+fn bend(u: f64) -> f64 {
+    u / (1.0 + u * u).sqrt()
 }
 
 fn minus(p: Point, q: Point) -> Point {
@@ -219,7 +224,8 @@ fn settings(solver: &str) -> Map<String, Json> {
         "sgd" | "pgd" => json!({"iterations": 100, "samples": 40, "lr": 0.03}),
         "adam" | "adamw" => json!({"iterations": 100, "samples": 40}),
         "lagrangian" => json!({"samples": 40}),
-        // The line of a solver that needs other settings stands here.
+        "mppi" => json!({"sigma": 0.3, "iterations": 100, "temperature": 0.1}),
+        "predictive-sampling" => json!({"sigma": 0.2, "iterations": 60}),
         _ => json!({}),
     };
     settings.as_object().expect("an object").clone()
@@ -253,7 +259,10 @@ fn courses_differ_and_their_straight_way_is_barred() {
         assert_eq!(*course, Course::number(number));
         assert!((3..=5).contains(&course.obstacles.len()) && (number == 0 || *course != all[0]));
         let [x, y] = minus(course.goal, course.start);
-        let pace = |way: f64| (way / STEPS as f64 / STRIDE).atanh() as f32;
+        let pace = |way: f64| {
+            let bent = way / STEPS as f64 / STRIDE;
+            (bent / (1.0 - bent * bent).sqrt()) as f32
+        };
         let straight: Vec<f32> = (0..STEPS).flat_map(|_| [pace(x), pace(y)]).collect();
         let [end_x, end_y] = minus(course.walk(&straight)[STEPS], course.goal);
         assert!(end_x.hypot(end_y) < 1e-6 && !course.is_solved_by(&straight));

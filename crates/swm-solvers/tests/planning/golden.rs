@@ -3,9 +3,9 @@
 //! The generators differ, so means are compared: the difference must be within 3 standard errors (plus 1e-4 of the
 //! mean). Seeds are fixed; a failure is first checked with other seeds.
 
-use swm_solvers::{Cem, NoTrace, Plan, Solver as _, Workspace};
+use swm_solvers::{Cem, NoTrace, Plan, Solver, Workspace};
 
-use crate::problems::{self, Analytic, LQ_OPTIMA, PlanCost, keys, lq, nav, problem, space};
+use crate::problems::{Analytic, LQ_OPTIMA, Trial, keys, lq, problem, space};
 
 /// Seeds of the reference's runs.
 const GOLDEN_SEEDS: f64 = 20.0;
@@ -18,17 +18,18 @@ pub(super) struct Golden {
     pub(super) std: [f64; 4],
 }
 
-struct Run {
-    plan: Plan,
-    cost: Analytic,
+pub(super) struct Run {
+    pub(super) plan: Plan,
+    pub(super) cost: Analytic,
+    size: usize,
 }
 
 /// Row `b` is instance `b % 4` with seed `b / 4`.
-fn run(solver: &Cem, cost: PlanCost) -> Run {
+pub(super) fn run(solver: &dyn Solver, trial: &Trial, elites: usize) -> Run {
     let keys = keys((0..4 * SEEDS).map(|row| row / 4));
-    let (space, initial) = (space(), vec![0.0; keys.len() * problems::HORIZON * problems::WIDTH]);
-    let mut run = Run { plan: Plan::new(), cost: Analytic::new(cost, solver.elites) };
-    let problem = problem(&keys, &space, &initial);
+    let initial = vec![0.0; keys.len() * trial.size];
+    let mut run = Run { plan: Plan::new(), cost: Analytic::new(trial.cost, elites), size: trial.size };
+    let problem = trial.problem(&keys, &initial);
     solver
         .solve(&problem, &mut run.cost, &mut Workspace::new(), &mut NoTrace, &mut run.plan)
         .expect("finite costs");
@@ -61,9 +62,9 @@ pub(super) fn check_costs(name: &str, costs: &[f64], golden: &Golden) {
     }
 }
 
-fn check(name: &str, run: &Run, golden: &Golden) {
+pub(super) fn check(name: &str, run: &Run, golden: &Golden) {
     check_costs(name, &run.plan.cost_of_returned, golden);
-    for (row, plan) in run.plan.actions.chunks_exact(problems::HORIZON * problems::WIDTH).enumerate() {
+    for (row, plan) in run.plan.actions.chunks_exact(run.size).enumerate() {
         let cost = f64::from((run.cost.cost)(row % 4, plan));
         assert_eq!(cost, run.plan.cost_of_returned[row], "the reported cost is that of the returned plan");
     }
@@ -71,7 +72,7 @@ fn check(name: &str, run: &Run, golden: &Golden) {
 
 /// Mean of the smallest, of the elite and of all costs of iteration `number` (from 1), by instance. The golden spread
 /// is not known and taken as ours.
-fn check_iteration(name: &str, run: &Run, number: usize, golden: [[f64; 4]; 3]) {
+pub(super) fn check_iteration(name: &str, run: &Run, number: usize, golden: [[f64; 4]; 3]) {
     let seen = &run.cost.iterations[number - 1];
     let columns: [Vec<f64>; 3] = [
         seen.iter().map(|s| s.min).collect(),
@@ -89,7 +90,7 @@ fn check_iteration(name: &str, run: &Run, number: usize, golden: [[f64; 4]; 3]) 
 
 #[test]
 fn cem_on_the_linear_quadratic_problem() {
-    let run = run(&Cem::default(), lq);
+    let run = run(&Cem::default(), &Trial::lq(), 30);
     let golden = Golden {
         mean: [4.63356, 3.98693, 6.7054, 19.8292],
         std: [0.0702603, 0.0639247, 0.0822742, 0.225737],
@@ -133,7 +134,7 @@ fn cem_on_the_linear_quadratic_problem() {
 
 #[test]
 fn small_cem_on_the_linear_quadratic_problem() {
-    let run = run(&Cem { samples: 64, iterations: 8, elites: 8, ..Cem::default() }, lq);
+    let run = run(&Cem { samples: 64, iterations: 8, elites: 8, ..Cem::default() }, &Trial::lq(), 8);
     let golden =
         Golden { mean: [5.50856, 4.95083, 7.65328, 22.1361], std: [0.437752, 0.499027, 0.253264, 1.28485] };
     check("cem_small_lq", &run, &golden);
@@ -161,7 +162,7 @@ fn small_cem_on_the_linear_quadratic_problem() {
 
 #[test]
 fn cem_on_the_navigation_problem() {
-    let run = run(&Cem::default(), nav);
+    let run = run(&Cem::default(), &Trial::nav(), 30);
     for golden in [
         Golden {
             mean: [9.72674, 3.97888, 7.7876, 5.26243],

@@ -2,10 +2,12 @@
 
 mod courses;
 mod golden;
+mod golden_sampling;
 mod gradients;
 mod models;
 mod mpc;
 mod problems;
+mod sampling;
 mod simulator;
 mod solving;
 mod traces;

@@ -1,0 +1,60 @@
+//! Ranges that settings of solvers have in common, with errors that say what is allowed.
+
+use crate::error::PlanError;
+use crate::solver::at_least_one;
+
+/// More samples or iterations are a typing error (and would not fit the keys of the noise).
+const MAX_COUNT: usize = 10_000_000;
+
+/// How many candidates and iterations: 1 or more of the first, 0 or more of the second.
+pub(crate) fn check_counts(samples: usize, iterations: usize) -> Result<(), PlanError> {
+    at_least_one("samples", samples)?;
+    for (name, value) in [("samples", samples), ("iterations", iterations)] {
+        if value > MAX_COUNT {
+            return Err(PlanError::setting(name, format!("{value} is more than {MAX_COUNT}")));
+        }
+    }
+    Ok(())
+}
+
+/// How many of `samples` are elites: 2 or more, because a spread is learned from them.
+pub(crate) fn check_elites(elites: usize, samples: usize) -> Result<(), PlanError> {
+    if elites < 2 {
+        let reason = format!("{elites} is too few; a spread needs 2 or more");
+        return Err(PlanError::setting("elites", reason));
+    }
+    check_at_most_samples(elites, samples)
+}
+
+/// No more elites than samples.
+pub(crate) fn check_at_most_samples(elites: usize, samples: usize) -> Result<(), PlanError> {
+    if elites > samples {
+        let reason = format!("{elites} of {samples} samples; use fewer elites or more samples");
+        return Err(PlanError::setting("elites", reason));
+    }
+    Ok(())
+}
+
+/// A number above 0 that plans can hold.
+pub(crate) fn check_positive(name: &str, value: f64) -> Result<(), PlanError> {
+    if value > 0.0 && value <= f64::from(f32::MAX) {
+        return Ok(());
+    }
+    Err(PlanError::setting(name, format!("{value} is not a positive number")))
+}
+
+/// A number from 0 on that plans can hold.
+pub(crate) fn check_not_negative(name: &str, value: f64) -> Result<(), PlanError> {
+    if (0.0..=f64::from(f32::MAX)).contains(&value) {
+        return Ok(());
+    }
+    Err(PlanError::setting(name, format!("{value} is not a number from 0 on")))
+}
+
+/// A share: from 0 to 1, 1 itself excluded.
+pub(crate) fn check_below_one(name: &str, value: f64) -> Result<(), PlanError> {
+    if (0.0..1.0).contains(&value) {
+        return Ok(());
+    }
+    Err(PlanError::setting(name, format!("{value} is not a number from 0 to 1 (excluded)")))
+}

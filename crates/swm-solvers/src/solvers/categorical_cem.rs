@@ -1,0 +1,224 @@
+//! The cross-entropy method for integers: draw plans from independent categories, refit their probabilities to the
+//! cheapest ones, repeat.
+//!
+//! Source: Rubinstein & Kroese, *The Cross-Entropy Method* (2004), in the variant of the reference's
+//! `CategoricalCEMSolver`: sample 0 is the most probable plan, and so is the result.
+
+use rand_distr::{Distribution as _, Open01};
+use serde::{Deserialize, Serialize};
+use swm_core::Space;
+use swm_core::registry::Setting;
+
+use crate::error::PlanError;
+use crate::ranges::{check_at_most_samples, check_below_one, check_counts, check_not_negative};
+use crate::sampling::Noise;
+use crate::search::{Carried, Episode, Sampler, Search};
+use crate::settings::Settings;
+use crate::solver::{Problem, SolverConfig, at_least_one};
+use crate::space::{categories, check_categories, largest};
+
+/// Settings of the categorical cross-entropy method. Defaults are the reference's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CategoricalCem {
+    /// S: candidates per iteration.
+    pub samples: usize,
+    /// Iterations; 0 returns the initial plan.
+    pub iterations: usize,
+    /// K: how many of the cheapest candidates the probabilities are refitted to.
+    pub elites: usize,
+    /// What is added to the share of every category among the elites before they are made to sum up to 1: above 0, no
+    /// category dies out.
+    pub smoothing: f64,
+    /// Momentum: the share of the old probabilities in the new ones.
+    pub alpha: f64,
+    /// What share of probability all categories of a warm-started action have together; the rest is that of the initial
+    /// plan's. 1 is the reference, which starts with equal probabilities always.
+    pub warm_start_epsilon: f64,
+    /// Whether the cheapest plan ever evaluated is returned instead of the most probable one.
+    pub return_best: bool,
+    /// Seed of the noise, beside that of the episode.
+    pub seed: u32,
+}
+
+impl Default for CategoricalCem {
+    fn default() -> Self {
+        Self {
+            samples: 300,
+            iterations: 30,
+            elites: 30,
+            smoothing: 0.0,
+            alpha: 0.0,
+            warm_start_epsilon: 1.0,
+            return_best: false,
+            seed: 0,
+        }
+    }
+}
+
+impl Settings for CategoricalCem {
+    const SETTINGS: &'static [Setting] = &[
+        Setting { name: "samples", doc: "candidate plans per iteration", default: "300" },
+        Setting { name: "iterations", doc: "rounds of drawing and refitting", default: "30" },
+        Setting { name: "elites", doc: "cheapest candidates that a refit uses", default: "30" },
+        Setting { name: "smoothing", doc: "added to every category's share of the elites", default: "0" },
+        Setting { name: "alpha", doc: "share of the old probabilities in the new ones", default: "0" },
+        Setting {
+            name: "warm_start_epsilon",
+            doc: "probability that a warm-started action is drawn anew; 1 ignores the warm start",
+            default: "1",
+        },
+        Setting {
+            name: "return_best",
+            doc: "return the cheapest plan seen, not the most probable",
+            default: "false",
+        },
+        Setting { name: "seed", doc: "seed of the noise, beside the episode's", default: "0" },
+    ];
+
+    fn validate(&self) -> Result<(), PlanError> {
+        check_counts(self.samples, self.iterations)?;
+        at_least_one("elites", self.elites)?;
+        check_at_most_samples(self.elites, self.samples)?;
+        check_not_negative("smoothing", self.smoothing)?;
+        check_below_one("alpha", self.alpha)?;
+        if !(0.0..=1.0).contains(&self.warm_start_epsilon) {
+            let reason = format!("{} is not a number from 0 to 1", self.warm_start_epsilon);
+            return Err(PlanError::setting("warm_start_epsilon", reason));
+        }
+        Ok(())
+    }
+}
+
+impl SolverConfig for CategoricalCem {
+    const NAME: &'static str = "categorical-cem";
+    const SUMMARY: &'static str =
+        "cross-entropy method for integers: refit probabilities to the cheapest samples";
+}
+
+/// Categories that died out are still drawn this often, as in the reference.
+const LEAST_PROBABILITY: f32 = 1e-10;
+
+impl Sampler for CategoricalCem {
+    fn bounds<'a>(&self, space: &'a Space) -> Result<(&'a [f64], &'a [f64]), PlanError> {
+        check_categories(Self::NAME, space)?;
+        Ok((&[], &[]))
+    }
+
+    fn search(&self) -> Search {
+        Search {
+            samples: self.samples,
+            iterations: self.iterations,
+            elites: self.elites,
+            sigma: 0.0,
+            clip: false,
+            return_best: self.return_best,
+        }
+    }
+
+    fn carried(&self, problem: &Problem<'_>) -> Carried {
+        Carried { floats: problem.plan_size(), ..Carried::default() }
+    }
+
+    /// From here on `mean` holds probabilities, and `spread` the standard deviations of the numbers drawn with them.
+    fn begin(&self, episode: &mut Episode<'_>) {
+        let epsilon = self.warm_start_epsilon as f32;
+        for group in groups(episode.problem.action, episode.mean) {
+            let even = 1.0 / group.len() as f32;
+            // Zeros stand where nothing is known.
+            let known = group.iter().any(|&value| value > 0.0);
+            let choice = largest(group);
+            group.fill(if known { epsilon * even } else { even });
+            if known {
+                group[choice] += 1.0 - epsilon;
+            }
+        }
+        update_spread(episode);
+    }
+
+    /// The most probable plan, then plans drawn by probability.
+    fn draw(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
+        let noise = Noise { purpose: Self::NAME, seed: self.seed };
+        let (action, mean) = (episode.problem.action, &*episode.mean);
+        candidates.fill(0.0);
+        let (first, others) = candidates.split_at_mut(mean.len());
+        for (out, probabilities) in pairs(action, first, mean) {
+            out[largest(probabilities)] = 1.0;
+        }
+        for (sample, candidate) in (1..).zip(others.chunks_exact_mut(mean.len())) {
+            let mut stream = noise.stream(episode.key(), episode.iteration, sample);
+            for (out, probabilities) in pairs(action, candidate, mean) {
+                out[pick(probabilities, Open01.sample(&mut stream))] = 1.0;
+            }
+        }
+    }
+
+    fn learn(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
+        let (size, shares) = (episode.mean.len(), &mut *episode.floats);
+        shares.fill(0.0);
+        for &elite in elites {
+            let candidate = &candidates[elite as usize * size..][..size];
+            shares.iter_mut().zip(candidate).for_each(|(sum, value)| *sum += value);
+        }
+        let (count, smoothing, alpha) = (elites.len() as f32, self.smoothing as f32, self.alpha as f32);
+        for (probabilities, shares) in pairs(episode.problem.action, episode.mean, shares) {
+            let total = 1.0 + smoothing * shares.len() as f32;
+            for (probability, share) in probabilities.iter_mut().zip(shares) {
+                *probability = alpha * *probability + (1.0 - alpha) * (share / count + smoothing) / total;
+            }
+        }
+        update_spread(episode);
+    }
+
+    fn end(&self, episode: &mut Episode<'_>, _memory: &mut Vec<f64>) {
+        for group in groups(episode.problem.action, episode.mean) {
+            let choice = largest(group);
+            group.fill(0.0);
+            group[choice] = 1.0;
+        }
+    }
+}
+
+/// The category at `quantile`, of 0 to 1, when categories are laid out by their probabilities.
+fn pick(probabilities: &[f32], quantile: f32) -> usize {
+    let total: f32 = probabilities.iter().map(|p| p.max(LEAST_PROBABILITY)).sum();
+    let mut rest = quantile * total;
+    for (category, probability) in probabilities.iter().enumerate() {
+        rest -= probability.max(LEAST_PROBABILITY);
+        if rest < 0.0 {
+            return category;
+        }
+    }
+    largest(probabilities)
+}
+
+/// A number that is 1 with probability p and 0 otherwise has the standard deviation √(p (1 - p)).
+fn update_spread(episode: &mut Episode<'_>) {
+    for (spread, &p) in episode.spread.iter_mut().zip(&*episode.mean) {
+        *spread = (p * (1.0 - p)).max(0.0).sqrt();
+    }
+}
+
+/// The numbers of `plan`, category by category of one integer.
+fn groups<'a>(action: &Space, plan: &'a mut [f32]) -> impl Iterator<Item = &'a mut [f32]> {
+    let mut rest = plan;
+    categories(action).cycle().map_while(move |count| {
+        let (group, tail) = std::mem::take(&mut rest).split_at_mut_checked(count)?;
+        rest = tail;
+        Some(group)
+    })
+}
+
+/// The same of two plans at once.
+fn pairs<'a>(
+    action: &Space,
+    plan: &'a mut [f32],
+    other: &'a [f32],
+) -> impl Iterator<Item = (&'a mut [f32], &'a [f32])> {
+    let mut rest = other;
+    groups(action, plan).map(move |group| {
+        let (part, tail) = rest.split_at(group.len());
+        rest = tail;
+        (group, part)
+    })
+}

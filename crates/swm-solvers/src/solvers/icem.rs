@@ -1,0 +1,265 @@
+//! iCEM: the cross-entropy method with noise that is correlated in time, elites that are kept, and momentum.
+//!
+//! Source: Pinneri et al., *Sample-efficient Cross-Entropy Method for Real-time Planning* (2020). The defaults are the
+//! reference's `ICEMSolver`, which lacks three things of the publication; they are the settings `decay`, `elite_shift`
+//! and `mean_at_last`.
+
+use serde::{Deserialize, Serialize};
+use swm_core::registry::Setting;
+
+use crate::coloured::{Normalise, colour, fill_kernel};
+use crate::error::PlanError;
+use crate::ranges::{check_below_one, check_counts, check_elites, check_not_negative, check_positive};
+use crate::sampling::{Noise, fit_gaussian};
+use crate::search::{Carried, Episode, Sampler, Search, scale};
+use crate::settings::Settings;
+use crate::solver::{Problem, SolverConfig};
+
+/// Settings of iCEM. Defaults are the reference's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Icem {
+    /// S: candidates of the first iteration.
+    pub samples: usize,
+    /// Iterations; 0 returns the initial plan.
+    pub iterations: usize,
+    /// K: how many of the cheapest candidates the distribution is refitted to.
+    pub elites: usize,
+    /// How many elites are candidates again in the next iteration.
+    pub elites_kept: usize,
+    /// Standard deviation of every number in the first iteration.
+    pub sigma: f64,
+    /// Smallest standard deviation after a refit.
+    pub sigma_min: f64,
+    /// Colour of the noise: the power at frequency f falls as f^-beta. 0 is white, 1 pink, 2 red.
+    pub noise_beta: f64,
+    /// What the amplitude of noise is made to be.
+    pub normalise: Normalise,
+    /// Momentum: the share of the old mean and spread in the new ones.
+    pub alpha: f64,
+    /// By what factor the candidates become fewer from iteration to iteration, down to twice the elites; 1 keeps their
+    /// number. The publication uses 1.25.
+    pub decay: f64,
+    /// Blocks between two plans of an episode (the receding horizon), by which kept elites of the last plan are shifted
+    /// to be candidates of the next; 0 remembers none.
+    pub elite_shift: usize,
+    /// Whether the mean is a candidate in the last iteration only, as published, and not in all of them.
+    pub mean_at_last: bool,
+    /// Whether candidates are clipped to the bounds of the actions.
+    pub clip: bool,
+    /// Whether the cheapest plan ever evaluated is returned instead of the final mean.
+    pub return_best: bool,
+    /// Seed of the noise, beside that of the episode.
+    pub seed: u32,
+}
+
+impl Default for Icem {
+    fn default() -> Self {
+        Self {
+            samples: 300,
+            iterations: 30,
+            elites: 30,
+            elites_kept: 5,
+            sigma: 1.0,
+            sigma_min: 0.0,
+            noise_beta: 2.0,
+            normalise: Normalise::PerSequence,
+            alpha: 0.1,
+            decay: 1.0,
+            elite_shift: 0,
+            mean_at_last: false,
+            clip: true,
+            return_best: false,
+            seed: 0,
+        }
+    }
+}
+
+impl Settings for Icem {
+    const SETTINGS: &'static [Setting] = &[
+        Setting { name: "samples", doc: "candidate plans of the first iteration", default: "300" },
+        Setting { name: "iterations", doc: "rounds of drawing and refitting", default: "30" },
+        Setting { name: "elites", doc: "cheapest candidates that a refit uses (2 or more)", default: "30" },
+        Setting { name: "elites_kept", doc: "elites that are candidates again", default: "5" },
+        Setting { name: "sigma", doc: "standard deviation of the first candidates", default: "1" },
+        Setting { name: "sigma_min", doc: "smallest standard deviation after a refit", default: "0" },
+        Setting { name: "noise_beta", doc: "colour of the noise: 0 white, 1 pink, 2 red", default: "2" },
+        Setting {
+            name: "normalise",
+            doc: "amplitude of noise: 1 in every sequence (per_sequence) or on average (analytic)",
+            default: "per_sequence",
+        },
+        Setting { name: "alpha", doc: "share of the old mean and spread in the new ones", default: "0.1" },
+        Setting {
+            name: "decay",
+            doc: "factor by which candidates become fewer (1.25 as published)",
+            default: "1",
+        },
+        Setting {
+            name: "elite_shift",
+            doc: "blocks between plans, to reuse the last plan's elites; 0 does not",
+            default: "0",
+        },
+        Setting { name: "mean_at_last", doc: "try the mean in the last iteration only", default: "false" },
+        Setting { name: "clip", doc: "clip candidates to the action bounds", default: "true" },
+        Setting { name: "return_best", doc: "return the cheapest plan seen, not the mean", default: "false" },
+        Setting { name: "seed", doc: "seed of the noise, beside the episode's", default: "0" },
+    ];
+
+    fn validate(&self) -> Result<(), PlanError> {
+        check_counts(self.samples, self.iterations)?;
+        check_elites(self.elites, self.samples)?;
+        if self.elites_kept >= self.samples {
+            let (kept, samples) = (self.elites_kept, self.samples);
+            let reason = format!("{kept} and the mean are more than {samples} samples; keep fewer");
+            return Err(PlanError::setting("elites_kept", reason));
+        }
+        check_positive("sigma", self.sigma)?;
+        check_not_negative("sigma_min", self.sigma_min)?;
+        if !(0.0..=20.0).contains(&self.noise_beta) {
+            let reason = format!("{} is not a number from 0 to 20", self.noise_beta);
+            return Err(PlanError::setting("noise_beta", reason));
+        }
+        check_below_one("alpha", self.alpha)?;
+        if !(1.0..=1e6).contains(&self.decay) {
+            let reason = format!("{} is not a number from 1 on; 1.25 is as published", self.decay);
+            return Err(PlanError::setting("decay", reason));
+        }
+        Ok(())
+    }
+}
+
+impl SolverConfig for Icem {
+    const NAME: &'static str = "icem";
+    const SUMMARY: &'static str = "cross-entropy method with coloured noise, kept elites and momentum";
+}
+
+impl Sampler for Icem {
+    fn search(&self) -> Search {
+        Search {
+            samples: self.samples,
+            iterations: self.iterations,
+            elites: self.elites,
+            sigma: self.sigma as f32,
+            clip: self.clip,
+            return_best: self.return_best,
+        }
+    }
+
+    fn carried(&self, problem: &Problem<'_>) -> Carried {
+        let floats = problem.horizon + (self.kept() + 2) * problem.plan_size();
+        Carried { floats, doubles: 1, ..Carried::default() }
+    }
+
+    fn samples_in(&self, iteration: usize) -> usize {
+        let shrunk = self.samples as f64 * self.decay.powi(-(iteration.min(10_000) as i32));
+        (shrunk as usize).max(2 * self.elites).min(self.samples)
+    }
+
+    fn begin(&self, episode: &mut Episode<'_>) {
+        let (problem, remembered) = (episode.problem, episode.problem.remembered(episode.row));
+        let carried = self.parts(episode);
+        fill_kernel(carried.kernel, self.noise_beta, self.normalise);
+        let (size, skipped) = (problem.plan_size(), self.elite_shift * problem.width());
+        if (1..size).contains(&skipped) && remembered.len() <= carried.elites.len() {
+            let elites = carried.elites.chunks_exact_mut(size).zip(remembered.chunks_exact(size));
+            for (elite, remembered) in elites {
+                let shifted = elite.iter_mut().zip(&remembered[skipped..]);
+                shifted.for_each(|(value, &remembered)| *value = remembered as f32);
+                *carried.count += 1.0;
+            }
+        }
+    }
+
+    /// The mean, kept elites, then mean + spread × noise.
+    fn draw(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
+        let noise = Noise { purpose: Self::NAME, seed: self.seed };
+        let (key, iteration) = (*episode.key(), episode.iteration);
+        let tries_mean = !self.mean_at_last || iteration as usize + 1 == self.iterations;
+        // An elite of the last plan covers its first blocks; what follows is drawn.
+        let covered = match iteration {
+            0 => {
+                (episode.problem.horizon - self.elite_shift.min(episode.problem.horizon))
+                    * episode.problem.width()
+            }
+            _ => episode.mean.len(),
+        };
+        let carried = self.parts(episode);
+        let (size, kept) = (carried.mean.len(), *carried.count as usize);
+        let white = carried.scratch;
+        for (sample, candidate) in candidates.chunks_exact_mut(size).enumerate() {
+            if sample == 0 && tries_mean {
+                candidate.copy_from_slice(carried.mean);
+                continue;
+            }
+            let elite = (1..=kept).contains(&sample).then(|| &carried.elites[(sample - 1) * size..][..size]);
+            if elite.is_none() || covered < size {
+                noise.fill(&key, iteration, sample as u32, white);
+                colour(carried.kernel, self.normalise, white, candidate);
+                scale(candidate, carried.mean, carried.spread);
+            }
+            if let Some(elite) = elite {
+                candidate[..covered].copy_from_slice(&elite[..covered]);
+            }
+        }
+    }
+
+    fn learn(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
+        let carried = self.parts(episode);
+        let size = carried.mean.len();
+        let (mean, spread) = (carried.scratch, carried.fitted_spread);
+        spread.copy_from_slice(carried.spread);
+        fit_gaussian(candidates, elites, mean, spread);
+        let (alpha, floor) = (self.alpha as f32, self.sigma_min as f32);
+        for (value, fitted) in carried.mean.iter_mut().zip(mean) {
+            *value = alpha * *value + (1.0 - alpha) * *fitted;
+        }
+        for (value, fitted) in carried.spread.iter_mut().zip(spread) {
+            *value = (alpha * *value + (1.0 - alpha) * *fitted).max(floor);
+        }
+        let kept = elites.len().min(self.kept());
+        for (kept, &elite) in carried.elites.chunks_exact_mut(size).zip(&elites[..kept]) {
+            kept.copy_from_slice(&candidates[elite as usize * size..][..size]);
+        }
+        *carried.count = kept as f64;
+    }
+
+    fn end(&self, episode: &mut Episode<'_>, memory: &mut Vec<f64>) {
+        if self.elite_shift > 0 {
+            let carried = self.parts(episode);
+            let numbers = *carried.count as usize * carried.mean.len();
+            memory.extend(carried.elites[..numbers].iter().map(|&value| f64::from(value)));
+        }
+    }
+}
+
+/// What an episode carries from iteration to iteration, and room to work.
+struct Parts<'a> {
+    mean: &'a mut [f32],
+    spread: &'a mut [f32],
+    /// `[H]`: the filter of the noise.
+    kernel: &'a mut [f32],
+    /// `[elites_kept, H, D]`, cheapest first.
+    elites: &'a mut [f32],
+    /// How many of them there are.
+    count: &'a mut f64,
+    /// `[H, D]`.
+    scratch: &'a mut [f32],
+    /// `[H, D]`.
+    fitted_spread: &'a mut [f32],
+}
+
+impl Icem {
+    fn kept(&self) -> usize {
+        self.elites_kept.min(self.elites)
+    }
+
+    fn parts<'a>(&self, episode: &'a mut Episode<'_>) -> Parts<'a> {
+        let (horizon, size) = (episode.problem.horizon, episode.mean.len());
+        let (kernel, rest) = episode.floats.split_at_mut(horizon);
+        let (elites, rest) = rest.split_at_mut(self.kept() * size);
+        let (scratch, fitted_spread) = rest.split_at_mut(size);
+        let (mean, spread, count) = (&mut *episode.mean, &mut *episode.spread, &mut episode.doubles[0]);
+        Parts { mean, spread, kernel, elites, count, scratch, fitted_spread }
+    }
+}
