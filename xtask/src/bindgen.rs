@@ -43,7 +43,8 @@ const FUNCTIONS: &[&str] = &[
 ];
 
 /// Enums that no declared function names.
-const TYPES: &str = "mjt(State|DisableBit|EnableBit|Integrator|CatBit|Warning|Sensor)";
+const TYPES: &str =
+    "mjt(State|DisableBit|EnableBit|Integrator|CatBit|Warning|Sensor|Camera|Framebuffer|FontScale)";
 
 const VARIABLES: &str = "mjVERSION_HEADER|mju_user_(error|warning)";
 

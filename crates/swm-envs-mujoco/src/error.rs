@@ -70,6 +70,34 @@ pub enum MujocoError {
         /// Simulated time of the last state before it.
         time_s: f64,
     },
+    /// There is no OpenGL to draw with.
+    #[error(
+        "pictures by OpenGL are not possible here: tried {tried}; install EGL or OSMesa with a driver (Debian and \
+         Ubuntu: `libegl1 libgl1-mesa-dri`, or `libosmesa6`), or ask for no pictures (`--image-size none`)"
+    )]
+    NoGl {
+        /// Each library tried, with the reason why it failed.
+        tried: String,
+    },
+    /// OpenGL stopped working.
+    #[error("OpenGL through {driver}: {reason}")]
+    Gl {
+        /// `EGL` or `OSMesa`.
+        driver: &'static str,
+        /// The call that failed.
+        reason: String,
+    },
+    /// The model has fewer cameras.
+    #[error("the model has no camera {index}; it has {count}, counted from 0")]
+    NoCamera {
+        /// The index asked for.
+        index: usize,
+        /// Cameras of the model.
+        count: usize,
+    },
+    /// A simulation is to be drawn whose model has other objects.
+    #[error("the simulation's model has other objects than the one that the pictures were prepared for")]
+    Scene,
     /// A saved state belongs to another model.
     #[error("the state holds {found} numbers, this model needs {expected}")]
     StateSize {

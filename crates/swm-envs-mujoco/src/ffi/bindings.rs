@@ -2045,6 +2045,12 @@ pub const mjCAT_DECOR: mjtCatBit_ = 4;
 pub const mjCAT_ALL: mjtCatBit_ = 7;
 pub type mjtCatBit_ = ::core::ffi::c_uint;
 pub use self::mjtCatBit_ as mjtCatBit;
+pub const mjCAMERA_FREE: mjtCamera_ = 0;
+pub const mjCAMERA_TRACKING: mjtCamera_ = 1;
+pub const mjCAMERA_FIXED: mjtCamera_ = 2;
+pub const mjCAMERA_USER: mjtCamera_ = 3;
+pub type mjtCamera_ = ::core::ffi::c_uint;
+pub use self::mjtCamera_ as mjtCamera;
 #[repr(C)]
 #[derive(Debug, Copy, Clone)]
 pub struct mjvPerturb_ {
@@ -2238,6 +2244,18 @@ pub struct mjvFigure_ {
     pub yaxisdata: [f32; 2usize],
 }
 pub type mjvFigure = mjvFigure_;
+pub const mjFB_WINDOW: mjtFramebuffer_ = 0;
+pub const mjFB_OFFSCREEN: mjtFramebuffer_ = 1;
+pub type mjtFramebuffer_ = ::core::ffi::c_uint;
+pub use self::mjtFramebuffer_ as mjtFramebuffer;
+pub const mjFONTSCALE_50: mjtFontScale_ = 50;
+pub const mjFONTSCALE_100: mjtFontScale_ = 100;
+pub const mjFONTSCALE_150: mjtFontScale_ = 150;
+pub const mjFONTSCALE_200: mjtFontScale_ = 200;
+pub const mjFONTSCALE_250: mjtFontScale_ = 250;
+pub const mjFONTSCALE_300: mjtFontScale_ = 300;
+pub type mjtFontScale_ = ::core::ffi::c_uint;
+pub use self::mjtFontScale_ as mjtFontScale;
 #[repr(C)]
 #[derive(Debug, Copy, Clone)]
 pub struct mjrRect_ {

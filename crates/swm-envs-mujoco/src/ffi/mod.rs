@@ -54,15 +54,18 @@
     reason = "generated: C's names, and more of the interface than is used"
 )]
 mod bindings;
+pub mod gl;
 mod guard;
 mod library;
 mod model;
 mod objects;
+mod scene;
 mod simulation;
 mod spec;
 
 pub use library::Library;
 pub use model::{Model, Texture};
 pub use objects::{JointKind, Object, Shape};
+pub use scene::Scene;
 pub use simulation::Simulation;
 pub use spec::{Spec, SpecBody, SpecGeom, SpecJoint, SpecLight, SpecMaterial, SpecSite, SpecTexture};

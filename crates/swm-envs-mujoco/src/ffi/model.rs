@@ -148,6 +148,11 @@ impl Model {
         self.header().ngeom as usize
     }
 
+    /// Cameras.
+    pub fn ncam(&self) -> usize {
+        self.header().ncam as usize
+    }
+
     /// Seconds per physics step.
     pub fn timestep_s(&self) -> f64 {
         self.header().opt.timestep

@@ -85,6 +85,10 @@ impl Simulation {
         Ok(())
     }
 
+    pub(super) fn as_mut_ptr(&mut self) -> *mut mjData {
+        self.raw.as_ptr()
+    }
+
     fn header(&self) -> &mjData {
         // SAFETY: `raw` is valid as long as `self`, and nothing writes while `&self` is lent.
         unsafe { self.raw.as_ref() }

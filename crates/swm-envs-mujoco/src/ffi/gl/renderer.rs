@@ -1,0 +1,120 @@
+//! Drawing a scene with MuJoCo's renderer, and reading the pixels.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::GlContext;
+use crate::error::MujocoError;
+use crate::ffi::bindings::*;
+use crate::ffi::guard::guarded;
+use crate::ffi::scene::{same_objects, zeroed};
+use crate::ffi::{Library, Model, Scene, Simulation};
+
+/// Draws simulations of one model as one of its cameras sees them.
+///
+/// Textures, meshes and the quality of light come from the model that it was made with; places, sizes and colours from
+/// the simulation that is drawn, whose model may be one for physics with the textures left out.
+pub struct GlRenderer {
+    library: &'static Library,
+    gl: GlContext,
+    /// What lies in the memory of the graphics card.
+    resources: Box<mjrContext>,
+    scene: Scene,
+    viewport: mjrRect,
+    /// Rows from the bottom to the top.
+    upside_down: Vec<u8>,
+}
+
+// SAFETY: it owns its memory; the names of textures and buffers in it mean something in its own context alone, which
+// moves with it.
+unsafe impl Send for GlRenderer {}
+
+/// Held while resources are made or freed: MuJoCo counts contexts in a plain variable.
+static COUNTING: Mutex<()> = Mutex::new(());
+
+impl GlRenderer {
+    /// A renderer for pictures of `height` × `width` pixels from the camera of this index.
+    pub fn new(model: &Arc<Model>, camera: usize, [height, width]: [usize; 2]) -> Result<Self, MujocoError> {
+        let library = model.library();
+        let side = |pixels: usize| i32::try_from(pixels).unwrap_or(i32::MAX);
+        let mut renderer = Self {
+            library,
+            gl: GlContext::new()?,
+            resources: Box::new(zeroed()),
+            scene: Scene::new(Arc::clone(model), camera)?,
+            viewport: mjrRect { left: 0, bottom: 0, width: side(width), height: side(height) },
+            upside_down: vec![0; height * width * 3],
+        };
+        // SAFETY: it leads to a structure of the type that the function fills.
+        unsafe { (library.api().mjr_defaultContext)(&raw mut *renderer.resources) };
+        renderer.upload(model)?;
+        Ok(renderer)
+    }
+
+    /// Takes textures, meshes and the quality of light from another model with the same objects.
+    pub fn set_model(&mut self, model: &Arc<Model>) -> Result<(), MujocoError> {
+        if !same_objects(self.scene.model().header(), model.header()) {
+            return Err(MujocoError::Scene);
+        }
+        self.upload(model)
+    }
+
+    fn upload(&mut self, model: &Model) -> Result<(), MujocoError> {
+        let Self { library, gl, resources, viewport, .. } = self;
+        let api = library.api();
+        // SAFETY: the header is plain data, and the copy lives no longer than the model that its pointers lead into.
+        let mut sized = unsafe { std::ptr::read(model.as_ptr()) };
+        (sized.vis.global.offwidth, sized.vis.global.offheight) = (viewport.width, viewport.height);
+        let _lock = COUNTING.lock().unwrap_or_else(PoisonError::into_inner);
+        gl.draw(|| {
+            // SAFETY: the context is current, OpenGL is visible to MuJoCo, and what the resources held before is freed
+            // by the function itself.
+            guarded(|| unsafe {
+                (api.mjr_makeContext)(&raw const sized, &raw mut **resources, mjFONTSCALE_100 as i32);
+                (api.mjr_setBuffer)(mjFB_OFFSCREEN as i32, &raw mut **resources);
+            })
+        })?
+    }
+
+    /// Draws the simulation as it stands computed into `pixels`: `[height, width, 3]`, red, green and blue.
+    ///
+    /// # Panics
+    /// If `pixels` has another length, a mistake of the caller.
+    pub fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) -> Result<(), MujocoError> {
+        assert_eq!(pixels.len(), self.upside_down.len(), "a picture of another size");
+        self.scene.update(sim)?;
+        let Self { library, gl, resources, scene, viewport, upside_down } = self;
+        let api = library.api();
+        gl.draw(|| {
+            // SAFETY: the context is current; the scene's objects are those of the resources; the buffer has room for
+            // the viewport's pixels, and MuJoCo packs rows without gaps.
+            guarded(|| unsafe {
+                (api.mjr_setBuffer)(mjFB_OFFSCREEN as i32, &raw mut **resources);
+                (api.mjr_render)(*viewport, scene.as_mut_ptr(), &raw const **resources);
+                let depth = std::ptr::null_mut();
+                (api.mjr_readPixels)(upside_down.as_mut_ptr(), depth, *viewport, &raw const **resources);
+            })
+        })??;
+        let row = 3 * viewport.width as usize;
+        for (target, source) in pixels.chunks_exact_mut(row).zip(upside_down.chunks_exact(row).rev()) {
+            target.copy_from_slice(source);
+        }
+        Ok(())
+    }
+
+    /// What draws: `EGL` or `OSMesa`.
+    pub fn driver_name(&self) -> &'static str {
+        self.gl.driver_name()
+    }
+}
+
+impl Drop for GlRenderer {
+    fn drop(&mut self) {
+        let Self { library, gl, resources, .. } = self;
+        let _lock = COUNTING.lock().unwrap_or_else(PoisonError::into_inner);
+        // Where the context cannot be made current, its resources go with it.
+        let _ = gl.draw(|| {
+            // SAFETY: the context is current, and the resources are not used again.
+            guarded(|| unsafe { (library.api().mjr_freeContext)(&raw mut **resources) })
+        });
+    }
+}
