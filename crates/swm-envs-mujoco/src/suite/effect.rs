@@ -155,7 +155,7 @@ fn draw_checker(model: &mut Model, texture: usize, rgb: &[f64]) {
             if is_edge {
                 continue;
             }
-            let is_first = (row < height / 2) != (column < width / 2);
+            let is_first = (row < height / 2) == (column < width / 2);
             let colour = if is_first { &rgb[..3] } else { &rgb[3..6] };
             for (target, value) in pixel.iter_mut().zip(colour) {
                 *target = byte(*value);

@@ -3,15 +3,17 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use swm_core::env::PIXELS;
 use swm_core::{
-    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, RowsMut, Slice,
-    Space, Value,
+    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome,
+    RowsMut, Slice, Space, Value,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 
 use super::Stage;
 use super::domain::{Domain, Task, TaskEntry};
 use super::models::{Models, Origin};
+use super::picture::Picture;
 use super::settings::{OnDivergence, Settings};
 use crate::error::MujocoError;
 
@@ -44,6 +46,7 @@ pub struct SuiteEnv {
     step_limit: u64,
     scratch: Vec<f64>,
     columns: Columns,
+    picture: Option<Picture>,
 }
 
 /// Where the variable part of a row lies.
@@ -51,6 +54,7 @@ struct Columns {
     infos: usize,
     targets: usize,
     factors: usize,
+    pixels: usize,
 }
 
 /// A saved moment.
@@ -73,18 +77,18 @@ impl SuiteEnv {
         if !(1..=1000).contains(&settings.action_repeat) {
             return Err(wrong(format!("action_repeat {} is not in 1 to 1000", settings.action_repeat)));
         }
-        if config.image.is_some() {
-            let reason =
-                "there is no renderer for MuJoCo scenes yet; ask for no pictures (`--image-size none`)";
+        if config.image.is_some() && settings.renderer.is_none() {
+            let reason = "pictures need a renderer: set `renderer=gl`, or ask for none (`--image-size none`)";
             return Err(wrong(reason.to_owned()));
         }
-        Self::assemble(domain, entry, settings).map_err(|error| error.at_making(id))
+        Self::assemble(domain, entry, settings, config.image).map_err(|error| error.at_making(id))
     }
 
     fn assemble(
         domain: &'static Domain,
         entry: &'static TaskEntry,
         settings: Settings,
+        image: Option<ImageSize>,
     ) -> Result<Self, MujocoError> {
         let (models, space) = Models::new(domain, entry.name, settings.stock)?;
         let model = models.default_model();
@@ -98,7 +102,7 @@ impl SuiteEnv {
         stage.sim.forward_without_actuation()?;
         let mut scratch = Vec::new();
         task.observe(&stage, &mut scratch);
-        let (fields, columns) = fields(domain, &stage, scratch.len(), &space);
+        let (fields, columns) = fields(domain, &stage, scratch.len(), &space, image);
         let spec = EnvSpec {
             id: domain.id.to_owned(),
             action: Space::uniform_box(Dtype::F64, &[ranges.len()], -1.0, 1.0),
@@ -108,9 +112,12 @@ impl SuiteEnv {
             start_columns: domain.start_columns,
             goal_columns: entry.goal_columns,
         };
+        let picture =
+            image.map(|size| Picture::new(&models, &settings, space.defaults(), size)).transpose()?;
         Ok(Self {
             spec,
             domain,
+            picture,
             fov: space.defaults(),
             step_limit: (domain.time_limit_s / control_step_s).round() as u64,
             settings,
@@ -143,7 +150,10 @@ impl SuiteEnv {
         self.origin = origin;
         self.stage.sim.set_model(model)?;
         self.stage.forget_targets();
-        Ok(())
+        match &mut self.picture {
+            Some(picture) => picture.prepare(&self.models, &self.fov),
+            None => Ok(()),
+        }
     }
 
     fn begin(&mut self, episode: &Episode<'_>) -> Result<(), MujocoError> {
@@ -244,6 +254,9 @@ impl Env for SuiteEnv {
     }
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
+        if let Some(failure) = self.picture.as_mut().and_then(Picture::take_failure) {
+            return Err(failure.at_step(&self.spec.id));
+        }
         self.set_controls(action)?;
         let mut total = Outcome { reward: 0.0, terminated: false, success: None };
         for _ in 0..self.settings.action_repeat {
@@ -272,7 +285,7 @@ impl Env for SuiteEnv {
     }
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
-        let Self { stage, task, scratch, columns, domain, .. } = self;
+        let Self { stage, task, scratch, columns, domain, picture, .. } = self;
         scratch.clear();
         task.observe(stage, scratch);
         for (target, value) in out.at::<f32>(OBSERVATION).iter_mut().zip(&*scratch) {
@@ -297,6 +310,9 @@ impl Env for SuiteEnv {
         }
         for index in 0..domain.targets.len() {
             out.write(columns.targets + index, stage.target(index));
+        }
+        if let Some(picture) = picture {
+            picture.draw(&mut stage.sim, out.at(columns.pixels));
         }
     }
 
@@ -371,7 +387,13 @@ fn recorded(
     Ok(Some(values))
 }
 
-fn fields(domain: &Domain, stage: &Stage, observation: usize, space: &FovSpace) -> (Vec<Field>, Columns) {
+fn fields(
+    domain: &Domain,
+    stage: &Stage,
+    observation: usize,
+    space: &FovSpace,
+    image: Option<ImageSize>,
+) -> (Vec<Field>, Columns) {
     let model = stage.sim.model();
     let numbers = |name: &str, shape: &[usize]| Field::step(name, Dtype::F64, shape);
     let mut fields = vec![
@@ -393,5 +415,7 @@ fn fields(domain: &Domain, stage: &Stage, observation: usize, space: &FovSpace) 
     fields.extend(domain.targets.iter().map(|target| numbers(target.column, &[target.place.width()])));
     let factors = fields.len();
     fields.extend(space.fields());
-    (fields, Columns { infos, targets, factors })
+    let pixels = fields.len();
+    fields.extend(image.map(|size| size.field(PIXELS)));
+    (fields, Columns { infos, targets, factors, pixels })
 }

@@ -8,6 +8,7 @@ mod effect;
 mod env;
 pub mod factors;
 mod models;
+mod picture;
 mod settings;
 mod stage;
 mod start;

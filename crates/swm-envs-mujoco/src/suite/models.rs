@@ -83,6 +83,13 @@ impl Models {
         Ok((model, origin))
     }
 
+    /// The model for these factors with its textures, for pictures.
+    pub(super) fn textured_model(&self, fov: &Fov) -> Result<Arc<Model>, MujocoError> {
+        let mut model = compile(&mut description(self.domain, self.task)?, &self.controls, fov)?;
+        edit_in_place(&self.controls, fov, &mut model)?;
+        Ok(Arc::new(model))
+    }
+
     fn compiled_for(&mut self, fov: &Fov, values: Vec<f64>) -> Result<Arc<Model>, MujocoError> {
         if let Some((of, model)) = &self.recompiled
             && *of == values

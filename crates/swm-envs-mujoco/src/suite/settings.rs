@@ -11,6 +11,15 @@ pub(super) struct Settings {
     pub stock: bool,
     pub action_repeat: u32,
     pub on_divergence: OnDivergence,
+    pub renderer: Option<Renderer>,
+    pub camera: usize,
+}
+
+/// What draws pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Renderer {
+    Gl,
 }
 
 /// What happens when the simulation means nothing any more.
@@ -24,7 +33,14 @@ pub(super) enum OnDivergence {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { task: None, stock: false, action_repeat: 2, on_divergence: OnDivergence::Error }
+        Self {
+            task: None,
+            stock: false,
+            action_repeat: 2,
+            on_divergence: OnDivergence::Error,
+            renderer: None,
+            camera: 0,
+        }
     }
 }
 
@@ -46,6 +62,12 @@ pub(super) const SETTINGS: &[Setting] = &[
         doc: "`error`: a simulation that diverges fails the run; `end`: it ends the episode, without a reward for that step",
         default: "error",
     },
+    Setting {
+        name: "renderer",
+        doc: "what draws pictures; `gl`: MuJoCo's own renderer, with OpenGL through EGL or OSMesa",
+        default: "none",
+    },
+    Setting { name: "camera", doc: "index of the model's camera that pictures are taken from", default: "0" },
 ];
 
 #[cfg(test)]

@@ -81,6 +81,8 @@ pub struct GlContext {
 
 // SAFETY: it is current on a thread only during `draw`, which borrows it.
 unsafe impl Send for GlContext {}
+// SAFETY: `&GlContext` gives access to nothing but the name of the driver.
+unsafe impl Sync for GlContext {}
 
 impl GlContext {
     /// Loads OpenGL, if nothing has done so yet, and makes a context.

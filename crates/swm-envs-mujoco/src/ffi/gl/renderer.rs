@@ -27,6 +27,8 @@ pub struct GlRenderer {
 // SAFETY: it owns its memory; the names of textures and buffers in it mean something in its own context alone, which
 // moves with it.
 unsafe impl Send for GlRenderer {}
+// SAFETY: `&GlRenderer` gives access to nothing but the name of the driver.
+unsafe impl Sync for GlRenderer {}
 
 /// Held while resources are made or freed: MuJoCo counts contexts in a plain variable.
 static COUNTING: Mutex<()> = Mutex::new(());

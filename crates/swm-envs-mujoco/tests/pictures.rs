@@ -1,0 +1,130 @@
+//! Pictures by OpenGL against those of the reference, at the recorded moments.
+//!
+//! The recorded ones were drawn through EGL by Mesa 22.3.6 in software; other drivers round differently, so that what is
+//! asserted leaves room for them. The output says how many pixels are equal. Without OpenGL the tests say so and pass.
+
+use std::collections::BTreeMap;
+use std::io::Cursor;
+use std::path::PathBuf;
+
+use serde::Deserialize;
+use swm_core::env::PIXELS;
+use swm_core::{
+    Batch, Env, EnvConfig, EnvError, Episode, EpisodeSeed, ImageSize, ResetOptions, Schema, Value,
+};
+use swm_envs_mujoco::ffi::gl::GlContext;
+
+/// A moment in `tests/golden/pictures/scenes.json`; its picture has the same name.
+#[derive(Deserialize)]
+struct Moment {
+    factors: BTreeMap<String, serde_json::Value>,
+    start: BTreeMap<String, Vec<f64>>,
+}
+
+const SIDE: usize = 224;
+
+fn golden(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/pictures").join(name)
+}
+
+fn moments() -> BTreeMap<String, Moment> {
+    serde_json::from_str(&std::fs::read_to_string(golden("scenes.json")).unwrap()).unwrap()
+}
+
+/// Whether there is OpenGL; prints why not.
+fn has_gl() -> bool {
+    match GlContext::new() {
+        Ok(context) => {
+            println!("drawn through {}", context.driver_name());
+            true
+        }
+        Err(error) => {
+            println!("skipped: {error}");
+            false
+        }
+    }
+}
+
+fn make(settings: &[(&str, serde_json::Value)]) -> Result<Box<dyn Env>, EnvError> {
+    let settings = settings.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
+    let config = EnvConfig { image: Some(ImageSize { height: SIDE, width: SIDE }), settings };
+    (swm_envs_mujoco::CHEETAH.make)(&config)
+}
+
+fn cheetah() -> (Box<dyn Env>, Batch) {
+    let env = make(&[("renderer", "gl".into())]).unwrap();
+    let row = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);
+    (env, row)
+}
+
+/// The picture of a moment, `[224, 224, 3]`.
+fn draw((env, row): &mut (Box<dyn Env>, Batch), moment: &Moment) -> Vec<u8> {
+    let mut options = ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() };
+    for (name, value) in &moment.factors {
+        options.variation_values.insert(name.clone(), Value::from_json(name, value).unwrap());
+    }
+    let start = moment.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
+    options.start = Some(start.collect());
+    env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).unwrap();
+    env.observe(&mut row.rows_mut());
+    row.get::<u8>(PIXELS).unwrap().to_vec()
+}
+
+fn recorded(name: &str) -> Vec<u8> {
+    let png = std::fs::read(golden(&format!("{name}.png"))).unwrap();
+    let mut reader = png::Decoder::new(Cursor::new(png)).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut pixels).unwrap();
+    pixels
+}
+
+#[test]
+fn pictures_are_those_of_the_reference() {
+    if !has_gl() {
+        return;
+    }
+    let mut cheetah = cheetah();
+    for (name, moment) in &moments() {
+        let (ours, theirs) = (draw(&mut cheetah, moment), recorded(name));
+        assert_eq!(ours.len(), theirs.len(), "{name}");
+        let differences = || ours.iter().zip(&theirs).map(|(a, b)| a.abs_diff(*b));
+        let equal = ours.chunks_exact(3).zip(theirs.chunks_exact(3)).filter(|(a, b)| a == b).count();
+        let mean = differences().map(f64::from).sum::<f64>() / ours.len() as f64;
+        let worst = differences().max().unwrap();
+        println!(
+            "{name}: {equal} of {} pixels equal, mean difference {mean:.4}, worst {worst}",
+            SIDE * SIDE
+        );
+        assert!(mean < 1.0, "{name}: mean difference {mean} of 255");
+    }
+}
+
+#[test]
+fn pictures_do_not_depend_on_the_thread_or_on_other_environments() {
+    if !has_gl() {
+        return;
+    }
+    let moments = moments();
+    let moment = &moments["cheetah-0"];
+    let first = draw(&mut cheetah(), moment);
+    let threads: Vec<_> = (0..3).map(|_| cheetah()).collect();
+    std::thread::scope(|scope| {
+        for mut own in threads {
+            let (moments, first) = (&moments, &first);
+            scope.spawn(move || {
+                draw(&mut own, &moments["cheetah-floor.color"]);
+                assert!(draw(&mut own, moment) == *first, "another picture on another thread");
+            });
+        }
+    });
+}
+
+#[test]
+fn a_picture_needs_a_renderer_and_a_camera_of_the_model() {
+    let message = make(&[]).err().unwrap().to_string();
+    assert!(message.contains("renderer=gl") && message.contains("--image-size none"), "{message}");
+    if has_gl() {
+        let message = make(&[("renderer", "gl".into()), ("camera", 7.into())]).err().unwrap().to_string();
+        assert!(message.contains("no camera 7"), "{message}");
+    }
+}
