@@ -28,7 +28,8 @@ fn golden(name: &str) -> PathBuf {
 }
 
 fn moments() -> BTreeMap<String, Moment> {
-    serde_json::from_str(&std::fs::read_to_string(golden("scenes.json")).unwrap()).unwrap()
+    let text = std::fs::read_to_string(golden("scenes.json")).expect("the moments are committed");
+    serde_json::from_str(&text).expect("moments")
 }
 
 /// Whether there is OpenGL; prints why not.
@@ -52,8 +53,8 @@ fn make(settings: &[(&str, serde_json::Value)]) -> Result<Box<dyn Env>, EnvError
 }
 
 fn cheetah() -> (Box<dyn Env>, Batch) {
-    let env = make(&[("renderer", "gl".into())]).unwrap();
-    let row = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);
+    let env = make(&[("renderer", "gl".into())]).expect("there is OpenGL");
+    let row = Batch::new(Schema::new(env.spec().fields.clone()).expect("distinct names"), 1);
     (env, row)
 }
 
@@ -61,20 +62,21 @@ fn cheetah() -> (Box<dyn Env>, Batch) {
 fn draw((env, row): &mut (Box<dyn Env>, Batch), moment: &Moment) -> Vec<u8> {
     let mut options = ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() };
     for (name, value) in &moment.factors {
-        options.variation_values.insert(name.clone(), Value::from_json(name, value).unwrap());
+        let value = Value::from_json(name, value).expect("numbers");
+        options.variation_values.insert(name.clone(), value);
     }
     let start = moment.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
     options.start = Some(start.collect());
-    env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).unwrap();
+    env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("a start");
     env.observe(&mut row.rows_mut());
-    row.get::<u8>(PIXELS).unwrap().to_vec()
+    row.get::<u8>(PIXELS).expect("pictures were asked for").to_vec()
 }
 
 fn recorded(name: &str) -> Vec<u8> {
-    let png = std::fs::read(golden(&format!("{name}.png"))).unwrap();
-    let mut reader = png::Decoder::new(Cursor::new(png)).read_info().unwrap();
-    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
-    reader.next_frame(&mut pixels).unwrap();
+    let png = std::fs::read(golden(&format!("{name}.png"))).expect("the picture is committed");
+    let mut reader = png::Decoder::new(Cursor::new(png)).read_info().expect("a PNG header");
+    let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
+    reader.next_frame(&mut pixels).expect("a PNG");
     pixels
 }
 
@@ -91,10 +93,7 @@ fn pictures_are_those_of_the_reference() {
         let equal = ours.chunks_exact(3).zip(theirs.chunks_exact(3)).filter(|(a, b)| a == b).count();
         let mean = differences().map(f64::from).sum::<f64>() / ours.len() as f64;
         let worst = differences().max().unwrap();
-        println!(
-            "{name}: {equal} of {} pixels equal, mean difference {mean:.4}, worst {worst}",
-            SIDE * SIDE
-        );
+        println!("{name}: {equal} of {} pixels equal, mean difference {mean:.4}, worst {worst}", SIDE * SIDE);
         assert!(mean < 1.0, "{name}: mean difference {mean} of 255");
     }
 }

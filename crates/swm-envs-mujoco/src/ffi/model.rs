@@ -273,6 +273,31 @@ impl Model {
         unsafe { slice_mut(header.site_type, header.nsite, 1)[site] = shape.code() as i32 };
     }
 
+    /// Textures.
+    pub(super) fn texture_count(&self) -> usize {
+        self.header().ntex as usize
+    }
+
+    /// The pixels of a texture, to be read.
+    pub(super) fn pixels(&self, texture: usize) -> &[u8] {
+        let header = self.header();
+        // SAFETY: these arrays hold `ntex` numbers, which the compiler made to lie within `tex_data`; the slices check
+        // the index and the range.
+        unsafe {
+            let of = |array: *mut i32| slice(array, header.ntex, 1)[texture] as usize;
+            let len = of(header.tex_height) * of(header.tex_width) * of(header.tex_nchannel);
+            let start = slice(header.tex_adr, header.ntex, 1)[texture] as usize;
+            &slice(header.tex_data, header.ntexdata, 1)[start..start + len]
+        }
+    }
+
+    /// The shape of each geom, as MuJoCo numbers them.
+    pub(super) fn geom_types(&self) -> &[i32] {
+        let header = self.header();
+        // SAFETY: the array holds `ngeom` numbers as long as the model lives.
+        unsafe { slice(header.geom_type, header.ngeom, 1) }
+    }
+
     /// The pixels of a texture.
     pub fn texture(&mut self, texture: usize) -> Texture<'_> {
         let header = self.header();

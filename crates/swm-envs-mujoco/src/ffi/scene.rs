@@ -81,8 +81,14 @@ impl Scene {
         &raw mut *self.raw
     }
 
+    /// The model that it was made for, or a later one with the same objects.
     pub(super) fn model(&self) -> &Arc<Model> {
         &self.model
+    }
+
+    /// Stands for another model from now on, which must have the same objects.
+    pub(super) fn set_model(&mut self, model: Arc<Model>) {
+        self.model = model;
     }
 }
 

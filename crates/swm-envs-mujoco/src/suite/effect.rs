@@ -163,3 +163,20 @@ fn draw_checker(model: &mut Model, texture: usize, rgb: &[f64]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_checker_of_the_own_colours_is_the_compilers() {
+        let mut spec = Spec::read(&crate::assets::suite_model("cheetah.xml").unwrap()).unwrap();
+        let mut model = spec.compile().unwrap();
+        let grid = model.id(Object::Texture, "grid").unwrap();
+        let compiled = model.texture(grid).data.to_vec();
+        Effect::Checker("grid").edit_model(&mut model, &[0.1, 0.2, 0.3, 0.2, 0.3, 0.4]).unwrap();
+        assert!(model.texture(grid).data == compiled, "other pixels than the compiler's");
+        Effect::Checker("grid").edit_model(&mut model, &[0.2, 0.3, 0.4, 0.1, 0.2, 0.3]).unwrap();
+        assert!(model.texture(grid).data != compiled);
+    }
+}

@@ -40,6 +40,8 @@ struct SharedModels {
     plain: Arc<Model>,
     /// With them.
     complete: Arc<Model>,
+    /// Without them, but with textures; compiled for the first picture.
+    textured: Mutex<Option<Arc<Model>>>,
 }
 
 /// The description of a task's model, with the textures for pictures.
@@ -85,9 +87,20 @@ impl Models {
 
     /// The model for these factors with its textures, for pictures.
     pub(super) fn textured_model(&self, fov: &Fov) -> Result<Arc<Model>, MujocoError> {
-        let mut model = compile(&mut description(self.domain, self.task)?, &self.controls, fov)?;
-        edit_in_place(&self.controls, fov, &mut model)?;
-        Ok(Arc::new(model))
+        let compile = |fov| compile(&mut description(self.domain, self.task)?, &self.controls, fov);
+        let mut model =
+            if compile_values(&self.controls, fov) == compile_values(&self.controls, &self.defaults) {
+                let mut textured = self.shared.textured.lock().unwrap_or_else(PoisonError::into_inner);
+                match &*textured {
+                    Some(model) => Arc::clone(model),
+                    // Drawing a sky box into its texture takes most of a compilation.
+                    None => Arc::clone(textured.insert(Arc::new(compile(&self.defaults)?))),
+                }
+            } else {
+                Arc::new(compile(fov)?)
+            };
+        edit_in_place(&self.controls, fov, Arc::make_mut(&mut model))?;
+        Ok(model)
     }
 
     fn compiled_for(&mut self, fov: &Fov, values: Vec<f64>) -> Result<Arc<Model>, MujocoError> {
@@ -127,7 +140,7 @@ impl SharedModels {
         let plain = Arc::new(compile(&mut physics_description(domain, task)?, controls, defaults)?);
         let mut complete = Arc::clone(&plain);
         edit_in_place(controls, defaults, Arc::make_mut(&mut complete))?;
-        let models = Arc::new(Self { plain, complete });
+        let models = Arc::new(Self { plain, complete, textured: Mutex::default() });
         known.push((key, Arc::downgrade(&models)));
         Ok(models)
     }

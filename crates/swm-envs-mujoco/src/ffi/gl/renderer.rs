@@ -48,19 +48,49 @@ impl GlRenderer {
         };
         // SAFETY: it leads to a structure of the type that the function fills.
         unsafe { (library.api().mjr_defaultContext)(&raw mut *renderer.resources) };
-        renderer.upload(model)?;
+        renderer.upload_all(model)?;
         Ok(renderer)
     }
 
-    /// Takes textures, meshes and the quality of light from another model with the same objects.
+    /// Takes textures, shapes and the quality of light from another model with the same objects.
     pub fn set_model(&mut self, model: &Arc<Model>) -> Result<(), MujocoError> {
-        if !same_objects(self.scene.model().header(), model.header()) {
+        let (old, new) = (self.scene.model(), model);
+        if !same_objects(old.header(), new.header()) {
             return Err(MujocoError::Scene);
         }
-        self.upload(model)
+        if same_shapes(old, new) {
+            let changed: Vec<usize> =
+                (0..new.texture_count()).filter(|&index| old.pixels(index) != new.pixels(index)).collect();
+            self.upload_textures(model, &changed)?;
+        } else {
+            self.upload_all(model)?;
+        }
+        self.scene.set_model(Arc::clone(model));
+        Ok(())
     }
 
-    fn upload(&mut self, model: &Model) -> Result<(), MujocoError> {
+    fn upload_textures(&mut self, model: &Model, textures: &[usize]) -> Result<(), MujocoError> {
+        let Self { library, gl, resources, .. } = self;
+        if textures.is_empty() {
+            return Ok(());
+        }
+        gl.draw(|| {
+            guarded(|| {
+                for index in textures {
+                    // SAFETY: the context is current, and model and resources have a texture of this index.
+                    unsafe {
+                        (library.api().mjr_uploadTexture)(
+                            model.as_ptr(),
+                            &raw const **resources,
+                            *index as i32,
+                        );
+                    }
+                }
+            })
+        })?
+    }
+
+    fn upload_all(&mut self, model: &Model) -> Result<(), MujocoError> {
         let Self { library, gl, resources, viewport, .. } = self;
         let api = library.api();
         // SAFETY: the header is plain data, and the copy lives no longer than the model that its pointers lead into.
@@ -107,6 +137,13 @@ impl GlRenderer {
     pub fn driver_name(&self) -> &'static str {
         self.gl.driver_name()
     }
+}
+
+/// Whether both models have equal shapes, so that the card's memory holds the right ones already. Meshes and the like are
+/// not compared: models with them count as different.
+fn same_shapes(a: &Model, b: &Model) -> bool {
+    let has_data = |m: &mjModel| m.nmesh + m.nhfield + m.nskin + m.nflex > 0;
+    !has_data(a.header()) && a.geom_types() == b.geom_types() && a.geom_size() == b.geom_size()
 }
 
 impl Drop for GlRenderer {
