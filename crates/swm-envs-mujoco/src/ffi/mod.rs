@@ -39,6 +39,8 @@ mod objects;
 mod scene;
 mod simulation;
 mod spec;
+#[cfg(test)]
+mod tests;
 
 pub use library::Library;
 pub use model::{Model, Texture};

@@ -77,6 +77,11 @@ impl Scene {
         })
     }
 
+    /// How many shapes there are to draw.
+    pub fn geom_count(&self) -> usize {
+        self.raw.ngeom as usize
+    }
+
     pub(super) fn as_mut_ptr(&mut self) -> *mut mjvScene {
         &raw mut *self.raw
     }
