@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::batch::{Batch, Dtype, FieldKind, Schema, Slice, Value};
-use crate::env::{Env, EnvConfig, EnvSpec, EnvState, Episode, ImageSize, ResetOptions, VARIATION_PREFIX};
+use crate::env::{Env, EnvConfig, EnvSpec, EnvState, Episode, ResetOptions, VARIATION_PREFIX};
 use crate::error::EnvError;
 use crate::registry::EnvEntry;
 use crate::seed::EpisodeSeed;
@@ -20,9 +20,8 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(entry: &EnvEntry) -> Result<Self, String> {
-        let config = EnvConfig { image: Some(ImageSize { height: 48, width: 64 }), ..EnvConfig::default() };
-        let env = (entry.make)(&config).map_err(|e| format!("cannot be made: {e}"))?;
+    fn new(entry: &EnvEntry, config: &EnvConfig) -> Result<Self, String> {
+        let env = (entry.make)(config).map_err(|e| format!("cannot be made: {e}"))?;
         let schema = Schema::new(env.spec().fields.clone()).map_err(|e| e.to_string())?;
         Ok(Self { env, row: Batch::new(schema, 1) })
     }
@@ -75,8 +74,8 @@ impl Bench {
 /// The description agrees with itself: unique fields, one episode field per factor with the factor's type and
 /// shape, defaults inside their spaces, an action space that can be sampled, settings that are refused when
 /// unknown.
-pub fn spec_is_sound(entry: &EnvEntry) -> Result<(), String> {
-    let bench = Bench::new(entry)?;
+pub fn spec_is_sound(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String> {
+    let bench = Bench::new(entry, config)?;
     let spec = bench.env.spec();
     if spec.id != entry.id {
         return Err(format!("the entry is `{}`, the spec says `{}`", entry.id, spec.id));
@@ -101,7 +100,7 @@ pub fn spec_is_sound(entry: &EnvEntry) -> Result<(), String> {
             return Err(format!("start or goal column `{column}` is not a field"));
         }
     }
-    let mut config = EnvConfig::default();
+    let mut config = config.clone();
     config.settings.insert("no such setting".to_owned(), true.into());
     match (entry.make)(&config) {
         Ok(_) => Err("an unknown setting is accepted".to_owned()),
@@ -111,13 +110,13 @@ pub fn spec_is_sound(entry: &EnvEntry) -> Result<(), String> {
 
 /// The same seed and actions give the same bits in another instance, also in one that was used before; another
 /// seed gives another episode; and no observed float is NaN.
-pub fn deterministic(entry: &EnvEntry) -> Result<(), String> {
+pub fn deterministic(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String> {
     let options = ResetOptions::default();
-    let mut used = Bench::new(entry)?;
+    let mut used = Bench::new(entry, config)?;
     let mut starts: Vec<Batch> = Vec::new();
     for seed in SEEDS {
         let again = used.trajectory(seed, &options, STEPS)?;
-        let fresh = Bench::new(entry)?.trajectory(seed, &options, STEPS)?;
+        let fresh = Bench::new(entry, config)?.trajectory(seed, &options, STEPS)?;
         if let Some((step, field)) = first_difference(&fresh, &again) {
             return Err(format!(
                 "seed {seed}: `{field}` differs at step {step} between a new and a used instance"
@@ -140,16 +139,16 @@ pub fn deterministic(entry: &EnvEntry) -> Result<(), String> {
 
 /// A snapshot restored into a fresh instance, at any step, continues with the same bits and rewards, pictures
 /// included; and a damaged state is refused.
-pub fn snapshots_are_exact(entry: &EnvEntry) -> Result<(), String> {
+pub fn snapshots_are_exact(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String> {
     let everything = ResetOptions { variation: Some(vec!["all".to_owned()]), ..ResetOptions::default() };
     for (seed, options) in [(0, ResetOptions::default()), (1, everything)] {
-        let mut bench = Bench::new(entry)?;
+        let mut bench = Bench::new(entry, config)?;
         bench.reset(seed, &options)?;
         let mut state = EnvState::new();
         for step in 0..STEPS {
             let fork = if step % 9 == 0 {
                 bench.env.snapshot(&mut state).map_err(|e| e.to_string())?;
-                let mut fork = Bench::new(entry)?;
+                let mut fork = Bench::new(entry, config)?;
                 fork.env.restore(&state).map_err(|e| e.to_string())?;
                 let mut again = EnvState::new();
                 fork.env.snapshot(&mut again).map_err(|e| e.to_string())?;
@@ -183,8 +182,8 @@ pub fn snapshots_are_exact(entry: &EnvEntry) -> Result<(), String> {
 
 /// Drawing one more factor moves no other one; factors that are not drawn keep their defaults; unknown names
 /// and values outside the bounds are errors that name them.
-pub fn factors_are_independent(entry: &EnvEntry) -> Result<(), String> {
-    let mut bench = Bench::new(entry)?;
+pub fn factors_are_independent(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String> {
+    let mut bench = Bench::new(entry, config)?;
     let spec = bench.env.spec().clone();
     let all = ResetOptions { variation: Some(vec!["all".to_owned()]), ..ResetOptions::default() };
     for factor in spec.factors.iter().filter(|factor| factor.constraint.is_none()) {
@@ -225,9 +224,14 @@ pub fn factors_are_independent(entry: &EnvEntry) -> Result<(), String> {
 }
 
 /// Every factor changes what is seen or what happens: some step field (pixels included) or the goal picture, in
-/// one of two dozen draws, in the context that its description names.
-pub fn every_factor_acts(entry: &EnvEntry) -> Result<(), String> {
-    let mut bench = Bench::new(entry)?;
+/// one of two dozen draws, in the context that its description names. Those of `only_in_pictures` change nothing here,
+/// where no pictures are drawn.
+pub fn every_factor_acts(
+    entry: &EnvEntry,
+    config: &EnvConfig,
+    only_in_pictures: &[&str],
+) -> Result<(), String> {
+    let mut bench = Bench::new(entry, config)?;
     let spec = bench.env.spec().clone();
     let nothing_drawn = || ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() };
     let mut idle = Vec::new();
@@ -252,7 +256,10 @@ pub fn every_factor_acts(entry: &EnvEntry) -> Result<(), String> {
                 break;
             }
         }
-        if !acts {
+        if acts && only_in_pictures.contains(&factor.name.as_str()) {
+            return Err(format!("`{}` acts without pictures", factor.name));
+        }
+        if !acts && !only_in_pictures.contains(&factor.name.as_str()) {
             idle.push(factor.name.as_str());
         }
     }

@@ -4,6 +4,7 @@
 mod checks;
 mod toy;
 
+use crate::env::{EnvConfig, ImageSize};
 use crate::registry::EnvEntry;
 
 pub use checks::{
@@ -11,29 +12,33 @@ pub use checks::{
 };
 pub use toy::{DISCRETE_TOY, TOY};
 
-/// Runs every check and panics with the list of all violations.
+/// Runs every check, with small pictures, and panics with the list of all violations.
 ///
 /// # Panics
 /// If the environment violates any rule; that is what it is for.
 pub fn assert_conforms(entry: &EnvEntry) {
-    let checks: [(&str, Check); 5] = [
-        ("spec_is_sound", spec_is_sound),
-        ("deterministic", deterministic),
-        ("snapshots_are_exact", snapshots_are_exact),
-        ("factors_are_independent", factors_are_independent),
-        ("every_factor_acts", every_factor_acts),
-    ];
-    let mut failures = Vec::new();
-    for (name, check) in checks {
-        if let Err(reason) = check(entry) {
-            failures.push(format!("{name}: {reason}"));
-        }
-    }
-    assert!(failures.is_empty(), "{} does not conform:\n  {}", entry.id, failures.join("\n  "));
+    let config = EnvConfig { image: Some(ImageSize { height: 48, width: 64 }), ..EnvConfig::default() };
+    assert_conforms_with(entry, &config, &[]);
 }
 
-/// One check: the reason of the first violation, or nothing.
-pub type Check = fn(&EnvEntry) -> Result<(), String>;
+/// As [`assert_conforms`], for environments made with `config`. Where it asks for no pictures, the factors of
+/// `only_in_pictures` must change nothing, and all others something.
+///
+/// # Panics
+/// If the environment violates any rule.
+pub fn assert_conforms_with(entry: &EnvEntry, config: &EnvConfig, only_in_pictures: &[&str]) {
+    let results = [
+        ("spec_is_sound", spec_is_sound(entry, config)),
+        ("deterministic", deterministic(entry, config)),
+        ("snapshots_are_exact", snapshots_are_exact(entry, config)),
+        ("factors_are_independent", factors_are_independent(entry, config)),
+        ("every_factor_acts", every_factor_acts(entry, config, only_in_pictures)),
+    ];
+    let failures =
+        results.into_iter().filter_map(|(name, result)| Some(format!("{name}: {}", result.err()?)));
+    let failures: Vec<String> = failures.collect();
+    assert!(failures.is_empty(), "{} does not conform:\n  {}", entry.id, failures.join("\n  "));
+}
 
 #[cfg(test)]
 mod tests {

@@ -167,16 +167,85 @@ fn draw_checker(model: &mut Model, texture: usize, rgb: &[f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::assets::suite_model;
+
+    fn cheetah() -> Spec {
+        Spec::read(&suite_model("cheetah.xml").unwrap()).unwrap()
+    }
+
+    /// An edit in place gives what the compiler makes of the same edit in the description.
+    #[test]
+    fn colours_and_light_are_those_of_a_recompile() {
+        let mut spec = cheetah();
+        let mut edited = spec.compile().unwrap();
+        Effect::Material("self").edit_model(&mut edited, &[0.25, 0.5, 0.75]).unwrap();
+        Effect::Light("light").edit_model(&mut edited, &[0.3]).unwrap();
+        let checker = [0.9, 0.1, 0.33, 0.2, 0.77, 0.4];
+        Effect::Checker("grid").edit_model(&mut edited, &checker).unwrap();
+        spec.material("self").unwrap().set_rgba([0.25, 0.5, 0.75, 1.0]);
+        spec.light("light").unwrap().set_diffuse([0.3; 3]);
+        spec.texture("grid").unwrap().set_rgb1([0.9, 0.1, 0.33]).set_rgb2([0.2, 0.77, 0.4]);
+        let mut compiled = spec.compile().unwrap();
+        assert_eq!(edited.mat_rgba(), compiled.mat_rgba());
+        assert_eq!(edited.light_diffuse(), compiled.light_diffuse());
+        let grid = compiled.id(Object::Texture, "grid").unwrap();
+        let (edited, compiled) = (edited.texture(grid), compiled.texture(grid));
+        assert_eq!((edited.height, edited.width, edited.channels), (300, 300, 3));
+        let pixels = edited.data.chunks_exact(3).zip(compiled.data.chunks_exact(3));
+        let differing = pixels.enumerate().find(|(_, (a, b))| a != b);
+        assert_eq!(
+            differing.map(|(at, colours)| (at / 300, at % 300, colours)),
+            None,
+            "(row, column, colours)"
+        );
+    }
 
     #[test]
-    fn a_checker_of_the_own_colours_is_the_compilers() {
-        let mut spec = Spec::read(&crate::assets::suite_model("cheetah.xml").unwrap()).unwrap();
-        let mut model = spec.compile().unwrap();
-        let grid = model.id(Object::Texture, "grid").unwrap();
-        let compiled = model.texture(grid).data.to_vec();
-        Effect::Checker("grid").edit_model(&mut model, &[0.1, 0.2, 0.3, 0.2, 0.3, 0.4]).unwrap();
-        assert!(model.texture(grid).data == compiled, "other pixels than the compiler's");
-        Effect::Checker("grid").edit_model(&mut model, &[0.2, 0.3, 0.4, 0.1, 0.2, 0.3]).unwrap();
-        assert!(model.texture(grid).data != compiled);
+    fn the_floor_decides_the_friction_of_contacts() {
+        let model = cheetah().compile().unwrap();
+        let floor = model.id(Object::Geom, "ground").unwrap();
+        let foot = model.id(Object::Geom, "bfoot").unwrap();
+        // (floor, foot): at 1 the file's own; below the foot's 0.4 both follow.
+        for (value, expected) in [(1.0, [1.0, 0.4]), (0.5, [0.5, 0.4]), (0.1, [0.1, 0.1])] {
+            let mut edited = model.clone();
+            Effect::FloorFriction("ground").edit_model(&mut edited, &[value]).unwrap();
+            assert_eq!([edited.geom_friction()[3 * floor], edited.geom_friction()[3 * foot]], expected);
+        }
+    }
+
+    #[test]
+    fn physics_do_not_see_the_textures() {
+        let mut spec = cheetah();
+        let full = spec.compile().unwrap();
+        spec.shrink_textures();
+        let small = spec.compile().unwrap();
+        assert!(small.size_bytes() * 100 < full.size_bytes());
+        assert_eq!(small.body_mass(), full.body_mass());
+        assert_eq!(small.body_inertia(), full.body_inertia());
+        assert_eq!(small.names(Object::Texture), full.names(Object::Texture));
+        assert_eq!(small.mat_rgba(), full.mat_rgba());
+    }
+
+    #[test]
+    fn a_name_that_does_not_exist_is_told() {
+        let mut model = cheetah().compile().unwrap();
+        let message = Effect::Light("lihgt").edit_model(&mut model, &[1.0]).unwrap_err().to_string();
+        assert!(
+            message.contains("no light `lihgt`") && message.contains("did you mean `light`?"),
+            "{message}"
+        );
+        let message = Effect::Density(&["tail"]).edit_spec(&mut cheetah(), &[1.0]).unwrap_err().to_string();
+        assert!(message.contains("no geom `tail`"), "{message}");
+    }
+
+    #[test]
+    fn a_corrupt_model_names_the_file_and_the_reason() {
+        let file = tempfile::Builder::new().suffix(".xml").tempfile().unwrap();
+        std::fs::write(file.path(), "<mujoco><worldbody><geom type='teapot'/></worldbody></mujoco>").unwrap();
+        let message = Spec::read(file.path()).err().unwrap().to_string();
+        assert!(message.contains(file.path().to_str().unwrap()) && message.contains("teapot"), "{message}");
+        std::fs::write(file.path(), "<mujoco><worldbody><body><joint/></body></worldbody></mujoco>").unwrap();
+        let message = Spec::read(file.path()).unwrap().compile().unwrap_err().to_string();
+        assert!(message.contains("mass"), "{message}");
     }
 }

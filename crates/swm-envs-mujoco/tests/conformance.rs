@@ -1,0 +1,16 @@
+//! Every environment of the table passes the public conformance suite. Without a renderer there are no pictures; that
+//! the factors named here reach the model is tested beside `suite::Effect`.
+
+use swm_core::EnvConfig;
+use swm_core::testing::assert_conforms_with;
+use swm_envs_mujoco::ENVS;
+
+/// Factors that change nothing but pictures.
+const ONLY_IN_PICTURES: &[&str] = &["agent.color", "floor.color", "light.intensity"];
+
+#[test]
+fn all_environments_conform() {
+    for entry in ENVS {
+        assert_conforms_with(entry, &EnvConfig::default(), ONLY_IN_PICTURES);
+    }
+}
