@@ -9,7 +9,7 @@ use swm_core::{
 };
 use swm_envs_mujoco::CHEETAH;
 
-fn make(settings: serde_json::Value) -> Result<Box<dyn Env>, String> {
+fn make(settings: &serde_json::Value) -> Result<Box<dyn Env>, String> {
     let settings = settings.as_object().cloned().unwrap_or_default();
     (CHEETAH.make)(&EnvConfig { image: None, settings }).map_err(|error| error.to_string())
 }
@@ -19,7 +19,7 @@ fn reset(env: &mut dyn Env, seed: u64, options: &ResetOptions) -> Result<Outcome
 }
 
 fn row(env: &mut dyn Env) -> Batch {
-    let mut row = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);
+    let mut row = Batch::new(Schema::new(env.spec().fields.clone()).expect("names are unique"), 1);
     env.write_episode(&mut row.rows_mut());
     env.observe(&mut row.rows_mut());
     row
@@ -28,12 +28,12 @@ fn row(env: &mut dyn Env) -> Batch {
 /// Steps by actions that depend on the step alone.
 fn step(env: &mut dyn Env, index: usize) -> Outcome {
     let action: Vec<f64> = (0..6).map(|joint| ((index * 7 + joint * 3) % 11) as f64 / 5.0 - 1.0).collect();
-    env.step(Slice::F64(&action)).unwrap()
+    env.step(Slice::F64(&action)).expect("the action is valid")
 }
 
 fn start_columns(env: &dyn Env, row: &Batch) -> BTreeMap<String, Value> {
     let column = |name: &&str| {
-        let index = row.schema().index(name).unwrap();
+        let index = row.schema().index(name).expect("start columns are fields");
         let shape = &row.schema().fields()[index].shape;
         ((*name).to_owned(), Value::from_slice(shape, row.column(index)))
     };
@@ -46,14 +46,14 @@ fn fixed(name: &str, value: Value) -> ResetOptions {
 
 #[test]
 fn an_episode_continues_from_a_recorded_row_with_the_same_bits() {
-    let mut env = make(json!({})).unwrap();
+    let mut env = make(&json!({})).unwrap();
     reset(env.as_mut(), 3, &ResetOptions::default()).unwrap();
     for index in 0..30 {
         step(env.as_mut(), index);
     }
     let recorded = row(env.as_mut());
     let start = start_columns(env.as_ref(), &recorded);
-    let mut other = make(json!({})).unwrap();
+    let mut other = make(&json!({})).unwrap();
     reset(other.as_mut(), 8, &ResetOptions { start: Some(start.clone()), ..ResetOptions::default() })
         .unwrap();
     for index in 30..60 {
@@ -84,7 +84,7 @@ fn factors_of_one_episode_leave_nothing_to_the_next() {
             })
             .collect::<Vec<_>>()
     };
-    let mut env = make(json!({})).unwrap();
+    let mut env = make(&json!({})).unwrap();
     let plain = trajectory(env.as_mut());
     for (name, value) in [
         ("agent.torso_density", Value::vector(&[600f32])),
@@ -106,7 +106,7 @@ fn factors_of_one_episode_leave_nothing_to_the_next() {
 
 #[test]
 fn a_locked_joint_stays() {
-    let mut env = make(json!({})).unwrap();
+    let mut env = make(&json!({})).unwrap();
     reset(env.as_mut(), 1, &fixed("agent.back_foot_locked", Value::scalar(0i64))).unwrap();
     let qpos = env.spec().fields.iter().position(|field| field.name == "qpos").unwrap();
     let angle = |env: &mut dyn Env| match row(env).column(qpos) {
@@ -122,7 +122,7 @@ fn a_locked_joint_stays() {
 
 #[test]
 fn the_time_limit_cuts_and_never_crashes() {
-    let mut env = make(json!({})).unwrap();
+    let mut env = make(&json!({})).unwrap();
     reset(env.as_mut(), 0, &ResetOptions::default()).unwrap();
     for index in 0..1250 {
         assert!(!env.is_truncated(), "step {index}");
@@ -136,7 +136,7 @@ fn the_time_limit_cuts_and_never_crashes() {
 
 #[test]
 fn planners_see_minus_the_return_across_saved_states() {
-    let mut env = make(json!({})).unwrap();
+    let mut env = make(&json!({})).unwrap();
     reset(env.as_mut(), 2, &ResetOptions::default()).unwrap();
     let mut total = 0.0;
     for index in 0..20 {
@@ -159,14 +159,14 @@ fn a_simulation_that_diverges_is_an_error_or_an_end() {
         reset(env, 0, &ResetOptions { start: Some(start), ..ResetOptions::default() }).unwrap();
         env.step(Slice::F64(&[0.0; 6]))
     };
-    let mut env = make(json!({})).unwrap();
+    let mut env = make(&json!({})).unwrap();
     let message = wild(env.as_mut()).unwrap_err().to_string();
     for part in ["swm/CheetahDMControl-v0", "diverged", "at 0.000 s", "is not finite or huge"] {
         assert!(message.contains(part), "{message}");
     }
     reset(env.as_mut(), 0, &ResetOptions::default()).unwrap();
     assert!(step(env.as_mut(), 0).reward.is_finite());
-    let outcome = wild(make(json!({"on_divergence": "end"})).unwrap().as_mut()).unwrap();
+    let outcome = wild(make(&json!({"on_divergence": "end"})).unwrap().as_mut()).unwrap();
     assert_eq!(outcome, Outcome { reward: 0.0, terminated: true, success: None });
     assert!(!std::path::Path::new("MUJOCO_LOG.TXT").exists());
 }
@@ -186,7 +186,7 @@ fn every_task_rewards_within_its_range() {
         "flip",
         "flip-backward",
     ] {
-        let mut env = make(json!({"task": task, "action_repeat": 1})).unwrap();
+        let mut env = make(&json!({"task": task, "action_repeat": 1})).unwrap();
         reset(env.as_mut(), 4, &ResetOptions::default()).unwrap();
         let mut stream = EpisodeSeed::new(4).stream("actions");
         let mut reward = || {
@@ -201,17 +201,17 @@ fn every_task_rewards_within_its_range() {
 
 #[test]
 fn bad_settings_and_actions_say_what_is_allowed() {
-    let says = |settings: serde_json::Value, parts: &[&str]| {
+    let says = |settings: &serde_json::Value, parts: &[&str]| {
         let message = make(settings).err().unwrap();
         assert!(parts.iter().all(|part| message.contains(part)), "{message}");
     };
-    says(json!({"task": "fly"}), &["fly", "run-backward", "legs-up"]);
-    says(json!({"action_repeat": 0}), &["action_repeat 0", "1 to 1000"]);
-    says(json!({"on_divergence": "ignore"}), &["ignore", "error", "end"]);
+    says(&json!({"task": "fly"}), &["fly", "run-backward", "legs-up"]);
+    says(&json!({"action_repeat": 0}), &["action_repeat 0", "1 to 1000"]);
+    says(&json!({"on_divergence": "ignore"}), &["ignore", "error", "end"]);
     let image = Some(ImageSize { height: 64, width: 64 });
     let error = (CHEETAH.make)(&EnvConfig { image, ..EnvConfig::default() }).err().unwrap();
     assert!(error.to_string().contains("--image-size none"), "{error}");
-    let mut env = make(json!({})).unwrap();
+    let mut env = make(&json!({})).unwrap();
     reset(env.as_mut(), 0, &ResetOptions::default()).unwrap();
     let bad: [&[f64]; 3] = [&[0.0; 5], &[f64::NAN; 6], &[f64::INFINITY, 0.0, 0.0, 0.0, 0.0, 0.0]];
     for action in bad {
