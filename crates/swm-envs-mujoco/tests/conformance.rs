@@ -1,5 +1,5 @@
-//! Every environment of the table passes the public conformance suite. Without a renderer there are no pictures; that
-//! the factors named here reach the model is tested beside `suite::Effect`.
+//! Every environment of the table passes the public conformance suite, without pictures: they need OpenGL. That the
+//! factors named here reach the model is tested beside `suite::Effect`.
 
 use swm_core::EnvConfig;
 use swm_core::testing::assert_conforms_with;
