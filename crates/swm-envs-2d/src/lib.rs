@@ -10,6 +10,7 @@ pub mod pusht;
 mod rigid;
 mod settings;
 pub mod tworoom_v1;
+pub mod tworoom_v2;
 
 use swm_core::EnvEntry;
 
@@ -18,6 +19,7 @@ pub const ENVS: &[EnvEntry] = &[
     pusht::PUSHT,
     pusht::PUSHT_DISCRETE,
     tworoom_v1::TWO_ROOM,
+    tworoom_v2::TWO_ROOM_V2,
     #[cfg(feature = "rapier")]
     pusht::PUSHT_RAPIER,
     #[cfg(feature = "rapier")]

@@ -9,4 +9,4 @@ mod rules;
 
 pub use file::GoldenFile;
 pub use replay::{Comparison, Report, check_file};
-pub use rules::{Rules, Tolerance, Unit, rules};
+pub use rules::{Pictures, Rules, Tolerance, Unit, rules};

@@ -7,12 +7,12 @@ use anyhow::{Context as _, Result, anyhow};
 use serde_json::Value as Json;
 use swm::core::env::PIXELS;
 use swm::core::{
-    Batch, Column, Dtype, Env, EnvConfig, EnvSpec, Episode, EpisodeSeed, ImageSize, Registry, ResetOptions,
-    Schema, Value,
+    Batch, Column, Dtype, Env, EnvConfig, EnvSpec, Episode, EpisodeSeed, ImageSize, Outcome, Registry,
+    ResetOptions, Schema, Value,
 };
 
 use super::file::{GoldenFile, Picture};
-use super::rules::{Rules, Tolerance, Unit, placed_in_model};
+use super::rules::{Pictures, Rules, Tolerance, Unit, placed_in_model};
 
 /// How one array compares.
 #[derive(Debug)]
@@ -56,6 +56,9 @@ impl Report {
     }
 }
 
+/// Arrays of which row t belongs to the step from t to t + 1.
+const OUTCOMES: [&str; 2] = ["reward", "terminated"];
+
 /// Replays one file.
 pub fn check_file(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Result<Report> {
     let mut factors = file.factors.clone();
@@ -65,28 +68,31 @@ pub fn check_file(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Resu
     let tolerance = rules.tolerance[usize::from(!file.factors.is_empty())];
     let mut worst: BTreeMap<&str, Comparison> = BTreeMap::new();
     let mut comparisons = Vec::new();
-    let (actions, rewards) = (file.rows("actions").context("no actions")?, file.rows("reward"));
+    let actions = file.rows("actions").context("no actions")?;
     run.reset(&options)?;
     if let Some(goal) = file.goal_image.as_ref().filter(|_| rules.compares_pictures()) {
-        comparisons.push(compare_picture("goal_png", goal, run.row.get("goal")?, rules.equal_pixels, 0));
+        comparisons.push(compare_picture("goal_png", goal, run.row.get("goal")?, rules.pictures, 0));
     }
     for row in 0..=actions.len() {
         for &(key, units) in rules.compared {
+            if OUTCOMES.contains(&key) {
+                continue;
+            }
             let Some(expected) = recorded(file, key, row) else { continue };
-            let actual = match (key, row) {
-                ("reward", _) => continue,
-                _ => run.field(key)?,
-            };
+            let actual = run.field(key)?;
             note_worst(&mut worst, (key, units, tolerance), row, &expected, &actual);
         }
         if let Some(picture) = file.images.get(&row).filter(|_| rules.compares_pictures()) {
             let name = format!("img_{row}_png");
-            comparisons.push(compare_picture(&name, picture, run.row.get(PIXELS)?, rules.equal_pixels, row));
+            comparisons.push(compare_picture(&name, picture, run.row.get(PIXELS)?, rules.pictures, row));
         }
         if let Some(action) = actions.get(row) {
-            let reward = run.step(action)?;
-            if let Some(recorded) = rewards.as_ref().and_then(|rewards| rewards.get(row)) {
-                note_worst(&mut worst, ("reward", &[Unit::Reward], tolerance), row, recorded, &[reward]);
+            let outcome = run.step(action)?;
+            let actual = [outcome.reward, f64::from(u8::from(outcome.terminated))];
+            for &(key, units) in rules.compared {
+                let Some(index) = OUTCOMES.iter().position(|outcome| *outcome == key) else { continue };
+                let Some(expected) = recorded(file, key, row) else { continue };
+                note_worst(&mut worst, (key, units, tolerance), row, &expected, &actual[index..=index]);
             }
         }
     }
@@ -153,10 +159,16 @@ fn note_worst<'a>(
     }
 }
 
-/// Compares pictures: the share of unequal pixels counts; the largest difference is told.
-fn compare_picture(name: &str, expected: &Picture, actual: &[u8], equal: f64, row: usize) -> Comparison {
+/// Compares pictures: the share of unequal pixels counts, and the largest difference.
+fn compare_picture(
+    name: &str,
+    expected: &Picture,
+    actual: &[u8],
+    accepted: Pictures,
+    row: usize,
+) -> Comparison {
     let column = name.to_owned();
-    let tolerance = Some(1.0 - equal);
+    let tolerance = Some(1.0 - accepted.equal_pixels);
     if expected.rgb.len() != actual.len() {
         let note = format!("{} bytes instead of {}", actual.len(), expected.rgb.len());
         return Comparison { column, excess: f64::INFINITY, worst: 1.0, row, tolerance, note };
@@ -166,7 +178,9 @@ fn compare_picture(name: &str, expected: &Picture, actual: &[u8], equal: f64, ro
     let largest = expected.rgb.iter().zip(actual).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0);
     let worst = unequal as f64 / (expected.height * expected.width) as f64;
     let note = format!("{unequal} unequal pixels, largest difference {largest} levels");
-    Comparison { column, excess: worst / (1.0 - equal), worst, row, tolerance, note }
+    let excess = worst / (1.0 - accepted.equal_pixels);
+    let excess = if largest > accepted.largest_difference { f64::INFINITY } else { excess };
+    Comparison { column, excess, worst, row, tolerance, note }
 }
 
 /// One environment and its row.
@@ -196,13 +210,13 @@ impl Run {
         Ok(())
     }
 
-    fn step(&mut self, action: &[f64]) -> Result<f64> {
+    fn step(&mut self, action: &[f64]) -> Result<Outcome> {
         let space = &self.env.spec().action;
         let dtype = space.dtype().unwrap_or(Dtype::F64);
         let action = Value::vector(action).cast("action", dtype, &space.shape())?;
         let outcome = self.env.step(action.data.as_slice())?;
         self.env.observe(&mut self.row.rows_mut());
-        Ok(outcome.reward)
+        Ok(outcome)
     }
 
     /// The field that an array of the file holds.
