@@ -126,7 +126,10 @@ pub(super) fn distance([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> f64 {
     ((ax - bx) * (ax - bx) + (ay - by) * (ay - by)).sqrt()
 }
 
-/// The distance of two positions in the reference's precision, px.
+/// The distance of two positions as the reference computes it: in f32, where the second square is added without having
+/// been rounded first.
 pub(super) fn distance_f32([ax, ay]: [f32; 2], [bx, by]: [f32; 2]) -> f32 {
-    ((ax - bx) * (ax - bx) + (ay - by) * (ay - by)).sqrt()
+    let (dx, dy) = (ax - bx, ay - by);
+    let first = dx * dx;
+    ((f64::from(first) + f64::from(dy) * f64::from(dy)) as f32).sqrt()
 }
