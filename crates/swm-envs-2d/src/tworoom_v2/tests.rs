@@ -191,7 +191,8 @@ proptest! {
         let bounds = dot.blend_exactly(&mut picture);
         blend_everywhere(&dot, &mut expected);
         let differ = picture.iter().zip(&expected).filter(|(a, b)| a != b).count();
-        prop_assert!(differ <= 1, "{differ} bytes differ");
+        prop_assert!(differ <= 15, "{differ} bytes differ, one in ten thousand may");
+        prop_assert!(picture.iter().zip(&expected).all(|(a, b)| a.abs_diff(*b) <= 1));
         for (index, pixel) in picture.chunks_exact(3).enumerate() {
             let (x, y) = ((index % IMAGE_PX) as i32, (index / IMAGE_PX) as i32);
             let inside = (bounds.x0..bounds.x1).contains(&x) && (bounds.y0..bounds.y1).contains(&y);
