@@ -106,30 +106,36 @@ impl Dot {
 
 /// Moves each pixel towards `color` by its weight. The bytes are truncated, as the reference does.
 fn blend(bytes: &mut [u8], weights: &[f32], color: Rgb) {
+    // Groups of a fixed size, laid out byte by byte, become vector instructions.
     const PIXELS: usize = 4;
-    let mix = |byte: u8, color: u8, weight: f32| {
-        (f32::from(byte) * (1.0 - weight) + f32::from(color) * weight) as i32 as u8
-    };
-    let (groups, last) = bytes.as_chunks_mut::<{ 3 * PIXELS }>();
+    const BYTES: usize = 3 * PIXELS;
+    let colors: [f32; BYTES] = std::array::from_fn(|i| f32::from(color[i % 3]));
+    let (groups, last) = bytes.as_chunks_mut::<BYTES>();
     let (group_weights, last_weights) = weights.as_chunks::<PIXELS>();
-    // Groups of a fixed size become vector instructions.
-    for (group, weights) in groups.iter_mut().zip(group_weights) {
-        for (index, byte) in group.iter_mut().enumerate() {
-            *byte = mix(*byte, color[index % 3], weights[index / 3]);
-        }
+    for (group, &[a, b, c, d]) in groups.iter_mut().zip(group_weights) {
+        let weights = [a, a, a, b, b, b, c, c, c, d, d, d];
+        let mixed: [i32; BYTES] = std::array::from_fn(|i| mix(group[i], colors[i], weights[i]));
+        *group = mixed.map(|value| value as u8);
     }
     for (index, byte) in last.iter_mut().enumerate() {
-        *byte = mix(*byte, color[index % 3], last_weights[index / 3]);
+        *byte = mix(*byte, colors[index], last_weights[index / 3]) as u8;
     }
+}
+
+fn mix(byte: u8, color: f32, weight: f32) -> i32 {
+    (f32::from(byte) * (1.0 - weight) + color * weight) as i32
 }
 
 /// exp(-x) for x >= 0, correctly rounded but for one in a thousand, which are the neighbour; as for 24 beyond.
 ///
 /// From a table and three terms of the series, in f64: not by the standard library, whose result differs between machines.
 fn exp_of_minus(x: f32) -> f32 {
+    // Adding this to a number of moderate size leaves it, rounded, in the lowest bits.
+    const SHIFT: f64 = 6_755_399_441_055_744.0;
     let x = f64::from(x.min(LAST_ENTRY as f32 / ENTRIES_PER_UNIT as f32));
-    let entry = (x * ENTRIES_PER_UNIT as f64 + 0.5) as usize;
-    let rest = x - entry as f64 * (1.0 / ENTRIES_PER_UNIT as f64);
+    let shifted = x * ENTRIES_PER_UNIT as f64 + SHIFT;
+    let entry = shifted.to_bits() as u32 as usize;
+    let rest = x - (shifted - SHIFT) * (1.0 / ENTRIES_PER_UNIT as f64);
     let series = 1.0 - rest * (1.0 - rest * (1.0 / 2.0 - rest * (1.0 / 6.0)));
     (EXP_OF_MINUS[entry.min(LAST_ENTRY)] * series) as f32
 }

@@ -20,7 +20,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(image: Option<ImageSize>, settings: serde_json::Value) -> Self {
+    fn new(image: Option<ImageSize>, settings: &serde_json::Value) -> Self {
         let config = EnvConfig { image, settings: settings.as_object().unwrap().clone() };
         let env = TwoRoom::new(&config).unwrap();
         let row = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);
@@ -28,7 +28,7 @@ impl Bench {
     }
 
     fn plain() -> Self {
-        Self::new(None, serde_json::json!({}))
+        Self::new(None, &serde_json::json!({}))
     }
 
     fn reset(&mut self, seed: u64, options: &ResetOptions) -> Result<(), EnvError> {
@@ -229,7 +229,7 @@ fn fast_pictures_look_like_exact_ones() {
     for (height, width) in [(64, 64), (224, 224), (96, 300)] {
         let size = ImageSize { height, width };
         let [mut exact, mut fast] =
-            ["exact", "fast"].map(|render| Bench::new(Some(size), serde_json::json!({ "render": render })));
+            ["exact", "fast"].map(|render| Bench::new(Some(size), &serde_json::json!({ "render": render })));
         for seed in 0..6 {
             let options = ResetOptions::default().vary(&["all"]);
             for bench in [&mut exact, &mut fast] {
@@ -252,7 +252,7 @@ fn fast_pictures_look_like_exact_ones() {
 
 #[test]
 fn border_lines_have_a_colour_of_their_own_on_request() {
-    let mut bench = Bench::new(Some(ImageSize { height: 224, width: 224 }), serde_json::json!({}));
+    let mut bench = Bench::new(Some(ImageSize { height: 224, width: 224 }), &serde_json::json!({}));
     let wall = |options: ResetOptions| options.fix("wall.color", Value::vector(&[1u8, 2, 3]));
     let pixel = |bench: &Bench, x: usize, y: usize| -> [u8; 3] {
         bench.row.get::<u8>("pixels").unwrap()[(y * 224 + x) * 3..][..3].try_into().unwrap()
