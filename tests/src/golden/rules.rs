@@ -87,9 +87,12 @@ pub fn rules(reference_id: &str) -> Option<&'static Rules> {
 
 const RULES: &[Rules] = &[PUSHT, TWO_ROOM_V2, CHEETAH];
 
-/// Where a reset places things by writing into the model: `(array of the file, row, start column)` for an environment.
-pub(super) fn placed_in_model(env_id: &str) -> &'static [(&'static str, usize, &'static str)] {
-    const PLACED: &[(&str, &[(&str, usize, &str)])] = &[];
+/// `(array of the file, row, start column)`.
+pub(super) type Place = (&'static str, usize, &'static str);
+
+/// Where a reset of an environment places things by writing into the model.
+pub(super) fn placed_in_model(env_id: &str) -> &'static [Place] {
+    const PLACED: &[(&str, &[Place])] = &[];
     PLACED.iter().find(|(id, _)| *id == env_id).map_or(&[], |(_, places)| places)
 }
 
