@@ -52,6 +52,7 @@ pub mod models;
 mod mpc;
 mod planners;
 mod ranges;
+mod riccati;
 mod sampling;
 mod search;
 mod settings;
@@ -73,7 +74,7 @@ pub use settings::Settings;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
 pub use solver::{MakePlanner, MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
 pub use solvers::{
-    Adam, AdamW, CategoricalCem, Cem, Form, Icem, Lagrangian, Mppi, Optimizer, Pgd, PredictiveSampling,
+    Adam, AdamW, CategoricalCem, Cem, Form, Icem, Ilqr, Lagrangian, Mppi, Optimizer, Pgd, PredictiveSampling,
     SOLVERS, Select, Sgd, TemperatureMode,
 };
 pub use space::{categories, largest, plan_width};

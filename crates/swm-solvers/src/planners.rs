@@ -11,16 +11,28 @@ use crate::simulator::{SimulatorCost, SimulatorOptions};
 use crate::solver::SolverConfig;
 use crate::solvers::SOLVERS;
 
-/// Every solver of [`SOLVERS`] as a policy that plans on the true simulator, under the solver's name. Its arguments
+/// Every solver of [`SOLVERS`] that can plan on the true simulator as a policy that does, under the solver's name. Its arguments
 /// are the settings of the solver, of [`PlanConfig`] and of [`SimulatorOptions`], in one flat list.
 pub const PLANNERS: &[PolicyEntry] = &{
-    let mut all = [SOLVERS[0].on_simulator; SOLVERS.len()];
-    let mut index = 1;
+    let mut all = [SOLVERS[0].on_simulator; COUNT];
+    let (mut count, mut index) = (0, 0);
     while index < SOLVERS.len() {
-        all[index] = SOLVERS[index].on_simulator;
+        if SOLVERS[index].plans_on_simulator {
+            all[count] = SOLVERS[index].on_simulator;
+            count += 1;
+        }
         index += 1;
     }
     all
+};
+
+const COUNT: usize = {
+    let (mut count, mut index) = (0, 0);
+    while index < SOLVERS.len() {
+        count += SOLVERS[index].plans_on_simulator as usize;
+        index += 1;
+    }
+    count
 };
 
 pub(crate) const fn on_simulator<S: SolverConfig>() -> PolicyEntry {

@@ -213,6 +213,8 @@ pub trait SolverConfig: Solver + Settings + 'static {
     const NAME: &'static str;
     /// What it does, in one line.
     const SUMMARY: &'static str;
+    /// Whether it plans on a [`crate::models::ControlModel`] only: not on the true simulator, whose state it cannot see.
+    const NEEDS_CONTROL_MODEL: bool = false;
 }
 
 /// One solver of [`crate::SOLVERS`].
@@ -228,6 +230,8 @@ pub struct SolverEntry {
     pub make: MakeSolver,
     /// The policy that plans with it on the true simulator.
     pub on_simulator: PolicyEntry,
+    /// Whether that policy is of use: not for solvers that need a [`crate::models::ControlModel`].
+    pub plans_on_simulator: bool,
     /// Makes that policy as what it is, so that a trace can be given to it.
     pub planner: MakePlanner,
 }
@@ -247,6 +251,7 @@ impl SolverEntry {
             settings: S::SETTINGS,
             make: |given| Ok(Box::new(S::from_settings(given)?)),
             on_simulator: planners::on_simulator::<S>(),
+            plans_on_simulator: !S::NEEDS_CONTROL_MODEL,
             planner: planners::planner::<S>,
         }
     }

@@ -8,6 +8,7 @@ use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use swm_core::testing::{DISCRETE_TOY, TOY};
 use swm_core::{Dtype, EnvConfig, EpisodeSeed, PolicyArgs, PolicyContext, Registry, ResetOptions, Space};
 use swm_core::{Value, World, WorldOptions};
+use swm_solvers::models::{ControlModel, Stage};
 use swm_solvers::{
     Candidates, Cost, DifferentiableCost, Moment, NoTrace, PLANNERS, Plan, PlanError, PlanKey, Problem,
     SOLVERS, Workspace, plan_width,
@@ -33,6 +34,32 @@ impl Cost for Free {
 
     fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
         Some(self)
+    }
+
+    fn control(&self) -> Option<&dyn ControlModel> {
+        Some(self)
+    }
+}
+
+impl ControlModel for Free {
+    fn state_width(&self) -> usize {
+        3
+    }
+    fn action_width(&self) -> usize {
+        2
+    }
+    fn start(&self, _row: usize, state: &mut [f64]) {
+        state.copy_from_slice(&[1.0, 2.0, 3.0]);
+    }
+    fn step(&self, at: &Stage<'_>, next: &mut [f64]) {
+        next.copy_from_slice(&[
+            at.state[0] + at.action[0].sin(),
+            at.state[1] * 0.9,
+            at.state[2] + at.action[1],
+        ]);
+    }
+    fn cost(&self, at: &Stage<'_>) -> f64 {
+        at.state.iter().chain(at.action).map(|value| value * value).sum()
     }
 }
 

@@ -6,5 +6,5 @@ mod settings;
 mod simplex;
 
 pub(crate) use rules::{Rule, WeightDecay, not_negative, positive};
-pub(crate) use search::{Limits, Search};
+pub(crate) use search::{Limits, Search, scatter};
 pub use settings::{Descent, GradClip};

@@ -81,7 +81,9 @@ impl<'a, 'w> Search<'a, 'w> {
         if let Limits::Box { bounds, clip } = limits {
             fill_bounds(bounds, clip, low, high);
         }
-        let mut search = Self {
+        let noise = Noise { purpose: solver, seed: descent.seed };
+        scatter(problem, (noise, descent.sigma, samples), [low, high], points);
+        Ok(Self {
             solver,
             descent,
             rule,
@@ -97,9 +99,7 @@ impl<'a, 'w> Search<'a, 'w> {
             best,
             best_costs,
             extra,
-        };
-        search.scatter();
-        Ok(search)
+        })
     }
 
     /// Says that the search begins.
@@ -116,23 +116,6 @@ impl<'a, 'w> Search<'a, 'w> {
     /// H × D.
     fn size(&self) -> usize {
         self.problem.plan_size()
-    }
-
-    fn scatter(&mut self) {
-        let (noise, size, samples) = (self.noise(), self.size(), self.descent.samples);
-        let (sigma, keys, initial) = (self.descent.sigma as f32, self.problem.keys, self.problem.initial);
-        let (low, high) = (&*self.low, &*self.high);
-        self.points.par_chunks_exact_mut(size).with_min_len(16).enumerate().for_each(|(index, point)| {
-            let (row, sample) = (index / samples, index % samples);
-            let initial = &initial[row * size..][..size];
-            if sample == 0 {
-                point.copy_from_slice(initial);
-            } else {
-                noise.fill(&keys[row], 0, sample as u32, point);
-                point.iter_mut().zip(initial).for_each(|(value, start)| *value = start + sigma * *value);
-            }
-            clamp(point, low, high);
-        });
     }
 
     /// The plans, to be evaluated.
@@ -300,6 +283,28 @@ impl<'a, 'w> Search<'a, 'w> {
             plan.replace_by_cheaper(self.best, self.best_costs);
         }
     }
+}
+
+/// Fills `points`, `[B, S, H, D]`, with starts: the initial plan, and others around it at a distance of `sigma`, within
+/// bounds `[H, D]`.
+pub(crate) fn scatter(
+    problem: &Problem<'_>,
+    (noise, sigma, samples): (Noise, f64, usize),
+    [low, high]: [&[f32]; 2],
+    points: &mut [f32],
+) {
+    let (size, sigma) = (problem.plan_size(), sigma as f32);
+    points.par_chunks_exact_mut(size).with_min_len(16).enumerate().for_each(|(index, point)| {
+        let (row, sample) = (index / samples, index % samples);
+        let initial = &problem.initial[row * size..][..size];
+        if sample == 0 {
+            point.copy_from_slice(initial);
+        } else {
+            noise.fill(&problem.keys[row], 0, sample as u32, point);
+            point.iter_mut().zip(initial).for_each(|(value, start)| *value = start + sigma * *value);
+        }
+        clamp(point, low, high);
+    });
 }
 
 /// What a gradient must be multiplied with to be no longer than `longest`. The constant is the reference's.

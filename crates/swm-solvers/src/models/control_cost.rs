@@ -142,7 +142,8 @@ pub(super) struct Tape {
     earlier: Vec<f64>,
     /// `[A]`.
     by_action: Vec<f64>,
-    differentiator: Differentiator,
+    /// For derivatives that the model does not give.
+    differences: Vec<f64>,
 }
 
 impl Tape {
@@ -194,7 +195,9 @@ impl Tape {
         self.earlier.resize(w, 0.0);
         self.by_action.resize(a, 0.0);
         let Self { states, actions, weights, step_by_state, step_by_action, .. } = self;
-        let Self { adjoint, earlier, by_action, differentiator, .. } = self;
+        let Self { adjoint, earlier, by_action, differences, .. } = self;
+        differences.resize(Differentiator::scratch_size(w + a), 0.0);
+        let mut differentiator = Differentiator::new(differences);
         let steps = actions.len() / a;
         let end = Stage { row, step: steps, state: &states[steps * w..], action: &[] };
         differentiator.cost(model, &end, adjoint, &mut []);

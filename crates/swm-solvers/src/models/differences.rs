@@ -9,15 +9,23 @@ const FINE: f64 = 6e-6;
 const COARSE: f64 = 1.2e-4;
 
 /// Derivatives of a [`ControlModel`].
-#[derive(Debug, Default)]
-pub(crate) struct Differentiator {
-    /// `[2, W + A]`: the stage with one number moved back, and with it moved ahead.
-    points: Vec<f64>,
-    /// `[2, W + A]`: results at those two points.
-    results: Vec<f64>,
+#[derive(Debug)]
+pub(crate) struct Differentiator<'s> {
+    /// `[4, W + A]`: the stage with one number moved back, and with it moved ahead; results at those two points.
+    scratch: &'s mut [f64],
 }
 
-impl Differentiator {
+impl<'s> Differentiator<'s> {
+    /// How many numbers of `scratch` it needs for `numbers` = W + A.
+    pub(crate) fn scratch_size(numbers: usize) -> usize {
+        4 * numbers
+    }
+
+    /// With room to work in.
+    pub(crate) fn new(scratch: &'s mut [f64]) -> Self {
+        Self { scratch }
+    }
+
     /// As [`ControlModel::step_derivatives`], always.
     pub(crate) fn step(
         &mut self,
@@ -65,7 +73,6 @@ impl Differentiator {
 
     /// As [`ControlModel::cost_hessian`], always: differences of the first derivatives if those are given, second
     /// differences of the cost otherwise.
-    #[expect(dead_code, reason = "for iLQR")]
     pub(crate) fn hessian(&mut self, model: &dyn ControlModel, at: &Stage<'_>, hessian: &mut [f64]) {
         if model.cost_hessian(at, hessian) {
             return;
@@ -139,13 +146,9 @@ impl Differentiator {
 
     /// The two points and the two results, for `numbers` = W + A.
     fn halves(&mut self, numbers: usize) -> ([&mut [f64]; 2], [&mut [f64]; 2]) {
-        for buffer in [&mut self.points, &mut self.results] {
-            if buffer.len() < 2 * numbers {
-                buffer.resize(2 * numbers, 0.0);
-            }
-        }
-        let (a, b) = self.points[..2 * numbers].split_at_mut(numbers);
-        let (c, d) = self.results[..2 * numbers].split_at_mut(numbers);
+        let (points, results) = self.scratch[..4 * numbers].split_at_mut(2 * numbers);
+        let (a, b) = points.split_at_mut(numbers);
+        let (c, d) = results.split_at_mut(numbers);
         ([a, b], [c, d])
     }
 }

@@ -21,6 +21,8 @@ mod shooting;
 
 pub use control::{ControlModel, Stage};
 pub use control_cost::ControlCost;
+pub(crate) use control_cost::check_width;
+pub(crate) use differences::Differentiator;
 pub use discrete_chain::DiscreteChain;
 pub use dynamics::{Dynamics, Part, Stepwise};
 pub use linear_quadratic::LinearQuadratic;

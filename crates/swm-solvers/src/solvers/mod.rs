@@ -5,6 +5,7 @@ mod adamw;
 mod categorical_cem;
 mod cem;
 mod icem;
+mod ilqr;
 mod lagrangian;
 mod mppi;
 mod pgd;
@@ -18,6 +19,7 @@ pub use adamw::AdamW;
 pub use categorical_cem::CategoricalCem;
 pub use cem::Cem;
 pub use icem::Icem;
+pub use ilqr::Ilqr;
 pub use lagrangian::{Form, Lagrangian, Optimizer};
 pub use mppi::{Mppi, TemperatureMode};
 pub use pgd::{Pgd, Select};
@@ -36,6 +38,7 @@ pub const SOLVERS: &[SolverEntry] = &[
     SolverEntry::of::<AdamW>(),
     SolverEntry::of::<Pgd>(),
     SolverEntry::of::<Lagrangian>(),
+    SolverEntry::of::<Ilqr>(),
 ];
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use rand::RngExt as _;
 use serde_json::{Map, Value as Json, json};
 use swm_core::seed::{Stream, keyed};
 use swm_core::{Dtype, Space};
+use swm_solvers::models::{ControlModel, Stage};
 use swm_solvers::{
     Candidates, Cost, DifferentiableCost, Moment, NoTrace, Plan, PlanError, Problem, SOLVERS, Workspace,
 };
@@ -94,8 +95,7 @@ impl Course {
     fn walk(&self, plan: &[f32]) -> [Point; STEPS + 1] {
         let mut places = [self.start; STEPS + 1];
         for (t, u) in plan.chunks_exact(WIDTH).enumerate() {
-            let [x, y] = places[t];
-            places[t + 1] = [x + STRIDE * bend(f64::from(u[0])), y + STRIDE * bend(f64::from(u[1]))];
+            places[t + 1] = step(places[t], [u[0].into(), u[1].into()]);
         }
         places
     }
@@ -106,25 +106,34 @@ impl Course {
         let mut cost = plan.iter().map(|&u| EFFORT_WEIGHT * f64::from(u).powi(2)).sum::<f64>();
         let mut gradient = [[0.0; 2]; STEPS + 1];
         for t in 0..STEPS {
-            let end = places[t + 1];
-            let weight = if t + 1 == STEPS { GOAL_WEIGHT } else { STAGE_WEIGHT };
-            let away = minus(end, self.goal);
-            cost += weight * (away[0] * away[0] + away[1] * away[1]);
-            add(&mut gradient[t + 1], away, 2.0 * weight);
-            for &(centre, radius) in &self.obstacles {
-                let (part, away) = nearest([places[t], end], centre);
-                let distance = (away[0] * away[0] + away[1] * away[1]).sqrt();
-                let depth = radius + MARGIN - distance;
-                if depth > 0.0 && distance > 0.0 {
-                    cost += OBSTACLE_WEIGHT * depth * depth;
-                    let slope = -2.0 * OBSTACLE_WEIGHT * depth / distance;
-                    add(&mut gradient[t], away, slope * (1.0 - part));
-                    add(&mut gradient[t + 1], away, slope * part);
-                }
-            }
+            let (step, slopes) = self.step_cost(t, [places[t], places[t + 1]]);
+            cost += step;
+            add(&mut gradient[t], slopes[0], 1.0);
+            add(&mut gradient[t + 1], slopes[1], 1.0);
         }
         let [_, rest @ ..] = gradient;
         (cost, rest)
+    }
+
+    /// The cost of step `t` along `way`, without its effort, and its derivative with respect to both ends.
+    fn step_cost(&self, t: usize, way: [Point; 2]) -> (f64, [Point; 2]) {
+        let weight = if t + 1 == STEPS { GOAL_WEIGHT } else { STAGE_WEIGHT };
+        let away = minus(way[1], self.goal);
+        let mut cost = weight * (away[0] * away[0] + away[1] * away[1]);
+        let mut slopes = [[0.0; 2]; 2];
+        add(&mut slopes[1], away, 2.0 * weight);
+        for &(centre, radius) in &self.obstacles {
+            let (part, away) = nearest(way, centre);
+            let distance = (away[0] * away[0] + away[1] * away[1]).sqrt();
+            let depth = radius + MARGIN - distance;
+            if depth > 0.0 && distance > 0.0 {
+                cost += OBSTACLE_WEIGHT * depth * depth;
+                let slope = -2.0 * OBSTACLE_WEIGHT * depth / distance;
+                add(&mut slopes[0], away, slope * (1.0 - part));
+                add(&mut slopes[1], away, slope * part);
+            }
+        }
+        (cost, slopes)
     }
 
     /// The cost of `plan`, `[H, A]`, and its derivative, written to `gradient`.
@@ -141,6 +150,11 @@ impl Course {
         }
         cost
     }
+}
+
+/// Where an action leads.
+fn step(place: Point, action: Point) -> Point {
+    [place[0] + STRIDE * bend(action[0]), place[1] + STRIDE * bend(action[1])]
 }
 
 /// The point of the straight way between two points that is nearest to `centre`: its part of the way, and where it is
@@ -201,6 +215,31 @@ impl Cost for Courses {
     fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
         Some(self)
     }
+
+    fn control(&self) -> Option<&dyn ControlModel> {
+        Some(self)
+    }
+}
+
+/// The same cost step by step; a stage costs what the step from it does.
+impl ControlModel for Courses {
+    fn state_width(&self) -> usize {
+        2
+    }
+    fn action_width(&self) -> usize {
+        WIDTH
+    }
+    fn start(&self, row: usize, state: &mut [f64]) {
+        state.copy_from_slice(&self.0[row].start);
+    }
+    fn step(&self, at: &Stage<'_>, next: &mut [f64]) {
+        next.copy_from_slice(&step([at.state[0], at.state[1]], [at.action[0], at.action[1]]));
+    }
+    fn cost(&self, at: &Stage<'_>) -> f64 {
+        let &[x, y] = at.action else { return 0.0 };
+        let (place, effort) = ([at.state[0], at.state[1]], EFFORT_WEIGHT * (x * x + y * y));
+        effort + self.0[at.row].step_cost(at.step, [place, step(place, [x, y])]).0
+    }
 }
 
 impl DifferentiableCost for Courses {
@@ -223,6 +262,7 @@ fn settings(solver: &str) -> Map<String, Json> {
     let settings = match solver {
         "sgd" | "pgd" => json!({"iterations": 100, "samples": 40, "lr": 0.03}),
         "adam" | "adamw" => json!({"iterations": 100, "samples": 40}),
+        "ilqr" => json!({"samples": 10}),
         "lagrangian" => json!({"samples": 40}),
         "mppi" => json!({"sigma": 0.3, "iterations": 100, "temperature": 0.1}),
         "predictive-sampling" => json!({"sigma": 0.2, "iterations": 60}),

@@ -1,9 +1,12 @@
 //! Planning as its users see it: golden problems, obstacle courses, invariance, the MPC policy in a world, the true simulator.
 
+mod constrained;
 mod courses;
+mod descent;
 mod golden;
 mod golden_sampling;
 mod gradients;
+mod ilqr;
 mod models;
 mod mpc;
 mod problems;

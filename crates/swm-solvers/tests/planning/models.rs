@@ -62,8 +62,8 @@ fn between_obstacles(obstacles_are: Obstacles) -> Navigation {
     Navigation { obstacles, obstacles_are, ..Navigation::past_one_obstacle() }
 }
 
-/// A model that hides some of its derivatives.
-struct Hidden<M>(M, bool);
+/// A model that hides derivatives: all but the first of its cost, or all.
+pub(super) struct Hidden<M>(pub(super) M, pub(super) bool);
 
 impl<M: ControlModel> ControlModel for Hidden<M> {
     fn state_width(&self) -> usize {

@@ -2,6 +2,7 @@
 //! by categories, four instances each. Computed in `f32` per candidate, as the reference's golden runs were.
 
 use swm_core::{Dtype, EpisodeSeed, Space};
+use swm_solvers::models::{ControlModel, Navigation};
 use swm_solvers::{Candidates, Cost, DifferentiableCost, Moment, PlanError, PlanKey, Problem, Solver};
 
 /// H of the problems with real actions.
@@ -152,11 +153,14 @@ pub(super) struct Analytic {
     pub(super) elites: usize,
     /// `[iteration][B]`, the final evaluation included.
     pub(super) iterations: Vec<Vec<Iteration>>,
+    /// The same problem step by step, if it is [`nav`].
+    model: Option<Navigation>,
 }
 
 impl Analytic {
     pub(super) fn new(cost: PlanCost, elites: usize) -> Self {
-        Self { cost, elites, iterations: Vec::new() }
+        let model = std::ptr::fn_addr_eq(cost, nav as PlanCost).then(Navigation::past_one_obstacle);
+        Self { cost, elites, iterations: Vec::new(), model }
     }
 
     fn statistics(&self, costs: &[f64]) -> Iteration {
@@ -184,6 +188,10 @@ impl Cost for Analytic {
 
     fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
         Some(self)
+    }
+
+    fn control(&self) -> Option<&dyn ControlModel> {
+        self.model.as_ref().map(|model| model as &dyn ControlModel)
     }
 }
 

@@ -36,10 +36,16 @@ fn cem_reaches_the_goal_with_any_number_of_environments_and_threads() {
     assert_ne!(other, stories, "the planner's own seed matters");
 }
 
-/// A solver that evaluates given plans of 4 actions, writes their costs down, and does nothing.
+/// A solver that evaluates given plans of 4 actions, writes their costs and gradients down, and does nothing.
 struct Probe {
-    plans: Vec<[f32; 4]>,
-    costs: Arc<Mutex<Vec<f64>>>,
+    plans: Vec<Vec<f32>>,
+    seen: Arc<Mutex<Seen>>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Seen {
+    costs: Vec<f64>,
+    gradient: Vec<f32>,
 }
 
 impl Solver for Probe {
@@ -60,9 +66,15 @@ impl Solver for Probe {
         _trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
-        let mut costs = vec![f64::NAN; self.plans.len()];
-        cost.evaluate(&problem.candidates(&self.plans.concat(), self.plans.len()), &mut costs)?;
-        *self.costs.lock().expect("one thread") = costs;
+        let (plans, samples) = (self.plans.concat(), self.plans.len());
+        let candidates = problem.candidates(&plans, samples);
+        let mut costs = vec![f64::NAN; samples];
+        cost.evaluate(&candidates, &mut costs)?;
+        let mut seen = Seen { costs: vec![f64::NAN; samples], gradient: vec![f32::NAN; plans.len()] };
+        let slopes = cost.differentiable().expect("simulators have gradients");
+        slopes.evaluate_with_gradient(&candidates, &mut seen.costs, &mut seen.gradient)?;
+        assert_eq!(costs, seen.costs);
+        *self.seen.lock().expect("one thread") = seen;
         plan.begin(problem, 0.0);
         Ok(())
     }
@@ -76,8 +88,20 @@ fn costs(
     clip_actions: bool,
     plans: &[[f32; 4]],
 ) -> Vec<f64> {
-    let costs = Arc::new(Mutex::new(Vec::new()));
-    let probe = Probe { plans: plans.to_vec(), costs: Arc::clone(&costs) };
+    let plans = plans.iter().map(|plan| plan.to_vec()).collect();
+    probe(entry, goal, options, clip_actions, plans).costs
+}
+
+/// What is seen of plans of 4 actions, from 0 with the goal at `goal`.
+fn probe(
+    entry: EnvEntry,
+    goal: f64,
+    options: SimulatorOptions,
+    clip_actions: bool,
+    plans: Vec<Vec<f32>>,
+) -> Seen {
+    let seen = Arc::new(Mutex::new(Seen::default()));
+    let probe = Probe { plans, seen: Arc::clone(&seen) };
     let simulator = SimulatorCost::new(&entry, &EnvConfig::default(), options).expect("valid options");
     let config = PlanConfig {
         horizon: 4,
@@ -89,8 +113,8 @@ fn costs(
     let policy = MpcPolicy::new(Box::new(probe), Box::new(simulator), config).expect("a valid configuration");
     let setting = Setting { entry, max_steps: 1, threads: 2, reset: toward(goal), ..Setting::default() };
     run(&setting, policy).expect("a run without failures");
-    let costs = costs.lock().expect("one thread");
-    costs.clone()
+    let seen = seen.lock().expect("one thread");
+    seen.clone()
 }
 
 #[test]
@@ -146,4 +170,58 @@ fn environments_that_cannot_be_planned_for_are_refused() {
     let setting = Setting { entry: FRAGILE, ..Setting::default() };
     let error = run(&setting, planner(&TOY, SMALL).unwrap()).unwrap_err().to_string();
     assert!(error.contains("simulates `swm/Toy-v0` and cannot act in `swm/Fragile-v0`"), "{error}");
+}
+
+#[test]
+fn gradients_are_those_of_the_simulation() {
+    let of = |aggregate, plan: [f32; 4]| {
+        let options = SimulatorOptions { aggregate, ..SimulatorOptions::default() };
+        probe(TOY, 3.0, options, true, vec![plan.to_vec(), vec![0.3; 4]]).gradient
+    };
+    let assert_near = |found: &[f32], expected: [f32; 4]| {
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-3, "{found} is not {expected}");
+        }
+    };
+    // The distance at the end shrinks by what any action grows.
+    let gradient = of(Aggregate::Last, [0.5; 4]);
+    assert_near(&gradient, [-1.0; 4]);
+    assert_near(&gradient[4..], [-1.0; 4]);
+    // Early actions shrink more of the distances.
+    assert_near(&of(Aggregate::Mean, [0.5; 4]), [-1.0, -0.75, -0.5, -0.25]);
+    assert_near(&of(Aggregate::Best, [0.5, 0.5, -0.5, -0.5]), [-1.0, -1.0, 0.0, 0.0]);
+    // Beyond the goal the sign turns; the bonus of success is left out. After the end nothing counts.
+    assert_near(&of(Aggregate::Last, [0.8, 0.8, 0.85, 0.98]), [1.0; 4]);
+    assert_near(&of(Aggregate::Last, [0.9; 4]), [-1.0, -1.0, -1.0, 0.0]);
+    // Beyond the bounds nothing changes.
+    assert_near(&of(Aggregate::Last, [2.0, 0.1, -2.0, 0.1]), [0.0, -1.0, 0.0, -1.0]);
+}
+
+#[test]
+fn integers_have_the_differences_to_other_categories() {
+    // Left, stay, right; the goal is 3 to the right.
+    let plan = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.2, 0.5, 0.3]].concat();
+    let seen = probe(DISCRETE_TOY, 3.0, SimulatorOptions::default(), true, vec![plan]);
+    assert_eq!(seen.costs, [3.0]);
+    assert_eq!(seen.gradient, [0.0, -1.0, -2.0, 1.0, 0.0, -1.0, 2.0, 1.0, 0.0, 1.0, 0.0, -1.0]);
+}
+
+#[test]
+fn solvers_with_gradients_reach_the_goal_with_any_number_of_environments_and_threads() {
+    let shape = "horizon=3,receding_horizon=2,action_block=2";
+    for (entry, text) in [
+        (TOY, format!("adam:samples=4,iterations=8,lr=0.3,clip=true,{shape}")),
+        (TOY, format!("sgd:samples=4,iterations=8,lr=0.2,clip=true,{shape}")),
+        (TOY, format!("lagrangian:samples=4,iterations=8,rounds=1,lr=0.3,clip=true,{shape}")),
+        (DISCRETE_TOY, format!("pgd:samples=4,iterations=8,{shape}")),
+    ] {
+        let base = Setting { entry, episodes: 6, max_steps: 40, ..Setting::default() };
+        let stories = run(&base, planner(&entry, &text).unwrap()).unwrap();
+        // Whole steps do not end at a goal between them.
+        if entry.id == TOY.id {
+            assert!(stories.iter().all(|story| story.success == Some(true)), "{text}");
+        }
+        let others = Setting { num_envs: 4, threads: 2, ..base };
+        assert_eq!(run(&others, planner(&entry, &text).unwrap()).unwrap(), stories, "{text}");
+    }
 }
