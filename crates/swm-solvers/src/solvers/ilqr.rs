@@ -201,14 +201,14 @@ impl Ilqr {
         }
         tile.expand(actions);
         loop {
-            if tile.solve_backward(actions, *weight) {
-                if let Some(better) = tile.search(actions, *cost) {
-                    let gain = *cost - better;
-                    *weight = (*weight / Weights::FACTOR).max(self.regularization);
-                    let enough = gain > self.tolerance * cost.abs();
-                    *cost = better;
-                    return enough;
-                }
+            if tile.solve_backward(actions, *weight)
+                && let Some(better) = tile.search(actions, *cost)
+            {
+                let gain = *cost - better;
+                *weight = (*weight / Weights::FACTOR).max(self.regularization);
+                let enough = gain > self.tolerance * cost.abs();
+                *cost = better;
+                return enough;
             }
             *weight *= Weights::FACTOR;
             if *weight > Weights::LARGEST {
