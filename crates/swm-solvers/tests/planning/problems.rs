@@ -2,7 +2,7 @@
 //! by categories, four instances each. Computed in `f32` per candidate, as the reference's golden runs were.
 
 use swm_core::{Dtype, EpisodeSeed, Space};
-use swm_solvers::models::{ControlModel, Navigation};
+use swm_solvers::models::{ControlModel, LinearQuadratic, Navigation};
 use swm_solvers::{Candidates, Cost, DifferentiableCost, Moment, PlanError, PlanKey, Problem, Solver};
 
 /// H of the problems with real actions.
@@ -153,13 +153,18 @@ pub(super) struct Analytic {
     pub(super) elites: usize,
     /// `[iteration][B]`, the final evaluation included.
     pub(super) iterations: Vec<Vec<Iteration>>,
-    /// The same problem step by step, if it is [`nav`].
-    model: Option<Navigation>,
+    /// The same problem step by step, if it is [`nav`] or [`lq`].
+    model: Option<Box<dyn ControlModel>>,
 }
 
 impl Analytic {
     pub(super) fn new(cost: PlanCost, elites: usize) -> Self {
-        let model = std::ptr::fn_addr_eq(cost, nav as PlanCost).then(Navigation::past_one_obstacle);
+        let is = |problem: PlanCost| std::ptr::fn_addr_eq(cost, problem);
+        let model: Option<Box<dyn ControlModel>> = match () {
+            () if is(nav) => Some(Box::new(Navigation::past_one_obstacle())),
+            () if is(lq) => Some(Box::new(LinearQuadratic::point_mass())),
+            () => None,
+        };
         Self { cost, elites, iterations: Vec::new(), model }
     }
 
@@ -191,7 +196,7 @@ impl Cost for Analytic {
     }
 
     fn control(&self) -> Option<&dyn ControlModel> {
-        self.model.as_ref().map(|model| model as &dyn ControlModel)
+        self.model.as_deref()
     }
 }
 
