@@ -21,7 +21,7 @@ pub enum Aggregate {
     Best,
 }
 
-/// Settings of [`SimulatorCost`].
+/// Settings of [`crate::SimulatorCost`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SimulatorOptions {
