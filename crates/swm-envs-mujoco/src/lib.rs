@@ -8,17 +8,52 @@
 //! The crate builds with nothing installed. Without the library, making an environment fails with the command that
 //! mends it.
 
+mod acrobot;
 pub mod assets;
+mod ball_in_cup;
+mod cartpole;
 mod cheetah;
 pub mod error;
 #[expect(unsafe_code, reason = "the C library; the only folder of the workspace with such code")]
 pub mod ffi;
+mod finger;
+mod hopper;
+mod humanoid;
+mod manipulator;
+mod pendulum;
+mod quadruped;
+mod reacher;
 pub mod suite;
+mod walker;
 
 use swm_core::EnvEntry;
 
+pub use acrobot::ACROBOT;
+pub use ball_in_cup::BALL_IN_CUP;
+pub use cartpole::CARTPOLE;
 pub use cheetah::CHEETAH;
 pub use error::MujocoError;
+pub use finger::FINGER;
+pub use hopper::HOPPER;
+pub use humanoid::HUMANOID;
+pub use manipulator::MANIPULATOR;
+pub use pendulum::PENDULUM;
+pub use quadruped::QUADRUPED;
+pub use reacher::REACHER;
+pub use walker::WALKER;
 
 /// All environments of this crate.
-pub const ENVS: &[EnvEntry] = &[CHEETAH];
+pub const ENVS: &[EnvEntry] = &[
+    HUMANOID,
+    CHEETAH,
+    HOPPER,
+    REACHER,
+    WALKER,
+    ACROBOT,
+    PENDULUM,
+    CARTPOLE,
+    BALL_IN_CUP,
+    FINGER,
+    MANIPULATOR,
+    QUADRUPED,
+];

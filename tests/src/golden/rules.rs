@@ -85,14 +85,36 @@ pub fn rules(reference_id: &str) -> Option<&'static Rules> {
     RULES.iter().find(|rules| rules.reference_id == reference_id)
 }
 
-const RULES: &[Rules] = &[PUSHT, TWO_ROOM_V2, CHEETAH];
+const RULES: &[Rules] = &[
+    PUSHT,
+    TWO_ROOM_V2,
+    CHEETAH,
+    REACHER,
+    ACROBOT,
+    PENDULUM,
+    CARTPOLE,
+    BALL_IN_CUP,
+    FINGER,
+    HOPPER,
+    WALKER,
+    HUMANOID,
+    MANIPULATOR,
+    QUADRUPED,
+];
 
 /// `(array of the file, row, start column)`.
 pub(super) type Place = (&'static str, usize, &'static str);
 
 /// Where a reset of an environment places things by writing into the model.
 pub(super) fn placed_in_model(env_id: &str) -> &'static [Place] {
-    const PLACED: &[(&str, &[Place])] = &[];
+    const PLACED: &[(&str, &[Place])] = &[
+        ("swm/ReacherDMControl-v0", &[("model_geom_pos", 6, "target_pos")]),
+        ("swm/FingerDMControl-v0", &[("model_site_pos", 0, "target_pos")]),
+        (
+            "swm/ManipulatorDMControl-v0",
+            &[("model_body_pos", 11, "target_pos"), ("model_body_quat", 11, "target_quat")],
+        ),
+    ];
     PLACED.iter().find(|(id, _)| *id == env_id).map_or(&[], |(_, places)| places)
 }
 
@@ -109,20 +131,38 @@ const SUITE: Rules = Rules {
     expected_differences: &[("info_success", "the recorded version has no success: always NaN")],
 };
 
-const CHEETAH: Rules = Rules {
-    reference_id: "swm/CheetahDMControl-v0",
-    env_id: "swm/CheetahDMControl-v0",
-    compared: &[
-        ("state_qpos", &[Unit::Given; 9]),
-        ("state_qvel", &[Unit::Given; 9]),
-        ("state_time", &[Unit::Given]),
-        ("state_qacc_warmstart", &[Unit::Given; 9]),
-        ("obs", &[Unit::Given; 17]),
-        ("info_score", &[Unit::Given]),
-        ("reward", &[Unit::Given]),
-    ],
-    ..SUITE
-};
+/// Rules of a domain by the numbers in its positions, velocities and observation.
+macro_rules! suite {
+    ($name:ident, $id:literal, $nq:literal, $nv:literal, $observation:literal) => {
+        const $name: Rules = Rules {
+            reference_id: $id,
+            env_id: $id,
+            compared: &[
+                ("state_qpos", &[Unit::Given; $nq]),
+                ("state_qvel", &[Unit::Given; $nv]),
+                ("state_time", &[Unit::Given]),
+                ("state_qacc_warmstart", &[Unit::Given; $nv]),
+                ("obs", &[Unit::Given; $observation]),
+                ("info_score", &[Unit::Given]),
+                ("reward", &[Unit::Given]),
+            ],
+            ..SUITE
+        };
+    };
+}
+
+suite!(CHEETAH, "swm/CheetahDMControl-v0", 9, 9, 17);
+suite!(REACHER, "swm/ReacherDMControl-v0", 2, 2, 6);
+suite!(ACROBOT, "swm/AcrobotDMControl-v0", 2, 2, 6);
+suite!(PENDULUM, "swm/PendulumDMControl-v0", 1, 1, 3);
+suite!(CARTPOLE, "swm/CartpoleDMControl-v0", 2, 2, 5);
+suite!(BALL_IN_CUP, "swm/BallInCupDMControl-v0", 4, 4, 8);
+suite!(FINGER, "swm/FingerDMControl-v0", 3, 3, 12);
+suite!(HOPPER, "swm/HopperDMControl-v0", 7, 7, 15);
+suite!(WALKER, "swm/WalkerDMControl-v0", 9, 9, 24);
+suite!(HUMANOID, "swm/HumanoidDMControl-v0", 28, 27, 67);
+suite!(MANIPULATOR, "swm/ManipulatorDMControl-v0", 11, 11, 44);
+suite!(QUADRUPED, "swm/QuadrupedDMControl-v0", 23, 22, 78);
 
 const PUSHT: Rules = Rules {
     reference_id: "swm/PushT-v1",

@@ -83,6 +83,8 @@ impl Model {
         body_quat / body_quat_mut: f64 [nbody, 4];
         /// Masses, `[nbody]`, kg.
         body_mass / body_mass_mut: f64 [nbody, 1];
+        /// Centres of mass in the bodies' frames, `[nbody, 3]`, m.
+        body_ipos / body_ipos_mut: f64 [nbody, 3];
         /// Diagonal inertias, `[nbody, 3]`, kg m².
         body_inertia / body_inertia_mut: f64 [nbody, 3];
         /// Joint limits, `[njnt, 2]`, rad or m.
@@ -108,6 +110,8 @@ impl Model {
         site_pos / site_pos_mut: f64 [nsite, 3];
         /// Site sizes, `[nsite, 3]`.
         site_size / site_size_mut: f64 [nsite, 3];
+        /// Groups of sites, `[nsite]`: those in 0 to 2 are drawn.
+        site_group / site_group_mut: i32 [nsite, 1];
         /// Site colours, `[nsite, 4]`, 0..1.
         site_rgba / site_rgba_mut: f32 [nsite, 4];
         /// Material colours, `[nmat, 4]`, 0..1.

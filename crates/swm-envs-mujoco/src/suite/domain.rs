@@ -65,6 +65,12 @@ pub trait Task: Send + Sync {
     /// The reward of the present state, after a control step.
     fn reward(&self, stage: &Stage) -> f64;
 
+    /// How far the present state is from what is rewarded, where the reward itself says too little to plan by: lower is
+    /// better. `None`: minus the rewards so far.
+    fn cost(&self, _stage: &Stage) -> Option<f64> {
+        None
+    }
+
     /// Whether the goal is reached, where there is one.
     fn success(&self, _stage: &Stage) -> Option<bool> {
         None

@@ -199,6 +199,15 @@ impl SuiteEnv {
         Ok(())
     }
 
+    /// Computes where the goal is. What follows an exact start keeps its bits.
+    fn see_goal(&mut self) -> Result<(), MujocoError> {
+        let sim = &mut self.stage.sim;
+        let warmstart = sim.qacc_warmstart().to_vec();
+        sim.forward_without_actuation()?;
+        sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
+        Ok(())
+    }
+
     /// One control step with the controls that are set; the reward of the new state.
     fn control_step(&mut self) -> Result<Outcome, MujocoError> {
         self.stage.sim.control_step(self.domain.substeps)?;
@@ -249,6 +258,9 @@ impl Env for SuiteEnv {
                 return Err(EnvError::Reset { env: self.spec.id.clone(), reason });
             }
             self.task.set_goal(&mut self.stage, column, &value.numbers(column)?);
+        }
+        if episode.options.goal.is_some() {
+            self.see_goal().map_err(|error| error.at_reset(&self.spec.id))?;
         }
         Ok(Outcome { reward: f64::NAN, terminated: false, success: self.task.success(&self.stage) })
     }
@@ -351,9 +363,10 @@ impl Env for SuiteEnv {
         Ok(())
     }
 
-    /// Minus the rewards since the reset: the plan with the lowest final cost has the highest return.
+    /// The task's own cost; else minus the rewards since the reset: the plan with the lowest final cost has the highest
+    /// return.
     fn task_cost(&self) -> Option<f64> {
-        Some(-self.total_reward)
+        self.task.cost(&self.stage).or(Some(-self.total_reward))
     }
 
     fn is_truncated(&self) -> bool {

@@ -3,7 +3,9 @@
 use swm_core::{Dtype, Space, Value};
 use swm_fov::Factor;
 
-use super::effect::{Control, Effect};
+use super::effect::{Control, Effect, set_colour};
+use crate::error::MujocoError;
+use crate::ffi::{Model, Object};
 
 /// A colour, `[3]`, 0..1.
 pub fn colour(name: &str, default: [f64; 3], doc: &str, effect: Effect) -> Control {
@@ -58,4 +60,31 @@ pub fn switch(name: &str, default: i64, doc: &str, effect: Effect) -> Control {
 pub fn locked(name: &str, joint: &'static str) -> Control {
     let doc = format!("1: free; 0: the joint `{joint}` is held at its angle of the start");
     switch(name, 1, &doc, Effect::Lock(joint))
+}
+
+/// The index of a site, which is drawn from now on: the suite hides some targets.
+pub fn show_site(model: &mut Model, name: &str) -> Result<usize, MujocoError> {
+    let site = model.id(Object::Site, name)?;
+    model.site_group_mut()[site] = 0;
+    Ok(site)
+}
+
+/// Gives a site a colour of its own.
+pub fn set_site_colour(model: &mut Model, site: usize, rgb: &[f64]) {
+    set_colour(&mut model.site_rgba_mut()[4 * site..], &own_colour(rgb));
+}
+
+/// Gives geoms a colour of their own.
+pub fn set_geom_colour(model: &mut Model, names: &[&str], rgb: &[f64]) -> Result<(), MujocoError> {
+    for name in names {
+        let geom = model.id(Object::Geom, name)?;
+        set_colour(&mut model.geom_rgba_mut()[4 * geom..], &own_colour(rgb));
+    }
+    Ok(())
+}
+
+/// A colour that MuJoCo does not take for "that of the material", as it does half grey.
+fn own_colour(rgb: &[f64]) -> [f64; 3] {
+    let colour = [rgb[0], rgb[1], rgb[2]];
+    if colour == [0.5; 3] { [0.5, 0.5, 0.501] } else { colour }
 }

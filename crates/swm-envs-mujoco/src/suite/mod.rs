@@ -12,6 +12,7 @@ mod picture;
 mod settings;
 mod stage;
 mod start;
+mod sums;
 mod tolerance;
 
 pub use domain::{Domain, MakeEnv, START_COLUMNS, Task, TaskEntry, entry, make, unchanged};
@@ -20,4 +21,5 @@ pub use env::SuiteEnv;
 pub use models::{Origin, description, edit_in_place};
 pub use stage::{Place, Stage, Target};
 pub use start::{direction, normal, randomize_joints, uniform, until_free_of_contacts};
+pub use sums::{distance, mean};
 pub use tolerance::{Falloff, GAUSSIAN, tolerance};
