@@ -20,6 +20,7 @@ static DOMAIN: Domain = Domain {
     model: "ball_in_cup.xml",
     substeps: 10,
     time_limit_s: 20.0,
+    camera: 0,
     tasks: TASKS,
     infos: &[],
     targets: &[],

@@ -22,6 +22,7 @@ static DOMAIN: Domain = Domain {
     model: "cartpole.xml",
     substeps: 1,
     time_limit_s: 10.0,
+    camera: 0,
     tasks: TASKS,
     infos: &[],
     targets: &[],

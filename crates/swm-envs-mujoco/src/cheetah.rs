@@ -21,6 +21,7 @@ static DOMAIN: Domain = Domain {
     substeps: 1,
     // The reference's; dm_control's own episodes last 10 s.
     time_limit_s: 25.0,
+    camera: 0,
     tasks: TASKS,
     infos: &[("speed", 0), ("torso_height", 0), ("bfoot_height", 0), ("ffoot_height", 0), ("angmomentum", 0)],
     targets: &[],

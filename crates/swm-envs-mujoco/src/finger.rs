@@ -21,6 +21,7 @@ static DOMAIN: Domain = Domain {
     model: "finger.xml",
     substeps: 2,
     time_limit_s: 20.0,
+    camera: 0,
     tasks: TASKS,
     infos: &[("hinge_velocity", 0), ("target_position", 2), ("tip_position", 2)],
     targets: &[Target { column: "target_pos", place: Place::SitePosition("target") }],

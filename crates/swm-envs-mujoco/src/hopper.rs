@@ -20,6 +20,7 @@ static DOMAIN: Domain = Domain {
     model: "hopper.xml",
     substeps: 4,
     time_limit_s: 20.0,
+    camera: 0,
     tasks: TASKS,
     infos: &[("speed", 0), ("height", 0), ("angmomentum", 0)],
     targets: &[],

@@ -20,6 +20,7 @@ static DOMAIN: Domain = Domain {
     model: "humanoid.xml",
     substeps: 5,
     time_limit_s: 25.0,
+    camera: 0,
     tasks: TASKS,
     infos: &[("speed", 0), ("torso_upright", 0), ("head_height", 0)],
     targets: &[],

@@ -22,6 +22,7 @@ static DOMAIN: Domain = Domain {
     model: "manipulator.xml",
     substeps: 10,
     time_limit_s: 10.0,
+    camera: 0,
     tasks: TASKS,
     infos: &[("ball_pos", 3)],
     targets: &[

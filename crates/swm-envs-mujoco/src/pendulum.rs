@@ -21,6 +21,7 @@ static DOMAIN: Domain = Domain {
     model: "pendulum.xml",
     substeps: 1,
     time_limit_s: 20.0,
+    camera: 0,
     tasks: TASKS,
     infos: &[],
     targets: &[],

@@ -22,6 +22,7 @@ static DOMAIN: Domain = Domain {
     model: "reacher.xml",
     substeps: 1,
     time_limit_s: 20.0,
+    camera: 0,
     tasks: TASKS,
     infos: &[("finger_pos", 3)],
     targets: &[

@@ -21,6 +21,7 @@ static DOMAIN: Domain = Domain {
     model: "walker.xml",
     substeps: 10,
     time_limit_s: 25.0,
+    camera: 0,
     tasks: TASKS,
     infos: &[
         ("speed", 0),

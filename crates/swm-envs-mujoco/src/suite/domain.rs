@@ -21,6 +21,8 @@ pub struct Domain {
     pub substeps: u32,
     /// Simulated seconds after which an episode is cut.
     pub time_limit_s: f64,
+    /// Index of the camera that pictures are taken from.
+    pub camera: usize,
     /// Its tasks; the first is the default.
     pub tasks: &'static [TaskEntry],
     /// Named numbers beside the observation, written by [`Task::infos`] in this order: name and number of values, 0 for

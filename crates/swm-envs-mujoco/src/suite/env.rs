@@ -112,8 +112,8 @@ impl SuiteEnv {
             start_columns: domain.start_columns,
             goal_columns: entry.goal_columns,
         };
-        let picture =
-            image.map(|size| Picture::new(&models, &settings, space.defaults(), size)).transpose()?;
+        let camera = settings.camera.unwrap_or(domain.camera);
+        let picture = image.map(|size| Picture::new(&models, camera, space.defaults(), size)).transpose()?;
         Ok(Self {
             spec,
             domain,

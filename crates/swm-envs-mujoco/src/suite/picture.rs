@@ -4,7 +4,6 @@ use swm_core::ImageSize;
 use swm_fov::Fov;
 
 use super::models::Models;
-use super::settings::Settings;
 use crate::error::MujocoError;
 use crate::ffi::Simulation;
 use crate::ffi::gl::GlRenderer;
@@ -21,12 +20,12 @@ pub(super) struct Picture {
 impl Picture {
     pub(super) fn new(
         models: &Models,
-        settings: &Settings,
+        camera: usize,
         fov: Fov,
         size: ImageSize,
     ) -> Result<Self, MujocoError> {
         let model = models.textured_model(&fov)?;
-        let renderer = GlRenderer::new(&model, settings.camera, [size.height, size.width])?;
+        let renderer = GlRenderer::new(&model, camera, [size.height, size.width])?;
         Ok(Self { renderer, shows: fov, failure: None })
     }
 

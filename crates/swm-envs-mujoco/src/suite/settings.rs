@@ -12,7 +12,7 @@ pub(super) struct Settings {
     pub action_repeat: u32,
     pub on_divergence: OnDivergence,
     pub renderer: Option<Renderer>,
-    pub camera: usize,
+    pub camera: Option<usize>,
 }
 
 /// What draws pictures.
@@ -39,7 +39,7 @@ impl Default for Settings {
             action_repeat: 2,
             on_divergence: OnDivergence::Error,
             renderer: None,
-            camera: 0,
+            camera: None,
         }
     }
 }
@@ -67,7 +67,11 @@ pub(super) const SETTINGS: &[Setting] = &[
         doc: "what draws pictures; `gl`: MuJoCo's own renderer, with OpenGL through EGL or OSMesa",
         default: "none",
     },
-    Setting { name: "camera", doc: "index of the model's camera that pictures are taken from", default: "0" },
+    Setting {
+        name: "camera",
+        doc: "index of the model's camera that pictures are taken from",
+        default: "0; quadruped 2",
+    },
 ];
 
 #[cfg(test)]
