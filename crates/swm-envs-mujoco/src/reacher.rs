@@ -96,6 +96,8 @@ fn shape_target(spec: &mut Spec, values: &[f64]) -> Result<(), MujocoError> {
     Ok(())
 }
 
+/// Limit of the wrist, rad.
+const WRIST: f64 = 160.0 * PI / 180.0;
 /// How near every joint must be in `qpos_match`, rad.
 const ANGLE_TOLERANCE: f64 = 0.05;
 
@@ -126,11 +128,10 @@ impl Reach {
         (x * x + y * y).sqrt()
     }
 
-    /// The largest difference of a joint from the goal's, rad; NaN without a goal.
+    /// The largest difference of a joint from the goal's, rad.
     fn angle_error(stage: &Stage) -> f64 {
         let pairs = stage.sim.qpos().iter().zip(stage.target(ANGLES));
-        let errors = pairs.map(|(angle, goal)| (angle - goal).abs());
-        errors.fold(0.0, |worst: f64, error| if error.is_nan() { error } else { worst.max(error) })
+        pairs.map(|(angle, goal)| (angle - goal).abs()).fold(0.0, f64::max)
     }
 
     fn reached(&self, stage: &Stage) -> bool {
@@ -148,6 +149,13 @@ impl Task for Reach {
         let (angle, radius) = (uniform(stream, 0.0, 2.0 * PI), uniform(stream, 0.05, 0.2));
         let height = stage.target(POINT)[2];
         stage.set_target(POINT, &[radius * angle.sin(), radius * angle.cos(), height]);
+        // The reference has no angles to match until somebody sets them; here they are drawn too.
+        let angles = if self.matches_angles {
+            [uniform(stream, -PI, PI), uniform(stream, -WRIST, WRIST)]
+        } else {
+            [0.0; 2]
+        };
+        stage.set_target(ANGLES, &angles);
         Ok(())
     }
 
@@ -162,8 +170,7 @@ impl Task for Reach {
     }
 
     fn cost(&self, stage: &Stage) -> Option<f64> {
-        let error = Self::angle_error(stage);
-        Some(if self.matches_angles && !error.is_nan() { error } else { self.distance(stage) })
+        Some(if self.matches_angles { Self::angle_error(stage) } else { self.distance(stage) })
     }
 
     fn success(&self, stage: &Stage) -> Option<bool> {

@@ -6,7 +6,15 @@ use swm_core::testing::assert_conforms_with;
 use swm_envs_mujoco::ENVS;
 
 /// Factors that change nothing but pictures.
-const ONLY_IN_PICTURES: &[&str] = &["agent.color", "floor.color", "light.intensity"];
+const ONLY_IN_PICTURES: &[&str] = &[
+    "agent.color",
+    "ball.color",
+    "floor.color",
+    "light.intensity",
+    "spinner.color",
+    "target.color",
+    "target.shape",
+];
 
 #[test]
 fn all_environments_conform() {
