@@ -7,11 +7,15 @@ use swm_envs_mujoco::ENVS;
 
 /// Factors that change nothing but pictures.
 const ONLY_IN_PICTURES: &[&str] = &[
+    "agent.cart_shape",
     "agent.color",
     "ball.color",
     "floor.color",
     "light.intensity",
     "spinner.color",
+    // These change how the spinner turns, and nothing turns it here: see the test of the spinner in `suite.rs`.
+    "spinner.density",
+    "spinner.friction",
     "target.color",
     "target.shape",
 ];

@@ -7,7 +7,7 @@ use swm_core::{
     Batch, Env, EnvConfig, EnvState, Episode, EpisodeSeed, ImageSize, Outcome, ResetOptions, Schema, Slice,
     Value,
 };
-use swm_envs_mujoco::CHEETAH;
+use swm_envs_mujoco::{CHEETAH, FINGER};
 
 fn make(settings: &serde_json::Value) -> Result<Box<dyn Env>, String> {
     let settings = settings.as_object().cloned().unwrap_or_default();
@@ -218,4 +218,26 @@ fn bad_settings_and_actions_say_what_is_allowed() {
         let message = env.step(Slice::F64(action)).unwrap_err().to_string();
         assert!(message.contains("6 finite"), "{message}");
     }
+}
+
+#[test]
+fn a_spinner_slows_down_by_its_friction_and_against_its_mass() {
+    let turning = BTreeMap::from([
+        ("qpos".to_owned(), Value::vector(&[0.0, 0.0, 0.0])),
+        ("qvel".to_owned(), Value::vector(&[0.0, 0.0, 8.0])),
+    ]);
+    let speed_after = |name: &str, value: f32| {
+        let mut env = (FINGER.make)(&EnvConfig::default()).unwrap();
+        let options = ResetOptions { start: Some(turning.clone()), ..fixed(name, Value::vector(&[value])) };
+        reset(env.as_mut(), 0, &options).unwrap();
+        for _ in 0..5 {
+            env.step(Slice::F64(&[0.0, 0.0])).unwrap();
+        }
+        let row = row(env.as_mut());
+        let column = row.column(row.schema().index("qvel").unwrap());
+        column.number(2).unwrap()
+    };
+    let plain = speed_after("spinner.friction", 0.1);
+    assert!(speed_after("spinner.friction", 1.0) < plain - 0.1);
+    assert!(speed_after("spinner.density", 1500.0) > plain + 0.1);
 }
