@@ -29,6 +29,27 @@ fn unknown_names_are_told_with_the_nearest() {
 }
 
 #[test]
+fn environments_on_rapier_name_what_is_wrong() {
+    let folder = Folder::new();
+    let out = folder.path("a.h5");
+    let with = |env: &'static str, extra: &[&'static str]| {
+        [&["collect", env, "--episodes", "1", "--out", &out][..], extra].concat()
+    };
+    let maze = "swm/PointMaze-v0";
+    says(
+        2,
+        &with(maze, &["--set", "agent.start_cell=1,3"]),
+        &["agent.start_cell", "free cell of maze.layout"],
+    );
+    says(2, &with(maze, &["--set", "goal.cell=40,1"]), &["goal.cell", "40"]);
+    says(2, &with(maze, &["--policy", "explorer:-1"]), &["explorer", "std -1"]);
+    let rapier = "swm/PushTRapier-v0";
+    says(2, &with(rapier, &["--env-option", "friction=-1"]), &["friction -1", "0 or more"]);
+    says(2, &with(PUSHT, &["--env-option", "friction=0.3"]), &["no friction", "swm/PushTRapier-v0"]);
+    assert!(!std::path::Path::new(&out).exists(), "a refused request leaves no file");
+}
+
+#[test]
 fn factor_values_outside_their_bounds_are_told_with_the_bounds() {
     let folder = Folder::new();
     let out = folder.path("a.h5");

@@ -24,6 +24,44 @@ fn files_are_bit_identical_for_any_number_of_environments_and_threads() {
 }
 
 #[test]
+fn worlds_on_rapier_are_bit_identical_too() {
+    let folder = Folder::new();
+    for (env, policy) in [("swm/PushTRapier-v0", "weak"), ("swm/PointMaze-v0", "explorer")] {
+        let mut files = Vec::new();
+        for (num_envs, threads) in [("1", "1"), ("3", "1"), ("8", "2"), ("1", "2")] {
+            let out = folder.path(&format!("{policy}_envs{num_envs}_threads{threads}.h5"));
+            swm_ok(&[
+                "collect",
+                env,
+                "--policy",
+                policy,
+                "--seed",
+                "7",
+                "--max-steps",
+                "30",
+                "--image-size",
+                "32x32",
+                "--episodes",
+                "8",
+                "--num-envs",
+                num_envs,
+                "--threads",
+                threads,
+                "--vary",
+                "all",
+                "--out",
+                &out,
+                "--quiet",
+            ]);
+            files.push(std::fs::read(&out).unwrap());
+        }
+        for (index, file) in files.iter().enumerate() {
+            assert!(*file == files[0], "{env}: file {index} differs from the first");
+        }
+    }
+}
+
+#[test]
 fn appending_gives_what_one_run_gives() {
     let folder = Folder::new();
     let (parts, whole) = (folder.path("parts.h5"), folder.path("whole.h5"));

@@ -1,6 +1,6 @@
-//! Records a trajectory of one of our own environments as a golden file, for those that have no reference to record
-//! from: `cargo run -p swm-tests --bin record_golden -- ENV POLICY SEED STEPS OUT.npz`. All factors are varied; replay
-//! must then agree to the bit. To be run again only when an environment changes on purpose.
+//! Records an episode of one of our own environments as a golden file, for those that have no reference to record from:
+//! `cargo run --release -p swm-tests --bin record_golden -- ENV POLICY SEED STEPS OUT.npz`. All factors are varied;
+//! replay must then agree to the bit. To be run again only when an environment changes on purpose.
 
 use std::fs::File;
 
@@ -8,25 +8,29 @@ use anyhow::{Context as _, Result};
 use clap::Parser;
 use ndarray::{Array1, Array2};
 use ndarray_npy::NpzWriter;
-use serde_json::{Map, json};
+use serde_json::{Map, Value as Json, json};
+use swm::core::error::BoxError;
+use swm::core::recorder::EpisodeEnd;
+use swm::core::world::{Rollout, Scenario};
 use swm::core::{
-    Batch, EnvConfig, ImageSize, PolicyArgs, PolicyContext, ResetOptions, Value, World, WorldOptions,
+    EnvConfig, ImageSize, LiveRow, PolicyArgs, PolicyContext, Recorder, ResetOptions, Value, World,
+    WorldOptions,
 };
 
 /// Side of the recorded pictures, pixels.
 const SIDE: usize = 64;
 
-/// Record a golden trajectory of one of our own environments.
+/// Record a golden episode of one of our own environments.
 #[derive(Parser)]
 struct Args {
     /// Environment id.
     env: String,
     /// Policy, with its arguments.
     policy: String,
-    /// Seed of the episode.
+    /// Seed of the run; its first episode is recorded.
     seed: u64,
     /// Steps to record at most.
-    steps: usize,
+    steps: u64,
     /// The `.npz` file to write.
     out: std::path::PathBuf,
 }
@@ -39,63 +43,92 @@ fn main() -> Result<()> {
     let env = EnvConfig { image: Some(size), ..EnvConfig::default() };
     let context = PolicyContext { env: entry, config: &env, frame_skip: 1 };
     let policy = registry.policy(&context, &PolicyArgs::parse(&args.policy)?)?;
-    let options = WorldOptions { env: env.clone(), max_episode_steps: None, ..WorldOptions::default() };
+    let max_episode_steps = Some(args.steps);
+    let options = WorldOptions { env: env.clone(), max_episode_steps, ..WorldOptions::default() };
     let mut world = World::new(entry, options)?;
     world.set_policy(policy);
-    world.reset(args.seed, &ResetOptions::default().vary(&["all"]))?;
+    let reset = ResetOptions::default().vary(&["all"]);
+    let mut tape =
+        Tape { names: world.spec().factors.iter().map(|f| f.name.clone()).collect(), ..Tape::default() };
+    let rollout = Rollout { episodes: 0..1, seed: args.seed, scenario: Scenario::Same(&reset) };
+    world.run(&rollout, &mut tape)?;
+    tape.write(&args)
+}
 
-    let mut npz = NpzWriter::new(File::create(&args.out)?);
-    let factors: Map<String, serde_json::Value> = (world.spec().factors.iter())
-        .map(|factor| {
-            let value = value(world.infos(), &format!("variation.{}", factor.name))?;
-            Ok((factor.name.clone(), value.to_json()))
-        })
-        .collect::<Result<_>>()?;
-    let meta = json!({
-        "env_id": args.env, "policy": args.policy, "seed": args.seed,
-        "options": { "variation_values": factors },
-    });
-    npz.add_array("meta", &Array1::from_vec(serde_json::to_vec(&meta)?))?;
-    npz.add_array(
-        "goal_state",
-        &Array1::from_vec(value(world.infos(), "goal_state")?.numbers("goal_state")?),
-    )?;
-    npz.add_array("goal_png", &picture(world.infos(), "goal")?)?;
-    npz.add_array("img_0_png", &picture(world.infos(), "pixels")?)?;
+/// What is kept of an episode.
+#[derive(Default)]
+struct Tape {
+    /// Names of the factors.
+    names: Vec<String>,
+    factors: Map<String, Json>,
+    goal_state: Vec<f64>,
+    goal: Vec<u8>,
+    /// The first picture and the last.
+    pictures: [Vec<u8>; 2],
+    states: Vec<Vec<f64>>,
+    /// As the rows show them: the last has no action, the first no reward.
+    actions: Vec<Vec<f64>>,
+    rewards: Vec<f64>,
+}
 
-    let (mut states, mut actions, mut rewards) = (Vec::new(), Vec::new(), Vec::new());
-    states.push(value(world.infos(), "state")?.numbers("state")?);
-    while actions.len() < args.steps {
-        world.step()?;
-        let infos = world.infos();
-        actions.push(value(infos, "action")?.numbers("action")?);
-        rewards.push(value(infos, "reward")?.numbers("reward")?[0]);
-        states.push(value(infos, "state")?.numbers("state")?);
-        if infos.row(0).get::<bool>("terminated")?[0] {
-            break;
+impl Recorder for Tape {
+    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+        let schema = row.values.schema();
+        let value = |name: &str| -> Result<Value, BoxError> {
+            let index = schema.require(name)?;
+            Ok(Value::from_slice(&schema.fields()[index].shape, row.values.at(index)))
+        };
+        let numbers = |name: &str| -> Result<Vec<f64>, BoxError> { Ok(value(name)?.numbers(name)?) };
+        let picture: &[u8] = row.values.get("pixels")?;
+        if row.episode.step == 0 {
+            for name in &self.names {
+                self.factors.insert(name.clone(), value(&format!("variation.{name}"))?.to_json());
+            }
+            self.goal_state = numbers("goal_state")?;
+            self.goal = row.values.get("goal")?.to_vec();
+            self.pictures[0] = picture.to_vec();
         }
+        self.pictures[1] = picture.to_vec();
+        self.states.push(numbers("state")?);
+        self.actions.push(numbers("action")?);
+        self.rewards.extend(numbers("reward")?);
+        Ok(())
     }
-    npz.add_array(format!("img_{}_png", actions.len()), &picture(world.infos(), "pixels")?)?;
-    npz.add_array("actions", &table(&actions)?)?;
-    npz.add_array("obs_state", &table(&states)?)?;
-    npz.add_array("reward", &Array1::from_vec(rewards))?;
-    npz.finish()?;
-    println!("{}: {} steps", args.out.display(), actions.len());
-    Ok(())
+
+    fn episode(&mut self, _: &EpisodeEnd) -> Result<(), BoxError> {
+        Ok(())
+    }
 }
 
-/// A field of the only row.
-fn value(infos: &Batch, name: &str) -> Result<Value> {
-    let index = infos.schema().require(name)?;
-    Ok(Value::from_slice(&infos.schema().fields()[index].shape, infos.column(index)))
+impl Tape {
+    fn write(mut self, args: &Args) -> Result<()> {
+        self.actions.pop();
+        let steps = self.actions.len();
+        let meta = json!({
+            "env_id": args.env, "policy": args.policy, "seed": args.seed,
+            "options": { "variation_values": self.factors },
+        });
+        let mut npz = NpzWriter::new_compressed(File::create(&args.out)?);
+        npz.add_array("meta", &Array1::from_vec(serde_json::to_vec(&meta)?))?;
+        npz.add_array("goal_state", &Array1::from_vec(self.goal_state))?;
+        npz.add_array("goal_png", &png(&self.goal)?)?;
+        npz.add_array("img_0_png", &png(&self.pictures[0])?)?;
+        npz.add_array(format!("img_{steps}_png"), &png(&self.pictures[1])?)?;
+        npz.add_array("actions", &table(&self.actions)?)?;
+        npz.add_array("obs_state", &table(&self.states)?)?;
+        npz.add_array("reward", &Array1::from_vec(self.rewards.split_off(1)))?;
+        npz.finish()?;
+        println!("{}: {steps} steps", args.out.display());
+        Ok(())
+    }
 }
 
-/// PNG bytes of a picture field.
-fn picture(infos: &Batch, name: &str) -> Result<Array1<u8>> {
+/// A picture as PNG bytes.
+fn png(pixels: &[u8]) -> Result<Array1<u8>> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, SIDE as u32, SIDE as u32);
     encoder.set_color(png::ColorType::Rgb);
-    encoder.write_header()?.write_image_data(infos.row(0).get(name)?)?;
+    encoder.write_header()?.write_image_data(pixels)?;
     Ok(Array1::from_vec(bytes))
 }
 

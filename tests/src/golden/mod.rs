@@ -4,6 +4,7 @@
 //! be off, and where we differ on purpose.
 
 mod file;
+mod own;
 mod replay;
 mod rules;
 

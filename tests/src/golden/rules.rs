@@ -2,6 +2,8 @@
 
 use serde_json::{Map, Value as Json, json};
 
+use super::own::{POINT_MAZE, PUSHT_RAPIER};
+
 /// The rules of one environment of the reference.
 #[derive(Clone, Copy, Debug)]
 pub struct Rules {
@@ -100,6 +102,8 @@ const RULES: &[Rules] = &[
     HUMANOID,
     MANIPULATOR,
     QUADRUPED,
+    PUSHT_RAPIER,
+    POINT_MAZE,
 ];
 
 /// `(array of the file, row, start column)`.
