@@ -44,6 +44,24 @@ pub enum RenderError {
         /// The length that it should have.
         expected: usize,
     },
+    /// A mesh contradicts itself.
+    #[error("a mesh cannot be drawn: {reason}")]
+    Mesh {
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A texture's bytes are not of its size.
+    #[error("{what} cannot be used: width x height x 3 bytes are needed")]
+    Texture {
+        /// Sizes and bytes.
+        what: String,
+    },
+    /// A scene names a mesh or texture that the assets lack, or more instances than can be told apart.
+    #[error("a scene cannot be drawn: {reason}")]
+    Scene {
+        /// What is wrong with it.
+        reason: String,
+    },
 }
 
 /// Largest side of any image that the crate makes.

@@ -35,6 +35,8 @@ mod painter;
 mod rect;
 mod renderer;
 mod resample;
+#[cfg(feature = "scene")]
+pub mod scene;
 
 pub use canvas::Canvas;
 pub use error::RenderError;

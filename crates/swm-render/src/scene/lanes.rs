@@ -1,0 +1,176 @@
+//! Eight numbers at a time. Only operations that IEEE rounds exactly, so that lanes are the same on every processor.
+
+use std::ops::{Add, Mul, Neg, Sub};
+
+use wide::f32x8;
+
+use super::vector::Vector;
+
+/// Numbers per lane group.
+pub(super) const LANES: usize = 8;
+
+/// Eight numbers.
+pub(super) type Lanes = f32x8;
+
+pub(super) fn splat(value: f32) -> Lanes {
+    Lanes::splat(value)
+}
+
+/// 0, 1, … 7.
+pub(super) fn steps() -> Lanes {
+    Lanes::new([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
+}
+
+/// Up to eight numbers from a slice; what is missing is `fill`.
+#[inline]
+pub(super) fn load(values: &[f32], fill: f32) -> Lanes {
+    match values.first_chunk::<LANES>() {
+        Some(chunk) => Lanes::new(*chunk),
+        None => {
+            let mut padded = [fill; LANES];
+            padded[..values.len()].copy_from_slice(values);
+            Lanes::new(padded)
+        }
+    }
+}
+
+/// Eight points or directions.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lanes3 {
+    pub(super) x: Lanes,
+    pub(super) y: Lanes,
+    pub(super) z: Lanes,
+}
+
+impl Lanes3 {
+    pub(super) fn splat(v: Vector) -> Self {
+        Self { x: splat(v[0] as f32), y: splat(v[1] as f32), z: splat(v[2] as f32) }
+    }
+
+    #[inline]
+    pub(super) fn dot(self, other: Self) -> Lanes {
+        self.x * other.x + self.y * other.y + self.z * other.z
+    }
+
+    #[inline]
+    pub(super) fn scaled(self, by: Lanes) -> Self {
+        Self { x: self.x * by, y: self.y * by, z: self.z * by }
+    }
+
+    /// Length 1; zero vectors stay what they are.
+    #[inline]
+    pub(super) fn normalised(self) -> Self {
+        let squared = self.dot(self);
+        let some = squared.simd_gt(splat(0.0));
+        let inverse = some.select(splat(1.0) / squared.sqrt(), splat(0.0));
+        self.scaled(inverse)
+    }
+
+    /// The rows of `m` times this.
+    #[inline]
+    pub(super) fn rotated(self, m: &[[f32; 3]; 3]) -> Self {
+        let row = |r: [f32; 3]| self.x * splat(r[0]) + self.y * splat(r[1]) + self.z * splat(r[2]);
+        Self { x: row(m[0]), y: row(m[1]), z: row(m[2]) }
+    }
+}
+
+impl Add for Lanes3 {
+    type Output = Self;
+    #[inline]
+    fn add(self, other: Self) -> Self {
+        Self { x: self.x + other.x, y: self.y + other.y, z: self.z + other.z }
+    }
+}
+
+impl Sub for Lanes3 {
+    type Output = Self;
+    #[inline]
+    fn sub(self, other: Self) -> Self {
+        Self { x: self.x - other.x, y: self.y - other.y, z: self.z - other.z }
+    }
+}
+
+impl Mul for Lanes3 {
+    type Output = Self;
+    #[inline]
+    fn mul(self, other: Self) -> Self {
+        Self { x: self.x * other.x, y: self.y * other.y, z: self.z * other.z }
+    }
+}
+
+impl Neg for Lanes3 {
+    type Output = Self;
+    #[inline]
+    fn neg(self) -> Self {
+        Self { x: -self.x, y: -self.y, z: -self.z }
+    }
+}
+
+/// `base` to the power of `exponent`, for bases from 0 to 1 and exponents from 0 on; within 1e-5.
+///
+/// A polynomial of our own, because the system's `pow` differs from machine to machine.
+#[inline]
+pub(super) fn power(base: Lanes, exponent: f32) -> Lanes {
+    exp2(log2(base.max(splat(1e-30))) * splat(exponent))
+}
+
+/// Base-2 logarithm of positive numbers: the exponent, and a series in (m - 1) / (m + 1) for the mantissa.
+#[inline]
+fn log2(value: Lanes) -> Lanes {
+    let parts = value.to_array().map(|number| {
+        let bits = number.to_bits();
+        let exponent = (bits >> 23) as i32 - 127;
+        (exponent as f32, f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000))
+    });
+    let exponent = Lanes::new(parts.map(|part| part.0));
+    let mantissa = Lanes::new(parts.map(|part| part.1));
+    let s = (mantissa - splat(1.0)) / (mantissa + splat(1.0));
+    let s2 = s * s;
+    // 2 / ln 2 times (s + s^3/3 + s^5/5 + s^7/7 + s^9/9).
+    let series = s2 * splat(0.320_598_98) + splat(0.412_198_58);
+    let series = s2 * series + splat(0.577_078_02);
+    let series = s2 * series + splat(0.961_796_7);
+    let series = s2 * series + splat(2.885_39);
+    exponent + s * series
+}
+
+/// 2 to the power of numbers up to 0; below -126 it is 0.
+#[inline]
+fn exp2(value: Lanes) -> Lanes {
+    let value = value.max(splat(-127.0));
+    let whole = value.floor();
+    let part = (value - whole) * splat(std::f32::consts::LN_2);
+    let series = part * splat(1.0 / 720.0) + splat(1.0 / 120.0);
+    let series = part * series + splat(1.0 / 24.0);
+    let series = part * series + splat(1.0 / 6.0);
+    let series = part * series + splat(0.5);
+    let series = part * series + splat(1.0);
+    let series = part * series + splat(1.0);
+    let scale = Lanes::new(whole.to_array().map(|exponent| {
+        let biased = exponent as i32 + 127;
+        if biased <= 0 { 0.0 } else { f32::from_bits((biased as u32) << 23) }
+    }));
+    series * scale
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn powers_are_near_the_exact_ones() {
+        for exponent in [0.0, 0.5, 1.0, 10.0, 64.0, 128.0] {
+            for step in 0..=1000 {
+                let base = step as f32 / 1000.0;
+                let found = power(splat(base), exponent).to_array()[3];
+                let exact = f64::from(base).powf(f64::from(exponent));
+                assert!((f64::from(found) - exact).abs() < 2e-5, "{base}^{exponent}: {found} {exact}");
+            }
+        }
+    }
+
+    #[test]
+    fn short_slices_are_padded() {
+        assert_eq!(load(&[1.0, 2.0], 9.0).to_array(), [1.0, 2.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0]);
+    }
+}

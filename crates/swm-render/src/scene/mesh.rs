@@ -1,0 +1,185 @@
+//! Triangle meshes, with coarser versions of themselves for small pictures.
+
+use std::collections::HashMap;
+
+use crate::error::RenderError;
+
+/// A triangle mesh. Front faces are counter-clockwise.
+#[derive(Clone, Debug)]
+pub struct Mesh {
+    levels: Vec<Level>,
+    low: [f32; 3],
+    high: [f32; 3],
+}
+
+/// One version of a mesh: the first has every triangle, the others have none of the detail below their cell.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Level {
+    /// Detail that is missing, metres.
+    pub(super) cell: f32,
+    pub(super) points: Vec<[f32; 3]>,
+    pub(super) triangles: Vec<[u32; 3]>,
+    /// Outward directions at the corners of every triangle.
+    pub(super) normals: Vec<[[f32; 3]; 3]>,
+}
+
+/// Cells along the longest side of the coarse versions.
+const CELLS: [u32; 5] = [128, 64, 32, 16, 8];
+
+impl Mesh {
+    /// A mesh of `triangles`, indices into `points` (metres), with a direction for each corner of each triangle.
+    pub fn new(
+        points: Vec<[f32; 3]>,
+        triangles: Vec<[u32; 3]>,
+        normals: Vec<[[f32; 3]; 3]>,
+    ) -> Result<Self, RenderError> {
+        let refuse = |reason: String| Err(RenderError::Mesh { reason });
+        if triangles.len() != normals.len() {
+            return refuse(format!("{} triangles with {} normals", triangles.len(), normals.len()));
+        }
+        if let Some(index) = triangles.iter().flatten().find(|&&index| index as usize >= points.len()) {
+            return refuse(format!("a triangle names point {index} of {}", points.len()));
+        }
+        let numbers = points.iter().flatten().chain(normals.iter().flatten().flatten());
+        if !numbers.into_iter().all(|number| number.is_finite()) {
+            return refuse("a point or normal is not finite".to_owned());
+        }
+        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for point in &points {
+            for axis in 0..3 {
+                low[axis] = low[axis].min(point[axis]);
+                high[axis] = high[axis].max(point[axis]);
+            }
+        }
+        if points.is_empty() {
+            (low, high) = ([0.0; 3], [0.0; 3]);
+        }
+        let full = Level { cell: 0.0, points, triangles, normals };
+        let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f32::max);
+        let mut levels = vec![full];
+        for cells in CELLS {
+            let coarse = levels[0].clustered(low, longest / cells as f32);
+            let last = levels.last().map_or(0, |level| level.triangles.len());
+            // A version that saves little is not worth its memory.
+            if coarse.triangles.len() * 4 < last * 3 {
+                levels.push(coarse);
+            }
+        }
+        Ok(Self { levels, low, high })
+    }
+
+    /// The coarsest version whose missing detail is shorter than `detail` metres.
+    pub(super) fn level(&self, detail: f32) -> usize {
+        self.levels.iter().rposition(|level| level.cell <= detail).unwrap_or(0)
+    }
+
+    pub(super) fn at(&self, level: usize) -> &Level {
+        &self.levels[level]
+    }
+
+    /// Lowest and highest coordinates.
+    pub(super) fn bounds(&self) -> ([f32; 3], [f32; 3]) {
+        (self.low, self.high)
+    }
+
+    /// How many triangles it has, in full detail.
+    pub fn triangles(&self) -> usize {
+        self.levels[0].triangles.len()
+    }
+}
+
+impl Level {
+    /// All points of a cell become their mean; triangles that lose a corner go.
+    fn clustered(&self, low: [f32; 3], cell: f32) -> Level {
+        let key = |point: &[f32; 3]| [0, 1, 2].map(|i| ((point[i] - low[i]) / cell).floor() as i32);
+        let mut cells: HashMap<[i32; 3], u32> = HashMap::new();
+        let (mut sums, mut counts): (Vec<[f64; 3]>, Vec<f64>) = (Vec::new(), Vec::new());
+        let cell_of: Vec<u32> = self
+            .points
+            .iter()
+            .map(|point| {
+                let index = *cells.entry(key(point)).or_insert(sums.len() as u32);
+                if index as usize == sums.len() {
+                    sums.push([0.0; 3]);
+                    counts.push(0.0);
+                }
+                for (sum, value) in sums[index as usize].iter_mut().zip(point) {
+                    *sum += f64::from(*value);
+                }
+                counts[index as usize] += 1.0;
+                index
+            })
+            .collect();
+        let points = sums.iter().zip(&counts).map(|(sum, count)| sum.map(|s| (s / count) as f32)).collect();
+        let mut coarse = Level { cell, points, ..Level::default() };
+        // The same three cells in the same sense are one triangle, whose normals are the sum of all.
+        let mut known: HashMap<[u32; 3], usize> = HashMap::new();
+        for (triangle, normals) in self.triangles.iter().zip(&self.normals) {
+            let [a, b, c] = triangle.map(|index| cell_of[index as usize]);
+            if a == b || b == c || c == a {
+                continue;
+            }
+            let turn = [a, b, c].iter().position(|&index| index == a.min(b).min(c)).unwrap_or(0);
+            let turned = |k: usize| (k + turn) % 3;
+            let corners = [[a, b, c][turned(0)], [a, b, c][turned(1)], [a, b, c][turned(2)]];
+            let index = *known.entry(corners).or_insert_with(|| {
+                coarse.triangles.push(corners);
+                coarse.normals.push([[0.0; 3]; 3]);
+                coarse.triangles.len() - 1
+            });
+            for (k, sum) in coarse.normals[index].iter_mut().enumerate() {
+                for (sum, value) in sum.iter_mut().zip(normals[turned(k)]) {
+                    *sum += value;
+                }
+            }
+        }
+        coarse
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A finely divided square.
+    fn grid(cells: u32) -> Mesh {
+        let side = cells + 1;
+        let points =
+            (0..side * side).map(|i| [(i % side) as f32, (i / side) as f32, 0.0].map(|x| x / cells as f32));
+        let quads = (0..cells * cells).map(|i| i / cells * side + i % cells);
+        let triangles: Vec<[u32; 3]> =
+            quads.flat_map(|i| [[i, i + 1, i + side], [i + 1, i + side + 1, i + side]]).collect();
+        let normals = vec![[[0.0, 0.0, 1.0]; 3]; triangles.len()];
+        Mesh::new(points.collect(), triangles, normals).expect("sound")
+    }
+
+    #[test]
+    fn coarse_versions_keep_the_shape_and_lose_triangles() {
+        let mesh = grid(200);
+        assert_eq!((mesh.triangles(), mesh.level(0.0), mesh.level(1e-4)), (80_000, 0, 0));
+        for level in 1..mesh.levels.len() {
+            let coarse = mesh.at(level);
+            assert!(coarse.triangles.len() < mesh.at(level - 1).triangles.len());
+            let area: f32 = coarse
+                .triangles
+                .iter()
+                .map(|t| {
+                    let [a, b, c] = t.map(|i| coarse.points[i as usize]);
+                    0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+                })
+                .sum();
+            assert!(area > 0.7 && area < 1.01, "level {level}: area {area}");
+        }
+        assert!(mesh.level(1.0) + 1 == mesh.levels.len());
+    }
+
+    #[test]
+    fn unsound_meshes_are_refused() {
+        let refuse = |points: Vec<[f32; 3]>, triangles, normals| {
+            Mesh::new(points, triangles, normals).expect_err("unsound").to_string()
+        };
+        assert!(refuse(vec![[0.0; 3]], vec![[0, 0, 1]], vec![[[0.0; 3]; 3]]).contains("point 1 of 1"));
+        assert!(refuse(vec![[f32::NAN; 3]], vec![], vec![]).contains("not finite"));
+        assert!(refuse(vec![[0.0; 3]], vec![[0; 3]], vec![]).contains("1 triangles with 0 normals"));
+    }
+}

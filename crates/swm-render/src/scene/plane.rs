@@ -1,0 +1,178 @@
+//! Planes that are lit at the corners of their cells only, and in between by interpolation: what the fixed-function
+//! pipeline does with large facets, and what gives the floors of MuJoCo's pictures their look.
+
+use super::lanes::{LANES, Lanes3, load, splat};
+
+/// The cells of one plane along one axis: `pad`, then as many of `length` as fit, then `pad`.
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    half: f32,
+    length: f32,
+    /// Where the first whole cell begins.
+    first: f32,
+    /// How many whole cells there are.
+    count: i32,
+}
+
+/// The lit corners of one plane, kept for its memory.
+#[derive(Debug, Default)]
+pub(super) struct Corners {
+    axes: Option<[Axis; 2]>,
+    /// Layers of colours at each corner: of the lamps without shadows, then of each with.
+    colors: Vec<[f32; 3]>,
+    /// For which round a corner's colours were computed.
+    rounds: Vec<u32>,
+    round: u32,
+    layers: usize,
+}
+
+/// Cells of endless planes: MuJoCo draws as many, centred.
+const ENDLESS: i32 = 200;
+
+impl Axis {
+    fn new(half: f32, length: f32) -> Self {
+        if half <= 0.0 {
+            let first = -length * (ENDLESS / 2) as f32;
+            return Self { half: -first, length, first, count: ENDLESS };
+        }
+        // An even number, so that two meet in the middle.
+        let count = ((2.0 * half / length) * (1.0 + 1e-6)) as i32 / 2 * 2;
+        Self { half, length, first: -0.5 * length * count as f32, count }
+    }
+
+    /// The cell that a coordinate is in, from 0 to count + 1.
+    #[inline]
+    fn cell(&self, at: f32) -> i32 {
+        let cell = ((at - self.first) / self.length).floor() as i32;
+        cell.clamp(-1, self.count) + 1
+    }
+
+    /// Corner `index` of 0 to count + 2.
+    #[inline]
+    fn corner(&self, index: i32) -> f32 {
+        let inner = self.first + self.length * (index - 1) as f32;
+        inner.clamp(-self.half, self.half)
+    }
+}
+
+impl Corners {
+    /// Whether cells of this size are large enough in the picture to be seen; `pixel`: metres per pixel where the plane
+    /// is nearest.
+    pub(super) fn matter(cell: [f32; 2], pixel: f32) -> bool {
+        cell[0].min(cell[1]) > 3.0 * pixel
+    }
+
+    /// A new plane: nothing is lit yet.
+    pub(super) fn begin(&mut self, half: [f32; 2], cell: [f32; 2], layers: usize) {
+        let axes = [Axis::new(half[0], cell[0]), Axis::new(half[1], cell[1])];
+        let count = (axes[0].count + 3) as usize * (axes[1].count + 3) as usize;
+        self.axes = Some(axes);
+        self.layers = layers;
+        self.round = self.round.wrapping_add(1);
+        if self.rounds.len() < count || self.round == 0 {
+            self.rounds.clear();
+            self.rounds.resize(count, 0);
+            self.round = 1;
+        }
+        self.colors.resize(self.colors.len().max(count * layers), [0.0; 3]);
+    }
+
+    /// The colours of all layers at points of the plane, written to `out`, `[layers]`. `light` computes the layers at
+    /// eight corners: `light(x, y, out)`.
+    #[inline]
+    pub(super) fn colors(
+        &mut self,
+        x: [f32; LANES],
+        y: [f32; LANES],
+        out: &mut [Lanes3],
+        mut light: impl FnMut([f32; LANES], [f32; LANES], &mut [Lanes3]),
+    ) {
+        let Some(axes) = self.axes else { return };
+        let stride = axes[1].count + 3;
+        let mut cells = [[0i32; 2]; LANES];
+        let mut missing: [i32; 4 * LANES] = [0; 4 * LANES];
+        let mut misses = 0;
+        for lane in 0..LANES {
+            let [i, j] = [axes[0].cell(x[lane]), axes[1].cell(y[lane])];
+            cells[lane] = [i, j];
+            for (di, dj) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                let corner = (i + di) * stride + j + dj;
+                if self.rounds[corner as usize] != self.round {
+                    self.rounds[corner as usize] = self.round;
+                    missing[misses] = corner;
+                    misses += 1;
+                }
+            }
+        }
+        for chunk in missing[..misses].chunks(LANES) {
+            let (mut xs, mut ys) = ([0.0; LANES], [0.0; LANES]);
+            for (lane, corner) in chunk.iter().enumerate() {
+                xs[lane] = axes[0].corner(corner / stride);
+                ys[lane] = axes[1].corner(corner % stride);
+            }
+            light(xs, ys, out);
+            for (layer, color) in out.iter().enumerate() {
+                let [r, g, b] = [color.x, color.y, color.z].map(|lanes| lanes.to_array());
+                for (lane, &corner) in chunk.iter().enumerate() {
+                    self.colors[corner as usize * self.layers + layer] = [r[lane], g[lane], b[lane]];
+                }
+            }
+        }
+        for (layer, color) in out.iter_mut().enumerate() {
+            let mut parts = [[0.0; LANES]; 3];
+            for lane in 0..LANES {
+                let [i, j] = cells[lane];
+                let at = |di: i32, dj: i32| {
+                    self.colors[((i + di) * stride + j + dj) as usize * self.layers + layer]
+                };
+                let share = |axis: &Axis, cell: i32, value: f32| {
+                    let (low, high) = (axis.corner(cell), axis.corner(cell + 1));
+                    if high > low { ((value - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 }
+                };
+                let (u, v) = (share(&axes[0], i, x[lane]), share(&axes[1], j, y[lane]));
+                // A cell is two triangles, which meet in the diagonal from its x end to its y end.
+                let (from, along, across, s, t) = if u + v <= 1.0 {
+                    (at(0, 0), at(1, 0), at(0, 1), u, v)
+                } else {
+                    (at(1, 1), at(0, 1), at(1, 0), 1.0 - u, 1.0 - v)
+                };
+                for k in 0..3 {
+                    parts[k][lane] = from[k] + s * (along[k] - from[k]) + t * (across[k] - from[k]);
+                }
+            }
+            let [x, y, z] = parts.map(|part| load(&part, 0.0));
+            *color = Lanes3 { x, y, z };
+        }
+    }
+}
+
+/// Points of a plane in its own frame.
+#[inline]
+pub(super) fn on_plane(x: [f32; LANES], y: [f32; LANES]) -> Lanes3 {
+    Lanes3 { x: load(&x, 0.0), y: load(&y, 0.0), z: splat(0.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn linear_light_is_kept_and_bends_are_cut_off() {
+        let mut corners = Corners::default();
+        corners.begin([2.3, 1.1], [0.5, 0.5], 1);
+        let mut out = [Lanes3::splat([0.0; 3])];
+        let (x, y) =
+            ([-2.29, -1.0, -0.3, 0.0, 0.2, 0.77, 1.5, 2.2], [-1.0, -0.9, 0.0, 0.1, 0.3, 0.4, 0.9, 1.05]);
+        corners.colors(x, y, &mut out, |x, y, out| {
+            let point = on_plane(x, y);
+            out[0] = Lanes3 { x: point.x + point.y, y: point.x * point.x, z: splat(1.0) };
+        });
+        for lane in 0..LANES {
+            assert!((out[0].x.to_array()[lane] - (x[lane] + y[lane])).abs() < 1e-5);
+            let exact = x[lane] * x[lane];
+            let found = out[0].y.to_array()[lane];
+            assert!(found >= exact - 1e-5 && found < exact + 0.07, "{found} {exact}");
+            assert!((out[0].z.to_array()[lane] - 1.0).abs() < 1e-6);
+        }
+    }
+}

@@ -1,0 +1,420 @@
+//! The passes that make a frame, in order. What each pass does stands in its own file.
+
+use super::assets::Assets;
+use super::description::{Instance, Mapping, Scene, Shape};
+use super::fragments::Fragments;
+use super::lanes::{LANES, Lanes3};
+use super::lighting::Lamp;
+use super::plane::Corners;
+use super::samples::{NOTHING, Samples};
+use super::shading::Shading;
+use super::shadow::ShadowMap;
+use super::sky::Sky;
+use super::triangles::{Projected, Sides};
+use super::vector::{Vector, add, column, dot, length, scale, sub, wide};
+use super::view::View;
+use super::visibility::Drawing;
+use crate::error::{RenderError, check_len, check_size};
+use crate::geometry::Geometry;
+
+/// What a picture is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Quality {
+    /// Whether edges are drawn from four points per pixel.
+    pub antialias: bool,
+    /// Whether lights cast shadows.
+    pub shadows: bool,
+    /// Whether the first mirror mirrors.
+    pub reflections: bool,
+}
+
+impl Default for Quality {
+    fn default() -> Self {
+        Self { antialias: true, shadows: true, reflections: true }
+    }
+}
+
+/// Makes frames of one size. Holds memory, not state: a frame depends on its scene alone.
+#[derive(Debug)]
+pub struct SceneRenderer {
+    height: usize,
+    width: usize,
+    quality: Quality,
+    raster: Samples,
+    edges: Vec<u32>,
+    fine: Samples,
+    fragments: Fragments,
+    mirror: Samples,
+    mirrored: Fragments,
+    maps: Vec<ShadowMap>,
+    lamps: Vec<Lamp>,
+    projected: Projected,
+    corners: Corners,
+    layers: Vec<Lanes3>,
+    sky: Sky,
+    order: Vec<u16>,
+    colors: Vec<[f32; 3]>,
+}
+
+/// From this opacity on a surface hides what is behind it.
+const OPAQUE: f32 = 0.995;
+/// Planes let this share of their opacity through from behind.
+const BEHIND: f32 = 0.3;
+
+impl SceneRenderer {
+    /// A renderer of frames of `geometry`.
+    pub fn new(geometry: Geometry, quality: Quality) -> Result<Self, RenderError> {
+        let Geometry { height, width, .. } = geometry;
+        check_size("a frame", height, width)?;
+        Ok(Self {
+            height,
+            width,
+            quality,
+            raster: Samples::default(),
+            edges: Vec::new(),
+            fine: Samples::default(),
+            fragments: Fragments::default(),
+            mirror: Samples::default(),
+            mirrored: Fragments::default(),
+            maps: Vec::new(),
+            lamps: Vec::new(),
+            projected: Projected::default(),
+            corners: Corners::default(),
+            layers: Vec::new(),
+            sky: Sky::default(),
+            order: Vec::new(),
+            colors: Vec::new(),
+        })
+    }
+
+    /// Writes the picture of `scene` to `frame`, `[H, W, 3]`.
+    pub fn render(&mut self, scene: &Scene, assets: &Assets, frame: &mut [u8]) -> Result<(), RenderError> {
+        check_len("frame", frame.len(), self.height, self.width)?;
+        check(scene, assets)?;
+        let view = View::of_camera(&scene.camera, self.width, self.height);
+        self.see(scene, assets, &view);
+        self.find_edges(scene, assets, &view);
+        let surfaces = scene.instances.len();
+        self.fragments.of_raster(&self.raster, &self.edges, &self.fine, surfaces);
+        self.cast_shadows(scene, assets);
+        self.lamps.clear();
+        self.lamps.extend(scene.lights.iter().map(|light| Lamp::new(light, view.origin)));
+        self.shade(scene, assets, &view);
+        if self.quality.reflections {
+            self.reflect(scene, assets, &view);
+        }
+        self.blend(scene, assets, &view);
+        for (pixel, color) in frame.chunks_exact_mut(3).zip(&self.colors) {
+            for (byte, value) in pixel.iter_mut().zip(color) {
+                *byte = (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes the depth along the camera's axis, metres, `[H, W]`; the camera's `far` where nothing is.
+    pub fn render_depth(
+        &mut self,
+        scene: &Scene,
+        assets: &Assets,
+        depth: &mut [f32],
+    ) -> Result<(), RenderError> {
+        check_len("depth", depth.len() * 3, self.height, self.width)?;
+        check(scene, assets)?;
+        let view = View::of_camera(&scene.camera, self.width, self.height);
+        self.see(scene, assets, &view);
+        let far = scene.camera.far as f32;
+        for (depth, (&owner, &nearness)) in
+            depth.iter_mut().zip(self.raster.owner.iter().zip(&self.raster.nearness))
+        {
+            *depth = if owner == NOTHING { far } else { 1.0 / nearness };
+        }
+        Ok(())
+    }
+
+    /// Writes the segment of what is seen, `[H, W]`; [`super::NO_SEGMENT`] where nothing is.
+    pub fn render_segmentation(
+        &mut self,
+        scene: &Scene,
+        assets: &Assets,
+        segments: &mut [i32],
+    ) -> Result<(), RenderError> {
+        check_len("segments", segments.len() * 3, self.height, self.width)?;
+        check(scene, assets)?;
+        let view = View::of_camera(&scene.camera, self.width, self.height);
+        self.see(scene, assets, &view);
+        for (segment, &owner) in segments.iter_mut().zip(&self.raster.owner) {
+            let seen = scene.instances.get(usize::from(owner));
+            *segment = seen.map_or(super::NO_SEGMENT, |instance| instance.segment);
+        }
+        Ok(())
+    }
+
+    /// What is nearest at the middle of every pixel.
+    fn see(&mut self, scene: &Scene, assets: &Assets, view: &View) {
+        self.raster.set_raster(self.width, self.height, view.nearest(), view.farthest());
+        draw_opaque(scene, assets, view, Sides::Front, None, &mut self.projected, &mut self.raster);
+    }
+
+    /// Pixels whose neighbours show something else are looked at in four points.
+    fn find_edges(&mut self, scene: &Scene, assets: &Assets, view: &View) {
+        self.edges.clear();
+        if !self.quality.antialias {
+            return;
+        }
+        let (width, height, owner) = (self.width, self.height, &self.raster.owner);
+        self.fine.begin();
+        let nearest = view.nearest();
+        for y in 0..height {
+            let row = &owner[y * width..][..width];
+            let above = &owner[y.saturating_sub(1) * width..][..width];
+            let below = &owner[(y + 1).min(height - 1) * width..][..width];
+            for x in 0..width {
+                let own = row[x];
+                let (left, right) = (row[x.saturating_sub(1)], row[(x + 1).min(width - 1)]);
+                if [left, right, above[x], below[x]] != [own; 4] {
+                    self.edges.push((y * width + x) as u32);
+                    let (x, y) = (x as f32, y as f32);
+                    for (dx, dy) in [(0.25, 0.25), (0.25, 0.75), (0.75, 0.25), (0.75, 0.75)] {
+                        self.fine.push(x + dx, y + dy, nearest);
+                    }
+                }
+            }
+            self.fine.end_row();
+        }
+        self.fine.end();
+        self.fine.clear(view.farthest());
+        draw_opaque(scene, assets, view, Sides::Front, None, &mut self.projected, &mut self.fine);
+    }
+
+    fn cast_shadows(&mut self, scene: &Scene, assets: &Assets) {
+        self.maps.resize_with(scene.lights.len(), ShadowMap::default);
+        if !self.quality.shadows {
+            return;
+        }
+        // Shadows are as sharp as the picture: a few texels per pixel.
+        let size = (3 * self.width.max(self.height)).clamp(128, 1024);
+        for (map, light) in self.maps.iter_mut().zip(&scene.lights) {
+            map.draw(light, scene, assets, size, &mut self.projected);
+        }
+    }
+
+    fn shade(&mut self, scene: &Scene, assets: &Assets, view: &View) {
+        self.colors.clear();
+        self.colors.resize(self.width * self.height, [0.0; 3]);
+        let maps = self.quality.shadows.then_some(self.maps.as_slice());
+        let shading = Shading { view, assets, lamps: &self.lamps, maps };
+        let drawing = Drawing { view, assets, sides: Sides::Front, coarseness: COARSENESS };
+        let (fragments, colors) = (&self.fragments, &mut self.colors);
+        for (surface, instance) in scene.instances.iter().enumerate() {
+            let range = fragments.of(surface);
+            let level = drawing.level(instance);
+            let put = |at: usize, color: Lanes3| accumulate(fragments, at, range.end, color, 1.0, colors);
+            shading.shade(
+                instance,
+                level,
+                fragments,
+                range.clone(),
+                &mut self.corners,
+                &mut self.layers,
+                put,
+            );
+        }
+        let sky = self.sky.colors(scene, assets, view);
+        for at in fragments.of(scene.instances.len()) {
+            let pixel = fragments.pixel[at] as usize;
+            for (sum, value) in colors[pixel].iter_mut().zip(sky[pixel]) {
+                *sum += fragments.share[at] * value;
+            }
+        }
+    }
+
+    /// The first mirror shows what is in front of it, without shadows: the scene seen from the mirrored eye.
+    fn reflect(&mut self, scene: &Scene, assets: &Assets, view: &View) {
+        let mirror = scene.instances.iter().position(|instance| {
+            instance.material.reflectance > 0.0
+                && is_opaque(instance, view)
+                && matches!(instance.shape, Shape::Plane { .. } | Shape::Box { .. })
+        });
+        let Some(owner) = mirror else { return };
+        let instance = &scene.instances[owner];
+        let normal = column(instance.rotation, 2);
+        let lift = if let Shape::Box { half } = instance.shape { f64::from(half[2]) } else { 0.0 };
+        let point = add(instance.position, scale(normal, lift));
+        if dot(sub(view.origin, point), normal) <= 0.0 {
+            return;
+        }
+        let range = self.fragments.of(owner);
+        let fragments = &self.fragments;
+        self.mirror.begin();
+        let mut row = 0;
+        for at in range.clone() {
+            let y = fragments.pixel[at] as usize / self.width;
+            while row < y {
+                self.mirror.end_row();
+                row += 1;
+            }
+            self.mirror.push(fragments.x[at], fragments.y[at], fragments.nearness[at]);
+        }
+        while row < self.height {
+            self.mirror.end_row();
+            row += 1;
+        }
+        self.mirror.end();
+        let other = view.mirrored(point, normal);
+        self.mirror.clear(other.farthest());
+        let (projected, samples) = (&mut self.projected, &mut self.mirror);
+        draw_opaque(scene, assets, &other, Sides::MirroredFront, Some(owner), projected, samples);
+        self.mirrored.of_list(&self.mirror, fragments, range.start, scene.instances.len());
+        let lamps: Vec<Lamp> = scene.lights.iter().map(|light| Lamp::new(light, other.origin)).collect();
+        let shading = Shading { view: &other, assets, lamps: &lamps, maps: None };
+        let drawing = Drawing { view: &other, assets, sides: Sides::Front, coarseness: COARSENESS };
+        let (mirrored, colors) = (&self.mirrored, &mut self.colors);
+        let share = instance.material.reflectance;
+        for (surface, instance) in scene.instances.iter().enumerate() {
+            let range = mirrored.of(surface);
+            let level = drawing.level(instance);
+            let put = |at: usize, color: Lanes3| accumulate(mirrored, at, range.end, color, share, colors);
+            shading.shade(instance, level, mirrored, range.clone(), &mut self.corners, &mut self.layers, put);
+        }
+    }
+
+    /// Surfaces that let light through, front to back and back again, as MuJoCo blends them.
+    fn blend(&mut self, scene: &Scene, assets: &Assets, view: &View) {
+        self.order.clear();
+        let all = (0..).zip(&scene.instances);
+        self.order.extend(
+            all.filter(|(_, instance)| instance.material.color[3] > 0.0 && !is_opaque(instance, view))
+                .map(|(owner, _)| owner),
+        );
+        if self.order.is_empty() {
+            return;
+        }
+        let distance = |owner: u16| {
+            let instance = &scene.instances[usize::from(owner)];
+            match instance.shape {
+                Shape::Plane { .. } => f64::INFINITY,
+                Shape::Mesh(mesh) => {
+                    let (low, high) = assets.meshes[mesh].bounds();
+                    let radius = 0.5 * length(sub(wide(high), wide(low)));
+                    length(sub(instance.position, view.origin)) - radius
+                }
+                shape => {
+                    let radius = length(wide(super::shape::half_lengths(&shape, 0.0)));
+                    length(sub(instance.position, view.origin)) - radius
+                }
+            }
+        };
+        self.order.sort_by(|&a, &b| distance(a).total_cmp(&distance(b)));
+        let opaque = self.raster.nearness.clone();
+        let rounds: Vec<u16> = self.order.iter().chain(self.order.iter().rev()).copied().collect();
+        for owner in rounds {
+            self.raster.nearness.copy_from_slice(&opaque);
+            self.raster.owner.fill(NOTHING);
+            let instance = &scene.instances[usize::from(owner)];
+            let sides = if is_behind(instance, view) { Sides::Both } else { Sides::Front };
+            let drawing = Drawing { view, assets, sides, coarseness: COARSENESS };
+            drawing.draw(instance, owner, &mut self.projected, &mut self.raster);
+            self.fragments.of_raster(&self.raster, &[], &self.fine, scene.instances.len());
+            let behind = matches!(instance.shape, Shape::Plane { .. }) && is_behind(instance, view);
+            let opacity = instance.material.color[3] * if behind { BEHIND } else { 1.0 };
+            let shading = Shading { view, assets, lamps: &self.lamps, maps: None };
+            let (fragments, colors) = (&self.fragments, &mut self.colors);
+            let range = fragments.of(usize::from(owner));
+            let put = |at: usize, color: Lanes3| {
+                let parts = [color.x, color.y, color.z].map(|lanes| lanes.to_array());
+                for lane in 0..LANES.min(range.end - at) {
+                    let pixel = &mut colors[fragments.pixel[at + lane] as usize];
+                    for (value, part) in pixel.iter_mut().zip(&parts) {
+                        *value = value.min(1.0) + opacity * (part[lane] - value.min(1.0));
+                    }
+                }
+            };
+            let level = drawing.level(instance);
+            shading.shade(
+                instance,
+                level,
+                fragments,
+                range.clone(),
+                &mut self.corners,
+                &mut self.layers,
+                put,
+            );
+        }
+    }
+}
+
+/// Detail of meshes that is left out, in pixels.
+const COARSENESS: f32 = 0.7;
+
+/// Adds colours of up to eight fragments to their pixels.
+fn accumulate(
+    fragments: &Fragments,
+    at: usize,
+    end: usize,
+    color: Lanes3,
+    share: f32,
+    colors: &mut [[f32; 3]],
+) {
+    let [r, g, b] = [color.x, color.y, color.z].map(|lanes| lanes.to_array());
+    for lane in 0..LANES.min(end - at) {
+        let pixel = &mut colors[fragments.pixel[at + lane] as usize];
+        let share = share * fragments.share[at + lane];
+        pixel[0] += share * r[lane];
+        pixel[1] += share * g[lane];
+        pixel[2] += share * b[lane];
+    }
+}
+
+fn draw_opaque(
+    scene: &Scene,
+    assets: &Assets,
+    view: &View,
+    sides: Sides,
+    except: Option<usize>,
+    projected: &mut Projected,
+    samples: &mut Samples,
+) {
+    let drawing = Drawing { view, assets, sides, coarseness: COARSENESS };
+    for (owner, instance) in scene.instances.iter().enumerate() {
+        if Some(owner) != except && is_opaque(instance, view) {
+            drawing.draw(instance, owner as u16, projected, samples);
+        }
+    }
+}
+
+fn is_opaque(instance: &Instance, view: &View) -> bool {
+    let seen_from_behind = matches!(instance.shape, Shape::Plane { .. }) && is_behind(instance, view);
+    instance.material.color[3] >= OPAQUE && !seen_from_behind
+}
+
+/// Whether the eye is below the instance's xy plane.
+fn is_behind(instance: &Instance, view: &View) -> bool {
+    let eye: Vector = sub(view.origin, instance.position);
+    dot(eye, column(instance.rotation, 2)) < 0.0
+}
+
+/// What is named must exist.
+fn check(scene: &Scene, assets: &Assets) -> Result<(), RenderError> {
+    let refuse = |reason: String| Err(RenderError::Scene { reason });
+    if scene.instances.len() >= usize::from(NOTHING) {
+        return refuse(format!("{} instances are too many (at most {})", scene.instances.len(), NOTHING - 1));
+    }
+    if let Some(sky) = scene.sky.filter(|&sky| sky >= assets.cubes.len()) {
+        return refuse(format!("its sky is cube texture {sky} of {}", assets.cubes.len()));
+    }
+    for (index, instance) in scene.instances.iter().enumerate() {
+        let (what, named, known) = match (instance.shape, instance.material.texture) {
+            (Shape::Mesh(mesh), _) if mesh >= assets.meshes.len() => ("mesh", mesh, assets.meshes.len()),
+            (_, Some(Mapping::Flat { texture, .. })) if texture >= assets.textures.len() => {
+                ("texture", texture, assets.textures.len())
+            }
+            (_, Some(Mapping::Cube { texture, .. })) if texture >= assets.cubes.len() => {
+                ("cube texture", texture, assets.cubes.len())
+            }
+            _ => continue,
+        };
+        return refuse(format!("instance {index} names {what} {named} of {known}"));
+    }
+    Ok(())
+}

@@ -1,0 +1,197 @@
+//! The colours of fragments of one surface, eight at a time.
+
+use super::assets::Assets;
+use super::description::{Instance, Mapping, Shape};
+use super::fragments::Fragments;
+use super::lanes::{LANES, Lanes, Lanes3, load, splat};
+use super::lighting::{Lamp, Surface, base, limited};
+use super::mesh::Level;
+use super::plane::{Corners, on_plane};
+use super::shadow::ShadowMap;
+use super::shape;
+use super::texture;
+use super::triangles;
+use super::vector::{Matrix, Vector, sub};
+use super::view::{Rays, View};
+
+/// What all surfaces of a picture share.
+#[derive(Clone, Copy)]
+pub(super) struct Shading<'a> {
+    pub(super) view: &'a View,
+    pub(super) assets: &'a Assets,
+    pub(super) lamps: &'a [Lamp],
+    /// One per lamp; `None`: nothing is in shadow.
+    pub(super) maps: Option<&'a [ShadowMap]>,
+}
+
+/// One surface, as the shader needs it.
+struct Target<'a> {
+    surface: Surface,
+    rays: Rays,
+    rotation: [[f32; 3]; 3],
+    /// From the eye to its centre.
+    centre: Lanes3,
+    eye: Vector,
+    level: Option<&'a Level>,
+}
+
+impl Shading<'_> {
+    /// Shades the fragments `range` of `instance`; `put` gets the first of up to eight, and their colours.
+    pub(super) fn shade(
+        &self,
+        instance: &Instance,
+        level: usize,
+        fragments: &Fragments,
+        range: std::ops::Range<usize>,
+        corners: &mut Corners,
+        layers: &mut Vec<Lanes3>,
+        mut put: impl FnMut(usize, Lanes3),
+    ) {
+        if range.is_empty() {
+            return;
+        }
+        let target = Target {
+            surface: Surface::of(&instance.material),
+            rays: self.view.rays(instance),
+            rotation: narrowed(instance.rotation),
+            centre: Lanes3::splat(sub(instance.position, self.view.origin)),
+            eye: self.view.origin,
+            level: match instance.shape {
+                Shape::Mesh(mesh) => Some(self.assets.meshes[mesh].at(level)),
+                _ => None,
+            },
+        };
+        let count = 1 + self.shadowing().count();
+        layers.clear();
+        layers.resize(count, Lanes3::splat([0.0; 3]));
+        let faceted = self.faceted(instance, fragments, range.clone());
+        if let Some((half, cell)) = faceted {
+            corners.begin(half, cell, count);
+        }
+        let mut at = range.start;
+        while at < range.end {
+            let lanes = |column: &[f32]| load(&column[at..], 1.0);
+            let (x, y) = (lanes(&fragments.x), lanes(&fragments.y));
+            let depth = self.view.depth(lanes(&fragments.nearness));
+            let (place, direction) = target.rays.at(x, y);
+            let local = place + direction.scaled(depth - splat(target.rays.depth));
+            let outward = match target.level {
+                Some(level) => mesh_outward(level, &fragments.facet[at..], local),
+                None => shape::outward(&instance.shape, local),
+            };
+            if faceted.is_some() {
+                let lit = |x, y, out: &mut [Lanes3]| self.light(&target, on_plane(x, y), outward, out);
+                corners.colors(local.x.to_array(), local.y.to_array(), layers, lit);
+            } else {
+                self.light(&target, local, outward, layers);
+            }
+            let mut color = layers[0];
+            let point = local.rotated(&target.rotation) + target.centre;
+            let normal = outward.rotated(&target.rotation);
+            for (map, layer) in self.shadowing().zip(&layers[1..]) {
+                let lit = map.lit(target.eye, point, normal);
+                color = color + layer.scaled(lit);
+            }
+            if let Some(mapping) = &instance.material.texture {
+                let count = LANES.min(range.end - at);
+                let steps = target.rays.slopes((x, y), depth, outward);
+                color = color * self.painted(mapping, local, steps, count);
+            }
+            put(at, limited(color));
+            at += LANES;
+        }
+    }
+
+    /// The maps of the lamps that cast shadows.
+    fn shadowing(&self) -> impl Iterator<Item = &ShadowMap> {
+        let maps = self.maps.unwrap_or_default();
+        self.lamps.iter().zip(maps).filter(|(lamp, _)| lamp.casts_shadows()).map(|(_, map)| map)
+    }
+
+    /// Half lengths and cells of a plane whose cells are large enough to be seen.
+    fn faceted(
+        &self,
+        instance: &Instance,
+        fragments: &Fragments,
+        range: std::ops::Range<usize>,
+    ) -> Option<([f32; 2], [f32; 2])> {
+        let Shape::Plane { half, cell } = instance.shape else { return None };
+        let nearest = fragments.nearness[range].iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let depth = self.view.depth(splat(nearest)).to_array()[0];
+        let pixel = if self.view.is_perspective() { depth } else { 1.0 } * self.view.pixel() as f32;
+        Corners::matter(cell, pixel).then_some((half, cell))
+    }
+
+    /// Light of all layers at points of the instance's frame.
+    fn light(&self, target: &Target<'_>, local: Lanes3, outward: Lanes3, out: &mut [Lanes3]) {
+        let point = local.rotated(&target.rotation) + target.centre;
+        let normal = outward.rotated(&target.rotation);
+        let to_eye = (-point).normalised();
+        let shadows = self.maps.is_some();
+        out[0] = base(self.lamps, shadows, &target.surface, point, normal, to_eye);
+        if shadows {
+            let lamps = self.lamps.iter().filter(|lamp| lamp.casts_shadows());
+            for (lamp, layer) in lamps.zip(&mut out[1..]) {
+                *layer = limited(lamp.light(&target.surface, point, normal, to_eye));
+            }
+        }
+    }
+
+    /// The colours of the texture, 0 to 1, for the first `count` lanes.
+    fn painted(&self, mapping: &Mapping, local: Lanes3, [dx, dy]: [Lanes3; 2], count: usize) -> Lanes3 {
+        let mut parts = [[0.0; LANES]; 3];
+        let mut set = |lane: usize, color: [f32; 3]| {
+            for (part, value) in parts.iter_mut().zip(color) {
+                part[lane] = value * (1.0 / 255.0);
+            }
+        };
+        match *mapping {
+            Mapping::Flat { texture, scale, offset } => {
+                let texture = &self.assets.textures[texture];
+                let size = texture.size();
+                let coordinate =
+                    |value: Lanes, k: usize| (value * splat(scale[k]) + splat(offset[k])).to_array();
+                let (u, v) = (coordinate(local.x, 0), coordinate(local.y, 1));
+                let [by_u, by_v] = [scale[0] * size[0], scale[1] * size[1]].map(f32::abs).map(splat);
+                let steps = (dx.x.abs().max(dy.x.abs()) * by_u).max(dx.y.abs().max(dy.y.abs()) * by_v);
+                let steps = steps.to_array();
+                for lane in 0..count {
+                    set(lane, texture.at(u[lane], v[lane], texture::detail(steps[lane]), true));
+                }
+            }
+            Mapping::Cube { texture, scale } => {
+                let texture = &self.assets.cubes[texture];
+                let scaled = |v: Lanes3| {
+                    let v = [v.x * splat(scale[0]), v.y * splat(scale[1]), v.z * splat(scale[2])];
+                    v.map(|lanes| lanes.to_array())
+                };
+                let (at, dx, dy) = (scaled(local), scaled(dx), scaled(dy));
+                for lane in 0..count {
+                    let pick = |v: &[[f32; LANES]; 3]| [v[0][lane], v[1][lane], v[2][lane]];
+                    set(lane, texture.at(pick(&at), [pick(&dx), pick(&dy)]));
+                }
+            }
+        }
+        let [x, y, z] = parts.map(|part| load(&part, 0.0));
+        Lanes3 { x, y, z }
+    }
+}
+
+/// Outward directions at points of a mesh.
+fn mesh_outward(level: &Level, facets: &[u32], local: Lanes3) -> Lanes3 {
+    let [xs, ys, zs] = [local.x, local.y, local.z].map(|lanes| lanes.to_array());
+    let mut parts = [[0.0, 0.0, 1.0]; LANES];
+    for (lane, (part, &facet)) in parts.iter_mut().zip(facets).enumerate() {
+        // Lanes beyond the last fragment hold the facets of another mesh.
+        let facet = facet.min(level.triangles.len() as u32 - 1);
+        let shares = triangles::shares(level, facet, [xs[lane], ys[lane], zs[lane]]);
+        let normals = &level.normals[facet as usize];
+        *part = [0, 1, 2].map(|i| (0..3).map(|k| shares[k] * normals[k][i]).sum());
+    }
+    let column = |i: usize| load(&parts.map(|part| part[i]), 0.0);
+    Lanes3 { x: column(0), y: column(1), z: column(2) }.normalised()
+}
+
+fn narrowed(m: Matrix) -> [[f32; 3]; 3] {
+    m.map(|row| row.map(|value| value as f32))
+}

@@ -1,0 +1,144 @@
+//! Shadow maps: what a light sees, in a window that fits what casts shadows.
+
+use super::assets::Assets;
+use super::description::{Light, LightKind, Scene, Shape};
+use super::lanes::{Lanes, Lanes3, splat};
+use super::samples::Samples;
+use super::shape;
+use super::triangles::{self, Projected, Sides};
+use super::vector::{Vector, across, add, cross, dot, length, scale, sub, wide};
+use super::view::{View, Window};
+use super::visibility::Drawing;
+
+/// Surfaces are looked up this many texels outside of themselves, so that they do not shade themselves.
+const LIFT: f32 = 1.5;
+
+/// Light nearer than this to a spot is not blocked, metres.
+const NEAR: f64 = 1e-3;
+
+/// What one light sees.
+#[derive(Debug, Default)]
+pub(super) struct ShadowMap {
+    samples: Samples,
+    view: Option<View>,
+}
+
+impl ShadowMap {
+    /// Draws everything that casts a shadow; `size`: texels along either side.
+    pub(super) fn draw(
+        &mut self,
+        light: &Light,
+        scene: &Scene,
+        assets: &Assets,
+        size: usize,
+        projected: &mut Projected,
+    ) {
+        self.view = light.shadow.and_then(|reach| fit(light, reach, scene, assets, size));
+        let Some(view) = &self.view else { return };
+        self.samples.set_raster(size, size, view.nearest(), view.farthest());
+        let drawing = Drawing { view, assets, sides: Sides::Both, coarseness: 1.0 };
+        for (owner, instance) in (0..).zip(&scene.instances) {
+            if instance.casts_shadow && !matches!(instance.shape, Shape::Plane { .. }) {
+                drawing.draw(instance, owner, projected, &mut self.samples);
+            }
+        }
+    }
+
+    /// Which of the points (counted from `eye`) are lit: 1 where they are, 0 in shadow.
+    #[inline]
+    pub(super) fn lit(&self, eye: Vector, point: Lanes3, normal: Lanes3) -> Lanes {
+        let all = splat(1.0);
+        let Some(view) = &self.view else { return all };
+        let offset = Lanes3::splat(sub(eye, view.origin));
+        let from = point + offset;
+        let depth = from.dot(Lanes3::splat(view.forward));
+        let texel = splat(LIFT * view.pixel() as f32);
+        let lift = if view.is_perspective() { texel * depth } else { texel };
+        let from = from + normal.scaled(lift);
+        let [by_x, by_y, _] = view.axes();
+        let (_, constant) = view.axes_origin();
+        let depth = from.dot(Lanes3::splat(view.forward));
+        let w = if view.is_perspective() { splat(1.0) / depth } else { splat(1.0) };
+        let x = (from.dot(Lanes3::splat(by_x)) + splat(constant[0] as f32)) * w;
+        let y = (from.dot(Lanes3::splat(by_y)) + splat(constant[1] as f32)) * w;
+        let (width, height) = (splat(view.width as f32), splat(view.height as f32));
+        let inside = x.simd_ge(splat(0.0))
+            & x.simd_lt(width)
+            & y.simd_ge(splat(0.0))
+            & y.simd_lt(height)
+            & depth.simd_gt(splat(0.0));
+        let mask = inside.to_bitmask();
+        if mask == 0 {
+            return all;
+        }
+        let nearness = view.nearness(depth).to_array();
+        let (x, y) = (x.to_array(), y.to_array());
+        let mut lit = [1.0; 8];
+        for lane in 0..8 {
+            if mask >> lane & 1 == 1 {
+                let texel = y[lane] as usize * view.width + x[lane] as usize;
+                if self.samples.nearness[texel] > nearness[lane] {
+                    lit[lane] = 0.0;
+                }
+            }
+        }
+        Lanes::new(lit)
+    }
+}
+
+/// The light's view of all that casts shadows, within the light's own reach; `None` if nothing does.
+fn fit(light: &Light, reach: f64, scene: &Scene, assets: &Assets, size: usize) -> Option<View> {
+    let up = across(light.direction);
+    let right = cross(light.direction, up);
+    let perspective = matches!(light.kind, LightKind::Spot { .. });
+    let mut window = Window {
+        left: f64::INFINITY,
+        right: f64::NEG_INFINITY,
+        bottom: f64::INFINITY,
+        top: f64::NEG_INFINITY,
+    };
+    for instance in scene.instances.iter().filter(|instance| instance.casts_shadow) {
+        let (centre, radius) = match instance.shape {
+            Shape::Plane { .. } => continue,
+            Shape::Mesh(mesh) => triangles::ball(assets.meshes[mesh].bounds(), instance),
+            shape => (instance.position, length(wide(shape::half_lengths(&shape, 0.0)))),
+        };
+        let from = sub(centre, light.position);
+        let depth = dot(from, light.direction);
+        let (x, y) = (dot(from, right), dot(from, up));
+        // A ball at depth d with radius r lies within (x ± r) / (d - r) from below and above; none behind a spot.
+        let bounds = |value: f64| {
+            if !perspective {
+                return [value - radius, value + radius];
+            }
+            let nearest = (depth - radius).max(NEAR);
+            let (low, high) = (value - radius, value + radius);
+            let farthest = depth + radius;
+            [
+                low / if low < 0.0 { nearest } else { farthest },
+                high / if high > 0.0 { nearest } else { farthest },
+            ]
+        };
+        if perspective && depth + radius < NEAR {
+            continue;
+        }
+        let ([left, far_right], [bottom, top]) = (bounds(x), bounds(y));
+        window.left = window.left.min(left);
+        window.right = window.right.max(far_right);
+        window.bottom = window.bottom.min(bottom);
+        window.top = window.top.max(top);
+    }
+    let clip = |value: f64| value.clamp(-reach, reach);
+    let window = Window {
+        left: clip(window.left),
+        right: clip(window.right),
+        bottom: clip(window.bottom),
+        top: clip(window.top),
+    };
+    if !(window.left < window.right && window.bottom < window.top) {
+        return None;
+    }
+    // A sun is moved back: what is behind its position casts shadows too.
+    let origin = if perspective { light.position } else { add(light.position, scale(light.direction, -1e3)) };
+    Some(View::new(origin, light.direction, up, window, perspective, NEAR, (size, size)))
+}
