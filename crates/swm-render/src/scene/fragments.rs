@@ -16,7 +16,8 @@ pub(super) struct Fragments {
     pub(super) share: Vec<f32>,
     /// Where the fragments of each surface begin; one more than surfaces.
     starts: Vec<usize>,
-    unsorted: Vec<Fragment>,
+    /// What edges are split into.
+    pieces: Vec<Fragment>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -30,15 +31,35 @@ struct Fragment {
     owner: u16,
 }
 
+/// Surfaces in their order, then what shows nothing.
+#[inline]
+fn slot(owner: u16, surfaces: usize) -> usize {
+    if owner == NOTHING { surfaces } else { usize::from(owner) }
+}
+
 impl Fragments {
     /// Fragments of a raster of pixels, of which `edges` (ascending) are known at the four points in `fine` each.
     pub(super) fn of_raster(&mut self, raster: &Samples, edges: &[u32], fine: &Samples, surfaces: usize) {
-        self.unsorted.clear();
-        let mut next = edges.iter().copied().enumerate().peekable();
-        for pixel in 0..raster.len() {
-            match next.next_if(|&(_, edge)| edge as usize == pixel) {
-                Some((index, _)) => self.split(fine, 4 * index, pixel as u32),
-                None => self.unsorted.push(Fragment {
+        self.pieces.clear();
+        for (index, &pixel) in edges.iter().enumerate() {
+            self.split(fine, 4 * index, pixel);
+        }
+        self.begin(surfaces);
+        for &owner in &raster.owner[..raster.len()] {
+            self.starts[slot(owner, surfaces) + 1] += 1;
+        }
+        for &pixel in edges {
+            self.starts[slot(raster.owner[pixel as usize], surfaces) + 1] -= 1;
+        }
+        for piece in &self.pieces {
+            self.starts[slot(piece.owner, surfaces) + 1] += 1;
+        }
+        self.make_room(surfaces);
+        // Whole pixels between edges, and the pieces of each edge: pixels ascend for every surface.
+        let (mut pixel, mut piece) = (0, 0);
+        for &edge in edges.iter().chain([&(raster.len() as u32)]) {
+            while pixel < edge as usize {
+                let whole = Fragment {
                     x: raster.x[pixel],
                     y: raster.y[pixel],
                     nearness: raster.nearness[pixel],
@@ -46,29 +67,39 @@ impl Fragments {
                     pixel: pixel as u32,
                     share: 1.0,
                     owner: raster.owner[pixel],
-                }),
+                };
+                self.place(whole, surfaces);
+                pixel += 1;
             }
+            while let Some(&part) = self.pieces.get(piece).filter(|part| part.pixel == edge) {
+                self.place(part, surfaces);
+                piece += 1;
+            }
+            pixel += 1;
         }
-        self.sort(surfaces);
+        self.settle();
     }
 
     /// Fragments of a list of samples that stand for fragments `of` another set, from its `first` on.
     pub(super) fn of_list(&mut self, list: &Samples, of: &Fragments, first: usize, surfaces: usize) {
-        self.unsorted.clear();
-        for at in 0..list.len() {
-            if list.owner[at] != NOTHING {
-                self.unsorted.push(Fragment {
-                    x: list.x[at],
-                    y: list.y[at],
-                    nearness: list.nearness[at],
-                    facet: list.facet[at],
-                    pixel: of.pixel[first + at],
-                    share: of.share[first + at],
-                    owner: list.owner[at],
-                });
-            }
+        self.begin(surfaces);
+        for &owner in &list.owner[..list.len()] {
+            self.starts[slot(owner, surfaces) + 1] += 1;
         }
-        self.sort(surfaces);
+        self.make_room(surfaces);
+        for at in 0..list.len() {
+            let fragment = Fragment {
+                x: list.x[at],
+                y: list.y[at],
+                nearness: list.nearness[at],
+                facet: list.facet[at],
+                pixel: of.pixel[first + at],
+                share: of.share[first + at],
+                owner: list.owner[at],
+            };
+            self.place(fragment, surfaces);
+        }
+        self.settle();
     }
 
     /// One pixel from four points: one fragment per surface, at the middle of its points.
@@ -78,10 +109,10 @@ impl Fragments {
             if owners[..k].contains(&owners[k]) {
                 continue;
             }
-            let mut sum =
-                Fragment { facet: fine.facet[first + k], pixel, owner: owners[k], ..Fragment::default() };
+            let (facet, owner) = (fine.facet[first + k], owners[k]);
+            let mut sum = Fragment { facet, pixel, owner, ..Fragment::default() };
             let mut count = 0.0;
-            for at in (first..first + 4).filter(|&at| fine.owner[at] == owners[k]) {
+            for at in (first..first + 4).filter(|&at| fine.owner[at] == owner) {
                 sum.x += fine.x[at];
                 sum.y += fine.y[at];
                 sum.nearness += fine.nearness[at];
@@ -89,38 +120,44 @@ impl Fragments {
             }
             let mean = |value: f32| value / count;
             let (x, y, nearness) = (mean(sum.x), mean(sum.y), mean(sum.nearness));
-            self.unsorted.push(Fragment { x, y, nearness, share: count / 4.0, ..sum });
+            self.pieces.push(Fragment { x, y, nearness, share: count / 4.0, ..sum });
         }
     }
 
-    fn sort(&mut self, surfaces: usize) {
-        let slot = |owner: u16| if owner == NOTHING { surfaces } else { usize::from(owner) };
+    fn begin(&mut self, surfaces: usize) {
         self.starts.clear();
         self.starts.resize(surfaces + 2, 0);
-        for fragment in &self.unsorted {
-            self.starts[slot(fragment.owner) + 1] += 1;
-        }
+    }
+
+    /// From counts to beginnings.
+    fn make_room(&mut self, surfaces: usize) {
         for surface in 0..=surfaces {
             self.starts[surface + 1] += self.starts[surface];
         }
-        let padded = self.unsorted.len() + LANES;
+        let padded = self.starts[surfaces + 1] + LANES;
         for column in [&mut self.x, &mut self.y, &mut self.nearness, &mut self.share] {
             column.resize(padded, 0.0);
         }
         self.facet.resize(padded, 0);
         self.pixel.resize(padded, 0);
-        for fragment in &self.unsorted {
-            let start = &mut self.starts[slot(fragment.owner)];
-            let at = *start;
-            *start += 1;
-            self.x[at] = fragment.x;
-            self.y[at] = fragment.y;
-            self.nearness[at] = fragment.nearness;
-            self.facet[at] = fragment.facet;
-            self.pixel[at] = fragment.pixel;
-            self.share[at] = fragment.share;
-        }
-        // Every start has moved to the next one's place.
+    }
+
+    /// Writes the next fragment of its surface.
+    #[inline]
+    fn place(&mut self, fragment: Fragment, surfaces: usize) {
+        let start = &mut self.starts[slot(fragment.owner, surfaces)];
+        let at = *start;
+        *start += 1;
+        self.x[at] = fragment.x;
+        self.y[at] = fragment.y;
+        self.nearness[at] = fragment.nearness;
+        self.facet[at] = fragment.facet;
+        self.pixel[at] = fragment.pixel;
+        self.share[at] = fragment.share;
+    }
+
+    /// Every beginning has moved to the next one's place: moves them back.
+    fn settle(&mut self) {
         self.starts.rotate_right(1);
         self.starts[0] = 0;
     }

@@ -16,11 +16,6 @@ pub(super) fn splat(value: f32) -> Lanes {
     Lanes::splat(value)
 }
 
-/// 0, 1, … 7.
-pub(super) fn steps() -> Lanes {
-    Lanes::new([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
-}
-
 /// Up to eight numbers from a slice; what is missing is `fill`.
 #[inline]
 pub(super) fn load(values: &[f32], fill: f32) -> Lanes {

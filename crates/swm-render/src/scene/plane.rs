@@ -8,6 +8,7 @@ use super::lanes::{LANES, Lanes3, load, splat};
 struct Axis {
     half: f32,
     length: f32,
+    inverse: f32,
     /// Where the first whole cell begins.
     first: f32,
     /// How many whole cells there are.
@@ -33,18 +34,27 @@ impl Axis {
     fn new(half: f32, length: f32) -> Self {
         if half <= 0.0 {
             let first = -length * (ENDLESS / 2) as f32;
-            return Self { half: -first, length, first, count: ENDLESS };
+            return Self { half: -first, length, inverse: 1.0 / length, first, count: ENDLESS };
         }
         // An even number, so that two meet in the middle.
         let count = ((2.0 * half / length) * (1.0 + 1e-6)) as i32 / 2 * 2;
-        Self { half, length, first: -0.5 * length * count as f32, count }
+        Self { half, length, inverse: 1.0 / length, first: -0.5 * length * count as f32, count }
     }
 
-    /// The cell that a coordinate is in, from 0 to count + 1.
+    /// The cell that a coordinate is in, from 0 to count + 1, and where in it, from 0 to 1.
     #[inline]
-    fn cell(&self, at: f32) -> i32 {
-        let cell = ((at - self.first) / self.length).floor() as i32;
-        cell.clamp(-1, self.count) + 1
+    fn cell(&self, at: f32) -> (i32, f32) {
+        let place = (at - self.first) * self.inverse;
+        if place < 0.0 {
+            let pad = self.first + self.half;
+            return (0, if pad > 0.0 { ((at + self.half) / pad).max(0.0) } else { 0.0 });
+        }
+        let whole = place as i32;
+        if whole < self.count {
+            return (whole + 1, place - whole as f32);
+        }
+        let (last, pad) = (self.first + self.length * self.count as f32, self.first + self.half);
+        (self.count + 1, if pad > 0.0 { ((at - last) / pad).min(1.0) } else { 0.0 })
     }
 
     /// Corner `index` of 0 to count + 2.
@@ -89,12 +99,12 @@ impl Corners {
     ) {
         let Some(axes) = self.axes else { return };
         let stride = axes[1].count + 3;
-        let mut cells = [[0i32; 2]; LANES];
+        let mut cells = [(0usize, 0.0, 0.0); LANES];
         let mut missing: [i32; 4 * LANES] = [0; 4 * LANES];
         let mut misses = 0;
         for lane in 0..LANES {
-            let [i, j] = [axes[0].cell(x[lane]), axes[1].cell(y[lane])];
-            cells[lane] = [i, j];
+            let ((i, u), (j, v)) = (axes[0].cell(x[lane]), axes[1].cell(y[lane]));
+            cells[lane] = ((i * stride + j) as usize, u, v);
             for (di, dj) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
                 let corner = (i + di) * stride + j + dj;
                 if self.rounds[corner as usize] != self.round {
@@ -121,23 +131,18 @@ impl Corners {
         for (layer, color) in out.iter_mut().enumerate() {
             let mut parts = [[0.0; LANES]; 3];
             for lane in 0..LANES {
-                let [i, j] = cells[lane];
-                let at = |di: i32, dj: i32| {
-                    self.colors[((i + di) * stride + j + dj) as usize * self.layers + layer]
-                };
-                let share = |axis: &Axis, cell: i32, value: f32| {
-                    let (low, high) = (axis.corner(cell), axis.corner(cell + 1));
-                    if high > low { ((value - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 }
-                };
-                let (u, v) = (share(&axes[0], i, x[lane]), share(&axes[1], j, y[lane]));
+                let (corner, u, v) = cells[lane];
+                let at = |offset: usize| &self.colors[(corner + offset) * self.layers + layer];
+                let (along, across) = (at(stride as usize), at(1));
                 // A cell is two triangles, which meet in the diagonal from its x end to its y end.
-                let (from, along, across, s, t) = if u + v <= 1.0 {
-                    (at(0, 0), at(1, 0), at(0, 1), u, v)
+                let (from, ends, shares) = if u + v <= 1.0 {
+                    (at(0), [along, across], [u, v])
                 } else {
-                    (at(1, 1), at(0, 1), at(1, 0), 1.0 - u, 1.0 - v)
+                    (at(stride as usize + 1), [across, along], [1.0 - u, 1.0 - v])
                 };
                 for k in 0..3 {
-                    parts[k][lane] = from[k] + s * (along[k] - from[k]) + t * (across[k] - from[k]);
+                    let slope = |side: usize| shares[side] * (ends[side][k] - from[k]);
+                    parts[k][lane] = from[k] + slope(0) + slope(1);
                 }
             }
             let [x, y, z] = parts.map(|part| load(&part, 0.0));

@@ -193,7 +193,7 @@ impl SceneRenderer {
             return;
         }
         // Shadows are as sharp as the picture: a few texels per pixel.
-        let size = (3 * self.width.max(self.height)).clamp(128, 1024);
+        let size = (2 * self.width.max(self.height)).clamp(128, 1024);
         for (map, light) in self.maps.iter_mut().zip(&scene.lights) {
             map.draw(light, scene, assets, size, &mut self.projected);
         }
@@ -345,7 +345,7 @@ impl SceneRenderer {
 }
 
 /// Detail of meshes that is left out, in pixels.
-const COARSENESS: f32 = 0.7;
+const COARSENESS: f32 = 1.0;
 
 /// Adds colours of up to eight fragments to their pixels.
 fn accumulate(

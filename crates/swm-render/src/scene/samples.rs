@@ -86,18 +86,16 @@ impl Samples {
         self.owner.fill(NOTHING);
     }
 
+    /// Whether a sample can lie in a part of the picture: between the pixels' centres of a raster there is none.
+    #[inline]
+    pub(super) fn may_meet(&self, [left, right]: [f32; 2], [top, bottom]: [f32; 2]) -> bool {
+        let centre = |low: f32, high: f32| (low + 0.5) as usize != (high + 0.5) as usize;
+        self.width == 0 || (centre(left, right) && centre(top, bottom))
+    }
+
     /// How many samples there are.
     pub(super) fn len(&self) -> usize {
         self.rows.last().copied().unwrap_or(0)
-    }
-
-    pub(super) fn rows(&self) -> usize {
-        self.rows.len() - 1
-    }
-
-    /// The samples of one row.
-    pub(super) fn row(&self, row: usize) -> std::ops::Range<usize> {
-        self.rows[row]..self.rows[row + 1]
     }
 
     /// The samples of one row of an area.

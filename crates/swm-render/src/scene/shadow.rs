@@ -36,7 +36,7 @@ impl ShadowMap {
         self.view = light.shadow.and_then(|reach| fit(light, reach, scene, assets, size));
         let Some(view) = &self.view else { return };
         self.samples.set_raster(size, size, view.nearest(), view.farthest());
-        let drawing = Drawing { view, assets, sides: Sides::Both, coarseness: 1.0 };
+        let drawing = Drawing { view, assets, sides: Sides::Both, coarseness: 2.0 };
         for (owner, instance) in (0..).zip(&scene.instances) {
             if instance.casts_shadow && !matches!(instance.shape, Shape::Plane { .. }) {
                 drawing.draw(instance, owner, projected, &mut self.samples);

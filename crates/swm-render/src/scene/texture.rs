@@ -19,8 +19,24 @@ pub struct CubeTexture {
 struct Image {
     width: usize,
     height: usize,
-    /// Red, green, blue, nothing.
-    texels: Vec<[u8; 4]>,
+    texels: Vec<Texel>,
+}
+
+/// Red, green and blue in 16 bits each, so that all three are mixed by one multiplication.
+type Texel = u64;
+
+fn texel([r, g, b]: [u8; 3]) -> Texel {
+    u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32
+}
+
+/// The lowest byte of each of the three numbers.
+const BYTES: Texel = 0x00ff_00ff_00ff;
+
+/// Between `a` and `b`: `share` of 256 parts of `b`.
+#[inline]
+fn mix(a: Texel, b: Texel, share: u32) -> Texel {
+    let share = u64::from(share);
+    ((a * (256 - share) + b * share + 0x0080_0080_0080) >> 8) & BYTES
 }
 
 impl Texture {
@@ -30,7 +46,7 @@ impl Texture {
             let what = format!("a texture of {width} x {height} texels with {} bytes", rgb.len());
             return Err(RenderError::Texture { what });
         }
-        let texels = rgb.chunks_exact(3).map(|c| [c[0], c[1], c[2], 0]).collect();
+        let texels = rgb.chunks_exact(3).map(|c| texel([c[0], c[1], c[2]])).collect();
         let mut levels = vec![Image { width, height, texels }];
         while let Some(smaller) = levels.last().and_then(Image::halved) {
             levels.push(smaller);
@@ -48,18 +64,14 @@ impl Texture {
     #[inline]
     pub(super) fn at(&self, u: f32, v: f32, detail: f32, repeats: bool) -> [f32; 3] {
         let last = (self.levels.len() - 1) as f32;
-        if detail <= 0.0 {
-            return self.levels[0].between(u, v, repeats);
-        }
-        let detail = detail.min(last);
+        let detail = detail.max(0.0).min(last);
         let lower = detail as usize;
-        let share = detail - lower as f32;
-        let fine = self.levels[lower].between(u, v, repeats);
-        if share == 0.0 {
-            return fine;
+        let share = ((detail - lower as f32) * 256.0) as u32;
+        let mut color = self.levels[lower].between(u, v, repeats);
+        if share > 0 {
+            color = mix(color, self.levels[lower + 1].between(u, v, repeats), share);
         }
-        let coarse = self.levels[lower + 1].between(u, v, repeats);
-        [0, 1, 2].map(|i| fine[i] + share * (coarse[i] - fine[i]))
+        [(color & 0xff) as f32, (color >> 16 & 0xff) as f32, (color >> 32 & 0xff) as f32]
     }
 }
 
@@ -133,58 +145,55 @@ impl Image {
         let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
         let taps = |at: usize, small: usize, large: usize| {
             let place = (at as f32 + 0.5) * (large as f32 / small as f32) - 0.5;
-            let low = place.floor().max(0.0);
-            (low as usize, (low as usize + 1).min(large - 1), place - low)
+            let low = place.max(0.0) as usize;
+            (low, (low + 1).min(large - 1), ((place - low as f32) * 256.0 + 0.5) as u32)
         };
         let mut texels = Vec::with_capacity(width * height);
         for y in 0..height {
-            let (y0, y1, share_y) = taps(y, height, self.height);
+            let rows = taps(y, height, self.height);
             for x in 0..width {
-                let (x0, x1, share_x) = taps(x, width, self.width);
-                let color = self.mix([x0, x1], [y0, y1], share_x, share_y);
-                let [r, g, b] = color.map(|value| (value + 0.5) as u8);
-                texels.push([r, g, b, 0]);
+                texels.push(self.mixed(taps(x, width, self.width), rows));
             }
         }
         Some(Image { width, height, texels })
     }
 
     #[inline]
-    fn between(&self, u: f32, v: f32, repeats: bool) -> [f32; 3] {
-        let (x0, x1, share_x) = neighbours(u, self.width, repeats);
-        let (y0, y1, share_y) = neighbours(v, self.height, repeats);
-        self.mix([x0, x1], [y0, y1], share_x, share_y)
+    fn between(&self, u: f32, v: f32, repeats: bool) -> Texel {
+        self.mixed(neighbours(u, self.width, repeats), neighbours(v, self.height, repeats))
     }
 
     #[inline]
-    fn mix(&self, x: [usize; 2], y: [usize; 2], share_x: f32, share_y: f32) -> [f32; 3] {
-        let rows = y.map(|y| {
-            let row = &self.texels[y * self.width..][..self.width];
-            let (a, b) = (row[x[0]], row[x[1]]);
-            [0, 1, 2].map(|i| {
-                let (a, b) = (f32::from(a[i]), f32::from(b[i]));
-                a + share_x * (b - a)
-            })
-        });
-        [0, 1, 2].map(|i| rows[0][i] + share_y * (rows[1][i] - rows[0][i]))
+    fn mixed(&self, (x0, x1, share_x): (usize, usize, u32), (y0, y1, share_y): (usize, usize, u32)) -> Texel {
+        let (upper, lower) = (&self.texels[y0 * self.width..], &self.texels[y1 * self.width..]);
+        let upper = mix(upper[x0], upper[x1], share_x);
+        let lower = mix(lower[x0], lower[x1], share_x);
+        mix(upper, lower, share_y)
     }
 }
 
-/// The two texels around a coordinate and the share of the second.
+/// The two texels around a coordinate and how many of 256 parts the second has.
 #[inline]
-fn neighbours(coordinate: f32, size: usize, repeats: bool) -> (usize, usize, f32) {
+fn neighbours(coordinate: f32, size: usize, repeats: bool) -> (usize, usize, u32) {
+    let last = size - 1;
     if !repeats {
-        let place = (coordinate * size as f32 - 0.5).clamp(0.0, (size - 1) as f32);
+        let place = (coordinate * size as f32 - 0.5).max(0.0).min(last as f32);
         let low = place as usize;
-        return (low, (low + 1).min(size - 1), place - low as f32);
+        return (low, (low + 1).min(last), ((place - low as f32) * 256.0) as u32);
     }
-    let place = (coordinate - coordinate.floor()) * size as f32 - 0.5;
-    if place < 0.0 {
-        return (size - 1, 0, place + 1.0);
-    }
-    let low = (place as usize).min(size - 1);
-    let high = if low + 1 == size { 0 } else { low + 1 };
-    (low, high, place - low as f32)
+    // Shifted by one so that it is not negative: cheaper than rounding down.
+    let place = fraction(coordinate) * size as f32 + 0.5;
+    let whole = place as usize;
+    let share = ((place - whole as f32) * 256.0) as u32;
+    let high = if whole >= size { 0 } else { whole };
+    (if whole == 0 { last } else { (whole - 1).min(last) }, high, share)
+}
+
+/// What is left of a number when its whole part is gone, from 0 to 1. Numbers beyond two thousand million have lost it.
+#[inline]
+fn fraction(value: f32) -> f32 {
+    let part = value - value as i32 as f32;
+    if part < 0.0 { part + 1.0 } else { part }
 }
 
 #[cfg(test)]
@@ -198,6 +207,7 @@ mod tests {
         assert_eq!(texture.at(-1.25, 0.5, 0.0, true), [200.0, 100.0, 50.0]);
         assert_eq!(texture.at(0.5, 0.3, 0.0, true), [100.0, 50.0, 25.0]);
         assert_eq!(texture.at(0.25, 0.5, 9.0, true), [100.0, 50.0, 25.0]);
+        assert_eq!(texture.at(0.25, 0.5, 0.5, true), [50.0, 25.0, 13.0]);
         assert!(Texture::new(2, 1, &[0; 5]).is_err() && Texture::new(0, 1, &[]).is_err());
     }
 

@@ -126,15 +126,17 @@ fn fill(view: &View, corners: [Corner; 3], owner: u16, facet: u32, sides: Sides,
     }
     let low = |i: usize| a[i].min(b[i]).min(c[i]);
     let high = |i: usize| a[i].max(b[i]).max(c[i]);
-    let (width, height) = (view.width as f32, view.height as f32);
-    if low(0) >= width || low(1) >= height || high(0) <= 0.0 || high(1) <= 0.0 {
+    let (left, top) = (low(0).max(0.0), low(1).max(0.0));
+    let (right, bottom) = (high(0).min(view.width as f32), high(1).min(view.height as f32));
+    if left >= right || top >= bottom || !samples.may_meet([left, right], [top, bottom]) {
         return;
     }
+    let end = |value: f32, size: usize| (value as usize + 1).min(size);
     let extent = Area {
-        x0: low(0).max(0.0) as usize,
-        x1: (high(0).min(width - 0.5) as usize + 1).min(view.width),
-        y0: low(1).max(0.0) as usize,
-        y1: (high(1).min(height - 0.5) as usize + 1).min(view.height),
+        x0: left as usize,
+        x1: end(right, view.width),
+        y0: top as usize,
+        y1: end(bottom, view.height),
     };
     let edges = [edge(b, c), edge(c, a), edge(a, b)];
     // Nearness is linear across the picture.

@@ -86,15 +86,6 @@ impl View {
         }
     }
 
-    /// The direction of the rays of pixels (x, y), with depth 1.
-    #[inline]
-    pub(super) fn directions(&self, x: Lanes, y: Lanes) -> Lanes3 {
-        if !self.perspective {
-            return Lanes3::splat(self.forward);
-        }
-        along(self.corner, self.step_x, self.step_y, x, y)
-    }
-
     /// The direction of one ray of a perspective view, with depth 1.
     pub(super) fn direction(&self, x: f64, y: f64) -> Vector {
         add(self.corner, add(scale(self.step_x, x), scale(self.step_y, y)))
@@ -279,11 +270,6 @@ impl Rays {
             step - direction.scaled(outward.dot(step) / across)
         })
     }
-}
-
-fn along(base: Vector, by_x: Vector, by_y: Vector, x: Lanes, y: Lanes) -> Lanes3 {
-    let part = |i: usize| splat(base[i] as f32) + x * splat(by_x[i] as f32) + y * splat(by_y[i] as f32);
-    Lanes3 { x: part(0), y: part(1), z: part(2) }
 }
 
 pub(super) fn narrow(v: Vector) -> [f32; 3] {
