@@ -32,6 +32,9 @@ pub enum MujocoError {
         /// Its version.
         found: String,
     },
+    /// A scene could not be drawn without OpenGL.
+    #[error(transparent)]
+    Picture(#[from] swm_render::RenderError),
     /// A file of a model is missing.
     #[error("the model {} is missing; run `cargo xtask setup`, which fetches it", .path.display())]
     NoAsset {

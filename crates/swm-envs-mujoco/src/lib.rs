@@ -23,6 +23,7 @@ mod manipulator;
 mod pendulum;
 mod quadruped;
 mod reacher;
+pub mod software;
 pub mod suite;
 mod walker;
 

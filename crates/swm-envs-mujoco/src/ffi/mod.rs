@@ -42,6 +42,16 @@ mod spec;
 #[cfg(test)]
 mod tests;
 
+/// What is drawn, as plain data.
+pub(crate) mod drawn {
+    pub(crate) use super::bindings::{
+        mjCAT_DECOR, mjGEOM_BOX, mjGEOM_CAPSULE, mjGEOM_CYLINDER, mjGEOM_ELLIPSOID, mjGEOM_MESH,
+        mjGEOM_PLANE, mjGEOM_SPHERE, mjLIGHT_DIRECTIONAL, mjLIGHT_SPOT, mjOBJ_GEOM, mjTEXTURE_2D,
+        mjTEXTURE_SKYBOX, mjvGLCamera, mjvGeom, mjvLight,
+    };
+    pub(crate) use super::model::{Looks, MeshData};
+}
+
 pub use library::Library;
 pub use model::{Model, Texture};
 pub use objects::{JointKind, Object, Shape};

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::bindings::*;
 use super::guard::guarded;
+use super::model::slice;
 use super::{Library, Model, Simulation};
 use crate::error::MujocoError;
 
@@ -80,6 +81,22 @@ impl Scene {
     /// How many shapes there are to draw.
     pub fn geom_count(&self) -> usize {
         self.raw.ngeom as usize
+    }
+
+    /// What there is to draw, in MuJoCo's order.
+    pub(crate) fn geoms(&self) -> &[mjvGeom] {
+        // SAFETY: MuJoCo has filled `ngeom` of the geoms that it allocated, and they stay while the scene is lent.
+        unsafe { slice(self.raw.geoms, self.raw.ngeom.into(), 1) }
+    }
+
+    /// The lights, the headlight first.
+    pub(crate) fn lights(&self) -> &[mjvLight] {
+        &self.raw.lights[..self.raw.nlight as usize]
+    }
+
+    /// The cameras of both eyes; they differ in place only.
+    pub(crate) fn eyes(&self) -> &[mjvGLCamera; 2] {
+        &self.raw.camera
     }
 
     pub(super) fn as_mut_ptr(&mut self) -> *mut mjvScene {

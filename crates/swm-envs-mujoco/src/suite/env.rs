@@ -77,10 +77,6 @@ impl SuiteEnv {
         if !(1..=1000).contains(&settings.action_repeat) {
             return Err(wrong(format!("action_repeat {} is not in 1 to 1000", settings.action_repeat)));
         }
-        if config.image.is_some() && settings.renderer.is_none() {
-            let reason = "pictures need a renderer: set `renderer=gl`, or ask for none (`--image-size none`)";
-            return Err(wrong(reason.to_owned()));
-        }
         Self::assemble(domain, entry, settings, config.image).map_err(|error| error.at_making(id))
     }
 
@@ -113,7 +109,9 @@ impl SuiteEnv {
             goal_columns: entry.goal_columns,
         };
         let camera = settings.camera.unwrap_or(domain.camera);
-        let picture = image.map(|size| Picture::new(&models, camera, space.defaults(), size)).transpose()?;
+        let picture = image
+            .map(|size| Picture::new(&models, settings.renderer, camera, space.defaults(), size))
+            .transpose()?;
         Ok(Self {
             spec,
             domain,

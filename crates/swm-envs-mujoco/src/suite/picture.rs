@@ -4,35 +4,51 @@ use swm_core::ImageSize;
 use swm_fov::Fov;
 
 use super::models::Models;
+use super::settings::Renderer;
 use crate::error::MujocoError;
 use crate::ffi::Simulation;
 use crate::ffi::gl::GlRenderer;
+use crate::software::SoftwareRenderer;
 
 /// Draws an environment's simulation, which runs on a model without textures.
 pub(super) struct Picture {
-    renderer: GlRenderer,
+    drawer: Drawer,
     /// The factors that the textures show.
     shows: Fov,
     /// Why the last picture is black.
     failure: Option<MujocoError>,
 }
 
+enum Drawer {
+    Software(SoftwareRenderer),
+    Gl(GlRenderer),
+}
+
 impl Picture {
     pub(super) fn new(
         models: &Models,
+        renderer: Renderer,
         camera: usize,
         fov: Fov,
         size: ImageSize,
     ) -> Result<Self, MujocoError> {
         let model = models.textured_model(&fov)?;
-        let renderer = GlRenderer::new(&model, camera, [size.height, size.width])?;
-        Ok(Self { renderer, shows: fov, failure: None })
+        let size = [size.height, size.width];
+        let drawer = match renderer {
+            Renderer::Software => Drawer::Software(SoftwareRenderer::new(&model, camera, size)?),
+            Renderer::Gl => Drawer::Gl(GlRenderer::new(&model, camera, size)?),
+        };
+        Ok(Self { drawer, shows: fov, failure: None })
     }
 
     /// Shows these factors from now on.
     pub(super) fn prepare(&mut self, models: &Models, fov: &Fov) -> Result<(), MujocoError> {
         if self.shows != *fov {
-            self.renderer.set_model(&models.textured_model(fov)?)?;
+            let model = models.textured_model(fov)?;
+            match &mut self.drawer {
+                Drawer::Software(renderer) => renderer.set_model(&model)?,
+                Drawer::Gl(renderer) => renderer.set_model(&model)?,
+            }
             self.shows = fov.clone();
         }
         Ok(())
@@ -41,7 +57,11 @@ impl Picture {
     /// Draws into `pixels`, `[height, width, 3]`; black, and a failure to [take](Picture::take_failure), where that
     /// fails.
     pub(super) fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) {
-        if let Err(error) = self.renderer.draw(sim, pixels) {
+        let drawn = match &mut self.drawer {
+            Drawer::Software(renderer) => renderer.draw(sim, pixels),
+            Drawer::Gl(renderer) => renderer.draw(sim, pixels),
+        };
+        if let Err(error) = drawn {
             pixels.fill(0);
             self.failure = Some(error);
         }

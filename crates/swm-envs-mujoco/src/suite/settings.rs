@@ -11,14 +11,16 @@ pub(super) struct Settings {
     pub stock: bool,
     pub action_repeat: u32,
     pub on_divergence: OnDivergence,
-    pub renderer: Option<Renderer>,
+    pub renderer: Renderer,
     pub camera: Option<usize>,
 }
 
 /// What draws pictures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Renderer {
+    #[default]
+    Software,
     Gl,
 }
 
@@ -38,7 +40,7 @@ impl Default for Settings {
             stock: false,
             action_repeat: 2,
             on_divergence: OnDivergence::Error,
-            renderer: None,
+            renderer: Renderer::Software,
             camera: None,
         }
     }
@@ -64,8 +66,8 @@ pub(super) const SETTINGS: &[Setting] = &[
     },
     Setting {
         name: "renderer",
-        doc: "what draws pictures; `gl`: MuJoCo's own renderer, with OpenGL through EGL or OSMesa",
-        default: "none",
+        doc: "what draws pictures: `software` needs nothing; `gl` is MuJoCo's own, with OpenGL through EGL or OSMesa",
+        default: "software",
     },
     Setting {
         name: "camera",

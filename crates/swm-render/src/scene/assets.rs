@@ -1,4 +1,6 @@
-//! What many scenes share: made once, read by any number of renderers.
+//! What many scenes share: made once, read by any number of renderers. Single ones can be shared by several sets.
+
+use std::sync::Arc;
 
 use super::mesh::Mesh;
 use super::texture::{CubeTexture, Texture};
@@ -7,9 +9,9 @@ use super::texture::{CubeTexture, Texture};
 #[derive(Clone, Debug, Default)]
 pub struct Assets {
     /// For [`super::Shape::Mesh`].
-    pub meshes: Vec<Mesh>,
+    pub meshes: Vec<Arc<Mesh>>,
     /// For [`super::Mapping::Flat`].
-    pub textures: Vec<Texture>,
+    pub textures: Vec<Arc<Texture>>,
     /// For [`super::Mapping::Cube`] and [`super::Scene::sky`].
-    pub cubes: Vec<CubeTexture>,
+    pub cubes: Vec<Arc<CubeTexture>>,
 }
