@@ -20,7 +20,7 @@ pub(super) struct Picture {
 }
 
 enum Drawer {
-    Software(SoftwareRenderer),
+    Software(Box<SoftwareRenderer>),
     Gl(GlRenderer),
 }
 
@@ -35,7 +35,7 @@ impl Picture {
         let model = models.textured_model(&fov)?;
         let size = [size.height, size.width];
         let drawer = match renderer {
-            Renderer::Software => Drawer::Software(SoftwareRenderer::new(&model, camera, size)?),
+            Renderer::Software => Drawer::Software(Box::new(SoftwareRenderer::new(&model, camera, size)?)),
             Renderer::Gl => Drawer::Gl(GlRenderer::new(&model, camera, size)?),
         };
         Ok(Self { drawer, shows: fov, failure: None })

@@ -52,6 +52,12 @@ impl Lanes3 {
         Self { x: self.x * by, y: self.y * by, z: self.z * by }
     }
 
+    /// The numbers of x, of y and of z.
+    #[inline]
+    pub(super) fn to_arrays(self) -> [[f32; LANES]; 3] {
+        [self.x.to_array(), self.y.to_array(), self.z.to_array()]
+    }
+
     /// Length 1; zero vectors stay what they are.
     #[inline]
     pub(super) fn normalised(self) -> Self {
@@ -122,7 +128,7 @@ fn log2(value: Lanes) -> Lanes {
     let s = (mantissa - splat(1.0)) / (mantissa + splat(1.0));
     let s2 = s * s;
     // 2 / ln 2 times (s + s^3/3 + s^5/5 + s^7/7 + s^9/9).
-    let series = s2 * splat(0.320_598_98) + splat(0.412_198_58);
+    let series = s2 * splat(0.320_599) + splat(0.412_198_58);
     let series = s2 * series + splat(0.577_078_02);
     let series = s2 * series + splat(0.961_796_7);
     let series = s2 * series + splat(2.885_39);

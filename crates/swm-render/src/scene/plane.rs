@@ -122,7 +122,7 @@ impl Corners {
             }
             light(xs, ys, out);
             for (layer, color) in out.iter().enumerate() {
-                let [r, g, b] = [color.x, color.y, color.z].map(|lanes| lanes.to_array());
+                let [r, g, b] = color.to_arrays();
                 for (lane, &corner) in chunk.iter().enumerate() {
                     self.colors[corner as usize * self.layers + layer] = [r[lane], g[lane], b[lane]];
                 }

@@ -5,9 +5,8 @@ use super::description::{Instance, Mapping, Scene, Shape};
 use super::fragments::Fragments;
 use super::lanes::{LANES, Lanes3};
 use super::lighting::Lamp;
-use super::plane::Corners;
 use super::samples::{NOTHING, Samples};
-use super::shading::Shading;
+use super::shading::{Memory, Shading};
 use super::shadow::ShadowMap;
 use super::sky::Sky;
 use super::triangles::{Projected, Sides};
@@ -48,9 +47,9 @@ pub struct SceneRenderer {
     mirrored: Fragments,
     maps: Vec<ShadowMap>,
     lamps: Vec<Lamp>,
+    mirrored_lamps: Vec<Lamp>,
     projected: Projected,
-    corners: Corners,
-    layers: Vec<Lanes3>,
+    memory: Memory,
     sky: Sky,
     order: Vec<u16>,
     colors: Vec<[f32; 3]>,
@@ -78,9 +77,9 @@ impl SceneRenderer {
             mirrored: Fragments::default(),
             maps: Vec::new(),
             lamps: Vec::new(),
+            mirrored_lamps: Vec::new(),
             projected: Projected::default(),
-            corners: Corners::default(),
-            layers: Vec::new(),
+            memory: Memory::default(),
             sky: Sky::default(),
             order: Vec::new(),
             colors: Vec::new(),
@@ -210,15 +209,7 @@ impl SceneRenderer {
             let range = fragments.of(surface);
             let level = drawing.level(instance);
             let put = |at: usize, color: Lanes3| accumulate(fragments, at, range.end, color, 1.0, colors);
-            shading.shade(
-                instance,
-                level,
-                fragments,
-                range.clone(),
-                &mut self.corners,
-                &mut self.layers,
-                put,
-            );
+            shading.shade(instance, level, fragments, range.clone(), &mut self.memory, put);
         }
         let sky = self.sky.colors(scene, assets, view);
         for at in fragments.of(scene.instances.len()) {
@@ -266,8 +257,9 @@ impl SceneRenderer {
         let (projected, samples) = (&mut self.projected, &mut self.mirror);
         draw_opaque(scene, assets, &other, Sides::MirroredFront, Some(owner), projected, samples);
         self.mirrored.of_list(&self.mirror, fragments, range.start, scene.instances.len());
-        let lamps: Vec<Lamp> = scene.lights.iter().map(|light| Lamp::new(light, other.origin)).collect();
-        let shading = Shading { view: &other, assets, lamps: &lamps, maps: None };
+        self.mirrored_lamps.clear();
+        self.mirrored_lamps.extend(scene.lights.iter().map(|light| Lamp::new(light, other.origin)));
+        let shading = Shading { view: &other, assets, lamps: &self.mirrored_lamps, maps: None };
         let drawing = Drawing { view: &other, assets, sides: Sides::Front, coarseness: COARSENESS };
         let (mirrored, colors) = (&self.mirrored, &mut self.colors);
         let share = instance.material.reflectance;
@@ -275,7 +267,7 @@ impl SceneRenderer {
             let range = mirrored.of(surface);
             let level = drawing.level(instance);
             let put = |at: usize, color: Lanes3| accumulate(mirrored, at, range.end, color, share, colors);
-            shading.shade(instance, level, mirrored, range.clone(), &mut self.corners, &mut self.layers, put);
+            shading.shade(instance, level, mirrored, range.clone(), &mut self.memory, put);
         }
     }
 
@@ -322,7 +314,7 @@ impl SceneRenderer {
             let (fragments, colors) = (&self.fragments, &mut self.colors);
             let range = fragments.of(usize::from(owner));
             let put = |at: usize, color: Lanes3| {
-                let parts = [color.x, color.y, color.z].map(|lanes| lanes.to_array());
+                let parts = color.to_arrays();
                 for lane in 0..LANES.min(range.end - at) {
                     let pixel = &mut colors[fragments.pixel[at + lane] as usize];
                     for (value, part) in pixel.iter_mut().zip(&parts) {
@@ -331,15 +323,7 @@ impl SceneRenderer {
                 }
             };
             let level = drawing.level(instance);
-            shading.shade(
-                instance,
-                level,
-                fragments,
-                range.clone(),
-                &mut self.corners,
-                &mut self.layers,
-                put,
-            );
+            shading.shade(instance, level, fragments, range.clone(), &mut self.memory, put);
         }
     }
 }
@@ -356,7 +340,7 @@ fn accumulate(
     share: f32,
     colors: &mut [[f32; 3]],
 ) {
-    let [r, g, b] = [color.x, color.y, color.z].map(|lanes| lanes.to_array());
+    let [r, g, b] = color.to_arrays();
     for lane in 0..LANES.min(end - at) {
         let pixel = &mut colors[fragments.pixel[at + lane] as usize];
         let share = share * fragments.share[at + lane];

@@ -24,6 +24,14 @@ pub(super) struct Shading<'a> {
     pub(super) maps: Option<&'a [ShadowMap]>,
 }
 
+/// Memory that the shader reuses.
+#[derive(Debug, Default)]
+pub(super) struct Memory {
+    corners: Corners,
+    /// Light of all lamps without shadows, then of each with, at eight points.
+    layers: Vec<Lanes3>,
+}
+
 /// One surface, as the shader needs it.
 struct Target<'a> {
     surface: Surface,
@@ -43,13 +51,13 @@ impl Shading<'_> {
         level: usize,
         fragments: &Fragments,
         range: std::ops::Range<usize>,
-        corners: &mut Corners,
-        layers: &mut Vec<Lanes3>,
+        memory: &mut Memory,
         mut put: impl FnMut(usize, Lanes3),
     ) {
         if range.is_empty() {
             return;
         }
+        let Memory { corners, layers } = memory;
         let target = Target {
             surface: Surface::of(&instance.material),
             rays: self.view.rays(instance),
@@ -161,10 +169,8 @@ impl Shading<'_> {
             }
             Mapping::Cube { texture, scale } => {
                 let texture = &self.assets.cubes[texture];
-                let scaled = |v: Lanes3| {
-                    let v = [v.x * splat(scale[0]), v.y * splat(scale[1]), v.z * splat(scale[2])];
-                    v.map(|lanes| lanes.to_array())
-                };
+                let stretch = Lanes3::splat(scale.map(f64::from));
+                let scaled = |v: Lanes3| (v * stretch).to_arrays();
                 let (at, dx, dy) = (scaled(local), scaled(dx), scaled(dy));
                 for lane in 0..count {
                     let pick = |v: &[[f32; LANES]; 3]| [v[0][lane], v[1][lane], v[2][lane]];
@@ -179,7 +185,7 @@ impl Shading<'_> {
 
 /// Outward directions at points of a mesh.
 fn mesh_outward(level: &Level, facets: &[u32], local: Lanes3) -> Lanes3 {
-    let [xs, ys, zs] = [local.x, local.y, local.z].map(|lanes| lanes.to_array());
+    let [xs, ys, zs] = local.to_arrays();
     let mut parts = [[0.0, 0.0, 1.0]; LANES];
     for (lane, (part, &facet)) in parts.iter_mut().zip(facets).enumerate() {
         // Lanes beyond the last fragment hold the facets of another mesh.

@@ -1,0 +1,132 @@
+//! Pictures without OpenGL against those of the reference, at recorded moments of all domains: how alike they look, that
+//! they are the same everywhere, and what else the renderer can show.
+
+use std::collections::BTreeMap;
+use std::io::Cursor;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use serde::Deserialize;
+use swm_core::env::PIXELS;
+use swm_core::{Batch, Env, EnvConfig, Episode, EpisodeSeed, ImageSize, ResetOptions, Schema, Value};
+use swm_envs_mujoco::ENVS;
+use swm_envs_mujoco::ffi::{Model, Object, Simulation, Spec};
+use swm_envs_mujoco::software::SoftwareRenderer;
+
+/// A moment in `tests/golden/pictures/suite.json`; its picture, drawn by MuJoCo's own renderer, has the same name.
+#[derive(Deserialize)]
+struct Moment {
+    env: String,
+    start: BTreeMap<String, Vec<f64>>,
+}
+
+const SIDE: usize = 224;
+
+fn golden(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/pictures").join(name)
+}
+
+fn moments() -> BTreeMap<String, Moment> {
+    let text = std::fs::read_to_string(golden("suite.json")).expect("the moments are committed");
+    serde_json::from_str(&text).expect("moments")
+}
+
+fn make(id: &str) -> (Box<dyn Env>, Batch) {
+    let entry = ENVS.iter().find(|entry| entry.id == id).expect("a domain");
+    let image = Some(ImageSize { height: SIDE, width: SIDE });
+    let env = (entry.make)(&EnvConfig { image, ..EnvConfig::default() }).expect("it needs no OpenGL");
+    let row = Batch::new(Schema::new(env.spec().fields.clone()).expect("distinct names"), 1);
+    (env, row)
+}
+
+fn draw((env, row): &mut (Box<dyn Env>, Batch), moment: &Moment) -> Vec<u8> {
+    let start = moment.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
+    let options =
+        ResetOptions { variation: Some(Vec::new()), start: Some(start.collect()), ..ResetOptions::default() };
+    env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("a start");
+    env.observe(&mut row.rows_mut());
+    row.get::<u8>(PIXELS).expect("pictures were asked for").to_vec()
+}
+
+fn recorded(name: &str) -> Vec<u8> {
+    let png = std::fs::read(golden(&format!("{name}.png"))).expect("the picture is committed");
+    let mut reader = png::Decoder::new(Cursor::new(png)).read_info().expect("a PNG header");
+    let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
+    reader.next_frame(&mut pixels).expect("a PNG");
+    pixels
+}
+
+/// Structural similarity (Wang et al. 2004) over windows of 7 × 7 pixels of each channel, as scikit-image computes it.
+fn similarity(a: &[u8], b: &[u8]) -> f64 {
+    const WINDOW: usize = 7;
+    let count = (WINDOW * WINDOW) as f64;
+    let (c1, c2) = ((0.01f64 * 255.0).powi(2), (0.03f64 * 255.0).powi(2));
+    let (mut sum, mut windows) = (0.0, 0.0);
+    for channel in 0..3 {
+        for y in 0..=SIDE - WINDOW {
+            for x in 0..=SIDE - WINDOW {
+                let mut moments = [0.0; 5];
+                for dy in 0..WINDOW {
+                    for dx in 0..WINDOW {
+                        let at = ((y + dy) * SIDE + x + dx) * 3 + channel;
+                        let (p, q) = (f64::from(a[at]), f64::from(b[at]));
+                        let terms = [p, q, p * p, q * q, p * q];
+                        moments.iter_mut().zip(terms).for_each(|(moment, term)| *moment += term);
+                    }
+                }
+                let [p, q, pp, qq, pq] = moments.map(|moment| moment / count);
+                let unbiased = count / (count - 1.0);
+                let (vp, vq, cov) =
+                    ((pp - p * p) * unbiased, (qq - q * q) * unbiased, (pq - p * q) * unbiased);
+                sum += (2.0 * p * q + c1) * (2.0 * cov + c2) / ((p * p + q * q + c1) * (vp + vq + c2));
+                windows += 1.0;
+            }
+        }
+    }
+    sum / windows
+}
+
+#[test]
+fn pictures_look_like_those_of_the_reference() {
+    for (name, moment) in &moments() {
+        let (ours, theirs) = (draw(&mut make(&moment.env), moment), recorded(name));
+        let difference: f64 = ours.iter().zip(&theirs).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
+        let (difference, likeness) = (difference / ours.len() as f64, similarity(&ours, &theirs));
+        println!("{name}: SSIM {likeness:.4}, mean difference {difference:.2} of 255");
+        assert!(likeness > 0.97, "{name}: SSIM {likeness}");
+        assert!(difference < 3.0, "{name}: mean difference {difference}");
+    }
+}
+
+#[test]
+fn pictures_do_not_depend_on_what_was_drawn_before() {
+    let moments = moments();
+    let moment = &moments["humanoid-50"];
+    let mut env = make(&moment.env);
+    let first = draw(&mut env, moment);
+    env.0
+        .reset(&Episode { seed: EpisodeSeed::new(7), options: &ResetOptions::default().vary(&["all"]) })
+        .expect("a reset");
+    env.0.observe(&mut env.1.rows_mut());
+    assert!(draw(&mut env, moment) == first, "another picture after another episode");
+    assert!(draw(&mut make(&moment.env), moment) == first, "another picture in another environment");
+}
+
+#[test]
+fn segments_and_depths_belong_to_the_picture() {
+    let spec = Spec::read(&swm_envs_mujoco::assets::suite_model("reacher.xml").expect("it was set up"));
+    let model = Arc::new(spec.and_then(|mut spec| spec.compile()).expect("a model"));
+    let geom = |name: &str| Model::id(&model, Object::Geom, name).expect("a geom") as i32;
+    let mut sim = Simulation::new(Arc::clone(&model)).expect("a simulation");
+    sim.forward().expect("computed");
+    let mut renderer = SoftwareRenderer::new(&model, 0, [64, 64]).expect("a renderer");
+    let (mut segments, mut depths) = (vec![0; 64 * 64], vec![0.0; 64 * 64]);
+    renderer.draw_segmentation(&mut sim, &mut segments).expect("segments");
+    renderer.draw_depth(&mut sim, &mut depths).expect("depths");
+    // Seen from 0.75 m above: the arm lies along x from the middle, the floor is around it.
+    let at = |x: usize, y: usize| y * 64 + x;
+    assert_eq!(segments[at(38, 32)], geom("arm"));
+    assert_eq!(segments[at(32, 50)], geom("ground"));
+    assert!((depths[at(32, 50)] - 0.75).abs() < 1e-3, "{}", depths[at(32, 50)]);
+    assert!((depths[at(38, 32)] - 0.73).abs() < 2e-3, "{}", depths[at(38, 32)]);
+}
