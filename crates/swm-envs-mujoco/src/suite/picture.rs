@@ -21,7 +21,7 @@ pub(super) struct Picture {
 
 enum Drawer {
     Software(Box<SoftwareRenderer>),
-    Gl(GlRenderer),
+    Gl(Box<GlRenderer>),
 }
 
 impl Picture {
@@ -36,7 +36,7 @@ impl Picture {
         let size = [size.height, size.width];
         let drawer = match renderer {
             Renderer::Software => Drawer::Software(Box::new(SoftwareRenderer::new(&model, camera, size)?)),
-            Renderer::Gl => Drawer::Gl(GlRenderer::new(&model, camera, size)?),
+            Renderer::Gl => Drawer::Gl(Box::new(GlRenderer::new(&model, camera, size)?)),
         };
         Ok(Self { drawer, shows: fov, failure: None })
     }
