@@ -2,8 +2,8 @@
 //!
 //! Three parts, which know each other only by plain slices of numbers (no tensors, no environment crates):
 //!
-//! * a [`Cost`] says how good candidate plans are: a learned model, an analytic problem, or the true simulator
-//!   ([`SimulatorCost`]);
+//! * a [`Cost`] says how good candidate plans are: a learned model or an analytic problem ([`models`] puts them
+//!   together), or the true simulator ([`SimulatorCost`]);
 //! * a [`Solver`] searches for the cheapest plan: configuration data with a pure `solve` ([`SOLVERS`] lists
 //!   them; a new one is one file in `solvers/` and one line in that table);
 //! * [`MpcPolicy`] carries plans out: it plans, acts for a while, and plans again.
