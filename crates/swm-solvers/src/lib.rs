@@ -43,15 +43,23 @@
 //! # Ok::<(), PlanError>(())
 //! ```
 
+#![cfg_attr(
+    not(feature = "faer"),
+    expect(dead_code, unused_imports, reason = "what the solvers on matrices need, and no other does")
+)]
+
 mod bounds;
 mod coloured;
 mod cost;
 mod descent;
 mod error;
+#[cfg(feature = "faer")]
+mod matrix;
 pub mod models;
 mod mpc;
 mod planners;
 mod ranges;
+#[cfg(feature = "faer")]
 mod riccati;
 mod sampling;
 mod search;
@@ -74,9 +82,11 @@ pub use settings::Settings;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
 pub use solver::{MakePlanner, MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
 pub use solvers::{
-    Adam, AdamW, CategoricalCem, Cem, Form, Icem, Ilqr, Lagrangian, Mppi, Optimizer, Pgd, PredictiveSampling,
+    Adam, AdamW, CategoricalCem, Cem, Form, Icem, Lagrangian, Mppi, Optimizer, Pgd, PredictiveSampling,
     SOLVERS, Select, Sgd, TemperatureMode,
 };
+#[cfg(feature = "faer")]
+pub use solvers::{CmaEs, FullCem, Ilqr};
 pub use space::{categories, largest, plan_width};
 pub use trace::{
     Detail, Elite, Iteration, IterationRecord, JsonLines, Memory, NoTrace, PlanRecord, Records, Trace,

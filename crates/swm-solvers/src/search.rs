@@ -25,6 +25,11 @@ pub(crate) trait Sampler: SolverConfig {
     /// The course of the search.
     fn search(&self) -> Search;
 
+    /// Whether it can plan for `problem`, whose sizes are sound.
+    fn check_problem(&self, _problem: &Problem<'_>) -> Result<(), PlanError> {
+        Ok(())
+    }
+
     /// What an episode carries from one iteration to the next, for plans of `problem`'s size.
     fn carried(&self, _problem: &Problem<'_>) -> Carried {
         Carried::default()
@@ -99,7 +104,6 @@ pub(crate) struct Episode<'a> {
     /// What the solver carries from iteration to iteration.
     pub(crate) doubles: &'a mut [f64],
     /// Scratch.
-    #[expect(dead_code, reason = "for solvers that factorise matrices")]
     pub(crate) stack: &'a mut [MaybeUninit<f64>],
 }
 
@@ -165,6 +169,7 @@ fn run<S: Sampler>(
     let bounds = sampler.bounds(problem.action)?;
     let search = sampler.search();
     problem.check_samples(search.samples)?;
+    sampler.check_problem(problem)?;
     let (rows, size) = (problem.keys.len(), problem.plan_size());
     let carried = sampler.carried(problem).or_one();
     let [candidates, low, high, best, floats] = workspace.floats.cut([

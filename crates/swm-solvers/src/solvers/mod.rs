@@ -4,7 +4,12 @@ mod adam;
 mod adamw;
 mod categorical_cem;
 mod cem;
+#[cfg(feature = "faer")]
+mod cma_es;
+#[cfg(feature = "faer")]
+mod full_cem;
 mod icem;
+#[cfg(feature = "faer")]
 mod ilqr;
 mod lagrangian;
 mod mppi;
@@ -18,7 +23,12 @@ pub use adam::Adam;
 pub use adamw::AdamW;
 pub use categorical_cem::CategoricalCem;
 pub use cem::Cem;
+#[cfg(feature = "faer")]
+pub use cma_es::CmaEs;
+#[cfg(feature = "faer")]
+pub use full_cem::FullCem;
 pub use icem::Icem;
+#[cfg(feature = "faer")]
 pub use ilqr::Ilqr;
 pub use lagrangian::{Form, Lagrangian, Optimizer};
 pub use mppi::{Mppi, TemperatureMode};
@@ -33,11 +43,16 @@ pub const SOLVERS: &[SolverEntry] = &[
     SolverEntry::of::<Mppi>(),
     SolverEntry::of::<PredictiveSampling>(),
     SolverEntry::of::<CategoricalCem>(),
+    #[cfg(feature = "faer")]
+    SolverEntry::of::<FullCem>(),
+    #[cfg(feature = "faer")]
+    SolverEntry::of::<CmaEs>(),
     SolverEntry::of::<Sgd>(),
     SolverEntry::of::<Adam>(),
     SolverEntry::of::<AdamW>(),
     SolverEntry::of::<Pgd>(),
     SolverEntry::of::<Lagrangian>(),
+    #[cfg(feature = "faer")]
     SolverEntry::of::<Ilqr>(),
 ];
 

@@ -2,6 +2,7 @@
 
 mod constrained;
 mod courses;
+mod covariance;
 mod descent;
 mod golden;
 mod golden_sampling;

@@ -171,6 +171,7 @@ fn thorough(solver: &str) -> Map<String, Json> {
         }),
         "mppi" => json!({"iterations": 100, "sigma": 0.1, "temperature": 0.05}),
         "predictive-sampling" => json!({"iterations": 300, "sigma": 0.05}),
+        "full-cem" => json!({"iterations": 60, "alpha": 0.5}),
         "sgd" => json!({"iterations": 150, "lr": 0.01, "momentum": 0.9}),
         "adam" | "adamw" => json!({"iterations": 300}),
         "pgd" => json!({"iterations": 500, "lr": 0.015}),

@@ -1,0 +1,209 @@
+//! The cross-entropy method with a full covariance: it learns which numbers of cheap plans go together, across time and
+//! actions, where [`crate::Cem`] learns how wide each is alone. Not in the reference.
+//!
+//! Source: Rubinstein & Kroese, *The Cross-Entropy Method* (2004), for Gaussians with covariance; shrinkage toward the
+//! diagonal as of Ledoit & Wolf, *A well-conditioned estimator* (2004), with a fixed weight.
+
+use serde::{Deserialize, Serialize};
+use swm_core::registry::Setting;
+
+use crate::error::PlanError;
+use crate::matrix::{check_size, cholesky, stack_len};
+use crate::ranges::{check_below_one, check_counts, check_elites, check_not_negative, check_positive};
+use crate::sampling::Noise;
+use crate::search::{Carried, Episode, Sampler, Search};
+use crate::settings::Settings;
+use crate::solver::{Problem, SolverConfig};
+
+/// Settings of the cross-entropy method with a full covariance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FullCem {
+    /// S: candidates per iteration.
+    pub samples: usize,
+    /// Iterations; 0 returns the initial plan.
+    pub iterations: usize,
+    /// K: how many of the cheapest candidates the distribution is refitted to.
+    pub elites: usize,
+    /// Standard deviation of every number in the first iteration.
+    pub sigma: f64,
+    /// Smallest standard deviation after a refit.
+    pub sigma_min: f64,
+    /// Share of the diagonal in the covariance: 0 trusts all that the elites have in common, 1 nothing. With fewer elites
+    /// than numbers in a plan, more is better.
+    pub shrinkage: f64,
+    /// Momentum: the share of the old covariance in the new one.
+    pub alpha: f64,
+    /// Whether candidates are clipped to the bounds of the actions.
+    pub clip: bool,
+    /// Whether the cheapest plan ever evaluated is returned instead of the final mean.
+    pub return_best: bool,
+    /// Seed of the noise, beside that of the episode.
+    pub seed: u32,
+}
+
+impl Default for FullCem {
+    fn default() -> Self {
+        Self {
+            samples: 300,
+            iterations: 30,
+            elites: 30,
+            sigma: 1.0,
+            sigma_min: 0.0,
+            shrinkage: 0.1,
+            alpha: 0.2,
+            clip: false,
+            return_best: false,
+            seed: 0,
+        }
+    }
+}
+
+impl Settings for FullCem {
+    const SETTINGS: &'static [Setting] = &[
+        Setting { name: "samples", doc: "candidate plans per iteration", default: "300" },
+        Setting { name: "iterations", doc: "rounds of drawing and refitting", default: "30" },
+        Setting { name: "elites", doc: "cheapest candidates that a refit uses (2 or more)", default: "30" },
+        Setting { name: "sigma", doc: "standard deviation of the first candidates", default: "1" },
+        Setting { name: "sigma_min", doc: "smallest standard deviation after a refit", default: "0" },
+        Setting { name: "shrinkage", doc: "share of the diagonal in the covariance, 0 to 1", default: "0.1" },
+        Setting { name: "alpha", doc: "share of the old covariance in the new one", default: "0.2" },
+        Setting { name: "clip", doc: "clip candidates to the action bounds", default: "false" },
+        Setting { name: "return_best", doc: "return the cheapest plan seen, not the mean", default: "false" },
+        Setting { name: "seed", doc: "seed of the noise, beside the episode's", default: "0" },
+    ];
+
+    fn validate(&self) -> Result<(), PlanError> {
+        check_counts(self.samples, self.iterations)?;
+        check_elites(self.elites, self.samples)?;
+        check_positive("sigma", self.sigma)?;
+        check_not_negative("sigma_min", self.sigma_min)?;
+        check_below_one("alpha", self.alpha)?;
+        if !(0.0..=1.0).contains(&self.shrinkage) {
+            let reason = format!("{} is not a number from 0 to 1", self.shrinkage);
+            return Err(PlanError::setting("shrinkage", reason));
+        }
+        Ok(())
+    }
+}
+
+impl SolverConfig for FullCem {
+    const NAME: &'static str = "full-cem";
+    const SUMMARY: &'static str = "cross-entropy method with a full covariance over time and actions";
+}
+
+impl Sampler for FullCem {
+    fn search(&self) -> Search {
+        Search {
+            samples: self.samples,
+            iterations: self.iterations,
+            elites: self.elites,
+            sigma: self.sigma as f32,
+            clip: self.clip,
+            return_best: self.return_best,
+        }
+    }
+
+    fn check_problem(&self, problem: &Problem<'_>) -> Result<(), PlanError> {
+        check_size(problem)
+    }
+
+    fn carried(&self, problem: &Problem<'_>) -> Carried {
+        let size = problem.plan_size();
+        Carried { floats: size, doubles: 2 * size * size + 2 * size, stack: stack_len(size) }
+    }
+
+    fn begin(&self, episode: &mut Episode<'_>) {
+        let size = episode.mean.len();
+        let Parts { covariance, factor, .. } = Parts::of(size, episode.doubles);
+        for i in 0..size {
+            covariance[i + i * size] = self.sigma * self.sigma;
+            factor[i + i * size] = self.sigma;
+        }
+    }
+
+    /// The mean, then mean + factor × noise.
+    fn draw(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
+        let noise = Noise { purpose: Self::NAME, seed: self.seed };
+        let (size, key) = (episode.mean.len(), *episode.key());
+        let Parts { factor, sum, .. } = Parts::of(size, episode.doubles);
+        for (sample, candidate) in (0..).zip(candidates.chunks_exact_mut(size)) {
+            if sample == 0 {
+                candidate.copy_from_slice(episode.mean);
+                continue;
+            }
+            noise.fill(&key, episode.iteration, sample, episode.floats);
+            sum.iter_mut().zip(&*episode.mean).for_each(|(sum, &mean)| *sum = f64::from(mean));
+            for (j, &noise) in episode.floats.iter().enumerate() {
+                let column = &factor[j * size + j..(j + 1) * size];
+                sum[j..].iter_mut().zip(column).for_each(|(sum, value)| *sum += value * f64::from(noise));
+            }
+            candidate.iter_mut().zip(&*sum).for_each(|(out, &value)| *out = value as f32);
+        }
+    }
+
+    fn learn(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
+        let size = episode.mean.len();
+        let Parts { covariance, factor, sum, offset } = Parts::of(size, episode.doubles);
+        let plans = || elites.iter().map(|&elite| &candidates[elite as usize * size..][..size]);
+        let count = elites.len() as f64;
+        sum.fill(0.0);
+        plans().for_each(|plan| sum.iter_mut().zip(plan).for_each(|(sum, &value)| *sum += f64::from(value)));
+        sum.iter_mut().for_each(|sum| *sum /= count);
+        episode.mean.iter_mut().zip(&*sum).for_each(|(mean, &sum)| *mean = sum as f32);
+        if elites.len() < 2 {
+            return;
+        }
+        // The lower triangle, column by column; it is all that the factorisation reads.
+        factor.fill(0.0);
+        for plan in plans() {
+            for ((offset, &value), mean) in offset.iter_mut().zip(plan).zip(&*sum) {
+                *offset = f64::from(value) - mean;
+            }
+            for (j, column) in factor.chunks_exact_mut(size).enumerate() {
+                let weight = offset[j];
+                column[j..].iter_mut().zip(&offset[j..]).for_each(|(sum, value)| *sum += weight * value);
+            }
+        }
+        let (scale, off_diagonal) = ((1.0 - self.alpha) / (count - 1.0), 1.0 - self.shrinkage);
+        for j in 0..size {
+            for i in j..size {
+                let fitted = factor[i + j * size] * if i == j { 1.0 } else { off_diagonal };
+                let value = &mut covariance[i + j * size];
+                *value = self.alpha * *value + scale * fitted;
+            }
+            let variance = &mut covariance[j + j * size];
+            *variance = variance.max(self.sigma_min * self.sigma_min);
+            episode.spread[j] = variance.sqrt() as f32;
+        }
+        factor.copy_from_slice(covariance);
+        // Rounding makes elites that lie in fewer dimensions than the plan has look as if they lay in none.
+        (0..size)
+            .for_each(|j| factor[j + j * size] = factor[j + j * size] * (1.0 + 1e-9) + f64::MIN_POSITIVE);
+        if !cholesky(factor, size, episode.stack) {
+            factor.fill(0.0);
+            (0..size).for_each(|j| factor[j + j * size] = f64::from(episode.spread[j]));
+        }
+    }
+}
+
+/// What an episode carries from iteration to iteration, and room to work. Matrices are stored column by column.
+struct Parts<'a> {
+    /// `[H × D, H × D]`, the lower triangle.
+    covariance: &'a mut [f64],
+    /// Its Cholesky factor.
+    factor: &'a mut [f64],
+    /// `[H × D]`.
+    sum: &'a mut [f64],
+    /// `[H × D]`.
+    offset: &'a mut [f64],
+}
+
+impl<'a> Parts<'a> {
+    fn of(size: usize, doubles: &'a mut [f64]) -> Self {
+        let (covariance, rest) = doubles.split_at_mut(size * size);
+        let (factor, rest) = rest.split_at_mut(size * size);
+        let (sum, offset) = rest.split_at_mut(size);
+        Self { covariance, factor, sum, offset }
+    }
+}
