@@ -3,7 +3,9 @@
 //! No benchmark stands here; they are in `benches/` (criterion) and `peers/` (beside the reference).
 
 mod clock;
+mod planning;
 mod pusht;
 
 pub use clock::{Clock, Elapsed};
+pub use planning::{FreeCost, SolveCase};
 pub use pusht::{Actions, BareEnv, EPISODE_STEPS, Picture, world};

@@ -1,0 +1,114 @@
+#!/usr/bin/env python3
+"""Plans here and in the Python reference of August 2026, side by side, with a cost that is next to nothing.
+
+    python3 benches/peers/solvers.py [--rounds 5] [--venv FOLDER] [--json result.json] [--check]
+
+As world.py does for PushT: installs the reference (stable-worldmodel 0.1.1, with torch: gigabytes) into a virtual environment
+of its own, builds `solve-times`, and measures both in turns. One episode, one thread, 300 candidates of 10 blocks of 2
+numbers, 30 iterations. What is compared is the processor time of the quickest plan of all rounds: that which other
+programs disturbed least. Solvers that the reference lacks stand in the table alone.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+
+# Solver: least ratio wanted.
+TARGETS = {"cem": 3}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    # The folder of two_room_v2.py, which needs the same packages.
+    parser.add_argument("--venv", type=Path, default=ROOT / ".tools/peers/two_room_v2")
+    parser.add_argument("--solve-times", type=Path, help="the release binary; default: built by cargo")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--seconds", type=float, default=0.5, help="processor time per solver and round")
+    parser.add_argument("--json", type=Path, help="write everything there as JSON")
+    parser.add_argument("--check", action="store_true", help="exit with status 1 if a target is missed")
+    options = parser.parse_args()
+    python, binary = make_environment(options.venv), options.solve_times or build()
+    command = [python, "-W", "ignore", HERE / "solvers_reference.py"]
+    theirs, ours = {}, {}
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as reference:
+        for _ in range(options.rounds):
+            reference.stdin.write(f"{options.seconds}\n")
+            reference.stdin.flush()
+            answer = reference.stdout.readline() or sys.exit("the reference stopped; its message stands above")
+            for name, times in json.loads(answer).items():
+                theirs.setdefault(name, []).append({"best_s": min(times), "median_s": statistics.median(times)})
+            own = subprocess.run([binary, str(options.seconds)], stdout=subprocess.PIPE, check=True)
+            for measured in json.loads(own.stdout):
+                ours.setdefault(measured["solver"], []).append(measured)
+        reference.stdin.close()
+    rows = compare(ours, theirs)
+    print(report(rows))
+    if options.json:
+        options.json.write_text(json.dumps({"solvers": rows, "load": os.getloadavg()}, indent=2) + "\n")
+    sys.exit(1 if options.check and any(row["met"] is False for row in rows) else 0)
+
+
+def make_environment(folder):
+    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    if not python.exists():
+        venv.create(folder, with_pip=True)
+        requirements = HERE / "requirements-two-room-v2.txt"
+        subprocess.run([python, "-m", "pip", "install", "--quiet", "--no-deps", "-r", requirements], check=True)
+    return python
+
+
+def build():
+    command = ["cargo", "build", "--release", "--quiet", "-p", "swm-benches", "--bin", "solve-times"]
+    subprocess.run(command, cwd=ROOT, check=True)
+    metadata = subprocess.check_output(["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT)
+    name = "solve-times.exe" if os.name == "nt" else "solve-times"
+    return Path(json.loads(metadata)["target_directory"]) / "release" / name
+
+
+def compare(ours, theirs):
+    """One row per solver: the quickest plan of all rounds, and the middle of the rounds' medians, on both sides."""
+
+    def times(rounds):
+        if not rounds:
+            return None
+        return {
+            "best_s": min(measured["best_s"] for measured in rounds),
+            "median_s": statistics.median(measured["median_s"] for measured in rounds),
+        }
+
+    rows = []
+    for name, rounds in ours.items():
+        own, other, target = times(rounds), times(theirs.get(name)), TARGETS.get(name)
+        ratio = {key: other[key] / own[key] for key in own} if other else None
+        met = None if target is None or ratio is None else ratio["best_s"] >= target
+        rows.append({"solver": name, "here": own, "reference": other, "ratio": ratio, "target": target, "met": met})
+    return rows
+
+
+def report(rows):
+    lines = ["Milliseconds of processor time per plan: the quickest (the median)"]
+    lines.append(f"{'solver':22}{'reference':>20}{'here':>20}{'ratio':>9}{'of medians':>12}  target")
+
+    def cell(times):
+        return f"{1e3 * times['best_s']:.2f} ({1e3 * times['median_s']:.2f})" if times else "-"
+
+    for row in rows:
+        ratio, target = row["ratio"], row["target"]
+        numbers = [f"{ratio[key]:.1f}" if ratio else "-" for key in ("best_s", "median_s")]
+        wanted = f"  >= {target} {'met' if row['met'] else 'MISSED'}" if target else ""
+        cells = f"{cell(row['reference']):>20}{cell(row['here']):>20}{numbers[0]:>9}{numbers[1]:>12}"
+        lines.append(f"{row['solver']:22}{cells}{wanted}")
+    lines.append(f"load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+//! A planning problem whose cost is next to nothing, for every solver: what is left is the solver itself.
+
+use anyhow::{Context as _, Result};
+use serde_json::{Map, json};
+use swm_core::{Dtype, EpisodeSeed, Space};
+use swm_solvers::{
+    Candidates, Cost, DifferentiableCost, Moment, NoTrace, Plan, PlanError, PlanKey, Problem, SOLVERS,
+    Solver, Workspace, plan_width,
+};
+
+/// H: blocks of a plan.
+const HORIZON: usize = 10;
+
+/// The distance of a plan's first number from a half.
+#[derive(Clone, Copy, Debug)]
+pub struct FreeCost;
+
+impl Cost for FreeCost {
+    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+        Ok(())
+    }
+
+    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+        for (plan, cost) in candidates.plans().zip(costs) {
+            *cost = f64::from((plan[0] - 0.5).abs());
+        }
+        Ok(())
+    }
+
+    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
+        Some(self)
+    }
+}
+
+impl DifferentiableCost for FreeCost {
+    fn evaluate_with_gradient(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        gradient.fill(0.0);
+        let gradients = gradient.chunks_exact_mut(candidates.horizon * candidates.width);
+        for ((plan, cost), gradient) in candidates.plans().zip(costs).zip(gradients) {
+            *cost = f64::from((plan[0] - 0.5).abs());
+            gradient[0] = (plan[0] - 0.5).signum();
+        }
+        Ok(())
+    }
+}
+
+/// One solver with the settings of the comparison (300 candidates, 30 iterations, where it has such settings) and what
+/// it needs to plan 10 blocks of 2 real numbers, or of one of 5 categories.
+pub struct SolveCase {
+    /// The solver's name.
+    pub name: &'static str,
+    solver: Box<dyn Solver>,
+    action: Space,
+    keys: Vec<PlanKey>,
+    initial: Vec<f32>,
+    workspace: Workspace,
+    /// The result of the last solve.
+    pub plan: Plan,
+}
+
+impl SolveCase {
+    /// Every solver that can plan for [`FreeCost`], for `episodes` episodes at once.
+    pub fn all(episodes: usize) -> Result<Vec<Self>> {
+        let mut cases = Vec::new();
+        for entry in SOLVERS {
+            let wanted = [("samples", json!(300)), ("iterations", json!(30))];
+            let known = wanted.into_iter().filter(|(name, _)| entry.settings.iter().any(|s| s.name == *name));
+            let settings: Map<_, _> = known.map(|(name, value)| (name.to_owned(), value)).collect();
+            let solver = (entry.make)(settings).with_context(|| format!("settings of {}", entry.name))?;
+            let spaces =
+                [Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), Space::Discrete { n: 5, start: 0 }];
+            let Some(action) = spaces.into_iter().find(|space| solver.check(space).is_ok()) else {
+                continue;
+            };
+            let key = |episode| PlanKey { episode, seed: EpisodeSeed::of(1, episode), plan: 0 };
+            let mut case = Self {
+                name: entry.name,
+                solver,
+                keys: (0..episodes as u64).map(key).collect(),
+                initial: vec![0.0; episodes * HORIZON * plan_width(&action)],
+                action,
+                workspace: Workspace::new(),
+                plan: Plan::new(),
+            };
+            // A solver may need to know more of its model than a cost.
+            if case.solve().is_ok() {
+                cases.push(case);
+            }
+        }
+        Ok(cases)
+    }
+
+    /// Plans once.
+    pub fn solve(&mut self) -> Result<(), PlanError> {
+        let problem = Problem {
+            keys: &self.keys,
+            horizon: HORIZON,
+            action_block: 1,
+            action: &self.action,
+            initial: &self.initial,
+            memory: &[],
+        };
+        self.solver.solve(&problem, &mut FreeCost, &mut self.workspace, &mut NoTrace, &mut self.plan)
+    }
+}
