@@ -1,6 +1,11 @@
 //! Tables in the docs are those of the code. `SWM_UPDATE_DOCS=1` writes them.
 
+use std::fmt::Write as _;
+use std::path::Path;
+
+use swm::core::registry::Setting;
 use swm::core::{EnvConfig, Registry};
+use swm::solvers::{PlanConfig, SOLVERS, Settings as _, SimulatorOptions};
 
 use crate::support::root;
 
@@ -8,6 +13,48 @@ use crate::support::root;
 fn factor_table(registry: &Registry, id: &str) -> String {
     let env = (registry.env(id).expect("it exists").make)(&EnvConfig::default()).expect("defaults are valid");
     swm::fov::markdown(&env.spec().factors)
+}
+
+fn write_or_compare(path: &Path, found: &str, current: &str) {
+    if std::env::var_os("SWM_UPDATE_DOCS").is_some() {
+        std::fs::write(path, current).expect("docs can be written");
+    } else {
+        assert!(found == current, "{} is outdated; run this test with SWM_UPDATE_DOCS=1", path.display());
+    }
+}
+
+/// A Markdown table of settings.
+fn settings_table(settings: &[Setting]) -> String {
+    let mut table = "| setting | default | what it does |\n|---|---|---|\n".to_owned();
+    for setting in settings {
+        let _ = writeln!(table, "| `{}` | `{}` | {} |", setting.name, setting.default, setting.doc);
+    }
+    table
+}
+
+/// `text` with `content` between the marker `name` and the next end marker.
+fn with_table(text: &str, name: &str, content: &str) -> String {
+    let marker = format!("<!-- {name} -->\n");
+    let (head, rest) = text.split_once(&marker).expect("the marker is there");
+    let (_, tail) = rest.split_once("<!-- end -->").expect("the table ends");
+    format!("{head}{marker}{content}<!-- end -->{tail}")
+}
+
+#[test]
+fn solver_tables_are_current() {
+    let path = root().join("docs/solvers.md");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let mut solvers = "| solver | what it does |\n|---|---|\n".to_owned();
+    for solver in SOLVERS {
+        let _ = writeln!(solvers, "| [`{0}`](#{0}) | {1} |", solver.name, solver.summary);
+    }
+    for solver in SOLVERS {
+        let _ = write!(solvers, "\n### {}\n\n{}", solver.name, settings_table(solver.settings));
+    }
+    let current = with_table(&text, "solvers", &solvers);
+    let current = with_table(&current, "plan settings", &settings_table(PlanConfig::SETTINGS));
+    let current = with_table(&current, "simulator settings", &settings_table(SimulatorOptions::SETTINGS));
+    write_or_compare(&path, &text, &current);
 }
 
 #[test]
@@ -22,11 +69,7 @@ fn factor_tables_are_current() {
         let (_, tail) = rest.split_once("<!-- end -->").expect("the table ends");
         let current =
             format!("{head}<!-- factors of {id} -->\n{}<!-- end -->{tail}", factor_table(&registry, id));
-        if std::env::var_os("SWM_UPDATE_DOCS").is_some() {
-            std::fs::write(&path, &current).unwrap();
-        } else {
-            assert!(text == current, "{} is outdated; run this test with SWM_UPDATE_DOCS=1", path.display());
-        }
+        write_or_compare(&path, &text, &current);
         pages += 1;
     }
     assert!(pages > 0, "no page of an environment has a factor table");

@@ -8,4 +8,5 @@ mod crash;
 mod determinism;
 mod docs;
 mod interop;
+mod planning;
 mod support;

@@ -6,3 +6,8 @@ pub mod golden;
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
 pub struct Readme;
+
+/// The examples of the page about planning, too.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/solvers.md")]
+pub struct Planning;

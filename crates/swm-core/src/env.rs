@@ -49,6 +49,21 @@ pub trait Env: Send + Sync {
     fn task_cost(&self) -> Option<f64> {
         None
     }
+
+    /// Where the things that move are in the picture, so that their paths can be drawn over it. Always the same
+    /// things in the same order; none if the environment does not say.
+    fn places(&self) -> Vec<Place> {
+        Vec::new()
+    }
+}
+
+/// Where something is in the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// What it is: `agent`.
+    pub name: &'static str,
+    /// Fractions of the picture's width and height, from its top left corner.
+    pub at: [f64; 2],
 }
 
 /// One step of a world with frame skip: the action is applied `times` times, or until it ends the episode or the

@@ -26,7 +26,9 @@ pub mod world;
 
 pub use batch::{Batch, Column, Dtype, Field, FieldKind, Row, RowsMut, Schema, Slice, SliceMut, Value};
 pub use dataset::{EpisodeSink, EpisodeSource, Metadata};
-pub use env::{Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, ImageSize, Outcome, ResetOptions};
+pub use env::{
+    Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, ImageSize, Outcome, Place, ResetOptions,
+};
 pub use error::{BatchError, BoxError, EnvError, PolicyError, UnknownName, WorldError};
 pub use evaluate::{EvalOptions, Evaluation};
 pub use policy::{Actions, Actor, LiveEpisode, PerEpisode, Policy, RowView, View};

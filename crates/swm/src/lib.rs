@@ -20,6 +20,7 @@
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod film;
+pub mod plan;
 pub mod replay;
 pub mod report;
 

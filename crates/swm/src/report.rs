@@ -40,16 +40,26 @@ pub fn write_report(
     write_sheet(&sheet, scenes.iter().map(|(_, scene)| *scene))?;
     written.push(sheet);
     for (index, scene) in scenes {
-        let outcome = match scene.end.and_then(|end| end.success) {
-            Some(true) => "success",
-            Some(false) => "failure",
-            None => "episode",
-        };
-        let path = dir.join(format!("episode_{index:03}_{outcome}.{}", film_format.extension()));
-        enlarged(&scene.clip).save(&path)?;
-        written.push(path);
+        written.push(save_film(dir, index, scene, film_format)?);
     }
     Ok(written)
+}
+
+/// Saves the film of an episode under a name that says how it ended.
+pub(crate) fn save_film(
+    dir: &Path,
+    episode: u64,
+    scene: &Scene,
+    format: Format,
+) -> Result<PathBuf, BoxError> {
+    let outcome = match scene.end.and_then(|end| end.success) {
+        Some(true) => "success",
+        Some(false) => "failure",
+        None => "episode",
+    };
+    let path = dir.join(format!("episode_{episode:03}_{outcome}.{}", format.extension()));
+    enlarged(&scene.clip).save(&path)?;
+    Ok(path)
 }
 
 /// The clip at a size that players do not blur, unless it is so elongated that this would be huge.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use swm_core::env::{PIXELS, ResetOptions};
 use swm_core::{
     Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, ImageSize, Outcome,
-    RowsMut, Slice, Space, Value,
+    Place, RowsMut, Slice, Space, Value,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 use swm_render::{Geometry, Renderer};
@@ -329,7 +329,18 @@ impl<E: Engine> Env for PushT<E> {
     fn task_cost(&self) -> Option<f64> {
         Some(goal::task_cost(&self.sim, &self.goal))
     }
+
+    fn places(&self) -> Vec<Place> {
+        let at = |name, [x, y]: [f64; 2]| Place { name, at: [x / WORLD_SIDE, y / WORLD_SIDE] };
+        vec![
+            at("agent", self.sim.position(BodyId::Agent)),
+            at("block", self.sim.center_of_gravity(BodyId::Block)),
+        ]
+    }
 }
+
+/// Side of the square that the picture shows, in pixels of the reference.
+const WORLD_SIDE: f64 = 512.0;
 
 impl Picture {
     fn new(size: ImageSize, settings: &Settings, fov: &Fov, setup: &Setup) -> Result<Self, String> {

@@ -10,9 +10,11 @@ mod envs;
 mod eval;
 mod inspect;
 mod output;
+mod plan;
 mod policies;
 mod render;
 mod replay;
+mod solvers;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -44,6 +46,8 @@ enum Command {
     Inspect(inspect::Inspect),
     Replay(replay::Replay),
     Eval(eval::Eval),
+    Plan(plan::Plan),
+    Solvers(solvers::Solvers),
     Render(render::Render),
     Bench(bench::Bench),
     /// Print a completion script for a shell.
@@ -79,6 +83,8 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         Command::Inspect(command) => command.run(&output),
         Command::Replay(command) => command.run(registry, &output),
         Command::Eval(command) => command.run(registry, &output),
+        Command::Plan(command) => command.run(registry, &output),
+        Command::Solvers(command) => command.run(&output),
         Command::Render(command) => command.run(registry, &output),
         Command::Bench(command) => command.run(registry, &output),
         Command::Completions { shell } => {

@@ -1,0 +1,292 @@
+//! `swm plan`: watch a planner at work.
+
+use std::fs::{self, File};
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+use swm_core::error::{BoxError, did_you_mean, nearest};
+use swm_core::{
+    EnvConfig, EnvEntry, EpisodeEnd, LiveRow, PolicyContext, Recorder, Registry, Rollout, Scenario, World,
+};
+use swm_media::Format;
+use swm_solvers::{ActionMap, Detail, JsonLines, MpcPolicy, NoTrace, SOLVERS, Trace};
+
+use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs, policy_args};
+use super::output::table;
+use super::{Failure, Output, usage};
+use crate::film::Film;
+use crate::plan::{EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, write_report};
+
+/// Plan with a solver on the true simulator, carry the plans out, and show how they came about.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm plan swm/PushT-v1 --policy cem:samples=300,iterations=30,elites=30 --trace out
+  swm plan swm/PushT-v1 --policy cem:horizon=4,receding_horizon=2 --episodes 3 --budget 60 --trace out --details elites
+  swm plan swm/PushT-v1 --policy cem --plan-only --json
+
+With --trace, the folder gets index.html (open it in a browser), the figures as SVG files, a film per episode,
+result.json, and trace.jsonl: a line per iteration of every plan. `swm solvers` lists the solvers.")]
+pub(super) struct Plan {
+    #[command(flatten)]
+    env: EnvArgs,
+    /// The solver with its settings: NAME, NAME:KEY=VALUE,… or NAME:@FILE; `swm solvers NAME` lists them.
+    #[arg(long)]
+    policy: String,
+    /// Episodes to plan for, one after the other.
+    #[arg(long, default_value_t = 1)]
+    episodes: u64,
+    /// Seed of starts, goals and noise.
+    #[arg(long, default_value_t = 42)]
+    seed: u64,
+    /// Actions allowed per episode.
+    #[arg(long, default_value_t = 100)]
+    budget: u64,
+    /// Make the first plan of each episode only, and take no more than its first action.
+    #[arg(long, conflicts_with = "budget")]
+    plan_only: bool,
+    /// A new folder for the trace, figures, films and a page that shows them.
+    #[arg(long, value_name = "DIR")]
+    trace: Option<PathBuf>,
+    /// With --trace: replace what is in the folder.
+    #[arg(long, requires = "trace")]
+    overwrite: bool,
+    /// With --trace: what trace.jsonl holds of each iteration.
+    #[arg(long, value_enum, default_value_t, requires = "trace")]
+    details: DetailArg,
+    /// With --trace: plans to draw, the first ones.
+    #[arg(long, default_value_t = 6)]
+    drawn: usize,
+    /// With --trace: kind of film. Default: mp4 where this build can make it.
+    #[arg(long, value_parser = ["mp4", "gif"])]
+    film_format: Option<String>,
+    /// With --trace: picture size, or `none`.
+    #[arg(long, default_value = "224x224")]
+    image_size: ImageArg,
+    /// Threads; results do not depend on it. Default: one per core.
+    #[arg(long, value_name = "T")]
+    threads: Option<usize>,
+    /// How often each action is applied per step.
+    #[arg(long, default_value_t = 1, value_name = "F")]
+    frame_skip: u32,
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+}
+
+/// How much of each iteration is written.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum DetailArg {
+    /// Its figures.
+    #[default]
+    Figures,
+    /// Also the elites and the search distribution.
+    Elites,
+    /// Also every candidate: megabytes per plan.
+    Candidates,
+}
+
+/// Elites of an iteration that are drawn.
+const DRAWN_ELITES: usize = 16;
+/// Plans that the summary for people lists.
+const LISTED: usize = 20;
+
+impl Plan {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        if self.episodes == 0 {
+            return Err(usage("0 episodes asked for; use 1 or more"));
+        }
+        let entry = self.env.entry(registry)?;
+        let image = self.trace.as_ref().and(self.image_size.0);
+        let format = film_format(self.film_format.as_deref())?;
+        let config = self.env.config(image)?;
+        let planner = self.planner(registry, entry, &config)?;
+        let options = self.scenario.options()?;
+        let budget = if self.plan_only { 1 } else { self.budget };
+        let args = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: Some(self.frame_skip) };
+        let mut world = World::new(entry, args.options(config.clone(), budget))?;
+        let actions = planner.actions(&world.spec().action)?;
+        let lines = self.open_trace()?.map(|lines| Arc::new(Mutex::new(lines)));
+        let trace: Box<dyn Trace> = match &lines {
+            Some(lines) => Box::new(Arc::clone(lines)),
+            None => Box::new(NoTrace),
+        };
+        let (policy, session) = Watched::new(planner, DRAWN_ELITES, trace);
+        world.set_policy(policy);
+        let bar = output.bar(self.episodes * budget, "steps");
+        let mut film = Film::first(if image.is_some() { self.episodes } else { 0 });
+        let mut watch = (&mut film, Episodes { bar: bar.clone(), list: Vec::new() });
+        let rollout =
+            Rollout { episodes: 0..self.episodes, seed: self.seed, scenario: Scenario::Same(&options) };
+        let started = Instant::now();
+        let ran = world.run(&rollout, &mut watch);
+        bar.finish_and_clear();
+        let finished = lines.map(|lines| lines.lock().unwrap_or_else(PoisonError::into_inner).finish());
+        ran?;
+        if let (Some(Err(error)), Some(dir)) = (finished, &self.trace) {
+            return Err(format!("cannot write to the folder {}: {error}", dir.display()).into());
+        }
+        let Episodes { list, .. } = watch.1;
+        let session = session.lock().unwrap_or_else(PoisonError::into_inner);
+        let summary = PlanSummary {
+            env: entry.id.to_owned(),
+            policy: world.policy_description().unwrap_or_default(),
+            seed: self.seed,
+            frame_skip: self.frame_skip,
+            episodes: list,
+            plans: PlanFigures::of(&session),
+            wall_time_s: started.elapsed().as_secs_f64(),
+        };
+        let written = match &self.trace {
+            Some(dir) => {
+                let (film, session, summary) = (&film, &*session, &summary);
+                let (config, actions, drawn): (_, &ActionMap, _) = (&config, &actions, self.drawn);
+                write_report(dir, &Report { entry, config, actions, session, summary, film, format, drawn })
+            }
+            None => Ok(Vec::new()),
+        };
+        let page = written.as_ref().ok().and_then(|files| files.first());
+        output.result(&summary, || text(&summary, page.map(PathBuf::as_path)))?;
+        written.map(drop).map_err(Failure::from)
+    }
+
+    fn planner(&self, registry: &Registry, env: &EnvEntry, config: &EnvConfig) -> Result<MpcPolicy, Failure> {
+        let args = policy_args(&self.policy)?;
+        let names = || SOLVERS.iter().map(|solver| solver.name);
+        let Some(solver) = SOLVERS.iter().find(|solver| solver.name == args.name) else {
+            let all = names().collect::<Vec<_>>().join(", ");
+            if registry.policies(env).any(|policy| policy.name == args.name) {
+                let reason = format!("the policy `{}` makes no plans; solvers that do are {all}", args.name);
+                return Err(usage(reason));
+            }
+            let near = nearest(&args.name, names());
+            let meant = did_you_mean(near.as_deref());
+            return Err(usage(format!("unknown solver `{}`{meant}; `swm solvers` lists them", args.name)));
+        };
+        let config = EnvConfig { image: None, ..config.clone() };
+        Ok((solver.planner)(&PolicyContext { env, config: &config, frame_skip: self.frame_skip }, &args)?)
+    }
+
+    /// Where the lines of the trace go; nowhere without `--trace`. Makes the folder.
+    fn open_trace(&self) -> Result<Option<JsonLines<BufWriter<File>>>, Failure> {
+        let detail = match self.details {
+            DetailArg::Figures => Detail::Figures,
+            DetailArg::Elites => Detail::Elites,
+            DetailArg::Candidates => Detail::Candidates,
+        };
+        let Some(dir) = &self.trace else { return Ok(None) };
+        let failed = |error| usage(format!("cannot write to the folder {}: {error}", dir.display()));
+        prepare_folder(dir, self.overwrite)?;
+        let file = File::create(dir.join("trace.jsonl")).map_err(failed)?;
+        Ok(Some(JsonLines::new(BufWriter::new(file), detail)))
+    }
+}
+
+/// Makes the folder, or empties it of an earlier report: of nothing else.
+fn prepare_folder(dir: &Path, overwrite: bool) -> Result<(), Failure> {
+    let failed = |error| usage(format!("cannot write to the folder {}: {error}", dir.display()));
+    fs::create_dir_all(dir).map_err(failed)?;
+    let files: Vec<PathBuf> = fs::read_dir(dir)
+        .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect())
+        .map_err(failed)?;
+    if files.is_empty() {
+        return Ok(());
+    }
+    if !overwrite {
+        let reason = "is not empty; give a new one, or --overwrite to replace an earlier trace in it";
+        return Err(usage(format!("the folder {} {reason}", dir.display())));
+    }
+    if !dir.join("trace.jsonl").is_file() {
+        let reason = "holds no earlier trace (trace.jsonl), so nothing in it is replaced; give a new one";
+        return Err(usage(format!("the folder {} {reason}", dir.display())));
+    }
+    let ours = |path: &&PathBuf| {
+        let name = path.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
+        ["index.html", "costs.svg", "result.json", "trace.jsonl"].contains(&name.as_ref())
+            || (name.starts_with("episode_")
+                && [".svg", ".gif", ".mp4"].iter().any(|end| name.ends_with(end)))
+    };
+    files.iter().filter(ours).try_for_each(fs::remove_file).map_err(failed)
+}
+
+fn film_format(asked: Option<&str>) -> Result<Format, Failure> {
+    match asked {
+        Some("gif") => Ok(Format::Gif),
+        None if !Format::Mp4.is_built() => Ok(Format::Gif),
+        _ if Format::Mp4.is_built() => Ok(Format::Mp4),
+        _ => Err(usage(
+            "this build has no MP4 encoder; use --film-format gif, or build with the feature `mp4`",
+        )),
+    }
+}
+
+/// A short summary for people.
+fn text(summary: &PlanSummary, page: Option<&Path>) -> String {
+    let cost = |cost: Option<f64>| cost.map_or("–".to_owned(), |cost| format!("{cost:.3}"));
+    let success = |episode: u64| {
+        let episode = summary.episodes.iter().find(|known| known.episode == episode);
+        episode.and_then(|episode| episode.success)
+    };
+    let last_of = |index: usize| {
+        summary.plans.get(index + 1).is_none_or(|next| next.episode != summary.plans[index].episode)
+    };
+    let outcome = |index: usize| match success(summary.plans[index].episode) {
+        _ if !last_of(index) => "",
+        Some(true) => "success",
+        Some(false) => "no success",
+        None => "",
+    };
+    let row = |(index, plan): (usize, &PlanFigures)| {
+        vec![
+            plan.episode.to_string(),
+            plan.plan.to_string(),
+            plan.step.to_string(),
+            cost(plan.first_best),
+            cost(plan.last_best),
+            cost(plan.cost),
+            format!("{:.3}", plan.wall_time_s),
+            outcome(index).to_owned(),
+        ]
+    };
+    let rows: Vec<_> = summary.plans.iter().enumerate().take(LISTED).map(row).collect();
+    let head =
+        ["episode", "plan", "at step", "first best", "last best", "cost of plan", "seconds", "episode ends"];
+    let more = match summary.plans.len().saturating_sub(LISTED) {
+        0 => String::new(),
+        more => format!("… and {more} more\n"),
+    };
+    let count = summary.plans.len();
+    let time: f64 = summary.plans.iter().map(|plan| plan.wall_time_s).sum();
+    let judged = summary.episodes.iter().filter(|episode| episode.success.is_some()).count();
+    let won = summary.episodes.iter().filter(|episode| episode.success == Some(true)).count();
+    let successes =
+        if judged > 0 { format!(", {won} of {judged} episodes successful") } else { String::new() };
+    let page = page.map(|page| format!("open {}\n", page.display())).unwrap_or_default();
+    format!(
+        "{}\n{}\n\n{}{more}\n{count} plans, {:.3} s each{successes}\n{page}",
+        summary.env,
+        summary.policy,
+        table(&head, &rows),
+        time / count.max(1) as f64,
+    )
+}
+
+/// Remembers how episodes end, and counts steps.
+struct Episodes {
+    bar: indicatif::ProgressBar,
+    list: Vec<EpisodeSummary>,
+}
+
+impl Recorder for Episodes {
+    fn step(&mut self, _row: &LiveRow<'_>) -> Result<(), BoxError> {
+        self.bar.inc(1);
+        Ok(())
+    }
+
+    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
+        self.list.push(EpisodeSummary { episode: end.index, steps: end.steps, success: end.success });
+        Ok(())
+    }
+}

@@ -1,0 +1,64 @@
+//! `swm solvers`: which solvers exist, and what can be set.
+
+use clap::Args;
+use serde_json::{Value as Json, json};
+use swm_core::error::{did_you_mean, nearest};
+use swm_core::registry::Setting;
+use swm_solvers::{PlanConfig, SOLVERS, Settings as _, SimulatorOptions, SolverEntry};
+
+use super::output::table;
+use super::{Failure, Output, usage};
+
+/// List planning solvers and their settings.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  swm solvers\n  swm solvers cem\n  swm solvers --json")]
+pub(super) struct Solvers {
+    /// Show one solver in full.
+    solver: Option<String>,
+}
+
+impl Solvers {
+    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+        let Some(name) = self.solver else {
+            let list: Vec<Json> = SOLVERS.iter().map(describe).collect();
+            let row = |solver: &SolverEntry| vec![solver.name.to_owned(), solver.summary.to_owned()];
+            let rows: Vec<_> = SOLVERS.iter().map(row).collect();
+            return output.result(&list, || table(&["solver", "what it does"], &rows));
+        };
+        let Some(solver) = SOLVERS.iter().find(|solver| solver.name == name) else {
+            let near = nearest(&name, SOLVERS.iter().map(|solver| solver.name));
+            let meant = did_you_mean(near.as_deref());
+            return Err(usage(format!("unknown solver `{name}`{meant}; `swm solvers` lists them")));
+        };
+        output.result(&describe(solver), || one(solver))
+    }
+}
+
+fn one(solver: &SolverEntry) -> String {
+    let settings = |title: &str, list: &[Setting]| {
+        let row = |s: &Setting| vec![s.name.to_owned(), s.default.to_owned(), s.doc.to_owned()];
+        table(&[title, "default", "what it does"], &list.iter().map(row).collect::<Vec<_>>())
+    };
+    format!(
+        "{}: {}\n\n{}\n{}\n{}\nExample: swm plan swm/PushT-v1 --policy {} --trace out\n",
+        solver.name,
+        solver.summary,
+        settings("setting", solver.settings),
+        settings("of the plan", PlanConfig::SETTINGS),
+        settings("of the simulator", SimulatorOptions::SETTINGS),
+        solver.name,
+    )
+}
+
+fn describe(solver: &SolverEntry) -> Json {
+    let settings = |list: &[Setting]| -> Vec<Json> {
+        list.iter().map(|s| json!({"name": s.name, "default": s.default, "doc": s.doc})).collect()
+    };
+    json!({
+        "name": solver.name,
+        "summary": solver.summary,
+        "settings": settings(solver.settings),
+        "plan_settings": settings(PlanConfig::SETTINGS),
+        "simulator_settings": settings(SimulatorOptions::SETTINGS),
+    })
+}

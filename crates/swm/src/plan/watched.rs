@@ -1,0 +1,97 @@
+//! A planner that is watched: the moments at which it plans are kept, to be simulated again.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use swm_core::env::PIXELS;
+use swm_core::{Actions, EnvState, Field, Policy, PolicyError, View};
+use swm_solvers::{Memory, MpcPolicy, Trace};
+
+/// A planner whose plans are kept with the moments they were made at. For a world of one environment.
+pub struct Watched {
+    planner: MpcPolicy,
+    session: Arc<Mutex<Session>>,
+}
+
+/// Everything that a watched planner did.
+#[derive(Debug, Default)]
+pub struct Session {
+    /// The plans.
+    pub memory: Memory,
+    /// Where each began: as many as plans.
+    pub starts: Vec<PlanStart>,
+}
+
+/// The moment at which a plan was made.
+#[derive(Debug)]
+pub struct PlanStart {
+    /// The step of the episode.
+    pub step: u64,
+    /// The state of the environment.
+    pub state: EnvState,
+    /// Its picture, `[H, W, 3]`, if there are pictures.
+    pub picture: Option<Vec<u8>>,
+    /// Seconds that planning took.
+    pub wall_time_s: f64,
+}
+
+/// Lets the planner write into the session.
+struct IntoSession(Arc<Mutex<Session>>);
+
+impl Trace for IntoSession {
+    fn begin(&mut self, solver: &'static str, problem: &swm_solvers::Problem<'_>) {
+        lock(&self.0).memory.begin(solver, problem);
+    }
+
+    fn iteration(&mut self, iteration: &swm_solvers::Iteration<'_>) {
+        lock(&self.0).memory.iteration(iteration);
+    }
+
+    fn end(&mut self, problem: &swm_solvers::Problem<'_>, plan: &swm_solvers::Plan) {
+        lock(&self.0).memory.end(problem, plan);
+    }
+}
+
+fn lock(session: &Mutex<Session>) -> MutexGuard<'_, Session> {
+    session.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Watched {
+    /// Watches `planner`; of every iteration up to `elites` elites are kept. `trace` sees everything too.
+    pub fn new(
+        planner: MpcPolicy,
+        elites: usize,
+        trace: impl Trace + 'static,
+    ) -> (Self, Arc<Mutex<Session>>) {
+        let session = Session { memory: Memory::new(elites), starts: Vec::new() };
+        let session = Arc::new(Mutex::new(session));
+        let planner = planner.with_trace((IntoSession(Arc::clone(&session)), trace));
+        (Self { planner, session: Arc::clone(&session) }, session)
+    }
+}
+
+impl Policy for Watched {
+    fn describe(&self) -> String {
+        self.planner.describe()
+    }
+
+    fn fields(&self) -> Vec<Field> {
+        self.planner.fields()
+    }
+
+    fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
+        let started = Instant::now();
+        self.planner.act(view, actions)?;
+        let wall_time_s = started.elapsed().as_secs_f64();
+        let mut session = lock(&self.session);
+        if session.memory.plans().len() > session.starts.len()
+            && let Some(row) = view.live().next().and_then(|row| view.row(row))
+        {
+            let mut state = EnvState::new();
+            row.snapshot(&mut state)?;
+            let picture = row.row.get::<u8>(PIXELS).ok().map(<[u8]>::to_vec);
+            session.starts.push(PlanStart { step: row.episode.step, state, picture, wall_time_s });
+        }
+        Ok(())
+    }
+}
