@@ -81,7 +81,7 @@ fn watching_changes_nothing_and_threads_leave_no_mark() {
 #[test]
 fn a_first_plan_can_be_looked_at_alone() {
     let text = swm_ok(&["plan", PUSHT, "--policy", QUICK, "--plan-only", "--quiet"]);
-    for part in [PUSHT, "samples=20", "cost of plan", "1 plans"] {
+    for part in [PUSHT, "samples=20", "cost of plan", "1 plan, "] {
         assert!(text.contains(part), "no `{part}` in\n{text}");
     }
 }

@@ -108,6 +108,8 @@ impl Plan {
         let args = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: Some(self.frame_skip) };
         let mut world = World::new(entry, args.options(config.clone(), budget))?;
         let actions = planner.actions(&world.spec().action)?;
+        // A scenario that cannot be is found out before the folder is made.
+        world.reset(self.seed, &options)?;
         let lines = self.open_trace()?.map(|lines| Arc::new(Mutex::new(lines)));
         let trace: Box<dyn Trace> = match &lines {
             Some(lines) => Box::new(Arc::clone(lines)),
@@ -265,10 +267,11 @@ fn text(summary: &PlanSummary, page: Option<&Path>) -> String {
         if judged > 0 { format!(", {won} of {judged} episodes successful") } else { String::new() };
     let page = page.map(|page| format!("open {}\n", page.display())).unwrap_or_default();
     format!(
-        "{}\n{}\n\n{}{more}\n{count} plans, {:.3} s each{successes}\n{page}",
+        "{}\n{}\n\n{}{more}\n{count} {}, {:.3} s each{successes}\n{page}",
         summary.env,
         summary.policy,
         table(&head, &rows),
+        if count == 1 { "plan" } else { "plans" },
         time / count.max(1) as f64,
     )
 }

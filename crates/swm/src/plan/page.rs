@@ -82,12 +82,13 @@ fn outcome(summary: &PlanSummary) -> String {
     let judged = summary.episodes.iter().filter_map(|episode| episode.success);
     let (count, won) = judged.fold((0, 0), |(count, won), success| (count + 1, won + u32::from(success)));
     let times: f64 = summary.plans.iter().map(|plan| plan.wall_time_s).sum();
-    let each = times / summary.plans.len().max(1) as f64;
+    let plans = summary.plans.len();
+    let each = times / plans.max(1) as f64;
     let success = if count > 0 { format!(", {won} of them successful") } else { String::new() };
     format!(
-        "{episodes} {}{success}; {} plans, {} s each.",
+        "{episodes} {}{success}; {plans} {}, {} s each.",
         if episodes == 1 { "episode" } else { "episodes" },
-        summary.plans.len(),
+        if plans == 1 { "plan" } else { "plans" },
         number(each),
     )
 }
