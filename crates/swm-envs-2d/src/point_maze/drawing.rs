@@ -57,6 +57,11 @@ impl Scale {
     }
 }
 
+/// Where a place of the maze is in the picture, as fractions of its sides.
+pub(super) fn in_picture(fov: &Fov, place: [f64; 2]) -> [f64; 2] {
+    Scale::new(layout(fov).size()).place(place).map(|px| px / CANVAS)
+}
+
 impl Look {
     /// `goal`: where to draw it, if it is to be drawn.
     pub(super) fn new(fov: &Fov, goal: Option<[f64; 2]>) -> Look {

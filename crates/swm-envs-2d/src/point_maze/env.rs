@@ -6,14 +6,14 @@ use std::sync::OnceLock;
 use serde::{Deserialize, Serialize};
 use swm_core::env::PIXELS;
 use swm_core::{
-    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, RowsMut, Slice,
-    Space, Value,
+    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, Place, RowsMut,
+    Slice, Space, Value,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 use swm_render::{Geometry, Renderer};
 
 use super::POINT_MAZE;
-use super::drawing::Look;
+use super::drawing::{Look, in_picture};
 use super::factors::{disc, factors_with, goal, layout, start};
 use super::layout::cell_at;
 use super::physics::{PointSim, STEP_S};
@@ -226,6 +226,10 @@ impl Env for PointMaze {
     }
 
     /// The way that is left to the goal after coasting to rest, as far as that goes along the way. Length.
+    fn places(&self) -> Vec<Place> {
+        vec![Place { name: "agent", at: in_picture(&self.fov, self.sim.position()) }]
+    }
+
     fn task_cost(&self) -> Option<f64> {
         let disc = disc(&self.fov);
         let ways = self.ways.get_or_init(|| Ways::new(layout(&self.fov), disc.radius, self.goal));

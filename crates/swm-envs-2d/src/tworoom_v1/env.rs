@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use swm_core::env::{PIXELS, ResetOptions};
 use swm_core::{
-    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, RowsMut, Slice,
-    Space, Value,
+    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, Place, RowsMut,
+    Slice, Space, Value,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 use swm_render::{Geometry, Renderer};
@@ -275,7 +275,15 @@ impl Env for TwoRoom {
     fn task_cost(&self) -> Option<f64> {
         Some(task_cost(&self.sim, self.goal))
     }
+
+    fn places(&self) -> Vec<Place> {
+        let Vec2 { x, y } = self.sim.position();
+        vec![Place { name: "agent", at: [x, y].map(|px| px / PICTURE_PX) }]
+    }
 }
+
+/// Side of the square that the picture shows, pixels.
+const PICTURE_PX: f64 = 512.0;
 
 impl Picture {
     fn new(size: ImageSize, settings: &Settings, look: Look) -> Result<Self, String> {
