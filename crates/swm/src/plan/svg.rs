@@ -175,7 +175,7 @@ pub(super) fn ticks([low, high]: [f64; 2], count: usize) -> Vec<f64> {
 /// A number as short as it stays clear.
 pub(super) fn number(value: f64) -> String {
     let size = value.abs();
-    let digits = if size >= 100.0 || size < 1e-9 { 0 } else { (2.0 - size.log10().floor()) as usize };
+    let digits = if (1e-9..100.0).contains(&size) { (2.0 - size.log10().floor()) as usize } else { 0 };
     let text = format!("{value:.digits$}");
     let short = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
     short.replace('-', "−")
