@@ -49,7 +49,9 @@ fn solver_tables_are_current() {
         let _ = writeln!(solvers, "| [`{0}`](#{0}) | {1} |", solver.name, solver.summary);
     }
     for solver in SOLVERS {
-        let _ = write!(solvers, "\n### {}\n\n{}", solver.name, settings_table(solver.settings));
+        let note = "Plans on models of the dynamics, not on the true simulator.\n\n";
+        let note = if solver.plans_on_simulator { "" } else { note };
+        let _ = write!(solvers, "\n### {}\n\n{note}{}", solver.name, settings_table(solver.settings));
     }
     let current = with_table(&text, "solvers", &solvers);
     let current = with_table(&current, "plan settings", &settings_table(PlanConfig::SETTINGS));

@@ -94,7 +94,8 @@ fn solvers_are_listed_with_their_settings() {
         assert_eq!(swm_json(&["solvers", name]), *solver);
         assert!(!solver["settings"].as_array().unwrap().is_empty());
         let page = swm_ok(&["solvers", name]);
-        assert!(page.contains("receding_horizon") && page.contains("success_bonus"), "{page}");
+        assert!(page.contains("receding_horizon"), "{page}");
+        assert_eq!(page.contains("success_bonus"), solver["plans_on_simulator"] == true, "{page}");
     }
     let message = swm_fails(2, &["solvers", "cme"]);
     assert!(message.contains("did you mean `cem`?"), "{message}");
@@ -113,6 +114,7 @@ fn wrong_requests_are_refused_before_anything_is_made() {
     };
     let with = |policy: &'static str| ["plan", PUSHT, "--policy", policy, "--trace", &out];
     says(&with("cme"), &["unknown solver `cme`", "did you mean `cem`?", "swm solvers"]);
+    says(&with("ilqr"), &["`ilqr` cannot plan on the true simulator", "cem"]);
     says(&with("weak"), &["`weak` makes no plans", "cem"]);
     says(&with("cem:samples=5,elites=9"), &["elites", "9 of 5 samples"]);
     says(&with("cem:horizon=2"), &["5 blocks of a plan of 2"]);

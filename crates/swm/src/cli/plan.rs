@@ -12,7 +12,7 @@ use swm_core::{
     EnvConfig, EnvEntry, EpisodeEnd, LiveRow, PolicyContext, Recorder, Registry, Rollout, Scenario, World,
 };
 use swm_media::Format;
-use swm_solvers::{ActionMap, Detail, JsonLines, MpcPolicy, NoTrace, SOLVERS, Trace};
+use swm_solvers::{ActionMap, Detail, JsonLines, MpcPolicy, NoTrace, SOLVERS, SolverEntry, Trace};
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs, policy_args};
 use super::output::table;
@@ -156,17 +156,7 @@ impl Plan {
 
     fn planner(&self, registry: &Registry, env: &EnvEntry, config: &EnvConfig) -> Result<MpcPolicy, Failure> {
         let args = policy_args(&self.policy)?;
-        let names = || SOLVERS.iter().map(|solver| solver.name);
-        let Some(solver) = SOLVERS.iter().find(|solver| solver.name == args.name) else {
-            let all = names().collect::<Vec<_>>().join(", ");
-            if registry.policies(env).any(|policy| policy.name == args.name) {
-                let reason = format!("the policy `{}` makes no plans; solvers that do are {all}", args.name);
-                return Err(usage(reason));
-            }
-            let near = nearest(&args.name, names());
-            let meant = did_you_mean(near.as_deref());
-            return Err(usage(format!("unknown solver `{}`{meant}; `swm solvers` lists them", args.name)));
-        };
+        let solver = find_planner(registry, env, &args.name)?;
         let config = EnvConfig { image: None, ..config.clone() };
         Ok((solver.planner)(&PolicyContext { env, config: &config, frame_skip: self.frame_skip }, &args)?)
     }
@@ -184,6 +174,27 @@ impl Plan {
         let file = File::create(dir.join("trace.jsonl")).map_err(failed)?;
         Ok(Some(JsonLines::new(BufWriter::new(file), detail)))
     }
+}
+
+/// The solver `name`, if it can plan on the true simulator.
+fn find_planner(registry: &Registry, env: &EnvEntry, name: &str) -> Result<&'static SolverEntry, Failure> {
+    let able = || SOLVERS.iter().filter(|solver| solver.plans_on_simulator);
+    if let Some(solver) = able().find(|solver| solver.name == name) {
+        return Ok(solver);
+    }
+    let all = able().map(|solver| solver.name).collect::<Vec<_>>().join(", ");
+    if SOLVERS.iter().any(|solver| solver.name == name) {
+        let reason = format!(
+            "the solver `{name}` cannot plan on the true simulator, it needs a model of the dynamics"
+        );
+        return Err(usage(format!("{reason}; solvers that can are {all}")));
+    }
+    if registry.policies(env).any(|policy| policy.name == name) {
+        return Err(usage(format!("the policy `{name}` makes no plans; solvers that do are {all}")));
+    }
+    let near = nearest(name, able().map(|solver| solver.name));
+    let meant = did_you_mean(near.as_deref());
+    Err(usage(format!("unknown solver `{name}`{meant}; `swm solvers` lists them")))
 }
 
 /// Makes the folder, or empties it of an earlier report: of nothing else.

@@ -39,15 +39,19 @@ fn one(solver: &SolverEntry) -> String {
         let row = |s: &Setting| vec![s.name.to_owned(), s.default.to_owned(), s.doc.to_owned()];
         table(&[title, "default", "what it does"], &list.iter().map(row).collect::<Vec<_>>())
     };
-    format!(
-        "{}: {}\n\n{}\n{}\n{}\nExample: swm plan swm/PushT-v1 --policy {} --trace out\n",
+    let head = format!(
+        "{}: {}\n\n{}\n{}",
         solver.name,
         solver.summary,
         settings("setting", solver.settings),
         settings("of the plan", PlanConfig::SETTINGS),
-        settings("of the simulator", SimulatorOptions::SETTINGS),
-        solver.name,
-    )
+    );
+    if !solver.plans_on_simulator {
+        return format!("{head}\nIt needs a model of the dynamics and cannot plan on the true simulator.\n");
+    }
+    let simulator = settings("of the simulator", SimulatorOptions::SETTINGS);
+    let example = format!("swm plan swm/PushT-v1 --policy {} --trace out", solver.name);
+    format!("{head}\n{simulator}\nExample: {example}\n")
 }
 
 fn describe(solver: &SolverEntry) -> Json {
@@ -59,6 +63,7 @@ fn describe(solver: &SolverEntry) -> Json {
         "summary": solver.summary,
         "settings": settings(solver.settings),
         "plan_settings": settings(PlanConfig::SETTINGS),
+        "plans_on_simulator": solver.plans_on_simulator,
         "simulator_settings": settings(SimulatorOptions::SETTINGS),
     })
 }
