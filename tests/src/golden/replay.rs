@@ -11,6 +11,7 @@ use swm::core::{
     ResetOptions, Schema, Value,
 };
 
+use super::doors;
 use super::file::{GoldenFile, Picture};
 use super::rules::{Pictures, Rules, Tolerance, Unit, placed_in_model};
 
@@ -64,6 +65,9 @@ pub fn check_file(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Resu
     let mut factors = file.factors.clone();
     let expected = (rules.adapt)(&mut factors);
     let mut run = Run::new(registry, rules, file)?;
+    if rules.env_id == doors::ENV {
+        doors::add_unrecorded(&mut run, rules, file, &mut factors)?;
+    }
     let options = run.start(rules, file, &factors)?;
     let tolerance = rules.tolerance[usize::from(!file.factors.is_empty())];
     let mut worst: BTreeMap<&str, Comparison> = BTreeMap::new();
@@ -184,9 +188,9 @@ fn compare_picture(
 }
 
 /// One environment and its row.
-struct Run {
+pub(super) struct Run {
     env: Box<dyn Env>,
-    row: Batch,
+    pub(super) row: Batch,
 }
 
 impl Run {
@@ -203,7 +207,7 @@ impl Run {
         Ok(Self { env, row })
     }
 
-    fn reset(&mut self, options: &ResetOptions) -> Result<()> {
+    pub(super) fn reset(&mut self, options: &ResetOptions) -> Result<()> {
         self.env.reset(&Episode { seed: EpisodeSeed::new(0), options })?;
         self.env.write_episode(&mut self.row.rows_mut());
         self.env.observe(&mut self.row.rows_mut());
@@ -233,7 +237,7 @@ impl Run {
     ///
     /// The recorded start is known only after the reset's own physics step, so the factors are corrected until the
     /// first rows agree; two or three rounds suffice.
-    fn start(
+    pub(super) fn start(
         &mut self,
         rules: &Rules,
         file: &GoldenFile,

@@ -57,6 +57,8 @@ pub enum Unit {
     Given,
     /// Reward: mixed units.
     Reward,
+    /// A share, 0 to 1.
+    Share,
 }
 
 /// Accepted absolute differences.
@@ -74,7 +76,7 @@ impl Tolerance {
     /// The accepted difference of a number.
     pub fn of(&self, unit: Unit) -> f64 {
         match unit {
-            Unit::Px | Unit::Reward => self.px,
+            Unit::Px | Unit::Reward | Unit::Share => self.px,
             Unit::Rad => self.rad,
             Unit::PxPerS => self.px_per_s,
             Unit::Given => 0.0,
@@ -89,6 +91,7 @@ pub fn rules(reference_id: &str) -> Option<&'static Rules> {
 
 const RULES: &[Rules] = &[
     PUSHT,
+    TWO_ROOM,
     TWO_ROOM_V2,
     CHEETAH,
     REACHER,
@@ -261,6 +264,28 @@ const PUSHT: Rules = Rules {
         ("info_n_contacts", "the recorded version divides by 1000 instead of 10 (operator precedence)"),
         ("terminated", "the recorded version accepts wrong angles: it does not wrap their difference"),
     ],
+};
+
+const TWO_ROOM: Rules = Rules {
+    reference_id: "swm/TwoRoom-v1",
+    env_id: "swm/TwoRoom-v1",
+    settings: |_| {},
+    compared: &[
+        ("obs_state", &[Unit::Px, Unit::Px, Unit::Given, Unit::Given, Unit::Given, Unit::Given]),
+        ("obs_proprio", &[Unit::Px; 2]),
+        ("info_n_contacts", &[Unit::Given]),
+        ("info_energy", &[Unit::Given]),
+        ("info_fraction_of_goal", &[Unit::Share]),
+        ("info_fraction_of_agent", &[Unit::Share]),
+        ("reward", &[Unit::Reward]),
+        ("goal_pos", &[Unit::Given; 2]),
+    ],
+    tolerance: [Tolerance { px: 1e-9, rad: 0.0, px_per_s: 0.0 }; 2],
+    // Not one pixel may differ.
+    equal_pixels: 1.0 - 1e-9,
+    starts: &[("obs_state", 0, "agent.position"), ("obs_state", 2, "goal.position")],
+    adapt: |_| Vec::new(),
+    expected_differences: &[],
 };
 
 /// The recorded version (January 2026): the T ignores `block.scale` and has scale 30, other shapes default to 40;
