@@ -1,6 +1,6 @@
 """Measures the Python reference, inside the virtual environment that world.py makes.
 
-Not started by hand: world.py starts it once and asks for one measurement per line, `{"case": ..., "seconds": ...}`;
+Not started by hand: world.py starts it once, with the environment's id, and asks for one measurement per line, `{"case": ..., "seconds": ...}`;
 each answer is one line, `{"count": steps or frames, "cpu_s": ..., "wall_s": ...}`. Resets of the step cases stand
 outside of the timed region; recording resets as it goes, as it does for its users.
 """
@@ -124,7 +124,9 @@ def bare(policy):
 
 
 def make_world(side, policy, limit):
-    world = swm.World("swm/PushT-v1", 1, (side, side), max_episode_steps=limit, verbose=0)
+    # The package's first release numbers the same TwoRoom as v0.
+    name = {"swm/TwoRoom-v1": "swm/TwoRoom-v0"}.get(ENV_ID, ENV_ID)
+    world = swm.World(name, 1, (side, side), max_episode_steps=limit, verbose=0)
     world.set_policy(WeakPolicy() if policy == "weak" else RandomPolicy(seed=0))
     return world
 
@@ -141,6 +143,22 @@ def world_steps(side, policy):
                 for _ in range(EPISODE_STEPS):
                     world.step()
             count += EPISODE_STEPS
+        return count, clock
+
+    return measure
+
+
+def world_resets(side, policy):
+    """`World.reset` with both pictures."""
+    world = make_world(side, policy, limit=EPISODE_STEPS)
+
+    def measure(seconds):
+        clock, count = Clock(), 0
+        while clock.cpu_s < seconds:
+            with clock:
+                for seed in range(count, count + 10):
+                    world.reset(seed=seed)
+            count += 10
         return count, clock
 
     return measure
@@ -163,9 +181,12 @@ def record(side, policy):
     return measure
 
 
+ENV_ID = sys.argv[1]
 CASES = {}
-for policy in ("random", "weak"):
-    CASES[f"step/bare/{policy}"] = bare(policy)
+for policy in ("random", "weak") if ENV_ID == "swm/PushT-v1" else ("random",):
+    if ENV_ID == "swm/PushT-v1":
+        CASES[f"step/bare/{policy}"] = bare(policy)
+    CASES[f"reset/64/{policy}"] = world_resets(64, policy)
     CASES[f"step/64/{policy}"] = world_steps(64, policy)
     CASES[f"step/224/{policy}"] = world_steps(224, policy)
     CASES[f"record/64/{policy}"] = record(64, policy)

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Runs PushT here and in the Python reference, side by side, and prints how many times faster this one is.
+"""Runs an environment here and in the Python reference, side by side, and prints how many times faster this one is.
 
-    python3 benches/peers/world.py [--rounds 5] [--json result.json]
+    python3 benches/peers/world.py [--env swm/TwoRoom-v1] [--rounds 5] [--json result.json]
 
 Installs the reference by name, version and hash into a virtual environment of its own, builds the release binaries, and
 then measures both in turns: each round asks the reference for every case, and this project for the same ones, so that
@@ -24,19 +24,34 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
-ENV_ID = "swm/PushT-v1"
-
-# (case here, case of the reference, least ratio wanted or None)
-PAIRS = [
-    ("step/bare", "step/bare", 15),
-    ("step/224/exact", "step/224", 7),
-    ("step/64/exact", "step/64", 10),
-    ("step/64/fast", "step/64", 40),
-    ("step/224/fast", "step/224", None),
-    ("record/64/exact", "record/64", 10),
-    ("record/64/fast", "record/64", 20),
-]
-POLICIES = ("random", "weak")
+# By environment: the policies that act, and (case here, case of the reference, least ratio wanted or None).
+ENVS = {
+    "swm/PushT-v1": {
+        "policies": ("random", "weak"),
+        "pairs": [
+            ("step/bare", "step/bare", 15),
+            ("step/224/exact", "step/224", 7),
+            ("step/64/exact", "step/64", 10),
+            ("step/64/fast", "step/64", 40),
+            ("step/224/fast", "step/224", None),
+            ("record/64/exact", "record/64", 10),
+            ("record/64/fast", "record/64", 20),
+        ],
+    },
+    "swm/TwoRoom-v1": {
+        "policies": ("random",),
+        "pairs": [
+            ("step/224/exact", "step/224", None),
+            ("step/64/exact", "step/64", 10),
+            ("step/64/fast", "step/64", 40),
+            ("step/224/fast", "step/224", None),
+            ("reset/64/exact", "reset/64", 30),
+            ("reset/64/fast", "reset/64", 30),
+            ("record/64/exact", "record/64", None),
+            ("record/64/fast", "record/64", None),
+        ],
+    },
+}
 PARALLEL_TARGET = 1.7
 
 
@@ -45,12 +60,13 @@ def main():
     python = make_environment(options.venv)
     swm, step_rates = binaries(options)
     result = {"machine": machine(), "load_at_start": os.getloadavg()}
-    with Reference(python) as reference:
+    with Reference(python, options.env) as reference:
         result["reference"] = reference.hello
         samples, runs = measure(options, reference, swm, step_rates)
     result["load_at_end"] = os.getloadavg()
     result["rates"] = {case: summary(rates) for case, rates in samples.items()}
-    result["ratios"] = ratios(result["rates"])
+    result["env"] = options.env
+    result["ratios"] = ratios(options.env, result["rates"])
     result["runs"] = [{**key_fields(key), **summary(rates)} for key, rates in runs.items()]
     result["parallel"] = parallel(result["runs"])
     print(report(result))
@@ -63,6 +79,7 @@ def main():
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
+    add("--env", choices=ENVS, default="swm/PushT-v1", help="what is measured")
     add("--venv", type=Path, default=ROOT / ".tools/peers/world", help="where the reference is installed")
     add("--swm", type=Path, help="the release binary `swm`; default: built by cargo")
     add("--step-rates", type=Path, help="the release binary `step-rates`; default: built by cargo")
@@ -110,9 +127,9 @@ def binaries(options):
 class Reference:
     """The process in which the reference is measured: a request per line, an answer per line."""
 
-    def __init__(self, python):
+    def __init__(self, python, env):
         self.process = subprocess.Popen(
-            [python, "-W", "ignore", HERE / "reference.py"],
+            [python, "-W", "ignore", HERE / "reference.py", env],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -152,8 +169,8 @@ class Rate:
 class Recording:
     """`swm collect` of one environment on one thread, with the processor time of the whole process."""
 
-    def __init__(self, swm, case, policy, seconds):
-        self.swm, self.policy, self.seconds = swm, policy, seconds
+    def __init__(self, swm, env, case, policy, seconds):
+        self.swm, self.env, self.policy, self.seconds = swm, env, policy, seconds
         _, side, self.style = case.split("/")
         self.size = f"{side}x{side}"
         self.episodes = 20
@@ -162,7 +179,7 @@ class Recording:
 
     def collect(self):
         with tempfile.TemporaryDirectory() as folder:
-            command = [self.swm, "--quiet", "collect", ENV_ID, "--json", "--out", Path(folder) / "own.h5"]
+            command = [self.swm, "--quiet", "collect", self.env, "--json", "--out", Path(folder) / "own.h5"]
             command += ["--policy", self.policy, "--episodes", str(self.episodes), "--image-size", self.size]
             command += ["--env-option", f"render={self.style}", "--num-envs", "1", "--threads", "1"]
             start = time.perf_counter()
@@ -183,26 +200,27 @@ class Recording:
 def measure(options, reference, swm, step_rates):
     """Rates by case, `ours/…` and `reference/…`, one per round; and those of `swm bench` by its parameters."""
     seconds = options.seconds
+    pairs, policies = ENVS[options.env]["pairs"], ENVS[options.env]["policies"]
     recordings = {
-        f"{case}/{policy}": Recording(swm, case, policy, seconds)
-        for case, _, _ in PAIRS
+        f"{case}/{policy}": Recording(swm, options.env, case, policy, seconds)
+        for case, _, _ in pairs
         if case.startswith("record/")
-        for policy in POLICIES
+        for policy in policies
     }
     samples, runs = {}, {}
     for number in range(1, options.rounds + 1):
         note(f"round {number} of {options.rounds}, load {os.getloadavg()[0]:.1f}")
-        for policy in POLICIES:
-            for theirs in sorted({theirs for _, theirs, _ in PAIRS}):
+        for policy in policies:
+            for theirs in sorted({theirs for _, theirs, _ in pairs}):
                 name = f"{theirs}/{policy}"
                 add(samples, f"reference/{name}", reference.rate(name, seconds))
-                for ours in (f"{ours}/{policy}" for ours, other, _ in PAIRS if other == theirs):
+                for ours in (f"{ours}/{policy}" for ours, other, _ in pairs if other == theirs):
                     if ours in recordings:
                         rate = recordings[ours].rate()
                     else:
-                        rate = Rate.of(json.loads(run([step_rates, str(seconds), ours], capture=True))[0])
+                        rate = Rate.of(json.loads(run([step_rates, str(seconds), ours, options.env], capture=True))[0])
                     add(samples, f"ours/{ours}", rate)
-        command = [swm, "--quiet", "bench", ENV_ID, "--json", "--seconds", str(options.bench_seconds)]
+        command = [swm, "--quiet", "bench", options.env, "--json", "--seconds", str(options.bench_seconds)]
         for line in json.loads(run(command, capture=True)):
             key = (line["image"] or "none", line["num_envs"], line["threads"])
             add(runs, key, Rate(None, line["steps_per_second"]))
@@ -222,11 +240,11 @@ def summary(rates):
     return result
 
 
-def ratios(rates):
+def ratios(env, rates):
     """Ours over the reference's, by medians and by bests, in processor time."""
     rows = []
-    for policy in POLICIES:
-        for ours, theirs, target in PAIRS:
+    for policy in ENVS[env]["policies"]:
+        for ours, theirs, target in ENVS[env]["pairs"]:
             own, other = rates[f"ours/{ours}/{policy}"], rates[f"reference/{theirs}/{policy}"]
             ratio = {
                 key: own[f"{key}_per_cpu_s"] / other[f"{key}_per_cpu_s"] for key in ("median", "best")
@@ -274,7 +292,7 @@ def report(result):
     lines.append("Per second of processor time, one environment, one thread: median (best) of the rounds")
     header = ["case, policy", "reference", "here", "ratio", "of bests", "wall", "target", ""]
     rows = []
-    by_case = {case: theirs for case, theirs, _ in PAIRS}
+    by_case = {case: theirs for case, theirs, _ in ENVS[result["env"]]["pairs"]}
     for row in result["ratios"]:
         own = rates[f"ours/{row['case']}/{row['policy']}"]
         other = rates[f"reference/{by_case[row['case']]}/{row['policy']}"]

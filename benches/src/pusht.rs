@@ -3,8 +3,8 @@
 use anyhow::{Context as _, Result};
 use rand::RngExt as _;
 use swm_core::{
-    Batch, Env, EnvConfig, EnvState, Episode, EpisodeSeed, ImageSize, PolicyArgs, PolicyContext, Registry,
-    ResetOptions, Schema, Slice, World, WorldOptions, seed,
+    Batch, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, ImageSize, PolicyArgs, PolicyContext,
+    Registry, ResetOptions, Schema, Slice, World, WorldOptions, seed,
 };
 use swm_envs_2d::ENVS;
 use swm_envs_2d::pusht::physics::BodyId;
@@ -72,11 +72,22 @@ impl Actions {
 
 /// A world of PushT without a time limit.
 pub fn world(picture: Picture, actions: Actions, num_envs: usize, threads: usize) -> Result<World> {
+    world_of(&PUSHT, picture, actions.name(), num_envs, threads)
+}
+
+/// A world of any environment, without a time limit of its own.
+pub fn world_of(
+    entry: &'static EnvEntry,
+    picture: Picture,
+    policy: &str,
+    num_envs: usize,
+    threads: usize,
+) -> Result<World> {
     let (env, threads) = (picture.config(), Some(threads));
-    let context = PolicyContext { env: &PUSHT, config: &env, frame_skip: 1 };
-    let policy = Registry::new().with_envs(ENVS).policy(&context, &PolicyArgs::parse(actions.name())?)?;
+    let context = PolicyContext { env: entry, config: &env, frame_skip: 1 };
+    let policy = Registry::new().with_envs(ENVS).policy(&context, &PolicyArgs::parse(policy)?)?;
     let options = WorldOptions { num_envs, env, threads, max_episode_steps: None, ..WorldOptions::default() };
-    let mut world = World::new(&PUSHT, options)?;
+    let mut world = World::new(entry, options)?;
     world.set_policy(policy);
     Ok(world)
 }

@@ -3,8 +3,8 @@
 
 use anyhow::{Context as _, Result};
 use serde::Serialize;
-use swm_benches::{Clock, EPISODE_STEPS, Elapsed, Picture};
-use swm_core::{EnvEntry, PolicyArgs, PolicyContext, Registry, ResetOptions, World, WorldOptions};
+use swm_benches::{Clock, EPISODE_STEPS, Elapsed, Picture, world_of};
+use swm_core::{Registry, ResetOptions};
 use swm_envs_2d::ENVS;
 
 /// One measurement, in processor time of one thread.
@@ -27,7 +27,7 @@ fn main() -> Result<()> {
     let mut measurements = Vec::new();
     for style in ["exact", "fast"] {
         let picture = Picture { side: 64, style };
-        let mut world = world(entry, picture)?;
+        let mut world = world_of(entry, picture, "random", 1, 1)?;
         let name = picture.name();
         measurements.push(repeat(
             format!("step/{name}"),
@@ -44,17 +44,6 @@ fn main() -> Result<()> {
     }
     println!("{}", serde_json::to_string_pretty(&measurements)?);
     Ok(())
-}
-
-/// One environment on one thread that acts at random, without a time limit.
-fn world(entry: &'static EnvEntry, picture: Picture) -> Result<World> {
-    let env = picture.config();
-    let context = PolicyContext { env: entry, config: &env, frame_skip: 1 };
-    let policy = Registry::new().with_envs(ENVS).policy(&context, &PolicyArgs::parse("random")?)?;
-    let options = WorldOptions { env, threads: Some(1), max_episode_steps: None, ..WorldOptions::default() };
-    let mut world = World::new(entry, options)?;
-    world.set_policy(policy);
-    Ok(world)
 }
 
 /// Repeats `work`, which counts for `each`, until its timed parts took `seconds`. The first time does not count.

@@ -1,19 +1,22 @@
-//! `step-rates [SECONDS [CASE]]`: how often per second one PushT environment steps, as JSON.
+//! `step-rates [SECONDS [CASE [ENV]]]`: how often per second one environment steps and resets, as JSON. PushT unless ENV
+//! says otherwise.
 //!
 //! The side of `peers/world.py` that runs in this process: the same cases as the reference's side in `reference.py`,
 //! with the resets outside of the timed region, in processor time. Rates of whole runs are `swm bench`'s.
 
 use anyhow::{Context as _, Result};
 use serde::Serialize;
-use swm_benches::{Actions, BareEnv, Clock, EPISODE_STEPS, Elapsed, Picture, world};
-use swm_core::ResetOptions;
+use swm_benches::{Actions, BareEnv, Clock, EPISODE_STEPS, Elapsed, Picture, world_of};
+use swm_core::{EnvEntry, ResetOptions};
+use swm_envs_2d::ENVS;
+use swm_envs_2d::pusht::PUSHT;
 
 /// One measurement.
 #[derive(Serialize)]
 struct Measurement {
     /// `step/bare/random`, `step/64/exact/weak`.
     case: String,
-    /// Steps taken.
+    /// Steps or resets.
     count: u64,
     #[serde(flatten)]
     elapsed: Elapsed,
@@ -24,17 +27,25 @@ fn main() -> Result<()> {
     let seconds =
         arguments.next().map_or(Ok(1.0), |text| text.parse()).context("SECONDS must be a number")?;
     let only = arguments.next();
+    let id = arguments.next().unwrap_or_else(|| PUSHT.id.to_owned());
+    let entry = ENVS.iter().find(|entry| entry.id == id).with_context(|| format!("no environment `{id}`"))?;
     let wanted = |case: &str| only.as_deref().is_none_or(|only| only == case);
     let mut measurements = Vec::new();
-    for actions in Actions::ALL {
+    // What else acts is PushT's own.
+    let actions = if id == PUSHT.id { &Actions::ALL[..] } else { &[Actions::Random] };
+    for &actions in actions {
         let case = format!("step/bare/{}", actions.name());
-        if wanted(&case) {
+        if id == PUSHT.id && wanted(&case) {
             measurements.push(bare(case, actions, seconds)?);
         }
         for picture in Picture::ALL {
             let case = format!("step/{}/{}", picture.name(), actions.name());
             if wanted(&case) {
-                measurements.push(world_steps(case, picture, actions, seconds)?);
+                measurements.push(world_steps(case, entry, picture, actions, seconds)?);
+            }
+            let case = format!("reset/{}/{}", picture.name(), actions.name());
+            if wanted(&case) {
+                measurements.push(world_resets(case, entry, picture, actions, seconds)?);
             }
         }
     }
@@ -53,11 +64,35 @@ fn bare(case: String, actions: Actions, seconds: f64) -> Result<Measurement> {
 }
 
 /// `World::step` of one environment: policy, step, picture, infos.
-fn world_steps(case: String, picture: Picture, actions: Actions, seconds: f64) -> Result<Measurement> {
-    let mut world = world(picture, actions, 1, 1)?;
+fn world_steps(
+    case: String,
+    entry: &'static EnvEntry,
+    picture: Picture,
+    actions: Actions,
+    seconds: f64,
+) -> Result<Measurement> {
+    let mut world = world_of(entry, picture, actions.name(), 1, 1)?;
     episodes(case, seconds, |episode, clock| {
         world.reset(episode, &ResetOptions::default())?;
         clock.time(|| (0..EPISODE_STEPS).try_for_each(|_| world.step()))?;
+        Ok(())
+    })
+}
+
+/// `World::reset` of one environment: factors, world, both pictures. As many as an episode has steps count as one.
+fn world_resets(
+    case: String,
+    entry: &'static EnvEntry,
+    picture: Picture,
+    actions: Actions,
+    seconds: f64,
+) -> Result<Measurement> {
+    let (mut world, options) = (world_of(entry, picture, actions.name(), 1, 1)?, ResetOptions::default());
+    episodes(case, seconds, |episode, clock| {
+        let first = episode * EPISODE_STEPS as u64;
+        clock.time(|| {
+            (first..first + EPISODE_STEPS as u64).try_for_each(|seed| world.reset(seed, &options))
+        })?;
         Ok(())
     })
 }

@@ -282,7 +282,7 @@ const TWO_ROOM: Rules = Rules {
     ],
     tolerance: [Tolerance { px: 1e-9, rad: 0.0, px_per_s: 0.0 }; 2],
     // Not one pixel may differ.
-    equal_pixels: 1.0 - 1e-9,
+    pictures: Pictures { equal_pixels: 1.0 - 1e-9, largest_difference: 0 },
     starts: &[("obs_state", 0, "agent.position"), ("obs_state", 2, "goal.position")],
     adapt: |_| Vec::new(),
     expected_differences: &[],
