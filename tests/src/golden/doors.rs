@@ -16,6 +16,9 @@ pub(super) const ENV: &str = "swm/TwoRoom-v1";
 const SCALE: f64 = 512.0 / 224.0;
 const BORDER: i64 = 9;
 const WALL: f64 = 247.0;
+/// Length of the wall, and of the longest door, canvas pixels.
+const WALL_LENGTH: i64 = 494;
+const LONGEST: i64 = 99;
 /// How far a door's ends may be from where the picture shows them, canvas pixels.
 const SEARCH: i64 = 4;
 
@@ -40,7 +43,9 @@ pub(super) fn add_unrecorded(
     let (first, last) = gap(picture, vertical).with_context(|| format!("{}: no door is seen", file.name))?;
     let mut best: Option<(usize, i64, i64)> = None;
     for start in (first - SEARCH).max(0)..=first + SEARCH {
-        for end in last - SEARCH..=last + SEARCH {
+        // Of a door that reaches beyond the wall's end, all lengths that do look and act alike.
+        let beyond = (last + 3 * SEARCH >= WALL_LENGTH).then_some(start + LONGEST);
+        for end in (last - SEARCH..=last + SEARCH).chain(beyond) {
             // The other doors do not exist; they keep the first one's values.
             let door = [("door.position", start), ("door.size", end - start)];
             for (name, value) in door {
@@ -56,8 +61,8 @@ pub(super) fn add_unrecorded(
         }
     }
     let (_, start, size) = best.with_context(|| format!("{}: no door fits the picture", file.name))?;
-    factors.insert("door.position".to_owned(), json!([start; 3]));
-    factors.insert("door.size".to_owned(), json!([size; 3]));
+    factors.insert("door.position".to_owned(), json!([start, start, start]));
+    factors.insert("door.size".to_owned(), json!([size, size, size]));
     Ok(())
 }
 
