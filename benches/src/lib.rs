@@ -8,5 +8,4 @@ mod pusht;
 
 pub use clock::{Clock, Elapsed};
 pub use planning::{FreeCost, SolveCase};
-pub use pusht::{Actions, BareEnv, EPISODE_STEPS, Picture, world};
 pub use pusht::{Actions, BareEnv, EPISODE_STEPS, Picture, world, world_of};
