@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::json;
 use swm_core::{
-    Batch, Env, EnvConfig, EnvState, Episode, EpisodeSeed, ImageSize, Outcome, ResetOptions, Schema, Slice,
-    Value,
+    Batch, Env, EnvConfig, EnvState, Episode, EpisodeSeed, Outcome, ResetOptions, Schema, Slice, Value,
 };
 use swm_envs_mujoco::{CHEETAH, FINGER};
 
@@ -208,9 +207,7 @@ fn bad_settings_and_actions_say_what_is_allowed() {
     says(&json!({"task": "fly"}), &["fly", "run-backward", "legs-up"]);
     says(&json!({"action_repeat": 0}), &["action_repeat 0", "1 to 1000"]);
     says(&json!({"on_divergence": "ignore"}), &["ignore", "error", "end"]);
-    let image = Some(ImageSize { height: 64, width: 64 });
-    let error = (CHEETAH.make)(&EnvConfig { image, ..EnvConfig::default() }).err().unwrap();
-    assert!(error.to_string().contains("--image-size none"), "{error}");
+    says(&json!({"renderer": "vulkan"}), &["vulkan", "software", "gl"]);
     let mut env = make(&json!({})).unwrap();
     reset(env.as_mut(), 0, &ResetOptions::default()).unwrap();
     let bad: [&[f64]; 3] = [&[0.0; 5], &[f64::NAN; 6], &[f64::INFINITY, 0.0, 0.0, 0.0, 0.0, 0.0]];
