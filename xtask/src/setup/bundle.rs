@@ -54,7 +54,7 @@ fn pack(file: &Path, wheels: &[(String, PathBuf)]) -> Result<u64> {
     Ok(file.metadata()?.len())
 }
 
-/// A file that [`write`] wrote.
+/// A file that [`write()`] wrote.
 pub(super) struct Bundle {
     path: PathBuf,
 }
