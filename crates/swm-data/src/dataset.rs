@@ -5,7 +5,7 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-use swm_core::{Batch, EpisodeSink, EpisodeSource, Metadata, SliceMut};
+use swm_core::{Batch, EpisodeSink, EpisodeSource, Field, Metadata, Slice, SliceMut};
 
 use crate::error::DataError;
 
@@ -106,6 +106,68 @@ impl FromStr for WriteMode {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let known = Self::ALL.into_iter().find(|mode| mode.name() == text);
         known.ok_or_else(|| format!("unknown write mode `{text}`; use append, overwrite or error"))
+    }
+}
+
+/// Refuses rows that an episode of `len` rows does not have, and an `out` of another size or type than they need.
+pub(crate) fn check_request(
+    path: &Path,
+    field: &Field,
+    episode: usize,
+    len: usize,
+    steps: Steps,
+    out: &SliceMut<'_>,
+) -> Result<(), DataError> {
+    let refuse = |reason| Err(DataError::request(path, reason));
+    if steps.stride == 0 || steps.end().is_none_or(|end| end > len) {
+        let Steps { first, count, stride } = steps;
+        return refuse(format!(
+            "episode {episode} has {len} rows, too few for {count} from row {first} on at a stride of {stride}"
+        ));
+    }
+    if out.dtype() != field.dtype || out.len() != steps.count * field.width() {
+        return refuse(format!(
+            "{} values of {} cannot hold {} rows of column `{}`, {} {:?}",
+            out.len(),
+            out.dtype(),
+            steps.count,
+            field.name,
+            field.dtype,
+            field.shape
+        ));
+    }
+    Ok(())
+}
+
+/// The column and the number of rows of its episode, if both exist.
+pub(crate) fn locate<'a>(
+    dataset: &'a (impl Dataset + ?Sized),
+    column: usize,
+    episode: usize,
+) -> Result<(&'a Field, usize), DataError> {
+    let refuse = |reason| Err(DataError::request(dataset.path(), reason));
+    let fields = dataset.schema().fields();
+    if episode >= dataset.num_episodes() {
+        return refuse(format!("episode {episode} of {} does not exist", dataset.num_episodes()));
+    }
+    match fields.get(column) {
+        Some(field) => Ok((field, dataset.episode_len(episode))),
+        None => refuse(format!("column {column} of {} does not exist", fields.len())),
+    }
+}
+
+/// Copies rows of `width` values from `source`, which begins at the episode's first row. The caller has checked that
+/// they exist and that `out` fits.
+pub(crate) fn copy_rows(source: Slice<'_>, width: usize, steps: Steps, mut out: SliceMut<'_>) {
+    const FITS: &str = "the caller has checked type and size";
+    if steps.stride == 1 {
+        assert!(out.copy_from(source.range(steps.first * width, steps.count * width)), "{FITS}");
+        return;
+    }
+    for row in 0..steps.count {
+        let (mut one, rest) = out.split_at(width);
+        out = rest;
+        assert!(one.copy_from(source.range((steps.first + row * steps.stride) * width, width)), "{FITS}");
     }
 }
 

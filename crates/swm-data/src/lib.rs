@@ -2,35 +2,42 @@
 //!
 //! * [`mod@format`]: the table of formats; [`open`] and [`create`] choose by content and by extension;
 //! * [`dataset`]: what an open dataset offers (random rows and strided windows of single columns), write modes;
-//! * [`loader`]: clips of `num_steps` rows at a `frameskip`, batched into a reused table, shuffled by (seed, epoch).
+//! * [`adapt`]: datasets made of datasets: subsets and splits, concatenation, columns merged, joined or cached;
+//! * [`memory`]: episodes in memory as a dataset;
+//! * [`loader`]: clips of `num_steps` rows at a `frameskip`, with sampled goals, read ahead into reused tables.
 //!
 //! Recording goes through the core: a [`DatasetWriter`] is an `EpisodeSink`, which `World::record_dataset` fills.
 //! This crate knows no environment and no solver.
 //!
 //! ```no_run
 //! use std::path::Path;
-//! use swm_data::loader::{ClipOptions, Loader};
+//! use swm_data::loader::{BatchOptions, ClipOptions, Loader};
 //!
 //! # fn main() -> Result<(), swm_data::DataError> {
 //! let dataset = swm_data::open(Path::new("pusht.h5"))?;
-//! let mut loader = Loader::new(dataset, &ClipOptions { num_steps: 4, frameskip: 5, ..Default::default() })?;
-//! let mut batch = loader.new_batch();
-//! let mut epoch = loader.epoch(64, Some((42, 0)));
-//! while epoch.next_into(&mut batch)? {
-//!     // batch.get::<u8>("pixels"): [64, 4, H, W, 3]; batch.get::<f32>("action"): [64, 4, 5 × A]
+//! let loader = Loader::new(dataset, &ClipOptions { num_steps: 4, frameskip: 5, ..Default::default() })?;
+//! let mut batches = loader.batches(&BatchOptions { size: 64, shuffle: Some(42), ..Default::default() })?;
+//! let mut batch = batches.new_batch();
+//! for _epoch in 0..10 {
+//!     while batches.next_batch(&mut batch)? {
+//!         // batch.get::<u8>("pixels"): [64, 4, H, W, 3]; batch.get::<f32>("action"): [64, 4, 5 × A]
+//!     }
 //! }
 //! # Ok(())
 //! # }
 //! ```
 
+pub mod adapt;
 pub mod dataset;
 pub mod error;
 pub mod format;
 mod formats;
 pub mod loader;
 mod lock;
+pub mod memory;
 
 pub use dataset::{Dataset, DatasetWriter, Steps, WriteMode};
 pub use error::DataError;
 pub use format::{FORMATS, Format, create, open};
-pub use loader::{ClipOptions, Loader};
+pub use loader::{BatchOptions, ClipOptions, Loader};
+pub use memory::MemoryDataset;

@@ -12,7 +12,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("swm-fov", &["swm-core"]),
     ("swm-envs-*", &["swm-core", "swm-fov", "swm-render"]),
     ("swm-solvers", &["swm-core"]),
-    ("swm-data", &["swm-core"]),
+    ("swm-data", &["swm-core", "swm-media", "swm-render"]),
     ("swm-baselines", &["swm-core", "swm-solvers", "swm-data"]),
     ("swm", &["swm-*"]),
     ("swm-tests", &["swm", "swm-*"]),
@@ -134,7 +134,7 @@ mod tests {
         assert_eq!(
             found,
             [
-                "swm-data: depends on swm-solvers; it may depend on: swm-core",
+                "swm-data: depends on swm-solvers; it may depend on: swm-core, swm-media, swm-render",
                 "swm-envs-2d: depends on swm-data; it may depend on: swm-core, swm-fov, swm-render",
                 "swm-solvers: depends on swm-envs-2d; it may depend on: swm-core",
                 "swm: depends on swm-tests; it may depend on: swm-*",

@@ -34,14 +34,19 @@ pub(super) struct ClipIndex {
 }
 
 impl ClipIndex {
-    /// Clips of `span` rows in episodes of these lengths.
-    pub(super) fn new(lengths: impl Iterator<Item = usize>, span: usize, clips: Clips) -> Self {
+    /// Clips of `span` rows in episodes of these lengths, without those whose episode ends less than `reach` rows after
+    /// their start.
+    pub(super) fn new(lengths: impl Iterator<Item = usize>, span: usize, reach: usize, clips: Clips) -> Self {
+        let reach = reach.max(span);
         let (mut episodes, mut len) = (Vec::new(), 0);
-        for (episode, rows) in lengths.enumerate().filter(|&(_, rows)| rows >= span) {
+        for (episode, rows) in lengths.enumerate().filter(|&(_, rows)| rows >= reach) {
             episodes.push((len, episode, rows));
             len += match clips {
-                Clips::Every => rows - span + 1,
-                Clips::Paper => PAPER_STARTS,
+                Clips::Every => rows - reach + 1,
+                // Starts grow with their number, so those that reach far enough come first.
+                Clips::Paper => {
+                    (0..PAPER_STARTS).filter(|&index| paper_start(index, rows - span) <= rows - reach).count()
+                }
             };
         }
         Self { clips, span, episodes, len }
@@ -83,7 +88,7 @@ mod tests {
     #[test]
     fn every_start_that_fits_and_no_other() {
         let lengths = [3, 1, 4];
-        let index = ClipIndex::new(lengths.into_iter(), 2, Clips::Every);
+        let index = ClipIndex::new(lengths.into_iter(), 2, 0, Clips::Every);
         let clips: Vec<_> = (0..index.len()).map(|i| index.get(i).unwrap()).collect();
         let expected = [(0, 0), (0, 1), (2, 0), (2, 1), (2, 2)];
         assert_eq!(clips, expected.map(|(episode, start)| Clip { episode, start }));
@@ -92,10 +97,18 @@ mod tests {
 
     #[test]
     fn the_paper_takes_fifty_starts_of_any_episode() {
-        let index = ClipIndex::new([101, 2].into_iter(), 2, Clips::Paper);
+        let index = ClipIndex::new([101, 2].into_iter(), 2, 0, Clips::Paper);
         assert_eq!(index.len(), 100);
         assert_eq!(index.get(49), Some(Clip { episode: 0, start: 99 }));
         assert_eq!(index.get(1), Some(Clip { episode: 0, start: 2 }));
         assert_eq!(index.get(99), Some(Clip { episode: 1, start: 0 }));
+    }
+
+    #[test]
+    fn clips_without_a_later_row_are_dropped() {
+        let index = ClipIndex::new([4, 3].into_iter(), 2, 4, Clips::Every);
+        assert_eq!((index.len(), index.get(0)), (1, Some(Clip { episode: 0, start: 0 })));
+        let index = ClipIndex::new([101].into_iter(), 2, 3, Clips::Paper);
+        assert_eq!(index.len(), 49);
     }
 }

@@ -1,7 +1,7 @@
 //! The windowed loader on our own recordings.
 
 use swm_core::Batch;
-use swm_data::loader::{ClipOptions, Loader, Pictures};
+use swm_data::loader::{BatchOptions, ClipOptions, Loader, Pictures};
 use swm_data::{WriteMode, open};
 
 use crate::support::{assert_same, contents, record};
@@ -67,37 +67,62 @@ fn channels_come_first_when_asked() {
 }
 
 #[test]
-fn an_epoch_shows_every_clip_once_whatever_the_threads() {
+fn batches_are_those_of_single_reads_whatever_the_threads() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");
     record(&path, WriteMode::Append, 0..4).unwrap();
     let pass = |threads, shuffle| {
         let options = ClipOptions { num_steps: 4, threads: Some(threads), ..ClipOptions::default() };
-        let mut loader = loader(&path, &options);
-        let mut batch = loader.new_batch();
-        let mut epoch = loader.epoch(32, shuffle);
-        let order = epoch.order().to_vec();
-        let mut batches: Vec<Batch> = Vec::new();
-        while epoch.next_into(&mut batch).unwrap() {
-            batches.push(batch.clone());
+        let loader = loader(&path, &options);
+        let batches = BatchOptions { size: 32, shuffle, epochs: Some(2), ..BatchOptions::default() };
+        let mut stream = loader.batches(&batches).unwrap();
+        let mut all: Vec<Batch> = Vec::new();
+        for _ in 0..2 {
+            all.extend(stream.by_ref().map(Result::unwrap));
         }
-        (order, batches)
+        assert!(stream.next().is_none());
+        all
     };
-    let (order, batches) = pass(1, Some((42, 3)));
+    let batches = pass(1, Some(42));
     let clips = 2 + 297 + 14;
-    assert_eq!(batches.iter().map(Batch::rows).sum::<usize>(), clips);
+    assert_eq!(batches.iter().map(Batch::rows).sum::<usize>(), 2 * clips);
     assert_eq!(batches.last().unwrap().rows(), clips % 32);
-    let mut sorted = order.clone();
-    sorted.sort_unstable();
-    assert_eq!(sorted, (0..clips).collect::<Vec<_>>());
-    let (again, parallel) = pass(3, Some((42, 3)));
-    assert_eq!(order, again);
-    for (a, b) in batches.iter().zip(&parallel) {
+    for (a, b) in batches.iter().zip(&pass(3, Some(42))) {
         assert_same(a, b);
     }
-    assert_ne!(order, pass(1, Some((42, 4))).0);
-    assert_ne!(order, pass(1, Some((43, 3))).0);
-    assert_eq!(pass(1, None).0, (0..clips).collect::<Vec<_>>());
+    let mut single = loader(&path, &ClipOptions { num_steps: 4, ..ClipOptions::default() });
+    let mut expected = single.new_batch();
+    for (number, batch) in pass(2, None).iter().take(10).enumerate() {
+        let clips: Vec<usize> = (32 * number..clips.min(32 * number + 32)).collect();
+        single.read(&clips, &mut expected).unwrap();
+        assert_same(batch, &expected);
+    }
+}
+
+#[test]
+fn pictures_are_resized_as_a_still_picture_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Append, 0..1).unwrap();
+    let keys = Some(vec!["pixels".to_owned()]);
+    let image = Some(swm_core::ImageSize { height: 16, width: 24 });
+    let options = ClipOptions { num_steps: 2, keys, ..ClipOptions::default() };
+    let mut plain = loader(&path, &options);
+    let mut small =
+        loader(&path, &ClipOptions { image, pictures: Pictures::ChannelsFirst, ..options.clone() });
+    assert_eq!(small.schema().fields()[0].shape, [2, 3, 16, 24]);
+    let (mut a, mut b) = (plain.new_batch(), small.new_batch());
+    plain.read(&[2], &mut a).unwrap();
+    small.read(&[2], &mut b).unwrap();
+    let mut resize = swm_render::AntialiasBilinear::new([40, 40], [16, 24]).unwrap();
+    let (stored, resized) = (a.get::<u8>("pixels").unwrap(), b.get::<u8>("pixels").unwrap());
+    let mut expected = vec![0; 16 * 24 * 3];
+    for step in 0..2 {
+        resize.resize(&stored[step * 4800..][..4800], &mut expected).unwrap();
+        for (at, value) in expected.iter().enumerate() {
+            assert_eq!(resized[step * 1152 + at % 3 * 384 + at / 3], *value);
+        }
+    }
 }
 
 #[test]

@@ -2,10 +2,12 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests panic as tests do")]
 
+mod adapt;
 mod append;
 mod crash;
 mod damage;
 mod golden;
 mod loader;
+mod loader_properties;
 mod round_trip;
 mod support;

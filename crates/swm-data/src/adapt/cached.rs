@@ -1,0 +1,118 @@
+//! Whole columns in memory, read once and shared by all handles; for small columns that every clip needs.
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use swm_core::error::BoxError;
+use swm_core::{Batch, Column, EpisodeSource, Metadata, Schema, SliceMut};
+
+use crate::dataset::{Dataset, Steps, check_request, copy_rows, locate, read_rows};
+use crate::error::DataError;
+
+/// A dataset some of whose columns are held in memory.
+pub struct Cached {
+    inner: Box<dyn Dataset>,
+    held: Arc<Held>,
+}
+
+struct Held {
+    /// By column of the dataset, the values of all episodes end to end.
+    columns: Vec<Option<Column>>,
+    /// By episode, its first row.
+    first: Vec<usize>,
+}
+
+impl Cached {
+    /// Reads the columns `keys` into memory.
+    pub fn new(mut inner: Box<dyn Dataset>, keys: &[&str]) -> Result<Self, DataError> {
+        let lengths: Vec<usize> =
+            (0..inner.num_episodes()).map(|episode| inner.episode_len(episode)).collect();
+        let first: Vec<usize> = lengths
+            .iter()
+            .scan(0, |end, len| {
+                let first = *end;
+                *end += len;
+                Some(first)
+            })
+            .collect();
+        let rows: usize = lengths.iter().sum();
+        let fields = inner.schema().fields().to_vec();
+        let mut columns: Vec<Option<Column>> = vec![None; fields.len()];
+        for key in keys {
+            let column = inner.schema().require(key);
+            let column = column.map_err(|error| DataError::request(inner.path(), error.to_string()))?;
+            let width = fields[column].width();
+            let mut values = Column::zeros(fields[column].dtype, rows * width);
+            let mut rest = values.as_slice_mut();
+            for (episode, &len) in lengths.iter().enumerate() {
+                let (here, after) = rest.split_at(len * width);
+                rest = after;
+                inner.read_column(column, episode, Steps { first: 0, count: len, stride: 1 }, here)?;
+            }
+            columns[column] = Some(values);
+        }
+        Ok(Self { inner, held: Arc::new(Held { columns, first }) })
+    }
+}
+
+impl EpisodeSource for Cached {
+    fn schema(&self) -> &Arc<Schema> {
+        self.inner.schema()
+    }
+
+    fn num_episodes(&self) -> usize {
+        self.inner.num_episodes()
+    }
+
+    fn episode_len(&self, episode: usize) -> usize {
+        self.inner.episode_len(episode)
+    }
+
+    fn metadata(&self) -> Option<&Metadata> {
+        self.inner.metadata()
+    }
+
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
+        Ok(read_rows(self, episode, rows, out)?)
+    }
+}
+
+impl Dataset for Cached {
+    fn path(&self) -> &Path {
+        self.inner.path()
+    }
+
+    fn format(&self) -> &'static str {
+        self.inner.format()
+    }
+
+    fn read_column(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        let Some(Some(values)) = self.held.columns.get(column) else {
+            return self.inner.read_column(column, episode, steps, out);
+        };
+        let (field, len) = locate(self, column, episode)?;
+        check_request(self.path(), field, episode, len, steps, &out)?;
+        let steps = Steps { first: self.held.first[episode] + steps.first, ..steps };
+        copy_rows(values.as_slice(), field.width(), steps, out);
+        Ok(())
+    }
+
+    fn share(&self) -> Box<dyn Dataset> {
+        Box::new(Self { inner: self.inner.share(), held: self.held.clone() })
+    }
+
+    fn runs(&self) -> &[(u64, Metadata)] {
+        self.inner.runs()
+    }
+
+    fn skipped(&self) -> &[(String, String)] {
+        self.inner.skipped()
+    }
+}

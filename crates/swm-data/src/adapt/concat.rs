@@ -1,0 +1,139 @@
+//! Datasets end to end: the episodes of the first, then those of the next. Formats may differ, columns may not.
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use swm_core::error::BoxError;
+use swm_core::{Batch, EpisodeSource, Metadata, Schema, SliceMut};
+
+use crate::dataset::{Dataset, Steps, read_rows};
+use crate::error::DataError;
+
+/// Several datasets as one.
+pub struct Concat {
+    parts: Vec<Part>,
+    schema: Arc<Schema>,
+    runs: Arc<[(u64, Metadata)]>,
+}
+
+struct Part {
+    dataset: Box<dyn Dataset>,
+    /// Its first episode here.
+    first: usize,
+    /// For every column here, its position in this part.
+    columns: Arc<[usize]>,
+}
+
+impl Concat {
+    /// Joins datasets. The columns are those that all have, in the order of the first; one that they hold in
+    /// different types or shapes is an error.
+    pub fn new(datasets: Vec<Box<dyn Dataset>>) -> Result<Self, DataError> {
+        let Some(head) = datasets.first() else {
+            return Err(DataError::Loader {
+                setting: "concat",
+                reason: "no datasets; give one or more".to_owned(),
+            });
+        };
+        let everywhere = |name: &str| datasets.iter().all(|dataset| dataset.schema().index(name).is_some());
+        let shared: Vec<_> =
+            head.schema().fields().iter().filter(|field| everywhere(&field.name)).cloned().collect();
+        if shared.is_empty() {
+            return Err(DataError::request(head.path(), "it has no column that all of the datasets have"));
+        }
+        let schema =
+            Schema::new(shared).map_err(|error| DataError::request(head.path(), error.to_string()))?;
+        let (mut parts, mut runs, mut first) = (Vec::with_capacity(datasets.len()), Vec::new(), 0);
+        for dataset in datasets {
+            let mut columns = Vec::with_capacity(schema.fields().len());
+            for field in schema.fields() {
+                let column = dataset.schema().index(&field.name).expect("every dataset has it");
+                let there = &dataset.schema().fields()[column];
+                if (there.dtype, &there.shape) != (field.dtype, &field.shape) {
+                    let reason = format!(
+                        "column `{}` holds {} {:?}, in the first dataset {} {:?}",
+                        field.name, there.dtype, there.shape, field.dtype, field.shape
+                    );
+                    return Err(DataError::request(dataset.path(), reason));
+                }
+                columns.push(column);
+            }
+            runs.extend(dataset.runs().iter().map(|(at, run)| (at + first as u64, run.clone())));
+            let episodes = dataset.num_episodes();
+            parts.push(Part { dataset, first, columns: columns.into() });
+            first += episodes;
+        }
+        Ok(Self { parts, schema, runs: runs.into() })
+    }
+
+    /// The part that holds an episode, and its number there.
+    fn part(&self, episode: usize) -> (usize, usize) {
+        // Parts without episodes share their `first` with the next one, which comes later.
+        let part = self.parts.partition_point(|part| part.first <= episode) - 1;
+        (part, episode - self.parts[part].first)
+    }
+}
+
+impl EpisodeSource for Concat {
+    fn schema(&self) -> &Arc<Schema> {
+        &self.schema
+    }
+
+    fn num_episodes(&self) -> usize {
+        self.parts.last().map_or(0, |part| part.first + part.dataset.num_episodes())
+    }
+
+    fn episode_len(&self, episode: usize) -> usize {
+        let (part, episode) = self.part(episode);
+        self.parts[part].dataset.episode_len(episode)
+    }
+
+    fn metadata(&self) -> Option<&Metadata> {
+        self.parts.first().and_then(|part| part.dataset.metadata())
+    }
+
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
+        Ok(read_rows(self, episode, rows, out)?)
+    }
+}
+
+impl Dataset for Concat {
+    fn path(&self) -> &Path {
+        self.parts[0].dataset.path()
+    }
+
+    fn format(&self) -> &'static str {
+        self.parts[0].dataset.format()
+    }
+
+    fn read_column(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        let (part, episode) = self.part(episode);
+        let part = &mut self.parts[part];
+        // A column that does not exist is left to the part, whose message says how many there are.
+        let column = part.columns.get(column).copied().unwrap_or(usize::MAX);
+        part.dataset.read_column(column, episode, steps, out)
+    }
+
+    fn share(&self) -> Box<dyn Dataset> {
+        let share = |part: &Part| Part {
+            dataset: part.dataset.share(),
+            first: part.first,
+            columns: part.columns.clone(),
+        };
+        Box::new(Self {
+            parts: self.parts.iter().map(share).collect(),
+            schema: self.schema.clone(),
+            runs: self.runs.clone(),
+        })
+    }
+
+    fn runs(&self) -> &[(u64, Metadata)] {
+        &self.runs
+    }
+}

@@ -1,0 +1,14 @@
+//! Datasets made of datasets: some episodes of one, several end to end, columns of two, columns joined or kept in
+//! memory. Each is a [`Dataset`](crate::Dataset) again, so they nest, and everything that reads a dataset reads them.
+
+mod cached;
+mod columns;
+mod concat;
+mod joined;
+mod subset;
+
+pub use cached::Cached;
+pub use columns::Columns;
+pub use concat::Concat;
+pub use joined::Joined;
+pub use subset::{Subset, split_episodes};

@@ -1,0 +1,133 @@
+//! Some episodes of a dataset, and the split into disjoint parts by episode. (Clips of one episode overlap, so a split
+//! by clip would show the training data to the test.)
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use rand::seq::SliceRandom;
+use swm_core::error::BoxError;
+use swm_core::seed::keyed;
+use swm_core::{Batch, EpisodeSource, Metadata, Schema, SliceMut};
+
+use crate::dataset::{Dataset, Steps, read_rows};
+use crate::error::DataError;
+
+/// The chosen episodes of a dataset, in the chosen order.
+pub struct Subset {
+    inner: Box<dyn Dataset>,
+    episodes: Arc<[usize]>,
+    runs: Arc<[(u64, Metadata)]>,
+}
+
+impl Subset {
+    /// Chooses episodes by their numbers; each must exist. Repetitions are allowed.
+    pub fn new(inner: Box<dyn Dataset>, episodes: &[usize]) -> Result<Self, DataError> {
+        let count = inner.num_episodes();
+        if let Some(wrong) = episodes.iter().find(|&&episode| episode >= count) {
+            let reason = format!("there is no episode {wrong}; the dataset holds {count}");
+            return Err(DataError::request(inner.path(), reason));
+        }
+        let mut runs: Vec<(u64, Metadata)> = Vec::new();
+        let run_of = |episode: usize| inner.runs().iter().rfind(|(first, _)| *first <= episode as u64);
+        for (at, &episode) in episodes.iter().enumerate() {
+            let Some((_, run)) = run_of(episode) else { continue };
+            if runs.last().is_none_or(|(_, last)| last != run) {
+                runs.push((at as u64, run.clone()));
+            }
+        }
+        Ok(Self { inner, episodes: episodes.into(), runs: runs.into() })
+    }
+
+    /// The episode of the underlying dataset that stands at `episode` here; `None` behind the end.
+    pub fn original(&self, episode: usize) -> Option<usize> {
+        self.episodes.get(episode).copied()
+    }
+}
+
+/// Splits `count` episodes at random into parts of these fractions (which need not sum to 1: `[0.9, 0.1]`, `[4, 1]`);
+/// a function of `seed`. Parts are disjoint, sorted, and together all episodes.
+pub fn split_episodes(count: usize, fractions: &[f64], seed: u64) -> Result<Vec<Vec<usize>>, DataError> {
+    let total: f64 = fractions.iter().sum();
+    let sound = |fraction: &f64| fraction.is_finite() && *fraction >= 0.0;
+    if !fractions.iter().all(sound) || total.is_nan() || total <= 0.0 || total.is_infinite() {
+        let reason = format!("fractions {fractions:?}; use numbers of 0 or more that do not all vanish");
+        return Err(DataError::Loader { setting: "split", reason });
+    }
+    let mut order: Vec<usize> = (0..count).collect();
+    order.shuffle(&mut keyed(seed, "split", [0, 0]));
+    let (mut sum, mut first) = (0.0, 0);
+    let mut parts = Vec::with_capacity(fractions.len());
+    for (index, fraction) in fractions.iter().enumerate() {
+        sum += fraction;
+        let last = index + 1 == fractions.len();
+        let end =
+            if last { count } else { ((sum / total * count as f64).round() as usize).clamp(first, count) };
+        let mut part = order[first..end].to_vec();
+        part.sort_unstable();
+        parts.push(part);
+        first = end;
+    }
+    Ok(parts)
+}
+
+impl EpisodeSource for Subset {
+    fn schema(&self) -> &Arc<Schema> {
+        self.inner.schema()
+    }
+
+    fn num_episodes(&self) -> usize {
+        self.episodes.len()
+    }
+
+    fn episode_len(&self, episode: usize) -> usize {
+        self.original(episode).map_or(0, |original| self.inner.episode_len(original))
+    }
+
+    fn metadata(&self) -> Option<&Metadata> {
+        self.inner.metadata()
+    }
+
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
+        Ok(read_rows(self, episode, rows, out)?)
+    }
+}
+
+impl Dataset for Subset {
+    fn path(&self) -> &Path {
+        self.inner.path()
+    }
+
+    fn format(&self) -> &'static str {
+        self.inner.format()
+    }
+
+    fn read_column(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        match self.original(episode) {
+            Some(original) => self.inner.read_column(column, original, steps, out),
+            None => {
+                let reason = format!("episode {episode} of {} does not exist", self.episodes.len());
+                Err(DataError::request(self.path(), reason))
+            }
+        }
+    }
+
+    fn share(&self) -> Box<dyn Dataset> {
+        let Self { inner, episodes, runs } = self;
+        Box::new(Self { inner: inner.share(), episodes: episodes.clone(), runs: runs.clone() })
+    }
+
+    fn runs(&self) -> &[(u64, Metadata)] {
+        &self.runs
+    }
+
+    fn skipped(&self) -> &[(String, String)] {
+        self.inner.skipped()
+    }
+}

@@ -1,0 +1,119 @@
+//! What a clip is, which goal it gets, and how clips are put into batches: the settings of a loader.
+
+use swm_core::ImageSize;
+
+use super::Clips;
+
+/// What a clip is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClipOptions {
+    /// Rows of a clip, as seen by the model.
+    pub num_steps: usize,
+    /// Distance in the dataset between two of them.
+    pub frameskip: usize,
+    /// The wanted columns; `None` or an empty list: all.
+    pub keys: Option<Vec<String>>,
+    /// Where clips start.
+    pub clips: Clips,
+    /// The order of picture axes.
+    pub pictures: Pictures,
+    /// The size of pictures; `None`: as stored. Resized by an antialiased bilinear filter, as torchvision does.
+    pub image: Option<ImageSize>,
+    /// Adds a sampled goal to every clip.
+    pub goals: Option<GoalOptions>,
+    /// Threads that read; `None`: one per core. Results do not depend on it.
+    pub threads: Option<usize>,
+}
+
+/// The order of axes of pictures (u8 columns of rank 3).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pictures {
+    /// `[num_steps, H, W, C]`, as stored.
+    #[default]
+    ChannelsLast,
+    /// `[num_steps, C, H, W]`, as the reference's loader gives them.
+    ChannelsFirst,
+}
+
+impl Default for ClipOptions {
+    /// Single rows, all columns, every start, no goals.
+    fn default() -> Self {
+        Self {
+            num_steps: 1,
+            frameskip: 1,
+            keys: None,
+            clips: Clips::default(),
+            pictures: Pictures::default(),
+            image: None,
+            goals: None,
+            threads: None,
+        }
+    }
+}
+
+/// Which row is the goal of a clip. The clip stands at its current row, `start + (offset - 1) × frameskip`; goals of the
+/// future are a whole number of frame skips after it. Where a future kind has weight, clips without a later row are
+/// left out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GoalOptions {
+    /// Weights of the four kinds, which sum to 1.
+    pub weights: GoalWeights,
+    /// The discount of geometric goals: k frame skips ahead, k ~ Geom(1 − γ), cut at the episode's end.
+    pub gamma: f64,
+    /// Which row of the clip is the current one, counted from 1; `None`: the last, `num_steps`.
+    pub offset: Option<usize>,
+    /// Columns of the goal row, which become `goal_<name>` of shape `[1, …]`; `None`: `pixels` and `proprio`, as far as
+    /// the dataset has them.
+    pub keys: Option<Vec<String>>,
+    /// The seed of the choice. A clip's goal depends on it, the epoch and the clip alone.
+    pub seed: u64,
+}
+
+/// How often each kind of goal is chosen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GoalWeights {
+    /// Any row of any episode.
+    pub random: f64,
+    /// A later row of the episode, near ones more often.
+    pub geometric: f64,
+    /// A later row of the episode, all equally often.
+    pub uniform: f64,
+    /// The current row itself.
+    pub current: f64,
+}
+
+impl Default for GoalWeights {
+    /// The reference's: 0.3, 0.5, 0, 0.2.
+    fn default() -> Self {
+        Self { random: 0.3, geometric: 0.5, uniform: 0.0, current: 0.2 }
+    }
+}
+
+impl Default for GoalOptions {
+    /// The reference's weights, γ = 0.99, seen from the end of the clip.
+    fn default() -> Self {
+        Self { weights: GoalWeights::default(), gamma: 0.99, offset: None, keys: None, seed: 0 }
+    }
+}
+
+/// How clips are put into batches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BatchOptions {
+    /// Clips of a batch.
+    pub size: usize,
+    /// The seed of the order, which is another in every epoch; `None`: the order of the dataset.
+    pub shuffle: Option<u64>,
+    /// Leave out the last batch of an epoch if it is not full.
+    pub drop_last: bool,
+    /// How many passes over the clips; `None`: without end.
+    pub epochs: Option<u64>,
+    /// Batches that each thread may have read ahead, at least 1.
+    pub ahead: usize,
+}
+
+impl Default for BatchOptions {
+    /// Batches of 64 in the order of the dataset, without end, two read ahead per thread.
+    fn default() -> Self {
+        Self { size: 64, shuffle: None, drop_last: false, epochs: None, ahead: 2 }
+    }
+}

@@ -1,0 +1,147 @@
+//! What is read for a clip: for every column of a batch, which rows of which column of the dataset, and what is done to
+//! its pictures. Made once per loader, shared by all threads.
+
+use std::sync::Arc;
+
+use swm_core::env::PIXELS;
+use swm_core::{Dtype, Field, Schema};
+
+use super::clips::ClipIndex;
+use super::goals::Goals;
+use super::options::{ClipOptions, Pictures};
+use super::pictures::Convert;
+use super::wrong;
+use crate::dataset::Dataset;
+use crate::error::DataError;
+
+/// The column that stays dense under a frame skip.
+const ACTION: &str = "action";
+/// What stands before the name of a goal's column.
+const GOAL_PREFIX: &str = "goal_";
+
+/// What every thread knows.
+#[derive(Debug)]
+pub(super) struct Plan {
+    pub(super) schema: Arc<Schema>,
+    pub(super) windows: Vec<Window>,
+    pub(super) index: ClipIndex,
+    pub(super) goals: Option<Goals>,
+}
+
+/// One column of a clip: what is read for it.
+#[derive(Debug)]
+pub(super) struct Window {
+    /// Position in the dataset.
+    pub(super) column: usize,
+    /// The rows.
+    pub(super) rows: Rows,
+    /// What is done to its pictures.
+    pub(super) convert: Option<Convert>,
+}
+
+/// Which rows a window takes.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Rows {
+    /// From the start of the clip on.
+    Clip { count: usize, stride: usize },
+    /// The goal's.
+    Goal,
+}
+
+impl Plan {
+    /// Checks the options against the dataset.
+    pub(super) fn new(dataset: &dyn Dataset, options: &ClipOptions) -> Result<Self, DataError> {
+        let (steps, skip) = (options.num_steps, options.frameskip);
+        if steps == 0 {
+            return wrong("num_steps", "0 rows; use 1 or more");
+        }
+        if skip == 0 {
+            return wrong("frameskip", "0; use 1 for every row");
+        }
+        let Some(span) = steps.checked_mul(skip) else {
+            return wrong("num_steps", format!("{steps} × frameskip {skip} rows are too many"));
+        };
+        let lengths = || (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode));
+        let goals = options.goals.as_ref();
+        let goals = goals.map(|goals| Goals::new(goals, steps, skip, lengths())).transpose()?;
+
+        let (mut windows, mut fields) = (Vec::new(), Vec::new());
+        for column in chosen(dataset, options.keys.as_deref())? {
+            let stored = &dataset.schema().fields()[column];
+            let dense = stored.name == ACTION;
+            let (mut shape, convert) = if dense {
+                let Some(width) = skip.checked_mul(stored.width()) else {
+                    return wrong("frameskip", format!("{skip} actions per row are too many"));
+                };
+                (vec![width], None)
+            } else {
+                pictures(stored, options)?
+            };
+            shape.insert(0, steps);
+            fields.push(Field { shape, ..stored.clone() });
+            let (count, stride) = if dense { (span, 1) } else { (steps, skip) };
+            windows.push(Window { column, rows: Rows::Clip { count, stride }, convert });
+        }
+        for column in goal_columns(dataset, options)? {
+            let stored = &dataset.schema().fields()[column];
+            let (mut shape, convert) = pictures(stored, options)?;
+            shape.insert(0, 1);
+            fields.push(Field { name: format!("{GOAL_PREFIX}{}", stored.name), shape, ..stored.clone() });
+            windows.push(Window { column, rows: Rows::Goal, convert });
+        }
+        let schema = Schema::new(fields)
+            .map_err(|error| DataError::Loader { setting: "keys", reason: error.to_string() })?;
+
+        let reach = goals.as_ref().map_or(0, Goals::reach);
+        let index = ClipIndex::new(lengths(), span, reach, options.clips);
+        if index.len() == 0 {
+            let longest = lengths().max().unwrap_or(0);
+            let and_goal = if reach > span { format!(", with its goal {reach}") } else { String::new() };
+            let reason = format!(
+                "a clip spans {span} rows ({steps} × frameskip {skip}){and_goal}, the longest episode has {longest}"
+            );
+            return wrong("num_steps", reason);
+        }
+        Ok(Self { schema, windows, index, goals })
+    }
+}
+
+/// The shape of a column's rows in a batch, and what has to be done for it.
+fn pictures(stored: &Field, options: &ClipOptions) -> Result<(Vec<usize>, Option<Convert>), DataError> {
+    let ([height, width, channels], Dtype::U8) = (&stored.shape[..], stored.dtype) else {
+        return Ok((stored.shape.clone(), None));
+    };
+    let convert = Convert {
+        stored: [*height, *width],
+        channels: *channels,
+        wanted: options.image.map_or([*height, *width], |size| [size.height, size.width]),
+        channels_first: options.pictures == Pictures::ChannelsFirst,
+    };
+    convert.check(&stored.name)?;
+    Ok((convert.shape(), convert.is_needed().then_some(convert)))
+}
+
+/// Positions of the wanted columns.
+fn chosen(dataset: &dyn Dataset, keys: Option<&[String]>) -> Result<Vec<usize>, DataError> {
+    let schema = dataset.schema();
+    match keys {
+        None | Some([]) => Ok((0..schema.fields().len()).collect()),
+        Some(keys) => keys.iter().map(|key| position(schema, "keys", key)).collect(),
+    }
+}
+
+/// Positions of the columns of which a goal is wanted.
+fn goal_columns(dataset: &dyn Dataset, options: &ClipOptions) -> Result<Vec<usize>, DataError> {
+    let schema = dataset.schema();
+    match &options.goals {
+        None => Ok(Vec::new()),
+        Some(goals) => match &goals.keys {
+            Some(keys) => keys.iter().map(|key| position(schema, "goals.keys", key)).collect(),
+            None => Ok([PIXELS, "proprio"].iter().filter_map(|key| schema.index(key)).collect()),
+        },
+    }
+}
+
+fn position(schema: &Schema, setting: &'static str, key: &str) -> Result<usize, DataError> {
+    schema.require(key).map_err(|error| DataError::Loader { setting, reason: error.to_string() })
+}
