@@ -140,11 +140,11 @@ pub(crate) fn check_request(
 }
 
 /// The column and the number of rows of its episode, if both exist.
-pub(crate) fn locate<'a>(
-    dataset: &'a (impl Dataset + ?Sized),
+pub(crate) fn locate(
+    dataset: &(impl Dataset + ?Sized),
     column: usize,
     episode: usize,
-) -> Result<(&'a Field, usize), DataError> {
+) -> Result<(&Field, usize), DataError> {
     let refuse = |reason| Err(DataError::request(dataset.path(), reason));
     let fields = dataset.schema().fields();
     if episode >= dataset.num_episodes() {

@@ -1,0 +1,72 @@
+//! `load-rates FILE NUM_STEPS [--keys A,B] [--threads 1,2] [--seconds S] [--first]`: shuffled clips per second out of a
+//! dataset, in batches of 64, as JSON. For `peers/data.py`.
+
+use std::path::Path;
+
+use anyhow::{Context as _, Result, bail};
+use serde::Serialize;
+use swm_benches::{Clock, Elapsed};
+use swm_data::loader::{BatchOptions, ClipOptions, Loader, Pictures};
+
+/// Clips of a batch.
+const SIZE: usize = 64;
+
+/// One measurement.
+#[derive(Serialize)]
+struct Measurement {
+    threads: usize,
+    clips: u64,
+    #[serde(flatten)]
+    elapsed: Elapsed,
+}
+
+fn main() -> Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let usage = "usage: load-rates FILE NUM_STEPS [--keys A,B] [--threads 1,2] [--seconds S] [--first]";
+    let file = arguments.next().context(usage)?;
+    let num_steps: usize = arguments.next().context(usage)?.parse().context("NUM_STEPS must be a number")?;
+    let (mut keys, mut threads, mut seconds) = (vec!["pixels".to_owned()], vec![1], 1.0);
+    let mut pictures = Pictures::ChannelsLast;
+    while let Some(option) = arguments.next() {
+        let mut value = || arguments.next().context(usage);
+        match option.as_str() {
+            "--keys" => keys = value()?.split(',').map(str::to_owned).collect(),
+            "--threads" => threads = value()?.split(',').map(str::parse).collect::<Result<_, _>>()?,
+            "--seconds" => seconds = value()?.parse()?,
+            "--first" => pictures = Pictures::ChannelsFirst,
+            _ => bail!(usage),
+        }
+    }
+    let mut measurements = Vec::new();
+    for threads in threads {
+        let options = ClipOptions {
+            num_steps,
+            keys: Some(keys.clone()),
+            pictures,
+            threads: Some(threads),
+            ..ClipOptions::default()
+        };
+        let loader = Loader::new(swm_data::open(Path::new(&file))?, &options)?;
+        let stream = BatchOptions { size: SIZE, shuffle: Some(1), ..BatchOptions::default() };
+        let mut batches = loader.batches(&stream)?;
+        let mut batch = batches.new_batch();
+        // The first ones fill caches and allocate the tables.
+        for _ in 0..4 * threads {
+            batches.next_batch(&mut batch)?;
+        }
+        let (mut clock, mut clips) = (Clock::new(), 0);
+        while clock.elapsed().wall_s < seconds {
+            clock.time(|| -> Result<()> {
+                for _ in 0..8 {
+                    if batches.next_batch(&mut batch)? {
+                        clips += batch.rows() as u64;
+                    }
+                }
+                Ok(())
+            })?;
+        }
+        measurements.push(Measurement { threads, clips, elapsed: clock.elapsed() });
+    }
+    println!("{}", serde_json::to_string_pretty(&measurements)?);
+    Ok(())
+}
