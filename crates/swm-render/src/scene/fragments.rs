@@ -1,7 +1,7 @@
 //! Pieces of pixels that show one surface, sorted by surface.
 
 use super::lanes::LANES;
-use super::samples::{NOTHING, Samples};
+use super::samples::{NOTHING, Raster, Samples};
 
 /// Fragments in the order of their surfaces, and of pixels for each.
 #[derive(Debug, Default)]
@@ -18,6 +18,15 @@ pub(super) struct Fragments {
     starts: Vec<usize>,
     /// What edges are split into.
     pieces: Vec<Fragment>,
+    /// Whole pixels side by side that show one surface.
+    runs: Vec<Run>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    pixel: usize,
+    length: usize,
+    owner: u16,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -39,66 +48,85 @@ fn slot(owner: u16, surfaces: usize) -> usize {
 
 impl Fragments {
     /// Fragments of a raster of pixels, of which `edges` (ascending) are known at the four points in `fine` each.
-    pub(super) fn of_raster(&mut self, raster: &Samples, edges: &[u32], fine: &Samples, surfaces: usize) {
+    pub(super) fn of_raster(&mut self, raster: &Raster, edges: &[u32], fine: &Samples, surfaces: usize) {
         self.pieces.clear();
         for (index, &pixel) in edges.iter().enumerate() {
             self.split(fine, 4 * index, pixel);
         }
+        self.find_runs(raster, edges);
         self.begin(surfaces);
-        for &owner in &raster.owner[..raster.len()] {
-            self.starts[slot(owner, surfaces) + 1] += 1;
-        }
-        for &pixel in edges {
-            self.starts[slot(raster.owner[pixel as usize], surfaces) + 1] -= 1;
+        for run in &self.runs {
+            self.starts[slot(run.owner, surfaces) + 1] += run.length;
         }
         for piece in &self.pieces {
             self.starts[slot(piece.owner, surfaces) + 1] += 1;
         }
         self.make_room(surfaces);
-        // Whole pixels between edges, and the pieces of each edge: pixels ascend for every surface.
-        let (mut pixel, mut piece) = (0, 0);
-        for &edge in edges.iter().chain([&(raster.len() as u32)]) {
-            while pixel < edge as usize {
-                let whole = Fragment {
-                    x: raster.x[pixel],
-                    y: raster.y[pixel],
-                    nearness: raster.nearness[pixel],
-                    facet: raster.facet[pixel],
-                    pixel: pixel as u32,
-                    share: 1.0,
-                    owner: raster.owner[pixel],
-                };
-                self.place(whole, surfaces);
-                pixel += 1;
-            }
-            while let Some(&part) = self.pieces.get(piece).filter(|part| part.pixel == edge) {
+        // Runs and pieces, in the order of their pixels.
+        let mut piece = 0;
+        for index in 0..self.runs.len() {
+            let run = self.runs[index];
+            while let Some(&part) = self.pieces.get(piece).filter(|part| (part.pixel as usize) < run.pixel) {
                 self.place(part, surfaces);
                 piece += 1;
             }
-            pixel += 1;
+            self.place_run(run, raster, surfaces);
+        }
+        while let Some(&part) = self.pieces.get(piece) {
+            self.place(part, surfaces);
+            piece += 1;
         }
         self.settle();
     }
 
-    /// Fragments of a list of samples that stand for fragments `of` another set, from its `first` on.
-    pub(super) fn of_list(&mut self, list: &Samples, of: &Fragments, first: usize, surfaces: usize) {
+    /// What lies between edges, cut where rows end.
+    fn find_runs(&mut self, raster: &Raster, edges: &[u32]) {
+        self.runs.clear();
+        let (width, mut pixel) = (raster.width(), 0);
+        for &edge in edges.iter().chain([&(raster.len() as u32)]) {
+            while pixel < edge as usize {
+                let row_end = (pixel / width + 1) * width;
+                let stretch = &raster.owner[pixel..row_end.min(edge as usize)];
+                // Neighbours that are no edges show the same, unless edges were not looked for.
+                let owner = stretch[0];
+                let length = stretch.iter().position(|&other| other != owner).unwrap_or(stretch.len());
+                self.runs.push(Run { pixel, length, owner });
+                pixel += length;
+            }
+            pixel += 1;
+        }
+    }
+
+    /// Fragments of a list of points; `whole` says of each to which pixel it belongs and which share of it is.
+    pub(super) fn of_list(
+        &mut self,
+        list: &Samples,
+        surfaces: usize,
+        whole: impl Fn(usize) -> (u32, f32),
+    ) {
         self.begin(surfaces);
         for &owner in &list.owner[..list.len()] {
             self.starts[slot(owner, surfaces) + 1] += 1;
         }
         self.make_room(surfaces);
         for at in 0..list.len() {
+            if list.owner[at] == NOTHING {
+                continue;
+            }
+            let (pixel, share) = whole(at);
             let fragment = Fragment {
                 x: list.x[at],
                 y: list.y[at],
                 nearness: list.nearness[at],
                 facet: list.facet[at],
-                pixel: of.pixel[first + at],
-                share: of.share[first + at],
+                pixel,
+                share,
                 owner: list.owner[at],
             };
             self.place(fragment, surfaces);
         }
+        let nothing = &mut self.starts[surfaces];
+        *nothing = list.len();
         self.settle();
     }
 
@@ -154,6 +182,27 @@ impl Fragments {
         self.facet[at] = fragment.facet;
         self.pixel[at] = fragment.pixel;
         self.share[at] = fragment.share;
+    }
+
+    /// Writes the next fragments of a surface: whole pixels of one row.
+    #[inline]
+    fn place_run(&mut self, run: Run, raster: &Raster, surfaces: usize) {
+        let Run { pixel, length, owner } = run;
+        let start = &mut self.starts[slot(owner, surfaces)];
+        let to = *start..*start + length;
+        *start = to.end;
+        let from = pixel..pixel + length;
+        self.nearness[to.clone()].copy_from_slice(&raster.nearness[from.clone()]);
+        self.facet[to.clone()].copy_from_slice(&raster.facet[from]);
+        self.share[to.clone()].fill(1.0);
+        let (x, y) = (pixel % raster.width(), pixel / raster.width());
+        self.y[to.clone()].fill(y as f32 + 0.5);
+        for (offset, place) in self.x[to.clone()].iter_mut().enumerate() {
+            *place = (x + offset) as f32 + 0.5;
+        }
+        for (offset, index) in self.pixel[to].iter_mut().enumerate() {
+            *index = (pixel + offset) as u32;
+        }
     }
 
     /// Every beginning has moved to the next one's place: moves them back.

@@ -24,7 +24,7 @@ pub(super) struct Level {
 }
 
 /// Cells along the longest side of the coarse versions.
-const CELLS: [u32; 5] = [128, 64, 32, 16, 8];
+const CELLS: [u32; 11] = [128, 96, 64, 48, 32, 24, 16, 12, 8, 6, 4];
 
 impl Mesh {
     /// A mesh of `triangles`, indices into `points` (metres), with a direction for each corner of each triangle.

@@ -5,7 +5,7 @@ use super::description::{Instance, Mapping, Scene, Shape};
 use super::fragments::Fragments;
 use super::lanes::{LANES, Lanes3};
 use super::lighting::Lamp;
-use super::samples::{NOTHING, Samples};
+use super::samples::{NOTHING, Raster, Samples, Target};
 use super::shading::{Memory, Shading};
 use super::shadow::ShadowMap;
 use super::sky::Sky;
@@ -39,8 +39,10 @@ pub struct SceneRenderer {
     height: usize,
     width: usize,
     quality: Quality,
-    raster: Samples,
+    raster: Raster,
     edges: Vec<u32>,
+    /// Of the pixels of one row: 1 where it is an edge.
+    flags: Vec<u8>,
     fine: Samples,
     fragments: Fragments,
     mirror: Samples,
@@ -69,8 +71,9 @@ impl SceneRenderer {
             height,
             width,
             quality,
-            raster: Samples::default(),
+            raster: Raster::default(),
             edges: Vec::new(),
+            flags: Vec::new(),
             fine: Samples::default(),
             fragments: Fragments::default(),
             mirror: Samples::default(),
@@ -103,10 +106,8 @@ impl SceneRenderer {
             self.reflect(scene, assets, &view);
         }
         self.blend(scene, assets, &view);
-        for (pixel, color) in frame.chunks_exact_mut(3).zip(&self.colors) {
-            for (byte, value) in pixel.iter_mut().zip(color) {
-                *byte = (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
-            }
+        for (byte, value) in frame.iter_mut().zip(self.colors.as_flattened()) {
+            *byte = to_byte(*value);
         }
         Ok(())
     }
@@ -151,7 +152,7 @@ impl SceneRenderer {
 
     /// What is nearest at the middle of every pixel.
     fn see(&mut self, scene: &Scene, assets: &Assets, view: &View) {
-        self.raster.set_raster(self.width, self.height, view.nearest(), view.farthest());
+        self.raster.begin(self.width, self.height, view.nearest(), view.farthest());
         draw_opaque(scene, assets, view, Sides::Front, None, &mut self.projected, &mut self.raster);
     }
 
@@ -162,27 +163,30 @@ impl SceneRenderer {
             return;
         }
         let (width, height, owner) = (self.width, self.height, &self.raster.owner);
-        self.fine.begin();
+        self.fine.begin(width);
+        self.flags.resize(width, 0);
         let nearest = view.nearest();
         for y in 0..height {
             let row = &owner[y * width..][..width];
             let above = &owner[y.saturating_sub(1) * width..][..width];
             let below = &owner[(y + 1).min(height - 1) * width..][..width];
-            for x in 0..width {
-                let own = row[x];
-                let (left, right) = (row[x.saturating_sub(1)], row[(x + 1).min(width - 1)]);
-                if [left, right, above[x], below[x]] != [own; 4] {
-                    self.edges.push((y * width + x) as u32);
+            flag_edges(row, above, below, &mut self.flags);
+            for (chunk, flags) in self.flags.chunks(8).enumerate() {
+                if flags.iter().all(|&flag| flag == 0) {
+                    continue;
+                }
+                for (offset, _) in flags.iter().enumerate().filter(|(_, flag)| **flag != 0) {
+                    let (x, pixel) = (8 * chunk + offset, y * width + 8 * chunk + offset);
+                    self.edges.push(pixel as u32);
+                    self.fine.reach(pixel);
                     let (x, y) = (x as f32, y as f32);
-                    for (dx, dy) in [(0.25, 0.25), (0.25, 0.75), (0.75, 0.25), (0.75, 0.75)] {
+                    for (dx, dy) in POINTS {
                         self.fine.push(x + dx, y + dy, nearest);
                     }
                 }
             }
-            self.fine.end_row();
         }
-        self.fine.end();
-        self.fine.clear(view.farthest());
+        self.fine.end(height, view.farthest());
         draw_opaque(scene, assets, view, Sides::Front, None, &mut self.projected, &mut self.fine);
     }
 
@@ -192,7 +196,7 @@ impl SceneRenderer {
             return;
         }
         // Shadows are as sharp as the picture: a few texels per pixel.
-        let size = (2 * self.width.max(self.height)).clamp(128, 1024);
+        let size = (self.width.max(self.height) * 5 / 4).clamp(96, 1024);
         for (map, light) in self.maps.iter_mut().zip(&scene.lights) {
             map.draw(light, scene, assets, size, &mut self.projected);
         }
@@ -237,26 +241,17 @@ impl SceneRenderer {
         }
         let range = self.fragments.of(owner);
         let fragments = &self.fragments;
-        self.mirror.begin();
-        let mut row = 0;
+        let other = view.mirrored(point, normal);
+        self.mirror.begin(self.width);
         for at in range.clone() {
-            let y = fragments.pixel[at] as usize / self.width;
-            while row < y {
-                self.mirror.end_row();
-                row += 1;
-            }
+            self.mirror.reach(fragments.pixel[at] as usize);
             self.mirror.push(fragments.x[at], fragments.y[at], fragments.nearness[at]);
         }
-        while row < self.height {
-            self.mirror.end_row();
-            row += 1;
-        }
-        self.mirror.end();
-        let other = view.mirrored(point, normal);
-        self.mirror.clear(other.farthest());
+        self.mirror.end(self.height, other.farthest());
         let (projected, samples) = (&mut self.projected, &mut self.mirror);
         draw_opaque(scene, assets, &other, Sides::MirroredFront, Some(owner), projected, samples);
-        self.mirrored.of_list(&self.mirror, fragments, range.start, scene.instances.len());
+        let whole = |at: usize| (fragments.pixel[range.start + at], fragments.share[range.start + at]);
+        self.mirrored.of_list(&self.mirror, scene.instances.len(), whole);
         self.mirrored_lamps.clear();
         self.mirrored_lamps.extend(scene.lights.iter().map(|light| Lamp::new(light, other.origin)));
         let shading = Shading { view: &other, assets, lamps: &self.mirrored_lamps, maps: None };
@@ -297,21 +292,35 @@ impl SceneRenderer {
                 }
             }
         };
-        self.order.sort_by(|&a, &b| distance(a).total_cmp(&distance(b)));
-        let opaque = self.raster.nearness.clone();
-        let rounds: Vec<u16> = self.order.iter().chain(self.order.iter().rev()).copied().collect();
-        for owner in rounds {
-            self.raster.nearness.copy_from_slice(&opaque);
-            self.raster.owner.fill(NOTHING);
+        self.order.sort_unstable_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)));
+        let count = self.order.len();
+        for round in 0..2 * count {
+            let owner = self.order[if round < count { round } else { 2 * count - 1 - round }];
             let instance = &scene.instances[usize::from(owner)];
             let sides = if is_behind(instance, view) { Sides::Both } else { Sides::Front };
             let drawing = Drawing { view, assets, sides, coarseness: COARSENESS };
-            drawing.draw(instance, owner, &mut self.projected, &mut self.raster);
-            self.fragments.of_raster(&self.raster, &[], &self.fine, scene.instances.len());
+            let Some(area) = drawing.area(instance) else { continue };
+            // Its pixels, and how near what hides it is there.
+            let (width, veil) = (self.width, &mut self.mirror);
+            veil.begin(width);
+            for y in area.y0..area.y1 {
+                for x in area.x0..area.x1 {
+                    veil.reach(y * width + x);
+                    veil.push(x as f32 + 0.5, y as f32 + 0.5, view.nearest());
+                }
+            }
+            veil.end(self.height, view.farthest());
+            let rows = veil.nearness.chunks_exact_mut(area.x1 - area.x0).take(area.y1 - area.y0);
+            for (y, row) in (area.y0..).zip(rows) {
+                row.copy_from_slice(&self.raster.nearness[y * width + area.x0..y * width + area.x1]);
+            }
+            drawing.draw(instance, owner, &mut self.projected, veil);
+            let whole = |at: usize| ((veil.y[at] as usize * width + veil.x[at] as usize) as u32, 1.0);
+            self.mirrored.of_list(veil, scene.instances.len(), whole);
             let behind = matches!(instance.shape, Shape::Plane { .. }) && is_behind(instance, view);
             let opacity = instance.material.color[3] * if behind { BEHIND } else { 1.0 };
             let shading = Shading { view, assets, lamps: &self.lamps, maps: None };
-            let (fragments, colors) = (&self.fragments, &mut self.colors);
+            let (fragments, colors) = (&self.mirrored, &mut self.colors);
             let range = fragments.of(usize::from(owner));
             let put = |at: usize, color: Lanes3| {
                 let parts = color.to_arrays();
@@ -350,19 +359,42 @@ fn accumulate(
     }
 }
 
-fn draw_opaque(
+/// Where the four points of a pixel are.
+const POINTS: [(f32, f32); 4] = [(0.25, 0.25), (0.25, 0.75), (0.75, 0.25), (0.75, 0.75)];
+
+/// Marks pixels of a row whose neighbours show something else.
+fn flag_edges(row: &[u16], above: &[u16], below: &[u16], flags: &mut [u8]) {
+    for (((flag, own), above), below) in flags.iter_mut().zip(row).zip(above).zip(below) {
+        *flag = u8::from(own != above) | u8::from(own != below);
+    }
+    for ((flags, own), next) in flags.iter_mut().zip(row).zip(&row[1..]) {
+        *flags |= u8::from(own != next);
+    }
+    for ((flags, own), last) in flags[1..].iter_mut().zip(&row[1..]).zip(row) {
+        *flags |= u8::from(own != last);
+    }
+}
+
+/// A colour from 0 to 1 as a byte. Above 2^23 numbers have no fraction: adding it rounds, and the byte is in the lowest
+/// bits.
+#[inline]
+fn to_byte(value: f32) -> u8 {
+    (value.max(0.0).min(1.0) * 255.0 + 8_388_608.0).to_bits() as u8
+}
+
+fn draw_opaque<T: Target>(
     scene: &Scene,
     assets: &Assets,
     view: &View,
     sides: Sides,
     except: Option<usize>,
     projected: &mut Projected,
-    samples: &mut Samples,
+    target: &mut T,
 ) {
     let drawing = Drawing { view, assets, sides, coarseness: COARSENESS };
     for (owner, instance) in scene.instances.iter().enumerate() {
         if Some(owner) != except && is_opaque(instance, view) {
-            drawing.draw(instance, owner as u16, projected, samples);
+            drawing.draw(instance, owner as u16, projected, target);
         }
     }
 }

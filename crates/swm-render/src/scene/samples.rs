@@ -1,113 +1,340 @@
-//! Points of a picture and what is nearest at each: a whole raster, or a chosen list.
+//! Points of a picture and what is nearest at each: a whole raster, a chosen list, or a map of distances alone.
 
-use super::lanes::LANES;
+use std::ops::Range;
+
+use super::lanes::{LANES, Lanes, load, splat};
 use super::view::Area;
 
 /// What a sample shows where nothing is.
 pub(super) const NOTHING: u16 = u16::MAX;
 
-/// Sample points, row of pixels by row of pixels, from left to right in each. The arrays are longer than the samples by
-/// one lane group of points that nothing can be nearer at.
+/// What surfaces are drawn into: points in rows of pixels, from left to right in each.
+pub(super) trait Target {
+    /// The pixels whose points may lie in `left..=right` × `top..=bottom`, which is inside of the picture.
+    fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area;
+
+    /// The points in columns `x0..x1` of a row.
+    fn within(&self, row: usize, x0: usize, x1: usize) -> Range<usize>;
+
+    /// Positions in pixels of the point `at`.
+    fn point(&self, row: usize, at: usize) -> (f32, f32);
+
+    /// Positions in pixels of the points from `at` on; those beyond the row mean nothing.
+    fn points(&self, row: usize, at: usize) -> (Lanes, Lanes);
+
+    /// Shows a surface at the points from `at` on whose bit in `mask` is set and where it is nearer than what is there.
+    fn offer(&mut self, at: usize, mask: u32, nearness: Lanes, owner: u16, facet: Option<u32>);
+
+    /// The same for one point.
+    fn offer_one(&mut self, at: usize, nearness: f32, owner: u16, facet: u32);
+}
+
+/// What is nearest at the centres of all pixels. The arrays are longer than the pixels by one lane group.
+#[derive(Debug, Default)]
+pub(super) struct Raster {
+    width: usize,
+    height: usize,
+    /// How near the nearest surface is; surfaces must be nearer to be seen.
+    pub(super) nearness: Vec<f32>,
+    /// Which instance that is.
+    pub(super) owner: Vec<u16>,
+    /// Which facet of it, where it is a mesh.
+    pub(super) facet: Vec<u32>,
+    /// Only surfaces less near than this are seen.
+    limit: f32,
+}
+
+/// What is nearest at chosen points. The arrays are longer than the points by one lane group.
 #[derive(Debug, Default)]
 pub(super) struct Samples {
     /// Positions in pixels.
     pub(super) x: Vec<f32>,
     pub(super) y: Vec<f32>,
-    /// How near the nearest surface is; surfaces must be nearer to be seen.
     pub(super) nearness: Vec<f32>,
     /// Only surfaces less near than this are seen.
-    pub(super) limit: Vec<f32>,
-    /// Which instance that is.
+    limit: Vec<f32>,
     pub(super) owner: Vec<u16>,
-    /// Which facet of it.
     pub(super) facet: Vec<u32>,
-    /// Where each row begins; one more than rows.
-    rows: Vec<usize>,
-    /// Width of a raster; 0 for a list.
+    /// `[H, W + 1]`: where the points of each pixel begin.
+    starts: Vec<u32>,
     width: usize,
 }
 
-impl Samples {
-    /// The centres of all pixels.
-    pub(super) fn set_raster(&mut self, width: usize, height: usize, nearest: f32, farthest: f32) {
-        if self.width == width && self.rows.len() == height + 1 {
-            let count = width * height;
-            self.limit[..count].fill(nearest);
-        } else {
-            self.begin();
-            self.width = width;
-            for y in 0..height {
-                for x in 0..width {
-                    self.push(x as f32 + 0.5, y as f32 + 0.5, nearest);
-                }
-                self.end_row();
-            }
-            self.end();
-        }
-        self.clear(farthest);
+/// How near the nearest surface is, and nothing else.
+#[derive(Debug, Default)]
+pub(super) struct Distances {
+    width: usize,
+    height: usize,
+    pub(super) nearness: Vec<f32>,
+    limit: f32,
+}
+
+/// Bits of the first `count` lanes.
+#[inline]
+pub(super) fn first(count: usize) -> u32 {
+    if count >= LANES { (1 << LANES) - 1 } else { (1 << count) - 1 }
+}
+
+/// The centres of pixels from column `x` on.
+#[inline]
+fn centres(x: usize) -> Lanes {
+    splat(x as f32) + Lanes::new([0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5])
+}
+
+/// Columns (or rows) whose centres lie in `low..=high`.
+#[inline]
+fn centred(low: f32, high: f32, size: usize) -> (usize, usize) {
+    let place = low + 0.5;
+    let whole = place as usize;
+    (if whole as f32 == place { whole.saturating_sub(1) } else { whole }, ((high + 0.5) as usize).min(size))
+}
+
+impl Raster {
+    /// Nothing is seen yet.
+    pub(super) fn begin(&mut self, width: usize, height: usize, limit: f32, farthest: f32) {
+        let padded = width * height + LANES;
+        (self.width, self.height, self.limit) = (width, height, limit);
+        self.nearness.clear();
+        self.nearness.resize(padded, farthest);
+        self.owner.clear();
+        self.owner.resize(padded, NOTHING);
+        self.facet.resize(padded, 0);
     }
 
-    /// Starts a list.
-    pub(super) fn begin(&mut self) {
+    pub(super) fn width(&self) -> usize {
+        self.width
+    }
+
+    /// How many pixels there are.
+    pub(super) fn len(&self) -> usize {
+        self.width * self.height
+    }
+}
+
+impl Target for Raster {
+    #[inline]
+    fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area {
+        let ((x0, x1), (y0, y1)) = (centred(left, right, self.width), centred(top, bottom, self.height));
+        Area { x0, x1, y0, y1 }
+    }
+
+    #[inline]
+    fn within(&self, row: usize, x0: usize, x1: usize) -> Range<usize> {
+        row * self.width + x0..row * self.width + x1
+    }
+
+    #[inline]
+    fn point(&self, row: usize, at: usize) -> (f32, f32) {
+        ((at - row * self.width) as f32 + 0.5, row as f32 + 0.5)
+    }
+
+    #[inline]
+    fn points(&self, row: usize, at: usize) -> (Lanes, Lanes) {
+        (centres(at - row * self.width), splat(row as f32 + 0.5))
+    }
+
+    #[inline]
+    fn offer(&mut self, at: usize, mask: u32, nearness: Lanes, owner: u16, facet: Option<u32>) {
+        let known = load(&self.nearness[at..], 0.0);
+        let seen = (nearness.simd_gt(known) & nearness.simd_lt(splat(self.limit))).to_bitmask() & mask;
+        put(
+            (&mut self.nearness[at..], &mut self.owner[at..], &mut self.facet[at..]),
+            seen,
+            nearness,
+            owner,
+            facet,
+        );
+    }
+
+    #[inline]
+    fn offer_one(&mut self, at: usize, nearness: f32, owner: u16, facet: u32) {
+        if nearness > self.nearness[at] && nearness < self.limit {
+            self.nearness[at] = nearness;
+            self.owner[at] = owner;
+            self.facet[at] = facet;
+        }
+    }
+}
+
+/// Writes what is seen at the lanes whose bit is set.
+#[inline]
+fn put(
+    (known, owners, facets): (&mut [f32], &mut [u16], &mut [u32]),
+    mask: u32,
+    nearness: Lanes,
+    owner: u16,
+    facet: Option<u32>,
+) {
+    if mask == 0 {
+        return;
+    }
+    let nearness = nearness.to_array();
+    if mask == first(LANES) {
+        known[..LANES].copy_from_slice(&nearness);
+        owners[..LANES].fill(owner);
+        if let Some(facet) = facet {
+            facets[..LANES].fill(facet);
+        }
+        return;
+    }
+    let mut bits = mask;
+    while bits != 0 {
+        let lane = bits.trailing_zeros() as usize;
+        known[lane] = nearness[lane];
+        owners[lane] = owner;
+        if let Some(facet) = facet {
+            facets[lane] = facet;
+        }
+        bits &= bits - 1;
+    }
+}
+
+impl Samples {
+    /// Starts a list for pictures of this width.
+    pub(super) fn begin(&mut self, width: usize) {
         self.x.clear();
         self.y.clear();
         self.limit.clear();
-        self.rows.clear();
-        self.rows.push(0);
-        self.width = 0;
+        self.starts.clear();
+        self.width = width;
     }
 
+    /// Appends a point to the last pixel of [`Samples::end_pixels`].
+    #[inline]
     pub(super) fn push(&mut self, x: f32, y: f32, limit: f32) {
         self.x.push(x);
         self.y.push(y);
         self.limit.push(limit);
     }
 
-    pub(super) fn end_row(&mut self) {
-        self.rows.push(self.x.len());
+    /// All pixels before number `pixel` of the picture are complete: the next points are of this pixel.
+    #[inline]
+    pub(super) fn reach(&mut self, pixel: usize) {
+        // One more entry per row, for where it ends.
+        let entries = pixel + pixel / self.width + 1;
+        self.starts.resize(entries, self.x.len() as u32);
     }
 
-    /// Ends a list: all rows are there.
-    pub(super) fn end(&mut self) {
-        let padded = self.x.len() + LANES;
+    /// Ends the list of a picture with so many rows. Nothing is seen yet.
+    pub(super) fn end(&mut self, height: usize, farthest: f32) {
+        let (count, padded) = (self.x.len(), self.x.len() + LANES);
+        self.starts.resize(height * (self.width + 1), count as u32);
         self.x.resize(padded, 0.0);
         self.y.resize(padded, 0.0);
         self.limit.resize(padded, f32::NEG_INFINITY);
-        self.nearness.resize(padded, 0.0);
+        self.nearness.clear();
+        self.nearness.resize(padded, farthest);
+        self.owner.clear();
         self.owner.resize(padded, NOTHING);
         self.facet.resize(padded, 0);
     }
 
-    /// Forgets what was seen.
-    pub(super) fn clear(&mut self, farthest: f32) {
-        let count = self.len();
-        self.nearness[..count].fill(farthest);
-        self.nearness[count..].fill(f32::INFINITY);
-        self.owner.fill(NOTHING);
-    }
-
-    /// Whether a sample can lie in a part of the picture: between the pixels' centres of a raster there is none.
-    #[inline]
-    pub(super) fn may_meet(&self, [left, right]: [f32; 2], [top, bottom]: [f32; 2]) -> bool {
-        let centre = |low: f32, high: f32| (low + 0.5) as usize != (high + 0.5) as usize;
-        self.width == 0 || (centre(left, right) && centre(top, bottom))
-    }
-
-    /// How many samples there are.
+    /// How many points there are.
     pub(super) fn len(&self) -> usize {
-        self.rows.last().copied().unwrap_or(0)
+        self.x.len() - LANES
+    }
+}
+
+impl Target for Samples {
+    #[inline]
+    fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area {
+        let height = self.starts.len() / (self.width + 1);
+        Area {
+            x0: left as usize,
+            x1: (right as usize + 1).min(self.width),
+            y0: top as usize,
+            y1: (bottom as usize + 1).min(height),
+        }
     }
 
-    /// The samples of one row of an area.
     #[inline]
-    pub(super) fn within(&self, row: usize, area: &Area) -> std::ops::Range<usize> {
-        let (start, end) = (self.rows[row], self.rows[row + 1]);
-        if self.width > 0 {
-            return start + area.x0..start + area.x1;
+    fn within(&self, row: usize, x0: usize, x1: usize) -> Range<usize> {
+        let starts = &self.starts[row * (self.width + 1)..][..=self.width];
+        starts[x0] as usize..starts[x1] as usize
+    }
+
+    #[inline]
+    fn point(&self, _row: usize, at: usize) -> (f32, f32) {
+        (self.x[at], self.y[at])
+    }
+
+    #[inline]
+    fn points(&self, _row: usize, at: usize) -> (Lanes, Lanes) {
+        (load(&self.x[at..], 0.0), load(&self.y[at..], 0.0))
+    }
+
+    #[inline]
+    fn offer(&mut self, at: usize, mask: u32, nearness: Lanes, owner: u16, facet: Option<u32>) {
+        let (known, limit) = (load(&self.nearness[at..], 0.0), load(&self.limit[at..], 0.0));
+        let seen = (nearness.simd_gt(known) & nearness.simd_lt(limit)).to_bitmask() & mask;
+        put(
+            (&mut self.nearness[at..], &mut self.owner[at..], &mut self.facet[at..]),
+            seen,
+            nearness,
+            owner,
+            facet,
+        );
+    }
+
+    #[inline]
+    fn offer_one(&mut self, at: usize, nearness: f32, owner: u16, facet: u32) {
+        if nearness > self.nearness[at] && nearness < self.limit[at] {
+            self.nearness[at] = nearness;
+            self.owner[at] = owner;
+            self.facet[at] = facet;
         }
-        let xs = &self.x[start..end];
-        let first = xs.partition_point(|&x| x < area.x0 as f32);
-        let last = xs.partition_point(|&x| x <= area.x1 as f32);
-        start + first..start + last
+    }
+}
+
+impl Distances {
+    /// Nothing is near yet.
+    pub(super) fn begin(&mut self, width: usize, height: usize, limit: f32, farthest: f32) {
+        (self.width, self.height, self.limit) = (width, height, limit);
+        self.nearness.clear();
+        self.nearness.resize(width * height + LANES, farthest);
+    }
+}
+
+impl Target for Distances {
+    #[inline]
+    fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area {
+        let ((x0, x1), (y0, y1)) = (centred(left, right, self.width), centred(top, bottom, self.height));
+        Area { x0, x1, y0, y1 }
+    }
+
+    #[inline]
+    fn within(&self, row: usize, x0: usize, x1: usize) -> Range<usize> {
+        row * self.width + x0..row * self.width + x1
+    }
+
+    #[inline]
+    fn point(&self, row: usize, at: usize) -> (f32, f32) {
+        ((at - row * self.width) as f32 + 0.5, row as f32 + 0.5)
+    }
+
+    #[inline]
+    fn points(&self, row: usize, at: usize) -> (Lanes, Lanes) {
+        (centres(at - row * self.width), splat(row as f32 + 0.5))
+    }
+
+    #[inline]
+    fn offer(&mut self, at: usize, mask: u32, nearness: Lanes, _owner: u16, _facet: Option<u32>) {
+        let known = load(&self.nearness[at..], 0.0);
+        let seen = (nearness.simd_gt(known) & nearness.simd_lt(splat(self.limit))).to_bitmask() & mask;
+        let nearness = nearness.to_array();
+        let known = &mut self.nearness[at..][..LANES];
+        let mut bits = seen;
+        while bits != 0 {
+            let lane = bits.trailing_zeros() as usize;
+            known[lane] = nearness[lane];
+            bits &= bits - 1;
+        }
+    }
+
+    #[inline]
+    fn offer_one(&mut self, at: usize, nearness: f32, _owner: u16, _facet: u32) {
+        if nearness > self.nearness[at] && nearness < self.limit {
+            self.nearness[at] = nearness;
+        }
     }
 }

@@ -10,7 +10,6 @@ use super::plane::{Corners, on_plane};
 use super::shadow::ShadowMap;
 use super::shape;
 use super::texture;
-use super::triangles;
 use super::vector::{Matrix, Vector, sub};
 use super::view::{Rays, View};
 
@@ -183,19 +182,37 @@ impl Shading<'_> {
     }
 }
 
-/// Outward directions at points of a mesh.
+/// Outward directions at points of a mesh: of the corners, mixed by the sizes of the opposite parts.
+#[inline]
 fn mesh_outward(level: &Level, facets: &[u32], local: Lanes3) -> Lanes3 {
-    let [xs, ys, zs] = local.to_arrays();
-    let mut parts = [[0.0, 0.0, 1.0]; LANES];
-    for (lane, (part, &facet)) in parts.iter_mut().zip(facets).enumerate() {
+    // Corner a, the sides to b and c; the direction at a, and how it differs at b and c.
+    let mut columns = [[0.0_f32; LANES]; 18];
+    for (lane, &facet) in facets.iter().take(LANES).enumerate() {
         // Lanes beyond the last fragment hold the facets of another mesh.
-        let facet = facet.min(level.triangles.len() as u32 - 1);
-        let shares = triangles::shares(level, facet, [xs[lane], ys[lane], zs[lane]]);
-        let normals = &level.normals[facet as usize];
-        *part = [0, 1, 2].map(|i| (0..3).map(|k| shares[k] * normals[k][i]).sum());
+        let facet = (facet as usize).min(level.triangles.len() - 1);
+        let [a, b, c] = level.triangles[facet];
+        let (a, b, c) = (level.points[a as usize], level.points[b as usize], level.points[c as usize]);
+        let [p, q, r] = level.normals[facet];
+        for axis in 0..3 {
+            columns[axis][lane] = a[axis];
+            columns[3 + axis][lane] = b[axis] - a[axis];
+            columns[6 + axis][lane] = c[axis] - a[axis];
+            columns[9 + axis][lane] = p[axis];
+            columns[12 + axis][lane] = q[axis] - p[axis];
+            columns[15 + axis][lane] = r[axis] - p[axis];
+        }
     }
-    let column = |i: usize| load(&parts.map(|part| part[i]), 0.0);
-    Lanes3 { x: column(0), y: column(1), z: column(2) }.normalised()
+    let vector = |first: usize| {
+        let [x, y, z] = [0, 1, 2].map(|axis| Lanes::new(columns[first + axis]));
+        Lanes3 { x, y, z }
+    };
+    let (u, v, w) = (vector(3), vector(6), local - vector(0));
+    let (uu, uv, vv, wu, wv) = (u.dot(u), u.dot(v), v.dot(v), w.dot(u), w.dot(v));
+    let whole = (uu * vv - uv * uv).max(splat(f32::MIN_POSITIVE));
+    let limit = |share: Lanes| (share / whole).max(splat(0.0)).min(splat(1.0));
+    let (b, c) = (limit(vv * wu - uv * wv), limit(uu * wv - uv * wu));
+    let sum = (b + c).max(splat(1.0));
+    (vector(9) + vector(12).scaled(b / sum) + vector(15).scaled(c / sum)).normalised()
 }
 
 fn narrowed(m: Matrix) -> [[f32; 3]; 3] {

@@ -3,7 +3,7 @@
 use super::assets::Assets;
 use super::description::{Light, LightKind, Scene, Shape};
 use super::lanes::{Lanes, Lanes3, splat};
-use super::samples::Samples;
+use super::samples::Distances;
 use super::shape;
 use super::triangles::{self, Projected, Sides};
 use super::vector::{Vector, across, add, cross, dot, length, scale, sub, wide};
@@ -19,7 +19,7 @@ const NEAR: f64 = 1e-3;
 /// What one light sees.
 #[derive(Debug, Default)]
 pub(super) struct ShadowMap {
-    samples: Samples,
+    distances: Distances,
     view: Option<View>,
 }
 
@@ -35,11 +35,11 @@ impl ShadowMap {
     ) {
         self.view = light.shadow.and_then(|reach| fit(light, reach, scene, assets, size));
         let Some(view) = &self.view else { return };
-        self.samples.set_raster(size, size, view.nearest(), view.farthest());
+        self.distances.begin(size, size, view.nearest(), view.farthest());
         let drawing = Drawing { view, assets, sides: Sides::Both, coarseness: 2.0 };
         for (owner, instance) in (0..).zip(&scene.instances) {
             if instance.casts_shadow && !matches!(instance.shape, Shape::Plane { .. }) {
-                drawing.draw(instance, owner, projected, &mut self.samples);
+                drawing.draw(instance, owner, projected, &mut self.distances);
             }
         }
     }
@@ -77,7 +77,7 @@ impl ShadowMap {
         for lane in 0..8 {
             if mask >> lane & 1 == 1 {
                 let texel = y[lane] as usize * view.width + x[lane] as usize;
-                if self.samples.nearness[texel] > nearness[lane] {
+                if self.distances.nearness[texel] > nearness[lane] {
                     lit[lane] = 0.0;
                 }
             }

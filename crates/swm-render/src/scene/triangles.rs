@@ -1,11 +1,11 @@
 //! Meshes by rasterisation: which triangle is nearest at which sample.
 
 use super::description::Instance;
-use super::lanes::{LANES, load, splat};
+use super::lanes::{LANES, Lanes, splat};
 use super::mesh::Level;
-use super::samples::Samples;
-use super::vector::{Vector, add, cross, dot, length, rotate, scale, sub, wide};
-use super::view::{Area, View};
+use super::samples::{Target, first};
+use super::vector::{Vector, add, dot, length, rotate, scale, sub, wide};
+use super::view::View;
 
 /// Which sides of triangles are seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,56 +19,59 @@ pub(super) enum Sides {
 /// Corners of a mesh in the picture, kept between frames for their memory.
 #[derive(Debug, Default)]
 pub(super) struct Projected {
-    /// x × w, y × w and w, where w is the depth of a perspective view and 1 in a parallel one; and nearness for that.
-    corners: Vec<[f32; 4]>,
+    corners: Vec<Corner>,
 }
 
-/// A corner in the picture: x, y, nearness.
-type Corner = [f32; 3];
+/// A corner in the picture: x, y, nearness, depth.
+type Corner = [f32; 4];
 
-/// Draws `level` of the mesh that `instance` is.
-pub(super) fn draw(
+/// Draws `level` of the mesh that `instance` is; `in_front`: no part of it can be nearer than the near plane.
+#[expect(clippy::too_many_arguments, reason = "the inner loop's inputs")]
+pub(super) fn draw<T: Target>(
     view: &View,
     instance: &Instance,
     owner: u16,
     level: &Level,
     sides: Sides,
+    in_front: bool,
     projected: &mut Projected,
-    samples: &mut Samples,
+    target: &mut T,
 ) {
     project(view, instance, level, projected);
     let near = view.nearest();
-    let corners = &projected.corners;
-    for (facet, triangle) in (0..).zip(&level.triangles) {
-        let [a, b, c] = triangle.map(|index| corners[index as usize]);
-        let mut raster = |corners: [Corner; 3]| fill(view, corners, owner, facet, sides, samples);
-        if !view.is_perspective() {
-            raster([a, b, c].map(|[x, y, _, nearness]| [x, y, nearness]));
+    let (size, corners) = ([view.width as f32, view.height as f32], projected.corners.as_slice());
+    for (facet, &[a, b, c]) in (0..).zip(&level.triangles) {
+        let (a, b, c) = (corners[a as usize], corners[b as usize], corners[c as usize]);
+        if in_front {
+            fill(size, [a, b, c], owner, facet, sides, target);
             continue;
         }
-        let is_seen = |corner: [f32; 4]| corner[3] > 0.0 && corner[3] <= near;
-        match [a, b, c].map(is_seen) {
-            [true, true, true] => raster([a, b, c].map(flat)),
+        let is_seen = |corner: Corner| corner[2] > 0.0 && corner[2] <= near;
+        match [is_seen(a), is_seen(b), is_seen(c)] {
+            [true, true, true] => fill(size, [a, b, c], owner, facet, sides, target),
             [false, false, false] => {}
-            _ => clipped([a, b, c], 1.0 / near, raster),
+            _ => clipped([a, b, c], 1.0 / near, |corners| fill(size, corners, owner, facet, sides, target)),
         }
     }
 }
 
-fn flat([x, y, _depth, nearness]: [f32; 4]) -> Corner {
-    [x * nearness, y * nearness, nearness]
-}
-
-/// All points of the mesh: homogeneous pixel coordinates, linear in the point.
+/// All points of the mesh, in the picture.
 fn project(view: &View, instance: &Instance, level: &Level, projected: &mut Projected) {
-    let (rows, offset) = homogeneous(view, instance);
+    let ([by_x, by_y, by_z], [from_x, from_y, from_z]) = homogeneous(view, instance);
     let perspective = view.is_perspective();
     projected.corners.clear();
     projected.corners.extend(level.points.iter().map(|&[x, y, z]| {
-        let part = |i: usize| rows[i][0] * x + rows[i][1] * y + rows[i][2] * z + offset[i];
-        let depth = part(2);
-        let nearness = if perspective { 1.0 / depth } else { -depth };
-        [part(0), part(1), depth, nearness]
+        let (across, down) = (
+            by_x[0] * x + by_x[1] * y + by_x[2] * z + from_x,
+            by_y[0] * x + by_y[1] * y + by_y[2] * z + from_y,
+        );
+        let depth = by_z[0] * x + by_z[1] * y + by_z[2] * z + from_z;
+        if perspective {
+            let nearness = 1.0 / depth;
+            [across * nearness, down * nearness, nearness, depth]
+        } else {
+            [across, down, -depth, depth]
+        }
     }));
 }
 
@@ -86,31 +89,40 @@ fn homogeneous(view: &View, instance: &Instance) -> ([[f32; 3]; 3], [f32; 3]) {
 }
 
 /// Cuts a triangle at the near plane and gives on what is in front.
-fn clipped(corners: [[f32; 4]; 3], near: f32, mut raster: impl FnMut([Corner; 3])) {
-    let mut kept: [[f32; 4]; 4] = [[0.0; 4]; 4];
+fn clipped(corners: [Corner; 3], near: f32, mut raster: impl FnMut([Corner; 3])) {
+    // x × depth and y × depth are linear along edges, also through the eye.
+    let flat = |[x, y, depth]: [f32; 3]| [x / depth, y / depth, 1.0 / depth, depth];
+    let deep = |[x, y, _, depth]: Corner| [x * depth, y * depth, depth];
+    let mut kept: [Corner; 4] = [[0.0; 4]; 4];
     let mut count = 0;
     for k in 0..3 {
-        let (from, to) = (corners[k], corners[(k + 1) % 3]);
+        let (from, to) = (deep(corners[k]), deep(corners[(k + 1) % 3]));
         if from[2] >= near {
-            kept[count] = from;
+            kept[count] = corners[k];
             count += 1;
         }
         if (from[2] >= near) != (to[2] >= near) {
             let share = (near - from[2]) / (to[2] - from[2]);
             let mix = |i: usize| from[i] + share * (to[i] - from[i]);
-            kept[count] = [mix(0), mix(1), near, 1.0 / near];
+            kept[count] = flat([mix(0), mix(1), near]);
             count += 1;
         }
     }
     for k in 2..count {
-        raster([flat(kept[0]), flat(kept[k - 1]), flat(kept[k])]);
+        raster([kept[0], kept[k - 1], kept[k]]);
     }
 }
 
-/// One triangle: samples inside of its edges where it is nearer than what was there.
+/// One triangle: points inside of its edges where it is nearer than what was there.
 #[inline]
-fn fill(view: &View, corners: [Corner; 3], owner: u16, facet: u32, sides: Sides, samples: &mut Samples) {
-    let [mut a, b, mut c] = corners;
+fn fill<T: Target>(
+    size: [f32; 2],
+    [mut a, b, mut c]: [Corner; 3],
+    owner: u16,
+    facet: u32,
+    sides: Sides,
+    target: &mut T,
+) {
     // With y downward, front faces run clockwise: their area is negative.
     let mut area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
     let hidden = match sides {
@@ -124,67 +136,56 @@ fn fill(view: &View, corners: [Corner; 3], owner: u16, facet: u32, sides: Sides,
     if area < 0.0 {
         (a, c, area) = (c, a, -area);
     }
-    let low = |i: usize| a[i].min(b[i]).min(c[i]);
-    let high = |i: usize| a[i].max(b[i]).max(c[i]);
-    let (left, top) = (low(0).max(0.0), low(1).max(0.0));
-    let (right, bottom) = (high(0).min(view.width as f32), high(1).min(view.height as f32));
-    if left >= right || top >= bottom || !samples.may_meet([left, right], [top, bottom]) {
+    let (left, right) = (a[0].min(b[0]).min(c[0]).max(0.0), a[0].max(b[0]).max(c[0]).min(size[0]));
+    let (top, bottom) = (a[1].min(b[1]).min(c[1]).max(0.0), a[1].max(b[1]).max(c[1]).min(size[1]));
+    if left >= right || top >= bottom {
         return;
     }
-    let end = |value: f32, size: usize| (value as usize + 1).min(size);
-    let extent = Area {
-        x0: left as usize,
-        x1: end(right, view.width),
-        y0: top as usize,
-        y1: end(bottom, view.height),
-    };
-    let edges = [edge(b, c), edge(c, a), edge(a, b)];
-    // Nearness is linear across the picture.
-    let inverse = 1.0 / area;
-    let slope_x = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) * inverse;
-    let slope_y = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) * inverse;
+    let extent = target.extent(left, right, top, bottom);
+    if extent.x0 >= extent.x1 {
+        return;
+    }
+    let mut plane: Option<([Edge; 3], [f32; 2])> = None;
     for row in extent.y0..extent.y1 {
-        let range = samples.within(row, &extent);
+        let range = target.within(row, extent.x0, extent.x1);
+        if range.is_empty() {
+            continue;
+        }
+        // Most triangles meet no point at all: what follows is computed where it is needed.
+        let (edges, slopes) = plane.get_or_insert_with(|| {
+            // Nearness is linear across the picture.
+            let inverse = 1.0 / area;
+            let slope_x = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) * inverse;
+            let slope_y = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) * inverse;
+            ([edge(b, c), edge(c, a), edge(a, b)], [slope_x, slope_y])
+        });
+        if range.len() <= FEW {
+            for at in range {
+                let (x, y) = target.point(row, at);
+                if edges.iter().all(|edge| edge.keeps(x, y)) {
+                    let nearness = a[2] + (x - a[0]) * slopes[0] + (y - a[1]) * slopes[1];
+                    target.offer_one(at, nearness, owner, facet);
+                }
+            }
+            continue;
+        }
         let mut at = range.start;
         while at < range.end {
-            let (x, y) = (load(&samples.x[at..], 0.0), load(&samples.y[at..], 0.0));
-            let side = |edge: &Edge| {
-                let value = splat(edge.by_x) * x + splat(edge.by_y) * y + splat(edge.constant);
-                if edge.owns { value.simd_ge(splat(0.0)) } else { value.simd_gt(splat(0.0)) }
-            };
-            let inside = side(&edges[0]) & side(&edges[1]) & side(&edges[2]);
-            if inside.to_bitmask() != 0 {
+            let (x, y) = target.points(row, at);
+            let inside = edges[0].keep(x, y) & edges[1].keep(x, y) & edges[2].keep(x, y);
+            let mask = inside.to_bitmask() & first(range.end - at);
+            if mask != 0 {
                 let nearness =
-                    splat(a[2]) + (x - splat(a[0])) * splat(slope_x) + (y - splat(a[1])) * splat(slope_y);
-                let seen = inside
-                    & nearness.simd_gt(load(&samples.nearness[at..], 0.0))
-                    & nearness.simd_lt(load(&samples.limit[at..], 0.0));
-                put(samples, at, seen.to_bitmask(), nearness.to_array(), owner, facet);
+                    splat(a[2]) + (x - splat(a[0])) * splat(slopes[0]) + (y - splat(a[1])) * splat(slopes[1]);
+                target.offer(at, mask, nearness, owner, Some(facet));
             }
             at += LANES;
         }
     }
 }
 
-/// Writes what is seen at the lanes whose bit is set.
-#[inline]
-pub(super) fn put(
-    samples: &mut Samples,
-    at: usize,
-    mask: u32,
-    nearness: [f32; LANES],
-    owner: u16,
-    facet: u32,
-) {
-    let mut bits = mask;
-    while bits != 0 {
-        let lane = bits.trailing_zeros() as usize;
-        samples.nearness[at + lane] = nearness[lane];
-        samples.owner[at + lane] = owner;
-        samples.facet[at + lane] = facet;
-        bits &= bits - 1;
-    }
-}
+/// So many points are tested one by one.
+const FEW: usize = 2;
 
 /// An edge: the sum of its parts at a point is positive to the inside.
 struct Edge {
@@ -195,27 +196,27 @@ struct Edge {
     owns: bool,
 }
 
+impl Edge {
+    #[inline]
+    fn keeps(&self, x: f32, y: f32) -> bool {
+        let value = self.by_x * x + self.by_y * y + self.constant;
+        value > 0.0 || (self.owns && value == 0.0)
+    }
+
+    /// The same for eight points.
+    #[inline]
+    fn keep(&self, x: Lanes, y: Lanes) -> Lanes {
+        let value = splat(self.by_x) * x + splat(self.by_y) * y + splat(self.constant);
+        if self.owns { value.simd_ge(splat(0.0)) } else { value.simd_gt(splat(0.0)) }
+    }
+}
+
 /// The edge from `p` to `q`; that from `q` to `p` has exactly the opposite parts.
 #[inline]
 fn edge(p: Corner, q: Corner) -> Edge {
     let (by_x, by_y) = (p[1] - q[1], q[0] - p[0]);
     let owns = by_x > 0.0 || (by_x == 0.0 && by_y > 0.0);
     Edge { by_x, by_y, constant: p[0] * q[1] - q[0] * p[1], owns }
-}
-
-/// Shares of the three corners of triangle `facet` at a point of its plane, from the sizes of the opposite parts.
-pub(super) fn shares(level: &Level, facet: u32, point: [f32; 3]) -> [f32; 3] {
-    let [a, b, c] = level.triangles[facet as usize].map(|index| wide(level.points[index as usize]));
-    let point = wide(point);
-    let normal = cross(sub(b, a), sub(c, a));
-    let whole = dot(normal, normal);
-    if whole == 0.0 {
-        return [1.0, 0.0, 0.0];
-    }
-    let part = |p: Vector, q: Vector| dot(cross(sub(q, p), sub(point, p)), normal) / whole;
-    let [x, y] = [part(b, c), part(c, a)].map(|share| share.clamp(0.0, 1.0));
-    let sum = (x + y).max(1.0);
-    [(x / sum) as f32, (y / sum) as f32, (1.0 - ((x + y) / sum)) as f32]
 }
 
 /// A ball around the mesh: centre and radius in the world.

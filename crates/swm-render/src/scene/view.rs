@@ -107,6 +107,11 @@ impl View {
         if self.perspective { splat(1.0) / depth } else { -depth }
     }
 
+    /// Depth of the near plane.
+    pub(super) fn near(&self) -> f64 {
+        self.near
+    }
+
     /// The nearness of the near plane: nothing nearer is seen.
     pub(super) fn nearest(&self) -> f32 {
         (if self.perspective { 1.0 / self.near } else { -self.near }) as f32

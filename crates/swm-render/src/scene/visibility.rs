@@ -2,11 +2,11 @@
 
 use super::assets::Assets;
 use super::description::{Instance, Shape};
-use super::lanes::{LANES, load, splat};
-use super::samples::Samples;
+use super::lanes::{LANES, splat};
+use super::samples::{Target, first};
 use super::shape;
 use super::triangles::{self, Projected, Sides};
-use super::vector::wide;
+use super::vector::{dot, sub, wide};
 use super::view::{Area, View, corners};
 
 /// Farther than any surface that matters, metres: how far endless planes reach.
@@ -23,27 +23,24 @@ pub(super) struct Drawing<'a> {
 
 impl Drawing<'_> {
     /// Draws `instance`, which is number `owner`.
-    pub(super) fn draw(
+    pub(super) fn draw<T: Target>(
         &self,
         instance: &Instance,
         owner: u16,
         projected: &mut Projected,
-        samples: &mut Samples,
+        target: &mut T,
     ) {
-        match instance.shape {
-            Shape::Mesh(mesh) => {
-                let mesh = &self.assets.meshes[mesh];
-                if self.area_of_mesh(instance, mesh.bounds()).is_some() {
-                    let level = mesh.at(self.level(instance));
-                    triangles::draw(self.view, instance, owner, level, self.sides, projected, samples);
-                }
-            }
-            _ => {
-                if let Some(area) = self.area(instance) {
-                    self.solid(instance, owner, &area, samples);
-                }
-            }
-        }
+        let Some(area) = self.area(instance) else { return };
+        let Shape::Mesh(mesh) = instance.shape else {
+            self.solid(instance, owner, &area, target);
+            return;
+        };
+        let mesh = &self.assets.meshes[mesh];
+        let (centre, radius) = triangles::ball(mesh.bounds(), instance);
+        let level = mesh.at(self.level(instance));
+        let depth = dot(sub(centre, self.view.origin), self.view.forward);
+        let in_front = !self.view.is_perspective() || depth - radius > self.view.near();
+        triangles::draw(self.view, instance, owner, level, self.sides, in_front, projected, target);
     }
 
     /// Which version of its mesh an instance is drawn with: by the size of a pixel where it is nearest.
@@ -54,34 +51,28 @@ impl Drawing<'_> {
         mesh.level(self.coarseness * self.view.pixel_at(centre, radius) as f32)
     }
 
-    fn area_of_mesh(&self, instance: &Instance, (low, high): ([f32; 3], [f32; 3])) -> Option<Area> {
-        let (centre, radius) = triangles::ball((low, high), instance);
-        self.view.area(corners(centre, instance.rotation, [radius; 3]))
-    }
-
     /// The pixels that an instance may cover.
-    fn area(&self, instance: &Instance) -> Option<Area> {
+    pub(super) fn area(&self, instance: &Instance) -> Option<Area> {
+        if let Shape::Mesh(mesh) = instance.shape {
+            let (centre, radius) = triangles::ball(self.assets.meshes[mesh].bounds(), instance);
+            return self.view.area(corners(centre, instance.rotation, [radius; 3]));
+        }
         let half = wide(shape::half_lengths(&instance.shape, FAR));
         self.view.area(corners(instance.position, instance.rotation, half))
     }
 
-    fn solid(&self, instance: &Instance, owner: u16, area: &Area, samples: &mut Samples) {
+    fn solid<T: Target>(&self, instance: &Instance, owner: u16, area: &Area, target: &mut T) {
         let rays = self.view.rays(instance);
         let depth = splat(rays.depth);
         for row in area.y0..area.y1 {
-            let range = samples.within(row, area);
+            let range = target.within(row, area.x0, area.x1);
             let mut at = range.start;
             while at < range.end {
-                let (x, y) = (load(&samples.x[at..], 0.0), load(&samples.y[at..], 0.0));
+                let (x, y) = target.points(row, at);
                 let (place, direction) = rays.at(x, y);
                 let t = shape::enter(&instance.shape, place, direction);
                 let nearness = self.view.nearness(depth + t);
-                let seen = nearness.simd_gt(load(&samples.nearness[at..], 0.0))
-                    & nearness.simd_lt(load(&samples.limit[at..], 0.0));
-                let mask = seen.to_bitmask();
-                if mask != 0 {
-                    triangles::put(samples, at, mask, nearness.to_array(), owner, 0);
-                }
+                target.offer(at, first(range.end - at), nearness, owner, None);
                 at += LANES;
             }
         }
