@@ -98,12 +98,7 @@ impl Fragments {
     }
 
     /// Fragments of a list of points; `whole` says of each to which pixel it belongs and which share of it is.
-    pub(super) fn of_list(
-        &mut self,
-        list: &Samples,
-        surfaces: usize,
-        whole: impl Fn(usize) -> (u32, f32),
-    ) {
+    pub(super) fn of_list(&mut self, list: &Samples, surfaces: usize, whole: impl Fn(usize) -> (u32, f32)) {
         self.begin(surfaces);
         for &owner in &list.owner[..list.len()] {
             self.starts[slot(owner, surfaces) + 1] += 1;

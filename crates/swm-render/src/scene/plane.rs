@@ -87,6 +87,45 @@ impl Corners {
         self.colors.resize(self.colors.len().max(count * layers), [0.0; 3]);
     }
 
+    /// Where all points lie in one triangle of one whole cell whose corners are lit, as most do: writes their colours, or
+    /// returns false.
+    #[inline]
+    fn colors_in_one_cell(&self, axes: [Axis; 2], at: [[f32; LANES]; 2], out: &mut [Lanes3]) -> bool {
+        let mut cell = [0; 2];
+        let mut shares = [splat(0.0); 2];
+        for k in 0..2 {
+            let place = (load(&at[k], 0.0) - splat(axes[k].first)) * splat(axes[k].inverse);
+            let whole = place.to_array()[0] as i32;
+            let (low, high) = (splat(whole as f32), splat((whole + 1) as f32));
+            let inside = place.simd_ge(low.max(splat(0.0))) & place.simd_lt(high);
+            if whole >= axes[k].count || inside.to_bitmask() != 0xff {
+                return false;
+            }
+            (cell[k], shares[k]) = (whole + 1, place - low);
+        }
+        let stride = axes[1].count + 3;
+        let first = cell[0] * stride + cell[1];
+        let corners = [first, first + 1, first + stride, first + stride + 1];
+        let is_lower = (shares[0] + shares[1]).simd_le(splat(1.0)).to_bitmask();
+        if !matches!(is_lower, 0 | 0xff) || corners.iter().any(|&c| self.rounds[c as usize] != self.round) {
+            return false;
+        }
+        let one = splat(1.0);
+        let (from, [first, second], [u, v]) = if is_lower == 0xff {
+            (corners[0], [corners[2], corners[1]], shares)
+        } else {
+            (corners[3], [corners[1], corners[2]], [one - shares[0], one - shares[1]])
+        };
+        for (layer, color) in out.iter_mut().enumerate() {
+            let at = |corner: i32| self.colors[corner as usize * self.layers + layer];
+            let (from, first, second) = (at(from), at(first), at(second));
+            let part =
+                |k: usize| splat(from[k]) + u * splat(first[k] - from[k]) + v * splat(second[k] - from[k]);
+            *color = Lanes3 { x: part(0), y: part(1), z: part(2) };
+        }
+        true
+    }
+
     /// The colours of all layers at points of the plane, written to `out`, `[layers]`. `light` computes the layers at
     /// eight corners: `light(x, y, out)`.
     #[inline]
@@ -98,6 +137,9 @@ impl Corners {
         mut light: impl FnMut([f32; LANES], [f32; LANES], &mut [Lanes3]),
     ) {
         let Some(axes) = self.axes else { return };
+        if self.colors_in_one_cell(axes, [x, y], out) {
+            return;
+        }
         let stride = axes[1].count + 3;
         let mut cells = [(0usize, 0.0, 0.0); LANES];
         let mut missing: [i32; 4 * LANES] = [0; 4 * LANES];

@@ -9,7 +9,6 @@ use super::mesh::Level;
 use super::plane::{Corners, on_plane};
 use super::shadow::ShadowMap;
 use super::shape;
-use super::texture;
 use super::vector::{Matrix, Vector, sub};
 use super::view::{Rays, View};
 
@@ -156,15 +155,11 @@ impl Shading<'_> {
             Mapping::Flat { texture, scale, offset } => {
                 let texture = &self.assets.textures[texture];
                 let size = texture.size();
-                let coordinate =
-                    |value: Lanes, k: usize| (value * splat(scale[k]) + splat(offset[k])).to_array();
+                let coordinate = |value: Lanes, k: usize| value * splat(scale[k]) + splat(offset[k]);
                 let (u, v) = (coordinate(local.x, 0), coordinate(local.y, 1));
                 let [by_u, by_v] = [scale[0] * size[0], scale[1] * size[1]].map(f32::abs).map(splat);
                 let steps = (dx.x.abs().max(dy.x.abs()) * by_u).max(dx.y.abs().max(dy.y.abs()) * by_v);
-                let steps = steps.to_array();
-                for lane in 0..count {
-                    set(lane, texture.at(u[lane], v[lane], texture::detail(steps[lane]), true));
-                }
+                return texture.tiled(u, v, steps, count).scaled(splat(1.0 / 255.0));
             }
             Mapping::Cube { texture, scale } => {
                 let texture = &self.assets.cubes[texture];

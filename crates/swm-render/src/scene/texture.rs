@@ -1,5 +1,6 @@
 //! Textures: smaller copies of themselves for what is far away, and reading between texels.
 
+use super::lanes::{LANES, Lanes, Lanes3, splat};
 use crate::error::RenderError;
 
 /// A flat picture that repeats without end.
@@ -22,8 +23,15 @@ struct Image {
     texels: Vec<Texel>,
 }
 
-/// Red, green and blue in 16 bits each, so that all three are mixed by one multiplication.
+/// Red, green and blue in 16 bits each, so that all three are mixed by one multiplication; and [`CALM`].
 type Texel = u64;
+
+/// The bit of texels around which all is of their colour, in their image and the next smaller one: whatever is read
+/// between texels there is this colour. Checkers are calm nearly everywhere.
+const CALM: Texel = 1 << 63;
+
+/// Cube textures with faces up to this size are marked where they are calm; larger ones are skies, which are not.
+const MARKED: usize = 256;
 
 fn texel([r, g, b]: [u8; 3]) -> Texel {
     u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32
@@ -35,13 +43,19 @@ const BYTES: Texel = 0x00ff_00ff_00ff;
 /// Between `a` and `b`: `share` of 256 parts of `b`.
 #[inline]
 fn mix(a: Texel, b: Texel, share: u32) -> Texel {
-    let share = u64::from(share);
+    let (a, b, share) = (a & BYTES, b & BYTES, u64::from(share));
     ((a * (256 - share) + b * share + 0x0080_0080_0080) >> 8) & BYTES
 }
 
 impl Texture {
     /// From `[H, W, 3]` bytes, the first row at v = 0.
     pub fn new(width: usize, height: usize, rgb: &[u8]) -> Result<Self, RenderError> {
+        let mut texture = Self::plain(width, height, rgb)?;
+        texture.mark_calm();
+        Ok(texture)
+    }
+
+    fn plain(width: usize, height: usize, rgb: &[u8]) -> Result<Self, RenderError> {
         if width == 0 || height == 0 || rgb.len() != width * height * 3 {
             let what = format!("a texture of {width} x {height} texels with {} bytes", rgb.len());
             return Err(RenderError::Texture { what });
@@ -54,35 +68,100 @@ impl Texture {
         Ok(Self { levels })
     }
 
+    /// Sets [`CALM`].
+    fn mark_calm(&mut self) {
+        let flat: Vec<Vec<bool>> = self.levels.iter().map(Image::flat).collect();
+        for level in 0..self.levels.len() {
+            let (done, rest) = self.levels.split_at_mut(level + 1);
+            let (image, smaller) = (&mut done[level], rest.first());
+            for y in 0..image.height {
+                for x in 0..image.width {
+                    let at = y * image.width + x;
+                    let color = image.texels[at];
+                    let calm_below = |smaller: &Image| {
+                        let around = |at: usize, large: usize, small: usize| {
+                            at * small / large..=((at + 1) * small / large).min(small - 1)
+                        };
+                        around(y, image.height, smaller.height).all(|y| {
+                            around(x, image.width, smaller.width).all(|x| {
+                                let at = y * smaller.width + x;
+                                flat[level + 1][at] && smaller.texels[at] == color
+                            })
+                        })
+                    };
+                    if flat[level][at] && smaller.is_none_or(calm_below) {
+                        image.texels[at] |= CALM;
+                    }
+                }
+            }
+        }
+    }
+
     /// Texels along u and v.
     pub(super) fn size(&self) -> [f32; 2] {
         [self.levels[0].width as f32, self.levels[0].height as f32]
     }
 
-    /// The colour, 0 to 255, at (u, v), where one period is 1; `detail` is the logarithm to base 2 of the texels per
-    /// pixel.
+    /// The colours, 0 to 255, at up to eight points (u, v) of a texture that repeats, where one period is 1; `texels`:
+    /// per pixel.
     #[inline]
-    pub(super) fn at(&self, u: f32, v: f32, detail: f32, repeats: bool) -> [f32; 3] {
-        let last = (self.levels.len() - 1) as f32;
-        let detail = detail.max(0.0).min(last);
-        let lower = detail as usize;
-        let share = ((detail - lower as f32) * 256.0) as u32;
-        let mut color = self.levels[lower].between(u, v, repeats);
-        if share > 0 {
-            color = mix(color, self.levels[lower + 1].between(u, v, repeats), share);
+    pub(super) fn tiled(&self, u: Lanes, v: Lanes, texels: Lanes, count: usize) -> Lanes3 {
+        let (u, v) = (fractions(u).to_array(), fractions(v).to_array());
+        let texels = texels.to_array();
+        let mut parts = [[0.0; LANES]; 3];
+        for lane in 0..count {
+            let color = self.at(u[lane], v[lane], texels[lane], true);
+            for (k, part) in parts.iter_mut().enumerate() {
+                part[lane] = channel(color, k);
+            }
         }
-        [(color & 0xff) as f32, (color >> 16 & 0xff) as f32, (color >> 32 & 0xff) as f32]
+        let [x, y, z] = parts.map(Lanes::new);
+        Lanes3 { x, y, z }
     }
+
+    /// The colour at (u, v), both from 0 to 1.
+    #[inline]
+    fn at(&self, u: f32, v: f32, texels: f32, repeats: bool) -> Texel {
+        // The logarithm to base 2: the exponent says which image, the first bits behind it how much of the next.
+        let (last, bits) = (self.levels.len() - 1, texels.clamp(1.0, 1e9).to_bits());
+        let level = ((bits >> 23) as usize - 127).min(last);
+        let image = &self.levels[level];
+        let color = image.nearest(u, v);
+        if color & CALM != 0 {
+            return color;
+        }
+        let color = image.between(u, v, repeats);
+        let share = if level < last { bits >> 15 & 0xff } else { 0 };
+        if share == 0 {
+            return color;
+        }
+        mix(color, self.levels[level + 1].between(u, v, repeats), share)
+    }
+}
+
+/// Red, green or blue.
+#[inline]
+fn channel(color: Texel, k: usize) -> f32 {
+    (color >> (16 * k) & 0xff) as i32 as f32
+}
+
+/// What is left of numbers when their whole part is gone, from 0 to 1. Numbers beyond a thousand million have lost it.
+#[inline]
+fn fractions(value: Lanes) -> Lanes {
+    let value = value.max(splat(-1e9)).min(splat(1e9));
+    let part = value - Lanes::from_i32x8(value.fast_trunc_int());
+    part.simd_lt(splat(0.0)).select(part + splat(1.0), part)
 }
 
 impl CubeTexture {
     /// From six faces of `[size, size, 3]` bytes, one after the other; or one face, six times the same.
     pub fn new(size: usize, rgb: &[u8]) -> Result<Self, RenderError> {
         let face = size * size * 3;
+        let make = if size <= MARKED { Texture::new } else { Texture::plain };
         let faces = match rgb.len() {
-            len if len == face => (0..6).map(|_| Texture::new(size, size, rgb)).collect(),
+            len if len == face => (0..6).map(|_| make(size, size, rgb)).collect(),
             len if len == 6 * face && face > 0 => {
-                rgb.chunks_exact(face).map(|rgb| Texture::new(size, size, rgb)).collect()
+                rgb.chunks_exact(face).map(|rgb| make(size, size, rgb)).collect()
             }
             len => Err(RenderError::Texture { what: format!("a cube of {size} texels with {len} bytes") }),
         };
@@ -101,7 +180,8 @@ impl CubeTexture {
                 texels = texels.max((slope / (major * major)).abs() * half);
             }
         }
-        self.faces[face].at(0.5 * (u / major + 1.0), 0.5 * (v / major + 1.0), detail(texels), false)
+        let color = self.faces[face].at(0.5 * (u / major + 1.0), 0.5 * (v / major + 1.0), texels, false);
+        [0, 1, 2].map(|k| channel(color, k))
     }
 }
 
@@ -123,17 +203,6 @@ fn on_face(face: usize, [x, y, z]: [f32; 3]) -> [f32; 3] {
         4 => [x, -y, z],
         _ => [-x, -y, -z],
     }
-}
-
-/// The logarithm to base 2, linear between powers of two: exact enough to choose a level, and the same everywhere.
-pub(super) fn detail(texels: f32) -> f32 {
-    if texels <= 1.0 || !texels.is_finite() {
-        return 0.0;
-    }
-    let bits = texels.to_bits();
-    let exponent = (bits >> 23) as i32 - 127;
-    let mantissa = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000);
-    exponent as f32 + (mantissa - 1.0)
 }
 
 impl Image {
@@ -158,6 +227,30 @@ impl Image {
         Some(Image { width, height, texels })
     }
 
+    /// Where the eight texels around are of the same colour, across the edges where it repeats.
+    fn flat(&self) -> Vec<bool> {
+        let (width, height) = (self.width, self.height);
+        let around = |at: usize, size: usize| [(at + size - 1) % size, at, (at + 1) % size];
+        (0..width * height)
+            .map(|index| {
+                let (x, y) = (index % width, index / width);
+                let color = self.texels[index];
+                around(y, height)
+                    .iter()
+                    .all(|y| around(x, width).iter().all(|x| self.texels[y * width + x] & BYTES == color))
+            })
+            .collect()
+    }
+
+    /// The texel that (u, v) is in.
+    #[inline]
+    fn nearest(&self, u: f32, v: f32) -> Texel {
+        let place = |coordinate: f32, size: usize| {
+            ((coordinate * size as f32) as i32).clamp(0, size as i32 - 1) as usize
+        };
+        self.texels[place(v, self.height) * self.width + place(u, self.width)]
+    }
+
     #[inline]
     fn between(&self, u: f32, v: f32, repeats: bool) -> Texel {
         self.mixed(neighbours(u, self.width, repeats), neighbours(v, self.height, repeats))
@@ -172,28 +265,20 @@ impl Image {
     }
 }
 
-/// The two texels around a coordinate and how many of 256 parts the second has.
+/// The two texels around a coordinate from 0 to 1, and how many of 256 parts the second has.
 #[inline]
 fn neighbours(coordinate: f32, size: usize, repeats: bool) -> (usize, usize, u32) {
-    let last = size - 1;
-    if !repeats {
-        let place = (coordinate * size as f32 - 0.5).max(0.0).min(last as f32);
-        let low = place as usize;
-        return (low, (low + 1).min(last), ((place - low as f32) * 256.0) as u32);
-    }
+    let last = size as i32 - 1;
     // Shifted by one so that it is not negative: cheaper than rounding down.
-    let place = fraction(coordinate) * size as f32 + 0.5;
-    let whole = place as usize;
-    let share = ((place - whole as f32) * 256.0) as u32;
-    let high = if whole >= size { 0 } else { whole };
-    (if whole == 0 { last } else { (whole - 1).min(last) }, high, share)
-}
-
-/// What is left of a number when its whole part is gone, from 0 to 1. Numbers beyond two thousand million have lost it.
-#[inline]
-fn fraction(value: f32) -> f32 {
-    let part = value - value as i32 as f32;
-    if part < 0.0 { part + 1.0 } else { part }
+    let place = coordinate * size as f32 + 0.5;
+    let whole = place as i32;
+    let share = ((place - whole as f32) * 256.0) as i32 as u32;
+    let (low, high) = if repeats {
+        (if whole == 0 { last } else { whole - 1 }, if whole > last { 0 } else { whole })
+    } else {
+        ((whole - 1).clamp(0, last), whole.clamp(0, last))
+    };
+    (low as usize, high as usize, share)
 }
 
 #[cfg(test)]
@@ -203,12 +288,32 @@ mod tests {
     #[test]
     fn textures_repeat_and_blur_with_distance() {
         let texture = Texture::new(2, 1, &[0, 0, 0, 200, 100, 50]).expect("sound");
-        assert_eq!(texture.at(0.25, 0.5, 0.0, true), [0.0; 3]);
-        assert_eq!(texture.at(-1.25, 0.5, 0.0, true), [200.0, 100.0, 50.0]);
-        assert_eq!(texture.at(0.5, 0.3, 0.0, true), [100.0, 50.0, 25.0]);
-        assert_eq!(texture.at(0.25, 0.5, 9.0, true), [100.0, 50.0, 25.0]);
-        assert_eq!(texture.at(0.25, 0.5, 0.5, true), [50.0, 25.0, 13.0]);
+        let at = |u: f32, v: f32, texels: f32| {
+            let color = texture.tiled(splat(u), splat(v), splat(texels), 8);
+            color.to_arrays().map(|part| part[7])
+        };
+        assert_eq!(at(0.25, 0.5, 1.0), [0.0; 3]);
+        assert_eq!(at(-1.25, 0.5, 1.0), [200.0, 100.0, 50.0]);
+        assert_eq!(at(0.5, 0.3, 1.0), [100.0, 50.0, 25.0]);
+        assert_eq!(at(0.25, 0.5, 512.0), [100.0, 50.0, 25.0]);
+        assert_eq!(at(0.25, 0.5, 1.5), [50.0, 25.0, 13.0]);
         assert!(Texture::new(2, 1, &[0; 5]).is_err() && Texture::new(0, 1, &[]).is_err());
+    }
+
+    #[test]
+    fn calm_texels_are_what_is_read_around_them() {
+        let checker: Vec<u8> = (0..30 * 30)
+            .flat_map(|i| if (i % 30 < 15) == (i / 30 < 15) { [9, 8, 7] } else { [90, 80, 70] })
+            .collect();
+        let marked = Texture::new(30, 30, &checker).expect("sound");
+        let plain = Texture::plain(30, 30, &checker).expect("sound");
+        let calm = marked.levels[0].texels.iter().filter(|&&texel| texel & CALM != 0).count();
+        assert!(calm > 300 && calm < 900, "{calm}");
+        for step in 0..4000 {
+            let (u, v) = (fractions(splat(step as f32 * 0.137)), fractions(splat(step as f32 * 0.0391)));
+            let texels = splat(1.0 + (step % 97) as f32 * 0.3);
+            assert_eq!(marked.tiled(u, v, texels, 8).to_arrays(), plain.tiled(u, v, texels, 8).to_arrays());
+        }
     }
 
     #[test]
