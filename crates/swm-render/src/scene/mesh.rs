@@ -24,7 +24,7 @@ pub(super) struct Level {
 }
 
 /// Cells along the longest side of the coarse versions.
-const CELLS: [u32; 11] = [128, 96, 64, 48, 32, 24, 16, 12, 8, 6, 4];
+const CELLS: [u32; 13] = [256, 192, 128, 96, 64, 48, 32, 24, 16, 12, 8, 6, 4];
 
 impl Mesh {
     /// A mesh of `triangles`, indices into `points` (metres), with a direction for each corner of each triangle.
@@ -54,7 +54,8 @@ impl Mesh {
         if points.is_empty() {
             (low, high) = ([0.0; 3], [0.0; 3]);
         }
-        let full = Level { cell: 0.0, points, triangles, normals };
+        let mut full = Level { cell: 0.0, points, triangles, normals };
+        full.weld();
         let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f32::max);
         let mut levels = vec![full];
         for cells in CELLS {
@@ -89,6 +90,26 @@ impl Mesh {
 }
 
 impl Level {
+    /// Points at the same place become one: files often have three for every triangle.
+    fn weld(&mut self) {
+        let mut known: HashMap<[u32; 3], u32> = HashMap::new();
+        let mut points = Vec::new();
+        let place_of: Vec<u32> = self
+            .points
+            .iter()
+            .map(|point| {
+                *known.entry(point.map(f32::to_bits)).or_insert_with(|| {
+                    points.push(*point);
+                    points.len() as u32 - 1
+                })
+            })
+            .collect();
+        self.points = points;
+        for index in self.triangles.iter_mut().flatten() {
+            *index = place_of[*index as usize];
+        }
+    }
+
     /// All points of a cell become their mean; triangles that lose a corner go.
     fn clustered(&self, low: [f32; 3], cell: f32) -> Level {
         let key = |point: &[f32; 3]| [0, 1, 2].map(|i| ((point[i] - low[i]) / cell).floor() as i32);

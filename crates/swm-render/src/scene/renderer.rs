@@ -163,7 +163,7 @@ impl SceneRenderer {
             return;
         }
         let (width, height, owner) = (self.width, self.height, &self.raster.owner);
-        self.fine.begin(width);
+        self.fine.begin(width, 2.0);
         self.flags.resize(width, 0);
         let nearest = view.nearest();
         for y in 0..height {
@@ -242,7 +242,7 @@ impl SceneRenderer {
         let range = self.fragments.of(owner);
         let fragments = &self.fragments;
         let other = view.mirrored(point, normal);
-        self.mirror.begin(self.width);
+        self.mirror.begin(self.width, ANYWHERE);
         for at in range.clone() {
             self.mirror.reach(fragments.pixel[at] as usize);
             self.mirror.push(fragments.x[at], fragments.y[at], fragments.nearness[at]);
@@ -302,7 +302,7 @@ impl SceneRenderer {
             let Some(area) = drawing.area(instance) else { continue };
             // Its pixels, and how near what hides it is there.
             let (width, veil) = (self.width, &mut self.mirror);
-            veil.begin(width);
+            veil.begin(width, 1.0);
             for y in area.y0..area.y1 {
                 for x in area.x0..area.x1 {
                     veil.reach(y * width + x);
@@ -336,6 +336,9 @@ impl SceneRenderer {
         }
     }
 }
+
+/// The density of points that can be anywhere in a pixel.
+const ANYWHERE: f32 = 4096.0;
 
 /// Detail of meshes that is left out, in pixels.
 const COARSENESS: f32 = 1.0;

@@ -10,6 +10,10 @@ pub(super) const NOTHING: u16 = u16::MAX;
 
 /// What surfaces are drawn into: points in rows of pixels, from left to right in each.
 pub(super) trait Target {
+    /// How many points there are along the length of a pixel, at odd halves of their spacing; or many, if they can be
+    /// anywhere.
+    fn density(&self) -> f32;
+
     /// The pixels whose points may lie in `left..=right` × `top..=bottom`, which is inside of the picture.
     fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area;
 
@@ -58,6 +62,8 @@ pub(super) struct Samples {
     /// `[H, W + 1]`: where the points of each pixel begin.
     starts: Vec<u32>,
     width: usize,
+    height: usize,
+    density: f32,
 }
 
 /// How near the nearest surface is, and nothing else.
@@ -85,8 +91,9 @@ fn centres(x: usize) -> Lanes {
 #[inline]
 fn centred(low: f32, high: f32, size: usize) -> (usize, usize) {
     let place = low + 0.5;
-    let whole = place as usize;
-    (if whole as f32 == place { whole.saturating_sub(1) } else { whole }, ((high + 0.5) as usize).min(size))
+    let whole = place as i32;
+    let start = if whole as f32 == place { whole - 1 } else { whole };
+    (start as usize, ((high + 0.5) as i32 as usize).min(size))
 }
 
 impl Raster {
@@ -112,6 +119,11 @@ impl Raster {
 }
 
 impl Target for Raster {
+    #[inline]
+    fn density(&self) -> f32 {
+        1.0
+    }
+
     #[inline]
     fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area {
         let ((x0, x1), (y0, y1)) = (centred(left, right, self.width), centred(top, bottom, self.height));
@@ -190,8 +202,9 @@ fn put(
 }
 
 impl Samples {
-    /// Starts a list for pictures of this width.
-    pub(super) fn begin(&mut self, width: usize) {
+    /// Starts a list for pictures of this width, of points with this [`Target::density`].
+    pub(super) fn begin(&mut self, width: usize, density: f32) {
+        self.density = density;
         self.x.clear();
         self.y.clear();
         self.limit.clear();
@@ -218,6 +231,7 @@ impl Samples {
     /// Ends the list of a picture with so many rows. Nothing is seen yet.
     pub(super) fn end(&mut self, height: usize, farthest: f32) {
         let (count, padded) = (self.x.len(), self.x.len() + LANES);
+        self.height = height;
         self.starts.resize(height * (self.width + 1), count as u32);
         self.x.resize(padded, 0.0);
         self.y.resize(padded, 0.0);
@@ -237,13 +251,17 @@ impl Samples {
 
 impl Target for Samples {
     #[inline]
+    fn density(&self) -> f32 {
+        self.density
+    }
+
+    #[inline]
     fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area {
-        let height = self.starts.len() / (self.width + 1);
         Area {
-            x0: left as usize,
-            x1: (right as usize + 1).min(self.width),
-            y0: top as usize,
-            y1: (bottom as usize + 1).min(height),
+            x0: left as i32 as usize,
+            x1: (right as i32 as usize + 1).min(self.width),
+            y0: top as i32 as usize,
+            y1: (bottom as i32 as usize + 1).min(self.height),
         }
     }
 
@@ -296,6 +314,11 @@ impl Distances {
 }
 
 impl Target for Distances {
+    #[inline]
+    fn density(&self) -> f32 {
+        1.0
+    }
+
     #[inline]
     fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area {
         let ((x0, x1), (y0, y1)) = (centred(left, right, self.width), centred(top, bottom, self.height));

@@ -40,12 +40,20 @@ pub(super) fn draw<T: Target>(
     project(view, instance, level, projected);
     let near = view.nearest();
     let (size, corners) = ([view.width as f32, view.height as f32], projected.corners.as_slice());
+    if in_front {
+        for (first, triangles) in (0..).step_by(LANES).zip(level.triangles.chunks(LANES)) {
+            let mut bits = candidates(triangles, corners, sides, size, target.density());
+            while bits != 0 {
+                let lane = bits.trailing_zeros();
+                let triangle = triangles[lane as usize].map(|index| corners[index as usize]);
+                fill(size, triangle, owner, first + lane, sides, target);
+                bits &= bits - 1;
+            }
+        }
+        return;
+    }
     for (facet, &[a, b, c]) in (0..).zip(&level.triangles) {
         let (a, b, c) = (corners[a as usize], corners[b as usize], corners[c as usize]);
-        if in_front {
-            fill(size, [a, b, c], owner, facet, sides, target);
-            continue;
-        }
         let is_seen = |corner: Corner| corner[2] > 0.0 && corner[2] <= near;
         match [is_seen(a), is_seen(b), is_seen(c)] {
             [true, true, true] => fill(size, [a, b, c], owner, facet, sides, target),
@@ -53,6 +61,40 @@ pub(super) fn draw<T: Target>(
             _ => clipped([a, b, c], 1.0 / near, |corners| fill(size, corners, owner, facet, sides, target)),
         }
     }
+}
+
+/// Which of up to eight triangles face the eye and can have a point of a target with so many points per pixel's length.
+#[inline]
+fn candidates(
+    triangles: &[[u32; 3]],
+    corners: &[Corner],
+    sides: Sides,
+    size: [f32; 2],
+    density: f32,
+) -> u32 {
+    let mut places = [[0.0; LANES]; 6];
+    for (lane, triangle) in triangles.iter().enumerate() {
+        for (k, &index) in triangle.iter().enumerate() {
+            let corner = &corners[index as usize];
+            places[2 * k][lane] = corner[0];
+            places[2 * k + 1][lane] = corner[1];
+        }
+    }
+    let [ax, ay, bx, by, cx, cy] = places.map(Lanes::new);
+    let (zero, half) = (splat(0.0), splat(0.5));
+    let area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
+    let faces = match sides {
+        Sides::Front => area.simd_lt(zero),
+        Sides::MirroredFront => area.simd_gt(zero),
+        Sides::Both => area.simd_ne(zero),
+    };
+    // Points lie at odd halves of their spacing.
+    let meets = |a: Lanes, b: Lanes, c: Lanes, size: f32| {
+        let low = a.fast_min(b).fast_min(c).fast_max(zero) * splat(density) + half;
+        let high = a.fast_max(b).fast_max(c).fast_min(splat(size)) * splat(density) + half;
+        Lanes::from_i32x8(high.fast_max(splat(-1.0)).fast_trunc_int()).simd_ge(low)
+    };
+    (faces & meets(ax, bx, cx, size[0]) & meets(ay, by, cy, size[1])).to_bitmask()
 }
 
 /// All points of the mesh, in the picture.
@@ -136,8 +178,9 @@ fn fill<T: Target>(
     if area < 0.0 {
         (a, c, area) = (c, a, -area);
     }
-    let (left, right) = (a[0].min(b[0]).min(c[0]).max(0.0), a[0].max(b[0]).max(c[0]).min(size[0]));
-    let (top, bottom) = (a[1].min(b[1]).min(c[1]).max(0.0), a[1].max(b[1]).max(c[1]).min(size[1]));
+    let low = |i: usize| larger(smaller(smaller(a[i], b[i]), c[i]), 0.0);
+    let high = |i: usize| smaller(larger(larger(a[i], b[i]), c[i]), size[i]);
+    let (left, right, top, bottom) = (low(0), high(0), low(1), high(1));
     if left >= right || top >= bottom {
         return;
     }
@@ -182,6 +225,17 @@ fn fill<T: Target>(
             at += LANES;
         }
     }
+}
+
+/// The smaller of two numbers: one instruction, as no care is taken of what is none.
+#[inline]
+fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline]
+fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }
 
 /// So many points are tested one by one.
