@@ -341,7 +341,7 @@ impl SceneRenderer {
 const ANYWHERE: f32 = 4096.0;
 
 /// Detail of meshes that is left out, in pixels.
-const COARSENESS: f32 = 1.0;
+const COARSENESS: f32 = 1.25;
 
 /// Adds colours of up to eight fragments to their pixels.
 fn accumulate(
@@ -382,7 +382,7 @@ fn flag_edges(row: &[u16], above: &[u16], below: &[u16], flags: &mut [u8]) {
 /// bits.
 #[inline]
 fn to_byte(value: f32) -> u8 {
-    (value.max(0.0).min(1.0) * 255.0 + 8_388_608.0).to_bits() as u8
+    (value.clamp(0.0, 1.0) * 255.0 + 8_388_608.0).to_bits() as u8
 }
 
 fn draw_opaque<T: Target>(

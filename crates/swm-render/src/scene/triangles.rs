@@ -65,13 +65,7 @@ pub(super) fn draw<T: Target>(
 
 /// Which of up to eight triangles face the eye and can have a point of a target with so many points per pixel's length.
 #[inline]
-fn candidates(
-    triangles: &[[u32; 3]],
-    corners: &[Corner],
-    sides: Sides,
-    size: [f32; 2],
-    density: f32,
-) -> u32 {
+fn candidates(triangles: &[[u32; 3]], corners: &[Corner], sides: Sides, size: [f32; 2], density: f32) -> u32 {
     let mut places = [[0.0; LANES]; 6];
     for (lane, triangle) in triangles.iter().enumerate() {
         for (k, &index) in triangle.iter().enumerate() {
