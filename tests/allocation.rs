@@ -5,7 +5,7 @@ use std::alloc::System;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use swm::core::error::BoxError;
 use swm::core::{
-    EnvConfig, EpisodeEnd, ImageSize, LiveRow, Recorder, ResetOptions, Rollout, Scenario, World,
+    EnvConfig, EnvEntry, EpisodeEnd, ImageSize, LiveRow, Recorder, ResetOptions, Rollout, Scenario, World,
     WorldOptions, policy,
 };
 
@@ -37,31 +37,42 @@ impl Recorder for Counter {
     }
 }
 
-/// Environments whose steps are free of allocations. TwoRoom-v1 makes four small ones per step, and those that came with it
-/// were not tried yet: they belong here once they pass.
-const FREE: &[&str] = &["swm/PushT-v1", "swm/PushT-Discrete-v1"];
+/// Rapier's own step allocates.
+const RAPIER: [&str; 2] = ["swm/PushTRapier-v0", "swm/PointMaze-v0"];
+/// The count is of the whole process, where the pool of an earlier world may still be ending: what steps allocate shows
+/// in every attempt.
+const ATTEMPTS: usize = 3;
 
 #[test]
 fn steps_do_not_allocate() {
     let registry = swm::registry();
-    for entry in registry.envs().iter().filter(|entry| FREE.contains(&entry.id)) {
+    let mut offenders = Vec::new();
+    for entry in registry.envs().iter().filter(|entry| !RAPIER.contains(&entry.id)) {
         for (num_envs, render) in [(1, "exact"), (1, "fast"), (4, "exact")] {
-            // The scenes of MuJoCo have no pictures yet.
-            let draws = !entry.id.ends_with("DMControl-v0");
-            let image = draws.then_some(ImageSize { height: 64, width: 64 });
-            let mut env = EnvConfig { image, ..EnvConfig::default() };
-            if entry.settings.iter().any(|setting| setting.name == "render") {
-                env.settings.insert("render".to_owned(), render.into());
+            let counts: Vec<_> =
+                (0..ATTEMPTS).map(|_| allocations_of_80_steps(entry, num_envs, render)).collect();
+            if !counts.contains(&Some(0)) {
+                offenders.push(format!("{} with {num_envs} environments, {render}: {counts:?}", entry.id));
             }
-            let threads = Some(1);
-            let options = WorldOptions { num_envs, env, threads, ..WorldOptions::default() };
-            let mut world = World::new(entry, options).unwrap();
-            world.set_policy(policy::random());
-            let reset = ResetOptions::default();
-            let rollout = Rollout { episodes: 0..num_envs as u64, seed: 3, scenario: Scenario::Same(&reset) };
-            let mut counter = Counter::default();
-            world.run(&rollout, &mut counter).unwrap();
-            assert_eq!(counter.allocations, Some(0), "{} with {num_envs} environments, {render}", entry.id);
         }
     }
+    assert!(offenders.is_empty(), "these allocate: {offenders:#?}");
+}
+
+fn allocations_of_80_steps(entry: &EnvEntry, num_envs: usize, render: &str) -> Option<usize> {
+    // The scenes of MuJoCo have no pictures yet.
+    let draws = !entry.id.ends_with("DMControl-v0");
+    let image = draws.then_some(ImageSize { height: 64, width: 64 });
+    let mut env = EnvConfig { image, ..EnvConfig::default() };
+    if entry.settings.iter().any(|setting| setting.name == "render") {
+        env.settings.insert("render".to_owned(), render.into());
+    }
+    let options = WorldOptions { num_envs, env, threads: Some(1), ..WorldOptions::default() };
+    let mut world = World::new(entry, options).expect("the table's environments exist");
+    world.set_policy(policy::random());
+    let reset = ResetOptions::default();
+    let rollout = Rollout { episodes: 0..num_envs as u64, seed: 3, scenario: Scenario::Same(&reset) };
+    let mut counter = Counter::default();
+    world.run(&rollout, &mut counter).expect("random episodes run");
+    counter.allocations
 }

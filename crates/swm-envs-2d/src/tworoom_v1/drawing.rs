@@ -7,7 +7,7 @@
 use swm_fov::Fov;
 use swm_render::{Painter, Rgb, light, round_half_even};
 
-use super::factors::radius;
+use super::factors::{agent_radius, goal_radius};
 use super::physics::{Aabb, FloorPlan, Vec2};
 
 /// The inner part of a disc is this much smaller, and the corners of the inner part of a rectangle this much nearer to
@@ -40,10 +40,7 @@ struct Filled {
 
 impl Look {
     pub(super) fn new(fov: &Fov, plan: &FloorPlan) -> Self {
-        let spot = |who: &str| Spot {
-            radius: radius(fov, who).round_ties_even(),
-            color: fov.rgb(&format!("{who}.color")),
-        };
+        let spot = |radius: f64, color| Spot { radius: radius.round_ties_even(), color: fov.rgb(color) };
         let (border, wall, door) =
             (fov.rgb("wall.border_color"), fov.rgb("wall.color"), fov.rgb("door.color"));
         let borders = plan.borders.iter().map(|area| Filled::new(area, border));
@@ -51,8 +48,8 @@ impl Look {
             plan.pieces.iter().map(|piece| Filled::new(&piece.area, if piece.is_door { door } else { wall }));
         Self {
             background: fov.rgb("background.color"),
-            agent: spot("agent"),
-            goal: spot("goal"),
+            agent: spot(agent_radius(fov), "agent.color"),
+            goal: spot(goal_radius(fov), "goal.color"),
             rectangles: borders.chain(pieces).collect(),
         }
     }

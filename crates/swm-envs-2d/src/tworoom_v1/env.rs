@@ -12,7 +12,7 @@ use swm_fov::{Fov, FovSpace, SavedFov};
 use swm_render::{Geometry, Renderer};
 
 use super::drawing::Look;
-use super::factors::{factors_with, position, radius, setup};
+use super::factors::{factors_with, goal_radius, position, setup};
 use super::goal::{Overlap, task_cost};
 use super::physics::{Sim, State, Vec2, contact_count};
 use super::settings::Settings;
@@ -163,9 +163,8 @@ impl TwoRoom {
     }
 
     fn overlap(&self) -> Overlap {
-        let radius = |who| radius(&self.fov, who);
         let (agent, goal) = (self.sim.position().to_array(), self.goal.to_array());
-        Overlap::new(agent, self.sim.setup().radius, goal, radius("goal"))
+        Overlap::new(agent, self.sim.setup().radius, goal, goal_radius(&self.fov))
     }
 
     fn outcome(&self) -> Outcome {

@@ -46,7 +46,7 @@ pub fn factors() -> FovSpace {
             owner: "agent.position",
             reads: &["agent.radius", "wall.axis", "wall.thickness"],
             words: "clear of wall and borders",
-            holds: |fov| is_clear(fov, "agent"),
+            holds: |fov| is_clear(fov, position(fov, "agent"), agent_radius(fov)),
         },
         Constraint {
             owner: "door.size",
@@ -58,7 +58,7 @@ pub fn factors() -> FovSpace {
             owner: "goal.position",
             reads: &["goal.radius", "wall.axis", "wall.thickness"],
             words: "clear of wall and borders",
-            holds: |fov| is_clear(fov, "goal"),
+            holds: |fov| is_clear(fov, position(fov, "goal"), goal_radius(fov)),
         },
         Constraint {
             owner: "goal.position",
@@ -79,16 +79,14 @@ pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<Fo
 
 /// The reference's test: the wall's factor counts in full to either side, and the right and lower limit lacks the
 /// border. Both leave more room than physics needs.
-fn is_clear(fov: &Fov, who: &str) -> bool {
-    let radius = radius(fov, who);
-    let at = position(fov, who);
+fn is_clear(fov: &Fov, at: Vec2, radius: f64) -> bool {
     let inside = |x: f64| x - radius > 9.0 && x + radius < INNER_PX as f64;
     let from_wall = (axis(fov).split(at).0 - WALL_AT_PX).abs();
     inside(at.x) && inside(at.y) && from_wall > fov.i64("wall.thickness") as f64 / 2.0 + radius
 }
 
 fn a_door_fits(fov: &Fov) -> bool {
-    let needed = DOOR_PER_RADIUS * radius(fov, "agent");
+    let needed = DOOR_PER_RADIUS * agent_radius(fov);
     doors(fov).iter().any(|&(_, length)| length as f64 >= needed)
 }
 
@@ -110,16 +108,21 @@ pub(super) fn position(fov: &Fov, who: &str) -> Vec2 {
     Vec2::from(place.map(f64::from))
 }
 
-/// The radius of `agent` or `goal`, pixels.
-pub(super) fn radius(fov: &Fov, who: &str) -> f64 {
-    f64::from(fov.f32(&format!("{who}.radius")))
+/// The radius of the agent, pixels.
+pub(super) fn agent_radius(fov: &Fov) -> f64 {
+    f64::from(fov.f32("agent.radius"))
+}
+
+/// The radius of the goal, pixels.
+pub(super) fn goal_radius(fov: &Fov) -> f64 {
+    f64::from(fov.f32("goal.radius"))
 }
 
 /// The physical world that an assignment describes.
 pub(super) fn setup(fov: &Fov, settings: &Settings) -> Setup {
     Setup {
         plan: FloorPlan::new(axis(fov), fov.i64("wall.thickness"), &doors(fov)),
-        radius: radius(fov, "agent"),
+        radius: agent_radius(fov),
         speed: fov.f32("agent.speed"),
         solid: settings.solid_walls,
     }
