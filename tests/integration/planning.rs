@@ -156,3 +156,14 @@ fn only_an_earlier_trace_is_replaced() {
     assert!(message.contains("no earlier trace"), "{message}");
     assert_eq!(std::fs::read_to_string(format!("{foreign}/index.html")).unwrap(), "mine");
 }
+
+#[test]
+fn a_planner_on_the_true_dynamics_solves_rooms_and_mazes() {
+    let policy = "cem:samples=64,elites=8,iterations=5,horizon=5,receding_horizon=2,action_block=5";
+    for env in ["swm/TwoRoom-v1", "swm/TwoRoom-v2", "swm/PointMaze-v0"] {
+        let eval = ["eval", env, "--episodes", "5", "--budget", "200", "--quiet"];
+        let rate = |policy| swm_json(&[&eval[..], &["--policy", policy]].concat())["success_rate"].clone();
+        assert_eq!(rate(policy), 100.0, "{env}");
+        assert!(rate("random").as_f64() < Some(60.0), "{env} needs no planner");
+    }
+}
