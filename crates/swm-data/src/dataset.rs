@@ -56,6 +56,16 @@ pub trait Dataset: EpisodeSource {
         &[]
     }
 
+    /// Whether the dataset holds checksums, which [`Dataset::check_episode`] compares.
+    fn has_checksums(&self) -> bool {
+        false
+    }
+
+    /// Compares what is stored of an episode with its checksums, if there are any; the first difference is an error.
+    fn check_episode(&mut self, _episode: usize) -> Result<(), DataError> {
+        Ok(())
+    }
+
     /// Root columns of the file that this program cannot represent, with the reason.
     fn skipped(&self) -> &[(String, String)] {
         &[]
@@ -66,6 +76,26 @@ pub trait Dataset: EpisodeSource {
 pub trait DatasetWriter: EpisodeSink {
     /// Episodes that the file holds: before `begin`, those that were there; then also the written ones.
     fn num_episodes(&self) -> u64;
+}
+
+/// How a dataset is written.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct WriteOptions {
+    /// What to do about a dataset that exists.
+    pub mode: WriteMode,
+    /// Quality of pictures from 1 to 100, in formats that lose some: JPEG's own scale; for films, 1 is the quantiser 51,
+    /// 100 the quantiser 12. Default: 95 for JPEG, 85 for films.
+    pub quality: Option<u8>,
+    /// Frames from one key frame of a film to the next. Default: 10. More is smaller, and slower to read at random.
+    pub key_frame_period: Option<u32>,
+    /// Frames per second that a film tells its players. Default: 25.
+    pub frames_per_second: Option<f64>,
+}
+
+impl From<WriteMode> for WriteOptions {
+    fn from(mode: WriteMode) -> Self {
+        Self { mode, ..Self::default() }
+    }
 }
 
 /// What to do about a file that exists.

@@ -6,12 +6,17 @@ use std::path::Path;
 
 use swm_core::error::nearest;
 
-use crate::dataset::{Dataset, DatasetWriter, WriteMode};
+use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::formats;
 
 /// Every format that this crate knows.
-pub const FORMATS: &[Format] = &[formats::hdf5::FORMAT];
+pub const FORMATS: &[Format] = &[
+    formats::hdf5::FORMAT,
+    formats::folder::FOLDER,
+    #[cfg(feature = "video")]
+    formats::folder::VIDEO,
+];
 
 /// What opening gives: a reader or a writer of whatever format.
 pub type Opened<T> = Result<Box<T>, DataError>;
@@ -30,7 +35,9 @@ pub struct Format {
     /// Opens for reading.
     pub open: fn(&Path) -> Opened<dyn Dataset>,
     /// Opens for recording. Takes the file for itself until the writer is dropped; changes nothing before `begin`.
-    pub create: fn(&Path, WriteMode) -> Opened<dyn DatasetWriter>,
+    pub create: fn(&Path, &WriteOptions) -> Opened<dyn DatasetWriter>,
+    /// Says what has to be done about a dataset whose recording was interrupted, one line each, and does it if told to.
+    pub repair: fn(&Path, bool) -> Result<Vec<String>, DataError>,
 }
 
 /// The format called `name`; names and file extensions both count.
@@ -48,7 +55,7 @@ pub fn open(path: &Path) -> Opened<dyn Dataset> {
     if metadata.is_file() && metadata.len() == 0 {
         return Err(DataError::not_a_dataset(path, "the file is empty"));
     }
-    match FORMATS.iter().find(|format| (format.detect)(path)) {
+    match detect(path) {
         Some(format) => (format.open)(path),
         None => {
             Err(DataError::not_a_dataset(path, format!("its content is of no known format ({})", known())))
@@ -56,11 +63,24 @@ pub fn open(path: &Path) -> Opened<dyn Dataset> {
     }
 }
 
-/// Opens a dataset for recording. `format: None` goes by the file extension.
+/// The format of an existing dataset, by its content.
+pub fn detect(path: &Path) -> Option<&'static Format> {
+    FORMATS.iter().find(|format| (format.detect)(path))
+}
+
+/// Opens a dataset for recording. `format: None` goes by the file extension, or by the content where it has none.
 pub fn create(path: &Path, mode: WriteMode, format: Option<&str>) -> Opened<dyn DatasetWriter> {
+    create_with(path, &mode.into(), format)
+}
+
+/// As [`create`], with all options.
+pub fn create_with(path: &Path, options: &WriteOptions, format: Option<&str>) -> Opened<dyn DatasetWriter> {
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
-    let format = by_name(format.unwrap_or(extension))?;
-    (format.create)(path, mode)
+    let format = match (by_name(format.unwrap_or(extension)), detect(path)) {
+        (Err(_), Some(there)) if format.is_none() => there,
+        (named, _) => named?,
+    };
+    (format.create)(path, options)
 }
 
 /// `hdf5 (.h5, .hdf5)`, …

@@ -36,8 +36,8 @@ pub mod loader;
 mod lock;
 pub mod memory;
 
-pub use dataset::{Dataset, DatasetWriter, Steps, WriteMode};
+pub use dataset::{Dataset, DatasetWriter, Steps, WriteMode, WriteOptions};
 pub use error::DataError;
-pub use format::{FORMATS, Format, create, open};
+pub use format::{FORMATS, Format, create, create_with, open};
 pub use loader::{BatchOptions, ClipOptions, Loader};
 pub use memory::MemoryDataset;

@@ -62,6 +62,8 @@ impl Clip {
             Format::Mp4 => crate::mp4::encode(self),
             #[cfg(not(feature = "mp4"))]
             Format::Mp4 => Err(MediaError::NotBuilt { format }),
+            #[cfg(feature = "jpeg")]
+            Format::Jpeg => Err(MediaError::UnknownFormat { path: "clip.jpeg".into() }),
         }
     }
 
@@ -130,26 +132,27 @@ impl Clip {
     pub const fn is_empty(&self) -> bool {
         self.pixels.is_empty()
     }
+}
 
-    /// What every film needs: a frame, a rate, and sides of `min` to `max` pixels.
-    pub(crate) fn check_film(
-        &self,
-        format: Format,
-        [min, max]: [usize; 2],
-        way_out: &'static str,
-    ) -> Result<(), MediaError> {
-        let Self { height, width, frames_per_second, .. } = *self;
-        if self.is_empty() {
-            return Err(MediaError::EmptyClip);
-        }
-        if !(frames_per_second.is_finite() && frames_per_second > 0.0) {
-            return Err(MediaError::FrameRate { frames_per_second });
-        }
-        if height.min(width) < min || height.max(width) > max {
-            return Err(MediaError::FrameSize { format, height, width, min, max, way_out });
-        }
-        Ok(())
+/// What every film needs: a frame, a rate, and sides of `min` to `max` pixels.
+pub(crate) fn check_film(
+    format: Format,
+    [height, width]: [usize; 2],
+    frames: usize,
+    frames_per_second: f64,
+    [min, max]: [usize; 2],
+    way_out: &'static str,
+) -> Result<(), MediaError> {
+    if frames == 0 {
+        return Err(MediaError::EmptyClip);
     }
+    if !(frames_per_second.is_finite() && frames_per_second > 0.0) {
+        return Err(MediaError::FrameRate { frames_per_second });
+    }
+    if height.min(width) < min || height.max(width) > max {
+        return Err(MediaError::FrameSize { format, height, width, min, max, way_out });
+    }
+    Ok(())
 }
 
 /// Refuses what is not `[H, W, 3]` with at least one pixel.

@@ -73,6 +73,14 @@ pub enum MediaError {
         /// What the encoder said.
         reason: String,
     },
+    /// A file could not be read back.
+    #[error("failed to decode {format}: {reason}")]
+    Decode {
+        /// The format.
+        format: Format,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// The file could not be written. What stood at `path` before still stands there, untouched.
     #[error("failed to write {}: {source}", path.display())]
     Write {

@@ -15,10 +15,13 @@ pub enum Format {
     Gif,
     /// An H.264 film.
     Mp4,
+    /// A picture with loss; of datasets, not of clips.
+    #[cfg(feature = "jpeg")]
+    Jpeg,
 }
 
 impl Format {
-    /// All formats.
+    /// All formats that a clip can be saved in.
     pub const ALL: [Self; 3] = [Self::Png, Self::Gif, Self::Mp4];
 
     /// The format that the extension of `path` names, in any case.
@@ -40,6 +43,8 @@ impl Format {
             Self::Png => "png",
             Self::Gif => "gif",
             Self::Mp4 => "mp4",
+            #[cfg(feature = "jpeg")]
+            Self::Jpeg => "jpeg",
         }
     }
 
@@ -60,6 +65,8 @@ impl fmt::Display for Format {
             Self::Png => "PNG",
             Self::Gif => "GIF",
             Self::Mp4 => "MP4",
+            #[cfg(feature = "jpeg")]
+            Self::Jpeg => "JPEG",
         })
     }
 }

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 
 use gif::{DisposalMethod, Encoder, Frame, Repeat};
 
-use crate::clip::Clip;
+use crate::clip::{Clip, check_film};
 use crate::error::MediaError;
 use crate::format::Format;
 
@@ -32,7 +32,8 @@ const MIN_DELAY: f64 = 2.0;
 /// An empty clip, a frame rate that is no rate, or frames beyond 65,535 pixels a side.
 pub fn encode(clip: &Clip) -> Result<Vec<u8>, MediaError> {
     let refused = |error| MediaError::encode(Format::Gif, &error);
-    clip.check_film(Format::Gif, [1, usize::from(u16::MAX)], "make smaller frames")?;
+    let (size, sides) = ([clip.height(), clip.width()], [1, usize::from(u16::MAX)]);
+    check_film(Format::Gif, size, clip.len(), clip.frames_per_second(), sides, "make smaller frames")?;
     let shared = Palette::of(clip);
     let colours = shared.as_ref().map_or(&[][..], |palette| &palette.colours);
 

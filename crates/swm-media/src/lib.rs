@@ -24,7 +24,9 @@
 //! Equal frames give equal bytes: no clock, thread count or hash order reaches a file. A file appears whole or not at
 //! all, see [`MediaError::Write`].
 //!
-//! What is deliberately absent: reading of files, sound, text, resampling other than [`Clip::upscaled`], and any
+//! Datasets also read films and pictures back: [`mp4::Mp4Reader`], [`jpeg`], [`png::decode_into`].
+//!
+//! What is deliberately absent: sound, text, resampling other than [`Clip::upscaled`], and any
 //! knowledge of environments or episodes.
 
 mod clip;
@@ -32,6 +34,8 @@ mod error;
 mod file;
 mod format;
 pub mod gif;
+#[cfg(feature = "jpeg")]
+pub mod jpeg;
 #[cfg(feature = "mp4")]
 pub mod mp4;
 pub mod png;

@@ -1,8 +1,9 @@
 //! Pictures without loss.
 
+use std::io::Cursor;
 use std::path::Path;
 
-use png::{BitDepth, ColorType, Compression, Encoder};
+use png::{BitDepth, ColorType, Compression, Decoder, Encoder, Limits, Transformations};
 
 use crate::clip::check_frame;
 use crate::error::MediaError;
@@ -48,4 +49,24 @@ pub fn encode(height: usize, width: usize, rgb: &[u8]) -> Result<Vec<u8>, MediaE
 /// As [`encode`], and [`MediaError::Write`].
 pub fn write(path: impl AsRef<Path>, height: usize, width: usize, rgb: &[u8]) -> Result<(), MediaError> {
     file::write(path.as_ref(), &encode(height, width, rgb)?)
+}
+
+/// Decodes a PNG file of 8 bits into `out`, `[H, W, C]` with C being 1 (grey) or 3 (RGB).
+///
+/// # Errors
+///
+/// [`MediaError::Decode`] for what is no PNG file, is damaged, or has another size or kind of colours.
+pub fn decode_into(bytes: &[u8], shape: [usize; 3], out: &mut [u8]) -> Result<(), MediaError> {
+    let wrong = |reason: String| MediaError::Decode { format: Format::Png, reason };
+    let limits = Limits { bytes: out.len().saturating_mul(2).saturating_add(1 << 20) };
+    let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), limits);
+    decoder.set_transformations(Transformations::EXPAND | Transformations::STRIP_16);
+    let mut reader = decoder.read_info().map_err(|error| wrong(error.to_string()))?;
+    let found =
+        [reader.info().height as usize, reader.info().width as usize, reader.output_color_type().0.samples()];
+    if found != shape || reader.output_buffer_size() != Some(out.len()) {
+        return Err(wrong(format!("it has the shape {found:?}, not {shape:?}")));
+    }
+    reader.next_frame(out).map_err(|error| wrong(error.to_string()))?;
+    Ok(())
 }

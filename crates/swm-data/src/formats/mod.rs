@@ -1,3 +1,7 @@
-//! One folder per dataset format; each exports one `FORMAT` for the table in `format`.
+//! The formats, one file or folder each, and what they share. Each exports one entry of the table in `format.rs`.
 
+mod disk;
+mod fit;
+pub(crate) mod folder;
 pub(crate) mod hdf5;
+mod npz;

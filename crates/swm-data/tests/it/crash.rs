@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use swm_data::{WriteMode, create, open};
 
-use crate::support::{assert_same, contents, episode, metadata, record, rows_of, schema};
+use crate::support::{assert_alike, assert_same, contents, episode, metadata, record, rows_of, schema};
 
 const TARGET: &str = "SWM_DATA_TEST_RECORD_TO";
 
@@ -43,47 +43,91 @@ fn last(lines: &[String], word: &str) -> Option<usize> {
     lines.iter().rev().find_map(|line| line.strip_prefix(word)?.trim().parse().ok())
 }
 
-#[test]
-fn a_killed_recording_keeps_what_it_announced_and_can_be_continued() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("data.h5");
+/// Kills a recording again and again, at different moments; what it announced must be there each time.
+fn kill(path: &Path, rounds: u64) -> usize {
     let mut announced = 0;
-    for round in 0..8u64 {
-        let mut process = child(&path, "").spawn().unwrap();
+    for round in 0..rounds {
+        let mut process = child(path, "").spawn().unwrap();
+        let mut output = BufReader::new(process.stdout.take().unwrap()).lines().map_while(Result::ok);
+        let mut lines = Vec::new();
         // Killed at different moments: before, while and after the first episodes are written.
-        std::thread::sleep(Duration::from_millis(20 + 23 * round));
+        if round % 4 > 0 {
+            lines.extend(output.by_ref().find(|line| line.starts_with("begun")));
+        }
+        std::thread::sleep(Duration::from_millis(20 + 23 * (round % 8) + round));
         process.kill().unwrap();
-        let lines: Vec<String> =
-            BufReader::new(process.stdout.take().unwrap()).lines().map_while(Result::ok).collect();
+        lines.extend(output);
         process.wait().unwrap();
         announced = last(&lines, "written ").unwrap_or(announced);
-        if !path.exists() {
+        if !path.exists() || open(path).is_err() && announced == 0 {
             assert_eq!(announced, 0, "the file is gone");
             continue;
         }
-        let read = contents(&path);
+        let read = contents(path);
         assert!(read.len() >= announced, "{} episodes of {announced} announced", read.len());
         assert!(read.len() <= announced + 1);
         if let Some(there) = last(&lines, "begun ") {
             assert!(there <= announced);
         }
         for (index, batch) in read.iter().enumerate() {
-            assert_same(&episode(&schema(), index, rows_of(index)), batch);
+            assert_alike(&episode(&schema(), index, rows_of(index)), batch);
         }
         announced = read.len();
     }
     assert!(announced > 0, "no round lived long enough to write an episode");
 
     let end = announced + 3;
-    assert_eq!(record(&path, WriteMode::Append, announced..end).unwrap(), announced as u64);
-    let read = contents(&path);
+    assert_eq!(record(path, WriteMode::Append, announced..end).unwrap(), announced as u64);
+    let read = contents(path);
     assert_eq!(read.len(), end);
     for (index, batch) in read.iter().enumerate() {
-        assert_same(&episode(&schema(), index, rows_of(index)), batch);
+        assert_alike(&episode(&schema(), index, rows_of(index)), batch);
     }
-    // A clean end: plain opening works, and no other file is left.
+    // No other file is left.
+    assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    end
+}
+
+#[test]
+fn a_killed_recording_keeps_what_it_announced_and_can_be_continued() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    kill(&path, 20);
+    // A clean end: plain opening works.
     hdf5_metno::File::open(&path).unwrap();
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn a_killed_folder_keeps_what_it_announced_and_can_be_continued() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.folder");
+    let episodes = kill(&path, 20);
+    assert_whole(&path, episodes);
+}
+
+#[cfg(feature = "video")]
+#[test]
+fn killed_films_keep_what_they_announced_and_can_be_continued() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.video");
+    let episodes = kill(&path, 20);
+    assert_whole(&path, episodes);
+}
+
+/// Every checksum is right, and other programs can open the arrays.
+fn assert_whole(path: &Path, episodes: usize) {
+    let mut dataset = open(path).unwrap();
+    assert!(dataset.has_checksums());
+    for index in 0..episodes {
+        dataset.check_episode(index).unwrap();
+    }
+    for entry in std::fs::read_dir(path).unwrap().map(|entry| entry.unwrap().path()) {
+        if entry.extension().is_some_and(|extension| extension == "npz") {
+            let mut archive = zip::ZipArchive::new(std::fs::File::open(&entry).unwrap()).unwrap();
+            // Reading to the end compares the checksum.
+            std::io::copy(&mut archive.by_name("arr_0.npy").unwrap(), &mut std::io::sink()).unwrap();
+        }
+    }
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod adapt;
 mod append;
 mod crash;
 mod damage;
+mod folders;
 mod golden;
 mod loader;
 mod loader_properties;

@@ -103,6 +103,28 @@ pub(crate) fn assert_same(left: &Batch, right: &Batch) {
     }
 }
 
+/// As [`assert_same`], but pictures only look alike if they were stored with loss.
+pub(crate) fn assert_alike(left: &Batch, right: &Batch) {
+    assert_eq!(left.rows(), right.rows());
+    for field in left.schema().fields() {
+        let column = |batch: &Batch| batch.column(batch.schema().require(&field.name).unwrap()).to_column();
+        match (column(left), column(right)) {
+            (Column::U8(left), Column::U8(right)) if field.shape.len() == 3 => {
+                let found = psnr(&left, &right);
+                assert!(found > 24.0, "column `{}`: {found} dB", field.name);
+            }
+            (left, right) => assert!(bits(&left) == bits(&right), "column `{}` differs", field.name),
+        }
+    }
+}
+
+/// Peak signal-to-noise ratio, in dB.
+pub(crate) fn psnr(left: &[u8], right: &[u8]) -> f64 {
+    assert_eq!(left.len(), right.len());
+    let squares: f64 = left.iter().zip(right).map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum();
+    10.0 * (255.0_f64.powi(2) * left.len() as f64 / squares.max(1e-9)).log10()
+}
+
 /// The values as little-endian bytes (text as it is).
 pub(crate) fn bits(column: &Column) -> Vec<u8> {
     match column {

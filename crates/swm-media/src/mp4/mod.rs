@@ -1,10 +1,14 @@
-//! H.264 films, encoded by the bundled OpenH264 in one thread.
+//! H.264 films, encoded and decoded by the bundled OpenH264 in one thread.
 //!
-//! Baseline profile, 4:2:0, BT.709, constant quantiser, a key frame every tenth frame, the index before the pictures.
+//! What is written: Baseline profile, 4:2:0, BT.709, constant quantiser, a key frame every tenth frame, the index before the pictures.
 //! Films of this kind play in every browser and editor; colours lose half their resolution, which a drawn scene shows
 //! at saturated edges.
 
+mod colours;
+mod demux;
+mod parameters;
 mod planes;
+mod reader;
 
 use muxide::api::{MuxerBuilder, VideoCodec};
 use openh264::OpenH264API;
@@ -13,17 +17,46 @@ use openh264::encoder::{
     RateControlMode, UsageType, VuiConfig,
 };
 
+pub use self::reader::Mp4Reader;
+
 use self::planes::Planes;
-use crate::clip::Clip;
+use crate::clip::{Clip, check_film, check_frame};
 use crate::error::MediaError;
 use crate::format::Format;
 
 /// The sides that OpenH264 encodes, in pixels.
-const SIDES: [usize; 2] = [16, 2160];
+pub const SIDES: [usize; 2] = [16, 2160];
+
+/// How a film is encoded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mp4Options {
+    /// Frames per second.
+    pub frames_per_second: f64,
+    /// The quantiser, constant, on H.264's scale, where 51 is worst. The encoder's best is 12.
+    pub quantiser: u8,
+    /// Frames from one key frame to the next: decoding any frame decodes at most so many.
+    pub key_frame_period: u32,
+    /// Searches less for good predictions: about twice as fast, files slightly larger.
+    pub is_fast: bool,
+}
+
+impl Default for Mp4Options {
+    fn default() -> Self {
+        Self {
+            frames_per_second: 25.0,
+            quantiser: QUANTISER,
+            key_frame_period: KEY_FRAME_PERIOD,
+            is_fast: false,
+        }
+    }
+}
 
 /// The quantiser, on H.264's scale from 0 (best) to 51. Flat scenes lose about 1 dB from here to 26; below, what is
 /// lost to the half-resolution colours dominates, and files only grow.
 const QUANTISER: u8 = 18;
+
+/// Below this, the encoder changes nothing.
+pub const BEST_QUANTISER: u8 = 12;
 
 /// Frames from one key frame to the next; a viewer can jump to each of those.
 const KEY_FRAME_PERIOD: u32 = 10;
@@ -37,44 +70,67 @@ const KEY_FRAME_PERIOD: u32 = 10;
 ///
 /// An empty clip, a frame rate that is no rate, frames of less than 16 or more than 2,160 pixels a side.
 pub fn encode(clip: &Clip) -> Result<Vec<u8>, MediaError> {
-    clip.check_film(Format::Mp4, SIDES, "enlarge small frames with `Clip::upscaled`, or save a .gif")?;
-    let once = clip.len() == 1;
-    let frames = clip.frames().chain(clip.frames().filter(|_| once));
-    let rate = if once { 2.0 * clip.frames_per_second() } else { clip.frames_per_second() };
+    let options = Mp4Options { frames_per_second: clip.frames_per_second(), ..Mp4Options::default() };
+    encode_frames(clip.frames(), clip.height(), clip.width(), &options)
+}
 
-    let mut planes = Planes::new(clip.height(), clip.width());
-    let (height, width) = planes.size();
+/// The bytes of an MP4 file of `frames`, `[H, W, 3]` each. As [`encode`], without a clip and with options.
+///
+/// # Errors
+///
+/// As [`encode`], and frames of another length.
+pub fn encode_frames<'a>(
+    frames: impl ExactSizeIterator<Item = &'a [u8]>,
+    height: usize,
+    width: usize,
+    options: &Mp4Options,
+) -> Result<Vec<u8>, MediaError> {
+    check_film(Format::Mp4, [height, width], frames.len(), options.frames_per_second, SIDES, WAY_OUT)?;
+    let mut planes = Planes::new(height, width);
+    let once = frames.len() == 1;
+    let rate = if once { 2.0 * options.frames_per_second } else { options.frames_per_second };
     let mut encoder =
-        Encoder::with_api_config(OpenH264API::from_source(), settings(rate)).map_err(refused)?;
+        Encoder::with_api_config(OpenH264API::from_source(), settings(rate, options)).map_err(refused)?;
+    let (coded_height, coded_width) = planes.size();
     let mut muxer = MuxerBuilder::new(Vec::new())
-        .video(VideoCodec::H264, width as u32, height as u32, rate)
+        .video(VideoCodec::H264, coded_width as u32, coded_height as u32, rate)
         .with_fast_start(true)
         .build()
         .map_err(refused)?;
-    for (i, frame) in frames.enumerate() {
+    let mut written = 0;
+    for frame in frames {
+        check_frame(frame, height, width)?;
         planes.fill(frame);
-        let encoded = encoder.encode(&planes.source()).map_err(refused)?;
-        let key = matches!(encoded.frame_type(), FrameType::IDR | FrameType::I);
-        muxer.write_video(i as f64 / rate, &encoded.to_vec(), key).map_err(refused)?;
+        for _ in 0..if once { 2 } else { 1 } {
+            let encoded = encoder.encode(&planes.source()).map_err(refused)?;
+            let key = matches!(encoded.frame_type(), FrameType::IDR | FrameType::I);
+            muxer.write_video(f64::from(written) / rate, &encoded.to_vec(), key).map_err(refused)?;
+            written += 1;
+        }
     }
     muxer.finish_in_place().map_err(refused)?;
     Ok(muxer.into_writer())
 }
 
+/// What to do about frames that are too small.
+const WAY_OUT: &str = "enlarge small frames with `Clip::upscaled`, or save a .gif";
+
 /// Settings with which OpenH264 has nothing to warn about; it would do so on standard error.
-fn settings(frames_per_second: f64) -> EncoderConfig {
+fn settings(frames_per_second: f64, options: &Mp4Options) -> EncoderConfig {
+    // To the encoder, 0 means "whatever you like".
+    let quantiser = options.quantiser.clamp(BEST_QUANTISER, 51);
     EncoderConfig::new()
         .profile(Profile::Baseline)
         .usage_type(UsageType::ScreenContentRealTime)
-        .complexity(Complexity::High)
+        .complexity(if options.is_fast { Complexity::Low } else { Complexity::High })
         // `Off` would be a fixed quantiser of 26, the other modes need leave to skip frames.
         .rate_control_mode(RateControlMode::Bufferbased)
-        .qp(QpRange::new(QUANTISER, QUANTISER))
+        .qp(QpRange::new(quantiser, quantiser))
         .skip_frames(false)
         .scene_change_detect(true)
         .adaptive_quantization(false)
         .background_detection(false)
-        .intra_frame_period(IntraFramePeriod::from_num_frames(KEY_FRAME_PERIOD))
+        .intra_frame_period(IntraFramePeriod::from_num_frames(options.key_frame_period.max(1)))
         .max_frame_rate(FrameRate::from_hz(frames_per_second as f32))
         .num_threads(1)
         .vui(VuiConfig::bt709())

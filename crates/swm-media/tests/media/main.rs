@@ -8,4 +8,5 @@ mod gifs;
 #[cfg(feature = "mp4")]
 mod mp4s;
 mod pictures;
+mod readers;
 mod scene;

@@ -5,7 +5,11 @@ use swm_core::SliceMut;
 use super::layout::Element;
 
 /// Fills `out`, which has as many values as `bytes` holds elements.
-pub(super) fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> Result<(), String> {
+pub(in crate::formats) fn from_bytes(
+    element: Element,
+    bytes: &[u8],
+    out: SliceMut<'_>,
+) -> Result<(), String> {
     macro_rules! numbers {
         ($out:ident, $from:ty, $size:literal) => {
             for (value, bytes) in $out.iter_mut().zip(bytes.as_chunks::<$size>().0) {

@@ -3,6 +3,8 @@
 use std::fs::File;
 use std::io;
 
+use crate::formats::disk::read_exact_at;
+
 /// A piece of the file in memory.
 #[derive(Debug, Default)]
 pub(super) struct Fetched {
@@ -36,24 +38,4 @@ impl Fetched {
         };
         Ok(&self.bytes[range])
     }
-}
-
-/// Fills `out` with the bytes from `at` on, without moving the file's cursor: handles share the file.
-#[cfg(unix)]
-pub(super) fn read_exact_at(file: &File, out: &mut [u8], at: u64) -> io::Result<()> {
-    std::os::unix::fs::FileExt::read_exact_at(file, out, at)
-}
-
-#[cfg(windows)]
-pub(super) fn read_exact_at(file: &File, mut out: &mut [u8], mut at: u64) -> io::Result<()> {
-    while !out.is_empty() {
-        match std::os::windows::fs::FileExt::seek_read(file, out, at)? {
-            0 => return Err(io::ErrorKind::UnexpectedEof.into()),
-            read => {
-                out = &mut out[read..];
-                at += read as u64;
-            }
-        }
-    }
-    Ok(())
 }

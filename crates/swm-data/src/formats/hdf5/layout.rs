@@ -53,7 +53,7 @@ pub(super) fn chunking(field: &Field) -> (bool, usize) {
 
 /// How the elements of a column stand in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Element {
+pub(in crate::formats) enum Element {
     /// One byte, 0 or 1: h5py's enumeration.
     Bool,
     I8,
@@ -99,7 +99,7 @@ impl Element {
     }
 
     /// The column type that holds every value: small integers are widened; u64 beyond the range of i64 saturates.
-    pub(super) fn dtype(self) -> Dtype {
+    pub(in crate::formats) fn dtype(self) -> Dtype {
         match self {
             Element::Bool => Dtype::Bool,
             Element::U8 => Dtype::U8,
@@ -112,7 +112,7 @@ impl Element {
     }
 
     /// Bytes per element in the file; `None` for what stands on the heap.
-    pub(super) fn size(self) -> Option<usize> {
+    pub(in crate::formats) fn size(self) -> Option<usize> {
         match self {
             Element::Bool | Element::I8 | Element::U8 => Some(1),
             Element::I16 | Element::U16 => Some(2),

@@ -3,7 +3,7 @@
 
 mod attributes;
 mod blosc;
-mod convert;
+pub(super) mod convert;
 mod create;
 mod fetch;
 mod handles;
@@ -11,11 +11,14 @@ mod layout;
 mod library;
 mod lz4;
 mod reader;
+mod repair;
 mod storage;
 mod superblock;
 mod writer;
 
 use crate::format::Format;
+
+pub(super) use layout::Element;
 
 /// The entry in the table of formats.
 pub(crate) const FORMAT: Format = Format {
@@ -24,5 +27,6 @@ pub(crate) const FORMAT: Format = Format {
     about: "one file, compressed frame by frame; random access, crash-safe, readable by the Python package",
     detect: superblock::detect,
     open: |path| Ok(Box::new(reader::Hdf5Dataset::open(path)?)),
-    create: |path, mode| Ok(Box::new(writer::Hdf5Writer::new(path, mode)?)),
+    create: |path, options| Ok(Box::new(writer::Hdf5Writer::new(path, options.mode)?)),
+    repair: repair::repair,
 };

@@ -10,10 +10,11 @@ use hdf5_metno::datatype::ByteOrder;
 use hdf5_metno::filters::{Blosc, BloscShuffle, Filter};
 use swm_core::{Field, SliceMut};
 
-use super::fetch::{Fetched, read_exact_at};
+use super::fetch::Fetched;
 use super::layout::Element;
 use super::{blosc, convert, library};
 use crate::dataset::Steps;
+use crate::formats::disk::read_exact_at;
 
 /// One column of an open file.
 #[derive(Debug)]

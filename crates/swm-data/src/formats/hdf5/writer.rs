@@ -2,7 +2,6 @@
 //! reach the disk first, then the episode's offset, then its length, and a reader counts an episode only when it has
 //! both. (Against the end of the process, that is; the loss of power is the file system's affair.)
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -16,6 +15,7 @@ use super::library;
 use super::reader::Hdf5Dataset;
 use crate::dataset::{DatasetWriter, WriteMode};
 use crate::error::DataError;
+use crate::formats::fit;
 use crate::lock::WriterLock;
 
 /// Writes one file.
@@ -51,7 +51,7 @@ struct Recording {
 impl Hdf5Writer {
     /// Takes the file at `path` for itself. Nothing of it is changed before `begin`.
     pub(super) fn new(path: &Path, mode: WriteMode) -> Result<Self, DataError> {
-        let path = resolve(path)?;
+        let path = fit::resolve(path)?;
         let lock = WriterLock::take(&path)?;
         let exists = path.exists();
         if exists && mode == WriteMode::Error {
@@ -74,7 +74,7 @@ impl Hdf5Writer {
         // Closed again before the library opens the file for writing.
         let end = {
             let old = Hdf5Dataset::open(&self.path)?;
-            check_fit(&self.path, &old, fields, metadata)?;
+            check_old(&self.path, &old, fields, metadata)?;
             EndOfData {
                 episodes: old.num_episodes(),
                 rows: old.total_rows(),
@@ -195,14 +195,6 @@ fn append(dataset: &hdf5_metno::Dataset, first: usize, values: Slice<'_>) -> Res
     library::write(dataset, &field, first, values.len(), values)
 }
 
-/// The file itself, if `path` is a link to it, so that the lock is on the file and not on one of its names.
-fn resolve(path: &Path) -> Result<PathBuf, DataError> {
-    if path.exists() {
-        return fs::canonicalize(path).map_err(|source| DataError::io(path, "open", source));
-    }
-    Ok(path.to_owned())
-}
-
 /// Columns that this format can hold.
 fn check_columns(path: &Path, fields: &[Field]) -> Result<(), DataError> {
     let wrong = |reason| Err(DataError::record(path, reason));
@@ -224,33 +216,10 @@ fn check_columns(path: &Path, fields: &[Field]) -> Result<(), DataError> {
 }
 
 /// Whether episodes with these columns and settings continue `old`.
-fn check_fit(path: &Path, old: &Hdf5Dataset, fields: &[Field], metadata: &Metadata) -> Result<(), DataError> {
-    let mismatch = |reason| Err(DataError::mismatch(path, reason));
+fn check_old(path: &Path, old: &Hdf5Dataset, fields: &[Field], metadata: &Metadata) -> Result<(), DataError> {
     let attributes = old.attributes();
     let (Some(columns), Some((_, first))) = (&attributes.columns, attributes.runs.first()) else {
-        return mismatch("it was made by another program, whose layout is not crash-safe".to_owned());
+        return Err(fit::foreign(path));
     };
-    for field in fields {
-        match columns.iter().find(|there| there.name == field.name) {
-            None => return mismatch(format!("it has no column `{}`", field.name)),
-            Some(there) if there != field => {
-                return mismatch(format!(
-                    "its column `{}` holds {} {:?} per {:?}, not {} {:?} per {:?}",
-                    field.name, there.dtype, there.shape, there.kind, field.dtype, field.shape, field.kind
-                ));
-            }
-            Some(_) => {}
-        }
-    }
-    if let Some(missing) = columns.iter().find(|there| fields.iter().all(|field| field.name != there.name)) {
-        return mismatch(format!("the new episodes have no column `{}`", missing.name));
-    }
-    let agree = |what: &str, there: String, here: String| match there == here {
-        true => Ok(()),
-        false => mismatch(format!("it was recorded with {what} {there}, not {here}")),
-    };
-    agree("the environment", first.env.clone(), metadata.env.clone())?;
-    agree("the settings", format!("{:?}", first.settings), format!("{:?}", metadata.settings))?;
-    agree("the image size", format!("{:?}", first.image), format!("{:?}", metadata.image))?;
-    agree("a frame skip of", first.frame_skip.to_string(), metadata.frame_skip.to_string())
+    fit::check_fit(path, columns, first, fields, metadata)
 }

@@ -1,0 +1,65 @@
+//! Whether episodes can continue a dataset of this program, and what its record of runs becomes. What all formats agree
+//! on, apart from how they store it.
+
+use std::path::{Path, PathBuf};
+
+use swm_core::{Field, Metadata};
+
+use crate::error::DataError;
+
+/// Whether episodes with these columns and settings continue a dataset with those of `columns` and its `first` run.
+pub(super) fn check_fit(
+    path: &Path,
+    columns: &[Field],
+    first: &Metadata,
+    fields: &[Field],
+    metadata: &Metadata,
+) -> Result<(), DataError> {
+    let mismatch = |reason| Err(DataError::mismatch(path, reason));
+    for field in fields {
+        match columns.iter().find(|there| there.name == field.name) {
+            None => return mismatch(format!("it has no column `{}`", field.name)),
+            Some(there) if there != field => {
+                return mismatch(format!(
+                    "its column `{}` holds {} {:?} per {:?}, not {} {:?} per {:?}",
+                    field.name, there.dtype, there.shape, there.kind, field.dtype, field.shape, field.kind
+                ));
+            }
+            Some(_) => {}
+        }
+    }
+    if let Some(missing) = columns.iter().find(|there| fields.iter().all(|field| field.name != there.name)) {
+        return mismatch(format!("the new episodes have no column `{}`", missing.name));
+    }
+    let agree = |what: &str, there: String, here: String| match there == here {
+        true => Ok(()),
+        false => mismatch(format!("it was recorded with {what} {there}, not {here}")),
+    };
+    agree("the environment", first.env.clone(), metadata.env.clone())?;
+    agree("the settings", format!("{:?}", first.settings), format!("{:?}", metadata.settings))?;
+    agree("the image size", format!("{:?}", first.image), format!("{:?}", metadata.image))?;
+    agree("a frame skip of", first.frame_skip.to_string(), metadata.frame_skip.to_string())
+}
+
+/// The error for a dataset of another program.
+pub(super) fn foreign(path: &Path) -> DataError {
+    DataError::mismatch(path, "it was made by another program, whose layout is not crash-safe")
+}
+
+/// The record of runs when a run goes on at episode `first`: one that was killed before its first episode is
+/// forgotten, and one that equals the run before it needs no record of its own.
+pub(super) fn with_run(runs: &[(u64, Metadata)], first: u64, metadata: &Metadata) -> Vec<(u64, Metadata)> {
+    let mut runs: Vec<_> = runs.iter().filter(|&&(at, _)| at < first).cloned().collect();
+    if runs.last().is_none_or(|(_, last)| last != metadata) {
+        runs.push((first, metadata.clone()));
+    }
+    runs
+}
+
+/// The dataset itself, if `path` is a link to it, so that the lock is on it and not on one of its names.
+pub(super) fn resolve(path: &Path) -> Result<PathBuf, DataError> {
+    if path.exists() {
+        return std::fs::canonicalize(path).map_err(|source| DataError::io(path, "open", source));
+    }
+    Ok(path.to_owned())
+}

@@ -1,0 +1,283 @@
+//! Opening a folder for reading: ours by its manifest and index, those of other programs by what lies in them.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use swm_core::env::VARIATION_PREFIX;
+use swm_core::error::BoxError;
+use swm_core::{Batch, EpisodeSource, Field, FieldKind, Metadata, Schema, SliceMut};
+
+use super::layout::{self, EP_LEN, EP_OFFSET, Entry, Manifest};
+use super::pictures::{PictureReader, Store};
+use crate::dataset::{Dataset, Steps, check_request, locate, read_rows};
+use crate::error::DataError;
+use crate::formats::npz::Array;
+
+/// An open folder.
+#[derive(Debug)]
+pub(super) struct FolderDataset {
+    shared: Arc<Shared>,
+    /// One per column; those of arrays stay empty.
+    pictures: BTreeMap<usize, PictureReader>,
+    scratch: Vec<u8>,
+}
+
+/// What all handles share; never changed after opening.
+#[derive(Debug)]
+struct Shared {
+    path: PathBuf,
+    format: &'static str,
+    store: Store,
+    schema: Arc<Schema>,
+    columns: Vec<Source>,
+    /// First row and number of rows.
+    episodes: Vec<(usize, usize)>,
+    manifest: Option<Manifest>,
+    /// One per episode in folders of ours.
+    entries: Vec<Entry>,
+    skipped: Vec<(String, String)>,
+}
+
+#[derive(Debug)]
+enum Source {
+    Array(Array),
+    /// The subfolder.
+    Pictures(PathBuf),
+}
+
+impl FolderDataset {
+    pub(super) fn open(path: &Path, format: &'static str, store: Store) -> Result<Self, DataError> {
+        let shared = match Manifest::read(path)? {
+            Some(manifest) => Shared::ours(path, format, store, manifest)?,
+            None => Shared::foreign(path, format, store)?,
+        };
+        Ok(Self { shared: Arc::new(shared), pictures: BTreeMap::new(), scratch: Vec::new() })
+    }
+
+    pub(super) fn manifest(&self) -> Option<&Manifest> {
+        self.shared.manifest.as_ref()
+    }
+}
+
+impl Shared {
+    fn ours(path: &Path, format: &'static str, store: Store, manifest: Manifest) -> Result<Self, DataError> {
+        let schema = Schema::new(manifest.columns.clone())
+            .map_err(|error| DataError::damaged(path, error.to_string()))?;
+        let entries = layout::read_index(path, manifest.columns.len())?;
+        let mut rows = 0usize;
+        let mut episodes = Vec::with_capacity(entries.len());
+        for entry in &entries {
+            episodes.push((rows, entry.rows as usize));
+            rows += entry.rows as usize;
+        }
+        let mut columns = Vec::new();
+        for field in &manifest.columns {
+            if store.takes(field) {
+                columns.push(Source::Pictures(path.join(&field.name)));
+                continue;
+            }
+            let file = layout::array(path, &field.name);
+            let damaged = |reason| DataError::damaged(&file, reason);
+            let array = Array::open_growing(&file, rows).map_err(damaged)?;
+            if array.elements().dtype() != field.dtype || array.row_shape() != field.shape {
+                let (elements, shape) = (array.elements(), array.row_shape());
+                return Err(damaged(format!(
+                    "it holds {elements:?} {shape:?}, not {} {:?}",
+                    field.dtype, field.shape
+                )));
+            }
+            columns.push(Source::Array(array));
+        }
+        let (path, skipped, manifest) = (path.to_owned(), Vec::new(), Some(manifest));
+        Ok(Self { path, format, store, schema, columns, episodes, manifest, entries, skipped })
+    }
+
+    fn foreign(path: &Path, format: &'static str, store: Store) -> Result<Self, DataError> {
+        let (mut fields, mut columns, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
+        let mut index = BTreeMap::new();
+        let mut names = Vec::new();
+        for entry in fs::read_dir(path).map_err(|source| DataError::io(path, "open", source))? {
+            let entry = entry.map_err(|source| DataError::io(path, "open", source))?;
+            names.extend(entry.file_name().to_str().map(|name| (name.to_owned(), entry.path())));
+        }
+        names.sort();
+        let mut folders = Vec::new();
+        for (name, file) in names {
+            let Some(column) = name.strip_suffix(".npz") else {
+                folders.extend(file.is_dir().then_some((name, file)));
+                continue;
+            };
+            match Array::open(&file) {
+                Ok(array) if [EP_LEN, EP_OFFSET].contains(&column) => {
+                    let numbers = array.integers().map_err(|reason| DataError::damaged(&file, reason))?;
+                    index.insert(column.to_owned(), numbers);
+                }
+                Ok(array) => {
+                    let field = field(column, array.elements().dtype(), array.row_shape());
+                    fields.push(field);
+                    columns.push(Source::Array(array));
+                }
+                Err(reason) if reason.contains("not supported") || reason.contains("a single value") => {
+                    skipped.push((column.to_owned(), reason));
+                }
+                Err(reason) => return Err(DataError::damaged(&file, reason)),
+            }
+        }
+        let rows = columns.iter().zip(&fields).filter_map(|(source, field)| match source {
+            Source::Array(array) => Some((field.name.as_str(), array.rows())),
+            Source::Pictures(_) => None,
+        });
+        let episodes = spans(path, &index, rows.min_by_key(|&(_, rows)| rows))?;
+        if !episodes.is_empty() {
+            for (name, folder) in folders {
+                match store.shape(&folder, 0) {
+                    Ok(shape) => {
+                        fields.push(field(&name, swm_core::Dtype::U8, &shape));
+                        columns.push(Source::Pictures(folder));
+                    }
+                    Err(reason) => skipped.push((name, reason)),
+                }
+            }
+        }
+        let schema = Schema::new(fields).map_err(|error| DataError::damaged(path, error.to_string()))?;
+        let (path, manifest, entries) = (path.to_owned(), None, Vec::new());
+        Ok(Self { path, format, store, schema, columns, episodes, manifest, entries, skipped })
+    }
+}
+
+fn field(name: &str, dtype: swm_core::Dtype, shape: &[usize]) -> Field {
+    let kind = if name.starts_with(VARIATION_PREFIX) { FieldKind::Episode } else { FieldKind::Step };
+    Field { name: name.to_owned(), dtype, shape: shape.to_vec(), kind }
+}
+
+/// Where episodes lie in the arrays of another program; `shortest` is the array with the fewest rows.
+fn spans(
+    path: &Path,
+    index: &BTreeMap<String, Vec<i64>>,
+    shortest: Option<(&str, usize)>,
+) -> Result<Vec<(usize, usize)>, DataError> {
+    let [Some(lengths), Some(offsets)] = [index.get(EP_LEN), index.get(EP_OFFSET)] else {
+        let reason = format!("it has no `{EP_LEN}.npz` and `{EP_OFFSET}.npz`, which say where episodes lie");
+        return Err(DataError::not_a_dataset(path, reason));
+    };
+    if lengths.len() != offsets.len() {
+        let reason = format!("{} episodes have a length, {} an offset", lengths.len(), offsets.len());
+        return Err(DataError::damaged(path, reason));
+    }
+    let (shortest, rows) = shortest.unwrap_or(("", usize::MAX));
+    let mut spans = Vec::with_capacity(lengths.len());
+    for (episode, (&len, &offset)) in lengths.iter().zip(offsets).enumerate() {
+        let span = usize::try_from(offset).ok().zip(usize::try_from(len).ok());
+        let fits = |&(first, len): &(usize, usize)| first.checked_add(len).is_some_and(|end| end <= rows);
+        let Some(span) = span.filter(fits) else {
+            let reason = format!(
+                "episode {episode} has {len} rows from row {offset} on, but column `{shortest}` has {rows}"
+            );
+            return Err(DataError::damaged(path, reason));
+        };
+        spans.push(span);
+    }
+    Ok(spans)
+}
+
+impl EpisodeSource for FolderDataset {
+    fn schema(&self) -> &Arc<Schema> {
+        &self.shared.schema
+    }
+
+    fn num_episodes(&self) -> usize {
+        self.shared.episodes.len()
+    }
+
+    fn episode_len(&self, episode: usize) -> usize {
+        self.shared.episodes.get(episode).map_or(0, |&(_, rows)| rows)
+    }
+
+    fn metadata(&self) -> Option<&Metadata> {
+        self.runs().first().map(|(_, metadata)| metadata)
+    }
+
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
+        Ok(read_rows(self, episode, rows, out)?)
+    }
+}
+
+impl Dataset for FolderDataset {
+    fn path(&self) -> &Path {
+        &self.shared.path
+    }
+
+    fn format(&self) -> &'static str {
+        self.shared.format
+    }
+
+    fn read_column(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        let (field, rows) = locate(self, column, episode)?;
+        check_request(&self.shared.path, field, episode, rows, steps, &out)?;
+        let shared = &*self.shared;
+        let field = &shared.schema.fields()[column];
+        let read = match (&shared.columns[column], out) {
+            (Source::Array(array), out) => {
+                let first = shared.episodes[episode].0 + steps.first;
+                array.read((first, steps.count, steps.stride), out, &mut self.scratch)
+            }
+            (Source::Pictures(folder), SliceMut::U8(out)) => {
+                let checksum =
+                    shared.entries.get(episode).and_then(|entry| entry.checksums.get(column).copied());
+                let reader = self.pictures.entry(column).or_default();
+                reader.read(shared.store, folder, episode as u64, (field, steps), checksum, out)
+            }
+            (Source::Pictures(_), out) => Err(format!("pictures were asked for as {}", out.dtype())),
+        };
+        read.map_err(|reason| {
+            DataError::damaged(&shared.path, format!("column `{}`, episode {episode}: {reason}", field.name))
+        })
+    }
+
+    fn share(&self) -> Box<dyn Dataset> {
+        Box::new(Self { shared: self.shared.clone(), pictures: BTreeMap::new(), scratch: Vec::new() })
+    }
+
+    fn runs(&self) -> &[(u64, Metadata)] {
+        self.shared.manifest.as_ref().map_or(&[], |manifest| &manifest.runs)
+    }
+
+    fn skipped(&self) -> &[(String, String)] {
+        &self.shared.skipped
+    }
+
+    fn has_checksums(&self) -> bool {
+        self.shared.manifest.is_some()
+    }
+
+    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
+        let shared = &*self.shared;
+        let Some(entry) = shared.entries.get(episode) else { return Ok(()) };
+        let (first, rows) = shared.episodes[episode];
+        for ((source, field), &expected) in
+            shared.columns.iter().zip(shared.schema.fields()).zip(&entry.checksums)
+        {
+            let found = match source {
+                Source::Array(array) => array.bytes(first, rows, &mut self.scratch).map(crc32fast::hash),
+                Source::Pictures(folder) => shared.store.checksum(folder, episode as u64, rows),
+            };
+            let wrong = match found {
+                Ok(found) if found == expected => continue,
+                Ok(_) => "its checksum is wrong: it was changed after it was written".to_owned(),
+                Err(reason) => reason,
+            };
+            let reason = format!("column `{}`, episode {episode}: {wrong}", field.name);
+            return Err(DataError::damaged(&shared.path, reason));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,51 @@
+//! Putting a file right whose recording was interrupted: its mark of being written is taken away, so that any program
+//! opens it, and rows behind the last finished episode are cut.
+
+use std::path::Path;
+
+use swm_core::EpisodeSource;
+
+use super::create::{self, EndOfData};
+use super::layout::EP_IDX;
+use super::reader::Hdf5Dataset;
+use super::superblock;
+use crate::error::DataError;
+use crate::formats::fit;
+use crate::lock::WriterLock;
+
+/// Says what is to be done; does it if `apply`.
+pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError> {
+    let path = fit::resolve(path)?;
+    let _lock = WriterLock::take(&path)?;
+    if !superblock::ensure_readable(&path)?.is_unclean() {
+        return Ok(Vec::new());
+    }
+    let old = Hdf5Dataset::open(&path)?;
+    let episodes = old.num_episodes();
+    let steps = vec![
+        "take away the mark of a recording that goes on, so that h5py opens the file without `swmr=True`"
+            .to_owned(),
+        format!("cut what lies behind the {episodes} finished episodes"),
+    ];
+    let attributes = old.attributes().clone();
+    let (Some(columns), Some((_, metadata))) = (&attributes.columns, attributes.runs.last()) else {
+        return Err(fit::foreign(&path));
+    };
+    if apply {
+        let fields: Vec<_> = columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();
+        let end = EndOfData {
+            episodes,
+            rows: old.total_rows(),
+            chunks_end: old.chunks_end(),
+            attributes: attributes.clone(),
+        };
+        drop(old);
+        let handles = create::reopen(&path, &fields, &end, metadata)?;
+        handles.close().map_err(|reason| DataError::Write {
+            path: path.clone(),
+            episodes: episodes as u64,
+            reason,
+        })?;
+    }
+    Ok(steps)
+}

@@ -1,0 +1,161 @@
+//! Reading the array of an `.npz` file: straight from the file where it is stored as it is, from memory where it is
+//! deflated.
+
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use swm_core::SliceMut;
+use zip::{CompressionMethod, ZipArchive};
+
+use super::growing;
+use super::header::{ArrayType, Head};
+use crate::formats::disk::read_exact_at;
+
+/// Where numpy puts the only array of an archive.
+pub(super) const ENTRY: &str = "arr_0.npy";
+/// The most that deflate can shrink by; what claims more is forged.
+const MAX_RATIO: u64 = 1100;
+/// A head is never longer.
+const MAX_HEAD: u64 = 1 << 16;
+
+/// An open array: rows of one shape.
+#[derive(Debug)]
+pub(in crate::formats) struct Array {
+    elements: ArrayType,
+    /// Rows first.
+    shape: Vec<usize>,
+    row_bytes: usize,
+    values: Values,
+}
+
+#[derive(Debug)]
+enum Values {
+    /// From this byte of the file on.
+    File(File, u64),
+    Memory(Vec<u8>),
+}
+
+impl Array {
+    /// Opens the array of an archive that any program wrote.
+    pub(in crate::formats) fn open(path: &Path) -> Result<Self, String> {
+        let file = File::open(path).map_err(|error| error.to_string())?;
+        let length = file.metadata().map_err(|error| error.to_string())?.len();
+        let mut archive = ZipArchive::new(BufReader::new(&file)).map_err(|error| error.to_string())?;
+        let entry = archive.by_name(ENTRY).map_err(|error| format!("{error}: `{ENTRY}`"))?;
+        let (size, stored) = (entry.size(), entry.compression() == CompressionMethod::Stored);
+        if entry.compressed_size() > length || size / MAX_RATIO > entry.compressed_size() {
+            return Err(format!("its array claims to have {size} bytes"));
+        }
+        if !stored {
+            let mut bytes = Vec::new();
+            entry.take(size).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+            let head = Head::parse(&bytes)?;
+            let available = (bytes.len() - head.bytes) as u64;
+            bytes.drain(..head.bytes);
+            return Self::new(head, available, Values::Memory(bytes));
+        }
+        let start = entry.data_start();
+        drop(entry);
+        let mut bytes = vec![0; size.min(MAX_HEAD) as usize];
+        read_exact_at(&file, &mut bytes, start).map_err(|error| error.to_string())?;
+        let head = Head::parse(&bytes)?;
+        let (values, available) = (start + head.bytes as u64, size.saturating_sub(head.bytes as u64));
+        Self::new(head, available, Values::File(file, values))
+    }
+
+    /// Opens an array of ours with `rows` rows, which its own head may not count yet: it is being written, or its
+    /// writer was killed.
+    pub(in crate::formats) fn open_growing(path: &Path, rows: usize) -> Result<Self, String> {
+        let file = File::open(path).map_err(|error| error.to_string())?;
+        let length = file.metadata().map_err(|error| error.to_string())?.len();
+        let mut head = growing::head(&file)?;
+        match head.shape.first_mut() {
+            Some(first) => *first = rows,
+            None => return Err("it is a single value, not one per row".to_owned()),
+        }
+        let start = growing::VALUES;
+        Self::new(head, length.saturating_sub(start), Values::File(file, start))
+    }
+
+    fn new(head: Head, available: u64, values: Values) -> Result<Self, String> {
+        let Head { elements, shape, .. } = head;
+        let Some((&rows, rest)) = shape.split_first() else {
+            return Err("it is a single value, not one per row".to_owned());
+        };
+        let row_bytes = rest.iter().try_fold(elements.size(), |bytes, &size| bytes.checked_mul(size));
+        let row_bytes = row_bytes.filter(|&bytes| bytes > 0).ok_or(format!("it has the shape {shape:?}"))?;
+        match row_bytes.checked_mul(rows) {
+            Some(needed) if needed as u64 <= available => Ok(Self { elements, row_bytes, shape, values }),
+            _ => Err(format!("it was cut short: {available} bytes cannot hold the shape {shape:?}")),
+        }
+    }
+
+    pub(in crate::formats) fn elements(&self) -> ArrayType {
+        self.elements
+    }
+
+    pub(in crate::formats) fn rows(&self) -> usize {
+        self.shape[0]
+    }
+
+    /// Shape of one row.
+    pub(in crate::formats) fn row_shape(&self) -> &[usize] {
+        &self.shape[1..]
+    }
+
+    /// Reads rows `first`, `first + stride`, …, `count` of them.
+    pub(in crate::formats) fn read(
+        &self,
+        (first, count, stride): (usize, usize, usize),
+        mut out: SliceMut<'_>,
+        scratch: &mut Vec<u8>,
+    ) -> Result<(), String> {
+        if stride == 1 {
+            let bytes = self.bytes(first, count, scratch)?;
+            return self.elements.convert(bytes, out);
+        }
+        let width = out.len() / count.max(1);
+        for row in 0..count {
+            let (head, tail) = out.split_at(width);
+            out = tail;
+            let bytes = self.bytes(first + row * stride, 1, scratch)?;
+            self.elements.convert(bytes, head)?;
+        }
+        Ok(())
+    }
+
+    /// All values of so many rows, as they are stored.
+    pub(in crate::formats) fn bytes<'a>(
+        &'a self,
+        first: usize,
+        count: usize,
+        scratch: &'a mut Vec<u8>,
+    ) -> Result<&'a [u8], String> {
+        if first.checked_add(count).is_none_or(|end| end > self.rows()) {
+            return Err(format!("it has {} rows, not {count} from row {first} on", self.rows()));
+        }
+        let (start, size) = (first * self.row_bytes, count * self.row_bytes);
+        match &self.values {
+            Values::Memory(bytes) => Ok(&bytes[start..start + size]),
+            Values::File(file, from) => {
+                scratch.resize(size, 0);
+                read_exact_at(file, scratch, from + start as u64).map_err(|error| error.to_string())?;
+                Ok(scratch)
+            }
+        }
+    }
+
+    /// All rows as integers; `None` for other types.
+    pub(in crate::formats) fn integers(&self) -> Result<Vec<i64>, String> {
+        let mut scratch = Vec::new();
+        let (rows, width) = (self.rows(), self.row_shape().iter().product::<usize>());
+        let mut column = swm_core::Column::zeros(self.elements.dtype(), rows * width);
+        self.read((0, rows, 1), column.as_slice_mut(), &mut scratch)?;
+        match column {
+            swm_core::Column::I32(values) => Ok(values.into_iter().map(i64::from).collect()),
+            swm_core::Column::I64(values) => Ok(values),
+            other => Err(format!("it holds {}, not integers", other.dtype())),
+        }
+    }
+}

@@ -1,0 +1,8 @@
+//! Numpy's archives of one array, `arr_0`: reading any of them, and growing our own row by row. No pickled objects.
+
+mod archive;
+mod growing;
+mod header;
+
+pub(super) use archive::Array;
+pub(super) use growing::GrowingArray;

@@ -1,0 +1,240 @@
+//! H.264 films read back: any frame, in any order, decoded by the bundled OpenH264 from the key frame before it.
+//!
+//! Reads what this crate and x264 write (Baseline to High profile, 4:2:0, 8 bits, B-frames), not fragmented files.
+//! Frames are numbered in the order in which they are shown. Colours follow the matrix and the range that the stream
+//! names; BT.601 in studio range where it names none, as players do.
+
+use std::fmt;
+use std::io::{Read, Seek, SeekFrom};
+
+use openh264::OpenH264API;
+use openh264::decoder::{DecodedYUV, Decoder, DecoderConfig, Flush};
+use openh264::formats::YUVSource as _;
+
+use super::colours::Conversion;
+use super::demux::{Tables, find, number};
+use super::parameters::Colours;
+use crate::error::MediaError;
+use crate::format::Format;
+
+/// An open film.
+pub struct Mp4Reader<F> {
+    file: F,
+    tables: Tables,
+    /// Bytes of the length before each unit of a sample.
+    length_size: usize,
+    /// Parameter sets, each behind a start code.
+    head: Vec<u8>,
+    conversion: Conversion,
+    /// Where decoding stands; none before the first frame and after an error.
+    run: Option<Run>,
+    /// The coded picture that is being decoded.
+    packet: Vec<u8>,
+}
+
+struct Run {
+    decoder: Decoder,
+    /// The next sample that the decoder gets.
+    sample: usize,
+    /// The frame that it gives next.
+    frame: usize,
+}
+
+impl<F: Read + Seek> Mp4Reader<F> {
+    /// Reads the tables of a film.
+    ///
+    /// # Errors
+    ///
+    /// [`MediaError::Decode`] for what is no MP4 file, was cut short, or is no H.264.
+    pub fn new(mut file: F) -> Result<Self, MediaError> {
+        let tables = Tables::read(&mut file).map_err(wrong)?;
+        if &tables.codec != b"avc1" && &tables.codec != b"avc3" {
+            let codec = tables.codec.escape_ascii();
+            return Err(wrong(format!("its codec is `{codec}`; only H.264 (`avc1`) can be decoded")));
+        }
+        let settings = find(&tables.description, b"avcC").map_err(wrong)?;
+        let (length_size, head, colours) = settings_of(settings).map_err(wrong)?;
+        let conversion = Conversion::new(colours);
+        Ok(Self { file, tables, length_size, head, conversion, run: None, packet: Vec::new() })
+    }
+
+    /// Frames in the film.
+    pub fn frames(&self) -> usize {
+        self.tables.samples.len()
+    }
+
+    /// Height and width of a frame in pixels.
+    pub fn size(&self) -> (usize, usize) {
+        (self.tables.height, self.tables.width)
+    }
+
+    /// Frames per second on the average; 0 for films without durations.
+    pub fn frames_per_second(&self) -> f64 {
+        self.tables.rate
+    }
+
+    /// Decodes frames `first`, `first + stride`, …, as many as fit into `out`, `[T, H, W, 3]`.
+    ///
+    /// Going on where the last call ended costs nothing extra; going elsewhere decodes from the key frame before it.
+    ///
+    /// # Errors
+    ///
+    /// [`MediaError::Decode`] for frames that do not exist, a damaged stream, or pictures of another size than the
+    /// file says.
+    pub fn read(&mut self, first: usize, stride: usize, out: &mut [u8]) -> Result<(), MediaError> {
+        let result = self.decode(first, stride.max(1), out);
+        if result.is_err() {
+            self.run = None;
+        }
+        result.map_err(wrong)
+    }
+
+    fn decode(&mut self, first: usize, stride: usize, out: &mut [u8]) -> Result<(), String> {
+        let size @ (height, width) = self.size();
+        let frame_bytes = height * width * 3;
+        let count = out.len() / frame_bytes;
+        if count == 0 {
+            return Ok(());
+        }
+        let last = (count - 1).checked_mul(stride).and_then(|rows| rows.checked_add(first));
+        let Some(last) = last.filter(|&last| last < self.frames()) else {
+            return Err(format!("it has {} frames, too few for what was asked for", self.frames()));
+        };
+        let mut run = self.begin(first)?;
+        let conversion = &self.conversion;
+        let mut take = |picture: &DecodedYUV<'_>, frame: usize| {
+            if frame < first || (frame - first) % stride != 0 {
+                return Ok(());
+            }
+            let (there, found) = (picture.dimensions(), (width, height));
+            // A picture may be padded to whole blocks, never smaller.
+            if there.0 < found.0 || there.1 < found.1 {
+                return Err(format!(
+                    "a picture has {}x{} pixels instead of {}x{}",
+                    there.1, there.0, height, width
+                ));
+            }
+            match out.chunks_exact_mut(frame_bytes).nth((frame - first) / stride) {
+                Some(target) => conversion.rgb(picture, size, target),
+                None => Ok(()),
+            }
+        };
+        while run.frame <= last {
+            if run.sample < self.tables.samples.len() {
+                load(&mut self.file, &self.tables, self.length_size, run.sample, &mut self.packet)?;
+                run.sample += 1;
+                let picture = run.decoder.decode(&self.packet).map_err(|error| error.to_string())?;
+                if let Some(picture) = picture {
+                    take(&picture, run.frame)?;
+                    run.frame += 1;
+                }
+                continue;
+            }
+            // Pictures that waited for later ones, which never come.
+            let rest = run.decoder.flush_remaining().map_err(|error| error.to_string())?;
+            if rest.is_empty() {
+                return Err(format!(
+                    "only {} of {} frames can be decoded",
+                    run.frame,
+                    self.tables.samples.len()
+                ));
+            }
+            for picture in rest {
+                take(&picture, run.frame)?;
+                run.frame += 1;
+            }
+        }
+        let at_end = run.sample == self.tables.samples.len();
+        self.run = (!at_end).then_some(run);
+        Ok(())
+    }
+
+    /// A decoder that has not passed frame `first`: the one at work, or a new one at the key frame before it.
+    fn begin(&mut self, first: usize) -> Result<Run, String> {
+        let samples = &self.tables.samples;
+        let key = samples.iter().rposition(|sample| sample.key && sample.shown <= first).unwrap_or(0);
+        if let Some(run) = self.run.take()
+            && run.frame <= first
+            && run.sample > key
+        {
+            return Ok(run);
+        }
+        let config = DecoderConfig::new().flush_after_decode(Flush::NoFlush);
+        let mut decoder = Decoder::with_api_config(OpenH264API::from_source(), config)
+            .map_err(|error| error.to_string())?;
+        decoder.decode(&self.head).map_err(|error| error.to_string())?;
+        Ok(Run { decoder, sample: key, frame: samples.get(key).map_or(0, |sample| sample.shown) })
+    }
+}
+
+/// Reads a sample and puts start codes in the place of lengths.
+fn load(
+    file: &mut (impl Read + Seek),
+    tables: &Tables,
+    length_size: usize,
+    sample: usize,
+    packet: &mut Vec<u8>,
+) -> Result<(), String> {
+    let sample = tables.samples[sample];
+    packet.clear();
+    packet.resize(sample.size, 0);
+    let read = file.seek(SeekFrom::Start(sample.offset)).and_then(|_| file.read_exact(packet));
+    read.map_err(|error| error.to_string())?;
+    if length_size == 4 {
+        let mut at = 0;
+        while at < packet.len() {
+            let length = number(packet, at, 4)? as usize;
+            packet[at..at + 4].copy_from_slice(&[0, 0, 0, 1]);
+            at = (at + 4)
+                .checked_add(length)
+                .filter(|&end| end <= packet.len())
+                .ok_or("a picture is cut short")?;
+        }
+        return Ok(());
+    }
+    let (mut units, mut at) = (Vec::with_capacity(packet.len() + 64), 0);
+    while at < packet.len() {
+        let length = number(packet, at, length_size)? as usize;
+        let unit = packet.get(at + length_size..at + length_size + length).ok_or("a picture is cut short")?;
+        units.extend([0, 0, 0, 1]);
+        units.extend(unit);
+        at += length_size + length;
+    }
+    *packet = units;
+    Ok(())
+}
+
+/// What `avcC` says: the size of lengths, the parameter sets, and the colours in the first of them.
+fn settings_of(settings: &[u8]) -> Result<(usize, Vec<u8>, Colours), String> {
+    let length_size = number(settings, 4, 1)? as usize % 4 + 1;
+    let (mut at, mut head, mut colours) = (5, Vec::new(), Colours::of(&[]));
+    for kind in 0..2 {
+        let count = number(settings, at, 1)? & if kind == 0 { 0x1f } else { 0xff };
+        at += 1;
+        for unit in 0..count {
+            let length = number(settings, at, 2)? as usize;
+            let set = settings.get(at + 2..at + 2 + length).ok_or("its parameter sets are cut short")?;
+            if kind == 0 && unit == 0 {
+                colours = Colours::of(set);
+            }
+            head.extend([0, 0, 0, 1]);
+            head.extend(set);
+            at += 2 + length;
+        }
+    }
+    Ok((length_size, head, colours))
+}
+
+impl<F> fmt::Debug for Mp4Reader<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let frame = self.run.as_ref().map(|run| run.frame);
+        f.debug_struct("Mp4Reader")
+            .field("tables", &self.tables)
+            .field("frame", &frame)
+            .finish_non_exhaustive()
+    }
+}
+
+fn wrong(reason: impl Into<String>) -> MediaError {
+    MediaError::Decode { format: Format::Mp4, reason: reason.into() }
+}
