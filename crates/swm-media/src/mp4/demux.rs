@@ -119,8 +119,11 @@ fn movie(file: &mut (impl Read + Seek), length: u64) -> Result<Vec<u8>, String> 
     Err("it has no table of contents (`moov`); was its writing interrupted?".to_owned())
 }
 
-/// Name and content of the boxes in `content`, in order.
-pub(super) fn boxes(mut content: &[u8]) -> Result<Vec<([u8; 4], &[u8])>, String> {
+/// Name and content.
+type NamedBox<'a> = ([u8; 4], &'a [u8]);
+
+/// The boxes in `content`, in order.
+fn boxes(mut content: &[u8]) -> Result<Vec<NamedBox<'_>>, String> {
     let mut found = Vec::new();
     while content.len() >= 8 {
         let size = number(content, 0, 4)? as usize;

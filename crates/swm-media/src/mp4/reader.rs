@@ -103,7 +103,7 @@ impl<F: Read + Seek> Mp4Reader<F> {
         let mut run = self.begin(first)?;
         let conversion = &self.conversion;
         let mut take = |picture: &DecodedYUV<'_>, frame: usize| {
-            if frame < first || (frame - first) % stride != 0 {
+            if frame < first || !(frame - first).is_multiple_of(stride) {
                 return Ok(());
             }
             let (there, found) = (picture.dimensions(), (width, height));
