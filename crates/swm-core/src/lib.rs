@@ -3,6 +3,7 @@
 //! * [`batch`]: typed columns and tables, the one shape that all data has;
 //! * [`space`], [`seed`]: what values may be, and where randomness comes from;
 //! * [`env`](mod@env), [`policy`]: the two traits that a user implements;
+//! * [`smooth`]: random actions that change little from step to step;
 //! * [`world`]: many environments in parallel, one `infos` table, one rollout loop;
 //! * [`recorder`], [`dataset`], [`evaluate`]: what watches the loop;
 //! * [`registry`]: tables of environments and policies;
@@ -20,6 +21,7 @@ pub mod policy;
 pub mod recorder;
 pub mod registry;
 pub mod seed;
+pub mod smooth;
 pub mod space;
 pub mod testing;
 pub mod world;

@@ -7,6 +7,7 @@ use crate::batch::Field;
 use crate::env::{Env, EnvConfig};
 use crate::error::{EnvError, PolicyError, UnknownName, nearest};
 use crate::policy::{self, Policy};
+use crate::smooth;
 
 /// One environment of a table.
 #[derive(Clone, Copy, Debug)]
@@ -211,6 +212,8 @@ pub const BASIC_POLICIES: &[PolicyEntry] = &[
             Ok(Box::new(policy::random()))
         },
     },
+    smooth::ENTRIES[0],
+    smooth::ENTRIES[1],
     PolicyEntry {
         name: "constant",
         summary: "one action for ever (`constant:0.5,0`); without values all zeros: do nothing",
