@@ -20,6 +20,9 @@ pub struct EnvEntry {
     pub settings: &'static [Setting],
     /// Policies that know this environment.
     pub policies: &'static [PolicyEntry],
+    /// A planner that solves its task, as on a command line (`icem:horizon=20`): the policy `expert` of an environment
+    /// that has no expert of its own.
+    pub planner: Option<&'static str>,
     /// Makes one.
     pub make: fn(&EnvConfig) -> Result<Box<dyn Env>, EnvError>,
 }
@@ -141,12 +144,13 @@ fn literal(text: &str) -> Json {
 pub struct Registry {
     envs: Vec<&'static EnvEntry>,
     policies: Vec<&'static PolicyEntry>,
+    expert: Option<&'static PolicyEntry>,
 }
 
 impl Registry {
     /// Knows the policies that fit every environment, and no environment yet.
     pub fn new() -> Self {
-        Self { envs: Vec::new(), policies: BASIC_POLICIES.iter().collect() }
+        Self { envs: Vec::new(), policies: BASIC_POLICIES.iter().collect(), expert: None }
     }
 
     /// Adds a table of environments.
@@ -163,14 +167,22 @@ impl Registry {
         self
     }
 
+    /// Adds what makes policies from [`EnvEntry::planner`], for environments that have one.
+    #[must_use]
+    pub fn with_expert(mut self, entry: &'static PolicyEntry) -> Self {
+        self.expert = Some(entry);
+        self
+    }
+
     /// All environments, in the order of their tables.
     pub fn envs(&self) -> &[&'static EnvEntry] {
         &self.envs
     }
 
-    /// The policies of an environment: its own, then the general ones.
+    /// The policies of an environment: its own, its planner as `expert`, then the general ones.
     pub fn policies<'a>(&'a self, env: &'a EnvEntry) -> impl Iterator<Item = &'a PolicyEntry> {
-        env.policies.iter().chain(self.policies.iter().copied())
+        let expert = self.expert.filter(|_| env.planner.is_some());
+        env.policies.iter().chain(expert).chain(self.policies.iter().copied())
     }
 
     /// The environment with this id.

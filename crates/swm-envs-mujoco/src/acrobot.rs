@@ -10,13 +10,13 @@ use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape};
 use crate::suite::{
     Control, Domain, Effect, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, distance, entry, factors, make,
-    tolerance, unchanged, uniform,
+    planner, tolerance, unchanged, uniform,
 };
 
 /// The table entry.
 pub const ACROBOT: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 
-static DOMAIN: Domain = Domain {
+pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/AcrobotDMControl-v0",
     summary: "swing two links up with one torque at the elbow",
     model: "acrobot.xml",
@@ -24,6 +24,7 @@ static DOMAIN: Domain = Domain {
     time_limit_s: 10.0,
     camera: 0,
     tasks: TASKS,
+    planner: planner!("horizon=50,samples=48,iterations=2,elites=6,sigma=0.7,aggregate=mean"),
     infos: &[],
     targets: &[],
     start_columns: START_COLUMNS,

@@ -7,14 +7,14 @@ use swm_core::seed::Stream;
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape};
 use crate::suite::{
-    Control, Domain, Effect, START_COLUMNS, Stage, Task, TaskEntry, distance, entry, factors, make,
+    Control, Domain, Effect, START_COLUMNS, Stage, Task, TaskEntry, distance, entry, factors, make, planner,
     unchanged, uniform, until_free_of_contacts,
 };
 
 /// The table entry.
 pub const BALL_IN_CUP: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 
-static DOMAIN: Domain = Domain {
+pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/BallInCupDMControl-v0",
     summary: "catch a ball on a string with a cup; two forces",
     model: "ball_in_cup.xml",
@@ -22,6 +22,7 @@ static DOMAIN: Domain = Domain {
     time_limit_s: 20.0,
     camera: 0,
     tasks: TASKS,
+    planner: planner!("horizon=20,samples=32,iterations=2,elites=6,sigma=0.7,aggregate=mean"),
     infos: &[],
     targets: &[],
     start_columns: START_COLUMNS,

@@ -10,13 +10,13 @@ use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape};
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
-    normal, tolerance, unchanged, uniform,
+    normal, planner, tolerance, unchanged, uniform,
 };
 
 /// The table entry.
 pub const CARTPOLE: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 
-static DOMAIN: Domain = Domain {
+pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/CartpoleDMControl-v0",
     summary: "swing a pole up on a cart and hold it; one force",
     model: "cartpole.xml",
@@ -24,6 +24,7 @@ static DOMAIN: Domain = Domain {
     time_limit_s: 10.0,
     camera: 0,
     tasks: TASKS,
+    planner: planner!("horizon=80,samples=24,iterations=2,elites=5,sigma=0.7,aggregate=mean"),
     infos: &[],
     targets: &[],
     start_columns: START_COLUMNS,

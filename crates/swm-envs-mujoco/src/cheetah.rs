@@ -8,13 +8,13 @@ use crate::error::MujocoError;
 use crate::ffi::{Model, Object};
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
-    tolerance, unchanged, uniform,
+    planner, tolerance, unchanged, uniform,
 };
 
 /// The table entry.
 pub const CHEETAH: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 
-static DOMAIN: Domain = Domain {
+pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/CheetahDMControl-v0",
     summary: "a planar two-legged runner that gains speed; six torques",
     model: "cheetah.xml",
@@ -23,6 +23,7 @@ static DOMAIN: Domain = Domain {
     time_limit_s: 25.0,
     camera: 0,
     tasks: TASKS,
+    planner: planner!("horizon=20,samples=32,iterations=2,elites=6,sigma=0.7"),
     infos: &[("speed", 0), ("torso_height", 0), ("bfoot_height", 0), ("ffoot_height", 0), ("angmomentum", 0)],
     targets: &[],
     start_columns: START_COLUMNS,

@@ -8,14 +8,14 @@ use swm_core::seed::Stream;
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape, Spec};
 use crate::suite::{
-    Control, Domain, Effect, Place, Stage, Target, Task, TaskEntry, distance, entry, factors, make,
+    Control, Domain, Effect, Place, Stage, Target, Task, TaskEntry, distance, entry, factors, make, planner,
     randomize_joints, uniform, until_free_of_contacts,
 };
 
 /// The table entry.
 pub const FINGER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 
-static DOMAIN: Domain = Domain {
+pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/FingerDMControl-v0",
     summary: "turn a spinner with a finger of two links; two torques",
     model: "finger.xml",
@@ -23,6 +23,7 @@ static DOMAIN: Domain = Domain {
     time_limit_s: 20.0,
     camera: 0,
     tasks: TASKS,
+    planner: planner!("horizon=20,samples=32,iterations=2,elites=6,sigma=0.7,aggregate=mean"),
     infos: &[("hinge_velocity", 0), ("target_position", 2), ("tip_position", 2)],
     targets: &[Target { column: "target_pos", place: Place::SitePosition("target") }],
     start_columns: &["qpos", "qvel", "time", "qacc_warmstart", "target_pos"],

@@ -8,13 +8,13 @@ use crate::error::MujocoError;
 use crate::ffi::{Model, Object};
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
-    mean, randomize_joints, tolerance, unchanged,
+    mean, planner, randomize_joints, tolerance, unchanged,
 };
 
 /// The table entry.
 pub const HOPPER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 
-static DOMAIN: Domain = Domain {
+pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/HopperDMControl-v0",
     summary: "a planar one-legged hopper that moves on; four torques",
     model: "hopper.xml",
@@ -22,6 +22,7 @@ static DOMAIN: Domain = Domain {
     time_limit_s: 20.0,
     camera: 0,
     tasks: TASKS,
+    planner: planner!("horizon=25,samples=48,iterations=2,elites=6,sigma=0.7"),
     infos: &[("speed", 0), ("height", 0), ("angmomentum", 0)],
     targets: &[],
     start_columns: START_COLUMNS,

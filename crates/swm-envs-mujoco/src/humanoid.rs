@@ -8,13 +8,13 @@ use crate::ffi::{Model, Object};
 use crate::hopper::small_control;
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
-    randomize_joints, tolerance, unchanged, until_free_of_contacts,
+    planner, randomize_joints, tolerance, unchanged, until_free_of_contacts,
 };
 
 /// The table entry.
 pub const HUMANOID: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 
-static DOMAIN: Domain = Domain {
+pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/HumanoidDMControl-v0",
     summary: "a humanoid that stands up and walks; 21 torques",
     model: "humanoid.xml",
@@ -22,6 +22,7 @@ static DOMAIN: Domain = Domain {
     time_limit_s: 25.0,
     camera: 0,
     tasks: TASKS,
+    planner: planner!("horizon=20,samples=32,iterations=2,elites=6,sigma=0.7"),
     infos: &[("speed", 0), ("torso_upright", 0), ("head_height", 0)],
     targets: &[],
     start_columns: START_COLUMNS,

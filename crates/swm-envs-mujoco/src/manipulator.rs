@@ -10,13 +10,13 @@ use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape, Spec};
 use crate::suite::{
     Control, Domain, Effect, GAUSSIAN, Place, Stage, Target, Task, TaskEntry, distance, entry, factors, make,
-    tolerance, uniform, until_free_of_contacts,
+    planner, tolerance, uniform, until_free_of_contacts,
 };
 
 /// The table entry.
 pub const MANIPULATOR: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 
-static DOMAIN: Domain = Domain {
+pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/ManipulatorDMControl-v0",
     summary: "bring a ball to a place with a planar arm; four torques and a grasp",
     model: "manipulator.xml",
@@ -24,6 +24,7 @@ static DOMAIN: Domain = Domain {
     time_limit_s: 10.0,
     camera: 0,
     tasks: TASKS,
+    planner: planner!("horizon=25,samples=32,iterations=2,elites=6,sigma=0.7,aggregate=mean"),
     infos: &[("ball_pos", 3)],
     targets: &[
         Target { column: "target_pos", place: Place::BodyPosition("target_ball") },

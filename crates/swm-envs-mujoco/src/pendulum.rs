@@ -9,13 +9,14 @@ use swm_core::seed::Stream;
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape};
 use crate::suite::{
-    Control, Domain, Effect, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make, unchanged, uniform,
+    Control, Domain, Effect, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make, planner, unchanged,
+    uniform,
 };
 
 /// The table entry.
 pub const PENDULUM: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 
-static DOMAIN: Domain = Domain {
+pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/PendulumDMControl-v0",
     summary: "swing a pendulum up and hold it; one weak torque",
     model: "pendulum.xml",
@@ -23,6 +24,7 @@ static DOMAIN: Domain = Domain {
     time_limit_s: 20.0,
     camera: 0,
     tasks: TASKS,
+    planner: planner!("horizon=40,samples=32,iterations=2,elites=6,sigma=0.7,aggregate=mean"),
     infos: &[],
     targets: &[],
     start_columns: START_COLUMNS,

@@ -7,13 +7,14 @@ use swm_core::seed::Stream;
 use crate::error::MujocoError;
 use crate::ffi::{JointKind, Model, Object, Spec};
 use crate::suite::{
-    Control, Domain, Effect, Falloff, Stage, Task, TaskEntry, direction, entry, factors, make, tolerance,
+    Control, Domain, Effect, Falloff, Stage, Task, TaskEntry, direction, entry, factors, make, planner,
+    tolerance,
 };
 
 /// The table entry.
 pub const QUADRUPED: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 
-static DOMAIN: Domain = Domain {
+pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/QuadrupedDMControl-v0",
     summary: "a four-legged robot that walks; twelve position servos",
     model: "quadruped.xml",
@@ -22,6 +23,7 @@ static DOMAIN: Domain = Domain {
     // The side view, as in the reference; the first is a view of the whole floor.
     camera: 2,
     tasks: TASKS,
+    planner: planner!("horizon=20,samples=24,iterations=2,elites=6,sigma=0.7"),
     infos: &[("torso_velocity", 3)],
     targets: &[],
     start_columns: &["qpos", "qvel", "act", "time", "qacc_warmstart"],

@@ -9,14 +9,14 @@ use swm_core::seed::Stream;
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape, Spec};
 use crate::suite::{
-    Control, Domain, Effect, Place, Stage, Target, Task, TaskEntry, entry, factors, make, randomize_joints,
-    uniform,
+    Control, Domain, Effect, Place, Stage, Target, Task, TaskEntry, entry, factors, make, planner,
+    randomize_joints, uniform,
 };
 
 /// The table entry.
 pub const REACHER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 
-static DOMAIN: Domain = Domain {
+pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/ReacherDMControl-v0",
     summary: "reach a point with a planar arm; two torques",
     model: "reacher.xml",
@@ -24,6 +24,7 @@ static DOMAIN: Domain = Domain {
     time_limit_s: 20.0,
     camera: 0,
     tasks: TASKS,
+    planner: planner!("horizon=15,samples=32,iterations=2,elites=6,sigma=0.5,aggregate=mean"),
     infos: &[("finger_pos", 3)],
     targets: &[
         Target { column: "target_pos", place: Place::GeomPosition("target") },

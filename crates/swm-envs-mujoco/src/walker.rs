@@ -9,13 +9,13 @@ use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Spec};
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
-    randomize_joints, tolerance, unchanged,
+    planner, randomize_joints, tolerance, unchanged,
 };
 
 /// The table entry.
 pub const WALKER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 
-static DOMAIN: Domain = Domain {
+pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/WalkerDMControl-v0",
     summary: "a planar walker on two legs; six torques",
     model: "walker.xml",
@@ -23,6 +23,7 @@ static DOMAIN: Domain = Domain {
     time_limit_s: 25.0,
     camera: 0,
     tasks: TASKS,
+    planner: planner!("horizon=25,samples=32,iterations=2,elites=6,sigma=0.7"),
     infos: &[
         ("speed", 0),
         ("torso_height", 0),

@@ -76,7 +76,7 @@ pub use cost::{Candidates, ConstrainedCost, Cost, DifferentiableCost, Weigh};
 pub use descent::{Descent, GradClip};
 pub use error::PlanError;
 pub use mpc::{ActionMap, ActionScale, HistoryView, Moment, MpcPolicy, PlanConfig, Report};
-pub use planners::PLANNERS;
+pub use planners::{EXPERT, PLANNERS, expert_args};
 pub use sampling::{Noise, cheapest, clip, count_non_finite};
 pub use settings::Settings;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};

@@ -2,13 +2,13 @@
 
 use serde_json::{Map, Value as Json};
 use swm_core::registry::Setting;
-use swm_core::{Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
+use swm_core::{EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
 
 use crate::error::PlanError;
 use crate::mpc::{MpcPolicy, PlanConfig};
 use crate::settings::{Joined, Settings, join, refuse_rest, take};
 use crate::simulator::{SimulatorCost, SimulatorOptions};
-use crate::solver::SolverConfig;
+use crate::solver::{SolverConfig, SolverEntry};
 use crate::solvers::SOLVERS;
 
 /// Every solver of [`SOLVERS`] that can plan on the true simulator as a policy that does, under the solver's name. Its arguments
@@ -25,6 +25,39 @@ pub const PLANNERS: &[PolicyEntry] = &{
     }
     all
 };
+
+/// The policy `expert` of environments without an own one: the planner that [`EnvEntry::planner`] names. Its arguments
+/// override single settings.
+///
+/// [`EnvEntry::planner`]: swm_core::EnvEntry::planner
+pub const EXPERT: PolicyEntry = PolicyEntry {
+    name: "expert",
+    summary: "plans on the true dynamics with the settings of the environment; settings of its planner override",
+    settings: &[],
+    make: |context, args| {
+        let args = expert_args(context.env, args)?;
+        (planner_named(&args.name)?.on_simulator.make)(context, &args)
+    },
+};
+
+/// The planner and its settings that [`EXPERT`] with `args` stands for.
+pub fn expert_args(env: &EnvEntry, args: &PolicyArgs) -> Result<PolicyArgs, PolicyError> {
+    let Some(planner) = env.planner else {
+        return Err(args.wrong(format!("{} names no planner; use one by its name", env.id)));
+    };
+    let mut all = PolicyArgs::parse(planner)?;
+    all.positional.extend(args.positional.iter().cloned());
+    all.named.extend(args.named.clone());
+    Ok(all)
+}
+
+fn planner_named(name: &str) -> Result<&'static SolverEntry, PolicyError> {
+    let found = SOLVERS.iter().find(|solver| solver.name == name && solver.plans_on_simulator);
+    found.ok_or_else(|| PolicyError::Argument {
+        policy: EXPERT.name.to_owned(),
+        reason: format!("there is no planner `{name}`"),
+    })
+}
 
 const COUNT: usize = {
     let (mut count, mut index) = (0, 0);
@@ -82,7 +115,7 @@ fn assemble<S: SolverConfig>(
 #[cfg(test)]
 mod tests {
     use swm_core::testing::{DISCRETE_TOY, TOY};
-    use swm_core::{EnvConfig, EnvEntry};
+    use swm_core::{EnvConfig, EnvEntry, Registry};
 
     use super::*;
 
@@ -113,6 +146,22 @@ mod tests {
     fn a_description_makes_the_same_policy_again() {
         let text = "cem:samples=64,sigma=0.5,return_best=true,horizon=7,aggregate=mean";
         assert_eq!(describe(text).unwrap(), text);
+    }
+
+    #[test]
+    fn an_expert_is_the_planner_of_its_environment() {
+        const ENV: EnvEntry = EnvEntry { planner: Some("icem:horizon=7,samples=40"), ..TOY };
+        let registry = Registry::new().with_policies(PLANNERS).with_expert(&EXPERT);
+        let describe = |env: &EnvEntry, text: &str| {
+            let context = PolicyContext { env, config: &EnvConfig::default(), frame_skip: 1 };
+            Ok::<_, PolicyError>(registry.policy(&context, &PolicyArgs::parse(text)?)?.describe())
+        };
+        assert_eq!(describe(&ENV, "expert").unwrap(), "icem:samples=40,horizon=7");
+        assert_eq!(describe(&ENV, "expert:samples=50").unwrap(), "icem:samples=50,horizon=7");
+        assert!(
+            describe(&ENV, "expert:sample=50").unwrap_err().to_string().contains("did you mean `samples`")
+        );
+        assert!(describe(&TOY, "expert").unwrap_err().to_string().contains("unknown policy `expert`"));
     }
 
     #[test]

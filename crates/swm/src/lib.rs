@@ -41,5 +41,5 @@ pub fn registry() -> Registry {
     let registry = Registry::new().with_envs(swm_envs_2d::ENVS);
     #[cfg(feature = "mujoco")]
     let registry = registry.with_envs(swm_envs_mujoco::ENVS);
-    registry.with_policies(swm_solvers::PLANNERS)
+    registry.with_policies(swm_solvers::PLANNERS).with_expert(&swm_solvers::EXPERT)
 }

@@ -19,6 +19,10 @@ pub use stats::wilson95;
 /// The result of an evaluation, indexed by episode: independent of environments, threads and completion order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
+    /// Whether the task says what success is. Where it does not, all episodes count as failed and only returns mean
+    /// something.
+    #[serde(default = "yes")]
+    pub has_success: bool,
     /// Successful episodes in percent.
     pub success_rate: f64,
     /// The number of episodes.
@@ -45,6 +49,11 @@ pub struct Evaluation {
     pub protocol: Option<DatasetProtocol>,
     /// Wall time of the run, in seconds. The only entry that differs between repetitions.
     pub wall_time_s: f64,
+}
+
+/// Results from before the field say nothing of it.
+fn yes() -> bool {
+    true
 }
 
 /// How start and goal were taken from a dataset.
@@ -85,6 +94,7 @@ impl EvaluationRecorder {
             .map(|end| end.first_success_step.unwrap_or(end.steps) as f64)
             .collect();
         Evaluation {
+            has_success: ends.is_empty() || ends.iter().any(|end| end.success.is_some()),
             success_rate: if ends.is_empty() { 0.0 } else { 100.0 * won as f64 / ends.len() as f64 },
             episodes: ends.len(),
             ci95: wilson95(won, ends.len()),

@@ -16,6 +16,7 @@ pub const TOY: EnvEntry = EnvEntry {
     summary: "a point on a line that must reach a goal (for tests)",
     settings: &[],
     policies: &[],
+    planner: None,
     make: |config| Ok(Box::new(Toy::new(TOY.id, Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0), config)?)),
 };
 

@@ -25,5 +25,6 @@ pub const POINT_MAZE: EnvEntry = EnvEntry {
     summary: "drive a disc through a maze to a goal by a force; two-dimensional continuous actions",
     settings: settings::SETTINGS,
     policies: policies::POLICIES,
+    planner: None,
     make: |config| Ok(Box::new(PointMaze::new(config)?)),
 };

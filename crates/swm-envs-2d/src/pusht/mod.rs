@@ -30,6 +30,7 @@ pub const PUSHT: EnvEntry = EnvEntry {
     summary: "push a block to a goal pose with a disc or polygon; two-dimensional continuous actions",
     settings: settings::SETTINGS,
     policies: policies::<Sim>(),
+    planner: None,
     make: |config| Ok(Box::new(PushT::<Sim>::new(PUSHT.id, false, config)?)),
 };
 
@@ -39,6 +40,7 @@ pub const PUSHT_DISCRETE: EnvEntry = EnvEntry {
     summary: "PushT with 16 × 16 polar actions",
     settings: settings::SETTINGS,
     policies: policies::<Sim>(),
+    planner: None,
     make: |config| Ok(Box::new(PushT::<Sim>::new(PUSHT_DISCRETE.id, true, config)?)),
 };
 
@@ -49,6 +51,7 @@ pub const PUSHT_RAPIER: EnvEntry = EnvEntry {
     summary: "PushT on rapier2d, with friction and solid walls: to test robustness across physics engines",
     settings: settings::RAPIER_SETTINGS,
     policies: policies::<physics::RapierSim>(),
+    planner: None,
     make: |config| Ok(Box::new(PushT::<physics::RapierSim>::new(PUSHT_RAPIER.id, false, config)?)),
 };
 

@@ -26,5 +26,6 @@ pub const TWO_ROOM: EnvEntry = EnvEntry {
     summary: "steer a disc through the door of a wall to a goal in the other room, before its energy is spent",
     settings: settings::SETTINGS,
     policies: &[expert::EXPERT, expert::NOISY_EXPERT],
+    planner: None,
     make: |config| Ok(Box::new(TwoRoom::new(TWO_ROOM.id, config)?)),
 };

@@ -34,5 +34,6 @@ pub const TWO_ROOM_V2: EnvEntry = EnvEntry {
     summary: "walk to a target in one of two rooms, through a door if need be; two-dimensional continuous actions",
     settings: settings::SETTINGS,
     policies: &[expert::EXPERT, expert::NOISY_EXPERT],
+    planner: None,
     make: |config| Ok(Box::new(TwoRoom::new(config)?)),
 };

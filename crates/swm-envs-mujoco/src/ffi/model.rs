@@ -189,6 +189,17 @@ impl Model {
         self.header().opt.integrator as mjtIntegrator == mjINT_RK4
     }
 
+    /// The size of the model, m, in which distances of pictures are given.
+    pub fn extent_m(&self) -> f64 {
+        self.header().stat.extent
+    }
+
+    /// Sets [`Model::extent_m`].
+    pub fn set_extent_m(&mut self, extent_m: f64) {
+        // SAFETY: `raw` is valid, and `&mut self` is the only access.
+        unsafe { self.raw.as_mut().stat.extent = extent_m };
+    }
+
     /// Sets the acceleration of gravity, m/s².
     pub fn set_gravity(&mut self, gravity: [f64; 3]) {
         // SAFETY: `raw` is valid, and `&mut self` is the only access.

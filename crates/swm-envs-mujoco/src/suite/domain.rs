@@ -25,6 +25,8 @@ pub struct Domain {
     pub camera: usize,
     /// Its tasks; the first is the default.
     pub tasks: &'static [TaskEntry],
+    /// The planner that is the expert of the first task; see [`EnvEntry::planner`].
+    pub planner: &'static str,
     /// Named numbers beside the observation, written by [`Task::infos`] in this order: name and number of values, 0 for
     /// one number without a dimension.
     pub infos: &'static [(&'static str, usize)],
@@ -92,8 +94,23 @@ pub trait Task: Send + Sync {
 
 /// The table entry of a domain.
 pub const fn entry(domain: &'static Domain, make: MakeEnv) -> EnvEntry {
-    EnvEntry { id: domain.id, summary: domain.summary, settings: SETTINGS, policies: &[], make }
+    let planner = Some(domain.planner);
+    EnvEntry { id: domain.id, summary: domain.summary, settings: SETTINGS, policies: &[], planner, make }
 }
+
+/// iCEM with these settings, as [`Domain::planner`], and what all domains share: plan at every action, go on from the last
+/// plan and its elites, carry out the best plan seen. Success has no part in the cost, as tasks go on after it.
+macro_rules! planner {
+    ($settings:literal) => {
+        concat!(
+            "icem:",
+            $settings,
+            ",elites_kept=3,elite_shift=1,return_best=true,receding_horizon=1,action_block=1,success_bonus=0",
+        )
+    };
+}
+
+pub(crate) use planner;
 
 /// As [`EnvEntry::make`].
 pub type MakeEnv = fn(&EnvConfig) -> Result<Box<dyn swm_core::Env>, EnvError>;

@@ -58,6 +58,11 @@ impl Effect {
         matches!(self, Effect::Density(_) | Effect::Mass { .. } | Effect::Spec(_))
     }
 
+    /// Whether it draws into textures, the one thing of pictures that the simulated model lacks.
+    pub fn draws_textures(&self) -> bool {
+        matches!(self, Effect::Checker(_))
+    }
+
     /// Edits the description; does nothing where the effect is in place.
     pub fn edit_spec(&self, spec: &mut Spec, values: &[f64]) -> Result<(), MujocoError> {
         match self {

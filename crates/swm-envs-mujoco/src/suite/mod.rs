@@ -15,6 +15,7 @@ mod start;
 mod sums;
 mod tolerance;
 
+pub(crate) use domain::planner;
 pub use domain::{Domain, MakeEnv, START_COLUMNS, Task, TaskEntry, entry, make, unchanged};
 pub use effect::{Control, Effect, set_colour};
 pub use env::SuiteEnv;

@@ -40,7 +40,7 @@ struct SharedModels {
     plain: Arc<Model>,
     /// With them.
     complete: Arc<Model>,
-    /// Without them, but with textures; compiled for the first picture.
+    /// With them and with textures.
     textured: Mutex<Option<Arc<Model>>>,
 }
 
@@ -85,22 +85,32 @@ impl Models {
         Ok((model, origin))
     }
 
-    /// The model for these factors with its textures, for pictures.
+    /// The model that lends pictures its textures for these factors. Everything else in a picture is that of the
+    /// simulation, so that nothing is compiled for it: of a model with textures, drawing the sky takes a quarter of a
+    /// second. The factors are those of the last [`Models::model`], or the defaults.
     pub(super) fn textured_model(&self, fov: &Fov) -> Result<Arc<Model>, MujocoError> {
-        let compile = |fov| compile(&mut description(self.domain, self.task)?, &self.controls, fov);
-        let mut model =
-            if compile_values(&self.controls, fov) == compile_values(&self.controls, &self.defaults) {
-                let mut textured = self.shared.textured.lock().unwrap_or_else(PoisonError::into_inner);
-                match &*textured {
-                    Some(model) => Arc::clone(model),
-                    // Drawing a sky box into its texture takes most of a compilation.
-                    None => Arc::clone(textured.insert(Arc::new(compile(&self.defaults)?))),
-                }
-            } else {
-                Arc::new(compile(fov)?)
-            };
-        edit_in_place(&self.controls, fov, Arc::make_mut(&mut model))?;
+        let mut model = self.shared.textured(self)?;
+        let is_textured = |control: &&Control| control.effect.draws_textures();
+        for control in self.controls.iter().filter(is_textured) {
+            let name = control.factor.name();
+            if fov.value(name) != self.defaults.value(name) {
+                control.effect.edit_model(Arc::make_mut(&mut model), &values(fov, name))?;
+            }
+        }
+        // Shadows and haze are sized by it.
+        let extent_m = self.compiled(fov).extent_m();
+        if model.extent_m() != extent_m {
+            Arc::make_mut(&mut model).set_extent_m(extent_m);
+        }
         Ok(model)
+    }
+
+    /// The physics for these factors, if they are the last or the defaults, before edits in place.
+    fn compiled(&self, fov: &Fov) -> &Model {
+        match &self.recompiled {
+            Some((of, model)) if *of == compile_values(&self.controls, fov) => model,
+            _ => &self.shared.plain,
+        }
     }
 
     fn compiled_for(&mut self, fov: &Fov, values: Vec<f64>) -> Result<Arc<Model>, MujocoError> {
@@ -120,6 +130,17 @@ impl Models {
 }
 
 impl SharedModels {
+    /// The model with textures; compiled for the first picture.
+    fn textured(&self, of: &Models) -> Result<Arc<Model>, MujocoError> {
+        let mut textured = self.textured.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(model) = &*textured {
+            return Ok(Arc::clone(model));
+        }
+        let mut model = compile(&mut description(of.domain, of.task)?, &of.controls, &of.defaults)?;
+        edit_in_place(&of.controls, &of.defaults, &mut model)?;
+        Ok(Arc::clone(textured.insert(Arc::new(model))))
+    }
+
     /// The models of this process; compiled by whoever comes first, freed with the last environment.
     fn get(
         domain: &Domain,
@@ -177,4 +198,49 @@ fn compile_values(controls: &[Control], fov: &Fov) -> Vec<f64> {
 
 fn values(fov: &Fov, name: &str) -> Vec<f64> {
     fov.value(name).numbers(name).expect("factors are numbers")
+}
+
+#[cfg(test)]
+mod tests {
+    use swm_core::seed::EpisodeSeed;
+    use swm_core::{Episode, ResetOptions};
+
+    use super::*;
+
+    const DOMAINS: [&Domain; 12] = [
+        &crate::acrobot::DOMAIN,
+        &crate::ball_in_cup::DOMAIN,
+        &crate::cartpole::DOMAIN,
+        &crate::cheetah::DOMAIN,
+        &crate::finger::DOMAIN,
+        &crate::hopper::DOMAIN,
+        &crate::humanoid::DOMAIN,
+        &crate::manipulator::DOMAIN,
+        &crate::pendulum::DOMAIN,
+        &crate::quadruped::DOMAIN,
+        &crate::reacher::DOMAIN,
+        &crate::walker::DOMAIN,
+    ];
+
+    /// Of what pictures take from the model with textures, a compilation for the factors would change nothing.
+    #[test]
+    fn pictures_need_no_compilation() {
+        for domain in DOMAINS {
+            let (mut models, space) = Models::new(domain, domain.tasks[0].name, false).unwrap();
+            let options = ResetOptions::default().vary(&["all"]);
+            let episode = Episode { seed: EpisodeSeed::new(5), options: &options };
+            let fov = space.draw(domain.id, &episode).unwrap();
+            models.model(&fov).unwrap();
+            let lent = models.textured_model(&fov).unwrap();
+            let mut whole =
+                compile(&mut description(domain, models.task).unwrap(), &models.controls, &fov).unwrap();
+            edit_in_place(&models.controls, &fov, &mut whole).unwrap();
+            assert_eq!(lent.extent_m(), whole.extent_m(), "{}", domain.id);
+            assert_eq!(lent.texture_count(), whole.texture_count(), "{}", domain.id);
+            for index in 0..whole.texture_count() {
+                assert!(lent.pixels(index) == whole.pixels(index), "{}: texture {index}", domain.id);
+            }
+            assert!(lent.pixels(0).len() > 1000, "{}: textures are whole", domain.id);
+        }
+    }
 }

@@ -4,6 +4,8 @@ use clap::Args;
 use serde_json::json;
 use swm_core::{EnvConfig, EnvEntry, EnvSpec, FactorSpec, PolicyEntry, Registry, Setting};
 
+use swm_solvers::EXPERT;
+
 use super::output::table;
 use super::{Failure, Output};
 
@@ -60,6 +62,13 @@ fn one(registry: &Registry, entry: &'static EnvEntry, output: &Output) -> Result
         for policy in registry.policies(entry) {
             policies.push(vec![policy.name.to_owned(), String::new(), policy.summary.to_owned()]);
             policies.extend(policy.settings.iter().map(|s| setting("  ", s)));
+            if let Some(planner) = entry.planner.filter(|_| policy.name == EXPERT.name) {
+                policies.push(vec![
+                    "  planner".to_owned(),
+                    planner.to_owned(),
+                    "what it plans with".to_owned(),
+                ]);
+            }
         }
         let settings: Vec<_> = entry.settings.iter().map(|s| setting("", s)).collect();
         format!(
@@ -86,6 +95,7 @@ fn describe(registry: &Registry, entry: &'static EnvEntry, spec: &EnvSpec) -> se
         "num_factors": spec.factors.len(),
         "action": spec.action,
         "time_step_s": spec.time_step_s,
+        "planner": entry.planner,
         "policies": registry.policies(entry).map(policy).collect::<Vec<_>>(),
         "settings": settings(entry.settings),
     })

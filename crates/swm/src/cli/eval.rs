@@ -162,20 +162,38 @@ fn text(evaluation: &Evaluation, written: &[PathBuf]) -> String {
     let [low, high] = evaluation.ci95;
     let won = evaluation.episode_successes.iter().filter(|&&success| success).count();
     let steps = evaluation.mean_success_steps.map_or("–".to_owned(), |steps| format!("{steps:.1}"));
-    let rows = vec![
-        vec![
-            "success".to_owned(),
-            format!("{:.1} % ({won} of {})", evaluation.success_rate, evaluation.episodes),
+    let row = |name: &str, value: String| vec![name.to_owned(), value];
+    let success = format!("{:.1} % ({won} of {})", evaluation.success_rate, evaluation.episodes);
+    let mut rows = match evaluation.has_success {
+        true => vec![
+            row("success", success),
+            row("95 % interval", format!("{low:.1} to {high:.1} %")),
+            row("mean steps to success", steps),
+            row("solved at the start", evaluation.solved_at_start.to_string()),
         ],
-        vec!["95 % interval".to_owned(), format!("{low:.1} to {high:.1} %")],
-        vec!["mean steps to success".to_owned(), steps],
-        vec!["solved at the start".to_owned(), evaluation.solved_at_start.to_string()],
-        vec!["policy".to_owned(), evaluation.setup.policy.clone()],
-        vec!["environment".to_owned(), evaluation.setup.env.clone()],
-        vec!["wall time".to_owned(), format!("{:.1} s", evaluation.wall_time_s)],
-    ];
+        false => vec![row("success", "the task has none, only rewards".to_owned())],
+    };
+    rows.extend([
+        row("return per episode", returns(&evaluation.episode_returns)),
+        row("policy", evaluation.setup.policy.clone()),
+        row("environment", evaluation.setup.env.clone()),
+        row("wall time", format!("{:.1} s", evaluation.wall_time_s)),
+    ]);
     let files = written.iter().map(|path| format!("{}\n", Path::display(path)));
     format!("{}{}", table(&["result", ""], &rows), files.collect::<String>())
+}
+
+/// Mean, its standard error, and the range.
+fn returns(all: &[f64]) -> String {
+    let count = all.len() as f64;
+    let mean = all.iter().sum::<f64>() / count;
+    if all.len() < 2 {
+        return format!("{mean:.2}");
+    }
+    let squares: f64 = all.iter().map(|value| (value - mean) * (value - mean)).sum();
+    let error = (squares / (count - 1.0) / count).sqrt();
+    let (low, high) = all.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (v.min(l), v.max(h)));
+    format!("{mean:.2} ± {error:.2} ({low:.2} to {high:.2})")
 }
 
 struct Progress {
@@ -189,9 +207,11 @@ impl Recorder for Progress {
     }
 
     fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
-        self.successes += u64::from(end.success == Some(true));
         self.bar.inc(1);
-        self.bar.set_message(format!("{} successful", self.successes));
+        if let Some(success) = end.success {
+            self.successes += u64::from(success);
+            self.bar.set_message(format!("{} successful", self.successes));
+        }
         Ok(())
     }
 }

@@ -12,7 +12,9 @@ use swm_core::{
     EnvConfig, EnvEntry, EpisodeEnd, LiveRow, PolicyContext, Recorder, Registry, Rollout, Scenario, World,
 };
 use swm_media::Format;
-use swm_solvers::{ActionMap, Detail, JsonLines, MpcPolicy, NoTrace, SOLVERS, SolverEntry, Trace};
+use swm_solvers::{
+    ActionMap, Detail, EXPERT, JsonLines, MpcPolicy, NoTrace, SOLVERS, SolverEntry, Trace, expert_args,
+};
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs, policy_args};
 use super::output::table;
@@ -155,7 +157,11 @@ impl Plan {
     }
 
     fn planner(&self, registry: &Registry, env: &EnvEntry, config: &EnvConfig) -> Result<MpcPolicy, Failure> {
-        let args = policy_args(&self.policy)?;
+        let mut args = policy_args(&self.policy)?;
+        let has_own = env.policies.iter().any(|policy| policy.name == args.name);
+        if args.name == EXPERT.name && env.planner.is_some() && !has_own {
+            args = expert_args(env, &args)?;
+        }
         let solver = find_planner(registry, env, &args.name)?;
         let config = EnvConfig { image: None, ..config.clone() };
         Ok((solver.planner)(&PolicyContext { env, config: &config, frame_skip: self.frame_skip }, &args)?)

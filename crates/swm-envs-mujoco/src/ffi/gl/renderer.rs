@@ -55,6 +55,9 @@ impl GlRenderer {
     /// Takes textures, shapes and the quality of light from another model with the same objects.
     pub fn set_model(&mut self, model: &Arc<Model>) -> Result<(), MujocoError> {
         let (old, new) = (self.scene.model(), model);
+        if Arc::ptr_eq(old, new) {
+            return Ok(());
+        }
         if !same_objects(old.header(), new.header()) {
             return Err(MujocoError::Scene);
         }
@@ -143,7 +146,10 @@ impl GlRenderer {
 /// not compared: models with them count as different.
 fn same_shapes(a: &Model, b: &Model) -> bool {
     let has_data = |m: &mjModel| m.nmesh + m.nhfield + m.nskin + m.nflex > 0;
-    !has_data(a.header()) && a.geom_types() == b.geom_types() && a.geom_size() == b.geom_size()
+    !has_data(a.header())
+        && a.geom_types() == b.geom_types()
+        && a.geom_size() == b.geom_size()
+        && a.extent_m() == b.extent_m()
 }
 
 impl Drop for GlRenderer {
