@@ -76,3 +76,16 @@ fn factor_tables_are_current() {
     }
     assert!(pages > 0, "no page of an environment has a factor table");
 }
+
+#[test]
+fn the_table_of_planners_is_current() {
+    let path = root().join("docs/envs/suite.md");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let mut table = "| environment | `expert` |\n|---|---|\n".to_owned();
+    for entry in swm::registry().envs() {
+        if let Some(planner) = entry.planner.filter(|_| entry.id.contains("DMControl")) {
+            let _ = writeln!(table, "| `{}` | `{planner}` |", entry.id);
+        }
+    }
+    write_or_compare(&path, &text, &with_table(&text, "planners", &table));
+}

@@ -7,6 +7,7 @@ mod commands;
 mod crash;
 mod determinism;
 mod docs;
+mod experts;
 mod interop;
 mod planning;
 mod support;

@@ -183,16 +183,26 @@ pub struct UnknownName {
     pub command: &'static str,
 }
 
-/// The closest of `names` to `name`, if it is close enough to be a typing error.
+/// The closest of `names` to `name`, if it is close enough to be a typing error; else the shortest that `name`, in full
+/// or behind its `/`, is a part of.
 pub fn nearest<'a>(name: &str, names: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    /// Shorter parts are in too many names.
+    const PART: usize = 4;
     let fold = |text: &str| text.to_lowercase();
     let wanted = fold(name);
-    names
-        .into_iter()
+    let names: Vec<&str> = names.into_iter().collect();
+    let typed = names
+        .iter()
         .map(|candidate| (strsim::damerau_levenshtein(&wanted, &fold(candidate)), candidate))
         .min_by_key(|&(distance, _)| distance)
         .filter(|&(distance, candidate)| distance <= 2 + candidate.len().max(wanted.len()) / 3)
-        .map(|(_, candidate)| candidate.to_owned())
+        .map(|(_, candidate)| candidate);
+    let part = wanted.rsplit('/').next().filter(|part| part.len() >= PART);
+    let whole = || {
+        let holds = |candidate: &&&str| part.is_some_and(|part| fold(candidate).contains(part));
+        names.iter().filter(holds).min_by_key(|candidate| candidate.len())
+    };
+    typed.or_else(whole).map(|&candidate| candidate.to_owned())
 }
 
 /// `; did you mean …?`, or nothing.
@@ -210,5 +220,8 @@ mod tests {
         assert_eq!(nearest("swm/PushTT-v1", names).as_deref(), Some("swm/PushT-v1"));
         assert_eq!(nearest("swm/pusht-v1", names).as_deref(), Some("swm/PushT-v1"));
         assert_eq!(nearest("completely different", names), None);
+        let long = ["swm/PushT-v1", "swm/CheetahDMControl-v0"];
+        assert_eq!(nearest("cheetah", long).as_deref(), Some("swm/CheetahDMControl-v0"));
+        assert_eq!(nearest("swm/Cheetah", long).as_deref(), Some("swm/CheetahDMControl-v0"));
     }
 }

@@ -33,7 +33,7 @@ fn spec_of(entry: &EnvEntry) -> Result<EnvSpec, Failure> {
 fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
     let mut rows = Vec::new();
     let mut list = Vec::new();
-    let mut failures = Vec::new();
+    let mut failures: Vec<String> = Vec::new();
     for entry in registry.envs() {
         let row = |factors: String| vec![entry.id.to_owned(), factors, entry.summary.to_owned()];
         match (entry.make)(&EnvConfig::default()) {
@@ -45,11 +45,19 @@ fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
             Err(error) => {
                 rows.push(row("-".to_owned()));
                 list.push(json!({"id": entry.id, "summary": entry.summary, "error": error.to_string()}));
-                failures.push(format!("\n{error}\n"));
+                failures.push(error.to_string());
             }
         }
     }
-    output.result(&list, || table(&["id", "factors", "summary"], &rows) + &failures.concat())
+    // Most often all of them lack the same library: one message tells what to do.
+    let failed = match failures.as_slice() {
+        [] => String::new(),
+        [only] => format!("\n{only}\n"),
+        [first, rest @ ..] => {
+            format!("\n{first}\n(and {} more without factors: `swm envs ENV` says why)\n", rest.len())
+        }
+    };
+    output.result(&list, || table(&["id", "factors", "summary"], &rows) + &failed)
 }
 
 fn one(registry: &Registry, entry: &'static EnvEntry, output: &Output) -> Result<(), Failure> {

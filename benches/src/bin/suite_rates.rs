@@ -1,0 +1,189 @@
+//! `suite-rates steps|resets|threads [SECONDS]`: rates of the DeepMind Control Suite's environments as JSON, for
+//! `peers/dmc.py`. Without pictures, unless a case says so.
+
+use anyhow::{Context as _, Result, bail};
+use serde::Serialize;
+use swm_benches::{Clock, EPISODE_STEPS, Elapsed};
+use swm_core::{
+    Batch, Env, EnvConfig, EnvEntry, Episode, EpisodeSeed, ImageSize, ResetOptions, Schema, Slice, Value,
+    World, WorldOptions, policy,
+};
+use swm_envs_mujoco::{CHEETAH, ENVS, HUMANOID};
+
+/// One measurement.
+#[derive(Serialize)]
+struct Measurement {
+    /// `control/cheetah`, `world/humanoid`, `reset/cheetah/agent.color`, `world8/cheetah/2`.
+    case: String,
+    /// Steps or resets.
+    count: u64,
+    #[serde(flatten)]
+    elapsed: Elapsed,
+}
+
+fn main() -> Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let what = arguments.next().context("usage: suite-rates steps|resets|threads [SECONDS]")?;
+    let seconds =
+        arguments.next().map_or(Ok(1.0), |text| text.parse()).context("SECONDS must be a number")?;
+    let measurements = match what.as_str() {
+        "steps" => steps(seconds)?,
+        "resets" => resets(seconds)?,
+        "threads" => threads(seconds)?,
+        other => bail!("`{other}` is not measured; steps, resets and threads are"),
+    };
+    println!("{}", serde_json::to_string_pretty(&measurements)?);
+    Ok(())
+}
+
+/// Control steps of one environment without a world, and steps of a world of one (two control steps each).
+fn steps(seconds: f64) -> Result<Vec<Measurement>> {
+    let mut all = Vec::new();
+    for entry in [&CHEETAH, &HUMANOID] {
+        let mut bare = Bare::new(entry, &[("action_repeat", 1.into())], None)?;
+        let actions = bare.actions();
+        all.push(repeat(
+            format!("control/{}", short(entry)),
+            EPISODE_STEPS as u64,
+            seconds,
+            |episode, clock| {
+                bare.reset(episode, &ResetOptions::default())?;
+                clock.time(|| actions.chunks_exact(bare.width).try_for_each(|action| bare.step(action)))
+            },
+        )?);
+        let mut world = world(entry, 1, 1)?;
+        all.push(repeat(
+            format!("world/{}", short(entry)),
+            EPISODE_STEPS as u64,
+            seconds,
+            |episode, clock| {
+                world.reset(episode, &ResetOptions::default())?;
+                Ok(clock.time(|| (0..EPISODE_STEPS).try_for_each(|_| world.step()))?)
+            },
+        )?);
+    }
+    Ok(all)
+}
+
+/// Resets of every environment with nothing changed, and with each factor drawn alone; all of them without pictures, and
+/// those of the cheetah with pictures too.
+fn resets(seconds: f64) -> Result<Vec<Measurement>> {
+    let mut all = Vec::new();
+    for entry in ENVS {
+        let sides: &[usize] = if entry.id == CHEETAH.id { &[0, 64] } else { &[0] };
+        for &side in sides {
+            let image = (side > 0).then_some(ImageSize { height: side, width: side });
+            let mut bare = Bare::new(entry, &[], image)?;
+            let factors: Vec<String> = bare.env.spec().factors.iter().map(|f| f.name.clone()).collect();
+            for factor in [None].into_iter().chain(factors.into_iter().map(Some)) {
+                let name = factor.as_deref().unwrap_or("nothing");
+                let pictures = if side > 0 { "/pictures" } else { "" };
+                let mut options = ResetOptions::default().vary(&[]);
+                options.variation.get_or_insert_default().extend(factor.clone());
+                // A switch that is drawn changes nothing half of the time.
+                if name.ends_with("_locked") {
+                    options = ResetOptions::default().vary(&[]).fix(name, Value::scalar(0_i64));
+                }
+                all.push(repeat(
+                    format!("reset/{}/{name}{pictures}", short(entry)),
+                    1,
+                    seconds,
+                    |episode, clock| clock.time(|| bare.reset(episode, &options)),
+                )?);
+            }
+        }
+    }
+    Ok(all)
+}
+
+/// Steps of a world of eight environments on one thread and on two.
+fn threads(seconds: f64) -> Result<Vec<Measurement>> {
+    let mut all = Vec::new();
+    for entry in [&CHEETAH, &HUMANOID] {
+        for threads in [1, 2] {
+            let mut world = world(entry, 8, threads)?;
+            let each = 8 * EPISODE_STEPS as u64;
+            all.push(repeat(
+                format!("world8/{}/{threads}", short(entry)),
+                each,
+                seconds,
+                |episode, clock| {
+                    world.reset(episode, &ResetOptions::default())?;
+                    Ok(clock.time(|| (0..EPISODE_STEPS).try_for_each(|_| world.step()))?)
+                },
+            )?);
+        }
+    }
+    Ok(all)
+}
+
+fn world(entry: &'static EnvEntry, num_envs: usize, threads: usize) -> Result<World> {
+    let options =
+        WorldOptions { num_envs, threads: Some(threads), max_episode_steps: None, ..WorldOptions::default() };
+    let mut world = World::new(entry, options)?;
+    world.set_policy(policy::random());
+    Ok(world)
+}
+
+/// `cheetah` of `swm/CheetahDMControl-v0`.
+fn short(entry: &EnvEntry) -> String {
+    let name = entry.id.trim_start_matches("swm/");
+    name.split("DMControl").next().unwrap_or(name).to_lowercase()
+}
+
+/// One environment and one row of a table to observe it in.
+struct Bare {
+    env: Box<dyn Env>,
+    row: Batch,
+    /// Numbers of an action.
+    width: usize,
+}
+
+impl Bare {
+    fn new(
+        entry: &'static EnvEntry,
+        settings: &[(&str, serde_json::Value)],
+        image: Option<ImageSize>,
+    ) -> Result<Self> {
+        let settings = settings.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
+        let env = (entry.make)(&EnvConfig { image, settings })?;
+        let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
+        let width = env.spec().action.width();
+        Ok(Self { env, row, width })
+    }
+
+    /// Uniform actions for an episode, `[EPISODE_STEPS, A]`.
+    fn actions(&self) -> Vec<f64> {
+        let mut stream = EpisodeSeed::new(1).stream("benchmark actions");
+        let sample = |_| self.env.spec().action.sample(&mut stream).numbers("action").unwrap_or_default();
+        (0..EPISODE_STEPS).flat_map(sample).collect()
+    }
+
+    fn reset(&mut self, seed: u64, options: &ResetOptions) -> Result<()> {
+        self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options })?;
+        self.env.write_episode(&mut self.row.rows_mut());
+        Ok(())
+    }
+
+    fn step(&mut self, action: &[f64]) -> Result<()> {
+        self.env.step(Slice::F64(action))?;
+        self.env.observe(&mut self.row.rows_mut());
+        Ok(())
+    }
+}
+
+/// Repeats `work`, which counts for `each`, until its timed parts took `seconds`. The first time does not count.
+fn repeat(
+    case: String,
+    each: u64,
+    seconds: f64,
+    mut work: impl FnMut(u64, &mut Clock) -> Result<()>,
+) -> Result<Measurement> {
+    work(0, &mut Clock::new())?;
+    let (mut clock, mut done) = (Clock::new(), 0);
+    while clock.elapsed().cpu_s < seconds {
+        done += 1;
+        work(done, &mut clock)?;
+    }
+    Ok(Measurement { case, count: done * each, elapsed: clock.elapsed() })
+}
