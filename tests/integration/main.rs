@@ -10,4 +10,5 @@ mod docs;
 mod experts;
 mod interop;
 mod planning;
+mod replayable;
 mod support;

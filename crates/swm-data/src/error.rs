@@ -92,6 +92,18 @@ pub enum DataError {
         /// What was asked for, and what exists.
         reason: String,
     },
+    /// An episode cannot be replayed to draw its pictures, or the replay is not what was recorded.
+    #[error("{}: replay of episode {episode}, row {row}: {reason}", .path.display())]
+    Replay {
+        /// The dataset.
+        path: PathBuf,
+        /// Its episode.
+        episode: usize,
+        /// The row of the episode.
+        row: usize,
+        /// What failed or differs.
+        reason: String,
+    },
     /// The settings of a loader are unusable.
     #[error("loader setting `{setting}`: {reason}")]
     Loader {

@@ -3,7 +3,9 @@
 //! * [`mod@format`]: the table of formats; [`open`] and [`create`] choose by content and by extension;
 //! * [`dataset`]: what an open dataset offers (random rows and strided windows of single columns), write modes;
 //! * [`adapt`]: datasets made of datasets: subsets and splits, concatenation, columns merged, joined or cached;
-//! * [`memory`]: episodes in memory as a dataset;
+//! * [`memory`]: episodes in memory as a dataset; [`buffer`]: the replay buffer of online learning;
+//! * [`rendered`]: recordings without pictures, whose pictures are drawn when they are read;
+//! * [`stats`]: means, deviations, extremes and quantiles of columns, kept beside the dataset;
 //! * [`loader`]: clips of `num_steps` rows at a `frameskip`, with sampled goals, read ahead into reused tables.
 //!
 //! Recording goes through the core: a [`DatasetWriter`] is an `EpisodeSink`, which `World::record_dataset` fills.
@@ -28,6 +30,7 @@
 //! ```
 
 pub mod adapt;
+pub mod buffer;
 pub mod dataset;
 pub mod error;
 pub mod format;
@@ -35,9 +38,13 @@ mod formats;
 pub mod loader;
 mod lock;
 pub mod memory;
+pub mod rendered;
+pub mod stats;
 
+pub use buffer::{ReplayBuffer, Sampler};
 pub use dataset::{Dataset, DatasetWriter, Steps, WriteMode, WriteOptions};
 pub use error::DataError;
 pub use format::{FORMATS, Format, create, create_with, open};
 pub use loader::{BatchOptions, ClipOptions, Loader};
 pub use memory::MemoryDataset;
+pub use rendered::{RenderOptions, Rendered};

@@ -7,10 +7,12 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 use swm_core::batch::FieldKind;
-use swm_core::dataset::{self, EpisodeSource};
+use swm_core::dataset::{self, CHECKPOINT, Checkpoints, EpisodeSource};
 use swm_core::env::step_times;
 use swm_core::error::BoxError;
-use swm_core::{Batch, Dtype, Env, EnvConfig, EnvEntry, Episode, EpisodeSeed, Field, Schema, Slice, Value};
+use swm_core::{
+    Batch, Dtype, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Field, Schema, Slice, Value,
+};
 
 /// The result of a replay.
 #[derive(Clone, Debug, Serialize)]
@@ -25,6 +27,10 @@ pub struct ReplayReport {
     pub rows: usize,
     /// Deviation by column.
     pub columns: BTreeMap<String, Deviation>,
+    /// Recorded checkpoints that were compared; none where factors are overridden.
+    pub checkpoints: usize,
+    /// Those whose state is not the replayed one in every bit.
+    pub checkpoints_differ: usize,
 }
 
 /// How far a column of the replay is from the recorded one.
@@ -53,19 +59,43 @@ pub fn replay(
     let mut live = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
     let columns = Columns::shared(env.as_ref(), source)?;
     let mut recorded = Batch::new(Schema::new(columns.read.clone())?, 0);
-    let mut report =
-        ReplayReport { ok: true, tolerance, episodes: episodes.len(), rows: 0, columns: BTreeMap::new() };
+    let mut report = ReplayReport {
+        ok: true,
+        tolerance,
+        episodes: episodes.len(),
+        rows: 0,
+        columns: BTreeMap::new(),
+        checkpoints: 0,
+        checkpoints_differ: 0,
+    };
+    let saved = metadata.as_ref().filter(|_| overrides.is_empty());
+    let saved = saved.and_then(|metadata| Checkpoints::of(source.schema(), metadata));
+    let mut pieces = Batch::new(Schema::new(saved.map(|saved| saved.field()).into_iter().collect())?, 0);
+    let mut state = EnvState::new();
     for &episode in episodes {
         let mut options = dataset::whole_episode(env.spec(), source, episode)?;
         options.variation_values.extend(overrides.clone());
         let rows = source.episode_len(episode);
         source.read(episode, 0..rows, &mut recorded)?;
+        if saved.is_some() {
+            source.read(episode, 0..rows, &mut pieces)?;
+        }
         let seed = options.seed.unwrap_or(EpisodeSeed::new(0));
         env.reset(&Episode { seed, options: &options })?;
         for row in 0..rows {
             env.observe(&mut live.rows_mut());
             columns.compare(&recorded, row, &live, row + 1 == rows, &mut report.columns);
             report.rows += 1;
+            if let Some(saved) = saved.filter(|saved| saved.is_at(row as u64) && row + saved.every() <= rows)
+            {
+                let width = pieces.schema().width(0);
+                let whole = &pieces.get::<u8>(CHECKPOINT)?[row * width..(row + saved.every()) * width];
+                if let Some(recorded) = saved.read(whole) {
+                    env.snapshot(&mut state)?;
+                    report.checkpoints += 1;
+                    report.checkpoints_differ += usize::from(state.bytes() != recorded);
+                }
+            }
             if row + 1 < rows {
                 let action = recorded.row(row).at(columns.action);
                 if !action.is_finite() {

@@ -1,6 +1,7 @@
 //! Datasets as the core sees them: a sink of whole episodes, a source of rows, and what is written about them.
 //! No file format is known here.
 
+mod checkpoint;
 mod restore;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -15,6 +16,7 @@ use crate::error::{BoxError, WorldError};
 use crate::recorder::{EpisodeEnd, LiveRow, Recorder, RunInfo};
 use crate::world::{Rollout, Scenario, World};
 
+pub use checkpoint::{CHECKPOINT, Checkpoints};
 pub use restore::{read_known, read_row, recorded_moment, whole_episode};
 
 /// Takes whole episodes, in the order of their index.
@@ -81,6 +83,9 @@ pub struct Metadata {
     /// Environment steps per row.
     #[serde(default = "one")]
     pub frame_skip: u32,
+    /// Rows from one checkpoint to the next in the column `checkpoint`; `None`: it has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub checkpoints: Option<u32>,
     /// Versions of the packages that made it.
     #[serde(default)]
     pub packages: BTreeMap<String, String>,
@@ -119,6 +124,7 @@ impl Metadata {
             image: run.options.env.image,
             max_episode_steps: run.options.max_episode_steps,
             frame_skip: run.options.frame_skip,
+            checkpoints: run.options.checkpoints,
             packages: BTreeMap::from([("swm-core".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         }
     }

@@ -1,7 +1,9 @@
 //! The fields that `World` itself writes beside those of the environment. Those of the policy come last.
 
 use crate::batch::{Dtype, Field, RowsMut};
-use crate::env::{EnvSpec, Outcome};
+use crate::dataset::Checkpoints;
+use crate::env::{Env, EnvSpec, EnvState, Outcome};
+use crate::error::EnvError;
 use crate::policy::LiveEpisode;
 
 use super::slot::Progress;
@@ -16,11 +18,12 @@ pub(super) struct CommonFields {
     truncated: usize,
     step_idx: usize,
     seed: usize,
+    checkpoints: Option<Checkpoints>,
 }
 
 impl CommonFields {
     /// The environment's fields followed by the common ones.
-    pub(super) fn append(spec: &EnvSpec) -> (Vec<Field>, Self) {
+    pub(super) fn append(spec: &EnvSpec, checkpoints: Option<Checkpoints>) -> (Vec<Field>, Self) {
         let first = spec.fields.len();
         let action_dtype = spec.action.dtype().unwrap_or(Dtype::F32);
         let fields = spec.fields.iter().cloned().chain([
@@ -31,6 +34,7 @@ impl CommonFields {
             Field::step("step_idx", Dtype::I64, &[]),
             Field::episode("seed", Dtype::I64, &[]),
         ]);
+        let fields = fields.chain(checkpoints.map(|checkpoints| checkpoints.field()));
         let common = Self {
             action: first,
             reward: first + 1,
@@ -38,13 +42,30 @@ impl CommonFields {
             truncated: first + 3,
             step_idx: first + 4,
             seed: first + 5,
+            checkpoints,
         };
         (fields.collect(), common)
     }
 
     /// Position of the policy's first field.
     pub(super) fn of_policy(&self) -> usize {
-        self.seed + 1
+        self.seed + 1 + usize::from(self.checkpoints.is_some())
+    }
+
+    /// Writes the row's piece of a saved state, if states are saved. `saved` is the last one.
+    pub(super) fn write_checkpoint(
+        &self,
+        env: &dyn Env,
+        row: u64,
+        saved: &mut EnvState,
+        out: &mut RowsMut<'_>,
+    ) -> Result<(), EnvError> {
+        let Some(checkpoints) = self.checkpoints else { return Ok(()) };
+        if checkpoints.is_at(row) {
+            env.snapshot(saved)?;
+        }
+        checkpoints.write(saved, row, out.at(self.seed + 1));
+        Ok(())
     }
 
     /// What only the policy knows is missing until it has acted.

@@ -39,6 +39,9 @@ pub struct WorldOptions {
     pub threads: Option<usize>,
     /// Fields that datasets do without, by name: `goal`, say, a picture per row. They stay in the infos.
     pub unrecorded: Vec<String>,
+    /// Save the environments' states every so many rows, in the field `checkpoint`: then pictures need not be recorded,
+    /// since they can be drawn from any row on. `None`: do not.
+    pub checkpoints: Option<u32>,
 }
 
 impl Default for WorldOptions {
@@ -51,6 +54,7 @@ impl Default for WorldOptions {
             frame_skip: 1,
             threads: None,
             unrecorded: Vec::new(),
+            checkpoints: None,
         }
     }
 }
@@ -82,6 +86,11 @@ impl WorldOptions {
         if !(1..=MAX_FRAME_SKIP).contains(&self.frame_skip) {
             return wrong("frame_skip", format!("{} is not in 1 to {MAX_FRAME_SKIP}", self.frame_skip));
         }
+        if let Some(every) = self.checkpoints
+            && !(1..=MAX_CHECKPOINT_ROWS).contains(&every)
+        {
+            return wrong("checkpoints", format!("every {every} rows is not in 1 to {MAX_CHECKPOINT_ROWS}"));
+        }
         if self.max_episode_steps == Some(0) {
             return wrong("max_episode_steps", "0 steps; use 1 or more, or none".to_owned());
         }
@@ -112,6 +121,7 @@ impl WorldOptions {
 const MAX_ENVS: usize = 65_536;
 const MAX_THREADS: usize = 1024;
 const MAX_FRAME_SKIP: u32 = 1000;
+const MAX_CHECKPOINT_ROWS: u32 = 1_000_000;
 /// All pictures of the infos together: 4 GB.
 const MAX_FRAME_BYTES: usize = 4_000_000_000;
 
@@ -126,11 +136,13 @@ impl World {
             Ok(pool) => Arc::new(pool),
             Err(error) => return wrong("threads", error.to_string()),
         };
-        let slots = (0..options.num_envs)
+        let mut slots = (0..options.num_envs)
             .map(|_| (entry.make)(&options.env).map(Slot::new))
             .collect::<Result<Vec<_>, _>>()?;
         let spec = slots[0].env().spec().clone();
-        let (columns, fields) = CommonFields::append(&spec);
+        let every = options.checkpoints.map(|every| every as usize);
+        let checkpoints = every.map(|every| slots[0].checkpoints(every)).transpose()?;
+        let (columns, fields) = CommonFields::append(&spec, checkpoints);
         let infos = Batch::new(Schema::new(columns)?, options.num_envs);
         if let Some(name) = options.unrecorded.iter().find(|name| name.starts_with(VARIATION_PREFIX)) {
             return wrong("unrecorded", format!("`{name}` is needed to restore recorded episodes"));

@@ -1,10 +1,12 @@
 //! One environment of a `World`, the episode it is in, and the parallel phases over all of them.
 
 use crate::batch::{RowsMut, Slice};
-use crate::env::{Env, Episode, ResetOptions, step_times};
-use crate::error::WorldError;
+use crate::dataset::Checkpoints;
+use crate::env::{Env, EnvState, Episode, ResetOptions, step_times};
+use crate::error::{EnvError, WorldError};
 use crate::pace::Pace;
 use crate::policy::LiveEpisode;
+use crate::seed::EpisodeSeed;
 
 use super::fields::CommonFields;
 
@@ -14,6 +16,8 @@ pub(crate) struct Slot {
     /// The episode to begin at the next reset phase.
     pub(super) next: Option<LiveEpisode>,
     pub(super) progress: Option<Progress>,
+    /// The last checkpoint.
+    saved: EnvState,
 }
 
 /// What is known of a running episode.
@@ -36,7 +40,14 @@ impl Progress {
 
 impl Slot {
     pub(super) fn new(env: Box<dyn Env>) -> Self {
-        Self { env, next: None, progress: None }
+        Self { env, next: None, progress: None, saved: EnvState::new() }
+    }
+
+    /// Checkpoints that have room for the states of this kind of environment, as one reset tells.
+    pub(super) fn checkpoints(&mut self, every: usize) -> Result<Checkpoints, EnvError> {
+        self.env.reset(&Episode { seed: EpisodeSeed::new(0), options: &ResetOptions::default() })?;
+        self.env.snapshot(&mut self.saved)?;
+        Ok(Checkpoints::for_states_of(self.saved.bytes().len(), every))
     }
 
     pub(crate) fn env(&self) -> &dyn Env {
@@ -72,6 +83,9 @@ impl Slot {
         self.env.write_episode(out);
         self.env.observe(out);
         fields.write_reset(out, episode);
+        fields
+            .write_checkpoint(self.env.as_ref(), 0, &mut self.saved, out)
+            .map_err(|source| WorldError::Env { row: 0, episode: episode.index, source })?;
         self.progress = Some(Progress {
             episode,
             total_reward: 0.0,
@@ -105,7 +119,11 @@ impl Slot {
             progress.first_success_step.get_or_insert(progress.episode.step);
         }
         rules.fields.write_step(out, &outcome, progress);
-        Ok(())
+        let row = progress.episode.step;
+        rules
+            .fields
+            .write_checkpoint(self.env.as_ref(), row, &mut self.saved, out)
+            .map_err(|source| WorldError::Env { row: 0, episode: episode.index, source })
     }
 }
 

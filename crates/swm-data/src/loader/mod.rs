@@ -94,6 +94,11 @@ impl Loader {
     /// Reads clips into `out`, a table of this loader; its old rows are replaced, its memory is reused. Goals are those
     /// of epoch 0.
     pub fn read(&mut self, clips: &[usize], out: &mut Batch) -> Result<(), DataError> {
+        self.read_in(0, clips, out)
+    }
+
+    /// As [`Loader::read`], with the goals of another epoch.
+    pub fn read_in(&mut self, epoch: u64, clips: &[usize], out: &mut Batch) -> Result<(), DataError> {
         if out.schema() != &self.plan.schema {
             return wrong("batch", "it was made for another loader; use `new_batch`");
         }
@@ -105,7 +110,7 @@ impl Loader {
         for (reader, clips) in self.readers.iter_mut().zip(clips.chunks(per_reader)) {
             let (part, after) = rest.split_at(clips.len());
             rest = after;
-            jobs.push(move || reader.read(plan, 0, clips, part));
+            jobs.push(move || reader.read(plan, epoch, clips, part));
         }
         // Of several errors, the one that comes first in the batch.
         match jobs.len() {

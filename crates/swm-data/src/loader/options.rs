@@ -62,8 +62,8 @@ pub struct GoalOptions {
     pub gamma: f64,
     /// Which row of the clip is the current one, counted from 1; `None`: the last, `num_steps`.
     pub offset: Option<usize>,
-    /// Columns of the goal row, which become `goal_<name>` of shape `[1, …]`; `None`: `pixels` and `proprio`, as far as
-    /// the dataset has them.
+    /// Columns of the goal row, which become `goal_<name>` of shape `[1, …]`, in place of recorded columns of that name;
+    /// `None`: `pixels` and `proprio`, as far as the dataset has them.
     pub keys: Option<Vec<String>>,
     /// The seed of the choice. A clip's goal depends on it, the epoch and the clip alone.
     pub seed: u64,
@@ -93,6 +93,15 @@ impl Default for GoalOptions {
     /// The reference's weights, γ = 0.99, seen from the end of the clip.
     fn default() -> Self {
         Self { weights: GoalWeights::default(), gamma: 0.99, offset: None, keys: None, seed: 0 }
+    }
+}
+
+impl GoalOptions {
+    /// Hindsight relabelling: the goal is what the episode reached later, every later row equally often.
+    pub fn hindsight(keys: &[&str], seed: u64) -> Self {
+        let weights = GoalWeights { random: 0.0, geometric: 0.0, uniform: 1.0, current: 0.0 };
+        let keys = Some(keys.iter().map(|&key| key.to_owned()).collect());
+        Self { weights, keys, seed, ..Self::default() }
     }
 }
 

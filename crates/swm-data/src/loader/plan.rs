@@ -65,9 +65,16 @@ impl Plan {
         let goals = options.goals.as_ref();
         let goals = goals.map(|goals| Goals::new(goals, steps, skip, lengths())).transpose()?;
 
+        let stored = dataset.schema().fields();
+        let goal_columns = goal_columns(dataset, options)?;
+        let goal_name = |column: usize| format!("{GOAL_PREFIX}{}", stored[column].name);
+        let relabelled: Vec<String> = goal_columns.iter().map(|&column| goal_name(column)).collect();
         let (mut windows, mut fields) = (Vec::new(), Vec::new());
         for column in chosen(dataset, options.keys.as_deref())? {
-            let stored = &dataset.schema().fields()[column];
+            let stored = &stored[column];
+            if relabelled.contains(&stored.name) {
+                continue;
+            }
             let dense = stored.name == ACTION;
             let (mut shape, convert) = if dense {
                 let Some(width) = skip.checked_mul(stored.width()) else {
@@ -82,11 +89,11 @@ impl Plan {
             let (count, stride) = if dense { (span, 1) } else { (steps, skip) };
             windows.push(Window { column, rows: Rows::Clip { count, stride }, convert });
         }
-        for column in goal_columns(dataset, options)? {
-            let stored = &dataset.schema().fields()[column];
+        for (column, name) in goal_columns.into_iter().zip(relabelled) {
+            let stored = &stored[column];
             let (mut shape, convert) = pictures(stored, options)?;
             shape.insert(0, 1);
-            fields.push(Field { name: format!("{GOAL_PREFIX}{}", stored.name), shape, ..stored.clone() });
+            fields.push(Field { name, shape, ..stored.clone() });
             windows.push(Window { column, rows: Rows::Goal, convert });
         }
         let schema = Schema::new(fields)

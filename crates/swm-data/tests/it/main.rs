@@ -4,6 +4,7 @@
 
 mod adapt;
 mod append;
+mod buffer;
 mod crash;
 mod damage;
 mod folders;
@@ -11,4 +12,5 @@ mod golden;
 mod loader;
 mod loader_properties;
 mod round_trip;
+mod statistics;
 mod support;

@@ -23,6 +23,7 @@ use super::{Failure, Output, policies, usage};
 Examples:
   swm collect swm/PushT-v1 --policy expert --episodes 100 --seed 1 --out pusht.h5
   swm collect swm/PushT-v1 --policy weak --episodes 50 --vary agent,block.color --set background.color=0,0,0 --out weak.h5
+  swm collect swm/PushT-v1 --policy expert --episodes 1000 --replayable --out small.h5   (pictures are drawn when read)
   swm collect swm/PushT-v1 --policy expert --total 1000 --seed 1 --mode append --out pusht.h5   (continue up to 1000)
 
 An episode is safe on disk once it is announced as written: a crash or kill loses at most what came after.")]
@@ -44,6 +45,10 @@ pub(super) struct Collect {
     /// Picture size, HEIGHTxWIDTH, or `none`.
     #[arg(long, default_value = "64x64")]
     image_size: ImageArg,
+    /// Record no pictures but what they can be drawn from, and the state every N rows: loaders then draw them in any size,
+    /// with any colours.
+    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16", conflicts_with = "image_size")]
+    replayable: Option<u32>,
     /// Steps after which an episode ends.
     #[arg(long, default_value_t = 100)]
     max_steps: u64,
@@ -68,10 +73,14 @@ pub(super) struct Collect {
 impl Collect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let entry = self.env.entry(registry)?;
-        let config = self.env.config(self.image_size.0)?;
+        let config = self.env.config(self.image_size.0.filter(|_| self.replayable.is_none()))?;
         let policy =
             policies::make(registry, entry, &config, self.world.frame_skip.unwrap_or(1), &self.policy)?;
-        let world = WorldOptions { unrecorded: self.without, ..self.world.options(config, self.max_steps) };
+        let world = WorldOptions {
+            unrecorded: self.without,
+            checkpoints: self.replayable,
+            ..self.world.options(config, self.max_steps)
+        };
         let mut world = World::new(entry, world)?;
         world.set_policy(policy);
         let options = self.scenario.options()?;

@@ -39,6 +39,7 @@ impl Inspect {
             "metadata": dataset.metadata(),
             "runs": dataset.runs().iter().map(|(first, run)| json!({"first_episode": first, "metadata": run})).collect::<Vec<_>>(),
             "skipped": dataset.skipped(),
+            "checkpoint_rows": dataset.metadata().and_then(|metadata| metadata.checkpoints),
         });
         output.result(&result, || {
             let rows: Vec<_> = fields
@@ -67,6 +68,11 @@ impl Inspect {
                     text += &format!(", factors drawn: {}", names.join(", "));
                 }
                 text.push('\n');
+            }
+            if let Some(rows) = dataset.metadata().and_then(|metadata| metadata.checkpoints) {
+                text += &format!(
+                    "replayable: states every {rows} rows, from which pictures are drawn when read\n"
+                );
             }
             if dataset.runs().is_empty() {
                 text += "no metadata: not recorded by this program\n";

@@ -70,9 +70,14 @@ fn text(report: &ReplayReport) -> String {
         .iter()
         .map(|(name, d)| vec![name.clone(), format!("{:.3e}", d.max_abs), format!("{:.3e}", d.final_abs)])
         .collect();
+    let checkpoints = match (report.checkpoints, report.checkpoints_differ) {
+        (0, _) => String::new(),
+        (all, 0) => format!(", all {all} checkpoints equal"),
+        (all, differ) => format!(", {differ} of {all} checkpoints differ in some bit"),
+    };
     let verdict = if report.ok { "agree" } else { "differ" };
     format!(
-        "{}\n{} episodes, {} rows: dataset and simulator {verdict} (tolerance {:e})",
+        "{}\n{} episodes, {} rows: dataset and simulator {verdict} (tolerance {:e}){checkpoints}",
         table(&["column", "largest deviation", "at the end"], &rows),
         report.episodes,
         report.rows,

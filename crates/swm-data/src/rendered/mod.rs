@@ -1,0 +1,279 @@
+//! Datasets whose pictures are drawn when they are read: of any size, with any factors in place of the recorded ones.
+//!
+//! A recording without pictures is a hundredth to a thousandth of one with them. What it holds (seed, factors, actions,
+//! and now and then the environment's saved state) determines every picture, so [`Rendered`] replays the episode from
+//! the checkpoint before the wanted row and draws. Where it passes a checkpoint, it compares: a simulator that has
+//! changed since is an error and not a wrong picture.
+//!
+//! This module knows the traits of environments and no environment: the registry is the caller's.
+
+mod stage;
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use serde_json::{Map, Value as Json};
+use swm_core::dataset::{CHECKPOINT, Checkpoints};
+use swm_core::env::VARIATION_PREFIX;
+use swm_core::error::{BoxError, nearest};
+use swm_core::{
+    Batch, Dtype, EnvConfig, EnvEntry, EnvSpec, EpisodeSource, Field, FieldKind, ImageSize, Metadata,
+    Registry, Schema, SliceMut, Value,
+};
+
+use crate::dataset::{Dataset, Steps, check_request, locate, read_rows};
+use crate::error::DataError;
+
+use stage::Stage;
+
+/// How pictures are drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RenderOptions {
+    /// Their size.
+    pub image: ImageSize,
+    /// Factors to set in place of the recorded ones: other colours, another light. One that changes what happens, and
+    /// not only what is seen, is an error, as the recorded states would not be those in the pictures.
+    pub factors: BTreeMap<String, Value>,
+    /// Settings of the environment on top of the recorded ones, such as its picture style.
+    pub settings: Map<String, Json>,
+    /// Compare with the checkpoints on the way.
+    pub verify: bool,
+}
+
+impl Default for RenderOptions {
+    /// As recorded, 64 × 64, verified.
+    fn default() -> Self {
+        let image = ImageSize { height: 64, width: 64 };
+        Self { image, factors: BTreeMap::new(), settings: Map::new(), verify: true }
+    }
+}
+
+/// A dataset with pictures that are drawn on demand: the columns of the recording, without `checkpoint`, and the
+/// environment's picture columns behind them (in place of stored ones).
+pub struct Rendered {
+    inner: Box<dyn Dataset>,
+    script: Arc<Script>,
+    schema: Arc<Schema>,
+    /// For every column, where its values come from.
+    columns: Arc<[Origin]>,
+    /// Made at the first picture.
+    stage: Option<Stage>,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Origin {
+    /// A column of the recording.
+    Stored(usize),
+    /// A picture field of the environment.
+    Drawn(usize),
+}
+
+/// What the replay of any episode needs to know.
+struct Script {
+    entry: EnvEntry,
+    /// How the environment that replays is made: as the recorded one, without pictures.
+    sim: EnvConfig,
+    /// How the environment that draws is made.
+    painter: EnvConfig,
+    factors: BTreeMap<String, Value>,
+    frame_skip: u32,
+    checkpoints: Option<Checkpoints>,
+    verify: bool,
+}
+
+/// Without checkpoints, the state's columns are compared so often.
+const COMPARED_ROWS: usize = 16;
+
+impl Script {
+    /// From one comparison with the recording to the next.
+    fn compared_rows(&self) -> usize {
+        self.checkpoints.map_or(COMPARED_ROWS, |checkpoints| checkpoints.every())
+    }
+}
+
+impl Rendered {
+    /// Draws the pictures of `dataset`, which must say how it was recorded; `registry` knows its environment.
+    pub fn new(
+        dataset: Box<dyn Dataset>,
+        registry: &Registry,
+        options: &RenderOptions,
+    ) -> Result<Self, DataError> {
+        let refuse = |reason: String| DataError::request(dataset.path(), reason);
+        let Some(metadata) = dataset.metadata() else {
+            return Err(refuse(
+                "pictures cannot be drawn: it does not say how it was recorded (by another program)"
+                    .to_owned(),
+            ));
+        };
+        let entry = *registry.env(&metadata.env).map_err(|error| refuse(error.to_string()))?;
+        let mut settings = metadata.settings.clone();
+        settings.extend(options.settings.clone());
+        let painter = EnvConfig { image: Some(options.image), settings: settings.clone() };
+        let spec = (entry.make)(&painter).map_err(|error| refuse(error.to_string()))?.spec().clone();
+        let factors = factors(&spec, &options.factors).map_err(refuse)?;
+        let drawn = pictures(&spec, options.image);
+        if drawn.is_empty() {
+            return Err(refuse(format!("`{}` draws no pictures", spec.id)));
+        }
+        let (mut columns, mut fields) = (Vec::new(), Vec::new());
+        for (column, field) in dataset.schema().fields().iter().enumerate() {
+            if field.name != CHECKPOINT && drawn.iter().all(|(_, picture)| picture.name != field.name) {
+                columns.push(Origin::Stored(column));
+                fields.push(field.clone());
+            }
+        }
+        for (index, field) in drawn {
+            columns.push(Origin::Drawn(index));
+            fields.push(field);
+        }
+        let schema = Schema::new(fields).map_err(|error| refuse(error.to_string()))?;
+        let script = Script {
+            entry,
+            sim: EnvConfig { image: None, settings },
+            painter,
+            factors,
+            frame_skip: metadata.frame_skip.max(1),
+            checkpoints: Checkpoints::of(dataset.schema(), metadata),
+            verify: options.verify,
+        };
+        Ok(Self { schema, columns: columns.into(), script: Arc::new(script), stage: None, inner: dataset })
+    }
+
+    /// Replays a whole episode and compares it with all of its checkpoints; how many there were.
+    pub fn verify(&mut self, episode: usize) -> Result<usize, DataError> {
+        let len = self.inner.episode_len(episode);
+        if episode >= self.inner.num_episodes() {
+            let reason = format!("episode {episode} of {} does not exist", self.inner.num_episodes());
+            return Err(DataError::request(self.path(), reason));
+        }
+        let Some(checkpoints) = self.script.checkpoints else { return Ok(0) };
+        let stage = stage(&mut self.stage, self.inner.as_ref(), &self.script)?;
+        stage.rewind(self.inner.as_mut(), &self.script, episode)?;
+        stage.advance(self.inner.as_mut(), &self.script, len.saturating_sub(1), true)?;
+        Ok(len / checkpoints.every())
+    }
+
+    /// The distance of checkpoints in rows; `None` if the dataset has none, and every episode is replayed from its start.
+    pub fn checkpoint_rows(&self) -> Option<usize> {
+        self.script.checkpoints.map(|checkpoints| checkpoints.every())
+    }
+}
+
+/// The stage of one handle, made if it is not there yet.
+fn stage<'a>(
+    stage: &'a mut Option<Stage>,
+    dataset: &dyn Dataset,
+    script: &Script,
+) -> Result<&'a mut Stage, DataError> {
+    match stage {
+        Some(stage) => Ok(stage),
+        None => Ok(stage.insert(Stage::new(dataset, script)?)),
+    }
+}
+
+/// The picture fields of an environment, with their positions.
+fn pictures(spec: &EnvSpec, image: ImageSize) -> Vec<(usize, Field)> {
+    let fields = spec.fields.iter().enumerate();
+    let drawn = fields.filter(|(_, field)| field.dtype == Dtype::U8 && field.shape == image.shape());
+    drawn.map(|(index, field)| (index, field.clone())).collect()
+}
+
+/// The factors to set, as the environment's types.
+fn factors(spec: &EnvSpec, wanted: &BTreeMap<String, Value>) -> Result<BTreeMap<String, Value>, String> {
+    let mut values = BTreeMap::new();
+    for (name, value) in wanted {
+        let name = name.strip_prefix(VARIATION_PREFIX).unwrap_or(name);
+        let Some(factor) = spec.factors.iter().find(|factor| factor.name == name) else {
+            let near = nearest(name, spec.factors.iter().map(|factor| factor.name.as_str()));
+            return Err(format!(
+                "`{}` has no factor `{name}`{}",
+                spec.id,
+                swm_core::error::did_you_mean(near.as_deref())
+            ));
+        };
+        let dtype = factor.space.dtype().ok_or_else(|| format!("factor `{name}` has no single type"))?;
+        let value = value.cast(name, dtype, &factor.space.shape()).map_err(|error| error.to_string())?;
+        factor.space.check(name, value.data.as_slice()).map_err(|error| error.to_string())?;
+        values.insert(name.to_owned(), value);
+    }
+    Ok(values)
+}
+
+impl EpisodeSource for Rendered {
+    fn schema(&self) -> &Arc<Schema> {
+        &self.schema
+    }
+
+    fn num_episodes(&self) -> usize {
+        self.inner.num_episodes()
+    }
+
+    fn episode_len(&self, episode: usize) -> usize {
+        self.inner.episode_len(episode)
+    }
+
+    fn metadata(&self) -> Option<&Metadata> {
+        self.inner.metadata()
+    }
+
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
+        Ok(read_rows(self, episode, rows, out)?)
+    }
+}
+
+impl Dataset for Rendered {
+    fn path(&self) -> &Path {
+        self.inner.path()
+    }
+
+    fn format(&self) -> &'static str {
+        self.inner.format()
+    }
+
+    fn read_column(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        let index = match self.columns.get(column) {
+            Some(&Origin::Stored(stored)) => return self.inner.read_column(stored, episode, steps, out),
+            Some(&Origin::Drawn(index)) => index,
+            None => usize::MAX,
+        };
+        let (field, len) = locate(self, column, episode)?;
+        check_request(self.inner.path(), field, episode, len, steps, &out)?;
+        let (kind, width) = (field.kind, field.width());
+        let SliceMut::U8(out) = out else { return Ok(()) };
+        let stage = stage(&mut self.stage, self.inner.as_ref(), &self.script)?;
+        if kind == FieldKind::Episode {
+            let Some((first, rest)) = out.split_at_mut_checked(width) else { return Ok(()) };
+            stage.draw_episode(self.inner.as_mut(), &self.script, episode, steps.first, index, first)?;
+            rest.chunks_exact_mut(width).for_each(|copy| copy.copy_from_slice(first));
+            return Ok(());
+        }
+        for (at, picture) in out.chunks_exact_mut(width).enumerate() {
+            let row = steps.first + at * steps.stride;
+            let last = steps.first + (steps.count - 1) * steps.stride;
+            stage.draw(self.inner.as_mut(), &self.script, episode, row, last, index, picture)?;
+        }
+        Ok(())
+    }
+
+    fn share(&self) -> Box<dyn Dataset> {
+        let (script, schema) = (self.script.clone(), self.schema.clone());
+        let columns = self.columns.clone();
+        Box::new(Self { inner: self.inner.share(), script, schema, columns, stage: None })
+    }
+
+    fn runs(&self) -> &[(u64, Metadata)] {
+        self.inner.runs()
+    }
+
+    fn skipped(&self) -> &[(String, String)] {
+        self.inner.skipped()
+    }
+}

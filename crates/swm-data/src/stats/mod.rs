@@ -1,0 +1,169 @@
+//! Statistics of columns for normalisation: mean and standard deviation, extremes, quantiles; found in one pass and
+//! kept beside the dataset, whatever its format.
+//!
+//! Of pictures (u8, rank 3) there is one set of numbers per channel, of all other columns one per value of a row. Rows
+//! that hold a NaN or an infinity, such as the missing action of an episode's last row, do not count. An episode column
+//! counts once per episode.
+
+mod accumulate;
+mod side_file;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use swm_core::{Column, Dtype, Field, FieldKind};
+
+use crate::dataset::{Dataset, Steps};
+use crate::error::DataError;
+
+pub use side_file::side_file;
+
+use accumulate::{Accumulate, Histograms, Moments};
+
+/// What is to be found out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StatisticsOptions {
+    /// The columns; `None`: all but texts.
+    pub keys: Option<Vec<String>>,
+    /// Quantiles, each from 0 to 1.
+    pub quantiles: Vec<f64>,
+    /// Rows of a column that are kept for its quantiles. Of longer columns a random sample of so many is taken, the same
+    /// one every time. (Quantiles of pictures are always exact.)
+    pub sample: usize,
+}
+
+impl Default for StatisticsOptions {
+    /// All columns; quantiles 1, 5, 25, 50, 75, 95 and 99 %, exact up to 200,000 rows.
+    fn default() -> Self {
+        Self { keys: None, quantiles: vec![0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99], sample: 200_000 }
+    }
+}
+
+/// Statistics of a dataset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Statistics {
+    /// The version of this record.
+    pub version: u32,
+    /// Episodes of the dataset.
+    pub episodes: u64,
+    /// Rows of all of them.
+    pub rows: u64,
+    /// By column.
+    pub columns: BTreeMap<String, ColumnStatistics>,
+}
+
+/// Statistics of one column. Lists are over channels of pictures, else over values of a row.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ColumnStatistics {
+    /// Rows that count.
+    pub rows: u64,
+    /// Rows that do not, because not all of their values are finite.
+    pub not_finite: u64,
+    /// Means; empty if no row counts, as are all other lists then.
+    pub mean: Vec<f64>,
+    /// Standard deviations, of the population (divided by the number of rows).
+    pub std: Vec<f64>,
+    /// Least values.
+    pub min: Vec<f64>,
+    /// Greatest values.
+    pub max: Vec<f64>,
+    /// Each wanted quantile and its values, by linear interpolation between the sorted rows, as numpy does by default.
+    pub quantiles: Vec<(f64, Vec<f64>)>,
+    /// Whether the quantiles are of all rows, and not of a sample.
+    pub quantiles_exact: bool,
+}
+
+/// The version of [`Statistics`] that is written.
+const VERSION: u32 = 1;
+/// A standard deviation below this is taken for that of a constant.
+const LEAST_STD: f64 = 1e-8;
+/// How much of a column is read at once.
+const PIECE_BYTES: usize = 8 << 20;
+
+impl Statistics {
+    /// Reads the chosen columns once, from the first row to the last.
+    pub fn compute(dataset: &mut dyn Dataset, options: &StatisticsOptions) -> Result<Self, DataError> {
+        let wrong = |setting, reason: String| Err(DataError::Loader { setting, reason });
+        if let Some(bad) = options.quantiles.iter().find(|q| !(0.0..=1.0).contains(*q)) {
+            return wrong("quantiles", format!("{bad} is not between 0 and 1"));
+        }
+        if options.sample == 0 {
+            return wrong("sample", "0 rows; use 1 or more".to_owned());
+        }
+        let schema = dataset.schema().clone();
+        let chosen: Vec<usize> = match &options.keys {
+            None => (0..schema.fields().len()).filter(|&c| schema.fields()[c].dtype != Dtype::Str).collect(),
+            Some(keys) => keys
+                .iter()
+                .map(|key| schema.require(key))
+                .collect::<Result<_, _>>()
+                .map_err(|error| DataError::request(dataset.path(), error.to_string()))?,
+        };
+        let fields: Vec<&Field> = chosen.iter().map(|&column| &schema.fields()[column]).collect();
+        if let Some(text) = fields.iter().find(|field| field.dtype == Dtype::Str) {
+            return wrong("keys", format!("column `{}` holds text, which has no statistics", text.name));
+        }
+        let mut found: Vec<Box<dyn Accumulate>> = Vec::with_capacity(fields.len());
+        for (&column, field) in chosen.iter().zip(&fields) {
+            found.push(match (&field.shape[..], field.dtype) {
+                (&[_, _, channels], Dtype::U8) => Box::new(Histograms::new(channels)),
+                _ => Box::new(Moments::new(field.width(), options.sample, column as u64)),
+            });
+        }
+        let mut buffers: Vec<Column> = fields.iter().map(|field| Column::zeros(field.dtype, 0)).collect();
+        let mut rows = 0;
+        for episode in 0..dataset.num_episodes() {
+            let len = dataset.episode_len(episode);
+            rows += len as u64;
+            for ((&column, found), buffer) in chosen.iter().zip(&mut found).zip(&mut buffers) {
+                let field = &schema.fields()[column];
+                let counted = if field.kind == FieldKind::Episode { len.min(1) } else { len };
+                let piece = (PIECE_BYTES / (8 * field.width()).max(1)).max(1);
+                let mut first = 0;
+                while first < counted {
+                    let count = piece.min(counted - first);
+                    buffer.resize(count * field.width());
+                    let steps = Steps { first, count, stride: 1 };
+                    dataset.read_column(column, episode, steps, buffer.as_slice_mut())?;
+                    found.add(buffer.as_slice());
+                    first += count;
+                }
+            }
+        }
+        let columns = fields
+            .iter()
+            .zip(found)
+            .map(|(field, mut found)| (field.name.clone(), found.finish(&options.quantiles)))
+            .collect();
+        Ok(Self { version: VERSION, episodes: dataset.num_episodes() as u64, rows, columns })
+    }
+
+    /// Whether these may be the statistics of `dataset`: episodes and rows agree, and every column is one of it.
+    fn fits(&self, dataset: &dyn Dataset) -> bool {
+        let lengths = (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode) as u64);
+        self.version == VERSION
+            && self.episodes == dataset.num_episodes() as u64
+            && self.rows == lengths.sum::<u64>()
+            && self.columns.keys().all(|name| dataset.schema().index(name).is_some())
+    }
+}
+
+impl ColumnStatistics {
+    /// Makes values, `[…, D]` with the `D` of this column, of mean 0 and standard deviation 1; constants become 0.
+    pub fn standardize(&self, values: &mut [f32]) {
+        for row in values.chunks_mut(self.mean.len().max(1)) {
+            for ((value, mean), std) in row.iter_mut().zip(&self.mean).zip(&self.std) {
+                *value = ((f64::from(*value) - mean) / std.max(LEAST_STD)) as f32;
+            }
+        }
+    }
+
+    /// The inverse of [`standardize`](Self::standardize).
+    pub fn restore(&self, values: &mut [f32]) {
+        for row in values.chunks_mut(self.mean.len().max(1)) {
+            for ((value, mean), std) in row.iter_mut().zip(&self.mean).zip(&self.std) {
+                *value = (f64::from(*value) * std.max(LEAST_STD) + mean) as f32;
+            }
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Statistics on disk: a JSON file beside a dataset of one file, or in a dataset that is a folder. Every format can have
+//! one, and none has to know of it.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use swm_core::Dtype;
+
+use super::{ColumnStatistics, Statistics, StatisticsOptions};
+use crate::dataset::Dataset;
+use crate::error::DataError;
+use crate::lock::beside;
+
+/// Where the statistics of the dataset at `path` are: `data.h5.stats.json`, or `data/stats.json` for a folder.
+pub fn side_file(path: &Path) -> PathBuf {
+    if path.is_dir() { path.join("stats.json") } else { beside(path, ".stats.json") }
+}
+
+impl Statistics {
+    /// The statistics that are kept with a dataset; `None` if there are none, or only those of fewer or more episodes.
+    pub fn load(dataset: &dyn Dataset) -> Result<Option<Self>, DataError> {
+        let path = side_file(dataset.path());
+        let text = match fs::read(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(DataError::io(&path, "read", error)),
+        };
+        let statistics: Self = serde_json::from_slice(&text)
+            .map_err(|error| DataError::damaged(&path, format!("{error}; remove it")))?;
+        Ok(statistics.fits(dataset).then_some(statistics))
+    }
+
+    /// Keeps these with a dataset, in place of those that it had.
+    pub fn store(&self, dataset: &dyn Dataset) -> Result<PathBuf, DataError> {
+        let path = side_file(dataset.path());
+        if !dataset.path().exists() {
+            return Err(DataError::request(
+                dataset.path(),
+                "it is not on disk, so there is no place beside it",
+            ));
+        }
+        if !self.fits(dataset) {
+            return Err(DataError::request(dataset.path(), "these are the statistics of another dataset"));
+        }
+        let mut text =
+            serde_json::to_vec_pretty(self).map_err(|error| DataError::record(&path, error.to_string()))?;
+        text.push(b'\n');
+        // Renamed into place, so that nobody reads half of it.
+        let draft = beside(&path, ".new");
+        fs::write(&draft, text).map_err(|error| DataError::io(&draft, "write", error))?;
+        fs::rename(&draft, &path).map_err(|error| DataError::io(&path, "write", error))?;
+        Ok(path)
+    }
+
+    /// The statistics that are kept with a dataset, if they have all that is asked for; else computes and keeps them.
+    pub fn load_or_compute(
+        dataset: &mut dyn Dataset,
+        options: &StatisticsOptions,
+    ) -> Result<Self, DataError> {
+        let fields = dataset.schema().clone();
+        let numbers = fields.fields().iter().filter(|field| field.dtype != Dtype::Str);
+        let wanted: Vec<&String> = match &options.keys {
+            Some(keys) => keys.iter().collect(),
+            None => numbers.map(|field| &field.name).collect(),
+        };
+        if let Some(kept) = Self::load(dataset)?
+            && wanted
+                .iter()
+                .all(|key| kept.columns.get(*key).is_some_and(|column| column.has(&options.quantiles)))
+        {
+            return Ok(kept);
+        }
+        let statistics = Self::compute(dataset, options)?;
+        statistics.store(dataset)?;
+        Ok(statistics)
+    }
+}
+
+impl ColumnStatistics {
+    /// Whether these quantiles are among its own.
+    fn has(&self, quantiles: &[f64]) -> bool {
+        quantiles
+            .iter()
+            .all(|wanted| self.rows == 0 || self.quantiles.iter().any(|(level, _)| level == wanted))
+    }
+}
