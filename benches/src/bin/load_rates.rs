@@ -1,12 +1,15 @@
-//! `load-rates FILE NUM_STEPS [--keys A,B] [--threads 1,2] [--seconds S] [--first]`: shuffled clips per second out of a
-//! dataset, in batches of 64, as JSON. For `peers/data.py`.
+//! `load-rates FILE NUM_STEPS [--keys A,B] [--threads 1,2] [--seconds S] [--first] [--draw SIDE]`: shuffled clips per
+//! second out of a dataset, in batches of 64, as JSON. For `peers/data.py`. With `--draw`, pictures are not read but drawn.
 
 use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
 use serde::Serialize;
 use swm_benches::{Clock, Elapsed};
+use swm_core::{ImageSize, Registry};
 use swm_data::loader::{BatchOptions, ClipOptions, Loader, Pictures};
+use swm_data::{Dataset, RenderOptions, Rendered};
+use swm_envs_2d::ENVS;
 
 /// Clips of a batch.
 const SIZE: usize = 64;
@@ -20,19 +23,30 @@ struct Measurement {
     elapsed: Elapsed,
 }
 
+/// The dataset, with pictures of side `draw` that are drawn.
+fn open(path: &Path, draw: Option<usize>) -> Result<Box<dyn Dataset>> {
+    let dataset = swm_data::open(path)?;
+    let Some(side) = draw else { return Ok(dataset) };
+    let image = ImageSize { height: side, width: side };
+    let options = RenderOptions { image, ..RenderOptions::default() };
+    Ok(Box::new(Rendered::new(dataset, &Registry::new().with_envs(ENVS), &options)?))
+}
+
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let usage = "usage: load-rates FILE NUM_STEPS [--keys A,B] [--threads 1,2] [--seconds S] [--first]";
+    let usage =
+        "usage: load-rates FILE NUM_STEPS [--keys A,B] [--threads 1,2] [--seconds S] [--first] [--draw SIDE]";
     let file = arguments.next().context(usage)?;
     let num_steps: usize = arguments.next().context(usage)?.parse().context("NUM_STEPS must be a number")?;
     let (mut keys, mut threads, mut seconds) = (vec!["pixels".to_owned()], vec![1], 1.0);
-    let mut pictures = Pictures::ChannelsLast;
+    let (mut pictures, mut draw) = (Pictures::ChannelsLast, None);
     while let Some(option) = arguments.next() {
         let mut value = || arguments.next().context(usage);
         match option.as_str() {
             "--keys" => keys = value()?.split(',').map(str::to_owned).collect(),
             "--threads" => threads = value()?.split(',').map(str::parse).collect::<Result<_, _>>()?,
             "--seconds" => seconds = value()?.parse()?,
+            "--draw" => draw = Some(value()?.parse()?),
             "--first" => pictures = Pictures::ChannelsFirst,
             _ => bail!(usage),
         }
@@ -46,7 +60,7 @@ fn main() -> Result<()> {
             threads: Some(threads),
             ..ClipOptions::default()
         };
-        let loader = Loader::new(swm_data::open(Path::new(&file))?, &options)?;
+        let loader = Loader::new(open(Path::new(&file), draw)?, &options)?;
         let stream = BatchOptions { size: SIZE, shuffle: Some(1), ..BatchOptions::default() };
         let mut batches = loader.batches(&stream)?;
         let mut batch = batches.new_batch();
