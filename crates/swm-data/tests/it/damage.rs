@@ -73,7 +73,7 @@ fn columns_of_unknown_types_are_left_out_by_name() {
 }
 
 #[test]
-fn other_filters_go_through_the_library() {
+fn files_with_any_filter_are_read() {
     use hdf5_metno::filters::BloscShuffle;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");

@@ -5,6 +5,7 @@ mod attributes;
 mod blosc;
 pub(super) mod convert;
 mod create;
+mod deflate;
 mod fetch;
 mod handles;
 mod layout;

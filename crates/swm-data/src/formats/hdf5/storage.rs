@@ -10,6 +10,7 @@ use hdf5_metno::datatype::ByteOrder;
 use hdf5_metno::filters::{Blosc, BloscShuffle, Filter};
 use swm_core::{Field, SliceMut};
 
+use super::deflate::Inflated;
 use super::fetch::Fetched;
 use super::layout::Element;
 use super::{blosc, convert, library};
@@ -26,9 +27,20 @@ pub(super) struct ColumnStorage {
 #[derive(Debug)]
 enum Place {
     /// In chunks of whole rows (one chunk for all rows, if the dataset is not chunked).
-    Chunks { rows_per_chunk: usize, row_bytes: usize, compressed: bool, chunks: Vec<Chunk> },
+    Chunks { rows_per_chunk: usize, row_bytes: usize, codec: Codec, chunks: Vec<Chunk> },
     /// Wherever the library finds it.
     Library(Dataset),
+}
+
+/// How chunks are compressed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Codec {
+    /// Not at all.
+    Plain,
+    /// By blosc with LZ4.
+    Blosc,
+    /// By deflate; `shuffled` is the size of elements whose bytes were shuffled.
+    Deflate { shuffled: Option<usize> },
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -43,6 +55,7 @@ pub(super) struct Scratch {
     fetched: Fetched,
     rows: Vec<u8>,
     blosc: blosc::Scratch,
+    inflated: Inflated,
 }
 
 /// Adjacent chunks are fetched together, and gaps between strided rows with them, up to this size.
@@ -66,14 +79,14 @@ impl ColumnStorage {
 
     /// The first row that would lie behind the end of a file of this length.
     pub(super) fn first_row_behind(&self, file_length: u64) -> Option<usize> {
-        let Place::Chunks { rows_per_chunk, compressed, row_bytes, chunks } = &self.place else {
+        let Place::Chunks { rows_per_chunk, codec, row_bytes, chunks } = &self.place else {
             return None;
         };
         let cut = |chunk: &Chunk| chunk.address.checked_add(chunk.size).is_none_or(|end| end > file_length);
         let index = chunks.iter().position(cut)?;
         // The last chunk of rows that are not compressed may be longer than what has been written of it.
         let whole = file_length.saturating_sub(chunks[index].address) as usize / (*row_bytes).max(1);
-        Some(index * rows_per_chunk + if *compressed { 0 } else { whole })
+        Some(index * rows_per_chunk + if *codec == Codec::Plain { whole } else { 0 })
     }
 
     /// Reads rows, counted over the whole file, into `out`. The caller has checked that they exist and that `out`
@@ -114,10 +127,11 @@ impl ColumnStorage {
         out: &mut [u8],
         scratch: &mut Scratch,
     ) -> Result<(), String> {
-        let Place::Chunks { rows_per_chunk, row_bytes, compressed, chunks } = &self.place else {
+        let Place::Chunks { rows_per_chunk, row_bytes, codec, chunks } = &self.place else {
             return Ok(());
         };
         scratch.fetched.forget();
+        scratch.inflated.forget();
         let mut done = 0;
         while done < rows.count {
             let row = rows.first + done * rows.stride;
@@ -129,12 +143,20 @@ impl ColumnStorage {
             // Chunks that follow in the file come along, if every chunk is wanted.
             let last = (rows.first + (rows.count - 1) * rows.stride) / rows_per_chunk;
             let ahead = adjacent(&chunks[index..=if rows.stride <= *rows_per_chunk { last } else { index }]);
-            let read = if *compressed {
-                let total = rows_per_chunk * row_bytes;
-                read_compressed(file, chunks[index], ahead, total, here, part, scratch)
-            } else {
-                let ahead = if *rows_per_chunk == 1 { ahead } else { 0 };
-                read_plain(file, chunks[index], ahead, here, part, scratch).map_err(|error| error.to_string())
+            let read = match *codec {
+                Codec::Blosc => {
+                    let total = rows_per_chunk * row_bytes;
+                    read_compressed(file, chunks[index], ahead, total, here, part, scratch)
+                }
+                Codec::Deflate { shuffled } => {
+                    let total = rows_per_chunk * row_bytes;
+                    read_deflated(file, chunks[index], ahead, total, shuffled, here, part, scratch)
+                }
+                Codec::Plain => {
+                    let ahead = if *rows_per_chunk == 1 { ahead } else { 0 };
+                    read_plain(file, chunks[index], ahead, here, part, scratch)
+                        .map_err(|error| error.to_string())
+                }
             };
             read.map_err(|reason| format!("row {row}: {reason}"))?;
             done += count;
@@ -174,6 +196,34 @@ fn read_compressed(
         let start = (rows.first + index * rows.stride) * row_bytes;
         let decoded = blosc::decode(bytes, total, start..start + into.len(), into, buffers);
         decoded.map_err(|reason| format!("its chunk is {reason}"))?;
+    }
+    Ok(())
+}
+
+/// Rows of a chunk of `total` bytes that can only be decoded as a whole.
+#[expect(clippy::too_many_arguments, reason = "as its neighbours, and the size of elements")]
+fn read_deflated(
+    file: &File,
+    chunk: Chunk,
+    ahead: u64,
+    total: usize,
+    shuffled: Option<usize>,
+    rows: Steps,
+    out: &mut [u8],
+    scratch: &mut Scratch,
+) -> Result<(), String> {
+    let Scratch { fetched, inflated, .. } = scratch;
+    if inflated.held(chunk.address).is_none() {
+        let bytes = fetched.get(file, chunk.address, chunk.size, ahead).map_err(|error| error.to_string())?;
+        let decoded = inflated.decode(chunk.address, bytes, total, shuffled);
+        decoded.map_err(|reason| format!("its chunk is {reason}"))?;
+    }
+    let bytes = inflated.held(chunk.address).unwrap_or_default();
+    let row_bytes = out.len() / rows.count;
+    for (index, into) in out.chunks_exact_mut(row_bytes).enumerate() {
+        let start = (rows.first + index * rows.stride) * row_bytes;
+        let stored = bytes.get(start..start + row_bytes).ok_or("its chunk is cut short")?;
+        into.copy_from_slice(stored);
     }
     Ok(())
 }
@@ -219,15 +269,19 @@ fn direct(
         return Ok(None);
     };
     let row_bytes = field.width() * size;
-    let compressed = match dataset.dcpl()?.get_filters()?[..] {
-        [] => false,
-        [Filter::Blosc(Blosc::LZ4 | Blosc::LZ4HC, _, BloscShuffle::None | BloscShuffle::Byte)] => true,
+    let codec = match dataset.dcpl()?.get_filters()?[..] {
+        [] => Codec::Plain,
+        [Filter::Blosc(Blosc::LZ4 | Blosc::LZ4HC, _, BloscShuffle::None | BloscShuffle::Byte)] => {
+            Codec::Blosc
+        }
+        [Filter::Deflate(_)] => Codec::Deflate { shuffled: None },
+        [Filter::Shuffle, Filter::Deflate(_)] => Codec::Deflate { shuffled: Some(size) },
         _ => return Ok(None),
     };
     if dataset.layout() == Layout::Contiguous {
         let place = dataset.offset().map(|address| {
             let chunks = vec![Chunk { address, size: (rows * row_bytes) as u64 }];
-            Place::Chunks { rows_per_chunk: usize::MAX, row_bytes, compressed: false, chunks }
+            Place::Chunks { rows_per_chunk: usize::MAX, row_bytes, codec: Codec::Plain, chunks }
         });
         return Ok(place);
     }
@@ -238,7 +292,11 @@ fn direct(
     let Some(chunk_bytes) = rows_per_chunk.checked_mul(row_bytes) else { return Ok(None) };
     let expected = rows.div_ceil(rows_per_chunk);
     // More chunks than fit the file are not worth a table: missing ones stand for the fill value.
-    let smallest = if compressed { blosc::HEADER } else { chunk_bytes } as u64;
+    let smallest = match codec {
+        Codec::Plain => chunk_bytes as u64,
+        Codec::Blosc => blosc::HEADER as u64,
+        Codec::Deflate { .. } => 1,
+    };
     if (expected as u64).checked_mul(smallest).is_none_or(|bytes| bytes > file_length) {
         return Ok(None);
     }
@@ -248,12 +306,12 @@ fn direct(
         let index = info.offset.first().map_or(usize::MAX, |&row| row as usize / rows_per_chunk);
         if let Some(chunk) = chunks.get_mut(index) {
             *chunk = Chunk { address: info.addr, size: info.size };
-            plain &= info.filter_mask == 0 && (compressed || info.size == chunk_bytes as u64);
+            plain &= info.filter_mask == 0 && (codec != Codec::Plain || info.size == chunk_bytes as u64);
         }
         0
     })?;
     let complete = chunks.iter().all(|chunk| chunk.size > 0);
-    Ok((plain && complete).then_some(Place::Chunks { rows_per_chunk, row_bytes, compressed, chunks }))
+    Ok((plain && complete).then_some(Place::Chunks { rows_per_chunk, row_bytes, codec, chunks }))
 }
 
 /// How many bytes from the start of the first chunk on belong to chunks that follow each other in the file.
