@@ -23,7 +23,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     time_limit_s: 20.0,
     camera: 0,
     tasks: TASKS,
-    planner: planner!("horizon=20,samples=32,iterations=2,elites=6,sigma=0.7,aggregate=mean"),
+    planner: planner!("horizon=40,samples=32,iterations=2,elites=6,sigma=1,aggregate=mean"),
     infos: &[("hinge_velocity", 0), ("target_position", 2), ("tip_position", 2)],
     targets: &[Target { column: "target_pos", place: Place::SitePosition("target") }],
     start_columns: &["qpos", "qvel", "time", "qacc_warmstart", "target_pos"],

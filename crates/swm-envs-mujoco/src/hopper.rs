@@ -22,7 +22,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     time_limit_s: 20.0,
     camera: 0,
     tasks: TASKS,
-    planner: planner!("horizon=25,samples=48,iterations=2,elites=6,sigma=0.7"),
+    planner: planner!("horizon=25,samples=24,iterations=2,elites=5,sigma=0.7,aggregate=mean"),
     infos: &[("speed", 0), ("height", 0), ("angmomentum", 0)],
     targets: &[],
     start_columns: START_COLUMNS,
@@ -107,6 +107,20 @@ impl Hopper {
         stage.sim.xipos(self.torso)[2] - stage.sim.xipos(self.foot)[2]
     }
 
+    /// What is rewarded while it stands, 0 to 1.
+    fn beside_standing(&self, stage: &Stage) -> f64 {
+        let speed = self.speed(stage);
+        match self.goal {
+            Goal::Hop => {
+                let fast = [HOP_SPEED, f64::INFINITY];
+                tolerance(speed, fast, HOP_SPEED / 2.0, Falloff::Linear(0.5))
+            }
+            Goal::HopBackward => tolerance(speed, [f64::NEG_INFINITY, -1.0], 0.5, Falloff::Linear(0.5)),
+            Goal::Stand => small_control(stage.sim.ctrl()),
+            Goal::Flip(_) => 0.0,
+        }
+    }
+
     /// Angular momentum about the y axis, kg m²/s.
     fn angular_momentum(&self, stage: &Stage) -> f64 {
         stage.sim.subtree_angmom(self.torso)[1]
@@ -137,20 +151,21 @@ impl Task for Hopper {
 
     fn reward(&self, stage: &Stage) -> f64 {
         let standing = tolerance(self.height(stage), STANDING, 0.0, GAUSSIAN);
-        let speed = self.speed(stage);
         match self.goal {
-            Goal::Hop => {
-                let fast = [HOP_SPEED, f64::INFINITY];
-                standing * tolerance(speed, fast, HOP_SPEED / 2.0, Falloff::Linear(0.5))
-            }
-            Goal::Stand => standing * small_control(stage.sim.ctrl()),
-            Goal::HopBackward => {
-                standing * tolerance(speed, [f64::NEG_INFINITY, -1.0], 0.5, Falloff::Linear(0.5))
-            }
             Goal::Flip(direction) => {
                 let turning = direction * self.angular_momentum(stage);
                 tolerance(turning, [5.0, f64::INFINITY], 2.5, Falloff::Linear(0.0))
             }
+            _ => standing * self.beside_standing(stage),
+        }
+    }
+
+    /// Standing is rewarded all or nothing: here a torso that rises counts too, and standing before what comes on top.
+    fn cost(&self, stage: &Stage) -> Option<f64> {
+        let rising = tolerance(self.height(stage), STANDING, STANDING[0], Falloff::Linear(0.0));
+        match self.goal {
+            Goal::Flip(_) => None,
+            _ => Some(1.0 - rising * (1.0 + 3.0 * self.beside_standing(stage)) / 4.0),
         }
     }
 

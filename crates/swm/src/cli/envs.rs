@@ -4,8 +4,6 @@ use clap::Args;
 use serde_json::json;
 use swm_core::{EnvConfig, EnvEntry, EnvSpec, FactorSpec, PolicyEntry, Registry, Setting};
 
-use swm_solvers::EXPERT;
-
 use super::output::table;
 use super::{Failure, Output};
 
@@ -70,21 +68,16 @@ fn one(registry: &Registry, entry: &'static EnvEntry, output: &Output) -> Result
         for policy in registry.policies(entry) {
             policies.push(vec![policy.name.to_owned(), String::new(), policy.summary.to_owned()]);
             policies.extend(policy.settings.iter().map(|s| setting("  ", s)));
-            if let Some(planner) = entry.planner.filter(|_| policy.name == EXPERT.name) {
-                policies.push(vec![
-                    "  planner".to_owned(),
-                    planner.to_owned(),
-                    "what it plans with".to_owned(),
-                ]);
-            }
         }
         let settings: Vec<_> = entry.settings.iter().map(|s| setting("", s)).collect();
+        let expert = entry.planner.map(|planner| format!("`expert` plans by `{planner}`\n\n"));
         format!(
-            "{}: {}\n{} factors of variation: `swm fovs {}`\n\n{}\n{}",
+            "{}: {}\n{} factors of variation: `swm fovs {}`\n\n{}{}\n{}",
             entry.id,
             entry.summary,
             spec.factors.len(),
             entry.id,
+            expert.unwrap_or_default(),
             table(&["policy", "default", "what it does"], &policies),
             table(&["setting (--env-option)", "default", "what it does"], &settings),
         )

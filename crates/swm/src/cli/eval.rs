@@ -11,7 +11,7 @@ use swm_core::{
 use swm_media::Format;
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
-use super::output::table;
+use super::output::facts;
 use super::{Failure, Output, policies, usage};
 use crate::film::Film;
 use crate::report::write_report;
@@ -162,25 +162,24 @@ fn text(evaluation: &Evaluation, written: &[PathBuf]) -> String {
     let [low, high] = evaluation.ci95;
     let won = evaluation.episode_successes.iter().filter(|&&success| success).count();
     let steps = evaluation.mean_success_steps.map_or("–".to_owned(), |steps| format!("{steps:.1}"));
-    let row = |name: &str, value: String| vec![name.to_owned(), value];
     let success = format!("{:.1} % ({won} of {})", evaluation.success_rate, evaluation.episodes);
     let mut rows = match evaluation.has_success {
         true => vec![
-            row("success", success),
-            row("95 % interval", format!("{low:.1} to {high:.1} %")),
-            row("mean steps to success", steps),
-            row("solved at the start", evaluation.solved_at_start.to_string()),
+            ("success", success),
+            ("95 % interval", format!("{low:.1} to {high:.1} %")),
+            ("mean steps to success", steps),
+            ("solved at the start", evaluation.solved_at_start.to_string()),
         ],
-        false => vec![row("success", "the task has none, only rewards".to_owned())],
+        false => vec![("success", "the task has none, only rewards".to_owned())],
     };
     rows.extend([
-        row("return per episode", returns(&evaluation.episode_returns)),
-        row("policy", evaluation.setup.policy.clone()),
-        row("environment", evaluation.setup.env.clone()),
-        row("wall time", format!("{:.1} s", evaluation.wall_time_s)),
+        ("return per episode", returns(&evaluation.episode_returns)),
+        ("policy", evaluation.setup.policy.clone()),
+        ("environment", evaluation.setup.env.clone()),
+        ("wall time", format!("{:.1} s", evaluation.wall_time_s)),
     ]);
     let files = written.iter().map(|path| format!("{}\n", Path::display(path)));
-    format!("{}{}", table(&["result", ""], &rows), files.collect::<String>())
+    format!("{}{}", facts(&rows), files.collect::<String>())
 }
 
 /// Mean, its standard error, and the range.
