@@ -24,7 +24,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     time_limit_s: 10.0,
     camera: 0,
     tasks: TASKS,
-    planner: planner!("horizon=80,samples=24,iterations=2,elites=5,sigma=0.7,aggregate=mean"),
+    planner: planner!("horizon=80,samples=24,iterations=2,elites=5,sigma=0.7,noise_beta=2.5,aggregate=mean"),
     infos: &[],
     targets: &[],
     start_columns: START_COLUMNS,

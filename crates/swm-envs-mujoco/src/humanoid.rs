@@ -22,7 +22,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     time_limit_s: 25.0,
     camera: 0,
     tasks: TASKS,
-    planner: planner!("horizon=20,samples=32,iterations=2,elites=6,sigma=0.7"),
+    planner: planner!("horizon=16,samples=20,iterations=2,elites=5,sigma=0.7"),
     infos: &[("speed", 0), ("torso_upright", 0), ("head_height", 0)],
     targets: &[],
     start_columns: START_COLUMNS,

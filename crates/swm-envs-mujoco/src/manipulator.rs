@@ -24,7 +24,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     time_limit_s: 10.0,
     camera: 0,
     tasks: TASKS,
-    planner: planner!("horizon=25,samples=32,iterations=2,elites=6,sigma=0.7,aggregate=mean"),
+    planner: planner!("horizon=20,samples=16,iterations=2,elites=4,sigma=0.7,aggregate=mean"),
     infos: &[("ball_pos", 3)],
     targets: &[
         Target { column: "target_pos", place: Place::BodyPosition("target_ball") },

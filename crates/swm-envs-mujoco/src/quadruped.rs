@@ -23,7 +23,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     // The side view, as in the reference; the first is a view of the whole floor.
     camera: 2,
     tasks: TASKS,
-    planner: planner!("horizon=20,samples=24,iterations=2,elites=6,sigma=0.7"),
+    planner: planner!("horizon=16,samples=16,iterations=2,elites=4,sigma=0.7"),
     infos: &[("torso_velocity", 3)],
     targets: &[],
     start_columns: &["qpos", "qvel", "act", "time", "qacc_warmstart"],

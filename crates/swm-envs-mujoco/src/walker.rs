@@ -23,7 +23,7 @@ pub(crate) static DOMAIN: Domain = Domain {
     time_limit_s: 25.0,
     camera: 0,
     tasks: TASKS,
-    planner: planner!("horizon=25,samples=32,iterations=2,elites=6,sigma=0.7"),
+    planner: planner!("horizon=20,samples=16,iterations=2,elites=4,sigma=0.7"),
     infos: &[
         ("speed", 0),
         ("torso_height", 0),
