@@ -32,9 +32,9 @@ const HEADERS: &[&str] = &["mujoco/mujoco.h", "mujoco/mjbatch.h"];
 const FUNCTIONS: &[&str] = &[
     "mj_(version|versionString)",
     "mj_(makeSpec|copySpec|deleteSpec|parseXML|parseXMLString|compile|recompile)",
-    "mj_(copyModel|deleteModel|sizeModel|name2id|id2name|setConst|setTotalmass)",
+    "mj_(copyModel|saveModel|deleteModel|sizeModel|name2id|id2name|setConst|setTotalmass)",
     "mj_(makeData|copyData|deleteData|resetData|stateSize|getState|setState)",
-    "mj_(forward|step|step1|step2|kinematics|comPos|jac.*|mulM|solveM|objectVelocity)",
+    "mj_(forward|step|step1|step2|rnePostConstraint|kinematics|comPos|jac.*|mulM|solveM|objectVelocity)",
     "mju_error",
     "mjs_.*",
     "mjb_.*",
@@ -44,7 +44,7 @@ const FUNCTIONS: &[&str] = &[
 
 /// Enums that no declared function names.
 const TYPES: &str =
-    "mjt(State|DisableBit|EnableBit|Integrator|CatBit|Warning|Sensor|Camera|Framebuffer|FontScale)";
+    "mjt(State|DisableBit|EnableBit|Integrator|Cone|CatBit|Warning|Sensor|Camera|Framebuffer|FontScale)";
 
 const VARIABLES: &str = "mjVERSION_HEADER|mju_user_(error|warning)";
 

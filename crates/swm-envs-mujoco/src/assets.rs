@@ -3,6 +3,7 @@
 //! ```text
 //! <data>/mujoco/3.17.0/libmujoco.so.3.17.0
 //! <data>/dm_control/1.0.50/suite/*.xml, suite/common/*.xml
+//! <data>/ogbench/1.2.2/manipspace/*.xml, and folders of meshes
 //! ```
 //!
 //! `<data>` is [`data_folder`].
@@ -16,6 +17,8 @@ use crate::error::MujocoError;
 pub const MUJOCO_VERSION: &str = "3.17.0";
 /// The pinned version of `dm_control`, whose models the suite uses.
 pub const DM_CONTROL_VERSION: &str = "1.0.50";
+/// The pinned version of `ogbench`, whose arm, gripper and scenes the manipulation environments use.
+pub const OGBENCH_VERSION: &str = "1.2.2";
 /// The folder with everything, instead of the user's data folder.
 pub const HOME_VARIABLE: &str = "SWM_HOME";
 /// A MuJoCo library, instead of the one of the data folder.
@@ -62,7 +65,15 @@ pub fn library_path() -> Result<PathBuf, MujocoError> {
 
 /// The model `name` of the DeepMind Control Suite: `cheetah.xml`.
 pub fn suite_model(name: &str) -> Result<PathBuf, MujocoError> {
-    let path = known_data_folder()?.join("dm_control").join(DM_CONTROL_VERSION).join("suite").join(name);
+    present(known_data_folder()?.join("dm_control").join(DM_CONTROL_VERSION).join("suite").join(name))
+}
+
+/// A model of OGBench's manipulation environments: `robotiq_2f85/2f85.xml`.
+pub fn manipulation_model(name: &str) -> Result<PathBuf, MujocoError> {
+    present(known_data_folder()?.join("ogbench").join(OGBENCH_VERSION).join("manipspace").join(name))
+}
+
+fn present(path: PathBuf) -> Result<PathBuf, MujocoError> {
     if path.is_file() { Ok(path) } else { Err(MujocoError::NoAsset { path }) }
 }
 
@@ -108,7 +119,9 @@ mod tests {
 
     #[test]
     fn a_missing_model_names_its_path_and_the_command() {
-        let message = suite_model("no_such.xml").unwrap_err().to_string();
-        assert!(message.contains("no_such.xml") && message.contains("cargo xtask setup"), "{message}");
+        for find in [suite_model, manipulation_model] {
+            let message = find("no_such.xml").unwrap_err().to_string();
+            assert!(message.contains("no_such.xml") && message.contains("cargo xtask setup"), "{message}");
+        }
     }
 }

@@ -20,6 +20,7 @@ mod finger;
 mod hopper;
 mod humanoid;
 mod manipulator;
+mod ogbench;
 mod pendulum;
 mod quadruped;
 mod reacher;

@@ -21,13 +21,17 @@ use crate::ffi::{Model, Scene, Simulation};
 pub struct SoftwareRenderer {
     model: Arc<Model>,
     looks: Looks,
+    /// What is drawn with.
     store: Arc<Store>,
+    /// The model's own, kept for other renderers of the model to find.
+    shared: Arc<Store>,
     scene: Scene,
     picture: Picture,
     renderer: SceneRenderer,
 }
 
 /// Meshes and textures of a model, and where its textures are among them.
+#[derive(Clone)]
 struct Store {
     assets: Assets,
     slots: Vec<Slot>,
@@ -45,9 +49,11 @@ impl SoftwareRenderer {
     /// A renderer for pictures of `height` × `width` pixels from the camera of this index.
     pub fn new(model: &Arc<Model>, camera: usize, [height, width]: [usize; 2]) -> Result<Self, MujocoError> {
         let geometry = Geometry::new(height, width);
+        let store = Store::of(model)?;
         Ok(Self {
             looks: model.looks(),
-            store: Store::of(model)?,
+            shared: Arc::clone(&store),
+            store,
             scene: Scene::new(Arc::clone(model), camera)?,
             picture: Picture::default(),
             renderer: SceneRenderer::new(geometry, Quality::default())?,
@@ -57,9 +63,29 @@ impl SoftwareRenderer {
 
     /// Takes textures and meshes from another model with the same objects.
     pub fn set_model(&mut self, model: &Arc<Model>) -> Result<(), MujocoError> {
-        self.store = Store::of(model)?;
+        self.shared = Store::of(model)?;
+        self.store = Arc::clone(&self.shared);
         self.looks = model.looks();
         self.model = Arc::clone(model);
+        Ok(())
+    }
+
+    /// Shows other pixels, `[height, width, 3]`, in place of a flat texture of the model, which lends all others.
+    pub fn set_texture(
+        &mut self,
+        index: usize,
+        [height, width]: [usize; 2],
+        pixels: &[u8],
+    ) -> Result<(), MujocoError> {
+        let texture = Arc::new(Texture::new(width, height, pixels)?);
+        let shared = Store::of(&self.model)?;
+        if let Some(Slot::Flat(slot)) = shared.slots.get(index).copied() {
+            // What others show stays as it is.
+            let mut own = Store::clone(&shared);
+            own.assets.textures[slot] = texture;
+            self.store = Arc::new(own);
+        }
+        self.shared = shared;
         Ok(())
     }
 

@@ -14,7 +14,7 @@ use super::folder;
 use super::wheel::{self, ANY, Keep, Package, Wheel};
 
 /// One line per thing to fetch: what it is, what it is for, where it goes below the data folder.
-pub(super) const PACKAGES: &[&Package] = &[&MUJOCO, &DM_CONTROL];
+pub(super) const PACKAGES: &[&Package] = &[&MUJOCO, &DM_CONTROL, &OGBENCH];
 
 /// The physics engine, loaded at run time; Apache-2.0. There are no wheels for Intel Macs and musl.
 pub(crate) const MUJOCO: Package = Package {
@@ -64,6 +64,22 @@ const DM_CONTROL: Package = Package {
         Keep { from: &["dm_control/suite/*.xml"], to: "suite" },
         Keep { from: &["dm_control/suite/common/*.xml"], to: "suite/common" },
         Keep { from: &["dm_control-1.0.50.dist-info/licenses/*"], to: "" },
+    ],
+};
+
+/// Arm, gripper and scenes of OGBench's manipulation environments; MIT. The arm's and the gripper's meshes are under the
+/// BSD licences beside them; those of the furniture (`metaworld`) carry none, so they are fetched and never passed on.
+const OGBENCH: Package = Package {
+    name: "ogbench",
+    version: "1.2.2",
+    wheels: &[Wheel {
+        platforms: &[ANY],
+        tag: ANY,
+        sha256: "e0f809be281f2e222283283a300a5cf04fbd6947a6a7b84846fb9da2c30a088d",
+    }],
+    keep: &[
+        Keep { from: &["ogbench/manipspace/descriptions/**"], to: "manipspace" },
+        Keep { from: &["ogbench-1.2.2.dist-info/LICENSE"], to: "" },
     ],
 };
 

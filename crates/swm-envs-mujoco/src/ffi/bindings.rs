@@ -90,6 +90,9 @@ pub const mjINT_IMPLICIT: mjtIntegrator = 2;
 pub const mjINT_IMPLICITFAST: mjtIntegrator = 3;
 pub const mjINT_DISCRETE: mjtIntegrator = 4;
 pub type mjtIntegrator = ::core::ffi::c_uint;
+pub const mjCONE_PYRAMIDAL: mjtCone = 0;
+pub const mjCONE_ELLIPTIC: mjtCone = 1;
+pub type mjtCone = ::core::ffi::c_uint;
 pub const mjEQ_CONNECT: mjtEq = 0;
 pub const mjEQ_WELD: mjtEq = 1;
 pub const mjEQ_JOINT: mjtEq = 2;
@@ -2405,6 +2408,12 @@ pub struct Api {
         dest: *mut mjModel,
         src: *const mjModel,
     ) -> *mut mjModel,
+    pub mj_saveModel: unsafe extern "C-unwind" fn(
+        m: *const mjModel,
+        filename: *const ::core::ffi::c_char,
+        buffer: *mut ::core::ffi::c_void,
+        buffer_sz: mjtSize,
+    ),
     pub mj_deleteModel: unsafe extern "C-unwind" fn(m: *mut mjModel),
     pub mj_sizeModel: unsafe extern "C-unwind" fn(m: *const mjModel) -> mjtSize,
     pub mj_makeData: unsafe extern "C-unwind" fn(m: *const mjModel) -> *mut mjData,
@@ -2435,6 +2444,10 @@ pub struct Api {
         x: *mut mjtNum,
         y: *const mjtNum,
         n: ::core::ffi::c_int,
+    ),
+    pub mj_rnePostConstraint: unsafe extern "C-unwind" fn(
+        m: *const mjModel,
+        d: *mut mjData,
     ),
     pub mj_stateSize: unsafe extern "C-unwind" fn(
         m: *const mjModel,
@@ -3273,6 +3286,7 @@ impl Api {
         let mj_step2 = __library.get(b"mj_step2\0").map(|sym| *sym)?;
         let mj_forward = __library.get(b"mj_forward\0").map(|sym| *sym)?;
         let mj_copyModel = __library.get(b"mj_copyModel\0").map(|sym| *sym)?;
+        let mj_saveModel = __library.get(b"mj_saveModel\0").map(|sym| *sym)?;
         let mj_deleteModel = __library.get(b"mj_deleteModel\0").map(|sym| *sym)?;
         let mj_sizeModel = __library.get(b"mj_sizeModel\0").map(|sym| *sym)?;
         let mj_makeData = __library.get(b"mj_makeData\0").map(|sym| *sym)?;
@@ -3288,6 +3302,9 @@ impl Api {
         let mj_kinematics = __library.get(b"mj_kinematics\0").map(|sym| *sym)?;
         let mj_comPos = __library.get(b"mj_comPos\0").map(|sym| *sym)?;
         let mj_solveM = __library.get(b"mj_solveM\0").map(|sym| *sym)?;
+        let mj_rnePostConstraint = __library
+            .get(b"mj_rnePostConstraint\0")
+            .map(|sym| *sym)?;
         let mj_stateSize = __library.get(b"mj_stateSize\0").map(|sym| *sym)?;
         let mj_getState = __library.get(b"mj_getState\0").map(|sym| *sym)?;
         let mj_setState = __library.get(b"mj_setState\0").map(|sym| *sym)?;
@@ -3547,6 +3564,7 @@ impl Api {
             mj_step2,
             mj_forward,
             mj_copyModel,
+            mj_saveModel,
             mj_deleteModel,
             mj_sizeModel,
             mj_makeData,
@@ -3562,6 +3580,7 @@ impl Api {
             mj_kinematics,
             mj_comPos,
             mj_solveM,
+            mj_rnePostConstraint,
             mj_stateSize,
             mj_getState,
             mj_setState,
@@ -3843,6 +3862,15 @@ impl Api {
     ) -> *mut mjModel {
         (self.mj_copyModel)(dest, src)
     }
+    pub unsafe fn mj_saveModel(
+        &self,
+        m: *const mjModel,
+        filename: *const ::core::ffi::c_char,
+        buffer: *mut ::core::ffi::c_void,
+        buffer_sz: mjtSize,
+    ) {
+        (self.mj_saveModel)(m, filename, buffer, buffer_sz)
+    }
     pub unsafe fn mj_deleteModel(&self, m: *mut mjModel) {
         (self.mj_deleteModel)(m)
     }
@@ -3907,6 +3935,9 @@ impl Api {
         n: ::core::ffi::c_int,
     ) {
         (self.mj_solveM)(m, d, x, y, n)
+    }
+    pub unsafe fn mj_rnePostConstraint(&self, m: *const mjModel, d: *mut mjData) {
+        (self.mj_rnePostConstraint)(m, d)
     }
     pub unsafe fn mj_stateSize(
         &self,

@@ -31,6 +31,7 @@
     reason = "generated: C's names, and more of the interface than is used"
 )]
 mod bindings;
+mod composing;
 pub mod gl;
 mod guard;
 mod library;

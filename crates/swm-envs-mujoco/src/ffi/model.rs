@@ -71,7 +71,15 @@ macro_rules! arrays {
             // SAFETY: as above, and `&mut self` is the only access.
             unsafe { slice_mut(data, rows, $width) }
         }
-    )*};
+    )*
+        /// Takes over every array that can be edited from a model with the same objects.
+        ///
+        /// # Panics
+        /// If the other has other objects, a mistake of the caller.
+        pub fn copy_numbers(&mut self, other: &Model) {
+            $(self.$name_mut().copy_from_slice(other.$name());)*
+        }
+    };
 }
 
 impl Model {
@@ -109,6 +117,10 @@ impl Model {
         body_ipos / body_ipos_mut: f64 [nbody, 3];
         /// Diagonal inertias, `[nbody, 3]`, kg m².
         body_inertia / body_inertia_mut: f64 [nbody, 3];
+        /// Anchors of joints in their bodies, `[njnt, 3]`, m.
+        jnt_pos / jnt_pos_mut: f64 [njnt, 3];
+        /// Axes of joints in their bodies, `[njnt, 3]`.
+        jnt_axis / jnt_axis_mut: f64 [njnt, 3];
         /// Joint limits, `[njnt, 2]`, rad or m.
         jnt_range / jnt_range_mut: f64 [njnt, 2];
         /// Damping, `[nv]`.
@@ -130,6 +142,10 @@ impl Model {
         geom_rgba / geom_rgba_mut: f32 [ngeom, 4];
         /// Site positions in their bodies, `[nsite, 3]`, m.
         site_pos / site_pos_mut: f64 [nsite, 3];
+        /// Site orientations in their bodies, `[nsite, 4]`.
+        site_quat / site_quat_mut: f64 [nsite, 4];
+        /// Camera orientations in their bodies, `[ncam, 4]`.
+        cam_quat / cam_quat_mut: f64 [ncam, 4];
         /// Site sizes, `[nsite, 3]`.
         site_size / site_size_mut: f64 [nsite, 3];
         /// Groups of sites, `[nsite]`: those in 0 to 2 are drawn.
@@ -140,6 +156,10 @@ impl Model {
         mat_rgba / mat_rgba_mut: f32 [nmat, 4];
         /// Diffuse colours of lights, `[nlight, 3]`, 0..1.
         light_diffuse / light_diffuse_mut: f32 [nlight, 3];
+        /// Gains of actuators, `[nu, 10]`.
+        actuator_gainprm / actuator_gainprm_mut: f64 [nu, 10];
+        /// Biases of actuators, `[nu, 10]`.
+        actuator_biasprm / actuator_biasprm_mut: f64 [nu, 10];
         /// Control ranges, `[nu, 2]`.
         actuator_ctrlrange / actuator_ctrlrange_mut: f64 [nu, 2];
     }
@@ -241,6 +261,8 @@ impl Model {
             Object::Tendon => header.ntendon,
             Object::Actuator => header.nactuator,
             Object::Sensor => header.nsensor,
+            Object::Mesh => header.nmesh,
+            Object::Key => header.nkey,
         };
         let name = |id: i64| {
             // SAFETY: the model is valid; a name out of range or absent is null.
@@ -281,6 +303,89 @@ impl Model {
         // SAFETY: the array holds `njnt` booleans; the slice checks the index.
         let limited = unsafe { slice(header.jnt_limited, header.njnt, 1)[joint] };
         limited.then(|| [self.jnt_range()[2 * joint], self.jnt_range()[2 * joint + 1]])
+    }
+
+    /// Puts every geom that is a mesh where `other` has it: a mesh lies in its body by its own centre and axes, so that
+    /// one that was [shrunk](super::Spec::shrink_meshes) lies elsewhere.
+    ///
+    /// # Panics
+    /// If the other has other objects, a mistake of the caller.
+    pub fn copy_mesh_places(&mut self, other: &Model) {
+        let meshes: Vec<usize> = (self.geom_types().iter().enumerate())
+            .filter(|(_, kind)| **kind == mjGEOM_MESH as i32)
+            .map(|(geom, _)| geom)
+            .collect();
+        let (into, from) = (self.header(), other.header());
+        assert_eq!((into.ngeom, into.nv), (from.ngeom, from.nv), "models of the same objects");
+        /// Copies `width` numbers of each mesh.
+        ///
+        /// # Safety
+        /// Both arrays hold `width` numbers for each geom, and nothing else uses the first.
+        unsafe fn copy<T: Copy>(into: *mut T, from: *const T, width: usize, count: i64, meshes: &[usize]) {
+            // SAFETY: the caller's promise.
+            let (into, from) = unsafe { (slice_mut(into, count, width), slice(from, count, width)) };
+            for geom in meshes {
+                let row = geom * width..(geom + 1) * width;
+                into[row.clone()].copy_from_slice(&from[row]);
+            }
+        }
+        // SAFETY: MuJoCo allocates these arrays by the number of geoms and degrees of freedom, which are equal, and
+        // `&mut self` is the only access.
+        unsafe {
+            copy(into.geom_pos, from.geom_pos, 3, into.ngeom, &meshes);
+            copy(into.geom_quat, from.geom_quat, 4, into.ngeom, &meshes);
+            copy(into.geom_size, from.geom_size, 3, into.ngeom, &meshes);
+            copy(into.geom_aabb, from.geom_aabb, 6, into.ngeom, &meshes);
+            copy(into.geom_rbound, from.geom_rbound, 1, into.ngeom, &meshes);
+            copy(into.geom_sameframe, from.geom_sameframe, 1, into.ngeom, &meshes);
+            slice_mut(into.dof_length, into.nv, 1).copy_from_slice(slice(from.dof_length, from.nv, 1));
+        }
+    }
+
+    /// The body in which each body lies, `[nbody]`.
+    pub fn body_parent(&self) -> &[i32] {
+        let header = self.header();
+        // SAFETY: the array holds `nbody` numbers as long as the model lives.
+        unsafe { slice(header.body_parentid, header.nbody, 1) }
+    }
+
+    /// The body of each joint, `[njnt]`.
+    pub fn joint_body(&self) -> &[i32] {
+        let header = self.header();
+        // SAFETY: the array holds `njnt` numbers as long as the model lives.
+        unsafe { slice(header.jnt_bodyid, header.njnt, 1) }
+    }
+
+    /// The body of each site, `[nsite]`.
+    pub fn site_body(&self) -> &[i32] {
+        let header = self.header();
+        // SAFETY: the array holds `nsite` numbers as long as the model lives.
+        unsafe { slice(header.site_bodyid, header.nsite, 1) }
+    }
+
+    /// Where the pose of a body that is moved by hand lies among those of all such bodies.
+    pub fn mocap_index(&self, body: usize) -> Option<usize> {
+        let header = self.header();
+        // SAFETY: the array holds `nbody` numbers; the slice checks the index.
+        let index = unsafe { slice(header.body_mocapid, header.nbody, 1)[body] };
+        usize::try_from(index).ok()
+    }
+
+    /// Bytes of all names, and of all paths of files.
+    #[cfg(test)]
+    pub(crate) fn text_bytes(&self) -> [usize; 2] {
+        [self.header().nnames as usize, self.header().npaths as usize]
+    }
+
+    /// The model as MuJoCo writes it into a file: sizes, options and every array, one after the other.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, MujocoError> {
+        let mut bytes = vec![0u8; self.size_bytes()];
+        // SAFETY: the model is valid, no file is named, and the buffer has the size that MuJoCo asks for.
+        guarded(|| unsafe {
+            let (buffer, size) = (bytes.as_mut_ptr().cast(), bytes.len() as i64);
+            (self.library.api().mj_saveModel)(self.as_ptr(), std::ptr::null(), buffer, size);
+        })?;
+        Ok(bytes)
     }
 
     /// The body of each geom, `[ngeom]`; 0 is the world.

@@ -27,6 +27,10 @@ pub enum Object {
     Actuator,
     /// A sensor.
     Sensor,
+    /// A mesh.
+    Mesh,
+    /// A stored state, a key frame.
+    Key,
 }
 
 impl Object {
@@ -43,6 +47,8 @@ impl Object {
             Object::Tendon => mj::mjOBJ_TENDON,
             Object::Actuator => mj::mjOBJ_ACTUATOR,
             Object::Sensor => mj::mjOBJ_SENSOR,
+            Object::Mesh => mj::mjOBJ_MESH,
+            Object::Key => mj::mjOBJ_KEY,
         }
     }
 
@@ -60,6 +66,8 @@ impl Object {
             Object::Tendon => "tendon",
             Object::Actuator => "actuator",
             Object::Sensor => "sensor",
+            Object::Mesh => "mesh",
+            Object::Key => "key frame",
         }
     }
 }

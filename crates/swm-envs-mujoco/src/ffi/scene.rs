@@ -114,23 +114,14 @@ impl Scene {
     }
 }
 
-/// Whether both models have the same objects, so that indices of one mean the same in the other. Sizes of textures may
-/// differ: a model for physics alone has tiny ones.
+/// Whether both models have the same objects, so that indices of one mean the same in the other. Sizes of textures and
+/// meshes may differ: a model for physics alone has tiny ones.
 pub(super) fn same_objects(a: &mjModel, b: &mjModel) -> bool {
     let counts = |m: &mjModel| {
         [
             [m.nbody, m.njnt, m.ngeom, m.nsite, m.ncam, m.nlight, m.nmat, m.ntex],
-            [m.nmesh, m.nmeshvert, m.nmeshface, m.nhfield, m.nhfielddata, m.nskin, m.nskinvert, m.nskinface],
-            [
-                m.nflex,
-                m.nflexvert,
-                m.nflexedge,
-                m.nflexelem,
-                m.nflexelemdata,
-                m.nflexshelldata,
-                m.ntendon,
-                m.nu,
-            ],
+            [m.nmesh, m.nhfield, m.nhfielddata, m.nskin, m.nskinvert, m.nskinface, m.nflex, m.nflexvert],
+            [m.nflexedge, m.nflexelem, m.nflexelemdata, m.nflexshelldata, m.ntendon, m.nu, 0, 0],
         ]
     };
     counts(a) == counts(b)

@@ -126,6 +126,9 @@ impl Simulation {
         site_xmat [nsite, 9];
         /// The centre of mass of a body and all below it, m.
         subtree_com [nbody, 3];
+        /// The force and torque on a body from contacts and the like, in the frame of its tree's centre of mass: torque,
+        /// then force. Only up to date after [`Simulation::advance`].
+        cfrc_ext [nbody, 6];
         /// The angular momentum of a body and all below it, kg m²/s. Only up to date in models with a sensor of subtree
         /// velocity or momentum.
         subtree_angmom [nbody, 3];
@@ -159,6 +162,30 @@ impl Simulation {
     pub fn qacc_warmstart_mut(&mut self) -> &mut [f64] {
         // SAFETY: MuJoCo allocates `nv` numbers here, and `&mut self` is the only access.
         unsafe { slice_mut(self.header().qacc_warmstart, self.model.header().nv, 1) }
+    }
+
+    /// Places of bodies that are moved by hand, `[nmocap, 3]`, m.
+    pub fn mocap_pos(&self) -> &[f64] {
+        // SAFETY: MuJoCo allocates that many numbers here, initialised, for as long as the data lives.
+        unsafe { slice(self.header().mocap_pos, self.model.header().nmocap, 3) }
+    }
+
+    /// Places of bodies that are moved by hand, to be set.
+    pub fn mocap_pos_mut(&mut self) -> &mut [f64] {
+        // SAFETY: as above, and `&mut self` is the only access.
+        unsafe { slice_mut(self.header().mocap_pos, self.model.header().nmocap, 3) }
+    }
+
+    /// Orientations of bodies that are moved by hand, `[nmocap, 4]`, quaternions w x y z.
+    pub fn mocap_quat(&self) -> &[f64] {
+        // SAFETY: MuJoCo allocates that many numbers here, initialised, for as long as the data lives.
+        unsafe { slice(self.header().mocap_quat, self.model.header().nmocap, 4) }
+    }
+
+    /// Orientations of bodies that are moved by hand, to be set.
+    pub fn mocap_quat_mut(&mut self) -> &mut [f64] {
+        // SAFETY: as above, and `&mut self` is the only access.
+        unsafe { slice_mut(self.header().mocap_quat, self.model.header().nmocap, 4) }
     }
 
     /// Simulated seconds since the reset.
@@ -223,6 +250,80 @@ impl Simulation {
         })
     }
 
+    /// `substeps` physics steps, and the forces of contacts in the last one. Everything that is read afterwards belongs to
+    /// the state **before** the last of them, but for `qpos`, `qvel` and the time: how OGBench steps. That state is written
+    /// to `before_last`; [`Simulation::replay_last`] returns to this moment with every bit.
+    pub fn advance(&mut self, substeps: u32, before_last: &mut Vec<f64>) -> Result<(), MujocoError> {
+        // SAFETY: model and data are valid and belong together.
+        self.checked(|api, model, data| unsafe {
+            for _ in 1..substeps {
+                (api.mj_step)(model, data);
+            }
+        })?;
+        before_last.clear();
+        self.save_state(before_last);
+        self.last_step()
+    }
+
+    /// Returns to the moment after the [`Simulation::advance`] that left `before_last`, under a model of the same
+    /// structure.
+    pub fn replay_last(&mut self, before_last: &[f64]) -> Result<(), MujocoError> {
+        self.load_state(before_last)?;
+        self.last_step()
+    }
+
+    /// Returns to a state that [`Simulation::save_state`] saved, and computes everything that follows from it.
+    pub fn load_state_and_compute(&mut self, state: &[f64]) -> Result<(), MujocoError> {
+        self.load_state(state)?;
+        self.forward()?;
+        self.set_state(state);
+        Ok(())
+    }
+
+    fn last_step(&mut self) -> Result<(), MujocoError> {
+        // SAFETY: model and data are valid and belong together.
+        self.checked(|api, model, data| unsafe {
+            (api.mj_step)(model, data);
+            (api.mj_rnePostConstraint)(model, data);
+        })
+    }
+
+    /// Computes where everything is, from the positions alone.
+    pub fn kinematics(&mut self) -> Result<(), MujocoError> {
+        // SAFETY: model and data are valid and belong together.
+        self.checked(|api, model, data| unsafe { (api.mj_kinematics)(model, data) })
+    }
+
+    /// Appends the state, without what was computed from it.
+    pub fn save_state(&self, out: &mut Vec<f64>) {
+        let start = out.len();
+        out.resize(start + self.state_size(), 0.0);
+        // SAFETY: model and data are valid and belong together; the buffer has the size that MuJoCo asks for.
+        unsafe {
+            let state = out[start..].as_mut_ptr();
+            (self.library.api().mj_getState)(self.model.as_ptr(), self.raw.as_ptr(), state, STATE);
+        }
+    }
+
+    fn load_state(&mut self, state: &[f64]) -> Result<(), MujocoError> {
+        let (found, expected) = (state.len(), self.state_size());
+        if found != expected {
+            return Err(MujocoError::StateSize { found, expected });
+        }
+        self.reset();
+        self.set_state(state);
+        Ok(())
+    }
+
+    /// `state` has the size of a state.
+    fn set_state(&mut self, state: &[f64]) {
+        assert_eq!(state.len(), self.state_size(), "checked by the callers");
+        // SAFETY: model and data are valid and belong together; the buffer has the size that MuJoCo asks for.
+        unsafe {
+            (self.library.api().mj_setState)(self.model.as_ptr(), self.raw.as_ptr(), state.as_ptr(), STATE);
+        }
+    }
+
     /// Calls MuJoCo; its errors and its warnings become errors.
     fn checked(&mut self, call: impl FnOnce(&Api, *const mjModel, *mut mjData)) -> Result<(), MujocoError> {
         if self.failed {
@@ -245,13 +346,7 @@ impl Simulation {
 
     /// Appends everything that the future depends on to `out`.
     pub fn save(&self, out: &mut Vec<f64>) {
-        let start = out.len();
-        out.resize(start + self.state_size(), 0.0);
-        // SAFETY: model and data are valid and belong together; the buffer has the size that MuJoCo asks for.
-        unsafe {
-            let state = out[start..].as_mut_ptr();
-            (self.library.api().mj_getState)(self.model.as_ptr(), self.raw.as_ptr(), state, STATE);
-        }
+        self.save_state(out);
         // Sensors of accelerations belong to the last physics step and do not follow from the state.
         out.extend_from_slice(self.sensordata());
     }
@@ -262,12 +357,8 @@ impl Simulation {
         if saved.len() != size + sensors {
             return Err(MujocoError::StateSize { found: saved.len(), expected: size + sensors });
         }
-        self.reset();
         let (state, sensordata) = saved.split_at(size);
-        // SAFETY: model and data are valid and belong together; the buffer has the size that MuJoCo asks for.
-        unsafe {
-            (self.library.api().mj_setState)(self.model.as_ptr(), self.raw.as_ptr(), state.as_ptr(), STATE);
-        }
+        self.load_state(state)?;
         // SAFETY: model and data are valid and belong together.
         self.checked(|api, model, data| unsafe { (api.mj_step1)(model, data) })?;
         // SAFETY: MuJoCo allocates `nsensordata` numbers here, and `&mut self` is the only access.

@@ -15,6 +15,8 @@ pub struct Spec {
     library: &'static Library,
     raw: NonNull<mjSpec>,
     name: String,
+    /// Descriptions whose elements are attached to this one. Freed after it.
+    attached: Vec<Spec>,
 }
 
 // SAFETY: it owns its memory, and MuJoCo keeps no thread-bound state in it.
@@ -181,7 +183,7 @@ impl Spec {
             (library.api().mj_parseXML)(file.as_ptr(), std::ptr::null(), buffer, size)
         })?;
         let raw = NonNull::new(raw).ok_or_else(|| unusable(text_of(&message)))?;
-        Ok(Self { library, raw, name })
+        Ok(Self { library, raw, name, attached: Vec::new() })
     }
 
     /// Compiles the model as the description now stands. It may be edited and compiled again.
@@ -192,12 +194,7 @@ impl Spec {
         match NonNull::new(model) {
             // SAFETY: MuJoCo has just allocated it for us.
             Some(model) => Ok(unsafe { Model::from_raw(self.library, model) }),
-            None => {
-                // SAFETY: the spec is valid; the text is null-terminated and lives in it.
-                let reason = unsafe { CStr::from_ptr((api.mjs_getError)(self.raw.as_ptr())) };
-                let reason = reason.to_string_lossy().into_owned();
-                Err(MujocoError::Model { model: self.name.clone(), reason })
-            }
+            None => Err(self.unusable(self.last_error())),
         }
     }
 
@@ -239,19 +236,43 @@ impl Spec {
         }
     }
 
-    fn delete_element(&mut self, element: NonNull<mjsElement>) -> Result<(), MujocoError> {
+    pub(super) fn delete_element(&mut self, element: NonNull<mjsElement>) -> Result<(), MujocoError> {
         let api = self.library.api();
         // SAFETY: the element belongs to this spec, and no reference to it is kept.
         let status = guarded(|| unsafe { (api.mjs_delete)(self.raw.as_ptr(), element.as_ptr()) })?;
-        if status == 0 {
-            return Ok(());
-        }
-        // SAFETY: the spec is valid; the text is null-terminated and lives in it.
-        let reason = unsafe { CStr::from_ptr((api.mjs_getError)(self.raw.as_ptr())) };
-        Err(MujocoError::Model { model: self.name.clone(), reason: reason.to_string_lossy().into_owned() })
+        self.accept(status == 0)
     }
 
-    fn find(&mut self, kind: Object, name: &str) -> Result<NonNull<mjsElement>, MujocoError> {
+    /// What MuJoCo said of the last call that failed.
+    fn last_error(&self) -> String {
+        // SAFETY: the spec is valid; the text is null-terminated and lives in it.
+        let reason = unsafe { CStr::from_ptr((self.api().mjs_getError)(self.raw.as_ptr())) };
+        reason.to_string_lossy().into_owned()
+    }
+
+    /// An error with MuJoCo's reason, unless the call succeeded.
+    pub(super) fn accept(&self, succeeded: bool) -> Result<(), MujocoError> {
+        if succeeded { Ok(()) } else { Err(self.unusable(self.last_error())) }
+    }
+
+    pub(super) fn unusable(&self, reason: String) -> MujocoError {
+        MujocoError::Model { model: self.name.clone(), reason }
+    }
+
+    pub(super) fn api(&self) -> &'static Api {
+        self.library.api()
+    }
+
+    pub(super) fn as_mut_ptr(&self) -> *mut mjSpec {
+        self.raw.as_ptr()
+    }
+
+    /// Keeps a description whose elements belong to this one from now on.
+    pub(super) fn keep(&mut self, attached: Spec) {
+        self.attached.push(attached);
+    }
+
+    pub(super) fn find(&mut self, kind: Object, name: &str) -> Result<NonNull<mjsElement>, MujocoError> {
         let found = CString::new(name).ok().and_then(|text| {
             // SAFETY: the spec is valid and the text null-terminated.
             NonNull::new(unsafe {
@@ -261,7 +282,7 @@ impl Spec {
         found.ok_or_else(|| MujocoError::NoObject { kind: kind.word(), name: name.to_owned(), nearest: None })
     }
 
-    fn elements(&mut self, kind: Object) -> Vec<NonNull<mjsElement>> {
+    pub(super) fn elements(&mut self, kind: Object) -> Vec<NonNull<mjsElement>> {
         let api = self.library.api();
         let mut elements = Vec::new();
         // SAFETY: the spec is valid.

@@ -43,6 +43,8 @@ pub enum Effect {
         /// Mass of each at 1000, kg.
         kg: f64,
     },
+    /// Nothing in the model: the environment reads the factor when an episode begins.
+    Start,
     /// In place: anything else.
     Model(fn(&mut Model, &[f64]) -> Result<(), MujocoError>),
     /// Recompiles: anything else.
@@ -84,6 +86,7 @@ impl Effect {
             | Effect::Light(_)
             | Effect::FloorFriction(_)
             | Effect::Lock(_)
+            | Effect::Start
             | Effect::Model(_) => Ok(()),
         }
     }
@@ -112,7 +115,7 @@ impl Effect {
                 _ => Ok(()),
             },
             Effect::Model(edit) => edit(model, values),
-            Effect::Density(_) | Effect::Mass { .. } | Effect::Spec(_) => Ok(()),
+            Effect::Density(_) | Effect::Mass { .. } | Effect::Spec(_) | Effect::Start => Ok(()),
         }
     }
 }

@@ -8,7 +8,7 @@ mod effect;
 mod env;
 pub mod factors;
 mod models;
-mod picture;
+pub(crate) mod picture;
 mod settings;
 mod stage;
 mod start;
@@ -20,6 +20,7 @@ pub use domain::{Domain, MakeEnv, START_COLUMNS, Task, TaskEntry, entry, make, u
 pub use effect::{Control, Effect, set_colour};
 pub use env::SuiteEnv;
 pub use models::{Origin, description, edit_in_place};
+pub(crate) use settings::Renderer;
 pub use stage::{Place, Stage, Target};
 pub use start::{direction, normal, randomize_joints, uniform, until_free_of_contacts};
 pub use sums::{distance, mean};

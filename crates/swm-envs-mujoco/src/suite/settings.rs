@@ -18,7 +18,7 @@ pub(super) struct Settings {
 /// What draws pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Renderer {
+pub(crate) enum Renderer {
     #[default]
     Software,
     Gl,
