@@ -39,6 +39,7 @@ pub use finger::FINGER;
 pub use hopper::HOPPER;
 pub use humanoid::HUMANOID;
 pub use manipulator::MANIPULATOR;
+pub use ogbench::{OGB_CUBE, OGB_SCENE};
 pub use pendulum::PENDULUM;
 pub use quadruped::QUADRUPED;
 pub use reacher::REACHER;
@@ -58,4 +59,6 @@ pub const ENVS: &[EnvEntry] = &[
     FINGER,
     MANIPULATOR,
     QUADRUPED,
+    OGB_CUBE,
+    OGB_SCENE,
 ];

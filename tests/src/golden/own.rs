@@ -10,6 +10,7 @@ const OWN: Rules = Rules {
     compared: &[],
     tolerance: [Tolerance { px: 0.0, rad: 0.0, px_per_s: 0.0 }; 2],
     pictures: Pictures { equal_pixels: 0.9999, largest_difference: 0 },
+    steps: usize::MAX,
     starts: &[],
     adapt: |_| Vec::new(),
     expected_differences: &[],

@@ -19,6 +19,8 @@ pub struct Rules {
     pub tolerance: [Tolerance; 2],
     /// How far pictures may be off.
     pub pictures: Pictures,
+    /// How many steps are compared: contacts make everything after some number chaotic.
+    pub steps: usize,
     /// Step columns that hold the start, with the factor that each sets: `(array, first entry, factor)`.
     pub starts: &'static [(&'static str, usize, &'static str)],
     /// Adapts the factors of a file to those that were in force when it was recorded; returns what differs on
@@ -105,6 +107,8 @@ const RULES: &[Rules] = &[
     HUMANOID,
     MANIPULATOR,
     QUADRUPED,
+    OGB_CUBE,
+    OGB_SCENE,
     PUSHT_RAPIER,
     POINT_MAZE,
 ];
@@ -134,6 +138,7 @@ const SUITE: Rules = Rules {
     // Rewards contain exponentials, whose last bit depends on the mathematical library.
     tolerance: [Tolerance { px: 1e-12, rad: 0.0, px_per_s: 0.0 }; 2],
     pictures: Pictures { equal_pixels: 0.0, largest_difference: 255 },
+    steps: usize::MAX,
     starts: &[],
     adapt: |_| Vec::new(),
     expected_differences: &[NO_SUCCESS],
@@ -199,6 +204,49 @@ suite!(QUADRUPED, "swm/QuadrupedDMControl-v0", 23, 22, 78, |factors| {
     adapt_suite(factors, &["agent.knee_back_left_locked", "floor.friction"], 0.0)
 });
 
+/// OGBench's tables, replayed from the recorded start. Sums of inverse kinematics are in another order.
+macro_rules! table {
+    ($name:ident, $id:literal, $nq:literal, $nv:literal, $($more:tt)*) => {
+        const $name: Rules = Rules {
+            reference_id: $id,
+            env_id: $id,
+            // A recorded goal stays, whether it is reached or not.
+            settings: |settings| {
+                settings.insert("new_targets".to_owned(), json!(false));
+            },
+            compared: &[
+                ("state_qpos", &[Unit::Px; $nq]),
+                ("state_qvel", &[Unit::PxPerS; $nv]),
+                ("state_time", &[Unit::Px]),
+                ("info_control", &[Unit::Px; 7]),
+                ("info_proprio.effector_pos", &[Unit::Px; 3]),
+                ("info_proprio.effector_yaw", &[Unit::Rad]),
+                ("info_proprio.gripper_opening", &[Unit::Px]),
+                ("info_proprio.gripper_contact", &[Unit::Px]),
+                ("info_privileged.block_0_pos", &[Unit::Px; 3]),
+                ("info_privileged.block_0_quat", &[Unit::Px; 4]),
+                $($more)*
+            ],
+            tolerance: [Tolerance { px: 1e-6, rad: 1e-6, px_per_s: 1e-4 }; 2],
+            steps: 20,
+            adapt: adapt_table,
+            expected_differences: &[],
+            ..SUITE
+        };
+    };
+}
+
+table!(OGB_CUBE, "swm/OGBCube-v0", 21, 20, ("info_privileged.target_block_pos", &[Unit::Px; 3]),);
+table!(OGB_SCENE, "swm/OGBScene-v0", 25, 24, ("state_button_states", &[Unit::Given; 2]),);
+
+/// Starts are those of the file.
+fn adapt_table(factors: &mut Map<String, Json>) -> Vec<&'static str> {
+    for name in ["cube.start_position", "cube.start_yaw", "cube.goal_position", "cube.goal_yaw"] {
+        factors.remove(name);
+    }
+    Vec::new()
+}
+
 const BALL_IN_CUP: Rules = Rules {
     reference_id: "swm/BallInCupDMControl-v0",
     env_id: "swm/BallInCupDMControl-v0",
@@ -254,6 +302,7 @@ const PUSHT: Rules = Rules {
         Tolerance { px: 0.5, rad: 0.01, px_per_s: 5.0 },
     ],
     pictures: Pictures { equal_pixels: 0.995, largest_difference: 255 },
+    steps: usize::MAX,
     starts: &[
         ("obs_state", 0, "agent.start_position"),
         ("obs_state", 2, "block.start_position"),
@@ -283,6 +332,7 @@ const TWO_ROOM: Rules = Rules {
     tolerance: [Tolerance { px: 1e-9, rad: 0.0, px_per_s: 0.0 }; 2],
     // Not one pixel may differ.
     pictures: Pictures { equal_pixels: 1.0 - 1e-9, largest_difference: 0 },
+    steps: usize::MAX,
     starts: &[("obs_state", 0, "agent.position"), ("obs_state", 2, "goal.position")],
     adapt: |_| Vec::new(),
     expected_differences: &[],
@@ -325,6 +375,7 @@ const TWO_ROOM_V2: Rules = Rules {
     tolerance: [Tolerance { px: 0.0, rad: 0.0, px_per_s: 0.0 }; 2],
     // One byte in 10,000 is asked for; a frame has 50,176 pixels.
     pictures: Pictures { equal_pixels: 0.9999, largest_difference: 1 },
+    steps: usize::MAX,
     starts: &[("obs_state", 0, "agent.position")],
     adapt: |factors| match factors.remove("wall.border_color") {
         Some(_) => vec!["wall.border_color: the recorded version ignores it; replayed without"],

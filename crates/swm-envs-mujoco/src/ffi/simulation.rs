@@ -272,12 +272,11 @@ impl Simulation {
         self.last_step()
     }
 
-    /// Returns to a state that [`Simulation::save_state`] saved, and computes everything that follows from it.
+    /// Returns to a state that [`Simulation::save_state`] saved, and computes everything that follows from it. That
+    /// changes where the next solution begins: see [`Simulation::set_state`].
     pub fn load_state_and_compute(&mut self, state: &[f64]) -> Result<(), MujocoError> {
         self.load_state(state)?;
-        self.forward()?;
-        self.set_state(state);
-        Ok(())
+        self.forward()
     }
 
     fn last_step(&mut self) -> Result<(), MujocoError> {
@@ -315,9 +314,12 @@ impl Simulation {
         Ok(())
     }
 
-    /// `state` has the size of a state.
-    fn set_state(&mut self, state: &[f64]) {
-        assert_eq!(state.len(), self.state_size(), "checked by the callers");
+    /// Sets a state that [`Simulation::save_state`] saved, and computes nothing.
+    ///
+    /// # Panics
+    /// If it has another size, a mistake of the caller.
+    pub fn set_state(&mut self, state: &[f64]) {
+        assert_eq!(state.len(), self.state_size(), "a state of another model");
         // SAFETY: model and data are valid and belong together; the buffer has the size that MuJoCo asks for.
         unsafe {
             (self.library.api().mj_setState)(self.model.as_ptr(), self.raw.as_ptr(), state.as_ptr(), STATE);

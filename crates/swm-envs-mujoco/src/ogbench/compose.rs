@@ -1,7 +1,7 @@
 //! The model of a table, composed from OGBench's files: arm, gripper, objects, cameras. Equal to the reference's compiled
 //! model in every array but names and paths of files; the order of attachments is what makes indices equal.
 
-use super::layout::{HALF_SIZE, Kind, PURPLE, SPACING};
+use super::layout::{Kind, PURPLE, SPACING};
 use crate::assets::manipulation_model;
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Spec};
@@ -70,8 +70,8 @@ pub(super) fn row_of_cubes(count: usize) -> impl Iterator<Item = f64> {
 /// A cube and the marker of its goal, numbered.
 fn cube(index: usize, y: f64) -> Result<Spec, MujocoError> {
     let mut cube = read("cube.xml")?;
-    cube.body("object_0")?.set_position([0.3, y, HALF_SIZE]);
-    cube.body("object_target_0")?.set_position([0.45, y, HALF_SIZE]);
+    cube.body("object_0")?.set_position([0.3, y, 0.02]);
+    cube.body("object_target_0")?.set_position([0.45, y, 0.02]);
     let names = [
         (Object::Body, "object_0"),
         (Object::Body, "object_target_0"),

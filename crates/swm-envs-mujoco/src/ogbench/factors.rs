@@ -155,7 +155,8 @@ fn cube_size(kind: Kind) -> Control {
     Control { factor, effect: Effect::Spec(set_sizes) }
 }
 
-fn set_sizes(spec: &mut Spec, sizes: &[f64]) -> Result<(), MujocoError> {
+/// Gives the cubes and their markers these sizes.
+pub(super) fn set_sizes(spec: &mut Spec, sizes: &[f64]) -> Result<(), MujocoError> {
     for (index, size) in sizes.iter().enumerate() {
         for name in geoms_of_cube(index) {
             spec.geom(&name)?.set_size([*size; 3]);

@@ -67,8 +67,8 @@ static CUBES: Bounds =
 static SCENE: Bounds =
     Bounds { arm: [[0.25, -0.2, 0.20], [0.6, 0.2, 0.35]], object: [[0.3, -0.07], [0.45, 0.18]] };
 
-/// Half the side of a cube by default, m.
-pub(super) const HALF_SIZE: f64 = 0.02;
+/// Half the side of a cube by default, m: 0.02 as the reference stores it.
+pub(super) const HALF_SIZE: f64 = 0.02f32 as f64;
 /// Distance of neighbouring cubes by default, m.
 pub(super) const SPACING: f64 = 0.1;
 /// How far a cube, drawer or window may be from its goal, m.

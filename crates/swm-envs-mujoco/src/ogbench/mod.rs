@@ -1,9 +1,53 @@
-//! OGBench's manipulation environments: an arm with a gripper, cubes, and furniture.
+//! OGBench's manipulation environments: a UR5e arm with a gripper at a table with cubes, and one with furniture. Facts:
+//! `ogbench` 1.2.2 and the reference's wrappers.
+//!
+//! * `compose`, `models`: the compiled models; `layout`, `tasks`: constants;
+//! * `arm`, `robot`: inverse kinematics and the control law;
+//! * `table`, `furniture`: where things are, and whether they are where they belong;
+//! * `start`, `targets`: where episodes begin, and what is wanted;
+//! * `env`, `columns`, `standing`, `moment`: the environment, its rows and its saved states;
+//! * `expert`: the policies.
 
 mod arm;
+mod columns;
 mod compose;
+mod env;
+mod expert;
 mod factors;
+mod furniture;
 mod layout;
 mod models;
+mod moment;
 mod pose;
+mod robot;
 mod settings;
+mod standing;
+mod start;
+mod table;
+mod targets;
+mod tasks;
+
+use swm_core::EnvEntry;
+
+use env::TableEnv;
+
+const CUBE_ID: &str = "swm/OGBCube-v0";
+const SCENE_ID: &str = "swm/OGBScene-v0";
+
+/// `swm/OGBCube-v0`.
+pub const OGB_CUBE: EnvEntry = EnvEntry {
+    id: CUBE_ID,
+    summary: "a robot arm that picks up one to four cubes and places them; effector and gripper commands",
+    settings: settings::CUBE_SETTINGS,
+    policies: expert::POLICIES,
+    make: |config| Ok(Box::new(TableEnv::new(CUBE_ID, false, config)?)),
+};
+
+/// `swm/OGBScene-v0`.
+pub const OGB_SCENE: EnvEntry = EnvEntry {
+    id: SCENE_ID,
+    summary: "a robot arm with a cube, and a drawer and a window that buttons lock",
+    settings: settings::SCENE_SETTINGS,
+    policies: expert::POLICIES,
+    make: |config| Ok(Box::new(TableEnv::new(SCENE_ID, true, config)?)),
+};

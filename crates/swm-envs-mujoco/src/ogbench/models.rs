@@ -1,5 +1,5 @@
 //! The models of a table: a full one for pictures and a light one for physics, each made once per process, and an own
-//! copy of the light one for every environment that edits it.
+//! copy of the light one for every environment.
 //!
 //! The full model takes 63 MB, nearly all of it meshes and the sky. The light one has tetrahedra for the meshes that are
 //! only looked at, and is equal in every array that the simulation reads. An own copy, once made, is kept: an episode's
@@ -11,7 +11,7 @@ use swm_fov::Fov;
 
 use super::compose::{description, finish};
 use super::factors::{self, FLOOR_COLOR, numbers};
-use super::layout::Kind;
+use super::layout::{HALF_SIZE, Kind};
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Simulation, Spec};
 use crate::suite::{Control, edit_in_place};
@@ -74,7 +74,7 @@ impl Models {
     }
 
     fn base(&mut self, fov: &Fov, values: &[f64]) -> Result<Arc<Model>, MujocoError> {
-        if values.iter().all(|value| *value == super::layout::HALF_SIZE) {
+        if values.iter().all(|value| *value == HALF_SIZE) {
             return Ok(self.light());
         }
         let resized = match &mut self.resized {
@@ -138,6 +138,7 @@ impl Shared {
         let mut full = description(kind)?.compile()?;
         finish(&mut full, transparent)?;
         let mut spec = description(kind)?;
+        factors::set_sizes(&mut spec, &vec![HALF_SIZE; kind.cubes()])?;
         spec.shrink_meshes();
         let mut light = spec.compile()?;
         light.copy_mesh_places(&full);
@@ -221,7 +222,11 @@ mod tests {
                 }
                 sim.qpos().to_vec()
             };
-            assert_eq!(run(&shared.full), run(&shared.light), "{kind:?}");
+            let mut spec = description(kind).unwrap();
+            factors::set_sizes(&mut spec, &[HALF_SIZE]).unwrap();
+            let mut full = spec.compile().unwrap();
+            finish(&mut full, true).unwrap();
+            assert_eq!(run(&Arc::new(full)), run(&shared.light), "{kind:?}");
         }
     }
 }

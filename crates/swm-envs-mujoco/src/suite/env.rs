@@ -381,7 +381,7 @@ fn chosen_task(domain: &'static Domain, name: Option<&str>) -> Result<&'static T
 }
 
 /// The values of a column, if the row has it.
-fn recorded(
+pub(crate) fn recorded(
     env: &str,
     row: &BTreeMap<String, Value>,
     name: &str,

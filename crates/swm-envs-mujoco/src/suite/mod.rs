@@ -19,6 +19,7 @@ pub(crate) use domain::planner;
 pub use domain::{Domain, MakeEnv, START_COLUMNS, Task, TaskEntry, entry, make, unchanged};
 pub use effect::{Control, Effect, set_colour};
 pub use env::SuiteEnv;
+pub(crate) use env::recorded;
 pub use models::{Origin, description, edit_in_place};
 pub(crate) use settings::Renderer;
 pub use stage::{Place, Stage, Target};

@@ -1,0 +1,178 @@
+//! The columns of a row: names, shapes and values in one place, visited once to declare them and at every step to write
+//! them. Names are the reference's, with a dot where it has a slash.
+
+use swm_core::{Dtype, Field, RowsMut};
+
+use super::furniture::{Furniture, Which};
+use super::moment::{Moment, Pursued};
+use super::pose;
+use super::table::Table;
+use crate::ffi::Simulation;
+
+/// Takes columns one after the other.
+pub(super) trait Sink {
+    /// Real numbers.
+    fn numbers(&mut self, name: impl FnOnce() -> String, shape: &[usize], values: &[f64]);
+    /// Whole numbers.
+    fn integers(&mut self, name: impl FnOnce() -> String, shape: &[usize], values: &[i64]);
+}
+
+/// Collects the fields.
+#[derive(Default)]
+pub(super) struct Declare(pub(super) Vec<Field>);
+
+impl Sink for Declare {
+    fn numbers(&mut self, name: impl FnOnce() -> String, shape: &[usize], _: &[f64]) {
+        self.0.push(Field::step(&name(), Dtype::F64, shape));
+    }
+
+    fn integers(&mut self, name: impl FnOnce() -> String, shape: &[usize], _: &[i64]) {
+        self.0.push(Field::step(&name(), Dtype::I64, shape));
+    }
+}
+
+/// Writes a row, from its first column on.
+pub(super) struct Write<'a, 'b> {
+    out: &'a mut RowsMut<'b>,
+    next: usize,
+}
+
+impl<'a, 'b> Write<'a, 'b> {
+    pub(super) fn new(out: &'a mut RowsMut<'b>) -> Self {
+        Self { out, next: 0 }
+    }
+}
+
+impl Sink for Write<'_, '_> {
+    fn numbers(&mut self, _: impl FnOnce() -> String, _: &[usize], values: &[f64]) {
+        self.out.write(self.next, values);
+        self.next += 1;
+    }
+
+    fn integers(&mut self, _: impl FnOnce() -> String, _: &[usize], values: &[i64]) {
+        self.out.write(self.next, values);
+        self.next += 1;
+    }
+}
+
+/// What lies in the middle of the observation's positions, m.
+const CENTER: [f64; 3] = [0.425, 0.0, 0.0];
+
+/// Appends the observation: arm, gripper, cubes, furniture, in the reference's order and scales.
+pub(super) fn observation(table: &Table, sim: &Simulation, moment: &Moment, out: &mut Vec<f64>) {
+    let scaled = |position: [f64; 3]| [0, 1, 2].map(|k| (position[k] - CENTER[k]) * 10.0);
+    let robot = &table.robot;
+    let effector = robot.effector(sim);
+    out.extend(robot.angles(sim));
+    out.extend(robot.velocities(sim));
+    out.extend(scaled(effector.position));
+    out.extend([effector.yaw.cos(), effector.yaw.sin()]);
+    out.extend([robot.gripper_opening(sim) * 3.0, robot.gripper_contact(sim)]);
+    for index in 0..table.kind.cubes() {
+        let rotation = table.cube_rotation(sim, index);
+        let yaw = pose::yaw(rotation);
+        out.extend(scaled(table.cube(sim, index)));
+        out.extend(rotation);
+        out.extend([yaw.cos(), yaw.sin()]);
+    }
+    let Some(furniture) = &table.furniture else { return };
+    for index in 0..2 {
+        let [position, velocity] = furniture.button(sim, index);
+        let is_free = f64::from(moment.buttons[index]);
+        out.extend([1.0 - is_free, is_free, position * 120.0, velocity]);
+    }
+    for (which, scale) in [(Which::Drawer, 18.0), (Which::Window, 15.0)] {
+        let [position, velocity] = furniture.position(sim, which);
+        out.extend([position * scale, velocity]);
+    }
+}
+
+/// Visits the step columns but `observation` stands first among them; `observed` is [`observation`].
+pub(super) fn visit(
+    table: &Table,
+    sim: &Simulation,
+    moment: &Moment,
+    observed: &[f64],
+    sink: &mut impl Sink,
+) {
+    let named = |name: &'static str| move || name.to_owned();
+    let (qpos, qvel) = (sim.qpos(), sim.qvel());
+    sink.numbers(named("observation"), &[observed.len()], observed);
+    sink.numbers(named("qpos"), &[qpos.len()], qpos);
+    sink.numbers(named("qvel"), &[qvel.len()], qvel);
+    sink.numbers(named("control"), &[sim.ctrl().len()], sim.ctrl());
+    sink.numbers(named("time"), &[], &[sim.time_s()]);
+    sink.numbers(named("qacc_warmstart"), &[qvel.len()], sim.qacc_warmstart());
+    sink.numbers(named("prev_qpos"), &[qpos.len()], &moment.before_qpos);
+    sink.numbers(named("prev_qvel"), &[qvel.len()], &moment.before_qvel);
+    let robot = &table.robot;
+    let effector = robot.effector(sim);
+    sink.numbers(named("proprio.joint_pos"), &[6], &robot.angles(sim));
+    sink.numbers(named("proprio.joint_vel"), &[6], &robot.velocities(sim));
+    sink.numbers(named("proprio.effector_pos"), &[3], &effector.position);
+    sink.numbers(named("proprio.effector_yaw"), &[1], &[effector.yaw]);
+    sink.numbers(named("proprio.gripper_opening"), &[1], &[robot.gripper_opening(sim)]);
+    sink.numbers(named("proprio.gripper_vel"), &[1], &[robot.gripper_velocity(sim)]);
+    sink.numbers(named("proprio.gripper_contact"), &[1], &[robot.gripper_contact(sim)]);
+    for index in 0..table.kind.cubes() {
+        let block = |what: &'static str| move || format!("privileged.block_{index}_{what}");
+        let rotation = table.cube_rotation(sim, index);
+        sink.numbers(block("pos"), &[3], &table.cube(sim, index));
+        sink.numbers(block("quat"), &[4], &rotation);
+        sink.numbers(block("yaw"), &[1], &[pose::yaw(rotation)]);
+    }
+    let count = table.kind.cubes();
+    sink.numbers(named("mocap_pos"), &[count, 3], sim.mocap_pos());
+    sink.numbers(named("mocap_quat"), &[count, 4], sim.mocap_quat());
+    let next = table.next(sim, moment);
+    let target = if let Pursued::Cube(index) = next { usize::from(index) } else { 0 };
+    let (position, rotation) = table.goal(sim, target);
+    sink.integers(named("privileged.target_task"), &[], &[next.code()]);
+    sink.integers(named("privileged.target_number"), &[], &[moment.targets as i64]);
+    sink.integers(named("privileged.target_block"), &[], &[target as i64]);
+    sink.numbers(named("privileged.target_block_pos"), &[3], &position);
+    sink.numbers(named("privileged.target_block_yaw"), &[1], &[pose::yaw(rotation)]);
+    if let Some(furniture) = &table.furniture {
+        visit_furniture(furniture, sim, moment, next, sink);
+    }
+}
+
+fn visit_furniture(
+    furniture: &Furniture,
+    sim: &Simulation,
+    moment: &Moment,
+    next: Pursued,
+    sink: &mut impl Sink,
+) {
+    for index in 0..2 {
+        let button = |what: &'static str| move || format!("privileged.button_{index}_{what}");
+        let [position, velocity] = furniture.button(sim, index);
+        sink.integers(button("state"), &[], &[moment.buttons[index].into()]);
+        sink.numbers(button("pos"), &[1], &[position]);
+        sink.numbers(button("vel"), &[1], &[velocity]);
+    }
+    for (which, name) in [(Which::Drawer, "drawer"), (Which::Window, "window")] {
+        let slide = |what: &'static str| move || format!("privileged.{name}_{what}");
+        let [position, velocity] = furniture.position(sim, which);
+        let (handle, yaw) = furniture.handle(sim, which);
+        sink.numbers(slide("pos"), &[1], &[position]);
+        sink.numbers(slide("vel"), &[1], &[velocity]);
+        sink.numbers(slide("handle_pos"), &[3], &handle);
+        sink.numbers(slide("handle_yaw"), &[1], &[yaw]);
+        let target = |what: &'static str| move || format!("privileged.target_{name}_{what}");
+        sink.numbers(target("pos"), &[1], &[moment.goal_slides[which as usize]]);
+        sink.numbers(target("handle_pos"), &[3], &furniture.handle_target(sim, which));
+    }
+    let named = |name: &'static str| move || name.to_owned();
+    let target = if let Pursued::Button(index) = next { usize::from(index) } else { 0 };
+    // A button that stands between the goal and its slide is to be pressed, whatever state it should end in.
+    let wanted = match moment.pursued {
+        Pursued::Everything if next == Pursued::Button(target as u8) => 1 - moment.buttons[target],
+        _ => moment.goal_buttons[target],
+    };
+    sink.integers(named("privileged.target_button"), &[], &[target as i64]);
+    sink.integers(named("privileged.target_button_state"), &[], &[wanted.into()]);
+    sink.numbers(named("privileged.target_button_top_pos"), &[3], &furniture.button_top(sim, target));
+    sink.integers(named("prev_button_states"), &[2], &moment.before_buttons.map(i64::from));
+    sink.integers(named("button_states"), &[2], &moment.buttons.map(i64::from));
+}

@@ -1,0 +1,152 @@
+//! Where an episode begins and where it should end: placing arm, cubes and furniture.
+
+use rand::RngExt as _;
+use rand::seq::SliceRandom as _;
+use swm_core::EpisodeSeed;
+use swm_core::seed::Stream;
+use swm_fov::Fov;
+
+use super::factors::{EFFECTOR, SIZE, START_POSITION, START_YAW, numbers};
+use super::furniture::Which;
+use super::moment::{Moment, Pursued};
+use super::pose;
+use super::robot::Effector;
+use super::table::Table;
+use super::tasks::{Arrangement, tasks};
+use crate::error::MujocoError;
+use crate::ffi::Simulation;
+use crate::suite::uniform;
+
+/// How far things of a task stand off their places at the start, m.
+const OFF: f64 = 0.01;
+
+/// Puts the effector to its start, turned at random, and computes everything.
+pub(super) fn place_arm(
+    table: &Table,
+    sim: &mut Simulation,
+    fov: &Fov,
+    stream: &mut Stream,
+) -> Result<(), MujocoError> {
+    let position = fov.vector(EFFECTOR);
+    let yaw = uniform(stream, -std::f64::consts::PI, std::f64::consts::PI);
+    table.robot.place(sim, Effector { position, yaw });
+    sim.forward()
+}
+
+/// Starts an episode of data collection: everything by the factors, furniture at random. Computes everything.
+pub(super) fn place_by_factors(
+    table: &Table,
+    sim: &mut Simulation,
+    moment: &mut Moment,
+    fov: &Fov,
+) -> Result<(), MujocoError> {
+    let mut stream = EpisodeSeed::new(moment.seed as u64).stream("start");
+    place_arm(table, sim, fov, &mut stream)?;
+    let (places, yaws, sizes) = (numbers(fov, START_POSITION), numbers(fov, START_YAW), numbers(fov, SIZE));
+    for (index, place) in places.chunks_exact(2).enumerate() {
+        table.set_cube(sim, index, [place[0], place[1], sizes[index]], pose::about_z(yaws[index]));
+    }
+    if let Some(furniture) = &table.furniture {
+        for which in [Which::Drawer, Which::Window] {
+            let [closed, open] = which.range();
+            furniture.set_position(sim, which, uniform(&mut stream, closed.min(open), closed.max(open)));
+            let [position, _] = furniture.position(sim, which);
+            moment.goal_slides[which as usize] = position;
+            furniture.set_handle_target(sim.model_mut(), which, position);
+        }
+        moment.buttons = [0, 1].map(|_| stream.random_range(0..2u8));
+        moment.goal_buttons = moment.buttons;
+    }
+    sim.forward()
+}
+
+/// The task of an episode, and which cube has which place in it.
+pub(super) struct Chosen {
+    start: Arrangement,
+    goal: Arrangement,
+    order: Vec<usize>,
+}
+
+impl Chosen {
+    /// The task `asked` for, or any.
+    pub(super) fn new(table: &Table, asked: Option<usize>, permute: bool, moment: &mut Moment) -> Self {
+        let mut stream = EpisodeSeed::new(moment.seed as u64).stream("task");
+        let number = asked.unwrap_or_else(|| stream.random_range(1..=5));
+        let mut order: Vec<usize> = (0..table.kind.cubes()).collect();
+        if permute {
+            order.shuffle(&mut stream);
+        }
+        moment.task = number as i64;
+        let task = &tasks(table.kind)[number - 1];
+        Self { start: task.start, goal: task.goal, order }
+    }
+
+    /// Says where everything belongs.
+    pub(super) fn set_goals(&self, table: &Table, sim: &mut Simulation, moment: &mut Moment, fov: &Fov) {
+        let sizes = numbers(fov, SIZE);
+        for (index, place) in self.order.iter().enumerate() {
+            let spot = self.goal.cubes[*place];
+            let [x, y] = spot.at;
+            table.set_goal(sim, index, [x, y, spot.height(sizes[index])], pose::IDENTITY);
+        }
+        moment.pursued = Pursued::Everything;
+        moment.goal_buttons = self.goal.buttons;
+        moment.goal_slides = [self.goal.drawer, self.goal.window];
+        if let Some(furniture) = &table.furniture {
+            furniture.set_handle_target(sim.model_mut(), Which::Drawer, self.goal.drawer);
+            furniture.set_handle_target(sim.model_mut(), Which::Window, self.goal.window);
+        }
+    }
+
+    /// Puts everything where it starts, a little off, and computes everything.
+    pub(super) fn place(
+        &self,
+        table: &Table,
+        sim: &mut Simulation,
+        moment: &mut Moment,
+        fov: &Fov,
+    ) -> Result<(), MujocoError> {
+        let mut stream = EpisodeSeed::new(moment.seed as u64).stream("start");
+        let sizes = numbers(fov, SIZE);
+        place_arm(table, sim, fov, &mut stream)?;
+        for (index, place) in self.order.iter().enumerate() {
+            let spot = self.start.cubes[*place];
+            let [x, y] = spot.at.map(|at| at + uniform(&mut stream, -OFF, OFF));
+            let yaw = uniform(&mut stream, 0.0, std::f64::consts::TAU);
+            table.set_cube(sim, index, [x, y, spot.height(sizes[index])], pose::about_z(yaw));
+        }
+        moment.buttons = self.start.buttons;
+        if let Some(furniture) = &table.furniture {
+            for (which, position) in [(Which::Drawer, self.start.drawer), (Which::Window, self.start.window)] {
+                let [closed, open] = which.range();
+                let off = position + uniform(&mut stream, -OFF, OFF);
+                furniture.set_position(sim, which, off.clamp(closed.min(open), closed.max(open)));
+            }
+        }
+        sim.forward()
+    }
+}
+
+/// Puts everything where it belongs, at rest, with the arm at a start of its own, and computes everything.
+pub(super) fn place_at_goal(
+    table: &Table,
+    sim: &mut Simulation,
+    moment: &mut Moment,
+    fov: &Fov,
+) -> Result<(), MujocoError> {
+    let mut stream = EpisodeSeed::new(moment.seed as u64).stream("goal");
+    place_arm(table, sim, fov, &mut stream)?;
+    for index in 0..table.kind.cubes() {
+        if [Pursued::Everything, Pursued::Cube(index as u8)].contains(&moment.pursued) {
+            let (position, rotation) = table.goal(sim, index);
+            table.set_cube(sim, index, position, rotation);
+        }
+    }
+    if let Some(furniture) = &table.furniture {
+        for which in [Which::Drawer, Which::Window] {
+            furniture.set_position(sim, which, moment.goal_slides[which as usize]);
+        }
+        moment.buttons = moment.goal_buttons;
+    }
+    sim.forward()
+}

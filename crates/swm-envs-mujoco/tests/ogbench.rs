@@ -1,0 +1,201 @@
+//! What OGBench's tables promise beyond conformance: experts, tasks, targets, starts and goals from rows, settings.
+
+use std::collections::BTreeMap;
+
+use serde_json::json;
+use swm_core::{
+    Batch, Env, EnvConfig, EnvEntry, Episode, EpisodeSeed, Evaluation, Outcome, PolicyArgs, PolicyContext,
+    ResetOptions, Rollout, Scenario, Schema, Slice, Value, World, WorldOptions,
+};
+use swm_envs_mujoco::{OGB_CUBE, OGB_SCENE};
+
+fn config(settings: &serde_json::Value) -> EnvConfig {
+    EnvConfig { image: None, settings: settings.as_object().cloned().unwrap_or_default() }
+}
+
+fn evaluate(entry: &'static EnvEntry, settings: &serde_json::Value, policy: &str, episodes: u64) -> Evaluation {
+    let config = config(settings);
+    let args = PolicyArgs::parse(policy).expect("a policy");
+    let context = PolicyContext { env: entry, config: &config, frame_skip: 1 };
+    let known = entry.policies.iter().find(|known| known.name == args.name).expect("a policy");
+    let policy = (known.make)(&context, &args).expect("its arguments are sound");
+    let options =
+        WorldOptions { num_envs: 4, max_episode_steps: Some(200), env: config.clone(), ..WorldOptions::default() };
+    let mut world = World::new(entry, options).expect("a world");
+    world.set_policy(policy);
+    let same = ResetOptions::default();
+    let rollout = Rollout { episodes: 0..episodes, seed: 7, scenario: Scenario::Same(&same) };
+    let evaluation = world.evaluate(&rollout, &mut ()).expect("it runs");
+    println!(
+        "{} {settings} {}: {} % of {episodes}, {} solved at the start, {:?} steps",
+        entry.id, args.name, evaluation.success_rate, evaluation.solved_at_start, evaluation.mean_success_steps
+    );
+    evaluation
+}
+
+#[test]
+fn the_experts_place_the_cube() {
+    for policy in ["expert", "markov-expert"] {
+        let evaluation = evaluate(&OGB_CUBE, &json!({}), policy, 100);
+        assert!(evaluation.success_rate >= 99.0, "{policy}: {} %", evaluation.success_rate);
+    }
+}
+
+#[test]
+fn the_experts_do_what_the_scene_asks_for() {
+    let rates = ["expert", "markov-expert"]
+        .map(|policy| evaluate(&OGB_SCENE, &json!({}), policy, 100).success_rate);
+    assert!(rates.iter().all(|rate| *rate >= 97.0), "{rates:?} %");
+}
+
+#[test]
+fn the_experts_solve_tasks_and_place_one_of_many_cubes() {
+    for (settings, least) in
+        [(json!({"mode": "task"}), 90.0), (json!({"env_type": "double"}), 90.0), (json!({"env_type": "quadruple"}), 80.0)]
+    {
+        let evaluation = evaluate(&OGB_CUBE, &settings, "markov-expert", 20);
+        assert!(evaluation.success_rate >= least, "{settings}: {} %", evaluation.success_rate);
+    }
+}
+
+/// An environment with one row.
+struct Bench {
+    env: Box<dyn Env>,
+    row: Batch,
+}
+
+impl Bench {
+    fn new(entry: &EnvEntry, settings: &serde_json::Value) -> Self {
+        let env = (entry.make)(&config(settings)).expect("an environment");
+        let row = Batch::new(Schema::new(env.spec().fields.clone()).expect("names are unique"), 1);
+        Self { env, row }
+    }
+
+    fn reset(&mut self, seed: u64, options: &ResetOptions) -> Outcome {
+        let outcome = self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options }).expect("a reset");
+        self.env.write_episode(&mut self.row.rows_mut());
+        self.env.observe(&mut self.row.rows_mut());
+        outcome
+    }
+
+    fn step(&mut self, action: [f32; 5]) -> Outcome {
+        let outcome = self.env.step(Slice::F32(&action)).expect("a step");
+        self.env.observe(&mut self.row.rows_mut());
+        outcome
+    }
+
+    fn numbers(&self, name: &str) -> Vec<f64> {
+        self.row.get::<f64>(name).expect("a column").to_vec()
+    }
+
+    fn value(&self, name: &str) -> Value {
+        let index = self.row.schema().index(name).expect("a column");
+        Value::from_slice(&self.row.schema().fields()[index].shape, self.row.column(index))
+    }
+}
+
+/// Actions that depend on the step alone.
+fn action(step: usize) -> [f32; 5] {
+    std::array::from_fn(|k| ((step * 7 + k * 3) % 11) as f32 / 5.0 - 1.0)
+}
+
+#[test]
+fn a_goal_from_a_row_is_reached_where_the_row_was() {
+    for entry in [&OGB_CUBE, &OGB_SCENE] {
+        let mut bench = Bench::new(entry, &json!({}));
+        bench.reset(3, &ResetOptions::default());
+        for step in 0..30 {
+            bench.step(action(step));
+        }
+        let columns = |names: &[&str], bench: &Bench| -> BTreeMap<String, Value> {
+            names.iter().map(|name| ((*name).to_owned(), bench.value(name))).collect()
+        };
+        let start = columns(bench.env.spec().start_columns, &bench);
+        let goal = columns(bench.env.spec().goal_columns, &bench);
+        let qpos = bench.numbers("qpos");
+        let there = ResetOptions { start: Some(start), goal: Some(goal.clone()), ..ResetOptions::default() };
+        assert_eq!(bench.reset(4, &there).success, Some(true), "{}", entry.id);
+        assert_eq!(bench.numbers("qpos"), qpos);
+        let elsewhere = ResetOptions { goal: Some(goal), ..ResetOptions::default() };
+        bench.reset(5, &elsewhere);
+        let cube = &bench.numbers("goal_observation")[19..22];
+        let expected: Vec<f64> =
+            (0..3).map(|k| (qpos[14 + k] - [0.425, 0.0, 0.0][k]) * 10.0).collect();
+        assert_eq!(cube, expected, "{}", entry.id);
+    }
+}
+
+#[test]
+fn sizes_are_carried_through_to_heights_masses_and_goals() {
+    let mut bench = Bench::new(&OGB_CUBE, &json!({}));
+    let large = ResetOptions::default().fix("cube.size", Value::vector(&[0.03]));
+    bench.reset(1, &large);
+    assert_eq!(bench.numbers("privileged.block_0_pos")[2], 0.03);
+    assert_eq!(bench.numbers("privileged.target_block_pos")[2], 0.03);
+    let rest = bench.numbers("privileged.block_0_pos")[2];
+    for _ in 0..5 {
+        bench.step([0.0; 5]);
+    }
+    assert!((bench.numbers("privileged.block_0_pos")[2] - rest).abs() < 1e-3, "it starts on the table");
+    // And nothing of it stays.
+    bench.reset(1, &ResetOptions::default());
+    assert!((bench.numbers("privileged.block_0_pos")[2] - 0.02).abs() < 1e-8);
+}
+
+#[test]
+fn a_new_target_follows_one_that_is_reached_and_let_go() {
+    let evaluation_row = |settings: serde_json::Value| {
+        let mut bench = Bench::new(&OGB_CUBE, &settings);
+        // The cube starts where it belongs.
+        let place = Value { shape: vec![1, 2], ..Value::vector(&[0.4, 0.1]) };
+        let options =
+            ResetOptions::default().fix("cube.start_position", place.clone()).fix("cube.goal_position", place);
+        assert_eq!(bench.reset(2, &options).success, Some(true));
+        for _ in 0..3 {
+            bench.step([0.0, 0.0, 0.5, 0.0, -1.0]);
+        }
+        bench.row.get::<i64>("privileged.target_number").expect("a column")[0]
+    };
+    assert!(evaluation_row(json!({})) > 1);
+    assert_eq!(evaluation_row(json!({"new_targets": false})), 1);
+}
+
+#[test]
+fn tasks_end_at_their_goal_and_count_what_is_left() {
+    for (entry, most) in [(&OGB_CUBE, 1.0), (&OGB_SCENE, 5.0)] {
+        for task in 1..=5 {
+            let mut bench = Bench::new(entry, &json!({"mode": "task", "task": task}));
+            assert_eq!(bench.reset(0, &ResetOptions::default()).success, Some(false));
+            let outcome = bench.step([0.0; 5]);
+            assert!((-most..0.0).contains(&outcome.reward) || outcome.reward == -most, "{outcome:?}");
+            assert!(!outcome.terminated);
+            assert_eq!(bench.row.get::<i64>("task_id").expect("a column"), [task]);
+        }
+    }
+}
+
+#[test]
+fn a_pressed_button_locks_and_frees() {
+    let mut bench = Bench::new(&OGB_SCENE, &json!({"mode": "task", "task": 4}));
+    bench.reset(0, &ResetOptions::default());
+    assert_eq!(bench.row.get::<i64>("button_states").expect("a column"), [0, 0]);
+    let pressed = evaluate(&OGB_SCENE, &json!({"mode": "task", "task": 1}), "markov-expert", 5);
+    assert!(pressed.success_rate >= 80.0, "{pressed:?}");
+}
+
+#[test]
+fn bad_settings_say_what_is_allowed() {
+    let says = |entry: &EnvEntry, settings: serde_json::Value, parts: &[&str]| {
+        let message = (entry.make)(&config(&settings)).err().expect("an error").to_string();
+        assert!(parts.iter().all(|part| message.contains(part)), "{message}");
+    };
+    says(&OGB_CUBE, json!({"env_type": "octuple"}), &["octuple", "quadruple"]);
+    says(&OGB_CUBE, json!({"mode": "task", "task": 6}), &["task 6", "1 to 5"]);
+    says(&OGB_CUBE, json!({"task": 2}), &["mode=task"]);
+    says(&OGB_CUBE, json!({"camera": "top"}), &["top", "front_pixels"]);
+    says(&OGB_SCENE, json!({"env_type": "single"}), &["env_type", "OGBCube"]);
+    let mut bench = Bench::new(&OGB_CUBE, &json!({}));
+    bench.reset(0, &ResetOptions::default());
+    let message = bench.env.step(Slice::F32(&[0.0, f32::NAN, 0.0, 0.0, 0.0])).unwrap_err().to_string();
+    assert!(message.contains("5 finite"), "{message}");
+}

@@ -1,0 +1,25 @@
+//! OGBench's tables pass the public conformance suite, pictures included.
+
+use serde_json::json;
+use swm_core::testing::{assert_conforms, assert_conforms_with};
+use swm_core::{EnvConfig, ImageSize};
+use swm_envs_mujoco::{OGB_CUBE, OGB_SCENE};
+
+#[test]
+fn the_cube_conforms() {
+    assert_conforms(&OGB_CUBE);
+}
+
+#[test]
+fn the_scene_conforms() {
+    assert_conforms(&OGB_SCENE);
+}
+
+#[test]
+fn two_cubes_and_tasks_conform() {
+    for settings in [json!({"env_type": "double"}), json!({"mode": "task"})] {
+        let settings = settings.as_object().cloned().expect("settings");
+        let config = EnvConfig { image: Some(ImageSize { height: 48, width: 64 }), settings };
+        assert_conforms_with(&OGB_CUBE, &config, &[]);
+    }
+}
