@@ -13,14 +13,23 @@ fn config(settings: &serde_json::Value) -> EnvConfig {
     EnvConfig { image: None, settings: settings.as_object().cloned().unwrap_or_default() }
 }
 
-fn evaluate(entry: &'static EnvEntry, settings: &serde_json::Value, policy: &str, episodes: u64) -> Evaluation {
+fn evaluate(
+    entry: &'static EnvEntry,
+    settings: &serde_json::Value,
+    policy: &str,
+    episodes: u64,
+) -> Evaluation {
     let config = config(settings);
     let args = PolicyArgs::parse(policy).expect("a policy");
     let context = PolicyContext { env: entry, config: &config, frame_skip: 1 };
     let known = entry.policies.iter().find(|known| known.name == args.name).expect("a policy");
     let policy = (known.make)(&context, &args).expect("its arguments are sound");
-    let options =
-        WorldOptions { num_envs: 4, max_episode_steps: Some(200), env: config.clone(), ..WorldOptions::default() };
+    let options = WorldOptions {
+        num_envs: 4,
+        max_episode_steps: Some(200),
+        env: config.clone(),
+        ..WorldOptions::default()
+    };
     let mut world = World::new(entry, options).expect("a world");
     world.set_policy(policy);
     let same = ResetOptions::default();
@@ -28,7 +37,11 @@ fn evaluate(entry: &'static EnvEntry, settings: &serde_json::Value, policy: &str
     let evaluation = world.evaluate(&rollout, &mut ()).expect("it runs");
     println!(
         "{} {settings} {}: {} % of {episodes}, {} solved at the start, {:?} steps",
-        entry.id, args.name, evaluation.success_rate, evaluation.solved_at_start, evaluation.mean_success_steps
+        entry.id,
+        args.name,
+        evaluation.success_rate,
+        evaluation.solved_at_start,
+        evaluation.mean_success_steps
     );
     evaluation
 }
@@ -43,16 +56,18 @@ fn the_experts_place_the_cube() {
 
 #[test]
 fn the_experts_do_what_the_scene_asks_for() {
-    let rates = ["expert", "markov-expert"]
-        .map(|policy| evaluate(&OGB_SCENE, &json!({}), policy, 100).success_rate);
+    let rates =
+        ["expert", "markov-expert"].map(|policy| evaluate(&OGB_SCENE, &json!({}), policy, 100).success_rate);
     assert!(rates.iter().all(|rate| *rate >= 97.0), "{rates:?} %");
 }
 
 #[test]
 fn the_experts_solve_tasks_and_place_one_of_many_cubes() {
-    for (settings, least) in
-        [(json!({"mode": "task"}), 90.0), (json!({"env_type": "double"}), 90.0), (json!({"env_type": "quadruple"}), 80.0)]
-    {
+    for (settings, least) in [
+        (json!({"mode": "task"}), 90.0),
+        (json!({"env_type": "double"}), 90.0),
+        (json!({"env_type": "quadruple"}), 80.0),
+    ] {
         let evaluation = evaluate(&OGB_CUBE, &settings, "markov-expert", 20);
         assert!(evaluation.success_rate >= least, "{settings}: {} %", evaluation.success_rate);
     }
@@ -119,8 +134,7 @@ fn a_goal_from_a_row_is_reached_where_the_row_was() {
         let elsewhere = ResetOptions { goal: Some(goal), ..ResetOptions::default() };
         bench.reset(5, &elsewhere);
         let cube = &bench.numbers("goal_observation")[19..22];
-        let expected: Vec<f64> =
-            (0..3).map(|k| (qpos[14 + k] - [0.425, 0.0, 0.0][k]) * 10.0).collect();
+        let expected: Vec<f64> = (0..3).map(|k| (qpos[14 + k] - [0.425, 0.0, 0.0][k]) * 10.0).collect();
         assert_eq!(cube, expected, "{}", entry.id);
     }
 }
@@ -148,8 +162,9 @@ fn a_new_target_follows_one_that_is_reached_and_let_go() {
         let mut bench = Bench::new(&OGB_CUBE, &settings);
         // The cube starts where it belongs.
         let place = Value { shape: vec![1, 2], ..Value::vector(&[0.4, 0.1]) };
-        let options =
-            ResetOptions::default().fix("cube.start_position", place.clone()).fix("cube.goal_position", place);
+        let options = ResetOptions::default()
+            .fix("cube.start_position", place.clone())
+            .fix("cube.goal_position", place);
         assert_eq!(bench.reset(2, &options).success, Some(true));
         for _ in 0..3 {
             bench.step([0.0, 0.0, 0.5, 0.0, -1.0]);

@@ -1,19 +1,9 @@
-//! OGBench's tables pass the public conformance suite, pictures included.
+//! OGBench's tables in other settings pass the public conformance suite; `conformance.rs` has the default ones.
 
 use serde_json::json;
-use swm_core::testing::{assert_conforms, assert_conforms_with};
+use swm_core::testing::assert_conforms_with;
 use swm_core::{EnvConfig, ImageSize};
-use swm_envs_mujoco::{OGB_CUBE, OGB_SCENE};
-
-#[test]
-fn the_cube_conforms() {
-    assert_conforms(&OGB_CUBE);
-}
-
-#[test]
-fn the_scene_conforms() {
-    assert_conforms(&OGB_SCENE);
-}
+use swm_envs_mujoco::OGB_CUBE;
 
 #[test]
 fn two_cubes_and_tasks_conform() {

@@ -83,7 +83,8 @@ impl Arm {
                     hinge = Some(Hinge { joint, anchor, axis });
                 }
             }
-            let pose = Pose { position: row3(model.body_pos(), body), rotation: row4(model.body_quat(), body) };
+            let pose =
+                Pose { position: row3(model.body_pos(), body), rotation: row4(model.body_quat(), body) };
             links.push(Link { pose, hinge });
             body = model.body_parent()[body] as usize;
         }
@@ -145,9 +146,8 @@ impl Stance {
     fn step_towards(&self, error: [f64; 6]) -> Angles {
         // Rows: motion along x, y, z, then rotation about them. Columns: joints.
         let mut jacobian = [[0.0; 6]; 6];
-        for joint in 0..6 {
-            let axis = self.axes[joint];
-            let lever = std::array::from_fn(|k| self.flange.position[k] - self.anchors[joint][k]);
+        for (joint, (axis, anchor)) in self.axes.into_iter().zip(self.anchors).enumerate() {
+            let lever = std::array::from_fn(|k| self.flange.position[k] - anchor[k]);
             let motion = pose::cross(axis, lever);
             for k in 0..3 {
                 (jacobian[k][joint], jacobian[k + 3][joint]) = (motion[k], axis[k]);
@@ -168,14 +168,15 @@ impl Stance {
 /// `x` with `a x = b`, by elimination with the largest pivot of each column.
 fn solve(mut a: [[f64; 6]; 6], mut b: [f64; 6]) -> [f64; 6] {
     for column in 0..6 {
-        let largest =
-            (column..6).fold(column, |best, row| if a[row][column].abs() > a[best][column].abs() { row } else { best });
+        let largest = (column..6)
+            .fold(column, |best, row| if a[row][column].abs() > a[best][column].abs() { row } else { best });
         a.swap(column, largest);
         b.swap(column, largest);
+        let pivot = a[column];
         for row in column + 1..6 {
-            let factor = a[row][column] / a[column][column];
-            for k in column..6 {
-                a[row][k] -= factor * a[column][k];
+            let factor = a[row][column] / pivot[column];
+            for (entry, above) in a[row].iter_mut().zip(pivot).skip(column) {
+                *entry -= factor * above;
             }
             b[row] -= factor * b[column];
         }

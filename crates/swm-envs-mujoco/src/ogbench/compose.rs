@@ -113,7 +113,9 @@ pub(super) fn finish(model: &mut Model, transparent: bool) -> Result<(), MujocoE
     for name in GRIPPER_MATERIALS {
         paint(name, Some(PURPLE), if name.ends_with("pad_gray") { 0.5 } else { 0.1 })?;
     }
-    for name in ["robotiq/metal", "robotiq/silicone", "robotiq/gray", "black", "jointgray", "linkgray", "lightblue"] {
+    for name in
+        ["robotiq/metal", "robotiq/silicone", "robotiq/gray", "black", "jointgray", "linkgray", "lightblue"]
+    {
         paint(&format!("ur5e/{name}"), None, 0.1)?;
     }
     Ok(())

@@ -68,9 +68,8 @@ impl TableEnv {
     /// Makes the environment `id`.
     pub(super) fn new(id: &'static str, is_scene: bool, config: &EnvConfig) -> Result<Self, EnvError> {
         let settings: Settings = config.parse_settings(id)?;
-        let kind = settings
-            .kind(is_scene)
-            .map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
+        let kind =
+            settings.kind(is_scene).map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
         Self::assemble(id, kind, settings, config.image).map_err(|error| error.at_making(id))
     }
 
@@ -97,9 +96,11 @@ impl TableEnv {
         fields.push(Field::episode("task_id", Dtype::I64, &[]));
         fields.push(Field::episode("goal_observation", Dtype::F64, &[scratch.len()]));
         fields.extend(space.fields());
-        fields.extend(image.iter().flat_map(|size| {
-            [Field::episode("goal", Dtype::U8, &size.shape()), size.field(PIXELS)]
-        }));
+        fields.extend(
+            image
+                .iter()
+                .flat_map(|size| [Field::episode("goal", Dtype::U8, &size.shape()), size.field(PIXELS)]),
+        );
         let is_scene = kind == Kind::Scene;
         let spec = EnvSpec {
             id: id.to_owned(),
@@ -302,7 +303,12 @@ impl TableEnv {
     }
 
     /// Takes the simulation to a moment: buttons stood `before` its last step, and stand as `buttons` after it.
-    fn stand_at(&mut self, standing: &Standing, before: [u8; 2], buttons: [u8; 2]) -> Result<(), MujocoError> {
+    fn stand_at(
+        &mut self,
+        standing: &Standing,
+        before: [u8; 2],
+        buttons: [u8; 2],
+    ) -> Result<(), MujocoError> {
         if let Some(furniture) = &self.table.furniture {
             furniture.show_states(self.sim.model_mut(), before, &self.lock_colors);
         }
@@ -315,7 +321,11 @@ impl TableEnv {
     /// Whether a target is reached and done with.
     fn is_done_with_target(&self) -> bool {
         let Self { settings, moment, table, sim, .. } = self;
-        if settings.mode != Mode::DataCollection || !settings.new_targets || moment.goal_is_given || !moment.success {
+        if settings.mode != Mode::DataCollection
+            || !settings.new_targets
+            || moment.goal_is_given
+            || !moment.success
+        {
             return false;
         }
         let effector = table.robot.effector(sim).position;
@@ -450,7 +460,8 @@ impl Env for TableEnv {
         let saved: Saved = state.load(&self.spec.id)?;
         let foreign = |reason: String| EnvError::State { env: self.spec.id.clone(), reason };
         let fov = self.space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
-        let widths = [saved.moment.before_qpos.len(), saved.moment.before_qvel.len(), saved.goal.observation.len()];
+        let widths =
+            [saved.moment.before_qpos.len(), saved.moment.before_qvel.len(), saved.goal.observation.len()];
         if widths != [self.sim.qpos().len(), self.sim.qvel().len(), self.goal_width()] {
             return Err(foreign("it belongs to another table".to_owned()));
         }

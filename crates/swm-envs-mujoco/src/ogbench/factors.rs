@@ -14,7 +14,8 @@ use crate::suite::{Control, Effect, set_colour};
 
 /// The factors of a table with what they do, in the order of their columns.
 pub(super) fn controls(kind: Kind, mode: Mode) -> Vec<Control> {
-    let mut controls = vec![agent_color(), start_of_effector(kind), camera(kind), cube_color(kind), cube_size(kind)];
+    let mut controls =
+        vec![agent_color(), start_of_effector(kind), camera(kind), cube_color(kind), cube_size(kind)];
     // Tasks say where things start and belong.
     if mode == Mode::DataCollection {
         controls.extend(places(kind));
@@ -150,7 +151,8 @@ fn cube_color(kind: Kind) -> Control {
 
 fn cube_size(kind: Kind) -> Control {
     let count = kind.cubes();
-    let doc = "half the sides of the cubes, m; their mass, the heights of starts and goals and of stacks follow";
+    let doc =
+        "half the sides of the cubes, m; their mass, the heights of starts and goals and of stacks follow";
     let factor = uniform(SIZE, &[count], [0.01, 0.03], &vec![HALF_SIZE; count], doc);
     Control { factor, effect: Effect::Spec(set_sizes) }
 }

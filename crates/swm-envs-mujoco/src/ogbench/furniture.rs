@@ -63,7 +63,12 @@ impl Furniture {
         let button = |index: usize| {
             let (qpos, qvel) = joint(&format!("buttonbox_joint_{index}"))?;
             let geom = model.id(Object::Geom, &format!("btngeom_{index}"))?;
-            Ok::<_, MujocoError>(Button { qpos, qvel, geom, top: model.id(Object::Site, &format!("btntop_{index}"))? })
+            Ok::<_, MujocoError>(Button {
+                qpos,
+                qvel,
+                geom,
+                top: model.id(Object::Site, &format!("btntop_{index}"))?,
+            })
         };
         let slide = |name: &str, axis: usize| {
             let (qpos, qvel) = joint(&format!("{name}_slide"))?;

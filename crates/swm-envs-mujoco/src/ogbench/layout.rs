@@ -81,6 +81,7 @@ pub(super) const RED: [f64; 3] = [0.96, 0.26, 0.33];
 /// White: what is not locked.
 pub(super) const WHITE: [f64; 3] = [0.9, 0.9, 0.9];
 /// The colours of the cubes, in order: red, blue, orange, green.
-pub(super) const CUBE_COLORS: [[f64; 3]; 4] = [RED, [0.35, 0.55, 0.91], [1.0, 0.69, 0.21], [0.06, 0.74, 0.21]];
+pub(super) const CUBE_COLORS: [[f64; 3]; 4] =
+    [RED, [0.35, 0.55, 0.91], [1.0, 0.69, 0.21], [0.06, 0.74, 0.21]];
 /// The two colours of the floor's checker.
 pub(super) const FLOOR: [f64; 6] = [0.08, 0.11, 0.16, 0.15, 0.18, 0.25];

@@ -113,7 +113,8 @@ impl Robot {
         });
         let Effector { position, yaw } = self.effector(sim);
         let opening = self.gripper_opening(sim);
-        let position = std::array::from_fn(|k| (position[k] + moved[k]).clamp(WORKSPACE[0][k], WORKSPACE[1][k]));
+        let position =
+            std::array::from_fn(|k| (position[k] + moved[k]).clamp(WORKSPACE[0][k], WORKSPACE[1][k]));
         let turned = pose::multiply(pose::about_z(moved[3]), pose::about_z(yaw));
         let turned = pose::yaw(pose::multiply(turned, pose::inverse(arm::DOWN)));
         let target = Pose { position, rotation: arm::downward(turned) };

@@ -104,7 +104,11 @@ const SHARED: [Setting; 9] = [
         doc: "`data_collection`: starts and targets come from the factors; `task`: from one of five tasks",
         default: "data_collection",
     },
-    Setting { name: "task", doc: "1 to 5; the reward is then minus the number of unmet goals", default: "drawn" },
+    Setting {
+        name: "task",
+        doc: "1 to 5; the reward is then minus the number of unmet goals",
+        default: "drawn",
+    },
     Setting {
         name: "terminate_at_goal",
         doc: "whether reaching the goal ends the episode",

@@ -117,7 +117,8 @@ impl Chosen {
         }
         moment.buttons = self.start.buttons;
         if let Some(furniture) = &table.furniture {
-            for (which, position) in [(Which::Drawer, self.start.drawer), (Which::Window, self.start.window)] {
+            for (which, position) in [(Which::Drawer, self.start.drawer), (Which::Window, self.start.window)]
+            {
                 let [closed, open] = which.range();
                 let off = position + uniform(&mut stream, -OFF, OFF);
                 furniture.set_position(sim, which, off.clamp(closed.min(open), closed.max(open)));

@@ -34,7 +34,9 @@ impl Table {
             let joint = model.id(Object::Joint, &format!("object_joint_{index}"))?;
             let (qpos, qvel) = model.joint_addresses(joint);
             let body = model.id(Object::Body, &format!("object_target_{index}"))?;
-            let mocap = model.mocap_index(body).ok_or_else(|| MujocoError::Start("a goal that cannot move".to_owned()))?;
+            let mocap = model
+                .mocap_index(body)
+                .ok_or_else(|| MujocoError::Start("a goal that cannot move".to_owned()))?;
             let marker = model.id(Object::Geom, &format!("target_object_{index}"))?;
             Ok::<_, MujocoError>(Cube { qpos, qvel, mocap, marker })
         };
@@ -66,7 +68,13 @@ impl Table {
     }
 
     /// Puts a cube somewhere, at rest. Computes nothing.
-    pub(super) fn set_cube(&self, sim: &mut Simulation, index: usize, position: [f64; 3], rotation: Quaternion) {
+    pub(super) fn set_cube(
+        &self,
+        sim: &mut Simulation,
+        index: usize,
+        position: [f64; 3],
+        rotation: Quaternion,
+    ) {
         let Cube { qpos, qvel, .. } = self.cubes[index];
         sim.qpos_mut()[qpos..qpos + 3].copy_from_slice(&position);
         sim.qpos_mut()[qpos + 3..qpos + 7].copy_from_slice(&rotation);
@@ -81,7 +89,13 @@ impl Table {
     }
 
     /// Says where a cube belongs. Computes nothing.
-    pub(super) fn set_goal(&self, sim: &mut Simulation, index: usize, position: [f64; 3], rotation: Quaternion) {
+    pub(super) fn set_goal(
+        &self,
+        sim: &mut Simulation,
+        index: usize,
+        position: [f64; 3],
+        rotation: Quaternion,
+    ) {
         let at = self.cubes[index].mocap;
         sim.mocap_pos_mut()[3 * at..3 * at + 3].copy_from_slice(&position);
         sim.mocap_quat_mut()[4 * at..4 * at + 4].copy_from_slice(&rotation);

@@ -89,13 +89,7 @@ fn other_end(table: &Table, sim: &mut Simulation, moment: &mut Moment, which: Wh
     furniture.set_handle_target(sim.model_mut(), which, goal);
 }
 
-fn draw_cube(
-    table: &Table,
-    sim: &mut Simulation,
-    moment: &mut Moment,
-    fov: &Fov,
-    stream: &mut Stream,
-) {
+fn draw_cube(table: &Table, sim: &mut Simulation, moment: &mut Moment, fov: &Fov, stream: &mut Stream) {
     let is_first = !std::mem::replace(&mut moment.has_had_cube, true);
     let count = table.kind.cubes();
     let sizes = numbers(fov, SIZE);

@@ -141,6 +141,7 @@ impl Markov {
 }
 
 /// How a drawer or a window is moved.
+#[derive(Clone, Copy)]
 struct Manner {
     /// How far above a handle the gripper arrives, m.
     clear: f64,

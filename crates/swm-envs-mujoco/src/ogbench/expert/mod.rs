@@ -41,7 +41,11 @@ pub(super) const POLICIES: &[PolicyEntry] = &[
 const SETTINGS: &[Setting] = &[
     Setting { name: "noise", doc: "how noisy the plan or the actions are; 0: not at all", default: "0.1" },
     Setting { name: "p_random_action", doc: "probability of a random action at a step", default: "0" },
-    Setting { name: "noise_smoothing", doc: "how many steps noise of a plan is smoothed over", default: "0.5" },
+    Setting {
+        name: "noise_smoothing",
+        doc: "how many steps noise of a plan is smoothed over",
+        default: "0.5",
+    },
     Setting { name: "min_norm", doc: "m that `markov-expert` moves towards at least", default: "0.4" },
 ];
 
@@ -123,7 +127,11 @@ enum Way {
 impl Actor for Expert {
     fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let sight = Sight::of(view)?;
-        if self.pursuit.as_ref().is_none_or(|pursuit| pursuit.of != sight.target_key() || pursuit.is_done(&sight)) {
+        if self
+            .pursuit
+            .as_ref()
+            .is_none_or(|pursuit| pursuit.of != sight.target_key() || pursuit.is_done(&sight))
+        {
             self.attempt += 1;
             let mut stream = view.episode.seed.indexed("policy expert target", [self.attempt, 0]);
             self.pursuit = Some(self.begin(&sight, &mut stream));

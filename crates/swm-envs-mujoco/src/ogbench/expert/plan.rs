@@ -95,7 +95,8 @@ fn positive(yaw: f64) -> f64 {
 
 /// Picks a cube up, and places it.
 fn cube(now: Pose, cube: Pose, goal: Pose, rest: Pose, stream: &mut Stream) -> Vec<Keyframe> {
-    let facing = |from: Pose, to: Pose| Pose { yaw: nearest_turn(positive(from.yaw), positive(to.yaw), 4), ..to };
+    let facing =
+        |from: Pose, to: Pose| Pose { yaw: nearest_turn(positive(from.yaw), positive(to.yaw), 4), ..to };
     let at = facing(now, cube);
     let pick = at.above(0.1 + uniform(stream, 0.0, 0.1));
     let goal = facing(pick, goal);
