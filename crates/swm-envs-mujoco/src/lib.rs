@@ -1,9 +1,10 @@
-//! Environments on MuJoCo: the DeepMind Control Suite.
+//! Environments on MuJoCo: the DeepMind Control Suite, and OGBench's manipulation environments.
 //!
 //! * [`ffi`]: the C library, loaded at run time, behind safe owners;
 //! * [`assets`]: where library and models lie (`cargo xtask setup` puts them there);
 //! * [`suite`]: what all domains share;
-//! * one file per domain, and one line in [`ENVS`].
+//! * one file per domain, and one line in [`ENVS`];
+//! * `ogbench`: the arm at its tables.
 //!
 //! The crate builds with nothing installed. Without the library, making an environment fails with the command that
 //! mends it.

@@ -18,6 +18,8 @@ use swm_envs_mujoco::software::SoftwareRenderer;
 struct Moment {
     env: String,
     start: BTreeMap<String, Vec<f64>>,
+    #[serde(default)]
+    settings: serde_json::Map<String, serde_json::Value>,
 }
 
 const SIDE: usize = 224;
@@ -31,10 +33,11 @@ fn moments() -> BTreeMap<String, Moment> {
     serde_json::from_str(&text).expect("moments")
 }
 
-fn make(id: &str) -> (Box<dyn Env>, Batch) {
-    let entry = ENVS.iter().find(|entry| entry.id == id).expect("a domain");
+fn make(moment: &Moment) -> (Box<dyn Env>, Batch) {
+    let entry = ENVS.iter().find(|entry| entry.id == moment.env).expect("an environment");
     let image = Some(ImageSize { height: SIDE, width: SIDE });
-    let env = (entry.make)(&EnvConfig { image, ..EnvConfig::default() }).expect("it needs no OpenGL");
+    let env = (entry.make)(&EnvConfig { image, settings: moment.settings.clone() });
+    let env = env.expect("it needs no OpenGL");
     let row = Batch::new(Schema::new(env.spec().fields.clone()).expect("distinct names"), 1);
     (env, row)
 }
@@ -89,7 +92,7 @@ fn similarity(a: &[u8], b: &[u8]) -> f64 {
 #[test]
 fn pictures_look_like_those_of_the_reference() {
     for (name, moment) in &moments() {
-        let (ours, theirs) = (draw(&mut make(&moment.env), moment), recorded(name));
+        let (ours, theirs) = (draw(&mut make(moment), moment), recorded(name));
         let difference: f64 = ours.iter().zip(&theirs).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
         let (difference, likeness) = (difference / ours.len() as f64, similarity(&ours, &theirs));
         println!("{name}: SSIM {likeness:.4}, mean difference {difference:.2} of 255");
@@ -102,14 +105,14 @@ fn pictures_look_like_those_of_the_reference() {
 fn pictures_do_not_depend_on_what_was_drawn_before() {
     let moments = moments();
     let moment = &moments["humanoid-50"];
-    let mut env = make(&moment.env);
+    let mut env = make(moment);
     let first = draw(&mut env, moment);
     env.0
         .reset(&Episode { seed: EpisodeSeed::new(7), options: &ResetOptions::default().vary(&["all"]) })
         .expect("a reset");
     env.0.observe(&mut env.1.rows_mut());
     assert!(draw(&mut env, moment) == first, "another picture after another episode");
-    assert!(draw(&mut make(&moment.env), moment) == first, "another picture in another environment");
+    assert!(draw(&mut make(moment), moment) == first, "another picture in another environment");
 }
 
 #[test]
