@@ -4,9 +4,7 @@
 use anyhow::{Context as _, Result};
 use serde::Serialize;
 use swm_benches::{Clock, EPISODE_STEPS, Elapsed};
-use swm_core::{
-    EnvConfig, EnvEntry, ImageSize, Registry, ResetOptions, Value, World, WorldOptions, policy,
-};
+use swm_core::{EnvConfig, EnvEntry, ImageSize, Registry, ResetOptions, Value, World, WorldOptions, policy};
 use swm_envs_mujoco::ENVS;
 
 /// One measurement, in processor time of one thread.
@@ -61,7 +59,9 @@ fn scenarios() -> [(&'static str, Scenario); 4] {
         ("default", |_| ResetOptions::default()),
         ("color", |episode| {
             let color = Value::vector(&[share(episode), 0.5, 0.2]);
-            ResetOptions::default().fix("agent.color", color).fix("light.intensity", Value::vector(&[share(episode)]))
+            ResetOptions::default()
+                .fix("agent.color", color)
+                .fix("light.intensity", Value::vector(&[share(episode)]))
         }),
         ("floor", |episode| {
             let colors = [share(episode), 0.1, 0.2, 0.3, 0.4, 0.5];

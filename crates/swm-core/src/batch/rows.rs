@@ -37,8 +37,8 @@ impl<'a> Row<'a> {
     }
 }
 
-/// How many columns fit without an allocation; the widest environment so far has 40.
-const INLINE_COLUMNS: usize = 48;
+/// How many columns fit without an allocation; the widest environment so far has 73.
+const INLINE_COLUMNS: usize = 96;
 
 /// A range of rows of a [`Batch`], open for writing, of which one is selected (the first, to begin with).
 #[derive(Debug)]

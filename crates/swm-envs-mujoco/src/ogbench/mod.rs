@@ -40,6 +40,7 @@ pub const OGB_CUBE: EnvEntry = EnvEntry {
     summary: "a robot arm that picks up one to four cubes and places them; effector and gripper commands",
     settings: settings::CUBE_SETTINGS,
     policies: expert::POLICIES,
+    planner: None,
     make: |config| Ok(Box::new(TableEnv::new(CUBE_ID, false, config)?)),
 };
 
@@ -49,5 +50,6 @@ pub const OGB_SCENE: EnvEntry = EnvEntry {
     summary: "a robot arm with a cube, and a drawer and a window that buttons lock",
     settings: settings::SCENE_SETTINGS,
     policies: expert::POLICIES,
+    planner: None,
     make: |config| Ok(Box::new(TableEnv::new(SCENE_ID, true, config)?)),
 };
