@@ -5,6 +5,7 @@
 mod bad_input;
 mod commands;
 mod crash;
+mod datasets;
 mod determinism;
 mod docs;
 mod experts;

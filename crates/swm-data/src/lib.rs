@@ -6,6 +6,7 @@
 //! * [`memory`]: episodes in memory as a dataset; [`buffer`]: the replay buffer of online learning;
 //! * [`rendered`]: recordings without pictures, whose pictures are drawn when they are read;
 //! * [`stats`]: means, deviations, extremes and quantiles of columns, kept beside the dataset;
+//! * [`tools`]: copying between formats, verifying, comparing;
 //! * [`loader`]: clips of `num_steps` rows at a `frameskip`, with sampled goals, read ahead into reused tables.
 //!
 //! Recording goes through the core: a [`DatasetWriter`] is an `EpisodeSink`, which `World::record_dataset` fills.
@@ -40,6 +41,7 @@ mod lock;
 pub mod memory;
 pub mod rendered;
 pub mod stats;
+pub mod tools;
 
 pub use buffer::{ReplayBuffer, Sampler};
 pub use dataset::{Dataset, DatasetWriter, Steps, WriteMode, WriteOptions};

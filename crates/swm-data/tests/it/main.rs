@@ -14,3 +14,4 @@ mod loader_properties;
 mod round_trip;
 mod statistics;
 mod support;
+mod tools;

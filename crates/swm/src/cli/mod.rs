@@ -6,15 +6,18 @@
 mod args;
 mod bench;
 mod collect;
+mod convert;
 mod envs;
 mod eval;
 mod inspect;
 mod output;
 mod plan;
 mod policies;
+mod preview;
 mod render;
 mod replay;
 mod solvers;
+mod verify;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -44,6 +47,12 @@ enum Command {
     Fovs(envs::Fovs),
     Collect(collect::Collect),
     Inspect(inspect::Inspect),
+    Preview(preview::Preview),
+    Verify(verify::Verify),
+    Diff(verify::Diff),
+    Convert(convert::Convert),
+    Merge(convert::Merge),
+    Split(convert::Split),
     Replay(replay::Replay),
     Eval(eval::Eval),
     Plan(plan::Plan),
@@ -81,6 +90,12 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         Command::Fovs(command) => command.run(registry, &output),
         Command::Collect(command) => command.run(registry, &output),
         Command::Inspect(command) => command.run(&output),
+        Command::Preview(command) => command.run(&output),
+        Command::Verify(command) => command.run(&output),
+        Command::Diff(command) => command.run(&output),
+        Command::Convert(command) => command.run(&output),
+        Command::Merge(command) => command.run(&output),
+        Command::Split(command) => command.run(&output),
         Command::Replay(command) => command.run(registry, &output),
         Command::Eval(command) => command.run(registry, &output),
         Command::Plan(command) => command.run(registry, &output),

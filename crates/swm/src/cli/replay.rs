@@ -86,7 +86,7 @@ fn text(report: &ReplayReport) -> String {
 }
 
 /// `None`, `5`, `0..10` or `0,3,7` as episode numbers below `count`.
-fn selection(text: Option<&str>, count: usize) -> Result<Vec<usize>, Failure> {
+pub(super) fn selection(text: Option<&str>, count: usize) -> Result<Vec<usize>, Failure> {
     if count == 0 {
         return Err("the dataset holds no episode".into());
     }

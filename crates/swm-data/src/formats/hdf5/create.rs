@@ -146,7 +146,9 @@ fn new_column(file: &h5::File, field: &Field) -> h5::Result<h5::Dataset> {
         ($type:ty) => {{
             let mut builder = file.new_dataset::<$type>().shape(extents).chunk(chunk).obj_track_times(false);
             if compressed {
-                builder = builder.blosc_lz4(COMPRESSION_LEVEL, BloscShuffle::Byte);
+                // A checksum only here: these chunks are written once. Chunks of many rows are written again and again,
+                // and a kill between two of their blocks would make the checksum of finished rows wrong.
+                builder = builder.blosc_lz4(COMPRESSION_LEVEL, BloscShuffle::Byte).fletcher32();
             }
             builder.create(field.name.as_str())
         }};

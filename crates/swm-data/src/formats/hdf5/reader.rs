@@ -226,6 +226,22 @@ impl Dataset for Hdf5Dataset {
         &self.shared.attributes.runs
     }
 
+    fn has_checksums(&self) -> bool {
+        self.shared.columns.iter().any(ColumnStorage::is_checksummed)
+    }
+
+    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
+        let Some(&Span { first, len }) = self.shared.episodes.get(episode) else { return Ok(()) };
+        let mut buffer = Vec::new();
+        for (storage, field) in self.shared.columns.iter().zip(self.shared.schema.fields()) {
+            storage.check(&self.shared.file, first..first + len, &mut buffer).map_err(|reason| {
+                let reason = format!("column `{}`, episode {episode}: {reason}", field.name);
+                DataError::damaged(&self.shared.path, reason)
+            })?;
+        }
+        Ok(())
+    }
+
     fn skipped(&self) -> &[(String, String)] {
         &self.shared.skipped
     }

@@ -3,6 +3,7 @@
 
 use std::fs::File;
 use std::io;
+use std::ops::Range;
 
 use hdf5_metno::Dataset;
 use hdf5_metno::dataset::Layout;
@@ -27,7 +28,13 @@ pub(super) struct ColumnStorage {
 #[derive(Debug)]
 enum Place {
     /// In chunks of whole rows (one chunk for all rows, if the dataset is not chunked).
-    Chunks { rows_per_chunk: usize, row_bytes: usize, codec: Codec, chunks: Vec<Chunk> },
+    Chunks {
+        rows_per_chunk: usize,
+        row_bytes: usize,
+        codec: Codec,
+        checksummed: bool,
+        chunks: Vec<Chunk>,
+    },
     /// Wherever the library finds it.
     Library(Dataset),
 }
@@ -58,6 +65,9 @@ pub(super) struct Scratch {
     inflated: Inflated,
 }
 
+/// Bytes behind a chunk that has a checksum.
+const CHECKSUM_BYTES: usize = 4;
+
 /// Adjacent chunks are fetched together, and gaps between strided rows with them, up to this size.
 const FETCH_BYTES: u64 = 1 << 20;
 
@@ -79,7 +89,7 @@ impl ColumnStorage {
 
     /// The first row that would lie behind the end of a file of this length.
     pub(super) fn first_row_behind(&self, file_length: u64) -> Option<usize> {
-        let Place::Chunks { rows_per_chunk, codec, row_bytes, chunks } = &self.place else {
+        let Place::Chunks { rows_per_chunk, codec, row_bytes, chunks, .. } = &self.place else {
             return None;
         };
         let cut = |chunk: &Chunk| chunk.address.checked_add(chunk.size).is_none_or(|end| end > file_length);
@@ -127,7 +137,7 @@ impl ColumnStorage {
         out: &mut [u8],
         scratch: &mut Scratch,
     ) -> Result<(), String> {
-        let Place::Chunks { rows_per_chunk, row_bytes, codec, chunks } = &self.place else {
+        let Place::Chunks { rows_per_chunk, row_bytes, codec, chunks, .. } = &self.place else {
             return Ok(());
         };
         scratch.fetched.forget();
@@ -160,6 +170,34 @@ impl ColumnStorage {
             };
             read.map_err(|reason| format!("row {row}: {reason}"))?;
             done += count;
+        }
+        Ok(())
+    }
+
+    /// Whether chunks have checksums that [`ColumnStorage::check`] compares.
+    pub(super) fn is_checksummed(&self) -> bool {
+        matches!(self.place, Place::Chunks { checksummed: true, .. })
+    }
+
+    /// Compares the checksums of the chunks that hold these rows, `first..end` over the whole file.
+    pub(super) fn check(&self, file: &File, rows: Range<usize>, buffer: &mut Vec<u8>) -> Result<(), String> {
+        let Place::Chunks { rows_per_chunk, checksummed: true, chunks, .. } = &self.place else {
+            return Ok(());
+        };
+        if rows.is_empty() {
+            return Ok(());
+        }
+        for index in rows.start / rows_per_chunk..=(rows.end - 1) / rows_per_chunk {
+            let Chunk { address, size } = chunks[index];
+            buffer.resize(size as usize, 0);
+            read_exact_at(file, buffer, address).map_err(|error| error.to_string())?;
+            let right = buffer
+                .split_last_chunk::<CHECKSUM_BYTES>()
+                .is_some_and(|(bytes, checksum)| fletcher32(bytes) == u32::from_le_bytes(*checksum));
+            if !right {
+                let row = index * rows_per_chunk;
+                return Err(format!("row {row}: its checksum is wrong, it was changed after it was written"));
+            }
         }
         Ok(())
     }
@@ -269,19 +307,29 @@ fn direct(
         return Ok(None);
     };
     let row_bytes = field.width() * size;
-    let codec = match dataset.dcpl()?.get_filters()?[..] {
+    let mut filters = &dataset.dcpl()?.get_filters()?[..];
+    let checksummed = filters.last() == Some(&Filter::Fletcher32);
+    filters = if checksummed { &filters[..filters.len() - 1] } else { filters };
+    let codec = match *filters {
         [] => Codec::Plain,
         [Filter::Blosc(Blosc::LZ4 | Blosc::LZ4HC, _, BloscShuffle::None | BloscShuffle::Byte)] => {
             Codec::Blosc
         }
-        [Filter::Deflate(_)] => Codec::Deflate { shuffled: None },
-        [Filter::Shuffle, Filter::Deflate(_)] => Codec::Deflate { shuffled: Some(size) },
+        [Filter::Deflate(_)] if !checksummed => Codec::Deflate { shuffled: None },
+        [Filter::Shuffle, Filter::Deflate(_)] if !checksummed => Codec::Deflate { shuffled: Some(size) },
         _ => return Ok(None),
     };
+    let checksum_bytes = if checksummed { CHECKSUM_BYTES as u64 } else { 0 };
     if dataset.layout() == Layout::Contiguous {
         let place = dataset.offset().map(|address| {
             let chunks = vec![Chunk { address, size: (rows * row_bytes) as u64 }];
-            Place::Chunks { rows_per_chunk: usize::MAX, row_bytes, codec: Codec::Plain, chunks }
+            Place::Chunks {
+                rows_per_chunk: usize::MAX,
+                row_bytes,
+                codec: Codec::Plain,
+                checksummed: false,
+                chunks,
+            }
         });
         return Ok(place);
     }
@@ -306,12 +354,14 @@ fn direct(
         let index = info.offset.first().map_or(usize::MAX, |&row| row as usize / rows_per_chunk);
         if let Some(chunk) = chunks.get_mut(index) {
             *chunk = Chunk { address: info.addr, size: info.size };
-            plain &= info.filter_mask == 0 && (codec != Codec::Plain || info.size == chunk_bytes as u64);
+            let expected = chunk_bytes as u64 + checksum_bytes;
+            plain &= info.filter_mask == 0 && (codec != Codec::Plain || info.size == expected);
         }
         0
     })?;
     let complete = chunks.iter().all(|chunk| chunk.size > 0);
-    Ok((plain && complete).then_some(Place::Chunks { rows_per_chunk, row_bytes, codec, chunks }))
+    let place = Place::Chunks { rows_per_chunk, row_bytes, codec, checksummed, chunks };
+    Ok((plain && complete).then_some(place))
 }
 
 /// How many bytes from the start of the first chunk on belong to chunks that follow each other in the file.
@@ -325,4 +375,25 @@ fn adjacent(chunks: &[Chunk]) -> u64 {
         bytes += chunk.size;
     }
     bytes
+}
+
+/// HDF5's checksum of chunks: Fletcher's over big-endian words of 16 bits (`H5checksum.c`).
+fn fletcher32(bytes: &[u8]) -> u32 {
+    let (words, rest) = bytes.as_chunks::<2>();
+    let (mut low, mut high) = (0u32, 0u32);
+    let fold = |sum: u32| (sum & 0xffff) + (sum >> 16);
+    // So many words cannot overflow the sums.
+    for piece in words.chunks(360) {
+        for &word in piece {
+            low += u32::from(u16::from_be_bytes(word));
+            high += low;
+        }
+        (low, high) = (fold(low), fold(high));
+    }
+    if let [last] = rest {
+        low += u32::from(*last) << 8;
+        high += low;
+        (low, high) = (fold(low), fold(high));
+    }
+    fold(high) << 16 | fold(low)
 }

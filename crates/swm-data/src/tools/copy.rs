@@ -1,0 +1,235 @@
+//! Copying episodes of datasets into another, of any format: conversion, merging and splitting are all that.
+//!
+//! One thread reads the next episode while the caller's writes the one before. A copy that was interrupted continues
+//! where it ended, if what it holds is what it would be given.
+
+use std::path::Path;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread;
+
+use swm_core::dataset::METADATA_VERSION;
+use swm_core::error::BoxError;
+use swm_core::{Batch, Column, Metadata, Schema};
+
+use crate::dataset::{Dataset, Steps, WriteMode, WriteOptions};
+use crate::error::DataError;
+use crate::format;
+
+/// One episode to copy: which source, which of its episodes.
+pub type Piece = (usize, usize);
+
+/// What a copy did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Copied {
+    /// Episodes that were there already.
+    pub resumed: usize,
+    /// Episodes that were copied now.
+    pub episodes: usize,
+    /// Their rows.
+    pub rows: usize,
+}
+
+/// Copies `pieces` of `sources` to the end of the dataset at `to`. The columns are those of the first source; the others
+/// must have them too. `watch` is told after each episode how many rows it has.
+///
+/// With [`WriteMode::Append`], episodes that are there must be the first of `pieces`: the rest of an interrupted copy.
+///
+/// # Errors
+///
+/// Sources without a wanted column, a target that holds something else, and whatever reading and writing may meet.
+pub fn copy(
+    sources: &mut [Box<dyn Dataset>],
+    pieces: &[Piece],
+    to: &Path,
+    (format, options): (Option<&str>, &WriteOptions),
+    watch: &mut dyn FnMut(usize),
+) -> Result<Copied, DataError> {
+    let Some(first) = sources.first() else { return Ok(Copied::default()) };
+    let schema = first.schema().clone();
+    for source in sources.iter() {
+        check_columns(source.as_ref(), &schema)?;
+        if is_same(source.path(), to) {
+            return Err(DataError::record(to, "it is one of the sources"));
+        }
+    }
+    let resumed = if options.mode == WriteMode::Append { held(sources, pieces, to)? } else { 0 };
+    let mut copied = Copied { resumed, ..Copied::default() };
+    let mut options = options.clone();
+    let mut start = resumed;
+    while start < pieces.len() {
+        // A run of episodes with one record.
+        let metadata = metadata_of(sources, pieces[start]);
+        let same = pieces[start..].iter().take_while(|&&piece| metadata_of(sources, piece) == metadata);
+        let end = start + same.count();
+        let run = &pieces[start..end];
+        let (to_writer, from_reader) = sync_channel(1);
+        let (to_reader, from_writer) = sync_channel(2);
+        for _ in 0..2 {
+            // Two tables: one is read into, the other written from.
+            let _ = to_reader.send(Batch::new(schema.clone(), 0));
+        }
+        thread::scope(|scope| {
+            let sources = &mut *sources;
+            scope.spawn(move || read(sources, run, &from_writer, to_writer));
+            let mut writer = format::create_with(to, &options, format)?;
+            let failed = |error: BoxError| unboxed(to, error);
+            writer.begin(&schema, &metadata).map_err(failed)?;
+            for batch in from_reader {
+                let batch: Batch = batch?;
+                writer.write_episode(&batch).map_err(failed)?;
+                copied.episodes += 1;
+                copied.rows += batch.rows();
+                watch(batch.rows());
+                // The reader may have read the last one.
+                let _ = to_reader.send(batch);
+            }
+            drop(to_reader);
+            writer.finish().map_err(failed)
+        })?;
+        options.mode = WriteMode::Append;
+        start = end;
+    }
+    Ok(copied)
+}
+
+/// Reads episodes into spare tables, until there are no more or nobody wants them.
+fn read(
+    sources: &mut [Box<dyn Dataset>],
+    pieces: &[Piece],
+    spare: &Receiver<Batch>,
+    out: SyncSender<Result<Batch, DataError>>,
+) {
+    for &(source, episode) in pieces {
+        let Ok(mut batch) = spare.recv() else { return };
+        let source = &mut sources[source];
+        let rows = source.episode_len(episode);
+        let read = source.read(episode, 0..rows, &mut batch);
+        let failed = read.is_err();
+        let message = read.map(|()| batch).map_err(|error| unboxed(source.path(), error));
+        if out.send(message).is_err() || failed {
+            return;
+        }
+    }
+}
+
+/// How many of `pieces` the target holds already; an error if it holds something else.
+fn held(sources: &mut [Box<dyn Dataset>], pieces: &[Piece], to: &Path) -> Result<usize, DataError> {
+    if !to.exists() || to.is_dir() && std::fs::read_dir(to).is_ok_and(|mut entries| entries.next().is_none())
+    {
+        return Ok(0);
+    }
+    let mut there = format::open(to)?;
+    let count = there.num_episodes();
+    let differs =
+        |what: String| Err(DataError::mismatch(to, format!("it is not the beginning of this copy: {what}")));
+    if count > pieces.len() {
+        return differs(format!("it holds {count} episodes, the source {}", pieces.len()));
+    }
+    for (index, &(source, episode)) in pieces[..count].iter().enumerate() {
+        let (rows, expected) = (there.episode_len(index), sources[source].episode_len(episode));
+        if rows != expected {
+            return differs(format!("its episode {index} has {rows} rows, not {expected}"));
+        }
+    }
+    // Lengths are often all equal: some rows tell whether it is the same data.
+    let probes = [0, count / 2, count.saturating_sub(1)];
+    for &index in probes.iter().filter(|&&index| index < count) {
+        let (source, episode) = pieces[index];
+        let row = there.episode_len(index) / 2;
+        if let Some(column) = different_column(there.as_mut(), index, sources[source].as_mut(), episode, row)?
+        {
+            return differs(format!("column `{column}` of its episode {index} is another one"));
+        }
+    }
+    Ok(count)
+}
+
+/// The first column (not of pictures, which may have been stored with loss) that differs in a row.
+fn different_column(
+    there: &mut dyn Dataset,
+    there_episode: usize,
+    here: &mut dyn Dataset,
+    here_episode: usize,
+    row: usize,
+) -> Result<Option<String>, DataError> {
+    let schema = there.schema().clone();
+    for (column, field) in schema.fields().iter().enumerate() {
+        let Some(other) = here.schema().index(&field.name) else { continue };
+        let differs = here.schema().fields()[other].dtype != field.dtype || field.name == "ep_idx";
+        if differs || field.shape.len() > 1 || row >= here.episode_len(here_episode) {
+            continue;
+        }
+        let steps = Steps { first: row, count: 1, stride: 1 };
+        let [mut a, mut b] = [(); 2].map(|()| Column::zeros(field.dtype, field.width()));
+        there.read_column(column, there_episode, steps, a.as_slice_mut())?;
+        here.read_column(other, here_episode, steps, b.as_slice_mut())?;
+        if super::compare::difference(&a.as_slice(), &b.as_slice(), 0.0).is_some() {
+            return Ok(Some(field.name.clone()));
+        }
+    }
+    Ok(None)
+}
+
+fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError> {
+    for field in schema.fields() {
+        let found = source.schema().index(&field.name).map(|at| &source.schema().fields()[at]);
+        match found {
+            Some(found) if found.dtype == field.dtype && found.shape == field.shape => {}
+            Some(found) => {
+                return Err(DataError::request(
+                    source.path(),
+                    format!(
+                        "its column `{}` holds {} {:?}, the first source's {} {:?}",
+                        field.name, found.dtype, found.shape, field.dtype, field.shape
+                    ),
+                ));
+            }
+            None => {
+                let reason = format!("it has no column `{}`, which the first source has", field.name);
+                return Err(DataError::request(source.path(), reason));
+            }
+        }
+    }
+    match source.schema().fields().iter().find(|field| schema.index(&field.name).is_none()) {
+        Some(more) => {
+            let reason = format!("its column `{}` is not in the first source", more.name);
+            Err(DataError::request(source.path(), reason))
+        }
+        None => Ok(()),
+    }
+}
+
+/// The record of the run that an episode comes from. Files of other programs have none; then nothing is claimed but
+/// that episodes stand at recorded rows.
+fn metadata_of(sources: &[Box<dyn Dataset>], (source, episode): Piece) -> Metadata {
+    let runs = sources[source].runs();
+    match runs.iter().rfind(|&&(first, _)| first <= episode as u64) {
+        Some((_, metadata)) => metadata.clone(),
+        None => Metadata {
+            version: METADATA_VERSION,
+            env: "unknown".to_owned(),
+            policy: "unknown".to_owned(),
+            from_recorded_rows: true,
+            frame_skip: 1,
+            ..Metadata::default()
+        },
+    }
+}
+
+fn is_same(a: &Path, b: &Path) -> bool {
+    matches!((std::fs::canonicalize(a), std::fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
+}
+
+fn unboxed(path: &Path, error: BoxError) -> DataError {
+    match error.downcast::<DataError>() {
+        Ok(error) => *error,
+        Err(error) => DataError::request(path, error.to_string()),
+    }
+}
+
+/// Every episode of every source, in order.
+pub fn all(sources: &[Box<dyn Dataset>]) -> Vec<Piece> {
+    let episodes =
+        |(at, source): (usize, &Box<dyn Dataset>)| (0..source.num_episodes()).map(move |e| (at, e));
+    sources.iter().enumerate().flat_map(episodes).collect()
+}

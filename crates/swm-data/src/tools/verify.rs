@@ -1,0 +1,153 @@
+//! Proving a dataset sound: every row of every column can be read, checksums are right, episodes have rows, episode
+//! columns do not change within an episode, numbers are finite.
+
+use serde::Serialize;
+use swm_core::{FieldKind, Slice};
+
+use super::blocks;
+use crate::dataset::Dataset;
+use crate::error::DataError;
+
+/// The column that is missing in the last row of an episode, by design.
+const ACTION: &str = "action";
+/// The episode that a row belongs to.
+const EP_IDX: &str = "ep_idx";
+/// Problems are listed up to this number.
+const MAX_PROBLEMS: usize = 100;
+
+/// What was found.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Report {
+    /// Episodes that were read.
+    pub episodes: usize,
+    /// Their rows.
+    pub rows: usize,
+    /// Whether there were checksums to compare.
+    pub has_checksums: bool,
+    /// What is wrong; the first hundred.
+    pub problems: Vec<Problem>,
+    /// What is unusual, but may be meant.
+    pub notes: Vec<String>,
+}
+
+/// One thing that is wrong.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Problem {
+    /// The episode.
+    pub episode: usize,
+    /// The column, where it is one column's.
+    pub column: Option<String>,
+    /// What is wrong.
+    pub reason: String,
+}
+
+/// Reads everything. `watch` is told after each episode how many rows it has.
+pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report {
+    let mut report = Report { has_checksums: dataset.has_checksums(), ..Report::default() };
+    let schema = dataset.schema().clone();
+    for (name, reason) in dataset.skipped() {
+        report.notes.push(format!("`{name}` cannot be read and is left out: {reason}"));
+    }
+    if !report.has_checksums {
+        report.notes.push("it has no checksums: changed values cannot be noticed".to_owned());
+    }
+    let mut missing = vec![0usize; schema.fields().len()];
+    for episode in 0..dataset.num_episodes() {
+        let rows = dataset.episode_len(episode);
+        let mut problem = |column: Option<&str>, reason: String| {
+            if report.problems.len() < MAX_PROBLEMS {
+                report.problems.push(Problem { episode, column: column.map(str::to_owned), reason });
+            }
+        };
+        if rows == 0 {
+            problem(None, "it has no rows".to_owned());
+        }
+        if let Err(error) = dataset.check_episode(episode) {
+            problem(None, error.to_string());
+        }
+        for (column, field) in schema.fields().iter().enumerate() {
+            let mut column_check = ColumnCheck { rows, width: field.width(), ..ColumnCheck::default() };
+            let mut first: Option<swm_core::Column> = None;
+            let read = blocks(dataset, column, episode, |start, values| {
+                column_check.take(start, values.as_slice());
+                if field.kind == FieldKind::Episode || field.name == EP_IDX {
+                    let width = field.width();
+                    let first = first.get_or_insert_with(|| values.as_slice().range(0, width).to_column());
+                    for row in 0..values.len() / width.max(1) {
+                        let here = values.as_slice().range(row * width, width);
+                        let differs = super::compare::difference(&here, &first.as_slice(), 0.0).is_some();
+                        // Pictures may have been stored with loss.
+                        if differs && field.shape.len() < 3 {
+                            column_check.changes.get_or_insert(start + row);
+                        }
+                    }
+                }
+                Ok::<_, DataError>(())
+            });
+            if let Err(error) = read {
+                problem(Some(&field.name), error.to_string());
+                continue;
+            }
+            if let Some(row) = column_check.changes {
+                problem(Some(&field.name), format!("it is constant in an episode, but changes at row {row}"));
+            }
+            if let Some(row) = column_check.infinite {
+                problem(Some(&field.name), format!("row {row} holds an infinite number"));
+            }
+            missing[column] += column_check.missing;
+            // Recordings leave out an action at the end, and what a first row cannot have; a column may be unused.
+            let everywhere = column_check.missing == column_check.rows && field.name != ACTION;
+            if let Some(row) = column_check.missing_within.filter(|_| !everywhere) {
+                problem(Some(&field.name), format!("row {row} holds NaN"));
+            }
+        }
+        report.episodes += 1;
+        report.rows += rows;
+        watch(rows);
+    }
+    for (field, &missing) in schema.fields().iter().zip(&missing) {
+        if missing > 0 && field.name != ACTION {
+            report.notes.push(format!("column `{}` is NaN in {missing} of {} rows", field.name, report.rows));
+        }
+    }
+    report
+}
+
+#[derive(Default)]
+struct ColumnCheck {
+    rows: usize,
+    width: usize,
+    /// Rows with a NaN.
+    missing: usize,
+    /// The first of them that is neither the first nor the last of the episode.
+    missing_within: Option<usize>,
+    infinite: Option<usize>,
+    changes: Option<usize>,
+}
+
+impl ColumnCheck {
+    fn take(&mut self, start: usize, values: Slice<'_>) {
+        match values {
+            Slice::F32(values) => self.rows_of(start, values.len(), |at| f64::from(values[at])),
+            Slice::F64(values) => self.rows_of(start, values.len(), |at| values[at]),
+            _ => {}
+        }
+    }
+
+    fn rows_of(&mut self, start: usize, len: usize, value: impl Fn(usize) -> f64) {
+        let width = self.width.max(1);
+        for row in 0..len / width {
+            let values = || (row * width..(row + 1) * width).map(&value);
+            let at = start + row;
+            if values().any(f64::is_nan) {
+                self.missing += 1;
+                if at > 0 && at + 1 < self.rows {
+                    self.missing_within.get_or_insert(at);
+                }
+            }
+            if values().any(f64::is_infinite) {
+                self.infinite.get_or_insert(at);
+            }
+        }
+    }
+}

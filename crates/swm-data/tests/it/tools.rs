@@ -1,0 +1,131 @@
+//! Copying, verifying and comparing whole datasets.
+
+use std::fs;
+use std::path::Path;
+
+use swm_data::tools::compare::compare;
+use swm_data::tools::copy::{Copied, all, copy};
+use swm_data::tools::verify::verify;
+use swm_data::{DataError, FORMATS, WriteMode, WriteOptions, open};
+
+use crate::support::{assert_alike, assert_same, contents, metadata, record};
+
+fn convert(from: &Path, to: &Path) -> Result<Copied, DataError> {
+    let mut sources = vec![open(from)?];
+    let pieces = all(&sources);
+    copy(&mut sources, &pieces, to, (None, &WriteOptions::default()), &mut |_| {})
+}
+
+#[test]
+fn any_format_becomes_any_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = folder.path().join("source.h5");
+    record(&source, WriteMode::Append, 0..4).unwrap();
+    for format in FORMATS {
+        let there = folder.path().join("there").with_extension(format.extensions[0]);
+        let back = folder.path().join(format!("back-{}.h5", format.name));
+        assert_eq!(convert(&source, &there).unwrap(), Copied { resumed: 0, episodes: 4, rows: 323 });
+        assert_eq!(convert(&there, &back).unwrap().episodes, 4, "{}", format.name);
+        assert_eq!(open(&there).unwrap().format(), format.name);
+        assert_eq!(open(&back).unwrap().metadata(), Some(&metadata()));
+        for (a, b) in contents(&source).iter().zip(&contents(&back)) {
+            assert_alike(a, b);
+        }
+        let found = compare(
+            open(&source).unwrap().as_mut(),
+            open(&there).unwrap().as_mut(),
+            &|name| name != "pixels" && name != "goal",
+            0.0,
+            &mut |_| {},
+        );
+        assert!(found.unwrap().equal, "{}", format.name);
+        let report = verify(open(&there).unwrap().as_mut(), &mut |_| {});
+        // The made-up texts and numbers do not stay constant where a recording's would.
+        let expected = |reason: &str| reason.contains("constant") || reason.contains("NaN");
+        assert!(report.problems.iter().all(|problem| expected(&problem.reason)), "{:?}", report.problems);
+        assert!(report.has_checksums && report.rows == 323, "{}", format.name);
+    }
+}
+
+#[test]
+fn a_copy_is_continued_and_nothing_else_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let [source, other, target] = ["a.h5", "b.h5", "c.h5"].map(|name| folder.path().join(name));
+    record(&source, WriteMode::Append, 0..5).unwrap();
+    record(&target, WriteMode::Append, 0..2).unwrap();
+    assert_eq!(convert(&source, &target).unwrap(), Copied { resumed: 2, episodes: 3, rows: 1117 });
+    assert!(fs::read(&source).unwrap() == fs::read(&target).unwrap());
+    assert_eq!(convert(&source, &target).unwrap().episodes, 0);
+    // Of equal lengths, but with other values.
+    record(&other, WriteMode::Append, 5..8).unwrap();
+    let message = convert(&other, &target).unwrap_err().to_string();
+    assert!(message.contains("not the beginning") && message.contains("holds 5 episodes"), "{message}");
+    fs::remove_file(&target).unwrap();
+    record(&target, WriteMode::Append, 0..1).unwrap();
+    let message = convert(&other, &target).unwrap_err().to_string();
+    assert!(message.contains("not the beginning") && message.contains("column"), "{message}");
+    let message = convert(&source, &source).unwrap_err().to_string();
+    assert!(message.contains("one of the sources"), "{message}");
+}
+
+#[test]
+fn merged_and_chosen_episodes_stay_what_they_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let [a, b, target] = ["a.h5", "b.folder", "c.h5"].map(|name| folder.path().join(name));
+    record(&a, WriteMode::Append, 0..3).unwrap();
+    record(&b, WriteMode::Append, 3..5).unwrap();
+    let mut sources = vec![open(&a).unwrap(), open(&b).unwrap()];
+    let pieces = [(1, 1), (0, 2), (0, 0), (1, 1)];
+    let options = WriteOptions::default();
+    let copied = copy(&mut sources, &pieces, &target, (None, &options), &mut |_| {}).unwrap();
+    assert_eq!(copied.episodes, 4);
+    let (a, b, found) = (contents(&a), contents(&b), contents(&target));
+    assert_eq!(found[1].get::<f64>("state").unwrap(), a[2].get::<f64>("state").unwrap());
+    assert_eq!(found[0].get::<u8>("pixels").unwrap(), b[1].get::<u8>("pixels").unwrap());
+    for (index, batch) in found.iter().enumerate() {
+        assert!(batch.get::<i32>("ep_idx").unwrap().iter().all(|&value| value == index as i32));
+    }
+    assert_same(&found[0].clone(), &found[0]);
+}
+
+#[test]
+fn a_flipped_bit_in_a_picture_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, bad] = ["data.h5", "bad.h5"].map(|name| folder.path().join(name));
+    record(&path, WriteMode::Append, 0..3).unwrap();
+    let bytes = fs::read(&path).unwrap();
+    let check = |path: &Path| {
+        let mut dataset = open(path).unwrap();
+        (0..3).find_map(|episode| dataset.check_episode(episode).err())
+    };
+    assert!(check(&path).is_none());
+    // Chunks of pictures begin with the head of their compression: flip a bit in the middle of some.
+    let head = [2u8, 1, 0x21, 1];
+    let starts = bytes.windows(4).enumerate().filter(|(_, window)| *window == head).map(|(at, _)| at);
+    let chunks: Vec<usize> = starts.step_by(37).collect();
+    assert!(chunks.len() > 5, "{} chunks", chunks.len());
+    for at in chunks {
+        let mut flipped = bytes.clone();
+        flipped[at + 60] ^= 8;
+        fs::write(&bad, &flipped).unwrap();
+        let message = check(&bad).expect("the flip must be found").to_string();
+        assert!(message.contains("checksum is wrong"), "{message}");
+    }
+}
+
+#[test]
+fn differences_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let [a, b, c] = ["a.h5", "b.h5", "c.h5"].map(|name| folder.path().join(name));
+    record(&a, WriteMode::Append, 0..3).unwrap();
+    record(&b, WriteMode::Append, 0..3).unwrap();
+    record(&c, WriteMode::Append, 2..4).unwrap();
+    let found = |b: &Path| {
+        compare(open(&a).unwrap().as_mut(), open(b).unwrap().as_mut(), &|_| true, 0.0, &mut |_| {}).unwrap()
+    };
+    assert!(found(&b).equal);
+    let differs = found(&c);
+    assert_eq!((differs.equal, differs.episodes, &differs.lengths[..]), (false, [3, 2], &[0, 1][..]));
+    let state = differs.columns.iter().find(|column| column.name == "state").unwrap();
+    assert!(state.rows > 0 && state.first == Some([0, 0]) && state.largest > 1.0, "{state:?}");
+}

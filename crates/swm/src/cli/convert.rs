@@ -1,0 +1,242 @@
+//! `swm convert`, `swm merge` and `swm split`: copies of datasets, in any format.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+use serde_json::{Value as Json, json};
+use swm_data::adapt::split_episodes;
+use swm_data::tools::copy::{Copied, Piece, all, copy};
+use swm_data::{Dataset, WriteMode, WriteOptions};
+
+use super::{Failure, Output, usage};
+
+/// How a copy is written.
+#[derive(Args, Clone)]
+pub(super) struct TargetArgs {
+    /// The format; default: by the file extension (`swm convert --help` lists them).
+    #[arg(long)]
+    format: Option<String>,
+    /// Quality of pictures, 1 to 100, in the formats that lose some (`folder`: default 95, `video`: 85).
+    #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
+    quality: Option<u8>,
+    /// Frames from one key frame of a film to the next; more is smaller, and slower to read at random. Default: 10.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    key_frames: Option<u32>,
+    /// Replace a dataset that is there. Without it, a copy of the same source is continued, and anything else refused.
+    #[arg(long)]
+    overwrite: bool,
+}
+
+impl TargetArgs {
+    fn options(&self) -> WriteOptions {
+        let mode = if self.overwrite { WriteMode::Overwrite } else { WriteMode::Append };
+        WriteOptions {
+            mode,
+            quality: self.quality,
+            key_frame_period: self.key_frames,
+            ..WriteOptions::default()
+        }
+    }
+
+    /// Copies, with a bar.
+    fn copy(
+        &self,
+        sources: &mut [Box<dyn Dataset>],
+        pieces: &[Piece],
+        to: &Path,
+        output: &Output,
+    ) -> Result<Json, Failure> {
+        let rows: usize = pieces.iter().map(|&(source, episode)| sources[source].episode_len(episode)).sum();
+        let started = Instant::now();
+        let bar = output.bar(rows as u64, "rows");
+        bar.set_message(to.display().to_string());
+        let mut watch = |rows: usize| bar.inc(rows as u64);
+        let Copied { resumed, episodes, rows } =
+            copy(sources, pieces, to, (self.format.as_deref(), &self.options()), &mut watch)?;
+        bar.finish_and_clear();
+        if resumed > 0 {
+            output.note(format!("{}: {resumed} episodes were there already", to.display()));
+        }
+        let seconds = started.elapsed().as_secs_f64();
+        Ok(json!({
+            "out": to,
+            "episodes": episodes + resumed,
+            "resumed": resumed,
+            "rows": rows,
+            "rows_per_second": rows as f64 / seconds,
+            "wall_time_s": seconds,
+        }))
+    }
+}
+
+/// One line for people.
+fn line(result: &Json) -> String {
+    let number = |key: &str| result[key].as_f64().unwrap_or_default();
+    format!(
+        "wrote {} ({} episodes, {} rows copied, {:.0} rows/s)",
+        result["out"].as_str().unwrap_or_default(),
+        number("episodes"),
+        number("rows"),
+        number("rows_per_second"),
+    )
+}
+
+/// Copy a dataset into another format.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm convert pusht.h5 pusht.video                 (H.264 films: a hundredth of the size, lossy)
+  swm convert pusht.h5 pusht.video --quality 95 --key-frames 30
+  swm convert from_the_reference.h5 pusht.folder
+  swm convert pusht.video again.h5 --overwrite
+
+The source's format is told by its content, the target's by its extension or --format:
+  hdf5    .h5, .hdf5   one file, exact, fast at random; the format to train from
+  folder  .folder      numpy arrays and JPEG pictures
+  video   .video       numpy arrays and H.264 films
+
+One episode is in memory at a time, however large the file. Interrupted, the same command goes on where it ended.")]
+pub(super) struct Convert {
+    /// The dataset to copy.
+    source: PathBuf,
+    /// The file or folder to write.
+    target: PathBuf,
+    #[command(flatten)]
+    to: TargetArgs,
+}
+
+impl Convert {
+    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+        let mut sources = vec![swm_data::open(&self.source)?];
+        let pieces = all(&sources);
+        let result = self.to.copy(&mut sources, &pieces, &self.target, output)?;
+        output.result(&result, || line(&result))
+    }
+}
+
+/// Join datasets with the same columns into one.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm merge monday.h5 tuesday.h5 --out week.h5
+  swm merge expert.h5 weak.video --out both.h5
+
+Episodes come in the order of the sources. The sources may be of different formats, but must have the same columns, and
+be recordings of the same environment under the same settings. Interrupted, the same command goes on.")]
+pub(super) struct Merge {
+    /// The datasets to join.
+    #[arg(required = true, num_args = 2..)]
+    sources: Vec<PathBuf>,
+    /// The file or folder to write.
+    #[arg(long, short)]
+    out: PathBuf,
+    #[command(flatten)]
+    to: TargetArgs,
+}
+
+impl Merge {
+    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+        let mut sources = Vec::with_capacity(self.sources.len());
+        for source in &self.sources {
+            sources.push(swm_data::open(source)?);
+        }
+        let pieces = all(&sources);
+        let result = self.to.copy(&mut sources, &pieces, &self.out, output)?;
+        output.result(&result, || line(&result))
+    }
+}
+
+/// What is kept together.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Unit {
+    /// All rows of an episode.
+    Episode,
+}
+
+/// Divide a dataset at random into parts: training, validation.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm split pusht.h5 --by episode --parts train=0.9,val=0.1 --out 'pusht_{}.h5'
+  swm split pusht.h5 --parts train=8,val=1,test=1 --seed 7 --out '{}.video'
+
+`{}` in --out becomes the part's name. Fractions need not sum to 1. Parts are made of whole episodes: clips of one episode
+overlap, so a split by clip would show the training data to the test. The parts depend on --seed and the number of
+episodes alone, and are those of the loader's `split_episodes`.")]
+pub(super) struct Split {
+    /// The dataset to divide.
+    source: PathBuf,
+    /// What is kept together.
+    #[arg(long, value_enum, default_value = "episode")]
+    by: Unit,
+    /// Names and fractions of the parts.
+    #[arg(long, value_name = "NAME=FRACTION", value_delimiter = ',', default_value = "train=0.9,val=0.1")]
+    parts: Vec<String>,
+    /// Which of the possible divisions.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// The files or folders to write, with `{}` for the name of the part.
+    #[arg(long, short)]
+    out: String,
+    #[command(flatten)]
+    to: TargetArgs,
+}
+
+impl Split {
+    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+        let Unit::Episode = self.by;
+        let (names, fractions) = parts(&self.parts)?;
+        if !self.out.contains("{}") {
+            return Err(usage(format!(
+                "--out {}: write `{{}}` where the name of the part shall stand",
+                self.out
+            )));
+        }
+        let mut sources = vec![swm_data::open(&self.source)?];
+        let divided = split_episodes(sources[0].num_episodes(), &fractions, self.seed).map_err(usage)?;
+        if let Some((name, _)) = names.iter().zip(&divided).find(|(_, episodes)| episodes.is_empty()) {
+            let count = sources[0].num_episodes();
+            return Err(usage(format!("--parts: `{name}` would get none of the {count} episodes")));
+        }
+        let mut results = Vec::new();
+        for (name, episodes) in names.iter().zip(divided) {
+            let to = PathBuf::from(self.out.replace("{}", name));
+            let pieces: Vec<Piece> = episodes.into_iter().map(|episode| (0, episode)).collect();
+            results.push(self.to.copy(&mut sources, &pieces, &to, output)?);
+        }
+        output.result(&results, || results.iter().map(line).collect::<Vec<_>>().join("\n"))
+    }
+}
+
+/// `train=0.9` … as names and fractions.
+fn parts(texts: &[String]) -> Result<(Vec<String>, Vec<f64>), Failure> {
+    let (mut names, mut fractions) = (Vec::new(), Vec::new());
+    for text in texts {
+        let wrong = |why: &str| usage(format!("--parts {text}: {why}"));
+        let (name, fraction) = text.split_once('=').ok_or_else(|| wrong("write NAME=FRACTION"))?;
+        let fraction: f64 = fraction.trim().parse().map_err(|_| wrong("the fraction is no number"))?;
+        let name = name.trim();
+        if name.is_empty() || name.contains(['/', '\\']) || names.iter().any(|there| there == name) {
+            return Err(wrong("each part needs a name of its own, without slashes"));
+        }
+        names.push(name.to_owned());
+        fractions.push(fraction);
+    }
+    Ok((names, fractions))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_have_names_and_fractions() {
+        let read = |texts: &[&str]| parts(&texts.iter().map(|&text| text.to_owned()).collect::<Vec<_>>());
+        let (names, fractions) = read(&["train=0.9", " val = .1"]).unwrap();
+        assert_eq!((names, fractions), (vec!["train".to_owned(), "val".to_owned()], vec![0.9, 0.1]));
+        for wrong in [&["train"][..], &["a=x"], &["a=1", "a=2"], &["../a=1"]] {
+            assert!(read(wrong).is_err(), "{wrong:?}");
+        }
+    }
+}

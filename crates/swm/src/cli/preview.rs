@@ -1,0 +1,126 @@
+//! `swm preview`: pictures of a dataset's episodes, as a sheet or a film.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+use swm_core::{Dtype, SliceMut};
+use swm_data::{Dataset, Steps};
+use swm_media::{Clip, Format, contact_sheet, png};
+
+use super::replay::selection;
+use super::{Failure, Output, usage};
+
+/// White between the tiles.
+const GAP: usize = 2;
+
+/// Show episodes of a dataset as a sheet of pictures or a film.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm preview pusht.h5 --episodes 0..16 --out grid.mp4     (16 episodes side by side, playing)
+  swm preview pusht.h5 --episodes 0..8 --frames 12 --out sheet.png
+  swm preview pusht.h5 --column goal --out goals.png
+
+A sheet (.png) has one row per episode, with --frames pictures from its first to its last. A film (.mp4, .gif) plays the
+episodes in a grid; those that end early stand still.")]
+pub(super) struct Preview {
+    /// The dataset.
+    file: PathBuf,
+    /// Episodes to show: `5`, `0..16` or `0,3,7`. Default: the first 16.
+    #[arg(long)]
+    episodes: Option<String>,
+    /// The column of pictures.
+    #[arg(long, default_value = "pixels")]
+    column: String,
+    /// Pictures per episode: of a sheet 8, of a film at most 300, if not said otherwise.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    frames: Option<u32>,
+    /// The file to write: .png, .mp4 or .gif.
+    #[arg(long, short)]
+    out: PathBuf,
+}
+
+impl Preview {
+    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+        let format = Format::from_path(&self.out).map_err(usage)?;
+        let mut dataset = swm_data::open(&self.file)?;
+        let column = dataset.schema().require(&self.column).map_err(usage)?;
+        let field = dataset.schema().fields()[column].clone();
+        let (&[height, width, channels @ (1 | 3)], Dtype::U8) = (&field.shape[..], field.dtype) else {
+            let (name, shape) = (&self.column, &field.shape);
+            return Err(usage(format!("column `{name}` holds no pictures, but {} {shape:?}", field.dtype)));
+        };
+        let count = dataset.num_episodes();
+        let episodes = match &self.episodes {
+            None => (0..count.min(16)).collect(),
+            text => selection(text.as_deref(), count)?,
+        };
+        if episodes.is_empty() {
+            return Err(format!("{} holds no episode", self.file.display()).into());
+        }
+        let per_episode =
+            self.frames.map_or(if format == Format::Png { 8 } else { 300 }, |frames| frames as usize);
+        let bar = output.bar(episodes.len() as u64, "episodes");
+        let mut shots = Vec::with_capacity(episodes.len());
+        for &episode in &episodes {
+            shots.push(pictures(dataset.as_mut(), column, episode, per_episode, [height, width, channels])?);
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        let frames = if format == Format::Png {
+            let rows: Vec<Vec<&[u8]>> =
+                shots.iter().map(|shots| shots.iter().map(Vec::as_slice).collect()).collect();
+            let (height, width, pixels) = contact_sheet(&rows, height, width, GAP)?;
+            png::write(&self.out, height, width, &pixels)?;
+            1
+        } else {
+            film(&shots, height, width)?.save(&self.out)?;
+            shots.iter().map(Vec::len).max().unwrap_or(0)
+        };
+        let result = json!({"out": self.out, "episodes": episodes, "frames": frames});
+        output.result(&result, || {
+            format!("wrote {} ({} episodes, {frames} frames)", self.out.display(), episodes.len())
+        })
+    }
+}
+
+/// Up to `count` pictures of an episode, evenly spread from its first to its last, each `[H, W, 3]`.
+fn pictures(
+    dataset: &mut dyn Dataset,
+    column: usize,
+    episode: usize,
+    count: usize,
+    [height, width, channels]: [usize; 3],
+) -> Result<Vec<Vec<u8>>, Failure> {
+    let rows = dataset.episode_len(episode);
+    let count = count.min(rows);
+    let mut found = Vec::with_capacity(count);
+    for at in 0..count {
+        let row = if count > 1 { at * (rows - 1) / (count - 1) } else { 0 };
+        let mut picture = vec![0; height * width * channels];
+        let steps = Steps { first: row, count: 1, stride: 1 };
+        dataset.read_column(column, episode, steps, SliceMut::U8(&mut picture))?;
+        found.push(if channels == 1 {
+            picture.iter().flat_map(|&grey| [grey; 3]).collect()
+        } else {
+            picture
+        });
+    }
+    Ok(found)
+}
+
+/// All episodes in a grid, as wide as it is high; the last picture of an episode stays.
+fn film(shots: &[Vec<Vec<u8>>], height: usize, width: usize) -> Result<Clip, Failure> {
+    let columns = (1..).find(|n| n * n >= shots.len()).unwrap_or(1);
+    let length = shots.iter().map(Vec::len).max().unwrap_or(0);
+    let mut clip: Option<Clip> = None;
+    for at in 0..length {
+        let tiles: Vec<&[u8]> =
+            shots.iter().map(|shots| shots.get(at).or(shots.last()).map_or(&[][..], Vec::as_slice)).collect();
+        let rows: Vec<Vec<&[u8]>> = tiles.chunks(columns).map(<[&[u8]]>::to_vec).collect();
+        let (height, width, pixels) = contact_sheet(&rows, height, width, GAP)?;
+        clip.get_or_insert_with(|| Clip::new(height, width, 10.0)).push(&pixels)?;
+    }
+    clip.ok_or_else(|| "the episodes have no rows".into())
+}

@@ -1,0 +1,193 @@
+//! `swm verify` and `swm diff`: is a dataset sound, and are two the same?
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+use swm_data::format;
+use swm_data::tools::compare::compare;
+use swm_data::tools::verify::verify;
+
+use super::output::table;
+use super::{Failure, Output, usage};
+
+/// Read all of a dataset and say what is wrong with it.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm verify pusht.h5
+  swm verify pusht.h5 --json
+  swm verify pusht.video --fix --dry-run     (say what an interrupted recording needs)
+  swm verify pusht.video --fix
+
+Checked: the index of episodes; that every row of every column can be read and decoded; checksums, where the format has
+them (pictures in HDF5, everything in `folder` and `video`); lengths; columns that must not change in an episode; NaN and
+infinite numbers. NaN is expected in the last action of an episode, and in first and last rows.
+
+--fix mends a dataset whose recording was interrupted: no finished episode is touched. It says what it does. Continuing
+the recording with `--mode append` does the same. Damaged pictures cannot be mended; record or copy them again.
+
+Exit status 1 if anything is wrong.")]
+pub(super) struct Verify {
+    /// The dataset.
+    file: PathBuf,
+    /// Mend what an interrupted recording left, then check.
+    #[arg(long)]
+    fix: bool,
+    /// With --fix: only say what would be done.
+    #[arg(long, requires = "fix")]
+    dry_run: bool,
+}
+
+impl Verify {
+    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+        let steps = match format::detect(&self.file) {
+            Some(format) if self.fix => {
+                let plan = (format.repair)(&self.file, false)?;
+                let verb = if self.dry_run { "would" } else { "will" };
+                for step in &plan {
+                    output.note(format!("{verb} {step}"));
+                }
+                if plan.is_empty() {
+                    output.note("nothing to mend");
+                } else if !self.dry_run {
+                    (format.repair)(&self.file, true)?;
+                }
+                plan
+            }
+            _ => Vec::new(),
+        };
+        let mut dataset = swm_data::open(&self.file)?;
+        let rows: usize = (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode)).sum();
+        let bar = output.bar(rows as u64, "rows");
+        let report = verify(dataset.as_mut(), &mut |rows| bar.inc(rows as u64));
+        bar.finish_and_clear();
+        let pending = match format::detect(&self.file) {
+            // A recording may be going on: then there is nothing to mend.
+            Some(format) if !self.fix || self.dry_run => {
+                (format.repair)(&self.file, false).unwrap_or_default()
+            }
+            _ => Vec::new(),
+        };
+        let sound = report.problems.is_empty();
+        let result = json!({"ok": sound, "fixed": steps, "to_fix": pending, "report": report});
+        output.result(&result, || {
+            let mut text = format!(
+                "{}: {} episodes, {} rows{}\n",
+                self.file.display(),
+                report.episodes,
+                report.rows,
+                if report.has_checksums { ", checksums compared" } else { "" },
+            );
+            for problem in &report.problems {
+                let column =
+                    problem.column.as_ref().map(|name| format!(", column `{name}`")).unwrap_or_default();
+                text += &format!("WRONG episode {}{column}: {}\n", problem.episode, problem.reason);
+            }
+            for note in &report.notes {
+                text += &format!("note: {note}\n");
+            }
+            for step in &pending {
+                text += &format!("interrupted recording; `swm verify --fix` will {step}\n");
+            }
+            text += if sound { "sound" } else { "NOT SOUND" };
+            text
+        })?;
+        match report.problems.first() {
+            None => Ok(()),
+            Some(_) => {
+                Err(format!("{} is not sound: {} problems", self.file.display(), report.problems.len())
+                    .into())
+            }
+        }
+    }
+}
+
+/// Compare two datasets, of any formats.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm diff a.h5 b.h5
+  swm diff pusht.h5 pusht.video --columns action,state
+  swm diff pusht.h5 pusht.video --ignore pixels,goal
+  swm diff here.h5 there.h5 --tolerance 1e-9 --json
+
+Shows columns that one of them lacks, episodes of different lengths, and for each column the number of rows that differ,
+by how much, and where first; for pictures also how alike they are (PSNR, in dB; above 35 differences are hard to see).
+
+Exit status 1 if they differ.")]
+pub(super) struct Diff {
+    /// The one.
+    first: PathBuf,
+    /// The other.
+    second: PathBuf,
+    /// Numbers may differ by so much.
+    #[arg(long, default_value_t = 0.0)]
+    tolerance: f64,
+    /// Only these columns.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', conflicts_with = "ignore")]
+    columns: Vec<String>,
+    /// All columns but these.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    ignore: Vec<String>,
+}
+
+impl Diff {
+    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+        if self.tolerance.is_nan() || self.tolerance < 0.0 {
+            return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
+        }
+        let [mut first, mut second] = [swm_data::open(&self.first)?, swm_data::open(&self.second)?];
+        for name in self.columns.iter().chain(&self.ignore) {
+            if first.schema().index(name).is_none() && second.schema().index(name).is_none() {
+                return Err(usage(
+                    first.schema().require(name).err().map_or(String::new(), |e| e.to_string()),
+                ));
+            }
+        }
+        let wanted = |name: &str| match self.columns.is_empty() {
+            true => !self.ignore.iter().any(|ignored| ignored == name),
+            false => self.columns.iter().any(|column| column == name),
+        };
+        let rows: usize = (0..first.num_episodes()).map(|episode| first.episode_len(episode)).sum();
+        let bar = output.bar(rows as u64, "rows");
+        let watch = &mut |rows: usize| bar.inc(rows as u64);
+        let found = compare(first.as_mut(), second.as_mut(), &wanted, self.tolerance, watch)?;
+        bar.finish_and_clear();
+        output.result(&found, || {
+            let mut text = String::new();
+            if found.episodes[0] != found.episodes[1] {
+                text += &format!(
+                    "{} episodes in the first, {} in the second\n",
+                    found.episodes[0], found.episodes[1]
+                );
+            }
+            for line in &found.schema {
+                text += &format!("{line}\n");
+            }
+            if let [episode, ..] = found.lengths[..] {
+                text += &format!("{} episodes differ in length, first {episode}\n", found.lengths.len());
+            }
+            let different: Vec<_> = found.columns.iter().filter(|column| column.rows > 0).collect();
+            if !different.is_empty() {
+                let cells = different.iter().map(|column| {
+                    let [episode, row] = column.first.unwrap_or_default();
+                    vec![
+                        column.name.clone(),
+                        column.rows.to_string(),
+                        format!("{:.3e}", column.largest),
+                        format!("episode {episode}, row {row}"),
+                        column.psnr.map_or(String::new(), |psnr| format!("{psnr:.1} dB")),
+                    ]
+                });
+                let header = ["column", "rows that differ", "by at most", "first", "PSNR"];
+                text += &table(&header, &cells.collect::<Vec<_>>());
+            }
+            text + if found.equal { "equal" } else { "different" }
+        })?;
+        match found.equal {
+            true => Ok(()),
+            false => Err(format!("{} and {} differ", self.first.display(), self.second.display()).into()),
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! The commands on datasets: convert, merge, split, preview, verify, diff.
+
+use std::fs;
+use std::path::Path;
+
+use crate::support::{Folder, PUSHT, content, swm, swm_fails, swm_json, swm_ok};
+
+/// A small recording of PushT.
+fn recorded(folder: &Folder, name: &str, seed: &str, episodes: &str) -> String {
+    let out = folder.path(name);
+    swm_ok(&[
+        "collect",
+        PUSHT,
+        "--policy",
+        "weak",
+        "--episodes",
+        episodes,
+        "--max-steps",
+        "12",
+        "--image-size",
+        "32x32",
+        "--seed",
+        seed,
+        "--out",
+        &out,
+        "--quiet",
+    ]);
+    out
+}
+
+#[test]
+fn a_dataset_goes_round_through_every_format() {
+    let folder = Folder::new();
+    let source = recorded(&folder, "a.h5", "1", "3");
+    for name in ["folder", "video"] {
+        let [there, back] = [format!("b.{name}"), format!("c-{name}.h5")].map(|name| folder.path(&name));
+        let result = swm_json(&["convert", &source, &there]);
+        assert_eq!((&result["episodes"], &result["resumed"]), (&3.into(), &0.into()));
+        assert_eq!(swm_json(&["inspect", &there])["format"], name);
+        swm_ok(&["convert", &there, &back]);
+        let exact = swm_json(&["diff", &source, &back, "--ignore", "pixels,goal"]);
+        assert_eq!(exact["equal"], true, "{exact}");
+        let said = swm(&["diff", &source, &back, "--json"]).output().unwrap();
+        assert_eq!(said.status.code(), Some(1));
+        let found: serde_json::Value = serde_json::from_slice(&said.stdout).unwrap();
+        for column in found["columns"].as_array().unwrap() {
+            if let Some(psnr) = column["psnr"].as_f64() {
+                assert!(psnr > 25.0, "{column}");
+            }
+        }
+        // Recorded directly, and replayed by the simulator.
+        let direct = folder.path(&format!("d.{name}"));
+        recorded(&folder, &format!("d.{name}"), "1", "3");
+        swm_ok(&["diff", &direct, &there, "--ignore", "pixels,goal"]);
+        swm_ok(&["replay", &direct]);
+        assert_eq!(swm_json(&["verify", &direct])["ok"], true);
+    }
+}
+
+#[test]
+fn converting_goes_on_where_it_ended_and_replaces_nothing_unasked() {
+    let folder = Folder::new();
+    let [source, other] =
+        [("a.h5", "1"), ("b.h5", "2")].map(|(name, seed)| recorded(&folder, name, seed, "3"));
+    let target = recorded(&folder, "c.video", "1", "2");
+    assert_eq!(swm_json(&["convert", &source, &target])["resumed"], 2);
+    assert_eq!(swm_json(&["convert", &source, &target])["resumed"], 3);
+    let message = swm_fails(1, &["convert", &other, &target]);
+    assert!(message.contains("not the beginning of this copy") && message.contains("overwrite"), "{message}");
+    swm_ok(&["convert", &other, &target, "--overwrite"]);
+    swm_ok(&["diff", &other, &target, "--ignore", "pixels,goal"]);
+    let message = swm_fails(2, &["convert", &source, &folder.path("d.xyz")]);
+    assert!(message.contains("unknown dataset format `xyz`"), "{message}");
+    let message = swm_fails(1, &["convert", &folder.path("none.h5"), &folder.path("d.h5")]);
+    assert!(message.contains("none.h5"), "{message}");
+    let message = swm_fails(2, &["convert", &source, &folder.path("d.video"), "--quality", "101"]);
+    assert!(message.contains("101"), "{message}");
+}
+
+#[test]
+fn splitting_and_merging_lose_nothing() {
+    let folder = Folder::new();
+    let source = recorded(&folder, "a.h5", "3", "5");
+    let out = folder.path("part_{}.h5");
+    let parts = swm_json(&["split", &source, "--by", "episode", "--parts", "train=3,val=2", "--out", &out]);
+    assert_eq!((&parts[0]["episodes"], &parts[1]["episodes"]), (&3.into(), &2.into()));
+    let [train, val, both] = ["part_train.h5", "part_val.h5", "both.h5"].map(|name| folder.path(name));
+    swm_ok(&["merge", &train, &val, "--out", &both]);
+    let (whole, joined) = (swm_json(&["inspect", &source]), swm_json(&["inspect", &both]));
+    assert_eq!((&whole["episodes"], &whole["steps"]), (&joined["episodes"], &joined["steps"]));
+    swm_ok(&["replay", &both]);
+    let again = swm_json(&["split", &source, "--parts", "train=3,val=2", "--out", &out]);
+    assert_eq!(again[0]["resumed"], 3);
+    let message = swm_fails(2, &["split", &source, "--parts", "train=1,val=0", "--out", &out]);
+    assert!(message.contains("`val` would get none of the 5 episodes"), "{message}");
+    assert!(swm_fails(2, &["split", &source, "--out", "x.h5"]).contains("{}"));
+    let small = folder.path("small.h5");
+    swm_ok(&["collect", PUSHT, "--episodes", "1", "--image-size", "16x16", "--out", &small, "--quiet"]);
+    let message = swm_fails(1, &["merge", &source, &small, "--out", &folder.path("no.h5")]);
+    assert!(message.contains("small.h5") && message.contains("`pixels`"), "{message}");
+}
+
+#[test]
+fn damage_is_found_and_an_interruption_mended() {
+    let folder = Folder::new();
+    let source = recorded(&folder, "a.h5", "4", "2");
+    let sound = swm_json(&["verify", &source]);
+    assert_eq!((&sound["ok"], &sound["report"]["has_checksums"]), (&true.into(), &true.into()));
+    let films = folder.path("b.video");
+    swm_ok(&["convert", &source, &films]);
+    assert!(swm_ok(&["verify", &films]).contains("sound"));
+
+    let array = Path::new(&films).join("state.npz");
+    let bytes = fs::read(&array).unwrap();
+    fs::write(&array, &bytes[..bytes.len() - 60]).unwrap();
+    let plan = swm_json(&["verify", &films, "--fix", "--dry-run"]);
+    assert!(plan["fixed"][0].as_str().unwrap().contains("state.npz"), "{plan}");
+    assert!(fs::read(&array).unwrap() != bytes);
+    swm_ok(&["verify", &films, "--fix"]);
+    assert!(fs::read(&array).unwrap() == bytes);
+
+    let film = Path::new(&films).join("pixels/ep_1.mp4");
+    let mut bytes = fs::read(&film).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&film, bytes).unwrap();
+    let message = swm_fails(1, &["verify", &films]);
+    assert!(message.contains("is not sound"), "{message}");
+}
+
+#[test]
+fn previews_show_the_episodes() {
+    let folder = Folder::new();
+    let source = recorded(&folder, "a.h5", "5", "3");
+    let [sheet, film, gif] = ["sheet.png", "grid.mp4", "grid.gif"].map(|name| folder.path(name));
+    let result = swm_json(&["preview", &source, "--episodes", "0..2", "--frames", "4", "--out", &sheet]);
+    assert_eq!(result["episodes"], serde_json::json!([0, 1]));
+    // Four pictures of 32 pixels with three gaps of 2, two of them above each other with one gap.
+    let png = fs::read(&sheet).unwrap();
+    let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
+    assert_eq!((side(16), side(20)), (4 * 32 + 3 * 2, 2 * 32 + 2));
+    for out in [&film, &gif] {
+        let result = swm_json(&["preview", &source, "--out", out]);
+        assert_eq!(result["episodes"].as_array().unwrap().len(), 3);
+        assert!(result["frames"].as_u64().unwrap() > 5 && fs::metadata(out).unwrap().len() > 500);
+    }
+    assert!(
+        swm_fails(2, &["preview", &source, "--column", "state", "--out", &sheet]).contains("no pictures")
+    );
+    assert!(swm_fails(2, &["preview", &source, "--episodes", "7", "--out", &sheet]).contains("no episode 7"));
+    assert!(swm_fails(2, &["preview", &source, "--column", "pixel", "--out", &sheet]).contains("`pixels`"));
+}
+
+#[test]
+fn films_and_folders_are_equal_for_any_number_of_environments() {
+    let folder = Folder::new();
+    for name in ["folder", "video"] {
+        let out = |k: &str| folder.path(&format!("{k}.{name}"));
+        for k in ["1", "3"] {
+            swm_ok(&[
+                "collect",
+                PUSHT,
+                "--policy",
+                "weak",
+                "--episodes",
+                "4",
+                "--max-steps",
+                "9",
+                "--num-envs",
+                k,
+                "--image-size",
+                "32x32",
+                "--out",
+                &out(k),
+                "--quiet",
+            ]);
+        }
+        assert_eq!(content(&out("1")), content(&out("3")));
+    }
+}
