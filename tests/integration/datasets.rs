@@ -18,7 +18,7 @@ fn recorded(folder: &Folder, name: &str, seed: &str, episodes: &str) -> String {
         "--max-steps",
         "12",
         "--image-size",
-        "32x32",
+        "40x40",
         "--seed",
         seed,
         "--out",
@@ -135,10 +135,10 @@ fn previews_show_the_episodes() {
     let [sheet, film, gif] = ["sheet.png", "grid.mp4", "grid.gif"].map(|name| folder.path(name));
     let result = swm_json(&["preview", &source, "--episodes", "0..2", "--frames", "4", "--out", &sheet]);
     assert_eq!(result["episodes"], serde_json::json!([0, 1]));
-    // Four pictures of 32 pixels with three gaps of 2, two of them above each other with one gap.
+    // Four pictures of 40 pixels with three gaps of 2, two of them above each other with one gap.
     let png = fs::read(&sheet).unwrap();
     let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
-    assert_eq!((side(16), side(20)), (4 * 32 + 3 * 2, 2 * 32 + 2));
+    assert_eq!((side(16), side(20)), (4 * 40 + 3 * 2, 2 * 40 + 2));
     for out in [&film, &gif] {
         let result = swm_json(&["preview", &source, "--out", out]);
         assert_eq!(result["episodes"].as_array().unwrap().len(), 3);
@@ -169,7 +169,7 @@ fn films_and_folders_are_equal_for_any_number_of_environments() {
                 "--num-envs",
                 k,
                 "--image-size",
-                "32x32",
+                "40x40",
                 "--out",
                 &out(k),
                 "--quiet",

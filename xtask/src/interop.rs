@@ -1,4 +1,5 @@
-//! The virtual environment of the interoperability tests: h5py as the reference uses it, pinned by version and hash.
+//! The virtual environment of the interoperability tests: h5py, Pillow and PyAV as the reference uses them, and the
+//! package of MCAP, pinned by version and hash.
 
 use std::fs;
 use std::path::PathBuf;
@@ -21,7 +22,7 @@ pub(crate) fn python() -> Result<PathBuf> {
     if interpreter.is_file() && fs::read_to_string(&stamp).is_ok_and(|installed| installed == wanted) {
         return Ok(interpreter);
     }
-    eprintln!("test: making a virtual environment with h5py in .tools/interop");
+    eprintln!("test: making a virtual environment with h5py, PyAV and mcap in .tools/interop");
     process::output(Command::new(python::find()?).args(["-m", "venv", "--clear"]).arg(&home)).context(
         "python3 cannot make a virtual environment; install its `venv` module (Debian: python3-venv)",
     )?;

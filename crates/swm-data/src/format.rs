@@ -16,6 +16,7 @@ pub const FORMATS: &[Format] = &[
     formats::folder::FOLDER,
     #[cfg(feature = "video")]
     formats::folder::VIDEO,
+    formats::mcap::FORMAT,
 ];
 
 /// What opening gives: a reader or a writer of whatever format.

@@ -19,6 +19,25 @@ use crate::format::Format;
 /// A picture of another length, without pixels, or beyond the 2^31 - 1 pixels a side of the format.
 pub fn encode(height: usize, width: usize, rgb: &[u8]) -> Result<Vec<u8>, MediaError> {
     check_frame(rgb, height, width)?;
+    encode_channels(height, width, 3, rgb)
+}
+
+/// As [`encode`], of a picture `[H, W, C]` with C being 1 (grey) or 3 (RGB).
+///
+/// # Errors
+///
+/// As [`encode`], and another number of channels.
+pub fn encode_channels(
+    height: usize,
+    width: usize,
+    channels: usize,
+    pixels: &[u8],
+) -> Result<Vec<u8>, MediaError> {
+    let colours = match channels {
+        1 => ColorType::Grayscale,
+        3 => ColorType::Rgb,
+        _ => return Err(MediaError::encode(Format::Png, &format!("{channels} channels; use 1 or 3"))),
+    };
     let [Ok(columns), Ok(rows)] = [width, height].map(u32::try_from) else {
         return Err(MediaError::FrameSize {
             format: Format::Png,
@@ -31,11 +50,11 @@ pub fn encode(height: usize, width: usize, rgb: &[u8]) -> Result<Vec<u8>, MediaE
     };
     let mut bytes = Vec::new();
     let mut encoder = Encoder::new(&mut bytes, columns, rows);
-    encoder.set_color(ColorType::Rgb);
+    encoder.set_color(colours);
     encoder.set_depth(BitDepth::Eight);
     encoder.set_compression(Compression::Fast);
     let written = encoder.write_header().and_then(|mut writer| {
-        writer.write_image_data(rgb)?;
+        writer.write_image_data(pixels)?;
         writer.finish()
     });
     written.map_err(|error| MediaError::encode(Format::Png, &error))?;

@@ -4,4 +4,5 @@ mod disk;
 mod fit;
 pub(crate) mod folder;
 pub(crate) mod hdf5;
+pub(crate) mod mcap;
 mod npz;

@@ -11,6 +11,7 @@ mod folders;
 mod golden;
 mod loader;
 mod loader_properties;
+mod mutations;
 mod round_trip;
 mod statistics;
 mod support;

@@ -54,7 +54,9 @@ fn a_copy_is_continued_and_nothing_else_is() {
     record(&source, WriteMode::Append, 0..5).unwrap();
     record(&target, WriteMode::Append, 0..2).unwrap();
     assert_eq!(convert(&source, &target).unwrap(), Copied { resumed: 2, episodes: 3, rows: 1117 });
-    assert!(fs::read(&source).unwrap() == fs::read(&target).unwrap());
+    for (a, b) in contents(&source).iter().zip(&contents(&target)) {
+        assert_same(a, b);
+    }
     assert_eq!(convert(&source, &target).unwrap().episodes, 0);
     // Of equal lengths, but with other values.
     record(&other, WriteMode::Append, 5..8).unwrap();
@@ -85,7 +87,6 @@ fn merged_and_chosen_episodes_stay_what_they_were() {
     for (index, batch) in found.iter().enumerate() {
         assert!(batch.get::<i32>("ep_idx").unwrap().iter().all(|&value| value == index as i32));
     }
-    assert_same(&found[0].clone(), &found[0]);
 }
 
 #[test]

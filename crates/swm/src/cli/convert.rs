@@ -95,6 +95,7 @@ The source's format is told by its content, the target's by its extension or --f
   hdf5    .h5, .hdf5   one file, exact, fast at random; the format to train from
   folder  .folder      numpy arrays and JPEG pictures
   video   .video       numpy arrays and H.264 films
+  mcap    .mcap        one log file that opens in Foxglove, exact
 
 One episode is in memory at a time, however large the file. Interrupted, the same command goes on where it ended.")]
 pub(super) struct Convert {

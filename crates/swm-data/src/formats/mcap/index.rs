@@ -1,0 +1,271 @@
+//! What a file holds, found by walking over its records without reading the messages: columns, runs, and for every
+//! announced episode where its messages lie.
+
+use std::fs::File;
+use std::path::Path;
+
+use swm_core::{Dtype, Field, Metadata};
+
+use super::records::{
+    CHANNEL, CHUNK, DATA_END, FOOTER, HEAD, HEADER, MAGIC, MESSAGE_INDEX, METADATA, Reader,
+};
+use crate::formats::disk::read_exact_at;
+
+/// Metadata record: the columns.
+pub(super) const DATASET: &str = "swm.dataset";
+/// Metadata record: a run and its first episode.
+pub(super) const RUN: &str = "swm.run";
+/// Metadata record: announces the episode before it.
+pub(super) const EPISODE: &str = "swm.episode";
+/// Topic of the rows of numbers and texts.
+pub(super) const STEP_TOPIC: &str = "/step";
+/// A record other than a chunk above this size is taken for damage.
+const MAX_RECORD: u64 = 256 << 20;
+
+/// The topic of a column of pictures.
+pub(super) fn topic(column: &str) -> String {
+    format!("/{column}")
+}
+
+/// Whether a column becomes pictures.
+pub(super) fn is_picture(field: &Field) -> bool {
+    field.dtype == Dtype::U8 && matches!(field.shape[..], [_, _, 1 | 3])
+}
+
+/// A message: its row in the episode, and where its record begins in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Place {
+    pub(super) row: u32,
+    pub(super) at: u64,
+}
+
+/// A chunk in the file.
+#[derive(Clone, Debug)]
+pub(super) struct Chunk {
+    pub(super) at: u64,
+    /// Bytes of its record, and of its messages.
+    pub(super) length: u64,
+    pub(super) size: u64,
+    pub(super) checksum: u32,
+    pub(super) times: [u64; 2],
+    /// For every channel in it, where its message index begins.
+    pub(super) indexes: Vec<(u16, u64)>,
+    /// Bytes of all its message indexes.
+    pub(super) indexes_length: u64,
+}
+
+/// An announced episode.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Episode {
+    pub(super) rows: usize,
+    /// Its chunks in [`Contents::chunks`].
+    pub(super) chunks: std::ops::Range<usize>,
+    /// By channel: its messages, in the order of rows.
+    pub(super) messages: Vec<Vec<Place>>,
+}
+
+/// What a file holds.
+#[derive(Debug, Default)]
+pub(super) struct Contents {
+    pub(super) columns: Vec<Field>,
+    /// Nanoseconds from one row to the next.
+    pub(super) row_ns: u64,
+    pub(super) runs: Vec<(u64, Metadata)>,
+    pub(super) channels: Vec<(u16, String)>,
+    pub(super) chunks: Vec<Chunk>,
+    /// Number of messages by channel, in announced episodes.
+    pub(super) counts: Vec<u64>,
+    pub(super) episodes: Vec<Episode>,
+    /// Metadata records: name, position, length.
+    pub(super) metadata: Vec<(String, u64, u64)>,
+    /// Behind the last record that counts.
+    pub(super) end: u64,
+    /// Whether the summary is there.
+    pub(super) is_finished: bool,
+}
+
+impl Contents {
+    /// Walks over a file. Errors say what is damaged; a file that just ends is that of a killed recording.
+    pub(super) fn read(file: &File, path: &Path) -> Result<Self, String> {
+        let length = file.metadata().map_err(|error| error.to_string())?.len();
+        let mut magic = [0; MAGIC.len()];
+        read_exact_at(file, &mut magic, 0).map_err(|_| "it is shorter than its head".to_owned())?;
+        if &magic != MAGIC {
+            return Err("it does not begin as an MCAP file".to_owned());
+        }
+        let mut found = Self { end: MAGIC.len() as u64, ..Self::default() };
+        let mut open = Episode::default();
+        let mut at = MAGIC.len() as u64;
+        while at + HEAD <= length {
+            let mut head = [0; HEAD as usize];
+            read_exact_at(file, &mut head, at).map_err(|error| error.to_string())?;
+            let size = Reader(&head[1..]).u64()?;
+            let Some(end) = at.checked_add(HEAD + size).filter(|&end| end <= length && size <= length) else {
+                break;
+            };
+            let content = |limit: u64| {
+                if size > limit {
+                    return Err(format!("a record of {size} bytes"));
+                }
+                let mut bytes = vec![0; size as usize];
+                read_exact_at(file, &mut bytes, at + HEAD).map_err(|error| error.to_string())?;
+                Ok(bytes)
+            };
+            match head[0] {
+                CHANNEL => found.channel(&content(MAX_RECORD)?)?,
+                METADATA => {
+                    let bytes = content(MAX_RECORD)?;
+                    let mut reader = Reader(&bytes);
+                    let name = reader.text()?.to_owned();
+                    found.record(&name, &reader.map()?, &mut open)?;
+                    found.metadata.push((name, at, end - at));
+                    found.end = end;
+                }
+                CHUNK => found.chunks.push(chunk(file, at, size)?),
+                MESSAGE_INDEX => found.messages(&content(MAX_RECORD)?, at, end, &mut open)?,
+                DATA_END => {
+                    found.is_finished = closing(file, length);
+                    break;
+                }
+                HEADER | FOOTER => {}
+                // Later versions may have other records.
+                _ => {}
+            }
+            at = end;
+        }
+        let announced = found.episodes.last().map_or(0, |episode: &Episode| episode.chunks.end);
+        found.chunks.truncate(announced);
+        if found.columns.is_empty() {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            return Err(format!(
+                "`{name}` is an MCAP file, but has no record `{DATASET}` that names its columns"
+            ));
+        }
+        Ok(found)
+    }
+
+    fn channel(&mut self, bytes: &[u8]) -> Result<(), String> {
+        let mut reader = Reader(bytes);
+        let id = reader.u16()?;
+        reader.u16()?;
+        let topic = reader.text()?.to_owned();
+        if self.channels.iter().all(|(there, _)| *there != id) {
+            self.channels.push((id, topic));
+            self.counts.push(0);
+        }
+        Ok(())
+    }
+
+    fn record(
+        &mut self,
+        name: &str,
+        values: &std::collections::BTreeMap<&str, &str>,
+        open: &mut Episode,
+    ) -> Result<(), String> {
+        let value = |key: &str| values.get(key).copied().ok_or(format!("record `{name}` has no `{key}`"));
+        let json = |error: serde_json::Error| format!("record `{name}`: {error}");
+        match name {
+            DATASET => {
+                self.columns = serde_json::from_str(value("columns")?).map_err(json)?;
+                self.row_ns = value("row_ns")?.parse().map_err(|_| format!("record `{name}`: `row_ns`"))?;
+                for field in &self.columns {
+                    let bytes = field.shape.iter().try_fold(8usize, |bytes, &size| bytes.checked_mul(size));
+                    if bytes.is_none_or(|bytes| bytes == 0 || bytes > 1 << 30) {
+                        return Err(format!(
+                            "a row of column `{}` has the shape {:?}",
+                            field.name, field.shape
+                        ));
+                    }
+                }
+            }
+            RUN => {
+                let first = value("first_episode")?.parse().map_err(|_| format!("record `{name}`"))?;
+                let metadata = serde_json::from_str(value("metadata")?).map_err(json)?;
+                self.runs.retain(|(there, _)| *there < first);
+                self.runs.push((first, metadata));
+            }
+            EPISODE => {
+                let number =
+                    |key| value(key)?.parse::<usize>().map_err(|_| format!("record `{name}`: `{key}`"));
+                let (index, rows) = (number("index")?, number("rows")?);
+                if index != self.episodes.len() {
+                    return Err(format!("episode {index} stands in the place of {}", self.episodes.len()));
+                }
+                let first = self.episodes.last().map_or(0, |episode| episode.chunks.end);
+                let mut episode = Episode { rows, chunks: first..self.chunks.len(), ..std::mem::take(open) };
+                episode.messages.resize(self.channels.len(), Vec::new());
+                for messages in &mut episode.messages {
+                    messages.sort_by_key(|place| place.row);
+                    if messages.last().is_some_and(|place| place.row as usize >= rows) {
+                        return Err(format!("episode {index} has messages behind its {rows} rows"));
+                    }
+                }
+                for (count, messages) in self.counts.iter_mut().zip(&episode.messages) {
+                    *count += messages.len() as u64;
+                }
+                self.episodes.push(episode);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Takes the index of one channel's messages in the chunk before it. Times are rows.
+    fn messages(&mut self, bytes: &[u8], at: u64, end: u64, open: &mut Episode) -> Result<(), String> {
+        let first_row: u64 = self.episodes.iter().map(|episode| episode.rows as u64).sum();
+        let Some(chunk) = self.chunks.last_mut() else { return Err("an index without a chunk".to_owned()) };
+        let mut reader = Reader(bytes);
+        let channel = reader.u16()?;
+        chunk.indexes.push((channel, at));
+        chunk.indexes_length += end - at;
+        let start = chunk.messages_at();
+        let size = chunk.size;
+        let Some(position) = self.channels.iter().position(|(id, _)| *id == channel) else {
+            return Err(format!("messages of channel {channel}, which does not exist"));
+        };
+        open.messages.resize(open.messages.len().max(self.channels.len()), Vec::new());
+        reader.u32()?;
+        while !reader.0.is_empty() {
+            let (time, offset) = (reader.u64()?, reader.u64()?);
+            let row =
+                (time / self.row_ns.max(1)).checked_sub(first_row).and_then(|row| u32::try_from(row).ok());
+            let Some(row) = row.filter(|_| offset < size) else {
+                return Err("a message lies outside its episode".to_owned());
+            };
+            open.messages[position].push(Place { row, at: start + offset });
+        }
+        Ok(())
+    }
+}
+
+impl Chunk {
+    /// Where its messages begin: behind its own head, with an empty name of a compression.
+    pub(super) fn messages_at(&self) -> u64 {
+        self.at + self.length - self.size
+    }
+}
+
+fn chunk(file: &File, at: u64, size: u64) -> Result<Chunk, String> {
+    let mut bytes = vec![0; size.min(64) as usize];
+    read_exact_at(file, &mut bytes, at + HEAD).map_err(|error| error.to_string())?;
+    let mut reader = Reader(&bytes);
+    let times = [reader.u64()?, reader.u64()?];
+    let (uncompressed, checksum, compression) = (reader.u64()?, reader.u32()?, reader.text()?);
+    if !compression.is_empty() {
+        return Err(format!(
+            "its chunks are compressed ({compression}); write it without compression, or use `mcap compress --compression none`"
+        ));
+    }
+    let stored = reader.u64()?;
+    if stored != uncompressed || stored != size - (bytes.len() - reader.0.len()) as u64 {
+        return Err("a chunk has another size than it says".to_owned());
+    }
+    let (length, indexes) = (HEAD + size, Vec::new());
+    Ok(Chunk { at, length, size: stored, checksum, times, indexes, indexes_length: 0 })
+}
+
+/// Whether the file ends as one that was finished.
+fn closing(file: &File, length: u64) -> bool {
+    let mut magic = [0; MAGIC.len()];
+    read_exact_at(file, &mut magic, length - MAGIC.len() as u64).is_ok() && &magic == MAGIC
+}

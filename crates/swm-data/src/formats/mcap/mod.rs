@@ -1,0 +1,34 @@
+//! MCAP, the log format of robotics: opens in Foxglove, with pictures as `foxglove.CompressedImage` (PNG, exact) and the
+//! numeric columns as JSON to plot. The records are written and read here and not by the crate `mcap`, which cannot
+//! continue a file: appending and recovering need to know where every record lies.
+//!
+//! A channel per column of pictures, one channel `/step` for all other columns; a message's time is its row over all
+//! episodes times the distance of two rows. Metadata records: `swm.dataset` (columns), `swm.run` (metadata of a run),
+//! and behind the messages of each episode `swm.episode`, which announces it.
+
+mod foxglove;
+mod index;
+mod reader;
+mod records;
+mod rows;
+mod writer;
+
+use std::fs::File;
+use std::io::Read;
+
+use crate::format::Format;
+
+/// The entry in the table of formats.
+pub(crate) const FORMAT: Format = Format {
+    name: "mcap",
+    extensions: &["mcap"],
+    about: "one log file that opens in Foxglove: pictures and plots; exact; slow at random numbers",
+    detect: |path| {
+        let mut magic = [0; records::MAGIC.len()];
+        let read = File::open(path).and_then(|mut file| file.read_exact(&mut magic));
+        read.is_ok() && &magic == records::MAGIC
+    },
+    open: |path| Ok(Box::new(reader::McapDataset::open(path)?)),
+    create: |path, options| Ok(Box::new(writer::McapWriter::new(path, options)?)),
+    repair: writer::repair,
+};

@@ -1,0 +1,230 @@
+//! Reading an MCAP dataset: any row of any column, by the places that the walk over the file found.
+
+use std::fs::File;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use swm_core::error::BoxError;
+use swm_core::{Batch, Column, EpisodeSource, Field, Metadata, Schema, SliceMut};
+use swm_media::png;
+
+use super::foxglove;
+use super::index::{Contents, Place, STEP_TOPIC, is_picture, topic};
+use super::records::{HEAD, MESSAGE, MESSAGE_HEAD, Reader};
+use super::rows::from_json;
+use crate::dataset::{Dataset, Steps, check_request, copy_rows, locate, read_rows};
+use crate::error::DataError;
+use crate::formats::disk::read_exact_at;
+
+/// An open file.
+#[derive(Debug)]
+pub(super) struct McapDataset {
+    shared: Arc<Shared>,
+    /// The numbers and texts of the episode that was read last: JSON has no columns.
+    rows: Option<(usize, Vec<Column>)>,
+    message: Vec<u8>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    path: PathBuf,
+    file: File,
+    schema: Arc<Schema>,
+    contents: Contents,
+    /// Of each column, the position of its channel.
+    channels: Vec<usize>,
+    length: u64,
+}
+
+impl McapDataset {
+    pub(super) fn open(path: &Path) -> Result<Self, DataError> {
+        let failed = |source| DataError::io(path, "open", source);
+        let file = File::open(path).map_err(failed)?;
+        let length = file.metadata().map_err(failed)?.len();
+        let damaged = |reason: String| DataError::damaged(path, reason);
+        let contents = Contents::read(&file, path).map_err(damaged)?;
+        let schema = Schema::new(contents.columns.clone()).map_err(|error| damaged(error.to_string()))?;
+        let channels = contents
+            .columns
+            .iter()
+            .map(|field| {
+                let wanted = if is_picture(field) { topic(&field.name) } else { STEP_TOPIC.to_owned() };
+                let found = contents.channels.iter().position(|(_, topic)| *topic == wanted);
+                found.ok_or_else(|| damaged(format!("it has no channel `{wanted}`")))
+            })
+            .collect::<Result<_, _>>()?;
+        let shared = Shared { path: path.to_owned(), file, schema, contents, channels, length };
+        Ok(Self { shared: Arc::new(shared), rows: None, message: Vec::new() })
+    }
+
+    pub(super) fn contents(&self) -> &Contents {
+        &self.shared.contents
+    }
+
+    /// Reads rows of pictures. A row without a message shows what the one before it shows.
+    fn pictures(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: &mut [u8],
+    ) -> Result<(), String> {
+        let shared = self.shared.clone();
+        let field = &shared.schema.fields()[column];
+        let &[height, width, channels] = &field.shape[..] else { return Err("no pictures".to_owned()) };
+        let places = &shared.contents.episodes[episode].messages[shared.channels[column]];
+        let size = height * width * channels;
+        let mut last: Option<(u64, usize)> = None;
+        for at in 0..steps.count {
+            let row = steps.first + at * steps.stride;
+            let behind = places.partition_point(|place| place.row as usize <= row);
+            let Some(&Place { at: place, .. }) = behind.checked_sub(1).and_then(|found| places.get(found))
+            else {
+                return Err(format!("row {row} has no picture"));
+            };
+            match last {
+                Some((there, copy)) if there == place => {
+                    let (done, rest) = out.split_at_mut(at * size);
+                    rest[..size].copy_from_slice(&done[copy * size..][..size]);
+                }
+                _ => {
+                    shared.message(place, &mut self.message)?;
+                    let picture = foxglove::picture(&self.message[MESSAGE_HEAD..])?;
+                    let frame = &mut out[at * size..][..size];
+                    png::decode_into(picture, [height, width, channels], frame)
+                        .map_err(|error| error.to_string())?;
+                    last = Some((place, at));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The columns of numbers and texts of an episode; those of pictures stay empty.
+    fn load(&mut self, episode: usize) -> Result<&[Column], String> {
+        if self.rows.as_ref().is_none_or(|(there, _)| *there != episode) {
+            self.rows = None;
+            let shared = self.shared.clone();
+            let fields: Vec<&Field> =
+                shared.schema.fields().iter().filter(|field| !is_picture(field)).collect();
+            let mut columns: Vec<Column> = fields.iter().map(|field| Column::zeros(field.dtype, 0)).collect();
+            let channel = shared.contents.channels.iter().position(|(_, topic)| topic == STEP_TOPIC);
+            let found = &shared.contents.episodes[episode];
+            let places =
+                channel.and_then(|channel| found.messages.get(channel)).map_or(&[][..], Vec::as_slice);
+            if !fields.is_empty() && places.len() != found.rows {
+                return Err(format!("{} of {} rows are there", places.len(), found.rows));
+            }
+            for place in places {
+                shared.message(place.at, &mut self.message)?;
+                from_json(&self.message[MESSAGE_HEAD..], &fields, &mut columns)
+                    .map_err(|reason| format!("row {}: {reason}", place.row))?;
+            }
+            let mut columns = columns.into_iter();
+            let all = shared.schema.fields().iter().map(|field| match is_picture(field) {
+                true => Column::zeros(field.dtype, 0),
+                false => columns.next().unwrap_or(Column::zeros(field.dtype, 0)),
+            });
+            self.rows = Some((episode, all.collect()));
+        }
+        Ok(self.rows.as_ref().map_or(&[], |(_, columns)| columns))
+    }
+}
+
+impl Shared {
+    /// The content of the message at a place.
+    fn message(&self, at: u64, out: &mut Vec<u8>) -> Result<(), String> {
+        let mut head = [0; HEAD as usize];
+        read_exact_at(&self.file, &mut head, at).map_err(|error| error.to_string())?;
+        let size = Reader(&head[1..]).u64()?;
+        if head[0] != MESSAGE || size < MESSAGE_HEAD as u64 || size > self.length {
+            return Err("a message is not where the index says".to_owned());
+        }
+        out.resize(size as usize, 0);
+        read_exact_at(&self.file, out, at + HEAD).map_err(|error| error.to_string())
+    }
+}
+
+impl EpisodeSource for McapDataset {
+    fn schema(&self) -> &Arc<Schema> {
+        &self.shared.schema
+    }
+
+    fn num_episodes(&self) -> usize {
+        self.shared.contents.episodes.len()
+    }
+
+    fn episode_len(&self, episode: usize) -> usize {
+        self.shared.contents.episodes.get(episode).map_or(0, |episode| episode.rows)
+    }
+
+    fn metadata(&self) -> Option<&Metadata> {
+        self.runs().first().map(|(_, metadata)| metadata)
+    }
+
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
+        Ok(read_rows(self, episode, rows, out)?)
+    }
+}
+
+impl Dataset for McapDataset {
+    fn path(&self) -> &Path {
+        &self.shared.path
+    }
+
+    fn format(&self) -> &'static str {
+        super::FORMAT.name
+    }
+
+    fn read_column(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        let shared = self.shared.clone();
+        let (field, rows) = locate(self, column, episode)?;
+        check_request(&shared.path, field, episode, rows, steps, &out)?;
+        let (name, width) = (field.name.clone(), field.width());
+        let read = match (is_picture(field), out) {
+            (true, SliceMut::U8(out)) => self.pictures(column, episode, steps, out),
+            (_, out) => {
+                self.load(episode).map(|columns| copy_rows(columns[column].as_slice(), width, steps, out))
+            }
+        };
+        read.map_err(|reason| {
+            DataError::damaged(&shared.path, format!("column `{name}`, episode {episode}: {reason}"))
+        })
+    }
+
+    fn share(&self) -> Box<dyn Dataset> {
+        Box::new(Self { shared: self.shared.clone(), rows: None, message: Vec::new() })
+    }
+
+    fn runs(&self) -> &[(u64, Metadata)] {
+        &self.shared.contents.runs
+    }
+
+    fn has_checksums(&self) -> bool {
+        true
+    }
+
+    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
+        let contents = &self.shared.contents;
+        let Some(found) = contents.episodes.get(episode) else { return Ok(()) };
+        for chunk in &contents.chunks[found.chunks.clone()] {
+            self.message.resize(chunk.size as usize, 0);
+            let read = read_exact_at(&self.shared.file, &mut self.message, chunk.messages_at());
+            read.map_err(|source| DataError::io(&self.shared.path, "read", source))?;
+            // 0 stands for "no checksum".
+            if chunk.checksum != 0 && crc32fast::hash(&self.message) != chunk.checksum {
+                let reason =
+                    format!("episode {episode}: a checksum is wrong, it was changed after it was written");
+                return Err(DataError::damaged(&self.shared.path, reason));
+            }
+        }
+        Ok(())
+    }
+}

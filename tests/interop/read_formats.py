@@ -1,0 +1,113 @@
+"""Opens one of our folders, films or logs with the programs that others use, and prints what it sees as JSON: a digest
+per column of numbers, the mean of every frame per column of pictures, and of logs a digest of the pictures too."""
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import av
+import mcap.reader
+import numpy as np
+from fingerprint import fingerprint
+from PIL import Image
+
+
+TYPES = {"bool": bool, "u8": np.uint8, "i32": np.int32, "i64": np.int64, "f32": np.float32, "f64": np.float64}
+
+
+def folder(path):
+    """As the reference's readers do: every `.npz` and every subfolder but those of the index is a column."""
+    lengths = np.load(path / "ep_len.npz")["arr_0"]
+    offsets = np.load(path / "ep_offset.npz")["arr_0"]
+    assert lengths.dtype == np.int32 and offsets.dtype == np.int64
+    assert (offsets == np.concatenate([[0], np.cumsum(lengths)[:-1]])).all()
+    columns = {}
+    for entry in path.iterdir():
+        if entry.stem in ("ep_len", "ep_offset"):
+            continue
+        if entry.is_dir():
+            columns[entry.name] = [frame for e, n in enumerate(lengths) for frame in frames(entry, e, n)]
+        else:
+            columns[entry.stem] = np.load(entry)["arr_0"]
+            assert len(columns[entry.stem]) == lengths.sum(), entry
+    return lengths, columns
+
+
+def frames(column, episode, count):
+    film = column / f"ep_{episode}.mp4"
+    if film.exists():
+        shown = [frame.to_ndarray(format="rgb24") for frame in av.open(str(film)).decode(video=0)]
+        assert len(shown) == count, (film, len(shown), count)
+        return shown
+    return [np.array(Image.open(column / f"ep_{episode}_step_{step}.jpeg")) for step in range(count)]
+
+
+def log(path):
+    """By the summary and the index, as a viewer does; then record by record."""
+    with open(path, "rb") as file:
+        reader = mcap.reader.make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        records = {}
+        for record in reader.iter_metadata():
+            records.setdefault(record.name, []).append(record.metadata)
+        fields = {field["name"]: field for field in json.loads(records["swm.dataset"][0]["columns"])}
+        lengths = np.array([int(episode["rows"]) for episode in records["swm.episode"]])
+        rows, pictures = [], {}
+        for schema, channel, message in reader.iter_messages():
+            if channel.topic == "/step":
+                assert (schema.name, channel.message_encoding) == ("swm.Step", "json")
+                rows.append(json.loads(message.data))
+            else:
+                assert (schema.name, schema.encoding) == ("foxglove.CompressedImage", "protobuf")
+                pictures.setdefault(channel.topic[1:], {})[len(rows)] = np.array(Image.open(io.BytesIO(png(message.data))))
+        counts = summary.statistics.channel_message_counts
+        assert sum(counts.values()) == summary.statistics.message_count == len(rows) + sum(map(len, pictures.values()))
+    columns = {}
+    for name, field in fields.items():
+        if name in pictures:
+            shown, last = [], None
+            for row in range(len(rows)):
+                last = pictures[name].get(row, last)
+                shown.append(last)
+            columns[name] = shown
+        else:
+            values = [[np.nan if v is None else v for v in np.atleast_1d(np.array(row[name], dtype=object))] for row in rows]
+            columns[name] = np.array(values).astype(TYPES[field["dtype"]])
+    return lengths, columns
+
+
+def png(message):
+    """The field `data`, number 2, of a message in Protocol Buffers."""
+    at = 0
+
+    def varint():
+        nonlocal at
+        value = shift = 0
+        while True:
+            byte = message[at]
+            at += 1
+            value |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return value
+
+    while at < len(message):
+        tag, length = varint(), varint()
+        if tag >> 3 == 2:
+            return message[at : at + length]
+        at += length
+    raise ValueError("no picture")
+
+
+path = Path(sys.argv[1])
+lengths, columns = folder(path) if path.is_dir() else log(path)
+seen = {"episodes": len(lengths), "steps": int(lengths.sum()), "hashes": {}, "frame_means": {}}
+for name, values in columns.items():
+    if isinstance(values, list):
+        seen["frame_means"][name] = [float(frame.mean()) for frame in values]
+        if path.is_file():
+            seen["hashes"][name] = fingerprint(np.stack(values))
+    else:
+        seen["hashes"][name] = fingerprint(np.ascontiguousarray(values))
+print(json.dumps(seen))
