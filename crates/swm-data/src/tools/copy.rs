@@ -70,7 +70,7 @@ pub fn copy(
         }
         thread::scope(|scope| {
             let sources = &mut *sources;
-            scope.spawn(move || read(sources, run, &from_writer, to_writer));
+            scope.spawn(move || read(sources, run, &from_writer, &to_writer));
             let mut writer = format::create_with(to, &options, format)?;
             let failed = |error: BoxError| unboxed(to, error);
             writer.begin(&schema, &metadata).map_err(failed)?;
@@ -97,7 +97,7 @@ fn read(
     sources: &mut [Box<dyn Dataset>],
     pieces: &[Piece],
     spare: &Receiver<Batch>,
-    out: SyncSender<Result<Batch, DataError>>,
+    out: &SyncSender<Result<Batch, DataError>>,
 ) {
     for &(source, episode) in pieces {
         let Ok(mut batch) = spare.recv() else { return };
@@ -229,7 +229,9 @@ fn unboxed(path: &Path, error: BoxError) -> DataError {
 
 /// Every episode of every source, in order.
 pub fn all(sources: &[Box<dyn Dataset>]) -> Vec<Piece> {
-    let episodes =
-        |(at, source): (usize, &Box<dyn Dataset>)| (0..source.num_episodes()).map(move |e| (at, e));
-    sources.iter().enumerate().flat_map(episodes).collect()
+    let mut pieces = Vec::new();
+    for (at, source) in sources.iter().enumerate() {
+        pieces.extend((0..source.num_episodes()).map(|episode| (at, episode)));
+    }
+    pieces
 }

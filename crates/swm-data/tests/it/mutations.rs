@@ -49,8 +49,8 @@ fn mutated(bytes: &[u8], number: usize) -> Vec<u8> {
     // Heads and ends decide most: half of the mutations are there.
     let spread = (number as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
     let at = match number % 4 {
-        0 => spread as usize % bytes.len().min(256).max(1),
-        1 => bytes.len() - 1 - spread as usize % bytes.len().min(256).max(1),
+        0 => spread as usize % bytes.len().clamp(1, 256),
+        1 => bytes.len() - 1 - spread as usize % bytes.len().clamp(1, 256),
         _ => spread as usize % bytes.len().max(1),
     };
     match number % 5 {
@@ -63,7 +63,7 @@ fn mutated(bytes: &[u8], number: usize) -> Vec<u8> {
         }
         _ => {
             let word = WORDS[number / 5 % WORDS.len()];
-            let word = if number % 2 == 0 { word.to_le_bytes() } else { word.to_be_bytes() };
+            let word = if number.is_multiple_of(2) { word.to_le_bytes() } else { word.to_be_bytes() };
             for (byte, value) in bytes[at..].iter_mut().zip(word) {
                 *byte = value;
             }

@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn exponential_codes() {
-        let mut bits = Bits { bytes: &[0b1_010_011_0, 0b0100_0000], at: 0 };
+        let mut bits = Bits { bytes: &[0b1010_0110, 0b0100_0000], at: 0 };
         assert_eq!([(); 4].map(|()| bits.exponential()), [Some(0), Some(1), Some(2), Some(3)]);
     }
 }

@@ -187,8 +187,8 @@ impl ColumnStorage {
         if rows.is_empty() {
             return Ok(());
         }
-        for index in rows.start / rows_per_chunk..=(rows.end - 1) / rows_per_chunk {
-            let Chunk { address, size } = chunks[index];
+        let (first, last) = (rows.start / rows_per_chunk, (rows.end - 1) / rows_per_chunk);
+        for (index, &Chunk { address, size }) in chunks.iter().enumerate().take(last + 1).skip(first) {
             buffer.resize(size as usize, 0);
             read_exact_at(file, buffer, address).map_err(|error| error.to_string())?;
             let right = buffer

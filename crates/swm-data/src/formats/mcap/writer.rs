@@ -277,7 +277,7 @@ impl Recording {
         let content =
             Content::default().u64(times[0]).u64(times[1]).u64(size).u32(checksum).text("").u64(size);
         let at = self.contents.end;
-        self.append(content.raw(&bytes).record(CHUNK))?;
+        self.append(&content.raw(&bytes).record(CHUNK))?;
         let length = self.contents.end - at;
         let mut indexes = Vec::new();
         for (channel, places) in places {
@@ -288,7 +288,7 @@ impl Recording {
             }
             let list =
                 places.iter().fold(Content::default(), |list, &(time, offset)| list.u64(time).u64(offset));
-            self.append(Content::default().u16(channel).list(&list.0).record(MESSAGE_INDEX))?;
+            self.append(&Content::default().u16(channel).list(&list.0).record(MESSAGE_INDEX))?;
         }
         let indexes_length = self.contents.end - at - length;
         self.contents.chunks.push(Chunk { at, length, size, checksum, times, indexes, indexes_length });
@@ -298,13 +298,13 @@ impl Recording {
     /// Writes a metadata record.
     fn announce(&mut self, name: &str, values: &[(&str, String)]) -> Result<(), String> {
         let at = self.contents.end;
-        self.append(Content::default().text(name).map(values).record(METADATA))?;
+        self.append(&Content::default().text(name).map(values).record(METADATA))?;
         self.contents.metadata.push((name.to_owned(), at, self.contents.end - at));
         Ok(())
     }
 
-    fn append(&mut self, record: Vec<u8>) -> Result<(), String> {
-        write_all_at(&self.file, &record, self.contents.end).map_err(|error| error.to_string())?;
+    fn append(&mut self, record: &[u8]) -> Result<(), String> {
+        write_all_at(&self.file, record, self.contents.end).map_err(|error| error.to_string())?;
         self.contents.end += record.len() as u64;
         Ok(())
     }
@@ -313,7 +313,7 @@ impl Recording {
     fn summarise(mut self) -> Result<(), String> {
         let announced = self.contents.end;
         // 0 stands for "no checksum".
-        self.append(Content::default().u32(0).record(DATA_END))?;
+        self.append(&Content::default().u32(0).record(DATA_END))?;
         let start = self.contents.end;
         let contents = std::mem::take(&mut self.contents);
         let mut summary = description(&contents.columns).concat();
@@ -352,7 +352,7 @@ impl Recording {
         summary.extend(checksum.to_le_bytes());
         summary.extend(MAGIC);
         self.contents.end = start;
-        self.append(summary)
+        self.append(&summary)
             .and_then(|()| self.file.set_len(self.contents.end).map_err(|error| error.to_string()))
             .inspect_err(|_| {
                 // Half a summary helps nobody.
