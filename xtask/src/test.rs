@@ -43,7 +43,7 @@ pub(crate) fn suites(args: &Args) -> Result<()> {
         command = process::cargo(["test", "--tests", "--no-fail-fast"]);
     }
     command.env("SWM_INTEROP_PYTHON", interop::python()?);
-    process::run(command.args(args.selection()).args(features()).args(&args.runner_args))
+    process::run(command.args(args.selection()).args(features(args)).args(&args.runner_args))
 }
 
 /// The examples in the documentation, which nextest does not run.
@@ -59,12 +59,18 @@ pub(crate) fn doctests(args: &Args) -> Result<()> {
         eprintln!("test: no library among the chosen crates, so no documentation examples");
         return Ok(());
     }
-    process::run(process::cargo(["test", "--doc", "--quiet"]).args(libraries.selection()).args(features()))
+    process::run(
+        process::cargo(["test", "--doc", "--quiet"]).args(libraries.selection()).args(features(&libraries)),
+    )
 }
 
-/// What is left out where no C++ compiler is at hand.
-fn features() -> &'static [&'static str] {
-    if process::has_cxx() { &[] } else { &["--no-default-features", "--features", "swm/cli"] }
+/// What is left out where no C++ compiler is at hand; what is not built by default and tested all the same.
+fn features(args: &Args) -> &'static [&'static str] {
+    match process::has_cxx() {
+        true if args.packages.is_empty() => &["--features", "swm/lerobot"],
+        true => &[],
+        false => &["--no-default-features", "--features", "swm/cli"],
+    }
 }
 
 impl Args {

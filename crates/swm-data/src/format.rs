@@ -17,6 +17,8 @@ pub const FORMATS: &[Format] = &[
     #[cfg(feature = "video")]
     formats::folder::VIDEO,
     formats::mcap::FORMAT,
+    #[cfg(feature = "lerobot")]
+    formats::lerobot::FORMAT,
 ];
 
 /// What opening gives: a reader or a writer of whatever format.

@@ -4,5 +4,7 @@ mod disk;
 mod fit;
 pub(crate) mod folder;
 pub(crate) mod hdf5;
+#[cfg(feature = "lerobot")]
+pub(crate) mod lerobot;
 pub(crate) mod mcap;
 mod npz;

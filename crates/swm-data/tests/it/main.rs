@@ -9,6 +9,8 @@ mod crash;
 mod damage;
 mod folders;
 mod golden;
+#[cfg(feature = "lerobot")]
+mod lerobot;
 mod loader;
 mod loader_properties;
 mod mutations;

@@ -92,7 +92,7 @@ fn peak_kib() -> Option<u64> {
     line.split_whitespace().nth(1)?.parse().ok()
 }
 
-fn mutate(name: &str, path: &Path) {
+pub(crate) fn mutate(name: &str, path: &Path) {
     assert!(play(path), "{name}: the seed itself");
     let (started, before) = (Instant::now(), peak_kib());
     let (mut errors, mut all) = (0, 0);
@@ -125,7 +125,7 @@ fn mutate(name: &str, path: &Path) {
 #[test]
 fn no_reader_of_ours_trips_over_foreign_bytes() {
     let folder = tempfile::tempdir().unwrap();
-    for format in FORMATS {
+    for format in FORMATS.iter().filter(|format| format.name != "lerobot") {
         let path = folder.path().join("seed").with_extension(format.extensions[0]);
         seed(&path);
         mutate(format.name, &path);

@@ -170,7 +170,8 @@ fn spans(
     let (shortest, rows) = shortest.unwrap_or(("", usize::MAX));
     let mut spans = Vec::with_capacity(lengths.len());
     for (episode, (&len, &offset)) in lengths.iter().zip(offsets).enumerate() {
-        let span = usize::try_from(offset).ok().zip(usize::try_from(len).ok());
+        let len_fits = usize::try_from(len).ok().filter(|_| len <= i64::from(i32::MAX));
+        let span = usize::try_from(offset).ok().zip(len_fits);
         let fits = |&(first, len): &(usize, usize)| first.checked_add(len).is_some_and(|end| end <= rows);
         let Some(span) = span.filter(fits) else {
             let reason = format!(

@@ -122,7 +122,7 @@ impl Contents {
                     found.end = end;
                 }
                 CHUNK => found.chunks.push(chunk(file, at, size)?),
-                MESSAGE_INDEX => found.messages(&content(MAX_RECORD)?, at, end, &mut open)?,
+                MESSAGE_INDEX => found.messages(file, &content(MAX_RECORD)?, (at, end), &mut open)?,
                 DATA_END => {
                     found.is_finished = closing(file, length);
                     break;
@@ -200,6 +200,10 @@ impl Contents {
                         return Err(format!("episode {index} has messages behind its {rows} rows"));
                     }
                 }
+                let step = self.channels.iter().position(|(_, topic)| topic == STEP_TOPIC);
+                if step.is_some_and(|step| episode.messages[step].len() != rows) {
+                    return Err(format!("episode {index} should have {rows} messages on `{STEP_TOPIC}`"));
+                }
                 for (count, messages) in self.counts.iter_mut().zip(&episode.messages) {
                     *count += messages.len() as u64;
                 }
@@ -211,7 +215,13 @@ impl Contents {
     }
 
     /// Takes the index of one channel's messages in the chunk before it. Times are rows.
-    fn messages(&mut self, bytes: &[u8], at: u64, end: u64, open: &mut Episode) -> Result<(), String> {
+    fn messages(
+        &mut self,
+        file: &File,
+        bytes: &[u8],
+        (at, end): (u64, u64),
+        open: &mut Episode,
+    ) -> Result<(), String> {
         let first_row: u64 = self.episodes.iter().map(|episode| episode.rows as u64).sum();
         let Some(chunk) = self.chunks.last_mut() else { return Err("an index without a chunk".to_owned()) };
         let mut reader = Reader(bytes);
@@ -220,6 +230,12 @@ impl Contents {
         chunk.indexes_length += end - at;
         let start = chunk.messages_at();
         let size = chunk.size;
+        if self.channels.iter().all(|(id, _)| *id != channel) {
+            // Other writers describe channels inside of chunks.
+            for content in channels_within(file, start, size)? {
+                self.channel(&content)?;
+            }
+        }
         let Some(position) = self.channels.iter().position(|(id, _)| *id == channel) else {
             return Err(format!("messages of channel {channel}, which does not exist"));
         };
@@ -262,6 +278,25 @@ fn chunk(file: &File, at: u64, size: u64) -> Result<Chunk, String> {
     }
     let (length, indexes) = (HEAD + size, Vec::new());
     Ok(Chunk { at, length, size: stored, checksum, times, indexes, indexes_length: 0 })
+}
+
+/// The contents of channel records among the messages of a chunk.
+fn channels_within(file: &File, start: u64, size: u64) -> Result<Vec<Vec<u8>>, String> {
+    let (mut found, mut at) = (Vec::new(), 0);
+    while at + HEAD <= size {
+        let mut head = [0; HEAD as usize];
+        read_exact_at(file, &mut head, start + at).map_err(|error| error.to_string())?;
+        let length = Reader(&head[1..]).u64()?;
+        let end = (at + HEAD).checked_add(length).filter(|&end| end <= size);
+        let Some(end) = end else { return Err("a record reaches behind its chunk".to_owned()) };
+        if head[0] == CHANNEL && length <= MAX_RECORD {
+            let mut content = vec![0; length as usize];
+            read_exact_at(file, &mut content, start + at + HEAD).map_err(|error| error.to_string())?;
+            found.push(content);
+        }
+        at = end;
+    }
+    Ok(found)
 }
 
 /// Whether the file ends as one that was finished.

@@ -1,0 +1,120 @@
+//! Columns of a Parquet file as columns of ours: numbers, and lists of as many numbers in every row.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
+use parquet::data_type::DataType;
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use swm_core::Column;
+
+/// More values than this in a column of one file are taken for damage: the head of a file may claim any number.
+const MAX_VALUES: i64 = 1 << 28;
+
+/// An open file.
+pub(super) struct Table {
+    reader: SerializedFileReader<File>,
+    /// By name: where the column stands.
+    columns: BTreeMap<String, usize>,
+    rows: usize,
+}
+
+impl Table {
+    pub(super) fn open(path: &Path) -> Result<Self, String> {
+        let failed = |reason: String| format!("{}: {reason}", path.display());
+        let file = File::open(path).map_err(|error| failed(error.to_string()))?;
+        let reader =
+            guarded(|| SerializedFileReader::new(file).map_err(|error| error.to_string())).map_err(failed)?;
+        let metadata = reader.metadata().file_metadata();
+        let rows = usize::try_from(metadata.num_rows()).ok().filter(|&rows| rows as i64 <= MAX_VALUES);
+        let rows = rows.ok_or_else(|| failed(format!("{} rows", metadata.num_rows())))?;
+        let leaves = metadata.schema_descr().columns().iter().enumerate();
+        // The first leaf of a name: lists have just one.
+        let columns = leaves
+            .rev()
+            .filter_map(|(at, leaf)| leaf.path().parts().first().map(|name| (name.clone(), at)))
+            .collect();
+        Ok(Self { reader, columns, rows })
+    }
+
+    pub(super) fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// All values of a column, row after row.
+    pub(super) fn column(&self, name: &str) -> Result<Column, String> {
+        let &leaf = self.columns.get(name).ok_or_else(|| format!("there is no column `{name}`"))?;
+        guarded(|| self.read(leaf)).map_err(|reason| format!("column `{name}`: {reason}"))
+    }
+
+    fn read(&self, leaf: usize) -> Result<Column, String> {
+        let mut all: Option<Column> = None;
+        for group in 0..self.reader.num_row_groups() {
+            let group = self.reader.get_row_group(group).map_err(|error| error.to_string())?;
+            let chunk = group.metadata().column(leaf);
+            if !(0..=MAX_VALUES).contains(&chunk.num_values()) {
+                return Err(format!("{} values", chunk.num_values()));
+            }
+            let depth = chunk.column_descr().max_def_level() > 0;
+            let lists = chunk.column_descr().max_rep_level() > 0;
+            let rows =
+                usize::try_from(group.metadata().num_rows()).map_err(|_| "a negative number of rows")?;
+            let column = group.get_column_reader(leaf).map_err(|error| error.to_string())?;
+            let part = match column {
+                ColumnReader::BoolColumnReader(reader) => Column::Bool(values(reader, rows, depth, lists)?),
+                ColumnReader::Int32ColumnReader(reader) => Column::I32(values(reader, rows, depth, lists)?),
+                ColumnReader::Int64ColumnReader(reader) => Column::I64(values(reader, rows, depth, lists)?),
+                ColumnReader::FloatColumnReader(reader) => Column::F32(values(reader, rows, depth, lists)?),
+                ColumnReader::DoubleColumnReader(reader) => Column::F64(values(reader, rows, depth, lists)?),
+                _ => return Err("values of its type are not supported".to_owned()),
+            };
+            match &mut all {
+                None => all = Some(part),
+                Some(all) => {
+                    if !all.extend(part.as_slice()) {
+                        return Err("its type changes".to_owned());
+                    }
+                }
+            }
+        }
+        all.ok_or_else(|| "the file is empty".to_owned())
+    }
+}
+
+fn values<T: DataType>(
+    mut reader: ColumnReaderImpl<T>,
+    rows: usize,
+    has_depth: bool,
+    has_lists: bool,
+) -> Result<Vec<T::T>, String> {
+    let (mut values, mut depths, mut repeats) = (Vec::new(), Vec::new(), Vec::new());
+    let mut done = 0;
+    while done < rows {
+        let (records, ..) = reader
+            .read_records(
+                rows - done,
+                has_depth.then_some(&mut depths),
+                has_lists.then_some(&mut repeats),
+                &mut values,
+            )
+            .map_err(|error| error.to_string())?;
+        if records == 0 {
+            return Err(format!("{done} of {rows} rows are there"));
+        }
+        if values.len() as i64 > MAX_VALUES {
+            return Err(format!("{} values", values.len()));
+        }
+        done += records;
+    }
+    match has_depth && depths.len() != values.len() {
+        true => Err("some values are missing".to_owned()),
+        false => Ok(values),
+    }
+}
+
+/// The library panics on some damaged files.
+fn guarded<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| Err("it cannot be decoded".to_owned()))
+}
