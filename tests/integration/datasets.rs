@@ -136,6 +136,20 @@ fn damage_is_found_and_an_interruption_mended() {
 }
 
 #[test]
+fn statistics_are_shown_and_kept_beside_the_dataset() {
+    let folder = Folder::new();
+    for name in ["a.h5", "b.folder"] {
+        let source = recorded(&folder, name, "6", "2");
+        let found = swm_json(&["stats", &source, "--columns", "action,pixels"]);
+        assert_eq!((&found["episodes"], found["columns"].as_object().unwrap().len()), (&2.into(), 2));
+        // The last action of each episode does not count.
+        assert_eq!(found["columns"]["action"]["not_finite"], 2);
+        assert!(Path::new(&format!("{source}.stats.json")).exists());
+        assert!(swm_fails(1, &["stats", &source, "--columns", "actoin"]).contains("`action`"));
+    }
+}
+
+#[test]
 fn previews_show_the_episodes() {
     let folder = Folder::new();
     let source = recorded(&folder, "a.h5", "5", "3");

@@ -12,9 +12,10 @@ use crate::dataset::Dataset;
 use crate::error::DataError;
 use crate::lock::beside;
 
-/// Where the statistics of the dataset at `path` are: `data.h5.stats.json`, or `data/stats.json` for a folder.
+/// Where the statistics of the dataset at `path` are: `data.h5.stats.json`; beside a folder too, since the reference's
+/// readers take every file inside for a column.
 pub fn side_file(path: &Path) -> PathBuf {
-    if path.is_dir() { path.join("stats.json") } else { beside(path, ".stats.json") }
+    beside(path, ".stats.json")
 }
 
 impl Statistics {

@@ -17,6 +17,7 @@ mod preview;
 mod render;
 mod replay;
 mod solvers;
+mod stats;
 mod verify;
 
 use std::ffi::OsString;
@@ -48,6 +49,7 @@ enum Command {
     Collect(collect::Collect),
     Inspect(inspect::Inspect),
     Preview(preview::Preview),
+    Stats(stats::Stats),
     Verify(verify::Verify),
     Diff(verify::Diff),
     Convert(convert::Convert),
@@ -91,6 +93,7 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         Command::Collect(command) => command.run(registry, &output),
         Command::Inspect(command) => command.run(&output),
         Command::Preview(command) => command.run(&output),
+        Command::Stats(command) => command.run(&output),
         Command::Verify(command) => command.run(&output),
         Command::Diff(command) => command.run(&output),
         Command::Convert(command) => command.run(&output),

@@ -28,13 +28,7 @@ pub(super) struct ColumnStorage {
 #[derive(Debug)]
 enum Place {
     /// In chunks of whole rows (one chunk for all rows, if the dataset is not chunked).
-    Chunks {
-        rows_per_chunk: usize,
-        row_bytes: usize,
-        codec: Codec,
-        checksummed: bool,
-        chunks: Vec<Chunk>,
-    },
+    Chunks { rows_per_chunk: usize, row_bytes: usize, codec: Codec, checksummed: bool, chunks: Vec<Chunk> },
     /// Wherever the library finds it.
     Library(Dataset),
 }

@@ -1,0 +1,88 @@
+//! `swm stats`: statistics of columns, for people and for normalisation.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions, side_file};
+
+use super::output::table;
+use super::{Failure, Output};
+
+/// Show mean, spread, extremes and quantiles of columns; keep them with the dataset.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm stats pusht.h5
+  swm stats pusht.h5 --columns action,proprio --json
+  swm stats pusht.h5 --quantiles 0.01,0.99
+
+Found in one pass and kept in `<dataset>.stats.json`, where the loader's normalisation looks for them. Of pictures there is
+one set of numbers per channel, of other columns one per value. Rows with a NaN, such as the last action of an episode, do
+not count.")]
+pub(super) struct Stats {
+    /// The dataset.
+    file: PathBuf,
+    /// Only these columns.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    columns: Option<Vec<String>>,
+    /// Quantiles, each from 0 to 1.
+    #[arg(long, value_name = "NUMBERS", value_delimiter = ',')]
+    quantiles: Option<Vec<f64>>,
+    /// Do not keep them with the dataset.
+    #[arg(long)]
+    no_store: bool,
+}
+
+impl Stats {
+    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+        let mut dataset = swm_data::open(&self.file)?;
+        let default = StatisticsOptions::default();
+        let options = StatisticsOptions {
+            keys: self.columns,
+            quantiles: self.quantiles.unwrap_or(default.quantiles),
+            ..default
+        };
+        let statistics = if self.no_store {
+            Statistics::compute(dataset.as_mut(), &options)?
+        } else {
+            let found = Statistics::load_or_compute(dataset.as_mut(), &options)?;
+            output.note(format!("kept in {}", side_file(dataset.path()).display()));
+            found
+        };
+        output.result(&statistics, || {
+            let mut rows = Vec::new();
+            for (name, column) in &statistics.columns {
+                rows.extend(lines(name, column));
+            }
+            let header = ["column", "rows", "not finite", "mean", "std", "min", "max"];
+            format!("{} episodes, {} rows\n\n{}", statistics.episodes, statistics.rows, table(&header, &rows))
+        })
+    }
+}
+
+/// One line per value of a column, the first few of them.
+fn lines(name: &str, column: &ColumnStatistics) -> Vec<Vec<String>> {
+    const MOST: usize = 8;
+    let cell =
+        |values: &[f64], at: usize| values.get(at).map_or("-".to_owned(), |value| format!("{value:.4}"));
+    let count = column.mean.len().max(1);
+    let mut rows: Vec<Vec<String>> = (0..count.min(MOST))
+        .map(|at| {
+            vec![
+                if count == 1 { name.to_owned() } else { format!("{name}[{at}]") },
+                column.rows.to_string(),
+                column.not_finite.to_string(),
+                cell(&column.mean, at),
+                cell(&column.std, at),
+                cell(&column.min, at),
+                cell(&column.max, at),
+            ]
+        })
+        .collect();
+    if count > MOST {
+        let mut rest = vec![format!("{name}[{MOST}…{}]", count - 1)];
+        rest.resize(7, "…".to_owned());
+        rows.push(rest);
+    }
+    rows
+}
