@@ -50,6 +50,12 @@ pub trait Env: Send + Sync {
         None
     }
 
+    /// What draws its pictures, in words and with its version, for the record: `swm-render 0.1.0 (software)`. `None` if
+    /// it draws none, or always in the same way.
+    fn renderer(&self) -> Option<String> {
+        None
+    }
+
     /// Where the things that move are in the picture, so that their paths can be drawn over it. Always the same
     /// things in the same order; none if the environment does not say.
     fn places(&self) -> Vec<Place> {

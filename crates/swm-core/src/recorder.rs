@@ -41,6 +41,8 @@ pub struct RunInfo<'a> {
     pub rollout: &'a Rollout<'a>,
     /// The policy, in words.
     pub policy: &'a str,
+    /// What draws pictures, in words: see [`crate::Env::renderer`].
+    pub renderer: Option<&'a str>,
 }
 
 /// One row of data, while it is true.

@@ -98,6 +98,12 @@ pub enum MujocoError {
         /// Cameras of the model.
         count: usize,
     },
+    /// Settings of pictures do not go together.
+    #[error("{reason}")]
+    Pictures {
+        /// Why, and what would.
+        reason: String,
+    },
     /// A simulation is to be drawn whose model has other objects.
     #[error("the simulation's model has other objects than the one that the pictures were prepared for")]
     Scene,

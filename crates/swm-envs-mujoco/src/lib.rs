@@ -27,6 +27,7 @@ mod quadruped;
 mod reacher;
 pub mod software;
 pub mod suite;
+mod views;
 mod walker;
 
 use swm_core::EnvEntry;

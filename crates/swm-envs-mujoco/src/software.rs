@@ -47,7 +47,17 @@ enum Slot {
 
 impl SoftwareRenderer {
     /// A renderer for pictures of `height` × `width` pixels from the camera of this index.
-    pub fn new(model: &Arc<Model>, camera: usize, [height, width]: [usize; 2]) -> Result<Self, MujocoError> {
+    pub fn new(model: &Arc<Model>, camera: usize, size: [usize; 2]) -> Result<Self, MujocoError> {
+        Self::with_quality(model, camera, size, Quality::default())
+    }
+
+    /// A renderer of better or quicker pictures.
+    pub fn with_quality(
+        model: &Arc<Model>,
+        camera: usize,
+        [height, width]: [usize; 2],
+        quality: Quality,
+    ) -> Result<Self, MujocoError> {
         let geometry = Geometry::new(height, width);
         let store = Store::of(model)?;
         Ok(Self {
@@ -56,7 +66,7 @@ impl SoftwareRenderer {
             store,
             scene: Scene::new(Arc::clone(model), camera)?,
             picture: Picture::default(),
-            renderer: SceneRenderer::new(geometry, Quality::default())?,
+            renderer: SceneRenderer::new(geometry, quality)?,
             model: Arc::clone(model),
         })
     }
@@ -109,6 +119,16 @@ impl SoftwareRenderer {
     pub fn draw_depth(&mut self, sim: &mut Simulation, depth: &mut [f32]) -> Result<(), MujocoError> {
         self.describe(sim)?;
         Ok(self.renderer.render_depth(&self.picture, &self.store.assets, depth)?)
+    }
+
+    /// As [`SoftwareRenderer::draw_segmentation`], of the picture that was drawn last.
+    pub fn segmentation_of_last(&mut self, segments: &mut [i32]) -> Result<(), MujocoError> {
+        Ok(self.renderer.segmentation_of_last(&self.picture, &self.store.assets, segments)?)
+    }
+
+    /// As [`SoftwareRenderer::draw_depth`], of the picture that was drawn last.
+    pub fn depth_of_last(&mut self, depth: &mut [f32]) -> Result<(), MujocoError> {
+        Ok(self.renderer.depth_of_last(&self.picture, &self.store.assets, depth)?)
     }
 
     fn describe(&mut self, sim: &mut Simulation) -> Result<(), MujocoError> {

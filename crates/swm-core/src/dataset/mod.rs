@@ -77,6 +77,9 @@ pub struct Metadata {
     /// Picture size.
     #[serde(default)]
     pub image: Option<ImageSize>,
+    /// What drew the pictures, in words, where there is a choice.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub renderer: Option<String>,
     /// Time limit of an episode.
     #[serde(default)]
     pub max_episode_steps: Option<u64>,
@@ -122,6 +125,7 @@ impl Metadata {
             variation_values,
             from_recorded_rows: matches!(run.rollout.scenario, Scenario::Each(_)),
             image: run.options.env.image,
+            renderer: run.renderer.map(str::to_owned),
             max_episode_steps: run.options.max_episode_steps,
             frame_skip: run.options.frame_skip,
             checkpoints: run.options.checkpoints,

@@ -67,8 +67,15 @@ impl World {
         // The first reset and the first actions come before the recorder's start, so that a request that cannot be
         // met leaves no file behind.
         self.reset_and_act(&rollout.scenario)?;
-        let info =
-            RunInfo { spec: &self.spec, schema: &schema, options: &self.options, rollout, policy: &policy };
+        let renderer = self.slots.first().and_then(|slot| slot.env().renderer());
+        let info = RunInfo {
+            spec: &self.spec,
+            schema: &schema,
+            options: &self.options,
+            rollout,
+            policy: &policy,
+            renderer: renderer.as_deref(),
+        };
         recorder.start(&info).map_err(WorldError::Record)?;
         while self.slots.iter().any(Slot::is_live) {
             self.record_rows(recorder, Slot::is_live)?;

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use swm_core::env::PIXELS;
 use swm_core::{
     BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome,
     RowsMut, Slice, Space, Value,
@@ -16,6 +15,7 @@ use super::models::{Models, Origin};
 use super::picture::Picture;
 use super::settings::{OnDivergence, Settings};
 use crate::error::MujocoError;
+use crate::views::Views;
 
 // Field indices, in the order of `fields`; behind them the domain's numbers, its targets and the factors.
 const OBSERVATION: usize = 0;
@@ -98,7 +98,9 @@ impl SuiteEnv {
         stage.sim.forward_without_actuation()?;
         let mut scratch = Vec::new();
         task.observe(&stage, &mut scratch);
-        let (fields, columns) = fields(domain, &stage, scratch.len(), &space, image);
+        let wanted = settings.wanted(domain.camera);
+        let views = image.map(|size| Views::new(&wanted, stage.sim.model(), size)).transpose()?;
+        let (fields, columns) = fields(domain, &stage, scratch.len(), &space, views.as_ref());
         let spec = EnvSpec {
             id: domain.id.to_owned(),
             action: Space::uniform_box(Dtype::F64, &[ranges.len()], -1.0, 1.0),
@@ -108,10 +110,7 @@ impl SuiteEnv {
             start_columns: domain.start_columns,
             goal_columns: entry.goal_columns,
         };
-        let camera = settings.camera.unwrap_or(domain.camera);
-        let picture = image
-            .map(|size| Picture::new(&models, settings.renderer, camera, space.defaults(), size))
-            .transpose()?;
+        let picture = views.map(|views| Picture::new(&models, views, space.defaults())).transpose()?;
         Ok(Self {
             spec,
             domain,
@@ -322,7 +321,7 @@ impl Env for SuiteEnv {
             out.write(columns.targets + index, stage.target(index));
         }
         if let Some(picture) = picture {
-            picture.draw(&mut stage.sim, out.at(columns.pixels));
+            picture.write(&mut stage.sim, columns.pixels, out);
         }
     }
 
@@ -367,6 +366,10 @@ impl Env for SuiteEnv {
         self.task.cost(&self.stage).or(Some(-self.total_reward))
     }
 
+    fn renderer(&self) -> Option<String> {
+        self.picture.as_ref().map(Picture::renderer)
+    }
+
     fn is_truncated(&self) -> bool {
         self.control_steps >= self.step_limit
     }
@@ -403,7 +406,7 @@ fn fields(
     stage: &Stage,
     observation: usize,
     space: &FovSpace,
-    image: Option<ImageSize>,
+    views: Option<&Views>,
 ) -> (Vec<Field>, Columns) {
     let model = stage.sim.model();
     let numbers = |name: &str, shape: &[usize]| Field::step(name, Dtype::F64, shape);
@@ -427,6 +430,6 @@ fn fields(
     let factors = fields.len();
     fields.extend(space.fields());
     let pixels = fields.len();
-    fields.extend(image.map(|size| size.field(PIXELS)));
+    fields.extend(views.iter().flat_map(|views| views.fields()));
     (fields, Columns { infos, targets, factors, pixels })
 }

@@ -2,19 +2,20 @@
 
 use std::sync::Arc;
 
-use swm_core::ImageSize;
+use swm_core::{ImageSize, RowsMut};
 use swm_fov::Fov;
+use swm_render::scene::Quality;
 
 use super::models::Models;
-use super::settings::Renderer;
 use crate::error::MujocoError;
 use crate::ffi::gl::GlRenderer;
 use crate::ffi::{Model, Simulation};
 use crate::software::SoftwareRenderer;
+use crate::views::{Pictures, Renderer, Views};
 
 /// Draws an environment's simulation, which runs on a model without textures.
 pub(super) struct Picture {
-    canvas: Canvas,
+    pictures: Pictures,
     /// The factors that the textures show.
     shows: Fov,
 }
@@ -32,35 +33,36 @@ enum Drawer {
 }
 
 impl Picture {
-    pub(super) fn new(
-        models: &Models,
-        renderer: Renderer,
-        camera: usize,
-        fov: Fov,
-        size: ImageSize,
-    ) -> Result<Self, MujocoError> {
+    pub(super) fn new(models: &Models, views: Views, fov: Fov) -> Result<Self, MujocoError> {
         let model = models.textured_model(&fov)?;
-        Ok(Self { canvas: Canvas::new(&model, renderer, camera, size)?, shows: fov })
+        Ok(Self { pictures: Pictures::new(views, &model)?, shows: fov })
     }
 
     /// Shows these factors from now on.
     pub(super) fn prepare(&mut self, models: &Models, fov: &Fov) -> Result<(), MujocoError> {
         if self.shows != *fov {
             let model = models.textured_model(fov)?;
-            self.canvas.set_model(&model)?;
+            for canvas in self.pictures.canvases() {
+                canvas.set_model(&model)?;
+            }
             self.shows = fov.clone();
         }
         Ok(())
     }
 
-    /// As [`Canvas::draw`].
-    pub(super) fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) {
-        self.canvas.draw(sim, pixels);
+    /// As [`Pictures::write`].
+    pub(super) fn write(&mut self, sim: &mut Simulation, first: usize, out: &mut RowsMut<'_>) {
+        self.pictures.write(sim, first, out);
     }
 
-    /// As [`Canvas::take_failure`].
+    /// As [`Pictures::renderer`].
+    pub(super) fn renderer(&self) -> String {
+        self.pictures.renderer()
+    }
+
+    /// As [`Pictures::take_failure`].
     pub(super) fn take_failure(&mut self) -> Option<MujocoError> {
-        self.canvas.take_failure()
+        self.pictures.take_failure()
     }
 }
 
@@ -71,10 +73,13 @@ impl Canvas {
         renderer: Renderer,
         camera: usize,
         size: ImageSize,
+        quality: Quality,
     ) -> Result<Self, MujocoError> {
         let size = [size.height, size.width];
         let drawer = match renderer {
-            Renderer::Software => Drawer::Software(Box::new(SoftwareRenderer::new(model, camera, size)?)),
+            Renderer::Software => {
+                Drawer::Software(Box::new(SoftwareRenderer::with_quality(model, camera, size, quality)?))
+            }
             Renderer::Gl => Drawer::Gl(Box::new(GlRenderer::new(model, camera, size)?)),
         };
         Ok(Self { drawer, failure: None })
@@ -115,6 +120,30 @@ impl Canvas {
         };
         if let Err(error) = drawn {
             pixels.fill(0);
+            self.failure = Some(error);
+        }
+    }
+
+    /// Writes the depth of the picture that was drawn last, `[height, width]`, m; 0 where that fails.
+    pub(crate) fn write_depth(&mut self, depth: &mut [f32]) {
+        let written = match &mut self.drawer {
+            Drawer::Software(renderer) => renderer.depth_of_last(depth),
+            Drawer::Gl(_) => Err(MujocoError::Scene),
+        };
+        if let Err(error) = written {
+            depth.fill(0.0);
+            self.failure = Some(error);
+        }
+    }
+
+    /// Writes which geoms the picture that was drawn last shows, `[height, width]`; -1 where that fails.
+    pub(crate) fn write_segmentation(&mut self, segments: &mut [i32]) {
+        let written = match &mut self.drawer {
+            Drawer::Software(renderer) => renderer.segmentation_of_last(segments),
+            Drawer::Gl(_) => Err(MujocoError::Scene),
+        };
+        if let Err(error) = written {
+            segments.fill(-1);
             self.failure = Some(error);
         }
     }

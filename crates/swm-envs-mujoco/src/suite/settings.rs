@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 use swm_core::Setting;
+use swm_render::scene::Quality;
+
+use crate::views::{CameraName, CameraNames, Renderer, Wanted};
 
 /// Constructor settings. Unknown names are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -12,16 +15,31 @@ pub(super) struct Settings {
     pub action_repeat: u32,
     pub on_divergence: OnDivergence,
     pub renderer: Renderer,
-    pub camera: Option<usize>,
+    pub camera: Option<CameraName>,
+    pub cameras: CameraNames,
+    pub depth: bool,
+    pub segmentation: bool,
+    pub antialias: bool,
+    pub shadows: bool,
+    pub reflections: bool,
 }
 
-/// What draws pictures.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum Renderer {
-    #[default]
-    Software,
-    Gl,
+impl Settings {
+    /// The pictures that are asked for; `camera`: the domain's.
+    pub(super) fn wanted(&self, camera: usize) -> Wanted {
+        Wanted {
+            renderer: self.renderer,
+            camera: self.camera.clone().unwrap_or(CameraName::Index(camera)),
+            cameras: self.cameras.clone(),
+            depth: self.depth,
+            segmentation: self.segmentation,
+            quality: Quality {
+                antialias: self.antialias,
+                shadows: self.shadows,
+                reflections: self.reflections,
+            },
+        }
+    }
 }
 
 /// What happens when the simulation means nothing any more.
@@ -42,6 +60,12 @@ impl Default for Settings {
             on_divergence: OnDivergence::Error,
             renderer: Renderer::Software,
             camera: None,
+            cameras: CameraNames::default(),
+            depth: false,
+            segmentation: false,
+            antialias: true,
+            shadows: true,
+            reflections: true,
         }
     }
 }
@@ -71,8 +95,38 @@ pub(super) const SETTINGS: &[Setting] = &[
     },
     Setting {
         name: "camera",
-        doc: "index of the model's camera that pictures are taken from",
+        doc: "the model's camera that `pixels` is taken from, by index or name",
         default: "0; quadruped 2",
+    },
+    Setting {
+        name: "cameras",
+        doc: "more cameras, each with a column `pixels.<camera>`: a list of indices or names, or names with commas",
+        default: "none",
+    },
+    Setting {
+        name: "depth",
+        doc: "whether there is a column `pixels_depth`, f32 in metres along the camera's axis, for each camera",
+        default: "false",
+    },
+    Setting {
+        name: "segmentation",
+        doc: "whether there is a column `pixels_segmentation`, i32 indices of the model's geoms and -1, for each camera",
+        default: "false",
+    },
+    Setting {
+        name: "antialias",
+        doc: "whether edges are smooth; of the renderer `software`",
+        default: "true",
+    },
+    Setting {
+        name: "shadows",
+        doc: "whether lights cast shadows; of the renderer `software`",
+        default: "true",
+    },
+    Setting {
+        name: "reflections",
+        doc: "whether floors mirror; of the renderer `software`",
+        default: "true",
     },
 ];
 

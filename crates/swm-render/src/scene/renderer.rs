@@ -40,6 +40,8 @@ pub struct SceneRenderer {
     width: usize,
     quality: Quality,
     raster: Raster,
+    /// Whether the raster has what one sees through.
+    knows_veils: bool,
     edges: Vec<u32>,
     /// Of the pixels of one row: 1 where it is an edge.
     flags: Vec<u8>,
@@ -72,6 +74,7 @@ impl SceneRenderer {
             width,
             quality,
             raster: Raster::default(),
+            knows_veils: false,
             edges: Vec::new(),
             flags: Vec::new(),
             fine: Samples::default(),
@@ -119,17 +122,9 @@ impl SceneRenderer {
         assets: &Assets,
         depth: &mut [f32],
     ) -> Result<(), RenderError> {
-        check_len("depth", depth.len() * 3, self.height, self.width)?;
         check(scene, assets)?;
-        let view = View::of_camera(&scene.camera, self.width, self.height);
-        self.see(scene, assets, &view);
-        let far = scene.camera.far as f32;
-        for (depth, (&owner, &nearness)) in
-            depth.iter_mut().zip(self.raster.owner.iter().zip(&self.raster.nearness))
-        {
-            *depth = if owner == NOTHING { far } else { 1.0 / nearness };
-        }
-        Ok(())
+        self.see(scene, assets, &View::of_camera(&scene.camera, self.width, self.height));
+        self.depth_of_last(scene, assets, depth)
     }
 
     /// Writes the segment of what is seen, `[H, W]`; [`super::NO_SEGMENT`] where nothing is.
@@ -139,10 +134,38 @@ impl SceneRenderer {
         assets: &Assets,
         segments: &mut [i32],
     ) -> Result<(), RenderError> {
-        check_len("segments", segments.len() * 3, self.height, self.width)?;
         check(scene, assets)?;
-        let view = View::of_camera(&scene.camera, self.width, self.height);
-        self.see(scene, assets, &view);
+        self.see(scene, assets, &View::of_camera(&scene.camera, self.width, self.height));
+        self.segmentation_of_last(scene, assets, segments)
+    }
+
+    /// As [`SceneRenderer::render_depth`], of the scene that was rendered last, which is not looked at again.
+    pub fn depth_of_last(
+        &mut self,
+        scene: &Scene,
+        assets: &Assets,
+        depth: &mut [f32],
+    ) -> Result<(), RenderError> {
+        check_len("depth", depth.len() * 3, self.height, self.width)?;
+        self.see_veils(scene, assets);
+        let far = scene.camera.far as f32;
+        for (depth, (&owner, &nearness)) in
+            depth.iter_mut().zip(self.raster.owner.iter().zip(&self.raster.nearness))
+        {
+            *depth = if owner == NOTHING { far } else { 1.0 / nearness };
+        }
+        Ok(())
+    }
+
+    /// As [`SceneRenderer::render_segmentation`], of the scene that was rendered last, which is not looked at again.
+    pub fn segmentation_of_last(
+        &mut self,
+        scene: &Scene,
+        assets: &Assets,
+        segments: &mut [i32],
+    ) -> Result<(), RenderError> {
+        check_len("segments", segments.len() * 3, self.height, self.width)?;
+        self.see_veils(scene, assets);
         for (segment, &owner) in segments.iter_mut().zip(&self.raster.owner) {
             let seen = scene.instances.get(usize::from(owner));
             *segment = seen.map_or(super::NO_SEGMENT, |instance| instance.segment);
@@ -150,8 +173,25 @@ impl SceneRenderer {
         Ok(())
     }
 
+    /// Depth and segments are those of the nearest surface, also where one sees through it.
+    fn see_veils(&mut self, scene: &Scene, assets: &Assets) {
+        if std::mem::replace(&mut self.knows_veils, true) || self.raster.len() == 0 {
+            return;
+        }
+        let view = View::of_camera(&scene.camera, self.width, self.height);
+        let drawing = Drawing { view: &view, assets, sides: Sides::Front, coarseness: COARSENESS };
+        for (owner, instance) in (0..).zip(&scene.instances) {
+            let is_plane = matches!(instance.shape, Shape::Plane { .. });
+            let is_veil = instance.material.color[3] > 0.0 && !is_opaque(instance, &view);
+            if is_veil && !(is_plane && is_behind(instance, &view)) {
+                drawing.draw(instance, owner, &mut self.projected, &mut self.raster);
+            }
+        }
+    }
+
     /// What is nearest at the middle of every pixel.
     fn see(&mut self, scene: &Scene, assets: &Assets, view: &View) {
+        self.knows_veils = false;
         self.raster.begin(self.width, self.height, view.nearest(), view.farthest());
         draw_opaque(scene, assets, view, Sides::Front, None, &mut self.projected, &mut self.raster);
     }
