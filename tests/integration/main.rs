@@ -10,6 +10,7 @@ mod determinism;
 mod docs;
 mod experts;
 mod interop;
+mod pictures;
 mod planning;
 mod replayable;
 mod support;

@@ -105,7 +105,8 @@ impl SoftwareRenderer {
         Ok(self.renderer.render(&self.picture, &self.store.assets, pixels)?)
     }
 
-    /// Writes the index of the geom that each pixel shows, `[height, width]`; -1 where there is none.
+    /// Writes what each pixel shows, `[height, width]`: the index of a geom, -2 - index of a site,
+    /// the smallest number for other things, -1 for nothing.
     pub fn draw_segmentation(
         &mut self,
         sim: &mut Simulation,
@@ -315,10 +316,22 @@ fn instance(geom: &mjvGeom, model: &Model, store: &Store) -> Option<Instance> {
             reflectance: geom.reflectance,
             texture: texture.map(|slot| mapping(*slot, geom)),
         },
-        segment: if geom.objtype == mjOBJ_GEOM as i32 { geom.objid } else { swm_render::scene::NO_SEGMENT },
+        segment: segment(geom),
         casts_shadow: geom.category != mjCAT_DECOR as i32,
     })
 }
+
+/// The index of a geom; -2, -3, … for sites 0, 1, …; [`OTHER`] for what is neither: tendons and the like.
+fn segment(geom: &mjvGeom) -> i32 {
+    match geom.objtype as u32 {
+        mjOBJ_GEOM => geom.objid,
+        mjOBJ_SITE => -2 - geom.objid,
+        _ => OTHER,
+    }
+}
+
+/// What pictures of segments show for things that are neither geoms nor sites.
+const OTHER: i32 = i32::MIN;
 
 /// Facets of a plane: as long as twice the geom's third size, and not more than MuJoCo has room for.
 fn plane_cell(geom: &mjvGeom, model: &Model) -> [f32; 2] {

@@ -12,7 +12,7 @@ use crate::suite::picture::Canvas;
 
 /// Depth of [`PIXELS`], f32 `[H, W]`, m.
 const DEPTH: &str = "pixels_depth";
-/// What [`PIXELS`] shows, i32 `[H, W]`: indices of geoms, -1 for none.
+/// What [`PIXELS`] shows, i32 `[H, W]`: indices of geoms, -2 - index for sites, -1 for nothing.
 const SEGMENTATION: &str = "pixels_segmentation";
 
 /// What draws pictures.

@@ -47,7 +47,7 @@ mod tests;
 pub(crate) mod drawn {
     pub(crate) use super::bindings::{
         mjCAT_DECOR, mjGEOM_BOX, mjGEOM_CAPSULE, mjGEOM_CYLINDER, mjGEOM_ELLIPSOID, mjGEOM_MESH,
-        mjGEOM_PLANE, mjGEOM_SPHERE, mjLIGHT_DIRECTIONAL, mjLIGHT_SPOT, mjOBJ_GEOM, mjTEXTURE_2D,
+        mjGEOM_PLANE, mjGEOM_SPHERE, mjLIGHT_DIRECTIONAL, mjLIGHT_SPOT, mjOBJ_GEOM, mjOBJ_SITE, mjTEXTURE_2D,
         mjTEXTURE_SKYBOX, mjvGLCamera, mjvGeom, mjvLight,
     };
     pub(crate) use super::model::{Looks, MeshData};

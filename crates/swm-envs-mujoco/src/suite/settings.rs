@@ -110,7 +110,7 @@ pub(super) const SETTINGS: &[Setting] = &[
     },
     Setting {
         name: "segmentation",
-        doc: "whether there is a column `pixels_segmentation`, i32 indices of the model's geoms and -1, for each camera",
+        doc: "whether there is a column `pixels_segmentation`, i32 indices of geoms, -2 - index for sites, -1 for nothing, for each camera",
         default: "false",
     },
     Setting {

@@ -47,6 +47,17 @@ fn slot(owner: u16, surfaces: usize) -> usize {
 }
 
 impl Fragments {
+    /// Makes room for so many fragments.
+    pub(super) fn reserve(&mut self, count: usize) {
+        for column in [&mut self.x, &mut self.y, &mut self.nearness, &mut self.share] {
+            column.reserve(count);
+        }
+        self.facet.reserve(count);
+        self.pixel.reserve(count);
+        self.pieces.reserve(count / 2);
+        self.runs.reserve(count / 2);
+    }
+
     /// Fragments of a raster of pixels, of which `edges` (ascending) are known at the four points in `fine` each.
     pub(super) fn of_raster(&mut self, raster: &Raster, edges: &[u32], fine: &Samples, surfaces: usize) {
         self.pieces.clear();

@@ -28,6 +28,7 @@ mod samples;
 mod shading;
 mod shadow;
 mod shape;
+mod simplify;
 mod sky;
 mod texture;
 mod triangles;

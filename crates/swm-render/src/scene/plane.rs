@@ -146,9 +146,13 @@ impl Corners {
         let mut misses = 0;
         for lane in 0..LANES {
             let ((i, u), (j, v)) = (axes[0].cell(x[lane]), axes[1].cell(y[lane]));
-            cells[lane] = ((i * stride + j) as usize, u, v);
-            for (di, dj) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-                let corner = (i + di) * stride + j + dj;
+            let first = i * stride + j;
+            cells[lane] = (first as usize, u, v);
+            // Neighbouring points mostly share their cell.
+            if lane > 0 && cells[lane - 1].0 == first as usize {
+                continue;
+            }
+            for corner in [first, first + 1, first + stride, first + stride + 1] {
                 if self.rounds[corner as usize] != self.round {
                     self.rounds[corner as usize] = self.round;
                     missing[misses] = corner;
@@ -172,19 +176,27 @@ impl Corners {
         }
         for (layer, color) in out.iter_mut().enumerate() {
             let mut parts = [[0.0; LANES]; 3];
+            let mut known = (usize::MAX, false);
+            let (mut from, mut slopes) = ([0.0; 3], [[0.0; 3]; 2]);
             for lane in 0..LANES {
                 let (corner, u, v) = cells[lane];
-                let at = |offset: usize| &self.colors[(corner + offset) * self.layers + layer];
-                let (along, across) = (at(stride as usize), at(1));
                 // A cell is two triangles, which meet in the diagonal from its x end to its y end.
-                let (from, ends, shares) = if u + v <= 1.0 {
-                    (at(0), [along, across], [u, v])
-                } else {
-                    (at(stride as usize + 1), [across, along], [1.0 - u, 1.0 - v])
-                };
+                let is_lower = u + v <= 1.0;
+                if known != (corner, is_lower) {
+                    known = (corner, is_lower);
+                    let at = |offset: usize| self.colors[(corner + offset) * self.layers + layer];
+                    let (along, across) = (at(stride as usize), at(1));
+                    let (opposite, ends) = if is_lower {
+                        (at(0), [along, across])
+                    } else {
+                        (at(stride as usize + 1), [across, along])
+                    };
+                    from = opposite;
+                    slopes = ends.map(|end| [0, 1, 2].map(|k| end[k] - opposite[k]));
+                }
+                let [u, v] = if is_lower { [u, v] } else { [1.0 - u, 1.0 - v] };
                 for k in 0..3 {
-                    let slope = |side: usize| shares[side] * (ends[side][k] - from[k]);
-                    parts[k][lane] = from[k] + slope(0) + slope(1);
+                    parts[k][lane] = from[k] + u * slopes[0][k] + v * slopes[1][k];
                 }
             }
             let [x, y, z] = parts.map(|part| load(&part, 0.0));

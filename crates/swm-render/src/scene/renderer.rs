@@ -69,7 +69,7 @@ impl SceneRenderer {
     pub fn new(geometry: Geometry, quality: Quality) -> Result<Self, RenderError> {
         let Geometry { height, width, .. } = geometry;
         check_size("a frame", height, width)?;
-        Ok(Self {
+        let mut renderer = Self {
             height,
             width,
             quality,
@@ -89,7 +89,20 @@ impl SceneRenderer {
             sky: Sky::default(),
             order: Vec::new(),
             colors: Vec::new(),
-        })
+        };
+        renderer.reserve(height * width);
+        Ok(renderer)
+    }
+
+    /// Makes room for frames of so many pixels of which a quarter are edges, so that no later frame needs more than the
+    /// first.
+    fn reserve(&mut self, pixels: usize) {
+        let points = pixels + LANES;
+        self.edges.reserve(pixels / 4);
+        self.fine.reserve(points, pixels + self.height);
+        self.mirror.reserve(2 * points, pixels + self.height);
+        self.fragments.reserve(2 * points);
+        self.mirrored.reserve(2 * points);
     }
 
     /// Writes the picture of `scene` to `frame`, `[H, W, 3]`.

@@ -202,6 +202,16 @@ fn put(
 }
 
 impl Samples {
+    /// Makes room for so many points and pixels.
+    pub(super) fn reserve(&mut self, points: usize, pixels: usize) {
+        for column in [&mut self.x, &mut self.y, &mut self.nearness, &mut self.limit] {
+            column.reserve(points);
+        }
+        self.owner.reserve(points);
+        self.facet.reserve(points);
+        self.starts.reserve(pixels);
+    }
+
     /// Starts a list for pictures of this width, of points with this [`Target::density`].
     pub(super) fn begin(&mut self, width: usize, density: f32) {
         self.density = density;

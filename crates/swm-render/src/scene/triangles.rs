@@ -96,6 +96,7 @@ fn project(view: &View, instance: &Instance, level: &Level, projected: &mut Proj
     let ([by_x, by_y, by_z], [from_x, from_y, from_z]) = homogeneous(view, instance);
     let perspective = view.is_perspective();
     projected.corners.clear();
+    projected.corners.reserve(level.most);
     projected.corners.extend(level.points.iter().map(|&[x, y, z]| {
         let (across, down) = (
             by_x[0] * x + by_x[1] * y + by_x[2] * z + from_x,

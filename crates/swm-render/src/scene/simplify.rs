@@ -1,0 +1,246 @@
+//! Coarser versions of a mesh: edges collapse, the least visible first (Garland & Heckbert, *Surface Simplification Using
+//! Quadric Error Metrics*, SIGGRAPH 1997). Flat parts lose nearly all of their triangles, round ones as many as the eye
+//! allows.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap};
+
+use super::mesh::Level;
+use super::vector::{Vector, add, cross, dot, length, scale, sub, wide};
+
+/// Weighted squared distances to planes: a form of degree two in the point.
+#[derive(Clone, Copy, Debug, Default)]
+struct Quadric {
+    /// Upper triangle of the matrix of normals, the offset times normals, the squared offset.
+    square: [f64; 6],
+    linear: Vector,
+    constant: f64,
+    weight: f64,
+}
+
+/// An edge that may collapse: squared error, its ends, and how often the ends had changed when that was computed.
+type Candidate = Reverse<(u64, u32, u32, u32, u32)>;
+
+/// A mesh that loses edges.
+struct Shrinking {
+    points: Vec<Vector>,
+    quadrics: Vec<Quadric>,
+    /// How often each point has changed; points that are gone have none of the triangles.
+    changes: Vec<u32>,
+    around: Vec<Vec<u32>>,
+    triangles: Vec<Option<[u32; 3]>>,
+    candidates: BinaryHeap<Candidate>,
+}
+
+/// A triangle may turn so far in one step: cosine.
+const TURN: f64 = 0.3;
+
+/// Versions of `full` in which no part is farther than each of `tolerances` (metres, ascending) from where it was, roughly:
+/// the square mean over the parts that became one. `size`: the length of the mesh.
+pub(super) fn levels(full: &Level, size: f32, tolerances: &[f32]) -> Vec<Level> {
+    let mut mesh = Shrinking::new(full, f64::from(size));
+    tolerances
+        .iter()
+        .map(|&tolerance| {
+            mesh.collapse_up_to(f64::from(tolerance) * f64::from(tolerance));
+            mesh.level(full)
+        })
+        .collect()
+}
+
+impl Quadric {
+    fn of_plane(normal: Vector, through: Vector, weight: f64) -> Self {
+        let offset = -dot(normal, through);
+        let [x, y, z] = normal;
+        Self {
+            square: [x * x, x * y, x * z, y * y, y * z, z * z].map(|part| part * weight),
+            linear: scale(normal, offset * weight),
+            constant: offset * offset * weight,
+            weight,
+        }
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        let mut sum = *self;
+        sum.square.iter_mut().zip(other.square).for_each(|(a, b)| *a += b);
+        sum.linear = add(sum.linear, other.linear);
+        sum.constant += other.constant;
+        sum.weight += other.weight;
+        sum
+    }
+
+    /// The mean squared distance of a point.
+    fn at(&self, point: Vector) -> f64 {
+        let [x, y, z] = point;
+        let [xx, xy, xz, yy, yz, zz] = self.square;
+        let squares = xx * x * x + yy * y * y + zz * z * z + 2.0 * (xy * x * y + xz * x * z + yz * y * z);
+        let sum = squares + 2.0 * dot(self.linear, point) + self.constant;
+        if self.weight > 0.0 { (sum / self.weight).max(0.0) } else { 0.0 }
+    }
+}
+
+impl Shrinking {
+    fn new(full: &Level, size: f64) -> Self {
+        let points: Vec<Vector> = full.points.iter().map(|point| wide(*point)).collect();
+        let count = points.len();
+        let mut mesh = Self {
+            points,
+            quadrics: vec![Quadric::default(); count],
+            changes: vec![0; count],
+            around: vec![Vec::new(); count],
+            triangles: full.triangles.iter().copied().map(Some).collect(),
+            candidates: BinaryHeap::new(),
+        };
+        // Each edge with how many triangles it has; ordered, so that nothing depends on the order of a hash.
+        let mut edges: BTreeMap<[u32; 2], (u32, usize)> = BTreeMap::new();
+        for (index, corners) in full.triangles.iter().enumerate() {
+            let [a, b, c] = *corners;
+            if a == b || b == c || c == a {
+                mesh.triangles[index] = None;
+                continue;
+            }
+            let normal = mesh.normal(*corners);
+            let twice = length(normal);
+            for corner in [a, b, c] {
+                mesh.around[corner as usize].push(index as u32);
+                if twice > 0.0 {
+                    let plane =
+                        Quadric::of_plane(scale(normal, 1.0 / twice), mesh.points[a as usize], 0.5 * twice);
+                    mesh.quadrics[corner as usize] = mesh.quadrics[corner as usize].plus(&plane);
+                }
+            }
+            for [p, q] in [[a, b], [b, c], [c, a]] {
+                edges.entry([p.min(q), p.max(q)]).or_insert((0, index)).0 += 1;
+            }
+        }
+        for (&[p, q], &(count, triangle)) in &edges {
+            if count == 1 {
+                mesh.hold_rim([p, q], full.triangles[triangle], size);
+            }
+        }
+        for &[p, q] in edges.keys() {
+            mesh.consider(p, q);
+        }
+        mesh
+    }
+
+    /// The normal of a triangle, twice as long as the triangle is large.
+    fn normal(&self, corners: [u32; 3]) -> Vector {
+        let [a, b, c] = corners.map(|corner| self.points[corner as usize]);
+        cross(sub(b, a), sub(c, a))
+    }
+
+    /// Keeps an edge of one triangle in its place: a plane through it, across the triangle, which weighs as a strip `size`
+    /// wide would.
+    fn hold_rim(&mut self, ends: [u32; 2], corners: [u32; 3], size: f64) {
+        let [from, to] = ends.map(|end| self.points[end as usize]);
+        let along = sub(to, from);
+        let across = cross(along, self.normal(corners));
+        let wide = length(across);
+        if wide > 0.0 {
+            let plane = Quadric::of_plane(scale(across, 1.0 / wide), from, size * length(along));
+            for end in ends {
+                self.quadrics[end as usize] = self.quadrics[end as usize].plus(&plane);
+            }
+        }
+    }
+
+    /// Where the ends of an edge meet best, and the error there.
+    fn meeting(&self, p: u32, q: u32) -> (Vector, f64) {
+        let (from, to) = (self.points[p as usize], self.points[q as usize]);
+        // The larger of both means: of a common one, a corner that stands for much would have the most.
+        let error = |point| self.quadrics[p as usize].at(point).max(self.quadrics[q as usize].at(point));
+        let middle = scale(add(from, to), 0.5);
+        [from, to, middle]
+            .map(|point| (point, error(point)))
+            .into_iter()
+            .reduce(|best, other| if other.1 < best.1 { other } else { best })
+            .unwrap_or((middle, f64::INFINITY))
+    }
+
+    fn consider(&mut self, p: u32, q: u32) {
+        let (p, q) = (p.min(q), p.max(q));
+        let (_, error) = self.meeting(p, q);
+        // Positive numbers are ordered as their bits are.
+        let changes = [p, q].map(|end| self.changes[end as usize]);
+        self.candidates.push(Reverse((error.to_bits(), p, q, changes[0], changes[1])));
+    }
+
+    fn collapse_up_to(&mut self, error: f64) {
+        while let Some(&Reverse((bits, p, q, of_p, of_q))) = self.candidates.peek() {
+            if f64::from_bits(bits) > error {
+                return;
+            }
+            self.candidates.pop();
+            let is_current = self.changes[p as usize] == of_p && self.changes[q as usize] == of_q;
+            if is_current {
+                self.collapse(p, q);
+            }
+        }
+    }
+
+    /// Makes one point of the two ends of an edge, unless a triangle would turn over.
+    fn collapse(&mut self, p: u32, q: u32) {
+        let (place, _) = self.meeting(p, q);
+        let both = [p, q].map(|end| std::mem::take(&mut self.around[end as usize]));
+        let turns_over = both.iter().flatten().any(|&index| {
+            let Some(corners) = self.triangles[index as usize] else { return false };
+            if corners.contains(&p) && corners.contains(&q) {
+                return false;
+            }
+            let before = self.normal(corners);
+            let moved = corners
+                .map(|corner| if corner == p || corner == q { place } else { self.points[corner as usize] });
+            let after = cross(sub(moved[1], moved[0]), sub(moved[2], moved[0]));
+            dot(before, after) <= TURN * length(before) * length(after)
+        });
+        let [of_p, of_q] = both;
+        if turns_over {
+            (self.around[p as usize], self.around[q as usize]) = (of_p, of_q);
+            return;
+        }
+        let mut around = of_p;
+        for index in of_q {
+            if let Some(corners) = &mut self.triangles[index as usize] {
+                if corners.contains(&p) {
+                    self.triangles[index as usize] = None;
+                } else {
+                    corners.iter_mut().filter(|corner| **corner == q).for_each(|corner| *corner = p);
+                    around.push(index);
+                }
+            }
+        }
+        around.retain(|&index| self.triangles[index as usize].is_some());
+        self.points[p as usize] = place;
+        self.quadrics[p as usize] = self.quadrics[p as usize].plus(&self.quadrics[q as usize]);
+        self.changes[p as usize] += 1;
+        self.changes[q as usize] += 1;
+        let mut neighbours: Vec<u32> =
+            around.iter().filter_map(|&index| self.triangles[index as usize]).flatten().collect();
+        self.around[p as usize] = around;
+        neighbours.sort_unstable();
+        neighbours.dedup();
+        for other in neighbours.into_iter().filter(|&other| other != p) {
+            self.consider(p, other);
+        }
+    }
+
+    /// What is left, with the corner normals that the triangles had.
+    fn level(&self, full: &Level) -> Level {
+        let mut level = Level { most: full.most, ..Level::default() };
+        let mut place_of = vec![u32::MAX; self.points.len()];
+        for (corners, normals) in self.triangles.iter().zip(&full.normals) {
+            let Some(corners) = corners else { continue };
+            level.triangles.push(corners.map(|corner| {
+                let place = &mut place_of[corner as usize];
+                if *place == u32::MAX {
+                    *place = level.points.len() as u32;
+                    level.points.push(self.points[corner as usize].map(|value| value as f32));
+                }
+                *place
+            }));
+            level.normals.push(*normals);
+        }
+        level
+    }
+}

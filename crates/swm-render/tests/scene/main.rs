@@ -1,0 +1,120 @@
+//! Whole pictures of 3D scenes: that they are the same bytes everywhere, that settings do what they say, and that frames
+//! allocate nothing. A binary of its own: it counts allocations for the whole process.
+#![cfg(feature = "scene")]
+
+mod stage;
+
+use std::alloc::System;
+
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+use swm_render::Geometry;
+use swm_render::scene::{NO_SEGMENT, Quality, SceneRenderer};
+
+use stage::Stage;
+
+#[global_allocator]
+static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+const HEIGHT: usize = 48;
+const WIDTH: usize = 64;
+
+fn renderer(quality: Quality) -> SceneRenderer {
+    SceneRenderer::new(Geometry::new(HEIGHT, WIDTH), quality).expect("sizes are fine")
+}
+
+fn picture(renderer: &mut SceneRenderer, stage: &Stage) -> Vec<u8> {
+    let mut frame = vec![0; HEIGHT * WIDTH * 3];
+    renderer.render(&stage.scene, &stage.assets, &mut frame).expect("a sound scene");
+    frame
+}
+
+/// FNV-1a.
+fn hash(bytes: &[u8]) -> u64 {
+    bytes
+        .iter()
+        .fold(0xcbf2_9ce4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
+/// Every shape, light, mapping and pass is in this picture. Its bytes are the same on every processor: where this fails on
+/// one and nowhere else, something depends on the machine. Where pictures are meant to change, so does this number.
+#[test]
+fn a_picture_has_the_same_bytes_on_every_machine() {
+    let mut stage = Stage::new();
+    let mut film = Vec::new();
+    let mut first = renderer(Quality::default());
+    for frame in 0..3 {
+        stage.turn(f64::from(frame));
+        film.extend(picture(&mut first, &stage));
+        assert!(
+            picture(&mut renderer(Quality::default()), &stage) == film[film.len() - HEIGHT * WIDTH * 3..]
+        );
+    }
+    assert_eq!(hash(&film), 0, "{:#018x}", hash(&film));
+}
+
+#[test]
+fn frames_do_not_allocate() {
+    let mut stage = Stage::new();
+    let mut renderer = renderer(Quality::default());
+    let mut frame = vec![0; HEIGHT * WIDTH * 3];
+    let (mut depth, mut segments) = (vec![0.0; HEIGHT * WIDTH], vec![0; HEIGHT * WIDTH]);
+    let mut run = |frames: std::ops::Range<u8>| {
+        for time in frames {
+            stage.turn(f64::from(time));
+            renderer.render(&stage.scene, &stage.assets, &mut frame).expect("a sound scene");
+            renderer.depth_of_last(&stage.scene, &stage.assets, &mut depth).expect("of its size");
+            renderer.segmentation_of_last(&stage.scene, &stage.assets, &mut segments).expect("of its size");
+        }
+    };
+    run(0..1);
+    let region = Region::new(ALLOCATOR);
+    run(1..40);
+    let change = region.change();
+    assert_eq!((change.allocations, change.reallocations), (0, 0));
+}
+
+#[test]
+fn qualities_show_where_they_should() {
+    let mut stage = Stage::new();
+    stage.turn(0.0);
+    let plain = Quality { antialias: false, shadows: false, reflections: false };
+    let mut base = renderer(plain);
+    let without = picture(&mut base, &stage);
+    let mut segments = vec![0; HEIGHT * WIDTH];
+    base.segmentation_of_last(&stage.scene, &stage.assets, &mut segments).expect("of its size");
+    let changed = |quality: Quality| -> Vec<i32> {
+        let with = picture(&mut renderer(quality), &stage);
+        let pairs = with.chunks_exact(3).zip(without.chunks_exact(3)).zip(&segments);
+        pairs.filter(|((a, b), _)| a != b).map(|(_, segment)| *segment).collect()
+    };
+    let mirrored = changed(Quality { reflections: true, ..plain });
+    assert!(mirrored.len() > 20 && mirrored.iter().all(|&segment| segment == stage::FLOOR), "{mirrored:?}");
+    let shaded = changed(Quality { shadows: true, ..plain });
+    assert!(shaded.len() > 50 && shaded.iter().all(|&segment| segment != NO_SEGMENT), "{shaded:?}");
+    let smooth = changed(Quality { antialias: true, ..plain });
+    assert!(smooth.len() > 100 && smooth.len() < HEIGHT * WIDTH / 2, "{}", smooth.len());
+}
+
+#[test]
+fn veils_are_seen_through_and_labelled() {
+    let mut stage = Stage::new();
+    stage.turn(0.0);
+    let mut renderer = renderer(Quality::default());
+    let mut labels = |stage: &Stage| {
+        let (mut depth, mut segments) = (vec![0.0; HEIGHT * WIDTH], vec![0; HEIGHT * WIDTH]);
+        renderer.render_depth(&stage.scene, &stage.assets, &mut depth).expect("a sound scene");
+        renderer.render_segmentation(&stage.scene, &stage.assets, &mut segments).expect("a sound scene");
+        (depth, segments)
+    };
+    let (depth, segments) = labels(&stage);
+    assert!(segments.contains(&stage::VEIL));
+    stage.scene.instances.retain(|instance| instance.segment != stage::VEIL);
+    let (behind, others) = labels(&stage);
+    for at in 0..segments.len() {
+        if segments[at] == stage::VEIL {
+            assert!(depth[at] < behind[at]);
+        } else {
+            assert_eq!((segments[at], depth[at]), (others[at], behind[at]));
+        }
+    }
+}
