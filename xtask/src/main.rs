@@ -6,6 +6,7 @@ mod bindgen;
 mod ci;
 mod demo;
 mod deny;
+mod gallery;
 mod golden;
 mod interop;
 mod memcheck;
@@ -50,6 +51,8 @@ enum Command {
     Ci(ci::Args),
     /// Replay recorded trajectories of the reference and print the deviations
     Golden(golden::Args),
+    /// Draw every environment for the page docs/gallery.md
+    Gallery(gallery::Args),
     /// Run the tests of the `unsafe` code under valgrind
     Memcheck(memcheck::Args),
     /// Make the declarations of MuJoCo's C interface anew from its headers
@@ -69,6 +72,7 @@ fn main() -> ExitCode {
         Command::Bindgen(args) => bindgen::run(&args),
         Command::Ci(args) => ci::run(&args),
         Command::Golden(args) => golden::run(&args),
+        Command::Gallery(args) => gallery::run(&args),
         Command::Tidy(args) => tidy::run(&args),
         Command::Deny(args) => deny::run(&args),
     };

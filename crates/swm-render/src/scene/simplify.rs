@@ -8,14 +8,14 @@ use std::collections::{BTreeMap, BinaryHeap};
 use super::mesh::Level;
 use super::vector::{Vector, add, cross, dot, length, scale, sub, wide};
 
-/// Weighted squared distances to planes: a form of degree two in the point.
+/// The sum of squared distances to planes: a form of degree two in the point. Planes count alike, whatever their size, and
+/// the sum is not divided: no plane's distance is hidden by others.
 #[derive(Clone, Copy, Debug, Default)]
 struct Quadric {
-    /// Upper triangle of the matrix of normals, the offset times normals, the squared offset.
+    /// Upper triangle of the matrix of normals; the offset times normals; the squared offset.
     square: [f64; 6],
     linear: Vector,
     constant: f64,
-    weight: f64,
 }
 
 /// An edge that may collapse: squared error, its ends, and how often the ends had changed when that was computed.
@@ -32,13 +32,14 @@ struct Shrinking {
     candidates: BinaryHeap<Candidate>,
 }
 
+/// What the squared length of an edge adds to its error.
+const PATIENCE: f64 = 1e-7;
 /// A triangle may turn so far in one step: cosine.
 const TURN: f64 = 0.3;
 
-/// Versions of `full` in which no part is farther than each of `tolerances` (metres, ascending) from where it was, roughly:
-/// the square mean over the parts that became one. `size`: the length of the mesh.
-pub(super) fn levels(full: &Level, size: f32, tolerances: &[f32]) -> Vec<Level> {
-    let mut mesh = Shrinking::new(full, f64::from(size));
+/// Versions of `full` in which no part is farther than each of `tolerances` (metres, ascending) from where it was.
+pub(super) fn levels(full: &Level, tolerances: &[f32]) -> Vec<Level> {
+    let mut mesh = Shrinking::new(full);
     tolerances
         .iter()
         .map(|&tolerance| {
@@ -49,15 +50,12 @@ pub(super) fn levels(full: &Level, size: f32, tolerances: &[f32]) -> Vec<Level> 
 }
 
 impl Quadric {
-    fn of_plane(normal: Vector, through: Vector, weight: f64) -> Self {
+    /// The plane through a point; `normal` of length 1.
+    fn of_plane(normal: Vector, through: Vector) -> Self {
         let offset = -dot(normal, through);
         let [x, y, z] = normal;
-        Self {
-            square: [x * x, x * y, x * z, y * y, y * z, z * z].map(|part| part * weight),
-            linear: scale(normal, offset * weight),
-            constant: offset * offset * weight,
-            weight,
-        }
+        let square = [x * x, x * y, x * z, y * y, y * z, z * z];
+        Self { square, linear: scale(normal, offset), constant: offset * offset }
     }
 
     fn plus(&self, other: &Self) -> Self {
@@ -65,22 +63,20 @@ impl Quadric {
         sum.square.iter_mut().zip(other.square).for_each(|(a, b)| *a += b);
         sum.linear = add(sum.linear, other.linear);
         sum.constant += other.constant;
-        sum.weight += other.weight;
         sum
     }
 
-    /// The mean squared distance of a point.
+    /// The sum for a point.
     fn at(&self, point: Vector) -> f64 {
         let [x, y, z] = point;
         let [xx, xy, xz, yy, yz, zz] = self.square;
         let squares = xx * x * x + yy * y * y + zz * z * z + 2.0 * (xy * x * y + xz * x * z + yz * y * z);
-        let sum = squares + 2.0 * dot(self.linear, point) + self.constant;
-        if self.weight > 0.0 { (sum / self.weight).max(0.0) } else { 0.0 }
+        (squares + 2.0 * dot(self.linear, point) + self.constant).max(0.0)
     }
 }
 
 impl Shrinking {
-    fn new(full: &Level, size: f64) -> Self {
+    fn new(full: &Level) -> Self {
         let points: Vec<Vector> = full.points.iter().map(|point| wide(*point)).collect();
         let count = points.len();
         let mut mesh = Self {
@@ -104,8 +100,7 @@ impl Shrinking {
             for corner in [a, b, c] {
                 mesh.around[corner as usize].push(index as u32);
                 if twice > 0.0 {
-                    let plane =
-                        Quadric::of_plane(scale(normal, 1.0 / twice), mesh.points[a as usize], 0.5 * twice);
+                    let plane = Quadric::of_plane(scale(normal, 1.0 / twice), mesh.points[a as usize]);
                     mesh.quadrics[corner as usize] = mesh.quadrics[corner as usize].plus(&plane);
                 }
             }
@@ -115,7 +110,7 @@ impl Shrinking {
         }
         for (&[p, q], &(count, triangle)) in &edges {
             if count == 1 {
-                mesh.hold_rim([p, q], full.triangles[triangle], size);
+                mesh.hold_rim([p, q], full.triangles[triangle]);
             }
         }
         for &[p, q] in edges.keys() {
@@ -130,15 +125,14 @@ impl Shrinking {
         cross(sub(b, a), sub(c, a))
     }
 
-    /// Keeps an edge of one triangle in its place: a plane through it, across the triangle, which weighs as a strip `size`
-    /// wide would.
-    fn hold_rim(&mut self, ends: [u32; 2], corners: [u32; 3], size: f64) {
+    /// Keeps an edge of one triangle in its place: a plane through it, across the triangle.
+    fn hold_rim(&mut self, ends: [u32; 2], corners: [u32; 3]) {
         let [from, to] = ends.map(|end| self.points[end as usize]);
         let along = sub(to, from);
         let across = cross(along, self.normal(corners));
         let wide = length(across);
         if wide > 0.0 {
-            let plane = Quadric::of_plane(scale(across, 1.0 / wide), from, size * length(along));
+            let plane = Quadric::of_plane(scale(across, 1.0 / wide), from);
             for end in ends {
                 self.quadrics[end as usize] = self.quadrics[end as usize].plus(&plane);
             }
@@ -148,11 +142,10 @@ impl Shrinking {
     /// Where the ends of an edge meet best, and the error there.
     fn meeting(&self, p: u32, q: u32) -> (Vector, f64) {
         let (from, to) = (self.points[p as usize], self.points[q as usize]);
-        // The larger of both means: of a common one, a corner that stands for much would have the most.
-        let error = |point| self.quadrics[p as usize].at(point).max(self.quadrics[q as usize].at(point));
+        let quadric = self.quadrics[p as usize].plus(&self.quadrics[q as usize]);
         let middle = scale(add(from, to), 0.5);
         [from, to, middle]
-            .map(|point| (point, error(point)))
+            .map(|point| (point, quadric.at(point)))
             .into_iter()
             .reduce(|best, other| if other.1 < best.1 { other } else { best })
             .unwrap_or((middle, f64::INFINITY))
@@ -160,7 +153,9 @@ impl Shrinking {
 
     fn consider(&mut self, p: u32, q: u32) {
         let (p, q) = (p.min(q), p.max(q));
-        let (_, error) = self.meeting(p, q);
+        // Of edges that cost alike, as in a flat part, the shortest first: long ones make points with many neighbours.
+        let way = sub(self.points[q as usize], self.points[p as usize]);
+        let error = self.meeting(p, q).1 + PATIENCE * dot(way, way);
         // Positive numbers are ordered as their bits are.
         let changes = [p, q].map(|end| self.changes[end as usize]);
         self.candidates.push(Reverse((error.to_bits(), p, q, changes[0], changes[1])));

@@ -1,0 +1,86 @@
+//! `gallery DIR`: a picture of every environment, as it is by default and with all factors varied, beside MuJoCo's own
+//! picture of the same moment where there is one; and the page that shows them, `DIR/gallery.md`. For `cargo xtask gallery`.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context as _, Result};
+use swm::core::env::PIXELS;
+use swm::core::{Batch, EnvConfig, EnvEntry, Episode, EpisodeSeed, ImageSize, ResetOptions, Schema};
+
+/// Side of a picture, pixels.
+const SIDE: usize = 112;
+/// Between pictures.
+const GAP: usize = 4;
+
+const HEAD: &str = "\
+# Gallery
+
+Every environment at the start of an episode: as it is by default, and with all factors of variation drawn. Where two pictures
+of a kind stand side by side, the left one is ours (no OpenGL), the right one MuJoCo's of the same moment. Made by
+`cargo xtask gallery`; all pictures are of seed 1, 112 px.
+
+| environment | default | all factors varied |
+|---|---|---|
+";
+
+fn main() -> Result<()> {
+    let dir = std::env::args_os().nth(1).context("usage: gallery DIR")?;
+    let dir = Path::new(&dir);
+    fs::create_dir_all(dir.join("gallery"))?;
+    let mut page = HEAD.to_owned();
+    for entry in swm::registry().envs() {
+        let name = entry.id.trim_start_matches("swm/");
+        write!(page, "| `{}` |", entry.id)?;
+        for (kind, vary) in [("default", Vec::new()), ("varied", vec!["all".to_owned()])] {
+            let mut pictures = vec![picture(entry, &vary, &[])?];
+            if entry.settings.iter().any(|setting| setting.name == "renderer") {
+                match picture(entry, &vary, &[("renderer", "gl")]) {
+                    Ok(theirs) => pictures.push(theirs),
+                    Err(error) => println!("{name}: no picture of MuJoCo's: {error}"),
+                }
+            }
+            let file = format!("gallery/{name}-{kind}.png");
+            write_png(&dir.join(&file), &pictures)?;
+            write!(page, " ![{name}, {kind}]({file}) |")?;
+        }
+        page.push('\n');
+        println!("{name}");
+    }
+    fs::write(dir.join("gallery.md"), page)?;
+    Ok(())
+}
+
+/// The first moment of an episode, `[SIDE, SIDE, 3]`.
+fn picture(entry: &EnvEntry, vary: &[String], settings: &[(&str, &str)]) -> Result<Vec<u8>> {
+    let mut config =
+        EnvConfig { image: Some(ImageSize { height: SIDE, width: SIDE }), ..EnvConfig::default() };
+    for (name, value) in settings {
+        config.settings.insert((*name).to_owned(), (*value).into());
+    }
+    let mut env = (entry.make)(&config)?;
+    let mut row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
+    let options = ResetOptions { variation: Some(vary.to_vec()), ..ResetOptions::default() };
+    env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options })?;
+    env.observe(&mut row.rows_mut());
+    Ok(row.get::<u8>(PIXELS)?.to_vec())
+}
+
+/// Pictures side by side.
+fn write_png(path: &Path, pictures: &[Vec<u8>]) -> Result<()> {
+    let width = pictures.len() * (SIDE + GAP) - GAP;
+    let mut pixels = vec![255; width * SIDE * 3];
+    for (index, picture) in pictures.iter().enumerate() {
+        for (row, line) in picture.chunks_exact(SIDE * 3).enumerate() {
+            pixels[(row * width + index * (SIDE + GAP)) * 3..][..SIDE * 3].copy_from_slice(line);
+        }
+    }
+    let mut encoder = png::Encoder::new(fs::File::create(path)?, width as u32, SIDE as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::High);
+    encoder.set_filter(png::Filter::Adaptive);
+    encoder.write_header()?.write_image_data(&pixels)?;
+    Ok(())
+}
