@@ -49,15 +49,13 @@ impl Stage {
             (Shape::Box { half: [0.3, 0.2, 0.4] }, [1.3, -0.2, 0.5], TILTED, glowing),
             (Shape::Mesh(0), [0.2, -0.8, 0.5], TILTED, plain([0.3, 0.4, 0.9, 1.0])),
             (Shape::Ellipsoid { radii: [0.25; 3] }, [0.9, 1.8, 0.4], UPRIGHT, plain([0.7, 0.7, 0.2, 1.0])),
-            (Shape::Box { half: [0.4, 0.05, 0.5] }, [-0.9, -1.0, 0.5], UPRIGHT, plain([0.2, 0.9, 0.9, 0.4])),
+            (Shape::Box { half: [0.4, 0.05, 0.5] }, [-0.9, -1.0, 0.5], UPRIGHT, plain([0.2, 0.9, 0.9, 1.0])),
         ];
-        let instances = (0..).zip(things).map(|(segment, (shape, position, rotation, material))| Instance {
-            shape,
-            position,
-            rotation,
-            material,
-            segment,
-            casts_shadow: true,
+        let instances = (0..).zip(things).map(|(segment, (shape, position, rotation, mut material))| {
+            if segment == VEIL {
+                material.color[3] = 0.4;
+            }
+            Instance { shape, position, rotation, material, segment, casts_shadow: true }
         });
         let light = Light {
             kind: LightKind::Sun,
@@ -89,9 +87,10 @@ impl Stage {
 
     /// Moves what can move: everything but the floor.
     pub(crate) fn turn(&mut self, time: f64) {
-        for (index, instance) in self.scene.instances.iter_mut().enumerate().skip(1) {
-            instance.position[0] += 0.01 * (time - 3.0) * (index as f64 - 4.0) * 0.1;
-            instance.position[2] = 0.5 + 0.1 * (time * index as f64 % 5.0) / 5.0;
+        for instance in self.scene.instances.iter_mut().filter(|instance| instance.segment != FLOOR) {
+            let index = f64::from(instance.segment);
+            instance.position[0] += 0.01 * (time - 3.0) * (index - 4.0) * 0.1;
+            instance.position[2] = 0.5 + 0.1 * (time * index % 5.0) / 5.0;
         }
     }
 }
