@@ -126,7 +126,7 @@ fn other(factor: &FactorSpec) -> Value {
             let value = numbers[0] as i64;
             Value::from_json(
                 &factor.name,
-                &(if value == *start { start + *n as i64 - 1 } else { *start }).into(),
+                &(if value == *start { start + *n - 1 } else { *start }).into(),
             )
         }
         Space::Box { low, high, shape, .. } => {
