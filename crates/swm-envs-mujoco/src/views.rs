@@ -26,6 +26,16 @@ pub(crate) enum Renderer {
     Gl,
 }
 
+impl Renderer {
+    /// In words and with its version.
+    pub(crate) fn describe(self) -> String {
+        match self {
+            Self::Software => format!("swm-render {} (software)", env!("CARGO_PKG_VERSION")),
+            Self::Gl => format!("MuJoCo {} (OpenGL)", crate::assets::MUJOCO_VERSION),
+        }
+    }
+}
+
 /// A camera of the model.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(untagged)]
@@ -149,14 +159,6 @@ impl Views {
         }
         fields
     }
-
-    /// What draws, in words and with its version.
-    pub(crate) fn renderer(&self) -> String {
-        match self.renderer {
-            Renderer::Software => format!("swm-render {} (software)", env!("CARGO_PKG_VERSION")),
-            Renderer::Gl => format!("MuJoCo {} (OpenGL)", crate::assets::MUJOCO_VERSION),
-        }
-    }
 }
 
 /// Draws all pictures of an environment.
@@ -180,7 +182,7 @@ impl Pictures {
 
     /// What draws, in words and with its version.
     pub(crate) fn renderer(&self) -> String {
-        self.views.renderer()
+        self.views.renderer.describe()
     }
 
     /// Writes the columns [`Views::fields`], the first of which has this index.

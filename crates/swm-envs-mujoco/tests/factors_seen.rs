@@ -124,10 +124,7 @@ fn other(factor: &FactorSpec) -> Value {
     match &factor.space {
         Space::Discrete { n, start } => {
             let value = numbers[0] as i64;
-            Value::from_json(
-                &factor.name,
-                &(if value == *start { start + *n - 1 } else { *start }).into(),
-            )
+            Value::from_json(&factor.name, &(if value == *start { start + *n - 1 } else { *start }).into())
         }
         Space::Box { low, high, shape, .. } => {
             let values: Vec<f64> =

@@ -9,6 +9,7 @@ use swm_core::{
     Outcome, RowsMut, Slice, Space, Value,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
+use swm_render::scene::Quality;
 
 use super::columns::{Declare, Write, observation, visit};
 use super::factors::{self, FLOOR_COLOR, LOCK_COLOR, numbers};
@@ -116,7 +117,7 @@ impl TableEnv {
             Some(size) => {
                 let full = models.full();
                 let camera = full.id(Object::Camera, &settings.camera)?;
-                Some(Canvas::new(&full, settings.renderer, camera, size)?)
+                Some(Canvas::new(&full, settings.renderer, camera, size, Quality::default())?)
             }
         };
         let goal_picture = (vec![0; image.map_or(0, |size| size.shape().iter().product())], true);
@@ -486,6 +487,10 @@ impl Env for TableEnv {
 
     /// What is left to do, in m: for each cube, drawer and window its distance from where it belongs, 0.1 for a button; and,
     /// at a lower weight, the effector's distance from what is next.
+    fn renderer(&self) -> Option<String> {
+        self.canvas.as_ref().map(|_| self.settings.renderer.describe())
+    }
+
     fn task_cost(&self) -> Option<f64> {
         Some(self.table.cost(&self.sim, &self.moment))
     }

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use swm_core::Setting;
 
 use super::layout::{CAMERA, CAMERAS, Kind};
-use crate::suite::Renderer;
+use crate::views::Renderer;
 
 /// Constructor settings. Unknown names are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -21,7 +21,6 @@ pub use effect::{Control, Effect, set_colour};
 pub use env::SuiteEnv;
 pub(crate) use env::recorded;
 pub use models::{Origin, description, edit_in_place};
-pub(crate) use settings::Renderer;
 pub use stage::{Place, Stage, Target};
 pub use start::{direction, normal, randomize_joints, uniform, until_free_of_contacts};
 pub use sums::{distance, mean};
