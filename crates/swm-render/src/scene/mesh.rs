@@ -27,7 +27,7 @@ pub(super) struct Level {
 }
 
 /// How far surfaces may move in a version without detail of one cell's length.
-const SHARE: f32 = 1.0;
+const SHARE: f32 = 0.5;
 
 /// Cells along the longest side of the coarse versions.
 const CELLS: [u32; 15] = [512, 384, 256, 192, 128, 96, 64, 48, 32, 24, 16, 12, 8, 6, 4];
