@@ -8,6 +8,7 @@ mod crash;
 mod datasets;
 mod determinism;
 mod docs;
+mod evaluation;
 mod experts;
 mod interop;
 mod pictures;

@@ -6,6 +6,7 @@
 //! * [`smooth`]: random actions that change little from step to step;
 //! * [`world`]: many environments in parallel, one `infos` table, one rollout loop;
 //! * [`recorder`], [`dataset`], [`evaluate`]: what watches the loop;
+//! * [`view`]: how pictures are shown: distractors;
 //! * [`registry`]: tables of environments and policies;
 //! * [`testing`]: conformance checks that any environment can run.
 //!
@@ -24,6 +25,7 @@ pub mod seed;
 pub mod smooth;
 pub mod space;
 pub mod testing;
+pub mod view;
 pub mod world;
 
 pub use batch::{Batch, Column, Dtype, Field, FieldKind, Row, RowsMut, Schema, Slice, SliceMut, Value};
@@ -32,9 +34,9 @@ pub use env::{
     Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, ImageSize, Outcome, Place, ResetOptions,
 };
 pub use error::{BatchError, BoxError, EnvError, PolicyError, UnknownName, WorldError};
-pub use evaluate::{EvalOptions, Evaluation};
+pub use evaluate::{EvalOptions, Evaluation, Manifest, SuccessRule};
 pub use policy::{Actions, Actor, LiveEpisode, PerEpisode, Policy, RowView, View};
-pub use recorder::{EpisodeEnd, LiveRow, Recorder, RunInfo};
+pub use recorder::{EpisodeEnd, LiveRow, Margins, Recorder, RunInfo};
 pub use registry::{EnvEntry, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};
 pub use seed::EpisodeSeed;
 pub use space::Space;

@@ -28,6 +28,8 @@ pub struct View<'a> {
     pub(crate) infos: &'a Batch,
     pub(crate) spec: &'a EnvSpec,
     pub(crate) slots: &'a [crate::world::Slot],
+    /// Seed of the policy's own noise; 0: that of the episodes.
+    pub(crate) seed: u64,
 }
 
 impl<'a> View<'a> {
@@ -54,7 +56,10 @@ impl<'a> View<'a> {
     /// One live row; `None` for an idle one.
     pub fn row(&self, row: usize) -> Option<RowView<'a>> {
         let slot = &self.slots[row];
-        let episode = slot.live_episode()?;
+        let mut episode = slot.live_episode()?;
+        if self.seed != 0 {
+            episode.seed = EpisodeSeed::of(self.seed, episode.seed.value() as u64);
+        }
         Some(RowView { row: self.infos.row(row), spec: self.spec, env: slot.env(), episode })
     }
 }

@@ -1,8 +1,10 @@
 //! Recorders watch the rollout loop: datasets, evaluations, films and progress bars are recorders, and tuples of
 //! recorders are recorders.
 
+use std::fmt;
+
 use crate::batch::{Row, Schema};
-use crate::env::EnvSpec;
+use crate::env::{Env, EnvSpec};
 use crate::error::BoxError;
 use crate::policy::LiveEpisode;
 use crate::seed::EpisodeSeed;
@@ -46,7 +48,7 @@ pub struct RunInfo<'a> {
 }
 
 /// One row of data, while it is true.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct LiveRow<'a> {
     /// Its values.
     pub values: Row<'a>,
@@ -54,6 +56,25 @@ pub struct LiveRow<'a> {
     pub episode: LiveEpisode,
     /// Whether the goal is reached in this row.
     pub success: Option<bool>,
+    pub(crate) env: &'a dyn Env,
+}
+
+impl LiveRow<'_> {
+    /// How far the task is from done, in truth: [`Env::task_cost`].
+    pub fn task_cost(&self) -> Option<f64> {
+        self.env.task_cost()
+    }
+}
+
+impl fmt::Debug for LiveRow<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { values, episode, success, env: _ } = self;
+        f.debug_struct("LiveRow")
+            .field("values", values)
+            .field("episode", episode)
+            .field("success", success)
+            .finish_non_exhaustive()
+    }
 }
 
 /// How an episode went.
@@ -73,10 +94,22 @@ pub struct EpisodeEnd {
     pub success_at_start: Option<bool>,
     /// The first step at which it was reached (0: at the start).
     pub first_success_step: Option<u64>,
+    /// Under a [`Judge`](crate::evaluate::Judge): how near the goal was at its nearest, and at the end, as a part of
+    /// what is allowed: below 1 is reached.
+    pub margins: Option<Margins>,
     /// The task ended it.
     pub terminated: bool,
     /// The time limit ended it.
     pub truncated: bool,
+}
+
+/// How near a goal was, as a part of what is allowed: below 1 is reached.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Margins {
+    /// At its nearest.
+    pub best: f64,
+    /// At the end.
+    pub last: f64,
 }
 
 /// Watches nothing.

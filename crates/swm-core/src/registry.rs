@@ -1,6 +1,7 @@
 //! Registries: explicit tables of environments and policies. A downstream crate adds its own with one line.
 
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 
 use crate::batch::Field;
@@ -66,13 +67,15 @@ pub struct PolicyContext<'a> {
 }
 
 /// Arguments of a policy: `name:key=value,key=value` or `name:value`.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PolicyArgs {
     /// The policy's name.
     pub name: String,
     /// Values without a key, in order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub positional: Vec<Json>,
     /// Values with a key.
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub named: Map<String, Json>,
 }
 

@@ -19,6 +19,8 @@
 
 #[cfg(feature = "cli")]
 pub mod cli;
+pub mod distractors;
+pub mod evaluation;
 pub mod film;
 pub mod plan;
 pub mod replay;

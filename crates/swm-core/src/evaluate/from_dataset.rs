@@ -76,7 +76,8 @@ impl World {
             );
             return Err(WorldError::Dataset(reason.into()));
         }
-        let starts = choose_starts(source, options).map_err(WorldError::Dataset)?;
+        let starts = choose_starts(source, options.episodes, options.goal_offset, options.seed)
+            .map_err(WorldError::Dataset)?;
         let resets = starts
             .iter()
             .map(|&start| reset_options(&self.spec, source, start, options))
@@ -105,26 +106,31 @@ impl World {
 }
 
 /// Rows `[episode, row]` that have a goal row in the same episode, drawn uniformly over rows, sorted.
-fn choose_starts(source: &dyn EpisodeSource, options: &EvalOptions) -> Result<Vec<[usize; 2]>, BoxError> {
-    let valid = |episode| source.episode_len(episode).saturating_sub(options.goal_offset);
+pub(super) fn choose_starts(
+    source: &dyn EpisodeSource,
+    count: usize,
+    goal_offset: usize,
+    seed: u64,
+) -> Result<Vec<[usize; 2]>, BoxError> {
+    let valid = |episode| source.episode_len(episode).saturating_sub(goal_offset);
     let mut ends = Vec::with_capacity(source.num_episodes());
     let mut total = 0;
     for episode in 0..source.num_episodes() {
         total += valid(episode);
         ends.push(total);
     }
-    if total < options.episodes || options.episodes == 0 {
+    if total < count || count == 0 {
         return Err(format!(
             "{} start row(s) asked for, but only {total} row(s) of {} episode(s) have a goal {} rows later; ask for \
              fewer episodes, a smaller goal offset, or record more",
-            options.episodes,
+            count,
             source.num_episodes(),
-            options.goal_offset,
+            goal_offset,
         )
         .into());
     }
-    let mut rng = keyed(options.seed, "evaluation starts", [0, 0]);
-    let mut rows = index::sample(&mut rng, total, options.episodes).into_vec();
+    let mut rng = keyed(seed, "evaluation starts", [0, 0]);
+    let mut rows = index::sample(&mut rng, total, count).into_vec();
     rows.sort_unstable();
     Ok(rows
         .into_iter()

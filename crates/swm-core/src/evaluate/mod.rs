@@ -1,7 +1,15 @@
 //! Evaluation: run named episodes to their end, count successes, and say how sure one can be.
+//!
+//! A [`Manifest`] fixes what is evaluated: pairs of start and goal, budget, and a [`SuccessRule`] outside of the environment.
+//! [`World::run_pairs`] runs it, [`OutcomeRecorder`] watches, [`stats`] compares. Files are not known here.
 
+mod draw;
 mod from_dataset;
-mod stats;
+mod manifest;
+mod outcome;
+mod rule;
+pub mod stats;
+mod transfer;
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -13,8 +21,13 @@ use crate::error::{BoxError, WorldError};
 use crate::recorder::{EpisodeEnd, LiveRow, Recorder, RunInfo};
 use crate::world::{Rollout, World};
 
+pub use draw::{ManifestOptions, RecordedPairs, is_held_out, make_manifest};
 pub use from_dataset::EvalOptions;
-pub use stats::wilson95;
+pub use manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, sha256, sorted, witness};
+pub use outcome::{EpisodeResult, OutcomeRecorder, Summary};
+pub use rule::{Condition, Judge, Measure, SuccessRule};
+pub use stats::{PairedTest, wilson95};
+pub use transfer::Transfer;
 
 /// The result of an evaluation, indexed by episode: independent of environments, threads and completion order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

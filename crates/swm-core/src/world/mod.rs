@@ -13,16 +13,18 @@ use rayon::ThreadPool;
 use crate::batch::{Batch, Column, Field, Schema, Slice};
 use crate::env::{EnvConfig, EnvSpec, ImageSize, ResetOptions, VARIATION_PREFIX};
 use crate::error::{BatchError, PolicyError, WorldError};
+use crate::evaluate::{Judge, SuccessRule};
 use crate::pace::Pace;
 use crate::policy::{Actions, LiveEpisode, Policy, View};
 use crate::registry::EnvEntry;
 use crate::seed::EpisodeSeed;
+use crate::view::{Frames, Transform};
 
 pub use rollout::{Rollout, Scenario};
 pub(crate) use slot::Slot;
 
 use fields::CommonFields;
-use slot::StepRules;
+use slot::{ResetRules, StepRules};
 
 /// How a [`World`] is built.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,6 +74,9 @@ pub struct World {
     /// Why the policy's own fields do not fit into the infos.
     unfit: Option<String>,
     fields: CommonFields,
+    judge: Option<Judge>,
+    frames: Option<Frames>,
+    policy_seed: u64,
     pace: Pace,
     pool: Arc<ThreadPool>,
 }
@@ -162,6 +167,9 @@ impl World {
             report,
             unfit: None,
             fields,
+            judge: None,
+            frames: None,
+            policy_seed: 0,
             pace,
             pool,
         })
@@ -209,6 +217,24 @@ impl World {
         self.infos = infos;
         self.report = Batch::new(Schema::new(fields)?, self.slots.len());
         Ok(())
+    }
+
+    /// Lets `rule` decide what success is, in every row from the start on, in place of the environment: its own success
+    /// then neither counts nor ends an episode. The environment's own rule gives it back.
+    pub fn set_success(&mut self, rule: &SuccessRule) -> Result<(), WorldError> {
+        self.judge = rule.judge(self.infos.schema())?;
+        Ok(())
+    }
+
+    /// Shows pictures through `transform`, or as they are. Fields that are not pictures do not change.
+    pub fn set_transform(&mut self, transform: Option<Arc<dyn Transform>>) {
+        self.frames = transform.map(|transform| Frames::new(transform, self.infos.schema()));
+    }
+
+    /// The seed of the policy's own noise: repetitions of the same episodes differ by it alone. 0: noise comes from the
+    /// episodes' seeds.
+    pub fn set_policy_seed(&mut self, seed: u64) {
+        self.policy_seed = seed;
     }
 
     /// The attached policy, in words.
@@ -262,7 +288,7 @@ impl World {
         let report = &mut self.report;
         let fields = report.schema().fields().len();
         (0..fields).for_each(|index| report.column_mut(index).fill_missing());
-        let view = View { infos: &self.infos, spec: &self.spec, slots: &self.slots };
+        let view = View { infos: &self.infos, spec: &self.spec, slots: &self.slots, seed: self.policy_seed };
         policy.act(&view, &mut Actions { space: &self.spec.action, column: &mut self.actions, report })?;
         self.check_actions()?;
         self.copy_report();
@@ -307,15 +333,17 @@ impl World {
     }
 
     fn reset_phase(&mut self, scenario: &Scenario<'_>) -> Result<(), WorldError> {
-        slot::reset_all(&mut self.slots, self.infos.rows_mut(), scenario, &self.fields)
+        let Self { slots, infos, fields, judge, frames, .. } = self;
+        let rules = ResetRules { fields: *fields, judge: judge.as_ref(), frames: frames.as_ref() };
+        slot::reset_all(slots, infos.rows_mut(), scenario, &rules)
     }
 
     fn step_phase(&mut self) -> Result<(), WorldError> {
-        let Self { options, slots, infos, actions, fields, pace, .. } = self;
+        let Self { options, slots, infos, actions, fields, judge, frames, pace, .. } = self;
         let rules = StepRules {
             frame_skip: options.frame_skip,
             max_steps: options.max_episode_steps,
-            fields: *fields,
+            reset: ResetRules { fields: *fields, judge: judge.as_ref(), frames: frames.as_ref() },
         };
         slot::step_all(slots, infos.rows_mut(), actions.as_slice(), &rules, pace)
     }

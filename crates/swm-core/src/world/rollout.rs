@@ -113,6 +113,7 @@ impl World {
                 values: self.infos.row(row),
                 episode: progress.episode,
                 success: progress.success_now,
+                env: slot.env(),
             };
             recorder.step(&live).map_err(WorldError::Record)?;
         }
@@ -133,6 +134,7 @@ fn end_of(progress: &Progress) -> EpisodeEnd {
         success: progress.success_now.map(|_| progress.first_success_step.is_some()),
         success_at_start: progress.success_at_start,
         first_success_step: progress.first_success_step,
+        margins: progress.margins,
         terminated: progress.terminated,
         truncated: progress.truncated,
     }

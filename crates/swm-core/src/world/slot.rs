@@ -4,9 +4,12 @@ use crate::batch::{RowsMut, Slice};
 use crate::dataset::Checkpoints;
 use crate::env::{Env, EnvState, Episode, ResetOptions, step_times};
 use crate::error::{EnvError, WorldError};
+use crate::evaluate::Judge;
 use crate::pace::Pace;
 use crate::policy::LiveEpisode;
+use crate::recorder::Margins;
 use crate::seed::EpisodeSeed;
+use crate::view::{Frames, Scratch};
 
 use super::fields::CommonFields;
 
@@ -18,6 +21,7 @@ pub(crate) struct Slot {
     pub(super) progress: Option<Progress>,
     /// The last checkpoint.
     saved: EnvState,
+    scratch: Scratch,
 }
 
 /// What is known of a running episode.
@@ -30,17 +34,33 @@ pub(super) struct Progress {
     pub success_now: Option<bool>,
     pub terminated: bool,
     pub truncated: bool,
+    /// Under a judge: how near the goal was, and in how many rows on end it was reached.
+    pub margins: Option<Margins>,
+    pub streak: u64,
 }
 
 impl Progress {
     fn done(&self) -> bool {
         self.terminated || self.truncated
     }
+
+    /// Takes note of the row in `out`, by the judge's measure; whether it is a success now.
+    fn judged(&mut self, judge: &Judge, out: &mut RowsMut<'_>) -> bool {
+        let margin = judge.margin(|column, element| number_in(out, column, element));
+        let best = self.margins.map_or(margin, |margins| margins.best.min(margin));
+        self.margins = Some(Margins { best, last: margin });
+        let reached = margin < 1.0;
+        self.streak = if reached { self.streak + 1 } else { 0 };
+        if self.streak >= judge.hold() {
+            self.first_success_step.get_or_insert(self.episode.step + 1 - self.streak);
+        }
+        reached
+    }
 }
 
 impl Slot {
     pub(super) fn new(env: Box<dyn Env>) -> Self {
-        Self { env, next: None, progress: None, saved: EnvState::new() }
+        Self { env, next: None, progress: None, saved: EnvState::new(), scratch: Scratch::default() }
     }
 
     /// Checkpoints that have room for the states of this kind of environment, as one reset tells.
@@ -71,7 +91,7 @@ impl Slot {
     fn reset(
         &mut self,
         options: &ResetOptions,
-        fields: &CommonFields,
+        rules: &ResetRules<'_>,
         out: &mut RowsMut<'_>,
     ) -> Result<(), WorldError> {
         let Some(mut episode) = self.next.take() else { return Ok(()) };
@@ -82,11 +102,15 @@ impl Slot {
             .map_err(|source| WorldError::Env { row: 0, episode: episode.index, source })?;
         self.env.write_episode(out);
         self.env.observe(out);
-        fields.write_reset(out, episode);
-        fields
+        if let Some(frames) = rules.frames {
+            frames.show(episode, &mut self.scratch, out);
+        }
+        rules.fields.write_reset(out, episode);
+        rules
+            .fields
             .write_checkpoint(self.env.as_ref(), 0, &mut self.saved, out)
             .map_err(|source| WorldError::Env { row: 0, episode: episode.index, source })?;
-        self.progress = Some(Progress {
+        let mut progress = Progress {
             episode,
             total_reward: 0.0,
             success_at_start: outcome.success,
@@ -94,44 +118,73 @@ impl Slot {
             success_now: outcome.success,
             terminated: false,
             truncated: false,
-        });
+            margins: None,
+            streak: 0,
+        };
+        if let Some(judge) = rules.judge {
+            progress.first_success_step = None;
+            let reached = progress.judged(judge, out);
+            (progress.success_at_start, progress.success_now) = (Some(reached), Some(reached));
+        }
+        self.progress = Some(progress);
         Ok(())
     }
 
     fn step(
         &mut self,
         action: Slice<'_>,
-        rules: &StepRules,
+        rules: &StepRules<'_>,
         out: &mut RowsMut<'_>,
     ) -> Result<(), WorldError> {
         let Some(episode) = self.live_episode() else { return Ok(()) };
-        let outcome = step_times(self.env.as_mut(), action, rules.frame_skip)
+        let mut outcome = step_times(self.env.as_mut(), action, rules.frame_skip)
             .map_err(|source| WorldError::Env { row: 0, episode: episode.index, source })?;
         self.env.observe(out);
         let progress = self.progress.as_mut().expect("a live slot has progress");
         progress.episode.step += 1;
         progress.total_reward += outcome.reward;
+        if let Some(frames) = rules.reset.frames {
+            frames.show(progress.episode, &mut self.scratch, out);
+        }
+        if let Some(judge) = rules.reset.judge {
+            // An end without success stays an end.
+            let ended = outcome.terminated && outcome.success != Some(true);
+            outcome.success = Some(progress.judged(judge, out));
+            outcome.terminated = ended || progress.first_success_step.is_some();
+        } else if outcome.success == Some(true) {
+            progress.first_success_step.get_or_insert(progress.episode.step);
+        }
         progress.terminated = outcome.terminated;
         let is_over = rules.max_steps.is_some_and(|max| progress.episode.step >= max);
         progress.truncated = !outcome.terminated && (is_over || self.env.is_truncated());
         progress.success_now = outcome.success;
-        if outcome.success == Some(true) {
-            progress.first_success_step.get_or_insert(progress.episode.step);
-        }
-        rules.fields.write_step(out, &outcome, progress);
+        rules.reset.fields.write_step(out, &outcome, progress);
         let row = progress.episode.step;
         rules
+            .reset
             .fields
             .write_checkpoint(self.env.as_ref(), row, &mut self.saved, out)
             .map_err(|source| WorldError::Env { row: 0, episode: episode.index, source })
     }
 }
 
+/// What the reset phase needs to know.
+pub(super) struct ResetRules<'a> {
+    pub fields: CommonFields,
+    pub judge: Option<&'a Judge>,
+    pub frames: Option<&'a Frames>,
+}
+
 /// What the step phase needs to know.
-pub(super) struct StepRules {
+pub(super) struct StepRules<'a> {
     pub frame_skip: u32,
     pub max_steps: Option<u64>,
-    pub fields: CommonFields,
+    pub reset: ResetRules<'a>,
+}
+
+/// Element `element` of field `column` in the selected row.
+fn number_in(out: &mut RowsMut<'_>, column: usize, element: usize) -> f64 {
+    out.slice_mut(column).as_slice().number(element).unwrap_or(f64::NAN)
 }
 
 /// Which options a slot's next episode gets.
@@ -144,13 +197,13 @@ pub(super) fn reset_all(
     slots: &mut [Slot],
     rows: RowsMut<'_>,
     options: &dyn Options,
-    fields: &CommonFields,
+    rules: &ResetRules<'_>,
 ) -> Result<(), WorldError> {
     if slots.iter().all(|slot| slot.next.is_none()) {
         return Ok(());
     }
     for_each_row(slots, rows, 0, 1, &|_, slot, out| match slot.next {
-        Some(next) => slot.reset(options.of(next.index), fields, out),
+        Some(next) => slot.reset(options.of(next.index), rules, out),
         None => Ok(()),
     })
 }
@@ -160,7 +213,7 @@ pub(super) fn step_all(
     slots: &mut [Slot],
     rows: RowsMut<'_>,
     actions: Slice<'_>,
-    rules: &StepRules,
+    rules: &StepRules<'_>,
     pace: &mut Pace,
 ) -> Result<(), WorldError> {
     let width = actions.len() / slots.len();

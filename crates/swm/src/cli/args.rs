@@ -8,6 +8,7 @@ use serde_json::{Map, Value as Json};
 use swm_core::{EnvConfig, EnvEntry, ImageSize, PolicyArgs, Registry, ResetOptions, Value, WorldOptions};
 
 use super::{Failure, usage};
+use crate::evaluation::RunOptions;
 
 /// The environment and how it is made.
 #[derive(Args, Clone)]
@@ -39,6 +40,25 @@ impl EnvArgs {
             settings.insert(name.to_owned(), json_value(value));
         }
         Ok(EnvConfig { image, settings })
+    }
+}
+
+/// As [`EnvArgs`], for a command that can take the environment from a manifest.
+#[derive(Args, Clone)]
+pub(super) struct OptionalEnvArgs {
+    /// The environment's id; `swm envs` lists them.
+    #[arg(required_unless_present = "manifest")]
+    env: Option<String>,
+    /// A setting of the environment, `NAME=VALUE`; may be repeated. `swm envs` lists them.
+    #[arg(long = "env-option", value_name = "NAME=VALUE")]
+    env_options: Vec<String>,
+}
+
+impl OptionalEnvArgs {
+    /// The environment that was named.
+    pub(super) fn take(&mut self) -> Result<EnvArgs, Failure> {
+        let env = self.env.take().ok_or_else(|| usage("name an environment, or give --manifest"))?;
+        Ok(EnvArgs { env, env_options: std::mem::take(&mut self.env_options) })
     }
 }
 
@@ -111,6 +131,11 @@ pub(super) struct WorldArgs {
 }
 
 impl WorldArgs {
+    /// How a run on a manifest is spread.
+    pub(super) fn run_options(&self) -> RunOptions {
+        RunOptions { num_envs: self.num_envs, threads: self.threads }
+    }
+
     pub(super) fn options(&self, env: EnvConfig, max_steps: u64) -> WorldOptions {
         WorldOptions {
             num_envs: self.num_envs,

@@ -10,7 +10,8 @@ use swm_core::{
 };
 use swm_media::Format;
 
-use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
+use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, ScenarioArgs, WorldArgs};
+use super::eval_manifest::EvalManifest;
 use super::output::facts;
 use super::{Failure, Output, policies, usage};
 use crate::film::Film;
@@ -22,18 +23,32 @@ const BUDGET_DATASET: u64 = 50;
 /// Largest side of a film, in pixels.
 const MAX_FILM_SIDE: usize = 2160;
 
-/// Evaluate a policy online, or from starts and goals of a dataset.
+/// Evaluate a policy: online, from starts and goals of a dataset, or on a manifest.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   swm eval swm/PushT-v1 --policy expert --episodes 100 --seed 42
   swm eval swm/PushT-v1 --policy cem:samples=300,iterations=30,elites=30 --dataset pusht.h5 --goal-offset 25 --budget 50 --out results
   swm eval swm/PushT-v1 --policy expert --episodes 50 --vary all --json
+  swm eval --manifest pusht-strict.toml --policy cem --out results
 
-With --out, the folder gets result.json, a contact sheet (episodes.png) and a film per filmed episode.")]
+With --manifest, the manifest says all about the task; floors and a ceiling are run beside the policy; --out gets receipt.json,
+and an interrupted evaluation goes on where it stopped. Without, with --out, the folder gets result.json, a contact sheet (episodes.png) and a film per filmed episode.")]
 pub(super) struct Eval {
     #[command(flatten)]
-    env: EnvArgs,
+    env: OptionalEnvArgs,
+    /// Evaluate on this manifest; `swm manifest make` makes one.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["env", "env_options", "episodes", "seed", "dataset", "goal_offset", "budget", "frame_skip", "vary", "set", "films", "film_format", "image_size"])]
+    manifest: Option<PathBuf>,
+    /// With --manifest: seed of the policy's own noise, for repetitions on the same pairs. 0: noise comes from the pairs.
+    #[arg(long, default_value_t = 0, requires = "manifest", value_name = "SEED")]
+    policy_seed: u64,
+    /// With --manifest: what runs beside the policy: random, do_nothing, ceiling, all, or none.
+    #[arg(long, default_value = "all", requires = "manifest", value_delimiter = ',', value_name = "NAMES")]
+    beside: Vec<String>,
+    /// With --manifest: the planner that is the ceiling. Default: the policy's own on the true dynamics, or `cem`.
+    #[arg(long, requires = "manifest", value_name = "POLICY")]
+    ceiling: Option<String>,
     /// The policy: NAME, NAME:VALUE, NAME:KEY=VALUE,… or NAME:@FILE; `swm envs ENV` lists them.
     #[arg(long)]
     policy: String,
@@ -71,17 +86,34 @@ pub(super) struct Eval {
 }
 
 impl Eval {
-    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+    pub(super) fn run(mut self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        if let Some(manifest) = &self.manifest {
+            let on_manifest = EvalManifest {
+                manifest,
+                policy: &self.policy,
+                policy_seed: self.policy_seed,
+                beside: &self.beside,
+                ceiling: self.ceiling.as_deref(),
+                out: self.out.as_deref(),
+                options: self.world.run_options(),
+            };
+            return on_manifest.run(registry, output);
+        }
+        let env = self.env.take()?;
+        self.run_in(&env, registry, output)
+    }
+
+    fn run_in(self, env: &EnvArgs, registry: &Registry, output: &Output) -> Result<(), Failure> {
         if self.episodes == 0 {
             return Err(usage("0 episodes asked for; use 1 or more"));
         }
-        let entry = self.env.entry(registry)?;
+        let entry = env.entry(registry)?;
         let filmed = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
         let image = self.image_size.map_or(filmed, |size| size.0);
         let format = self.film_format(image)?;
         let mut dataset = self.dataset.as_deref().map(swm_data::open).transpose()?;
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
-        let config = self.env.config_like(recorded.settings, image)?;
+        let config = env.config_like(recorded.settings, image)?;
         let frame_skip = self.world.frame_skip.unwrap_or(recorded.frame_skip.max(1));
         let policy = policies::make(registry, entry, &config, frame_skip, &self.policy)?;
         let budget =

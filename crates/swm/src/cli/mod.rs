@@ -6,10 +6,13 @@
 mod args;
 mod bench;
 mod collect;
+mod compare;
 mod convert;
 mod envs;
 mod eval;
+mod eval_manifest;
 mod inspect;
+mod manifest;
 mod output;
 mod plan;
 mod policies;
@@ -18,7 +21,9 @@ mod render;
 mod replay;
 mod solvers;
 mod stats;
+mod stream;
 mod verify;
+mod verify_result;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -56,7 +61,10 @@ enum Command {
     Merge(convert::Merge),
     Split(convert::Split),
     Replay(replay::Replay),
-    Eval(eval::Eval),
+    Manifest(manifest::ManifestCommand),
+    Eval(Box<eval::Eval>),
+    Compare(compare::Compare),
+    VerifyResult(verify_result::VerifyResult),
     Plan(plan::Plan),
     Solvers(solvers::Solvers),
     Render(render::Render),
@@ -100,7 +108,10 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         Command::Merge(command) => command.run(&output),
         Command::Split(command) => command.run(&output),
         Command::Replay(command) => command.run(registry, &output),
+        Command::Manifest(command) => command.run(registry, &output),
         Command::Eval(command) => command.run(registry, &output),
+        Command::Compare(command) => command.run(&output),
+        Command::VerifyResult(command) => command.run(registry, &output),
         Command::Plan(command) => command.run(registry, &output),
         Command::Solvers(command) => command.run(&output),
         Command::Render(command) => command.run(registry, &output),

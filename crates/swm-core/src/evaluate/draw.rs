@@ -1,0 +1,318 @@
+//! Drawing the pairs of a manifest: from recorded rows, or from the environment's own resets.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+use rand::RngExt as _;
+use rand::seq::SliceRandom as _;
+use serde_json::Value as Json;
+
+use super::from_dataset::choose_starts;
+use super::manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, witness};
+use super::{Condition, Judge, SuccessRule};
+use crate::batch::{Batch, Schema, Value};
+use crate::dataset::{EpisodeSource, read_known, recorded_moment, selects};
+use crate::env::{Env, EnvConfig, Episode, ImageSize, ResetOptions};
+use crate::error::{BoxError, WorldError};
+use crate::registry::EnvEntry;
+use crate::seed::{EpisodeSeed, keyed};
+
+/// What a manifest is made of, apart from its pairs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ManifestOptions {
+    /// How pairs are chosen.
+    pub tier: Tier,
+    /// How many.
+    pub pairs: usize,
+    /// Actions allowed.
+    pub budget: u64,
+    /// Environment steps per action.
+    pub frame_skip: u32,
+    /// Size of the pictures that policies see.
+    pub image: Option<ImageSize>,
+    /// Seed of the choice.
+    pub seed: u64,
+    /// Factors to draw: names, groups, `all`. `None`: the environment's default list online, none on recorded rows.
+    pub vary: Option<Vec<String>>,
+    /// Factors to set.
+    pub set: BTreeMap<String, Value>,
+    /// What changes the pictures that policies see.
+    pub distractors: Vec<String>,
+    /// When an episode is a success.
+    pub success: SuccessRule,
+    /// How much must lie between start and goal: the condition must *not* hold at the start. None in historic manifests.
+    pub motion: Option<Condition>,
+    /// Elements of start columns that are set to zero, so that a policy that sees one picture knows all: velocities.
+    pub rest: Vec<(String, Range<usize>)>,
+}
+
+/// Recorded rows to draw pairs from.
+pub struct RecordedPairs<'a> {
+    /// The episodes.
+    pub source: &'a mut dyn EpisodeSource,
+    /// File name, for people.
+    pub name: String,
+    /// SHA-256 of the file.
+    pub hash: String,
+    /// The goal is this many rows after the start.
+    pub goal_offset: usize,
+    /// The share of episodes to draw from; 1: all.
+    pub held_out: f64,
+}
+
+/// Whether an episode of a dataset is held out from training and kept for evaluation: a share of all episodes, by a hash
+/// of the index. Whoever trains on the others can claim moderate and strict results.
+pub fn is_held_out(episode: usize, share: f64) -> bool {
+    keyed(0, "held-out episodes", [episode as u64, 0]).random::<f64>() < share
+}
+
+/// Candidates tried online for every pair that is wanted, before giving up.
+const MOST_TRIES: usize = 1000;
+
+/// Makes a manifest for environments of `entry`, made as `config` says.
+pub fn make_manifest(
+    entry: &EnvEntry,
+    config: &EnvConfig,
+    options: &ManifestOptions,
+    recorded: Option<RecordedPairs<'_>>,
+) -> Result<Manifest, WorldError> {
+    let wrong = |reason: &str| WorldError::Option { option: "pairs", reason: reason.to_owned() };
+    if options.pairs == 0 {
+        return Err(wrong("0 pairs asked for; use 1 or more"));
+    }
+    let env = (entry.make)(&EnvConfig { image: None, ..config.clone() })?;
+    let mut draw = Draw::new(env, options)?;
+    let (source, pairs) = match recorded {
+        None => (PairSource::Online, draw.online()?),
+        Some(mut recorded) => {
+            draw.check_source(&recorded)?;
+            let pairs = match options.tier {
+                Tier::Historic => draw.historic(&mut recorded),
+                Tier::Moderate | Tier::Strict => draw.held_out(&mut recorded),
+            };
+            let pairs = pairs.map_err(WorldError::Dataset)?;
+            let (source, held_out) = (&*recorded.source, recorded.held_out);
+            let episodes = source.num_episodes();
+            let rows = (0..episodes).map(|episode| source.episode_len(episode)).sum();
+            let (name, hash, goal_offset) = (recorded.name, recorded.hash, recorded.goal_offset);
+            let held_out = if options.tier == Tier::Historic { 1.0 } else { held_out };
+            (PairSource::Dataset { name, hash, episodes, rows, goal_offset, held_out }, pairs)
+        }
+    };
+    Ok(Manifest {
+        version: MANIFEST_VERSION,
+        env: entry.id.to_owned(),
+        settings: config.settings.clone(),
+        tier: options.tier,
+        budget: options.budget,
+        frame_skip: options.frame_skip,
+        image: options.image,
+        seed: options.seed,
+        distractors: options.distractors.clone(),
+        success: options.success.clone(),
+        source,
+        excluded: draw.excluded,
+        solved_at_start: draw.solved,
+        pairs,
+    })
+}
+
+/// An environment that candidates are tried in.
+struct Draw<'a> {
+    env: Box<dyn Env>,
+    row: Batch,
+    options: &'a ManifestOptions,
+    judge: Option<Judge>,
+    motion: Option<Judge>,
+    excluded: Excluded,
+    solved: usize,
+}
+
+impl<'a> Draw<'a> {
+    fn new(env: Box<dyn Env>, options: &'a ManifestOptions) -> Result<Self, WorldError> {
+        let schema: Arc<Schema> = Schema::new(env.spec().fields.clone())?;
+        let judge = options.success.judge(&schema)?;
+        let motion = options.motion.iter().cloned().collect();
+        let motion = SuccessRule { hold: 1, all: motion }.judge(&schema)?;
+        let row = Batch::new(schema, 1);
+        Ok(Self { env, row, options, judge, motion, excluded: Excluded::default(), solved: 0 })
+    }
+
+    fn check_source(&self, recorded: &RecordedPairs<'_>) -> Result<(), WorldError> {
+        let (options, id) = (self.options, &self.env.spec().id);
+        let refuse = |reason: String| Err(WorldError::Dataset(reason.into()));
+        let Some(metadata) = recorded.source.metadata() else { return Ok(()) };
+        if metadata.env != *id {
+            return refuse(format!("was recorded in `{}`, the manifest is for `{id}`", metadata.env));
+        }
+        if metadata.frame_skip != options.frame_skip {
+            let (found, wanted) = (metadata.frame_skip, options.frame_skip);
+            return refuse(format!("was recorded with frame skip {found}, the manifest has {wanted}"));
+        }
+        Ok(())
+    }
+
+    /// Stands at the start of `pair`; completes its witness. Whether it is solved, and whether there is motion.
+    fn stand(&mut self, pair: &mut Pair) -> Result<[bool; 2], WorldError> {
+        let options = pair.reset()?;
+        let seed = EpisodeSeed::new(pair.seed as u64);
+        let outcome = self.env.reset(&Episode { seed, options: &options })?;
+        self.env.write_episode(&mut self.row.rows_mut());
+        self.env.observe(&mut self.row.rows_mut());
+        let row = self.row.row(0);
+        pair.witness = witness(self.env.spec(), row);
+        let solved = match &self.judge {
+            Some(judge) => judge.margin_of(row) < 1.0,
+            None => outcome.success == Some(true),
+        };
+        let moves = self.motion.as_ref().is_none_or(|motion| motion.margin_of(row) >= 1.0);
+        Ok([solved, moves])
+    }
+
+    /// Takes a candidate, unless the tier leaves it out.
+    fn take(&mut self, mut pair: Pair, pairs: &mut Vec<Pair>) -> Result<(), WorldError> {
+        let [solved, moves] = self.stand(&mut pair)?;
+        if self.options.tier != Tier::Historic && solved {
+            self.excluded.solved_at_start += 1;
+        } else if !moves {
+            self.excluded.little_motion += 1;
+        } else {
+            self.solved += usize::from(solved);
+            pairs.push(pair);
+        }
+        Ok(())
+    }
+
+    fn online(&mut self) -> Result<Vec<Pair>, WorldError> {
+        let options = self.options;
+        let set: BTreeMap<String, Json> =
+            options.set.iter().map(|(name, value)| (name.clone(), value.to_json())).collect();
+        let mut pairs = Vec::with_capacity(options.pairs);
+        for candidate in 0..(options.pairs * MOST_TRIES) as u64 {
+            if pairs.len() == options.pairs {
+                break;
+            }
+            let pair = Pair {
+                seed: EpisodeSeed::of(options.seed, candidate).value(),
+                phase: None,
+                vary: options.vary.clone(),
+                set: set.clone(),
+                start: None,
+                goal: None,
+                from: None,
+                witness: String::new(),
+            };
+            self.take(pair, &mut pairs)?;
+        }
+        if pairs.len() < options.pairs {
+            let reason =
+                format!("only {} of {} pairs found online: {}", pairs.len(), options.pairs, self.left_out());
+            return Err(WorldError::Option { option: "pairs", reason });
+        }
+        Ok(pairs)
+    }
+
+    fn left_out(&self) -> String {
+        let Excluded { solved_at_start, little_motion, too_short } = self.excluded;
+        format!(
+            "{solved_at_start} candidate(s) are solved at the start, {little_motion} have too little motion, \
+             {too_short} are too short; ask for fewer pairs, or another tier"
+        )
+    }
+
+    /// Rows drawn uniformly from all episodes, as published.
+    fn historic(&mut self, recorded: &mut RecordedPairs<'_>) -> Result<Vec<Pair>, BoxError> {
+        let options = self.options;
+        let starts = choose_starts(&*recorded.source, options.pairs, recorded.goal_offset, options.seed)?;
+        let mut pairs = Vec::with_capacity(starts.len());
+        for start in starts {
+            let pair = self.recorded_pair(recorded, start)?;
+            self.take(pair, &mut pairs)?;
+        }
+        Ok(pairs)
+    }
+
+    /// One pair per held-out episode, episodes in random order, rows uniform within.
+    fn held_out(&mut self, recorded: &mut RecordedPairs<'_>) -> Result<Vec<Pair>, BoxError> {
+        let options = self.options;
+        if !(recorded.held_out > 0.0 && recorded.held_out <= 1.0) {
+            return Err(
+                format!("a held-out share of {} is not above 0 and at most 1", recorded.held_out).into()
+            );
+        }
+        let mut episodes: Vec<usize> =
+            (0..recorded.source.num_episodes()).filter(|&e| is_held_out(e, recorded.held_out)).collect();
+        let candidates = episodes.len();
+        episodes.shuffle(&mut keyed(options.seed, "evaluation episodes", [0, 0]));
+        let mut pairs = Vec::with_capacity(options.pairs);
+        for episode in episodes {
+            if pairs.len() == options.pairs {
+                break;
+            }
+            let valid = recorded.source.episode_len(episode).saturating_sub(recorded.goal_offset);
+            if valid == 0 {
+                self.excluded.too_short += 1;
+                continue;
+            }
+            let row = keyed(options.seed, "evaluation row", [episode as u64, 0]).random_range(0..valid);
+            let pair = self.recorded_pair(recorded, [episode, row])?;
+            self.take(pair, &mut pairs)?;
+        }
+        if pairs.len() < options.pairs {
+            let (all, share) = (recorded.source.num_episodes(), recorded.held_out);
+            let found = format!("only {} of {} pairs found", pairs.len(), options.pairs);
+            return Err(format!(
+                "{found} in {candidates} held-out episodes (a share of {share} of {all}): {}, a larger held-out share, or \
+                 more episodes",
+                self.left_out()
+            )
+            .into());
+        }
+        pairs.sort_by_key(|pair| pair.from);
+        Ok(pairs)
+    }
+
+    fn recorded_pair(
+        &self,
+        recorded: &mut RecordedPairs<'_>,
+        [episode, row]: [usize; 2],
+    ) -> Result<Pair, BoxError> {
+        let (options, spec) = (self.options, self.env.spec());
+        let goal_row = row + recorded.goal_offset;
+        let ResetOptions { variation_values: mut factors, start, .. } =
+            recorded_moment(spec, recorded.source, episode, row)?;
+        let mut start = start.unwrap_or_default();
+        for (column, elements) in &options.rest {
+            if let Some(value) = start.get_mut(column) {
+                let mut numbers = value.numbers(column)?;
+                let elements = elements.start..elements.end.min(numbers.len());
+                numbers.get_mut(elements).into_iter().flatten().for_each(|number| *number = 0.0);
+                *value = Value { shape: value.shape.clone(), ..Value::vector(&numbers) };
+            }
+        }
+        let goal = read_known(recorded.source, episode, goal_row, spec.goal_columns)?;
+        if goal.is_empty() {
+            let columns = spec.goal_columns.join("`, `");
+            return Err(
+                format!("holds none of the columns that {} sets goals from: `{columns}`", spec.id).into()
+            );
+        }
+        let vary = options.vary.clone().unwrap_or_default();
+        factors.retain(|name, _| !vary.iter().any(|asked| selects(asked, name)));
+        factors.extend(options.set.clone());
+        let json = |columns: BTreeMap<String, Value>| -> BTreeMap<String, Json> {
+            columns.into_iter().map(|(name, value)| (name, value.to_json())).collect()
+        };
+        Ok(Pair {
+            seed: EpisodeSeed::of(options.seed, (episode as u64) << 32 | row as u64).value(),
+            phase: None,
+            vary: Some(vary),
+            set: json(factors),
+            start: Some(json(start)),
+            goal: Some(json(goal)),
+            from: Some([episode, row, goal_row]),
+            witness: String::new(),
+        })
+    }
+}

@@ -1,0 +1,233 @@
+//! What success is, as data: conditions on the columns of a row, outside of any environment, so that every policy is judged
+//! by the same test from the first row on.
+
+use serde::{Deserialize, Serialize};
+
+use crate::batch::{Row, Schema};
+use crate::error::WorldError;
+
+/// When an episode is a success. Without conditions the environment says so itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SuccessRule {
+    /// In how many rows on end the conditions must hold; 1: at first touch.
+    #[serde(default = "one")]
+    pub hold: u64,
+    /// All of them must hold.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub all: Vec<Condition>,
+}
+
+fn one() -> u64 {
+    1
+}
+
+impl Default for SuccessRule {
+    fn default() -> Self {
+        Self { hold: 1, all: Vec::new() }
+    }
+}
+
+/// Some elements of a column are near those of another.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Condition {
+    /// The column that changes: `state`.
+    pub column: String,
+    /// What it is compared with: `goal_state`.
+    pub goal: String,
+    /// Which elements of both; empty: all.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub elements: Vec<usize>,
+    /// How the difference is measured.
+    pub measure: Measure,
+    /// For [`Measure::Angle`]: what a full turn is, in the column's unit. 2π unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turn: Option<f64>,
+    /// The measure must be smaller than this.
+    pub below: f64,
+}
+
+/// How a difference of several numbers becomes one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Measure {
+    /// The Euclidean distance.
+    Distance,
+    /// The largest absolute difference.
+    Largest,
+    /// The largest absolute difference up to full turns.
+    Angle,
+}
+
+impl SuccessRule {
+    /// Whether the environment's own test decides.
+    pub fn is_environment(&self) -> bool {
+        self.all.is_empty()
+    }
+
+    /// The rule for tables of `schema`; `None` if the environment decides.
+    pub fn judge(&self, schema: &Schema) -> Result<Option<Judge>, WorldError> {
+        let wrong = |reason: String| Err(WorldError::Option { option: "success", reason });
+        if self.hold == 0 {
+            return wrong("hold is 0 rows; use 1 or more".to_owned());
+        }
+        if self.is_environment() {
+            return match self.hold {
+                1 => Ok(None),
+                hold => wrong(format!("hold is {hold} rows of no condition; the environment's own has 1")),
+            };
+        }
+        let tests = self.all.iter().map(|condition| Test::new(condition, schema));
+        Ok(Some(Judge { hold: self.hold, tests: tests.collect::<Result<_, _>>()? }))
+    }
+
+    /// The rule in words.
+    pub fn describe(&self) -> String {
+        if self.is_environment() {
+            return "the environment's own, at first touch".to_owned();
+        }
+        let conditions: Vec<String> = self.all.iter().map(Condition::describe).collect();
+        let held = match self.hold {
+            1 => "at first touch".to_owned(),
+            hold => format!("in {hold} rows on end"),
+        };
+        format!("{}, {held}", conditions.join(" and "))
+    }
+}
+
+impl Condition {
+    fn describe(&self) -> String {
+        let Self { column, goal, elements, measure, below, .. } = self;
+        let elements = if elements.is_empty() { String::new() } else { format!("{elements:?}") };
+        let measure = match measure {
+            Measure::Distance => "distance",
+            Measure::Largest => "largest difference",
+            Measure::Angle => "largest angle",
+        };
+        format!("{measure} of {column}{elements} from {goal}{elements} below {}", (below * 1e4).round() / 1e4)
+    }
+}
+
+/// A rule, found in the columns of one kind of table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Judge {
+    hold: u64,
+    tests: Vec<Test>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Test {
+    /// Positions of the two columns, and elements.
+    columns: [usize; 2],
+    elements: Vec<usize>,
+    measure: Measure,
+    turn: f64,
+    below: f64,
+}
+
+impl Test {
+    fn new(condition: &Condition, schema: &Schema) -> Result<Self, WorldError> {
+        let wrong = |reason: String| WorldError::Option { option: "success", reason };
+        let Condition { column, goal, elements, measure, turn, below } = condition;
+        let columns = [schema.require(column)?, schema.require(goal)?];
+        let width = columns.map(|index| schema.width(index));
+        let elements: Vec<usize> =
+            if elements.is_empty() { (0..width[0].min(width[1])).collect() } else { elements.clone() };
+        if let Some(element) = elements.iter().find(|&&element| element >= width[0].min(width[1])) {
+            let reason =
+                format!("element {element} of `{column}` ({}) and `{goal}` ({})", width[0], width[1]);
+            return Err(wrong(format!("{reason}: there are not so many")));
+        }
+        let turn = turn.unwrap_or(std::f64::consts::TAU);
+        if !(*below > 0.0 && below.is_finite() && turn > 0.0 && turn.is_finite()) {
+            return Err(wrong(format!("`{column}`: below {below} and turn {turn} must be positive numbers")));
+        }
+        Ok(Self { columns, elements, measure: *measure, turn, below: *below })
+    }
+
+    /// The measure.
+    fn measure(&self, mut number: impl FnMut(usize, usize) -> f64) -> f64 {
+        let [column, goal] = self.columns;
+        let mut total = 0.0_f64;
+        for &element in &self.elements {
+            let difference = (number(column, element) - number(goal, element)).abs();
+            let part = match self.measure {
+                Measure::Distance => difference * difference,
+                Measure::Largest => difference,
+                Measure::Angle => {
+                    let rest = difference.rem_euclid(self.turn);
+                    rest.min(self.turn - rest)
+                }
+            };
+            // What is no number is never near.
+            let part = if part.is_nan() { f64::INFINITY } else { part };
+            total = if self.measure == Measure::Distance { total + part } else { total.max(part) };
+        }
+        if self.measure == Measure::Distance { total.sqrt() } else { total }
+    }
+}
+
+impl Judge {
+    /// In how many rows on end the conditions must hold.
+    pub fn hold(&self) -> u64 {
+        self.hold
+    }
+
+    /// How near the goal is, as a part of what is allowed: the largest of all conditions. Below 1 the goal is reached.
+    /// `number(column, element)` reads the row.
+    pub fn margin(&self, mut number: impl FnMut(usize, usize) -> f64) -> f64 {
+        self.tests.iter().fold(0.0, |worst, test| worst.max(test.measure(&mut number) / test.below))
+    }
+
+    /// [`Judge::margin`] of a row.
+    pub fn margin_of(&self, row: Row<'_>) -> f64 {
+        self.margin(|column, element| row.at(column).number(element).unwrap_or(f64::NAN))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::{Batch, Dtype, Field};
+
+    fn condition(elements: &[usize], measure: Measure, below: f64) -> Condition {
+        let (column, goal) = ("state".to_owned(), "goal".to_owned());
+        Condition { column, goal, elements: elements.to_vec(), measure, turn: None, below }
+    }
+
+    fn margin(rule: &SuccessRule, state: [f64; 3], goal: [f64; 3]) -> f64 {
+        let fields = ["state", "goal"].map(|name| Field::step(name, Dtype::F64, &[3]));
+        let mut batch = Batch::new(Schema::new(fields.to_vec()).unwrap(), 1);
+        batch.rows_mut().write(0, &state);
+        batch.rows_mut().write(1, &goal);
+        rule.judge(batch.schema()).unwrap().unwrap().margin_of(batch.row(0))
+    }
+
+    #[test]
+    fn margins_are_the_largest_part_of_what_is_allowed() {
+        let all = vec![condition(&[0, 1], Measure::Distance, 10.0), condition(&[2], Measure::Angle, 0.5)];
+        let rule = SuccessRule { hold: 1, all };
+        assert!((margin(&rule, [3.0, 4.0, 0.0], [0.0; 3]) - 0.5).abs() < 1e-12);
+        let seam = margin(&rule, [0.0, 0.0, 6.2], [0.0, 0.0, 0.0]);
+        assert!((seam - (std::f64::consts::TAU - 6.2) / 0.5).abs() < 1e-12, "{seam}");
+        assert_eq!(margin(&rule, [f64::NAN, 0.0, 0.0], [0.0; 3]), f64::INFINITY);
+        let largest = SuccessRule { hold: 1, all: vec![condition(&[], Measure::Largest, 2.0)] };
+        assert!((margin(&largest, [1.0, -3.0, 0.5], [0.0; 3]) - 1.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn rules_that_cannot_be_are_refused() {
+        let fields = ["state", "goal"].map(|name| Field::step(name, Dtype::F64, &[3]));
+        let schema = Schema::new(fields.to_vec()).unwrap();
+        let message = |rule: &SuccessRule| rule.judge(&schema).unwrap_err().to_string();
+        let of = |condition| SuccessRule { hold: 1, all: vec![condition] };
+        assert!(message(&of(condition(&[3], Measure::Largest, 1.0))).contains("element 3"));
+        assert!(message(&of(condition(&[], Measure::Largest, 0.0))).contains("positive"));
+        let unknown = Condition { goal: "gaol".to_owned(), ..condition(&[], Measure::Largest, 1.0) };
+        assert!(message(&of(unknown)).contains("did you mean `goal`?"));
+        assert!(message(&SuccessRule { hold: 0, all: Vec::new() }).contains("hold is 0"));
+        assert!(message(&SuccessRule { hold: 3, all: Vec::new() }).contains("of no condition"));
+        assert_eq!(SuccessRule::default().judge(&schema).unwrap(), None);
+    }
+}

@@ -1,0 +1,192 @@
+//! `swm compare`: is one policy better than another, on the same pairs?
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+use swm_core::evaluate::stats::{bootstrap95, mean_and_deviation};
+use swm_core::evaluate::{PairedTest, Transfer};
+
+use super::eval_manifest::p_value;
+use super::output::table;
+use super::{Failure, Output, usage};
+use crate::evaluation::{Receipt, read_receipt};
+
+/// Compare results on the same manifest, pair by pair.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm compare results/cem results/mppi
+  swm compare results/cem-seed1,results/cem-seed2,results/cem-seed3 results/mppi-seed1,results/mppi-seed2
+  swm compare --stream after-phase-0 after-phase-1 after-phase-2 --untrained random
+
+Runs of one policy with several seeds, joined by commas, count as one: their mean, with a bootstrap over pairs.
+--stream takes results of one policy on one stream, after training on each of its phases, and says what carried over.")]
+pub(super) struct Compare {
+    /// Receipts, or the folders that hold them; several seeds of one policy joined by commas.
+    #[arg(required = true, value_name = "RESULT")]
+    results: Vec<String>,
+    /// The results are one policy's after each phase of a stream: forward and backward transfer.
+    #[arg(long)]
+    stream: bool,
+    /// With --stream: the result before any training.
+    #[arg(long, requires = "stream", value_name = "RESULT")]
+    untrained: Option<PathBuf>,
+}
+
+/// One side: runs of one policy.
+struct Side {
+    name: String,
+    runs: Vec<Receipt>,
+}
+
+#[derive(Serialize)]
+struct Compared {
+    name: String,
+    policy: String,
+    runs: usize,
+    /// Mean over the runs, in percent.
+    success_rate: f64,
+    /// Wilson for one run, bootstrap over pairs for several.
+    ci95: [f64; 2],
+    /// Sample deviation of the runs' success rates, in percentage points.
+    deviation: Option<f64>,
+    /// The first side against this one: of the first run of each.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    test: Option<PairedTest>,
+}
+
+impl Compare {
+    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+        let sides = self.results.iter().map(|text| Side::read(text)).collect::<Result<Vec<_>, _>>()?;
+        let all = || sides.iter().flat_map(|side| &side.runs);
+        let first = &sides[0].runs[0];
+        if let Some(other) = all().find(|receipt| receipt.manifest_hash != first.manifest_hash) {
+            return Err(usage(format!(
+                "the results are of different manifests ({} and {}): they cannot be compared pair by pair",
+                &first.manifest_hash[..12],
+                &other.manifest_hash[..12]
+            )));
+        }
+        if self.stream {
+            return self.transfer(&sides, output);
+        }
+        let compared: Vec<Compared> = sides.iter().map(|side| side.compared(first)).collect();
+        let rows: Vec<Vec<String>> = compared
+            .iter()
+            .enumerate()
+            .map(|(index, side)| {
+                let [low, high] = side.ci95;
+                let (difference, p) = match &side.test {
+                    Some(test) if index > 0 => {
+                        let [low, high] = test.interval95;
+                        (format!("{:+.1} ({low:+.1} to {high:+.1})", test.difference), p_value(test.p_value))
+                    }
+                    _ => (String::new(), String::new()),
+                };
+                let deviation = side.deviation.map_or(String::new(), |deviation| format!("{deviation:.1}"));
+                let rate = format!("{:.1} % ({low:.1} to {high:.1})", side.success_rate);
+                vec![
+                    side.name.clone(),
+                    side.policy.clone(),
+                    side.runs.to_string(),
+                    rate,
+                    deviation,
+                    difference,
+                    p,
+                ]
+            })
+            .collect();
+        let head = ["result", "policy", "runs", "success (95 %)", "± seeds", "first minus it", "McNemar"];
+        output.result(&compared, || {
+            let pairs = first.episodes.len();
+            format!(
+                "{}, {} tier, {pairs} pairs\n\n{}",
+                first.manifest.env,
+                first.manifest.tier.name(),
+                table(&head, &rows)
+            )
+        })
+    }
+
+    fn transfer(&self, sides: &[Side], output: &Output) -> Result<(), Failure> {
+        let row = |receipt: &Receipt| -> Vec<f64> {
+            receipt.phases.iter().map(|phase| phase.success_rate).collect()
+        };
+        let results: Vec<Vec<f64>> = sides.iter().map(|side| row(&side.runs[0])).collect();
+        let untrained = self.untrained.as_deref().map(read_receipt).transpose().map_err(usage)?;
+        if let Some(untrained) = &untrained
+            && untrained.manifest_hash != sides[0].runs[0].manifest_hash
+        {
+            return Err(usage("the untrained result is of another manifest"));
+        }
+        let untrained = untrained.as_ref().map(row);
+        let transfer = Transfer::of(&results, untrained.as_deref()).ok_or_else(|| {
+            let (found, phases) = (results.len(), results.first().map_or(0, Vec::len));
+            usage(format!(
+                "{found} result(s) on a stream of {phases} phase(s): one result after each phase is needed (manifests with \
+                 phases are made with `swm manifest make --stream`)"
+            ))
+        })?;
+        let json = serde_json::json!({ "results": results, "untrained": untrained, "transfer": transfer });
+        output.result(&json, || {
+            let head: Vec<String> =
+                std::iter::once("after".to_owned()).chain((0..results.len()).map(|j| format!("phase {j}"))).collect();
+            let numbers = |row: &[f64]| row.iter().map(|rate| format!("{rate:.1}")).collect::<Vec<_>>();
+            let line = |name: String, row: &[f64]| [vec![name], numbers(row)].concat();
+            let mut rows: Vec<Vec<String>> =
+                untrained.iter().map(|row| line("no training".to_owned(), row)).collect();
+            rows.extend(results.iter().enumerate().map(|(i, row)| line(format!("phase {i}"), row)));
+            let head: Vec<&str> = head.iter().map(String::as_str).collect();
+            let points = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:+.1}"));
+            format!(
+                "{}\naverage at the end {:.1} %, backward transfer {}, forward transfer {} (percentage points)\n",
+                table(&head, &rows),
+                transfer.average,
+                points(transfer.backward),
+                points(transfer.forward)
+            )
+        })
+    }
+}
+
+impl Side {
+    fn read(text: &str) -> Result<Self, Failure> {
+        let runs: Vec<Receipt> = text
+            .split(',')
+            .map(|path| read_receipt(std::path::Path::new(path.trim())).map_err(usage))
+            .collect::<Result<_, _>>()?;
+        if let Some(other) = runs.iter().find(|run| run.candidate.policy != runs[0].candidate.policy) {
+            return Err(usage(format!(
+                "{text}: `{}` and `{}` are not runs of one policy",
+                runs[0].policy, other.policy
+            )));
+        }
+        let seeds: std::collections::BTreeSet<u64> = runs.iter().map(|run| run.candidate.seed).collect();
+        if seeds.len() < runs.len() {
+            return Err(usage(format!("{text}: two runs have the same --policy-seed, so they are one")));
+        }
+        Ok(Self { name: text.to_owned(), runs })
+    }
+
+    fn compared(&self, first: &Receipt) -> Compared {
+        let successes: Vec<Vec<bool>> = self.runs.iter().map(Receipt::successes).collect();
+        let rates: Vec<f64> = self.runs.iter().map(|run| run.summary.success_rate).collect();
+        let (success_rate, deviation) = mean_and_deviation(&rates);
+        let runs: Vec<&[bool]> = successes.iter().map(Vec::as_slice).collect();
+        let ci95 = match &self.runs[..] {
+            [one] => one.summary.ci95,
+            _ => bootstrap95(&runs, 0),
+        };
+        let is_first = std::ptr::eq(&self.runs[0], first);
+        Compared {
+            name: self.name.clone(),
+            policy: self.runs[0].policy.clone(),
+            runs: self.runs.len(),
+            success_rate,
+            ci95,
+            deviation,
+            test: (!is_first).then(|| PairedTest::of(&first.successes(), &successes[0])),
+        }
+    }
+}

@@ -1,0 +1,233 @@
+//! `swm eval --manifest`: a policy on a manifest, floors and ceiling beside it, and a receipt.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use swm_core::evaluate::{EpisodeResult, Summary};
+use swm_core::{EnvEntry, Manifest, PolicyArgs, Registry};
+
+use super::args::policy_args;
+use super::output::table;
+use super::{Failure, Output, usage};
+use crate::evaluation::{
+    Beside, Candidate, Code, Ledger, RECEIPT_VERSION, Receipt, Role, RunOptions, fingerprints, plan_steps,
+    read_manifest, roles, run_pairs,
+};
+
+/// What is asked for.
+pub(super) struct EvalManifest<'a> {
+    pub(super) manifest: &'a Path,
+    pub(super) policy: &'a str,
+    pub(super) policy_seed: u64,
+    pub(super) beside: &'a [String],
+    pub(super) ceiling: Option<&'a str>,
+    pub(super) out: Option<&'a Path>,
+    pub(super) options: RunOptions,
+}
+
+impl EvalManifest<'_> {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let manifest = read_manifest(self.manifest).map_err(usage)?;
+        let entry = registry.env(&manifest.env)?;
+        let candidate = Candidate { policy: policy_args(self.policy)?, seed: self.policy_seed };
+        let policy = candidate.make(registry, entry, &manifest)?.describe();
+        let wanted = self.wanted(entry, &manifest, &candidate.policy)?;
+        if let Some(dir) = self.out {
+            std::fs::create_dir_all(dir)
+                .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
+        }
+        let run = Run { registry, manifest: &manifest, output, out: self.out, options: self.options };
+        let fingerprints = fingerprints(entry, &manifest, candidate.seed)?;
+        let steps = plan_steps(&candidate.policy);
+        let identity =
+            |candidate: &Candidate| (manifest.hash(), candidate.clone(), fingerprints.clone(), steps);
+        let started = Instant::now();
+        let episodes = run.policy("episodes", &candidate, steps, &identity(&candidate), "")?;
+        let wall_time_s = started.elapsed().as_secs_f64();
+        let mut beside = Vec::new();
+        for (role, other) in wanted {
+            // A planner on the true dynamics is its own ceiling: nothing to run again.
+            let same = other == candidate;
+            let others = match same {
+                true => episodes.clone(),
+                false => run.policy(
+                    &format!("episodes-{}", role_file(role)),
+                    &other,
+                    steps,
+                    &identity(&other),
+                    role.name(),
+                )?,
+            };
+            beside.push(Beside::new(role, other, others, &episodes));
+        }
+        let receipt = Receipt {
+            receipt: RECEIPT_VERSION,
+            manifest_hash: manifest.hash(),
+            files: candidate.files()?,
+            candidate,
+            policy,
+            fingerprints,
+            code: Code::this(),
+            summary: Summary::of(&episodes),
+            phases: Receipt::by_phase(&manifest, &episodes),
+            beside,
+            plan_steps: steps,
+            episodes,
+            manifest,
+            wall_time_s,
+        };
+        let path = match self.out {
+            None => None,
+            Some(dir) => {
+                let path = dir.join("receipt.json");
+                std::fs::write(&path, serde_json::to_string_pretty(&receipt)? + "\n")
+                    .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+                Some(path)
+            }
+        };
+        output.result(&receipt, || text(&receipt, path.as_deref()))
+    }
+
+    /// What runs beside the policy.
+    fn wanted(
+        &self,
+        entry: &EnvEntry,
+        manifest: &Manifest,
+        policy: &PolicyArgs,
+    ) -> Result<Vec<(Role, Candidate)>, Failure> {
+        let mut all = roles(entry, manifest, policy);
+        if let Some(text) = self.ceiling {
+            all.retain(|(role, _)| *role != Role::Ceiling);
+            all.push((Role::Ceiling, Candidate::new(policy_args(text)?)));
+        }
+        let file = |role: &Role| role_file(*role);
+        if let Some(unknown) = self
+            .beside
+            .iter()
+            .find(|name| !["all", "none", "random", "do_nothing", "ceiling"].contains(&name.as_str()))
+        {
+            return Err(usage(format!(
+                "--beside {unknown}: unknown; there are random, do_nothing, ceiling, all, none"
+            )));
+        }
+        if !self.beside.iter().any(|name| name == "all") {
+            all.retain(|(role, _)| self.beside.contains(&file(role).to_owned()));
+        }
+        Ok(all)
+    }
+}
+
+fn role_file(role: Role) -> &'static str {
+    match role {
+        Role::Random => "random",
+        Role::DoNothing => "do_nothing",
+        Role::Ceiling => "ceiling",
+    }
+}
+
+struct Run<'a> {
+    registry: &'a Registry,
+    manifest: &'a Manifest,
+    output: &'a Output,
+    out: Option<&'a Path>,
+    options: RunOptions,
+}
+
+impl Run<'_> {
+    /// Runs what is not in the ledger yet.
+    fn policy(
+        &self,
+        name: &str,
+        candidate: &Candidate,
+        steps: u64,
+        identity: &impl serde::Serialize,
+        label: &str,
+    ) -> Result<Vec<EpisodeResult>, Failure> {
+        let Self { registry, manifest, output, out, options } = *self;
+        let path: Option<PathBuf> = out.map(|dir| dir.join(format!("{name}.jsonl")));
+        let mut ledger = path.as_deref().map(|path| Ledger::open(path, identity)).transpose()?;
+        let known = ledger.as_ref().map(|ledger| ledger.known.clone()).unwrap_or_default();
+        if !known.is_empty() {
+            output.note(format!("{} of {} episodes are known; going on", known.len(), manifest.pairs.len()));
+        }
+        let known: BTreeMap<u64, EpisodeResult> = known;
+        let bar = output.bar(manifest.pairs.len() as u64, "episodes");
+        bar.set_message(label.to_owned());
+        bar.inc(known.len() as u64);
+        let resets = manifest.resets()?;
+        let episodes = run_pairs(
+            registry,
+            manifest,
+            &resets,
+            candidate,
+            steps,
+            options,
+            &known,
+            true,
+            |pair, result| {
+                bar.inc(1);
+                ledger.as_mut().map_or(Ok(()), |ledger| ledger.push(pair, result))
+            },
+        );
+        bar.finish_and_clear();
+        let episodes = episodes?;
+        if let Some(ledger) = ledger {
+            ledger.close()?;
+        }
+        Ok(episodes)
+    }
+}
+
+/// `61.0 % (55.1 to 66.6)`.
+pub(super) fn rate(summary: &Summary) -> String {
+    let [low, high] = summary.ci95;
+    format!("{:.1} % ({low:.1} to {high:.1})", summary.success_rate)
+}
+
+/// A p-value that is not shown as 0.
+pub(super) fn p_value(p: f64) -> String {
+    if p < 0.0001 { "p < 0.0001".to_owned() } else { format!("p = {p:.4}") }
+}
+
+fn text(receipt: &Receipt, path: Option<&Path>) -> String {
+    let steps = |summary: &Summary| {
+        summary.mean_success_steps.map_or("–".to_owned(), |steps| format!("{steps:.1}"))
+    };
+    let mut rows = vec![vec![
+        receipt.policy.clone(),
+        rate(&receipt.summary),
+        steps(&receipt.summary),
+        String::new(),
+        String::new(),
+    ]];
+    for other in &receipt.beside {
+        let [low, high] = other.test.interval95;
+        rows.push(vec![
+            other.role.name().to_owned(),
+            rate(&other.summary),
+            steps(&other.summary),
+            format!("{:+.1} ({low:+.1} to {high:+.1})", other.test.difference),
+            p_value(other.test.p_value),
+        ]);
+    }
+    let mut text = format!(
+        "{}, {} tier, {} pairs ({} solved at the start)\n\n{}",
+        receipt.manifest.env,
+        receipt.manifest.tier.name(),
+        receipt.summary.episodes,
+        receipt.summary.solved_at_start,
+        table(&["policy", "success (95 %)", "steps", "policy minus it", "McNemar"], &rows),
+    );
+    for (phase, summary) in receipt.phases.iter().enumerate() {
+        text += &format!("phase {phase}: {}, {} episodes\n", rate(summary), summary.episodes);
+    }
+    if let Some(regret) = receipt.beside.iter().find_map(|other| other.regret) {
+        text += &format!(
+            "\nplanner regret: {:.3} after the first plan (median {:.3}), {:.3} at the end, in task cost\n",
+            regret.first_plan, regret.first_plan_median, regret.at_end
+        );
+    }
+    text += &format!("manifest {}\n{:.1} s\n", receipt.manifest_hash, receipt.wall_time_s);
+    text + &path.map(|path| format!("{}\n", path.display())).unwrap_or_default()
+}

@@ -1,0 +1,215 @@
+//! `swm manifest`: fix what is evaluated, once, as a file.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand, ValueEnum};
+use serde_json::{Map, json};
+use swm_core::evaluate::{ManifestOptions, PairSource, RecordedPairs, Tier, make_manifest};
+use swm_core::{Manifest, Registry};
+
+use super::args::{EnvArgs, ImageArg, ScenarioArgs};
+use super::output::table;
+use super::stream::read_stream;
+use super::{Failure, Output, usage};
+use crate::distractors;
+use crate::evaluation::{file_hash, read_manifest, tier_rules, write_manifest};
+
+/// Actions allowed per episode, online and on recorded pairs (the reference's).
+const BUDGET_ONLINE: u64 = 200;
+const BUDGET_DATASET: u64 = 50;
+
+/// Fix what is evaluated: pairs of start and goal, budget, success test.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm manifest make swm/PushT-v1 --dataset pusht.h5 --tier strict --episodes 100 --out pusht-strict.toml
+  swm manifest make swm/TwoRoom-v2 --tier moderate --episodes 100 --out two-room.toml
+  swm manifest show pusht-strict.toml
+  swm eval --manifest pusht-strict.toml --policy cem --out results")]
+pub(super) struct ManifestCommand {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Subcommand)]
+enum Action {
+    /// Draw pairs and write a manifest: TOML, or JSON if the name ends so.
+    #[command(
+        after_help = "Example:\n  swm manifest make swm/PushT-v1 --dataset pusht.h5 --tier strict --episodes 100 --out strict.toml"
+    )]
+    Make(Box<Make>),
+    /// Say what a manifest asks for.
+    #[command(after_help = "Example:\n  swm manifest show pusht-strict.toml")]
+    Show {
+        /// The manifest.
+        manifest: PathBuf,
+    },
+}
+
+#[derive(Args)]
+struct Make {
+    #[command(flatten)]
+    env: EnvArgs,
+    /// How pairs are chosen and judged.
+    #[arg(long, value_enum)]
+    tier: TierArg,
+    /// The manifest to write.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Pairs.
+    #[arg(long, default_value_t = 100)]
+    episodes: usize,
+    /// Seed of the choice.
+    #[arg(long, default_value_t = 42)]
+    seed: u64,
+    /// Take starts and goals from this dataset. Without it, the environment draws them.
+    #[arg(long, value_name = "FILE")]
+    dataset: Option<PathBuf>,
+    /// With --dataset: the goal is this many rows after the start.
+    #[arg(long, default_value_t = 25, requires = "dataset")]
+    goal_offset: usize,
+    /// With --dataset, above historic: the share of episodes that is held out from training. 1: all.
+    #[arg(long, default_value_t = 0.2, requires = "dataset", value_name = "SHARE")]
+    held_out: f64,
+    /// Actions allowed per episode. Default: 200, or 50 with --dataset.
+    #[arg(long)]
+    budget: Option<u64>,
+    /// How often each action is applied per step. Default: 1, or the dataset's.
+    #[arg(long, value_name = "F")]
+    frame_skip: Option<u32>,
+    /// Size of the pictures that policies see, or `none`.
+    #[arg(long, default_value = "none")]
+    image_size: ImageArg,
+    /// A distractor that changes those pictures: NAME or NAME:KEY=VALUE,…; may be repeated.
+    #[arg(long = "distractor", value_name = "NAME:ARGS")]
+    distractors: Vec<String>,
+    /// A TOML file with the phases of a stream: each a number of episodes with factors of its own.
+    #[arg(long, value_name = "FILE")]
+    stream: Option<PathBuf>,
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum TierArg {
+    /// As published: rows drawn uniformly, pairs solved at the start included.
+    Historic,
+    /// Held-out episodes, none solved at the start, some motion, starts at rest.
+    Moderate,
+    /// More motion, and a tighter test of what the task is about.
+    Strict,
+}
+
+impl From<TierArg> for Tier {
+    fn from(tier: TierArg) -> Self {
+        match tier {
+            TierArg::Historic => Tier::Historic,
+            TierArg::Moderate => Tier::Moderate,
+            TierArg::Strict => Tier::Strict,
+        }
+    }
+}
+
+impl ManifestCommand {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        match self.action {
+            Action::Make(make) => make.run(registry, output),
+            Action::Show { manifest } => {
+                let found = read_manifest(&manifest)?;
+                show(&found, &manifest, output)
+            }
+        }
+    }
+}
+
+impl Make {
+    fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let tier = Tier::from(self.tier);
+        let entry = self.env.entry(registry)?;
+        let mut dataset = self.dataset.as_deref().map(swm_data::open).transpose()?;
+        let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned();
+        let settings = recorded.as_ref().map_or_else(Map::new, |recorded| recorded.settings.clone());
+        let config = self.env.config_like(settings, self.image_size.0)?;
+        let rules = tier_rules(entry.id, &config.settings, tier).map_err(usage)?;
+        if !self.distractors.is_empty() && config.image.is_none() {
+            return Err(usage("--distractor changes pictures, and there are none; give --image-size"));
+        }
+        distractors::parse_all(&self.distractors).map_err(usage)?;
+        let budget =
+            self.budget.unwrap_or(if self.dataset.is_some() { BUDGET_DATASET } else { BUDGET_ONLINE });
+        if budget == 0 {
+            return Err(usage("a budget of 0 actions; use 1 or more"));
+        }
+        let options = ManifestOptions {
+            tier,
+            pairs: self.episodes,
+            budget,
+            frame_skip: self.frame_skip.or(recorded.map(|recorded| recorded.frame_skip)).unwrap_or(1),
+            image: config.image,
+            seed: self.seed,
+            distractors: self.distractors.clone(),
+            vary: self.scenario.variation()?,
+            set: self.scenario.values()?,
+            success: rules.success,
+            motion: rules.motion,
+            rest: rules.rest,
+        };
+        let pairs = match (&mut dataset, &self.dataset) {
+            (Some(dataset), Some(path)) => Some(RecordedPairs {
+                source: dataset.as_mut(),
+                name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+                hash: file_hash(path)?,
+                goal_offset: self.goal_offset,
+                held_out: self.held_out,
+            }),
+            _ => None,
+        };
+        let mut manifest = make_manifest(entry, &config, &options, pairs)?;
+        if let Some(path) = &self.stream {
+            read_stream(path)?.lay_over(&mut manifest, entry)?;
+        }
+        write_manifest(&self.out, &manifest)?;
+        show(&manifest, &self.out, output)
+    }
+}
+
+fn show(manifest: &Manifest, path: &Path, output: &Output) -> Result<(), Failure> {
+    let source = match &manifest.source {
+        PairSource::Online => "drawn by the environment".to_owned(),
+        PairSource::Dataset { name, episodes, rows, goal_offset, held_out, .. } => {
+            let share =
+                if *held_out < 1.0 { format!(", {:.0} % held out", 100.0 * held_out) } else { String::new() };
+            format!("{name}: {episodes} episodes, {rows} rows{share}; goals {goal_offset} rows ahead")
+        }
+    };
+    let excluded = &manifest.excluded;
+    let hash = manifest.hash();
+    let json = json!({
+        "manifest": path, "hash": hash, "env": manifest.env, "tier": manifest.tier, "pairs": manifest.pairs.len(),
+        "budget": manifest.budget, "success": manifest.success, "source": manifest.source, "excluded": excluded,
+        "solved_at_start": manifest.solved_at_start, "phases": manifest.phases(),
+    });
+    let left_out = format!(
+        "{} solved at the start, {} with little motion, {} too short",
+        excluded.solved_at_start, excluded.little_motion, excluded.too_short
+    );
+    let mut rows = vec![
+        ["environment", &manifest.env].map(str::to_owned),
+        ["tier".to_owned(), manifest.tier.name().to_owned()],
+        ["pairs".to_owned(), manifest.pairs.len().to_string()],
+        ["solved at the start".to_owned(), manifest.solved_at_start.to_string()],
+        ["left out".to_owned(), left_out],
+        ["source".to_owned(), source],
+        ["actions allowed".to_owned(), manifest.budget.to_string()],
+        ["success".to_owned(), manifest.success.describe()],
+        ["hash".to_owned(), hash],
+    ];
+    if manifest.phases() > 1 {
+        rows.push(["phases of the stream".to_owned(), manifest.phases().to_string()]);
+    }
+    if !manifest.distractors.is_empty() {
+        rows.push(["distractors".to_owned(), manifest.distractors.join(" ")]);
+    }
+    let rows: Vec<Vec<String>> = rows.into_iter().map(Vec::from).collect();
+    output.result(&json, || format!("{}{}\n", table(&["manifest", ""], &rows), path.display()))
+}

@@ -1,0 +1,60 @@
+//! `swm verify-result`: run a result again, and say whether it is the same.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use swm_core::Registry;
+
+use super::eval_manifest::rate;
+use super::{Failure, Output, usage};
+use crate::evaluation::{RunOptions, Verification, read_receipt, verify};
+
+/// Run a result again: equal to the last bit, or which part of it differs.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm verify-result results/receipt.json
+  swm verify-result results --threads 1 --num-envs 3
+
+Exit status 0: equal. 1: protocol, physics, pictures, model, seed, solver or outcomes differ.")]
+pub(super) struct VerifyResult {
+    /// The receipt, or the folder that holds it.
+    receipt: PathBuf,
+    /// Environments side by side; results do not depend on it.
+    #[arg(long, default_value_t = RunOptions::default().num_envs, value_name = "N")]
+    num_envs: usize,
+    /// Threads; results do not depend on it. Default: one per core.
+    #[arg(long, value_name = "T")]
+    threads: Option<usize>,
+}
+
+impl VerifyResult {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let receipt = read_receipt(&self.receipt).map_err(usage)?;
+        let bar = output.bar(receipt.episodes.len() as u64, "episodes");
+        let options = RunOptions { num_envs: self.num_envs, threads: self.threads };
+        let verification = verify(registry, &receipt, options, || bar.inc(1));
+        bar.finish_and_clear();
+        let verification = verification?;
+        output.result(&verification, || text(&verification))?;
+        if verification.equal { Ok(()) } else { Err("the result is not equal".into()) }
+    }
+}
+
+fn text(verification: &Verification) -> String {
+    let Verification { equal, differences, episodes, summary, recorded } = verification;
+    if *equal {
+        return format!("equal: {} episodes, {}\n", summary.episodes, rate(summary));
+    }
+    let mut text = format!("recorded {}, now {}\n", rate(recorded), rate(summary));
+    for (part, reason) in differences {
+        let part = serde_json::to_value(part).unwrap_or_default();
+        text += &format!("{} differs: {reason}\n", part.as_str().unwrap_or_default());
+    }
+    if !episodes.is_empty() {
+        let shown: Vec<String> = episodes.iter().take(20).map(usize::to_string).collect();
+        let more = if episodes.len() > 20 { ", …" } else { "" };
+        text += &format!("episodes that differ: {} ({}{more})\n", episodes.len(), shown.join(", "));
+    }
+    text
+}

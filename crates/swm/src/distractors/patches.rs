@@ -1,0 +1,192 @@
+//! Rectangles in one colour: at rest, anew at every step, or moving.
+
+use std::f64::consts::TAU;
+
+use rand::RngExt as _;
+use serde::{Deserialize, Serialize};
+use swm_core::registry::Setting;
+use swm_core::seed::Stream;
+use swm_core::view::Frame;
+
+use super::{Distractor, within};
+
+const MOST: f64 = 1000.0;
+
+/// How many rectangles, how large, how bright.
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct Occlusion {
+    patches: usize,
+    smallest: f64,
+    largest: f64,
+    color: u8,
+}
+
+impl Default for Occlusion {
+    fn default() -> Self {
+        Self { patches: 1, smallest: 0.1, largest: 0.3, color: 0 }
+    }
+}
+
+const PATCHES: Setting = Setting { name: "patches", doc: "how many rectangles", default: "1" };
+const SMALLEST: Setting =
+    Setting { name: "smallest", doc: "smallest side, as a part of the picture's", default: "0.1" };
+
+impl Distractor for Occlusion {
+    const NAME: &'static str = "occlusion";
+    const SUMMARY: &'static str = "rectangles that hide parts of the picture, others in every episode";
+    const SETTINGS: &'static [Setting] = &[
+        PATCHES,
+        SMALLEST,
+        Setting { name: "largest", doc: "largest side", default: "0.3" },
+        Setting { name: "color", doc: "brightness, 0 to 255", default: "0" },
+    ];
+
+    fn check(&self) -> Result<(), String> {
+        check(self.patches, self.smallest, self.largest)
+    }
+
+    fn apply(&self, frame: &mut Frame<'_>) {
+        let mut rng = frame.of_episode("distractor occlusion");
+        self.draw(&mut rng, frame);
+    }
+}
+
+impl Occlusion {
+    fn draw(&self, rng: &mut Stream, frame: &mut Frame<'_>) {
+        for _ in 0..self.patches {
+            let [height, width] = sides(rng, frame, self.smallest, self.largest);
+            let y = rng.random_range(0..=frame.height - height);
+            let x = rng.random_range(0..=frame.width - width);
+            fill(frame, [y, x], [height, width], self.color);
+        }
+    }
+}
+
+/// As occlusion, at every step anew.
+#[derive(Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct Cutout {
+    patches: usize,
+    smallest: f64,
+    largest: f64,
+    color: u8,
+}
+
+impl Default for Cutout {
+    fn default() -> Self {
+        Self { patches: 1, smallest: 0.1, largest: 0.2, color: 0 }
+    }
+}
+
+impl Distractor for Cutout {
+    const NAME: &'static str = "cutout";
+    const SUMMARY: &'static str = "rectangles that hide parts of the picture, others at every step";
+    const SETTINGS: &'static [Setting] = &[
+        PATCHES,
+        SMALLEST,
+        Setting { name: "largest", doc: "largest side", default: "0.2" },
+        Setting { name: "color", doc: "brightness, 0 to 255", default: "0" },
+    ];
+
+    fn check(&self) -> Result<(), String> {
+        check(self.patches, self.smallest, self.largest)
+    }
+
+    fn apply(&self, frame: &mut Frame<'_>) {
+        let Self { patches, smallest, largest, color } = *self;
+        let mut rng = frame.of_step("distractor cutout");
+        Occlusion { patches, smallest, largest, color }.draw(&mut rng, frame);
+    }
+}
+
+/// Rectangles that fly straight and bounce off the picture's edges.
+#[derive(Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct MovingPatch {
+    patches: usize,
+    smallest: f64,
+    largest: f64,
+    color: u8,
+    speed: f64,
+}
+
+impl Default for MovingPatch {
+    fn default() -> Self {
+        Self { patches: 1, smallest: 0.1, largest: 0.2, color: 255, speed: 2.0 }
+    }
+}
+
+impl Distractor for MovingPatch {
+    const NAME: &'static str = "moving_patch";
+    const SUMMARY: &'static str = "rectangles that fly through the picture and bounce off its edges";
+    const SETTINGS: &'static [Setting] = &[
+        PATCHES,
+        SMALLEST,
+        Setting { name: "largest", doc: "largest side", default: "0.2" },
+        Setting { name: "color", doc: "brightness, 0 to 255", default: "255" },
+        Setting { name: "speed", doc: "pixels per step", default: "2.0" },
+    ];
+
+    fn check(&self) -> Result<(), String> {
+        check(self.patches, self.smallest, self.largest)?;
+        within("speed", self.speed, 0.0, 1000.0)
+    }
+
+    fn apply(&self, frame: &mut Frame<'_>) {
+        let mut rng = frame.of_episode("distractor moving_patch");
+        for _ in 0..self.patches {
+            let [height, width] = sides(&mut rng, frame, self.smallest, self.largest);
+            let room = [frame.height - height, frame.width - width].map(|room| room as f64);
+            let start = room.map(|room| room * rng.random::<f64>());
+            let angle = TAU * rng.random::<f64>();
+            let travelled = self.speed * frame.step as f64;
+            let at = [start[0] + travelled * angle.sin(), start[1] + travelled * angle.cos()];
+            let place = |axis: usize| bounced(at[axis], room[axis]).floor() as usize;
+            fill(frame, [place(0), place(1)], [height, width], self.color);
+        }
+    }
+}
+
+/// Where something is that flew to `at` and bounced off 0 and `room`. In closed form, so that a step needs none before.
+fn bounced(at: f64, room: f64) -> f64 {
+    if room <= 0.0 {
+        return 0.0;
+    }
+    let place = at.rem_euclid(2.0 * room);
+    place.min(2.0 * room - place)
+}
+
+fn check(patches: usize, smallest: f64, largest: f64) -> Result<(), String> {
+    within("patches", patches as f64, 1.0, MOST)?;
+    within("smallest", smallest, 0.0, 1.0)?;
+    within("largest", largest, smallest, 1.0)
+}
+
+/// Height and width of a rectangle.
+fn sides(rng: &mut Stream, frame: &Frame<'_>, smallest: f64, largest: f64) -> [usize; 2] {
+    [frame.height, frame.width].map(|side| {
+        let part = smallest + (largest - smallest) * rng.random::<f64>();
+        ((part * side as f64) as usize).clamp(1, side)
+    })
+}
+
+fn fill(frame: &mut Frame<'_>, [top, left]: [usize; 2], [height, width]: [usize; 2], color: u8) {
+    for row in top..(top + height).min(frame.height) {
+        let right = (left + width).min(frame.width);
+        frame.pixels[(row * frame.width + left) * 3..(row * frame.width + right) * 3].fill(color);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patches_bounce_at_both_ends() {
+        let places: Vec<f64> = (0..8).map(|step| bounced(3.0 + 2.0 * f64::from(step), 6.0)).collect();
+        assert_eq!(places, [3.0, 5.0, 5.0, 3.0, 1.0, 1.0, 3.0, 5.0]);
+        assert_eq!(bounced(-2.0, 6.0), 2.0);
+        assert_eq!(bounced(5.0, 0.0), 0.0);
+    }
+}

@@ -1,0 +1,101 @@
+//! Manifests and receipts on disk.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use swm_core::Manifest;
+use swm_core::error::BoxError;
+use swm_core::evaluate::sha256;
+
+use super::receipt::{RECEIPT_VERSION, Receipt};
+
+/// Reads a manifest: JSON if the name ends so, else TOML.
+pub fn read_manifest(path: &Path) -> Result<Manifest, BoxError> {
+    let text = read(path, "manifest")?;
+    let wrong = |reason: String| format!("manifest {}: {reason}", path.display());
+    let manifest: Manifest = match is_json(path) {
+        true => serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?,
+        false => from_toml(&text).map_err(|error| wrong(error.to_string()))?,
+    };
+    manifest.check().map_err(|error| wrong(error.to_string()))?;
+    Ok(manifest)
+}
+
+/// Writes a manifest: JSON if the name ends so, else TOML. An existing file is replaced.
+pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), BoxError> {
+    let text =
+        if is_json(path) { serde_json::to_string_pretty(manifest)? + "\n" } else { to_toml(manifest)? };
+    Ok(fs::write(path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?)
+}
+
+/// Reads a receipt, from its file or the folder that it lies in.
+pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
+    let path = if path.is_dir() { path.join("receipt.json") } else { path.to_owned() };
+    let text = read(&path, "receipt")?;
+    let wrong = |reason: String| format!("receipt {}: {reason}", path.display());
+    let json: serde_json::Value = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+    match json.get("receipt").and_then(serde_json::Value::as_u64) {
+        Some(version) if version == u64::from(RECEIPT_VERSION) => {}
+        Some(version) => {
+            let reason = format!("has version {version}, this program reads {RECEIPT_VERSION}");
+            return Err(wrong(reason).into());
+        }
+        None => {
+            return Err(
+                wrong("is no receipt; `swm eval --manifest … --out DIR` writes one".to_owned()).into()
+            );
+        }
+    }
+    Ok(serde_json::from_value(json).map_err(|error| wrong(error.to_string()))?)
+}
+
+/// SHA-256 of a file; of a folder, that of its files' names and hashes in order.
+pub fn file_hash(path: &Path) -> Result<String, BoxError> {
+    let failed = |error: std::io::Error| format!("cannot read {}: {error}", path.display());
+    if !path.is_dir() {
+        return Ok(sha256(&fs::read(path).map_err(failed)?));
+    }
+    let mut files: Vec<PathBuf> = fs::read_dir(path)
+        .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect())
+        .map_err(failed)?;
+    files.sort();
+    let mut all = String::new();
+    for file in files {
+        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        all += &format!("{name} {}\n", file_hash(&file)?);
+    }
+    Ok(sha256(all.as_bytes()))
+}
+
+fn read(path: &Path, what: &str) -> Result<String, BoxError> {
+    Ok(fs::read_to_string(path)
+        .map_err(|error| format!("cannot read the {what} {}: {error}", path.display()))?)
+}
+
+fn is_json(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "json")
+}
+
+#[cfg(feature = "cli")]
+fn from_toml(text: &str) -> Result<Manifest, BoxError> {
+    Ok(toml::from_str(text)?)
+}
+
+#[cfg(feature = "cli")]
+fn to_toml(manifest: &Manifest) -> Result<String, BoxError> {
+    Ok(toml::to_string(manifest)?)
+}
+
+#[cfg(not(feature = "cli"))]
+const NO_TOML: &str =
+    "this build reads and writes JSON only; use a name that ends in .json, or the feature `cli`";
+
+#[cfg(not(feature = "cli"))]
+fn from_toml(_text: &str) -> Result<Manifest, BoxError> {
+    Err(NO_TOML.into())
+}
+
+#[cfg(not(feature = "cli"))]
+fn to_toml(_manifest: &Manifest) -> Result<String, BoxError> {
+    Err(NO_TOML.into())
+}

@@ -1,0 +1,20 @@
+//! Evaluations that can be compared and repeated: manifests on disk, the tests of the tiers, floors and ceilings beside every
+//! result, receipts, and their verification. Statistics and manifests themselves are `swm_core::evaluate`.
+
+mod beside;
+mod files;
+mod probe;
+mod receipt;
+mod resume;
+mod run;
+mod tiers;
+mod verify;
+
+pub use beside::{Beside, Regret, Role, roles};
+pub use files::{file_hash, read_manifest, read_receipt, write_manifest};
+pub use probe::{Fingerprints, fingerprints};
+pub use receipt::{Code, RECEIPT_VERSION, Receipt};
+pub use resume::Ledger;
+pub use run::{Candidate, RunOptions, plan_steps, run_pairs};
+pub use tiers::{TierRules, tier_rules};
+pub use verify::{Part, Verification, verify};

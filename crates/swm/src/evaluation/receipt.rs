@@ -1,0 +1,93 @@
+//! A receipt: one JSON that says what was evaluated, what came out, and everything it takes to repeat it.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use swm_core::Manifest;
+use swm_core::evaluate::{EpisodeResult, Summary};
+
+use super::beside::Beside;
+use super::probe::Fingerprints;
+use super::run::Candidate;
+
+/// The version of [`Receipt`] that is written and read.
+pub const RECEIPT_VERSION: u32 = 1;
+
+/// The result of a policy on a manifest.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Receipt {
+    /// [`RECEIPT_VERSION`].
+    pub receipt: u32,
+    /// [`Manifest::hash`] of the manifest.
+    pub manifest_hash: String,
+    /// What was evaluated.
+    pub candidate: Candidate,
+    /// The policy in its own words.
+    pub policy: String,
+    /// SHA-256 of every file that the policy's arguments name: its models.
+    #[serde(default)]
+    pub files: BTreeMap<String, String>,
+    /// What the result depends on.
+    pub fingerprints: Fingerprints,
+    /// What made it.
+    pub code: Code,
+    /// What it came to.
+    pub summary: Summary,
+    /// The same, phase by phase, where the manifest is a stream.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub phases: Vec<Summary>,
+    /// Floors and ceiling on the same pairs.
+    #[serde(default)]
+    pub beside: Vec<Beside>,
+    /// Actions of one plan: where `plan_cost` of each episode is taken.
+    pub plan_steps: u64,
+    /// Every pair's episode, in order.
+    pub episodes: Vec<EpisodeResult>,
+    /// The manifest itself.
+    pub manifest: Manifest,
+    /// Seconds that the policy took, floors and ceiling apart. The only entry that differs between repetitions.
+    pub wall_time_s: f64,
+}
+
+/// The code that made a result.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Code {
+    /// Version of the package.
+    pub version: String,
+    /// The commit, where the build was told: the variable `SWM_COMMIT`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub commit: Option<String>,
+    /// Machine and operating system.
+    pub target: String,
+}
+
+impl Code {
+    /// This program.
+    pub fn this() -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            commit: option_env!("SWM_COMMIT").map(str::to_owned),
+            target: format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
+        }
+    }
+}
+
+impl Receipt {
+    /// Successes, pair by pair.
+    pub fn successes(&self) -> Vec<bool> {
+        self.episodes.iter().map(|episode| episode.success).collect()
+    }
+
+    /// Success by phase of the manifest's stream; empty if it is none.
+    pub fn by_phase(manifest: &Manifest, episodes: &[EpisodeResult]) -> Vec<Summary> {
+        if manifest.phases() < 2 {
+            return Vec::new();
+        }
+        let of = |phase: usize| {
+            let pairs = manifest.pairs.iter().zip(episodes);
+            Summary::of(pairs.filter(|(pair, _)| pair.phase == Some(phase)).map(|(_, episode)| episode))
+        };
+        (0..manifest.phases()).map(of).collect()
+    }
+}

@@ -1,0 +1,128 @@
+//! Running a policy on a manifest.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value as Json;
+use swm_core::error::BoxError;
+use swm_core::evaluate::{EpisodeResult, OutcomeRecorder};
+use swm_core::{
+    EnvConfig, EnvEntry, Manifest, Policy, PolicyArgs, PolicyContext, Registry, ResetOptions, World,
+};
+
+use super::files::file_hash;
+use crate::distractors;
+
+/// A policy, and the seed of its noise.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// The policy's name and arguments.
+    pub policy: PolicyArgs,
+    /// Seed of its noise; 0: noise comes from the pairs' seeds.
+    #[serde(default)]
+    pub seed: u64,
+}
+
+impl Candidate {
+    /// The policy as it is asked for, without a seed.
+    pub fn new(policy: PolicyArgs) -> Self {
+        Self { policy, seed: 0 }
+    }
+
+    /// Makes the policy for the environments of `manifest`.
+    pub fn make(
+        &self,
+        registry: &Registry,
+        entry: &EnvEntry,
+        manifest: &Manifest,
+    ) -> Result<Box<dyn Policy>, BoxError> {
+        let config = EnvConfig { image: None, settings: manifest.settings.clone() };
+        let context = PolicyContext { env: entry, config: &config, frame_skip: manifest.frame_skip };
+        Ok(registry.policy(&context, &self.policy)?)
+    }
+
+    /// SHA-256 of every file that its arguments name: models and normalisers.
+    pub fn files(&self) -> Result<BTreeMap<String, String>, BoxError> {
+        let texts = self.policy.named.values().chain(&self.policy.positional).filter_map(Json::as_str);
+        texts
+            .map(Path::new)
+            .filter(|path| path.exists())
+            .map(|path| Ok((path.display().to_string(), file_hash(path)?)))
+            .collect()
+    }
+}
+
+/// How a run is spread. Results do not depend on it.
+#[derive(Clone, Copy, Debug)]
+pub struct RunOptions {
+    /// Environments side by side.
+    pub num_envs: usize,
+    /// Threads; `None`: one per core.
+    pub threads: Option<usize>,
+}
+
+impl Default for RunOptions {
+    fn default() -> Self {
+        Self { num_envs: 16, threads: None }
+    }
+}
+
+/// Actions of one plan of a policy that plans as the table of planners says: blocks carried out × actions per block.
+pub fn plan_steps(policy: &PolicyArgs) -> u64 {
+    let number = |name: &str, default: u64| policy.named.get(name).and_then(Json::as_u64).unwrap_or(default);
+    number("receding_horizon", 5) * number("action_block", 5)
+}
+
+/// Runs the pairs of `manifest` that are not in `known`, from `resets` (the manifest's own or changed ones), and calls
+/// `each(pair, result)` as they end. `checked`: the first row of each must be the manifest's.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "every one is a part of the protocol, and the callers differ in all"
+)]
+pub fn run_pairs(
+    registry: &Registry,
+    manifest: &Manifest,
+    resets: &[ResetOptions],
+    candidate: &Candidate,
+    steps_per_plan: u64,
+    options: RunOptions,
+    known: &BTreeMap<u64, EpisodeResult>,
+    checked: bool,
+    mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), BoxError> + Send,
+) -> Result<Vec<EpisodeResult>, BoxError> {
+    let entry = registry.env(&manifest.env)?;
+    let missing = missing(manifest.pairs.len() as u64, known);
+    let mut results = known.clone();
+    if !missing.is_empty() {
+        let most = missing.iter().map(|range| range.end - range.start).max().unwrap_or(1);
+        let num_envs = options.num_envs.min(usize::try_from(most)?).max(1);
+        let mut world = World::new(entry, manifest.world(num_envs, options.threads))?;
+        world.set_policy(candidate.make(registry, entry, manifest)?);
+        world.set_policy_seed(candidate.seed);
+        world.set_transform(distractors::parse_all(&manifest.distractors)?);
+        for range in missing {
+            let mut recorder =
+                OutcomeRecorder::new(steps_per_plan, checked.then_some(manifest), |pair, result| {
+                    each(pair, &result)?;
+                    results.insert(pair, result);
+                    Ok(())
+                });
+            world.run_pairs(manifest, resets, range, &mut recorder)?;
+        }
+    }
+    Ok(results.into_values().collect())
+}
+
+/// The stretches of `0..count` that are not known.
+fn missing(count: u64, known: &BTreeMap<u64, EpisodeResult>) -> Vec<Range<u64>> {
+    let mut ranges: Vec<Range<u64>> = Vec::new();
+    for pair in (0..count).filter(|pair| !known.contains_key(pair)) {
+        match ranges.last_mut() {
+            Some(range) if range.end == pair => range.end += 1,
+            _ => ranges.push(pair..pair + 1),
+        }
+    }
+    ranges
+}

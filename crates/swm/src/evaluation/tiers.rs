@@ -1,0 +1,206 @@
+//! What the tiers ask for, task by task: the test of success, the least motion, and what is at rest at the start. A task
+//! that is not in the table has a historic tier, and a moderate one with the environment's own test.
+//!
+//! Sources: the reference's tests; the moderate and strict rules are those of CLEAR-LeWM 0.9 (least motion: its first
+//! tracks), where the columns of this program can say them; TwoRoom-v1, whose picture is 512 pixels wide, and the tests marked
+//! *ours* are not among them.
+
+use std::ops::Range;
+
+use serde_json::{Map, Value as Json};
+use swm_core::evaluate::{Condition, Measure, SuccessRule, Tier};
+
+/// What a tier asks for in one environment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TierRules {
+    /// When an episode is a success.
+    pub success: SuccessRule,
+    /// A condition that must not hold at the start.
+    pub motion: Option<Condition>,
+    /// Elements of start columns that are set to zero.
+    pub rest: Vec<(String, Range<usize>)>,
+}
+
+/// The rules of `tier` for an environment; an error in words where it has none.
+pub fn tier_rules(env: &str, settings: &Map<String, Json>, tier: Tier) -> Result<TierRules, String> {
+    if tier == Tier::Historic {
+        return Ok(TierRules::default());
+    }
+    let fits = |task: &&Task| {
+        task.envs.contains(&env)
+            && task
+                .setting
+                .is_none_or(|(name, value)| settings.get(name).and_then(Json::as_str) == Some(value))
+    };
+    let Some(task) = TASKS.iter().find(fits) else {
+        let known: Vec<String> = TASKS.iter().flat_map(Task::names).collect();
+        return match tier {
+            Tier::Strict => Err(format!(
+                "`{env}` has no strict tier; those with one are {}. Use another tier, or write the test into a manifest",
+                known.join(", ")
+            )),
+            _ => Ok(TierRules::default()),
+        };
+    };
+    let rule = if tier == Tier::Strict { &task.strict } else { &task.moderate };
+    Ok(TierRules {
+        success: SuccessRule {
+            hold: rule.hold,
+            all: rule.all.iter().map(|test| test.condition(task)).collect(),
+        },
+        motion: Some(rule.motion.condition(task)),
+        rest: task.rest.iter().map(|(name, elements)| ((*name).to_owned(), elements.clone())).collect(),
+    })
+}
+
+struct Task {
+    envs: &'static [&'static str],
+    /// A setting that the environment must have.
+    setting: Option<(&'static str, &'static str)>,
+    /// The column that tests read, and that of the goal.
+    columns: [&'static str; 2],
+    rest: &'static [(&'static str, Range<usize>)],
+    moderate: Rule,
+    strict: Rule,
+}
+
+struct Rule {
+    hold: u64,
+    all: &'static [Test],
+    motion: Test,
+}
+
+struct Test {
+    elements: &'static [usize],
+    measure: Measure,
+    below: f64,
+}
+
+impl Test {
+    fn condition(&self, task: &Task) -> Condition {
+        let [column, goal] = task.columns.map(str::to_owned);
+        let Self { elements, measure, below } = *self;
+        Condition { column, goal, elements: elements.to_vec(), measure, turn: None, below }
+    }
+}
+
+impl Task {
+    fn names(&self) -> impl Iterator<Item = String> {
+        let setting = self.setting.map(|(name, value)| format!(" with {name}={value}")).unwrap_or_default();
+        self.envs.iter().map(move |env| format!("`{env}`{setting}"))
+    }
+}
+
+const fn distance(elements: &'static [usize], below: f64) -> Test {
+    Test { elements, measure: Measure::Distance, below }
+}
+
+const fn angle(elements: &'static [usize], below: f64) -> Test {
+    Test { elements, measure: Measure::Angle, below }
+}
+
+const fn largest(elements: &'static [usize], below: f64) -> Test {
+    Test { elements, measure: Measure::Largest, below }
+}
+
+const fn degrees(degrees: f64) -> f64 {
+    degrees * std::f64::consts::PI / 180.0
+}
+
+const TASKS: &[Task] = &[
+    // Agent x, y; block x, y; block angle; agent velocity.
+    Task {
+        envs: &["swm/PushT-v1", "swm/PushT-Discrete-v1", "swm/PushTRapier-v0"],
+        setting: None,
+        columns: ["state", "goal_state"],
+        rest: &[("state", 5..7)],
+        moderate: Rule {
+            hold: 1,
+            all: &[distance(&[0, 1, 2, 3], 20.0), angle(&[4], degrees(20.0))],
+            motion: distance(&[2, 3], 25.0),
+        },
+        strict: Rule {
+            hold: 3,
+            all: &[distance(&[2, 3], 10.0), angle(&[4], degrees(10.0))],
+            motion: distance(&[2, 3], 50.0),
+        },
+    },
+    Task {
+        envs: &["swm/TwoRoom-v2"],
+        setting: None,
+        columns: ["state", "goal_state"],
+        rest: &[],
+        moderate: Rule { hold: 1, all: &[distance(&[], 16.0)], motion: distance(&[], 32.0) },
+        // Motion: ours.
+        strict: Rule { hold: 1, all: &[distance(&[], 8.0)], motion: distance(&[], 64.0) },
+    },
+    // Ours: the discs overlap by half at about 12 px.
+    Task {
+        envs: &["swm/TwoRoom-v1"],
+        setting: None,
+        columns: ["pos_agent", "goal_pos_agent"],
+        rest: &[],
+        moderate: Rule { hold: 1, all: &[distance(&[], 12.0)], motion: distance(&[], 73.0) },
+        strict: Rule { hold: 1, all: &[distance(&[], 6.0)], motion: distance(&[], 146.0) },
+    },
+    // The shoulder turns freely, the wrist has limits.
+    Task {
+        envs: &["swm/ReacherDMControl-v0"],
+        setting: Some(("task", "qpos_match")),
+        columns: ["qpos", "target_qpos"],
+        rest: &[("qvel", 0..2)],
+        moderate: Rule {
+            hold: 1,
+            all: &[angle(&[0], 0.05), largest(&[1], 0.05)],
+            motion: angle(&[0, 1], 0.1),
+        },
+        // Ours, for CLEAR-LeWM's 0.01 m of the fingertip: arms of 0.12 m keep within 0.36 m × 0.025 rad.
+        strict: Rule {
+            hold: 2,
+            all: &[angle(&[0], 0.025), largest(&[1], 0.025)],
+            motion: angle(&[0, 1], 0.25),
+        },
+    },
+];
+
+#[cfg(test)]
+mod tests {
+    use swm_core::{EnvConfig, Schema};
+
+    use super::*;
+
+    #[test]
+    fn every_rule_fits_its_environment() {
+        let registry = crate::registry();
+        for task in TASKS {
+            let settings: Map<String, Json> =
+                task.setting.iter().map(|&(name, value)| (name.to_owned(), value.into())).collect();
+            for id in task.envs {
+                let entry = registry.env(id).unwrap();
+                let config = EnvConfig { image: None, settings: settings.clone() };
+                // What cannot run here, for want of a library say, is tested elsewhere.
+                let Ok(env) = (entry.make)(&config) else { continue };
+                let schema = Schema::new(env.spec().fields.clone()).unwrap();
+                for tier in [Tier::Moderate, Tier::Strict] {
+                    let rules = tier_rules(id, &settings, tier).unwrap();
+                    assert!(rules.success.judge(&schema).unwrap().is_some());
+                    let motion = SuccessRule { hold: 1, all: rules.motion.into_iter().collect() };
+                    assert!(motion.judge(&schema).unwrap().is_some());
+                    for (column, _) in rules.rest {
+                        assert!(env.spec().start_columns.contains(&column.as_str()), "{id}: {column}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn other_tasks_have_no_strict_tier() {
+        let none = Map::new();
+        assert!(tier_rules("swm/CheetahDMControl-v0", &none, Tier::Strict).unwrap_err().contains("PushT-v1"));
+        let rules = tier_rules("swm/CheetahDMControl-v0", &none, Tier::Moderate).unwrap();
+        assert!(rules.success.is_environment());
+        // Reacher's other tasks are not about angles.
+        assert!(tier_rules("swm/ReacherDMControl-v0", &none, Tier::Strict).is_err());
+    }
+}

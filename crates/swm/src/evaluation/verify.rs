@@ -1,0 +1,135 @@
+//! Running a receipt again: is the result the same, and if not, which part of it has changed?
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use swm_core::Registry;
+use swm_core::error::BoxError;
+use swm_core::evaluate::{EpisodeResult, Summary};
+
+use super::probe::fingerprints;
+use super::receipt::Receipt;
+use super::run::{RunOptions, run_pairs};
+
+/// A part of a result that can differ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Part {
+    /// The manifest, or the environment's tables.
+    Protocol,
+    /// What actions lead to.
+    Physics,
+    /// What is seen.
+    Pictures,
+    /// A file that the policy reads.
+    Model,
+    /// The policy's noise.
+    Seed,
+    /// What the policy makes of the same input: its configuration or its code.
+    Solver,
+    /// What the receipt says came out, where all of the above agree.
+    Outcomes,
+}
+
+/// What a repetition showed.
+#[derive(Clone, Debug, Serialize)]
+pub struct Verification {
+    /// Whether everything is equal, to the last bit.
+    pub equal: bool,
+    /// Which parts differ, and how.
+    pub differences: BTreeMap<Part, String>,
+    /// Episodes that came out otherwise.
+    pub episodes: Vec<usize>,
+    /// What the repetition came to.
+    pub summary: Summary,
+    /// What the receipt says.
+    pub recorded: Summary,
+}
+
+/// Runs `receipt` again and compares. Floors and ceiling are not run.
+pub fn verify(
+    registry: &Registry,
+    receipt: &Receipt,
+    options: RunOptions,
+    mut each: impl FnMut() + Send,
+) -> Result<Verification, BoxError> {
+    let Receipt { manifest, candidate, .. } = receipt;
+    manifest.check()?;
+    let entry = registry.env(&manifest.env)?;
+    let mut differences = BTreeMap::new();
+    let mut differ = |part: Part, recorded: &str, now: &str, what: &str| {
+        if recorded != now {
+            let entry: &mut String = differences.entry(part).or_default();
+            *entry += &format!(
+                "{}{what}: recorded {recorded}, now {now}",
+                if entry.is_empty() { "" } else { "; " }
+            );
+        }
+    };
+    let (then, now) = (&receipt.fingerprints, fingerprints(entry, manifest, candidate.seed)?);
+    differ(Part::Protocol, &receipt.manifest_hash, &manifest.hash(), "manifest");
+    differ(Part::Protocol, &then.tables, &now.tables, "tables of the environment");
+    differ(Part::Physics, &then.physics, &now.physics, "probe of 25 random actions");
+    let (a, b) = (then.pictures.as_deref().unwrap_or("none"), now.pictures.as_deref().unwrap_or("none"));
+    differ(Part::Pictures, a, b, "pictures of the probe");
+    differ(Part::Seed, &then.noise, &now.noise, "noise of the first pair");
+    for (file, hash) in &receipt.files {
+        let now =
+            super::files::file_hash(std::path::Path::new(file)).unwrap_or_else(|error| error.to_string());
+        differ(Part::Model, hash, &now, file);
+    }
+    let described = candidate.make(registry, entry, manifest)?.describe();
+    differ(Part::Solver, &receipt.policy, &described, "policy");
+    // Where starts differ, the run says so in its digests: no need to stop at the first.
+    let (resets, none) = (manifest.resets()?, BTreeMap::new());
+    let again = run_pairs(
+        registry,
+        manifest,
+        &resets,
+        candidate,
+        receipt.plan_steps,
+        options,
+        &none,
+        false,
+        |_, _| {
+            each();
+            Ok(())
+        },
+    )?;
+    let episodes: Vec<usize> = (0..again.len().max(receipt.episodes.len()))
+        .filter(|&index| receipt.episodes.get(index) != again.get(index))
+        .collect();
+    if let Some(&first) = episodes.first() {
+        let (part, what) = cause(receipt.episodes.get(first), again.get(first));
+        let explained = differences.keys().any(|part| *part != Part::Pictures);
+        if !explained {
+            let count = episodes.len();
+            differences.insert(part, format!("{count} episode(s) differ, the first is {first}: {what}"));
+        }
+    }
+    let summary = Summary::of(&again);
+    if summary != receipt.summary && differences.is_empty() {
+        differences.insert(Part::Outcomes, "the summary is not that of the episodes".to_owned());
+    }
+    Ok(Verification {
+        equal: differences.is_empty() && episodes.is_empty(),
+        differences,
+        episodes,
+        summary,
+        recorded: receipt.summary.clone(),
+    })
+}
+
+/// Why an episode may differ where all fingerprints agree.
+fn cause(recorded: Option<&EpisodeResult>, again: Option<&EpisodeResult>) -> (Part, &'static str) {
+    let (Some(recorded), Some(again)) = (recorded, again) else {
+        return (Part::Outcomes, "it is missing on one side");
+    };
+    if recorded.decisions != again.decisions {
+        (Part::Solver, "the first plan is another")
+    } else if recorded.digest != again.digest {
+        (Part::Physics, "the first plan is the same, what came of it is not")
+    } else {
+        (Part::Outcomes, "the same happened, and the receipt says otherwise")
+    }
+}

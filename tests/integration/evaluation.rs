@@ -1,0 +1,295 @@
+//! Manifests, receipts, comparisons: what can be repeated is, to the last bit; what differs is named.
+
+use serde_json::Value as Json;
+
+use crate::support::{Folder, PUSHT, swm, swm_fails, swm_json, swm_ok};
+
+/// A planner that is done soon.
+const QUICK: &str = "cem:samples=20,elites=5,iterations=3,horizon=2,receding_horizon=2,action_block=4";
+
+fn dataset(folder: &Folder) -> String {
+    let out = folder.path("pusht.h5");
+    if std::path::Path::new(&out).exists() {
+        return out;
+    }
+    let args = ["collect", PUSHT, "--policy", "weak", "--episodes", "30", "--max-steps", "50", "--quiet"];
+    swm_ok(&[&args[..], &["--image-size", "none", "--seed", "3", "--out", &out]].concat());
+    out
+}
+
+/// A manifest of few pairs of the dataset.
+fn manifest(folder: &Folder, tier: &str, name: &str, extra: &[&str]) -> String {
+    let (data, out) = (dataset(folder), folder.path(name));
+    let args =
+        ["manifest", "make", PUSHT, "--tier", tier, "--episodes", "5", "--budget", "16", "--dataset", &data];
+    swm_ok(&[&args[..], &["--out", &out], extra].concat());
+    out
+}
+
+fn read(path: &str) -> Json {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+#[test]
+fn manifests_are_the_same_in_both_languages_and_every_time() {
+    let folder = Folder::new();
+    let (a, b) = (
+        manifest(&folder, "strict", "a.toml", &["--held-out", "1"]),
+        manifest(&folder, "strict", "b.json", &["--held-out", "1"]),
+    );
+    let show = |path: &str| {
+        let mut shown = swm_json(&["manifest", "show", path]);
+        shown["manifest"].take();
+        shown
+    };
+    assert_eq!(show(&a), show(&b));
+    let pairs = read(&b);
+    let froms: Vec<u64> =
+        pairs["pairs"].as_array().unwrap().iter().map(|pair| pair["from"][0].as_u64().unwrap()).collect();
+    assert!(froms.windows(2).all(|pair| pair[0] < pair[1]), "one pair per episode, in order: {froms:?}");
+    for pair in pairs["pairs"].as_array().unwrap() {
+        let number = |side: &str, i: usize| pair[side]["state"][i].as_f64().unwrap();
+        assert_eq!([number("start", 5), number("start", 6)], [0.0, 0.0], "starts are at rest");
+        let moved = (number("start", 2) - number("goal", 2)).hypot(number("start", 3) - number("goal", 3));
+        assert!(moved >= 50.0, "the block must move: {moved}");
+    }
+    let historic = manifest(&folder, "historic", "c.json", &[]);
+    assert_eq!(read(&historic)["excluded"]["solved_at_start"], 0, "historic manifests leave nothing out");
+}
+
+#[test]
+fn receipts_are_bit_equal_for_any_number_of_environments_and_threads() {
+    let folder = Folder::new();
+    let manifest = manifest(&folder, "moderate", "m.toml", &["--held-out", "1"]);
+    let run = |out: &str, num_envs: &str, threads: &str| {
+        let out = folder.path(out);
+        let args = ["eval", "--manifest", &manifest, "--policy", QUICK, "--quiet", "--out", &out];
+        let mut receipt = swm_json(&[&args[..], &["--num-envs", num_envs, "--threads", threads]].concat());
+        receipt["wall_time_s"].take();
+        receipt
+    };
+    let first = run("a", "1", "1");
+    assert_eq!(first["episodes"].as_array().unwrap().len(), 5);
+    assert_eq!(first["beside"].as_array().unwrap().len(), 3, "two floors and a ceiling");
+    assert_eq!(first, run("b", "5", "1"));
+    assert_eq!(first, run("c", "2", "2"));
+    for (num_envs, threads) in [("1", "1"), ("4", "2")] {
+        let out = folder.path("b");
+        let result =
+            swm_json(&["verify-result", &out, "--num-envs", num_envs, "--threads", threads, "--quiet"]);
+        assert_eq!(result["equal"], true, "{result}");
+    }
+}
+
+#[test]
+fn what_differs_is_named() {
+    let folder = Folder::new();
+    let manifest = manifest(&folder, "historic", "m.toml", &[]);
+    let out = folder.path("out");
+    swm_ok(&[
+        "eval",
+        "--manifest",
+        &manifest,
+        "--policy",
+        QUICK,
+        "--beside",
+        "none",
+        "--out",
+        &out,
+        "--quiet",
+    ]);
+    let receipt = read(&format!("{out}/receipt.json"));
+    let changed = folder.path("changed.json");
+    let differs = |change: &dyn Fn(&mut Json)| -> Vec<String> {
+        let mut copy = receipt.clone();
+        change(&mut copy);
+        std::fs::write(&changed, copy.to_string()).unwrap();
+        let output = swm(&["verify-result", &changed, "--json", "--quiet"]).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
+        let result: Json = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(result["equal"], false);
+        result["differences"].as_object().unwrap().keys().cloned().collect()
+    };
+    assert_eq!(differs(&|r| r["manifest"]["budget"] = 17.into()), ["protocol"]);
+    assert_eq!(differs(&|r| r["fingerprints"]["tables"] = "0".into()), ["protocol"]);
+    assert_eq!(differs(&|r| r["fingerprints"]["physics"] = "0".into()), ["physics"]);
+    assert_eq!(differs(&|r| r["candidate"]["seed"] = 9.into()), ["seed"]);
+    assert_eq!(differs(&|r| r["candidate"]["policy"]["named"]["samples"] = 21.into()), ["solver"]);
+    assert_eq!(differs(&|r| r["episodes"][2]["decisions"] = "0".into()), ["solver"]);
+    assert_eq!(differs(&|r| r["episodes"][2]["digest"] = "0".into()), ["physics"]);
+    assert_eq!(differs(&|r| r["episodes"][2]["steps"] = 1.into()), ["outcomes"]);
+    assert_eq!(differs(&|r| r["summary"]["successes"] = 400.into()), ["outcomes"]);
+}
+
+#[test]
+fn an_interrupted_evaluation_goes_on() {
+    let folder = Folder::new();
+    let manifest = manifest(&folder, "historic", "m.toml", &[]);
+    let run = |out: &str, policy: &str| {
+        vec![
+            "eval",
+            "--manifest",
+            &manifest,
+            "--policy",
+            policy,
+            "--beside",
+            "none",
+            "--num-envs",
+            "1",
+            "--out",
+            out,
+        ]
+        .into_iter()
+        .map(str::to_owned)
+        .collect::<Vec<_>>()
+    };
+    let (whole, parts) = (folder.path("whole"), folder.path("parts"));
+    let ok = |args: Vec<String>| swm_ok(&args.iter().map(String::as_str).collect::<Vec<_>>());
+    ok(run(&whole, QUICK));
+    let mut expected = read(&format!("{whole}/receipt.json"));
+
+    // What an interruption leaves: some episodes, and half a line. The ledger's head is made by a run that is stopped at
+    // its first episode, by a folder in the place of the receipt.
+    std::fs::create_dir_all(format!("{parts}/receipt.json")).unwrap();
+    let args = run(&parts, QUICK);
+    swm_fails(1, &args.iter().map(String::as_str).collect::<Vec<_>>());
+    std::fs::remove_dir(format!("{parts}/receipt.json")).unwrap();
+    assert!(
+        !std::path::Path::new(&format!("{parts}/episodes.jsonl")).exists(),
+        "a finished ledger is closed"
+    );
+
+    let ledger = format!("{parts}/episodes.jsonl");
+    std::fs::write(&ledger, "{\"evaluation\":\"another\"}\n").unwrap();
+    let message = swm_fails(1, &args.iter().map(String::as_str).collect::<Vec<_>>());
+    assert!(message.contains("another evaluation"), "{message}");
+    std::fs::remove_file(&ledger).unwrap();
+
+    let mut child = swm(&args.iter().map(String::as_str).collect::<Vec<_>>())
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let lines = || std::fs::read_to_string(&ledger).map_or(0, |text| text.lines().count());
+    while child.try_wait().unwrap().is_none() && lines() < 3 {
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    child.kill().ok();
+    child.wait().unwrap();
+    if std::path::Path::new(&ledger).exists() {
+        let mut text = std::fs::read_to_string(&ledger).unwrap();
+        text.push_str("{\"episode\":4,\"succ");
+        std::fs::write(&ledger, text).unwrap();
+    }
+    ok(args);
+    let mut found = read(&format!("{parts}/receipt.json"));
+    for receipt in [&mut found, &mut expected] {
+        receipt["wall_time_s"].take();
+    }
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn results_on_one_manifest_are_compared_pair_by_pair() {
+    let folder = Folder::new();
+    let manifest = manifest(&folder, "moderate", "m.toml", &["--held-out", "1"]);
+    let eval = |out: &str, policy: &str, seed: &str| {
+        let out = folder.path(out);
+        let args = ["eval", "--manifest", &manifest, "--policy", policy, "--beside", "none", "--quiet"];
+        swm_ok(&[&args[..], &["--out", &out, "--policy-seed", seed]].concat());
+        out
+    };
+    let (a, b, c) = (eval("a", QUICK, "0"), eval("b", QUICK, "1"), eval("c", "constant", "0"));
+    let (first, second) = (read(&format!("{a}/receipt.json")), read(&format!("{b}/receipt.json")));
+    assert_eq!(first["manifest_hash"], second["manifest_hash"]);
+    assert_ne!(
+        first["episodes"][0]["decisions"], second["episodes"][0]["decisions"],
+        "noise has a seed of its own"
+    );
+    let compared = swm_json(&["compare", &format!("{a},{b}"), &c]);
+    assert_eq!(compared[0]["runs"], 2);
+    assert_eq!(compared[1]["test"]["pairs"], 5);
+    let message = swm_fails(2, &["compare", &format!("{a},{a}"), &c]);
+    assert!(message.contains("same --policy-seed"), "{message}");
+    let message = swm_fails(2, &["compare", &format!("{a},{c}")]);
+    assert!(message.contains("not runs of one policy"), "{message}");
+}
+
+#[test]
+fn streams_say_what_carries_over() {
+    let folder = Folder::new();
+    let (stream, out) = (folder.path("stream.toml"), folder.path("m.toml"));
+    let phases = "[[phase]]\nepisodes = 2\n\n[[phase]]\nepisodes = 3\nvary = [\"block.color\"]\nset = { \"agent.scale\" = 25 }\n";
+    std::fs::write(&stream, phases).unwrap();
+    let make = [
+        "manifest", "make", PUSHT, "--tier", "moderate", "--budget", "8", "--out", &out, "--stream", &stream,
+    ];
+    let message = swm_fails(2, &[&make[..], &["--episodes", "4"]].concat());
+    assert!(message.contains("--episodes 5"), "{message}");
+    let shown = swm_json(&[&make[..], &["--episodes", "5"]].concat());
+    assert_eq!(shown["phases"], 2);
+    let results: Vec<String> = ["random", "constant"]
+        .iter()
+        .map(|policy| {
+            let dir = folder.path(policy);
+            swm_ok(&[
+                "eval",
+                "--manifest",
+                &out,
+                "--policy",
+                policy,
+                "--beside",
+                "none",
+                "--out",
+                &dir,
+                "--quiet",
+            ]);
+            dir
+        })
+        .collect();
+    let receipt = read(&format!("{}/receipt.json", results[0]));
+    let counts: Vec<u64> = receipt["phases"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|phase| phase["episodes"].as_u64().unwrap())
+        .collect();
+    assert_eq!(counts, [2, 3]);
+    let found = swm_json(&["compare", "--stream", &results[0], &results[1], "--untrained", &results[0]]);
+    assert_eq!(found["results"].as_array().unwrap().len(), 2);
+    assert!(found["transfer"]["backward"].is_number() && found["transfer"]["forward"].is_number());
+}
+
+#[test]
+fn wrong_requests_are_refused() {
+    let folder = Folder::new();
+    let out = folder.path("m.toml");
+    let says = |args: &[&str], words: &[&str]| {
+        let message = swm_fails(2, args);
+        for word in words {
+            assert!(message.contains(word), "swm {args:?}: no `{word}` in\n{message}");
+        }
+    };
+    let make =
+        |env: &'static str, tier: &'static str| ["manifest", "make", env, "--tier", tier, "--out", &out];
+    says(&make("swm/PointMaze-v0", "strict"), &["no strict tier", "swm/PushT-v1"]);
+    says(&[&make(PUSHT, "moderate")[..], &["--episodes", "0"]].concat(), &["0 pairs"]);
+    says(&[&make(PUSHT, "moderate")[..], &["--distractor", "noise"]].concat(), &["--image-size"]);
+    let picture = ["--image-size", "32", "--distractor", "noize"];
+    says(&[&make(PUSHT, "moderate")[..], &picture].concat(), &["did you mean `noise`?"]);
+    says(&["eval", "--policy", "random"], &["<ENV>"]);
+    says(&["eval", "--manifest", &out, "--policy", "random"], &["cannot read the manifest"]);
+    swm_ok(&[&make(PUSHT, "moderate")[..], &["--episodes", "2", "--budget", "4"]].concat());
+    says(&["eval", PUSHT, "--manifest", &out, "--policy", "random"], &["cannot be used with"]);
+    says(&["eval", "--manifest", &out, "--policy", "randon"], &["did you mean `random`?"]);
+    says(&["eval", "--manifest", &out, "--policy", "random", "--beside", "me"], &["do_nothing"]);
+    std::fs::write(&out, "version = 2\n").unwrap();
+    says(&["eval", "--manifest", &out, "--policy", "random"], &["m.toml"]);
+
+    // A manifest whose environment has changed since does not pass in silence.
+    swm_ok(&[&make(PUSHT, "moderate")[..], &["--episodes", "2", "--budget", "4"]].concat());
+    let text = std::fs::read_to_string(&out).unwrap();
+    let (head, rest) = text.split_once("witness = \"").unwrap();
+    std::fs::write(&out, format!("{head}witness = \"0{}", &rest[1..])).unwrap();
+    let message = swm_fails(1, &["eval", "--manifest", &out, "--policy", "random"]);
+    assert!(message.contains("no longer starts as the manifest says"), "{message}");
+}
