@@ -27,7 +27,7 @@ fn manifest(folder: &Folder, tier: &str, name: &str, extra: &[&str]) -> String {
 }
 
 fn read(path: &str) -> Json {
-    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+    serde_json::from_str(&std::fs::read_to_string(path).expect("it was written")).expect("it is JSON")
 }
 
 #[test]
@@ -292,4 +292,124 @@ fn wrong_requests_are_refused() {
     std::fs::write(&out, format!("{head}witness = \"0{}", &rest[1..])).unwrap();
     let message = swm_fails(1, &["eval", "--manifest", &out, "--policy", "random"]);
     assert!(message.contains("no longer starts as the manifest says"), "{message}");
+}
+
+#[test]
+fn factors_are_swept_alone_in_groups_and_together() {
+    let folder = Folder::new();
+    let manifest = manifest(&folder, "moderate", "m.toml", &["--held-out", "1"]);
+    let sweep = |out: &str, extra: &[&str]| {
+        let out = folder.path(out);
+        let args = ["sweep", "--manifest", &manifest, "--policy", "weak", "--out", &out, "--quiet"];
+        (swm_json(&[&args[..], extra].concat()), out)
+    };
+    let factors = ["--factors", "agent.color,agent.scale,block.shape"];
+    let (first, out) = sweep("a", &[&factors[..], &["--num-envs", "1"]].concat());
+    assert_eq!(first, sweep("b", &[&factors[..], &["--num-envs", "3", "--threads", "2"]].concat()).0);
+    let names: Vec<&str> =
+        first["cells"].as_array().unwrap().iter().map(|cell| cell["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["unchanged", "agent.color", "agent.scale", "block.shape", "agent"]);
+    assert!(
+        first["cells"][1]["note"].as_str().unwrap().contains("every episode goes as without"),
+        "a colour moves nothing"
+    );
+    assert!(first["cells"][2]["note"].is_null(), "a scale does");
+    let csv = std::fs::read_to_string(format!("{out}/sweep.csv")).unwrap();
+    let columns = csv.lines().next().unwrap().split(',').count();
+    assert_eq!(csv.lines().count(), 6);
+    assert!(csv.lines().all(|line| line.split(',').count() == columns), "{csv}");
+    let svg = std::fs::read_to_string(format!("{out}/sweep.svg")).unwrap();
+    assert!(svg.starts_with("<svg xmlns=") && svg.contains("block.shape") && !svg.contains("NaN"));
+
+    let (grid, _) = sweep("c", &["--factors", "agent.scale", "--values", "grid", "--points", "3"]);
+    assert_eq!(grid["cells"].as_array().unwrap().len(), 4);
+    let (extremes, _) = sweep("d", &["--factors", "block.start_position", "--values", "extremes"]);
+    let cells = extremes["cells"].as_array().unwrap();
+    assert_eq!(cells[1]["value"], "lowest");
+    let message =
+        swm_fails(2, &["sweep", "--manifest", &manifest, "--policy", "weak", "--factors", "agent.colour"]);
+    assert!(message.contains("did you mean `agent.color`?"), "{message}");
+}
+
+/// Where a browser is on this machine, if any.
+fn browser() -> Option<&'static str> {
+    ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"]
+        .into_iter()
+        .find(|path| std::path::Path::new(path).exists())
+}
+
+#[test]
+fn a_report_is_one_page_that_a_browser_shows() {
+    let folder = Folder::new();
+    let manifest = manifest(&folder, "moderate", "m.toml", &["--held-out", "1"]);
+    let (a, b, sweep, page) =
+        (folder.path("a"), folder.path("b"), folder.path("sweep"), folder.path("report.html"));
+    swm_ok(&["eval", "--manifest", &manifest, "--policy", QUICK, "--out", &a, "--quiet"]);
+    swm_ok(&["eval", "--manifest", &manifest, "--policy", "weak", "--out", &b, "--quiet"]);
+    let factors = ["--factors", "agent", "--values", "extremes"];
+    swm_ok(
+        &[&["sweep", "--manifest", &manifest, "--policy", "weak", "--out", &sweep, "--quiet"][..], &factors]
+            .concat(),
+    );
+    let made = swm_json(&[
+        "report",
+        &a,
+        &b,
+        &sweep,
+        "--films",
+        "1",
+        "--film-format",
+        "gif",
+        "--out",
+        &page,
+        "--quiet",
+    ]);
+    assert_eq!(made["notes"].as_array().unwrap().len(), 0, "{made}");
+    let html = std::fs::read_to_string(&page).unwrap();
+    for address in ["src=\"http", "href=\"http", "url(http", "@import"] {
+        assert!(!html.contains(address), "the page asks for something from elsewhere: {address}");
+    }
+    let charts = html.matches("<figure><svg").count();
+    assert!(charts >= 6, "{charts} charts");
+    assert!(html.matches("As a table").count() >= 5, "every chart of results is also a table");
+    assert!(!html.contains("NaN") && html.contains("data:image/gif;base64,"));
+    let receipt: Json = serde_json::from_str(
+        &html
+            .split_once("id=\"receipt-0\">")
+            .unwrap()
+            .1
+            .split_once("</script>")
+            .unwrap()
+            .0
+            .replace("<\\/", "</"),
+    )
+    .unwrap();
+    assert_eq!(receipt, read(&format!("{a}/receipt.json")));
+
+    let Some(browser) = browser() else {
+        println!("no browser on this machine: the page was not opened");
+        return;
+    };
+    // The tab of films is chosen by the address; the page says what it shows through `hidden`.
+    let output = std::process::Command::new(browser)
+        .args([
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--virtual-time-budget=4000",
+            "--enable-logging=stderr",
+        ])
+        .args(["--v=0", "--dump-dom", &format!("--user-data-dir={}", folder.path("profile"))])
+        .arg(format!("file://{page}#films"))
+        .output()
+        .unwrap();
+    let (dom, log) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(!log.contains("CONSOLE"), "the page says something on the console:\n{log}");
+    let tag = |id: &str| {
+        let (_, rest) =
+            dom.split_once(&format!("id=\"{id}\"")).unwrap_or_else(|| panic!("no {id} in the page"));
+        rest.split_once('>').unwrap().0.to_owned()
+    };
+    assert!(tag("overview").contains("hidden") && !tag("films").contains("hidden"), "tabs do not work");
+    assert!(tag("tab-films").contains("aria-selected=\"true\""));
 }

@@ -36,18 +36,18 @@ impl Recorder for Ends {
 
 /// Walks from 0 towards 10 by one per step, for up to 14 steps, and never stops by itself.
 fn walk(rule: &SuccessRule) -> EpisodeEnd {
-    let mut world =
-        World::new(&TOY, WorldOptions { max_episode_steps: Some(14), ..WorldOptions::default() }).unwrap();
+    let mut world = World::new(&TOY, WorldOptions { max_episode_steps: Some(14), ..WorldOptions::default() })
+        .expect("the toy runs");
     world.set_policy(policy::scripted("walk", |_, action| {
         write_action(action, &[1.0]);
         Ok(())
     }));
-    world.set_success(rule).unwrap();
+    world.set_success(rule).expect("the toy runs");
     let row = |state: f64| Some([("state".to_owned(), Value::vector(&[state]))].into_iter().collect());
     let options = ResetOptions { start: row(0.0), goal: row(10.0), ..ResetOptions::default() };
     let mut ends = Ends::default();
     let rollout = Rollout { episodes: 0..1, seed: 1, scenario: Scenario::Same(&options) };
-    world.run(&rollout, &mut ends).unwrap();
+    world.run(&rollout, &mut ends).expect("the toy runs");
     ends.0[0]
 }
 

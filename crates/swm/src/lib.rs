@@ -25,6 +25,8 @@ pub mod film;
 pub mod plan;
 pub mod replay;
 pub mod report;
+pub mod report_page;
+mod svg;
 
 pub use swm_core as core;
 pub use swm_data as data;

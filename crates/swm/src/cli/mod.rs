@@ -19,9 +19,11 @@ mod policies;
 mod preview;
 mod render;
 mod replay;
+mod report;
 mod solvers;
 mod stats;
 mod stream;
+mod sweep;
 mod verify;
 mod verify_result;
 
@@ -65,6 +67,8 @@ enum Command {
     Eval(Box<eval::Eval>),
     Compare(compare::Compare),
     VerifyResult(verify_result::VerifyResult),
+    Sweep(sweep::SweepCommand),
+    Report(report::ReportCommand),
     Plan(plan::Plan),
     Solvers(solvers::Solvers),
     Render(render::Render),
@@ -112,6 +116,8 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         Command::Eval(command) => command.run(registry, &output),
         Command::Compare(command) => command.run(&output),
         Command::VerifyResult(command) => command.run(registry, &output),
+        Command::Sweep(command) => command.run(registry, &output),
+        Command::Report(command) => command.run(registry, &output),
         Command::Plan(command) => command.run(registry, &output),
         Command::Solvers(command) => command.run(&output),
         Command::Render(command) => command.run(registry, &output),

@@ -7,6 +7,7 @@ mod probe;
 mod receipt;
 mod resume;
 mod run;
+mod sweep;
 mod tiers;
 mod verify;
 
@@ -16,5 +17,6 @@ pub use probe::{Fingerprints, fingerprints};
 pub use receipt::{Code, RECEIPT_VERSION, Receipt};
 pub use resume::Ledger;
 pub use run::{Candidate, RunOptions, plan_steps, run_pairs};
+pub use sweep::{Cell, Change, SWEEP_VERSION, Scope, Sweep, Values, changes, is_sweep, sweep};
 pub use tiers::{TierRules, tier_rules};
 pub use verify::{Part, Verification, verify};

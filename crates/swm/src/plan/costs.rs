@@ -2,7 +2,7 @@
 
 use swm_solvers::TracedPlan;
 
-use super::svg::{Anchor, Frame, Svg, number, ticks};
+use crate::svg::{Anchor, Frame, Svg, number, ticks};
 
 const COLUMNS: usize = 3;
 const PLOT: [f64; 2] = [270.0, 150.0];

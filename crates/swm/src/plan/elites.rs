@@ -4,7 +4,7 @@ use swm_core::{Column, Dtype, Space};
 use swm_solvers::{ActionMap, TracedIteration, TracedPlan};
 
 use super::spread_out;
-use super::svg::{Anchor, Frame, Svg, number, ticks};
+use crate::svg::{Anchor, Frame, Svg, number, ticks};
 
 /// Iterations shown.
 const COLUMNS: usize = 4;

@@ -9,7 +9,6 @@ mod elites;
 mod future;
 mod page;
 mod paths;
-mod svg;
 mod watched;
 
 use std::path::{Path, PathBuf};
@@ -23,6 +22,7 @@ use swm_solvers::ActionMap;
 use crate::film::Film;
 use crate::report::save_film;
 use future::Future;
+pub(crate) use page::{Figures, PlanFigure};
 
 pub use watched::{PlanStart, Session, Watched};
 
@@ -132,19 +132,13 @@ pub fn write_report(dir: &Path, report: &Report<'_>) -> Result<Vec<PathBuf>, Box
         Ok(())
     };
     write("result.json", &serde_json::to_string_pretty(report.summary)?)?;
-    let plans = report.session.memory.plans();
-    let mut figures = page::Figures { costs: costs::draw(plans, report.drawn), plans: Vec::new() };
+    let figures = draw_figures(report)?;
     write("costs.svg", &figures.costs)?;
-    let mut future = Future::new(report.entry, report.config, report.actions, report.summary.frame_skip)?;
-    for (start, plan) in report.session.starts.iter().zip(plans).take(report.drawn) {
-        let name = format!("episode_{:03}_plan_{:03}", plan.key.episode, plan.key.plan);
-        let elites = elites::draw(plan, report.actions, &future.action_names());
-        write(&format!("{name}_elites.svg"), &elites)?;
-        let paths = paths::draw(start, plan, &mut future)?;
-        if let Some(paths) = &paths {
-            write(&format!("{name}_paths.svg"), paths)?;
+    for figure in &figures.plans {
+        write(&format!("{}_elites.svg", figure.name), &figure.elites)?;
+        if let Some(paths) = &figure.paths {
+            write(&format!("{}_paths.svg", figure.name), paths)?;
         }
-        figures.plans.push(page::PlanFigure { title: title(plan, start), elites, paths });
     }
     let mut films = Vec::new();
     for (episode, scene) in report.film.scenes().filter(|(_, scene)| !scene.clip.is_empty()) {
@@ -157,6 +151,34 @@ pub fn write_report(dir: &Path, report: &Report<'_>) -> Result<Vec<PathBuf>, Box
         .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
     written.insert(0, path);
     Ok(written)
+}
+
+/// Draws every figure of the report, as SVG.
+pub(crate) fn draw_figures(report: &Report<'_>) -> Result<Figures, BoxError> {
+    let plans = report.session.memory.plans();
+    let cost = |cost: Option<f64>| cost.map_or("–".to_owned(), crate::svg::number);
+    let row = |plan: &PlanFigures| {
+        vec![
+            plan.plan.to_string(),
+            plan.step.to_string(),
+            cost(plan.first_best),
+            cost(plan.last_best),
+            cost(plan.cost),
+            plan.iterations.to_string(),
+        ]
+    };
+    let rows = report.summary.plans.iter().take(report.drawn).map(row).collect();
+    let mut figures = Figures { costs: costs::draw(plans, report.drawn), plans: Vec::new(), rows };
+    let mut future = Future::new(report.entry, report.config, report.actions, report.summary.frame_skip)?;
+    for (start, plan) in report.session.starts.iter().zip(plans).take(report.drawn) {
+        figures.plans.push(PlanFigure {
+            name: format!("episode_{:03}_plan_{:03}", plan.key.episode, plan.key.plan),
+            title: title(plan, start),
+            elites: elites::draw(plan, report.actions, &future.action_names()),
+            paths: paths::draw(start, plan, &mut future)?,
+        });
+    }
+    Ok(figures)
 }
 
 fn title(plan: &swm_solvers::TracedPlan, start: &PlanStart) -> String {

@@ -3,19 +3,23 @@
 use std::fmt::Write as _;
 
 use super::PlanSummary;
-use super::svg::{escape, number};
+use crate::svg::{escape, number};
 
 /// The figures, as SVG.
-pub(super) struct Figures {
-    pub(super) costs: String,
-    pub(super) plans: Vec<PlanFigure>,
+pub(crate) struct Figures {
+    pub(crate) costs: String,
+    pub(crate) plans: Vec<PlanFigure>,
+    /// What the figure of costs shows, as a table: plan, step, first best, last best, cost, iterations.
+    pub(crate) rows: Vec<Vec<String>>,
 }
 
 /// Those of one plan.
-pub(super) struct PlanFigure {
-    pub(super) title: String,
-    pub(super) elites: String,
-    pub(super) paths: Option<String>,
+pub(crate) struct PlanFigure {
+    /// Of its files.
+    pub(crate) name: String,
+    pub(crate) title: String,
+    pub(crate) elites: String,
+    pub(crate) paths: Option<String>,
 }
 
 const STYLE: &str = "\

@@ -8,8 +8,8 @@ use swm_solvers::TracedPlan;
 
 use super::future::Future;
 use super::spread_out;
-use super::svg::{Anchor, Svg};
 use super::watched::PlanStart;
+use crate::svg::{Anchor, Svg};
 
 /// Iterations shown, beside the plan itself.
 const COLUMNS: usize = 3;

@@ -1,9 +1,9 @@
-//! Just enough SVG for the figures of a report: one file each, without scripts, in colours for light and dark pages.
+//! Just enough SVG for the figures of reports: one file each, without scripts, in colours for light and dark pages.
 
 use std::fmt::Write as _;
 
 /// Widths and sizes are in the units of the view box; text is 12 of them high.
-pub(super) struct Svg {
+pub(crate) struct Svg {
     width: f64,
     height: f64,
     title: String,
@@ -17,16 +17,18 @@ const STYLE: &str = "\
 .fig .grid{stroke:#e3e6ec}.fig .axis{stroke:#8a93a5}.fig .bound{stroke:#8a93a5;stroke-dasharray:3 3}\
 .fig .a{stroke:#1d5fd1}.fig .b{stroke:#c25e00}.fig .c{stroke:#7c8496}\
 .fig .fa{fill:#1d5fd1}.fig .fb{fill:#c25e00}.fig .fc{fill:#7c8496}\
+.fig .ink{stroke:#1f2430;stroke-width:1.4}.fig .fink{fill:#1f2430}\
 .fig path,.fig line{fill:none}\
 @media(prefers-color-scheme:dark){\
 .fig .bg{fill:#14171d}.fig text{fill:#e6e9ef}.fig .soft{fill:#a3acbd}\
 .fig .grid{stroke:#2a303b}.fig .axis{stroke:#6f7888}.fig .bound{stroke:#8a93a5}\
 .fig .a{stroke:#76a9ff}.fig .b{stroke:#ffa552}.fig .c{stroke:#8a93a5}\
-.fig .fa{fill:#76a9ff}.fig .fb{fill:#ffa552}.fig .fc{fill:#8a93a5}}";
+.fig .fa{fill:#76a9ff}.fig .fb{fill:#ffa552}.fig .fc{fill:#8a93a5}\
+.fig .ink{stroke:#e6e9ef}.fig .fink{fill:#e6e9ef}}";
 
 /// Where text is anchored.
 #[derive(Clone, Copy)]
-pub(super) enum Anchor {
+pub(crate) enum Anchor {
     Start,
     Middle,
     End,
@@ -34,11 +36,11 @@ pub(super) enum Anchor {
 
 impl Svg {
     /// `title` is what the figure shows, for readers who do not see it.
-    pub(super) fn new(width: f64, height: f64, title: &str) -> Self {
+    pub(crate) fn new(width: f64, height: f64, title: &str) -> Self {
         Self { width, height, title: escape(title), body: String::new() }
     }
 
-    pub(super) fn text(&mut self, at: [f64; 2], anchor: Anchor, class: &str, text: &str) {
+    pub(crate) fn text(&mut self, at: [f64; 2], anchor: Anchor, class: &str, text: &str) {
         let anchor = match anchor {
             Anchor::Start => "start",
             Anchor::Middle => "middle",
@@ -53,7 +55,7 @@ impl Svg {
     }
 
     /// Text that reads upward, centred.
-    pub(super) fn upright(&mut self, [x, y]: [f64; 2], class: &str, text: &str) {
+    pub(crate) fn upright(&mut self, [x, y]: [f64; 2], class: &str, text: &str) {
         let _ = writeln!(
             self.body,
             "<text transform=\"translate({x:.1} {y:.1}) rotate(-90)\" text-anchor=\"middle\" class=\"{class}\">{}</text>",
@@ -61,7 +63,7 @@ impl Svg {
         );
     }
 
-    pub(super) fn line(&mut self, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], class: &str) {
+    pub(crate) fn line(&mut self, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], class: &str) {
         let _ = writeln!(
             self.body,
             "<line x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\" class=\"{class}\"/>"
@@ -69,7 +71,7 @@ impl Svg {
     }
 
     /// A line through points; `style` holds further attributes.
-    pub(super) fn path(&mut self, points: impl Iterator<Item = [f64; 2]>, class: &str, style: &str) {
+    pub(crate) fn path(&mut self, points: impl Iterator<Item = [f64; 2]>, class: &str, style: &str) {
         let mut data = String::new();
         for [x, y] in points {
             let _ = write!(data, "{}{x:.1} {y:.1}", if data.is_empty() { "M" } else { "L" });
@@ -82,15 +84,22 @@ impl Svg {
         }
     }
 
-    pub(super) fn dot(&mut self, [x, y]: [f64; 2], radius: f64, class: &str, style: &str) {
+    pub(crate) fn dot(&mut self, [x, y]: [f64; 2], radius: f64, class: &str, style: &str) {
         let _ = writeln!(
             self.body,
             "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" class=\"{class}\" {style}/>"
         );
     }
 
+    pub(crate) fn rect(&mut self, [x, y]: [f64; 2], [width, height]: [f64; 2], class: &str, style: &str) {
+        let _ = writeln!(
+            self.body,
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" class=\"{class}\" {style}/>"
+        );
+    }
+
     /// A PNG, embedded, and known as `#id` to [`Svg::again`].
-    pub(super) fn define_image(&mut self, id: &str, [width, height]: [f64; 2], png: &[u8]) {
+    pub(crate) fn define_image(&mut self, id: &str, [width, height]: [f64; 2], png: &[u8]) {
         let _ = writeln!(
             self.body,
             "<defs><image id=\"{id}\" width=\"{width:.1}\" height=\"{height:.1}\" preserveAspectRatio=\"none\" \
@@ -100,11 +109,11 @@ impl Svg {
     }
 
     /// What was defined as `id`, at a place.
-    pub(super) fn again(&mut self, id: &str, [x, y]: [f64; 2]) {
+    pub(crate) fn again(&mut self, id: &str, [x, y]: [f64; 2]) {
         let _ = writeln!(self.body, "<use href=\"#{id}\" x=\"{x:.1}\" y=\"{y:.1}\"/>");
     }
 
-    pub(super) fn finish(self) -> String {
+    pub(crate) fn finish(self) -> String {
         let Self { width, height, title, body } = self;
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"fig\" viewBox=\"0 0 {width:.0} {height:.0}\" \
@@ -117,26 +126,26 @@ impl Svg {
 
 /// A plot's rectangle, and the numbers that it shows.
 #[derive(Clone, Copy)]
-pub(super) struct Frame {
+pub(crate) struct Frame {
     /// Left and top, in the figure.
-    pub(super) at: [f64; 2],
+    pub(crate) at: [f64; 2],
     /// Width and height.
-    pub(super) size: [f64; 2],
+    pub(crate) size: [f64; 2],
     /// Smallest and largest number from left to right.
-    pub(super) x: [f64; 2],
+    pub(crate) x: [f64; 2],
     /// Smallest and largest number from bottom to top.
-    pub(super) y: [f64; 2],
+    pub(crate) y: [f64; 2],
 }
 
 impl Frame {
     /// Where numbers are drawn.
-    pub(super) fn place(&self, x: f64, y: f64) -> [f64; 2] {
+    pub(crate) fn place(&self, x: f64, y: f64) -> [f64; 2] {
         let part = |value: f64, [low, high]: [f64; 2]| (value - low) / (high - low).max(f64::MIN_POSITIVE);
         [self.at[0] + self.size[0] * part(x, self.x), self.at[1] + self.size[1] * (1.0 - part(y, self.y))]
     }
 
     /// Axes, grid lines and their numbers; `labels` says whether numbers stand at x and at y.
-    pub(super) fn axes(&self, svg: &mut Svg, x_ticks: &[f64], y_ticks: &[f64], labels: [bool; 2]) {
+    pub(crate) fn axes(&self, svg: &mut Svg, x_ticks: &[f64], y_ticks: &[f64], labels: [bool; 2]) {
         let ([left, top], [width, height]) = (self.at, self.size);
         let bottom = top + height;
         for &tick in y_ticks {
@@ -159,7 +168,7 @@ impl Frame {
 }
 
 /// Round numbers from `low` to `high`, about `count` of them.
-pub(super) fn ticks([low, high]: [f64; 2], count: usize) -> Vec<f64> {
+pub(crate) fn ticks([low, high]: [f64; 2], count: usize) -> Vec<f64> {
     let rough = (high - low) / count.max(1) as f64;
     if !(rough.is_finite() && rough > 0.0) {
         return vec![low];
@@ -173,7 +182,7 @@ pub(super) fn ticks([low, high]: [f64; 2], count: usize) -> Vec<f64> {
 }
 
 /// A number as short as it stays clear.
-pub(super) fn number(value: f64) -> String {
+pub(crate) fn number(value: f64) -> String {
     let size = value.abs();
     let digits = if (1e-9..100.0).contains(&size) { (2.0 - size.log10().floor()) as usize } else { 0 };
     let text = format!("{value:.digits$}");
@@ -182,12 +191,12 @@ pub(super) fn number(value: f64) -> String {
 }
 
 /// Text between tags.
-pub(super) fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// Source: RFC 4648.
-fn base64(bytes: &[u8]) -> String {
+pub(crate) fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for chunk in bytes.chunks(3) {

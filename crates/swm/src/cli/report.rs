@@ -1,0 +1,66 @@
+//! `swm report`: results as a page.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use swm_core::Registry;
+use swm_media::Format;
+
+use super::{Failure, Output, usage};
+use crate::report_page::{Item, PageOptions, write_page};
+
+/// Show results on one page that needs no network.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm report results/cem results/mppi sweep --out report.html
+  swm report results/cem/receipt.json --films 0 --out report.html
+
+RESULT is what `swm eval --manifest … --out` and `swm sweep --out` write. Some episodes are run again for their films.")]
+pub(super) struct ReportCommand {
+    /// Receipts and sweeps, or the folders that hold them.
+    #[arg(required = true, value_name = "RESULT")]
+    results: Vec<PathBuf>,
+    /// The page to write.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Films of successes, and as many of failures, per result.
+    #[arg(long, default_value_t = 3)]
+    films: usize,
+    /// Kind of film. Default: mp4 where this build can make it.
+    #[arg(long, value_parser = ["mp4", "gif"])]
+    film_format: Option<String>,
+    /// Plans drawn of the first success and the first failure of a planner.
+    #[arg(long, default_value_t = 2)]
+    plans: usize,
+}
+
+impl ReportCommand {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let format = match self.film_format.as_deref() {
+            Some("gif") => Format::Gif,
+            None if !Format::Mp4.is_built() => Format::Gif,
+            _ if Format::Mp4.is_built() => Format::Mp4,
+            _ => {
+                return Err(usage(
+                    "this build has no MP4 encoder; use --film-format gif, or build with the feature `mp4`",
+                ));
+            }
+        };
+        let items: Vec<Item> =
+            self.results.iter().map(|path| Item::read(path).map_err(usage)).collect::<Result<_, _>>()?;
+        let bar = output.bar(items.len() as u64, "results");
+        let options = PageOptions { films: self.films, format, plans: self.plans };
+        let notes = write_page(registry, &self.out, &items, options, |policy| {
+            bar.inc(1);
+            bar.set_message(policy.to_owned());
+        });
+        bar.finish_and_clear();
+        let notes = notes?;
+        for note in &notes {
+            output.note(note);
+        }
+        let json = serde_json::json!({ "page": self.out, "notes": notes });
+        output.result(&json, || format!("open {}\n", self.out.display()))
+    }
+}

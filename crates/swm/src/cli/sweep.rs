@@ -1,0 +1,134 @@
+//! `swm sweep`: how far does a policy carry when the environment changes?
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use swm_core::Registry;
+
+use super::args::{WorldArgs, policy_args};
+use super::eval_manifest::{p_value, rate};
+use super::output::table;
+use super::{Failure, Output, usage};
+use crate::evaluation::{Candidate, Sweep, Values, changes, read_manifest, sweep};
+use crate::report_page::sweep_figure;
+
+/// Evaluate a policy under every factor of variation, alone and together.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm sweep --manifest pusht-strict.toml --policy cem --out sweep
+  swm sweep --manifest pusht-strict.toml --policy weak --factors block,agent.color --values extremes --json
+  swm sweep --manifest pusht-strict.toml --policy weak --factors agent.scale --values grid --points 7
+
+Each factor alone, each group, and all together, on the pairs of the manifest, against the unchanged environment. With --out,
+the folder gets sweep.json, sweep.csv and sweep.svg; `swm report` shows it beside other results.")]
+pub(super) struct SweepCommand {
+    /// The manifest; `swm manifest make` makes one.
+    #[arg(long, value_name = "FILE")]
+    manifest: PathBuf,
+    /// The policy: NAME, NAME:VALUE, NAME:KEY=VALUE,… or NAME:@FILE.
+    #[arg(long)]
+    policy: String,
+    /// Seed of the policy's own noise.
+    #[arg(long, default_value_t = 0, value_name = "SEED")]
+    policy_seed: u64,
+    /// Factors: names, groups, or `all`, separated by commas.
+    #[arg(long, default_value = "all", value_delimiter = ',', value_name = "NAMES")]
+    factors: Vec<String>,
+    /// Which values they get.
+    #[arg(long, value_enum, default_value_t)]
+    values: ValuesArg,
+    /// With --values grid: how many.
+    #[arg(long, default_value_t = 5)]
+    points: usize,
+    #[command(flatten)]
+    world: WorldArgs,
+    /// A folder for sweep.json, sweep.csv and sweep.svg.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum ValuesArg {
+    /// Drawn anew for every episode.
+    #[default]
+    Sampled,
+    /// The smallest, then the largest.
+    Extremes,
+    /// Evenly from the smallest to the largest.
+    Grid,
+}
+
+impl SweepCommand {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let manifest = read_manifest(&self.manifest).map_err(usage)?;
+        if self.world.frame_skip.is_some() {
+            return Err(usage("--frame-skip: the manifest says how often actions are applied"));
+        }
+        let candidate = Candidate { policy: policy_args(&self.policy)?, seed: self.policy_seed };
+        let values = match self.values {
+            ValuesArg::Sampled => Values::Sampled,
+            ValuesArg::Extremes => Values::Extremes,
+            ValuesArg::Grid => Values::Grid(self.points),
+        };
+        let entry = registry.env(&manifest.env)?;
+        candidate.make(registry, entry, &manifest)?;
+        let config = swm_core::EnvConfig { image: None, settings: manifest.settings.clone() };
+        let factors = (entry.make)(&config)?.spec().factors.clone();
+        let count = changes(&factors, &self.factors, values).map_err(usage)?.len() + 1;
+        if let Some(dir) = &self.out {
+            std::fs::create_dir_all(dir)
+                .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
+        }
+        let bar = output.bar(count as u64, "evaluations");
+        let options = self.world.run_options();
+        let result = sweep(registry, &manifest, &candidate, &self.factors, values, options, |_, _, cell| {
+            bar.inc(1);
+            bar.set_message(cell.name.clone());
+        });
+        bar.finish_and_clear();
+        let result = result?;
+        if let Some(dir) = &self.out {
+            let write = |name: &str, text: &str| {
+                let path = dir.join(name);
+                std::fs::write(&path, text)
+                    .map_err(|error| format!("cannot write {}: {error}", path.display()))
+            };
+            write("sweep.json", &(serde_json::to_string_pretty(&result)? + "\n"))?;
+            write("sweep.csv", &result.csv())?;
+            write("sweep.svg", &sweep_figure(&result))?;
+        }
+        output.result(&result, || text(&result, self.out.as_deref()))
+    }
+}
+
+fn text(sweep: &Sweep, out: Option<&Path>) -> String {
+    let rows: Vec<Vec<String>> = sweep
+        .cells
+        .iter()
+        .map(|cell| {
+            let (difference, p) = cell.test.as_ref().map_or((String::new(), String::new()), |test| {
+                let [low, high] = test.interval95;
+                (format!("{:+.1} ({low:+.1} to {high:+.1})", test.difference), p_value(test.p_value))
+            });
+            let result = cell.summary.as_ref().map_or("–".to_owned(), rate);
+            vec![
+                cell.name.clone(),
+                cell.value.clone(),
+                result,
+                difference,
+                p,
+                cell.note.clone().unwrap_or_default(),
+            ]
+        })
+        .collect();
+    let pairs = sweep.cells[0].successes.len();
+    let folder = out.map(|dir| format!("{}\n", dir.join("sweep.json").display())).unwrap_or_default();
+    format!(
+        "{}, {} tier, {pairs} pairs, {}\n\n{}{folder}",
+        sweep.env,
+        sweep.tier,
+        sweep.policy,
+        table(&["changed", "values", "success (95 %)", "minus unchanged", "McNemar", ""], &rows)
+    )
+}

@@ -1,0 +1,170 @@
+//! Some episodes of a receipt, run again for their films and plans. A receipt repeats to the bit, so the film is of the very
+//! episode that counted.
+
+use std::sync::PoisonError;
+
+use swm_core::error::BoxError;
+use swm_core::evaluate::{EpisodeResult, OutcomeRecorder};
+use swm_core::{EnvConfig, EnvEntry, ImageSize, PolicyContext, Registry, World};
+use swm_media::{Format, png};
+use swm_solvers::SOLVERS;
+
+use super::PageOptions;
+use crate::distractors;
+use crate::evaluation::Receipt;
+use crate::film::{Film, Scene};
+use crate::plan::{EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, draw_figures};
+use crate::svg::base64;
+
+/// Height and width of films where the manifest has no pictures.
+const SIDE: usize = 192;
+/// Elites of an iteration that are drawn.
+const DRAWN_ELITES: usize = 16;
+
+/// What running again gave.
+#[derive(Default)]
+pub(super) struct Replayed {
+    pub(super) films: Vec<FilmCard>,
+    /// The pair, and the figures of its plans.
+    pub(super) plans: Vec<(usize, Figures)>,
+}
+
+/// A film, as data addresses.
+pub(super) struct FilmCard {
+    pub(super) pair: usize,
+    pub(super) success: bool,
+    pub(super) steps: u64,
+    pub(super) film: String,
+    pub(super) is_video: bool,
+    pub(super) goal: Option<String>,
+}
+
+/// Runs the first successes and the first failures again.
+pub(super) fn replay(
+    registry: &Registry,
+    receipt: &Receipt,
+    options: PageOptions,
+    notes: &mut Vec<String>,
+) -> Result<Replayed, BoxError> {
+    let entry = registry.env(&receipt.manifest.env)?;
+    let of = |success: bool| {
+        let all = receipt.episodes.iter().enumerate();
+        all.filter(move |(_, episode)| episode.success == success).map(|(pair, _)| pair).take(options.films)
+    };
+    let mut replayed = Replayed::default();
+    let (successes, failures): (Vec<usize>, Vec<usize>) = (of(true).collect(), of(false).collect());
+    for pair in successes.iter().chain(&failures).copied() {
+        let draws = successes.first() == Some(&pair) || failures.first() == Some(&pair);
+        let drawn = if draws { options.plans } else { 0 };
+        match episode(registry, entry, receipt, pair, options.format, drawn) {
+            Ok((card, figures, same)) => {
+                replayed.films.extend(card);
+                replayed.plans.extend(figures.map(|figures| (pair, figures)));
+                if !same {
+                    notes.push(format!(
+                        "{}: episode {pair} went otherwise when it was run again; `swm verify-result` says why",
+                        receipt.policy
+                    ));
+                }
+            }
+            Err(error) => {
+                notes.push(format!("{}: no film of episode {pair}: {error}", receipt.policy));
+                break;
+            }
+        }
+    }
+    Ok(replayed)
+}
+
+type Shown = (Option<FilmCard>, Option<Figures>, bool);
+
+fn episode(
+    registry: &Registry,
+    entry: &EnvEntry,
+    receipt: &Receipt,
+    pair: usize,
+    format: Format,
+    drawn: usize,
+) -> Result<Shown, BoxError> {
+    let Receipt { manifest, candidate, .. } = receipt;
+    let image = manifest.image.unwrap_or(ImageSize { height: SIDE, width: SIDE });
+    let config = EnvConfig { image: Some(image), settings: manifest.settings.clone() };
+    let mut options = manifest.world(1, Some(1));
+    options.env = config.clone();
+    let mut world = World::new(entry, options)?;
+    world.set_policy_seed(candidate.seed);
+    world.set_transform(distractors::parse_all(&manifest.distractors)?);
+    let solver =
+        SOLVERS.iter().find(|solver| solver.name == candidate.policy.name && solver.plans_on_simulator);
+    let mut watched = None;
+    match solver.filter(|_| drawn > 0) {
+        None => world.set_policy(candidate.make(registry, entry, manifest)?),
+        Some(solver) => {
+            let blind = EnvConfig { image: None, ..config.clone() };
+            let context = PolicyContext { env: entry, config: &blind, frame_skip: manifest.frame_skip };
+            let planner = (solver.planner)(&context, &candidate.policy)?;
+            let actions = planner.actions(&world.spec().action)?;
+            let (policy, session) = Watched::new(planner, DRAWN_ELITES, swm_solvers::NoTrace);
+            world.set_policy(policy);
+            watched = Some((session, actions));
+        }
+    }
+    let (mut film, mut found) = (Film::first(1), None);
+    let keep = |_, result: EpisodeResult| {
+        found = Some(result);
+        Ok(())
+    };
+    let mut outcome = OutcomeRecorder::new(receipt.plan_steps, None, keep);
+    let resets = manifest.resets()?;
+    let index = pair as u64;
+    world.run_pairs(manifest, &resets, index..index + 1, &mut (&mut film, &mut outcome))?;
+    drop(outcome);
+    let result = found.ok_or("the episode did not end")?;
+    let figures = match watched {
+        None => None,
+        Some((session, actions)) => {
+            let session = session.lock().unwrap_or_else(PoisonError::into_inner);
+            let summary = PlanSummary {
+                env: entry.id.to_owned(),
+                policy: receipt.policy.clone(),
+                seed: manifest.seed,
+                frame_skip: manifest.frame_skip,
+                episodes: vec![EpisodeSummary {
+                    episode: index,
+                    steps: result.steps,
+                    success: Some(result.success),
+                }],
+                plans: PlanFigures::of(&session),
+                wall_time_s: 0.0,
+            };
+            let (config, actions, session, summary) = (&config, &actions, &*session, &summary);
+            let film = &film;
+            Some(draw_figures(&Report { entry, config, actions, session, summary, film, format, drawn })?)
+        }
+    };
+    let scene = film.scenes().next().map(|(_, scene)| scene);
+    let card = scene.map(|scene| card(scene, image, pair, &result, format)).transpose()?;
+    let same = receipt.episodes.get(pair) == Some(&result);
+    Ok((card, figures, same))
+}
+
+fn card(
+    scene: &Scene,
+    image: ImageSize,
+    pair: usize,
+    result: &EpisodeResult,
+    format: Format,
+) -> Result<FilmCard, BoxError> {
+    let film = base64(&scene.clip.upscaled(SIDE).encode(format)?);
+    let is_video = format == Format::Mp4;
+    let kind = if is_video { "video/mp4" } else { "image/gif" };
+    let goal = scene.goal.as_ref().map(|goal| png::encode(image.height, image.width, goal)).transpose()?;
+    Ok(FilmCard {
+        pair,
+        success: result.success,
+        steps: result.steps,
+        film: format!("data:{kind};base64,{film}"),
+        is_video,
+        goal: goal.map(|goal| format!("data:image/png;base64,{}", base64(&goal))),
+    })
+}
