@@ -56,9 +56,9 @@ impl Distractor for ColorJitter {
         let turn = (self.hue * (2.0 * rng.random::<f64>() - 1.0)) as f32;
         let count = (frame.height * frame.width) as f32;
         let mut mean = [0.0_f32; 3];
-        for channel in 0..3 {
+        for (channel, mean) in mean.iter_mut().enumerate() {
             let sum: u64 = frame.pixels.iter().skip(channel).step_by(3).map(|&value| u64::from(value)).sum();
-            mean[channel] = sum as f32 * brightness / count;
+            *mean = sum as f32 * brightness / count;
         }
         for pixel in frame.pixels.chunks_exact_mut(3) {
             for (value, mean) in pixel.iter_mut().zip(mean) {

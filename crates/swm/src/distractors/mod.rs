@@ -52,8 +52,11 @@ pub struct DistractorEntry {
     pub summary: &'static str,
     /// What can be set.
     pub settings: &'static [Setting],
-    make: fn(Map<String, Json>) -> Result<Box<dyn Transform>, BoxError>,
+    make: Make,
 }
+
+/// Makes a distractor from its settings.
+type Make = fn(Map<String, Json>) -> Result<Box<dyn Transform>, BoxError>;
 
 /// A kind of distractor: its settings, as plain data.
 trait Distractor: Serialize + DeserializeOwned + Default + Send + Sync + 'static {

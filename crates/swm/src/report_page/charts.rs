@@ -13,8 +13,8 @@ pub(super) struct Bar {
     pub(super) beside: bool,
 }
 
-const LABEL: f64 = 236.0;
-const TRACK: f64 = 420.0;
+const LABEL: f64 = 250.0;
+const TRACK: f64 = 520.0;
 const ROW: f64 = 34.0;
 
 /// Success rates with their intervals, one under the other.
@@ -31,7 +31,7 @@ pub(super) fn bars(bars: &[Bar]) -> String {
     for (index, bar) in bars.iter().enumerate() {
         let y = top + ROW * (index as f64 + 0.5);
         let (fill, weight) = if bar.beside { ("fc", "soft") } else { ("fa", "strong") };
-        svg.text([LABEL - 12.0, y + 4.0], Anchor::End, weight, &shortened(&bar.name, 36));
+        svg.text([LABEL - 12.0, y + 4.0], Anchor::End, weight, &shortened(&bar.name, 32));
         let [x, _] = frame.place(bar.rate, 0.0);
         svg.rect([LABEL, y - 9.0], [(x - LABEL).max(1.5), 18.0], fill, "rx=\"3\" fill-opacity=\".82\"");
         let [low, high] = bar.interval.map(|value| frame.place(value, 0.0)[0]);
