@@ -7,6 +7,7 @@ mod draw;
 mod from_dataset;
 mod manifest;
 mod outcome;
+pub mod quality;
 mod rule;
 pub mod stats;
 mod transfer;
