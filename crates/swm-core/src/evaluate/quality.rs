@@ -226,13 +226,12 @@ mod tests {
         let fields = vec![Field::step("state", Dtype::F64, &[1]), Field::step("action", Dtype::F64, &[1])];
         let mut rows = Batch::new(Schema::new(fields).expect("names differ"), 6);
         let mut place = 0.0;
-        let mut out = rows.rows_mut();
         for row in 0..6 {
             if row == 3 {
                 place += jump;
             }
-            out.select(row).write(0, &[place]);
-            out.select(row).write(1, &[1.0]);
+            rows.rows_mut().select(row).write(0, &[place]);
+            rows.rows_mut().select(row).write(1, &[1.0]);
             place += 1.0;
         }
         rows
