@@ -87,7 +87,7 @@ pub(super) fn observation(table: &Table, sim: &Simulation, moment: &Moment, out:
     }
 }
 
-/// Visits the step columns but `observation` stands first among them; `observed` is [`observation`].
+/// Visits the step columns, first the observation, whose numbers are `observed`.
 pub(super) fn visit(
     table: &Table,
     sim: &Simulation,
