@@ -63,7 +63,7 @@ impl LeRobotDataset {
         Ok(Self { shared: Arc::new(shared), table: None, films: BTreeMap::new() })
     }
 
-    fn from_table(
+    fn table_rows(
         &mut self,
         name: &str,
         episode: usize,
@@ -98,7 +98,7 @@ impl LeRobotDataset {
         Ok(())
     }
 
-    fn from_film(
+    fn film_rows(
         &mut self,
         column: usize,
         camera: &str,
@@ -147,7 +147,7 @@ impl Shared {
                 let size = first.films.get(name).ok_or("there is no film".to_owned());
                 match size.and_then(|(path, _)| film(path)).map(|film| film.size()) {
                     Ok((height, width)) => {
-                        add(known, Dtype::U8, &[height, width, 3], Source::Film(name.clone()))
+                        add(known, Dtype::U8, &[height, width, 3], Source::Film(name.clone()));
                     }
                     Err(reason) => skipped.push((name.clone(), reason)),
                 }
@@ -332,8 +332,8 @@ impl Dataset for LeRobotDataset {
         check_request(&shared.path, field, episode, rows, steps, &out)?;
         let width = field.width();
         let read = match (&shared.columns[column], out) {
-            (Source::Table(name), out) => self.from_table(name, episode, width, steps, out),
-            (Source::Film(camera), SliceMut::U8(out)) => self.from_film(column, camera, episode, steps, out),
+            (Source::Table(name), out) => self.table_rows(name, episode, width, steps, out),
+            (Source::Film(camera), SliceMut::U8(out)) => self.film_rows(column, camera, episode, steps, out),
             (Source::Episode, SliceMut::I32(out)) => {
                 out.fill(i32::try_from(episode).unwrap_or(i32::MAX));
                 Ok(())
