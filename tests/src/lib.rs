@@ -11,3 +11,8 @@ pub struct Readme;
 #[cfg(doctest)]
 #[doc = include_str!("../../docs/solvers.md")]
 pub struct Planning;
+
+/// And those of the page about data.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/data.md")]
+pub struct Data;

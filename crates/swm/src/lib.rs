@@ -47,8 +47,3 @@ pub fn registry() -> Registry {
     let registry = registry.with_envs(swm_envs_mujoco::ENVS);
     registry.with_policies(swm_solvers::PLANNERS).with_expert(&swm_solvers::EXPERT)
 }
-
-/// The code of the page on data.
-#[cfg(doctest)]
-#[doc = include_str!("../../../docs/data.md")]
-struct DataPage;
