@@ -57,6 +57,7 @@ mod error;
 mod matrix;
 pub mod models;
 mod mpc;
+mod normal;
 mod planners;
 mod ranges;
 #[cfg(feature = "faer")]
