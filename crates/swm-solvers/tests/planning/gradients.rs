@@ -4,8 +4,8 @@
 use swm_core::Space;
 use swm_solvers::models::{ControlCost, ControlModel, LinearQuadratic, Navigation};
 use swm_solvers::{
-    Adam, AdamW, Candidates, Cost, Descent, DifferentiableCost, Moment, NoTrace, Pgd, Plan, PlanError,
-    Problem, Select, Sgd, Solver, Workspace,
+    Adam, AdamW, Candidates, Cost, Descent, DifferentiableCost, IterationRecord, Memory, Moment, NoTrace,
+    Pgd, Plan, PlanError, Problem, Select, Sgd, Solver, Trace, Workspace,
 };
 
 use crate::golden::{Golden, check_costs};
@@ -18,12 +18,22 @@ pub(super) fn solve(
     shape: (&Space, usize, usize),
     seeds: u64,
 ) -> Result<Plan, PlanError> {
+    traced(solver, cost, shape, seeds, &mut NoTrace)
+}
+
+fn traced(
+    solver: &dyn Solver,
+    cost: &mut dyn Cost,
+    shape: (&Space, usize, usize),
+    seeds: u64,
+    trace: &mut dyn Trace,
+) -> Result<Plan, PlanError> {
     let (space, horizon, width) = shape;
     let keys = keys((0..4 * seeds).map(|row| row / 4));
     let initial = vec![0.0; keys.len() * horizon * width];
     let mut plan = Plan::new();
     let problem = Problem { horizon, ..problem(&keys, space, &initial) };
-    solver.solve(&problem, cost, &mut Workspace::new(), &mut NoTrace, &mut plan)?;
+    solver.solve(&problem, cost, &mut Workspace::new(), trace, &mut plan)?;
     Ok(plan)
 }
 
@@ -204,6 +214,65 @@ fn several_starts_have_the_references_distribution() {
         &on_nav(&adam(8), 100).cost_of_returned,
         &golden([10.0509, 4.21713, 8.35838, 5.61565], [0.141514, 0.0507616, 0.296496, 0.0963953]),
     );
+}
+
+/// Of iteration `number`, counted from 1: the cheapest cost and the mean cost of the candidates, by instance.
+fn check_iteration(name: &str, trace: &Memory, number: usize, golden: [[f64; 4]; 2], tolerance: f64) {
+    for instance in 0..4 {
+        let records =
+            trace.plans().iter().skip(instance).step_by(4).map(|plan| &plan.iterations[number - 1].record);
+        let mean = |of: fn(&IterationRecord) -> Option<f64>| {
+            records.clone().map(|record| of(record).expect("costs are finite")).sum::<f64>()
+                / records.len() as f64
+        };
+        for (found, golden) in
+            [mean(|record| record.best), mean(|record| record.sample_mean)].into_iter().zip(golden)
+        {
+            let error = (found - golden[instance]).abs() / golden[instance];
+            assert!(
+                error <= tolerance,
+                "{name}, iteration {number}, instance {instance}: {found} is not {golden:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn costs_of_iterations_are_the_references() {
+    let mut trace = Memory::new(1);
+    let mut lq = ControlCost::new(LinearQuadratic::point_mass());
+    traced(&adam(1), &mut lq, (&space(), 10, 2), 1, &mut trace).expect("finite costs");
+    for (number, costs) in [
+        (1, [20.0, 13.9678, 18.6237, 63.6492]),
+        (2, [11.6137, 8.36328, 12.7639, 45.131]),
+        (5, [10.7853, 7.67539, 11.5976, 33.8993]),
+        (50, [4.77338, 3.98213, 6.72892, 20.604]),
+    ] {
+        check_iteration("adam, lq", &trace, number, [costs; 2], 1e-5);
+    }
+    let mut trace = Memory::new(1);
+    let mut nav = ControlCost::new(Navigation::past_one_obstacle());
+    traced(&sgd(1, 0.01, 0.9), &mut nav, (&space(), 10, 2), 1, &mut trace).expect("finite costs");
+    for (number, costs) in [
+        (2, [33.4473, 31.7359, 34.3882, 38.5735]),
+        (5, [34.5739, 13.1807, 18.1304, 13.679]),
+        (50, [10.2824, 4.13134, 7.98386, 5.72916]),
+    ] {
+        check_iteration("momentum, nav", &trace, number, [costs; 2], 1e-4);
+    }
+    // Sixteen random starts: means over 100 seeds, beside those of 20.
+    let mut trace = Memory::new(1);
+    let pgd = Pgd { descent: descent(16, 30), ..Pgd::default() };
+    let shape = (&Space::Discrete { n: 5, start: 0 }, 6, 5);
+    traced(&pgd, &mut SingleDisc, shape, 100, &mut trace).expect("finite costs");
+    for (number, best, mean, tolerance) in [
+        (1, [0.994038, 1.06179, 1.17182, 1.59438], [5.78965, 5.59408, 6.58622, 6.62961], 0.15),
+        (2, [0.828974, 0.685525, 0.737506, 1.15738], [1.57724, 1.3845, 1.57376, 1.93026], 0.1),
+        (5, [0.828045, 0.685389, 0.72057, 1.15738], [0.855049, 0.717871, 0.756807, 1.17636], 0.04),
+        (30, [0.826844, 0.685016, 0.71535, 1.15738], [0.829016, 0.687233, 0.717643, 1.1596], 0.005),
+    ] {
+        check_iteration("pgd, disc", &trace, number, [best, mean], tolerance);
+    }
 }
 
 #[test]
