@@ -57,7 +57,6 @@ mod error;
 mod matrix;
 pub mod models;
 mod mpc;
-mod normal;
 mod planners;
 mod ranges;
 #[cfg(feature = "faer")]

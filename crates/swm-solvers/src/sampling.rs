@@ -1,8 +1,8 @@
 //! What solvers that sample have in common: keyed noise, and picking the cheapest samples.
 
+use rand_distr::{Distribution as _, StandardNormal};
 use swm_core::seed::Stream;
 
-use crate::normal;
 use crate::solver::PlanKey;
 
 /// Noise, keyed by what it is for: no number depends on which others were drawn.
@@ -17,7 +17,10 @@ pub struct Noise {
 impl Noise {
     /// Fills `out` with the normal noise of one sample of one iteration of one plan.
     pub fn fill(&self, key: &PlanKey, iteration: u32, sample: u32, out: &mut [f32]) {
-        normal::fill(&mut self.stream(key, iteration, sample), out);
+        let mut stream = self.stream(key, iteration, sample);
+        for value in out {
+            *value = StandardNormal.sample(&mut stream);
+        }
     }
 
     /// The generator of one sample of one iteration of one plan, for noise that is not normal.

@@ -172,7 +172,7 @@ fn ways_lead_around_obstacles() {
         ..Navigation::past_one_obstacle()
     };
     let mut cost = ControlCost::new(model.clone());
-    let descent = Descent { samples: 32, iterations: 80, track_best: true, ..Descent::default() };
+    let descent = Descent { samples: 16, iterations: 80, track_best: true, ..Descent::default() };
     let solver = Lagrangian { descent, rounds: 8, lr: 0.05, ..Lagrangian::default() };
     let plan = solve(&solver, &mut cost, (&space(), 10, 2), 2).unwrap();
     let free = solve(&solver, &mut unconstrained(&model), (&space(), 10, 2), 2).unwrap();
