@@ -15,20 +15,29 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Fills `out` with the normal noise of one sample of one iteration of one plan.
-    pub fn fill(&self, key: &PlanKey, iteration: u32, sample: u32, out: &mut [f32]) {
-        let mut stream = self.stream(key, iteration, sample);
-        for value in out {
-            *value = StandardNormal.sample(&mut stream);
-        }
+    /// The generator of one iteration of one plan: what one thread draws from first to last candidate, so that the numbers of
+    /// a candidate do not depend on how many follow it. A generator for each candidate would cost more than the numbers.
+    pub fn stream(&self, key: &PlanKey, iteration: u32) -> Stream {
+        self.stream_of(key, iteration, 0)
     }
 
-    /// The generator of one sample of one iteration of one plan, for noise that is not normal.
-    pub fn stream(&self, key: &PlanKey, iteration: u32, sample: u32) -> Stream {
+    /// Fills `out` with the normal noise of one sample of one iteration of one plan, for samples that are drawn side by side.
+    pub fn fill(&self, key: &PlanKey, iteration: u32, sample: u32, out: &mut [f32]) {
+        fill_normal(&mut self.stream_of(key, iteration, sample), out);
+    }
+
+    fn stream_of(&self, key: &PlanKey, iteration: u32, sample: u32) -> Stream {
         // Plans are counted from 0 per episode, far below 2^32; seed and count share a word of the key.
         let plan = u64::from(self.seed) << 32 | key.plan;
         let draw = u64::from(iteration) << 32 | u64::from(sample);
         key.seed.indexed(self.purpose, [plan, draw])
+    }
+}
+
+/// Fills `out` with normal noise, the next of `stream`.
+pub(crate) fn fill_normal(stream: &mut Stream, out: &mut [f32]) {
+    for value in out {
+        *value = StandardNormal.sample(stream);
     }
 }
 

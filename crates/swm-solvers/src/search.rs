@@ -10,7 +10,7 @@ use swm_core::Space;
 use crate::bounds::{box_bounds, clamp, fill_bounds};
 use crate::cost::Cost;
 use crate::error::PlanError;
-use crate::sampling::{Noise, cheapest, count_non_finite};
+use crate::sampling::{Noise, cheapest, count_non_finite, fill_normal};
 use crate::solver::{Plan, PlanKey, Problem, Solver, SolverConfig};
 use crate::trace::{Iteration, Trace};
 use crate::workspace::Workspace;
@@ -116,8 +116,9 @@ impl Episode<'_> {
     pub(crate) fn draw_around_mean(&self, candidates: &mut [f32], noise: &Noise) {
         let (first, others) = candidates.split_at_mut(self.mean.len());
         first.copy_from_slice(self.mean);
-        for (sample, candidate) in (1..).zip(others.chunks_exact_mut(self.mean.len())) {
-            noise.fill(self.key(), self.iteration, sample, candidate);
+        let mut stream = noise.stream(self.key(), self.iteration);
+        for candidate in others.chunks_exact_mut(self.mean.len()) {
+            fill_normal(&mut stream, candidate);
             scale(candidate, self.mean, self.spread);
         }
     }

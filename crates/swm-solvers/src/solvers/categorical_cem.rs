@@ -145,8 +145,8 @@ impl Sampler for CategoricalCem {
         for (out, probabilities) in pairs(action, first, mean) {
             out[largest(probabilities)] = 1.0;
         }
-        for (sample, candidate) in (1..).zip(others.chunks_exact_mut(mean.len())) {
-            let mut stream = noise.stream(episode.key(), episode.iteration, sample);
+        let mut stream = noise.stream(episode.key(), episode.iteration);
+        for candidate in others.chunks_exact_mut(mean.len()) {
             for (out, probabilities) in pairs(action, candidate, mean) {
                 out[pick(probabilities, Open01.sample(&mut stream))] = 1.0;
             }

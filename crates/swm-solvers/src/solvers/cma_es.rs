@@ -10,7 +10,7 @@ use swm_core::registry::Setting;
 use crate::error::PlanError;
 use crate::matrix::{check_size, eigen, stack_len};
 use crate::ranges::{check_counts, check_positive};
-use crate::sampling::Noise;
+use crate::sampling::{Noise, fill_normal};
 use crate::search::{Carried, Episode, Sampler, Search};
 use crate::settings::Settings;
 use crate::solver::{Problem, SolverConfig};
@@ -103,8 +103,9 @@ impl Sampler for CmaEs {
         let noise = Noise { purpose: Self::NAME, seed: self.seed };
         let (size, key) = (episode.mean.len(), *episode.key());
         let State { mean, axes, lengths, step, sigma, .. } = State::of(size, episode.doubles);
-        for (sample, candidate) in (0..).zip(candidates.chunks_exact_mut(size)) {
-            noise.fill(&key, episode.iteration, sample, episode.floats);
+        let mut stream = noise.stream(&key, episode.iteration);
+        for candidate in candidates.chunks_exact_mut(size) {
+            fill_normal(&mut stream, episode.floats);
             step.fill(0.0);
             for ((axis, length), &noise) in axes.chunks_exact(size).zip(&*lengths).zip(&*episode.floats) {
                 let weight = length * f64::from(noise);

@@ -10,7 +10,7 @@ use swm_core::registry::Setting;
 use crate::error::PlanError;
 use crate::matrix::{check_size, cholesky, stack_len};
 use crate::ranges::{check_below_one, check_counts, check_elites, check_not_negative, check_positive};
-use crate::sampling::Noise;
+use crate::sampling::{Noise, fill_normal};
 use crate::search::{Carried, Episode, Sampler, Search};
 use crate::settings::Settings;
 use crate::solver::{Problem, SolverConfig};
@@ -127,12 +127,11 @@ impl Sampler for FullCem {
         let noise = Noise { purpose: Self::NAME, seed: self.seed };
         let (size, key) = (episode.mean.len(), *episode.key());
         let Parts { factor, sum, .. } = Parts::of(size, episode.doubles);
-        for (sample, candidate) in (0..).zip(candidates.chunks_exact_mut(size)) {
-            if sample == 0 {
-                candidate.copy_from_slice(episode.mean);
-                continue;
-            }
-            noise.fill(&key, episode.iteration, sample, episode.floats);
+        let mut stream = noise.stream(&key, episode.iteration);
+        let (first, others) = candidates.split_at_mut(size);
+        first.copy_from_slice(episode.mean);
+        for candidate in others.chunks_exact_mut(size) {
+            fill_normal(&mut stream, episode.floats);
             sum.iter_mut().zip(&*episode.mean).for_each(|(sum, &mean)| *sum = f64::from(mean));
             for (j, &noise) in episode.floats.iter().enumerate() {
                 let column = &factor[j * size + j..(j + 1) * size];

@@ -10,7 +10,7 @@ use swm_core::registry::Setting;
 use crate::coloured::{Normalise, colour, fill_kernel};
 use crate::error::PlanError;
 use crate::ranges::{check_below_one, check_counts, check_elites, check_not_negative, check_positive};
-use crate::sampling::{Noise, fit_gaussian};
+use crate::sampling::{Noise, fill_normal, fit_gaussian};
 use crate::search::{Carried, Episode, Sampler, Search, scale};
 use crate::settings::Settings;
 use crate::solver::{Problem, SolverConfig};
@@ -187,6 +187,7 @@ impl Sampler for Icem {
         let carried = self.parts(episode);
         let (size, kept) = (carried.mean.len(), *carried.count as usize);
         let white = carried.scratch;
+        let mut stream = noise.stream(&key, iteration);
         for (sample, candidate) in candidates.chunks_exact_mut(size).enumerate() {
             if sample == 0 && tries_mean {
                 candidate.copy_from_slice(carried.mean);
@@ -194,7 +195,7 @@ impl Sampler for Icem {
             }
             let elite = (1..=kept).contains(&sample).then(|| &carried.elites[(sample - 1) * size..][..size]);
             if elite.is_none() || covered < size {
-                noise.fill(&key, iteration, sample as u32, white);
+                fill_normal(&mut stream, white);
                 colour(carried.kernel, self.normalise, white, candidate);
                 scale(candidate, carried.mean, carried.spread);
             }
