@@ -4,8 +4,8 @@ use anyhow::{Context as _, Result};
 use serde_json::{Map, json};
 use swm_core::{Dtype, EpisodeSeed, Space};
 use swm_solvers::{
-    Candidates, Cost, DifferentiableCost, Moment, NoTrace, Plan, PlanError, PlanKey, Problem, SOLVERS,
-    Solver, Workspace, plan_width,
+    Candidates, Cost, DifferentiableCost, Moment, NoTrace, Plan, PlanError, PlanKey, PredictiveSampling,
+    Problem, SOLVERS, Solver, SolverConfig as _, Workspace, plan_width,
 };
 
 /// H: blocks of a plan.
@@ -49,7 +49,7 @@ impl DifferentiableCost for FreeCost {
     }
 }
 
-/// One solver with the settings of the comparison (300 candidates, 30 iterations, where it has such settings) and what
+/// One solver with the settings of the comparison (300 candidates, 30 iterations, where it has such settings), and what
 /// it needs to plan 10 blocks of 2 real numbers, or of one of 5 categories.
 pub struct SolveCase {
     /// The solver's name.
@@ -68,7 +68,9 @@ impl SolveCase {
     pub fn all(episodes: usize) -> Result<Vec<Self>> {
         let mut cases = Vec::new();
         for entry in SOLVERS {
-            let wanted = [("samples", json!(300)), ("iterations", json!(30))];
+            // Predictive sampling makes one iteration, here and in the reference.
+            let iterations = if entry.name == PredictiveSampling::NAME { 1 } else { 30 };
+            let wanted = [("samples", json!(300)), ("iterations", json!(iterations))];
             let known = wanted.into_iter().filter(|(name, _)| entry.settings.iter().any(|s| s.name == *name));
             let settings: Map<_, _> = known.map(|(name, value)| (name.to_owned(), value)).collect();
             let solver = (entry.make)(settings).with_context(|| format!("settings of {}", entry.name))?;

@@ -30,7 +30,7 @@ fn a_covariance_finds_the_end_of_a_valley_that_variances_do_not() {
     let alone = best(&plan(&Cem { iterations: 60, ..Cem::default() }, valley));
     let full = worst(&plan(&FullCem { iterations: 60, alpha: 0.5, ..FullCem::default() }, valley));
     let strategy = worst(&plan(&CmaEs::default(), valley));
-    assert!(full < 0.5 * alone && strategy < 1e-3 * alone, "{alone}, {full}, {strategy}");
+    assert!(full < 0.7 * alone && strategy < 1e-3 * alone, "{alone}, {full}, {strategy}");
 }
 
 #[test]
