@@ -1,8 +1,12 @@
 //! Columns of pictures: one JPEG file per row, or one H.264 film per episode. The values in between are `[H, W, C]`
 //! with C being 1 or 3.
 
-use std::fs::{self, File};
-use std::io::{BufReader, Cursor, ErrorKind};
+use std::fs;
+#[cfg(feature = "video")]
+use std::fs::File;
+use std::io::ErrorKind;
+#[cfg(feature = "video")]
+use std::io::{BufReader, Cursor};
 use std::path::{Path, PathBuf};
 
 use crc32fast::Hasher;
@@ -154,6 +158,10 @@ impl PictureReader {
         folder: &Path,
         episode: u64,
         (field, steps): (&Field, Steps),
+        #[cfg_attr(
+            not(feature = "video"),
+            expect(unused_variables, reason = "no films, no decoder to guard")
+        )]
         checksum: Option<u32>,
         out: &mut [u8],
     ) -> Result<(), String> {
