@@ -80,23 +80,14 @@ impl SoftwareRenderer {
         Ok(())
     }
 
-    /// Shows other pixels, `[height, width, 3]`, in place of a flat texture of the model, which lends all others.
-    pub fn set_texture(
-        &mut self,
-        index: usize,
-        [height, width]: [usize; 2],
-        pixels: &[u8],
-    ) -> Result<(), MujocoError> {
-        let texture = Arc::new(Texture::new(width, height, pixels)?);
-        let shared = Store::of(&self.model)?;
-        if let Some(Slot::Flat(slot)) = shared.slots.get(index).copied() {
+    /// Shows a flat texture of the model, which lends all others, in colours that depend on its own.
+    pub fn recolor(&mut self, index: usize, recolor: impl Fn([u8; 3]) -> [u8; 3]) {
+        if let Some(Slot::Flat(slot)) = self.shared.slots.get(index).copied() {
             // What others show stays as it is.
-            let mut own = Store::clone(&shared);
-            own.assets.textures[slot] = texture;
+            let mut own = Store::clone(&self.shared);
+            own.assets.textures[slot] = Arc::new(own.assets.textures[slot].recolored(recolor));
             self.store = Arc::new(own);
         }
-        self.shared = shared;
-        Ok(())
     }
 
     /// Writes the picture of the simulation as it stands computed, `[height, width, 3]`.

@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | friction, locks | none | none |
 //! | masses and densities | none; all where the camera follows the centre of mass | the same |
-//! | colour of the floor | the floor | the floor |
+//! | colour of the floor | the floor, through glass too | the same |
 //! | other colours | things, neither floor nor sky | the floor, which mirrors them |
 //! | brightness of the light | all but the sky | all but the sky |
 //! | shape, size, what is there (hidden targets too) | where something came, went or moved | the floor and things: shadows and mirrors |
@@ -20,7 +20,7 @@ use swm_core::{
     Batch, Env, EnvConfig, EnvEntry, Episode, EpisodeSeed, FactorSpec, ImageSize, ResetOptions, Schema,
     Space, Value,
 };
-use swm_envs_mujoco::ENVS;
+use swm_envs_mujoco::{ENVS, OGB_CUBE, OGB_SCENE};
 
 const SIDE: usize = 96;
 /// The segment of the sky, and of nothing.
@@ -52,17 +52,22 @@ fn floors(env: &str) -> &'static [i32] {
     if is_among(env, &["Manipulator"]) { &[0, 1, 2] } else { &[0] }
 }
 
+/// The geoms of glass, through which the floor is seen: the panes of the window.
+fn glass(env: &str) -> &'static [i32] {
+    if env == OGB_SCENE.id { &[117, 130] } else { &[] }
+}
+
 fn kind(env: &str, factor: &str) -> Kind {
     let ends = |ends: &[&str]| ends.iter().any(|end| factor.ends_with(end));
     match factor {
         "target.color" if is_among(env, HIDING) => Kind::Shape,
         "floor.color" => Kind::Floor,
         "light.intensity" => Kind::Light,
-        "floor.rotation_y" => Kind::Everything,
+        "floor.rotation_y" | "camera.angle_delta" => Kind::Everything,
         _ if ends(&["friction", "locked"]) => Kind::Motion,
         _ if ends(&["density", "mass"]) && is_among(env, FOLLOWED) => Kind::Everything,
         _ if ends(&["density", "mass"]) => Kind::Mass,
-        _ if ends(&[".color"]) => Kind::Color,
+        _ if ends(&[".color", "lock_color"]) => Kind::Color,
         _ => Kind::Shape,
     }
 }
@@ -81,20 +86,19 @@ struct Seen {
 struct Stage {
     env: Box<dyn Env>,
     row: Batch,
-    start: BTreeMap<String, Value>,
+    start: Option<BTreeMap<String, Value>>,
 }
 
 impl Stage {
-    fn new(entry: &EnvEntry, moment: &Moment, settings: &[&str]) -> Self {
+    fn new(entry: &EnvEntry, start: Option<BTreeMap<String, Value>>, off: &[&str]) -> Self {
         let mut config =
             EnvConfig { image: Some(ImageSize { height: SIDE, width: SIDE }), ..EnvConfig::default() };
         config.settings.insert("segmentation".to_owned(), true.into());
-        for name in settings {
+        for name in off {
             config.settings.insert((*name).to_owned(), false.into());
         }
         let env = (entry.make)(&config).expect("it was set up");
         let row = Batch::new(Schema::new(env.spec().fields.clone()).expect("distinct names"), 1);
-        let start = moment.start.iter().map(|(name, values)| (name.clone(), Value::vector(values))).collect();
         Self { env, row, start }
     }
 
@@ -102,7 +106,7 @@ impl Stage {
         let options = ResetOptions {
             variation: Some(Vec::new()),
             variation_values: factors.clone(),
-            start: Some(self.start.clone()),
+            start: self.start.clone(),
             ..ResetOptions::default()
         };
         self.env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("a start");
@@ -116,6 +120,10 @@ impl Stage {
 /// A value far from the default.
 fn other(factor: &FactorSpec) -> Value {
     let numbers: Vec<f64> = flat(&factor.default);
+    if factor.name.ends_with("yaw") {
+        // A cube looks the same after each quarter of a turn.
+        return Value::vector(&[numbers[0] + 0.7]);
+    }
     // A little inside of the bounds, which f32 rounds.
     let far = |low: f64, high: f64, value: f64| {
         let end = if value - low > high - value { low } else { high };
@@ -149,33 +157,61 @@ fn moments() -> BTreeMap<String, Moment> {
     serde_json::from_str(&text).expect("moments")
 }
 
-/// Checks all factors of all domains under these switched-off settings; `reaches`: whether mirrors and shadows count.
+/// Checks all factors of all domains and tables under these switched-off settings; `reaches`: whether mirrors and shadows
+/// count.
 fn check(off: &[&str], reaches: bool) {
     let mut failures = Vec::new();
-    // Tables have no column of segments yet.
     for moment in moments().values().filter(|moment| moment.env.ends_with("DMControl-v0")) {
         let entry = ENVS.iter().find(|entry| entry.id == moment.env).expect("a domain");
-        let mut stage = Stage::new(entry, moment, off);
+        let start = moment.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
+        let mut stage = Stage::new(entry, Some(start.collect()), off);
         for factor in stage.env.spec().factors.clone() {
-            let mut factors: BTreeMap<String, Value> = factor
-                .shows_with
-                .iter()
-                .map(|(name, value)| (name.clone(), Value::from_json(name, value).expect("a value")))
-                .collect();
-            let before = stage.see(&factors);
-            factors.insert(factor.name.clone(), other(&factor));
-            let after = stage.see(&factors);
-            if let Err(reason) =
-                compare(kind(entry.id, &factor.name), floors(entry.id), &before, &after, reaches)
-            {
-                failures.push(format!("{} {}: {reason}", entry.id, factor.name));
-            }
+            check_factor(entry, &mut stage, &factor, &BTreeMap::new(), reaches, &mut failures);
+        }
+    }
+    for entry in [&OGB_CUBE, &OGB_SCENE] {
+        // What is seen through something would change pixels that show the thing in front.
+        let hides = |names: &[&'static str]| [off, &["pixel_transparent_arm"], names].concat();
+        let mut stage = Stage::new(entry, None, &hides(&["visualize_info"]));
+        let mut with_goals = Stage::new(entry, None, &hides(&[]));
+        for factor in stage.env.spec().factors.clone() {
+            let stage = if factor.name.contains("goal") { &mut with_goals } else { &mut stage };
+            check_factor(entry, stage, &factor, &apart(), reaches, &mut failures);
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-fn compare(kind: Kind, floors: &[i32], before: &Seen, after: &Seen, reaches: bool) -> Result<(), String> {
+/// The cube away from its goal.
+fn apart() -> BTreeMap<String, Value> {
+    let place = |x: f64, y: f64| Value { shape: vec![1, 2], ..Value::vector(&[x, y]) };
+    [("cube.start_position", place(0.35, -0.05)), ("cube.goal_position", place(0.35, 0.1))]
+        .map(|(name, value)| (name.to_owned(), value))
+        .into()
+}
+
+fn check_factor(
+    entry: &EnvEntry,
+    stage: &mut Stage,
+    factor: &FactorSpec,
+    base: &BTreeMap<String, Value>,
+    reaches: bool,
+    failures: &mut Vec<String>,
+) {
+    let mut factors = base.clone();
+    for (name, value) in &factor.shows_with {
+        factors.insert(name.clone(), Value::from_json(name, value).expect("a value"));
+    }
+    let before = stage.see(&factors);
+    factors.insert(factor.name.clone(), other(factor));
+    let after = stage.see(&factors);
+    if let Err(reason) = compare(kind(entry.id, &factor.name), entry.id, &before, &after, reaches) {
+        failures.push(format!("{} {}: {reason}", entry.id, factor.name));
+    }
+}
+
+fn compare(kind: Kind, env: &str, before: &Seen, after: &Seen, reaches: bool) -> Result<(), String> {
+    let (floors, glass) = (floors(env), glass(env));
     let is_floor = |segment: i32| floors.contains(&segment);
     let changed: Vec<usize> =
         (0..before.pixels.len()).filter(|&at| before.pixels[at] != after.pixels[at]).collect();
@@ -190,7 +226,7 @@ fn compare(kind: Kind, floors: &[i32], before: &Seen, after: &Seen, reaches: boo
         let [old, new] = shows(at);
         match kind {
             Kind::Motion | Kind::Mass => false,
-            Kind::Floor => is_floor(old),
+            Kind::Floor => is_floor(old) || glass.contains(&old),
             Kind::Color => old != SKY && (reaches || !is_floor(old)),
             Kind::Light => old != SKY,
             Kind::Shape => moved.contains(&old) || moved.contains(&new) || (reaches && old != SKY),

@@ -2,24 +2,33 @@
 
 use serde_json::{Value as Json, json};
 use swm_core::{
-    Batch, Dtype, Env, EnvConfig, EnvError, Episode, EpisodeSeed, ImageSize, ResetOptions, Schema,
+    Batch, Dtype, Env, EnvConfig, EnvEntry, EnvError, Episode, EpisodeSeed, ImageSize, ResetOptions, Schema,
+    Value,
 };
-use swm_envs_mujoco::CHEETAH;
+use swm_envs_mujoco::{CHEETAH, OGB_CUBE, OGB_SCENE};
 use swm_render::scene::NO_SEGMENT;
 
 const HEIGHT: usize = 48;
 const WIDTH: usize = 64;
 
 fn make(settings: Json) -> Result<Box<dyn Env>, EnvError> {
+    make_of(&CHEETAH, settings)
+}
+
+fn make_of(entry: &EnvEntry, settings: Json) -> Result<Box<dyn Env>, EnvError> {
     let Json::Object(settings) = settings else { panic!("settings are an object") };
-    (CHEETAH.make)(&EnvConfig { image: Some(ImageSize { height: HEIGHT, width: WIDTH }), settings })
+    (entry.make)(&EnvConfig { image: Some(ImageSize { height: HEIGHT, width: WIDTH }), settings })
 }
 
 fn row(settings: Json) -> Batch {
-    let mut env = make(settings).expect("it was set up");
+    row_of(&CHEETAH, settings, &ResetOptions::default())
+}
+
+fn row_of(entry: &EnvEntry, settings: Json, options: &ResetOptions) -> Batch {
+    let mut env = make_of(entry, settings).expect("it was set up");
     let mut row = Batch::new(Schema::new(env.spec().fields.clone()).expect("distinct names"), 1);
-    let options = ResetOptions::default();
-    env.reset(&Episode { seed: EpisodeSeed::new(4), options: &options }).expect("a start");
+    env.reset(&Episode { seed: EpisodeSeed::new(4), options }).expect("a start");
+    env.write_episode(&mut row.rows_mut());
     env.observe(&mut row.rows_mut());
     row
 }
@@ -70,6 +79,44 @@ fn cameras_and_labels_are_columns() {
 }
 
 #[test]
+fn tables_have_the_same_columns() {
+    let pixels = |row: &Batch, name: &str| row.get::<u8>(name).expect("pictures").to_vec();
+    // All cameras show another floor, and the goal does.
+    let floor = Value { shape: vec![2, 3], ..Value::vector(&[0.9, 0.1, 0.1, 0.1, 0.1, 0.9]) };
+    let options = ResetOptions::default().fix("floor.color", floor);
+    for entry in [&OGB_CUBE, &OGB_SCENE] {
+        let row = |settings| row_of(entry, settings, &options);
+        let all = row(json!({"cameras": "side_pixels", "depth": true, "segmentation": true}));
+        let names: Vec<&str> = all.schema().fields().iter().map(|field| field.name.as_str()).collect();
+        assert_eq!(
+            names[names.len() - 7..],
+            [
+                "goal",
+                "pixels",
+                "pixels_depth",
+                "pixels_segmentation",
+                "pixels.side_pixels",
+                "pixels_depth.side_pixels",
+                "pixels_segmentation.side_pixels",
+            ]
+        );
+        let (front, side) = (row(json!({})), row(json!({"camera": "side_pixels"})));
+        assert!(pixels(&all, "goal") == pixels(&front, "goal"));
+        assert!(pixels(&all, "pixels") == pixels(&front, "pixels"));
+        assert!(pixels(&all, "pixels.side_pixels") == pixels(&side, "pixels"));
+        let plain = row_of(entry, json!({"cameras": "side_pixels"}), &ResetOptions::default());
+        for name in ["goal", "pixels", "pixels.side_pixels"] {
+            let differing =
+                pixels(&all, name).iter().zip(pixels(&plain, name)).filter(|(a, b)| **a != *b).count();
+            assert!(4 * differing > HEIGHT * WIDTH * 3, "{} {name}: {differing}", entry.id);
+        }
+        let segments = all.get::<i32>("pixels_segmentation.side_pixels").expect("segments");
+        assert!(segments.iter().any(|segment| *segment > 0));
+        assert!(pixels(&row(json!({"shadows": false})), "pixels") != pixels(&front, "pixels"));
+    }
+}
+
+#[test]
 fn quality_shows() {
     let pixels = |settings: Json| row(settings).get::<u8>("pixels").expect("pictures").to_vec();
     let best = pixels(json!({}));
@@ -82,6 +129,8 @@ fn quality_shows() {
 fn what_cannot_be_shown_is_refused_with_the_way_out() {
     let message = refused(json!({"cameras": "bakc"}));
     assert!(message.contains("bakc") && message.contains("`back`"), "{message}");
+    let message = refused(json!({"camreas": "back"}));
+    assert!(message.contains("camreas") && message.contains("cameras, depth"), "{message}");
     assert!(refused(json!({"cameras": [1, "back"]})).contains("named twice"));
     assert!(refused(json!({"cameras": [9]})).contains("no camera 9"));
     let message = refused(json!({"renderer": "gl", "depth": true}));

@@ -1,30 +1,28 @@
 //! The environment: resets, control steps, rows, saved states.
 
-use std::collections::BTreeMap;
+mod goal;
+mod rows;
 
 use serde::{Deserialize, Serialize};
-use swm_core::env::PIXELS;
 use swm_core::{
-    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, ImageSize,
-    Outcome, RowsMut, Slice, Space, Value,
+    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome,
+    RowsMut, Slice, Space,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
-use swm_render::scene::Quality;
 
 use super::columns::{Declare, Write, observation, visit};
 use super::factors::{self, FLOOR_COLOR, LOCK_COLOR, numbers};
 use super::furniture::Which;
-use super::layout::{FLOOR, Kind};
+use super::layout::{CAMERA, FLOOR, Kind};
 use super::models::Models;
-use super::moment::{Moment, Pursued};
-use super::settings::{Mode, Settings};
+use super::moment::Moment;
+use super::settings::{CUBE_SETTINGS, Mode, Settings};
 use super::standing::{Goal, Standing};
 use super::table::Table;
 use super::{start, targets};
 use crate::error::MujocoError;
 use crate::ffi::{Object, Simulation};
-use crate::suite::picture::Canvas;
-use crate::suite::recorded;
+use crate::views::{CameraName, Pictures, Views, settings};
 
 /// Physics steps per control step.
 pub(super) const SUBSTEPS: u32 = 25;
@@ -49,10 +47,12 @@ pub(super) struct TableEnv {
     scratch: Vec<f64>,
     /// Where the episode columns begin.
     episode_columns: usize,
-    canvas: Option<Canvas>,
+    /// Where the column of the picture of the goal is, and behind it those of the other pictures.
+    goal_column: usize,
+    pictures: Option<Pictures>,
     /// The picture of the goal, and whether it belongs to an earlier episode.
     goal_picture: (Vec<u8>, bool),
-    /// The factors whose floor the pictures show.
+    /// The colours of the floor that the pictures show.
     floor: Vec<f64>,
 }
 
@@ -68,7 +68,8 @@ struct Saved {
 impl TableEnv {
     /// Makes the environment `id`.
     pub(super) fn new(id: &'static str, is_scene: bool, config: &EnvConfig) -> Result<Self, EnvError> {
-        let settings: Settings = config.parse_settings(id)?;
+        // The scene refuses what only cubes have with better words.
+        let settings: Settings = settings::read(config, id, CUBE_SETTINGS)?;
         let kind =
             settings.kind(is_scene).map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
         Self::assemble(id, kind, settings, config.image).map_err(|error| error.at_making(id))
@@ -97,11 +98,12 @@ impl TableEnv {
         fields.push(Field::episode("task_id", Dtype::I64, &[]));
         fields.push(Field::episode("goal_observation", Dtype::F64, &[scratch.len()]));
         fields.extend(space.fields());
-        fields.extend(
-            image
-                .iter()
-                .flat_map(|size| [Field::episode("goal", Dtype::U8, &size.shape()), size.field(PIXELS)]),
-        );
+        let goal_column = fields.len();
+        fields.extend(image.iter().map(|size| Field::episode("goal", Dtype::U8, &size.shape())));
+        let full = models.full();
+        let camera = CameraName::Name(CAMERA.to_owned());
+        let views = Views::new(&settings.pictures, &camera, &full, image)?;
+        fields.extend(views.iter().flat_map(Views::fields));
         let is_scene = kind == Kind::Scene;
         let spec = EnvSpec {
             id: id.to_owned(),
@@ -112,14 +114,7 @@ impl TableEnv {
             start_columns: if is_scene { SCENE_START_COLUMNS } else { START_COLUMNS },
             goal_columns: if is_scene { &["qpos", "button_states"] } else { &["qpos"] },
         };
-        let canvas = match image {
-            None => None,
-            Some(size) => {
-                let full = models.full();
-                let camera = full.id(Object::Camera, &settings.camera)?;
-                Some(Canvas::new(&full, settings.renderer, camera, size, Quality::default())?)
-            }
-        };
+        let pictures = views.map(|views| Pictures::new(views, &full)).transpose()?;
         let goal_picture = (vec![0; image.map_or(0, |size| size.shape().iter().product())], true);
         let fov = space.defaults();
         let mut env = Self {
@@ -137,7 +132,8 @@ impl TableEnv {
             moment,
             scratch,
             episode_columns,
-            canvas,
+            goal_column,
+            pictures,
             goal_picture,
         };
         env.set_model()?;
@@ -152,11 +148,12 @@ impl TableEnv {
             self.lock_colors = numbers(&self.fov, LOCK_COLOR);
         }
         let floor = numbers(&self.fov, FLOOR_COLOR);
-        if let Some(canvas) = &mut self.canvas
+        if let Some(pictures) = &mut self.pictures
             && self.floor != floor
         {
-            let (texture, size, pixels) = self.models.floor(&self.fov)?;
-            canvas.set_texture(&self.models.full(), texture, size, &pixels)?;
+            let full = self.models.full();
+            let texture = full.id(Object::Texture, "grid")?;
+            pictures.recolor(&full, texture, &factors::floor_colors(&floor))?;
             self.floor = floor;
         }
         Ok(())
@@ -197,128 +194,6 @@ impl TableEnv {
         sim.forward()
     }
 
-    /// Stands at a recorded row.
-    fn start_from(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
-        let id = &self.spec.id;
-        let needed = |name: &str| EnvError::Reset {
-            env: id.clone(),
-            reason: format!("a start needs the column `{name}`"),
-        };
-        let Self { sim, table, moment, .. } = self;
-        let (nq, nv, nu) = (sim.model().nq(), sim.model().nv(), sim.model().nu());
-        let cubes = table.kind.cubes();
-        let qpos = recorded(id, row, "qpos", nq)?.ok_or_else(|| needed("qpos"))?;
-        let qvel = recorded(id, row, "qvel", nv)?.ok_or_else(|| needed("qvel"))?;
-        sim.qpos_mut().copy_from_slice(&qpos);
-        sim.qvel_mut().copy_from_slice(&qvel);
-        sim.qacc_warmstart_mut().fill(0.0);
-        if let Some(control) = recorded(id, row, "control", nu)? {
-            sim.ctrl_mut().copy_from_slice(&control);
-        }
-        if let Some(warmstart) = recorded(id, row, "qacc_warmstart", nv)? {
-            sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
-        }
-        sim.set_time(recorded(id, row, "time", 1)?.map_or(0.0, |time| time[0]));
-        if let Some(goals) = recorded(id, row, "mocap_pos", 3 * cubes)? {
-            sim.mocap_pos_mut().copy_from_slice(&goals);
-            let shown = goals.chunks_exact(3).position(|goal| goal[2] > 0.0);
-            if let (Pursued::Cube(_), Some(index)) = (moment.pursued, shown) {
-                moment.pursued = Pursued::Cube(index as u8);
-            }
-        }
-        if let Some(turns) = recorded(id, row, "mocap_quat", 4 * cubes)? {
-            sim.mocap_quat_mut().copy_from_slice(&turns);
-        }
-        if let Some(states) = recorded(id, row, "button_states", 2)? {
-            moment.buttons = [0, 1].map(|index| u8::from(states[index] > 0.5));
-        }
-        Ok(())
-    }
-
-    /// Wants everything where it is in a recorded row. Returns the row's positions.
-    fn set_goal(&mut self, row: &BTreeMap<String, Value>) -> Result<Vec<f64>, EnvError> {
-        let id = &self.spec.id;
-        let wrong = |reason: String| EnvError::Reset { env: id.clone(), reason };
-        if let Some(column) = row.keys().find(|column| !self.spec.goal_columns.contains(&column.as_str())) {
-            return Err(wrong(format!("`{column}` is no goal of this environment")));
-        }
-        let qpos = recorded(id, row, "qpos", self.sim.model().nq())?;
-        let qpos = qpos.ok_or_else(|| wrong("a goal needs the column `qpos`".to_owned()))?;
-        let Self { sim, table, moment, .. } = self;
-        moment.pursued = Pursued::Everything;
-        moment.goal_is_given = true;
-        for index in 0..table.kind.cubes() {
-            let (position, turn) = (table.cube_in(&qpos, index), table.cube_rotation_in(&qpos, index));
-            table.set_goal(sim, index, position, turn);
-        }
-        if let Some(furniture) = &table.furniture {
-            for which in [Which::Drawer, Which::Window] {
-                let position = furniture.position_in(&qpos, which);
-                moment.goal_slides[which as usize] = position;
-                furniture.set_handle_target(sim.model_mut(), which, position);
-            }
-            if let Some(states) = recorded(id, row, "button_states", 2)? {
-                moment.goal_buttons = [0, 1].map(|index| u8::from(states[index] > 0.5));
-            }
-        }
-        Ok(qpos)
-    }
-
-    /// Finds out what the goal looks like: everything where it belongs, or as it was recorded; then returns to the start.
-    fn visit_goal(&mut self, recorded: Option<Vec<f64>>) -> Result<(), MujocoError> {
-        self.standing = Standing::at_rest(&self.sim);
-        let start = self.moment.clone();
-        let has_settled = recorded.is_none();
-        match recorded {
-            Some(qpos) => {
-                self.sim.qpos_mut().copy_from_slice(&qpos);
-                self.sim.qvel_mut().fill(0.0);
-                self.moment.buttons = self.moment.goal_buttons;
-            }
-            None => start::place_at_goal(&self.table, &mut self.sim, &mut self.moment, &self.fov)?,
-        }
-        self.sim.forward()?;
-        self.apply_buttons(self.moment.buttons)?;
-        let mut goal = Goal { standing: Standing::at_rest(&self.sim), ..Goal::default() };
-        if has_settled {
-            let stream = EpisodeSeed::new(self.moment.seed as u64);
-            for step in 0..2 {
-                let action = self.spec.action.sample(&mut stream.indexed("goal action", [step, 0]));
-                let action = five(action.data.as_slice()).unwrap_or_default();
-                self.table.robot.command(&mut self.sim, action);
-                goal.standing.advance(&mut self.sim)?;
-            }
-            self.apply_buttons(self.moment.buttons)?;
-        }
-        goal.buttons = self.moment.buttons;
-        observation(&self.table, &self.sim, &self.moment, &mut goal.observation);
-        (self.goal, self.moment) = (goal, start);
-        self.goal_picture.1 = true;
-        self.stand()
-    }
-
-    /// Returns the simulation to where the episode stands.
-    fn stand(&mut self) -> Result<(), MujocoError> {
-        let (standing, before) = (self.standing.clone(), self.moment.before_buttons);
-        self.stand_at(&standing, before, self.moment.buttons)
-    }
-
-    /// Takes the simulation to a moment: buttons stood `before` its last step, and stand as `buttons` after it.
-    fn stand_at(
-        &mut self,
-        standing: &Standing,
-        before: [u8; 2],
-        buttons: [u8; 2],
-    ) -> Result<(), MujocoError> {
-        if let Some(furniture) = &self.table.furniture {
-            furniture.show_states(self.sim.model_mut(), before, &self.lock_colors);
-        }
-        standing.restore(&mut self.sim)?;
-        self.apply_buttons(buttons)?;
-        standing.finish(&mut self.sim);
-        Ok(())
-    }
-
     /// Whether a target is reached and done with.
     fn is_done_with_target(&self) -> bool {
         let Self { settings, moment, table, sim, .. } = self;
@@ -353,19 +228,6 @@ impl TableEnv {
         }
         self.moment.success = self.table.is_met(&self.sim, &self.moment, self.moment.pursued);
         Ok(())
-    }
-
-    fn draw_goal(&mut self) -> Result<(), MujocoError> {
-        let Some(mut canvas) = self.canvas.take() else { return Ok(()) };
-        let goal = self.goal.clone();
-        let drawn = self.stand_at(&goal.standing, goal.buttons, goal.buttons);
-        if drawn.is_ok() {
-            canvas.draw(&mut self.sim, &mut self.goal_picture.0);
-        }
-        self.goal_picture.1 = false;
-        self.canvas = Some(canvas);
-        drawn?;
-        self.stand()
     }
 }
 
@@ -406,7 +268,7 @@ impl Env for TableEnv {
     }
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
-        if let Some(failure) = self.canvas.as_mut().and_then(Canvas::take_failure) {
+        if let Some(failure) = self.pictures.as_mut().and_then(Pictures::take_failure) {
             return Err(failure.at_step(&self.spec.id));
         }
         let Some(numbers) = five(action) else {
@@ -427,23 +289,23 @@ impl Env for TableEnv {
         out.write(self.episode_columns, &[self.moment.task]);
         out.write(self.episode_columns + 1, &self.goal.observation);
         self.fov.write(self.episode_columns + 2, out);
-        if self.canvas.is_none() {
+        if self.pictures.is_none() {
             return;
         }
         if self.goal_picture.1 && self.draw_goal().is_err() {
             // The next step finds the simulation unusable, and says so.
             self.goal_picture.0.fill(0);
         }
-        out.write(self.spec.fields.len() - 2, &self.goal_picture.0);
+        out.write(self.goal_column, &self.goal_picture.0);
     }
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
-        let Self { sim, table, moment, scratch, spec, canvas, .. } = self;
+        let Self { sim, table, moment, scratch, goal_column, pictures, .. } = self;
         scratch.clear();
         observation(table, sim, moment, scratch);
         visit(table, sim, moment, scratch, &mut Write::new(out));
-        if let Some(canvas) = canvas {
-            canvas.draw(sim, out.at(spec.fields.len() - 1));
+        if let Some(pictures) = pictures {
+            pictures.write(sim, *goal_column + 1, out);
         }
     }
 
@@ -485,12 +347,12 @@ impl Env for TableEnv {
         restored.map_err(|error: MujocoError| error.at_restore(&self.spec.id))
     }
 
-    /// What is left to do, in m: for each cube, drawer and window its distance from where it belongs, 0.1 for a button; and,
-    /// at a lower weight, the effector's distance from what is next.
     fn renderer(&self) -> Option<String> {
-        self.canvas.as_ref().map(|_| self.settings.renderer.describe())
+        self.pictures.as_ref().map(Pictures::renderer)
     }
 
+    /// What is left to do, in m: for each cube, drawer and window its distance from where it belongs, 0.1 for a button; and,
+    /// at a lower weight, the effector's distance from what is next.
     fn task_cost(&self) -> Option<f64> {
         Some(self.table.cost(&self.sim, &self.moment))
     }

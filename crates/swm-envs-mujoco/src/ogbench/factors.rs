@@ -212,17 +212,15 @@ fn lock_color() -> Control {
     Control { factor, effect: Effect::Start }
 }
 
-/// The colours of a built-in checker in place of its own, which are known; marks on it stay.
-pub(super) fn recolor_floor(pixels: &mut [u8], rgb: &[f64]) {
+/// What becomes of the colours of the floor: the checker's own two, which are known, become these; marks on it stay.
+pub(super) fn floor_colors(rgb: &[f64]) -> impl Fn([u8; 3]) -> [u8; 3] + use<> {
     let bytes = |values: &[f64]| [0, 1, 2].map(|k| (255.0 * values[k]) as u8);
     let (first, second) = (bytes(&FLOOR[..3]), bytes(&FLOOR[3..]));
     let (new_first, new_second) = (bytes(&rgb[..3]), bytes(&rgb[3..]));
-    for pixel in pixels.chunks_exact_mut(3) {
-        if pixel == first {
-            pixel.copy_from_slice(&new_first);
-        } else if pixel == second {
-            pixel.copy_from_slice(&new_second);
-        }
+    move |color| match color {
+        color if color == first => new_first,
+        color if color == second => new_second,
+        mark => mark,
     }
 }
 

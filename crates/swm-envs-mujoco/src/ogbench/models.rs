@@ -10,10 +10,10 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use swm_fov::Fov;
 
 use super::compose::{description, finish};
-use super::factors::{self, FLOOR_COLOR, numbers};
+use super::factors::{self, numbers};
 use super::layout::{HALF_SIZE, Kind};
 use crate::error::MujocoError;
-use crate::ffi::{Model, Object, Simulation, Spec};
+use crate::ffi::{Model, Simulation, Spec};
 use crate::suite::{Control, edit_in_place};
 
 /// Gives the models for an assignment of factors.
@@ -103,17 +103,6 @@ impl Models {
     fn recompiling_values(&self, fov: &Fov) -> Vec<f64> {
         let recompiling = self.controls.iter().filter(|control| control.effect.recompiles());
         recompiling.flat_map(|control| numbers(fov, control.factor.name())).collect()
-    }
-
-    /// The floor's texture, its index and its size `[height, width]`, in the colours of these factors; `[height, width, 3]`.
-    pub(super) fn floor(&self, fov: &Fov) -> Result<(usize, [usize; 2], Vec<u8>), MujocoError> {
-        let full = &self.shared.full;
-        let texture = full.id(Object::Texture, "grid")?;
-        let [width, height, channels] = full.texture_size(texture);
-        let mut pixels = full.pixels(texture).to_vec();
-        debug_assert_eq!(channels, 3, "the floor has colours");
-        factors::recolor_floor(&mut pixels, &numbers(fov, FLOOR_COLOR));
-        Ok((texture, [height, width], pixels))
     }
 }
 

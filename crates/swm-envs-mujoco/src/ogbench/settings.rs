@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 use swm_core::Setting;
 
-use super::layout::{CAMERA, CAMERAS, Kind};
-use crate::views::Renderer;
+use super::layout::{CAMERA, Kind};
+use crate::views::settings::{PICTURE_SETTINGS, PictureSettings, with_picture_settings};
 
 /// Constructor settings. Unknown names are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,8 +18,8 @@ pub(super) struct Settings {
     pub permute_blocks: bool,
     pub visualize_info: bool,
     pub pixel_transparent_arm: bool,
-    pub renderer: Renderer,
-    pub camera: String,
+    #[serde(flatten)]
+    pub pictures: PictureSettings,
 }
 
 /// How many cubes there are.
@@ -54,8 +54,7 @@ impl Default for Settings {
             permute_blocks: true,
             visualize_info: true,
             pixel_transparent_arm: true,
-            renderer: Renderer::Software,
-            camera: CAMERA.to_owned(),
+            pictures: PictureSettings::default(),
         }
     }
 }
@@ -79,9 +78,6 @@ impl Settings {
         if self.task.is_some() && self.mode != Mode::Task {
             return Err("a task needs `mode=task`".to_owned());
         }
-        if !CAMERAS.contains(&self.camera.as_str()) {
-            return Err(format!("unknown camera `{}`; there are {}", self.camera, CAMERAS.join(", ")));
-        }
         Ok(kind)
     }
 
@@ -97,8 +93,8 @@ const ENV_TYPE: Setting = Setting {
     default: "single",
 };
 
-/// The settings but `env_type` for help and docs, one per further field of `Settings`.
-const SHARED: [Setting; 9] = [
+/// The settings but `env_type` and those of pictures for help and docs, one per further field of `Settings`.
+const SHARED: [Setting; 7] = [
     Setting {
         name: "mode",
         doc: "`data_collection`: starts and targets come from the factors; `task`: from one of five tasks",
@@ -122,29 +118,19 @@ const SHARED: [Setting; 9] = [
     Setting { name: "permute_blocks", doc: "whether tasks mix the colours of the cubes", default: "true" },
     Setting { name: "visualize_info", doc: "whether markers show where cubes belong", default: "true" },
     Setting { name: "pixel_transparent_arm", doc: "whether the arm can be looked through", default: "true" },
-    Setting {
-        name: "renderer",
-        doc: "what draws pictures: `software` needs nothing; `gl` is MuJoCo's own, with OpenGL through EGL or OSMesa",
-        default: "software",
-    },
-    Setting { name: "camera", doc: "`front_pixels`, `side_pixels` or `front`", default: "front_pixels" },
 ];
 
 /// The settings of the scene.
-pub(super) const SCENE_SETTINGS: &[Setting] = &SHARED;
+pub(super) const SCENE_SETTINGS: &[Setting] =
+    &with_picture_settings::<7, { 7 + PICTURE_SETTINGS }>(SHARED, CAMERA);
 
 /// The settings of the cubes.
 pub(super) const CUBE_SETTINGS: &[Setting] = {
-    const ALL: [Setting; 10] = {
-        let mut all = [ENV_TYPE; 10];
-        let mut index = 0;
-        while index < SHARED.len() {
-            all[index + 1] = SHARED[index];
-            index += 1;
-        }
-        all
+    const OWN: [Setting; 8] = {
+        let [mode, task, terminate, new_targets, permute, info, transparent] = SHARED;
+        [ENV_TYPE, mode, task, terminate, new_targets, permute, info, transparent]
     };
-    &ALL
+    &with_picture_settings::<8, { 8 + PICTURE_SETTINGS }>(OWN, CAMERA)
 };
 
 #[cfg(test)]

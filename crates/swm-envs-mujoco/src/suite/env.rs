@@ -13,9 +13,9 @@ use super::Stage;
 use super::domain::{Domain, Task, TaskEntry};
 use super::models::{Models, Origin};
 use super::picture::Picture;
-use super::settings::{OnDivergence, Settings};
+use super::settings::{OnDivergence, SETTINGS, Settings};
 use crate::error::MujocoError;
-use crate::views::Views;
+use crate::views::{CameraName, Views, settings};
 
 // Field indices, in the order of `fields`; behind them the domain's numbers, its targets and the factors.
 const OBSERVATION: usize = 0;
@@ -71,7 +71,7 @@ impl SuiteEnv {
     /// Makes the environment of a domain.
     pub fn new(domain: &'static Domain, config: &EnvConfig) -> Result<Self, EnvError> {
         let id = domain.id;
-        let settings: Settings = config.parse_settings(id)?;
+        let settings: Settings = settings::read(config, id, SETTINGS)?;
         let wrong = |reason: String| EnvError::Setting { env: id.to_owned(), reason };
         let entry = chosen_task(domain, settings.task.as_deref()).map_err(wrong)?;
         if !(1..=1000).contains(&settings.action_repeat) {
@@ -98,8 +98,8 @@ impl SuiteEnv {
         stage.sim.forward_without_actuation()?;
         let mut scratch = Vec::new();
         task.observe(&stage, &mut scratch);
-        let wanted = settings.wanted(domain.camera);
-        let views = image.map(|size| Views::new(&wanted, stage.sim.model(), size)).transpose()?;
+        let camera = CameraName::Index(domain.camera);
+        let views = Views::new(&settings.pictures, &camera, stage.sim.model(), image)?;
         let (fields, columns) = fields(domain, &stage, scratch.len(), &space, views.as_ref());
         let spec = EnvSpec {
             id: domain.id.to_owned(),

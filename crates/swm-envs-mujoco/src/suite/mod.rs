@@ -8,7 +8,7 @@ mod effect;
 mod env;
 pub mod factors;
 mod models;
-pub(crate) mod picture;
+mod picture;
 mod settings;
 mod stage;
 mod start;

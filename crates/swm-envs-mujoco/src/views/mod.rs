@@ -1,93 +1,25 @@
 //! Which pictures an environment puts into its rows, and in which columns: cameras, depth, segmentation, quality. How a
 //! picture is drawn is not known here.
 
-use serde::{Deserialize, Serialize};
+mod canvas;
+pub(crate) mod settings;
+
+use std::sync::Arc;
+
 use swm_core::env::PIXELS;
 use swm_core::{Dtype, Field, ImageSize, RowsMut};
 use swm_render::scene::Quality;
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Simulation};
-use crate::suite::picture::Canvas;
+use canvas::Canvas;
+pub(crate) use settings::CameraName;
+use settings::{PictureSettings, Renderer};
 
 /// Depth of [`PIXELS`], f32 `[H, W]`, m.
 const DEPTH: &str = "pixels_depth";
 /// What [`PIXELS`] shows, i32 `[H, W]`: indices of geoms, -2 - index for sites, -1 for nothing.
 const SEGMENTATION: &str = "pixels_segmentation";
-
-/// What draws pictures.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum Renderer {
-    /// Our own.
-    #[default]
-    Software,
-    /// MuJoCo's.
-    Gl,
-}
-
-impl Renderer {
-    /// In words and with its version.
-    pub(crate) fn describe(self) -> String {
-        match self {
-            Self::Software => format!("swm-render {} (software)", env!("CARGO_PKG_VERSION")),
-            Self::Gl => format!("MuJoCo {} (OpenGL)", crate::assets::MUJOCO_VERSION),
-        }
-    }
-}
-
-/// A camera of the model.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub(crate) enum CameraName {
-    Index(usize),
-    Name(String),
-}
-
-/// Cameras of the model: a list, or names with commas between them.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub(crate) enum CameraNames {
-    List(Vec<CameraName>),
-    Index(usize),
-    Names(String),
-}
-
-impl Default for CameraNames {
-    fn default() -> Self {
-        Self::List(Vec::new())
-    }
-}
-
-impl CameraNames {
-    fn list(&self) -> Vec<CameraName> {
-        match self {
-            Self::List(list) => list.clone(),
-            Self::Index(index) => vec![CameraName::Index(*index)],
-            Self::Names(names) => {
-                let names = names.split(',').map(str::trim).filter(|name| !name.is_empty());
-                names
-                    .map(|name| {
-                        name.parse().map_or_else(|_| CameraName::Name(name.to_owned()), CameraName::Index)
-                    })
-                    .collect()
-            }
-        }
-    }
-}
-
-/// What pictures there are.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Wanted {
-    pub(crate) renderer: Renderer,
-    /// Whose picture is the column `pixels`.
-    pub(crate) camera: CameraName,
-    /// Whose pictures are the columns `pixels.<camera>`.
-    pub(crate) cameras: CameraNames,
-    pub(crate) depth: bool,
-    pub(crate) segmentation: bool,
-    pub(crate) quality: Quality,
-}
 
 /// One camera and the names of what is written of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -108,9 +40,15 @@ pub(crate) struct Views {
 }
 
 impl Views {
-    /// Looks up the cameras in the model.
-    pub(crate) fn new(wanted: &Wanted, model: &Model, size: ImageSize) -> Result<Self, MujocoError> {
-        let Wanted { renderer, quality, .. } = *wanted;
+    /// Looks up the cameras in the model; `camera` is the one that [`PIXELS`] shows unless another is asked for. Settings are
+    /// checked where no pictures of a `size` are wanted, too.
+    pub(crate) fn new(
+        wanted: &PictureSettings,
+        camera: &CameraName,
+        model: &Model,
+        size: Option<ImageSize>,
+    ) -> Result<Option<Self>, MujocoError> {
+        let (renderer, quality) = (wanted.renderer, wanted.quality());
         let has_labels = wanted.depth || wanted.segmentation;
         if renderer == Renderer::Gl && (has_labels || quality != Quality::default()) {
             let reason = "depth, segmentation, antialias, shadows and reflections need `renderer=software`";
@@ -118,13 +56,18 @@ impl Views {
         }
         let names = model.names(Object::Camera);
         let mut views: Vec<View> = Vec::new();
-        for (number, camera) in [&wanted.camera].into_iter().chain(&wanted.cameras.list()).enumerate() {
+        let first = wanted.camera.as_ref().unwrap_or(camera);
+        for (number, camera) in [first].into_iter().chain(&wanted.cameras.list()).enumerate() {
             let index = match camera {
                 CameraName::Index(index) if *index < names.len() => *index,
                 CameraName::Index(index) => {
                     return Err(MujocoError::NoCamera { index: *index, count: names.len() });
                 }
-                CameraName::Name(name) => model.id(Object::Camera, name)?,
+                CameraName::Name(name) => names.iter().position(|known| known == name).ok_or_else(|| {
+                    let known: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+                    let reason = format!("unknown camera `{name}`; there are {}", known.join(", "));
+                    MujocoError::Pictures { reason }
+                })?,
             };
             let suffix = match (number, names[index].as_str()) {
                 (0, _) => String::new(),
@@ -144,7 +87,7 @@ impl Views {
             }
             views.push(view);
         }
-        Ok(Self { views, renderer, quality, size })
+        Ok(size.map(|size| Self { views, renderer, quality, size }))
     }
 
     /// The columns, in the order in which [`Pictures::write`] expects them.
@@ -169,15 +112,25 @@ pub(crate) struct Pictures {
 
 impl Pictures {
     /// For simulations of models with the same objects as this one, which lends textures and meshes.
-    pub(crate) fn new(views: Views, model: &std::sync::Arc<Model>) -> Result<Self, MujocoError> {
+    pub(crate) fn new(views: Views, model: &Arc<Model>) -> Result<Self, MujocoError> {
         let canvas = |view: &View| Canvas::new(model, views.renderer, view.camera, views.size, views.quality);
         let canvases = views.views.iter().map(canvas).collect::<Result<_, _>>()?;
         Ok(Self { views, canvases })
     }
 
-    /// One per camera.
-    pub(crate) fn canvases(&mut self) -> impl Iterator<Item = &mut Canvas> {
-        self.canvases.iter_mut()
+    /// Takes textures and meshes from another model from now on.
+    pub(crate) fn set_model(&mut self, model: &Arc<Model>) -> Result<(), MujocoError> {
+        self.canvases.iter_mut().try_for_each(|canvas| canvas.set_model(model))
+    }
+
+    /// Shows a flat texture of `model`, which lends all others, in colours that depend on its own.
+    pub(crate) fn recolor(
+        &mut self,
+        model: &Arc<Model>,
+        texture: usize,
+        recolor: &dyn Fn([u8; 3]) -> [u8; 3],
+    ) -> Result<(), MujocoError> {
+        self.canvases.iter_mut().try_for_each(|canvas| canvas.recolor(model, texture, recolor))
     }
 
     /// What draws, in words and with its version.
@@ -203,24 +156,15 @@ impl Pictures {
         }
     }
 
+    /// Draws what the column [`PIXELS`] shows, `[H, W, 3]`.
+    pub(crate) fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) {
+        if let Some(first) = self.canvases.first_mut() {
+            first.draw(sim, pixels);
+        }
+    }
+
     /// Why a picture is black, once.
     pub(crate) fn take_failure(&mut self) -> Option<MujocoError> {
         self.canvases.iter_mut().find_map(Canvas::take_failure)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn cameras_are_named_in_every_way() {
-        let read = |text: &str| serde_json::from_str::<CameraNames>(text).map(|names| names.list());
-        let name = |text: &str| CameraName::Name(text.to_owned());
-        assert_eq!(read(r#"["back", 1]"#).unwrap(), [name("back"), CameraName::Index(1)]);
-        assert_eq!(read(r#""back, 1""#).unwrap(), [name("back"), CameraName::Index(1)]);
-        assert_eq!(read("2").unwrap(), [CameraName::Index(2)]);
-        assert_eq!(read(r#""""#).unwrap(), []);
-        assert!(read("1.5").is_err());
     }
 }

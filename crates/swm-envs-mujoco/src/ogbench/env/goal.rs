@@ -1,0 +1,80 @@
+//! What the goal of an episode looks like: the simulation goes there, and returns to where the episode stands.
+
+use swm_core::EpisodeSeed;
+
+use super::{TableEnv, five};
+use crate::error::MujocoError;
+use crate::ogbench::columns::observation;
+use crate::ogbench::standing::{Goal, Standing};
+use crate::ogbench::start;
+
+impl TableEnv {
+    /// Finds out what the goal looks like: everything where it belongs, or as it was recorded; then returns to the start.
+    pub(super) fn visit_goal(&mut self, recorded: Option<Vec<f64>>) -> Result<(), MujocoError> {
+        self.standing = Standing::at_rest(&self.sim);
+        let start = self.moment.clone();
+        let has_settled = recorded.is_none();
+        match recorded {
+            Some(qpos) => {
+                self.sim.qpos_mut().copy_from_slice(&qpos);
+                self.sim.qvel_mut().fill(0.0);
+                self.moment.buttons = self.moment.goal_buttons;
+            }
+            None => start::place_at_goal(&self.table, &mut self.sim, &mut self.moment, &self.fov)?,
+        }
+        self.sim.forward()?;
+        self.apply_buttons(self.moment.buttons)?;
+        let mut goal = Goal { standing: Standing::at_rest(&self.sim), ..Goal::default() };
+        if has_settled {
+            let stream = EpisodeSeed::new(self.moment.seed as u64);
+            for step in 0..2 {
+                let action = self.spec.action.sample(&mut stream.indexed("goal action", [step, 0]));
+                let action = five(action.data.as_slice()).unwrap_or_default();
+                self.table.robot.command(&mut self.sim, action);
+                goal.standing.advance(&mut self.sim)?;
+            }
+            self.apply_buttons(self.moment.buttons)?;
+        }
+        goal.buttons = self.moment.buttons;
+        observation(&self.table, &self.sim, &self.moment, &mut goal.observation);
+        (self.goal, self.moment) = (goal, start);
+        self.goal_picture.1 = true;
+        self.stand()
+    }
+
+    /// Returns the simulation to where the episode stands.
+    pub(super) fn stand(&mut self) -> Result<(), MujocoError> {
+        let (standing, before) = (self.standing.clone(), self.moment.before_buttons);
+        self.stand_at(&standing, before, self.moment.buttons)
+    }
+
+    /// Takes the simulation to a moment: buttons stood `before` its last step, and stand as `buttons` after it.
+    fn stand_at(
+        &mut self,
+        standing: &Standing,
+        before: [u8; 2],
+        buttons: [u8; 2],
+    ) -> Result<(), MujocoError> {
+        if let Some(furniture) = &self.table.furniture {
+            furniture.show_states(self.sim.model_mut(), before, &self.lock_colors);
+        }
+        standing.restore(&mut self.sim)?;
+        self.apply_buttons(buttons)?;
+        standing.finish(&mut self.sim);
+        Ok(())
+    }
+
+    /// Draws the goal, and returns to where the episode stands.
+    pub(super) fn draw_goal(&mut self) -> Result<(), MujocoError> {
+        let Some(mut pictures) = self.pictures.take() else { return Ok(()) };
+        let goal = self.goal.clone();
+        let drawn = self.stand_at(&goal.standing, goal.buttons, goal.buttons);
+        if drawn.is_ok() {
+            pictures.draw(&mut self.sim, &mut self.goal_picture.0);
+        }
+        self.goal_picture.1 = false;
+        self.pictures = Some(pictures);
+        drawn?;
+        self.stand()
+    }
+}
