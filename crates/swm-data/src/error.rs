@@ -53,10 +53,12 @@ pub enum DataError {
         path: PathBuf,
     },
     /// Another process, or another writer of this one, records into the file.
-    #[error("{} is being written by another process; wait for it to end, or record to another file", .path.display())]
+    #[error("{} is being written by {holder}; wait for it to end, or record to another file", .path.display())]
     Busy {
         /// The file.
         path: PathBuf,
+        /// `process 123 on host`, or `another process` where the lock does not say.
+        holder: String,
     },
     /// The data to append does not fit the file.
     #[error("cannot append to {}: {reason}; record to another file or use mode `overwrite`", .path.display())]

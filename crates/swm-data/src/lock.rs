@@ -1,11 +1,15 @@
 //! One writer at a time: a lock file beside the dataset, locked through the operating system, which frees it when
-//! the process ends in any way. A lock file that is left behind by a kill does no harm. Readers need no lock.
+//! the process ends in any way. The file says who holds it, for the message to the next; one that is left behind by a kill
+//! does no harm. Readers need no lock.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io;
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 use crate::error::DataError;
+
+/// A lock file above this size is not ours.
+const MAX_BYTES: u64 = 4096;
 
 /// Held while a writer lives; removes the lock file when dropped.
 #[derive(Debug)]
@@ -19,18 +23,34 @@ impl WriterLock {
     pub(crate) fn take(dataset: &Path) -> Result<Self, DataError> {
         let path = beside(dataset, ".lock");
         let failed = |source| DataError::io(dataset, "create", source);
+        let busy = |holder: Option<Holder>| DataError::Busy {
+            path: dataset.to_owned(),
+            holder: holder.map_or_else(|| "another process".to_owned(), |holder| holder.to_string()),
+        };
         loop {
-            let file =
-                OpenOptions::new().create(true).truncate(false).write(true).open(&path).map_err(failed)?;
+            let mut file = OpenOptions::new()
+                .create(true)
+                .truncate(false)
+                .read(true)
+                .write(true)
+                .open(&path)
+                .map_err(failed)?;
             match file.try_lock() {
                 Ok(()) => {}
-                Err(TryLockError::WouldBlock) => return Err(DataError::Busy { path: dataset.to_owned() }),
-                // Some network file systems have no locks: recording works there, unprotected.
-                Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {}
+                Err(TryLockError::WouldBlock) => return Err(busy(Holder::read(&file))),
+                // Some network file systems have no locks: there only what the file says protects, and only from
+                // processes of this machine, for whether others still live cannot be found out.
+                Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {
+                    if let Some(holder) = Holder::read(&file).filter(Holder::lives_here) {
+                        return Err(busy(Some(holder)));
+                    }
+                }
                 Err(TryLockError::Error(error)) => return Err(failed(error)),
             }
             // The former owner may have removed the file between our open and our lock: then take the new one.
             if is_at(&file, &path) {
+                let told = file.set_len(0).and_then(|()| writeln!(file, "{}", Holder::this()));
+                told.map_err(failed)?;
                 return Ok(Self { path, file });
             }
         }
@@ -43,6 +63,49 @@ impl Drop for WriterLock {
         let _ = fs::remove_file(&self.path);
         // Closing is not enough while a child process that is being started still has a copy of the handle.
         let _ = self.file.unlock();
+    }
+}
+
+/// Who holds a lock: `process 123 on host`.
+#[derive(Debug, PartialEq, Eq)]
+struct Holder {
+    process: u32,
+    host: String,
+}
+
+impl Holder {
+    fn this() -> Self {
+        Self { process: std::process::id(), host: host() }
+    }
+
+    /// What a lock file says; nothing if it is of an older version, or cannot be read while it is locked.
+    fn read(mut file: &File) -> Option<Self> {
+        let mut text = String::new();
+        file.by_ref().take(MAX_BYTES).read_to_string(&mut text).ok()?;
+        let (process, host) = text.trim_end().strip_prefix("process ")?.split_once(" on ")?;
+        Some(Self { process: process.parse().ok()?, host: host.to_owned() })
+    }
+
+    /// Whether it is a process of this machine that has not ended, as far as that can be known.
+    fn lives_here(&self) -> bool {
+        self.host == host() && Path::new(&format!("/proc/{}", self.process)).exists()
+    }
+}
+
+impl std::fmt::Display for Holder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "process {} on {}", self.process, self.host)
+    }
+}
+
+/// The name of this machine.
+fn host() -> String {
+    let named = fs::read_to_string("/proc/sys/kernel/hostname").ok();
+    let named =
+        named.or_else(|| std::env::var("COMPUTERNAME").ok()).or_else(|| std::env::var("HOSTNAME").ok());
+    match named.as_deref().map(str::trim) {
+        None | Some("") => "an unnamed host".to_owned(),
+        Some(name) => name.to_owned(),
     }
 }
 
@@ -77,11 +140,35 @@ mod tests {
     fn only_one_writer_and_no_traces() {
         let folder = tempfile::tempdir().unwrap();
         let dataset = folder.path().join("a.h5");
+        // What a killed writer left.
+        fs::write(beside(&dataset, ".lock"), "process 4194305 on elsewhere, with a longer name\n").unwrap();
         let first = WriterLock::take(&dataset).unwrap();
         let message = WriterLock::take(&dataset).unwrap_err().to_string();
-        assert!(message.contains("a.h5") && message.contains("another process"), "{message}");
+        if cfg!(unix) {
+            let holder = format!("a.h5 is being written by process {} on {};", std::process::id(), host());
+            assert!(message.contains(&holder), "{message}");
+        }
         drop(first);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
         WriterLock::take(&dataset).unwrap();
+    }
+
+    #[test]
+    fn holders_that_have_ended_are_recognised() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.lock");
+        let holder = |text: &str| {
+            fs::write(&path, text).unwrap();
+            Holder::read(&File::open(&path).unwrap())
+        };
+        let this = Holder::this();
+        assert_eq!(holder(&format!("{this}\n")).as_ref(), Some(&this));
+        assert_eq!(this.lives_here(), cfg!(target_os = "linux"));
+        // Above the largest process id that Linux gives.
+        assert!(!Holder { process: 4_194_305, ..Holder::this() }.lives_here());
+        assert!(!Holder { host: "elsewhere".to_owned(), ..Holder::this() }.lives_here());
+        for text in ["", "process", "process x on y", "anything else"] {
+            assert_eq!(holder(text), None, "{text}");
+        }
     }
 }

@@ -56,13 +56,38 @@ fn a_second_writer_is_refused_while_the_first_lives() {
     let mut first = create(&path, WriteMode::Append, None).unwrap();
     for mode in WriteMode::ALL {
         let message = create(&path, mode, None).err().unwrap().to_string();
-        assert!(message.contains("data.h5") && message.contains("another process"), "{message}");
+        assert!(message.contains("data.h5") && message.contains(&this_process()), "{message}");
     }
     first.begin(&schema(), &metadata()).unwrap();
     assert!(create(&path, WriteMode::Append, None).is_err());
     drop(first);
     let writer = create(&path, WriteMode::Append, None).unwrap();
     assert_eq!(writer.num_episodes(), 0);
+}
+
+#[test]
+fn in_every_format_the_second_writer_learns_who_the_first_is() {
+    for format in swm_data::FORMATS {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("data").with_extension(format.extensions[0]);
+        // A lock that a killed process left is none.
+        let lock = folder.path().join(format!("data.{}.lock", format.extensions[0]));
+        fs::write(&lock, "process 4194305 on elsewhere\n").unwrap();
+        let first = create(&path, WriteMode::Append, None).unwrap();
+        let message = create(&path, WriteMode::Append, None).err().unwrap().to_string();
+        assert!(message.contains(&this_process()), "{}: {message}", format.name);
+        drop(first);
+        assert!(!lock.exists());
+        record(&path, WriteMode::Append, 0..1).unwrap();
+    }
+}
+
+/// How a lock names this process; where locked files cannot be read, it does not.
+fn this_process() -> String {
+    match cfg!(unix) {
+        true => format!("is being written by process {} on ", std::process::id()),
+        false => "is being written by".to_owned(),
+    }
 }
 
 #[test]

@@ -4,10 +4,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use swm_core::Batch;
-use swm_data::{Steps, WriteMode, create, open};
+use swm_data::{DataError, FORMATS, Steps, WriteMode, create, open};
 
 use crate::mutations::mutate;
-use crate::support::{bits, contents};
+use crate::support::{assert_alike, bits, contents, episode, metadata, record, rows_of, schema};
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/datasets").join(name)
@@ -68,14 +68,13 @@ fn both_versions_hold_the_values_that_were_written() {
 }
 
 #[test]
-fn they_are_only_read_and_only_inside_their_folder() {
+fn other_programs_folders_are_not_continued_and_read_only_inside() {
     let folder = tempfile::tempdir().unwrap();
-    let message =
-        create(&folder.path().join("x.lerobot"), WriteMode::Append, None).err().unwrap().to_string();
-    assert!(message.contains("only read"), "{message}");
     for version in ["v2.1", "v3.0"] {
         let path = folder.path().join(version);
         copied(&golden(&format!("lerobot_{version}")), &path);
+        let message = record(&path, WriteMode::Append, 0..1).unwrap_err().to_string();
+        assert!(message.contains("another program"), "{message}");
         let info = path.join("meta/info.json");
         let text = fs::read_to_string(&info).unwrap();
         for (from, to) in [("\"data/", "\"../data/"), ("\"videos/", "\"/videos/"), ("\"v", "\"v1")] {
@@ -109,5 +108,109 @@ fn no_mutation_makes_it_trip() {
         let path = folder.path().join(version);
         copied(&golden(&format!("lerobot_{version}")), &path);
         mutate(version, &path);
+    }
+}
+
+#[test]
+fn what_is_written_is_read_again_and_continued() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.lerobot");
+    assert_eq!(record(&path, WriteMode::Error, 0..3).unwrap(), 0);
+    assert!(record(&path, WriteMode::Error, 0..1).unwrap_err().to_string().contains("exists already"));
+    assert_eq!(record(&path, WriteMode::Append, 3..5).unwrap(), 3);
+    let dataset = open(&path).unwrap();
+    assert_eq!((dataset.format(), dataset.metadata()), ("lerobot", Some(&metadata())));
+    assert_eq!(dataset.schema().fields()[..10], *schema().fields());
+    let read = contents(&path);
+    assert_eq!(read.len(), 5);
+    for (index, batch) in read.iter().enumerate() {
+        assert_alike(&episode(&schema(), index, rows_of(index)), batch);
+        assert!(batch.get::<i32>("ep_idx").unwrap().iter().all(|&number| number == index as i32));
+    }
+    let json = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&fs::read(path.join(name)).unwrap()).unwrap()
+    };
+    let info = json("meta/info.json");
+    let rows: usize = (0..5).map(rows_of).sum();
+    assert_eq!((&info["total_episodes"], &info["total_frames"]), (&5.into(), &rows.into()));
+    assert_eq!(info["features"]["observation.images.pixels"]["dtype"], "video");
+    assert_eq!(info["features"]["observation.state"]["shape"], serde_json::json!([7]));
+    // As if recorded at once; not finite values do not count.
+    let values: Vec<f64> =
+        read.iter().flat_map(|batch| batch.get::<f64>("reward").unwrap().to_vec()).collect();
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let spread =
+        (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt();
+    let found = json("meta/stats.json");
+    for (name, expected) in [("mean", mean), ("std", spread)] {
+        let found = found["reward"][name][0].as_f64().unwrap();
+        assert!((found - expected).abs() < 1e-9 * expected.abs(), "{name}: {found}, not {expected}");
+    }
+    assert_eq!(found["reward"]["count"][0], rows);
+    assert!(found["action"]["max"][0].as_f64().unwrap() > 0.0);
+    assert_eq!(record(&path, WriteMode::Overwrite, 1..2).unwrap(), 0);
+    assert_eq!(contents(&path).len(), 1);
+}
+
+#[test]
+fn a_folder_that_is_no_dataset_is_not_replaced_and_misfits_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let private = folder.path().join("private.lerobot");
+    fs::create_dir(&private).unwrap();
+    fs::write(private.join("letter.txt"), "dear").unwrap();
+    let message = record(&private, WriteMode::Overwrite, 0..1).unwrap_err().to_string();
+    assert!(message.contains("no dataset to replace"), "{message}");
+    assert!(private.join("letter.txt").exists());
+
+    let path = folder.path().join("data.lerobot");
+    record(&path, WriteMode::Error, 0..1).unwrap();
+    let mut writer = create(&path, WriteMode::Append, None).unwrap();
+    assert!(matches!(create(&path, WriteMode::Append, None).err(), Some(DataError::Busy { .. })));
+    let other = swm_core::Metadata { env: "swm/Other-v1".into(), ..metadata() };
+    assert!(writer.begin(&schema(), &other).unwrap_err().to_string().contains("swm/Other-v1"));
+    drop(writer);
+    let own =
+        swm_core::Schema::new(vec![swm_core::Field::step("timestamp", swm_core::Dtype::Str, &[])]).unwrap();
+    let mut writer = create(&folder.path().join("new.lerobot"), WriteMode::Append, None).unwrap();
+    assert!(writer.begin(&own, &metadata()).unwrap_err().to_string().contains("LeRobot's own"));
+}
+
+#[test]
+fn repair_counts_again_and_bit_flips_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.lerobot");
+    record(&path, WriteMode::Error, 0..2).unwrap();
+    let format = FORMATS.iter().find(|format| format.name == "lerobot").unwrap();
+    let repair = |apply| (format.repair)(&path, apply).unwrap();
+    assert!(repair(true).is_empty());
+    // A kill between the list and what follows it, and in the middle of the next episode.
+    let info = path.join("meta/info.json");
+    let text = fs::read_to_string(&info).unwrap();
+    fs::write(&info, text.replace("\"total_episodes\": 2", "\"total_episodes\": 1")).unwrap();
+    fs::remove_file(path.join("meta/swm-stats.json")).unwrap();
+    fs::write(path.join("data/chunk-000/file-002.parquet"), "half").unwrap();
+    let stats = fs::read_to_string(path.join("meta/stats.json")).unwrap();
+    assert_eq!(contents(&path).len(), 2);
+    assert_eq!(repair(false).len(), 3);
+    assert_eq!(repair(true).len(), 3);
+    assert!(repair(false).is_empty());
+    assert_eq!(fs::read_to_string(&info).unwrap(), text);
+    let again: serde_json::Value =
+        serde_json::from_slice(&fs::read(path.join("meta/stats.json")).unwrap()).unwrap();
+    let stats: serde_json::Value = serde_json::from_str(&stats).unwrap();
+    assert_eq!(again["reward"], stats["reward"]);
+    assert!(!path.join("data/chunk-000/file-002.parquet").exists());
+
+    for file in ["data/chunk-000/file-001.parquet", "videos/observation.images.goal/chunk-000/file-001.mp4"] {
+        let file = path.join(file);
+        let mut bytes = fs::read(&file).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 4;
+        fs::write(&file, &bytes).unwrap();
+        let mut dataset = open(&path).unwrap();
+        assert!(dataset.has_checksums() && dataset.check_episode(0).is_ok());
+        assert!(dataset.check_episode(1).unwrap_err().to_string().contains("checksum"));
+        bytes[middle] ^= 4;
+        fs::write(&file, bytes).unwrap();
     }
 }

@@ -12,7 +12,7 @@ use swm_core::{
     Batch, EpisodeEnd, EpisodeSink, LiveRow, Metadata, Recorder, Registry, Rollout, Scenario, Schema, World,
     WorldOptions,
 };
-use swm_data::{DatasetWriter, WriteMode};
+use swm_data::{DatasetWriter, WriteMode, WriteOptions};
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
 use super::{Failure, Output, policies, usage};
@@ -24,6 +24,7 @@ Examples:
   swm collect swm/PushT-v1 --policy expert --episodes 100 --seed 1 --out pusht.h5
   swm collect swm/PushT-v1 --policy weak --episodes 50 --vary agent,block.color --set background.color=0,0,0 --out weak.h5
   swm collect swm/PushT-v1 --policy expert --episodes 1000 --replayable --out small.h5   (pictures are drawn when read)
+  swm collect swm/PushT-v1 --policy expert --episodes 100 --quality 95 --out pusht.video   (films)
   swm collect swm/PushT-v1 --policy expert --total 1000 --seed 1 --mode append --out pusht.h5   (continue up to 1000)
 
 An episode is safe on disk once it is announced as written: a crash or kill loses at most what came after.")]
@@ -65,6 +66,9 @@ pub(super) struct Collect {
     /// The format; default: by the file extension.
     #[arg(long)]
     format: Option<String>,
+    /// Quality of pictures, 1 to 100, in the formats that lose some (`folder`: default 95; `video`, `lerobot`: 85).
+    #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
+    quality: Option<u8>,
     /// If the file exists: `append`, `overwrite` or `error`.
     #[arg(long, default_value = "error")]
     mode: WriteMode,
@@ -84,7 +88,8 @@ impl Collect {
         let mut world = World::new(entry, world)?;
         world.set_policy(policy);
         let options = self.scenario.options()?;
-        let mut writer = swm_data::create(&self.out, self.mode, self.format.as_deref())?;
+        let how = WriteOptions { mode: self.mode, quality: self.quality, ..WriteOptions::default() };
+        let mut writer = swm_data::create_with(&self.out, &how, self.format.as_deref())?;
         let first = writer.num_episodes();
         let last = match (self.episodes, self.total) {
             (Some(0), _) | (_, Some(0)) => return Err(usage("0 episodes asked for; use 1 or more")),

@@ -17,7 +17,7 @@ pub(super) struct TargetArgs {
     /// The format; default: by the file extension (`swm convert --help` lists them).
     #[arg(long)]
     format: Option<String>,
-    /// Quality of pictures, 1 to 100, in the formats that lose some (`folder`: default 95, `video`: 85).
+    /// Quality of pictures, 1 to 100, in the formats that lose some (`folder`: default 95; `video`, `lerobot`: 85).
     #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
     quality: Option<u8>,
     /// Frames from one key frame of a film to the next; more is smaller, and slower to read at random. Default: 10.
@@ -96,6 +96,7 @@ The source's format is told by its content, the target's by its extension or --f
   folder  .folder      numpy arrays and JPEG pictures
   video   .video       numpy arrays and H.264 films
   mcap    .mcap        one log file that opens in Foxglove, exact
+  lerobot .lerobot     Parquet tables and H.264 films that LeRobot opens (where it is built in)
 
 One episode is in memory at a time, however large the file. Interrupted, the same command goes on where it ended.")]
 pub(super) struct Convert {

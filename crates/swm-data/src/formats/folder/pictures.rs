@@ -14,15 +14,14 @@ use rayon::prelude::*;
 use swm_core::{Dtype, Field};
 use swm_media::jpeg;
 #[cfg(feature = "video")]
-use swm_media::mp4::{self, Mp4Options, Mp4Reader};
+use swm_media::mp4::{self, Mp4Reader};
 
 use crate::dataset::{Steps, WriteOptions};
+#[cfg(feature = "video")]
+use crate::formats::film::encoding;
 
 /// Quality of JPEG files if none is asked for.
 const JPEG_QUALITY: u8 = 95;
-/// Frames per second if nothing says more: the reference's.
-#[cfg(feature = "video")]
-const FRAMES_PER_SECOND: f64 = 25.0;
 
 /// How pictures are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -289,18 +288,4 @@ fn film_path(folder: &Path, episode: u64) -> PathBuf {
 fn open_film(path: &Path) -> Result<Mp4Reader<BufReader<File>>, String> {
     let file = File::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
     Mp4Reader::new(BufReader::new(file)).map_err(|error| format!("{}: {error}", path.display()))
-}
-
-/// Quality 1 to 100 on the encoder's scale, on which less is better.
-#[cfg(feature = "video")]
-fn encoding(options: &WriteOptions) -> Mp4Options {
-    let default = Mp4Options::default();
-    let range = 51 - u32::from(mp4::BEST_QUANTISER);
-    let quantiser = |quality: u8| 51 - (u32::from(quality.clamp(1, 100)) * range + 50) / 100;
-    Mp4Options {
-        frames_per_second: options.frames_per_second.unwrap_or(FRAMES_PER_SECOND),
-        quantiser: options.quality.map_or(default.quantiser, |quality| quantiser(quality) as u8),
-        key_frame_period: options.key_frame_period.unwrap_or(default.key_frame_period),
-        is_fast: true,
-    }
 }

@@ -3,8 +3,13 @@
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
-use serde::Deserialize;
-use serde_json::{Map, Value as Json};
+use serde::{Deserialize, Serialize, Serializer};
+use serde_json::{Map, Value as Json, json};
+
+use super::episodes::CHUNK;
+use super::manifest::{Manifest, OWN, is_film, is_own};
+use crate::error::DataError;
+use crate::formats::disk::replace;
 
 /// Where it lies.
 pub(super) const INFO: &str = "meta/info.json";
@@ -78,6 +83,97 @@ impl Info {
         let path = self.video_path.as_deref().ok_or("it names no place for its films")?;
         inside(folder, &filled(path, numbers, camera))
     }
+}
+
+/// What a folder of ours says of itself to LeRobot.
+#[derive(Serialize)]
+struct InfoOut {
+    codebase_version: &'static str,
+    robot_type: String,
+    total_episodes: usize,
+    total_frames: usize,
+    total_tasks: usize,
+    chunks_size: usize,
+    data_files_size_in_mb: usize,
+    video_files_size_in_mb: usize,
+    fps: Json,
+    splits: Json,
+    data_path: &'static str,
+    video_path: &'static str,
+    features: Ordered,
+}
+
+/// An object whose keys keep their order: the first camera is the one that readers take for `pixels`.
+struct Ordered(Vec<(String, Json)>);
+
+impl Serialize for Ordered {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().map(|(key, value)| (key, value)))
+    }
+}
+
+/// Writes it for a folder of ours.
+pub(super) fn write(
+    folder: &Path,
+    manifest: &Manifest,
+    episodes: usize,
+    rows: usize,
+) -> Result<(), DataError> {
+    let rate = manifest.frames_per_second;
+    let whole = rate.fract() == 0.0 && rate < 1e9;
+    let info = InfoOut {
+        codebase_version: "v3.0",
+        robot_type: super::episodes::task(manifest).to_owned(),
+        total_episodes: episodes,
+        total_frames: rows,
+        total_tasks: 1,
+        chunks_size: CHUNK,
+        data_files_size_in_mb: 100,
+        video_files_size_in_mb: 200,
+        // LeRobot expects a whole number.
+        fps: if whole { json!(rate as u64) } else { json!(rate) },
+        splits: json!({"train": format!("0:{episodes}")}),
+        data_path: "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        video_path: "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
+        features: Ordered(features(manifest)),
+    };
+    let path = folder.join(INFO);
+    let bytes =
+        serde_json::to_vec_pretty(&info).map_err(|error| DataError::record(&path, error.to_string()))?;
+    replace(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))
+}
+
+fn features(manifest: &Manifest) -> Vec<(String, Json)> {
+    let mut features = Vec::new();
+    for field in manifest.columns.iter().filter(|field| !is_own(&field.name)) {
+        let value = if is_film(field) {
+            json!({
+                "dtype": "video",
+                "shape": field.shape,
+                "names": ["height", "width", "channels"],
+                "info": {
+                    "video.height": field.shape[0],
+                    "video.width": field.shape[1],
+                    "video.channels": 3,
+                    "video.codec": "h264",
+                    "video.pix_fmt": "yuv420p",
+                    "video.is_depth_map": false,
+                    "video.fps": manifest.frames_per_second,
+                    "has_audio": false,
+                },
+            })
+        } else {
+            // Rows of more than one dimension are stored flat: every reader has lists.
+            json!({"dtype": field.dtype.name(), "shape": [field.width()], "names": null})
+        };
+        features.push((manifest.feature(&field.name), value));
+    }
+    // The camera that readers shall take first.
+    features.sort_by_key(|(name, _)| !name.ends_with(".pixels"));
+    for (name, dtype) in OWN {
+        features.push((name.to_owned(), json!({"dtype": dtype.name(), "shape": [1], "names": null})));
+    }
+    features
 }
 
 /// `chunk-{chunk_index:03d}` with its numbers.

@@ -1,23 +1,26 @@
-//! LeRobot datasets, versions 2.1 and 3.0, read only: Parquet tables of numbers and H.264 films. The first camera becomes
-//! `pixels`, `observation.state` becomes `proprio`, as in the reference's reader; `ep_idx` and `step_idx` are made up.
-//! Films in AV1, which is LeRobot's default codec, cannot be decoded here: their columns are left out by name.
+//! LeRobot datasets: Parquet tables of numbers and H.264 films. Versions 2.1 and 3.0 are read, 3.0 is written. Of other
+//! programs' folders the first camera becomes `pixels`, `observation.state` becomes `proprio`, as in the reference's
+//! reader, and `ep_idx` and `step_idx` are made up; ours also hold what the columns were called, see `manifest`. Films in
+//! AV1, which is LeRobot's default codec, cannot be decoded here: their columns are left out by name.
 
+mod episodes;
 mod info;
+mod manifest;
+mod parquet_file;
 mod reader;
+mod statistics;
 mod table;
+mod writer;
 
-use crate::error::DataError;
 use crate::format::Format;
 
 /// The entry in the table of formats.
 pub(crate) const FORMAT: Format = Format {
     name: "lerobot",
     extensions: &["lerobot"],
-    about: "a folder of LeRobot 2.1 or 3.0, read only: Parquet tables and H.264 films",
+    about: "a folder of Parquet tables and H.264 films that LeRobot opens; lossy pictures",
     detect: |path| path.join(info::INFO).is_file(),
     open: |path| Ok(Box::new(reader::LeRobotDataset::open(path)?)),
-    create: |path, _| {
-        Err(DataError::record(path, "the format `lerobot` is only read; use hdf5, folder, video or mcap"))
-    },
-    repair: |_, _| Ok(Vec::new()),
+    create: |path, options| Ok(Box::new(writer::LeRobotWriter::new(path, options)?)),
+    repair: writer::repair,
 };

@@ -12,7 +12,9 @@ use swm_core::error::BoxError;
 use swm_core::{Batch, Column, Dtype, EpisodeSource, Field, Metadata, Schema, SliceMut};
 use swm_media::mp4::Mp4Reader;
 
+use super::episodes;
 use super::info::{Info, Version};
+use super::manifest::{Manifest, is_film};
 use super::table::Table;
 use crate::dataset::{Dataset, Steps, check_request, copy_rows, locate, read_rows};
 use crate::error::DataError;
@@ -34,6 +36,8 @@ struct Shared {
     columns: Vec<Source>,
     episodes: Vec<Place>,
     skipped: Vec<(String, String)>,
+    /// Of folders of ours.
+    runs: Vec<(u64, Metadata)>,
 }
 
 enum Source {
@@ -55,6 +59,8 @@ struct Place {
     first: usize,
     /// By camera: the film, and its first frame there.
     films: BTreeMap<String, (PathBuf, usize)>,
+    /// By file, in folders of ours.
+    checksums: BTreeMap<PathBuf, u32>,
 }
 
 impl LeRobotDataset {
@@ -78,7 +84,13 @@ impl LeRobotDataset {
         }
         let Some((path, columns)) = &mut self.table else { return Ok(()) };
         if !columns.contains_key(name) {
-            columns.insert(name.to_owned(), Table::open(path)?.column(name)?);
+            let column = match (Table::open(path)?.column(name)?, out.dtype()) {
+                (Column::I32(values), Dtype::U8) => {
+                    Column::U8(values.into_iter().map(|value| value as u8).collect())
+                }
+                (column, _) => column,
+            };
+            columns.insert(name.to_owned(), column);
         }
         let values = columns[name].as_slice();
         let (start, size) = (place.first.checked_mul(width), place.rows.checked_mul(width));
@@ -109,6 +121,8 @@ impl LeRobotDataset {
         let shared = self.shared.clone();
         let (path, first) = shared.episodes[episode].films.get(camera).ok_or("there is no film")?;
         if self.films.get(&column).is_none_or(|(open, _)| open != path) {
+            // The decoder of damaged films is the least robust part of all.
+            check(path, &shared.episodes[episode])?;
             self.films.insert(column, (path.clone(), film(path)?));
         }
         let Some((_, film)) = self.films.get_mut(&column) else { return Ok(()) };
@@ -124,6 +138,9 @@ impl LeRobotDataset {
 impl Shared {
     fn open(path: &Path) -> Result<Self, String> {
         let info = Info::read(path)?;
+        if let Some(manifest) = Manifest::read(path)? {
+            return Self::ours(path, manifest);
+        }
         let cameras: Vec<String> = info
             .features
             .iter()
@@ -172,7 +189,44 @@ impl Shared {
         add("ep_idx", Dtype::I32, &[], Source::Episode);
         add("step_idx", Dtype::I64, &[], Source::Step);
         let schema = Schema::new(fields).map_err(|error| error.to_string())?;
-        Ok(Self { path: path.to_owned(), schema, columns, episodes, skipped })
+        Ok(Self { path: path.to_owned(), schema, columns, episodes, skipped, runs: Vec::new() })
+    }
+
+    /// A folder that this program wrote.
+    fn ours(path: &Path, manifest: Manifest) -> Result<Self, String> {
+        let cameras: Vec<String> = manifest.cameras().map(|(_, camera)| camera).collect();
+        let mut places = Vec::new();
+        for (episode, entry) in episodes::read(path, cameras.len())?.into_iter().enumerate() {
+            let data = path.join(episodes::data_path(episode));
+            let mut place = Place { rows: entry.rows, data: data.clone(), ..Place::default() };
+            let films = cameras.iter().map(|camera| path.join(episodes::film_path(camera, episode)));
+            for (camera, film) in cameras.iter().zip(films.clone()) {
+                place.films.insert(camera.clone(), (film, 0));
+            }
+            place.checksums = std::iter::once(data).chain(films).zip(entry.checksums).collect();
+            places.push(place);
+        }
+        let source = |field: &Field| match manifest.feature(&field.name) {
+            camera if is_film(field) => Source::Film(camera),
+            name => Source::Table(name),
+        };
+        let mut columns: Vec<Source> = manifest.columns.iter().map(source).collect();
+        let mut fields = manifest.columns;
+        fields.push(Field::step("ep_idx", Dtype::I32, &[]));
+        columns.push(Source::Episode);
+        let schema = Schema::new(fields).map_err(|error| error.to_string())?;
+        let path = path.to_owned();
+        Ok(Self { path, schema, columns, episodes: places, skipped: Vec::new(), runs: manifest.runs })
+    }
+}
+
+/// Compares a file of an episode with its checksum, if there is one.
+fn check(path: &Path, place: &Place) -> Result<(), String> {
+    let Some(&checksum) = place.checksums.get(path) else { return Ok(()) };
+    let bytes = fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    match crc32fast::hash(&bytes) == checksum {
+        true => Ok(()),
+        false => Err(format!("{}: its checksum is wrong, the file was changed", path.display())),
     }
 }
 
@@ -269,7 +323,7 @@ fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<Place>, Str
                 let begin = *begins.entry(data.clone()).or_insert(start);
                 let first = start.checked_sub(begin).ok_or("episodes are out of order")?;
                 let mut place =
-                    Place { rows: bounded(size(lengths[row])?)?, data, first, films: BTreeMap::new() };
+                    Place { rows: bounded(size(lengths[row])?)?, data, first, ..Place::default() };
                 for (camera, chunks, files, times) in &films {
                     let numbers = [("chunk_index", size(chunks[row])?), ("file_index", size(files[row])?)];
                     let film = info.film(path, camera, &numbers)?;
@@ -303,7 +357,7 @@ impl EpisodeSource for LeRobotDataset {
     }
 
     fn metadata(&self) -> Option<&Metadata> {
-        None
+        self.shared.runs.first().map(|(_, metadata)| metadata)
     }
 
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
@@ -354,6 +408,21 @@ impl Dataset for LeRobotDataset {
 
     fn share(&self) -> Box<dyn Dataset> {
         Box::new(Self { shared: self.shared.clone(), table: None, films: BTreeMap::new() })
+    }
+
+    fn runs(&self) -> &[(u64, Metadata)] {
+        &self.shared.runs
+    }
+
+    fn has_checksums(&self) -> bool {
+        self.shared.episodes.iter().any(|place| !place.checksums.is_empty())
+    }
+
+    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
+        let Some(place) = self.shared.episodes.get(episode) else { return Ok(()) };
+        let checked = place.checksums.keys().try_for_each(|path| check(path, place));
+        checked
+            .map_err(|reason| DataError::damaged(&self.shared.path, format!("episode {episode}: {reason}")))
     }
 
     fn skipped(&self) -> &[(String, String)] {

@@ -1,4 +1,4 @@
-//! Columns of a Parquet file as columns of ours: numbers, and lists of as many numbers in every row.
+//! Columns of a Parquet file as columns of ours: numbers, texts, and lists of as many numbers in every row.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -68,6 +68,12 @@ impl Table {
                 ColumnReader::Int64ColumnReader(reader) => Column::I64(values(reader, rows, depth, lists)?),
                 ColumnReader::FloatColumnReader(reader) => Column::F32(values(reader, rows, depth, lists)?),
                 ColumnReader::DoubleColumnReader(reader) => Column::F64(values(reader, rows, depth, lists)?),
+                ColumnReader::ByteArrayColumnReader(reader) => {
+                    let texts = values(reader, rows, depth, lists)?.into_iter().map(|text| {
+                        text.as_utf8().map(str::to_owned).map_err(|_| "a text is not UTF-8".to_owned())
+                    });
+                    Column::Str(texts.collect::<Result<_, _>>()?)
+                }
                 _ => return Err("values of its type are not supported".to_owned()),
             };
             match &mut all {

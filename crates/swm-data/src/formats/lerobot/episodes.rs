@@ -1,0 +1,164 @@
+//! The list of episodes of a folder of ours, `meta/episodes`: its files appear by renaming, and what they list exists.
+//! Every episode has a table and films of its own, so all that is to be known of one is its length.
+
+use std::fs;
+use std::path::Path;
+
+use swm_core::{Column, Slice};
+
+use super::manifest::Manifest;
+use super::parquet_file::{self, ColumnOut};
+use super::table::Table;
+use crate::error::DataError;
+use crate::formats::disk::replace;
+
+/// Files in a folder, as LeRobot divides them.
+pub(super) const CHUNK: usize = 1000;
+/// Episodes in a file of the list, which is written anew for each of them.
+const PER_FILE: usize = 500;
+/// The checksums of an episode's files: its table, then its films in the order of the columns.
+const CHECKSUMS: &str = "swm/crc32";
+
+/// One episode.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Entry {
+    pub(super) rows: usize,
+    pub(super) checksums: Vec<u32>,
+}
+
+/// `data/chunk-000/file-017.parquet`.
+pub(super) fn data_path(episode: usize) -> String {
+    format!("data/chunk-{:03}/file-{:03}.parquet", episode / CHUNK, episode % CHUNK)
+}
+
+/// `videos/observation.images.pixels/chunk-000/file-017.mp4`.
+pub(super) fn film_path(camera: &str, episode: usize) -> String {
+    format!("videos/{camera}/chunk-{:03}/file-{:03}.mp4", episode / CHUNK, episode % CHUNK)
+}
+
+fn list_path(file: usize) -> String {
+    format!("meta/episodes/chunk-{:03}/file-{:03}.parquet", file / CHUNK, file % CHUNK)
+}
+
+/// All episodes that were announced.
+pub(super) fn read(folder: &Path, films: usize) -> Result<Vec<Entry>, String> {
+    let mut entries = Vec::new();
+    for file in 0.. {
+        let path = folder.join(list_path(file));
+        if !path.is_file() {
+            break;
+        }
+        let table = Table::open(&path)?;
+        let (Column::I64(rows), Column::I64(checksums)) = (table.column("length")?, table.column(CHECKSUMS)?)
+        else {
+            return Err(format!("{}: lengths or checksums are no numbers", path.display()));
+        };
+        if rows.len().checked_mul(films + 1) != Some(checksums.len()) {
+            return Err(format!(
+                "{}: {} checksums of {} episodes",
+                path.display(),
+                checksums.len(),
+                rows.len()
+            ));
+        }
+        for (&rows, checksums) in rows.iter().zip(checksums.chunks_exact(films + 1)) {
+            let rows = i32::try_from(rows).ok().filter(|&rows| rows > 0);
+            let rows = rows.ok_or_else(|| format!("{}: an episode of no length", path.display()))?;
+            let checksums = checksums.iter().map(|&checksum| checksum as u32).collect();
+            entries.push(Entry { rows: rows as usize, checksums });
+        }
+    }
+    Ok(entries)
+}
+
+/// Announces the last of `entries`, which are all that there are: writes the file of the list that it is in.
+pub(super) fn announce(folder: &Path, manifest: &Manifest, entries: &[Entry]) -> Result<(), DataError> {
+    let file = entries.len().saturating_sub(1) / PER_FILE;
+    let first = file * PER_FILE;
+    let path = folder.join(list_path(file));
+    let bytes = list(manifest, entries, first, file).map_err(|reason| DataError::record(&path, reason))?;
+    let written = match path.parent() {
+        Some(parent) => fs::create_dir_all(parent).and_then(|()| replace(&path, &bytes)),
+        None => replace(&path, &bytes),
+    };
+    written.map_err(|source| DataError::io(&path, "write", source))
+}
+
+/// The bytes of a file of the list.
+fn list(manifest: &Manifest, entries: &[Entry], first: usize, file: usize) -> Result<Vec<u8>, String> {
+    let before: usize = entries[..first].iter().map(|entry| entry.rows).sum();
+    let entries = &entries[first..];
+    let numbers = |value: &dyn Fn(usize) -> usize| -> Vec<i64> {
+        (first..first + entries.len()).map(|episode| value(episode) as i64).collect()
+    };
+    let lengths: Vec<i64> = entries.iter().map(|entry| entry.rows as i64).collect();
+    let ends: Vec<i64> = lengths
+        .iter()
+        .scan(before as i64, |end, rows| {
+            *end += rows;
+            Some(*end)
+        })
+        .collect();
+    let starts: Vec<i64> = ends.iter().zip(&lengths).map(|(end, rows)| end - rows).collect();
+    let (indices, chunks, files) = (
+        numbers(&|episode| episode),
+        numbers(&|episode| episode / CHUNK),
+        numbers(&|episode| episode % CHUNK),
+    );
+    let (list_chunks, list_files) = (numbers(&|_| file / CHUNK), numbers(&|_| file % CHUNK));
+    let tasks: Vec<String> = indices.iter().map(|_| task(manifest).to_owned()).collect();
+    let (from, to): (Vec<f64>, Vec<f64>) =
+        lengths.iter().map(|&rows| (0.0, rows as f64 / manifest.frames_per_second)).unzip();
+    let checksums: Vec<i64> = entries
+        .iter()
+        .flat_map(|entry| entry.checksums.iter().map(|&checksum| i64::from(checksum)))
+        .collect();
+    let films = manifest.cameras().count();
+    let mut columns = vec![
+        ColumnOut::scalar("episode_index", Slice::I64(&indices)),
+        ColumnOut { name: "tasks".to_owned(), values: Slice::Str(&tasks), list: Some(1) },
+        ColumnOut::scalar("length", Slice::I64(&lengths)),
+        ColumnOut::scalar("data/chunk_index", Slice::I64(&chunks)),
+        ColumnOut::scalar("data/file_index", Slice::I64(&files)),
+        ColumnOut::scalar("dataset_from_index", Slice::I64(&starts)),
+        ColumnOut::scalar("dataset_to_index", Slice::I64(&ends)),
+    ];
+    for (_, camera) in manifest.cameras() {
+        columns.push(ColumnOut::scalar(format!("videos/{camera}/chunk_index"), Slice::I64(&chunks)));
+        columns.push(ColumnOut::scalar(format!("videos/{camera}/file_index"), Slice::I64(&files)));
+        columns.push(ColumnOut::scalar(format!("videos/{camera}/from_timestamp"), Slice::F64(&from)));
+        columns.push(ColumnOut::scalar(format!("videos/{camera}/to_timestamp"), Slice::F64(&to)));
+    }
+    columns.push(ColumnOut::scalar("meta/episodes/chunk_index", Slice::I64(&list_chunks)));
+    columns.push(ColumnOut::scalar("meta/episodes/file_index", Slice::I64(&list_files)));
+    columns.push(ColumnOut {
+        name: CHECKSUMS.to_owned(),
+        values: Slice::I64(&checksums),
+        list: Some(films + 1),
+    });
+    parquet_file::bytes(&columns, &[])
+}
+
+/// What is done in the episodes, in the words of LeRobot: the environment.
+pub(super) fn task(manifest: &Manifest) -> &str {
+    manifest.runs.first().map_or("unknown", |(_, metadata)| metadata.env.as_str())
+}
+
+/// `meta/tasks.parquet`: numbers of tasks, by their texts, which pandas takes for the index.
+pub(super) fn write_tasks(folder: &Path, manifest: &Manifest) -> Result<(), DataError> {
+    let path = folder.join("meta/tasks.parquet");
+    let pandas = serde_json::json!({
+        "index_columns": ["task"],
+        "column_indexes": [],
+        "columns": [
+            {"name": "task_index", "field_name": "task_index", "pandas_type": "int64", "numpy_type": "int64", "metadata": null},
+            {"name": "task", "field_name": "task", "pandas_type": "unicode", "numpy_type": "object", "metadata": null},
+        ],
+    });
+    let tasks = [task(manifest).to_owned()];
+    let columns =
+        [ColumnOut::scalar("task_index", Slice::I64(&[0])), ColumnOut::scalar("task", Slice::Str(&tasks))];
+    let bytes = parquet_file::bytes(&columns, &[("pandas", pandas.to_string())])
+        .map_err(|reason| DataError::record(&path, reason))?;
+    replace(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))
+}

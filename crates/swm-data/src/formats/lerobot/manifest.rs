@@ -1,0 +1,113 @@
+//! What a folder of ours says of itself beyond LeRobot: `meta/swm.json`, the columns as they were recorded and the runs
+//! that recorded them; and which feature of LeRobot a column becomes.
+
+use std::fs;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use swm_core::{Dtype, Field, Metadata};
+use swm_media::mp4;
+
+use crate::error::DataError;
+use crate::formats::disk::{is_plain_name, replace};
+
+/// Where it lies.
+const MANIFEST: &str = "meta/swm.json";
+const VERSION: u32 = 1;
+/// Above this size it is taken for damage.
+const MAX_BYTES: u64 = 64 << 20;
+/// A row above this size is taken for damage.
+const MAX_ROW_BYTES: usize = 1 << 30;
+
+/// What names of cameras begin with.
+const CAMERA: &str = "observation.images.";
+
+/// The columns that every LeRobot table has, and that the writer fills itself.
+pub(super) const OWN: [(&str, Dtype); 5] = [
+    ("timestamp", Dtype::F32),
+    ("frame_index", Dtype::I64),
+    ("episode_index", Dtype::I64),
+    ("index", Dtype::I64),
+    ("task_index", Dtype::I64),
+];
+
+/// A folder of ours.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Manifest {
+    version: u32,
+    pub(super) frames_per_second: f64,
+    /// As recorded, in order, without `ep_idx`.
+    pub(super) columns: Vec<Field>,
+    /// Metadata of each run, with the first episode that it recorded; in that order.
+    pub(super) runs: Vec<(u64, Metadata)>,
+}
+
+impl Manifest {
+    pub(super) fn new(columns: Vec<Field>, frames_per_second: f64) -> Self {
+        Self { version: VERSION, frames_per_second, columns, runs: Vec::new() }
+    }
+
+    /// Reads it; `None` in folders of other programs.
+    pub(super) fn read(folder: &Path) -> Result<Option<Self>, String> {
+        let path = folder.join(MANIFEST);
+        let bytes = match fs::metadata(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Ok(metadata) if metadata.len() > MAX_BYTES => {
+                return Err(format!("`{MANIFEST}` has {} bytes", metadata.len()));
+            }
+            _ => fs::read(&path).map_err(|error| error.to_string())?,
+        };
+        let manifest: Self =
+            serde_json::from_slice(&bytes).map_err(|error| format!("`{MANIFEST}`: {error}"))?;
+        if manifest.version != VERSION {
+            return Err(format!(
+                "`{MANIFEST}`: its version is {}, this program knows {VERSION}",
+                manifest.version
+            ));
+        }
+        for Field { name, shape, .. } in &manifest.columns {
+            let bytes = shape.iter().try_fold(8usize, |bytes, &size| bytes.checked_mul(size));
+            if !is_plain_name(name) || bytes.is_none_or(|bytes| bytes == 0 || bytes > MAX_ROW_BYTES) {
+                return Err(format!("`{MANIFEST}`: column `{name}` of the shape {shape:?}"));
+            }
+        }
+        Ok(Some(manifest))
+    }
+
+    pub(super) fn write(&self, folder: &Path) -> Result<(), DataError> {
+        let path = folder.join(MANIFEST);
+        let bytes =
+            serde_json::to_vec_pretty(self).map_err(|error| DataError::record(&path, error.to_string()))?;
+        replace(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))
+    }
+
+    /// The columns that are films, with the names of their features.
+    pub(super) fn cameras(&self) -> impl Iterator<Item = (&Field, String)> {
+        self.columns.iter().filter(|field| is_film(field)).map(|field| (field, self.feature(&field.name)))
+    }
+
+    /// The name of a column's feature. Policies of LeRobot look for `observation.state`, `observation.images.…` and `action`.
+    pub(super) fn feature(&self, column: &str) -> String {
+        let has = |name: &str| self.columns.iter().any(|field| field.name == name);
+        let is_state = column == "proprio" || column == "state" && !has("proprio");
+        match self.columns.iter().find(|field| field.name == column) {
+            Some(field) if is_film(field) && !column.starts_with(CAMERA) => format!("{CAMERA}{column}"),
+            Some(field) if is_state && field.dtype != Dtype::Str && !has("observation.state") => {
+                "observation.state".to_owned()
+            }
+            _ => column.to_owned(),
+        }
+    }
+}
+
+/// Whether a column becomes films: films have even sides and three colours. Other pictures become lists of numbers.
+pub(super) fn is_film(field: &Field) -> bool {
+    let (Dtype::U8, &[height, width, 3]) = (field.dtype, &field.shape[..]) else { return false };
+    let fits = |side: usize| side.is_multiple_of(2) && (mp4::SIDES[0]..=mp4::SIDES[1]).contains(&side);
+    fits(height) && fits(width)
+}
+
+/// Whether a column is one that LeRobot prescribes, whose values follow from the place of the row.
+pub(super) fn is_own(name: &str) -> bool {
+    OWN.iter().any(|(own, _)| *own == name)
+}
