@@ -79,9 +79,9 @@ impl Holder {
     }
 
     /// What a lock file says; nothing if it is of an older version, or cannot be read while it is locked.
-    fn read(mut file: &File) -> Option<Self> {
+    fn read(file: &File) -> Option<Self> {
         let mut text = String::new();
-        file.by_ref().take(MAX_BYTES).read_to_string(&mut text).ok()?;
+        file.take(MAX_BYTES).read_to_string(&mut text).ok()?;
         let (process, host) = text.trim_end().strip_prefix("process ")?.split_once(" on ")?;
         Some(Self { process: process.parse().ok()?, host: host.to_owned() })
     }

@@ -110,7 +110,9 @@ pub(super) fn ensure_readable(path: &Path) -> Result<Superblock, DataError> {
             Err(TryLockError::WouldBlock) if start.elapsed() < PATIENCE => {
                 thread::sleep(Duration::from_millis(10));
             }
-            Err(TryLockError::WouldBlock) => return Err(DataError::Busy { path: path.to_owned() }),
+            Err(TryLockError::WouldBlock) => {
+                return Err(DataError::Busy { path: path.to_owned(), holder: "another process".to_owned() });
+            }
             Err(TryLockError::Error(error)) => return Err(failed(error)),
         }
     }
