@@ -194,7 +194,7 @@ impl Recording {
     /// Writes an episode: its table and films, the list, the summary.
     fn write(&mut self, batch: &Batch) -> Result<(), String> {
         let episode = self.entries.len();
-        let mut checksums = vec![self.store(&episodes::data_path(episode), &self.table(batch)?)?];
+        let table = self.table(batch)?;
         let cameras: Vec<(&Field, String)> = self.manifest.cameras().collect();
         // Encoding is most of the work, and films do not know of each other.
         let films = cameras.par_iter().map(|(field, camera)| {
@@ -208,7 +208,10 @@ impl Recording {
             let film = film.map_err(|error| failed(error.to_string()))?;
             self.store(&episodes::film_path(camera, episode), &film).map_err(failed)
         });
-        checksums.extend(films.collect::<Result<Vec<u32>, String>>()?);
+        let films = films.collect::<Result<Vec<u32>, String>>()?;
+        // LeRobot reads all tables that there are, listed or not: the less time between a table and the list, the better.
+        let mut checksums = vec![self.store(&episodes::data_path(episode), &table)?];
+        checksums.extend(films);
         let said = |error: DataError| error.to_string();
         self.entries.push(Entry { rows: batch.rows(), checksums });
         if let Err(error) = episodes::announce(&self.path, &self.manifest, &self.entries) {
