@@ -60,9 +60,7 @@ fn steps_do_not_allocate() {
 }
 
 fn allocations_of_80_steps(entry: &EnvEntry, num_envs: usize, render: &str) -> Option<usize> {
-    // Pictures of tables were not counted yet.
-    let draws = !entry.id.starts_with("swm/OGB");
-    let image = draws.then_some(ImageSize { height: 64, width: 64 });
+    let image = Some(ImageSize { height: 64, width: 64 });
     let mut env = EnvConfig { image, ..EnvConfig::default() };
     for label in ["depth", "segmentation"] {
         if entry.settings.iter().any(|setting| setting.name == label) {
