@@ -71,6 +71,9 @@ fn receipts_are_bit_equal_for_any_number_of_environments_and_threads() {
     let first = run("a", "1", "1");
     assert_eq!(first["episodes"].as_array().unwrap().len(), 5);
     assert_eq!(first["beside"].as_array().unwrap().len(), 3, "two floors and a ceiling");
+    let settings = &first["candidate"]["policy"]["named"];
+    assert_eq!(settings["stop_at_success"], false, "the manifest has a test of its own: {settings}");
+    assert_eq!(first["beside"][2]["candidate"]["policy"]["named"], *settings);
     assert_eq!(first, run("b", "5", "1"));
     assert_eq!(first, run("c", "2", "2"));
     for (num_envs, threads) in [("1", "1"), ("4", "2")] {
@@ -208,6 +211,15 @@ fn results_on_one_manifest_are_compared_pair_by_pair() {
     let compared = swm_json(&["compare", &format!("{a},{b}"), &c]);
     assert_eq!(compared[0]["runs"], 2);
     assert_eq!(compared[1]["test"]["pairs"], 5);
+    assert_eq!(
+        compared[1]["test"]["runs"],
+        serde_json::json!([2, 1]),
+        "all runs of both sides are in the test"
+    );
+    let rate =
+        |path: &str| read(&format!("{path}/receipt.json"))["summary"]["success_rate"].as_f64().unwrap();
+    let difference = compared[1]["test"]["difference"].as_f64().unwrap();
+    assert!((difference - ((rate(&a) + rate(&b)) / 2.0 - rate(&c))).abs() < 1e-9, "{compared}");
     let message = swm_fails(2, &["compare", &format!("{a},{a}"), &c]);
     assert!(message.contains("same --policy-seed"), "{message}");
     let message = swm_fails(2, &["compare", &format!("{a},{c}")]);
@@ -329,6 +341,24 @@ fn factors_are_swept_alone_in_groups_and_together() {
     let message =
         swm_fails(2, &["sweep", "--manifest", &manifest, "--policy", "weak", "--factors", "agent.colour"]);
     assert!(message.contains("did you mean `agent.color`?"), "{message}");
+}
+
+#[test]
+fn models_are_measured_without_control() {
+    let measure = |model: &str| {
+        let all = ["quality", "swm/TwoRoom-v2", "--model", model, "--episodes", "6", "--rows", "16"];
+        swm_json(&[&all[..], &["--horizon", "5", "--plans", "16", "--violation", "teleport"]].concat())
+    };
+    let (exact, weak, constant) = (measure("true"), measure("gain=0.5"), measure("constant"));
+    assert_eq!(exact, measure("true"));
+    let error = |found: &Json, step: usize| found["open_loop_error"][step].as_f64().unwrap();
+    assert!(error(&exact, 4) < 1e-6, "{exact}");
+    assert!(error(&weak, 4) > error(&weak, 0) && error(&constant, 4) > error(&weak, 4), "{weak} {constant}");
+    assert_eq!(exact["violations"][0]["accuracy"], 1.0);
+    assert!(constant["ranking"]["mean"].is_null(), "{constant}");
+    assert!(exact["ranking"]["mean"].as_f64().unwrap() > 0.9, "{exact}");
+    let message = swm_fails(2, &["quality", "swm/TwoRoom-v2", "--model", "best"]);
+    assert!(message.contains("gain=NUMBER"), "{message}");
 }
 
 /// Where a browser is on this machine, if any.

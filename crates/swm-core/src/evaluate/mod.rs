@@ -8,9 +8,13 @@ mod from_dataset;
 mod manifest;
 mod outcome;
 pub mod quality;
+mod ranking;
 mod rule;
+mod runs;
+mod state_model;
 pub mod stats;
 mod transfer;
+mod violation;
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -26,9 +30,13 @@ pub use draw::{ManifestOptions, RecordedPairs, is_held_out, make_manifest};
 pub use from_dataset::EvalOptions;
 pub use manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, sha256, sorted, witness};
 pub use outcome::{EpisodeResult, OutcomeRecorder, Summary};
+pub use ranking::{RankingOptions, action_ranking};
 pub use rule::{Condition, Judge, Measure, SuccessRule};
+pub use runs::{PairedRuns, sign_flip_exact};
+pub use state_model::StateModel;
 pub use stats::{PairedTest, wilson95};
 pub use transfer::Transfer;
+pub use violation::{Violation, ViolationOptions, random_episodes, violation_pairs};
 
 /// The result of an evaluation, indexed by episode: independent of environments, threads and completion order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

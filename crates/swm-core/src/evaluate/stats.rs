@@ -120,7 +120,7 @@ pub fn paired_interval95(both: usize, only_first: usize, only_second: usize, pai
 /// Source: B. Efron, "Bootstrap methods: another look at the jackknife", Annals of Statistics 7 (1979), with percentiles;
 /// draws are keyed, so that the same runs give the same interval.
 pub fn bootstrap95(runs: &[&[bool]], seed: u64) -> [f64; 2] {
-    const DRAWS: u64 = 10_000;
+    const DRAWS: usize = 10_000;
     let episodes = runs.iter().map(|run| run.len()).min().unwrap_or(0);
     if episodes == 0 {
         return [0.0, 100.0];
@@ -129,14 +129,19 @@ pub fn bootstrap95(runs: &[&[bool]], seed: u64) -> [f64; 2] {
         .map(|episode| 100.0 * runs.iter().filter(|run| run[episode]).count() as f64 / runs.len() as f64)
         .collect();
     let mut rng = keyed(seed, "bootstrap", [episodes as u64, runs.len() as u64]);
-    let mut means: Vec<f64> = (0..DRAWS)
+    let means = (0..DRAWS)
         .map(|_| {
             let drawn = (0..episodes).map(|_| per_episode[rng.random_range(0..episodes)]);
             drawn.sum::<f64>() / episodes as f64
         })
         .collect();
-    means.sort_by(f64::total_cmp);
-    let at = |part: f64| means[((DRAWS - 1) as f64 * part).round() as usize];
+    percentiles95(means)
+}
+
+/// The 2.5 % and the 97.5 % quantile of draws, of which there is at least one.
+pub(super) fn percentiles95(mut draws: Vec<f64>) -> [f64; 2] {
+    draws.sort_by(f64::total_cmp);
+    let at = |part: f64| draws[((draws.len() - 1) as f64 * part).round() as usize];
     [at(0.025), at(0.975)]
 }
 

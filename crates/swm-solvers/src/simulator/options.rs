@@ -31,6 +31,10 @@ pub struct SimulatorOptions {
     /// not negative, 1000 lets any success beat any failure, and an early one a late one. 0: success has no part in
     /// the cost. Gradients leave it out: it is a cliff.
     pub success_bonus: f64,
+    /// Whether a roll-out ends where the environment says that its task is done. If not, success has no part in the cost
+    /// (no bonus either), and roll-outs go on: for tasks that are judged by another test than the environment's own. An
+    /// end without success, such as a fall, stays an end.
+    pub stop_at_success: bool,
     /// How far an action is moved, back and forth, to find the slope of the cost. Integer actions have none: there the
     /// cost of every other category is compared.
     pub gradient_step: f64,
@@ -38,9 +42,22 @@ pub struct SimulatorOptions {
     pub frame_skip: u32,
 }
 
+impl SimulatorOptions {
+    /// Whether success lowers the cost.
+    pub(super) fn gives_bonus(&self) -> bool {
+        self.stop_at_success && self.success_bonus > 0.0
+    }
+}
+
 impl Default for SimulatorOptions {
     fn default() -> Self {
-        Self { aggregate: Aggregate::Last, success_bonus: 1000.0, gradient_step: 0.01, frame_skip: 1 }
+        Self {
+            aggregate: Aggregate::Last,
+            success_bonus: 1000.0,
+            stop_at_success: true,
+            gradient_step: 0.01,
+            frame_skip: 1,
+        }
     }
 }
 
@@ -55,6 +72,11 @@ impl Settings for SimulatorOptions {
             name: "success_bonus",
             doc: "success at step t of a roll-out costs t minus this; 0: no bonus",
             default: "1000",
+        },
+        Setting {
+            name: "stop_at_success",
+            doc: "end roll-outs at the environment's own success; false: roll on, without a bonus",
+            default: "true",
         },
         Setting {
             name: "gradient_step",

@@ -64,7 +64,7 @@ impl Worker {
         plan: &[f32],
     ) -> Result<f64, PlanError> {
         self.env.restore(start)?;
-        self.go_on(simulation, Tally::new(simulation.options.success_bonus > 0.0), plan, 0)
+        self.go_on(simulation, Tally::new(simulation.options.gives_bonus()), plan, 0)
     }
 
     /// Calls `write(number, slope)` for all numbers of the actions `steps` of `plan`, `[T, A]`.
@@ -200,7 +200,8 @@ impl Worker {
         if tally.bonus && outcome.success == Some(true) {
             return Ok(Some(tally.taken as f64 - options.success_bonus));
         }
-        let ends = outcome.terminated || last;
+        let terminated = outcome.terminated && (options.stop_at_success || outcome.success != Some(true));
+        let ends = terminated || last;
         if !ends && options.aggregate == Aggregate::Last {
             return Ok(None);
         }

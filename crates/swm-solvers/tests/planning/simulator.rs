@@ -145,6 +145,20 @@ fn options_change_the_cost() {
 }
 
 #[test]
+fn roll_outs_go_on_past_success_if_asked_to() {
+    // All but the first reach the goal with their third action; the last two leave it with the fourth.
+    let plans = [[0.5; 4], [1.0, 1.0, 1.0, 0.0], [1.0, 1.0, 1.0, -1.0], [1.0, 1.0, 1.0, 1.0]];
+    let on = SimulatorOptions { stop_at_success: false, ..SimulatorOptions::default() };
+    assert_eq!(costs(TOY, 3.0, on.clone(), true, &plans), [1.0, 0.0, 1.0, 1.0]);
+    let mean = SimulatorOptions { aggregate: Aggregate::Mean, ..on.clone() };
+    assert_eq!(costs(TOY, 3.0, mean, true, &plans[2..]), [1.0, 1.0]);
+    // The action after the success has a slope, which it has not where the roll-out ends before it.
+    let of = |options| probe(TOY, 3.0, options, true, vec![vec![0.99, 0.99, 0.99, 0.5]]).gradient[3];
+    assert!((of(on) - 1.0).abs() < 1e-3);
+    assert_eq!(of(SimulatorOptions::default()), 0.0);
+}
+
+#[test]
 fn a_roll_out_that_diverges_or_is_not_finite_costs_infinity() {
     let plans = [[0.5; 4], [0.5, 0.5, 0.9, 0.5], [f32::NAN; 4]];
     assert_eq!(

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 use swm_core::evaluate::stats::{bootstrap95, mean_and_deviation};
-use swm_core::evaluate::{PairedTest, Transfer};
+use swm_core::evaluate::{PairedRuns, Transfer};
 
 use super::eval_manifest::p_value;
 use super::output::table;
@@ -20,7 +20,8 @@ Examples:
   swm compare results/cem-seed1,results/cem-seed2,results/cem-seed3 results/mppi-seed1,results/mppi-seed2
   swm compare --stream after-phase-0 after-phase-1 after-phase-2 --untrained random
 
-Runs of one policy with several seeds, joined by commas, count as one: their mean, with a bootstrap over pairs.
+Runs of one policy with several seeds, joined by commas, are one side: the difference is that of the means of all runs, its interval
+a bootstrap over pairs and runs, its p-value that of an exact sign-flip test over pairs (for one run each: McNemar's).
 --stream takes results of one policy on one stream, after training on each of its phases, and says what carried over.")]
 pub(super) struct Compare {
     /// Receipts, or the folders that hold them; several seeds of one policy joined by commas.
@@ -51,9 +52,9 @@ struct Compared {
     ci95: [f64; 2],
     /// Sample deviation of the runs' success rates, in percentage points.
     deviation: Option<f64>,
-    /// The first side against this one: of the first run of each.
+    /// The first side against this one, all runs of both.
     #[serde(skip_serializing_if = "Option::is_none")]
-    test: Option<PairedTest>,
+    test: Option<PairedRuns>,
 }
 
 impl Compare {
@@ -71,18 +72,21 @@ impl Compare {
         if self.stream {
             return self.transfer(&sides, output);
         }
-        let compared: Vec<Compared> = sides.iter().map(|side| side.compared(first)).collect();
-        let rows: Vec<Vec<String>> = compared
+        let compared: Vec<Compared> = sides
             .iter()
             .enumerate()
-            .map(|(index, side)| {
+            .map(|(index, side)| side.compared((index > 0).then_some(&sides[0])))
+            .collect();
+        let rows: Vec<Vec<String>> = compared
+            .iter()
+            .map(|side| {
                 let [low, high] = side.ci95;
                 let (difference, p) = match &side.test {
-                    Some(test) if index > 0 => {
+                    Some(test) => {
                         let [low, high] = test.interval95;
                         (format!("{:+.1} ({low:+.1} to {high:+.1})", test.difference), p_value(test.p_value))
                     }
-                    _ => (String::new(), String::new()),
+                    None => (String::new(), String::new()),
                 };
                 let deviation = side.deviation.map_or(String::new(), |deviation| format!("{deviation:.1}"));
                 let rate = format!("{:.1} % ({low:.1} to {high:.1})", side.success_rate);
@@ -97,7 +101,7 @@ impl Compare {
                 ]
             })
             .collect();
-        let head = ["result", "policy", "runs", "success (95 %)", "± seeds", "first minus it", "McNemar"];
+        let head = ["result", "policy", "runs", "success (95 %)", "± seeds", "first minus it", "paired test"];
         output.result(&compared, || {
             let pairs = first.episodes.len();
             format!(
@@ -169,16 +173,22 @@ impl Side {
         Ok(Self { name: text.to_owned(), runs })
     }
 
-    fn compared(&self, first: &Receipt) -> Compared {
-        let successes: Vec<Vec<bool>> = self.runs.iter().map(Receipt::successes).collect();
+    /// Successes of all runs, `[runs][pairs]`.
+    fn successes(&self) -> Vec<Vec<bool>> {
+        self.runs.iter().map(Receipt::successes).collect()
+    }
+
+    /// This side in figures, and the `first` one against it.
+    fn compared(&self, first: Option<&Side>) -> Compared {
+        let successes = self.successes();
         let rates: Vec<f64> = self.runs.iter().map(|run| run.summary.success_rate).collect();
         let (success_rate, deviation) = mean_and_deviation(&rates);
-        let runs: Vec<&[bool]> = successes.iter().map(Vec::as_slice).collect();
+        let runs = slices(&successes);
         let ci95 = match &self.runs[..] {
             [one] => one.summary.ci95,
             _ => bootstrap95(&runs, 0),
         };
-        let is_first = std::ptr::eq(&self.runs[0], first);
+        let test = first.and_then(|first| PairedRuns::of(&slices(&first.successes()), &runs, 0));
         Compared {
             name: self.name.clone(),
             policy: self.runs[0].policy.clone(),
@@ -186,7 +196,11 @@ impl Side {
             success_rate,
             ci95,
             deviation,
-            test: (!is_first).then(|| PairedTest::of(&first.successes(), &successes[0])),
+            test,
         }
     }
+}
+
+fn slices(runs: &[Vec<bool>]) -> Vec<&[bool]> {
+    runs.iter().map(Vec::as_slice).collect()
 }

@@ -31,6 +31,7 @@ impl EvalManifest<'_> {
         let manifest = read_manifest(self.manifest).map_err(usage)?;
         let entry = registry.env(&manifest.env)?;
         let candidate = Candidate { policy: policy_args(self.policy)?, seed: self.policy_seed };
+        let candidate = candidate.on(entry, &manifest);
         let policy = candidate.make(registry, entry, &manifest)?.describe();
         let wanted = self.wanted(entry, &manifest, &candidate.policy)?;
         if let Some(dir) = self.out {
@@ -99,7 +100,7 @@ impl EvalManifest<'_> {
         let mut all = roles(entry, manifest, policy);
         if let Some(text) = self.ceiling {
             all.retain(|(role, _)| *role != Role::Ceiling);
-            all.push((Role::Ceiling, Candidate::new(policy_args(text)?)));
+            all.push((Role::Ceiling, Candidate::new(policy_args(text)?).on(entry, manifest)));
         }
         let file = |role: &Role| role_file(*role);
         if let Some(unknown) = self

@@ -17,6 +17,7 @@ mod output;
 mod plan;
 mod policies;
 mod preview;
+mod quality;
 mod render;
 mod replay;
 mod report;
@@ -69,6 +70,7 @@ enum Command {
     VerifyResult(verify_result::VerifyResult),
     Sweep(sweep::SweepCommand),
     Report(report::ReportCommand),
+    Quality(quality::QualityCommand),
     Plan(plan::Plan),
     Solvers(solvers::Solvers),
     Render(render::Render),
@@ -118,6 +120,7 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         Command::VerifyResult(command) => command.run(registry, &output),
         Command::Sweep(command) => command.run(registry, &output),
         Command::Report(command) => command.run(registry, &output),
+        Command::Quality(command) => command.run(registry, &output),
         Command::Plan(command) => command.run(registry, &output),
         Command::Solvers(command) => command.run(&output),
         Command::Render(command) => command.run(registry, &output),

@@ -65,13 +65,14 @@ impl SweepCommand {
         if self.world.frame_skip.is_some() {
             return Err(usage("--frame-skip: the manifest says how often actions are applied"));
         }
+        let entry = registry.env(&manifest.env)?;
         let candidate = Candidate { policy: policy_args(&self.policy)?, seed: self.policy_seed };
+        let candidate = candidate.on(entry, &manifest);
         let values = match self.values {
             ValuesArg::Sampled => Values::Sampled,
             ValuesArg::Extremes => Values::Extremes,
             ValuesArg::Grid => Values::Grid(self.points),
         };
-        let entry = registry.env(&manifest.env)?;
         candidate.make(registry, entry, &manifest)?;
         let config = swm_core::EnvConfig { image: None, settings: manifest.settings.clone() };
         let factors = (entry.make)(&config)?.spec().factors.clone();

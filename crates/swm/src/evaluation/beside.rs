@@ -1,7 +1,7 @@
 //! What stands beside every result: floors that need no skill, and the ceiling of the same planner on the true dynamics.
 
 use serde::{Deserialize, Serialize};
-use swm_core::evaluate::{EpisodeResult, PairedTest, Summary, Tier};
+use swm_core::evaluate::{EpisodeResult, PairedTest, Summary};
 use swm_core::{EnvConfig, EnvEntry, Manifest, PolicyArgs};
 use swm_solvers::PLANNERS;
 
@@ -111,12 +111,8 @@ pub fn roles(entry: &EnvEntry, manifest: &Manifest, policy: &PolicyArgs) -> Vec<
     let has_cost = (entry.make)(&config).is_ok_and(|env| env.task_cost().is_some());
     if has_cost {
         let is_planner = PLANNERS.iter().any(|planner| planner.name == policy.name);
-        let mut ceiling = if is_planner { Candidate::new(policy.clone()) } else { named("cem") };
-        if !is_planner && manifest.tier == Tier::Strict {
-            // The environment's own success is easier than the tier's: a plan must not stop there.
-            ceiling.policy.named.insert("success_bonus".to_owned(), 0.into());
-        }
-        roles.push((Role::Ceiling, ceiling));
+        let ceiling = if is_planner { Candidate::new(policy.clone()) } else { named("cem") };
+        roles.push((Role::Ceiling, ceiling.on(entry, manifest)));
     }
     roles
 }

@@ -4,6 +4,7 @@
 mod beside;
 mod files;
 mod probe;
+mod quality;
 mod receipt;
 mod resume;
 mod run;
@@ -14,6 +15,7 @@ mod verify;
 pub use beside::{Beside, Regret, Role, roles};
 pub use files::{file_hash, read_manifest, read_receipt, write_manifest};
 pub use probe::{Fingerprints, fingerprints};
+pub use quality::{Quality, QualityOptions, Ranking, Surprised, quality};
 pub use receipt::{Code, RECEIPT_VERSION, Receipt};
 pub use resume::Ledger;
 pub use run::{Candidate, RunOptions, plan_steps, run_pairs};

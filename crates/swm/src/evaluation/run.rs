@@ -12,6 +12,8 @@ use swm_core::{
     EnvConfig, EnvEntry, Manifest, Policy, PolicyArgs, PolicyContext, Registry, ResetOptions, World,
 };
 
+use swm_solvers::{EXPERT, PLANNERS};
+
 use super::files::file_hash;
 use crate::distractors;
 
@@ -29,6 +31,19 @@ impl Candidate {
     /// The policy as it is asked for, without a seed.
     pub fn new(policy: PolicyArgs) -> Self {
         Self { policy, seed: 0 }
+    }
+
+    /// The policy as it is run on `manifest`. A planner on the true dynamics is told to look past the environment's own
+    /// success where the manifest judges by another test: a plan must neither stop at the easier success nor be paid for it.
+    /// Settings that are given stay.
+    pub fn on(mut self, entry: &EnvEntry, manifest: &Manifest) -> Self {
+        let planned = PLANNERS.iter().any(|planner| planner.name == self.policy.name)
+            || (self.policy.name == EXPERT.name && !has_own_expert(entry) && entry.planner.is_some());
+        let given = |name: &str| self.policy.named.contains_key(name);
+        if planned && !manifest.success.is_environment() && !given("success_bonus") {
+            self.policy.named.entry("stop_at_success".to_owned()).or_insert(false.into());
+        }
+        self
     }
 
     /// Makes the policy for the environments of `manifest`.
@@ -52,6 +67,10 @@ impl Candidate {
             .map(|path| Ok((path.display().to_string(), file_hash(path)?)))
             .collect()
     }
+}
+
+fn has_own_expert(entry: &EnvEntry) -> bool {
+    entry.policies.iter().any(|policy| policy.name == EXPERT.name)
 }
 
 /// How a run is spread. Results do not depend on it.

@@ -1,0 +1,104 @@
+//! How good a world model is without control: one set of measures for any model, on episodes that the simulator makes.
+
+use serde::Serialize;
+use swm_core::Env;
+use swm_core::error::BoxError;
+use swm_core::evaluate::quality::{WorldModel, open_loop_error, surprise, violation_accuracy};
+use swm_core::evaluate::{
+    RankingOptions, Violation, ViolationOptions, action_ranking, random_episodes, violation_pairs,
+};
+
+/// How much is measured.
+#[derive(Clone, Copy, Debug)]
+pub struct QualityOptions {
+    /// Random episodes, pairs of a violation, and starts of the ranking.
+    pub episodes: usize,
+    /// Rows of an episode; violations happen in the middle.
+    pub rows: usize,
+    /// Steps of open-loop prediction, and actions of a plan.
+    pub horizon: usize,
+    /// Plans per start.
+    pub plans: usize,
+    /// Seed of everything.
+    pub seed: u64,
+}
+
+/// What came out.
+#[derive(Clone, Debug, Serialize)]
+pub struct Quality {
+    /// Mean squared error per number of the latent after 1, 2, … steps of open-loop prediction.
+    pub open_loop_error: Vec<f64>,
+    /// Ranking of plans; none where the environment has no task cost.
+    pub ranking: Option<Ranking>,
+    /// One per violation.
+    pub violations: Vec<Surprised>,
+}
+
+/// How model cost orders plans, against true cost.
+#[derive(Clone, Debug, Serialize)]
+pub struct Ranking {
+    /// Mean of Spearman's correlations; none if there is not one.
+    pub mean: Option<f64>,
+    /// That of every start; none where a cost is constant.
+    pub by_start: Vec<Option<f64>>,
+}
+
+/// How a kind of violation surprises.
+#[derive(Clone, Debug, Serialize)]
+pub struct Surprised {
+    /// What happens.
+    pub name: String,
+    /// The share of pairs in which the impossible episode surprises more; 0.5 is chance.
+    pub accuracy: Option<f64>,
+    /// Mean over the pairs of the largest surprise in the possible and in the impossible episode.
+    pub surprise: [f64; 2],
+}
+
+/// Measures `model` in `env`; `violations` have names.
+pub fn quality(
+    model: &mut dyn WorldModel,
+    env: &mut dyn Env,
+    violations: &[(String, Violation)],
+    options: &QualityOptions,
+) -> Result<Quality, BoxError> {
+    let QualityOptions { episodes, rows, horizon, plans, seed } = *options;
+    let recorded = random_episodes(env, episodes, rows, seed)?;
+    let open_loop_error = open_loop_error(model, &recorded, horizon)?.ok_or_else(|| {
+        format!("{rows} rows are too few for a horizon of {horizon}; use {} or more", horizon + 1)
+    })?;
+    let ranking = match env.task_cost() {
+        None => None,
+        Some(_) => {
+            let options = RankingOptions { starts: episodes, plans, horizon, seed };
+            let by_start = action_ranking(model, env, &options)?;
+            let known: Vec<f64> = by_start.iter().flatten().copied().collect();
+            let mean = (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64);
+            Some(Ranking { mean, by_start })
+        }
+    };
+    let pairs = ViolationOptions { pairs: episodes, rows, at: rows / 2, seed };
+    let violations = violations
+        .iter()
+        .map(|(name, violation)| surprised(model, env, name, violation, &pairs))
+        .collect::<Result<_, _>>()?;
+    Ok(Quality { open_loop_error, ranking, violations })
+}
+
+fn surprised(
+    model: &mut dyn WorldModel,
+    env: &mut dyn Env,
+    name: &str,
+    violation: &Violation,
+    options: &ViolationOptions,
+) -> Result<Surprised, BoxError> {
+    let scores = violation_pairs(env, violation, options)?
+        .iter()
+        .map(|[possible, impossible]| Ok([surprise(model, possible)?, surprise(model, impossible)?]))
+        .collect::<Result<Vec<_>, BoxError>>()?;
+    let worst = |side: usize| {
+        let worst = scores.iter().map(|pair| pair[side].iter().copied().fold(0.0, f64::max));
+        worst.sum::<f64>() / scores.len().max(1) as f64
+    };
+    let surprise = [worst(0), worst(1)];
+    Ok(Surprised { name: name.to_owned(), accuracy: violation_accuracy(&scores), surprise })
+}
