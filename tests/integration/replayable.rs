@@ -187,9 +187,7 @@ fn the_command_records_and_the_loader_draws() {
     let (drawn, stored) = (batches(Box::new(drawn)), batches(open(&large)));
     for (drawn, stored) in drawn.zip(stored) {
         let (drawn, stored) = (drawn.unwrap(), stored.unwrap());
-        for name in ["pixels"] {
-            assert!(drawn.get::<u8>(name).unwrap() == stored.get::<u8>(name).unwrap());
-        }
+        assert!(drawn.get::<u8>("pixels").unwrap() == stored.get::<u8>("pixels").unwrap());
         assert_eq!(drawn.get::<f64>("state").unwrap(), stored.get::<f64>("state").unwrap());
     }
 }

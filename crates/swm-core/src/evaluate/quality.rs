@@ -263,7 +263,7 @@ mod tests {
     #[test]
     fn probes_find_a_linear_map_and_ridge_shrinks_it() {
         let latents: Vec<Vec<f64>> =
-            (0..40).map(|i| f64::from(i)).map(|t| vec![t.sin(), (2.3 * t).cos(), t / 40.0]).collect();
+            (0..40).map(f64::from).map(|t| vec![t.sin(), (2.3 * t).cos(), t / 40.0]).collect();
         let states: Vec<Vec<f64>> =
             latents.iter().map(|z| vec![3.0 * z[0] - z[1] + 7.0, 0.5 * z[2]]).collect();
         let probe = LinearProbe::fit(&latents[..30], &states[..30], 0.0).unwrap();
