@@ -185,10 +185,14 @@ impl Store {
                 store.assets.cubes.push(cube);
             }
         }
-        let meshes = others.iter().find(|(_, other)| other.assets.meshes.len() == model.mesh_count());
-        store.assets.meshes = match meshes {
+        store.assets.meshes = match others.iter().find(|(other, _)| model.has_shapes_of(other)) {
             Some((_, other)) => other.assets.meshes.clone(),
-            None => (0..model.mesh_count()).map(|index| mesh(model.mesh(index))).collect::<Result<_, _>>()?,
+            None => {
+                let meshes = (0..model.mesh_count()).map(|index| mesh(model.mesh(index)));
+                // Height fields stand behind the meshes.
+                let grounds = (0..model.ground_count()).map(|index| ground(model.ground(index)));
+                meshes.chain(grounds).collect::<Result<_, _>>()?
+            }
         };
         Ok(store)
     }
@@ -229,6 +233,11 @@ fn mesh(data: MeshData) -> Result<Arc<Mesh>, MujocoError> {
         }
     }
     Ok(Arc::new(Mesh::new(points, faces, normals)?))
+}
+
+fn ground(data: GroundData) -> Result<Arc<Mesh>, MujocoError> {
+    let GroundData { size, heights, half, base } = data;
+    Ok(Arc::new(Mesh::height_field(&heights, size, half, base)?))
 }
 
 /// The cosine up to which a corner's normal counts as that of a smooth surface.
@@ -292,6 +301,7 @@ fn instance(geom: &mjvGeom, model: &Model, store: &Store) -> Option<Instance> {
         mjGEOM_BOX => Shape::Box { half: size },
         // Each mesh has a convex hull beside it.
         mjGEOM_MESH => Shape::Mesh(usize::try_from(geom.dataid / 2).ok()?),
+        mjGEOM_HFIELD => Shape::Mesh(model.mesh_count() + usize::try_from(geom.dataid).ok()?),
         _ => return None,
     };
     let texture = usize::try_from(geom.texid).ok().and_then(|texture| store.slots.get(texture));

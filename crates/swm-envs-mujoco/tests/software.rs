@@ -135,3 +135,38 @@ fn segments_and_depths_belong_to_the_picture() {
     assert!((depths[at(32, 50)] - 0.75).abs() < 1e-3, "{}", depths[at(32, 50)]);
     assert!((depths[at(38, 32)] - 0.73).abs() < 2e-3, "{}", depths[at(38, 32)]);
 }
+
+#[test]
+fn height_fields_are_ground() {
+    // Heights rise along x, from 0 to 0.4 m over 2 m, and are equal along y.
+    let xml = r#"<mujoco>
+        <asset><hfield name="slope" nrow="2" ncol="5" size="1 1 0.4 0.1"
+            elevation="0 0.25 0.5 0.75 1  0 0.25 0.5 0.75 1"/></asset>
+        <worldbody>
+            <light pos="0 0 3" dir="0 0 -1"/>
+            <camera name="above" pos="0 0 3" xyaxes="1 0 0 0 1 0"/>
+            <geom name="ground" type="hfield" hfield="slope"/>
+        </worldbody>
+    </mujoco>"#;
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("slope.xml");
+    std::fs::write(&path, xml).expect("written");
+    let model = Arc::new(Spec::read(&path).and_then(|mut spec| spec.compile()).expect("a model"));
+    let mut sim = Simulation::new(Arc::clone(&model)).expect("a simulation");
+    sim.forward().expect("computed");
+    let side = 65;
+    let mut renderer = SoftwareRenderer::new(&model, 0, [side, side]).expect("a renderer");
+    let (mut segments, mut depths) = (vec![0; side * side], vec![0.0; side * side]);
+    renderer.draw_segmentation(&mut sim, &mut segments).expect("segments");
+    renderer.draw_depth(&mut sim, &mut depths).expect("depths");
+    let middle = side / 2;
+    for x in middle - 10..=middle + 10 {
+        let (segment, depth) = (segments[middle * side + x], f64::from(depths[middle * side + x]));
+        assert_eq!(segment, 0, "column {x}");
+        // The view is 45 degrees wide: at this depth the column stands over this x, m, where the ground is this high.
+        let at = depth * (x as f64 - middle as f64) / side as f64 * 2.0 * 22.5_f64.to_radians().tan();
+        let height = 0.2 + 0.2 * at;
+        assert!((3.0 - depth - height).abs() < 1e-3, "column {x}: {depth} m, not {}", 3.0 - height);
+    }
+    assert_eq!(segments[middle * side], -1, "the ground ends");
+}

@@ -35,6 +35,7 @@ mod composing;
 pub mod gl;
 mod guard;
 mod library;
+mod looks;
 mod model;
 mod objects;
 mod scene;
@@ -46,11 +47,11 @@ mod tests;
 /// What is drawn, as plain data.
 pub(crate) mod drawn {
     pub(crate) use super::bindings::{
-        mjCAT_DECOR, mjGEOM_BOX, mjGEOM_CAPSULE, mjGEOM_CYLINDER, mjGEOM_ELLIPSOID, mjGEOM_MESH,
-        mjGEOM_PLANE, mjGEOM_SPHERE, mjLIGHT_DIRECTIONAL, mjLIGHT_SPOT, mjOBJ_GEOM, mjOBJ_SITE, mjTEXTURE_2D,
-        mjTEXTURE_SKYBOX, mjvGLCamera, mjvGeom, mjvLight,
+        mjCAT_DECOR, mjGEOM_BOX, mjGEOM_CAPSULE, mjGEOM_CYLINDER, mjGEOM_ELLIPSOID, mjGEOM_HFIELD,
+        mjGEOM_MESH, mjGEOM_PLANE, mjGEOM_SPHERE, mjLIGHT_DIRECTIONAL, mjLIGHT_SPOT, mjOBJ_GEOM, mjOBJ_SITE,
+        mjTEXTURE_2D, mjTEXTURE_SKYBOX, mjvGLCamera, mjvGeom, mjvLight,
     };
-    pub(crate) use super::model::{Looks, MeshData};
+    pub(crate) use super::looks::{GroundData, Looks, MeshData};
 }
 
 pub use library::Library;

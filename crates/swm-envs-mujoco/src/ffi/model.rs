@@ -34,28 +34,6 @@ pub struct Texture<'a> {
     pub data: &'a mut [u8],
 }
 
-/// A mesh, as it is drawn.
-pub(crate) struct MeshData {
-    /// Positions, m.
-    pub(crate) points: Vec<[f32; 3]>,
-    /// Indices of three points each.
-    pub(crate) faces: Vec<[u32; 3]>,
-    /// Outward directions at the corners of each face.
-    pub(crate) normals: Vec<[[f32; 3]; 3]>,
-}
-
-/// What pictures need to know of a model as a whole.
-pub(crate) struct Looks {
-    /// Half the width of the region in which suns cast shadows, m.
-    pub(crate) shadow_clip: f64,
-    /// The part of a spot's opening in which it casts shadows.
-    pub(crate) shadow_scale: f64,
-    /// Width of the haze.
-    pub(crate) haze: f32,
-    /// Its colour.
-    pub(crate) haze_color: [f32; 3],
-}
-
 /// Accessors to arrays: `name: type [rows, width]`, documented by their MuJoCo name.
 macro_rules! arrays {
     ($($(#[$meta:meta])* $name:ident / $name_mut:ident: $type:ty [$rows:ident, $width:literal];)*) => {$(
@@ -434,48 +412,6 @@ impl Model {
         let header = self.header();
         // SAFETY: the array holds `ntex` numbers; the slice checks the index.
         unsafe { slice(header.tex_type, header.ntex, 1)[texture] }
-    }
-
-    /// The points, faces and the normals of the faces' corners of a mesh.
-    pub(crate) fn mesh(&self, mesh: usize) -> MeshData {
-        let header = self.header();
-        // SAFETY: the arrays hold `nmesh` rows each, and the rows that they name lie within those of points, faces and
-        // normals, which the compiler made so; the slices check every index.
-        unsafe {
-            let of = |array: *mut i32| slice(array, header.nmesh, 1)[mesh] as usize;
-            let triple = |values: &[f32], row: usize| [0, 1, 2].map(|k| values[3 * row + k]);
-            let corners = |values: &[i32], row: usize| [0, 1, 2].map(|k| values[3 * row + k] as usize);
-            let points = slice(header.mesh_vert, header.nmeshvert, 3);
-            let normals = slice(header.mesh_normal, header.nmeshnormal, 3);
-            let faces = slice(header.mesh_face, header.nmeshface, 3);
-            let face_normals = slice(header.mesh_facenormal, header.nmeshface, 3);
-            let (first, count) = (of(header.mesh_vertadr), of(header.mesh_vertnum));
-            let (face, face_count) = (of(header.mesh_faceadr), of(header.mesh_facenum));
-            let first_normal = of(header.mesh_normaladr);
-            MeshData {
-                points: (first..first + count).map(|row| triple(points, row)).collect(),
-                faces: (face..face + face_count).map(|row| corners(faces, row).map(|c| c as u32)).collect(),
-                normals: (face..face + face_count)
-                    .map(|row| corners(face_normals, row).map(|c| triple(normals, first_normal + c)))
-                    .collect(),
-            }
-        }
-    }
-
-    /// How many meshes there are.
-    pub(crate) fn mesh_count(&self) -> usize {
-        self.header().nmesh as usize
-    }
-
-    /// What pictures need to know of the model as a whole.
-    pub(crate) fn looks(&self) -> Looks {
-        let (visual, extent) = (&self.header().vis, self.header().stat.extent);
-        Looks {
-            shadow_clip: f64::from(visual.map.shadowclip) * extent,
-            shadow_scale: f64::from(visual.map.shadowscale),
-            haze: visual.map.haze,
-            haze_color: [visual.rgba.haze[0], visual.rgba.haze[1], visual.rgba.haze[2]],
-        }
     }
 
     /// The pixels of a texture, to be read.

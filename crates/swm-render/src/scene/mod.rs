@@ -19,6 +19,7 @@
 mod assets;
 mod description;
 mod fragments;
+mod height_field;
 mod lanes;
 mod lighting;
 mod mesh;
