@@ -46,19 +46,22 @@ fn evaluate(
     evaluation
 }
 
+/// Fewer than the hundred of which the pages tell (100, 99, 99 and 98 of them succeed): enough to notice a broken expert.
+const EPISODES: u64 = 40;
+
 #[test]
 fn the_experts_place_the_cube() {
     for policy in ["expert", "markov-expert"] {
-        let evaluation = evaluate(&OGB_CUBE, &json!({}), policy, 100);
-        assert!(evaluation.success_rate >= 99.0, "{policy}: {} %", evaluation.success_rate);
+        let evaluation = evaluate(&OGB_CUBE, &json!({}), policy, EPISODES);
+        assert!(evaluation.success_rate >= 97.0, "{policy}: {} %", evaluation.success_rate);
     }
 }
 
 #[test]
 fn the_experts_do_what_the_scene_asks_for() {
-    let rates =
-        ["expert", "markov-expert"].map(|policy| evaluate(&OGB_SCENE, &json!({}), policy, 100).success_rate);
-    assert!(rates.iter().all(|rate| *rate >= 97.0), "{rates:?} %");
+    let rates = ["expert", "markov-expert"]
+        .map(|policy| evaluate(&OGB_SCENE, &json!({}), policy, EPISODES).success_rate);
+    assert!(rates.iter().all(|rate| *rate >= 94.0), "{rates:?} %");
 }
 
 #[test]

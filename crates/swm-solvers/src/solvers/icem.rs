@@ -189,13 +189,14 @@ impl Sampler for Icem {
         let white = carried.scratch;
         let mut stream = noise.stream(&key, iteration);
         for (sample, candidate) in candidates.chunks_exact_mut(size).enumerate() {
+            // Also for those that need none: what a candidate is does not change the noise of the next.
+            fill_normal(&mut stream, white);
             if sample == 0 && tries_mean {
                 candidate.copy_from_slice(carried.mean);
                 continue;
             }
             let elite = (1..=kept).contains(&sample).then(|| &carried.elites[(sample - 1) * size..][..size]);
             if elite.is_none() || covered < size {
-                fill_normal(&mut stream, white);
                 colour(carried.kernel, self.normalise, white, candidate);
                 scale(candidate, carried.mean, carried.spread);
             }
