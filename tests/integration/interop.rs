@@ -119,15 +119,15 @@ fn numpy_pillow_pyav_and_mcap_read_our_files() {
 
 /// The mean of every frame, by column of pictures.
 fn frame_means(path: &str) -> std::collections::BTreeMap<String, Vec<f64>> {
-    let mut dataset = swm::data::open(std::path::Path::new(path)).unwrap();
+    let mut dataset = swm::data::open(std::path::Path::new(path)).expect("a dataset");
     let schema = dataset.schema().clone();
     let mut means = std::collections::BTreeMap::<String, Vec<f64>>::new();
     let mut rows = swm::core::Batch::new(schema.clone(), 0);
     for episode in 0..dataset.num_episodes() {
-        dataset.read(episode, 0..dataset.episode_len(episode), &mut rows).unwrap();
+        dataset.read(episode, 0..dataset.episode_len(episode), &mut rows).expect("its rows");
         for field in schema.fields().iter().filter(|field| field.shape.len() == 3) {
             let mean = |frame: &[u8]| frame.iter().map(|&v| f64::from(v)).sum::<f64>() / frame.len() as f64;
-            let values = rows.get::<u8>(&field.name).unwrap();
+            let values = rows.get::<u8>(&field.name).expect("pictures");
             means.entry(field.name.clone()).or_default().extend(values.chunks(field.width()).map(mean));
         }
     }
