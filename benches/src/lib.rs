@@ -3,9 +3,11 @@
 //! No benchmark stands here; they are in `benches/` (criterion) and `peers/` (beside the reference).
 
 mod clock;
+mod measurement;
 mod planning;
 mod pusht;
 
 pub use clock::{Clock, Elapsed};
+pub use measurement::{Measurement, print, seconds};
 pub use planning::{FreeCost, SolveCase};
 pub use pusht::{Actions, BareEnv, EPISODE_STEPS, Picture, world, world_of};

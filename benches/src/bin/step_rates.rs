@@ -5,27 +5,14 @@
 //! with the resets outside of the timed region, in processor time. Rates of whole runs are `swm bench`'s.
 
 use anyhow::{Context as _, Result};
-use serde::Serialize;
-use swm_benches::{Actions, BareEnv, Clock, EPISODE_STEPS, Elapsed, Picture, world_of};
+use swm_benches::{Actions, BareEnv, EPISODE_STEPS, Measurement, Picture, print, seconds, world_of};
 use swm_core::{EnvEntry, ResetOptions};
 use swm_envs_2d::ENVS;
 use swm_envs_2d::pusht::PUSHT;
 
-/// One measurement.
-#[derive(Serialize)]
-struct Measurement {
-    /// `step/bare/random`, `step/64/exact/weak`.
-    case: String,
-    /// Steps or resets.
-    count: u64,
-    #[serde(flatten)]
-    elapsed: Elapsed,
-}
-
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let seconds =
-        arguments.next().map_or(Ok(1.0), |text| text.parse()).context("SECONDS must be a number")?;
+    let seconds = seconds(arguments.next())?;
     let only = arguments.next();
     let id = arguments.next().unwrap_or_else(|| PUSHT.id.to_owned());
     let entry = ENVS.iter().find(|entry| entry.id == id).with_context(|| format!("no environment `{id}`"))?;
@@ -49,14 +36,13 @@ fn main() -> Result<()> {
             }
         }
     }
-    println!("{}", serde_json::to_string_pretty(&measurements)?);
-    Ok(())
+    print(&measurements)
 }
 
 /// `Env::step` and `Env::observe`, no world around them.
 fn bare(case: String, actions: Actions, seconds: f64) -> Result<Measurement> {
     let mut env = BareEnv::new()?;
-    episodes(case, seconds, |episode, clock| {
+    Measurement::repeat(case, EPISODE_STEPS as u64, seconds, |episode, clock| {
         let actions = env.actions(episode, actions)?;
         env.reset(episode)?;
         clock.time(|| actions.iter().try_for_each(|&action| env.step(action).map(|_| ())))
@@ -72,11 +58,7 @@ fn world_steps(
     seconds: f64,
 ) -> Result<Measurement> {
     let mut world = world_of(entry, picture, actions.name(), 1, 1)?;
-    episodes(case, seconds, |episode, clock| {
-        world.reset(episode, &ResetOptions::default())?;
-        clock.time(|| (0..EPISODE_STEPS).try_for_each(|_| world.step()))?;
-        Ok(())
-    })
+    Measurement::world_steps(case, &mut world, seconds)
 }
 
 /// `World::reset` of one environment: factors, world, both pictures. As many as an episode has steps count as one.
@@ -88,26 +70,11 @@ fn world_resets(
     seconds: f64,
 ) -> Result<Measurement> {
     let (mut world, options) = (world_of(entry, picture, actions.name(), 1, 1)?, ResetOptions::default());
-    episodes(case, seconds, |episode, clock| {
+    Measurement::repeat(case, EPISODE_STEPS as u64, seconds, |episode, clock| {
         let first = episode * EPISODE_STEPS as u64;
         clock.time(|| {
             (first..first + EPISODE_STEPS as u64).try_for_each(|seed| world.reset(seed, &options))
         })?;
         Ok(())
     })
-}
-
-/// Repeats `episode` until its timed parts took `seconds` of processor time. The first one warms up and does not count.
-fn episodes(
-    case: String,
-    seconds: f64,
-    mut episode: impl FnMut(u64, &mut Clock) -> Result<()>,
-) -> Result<Measurement> {
-    episode(0, &mut Clock::new())?;
-    let (mut clock, mut done) = (Clock::new(), 0);
-    while clock.elapsed().cpu_s < seconds {
-        done += 1;
-        episode(done, &mut clock)?;
-    }
-    Ok(Measurement { case, count: done * EPISODE_STEPS as u64, elapsed: clock.elapsed() })
 }

@@ -2,38 +2,24 @@
 //! `peers/dmc.py`. Without pictures, unless a case says so.
 
 use anyhow::{Context as _, Result, bail};
-use serde::Serialize;
-use swm_benches::{Clock, EPISODE_STEPS, Elapsed};
+use swm_benches::{EPISODE_STEPS, Measurement, print, seconds};
 use swm_core::{
     Batch, Env, EnvConfig, EnvEntry, Episode, EpisodeSeed, ImageSize, ResetOptions, Schema, Slice, Value,
     World, WorldOptions, policy,
 };
 use swm_envs_mujoco::{CHEETAH, ENVS, HUMANOID};
 
-/// One measurement.
-#[derive(Serialize)]
-struct Measurement {
-    /// `control/cheetah`, `world/humanoid`, `reset/cheetah/agent.color`, `world8/cheetah/2`.
-    case: String,
-    /// Steps or resets.
-    count: u64,
-    #[serde(flatten)]
-    elapsed: Elapsed,
-}
-
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
     let what = arguments.next().context("usage: suite-rates steps|resets|threads [SECONDS]")?;
-    let seconds =
-        arguments.next().map_or(Ok(1.0), |text| text.parse()).context("SECONDS must be a number")?;
+    let seconds = seconds(arguments.next())?;
     let measurements = match what.as_str() {
         "steps" => steps(seconds)?,
         "resets" => resets(seconds)?,
         "threads" => threads(seconds)?,
         other => bail!("`{other}` is not measured; steps, resets and threads are"),
     };
-    println!("{}", serde_json::to_string_pretty(&measurements)?);
-    Ok(())
+    print(&measurements)
 }
 
 /// Control steps of one environment without a world, and steps of a world of one (two control steps each).
@@ -42,7 +28,7 @@ fn steps(seconds: f64) -> Result<Vec<Measurement>> {
     for entry in [&CHEETAH, &HUMANOID] {
         let mut bare = Bare::new(entry, &[("action_repeat", 1.into())], None)?;
         let actions = bare.actions();
-        all.push(repeat(
+        all.push(Measurement::repeat(
             format!("control/{}", short(entry)),
             EPISODE_STEPS as u64,
             seconds,
@@ -52,15 +38,7 @@ fn steps(seconds: f64) -> Result<Vec<Measurement>> {
             },
         )?);
         let mut world = world(entry, 1, 1)?;
-        all.push(repeat(
-            format!("world/{}", short(entry)),
-            EPISODE_STEPS as u64,
-            seconds,
-            |episode, clock| {
-                world.reset(episode, &ResetOptions::default())?;
-                Ok(clock.time(|| (0..EPISODE_STEPS).try_for_each(|_| world.step()))?)
-            },
-        )?);
+        all.push(Measurement::world_steps(format!("world/{}", short(entry)), &mut world, seconds)?);
     }
     Ok(all)
 }
@@ -84,7 +62,7 @@ fn resets(seconds: f64) -> Result<Vec<Measurement>> {
                 if name.ends_with("_locked") {
                     options = ResetOptions::default().vary(&[]).fix(name, Value::scalar(0_i64));
                 }
-                all.push(repeat(
+                all.push(Measurement::repeat(
                     format!("reset/{}/{name}{pictures}", short(entry)),
                     1,
                     seconds,
@@ -102,15 +80,10 @@ fn threads(seconds: f64) -> Result<Vec<Measurement>> {
     for entry in [&CHEETAH, &HUMANOID] {
         for threads in [1, 2] {
             let mut world = world(entry, 8, threads)?;
-            let each = 8 * EPISODE_STEPS as u64;
-            all.push(repeat(
+            all.push(Measurement::world_steps(
                 format!("world8/{}/{threads}", short(entry)),
-                each,
+                &mut world,
                 seconds,
-                |episode, clock| {
-                    world.reset(episode, &ResetOptions::default())?;
-                    Ok(clock.time(|| (0..EPISODE_STEPS).try_for_each(|_| world.step()))?)
-                },
             )?);
         }
     }
@@ -170,20 +143,4 @@ impl Bare {
         self.env.observe(&mut self.row.rows_mut());
         Ok(())
     }
-}
-
-/// Repeats `work`, which counts for `each`, until its timed parts took `seconds`. The first time does not count.
-fn repeat(
-    case: String,
-    each: u64,
-    seconds: f64,
-    mut work: impl FnMut(u64, &mut Clock) -> Result<()>,
-) -> Result<Measurement> {
-    work(0, &mut Clock::new())?;
-    let (mut clock, mut done) = (Clock::new(), 0);
-    while clock.elapsed().cpu_s < seconds {
-        done += 1;
-        work(done, &mut clock)?;
-    }
-    Ok(Measurement { case, count: done * each, elapsed: clock.elapsed() })
 }
