@@ -9,17 +9,14 @@ virtual environment of its own, builds `suite-rates`, measures both in turns, an
 """
 
 import argparse
-import json
 import os
 import statistics
-import subprocess
 import sys
-import venv
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parent.parent
+import peer
 
+REQUIREMENTS = ["requirements-two-room-v2.txt", "requirements-dmc.txt"]
 # (case, of whom, least ratio wanted)
 TARGETS = [
     ("control/cheetah", "dm_control", 4.5),
@@ -34,7 +31,7 @@ PARALLEL_TARGET = 1.8
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--venv", type=Path, default=ROOT / ".tools/peers/dmc")
+    parser.add_argument("--venv", type=Path, default=peer.folder("dmc"))
     parser.add_argument("--python", type=Path, help="an interpreter that has the peers; default: one in --venv")
     parser.add_argument("--suite-rates", type=Path, help="the release binary; default: built by cargo")
     parser.add_argument("--rounds", type=int, default=5)
@@ -43,13 +40,14 @@ def main():
     parser.add_argument("--resets", action="store_true", help="measure resets with every factor")
     parser.add_argument("--threads", action="store_true", help="measure eight environments on one thread and two")
     options = parser.parse_args()
-    binary = options.suite_rates or build()
+    binary = options.suite_rates or peer.build("swm-benches", "suite-rates")
     if options.resets:
-        missed = report_resets(own(binary, "resets", options.seconds))
+        missed = report_resets(peer.own([binary, "resets", options.seconds]))
     elif options.threads:
-        missed = report_threads([own(binary, "threads", options.seconds) for _ in range(options.rounds)])
+        missed = report_threads([peer.own([binary, "threads", options.seconds]) for _ in range(options.rounds)])
     else:
-        missed = report_steps(rates(binary, options.python or make_environment(options.venv), options))
+        python = options.python or peer.environment(options.venv, REQUIREMENTS)
+        missed = report_steps(rates(binary, python, options))
     print(f"load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores")
     sys.exit(1 if missed and options.check else 0)
 
@@ -57,39 +55,13 @@ def main():
 def rates(binary, python, options):
     """By case: rates here and of the peer, one of each per round."""
     ours, theirs = {}, {}
-    command = [python, "-W", "ignore", HERE / "dmc_reference.py"]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as peer:
+    with peer.Peer(python, "dmc_reference.py") as reference:
         for _ in range(options.rounds):
-            peer.stdin.write(f"{options.seconds}\n")
-            peer.stdin.flush()
-            answer = peer.stdout.readline() or sys.exit("the peer stopped; its message stands above")
-            for case, rate in json.loads(answer).items():
+            for case, rate in reference.ask(options.seconds).items():
                 theirs.setdefault(case, []).append(rate)
-            for measured in own(binary, "steps", options.seconds):
+            for measured in peer.own([binary, "steps", options.seconds]):
                 ours.setdefault(measured["case"], []).append(measured["count"] / measured["cpu_s"])
-        peer.stdin.close()
     return ours, theirs
-
-
-def own(binary, what, seconds):
-    return json.loads(subprocess.run([binary, what, str(seconds)], stdout=subprocess.PIPE, check=True).stdout)
-
-
-def make_environment(folder):
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    if not python.exists():
-        venv.create(folder, with_pip=True)
-        pip = [python, "-m", "pip", "install", "--quiet", "--no-deps"]
-        for requirements in ("requirements-two-room-v2.txt", "requirements-dmc.txt"):
-            subprocess.run([*pip, "-r", HERE / requirements], check=True)
-    return python
-
-
-def build():
-    command = ["cargo", "build", "--release", "--quiet", "-p", "swm-benches", "--bin", "suite-rates"]
-    subprocess.run(command, cwd=ROOT, check=True)
-    metadata = subprocess.check_output(["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT)
-    return Path(json.loads(metadata)["target_directory"]) / "release" / ("suite-rates.exe" if os.name == "nt" else "suite-rates")
 
 
 def report_steps(measured):
@@ -98,13 +70,13 @@ def report_steps(measured):
     missed = 0
     print("Steps per second of processor time, one environment, one thread, no pictures: median of the rounds (best)")
     print(f"{'case':20}{'peer':>18}{'here':>20}{'ratio':>8}  target")
-    for case, peer, target in TARGETS:
+    for case, whom, target in TARGETS:
         own_rate, other = statistics.median(ours[case]), statistics.median(theirs[case])
         ratio = own_rate / other
         missed += ratio < target
         verdict = "met" if ratio >= target else "MISSED"
         here, there = (f"{median:,.0f} ({max(all_):,.0f})" for median, all_ in ((own_rate, ours[case]), (other, theirs[case])))
-        print(f"{case:20}{there:>18}{here:>20}{ratio:8.1f}  >= {target} x {peer}: {verdict}")
+        print(f"{case:20}{there:>18}{here:>20}{ratio:8.1f}  >= {target} x {whom}: {verdict}")
     return missed
 
 

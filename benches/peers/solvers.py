@@ -13,13 +13,10 @@ import argparse
 import json
 import os
 import statistics
-import subprocess
 import sys
-import venv
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parent.parent
+import peer
 
 # Solver: least ratio wanted.
 TARGETS = {"cem": 3}
@@ -27,50 +24,27 @@ TARGETS = {"cem": 3}
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    # The folder of two_room_v2.py, which needs the same packages.
-    parser.add_argument("--venv", type=Path, default=ROOT / ".tools/peers/two_room_v2")
+    parser.add_argument("--venv", type=Path, default=peer.folder(peer.REFERENCE[0]))
     parser.add_argument("--solve-times", type=Path, help="the release binary; default: built by cargo")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=0.5, help="processor time per solver and round")
     parser.add_argument("--json", type=Path, help="write everything there as JSON")
     parser.add_argument("--check", action="store_true", help="exit with status 1 if a target is missed")
     options = parser.parse_args()
-    python, binary = make_environment(options.venv), options.solve_times or build()
-    command = [python, "-W", "ignore", HERE / "solvers_reference.py"]
+    python = peer.environment(options.venv, peer.REFERENCE[1])
+    binary = options.solve_times or peer.build("swm-benches", "solve-times")
     theirs, ours = {}, {}
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as reference:
+    with peer.Peer(python, "solvers_reference.py") as reference:
         for _ in range(options.rounds):
-            reference.stdin.write(f"{options.seconds}\n")
-            reference.stdin.flush()
-            answer = reference.stdout.readline() or sys.exit("the reference stopped; its message stands above")
-            for name, times in json.loads(answer).items():
+            for name, times in reference.ask(options.seconds).items():
                 theirs.setdefault(name, []).append({"best_s": min(times), "median_s": statistics.median(times)})
-            own = subprocess.run([binary, str(options.seconds)], stdout=subprocess.PIPE, check=True)
-            for measured in json.loads(own.stdout):
+            for measured in peer.own([binary, options.seconds]):
                 ours.setdefault(measured["solver"], []).append(measured)
-        reference.stdin.close()
     rows = compare(ours, theirs)
     print(report(rows))
     if options.json:
         options.json.write_text(json.dumps({"solvers": rows, "load": os.getloadavg()}, indent=2) + "\n")
     sys.exit(1 if options.check and any(row["met"] is False for row in rows) else 0)
-
-
-def make_environment(folder):
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    if not python.exists():
-        venv.create(folder, with_pip=True)
-        requirements = HERE / "requirements-two-room-v2.txt"
-        subprocess.run([python, "-m", "pip", "install", "--quiet", "--no-deps", "-r", requirements], check=True)
-    return python
-
-
-def build():
-    command = ["cargo", "build", "--release", "--quiet", "-p", "swm-benches", "--bin", "solve-times"]
-    subprocess.run(command, cwd=ROOT, check=True)
-    metadata = subprocess.check_output(["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT)
-    name = "solve-times.exe" if os.name == "nt" else "solve-times"
-    return Path(json.loads(metadata)["target_directory"]) / "release" / name
 
 
 def compare(ours, theirs):

@@ -8,16 +8,13 @@ of its own, builds `env-rates`, measures both in turns, and prints ratios of med
 """
 
 import argparse
-import json
 import os
 import statistics
-import subprocess
 import sys
-import venv
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parent.parent
+import peer
+
 ENV_ID = "swm/TwoRoom-v2"
 
 # (case here, of the reference, least ratio wanted)
@@ -31,43 +28,22 @@ PAIRS = [
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--venv", type=Path, default=ROOT / ".tools/peers/two_room_v2")
+    parser.add_argument("--venv", type=Path, default=peer.folder(peer.REFERENCE[0]))
     parser.add_argument("--env-rates", type=Path, help="the release binary; default: built by cargo")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=1.0, help="processor time per measurement")
     parser.add_argument("--check", action="store_true", help="exit with status 1 if a target is missed")
     options = parser.parse_args()
-    python, binary = make_environment(options.venv), options.env_rates or build()
-    command = [python, "-W", "ignore", HERE / "two_room_v2_reference.py"]
+    python = peer.environment(options.venv, peer.REFERENCE[1])
+    binary = options.env_rates or peer.build("swm-benches", "env-rates")
     rates = {}
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as reference:
+    with peer.Peer(python, "two_room_v2_reference.py") as reference:
         for _ in range(options.rounds):
-            reference.stdin.write(f"{options.seconds}\n")
-            reference.stdin.flush()
-            answer = reference.stdout.readline() or sys.exit("the reference stopped; its message stands above")
-            for case, rate in json.loads(answer).items():
+            for case, rate in reference.ask(options.seconds).items():
                 rates.setdefault(case, []).append(rate)
-            own = subprocess.run([binary, ENV_ID, str(options.seconds)], stdout=subprocess.PIPE, check=True)
-            for measured in json.loads(own.stdout):
+            for measured in peer.own([binary, ENV_ID, options.seconds]):
                 rates.setdefault(measured["case"], []).append(measured["count"] / measured["cpu_s"])
-        reference.stdin.close()
     sys.exit(1 if report(rates) and options.check else 0)
-
-
-def make_environment(folder):
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    if not python.exists():
-        venv.create(folder, with_pip=True)
-        requirements = HERE / "requirements-two-room-v2.txt"
-        subprocess.run([python, "-m", "pip", "install", "--quiet", "--no-deps", "-r", requirements], check=True)
-    return python
-
-
-def build():
-    command = ["cargo", "build", "--release", "--quiet", "-p", "swm-benches", "--bin", "env-rates"]
-    subprocess.run(command, cwd=ROOT, check=True)
-    metadata = subprocess.check_output(["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT)
-    return Path(json.loads(metadata)["target_directory"]) / "release" / ("env-rates.exe" if os.name == "nt" else "env-rates")
 
 
 def report(rates):

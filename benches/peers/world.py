@@ -10,7 +10,6 @@ and the best of all rounds stand side by side. Needs only Python's standard libr
 """
 
 import argparse
-import hashlib
 import json
 import os
 import platform
@@ -19,11 +18,10 @@ import subprocess
 import sys
 import tempfile
 import time
-import venv
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parent.parent
+import peer
+
 # By environment: the policies that act, and (case here, case of the reference, least ratio wanted or None).
 ENVS = {
     "swm/PushT-v1": {
@@ -53,15 +51,18 @@ ENVS = {
     },
 }
 PARALLEL_TARGET = 1.7
+# Every package is named with its hash, so nothing needs resolving; torch is left out (README.md).
+PIP_OPTIONS = ("--no-deps", "--require-hashes", "--only-binary", ":all:")
 
 
 def main():
     options = arguments()
-    python = make_environment(options.venv)
-    swm, step_rates = binaries(options)
+    python = peer.environment(options.venv, ["requirements.txt"], PIP_OPTIONS)
+    swm = (options.swm or peer.build("swm", "swm")).resolve()
+    step_rates = (options.step_rates or peer.build("swm-benches", "step-rates")).resolve()
     result = {"machine": machine(), "load_at_start": os.getloadavg()}
-    with Reference(python, options.env) as reference:
-        result["reference"] = reference.hello
+    with peer.Peer(python, "reference.py", options.env) as reference:
+        result["reference"] = reference.answer()
         samples, runs = measure(options, reference, swm, step_rates)
     result["load_at_end"] = os.getloadavg()
     result["rates"] = {case: summary(rates) for case, rates in samples.items()}
@@ -80,7 +81,7 @@ def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
     add("--env", choices=ENVS, default="swm/PushT-v1", help="what is measured")
-    add("--venv", type=Path, default=ROOT / ".tools/peers/world", help="where the reference is installed")
+    add("--venv", type=Path, default=peer.folder("world"), help="where the reference is installed")
     add("--swm", type=Path, help="the release binary `swm`; default: built by cargo")
     add("--step-rates", type=Path, help="the release binary `step-rates`; default: built by cargo")
     add("--rounds", type=int, default=5, help="how often every case is measured")
@@ -92,67 +93,6 @@ def arguments():
 
 
 # ---- what is measured ----------------------------------------------------------------------------------------------
-
-
-def make_environment(folder):
-    """The reference's Python; installs it unless it is there already with these very requirements."""
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    requirements = HERE / "requirements.txt"
-    digest = hashlib.sha256(requirements.read_bytes()).hexdigest()
-    stamp = folder / "requirements.sha256"
-    if not (python.exists() and stamp.exists() and stamp.read_text() == digest):
-        note(f"installing the reference into {folder}")
-        venv.create(folder, clear=True, with_pip=True)
-        # Every package is named with its hash, so nothing needs resolving; torch is left out (README.md).
-        pip = [python, "-m", "pip", "--disable-pip-version-check", "install", "--quiet"]
-        run([*pip, "--no-deps", "--require-hashes", "--only-binary", ":all:", "--requirement", requirements])
-        stamp.write_text(digest)
-    return python
-
-
-def binaries(options):
-    missing = {"swm": options.swm, "step-rates": options.step_rates}
-    packages = {"swm": "swm", "step-rates": "swm-benches"}
-    wanted = [flag for name, path in missing.items() if not path for flag in ("-p", packages[name], "--bin", name)]
-    if wanted:
-        note("building the release binaries")
-        run(["cargo", "build", "--release", "--quiet", *wanted], cwd=ROOT)
-        metadata = run(["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT, capture=True)
-        target = Path(json.loads(metadata)["target_directory"]) / "release"
-        suffix = ".exe" if os.name == "nt" else ""
-        missing = {name: path or target / (name + suffix) for name, path in missing.items()}
-    return missing["swm"].resolve(), missing["step-rates"].resolve()
-
-
-class Reference:
-    """The process in which the reference is measured: a request per line, an answer per line."""
-
-    def __init__(self, python, env):
-        self.process = subprocess.Popen(
-            [python, "-W", "ignore", HERE / "reference.py", env],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        self.hello = self.answer()
-
-    def answer(self):
-        line = self.process.stdout.readline()
-        if not line:
-            sys.exit(f"the reference stopped with status {self.process.wait()}; its message stands above")
-        return json.loads(line)
-
-    def rate(self, case, seconds):
-        self.process.stdin.write(json.dumps({"case": case, "seconds": seconds}) + "\n")
-        self.process.stdin.flush()
-        return Rate.of(self.answer())
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *error):
-        self.process.stdin.close()
-        self.process.wait()
 
 
 class Rate:
@@ -209,19 +149,19 @@ def measure(options, reference, swm, step_rates):
     }
     samples, runs = {}, {}
     for number in range(1, options.rounds + 1):
-        note(f"round {number} of {options.rounds}, load {os.getloadavg()[0]:.1f}")
+        peer.note(f"round {number} of {options.rounds}, load {os.getloadavg()[0]:.1f}")
         for policy in policies:
             for theirs in sorted({theirs for _, theirs, _ in pairs}):
                 name = f"{theirs}/{policy}"
-                add(samples, f"reference/{name}", reference.rate(name, seconds))
+                add(samples, f"reference/{name}", Rate.of(reference.ask({"case": name, "seconds": seconds})))
                 for ours in (f"{ours}/{policy}" for ours, other, _ in pairs if other == theirs):
                     if ours in recordings:
                         rate = recordings[ours].rate()
                     else:
-                        rate = Rate.of(json.loads(run([step_rates, str(seconds), ours, options.env], capture=True))[0])
+                        rate = Rate.of(peer.own([step_rates, seconds, ours, options.env])[0])
                     add(samples, f"ours/{ours}", rate)
         command = [swm, "--quiet", "bench", options.env, "--json", "--seconds", str(options.bench_seconds)]
-        for line in json.loads(run(command, capture=True)):
+        for line in peer.own(command):
             key = (line["image"] or "none", line["num_envs"], line["threads"])
             add(runs, key, Rate(None, line["steps_per_second"]))
     return samples, runs
@@ -343,17 +283,6 @@ def key_fields(key):
 
 def add(samples, name, rate):
     samples.setdefault(name, []).append(rate)
-
-
-def run(command, cwd=None, capture=False):
-    done = subprocess.run(command, cwd=cwd, stdout=subprocess.PIPE if capture else None, text=True)
-    if done.returncode != 0:
-        sys.exit(f"`{' '.join(map(str, command))}` stopped with status {done.returncode}")
-    return done.stdout
-
-
-def note(text):
-    print(text, file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":
