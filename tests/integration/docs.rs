@@ -89,3 +89,23 @@ fn the_table_of_planners_is_current() {
     }
     write_or_compare(&path, &text, &with_table(&text, "planners", &table));
 }
+
+#[test]
+fn the_code_of_the_chapter_on_plugins_is_that_of_the_plugin() {
+    let plugin = root().join("tests/plugin");
+    let mut sources = String::new();
+    for folder in [plugin.clone(), plugin.join("src"), plugin.join("tests")] {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.extension().is_some_and(|extension| extension == "rs" || extension == "toml") {
+                sources += &std::fs::read_to_string(path).unwrap();
+            }
+        }
+    }
+    let page = std::fs::read_to_string(root().join("docs/plugins.md")).unwrap();
+    let blocks: Vec<&str> = page.split("```").skip(1).step_by(2).collect();
+    let quoted =
+        blocks.iter().filter_map(|block| block.strip_prefix("rust\n").or(block.strip_prefix("toml\n")));
+    let missing: Vec<&str> = quoted.clone().filter(|block| !sources.contains(*block)).collect();
+    assert!(quoted.count() >= 10 && missing.is_empty(), "not in tests/plugin:\n{}", missing.join("\n"));
+}

@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
 use crate::metadata::Metadata;
-use crate::{demo, deny, process, setup, test, tidy};
+use crate::{demo, deny, plugin, process, setup, test, tidy};
 
 /// Options of `cargo xtask ci`.
 #[derive(clap::Args)]
@@ -64,6 +64,11 @@ const STEPS: &[Step] = &[
         run: || cargo("test --package swm-benches --benches"),
     },
     Step { name: "demo", about: "the main job, in a short form", run: short_demo },
+    Step {
+        name: "plugin",
+        about: "crates outside of the workspace add environments, solvers and models",
+        run: || plugin::run(&plugin::Args::default()),
+    },
     Step { name: "alone", about: "each crate builds alone, without default features", run: alone },
 ];
 

@@ -11,6 +11,7 @@ mod golden;
 mod interop;
 mod memcheck;
 mod metadata;
+mod plugin;
 mod process;
 mod python;
 mod setup;
@@ -57,6 +58,8 @@ enum Command {
     Memcheck(memcheck::Args),
     /// Make the declarations of MuJoCo's C interface anew from its headers
     Bindgen(bindgen::Args),
+    /// Test crates outside of the workspace: a plugin, and one made from the template
+    Plugin(plugin::Args),
     /// Check the rules of the architecture and of the sources
     Tidy(tidy::Args),
     /// Check the licences and origins of all dependencies against deny.toml
@@ -73,6 +76,7 @@ fn main() -> ExitCode {
         Command::Ci(args) => ci::run(&args),
         Command::Golden(args) => golden::run(&args),
         Command::Gallery(args) => gallery::run(&args),
+        Command::Plugin(args) => plugin::run(&args),
         Command::Tidy(args) => tidy::run(&args),
         Command::Deny(args) => deny::run(&args),
     };

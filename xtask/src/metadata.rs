@@ -1,6 +1,7 @@
 //! The part of `cargo metadata` that the rules look at, as plain data.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
 use serde::Deserialize;
@@ -16,6 +17,8 @@ pub(crate) struct Metadata {
     pub workspace_members: BTreeSet<String>,
     /// Which package got which others.
     pub resolve: Resolve,
+    /// Where cargo builds.
+    pub target_directory: PathBuf,
 }
 
 /// One crate at one version.

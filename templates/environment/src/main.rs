@@ -1,0 +1,7 @@
+//! The command line of `swm`, with this crate's environment.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    swm::cli::main(&swm::registry().with_envs({{crate_name}}::ENVS))
+}

@@ -1,0 +1,7 @@
+//! The command `ice-rink`: everything that `swm` can do, with this crate's environment, solver and model.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    swm::cli::main(&ice_rink::registry())
+}

@@ -1,0 +1,166 @@
+//! A world model of our own: the next state is a linear function of state and action, fitted to a dataset by least squares. The
+//! policy `fitted-model:FILE` plans in it.
+
+use std::path::Path;
+
+use serde::Deserialize;
+use swm::core::{Batch, BoxError, PolicyEntry, Schema, Setting};
+use swm::solvers::models::{Dynamics, GoalMse, Part, Reduction, ShootingCost, Steps};
+use swm::solvers::{Candidates, Cem, Moment, MpcPolicy, PlanConfig, PlanError};
+
+/// `fitted-model`.
+pub const FITTED_MODEL: PolicyEntry = PolicyEntry {
+    name: "fitted-model",
+    summary: "plans with `cem` in a linear model that is fitted to a dataset (`fitted-model:FILE`)",
+    settings: &[Setting {
+        name: "data",
+        doc: "a dataset with the columns state and action",
+        default: "none",
+    }],
+    make: |_, args| {
+        let Arguments { data } = args.parse_with("data")?;
+        let policy = make(Path::new(&data)).map_err(|error| args.wrong(error.to_string()))?;
+        Ok(Box::new(policy))
+    },
+};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Arguments {
+    data: String,
+}
+
+fn make(data: &Path) -> Result<MpcPolicy, BoxError> {
+    let model = LinearModel::fit(data)?;
+    let state = ["state"];
+    let cost =
+        ShootingCost::new(model, Box::new(GoalMse::new(&state, Steps::All, Reduction::Mean)), Vec::new())?;
+    let config = PlanConfig { horizon: 10, receding_horizon: 2, action_block: 2, ..PlanConfig::default() };
+    Ok(MpcPolicy::new(Box::new(Cem::default()), Box::new(cost), config)?)
+}
+
+/// Numbers of a state, and of an action.
+const STATE: usize = 4;
+const ACTION: usize = 2;
+/// What a prediction is made from: state, action, 1.
+const INPUT: usize = STATE + ACTION + 1;
+
+/// next state = weights × (state, action, 1).
+struct LinearModel {
+    weights: [[f64; INPUT]; STATE],
+    parts: [Part; 1],
+    /// `[B]`: where plans start, and where they shall lead.
+    starts: Vec<[f64; STATE]>,
+    goals: Vec<[f32; STATE]>,
+}
+
+impl LinearModel {
+    fn fit(data: &Path) -> Result<Self, BoxError> {
+        let mut dataset = swm::data::open(data)?;
+        let fields = dataset.schema().fields();
+        let columns = ["state", "action"].map(|name| fields.iter().find(|field| field.name == name).cloned());
+        let [Some(state), Some(action)] = columns else {
+            return Err(format!("{} lacks the column `state` or `action`", data.display()).into());
+        };
+        let mut rows = Batch::new(Schema::new(vec![state, action])?, 0);
+        // Normal equations: moments × weightsᵀ = targets.
+        let (mut moments, mut targets) = ([[0.0; INPUT]; INPUT], [[0.0; STATE]; INPUT]);
+        for episode in 0..dataset.num_episodes() {
+            dataset.read(episode, 0..dataset.episode_len(episode), &mut rows)?;
+            let (states, actions) = (rows.get::<f64>("state")?, rows.get::<f32>("action")?);
+            let pairs = states.chunks_exact(STATE).zip(states.chunks_exact(STATE).skip(1));
+            for ((state, next), action) in pairs.zip(actions.chunks_exact(ACTION)) {
+                let input = input(state, action);
+                for (row, &a) in input.iter().enumerate() {
+                    input.iter().zip(&mut moments[row]).for_each(|(b, sum)| *sum += a * b);
+                    next.iter().zip(&mut targets[row]).for_each(|(b, sum)| *sum += a * b);
+                }
+            }
+        }
+        let solution = solve(moments, targets)
+            .ok_or("the dataset does not determine a linear model; record more, and with random actions")?;
+        let mut weights = [[0.0; INPUT]; STATE];
+        for (column, row) in solution.iter().enumerate() {
+            row.iter().enumerate().for_each(|(output, &weight)| weights[output][column] = weight);
+        }
+        let parts = [Part { name: "state".to_owned(), range: 0..STATE }];
+        Ok(Self { weights, parts, starts: Vec::new(), goals: Vec::new() })
+    }
+
+    fn next(&self, state: &[f64], action: &[f32]) -> [f64; STATE] {
+        let input = input(state, action);
+        self.weights.map(|row| row.iter().zip(&input).map(|(weight, number)| weight * number).sum())
+    }
+}
+
+fn input(state: &[f64], action: &[f32]) -> [f64; INPUT] {
+    let mut input = [1.0; INPUT];
+    input[..STATE].copy_from_slice(state);
+    input[STATE..INPUT - 1].iter_mut().zip(action).for_each(|(out, &number)| *out = f64::from(number));
+    input
+}
+
+/// Gaussian elimination with pivoting; `None` if the equations are dependent.
+fn solve(mut left: [[f64; INPUT]; INPUT], mut right: [[f64; STATE]; INPUT]) -> Option<[[f64; STATE]; INPUT]> {
+    for pivot in 0..INPUT {
+        let best = (pivot..INPUT).max_by(|&a, &b| left[a][pivot].abs().total_cmp(&left[b][pivot].abs()))?;
+        if left[best][pivot].abs() < 1e-9 {
+            return None;
+        }
+        left.swap(pivot, best);
+        right.swap(pivot, best);
+        for row in (0..INPUT).filter(|&row| row != pivot) {
+            let factor = left[row][pivot] / left[pivot][pivot];
+            let (from_left, from_right) = (left[pivot], right[pivot]);
+            left[row].iter_mut().zip(from_left).for_each(|(out, number)| *out -= factor * number);
+            right[row].iter_mut().zip(from_right).for_each(|(out, number)| *out -= factor * number);
+        }
+    }
+    for (row, values) in right.iter_mut().enumerate() {
+        values.iter_mut().for_each(|value| *value /= left[row][row]);
+    }
+    Some(right)
+}
+
+impl Dynamics for LinearModel {
+    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
+        self.starts.clear();
+        self.goals.clear();
+        for index in 0..moment.len() {
+            let row = moment.row(index).row;
+            let column = |name: &str| -> Result<[f64; STATE], PlanError> {
+                let values: &[f64] = row.get(name).map_err(|error| PlanError::Cost(error.into()))?;
+                values.try_into().map_err(|_| PlanError::Size {
+                    name: "state",
+                    expected: STATE,
+                    found: values.len(),
+                })
+            };
+            self.starts.push(column("state")?);
+            self.goals.push(column("goal_state")?.map(|number| number as f32));
+        }
+        Ok(())
+    }
+
+    fn parts(&self) -> &[Part] {
+        &self.parts
+    }
+
+    fn goal(&self, row: usize) -> &[f32] {
+        &self.goals[row]
+    }
+
+    fn roll_out(&mut self, candidates: &Candidates<'_>, states: &mut [f32]) -> Result<(), PlanError> {
+        let paths = states.chunks_exact_mut(candidates.horizon * STATE);
+        for (index, (plan, path)) in candidates.plans().zip(paths).enumerate() {
+            let mut state = self.starts[index / candidates.samples];
+            for (block, out) in plan.chunks_exact(candidates.width).zip(path.chunks_exact_mut(STATE)) {
+                for action in block.chunks_exact(ACTION) {
+                    state = self.next(&state, action);
+                }
+                out.copy_from_slice(&state.map(|number| number as f32));
+            }
+        }
+        Ok(())
+    }
+}
