@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
 use crate::metadata::Metadata;
-use crate::{demo, deny, plugin, process, setup, test, tidy};
+use crate::{apart, demo, deny, plugin, process, setup, test, tidy};
 
 /// Options of `cargo xtask ci`.
 #[derive(clap::Args)]
@@ -48,7 +48,7 @@ const STEPS: &[Step] = &[
     Step {
         name: "clippy",
         about: "no lint warns",
-        run: || cargo("clippy --workspace --all-targets -- -D warnings"),
+        run: clippy,
     },
     Step { name: "test", about: "all tests", run: || test::suites(&test::Args::default()) },
     Step {
@@ -68,6 +68,11 @@ const STEPS: &[Step] = &[
         name: "plugin",
         about: "crates outside of the workspace add environments, solvers and models",
         run: || plugin::run(&plugin::Args::default()),
+    },
+    Step {
+        name: "baselines",
+        about: "the crate of the baselines, which is built apart",
+        run: || apart::check("swm-baselines"),
     },
     Step { name: "alone", about: "each crate builds alone, without default features", run: alone },
 ];
@@ -143,14 +148,20 @@ fn cargo(args: &str) -> Result<()> {
     process::run(&mut process::cargo(args.split_whitespace()))
 }
 
+fn clippy() -> Result<()> {
+    let mut command = process::cargo(["clippy", "--all-targets"]);
+    process::run(command.args(apart::all_others()).args(["--", "-D", "warnings"]))
+}
+
 fn doc() -> Result<()> {
     let flags = std::env::var("RUSTDOCFLAGS").unwrap_or_default();
-    let mut command = process::cargo(["doc", "--workspace", "--no-deps"]);
-    process::run(command.env("RUSTDOCFLAGS", format!("{flags} -D warnings").trim_start()))
+    let mut command = process::cargo(["doc", "--no-deps"]);
+    process::run(command.args(apart::all_others()).env("RUSTDOCFLAGS", format!("{flags} -D warnings").trim_start()))
 }
 
 fn alone() -> Result<()> {
-    for member in Metadata::load()?.members() {
+    let metadata = Metadata::load()?;
+    for member in metadata.members().filter(|member| !apart::APART.contains(&member.name.as_str())) {
         process::run(&mut process::cargo([
             "check",
             "--quiet",

@@ -2,6 +2,7 @@
 //!
 //! Not part of the product: the command that researchers use is `swm`.
 
+mod apart;
 mod bindgen;
 mod ci;
 mod demo;

@@ -5,7 +5,7 @@
 use anyhow::Result;
 
 use crate::metadata::Metadata;
-use crate::{interop, process, setup};
+use crate::{apart, interop, process, setup};
 
 /// Options of `cargo xtask test`.
 #[derive(clap::Args, Default)]
@@ -77,7 +77,7 @@ impl Args {
     /// The crates asked for, as cargo's options.
     fn selection(&self) -> Vec<&str> {
         if self.packages.is_empty() {
-            return vec!["--workspace"];
+            return apart::all_others();
         }
         self.packages.iter().flat_map(|name| ["--package", name]).collect()
     }
@@ -100,8 +100,8 @@ mod tests {
     }
 
     #[test]
-    fn without_options_the_whole_workspace_is_tested() {
-        assert_eq!(Args::default().selection(), ["--workspace"]);
+    fn without_options_all_is_tested_but_what_is_built_apart() {
+        assert_eq!(Args::default().selection(), ["--workspace", "--exclude", "swm-baselines"]);
     }
 
     #[test]

@@ -28,6 +28,8 @@ pub mod report;
 pub mod report_page;
 mod svg;
 
+#[cfg(feature = "baselines")]
+pub use swm_baselines as baselines;
 pub use swm_core as core;
 pub use swm_data as data;
 pub use swm_envs_2d as envs_2d;

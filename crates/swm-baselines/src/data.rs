@@ -1,0 +1,246 @@
+//! What models are fed with: plain slices, checked and put on a device here.
+
+use burn::tensor::{Device, Tensor, TensorData};
+
+use crate::error::BaselineError;
+use crate::images;
+
+/// What a model must know of the data that it is made for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Facts {
+    /// A: numbers of an action of one environment step.
+    pub action_width: usize,
+    /// Numbers of `proprio`; 0 without it.
+    pub proprio_width: usize,
+}
+
+/// A batch of B clips of T rows, at the model's frame skip F.
+#[derive(Clone, Copy, Debug)]
+pub struct ClipBatch<'a> {
+    /// `[B, T, …]`.
+    pub pixels: Pictures<'a>,
+    /// `[B, T, F × A]`, scaled as the model shall see them: the actions from each row to the next. Where an episode
+    /// ends there are none; numbers that are not finite count as 0.
+    pub action: Numbers<'a>,
+    /// `[B, T, …]`, scaled; for models that use it.
+    pub proprio: Option<Numbers<'a>>,
+    /// `[B, 1, …]`: the goal's picture; for goal-conditioned models.
+    pub goal_pixels: Option<Pictures<'a>>,
+    /// `[B, 1, …]`, scaled as `proprio`.
+    pub goal_proprio: Option<Numbers<'a>>,
+}
+
+/// What B plans or decisions start from.
+#[derive(Clone, Copy, Debug)]
+pub struct Scenes<'a> {
+    /// `[B, N, …]`: the last N observations at the model's frame skip, the present one last.
+    pub pixels: Pictures<'a>,
+    /// `[B, N - 1, F × A]`, scaled: the actions between them. May be empty for N of 1.
+    pub action: Numbers<'a>,
+    /// `[B, N, …]`, scaled; for models that use it.
+    pub proprio: Option<Numbers<'a>>,
+    /// `[B, 1, …]`.
+    pub goal_pixels: Pictures<'a>,
+    /// `[B, 1, …]`, scaled as `proprio`.
+    pub goal_proprio: Option<Numbers<'a>>,
+}
+
+/// RGB pictures: `[B, T, 3, H, W]` or `[B, T, H, W, 3]`.
+#[derive(Clone, Copy, Debug)]
+pub struct Pictures<'a> {
+    /// B × T × 3 × H × W values.
+    pub values: &'a [u8],
+    /// B.
+    pub rows: usize,
+    /// T.
+    pub steps: usize,
+    /// H.
+    pub height: usize,
+    /// W.
+    pub width: usize,
+    /// Whether colours come last, as environments give them, or before the pixels, as the loader can.
+    pub channels_last: bool,
+}
+
+/// Rows of numbers: `[B, T, W]`.
+#[derive(Clone, Copy, Debug)]
+pub struct Numbers<'a> {
+    /// B × T × W values.
+    pub values: &'a [f32],
+    /// B.
+    pub rows: usize,
+    /// T.
+    pub steps: usize,
+    /// W.
+    pub width: usize,
+}
+
+/// What the tensors of a batch must be.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Form {
+    /// The side of pictures.
+    pub(crate) image: usize,
+    /// F × A.
+    pub(crate) action: usize,
+    /// Numbers of `proprio`; 0: not used.
+    pub(crate) proprio: usize,
+}
+
+/// A batch on the device.
+pub(crate) struct Inputs {
+    /// `[B, T, 3, S, S]`.
+    pub(crate) pixels: Tensor<5>,
+    /// `[B, T, F × A]`.
+    pub(crate) action: Tensor<3>,
+    /// `[B, T, …]`.
+    pub(crate) proprio: Option<Tensor<3>>,
+    /// `[B, 1, 3, S, S]`.
+    pub(crate) goal_pixels: Option<Tensor<5>>,
+    /// `[B, 1, …]`.
+    pub(crate) goal_proprio: Option<Tensor<3>>,
+    /// `[B, T, 1]`: 1 where an observation is the goal, number by number; 0 elsewhere, and without goals.
+    pub(crate) is_goal: Tensor<3>,
+}
+
+impl Inputs {
+    /// Checks a batch and copies it to the device.
+    pub(crate) fn new(batch: &ClipBatch<'_>, form: &Form, device: &Device) -> Result<Self, BaselineError> {
+        let ClipBatch { pixels, action, proprio, goal_pixels, goal_proprio } = batch;
+        let rows = pixels.rows;
+        action.check("action", rows, form.action)?;
+        if action.steps != pixels.steps {
+            let reason = format!("{} rows per clip where `pixels` has {}", action.steps, pixels.steps);
+            return Err(BaselineError::data("action", reason));
+        }
+        let is_goal = is_goal(batch);
+        Ok(Self {
+            pixels: images::to_tensor("pixels", pixels, form.image, device)?,
+            action: action.to_tensor(device),
+            proprio: form.state("proprio", proprio.as_ref(), rows, device)?,
+            goal_pixels: match goal_pixels {
+                Some(goal) => Some(goal_to_tensor(goal, rows, form, device)?),
+                None => None,
+            },
+            goal_proprio: match goal_pixels {
+                Some(_) => form.state("goal_proprio", goal_proprio.as_ref(), rows, device)?,
+                None => None,
+            },
+            is_goal: Tensor::from_data(TensorData::new(is_goal, [rows, pixels.steps, 1]), device),
+        })
+    }
+}
+
+/// What plans start from, on the device.
+pub(crate) struct Start {
+    /// `[B, N, 3, S, S]`.
+    pub(crate) pixels: Tensor<5>,
+    /// `[B, N - 1, F × A]`; `None` for N of 1.
+    pub(crate) action: Option<Tensor<3>>,
+    /// `[B, N, …]`.
+    pub(crate) proprio: Option<Tensor<3>>,
+    /// `[B, 1, 3, S, S]`.
+    pub(crate) goal_pixels: Tensor<5>,
+    /// `[B, 1, …]`.
+    pub(crate) goal_proprio: Option<Tensor<3>>,
+}
+
+impl Start {
+    /// Checks scenes and copies them to the device.
+    pub(crate) fn new(scenes: &Scenes<'_>, form: &Form, device: &Device) -> Result<Self, BaselineError> {
+        let Scenes { pixels, action, proprio, goal_pixels, goal_proprio } = scenes;
+        let (rows, steps) = (pixels.rows, pixels.steps);
+        let action = if steps > 1 {
+            action.check("action", rows, form.action)?;
+            if action.steps + 1 != steps {
+                let reason = format!("{} past actions between {steps} observations", action.steps);
+                return Err(BaselineError::data("action", reason));
+            }
+            Some(action.to_tensor(device))
+        } else {
+            None
+        };
+        Ok(Self {
+            pixels: images::to_tensor("pixels", pixels, form.image, device)?,
+            action,
+            proprio: form.state("proprio", proprio.as_ref(), rows, device)?,
+            goal_pixels: goal_to_tensor(goal_pixels, rows, form, device)?,
+            goal_proprio: form.state("goal_proprio", goal_proprio.as_ref(), rows, device)?,
+        })
+    }
+}
+
+fn goal_to_tensor(
+    goal: &Pictures<'_>,
+    rows: usize,
+    form: &Form,
+    device: &Device,
+) -> Result<Tensor<5>, BaselineError> {
+    if (goal.rows, goal.steps) != (rows, 1) {
+        let reason = format!("[{}, {}] pictures for {rows} rows; one of each is wanted", goal.rows, goal.steps);
+        return Err(BaselineError::data("goal_pixels", reason));
+    }
+    images::to_tensor("goal_pixels", goal, form.image, device)
+}
+
+impl Form {
+    fn state(
+        &self,
+        column: &'static str,
+        numbers: Option<&Numbers<'_>>,
+        rows: usize,
+        device: &Device,
+    ) -> Result<Option<Tensor<3>>, BaselineError> {
+        match (self.proprio, numbers) {
+            (0, _) => Ok(None),
+            (_, None) => {
+                Err(BaselineError::data(column, "this model uses it and the data has none; train without proprio"))
+            }
+            (width, Some(numbers)) => {
+                numbers.check(column, rows, width)?;
+                Ok(Some(numbers.to_tensor(device)))
+            }
+        }
+    }
+}
+
+impl Numbers<'_> {
+    fn check(&self, column: &'static str, rows: usize, width: usize) -> Result<(), BaselineError> {
+        if self.width != width {
+            let reason =
+                format!("{} numbers per row, and this model was made for {width}; they must agree", self.width);
+            return Err(BaselineError::data(column, reason));
+        }
+        let shape = [self.rows, self.steps, self.width];
+        if self.rows != rows || shape.iter().product::<usize>() != self.values.len() {
+            let reason = format!("{} numbers are not {shape:?}, for {rows} rows", self.values.len());
+            return Err(BaselineError::data(column, reason));
+        }
+        Ok(())
+    }
+
+    fn to_tensor(self, device: &Device) -> Tensor<3> {
+        let finite = |value: &f32| if value.is_finite() { *value } else { 0.0 };
+        let values: Vec<f32> = self.values.iter().map(finite).collect();
+        Tensor::from_data(TensorData::new(values, [self.rows, self.steps, self.width]), device)
+    }
+}
+
+/// `[B, T]`: whether an observation equals the goal to the last number, as the reference's reward asks.
+fn is_goal(batch: &ClipBatch<'_>) -> Vec<f32> {
+    let ClipBatch { pixels, proprio, goal_pixels, goal_proprio, .. } = batch;
+    let Some(goal) = goal_pixels else { return vec![0.0; pixels.rows * pixels.steps] };
+    let size = 3 * pixels.height * pixels.width;
+    let mut found: Vec<bool> = pixels
+        .values
+        .chunks_exact(size)
+        .enumerate()
+        .map(|(frame, picture)| goal.values.get(frame / pixels.steps * size..).is_some_and(|goal| goal.starts_with(picture)))
+        .collect();
+    if let (Some(state), Some(goal)) = (proprio, goal_proprio) {
+        for (frame, (found, state)) in found.iter_mut().zip(state.values.chunks_exact(state.width)).enumerate() {
+            let start = frame / pixels.steps * state.width;
+            *found &= goal.values.get(start..).is_some_and(|goal| goal.starts_with(state));
+        }
+    }
+    found.into_iter().map(|found| if found { 1.0 } else { 0.0 }).collect()
+}

@@ -1,0 +1,140 @@
+//! What can go wrong with a baseline.
+
+use std::path::{Path, PathBuf};
+
+use swm_core::BoxError;
+use swm_solvers::PlanError;
+use thiserror::Error;
+
+/// A baseline cannot be made, trained, saved, or asked.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum BaselineError {
+    /// No baseline has this name.
+    #[error("unknown baseline `{name}`; {hint}")]
+    UnknownBaseline {
+        /// The name.
+        name: String,
+        /// What there is.
+        hint: String,
+    },
+    /// The baseline has no such preset.
+    #[error("baseline `{baseline}` has no preset `{preset}`; it has: {known}")]
+    UnknownPreset {
+        /// The baseline.
+        baseline: &'static str,
+        /// The preset.
+        preset: String,
+        /// Its presets.
+        known: String,
+    },
+    /// Settings of a model that do not fit together, or that are unknown.
+    #[error("settings of `{baseline}`: {reason}")]
+    Settings {
+        /// The baseline.
+        baseline: &'static str,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// Data that the model was not made for.
+    #[error("`{column}`: {reason}")]
+    Data {
+        /// The column.
+        column: &'static str,
+        /// What is wrong, and what is expected.
+        reason: String,
+    },
+    /// A file of weights cannot be read or written.
+    #[error("weights in `{}`: {reason}", path.display())]
+    Weights {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// Weights of another model.
+    #[error("weights in `{}` are not those of this model: {}", path.display(), mismatch(missing, unused, wrong))]
+    Mismatch {
+        /// The file.
+        path: PathBuf,
+        /// What the model has and the file lacks.
+        missing: Vec<String>,
+        /// What the file has and the model lacks.
+        unused: Vec<String>,
+        /// Tensors of another shape: name, and both shapes.
+        wrong: Vec<String>,
+    },
+    /// A loss is not a number.
+    #[error(
+        "step {step}: the loss is {value}; the weights are those before the step. Lower the learning rate, or look \
+         for numbers that are not finite in the data"
+    )]
+    NotFinite {
+        /// The step.
+        step: u64,
+        /// The loss.
+        value: f32,
+    },
+    /// The machine has no such device, or this build no support for it.
+    #[error("device `{name}`: {reason}")]
+    Device {
+        /// Its name.
+        name: String,
+        /// What is wrong, and what there is.
+        reason: String,
+    },
+}
+
+impl BaselineError {
+    /// Data of the wrong form.
+    pub(crate) fn data(column: &'static str, reason: impl Into<String>) -> Self {
+        Self::Data { column, reason: reason.into() }
+    }
+
+    /// A file of weights that cannot be used.
+    pub(crate) fn weights(path: &Path, reason: impl ToString) -> Self {
+        Self::Weights { path: path.to_owned(), reason: reason.to_string() }
+    }
+}
+
+impl From<BaselineError> for PlanError {
+    fn from(error: BaselineError) -> Self {
+        PlanError::Cost(BoxError::from(error))
+    }
+}
+
+/// How many names an error lists of each kind.
+const LISTED: usize = 8;
+
+fn mismatch(missing: &[String], unused: &[String], wrong: &[String]) -> String {
+    let kinds = [("missing", missing), ("unused", unused), ("of another shape", wrong)];
+    let parts: Vec<String> =
+        kinds.iter().filter(|(_, names)| !names.is_empty()).map(|(kind, names)| list(kind, names)).collect();
+    parts.join("; ") + ". Use the settings that the weights were trained with"
+}
+
+fn list(kind: &str, names: &[String]) -> String {
+    let more = names.len().saturating_sub(LISTED);
+    let shown = names[..names.len() - more].join(", ");
+    let rest = if more > 0 { format!(", and {more} more") } else { String::new() };
+    format!("{} {kind}: {shown}{rest}", names.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mismatch_lists_both_sides_and_cuts_long_lists() {
+        let missing = (0..10).map(|i| format!("layer.{i}")).collect();
+        let error = BaselineError::Mismatch {
+            path: "a.pt".into(),
+            missing,
+            unused: vec!["head".to_owned()],
+            wrong: Vec::new(),
+        };
+        let text = error.to_string();
+        assert!(text.contains("10 missing: layer.0, "), "{text}");
+        assert!(text.contains("layer.7, and 2 more; 1 unused: head."), "{text}");
+    }
+}

@@ -1,0 +1,209 @@
+//! One training step for every model, and the files of weights: a [`Network`] becomes a [`Baseline`].
+
+use std::path::Path;
+
+use burn::module::Module;
+use burn::tensor::Device;
+
+use crate::baseline::{Baseline, GoalPolicy, Losses, Needs, Phase, PlanModel, Recipe, Step};
+use crate::data::{ClipBatch, Form, Inputs};
+use crate::error::BaselineError;
+use crate::init::initialise;
+use crate::losses::Terms;
+use crate::network::{Network, Parts};
+use crate::optim::{AdamW, clip_gradients};
+use crate::params::{self, host};
+use crate::pass::Pass;
+use crate::weights;
+
+/// A network, its optimisers, and what makes it again.
+pub(crate) struct Learner<N> {
+    name: &'static str,
+    recipe: Recipe,
+    needs: Needs,
+    form: Form,
+    phases: Vec<Phase>,
+    /// `None` only while a step replaces it.
+    network: Option<N>,
+    /// One for each phase.
+    optimisers: Vec<AdamW>,
+    device: Device,
+}
+
+impl<N: Network> Learner<N> {
+    /// Draws the first weights.
+    pub(crate) fn new(name: &'static str, recipe: Recipe, parts: Parts<N>, device: Device) -> Self {
+        let Parts { network, needs, form, phases } = parts;
+        let mut network = initialise(network, recipe.seed);
+        for phase in &phases {
+            network = follow(network, phase.teachers, 0.0);
+        }
+        let optimisers = phases.iter().map(|_| AdamW::default()).collect();
+        Self { name, recipe, needs, form, phases, network: Some(network), optimisers, device }
+    }
+
+    fn network(&self) -> &N {
+        self.network.as_ref().expect("a step gives the network back")
+    }
+
+    fn phase(&self, phase: usize) -> Result<&Phase, BaselineError> {
+        self.phases.get(phase).ok_or_else(|| BaselineError::Settings {
+            baseline: self.name,
+            reason: format!("no phase {phase}; its training has {}", self.phases.len()),
+        })
+    }
+}
+
+impl<N: Network> Baseline for Learner<N> {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn recipe(&self) -> &Recipe {
+        &self.recipe
+    }
+
+    fn needs(&self) -> &Needs {
+        &self.needs
+    }
+
+    fn phases(&self) -> &[Phase] {
+        &self.phases
+    }
+
+    fn parameters(&self) -> usize {
+        let trained = |name: &params::Spec| self.phases.iter().any(|phase| name.is_below(phase.trains));
+        let specs = params::specs(self.network());
+        specs
+            .iter()
+            .filter(|spec| !spec.is_buffer() && trained(spec))
+            .map(|spec| spec.shape.iter().product::<usize>())
+            .sum()
+    }
+
+    fn train_step(&mut self, batch: &ClipBatch<'_>, at: &Step) -> Result<Losses, BaselineError> {
+        let phase = self.phase(at.phase)?.clone();
+        let inputs = Inputs::new(batch, &self.form, &self.device)?;
+        let mut pass = Pass::train(at.seed, at.step);
+        let tracked = params::track(self.network(), phase.trains);
+        let terms = tracked.loss(at.phase, &inputs, &mut pass)?;
+        let gradients = terms.total.is_tracked().then(|| terms.total.backward());
+        let mut losses = read(terms);
+        if !losses.total.is_finite() {
+            return Err(BaselineError::NotFinite { step: at.step, value: losses.total });
+        }
+        let mut gradients = match gradients {
+            Some(mut gradients) => params::gradients(&tracked, &mut gradients),
+            None => Vec::new(),
+        };
+        drop(tracked);
+        let norm = clip_gradients(&mut gradients, phase.optim.clip);
+        if !norm.is_finite() {
+            return Err(BaselineError::NotFinite { step: at.step, value: norm });
+        }
+        let lr = phase.optim.lr * phase.optim.schedule.factor(at.step, at.total);
+        let network = self.network.take().expect("a step gives the network back");
+        let network = self.optimisers[at.phase].step(network, gradients, &phase.optim, lr);
+        let network = follow_statistics(network, &pass);
+        self.network = Some(follow(network, phase.teachers, phase.momentum));
+        losses.parts.extend([("lr", lr as f32), ("gradient_norm", norm)]);
+        Ok(losses)
+    }
+
+    fn validate(&self, batch: &ClipBatch<'_>, phase: usize) -> Result<Losses, BaselineError> {
+        self.phase(phase)?;
+        let inputs = Inputs::new(batch, &self.form, &self.device)?;
+        Ok(read(self.network().loss(phase, &inputs, &mut Pass::evaluate())?))
+    }
+
+    fn save_weights(&self, path: &Path) -> Result<(), BaselineError> {
+        weights::save_network(self.network(), path)
+    }
+
+    fn load_weights(&mut self, path: &Path) -> Result<(), BaselineError> {
+        self.network = Some(weights::load_network(self.network(), path)?);
+        Ok(())
+    }
+
+    fn load_encoder(&mut self, path: &Path) -> Result<(), BaselineError> {
+        self.network = Some(weights::load_below(self.network(), path, N::ENCODER)?);
+        Ok(())
+    }
+
+    fn save_training(&self, path: &Path) -> Result<(), BaselineError> {
+        let mut tensors = Vec::new();
+        for (phase, optimiser) in self.phases.iter().zip(&self.optimisers) {
+            for (name, shape, values) in optimiser.to_host(self.network()) {
+                tensors.push((format!("{}.{name}", phase.name), shape, values));
+            }
+        }
+        weights::write(path, tensors)
+    }
+
+    fn load_training(&mut self, path: &Path) -> Result<(), BaselineError> {
+        let mut tensors = weights::read(path)?;
+        let network = self.network.as_ref().expect("a step gives the network back");
+        for (phase, optimiser) in self.phases.iter().zip(&mut self.optimisers) {
+            *optimiser = AdamW::from_host(network, |name| {
+                tensors.remove(&format!("{}.{name}", phase.name)).map(|tensor| tensor.values)
+            });
+        }
+        if let Some(name) = tensors.keys().next() {
+            let reason = format!("holds `{name}`, which is no state of this model's optimisers; it is of another run");
+            return Err(BaselineError::weights(path, reason));
+        }
+        Ok(())
+    }
+
+    fn planner(&self) -> Option<Box<dyn PlanModel>> {
+        self.network().planner()
+    }
+
+    fn policy(&self) -> Option<Box<dyn GoalPolicy>> {
+        self.network().policy()
+    }
+}
+
+/// The numbers of a loss.
+fn read(terms: Terms) -> Losses {
+    let number = |tensor| host::<1>(tensor)[0];
+    Losses {
+        total: number(terms.total),
+        parts: terms.parts.into_iter().map(|(name, tensor)| (name, number(tensor))).collect(),
+    }
+}
+
+/// Puts the running statistics of a pass into their places.
+pub(crate) fn follow_statistics<N: Module>(network: N, pass: &Pass) -> N {
+    if pass.statistics.is_empty() {
+        return network;
+    }
+    params::map(network, |spec, tensor| {
+        let new = pass.statistics.iter().find(|(id, _)| *id == spec.id);
+        new.map_or(tensor, |(_, value)| value.clone())
+    })
+}
+
+/// Moves teachers towards what they follow: `momentum` of the old stays.
+fn follow<N: Network>(network: N, teachers: &[(&str, &str)], momentum: f64) -> N {
+    if teachers.is_empty() {
+        return network;
+    }
+    let mut students = std::collections::HashMap::new();
+    params::visit(&network, |spec, tensor| {
+        if teachers.iter().any(|(student, _)| spec.is_below(&[student])) {
+            students.insert(spec.name.clone(), tensor);
+        }
+    });
+    params::map(network, |spec, tensor| {
+        let student = teachers.iter().find_map(|(student, teacher)| {
+            let rest = spec.is_below(&[teacher]).then(|| &spec.name[teacher.len()..])?;
+            students.get(&format!("{student}{rest}"))
+        });
+        match student {
+            Some(student) if momentum == 0.0 => student.clone(),
+            Some(student) => tensor * momentum + student.clone() * (1.0 - momentum),
+            None => tensor,
+        }
+    })
+}

@@ -1,0 +1,43 @@
+//! Baselines: world models and goal-conditioned policies that train on a dataset's clips, and plan or act with what
+//! they learnt.
+//!
+//! Each model is a folder of `models/` and one line in [`BASELINES`]. [`make`] gives one with fresh weights, [`restore`]
+//! one of a stored [`Recipe`]; both are a [`Baseline`]: it takes training steps, saves and loads weights (safetensors,
+//! and the files of PyTorch), and gives itself as a [`PlanModel`] or a [`GoalPolicy`]. Everything at this boundary is
+//! slices of numbers; no tensor leaves the crate. It knows no environment, and how a training is run (epochs,
+//! checkpoints, metrics) is not its duty either.
+//!
+//! Numbers are those of the reference's PyTorch modules (`tests/parity.rs`), and results do not depend on threads or on
+//! what else is in a batch.
+
+mod baseline;
+mod data;
+mod error;
+mod images;
+mod init;
+mod learner;
+mod losses;
+mod models;
+mod network;
+mod nn;
+mod optim;
+mod params;
+#[cfg(test)]
+mod parity;
+mod pass;
+mod plan;
+mod weights;
+
+pub use baseline::{
+    Baseline, GoalPolicy, Losses, Needs, Phase, PhaseGoals, PlanModel, Recipe, Step,
+};
+pub use data::{ClipBatch, Facts, Numbers, Pictures, Scenes};
+pub use error::BaselineError;
+pub use losses::SigregConfig;
+pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};
+pub use models::{
+    DinoWmConfig, EncoderConfig, GcbcConfig, GciqlConfig, GcivlConfig, GoalConfig, JointConfig, LewmConfig, PldmConfig,
+    PldmWeights, ValueConfig,
+};
+pub use nn::{CnnConfig, GoalTransformerConfig, Pool, PredictorConfig, VitConfig};
+pub use optim::{OptimConfig, Schedule};

@@ -1,0 +1,34 @@
+//! The terms of losses, on tensors. Each file is one term or a family, with its source; what they are worth to a model
+//! stands in the model.
+
+mod sigreg;
+mod straightening;
+mod vicreg;
+
+use burn::tensor::Tensor;
+
+pub use sigreg::SigregConfig;
+pub(crate) use sigreg::sigreg;
+pub(crate) use straightening::straightening;
+pub(crate) use vicreg::{Vicreg, vicreg};
+
+/// The mean of squared differences.
+pub(crate) fn mean_squared_error<const D: usize>(a: Tensor<D>, b: Tensor<D>) -> Tensor<1> {
+    (a - b).square().mean()
+}
+
+/// Squared differences to `targets` that weigh `share` where the target is higher and 1 - `share` where it is lower.
+pub(crate) fn expectile<const D: usize>(values: Tensor<D>, targets: Tensor<D>, share: f64) -> Tensor<1> {
+    let residual = targets - values;
+    let is_lower = residual.clone().detach().lower_elem(0.0).float();
+    let weight = (is_lower * -1.0 + share).abs();
+    (weight * residual.square()).mean()
+}
+
+/// The terms of one loss.
+pub(crate) struct Terms {
+    /// What is minimised.
+    pub(crate) total: Tensor<1>,
+    /// Its parts and other numbers worth watching, as they are before they are weighed.
+    pub(crate) parts: Vec<(&'static str, Tensor<1>)>,
+}

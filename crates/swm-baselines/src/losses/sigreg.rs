@@ -1,0 +1,84 @@
+//! SIGReg: how far a batch of embeddings is from a standard normal distribution, seen along random directions.
+//!
+//! The statistic of Epps and Pulley compares the characteristic function of each projection with that of N(0, 1), under
+//! a Gaussian window, on knots over [0, 3] by the trapezoid rule. Source: arXiv 2511.08544.
+
+use burn::tensor::{Tensor, TensorData};
+use serde::{Deserialize, Serialize};
+
+use crate::pass::Pass;
+
+/// How it is computed, and what it is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SigregConfig {
+    /// Its weight in the loss.
+    pub weight: f64,
+    /// Points at which characteristic functions are compared, at least 2.
+    pub knots: usize,
+    /// Directions, drawn anew in every step.
+    pub projections: usize,
+}
+
+impl Default for SigregConfig {
+    fn default() -> Self {
+        Self { weight: 0.09, knots: 17, projections: 1024 }
+    }
+}
+
+/// The end of the interval of knots.
+const END: f32 = 3.0;
+
+/// Of embeddings `[B, T, W]`: the mean over steps and directions.
+pub(crate) fn sigreg(states: Tensor<3>, config: &SigregConfig, pass: &mut Pass) -> Tensor<1> {
+    let width = states.dims()[2];
+    let directions = pass.normal([width, config.projections], &states.device());
+    sigreg_along(states, directions, config.knots)
+}
+
+/// Along these directions: `[W, P]`, scaled to length 1 here.
+fn sigreg_along(states: Tensor<3>, directions: Tensor<2>, knots: usize) -> Tensor<1> {
+    let device = states.device().inner();
+    let [batch, steps, _] = states.dims();
+    let lengths = directions.clone().square().sum_dim(0).sqrt();
+    let directions = directions / lengths;
+    let projections = directions.dims()[1];
+    let seen = states.matmul(directions.unsqueeze());
+    let step = END / (knots - 1) as f32;
+    let mut total = Tensor::<3>::zeros([1, steps, projections], &device);
+    for knot in 0..knots {
+        let t = knot as f32 * step;
+        let window = (-t * t / 2.0).exp();
+        let ends = if knot == 0 || knot + 1 == knots { 1.0 } else { 2.0 };
+        let angle = seen.clone() * t;
+        let real = angle.clone().cos().mean_dim(0) - window;
+        let imaginary = angle.sin().mean_dim(0);
+        total = total + (real.square() + imaginary.square()) * (ends * step * window);
+    }
+    total.mean() * batch as f32
+}
+
+/// Directions for tests: the first axes.
+#[cfg(test)]
+fn axes(width: usize, device: &burn::tensor::Device) -> Tensor<2> {
+    let values = (0..width * width).map(|i| if i / width == i % width { 1.0 } else { 0.0 }).collect();
+    Tensor::from_data(TensorData::new::<f32, _>(values, [width, width]), device)
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+
+    use super::*;
+    use crate::params::host;
+
+    #[test]
+    fn a_normal_batch_scores_lower_than_a_collapsed_one() {
+        let device = Device::flex();
+        let normal: Tensor<3> = Pass::train(3, 0).normal([256, 2, 8], &device);
+        let score = |states: Tensor<3>| host(sigreg_along(states, axes(8, &device), 17))[0];
+        let (good, collapsed) = (score(normal.clone()), score(normal * 0.0));
+        assert!(good < 2.0, "{good}");
+        assert!(collapsed > 50.0, "{collapsed}");
+    }
+}

@@ -1,0 +1,195 @@
+//! DINO-WM, which the reference calls PreJEPA: predicts the tokens of a frozen DINOv2, with actions and proprioception beside
+//! each (arXiv 2411.04983).
+//!
+//! Loss: squared error of all that is predicted but the actions' part; targets take part in no gradient.
+
+mod planner;
+
+use burn::module::Module;
+use burn::tensor::{Device, Tensor};
+use serde::{Deserialize, Serialize};
+
+use crate::baseline::{Needs, Phase, PlanModel};
+use crate::data::{Facts, Form, Inputs};
+use crate::error::BaselineError;
+use crate::losses::{Terms, mean_squared_error};
+use crate::models::encoder::{Encoder, EncoderConfig};
+use crate::models::goal::beside;
+use crate::network::{Network, Parts};
+use crate::nn::{FramePredictor, PredictorConfig, StateEmbedder, TokenForm, VitConfig};
+use crate::optim::{OptimConfig, Schedule};
+use crate::pass::Pass;
+
+use planner::DinoPlanner;
+
+/// Its name.
+pub(crate) const NAME: &str = "dino-wm";
+
+/// Its settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DinoWmConfig {
+    /// The side of pictures.
+    pub image: usize,
+    /// What looks at them; it is not trained. Give its weights before training.
+    pub encoder: EncoderConfig,
+    /// Numbers that `proprio` is embedded in; 0: it is not used.
+    pub proprio: usize,
+    /// Numbers that the actions of a step are embedded in.
+    pub action: usize,
+    /// What predicts.
+    pub predictor: PredictorConfig,
+    /// How many frames it sees.
+    pub history: usize,
+    /// Environment steps from one frame to the next.
+    pub frameskip: usize,
+    /// Clips of a batch.
+    pub batch: usize,
+    /// The optimiser.
+    pub optim: OptimConfig,
+}
+
+impl DinoWmConfig {
+    /// The paper's settings, with proprioception.
+    pub fn paper() -> Self {
+        Self {
+            image: 224,
+            encoder: EncoderConfig::Vit(VitConfig::dinov2_small()),
+            proprio: 10,
+            action: 10,
+            predictor: PredictorConfig::default(),
+            history: 3,
+            frameskip: 5,
+            batch: 32,
+            optim: OptimConfig {
+                lr: 5e-4,
+                weight_decay: 0.0,
+                schedule: Schedule::Constant,
+                ..OptimConfig::default()
+            },
+        }
+    }
+
+    /// Settings for a processor: the same encoder on pictures of 70 pixels, 25 tokens each, and a smaller predictor
+    /// without proprioception.
+    pub fn small() -> Self {
+        Self {
+            image: 70,
+            proprio: 0,
+            predictor: PredictorConfig { depth: 3, heads: 4, head_width: 64, hidden: 512, dropout: 0.1 },
+            batch: 16,
+            ..Self::paper()
+        }
+    }
+
+    fn check(&self, facts: &Facts) -> Result<(), String> {
+        let positive = [
+            ("action", self.action),
+            ("history", self.history),
+            ("frameskip", self.frameskip),
+            ("batch", self.batch),
+            ("predictor.heads", self.predictor.heads),
+            ("predictor.head_width", self.predictor.head_width),
+        ];
+        if let Some((name, _)) = positive.iter().find(|(_, value)| *value == 0) {
+            return Err(format!("`{name}` is 0; it must be at least 1"));
+        }
+        if !(0.0..1.0).contains(&self.predictor.dropout) {
+            return Err(format!("`predictor.dropout` is {}; it must be in [0, 1)", self.predictor.dropout));
+        }
+        if self.proprio > 0 && facts.proprio_width == 0 {
+            return Err("`proprio` is on and the data has none; set it to 0".to_owned());
+        }
+        self.encoder.check(self.image)
+    }
+
+    fn form(&self, facts: &Facts) -> Form {
+        let proprio = if self.proprio > 0 { facts.proprio_width } else { 0 };
+        Form { image: self.image, action: self.frameskip * facts.action_width, proprio }
+    }
+}
+
+#[derive(Module, Debug)]
+struct DinoWm {
+    encoder: Encoder,
+    predictor: FramePredictor,
+    proprio: Option<StateEmbedder>,
+    action: StateEmbedder,
+    #[module(skip)]
+    form: Form,
+    #[module(skip)]
+    history: usize,
+}
+
+/// Network and training of these settings.
+pub(crate) fn make(config: &DinoWmConfig, facts: &Facts, device: &Device) -> Result<Parts<impl Network>, BaselineError> {
+    let (network, form) = network(config, facts, device)?;
+    let &DinoWmConfig { image, proprio, history, frameskip, batch, .. } = config;
+    let phase = Phase {
+        name: "train",
+        optim: config.optim.clone(),
+        goals: None,
+        trains: &["predictor", "extra_encoders"],
+        teachers: &[],
+        momentum: 0.0,
+    };
+    let needs = Needs { num_steps: history + 1, frameskip, image, proprio: proprio > 0, batch };
+    Ok(Parts { network, needs, form, phases: vec![phase] })
+}
+
+fn network(config: &DinoWmConfig, facts: &Facts, device: &Device) -> Result<(DinoWm, Form), BaselineError> {
+    config.check(facts).map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
+    let form = config.form(facts);
+    let [patches, width] = config.encoder.tokens(config.image);
+    let tokens = TokenForm { patches, frames: config.history, width: width + config.proprio + config.action };
+    let proprio = || StateEmbedder::new(facts.proprio_width, config.proprio, device);
+    let network = DinoWm {
+        encoder: Encoder::of_tokens(&config.encoder, config.image, device),
+        predictor: FramePredictor::new(&config.predictor, &tokens, device),
+        proprio: (config.proprio > 0).then(proprio),
+        action: StateEmbedder::new(form.action, config.action, device),
+        form,
+        history: config.history,
+    };
+    Ok((network, form))
+}
+
+impl DinoWm {
+    /// `[B, T, P, W]` without the actions' part.
+    fn observe(&self, pixels: Tensor<5>, proprio: Option<Tensor<3>>) -> Tensor<4> {
+        let tokens = self.encoder.tokens(pixels).detach();
+        match (&self.proprio, proprio) {
+            (Some(embedder), Some(proprio)) => beside(tokens, embedder.forward(proprio)),
+            _ => tokens,
+        }
+    }
+
+    /// Puts embedded actions `[B, T, D]` beside what was observed or predicted.
+    fn with_actions(&self, tokens: Tensor<4>, actions: Tensor<3>) -> Tensor<4> {
+        beside(tokens, self.action.forward(actions))
+    }
+
+    /// The next frame of each, without the actions' part.
+    fn predict(&self, frames: Tensor<4>, pass: &mut Pass) -> Tensor<4> {
+        let next = self.predictor.forward(frames, pass);
+        let width = next.dims()[3] - self.action.width();
+        next.narrow(3, 0, width)
+    }
+}
+
+impl Network for DinoWm {
+    const ENCODER: &'static str = "backbone";
+
+    fn loss(&self, _phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
+        let observed = self.observe(inputs.pixels.clone(), inputs.proprio.clone());
+        let seen = observed.dims()[1] - 1;
+        let frames = self.with_actions(observed.clone(), inputs.action.clone()).narrow(1, 0, seen);
+        let predicted = self.predict(frames, pass);
+        let loss = mean_squared_error(predicted, observed.narrow(1, 1, seen).detach());
+        Ok(Terms { total: loss, parts: Vec::new() })
+    }
+
+    fn planner(&self) -> Option<Box<dyn PlanModel>> {
+        Some(Box::new(DinoPlanner::new(self.clone())))
+    }
+}

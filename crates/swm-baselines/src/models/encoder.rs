@@ -1,0 +1,99 @@
+//! Which network looks at pictures: a vision transformer or a small convolutional one.
+
+use burn::module::Module;
+use burn::tensor::{Device, Tensor};
+use serde::{Deserialize, Serialize};
+
+use crate::nn::{Cnn, CnnConfig, Vit, VitConfig};
+
+/// Its kind and size.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum EncoderConfig {
+    /// A vision transformer.
+    Vit(VitConfig),
+    /// Convolutions.
+    Cnn(CnnConfig),
+}
+
+impl EncoderConfig {
+    /// What is wrong with it, if anything is.
+    pub(crate) fn check(&self, image: usize) -> Result<(), String> {
+        match self {
+            Self::Vit(config) => config.check([image; 2]),
+            Self::Cnn(config) => Cnn::check(config),
+        }
+    }
+
+    /// Numbers of a summary, where `width` is wanted: a vision transformer has its own.
+    pub(crate) fn summary_width(&self, width: usize) -> usize {
+        match self {
+            Self::Vit(config) => config.width,
+            Self::Cnn(_) => width,
+        }
+    }
+
+    /// P and W: tokens of a picture, and numbers of each.
+    pub(crate) fn tokens(&self, image: usize) -> [usize; 2] {
+        match self {
+            Self::Vit(config) => [config.patches([image; 2]), config.width],
+            Self::Cnn(config) => {
+                let [rows, columns] = Cnn::grid(config, [image; 2]);
+                [rows * columns, config.channels.last().copied().unwrap_or(3)]
+            }
+        }
+    }
+}
+
+/// An encoder of one of the kinds.
+#[derive(Module, Debug)]
+pub(crate) enum Encoder {
+    Vit(Vit),
+    Cnn(Cnn),
+}
+
+impl Encoder {
+    /// One that gives summaries.
+    pub(crate) fn of_summaries(config: &EncoderConfig, image: usize, width: usize, device: &Device) -> Self {
+        match config {
+            EncoderConfig::Vit(config) => Self::Vit(Vit::new(config, device)),
+            EncoderConfig::Cnn(config) => Self::Cnn(Cnn::new(config, [image; 2], Some(width), device)),
+        }
+    }
+
+    /// One that gives tokens.
+    pub(crate) fn of_tokens(config: &EncoderConfig, image: usize, device: &Device) -> Self {
+        match config {
+            EncoderConfig::Vit(config) => Self::Vit(Vit::new(config, device)),
+            EncoderConfig::Cnn(config) => Self::Cnn(Cnn::new(config, [image; 2], None, device)),
+        }
+    }
+
+    /// `[B, T, 3, S, S]` → `[B, T, W]`.
+    pub(crate) fn summaries(&self, pictures: Tensor<5>) -> Tensor<3> {
+        let [batch, steps, ..] = pictures.dims();
+        let frames = pictures.flatten::<4>(0, 1);
+        let summaries: Tensor<2> = match self {
+            Self::Vit(vit) => vit.forward(frames).narrow(1, 0, 1).squeeze_dim(1),
+            Self::Cnn(cnn) => cnn.forward(frames),
+        };
+        let width = summaries.dims()[1];
+        summaries.reshape([batch, steps, width])
+    }
+
+    /// `[B, T, 3, S, S]` → `[B, T, P, W]`.
+    pub(crate) fn tokens(&self, pictures: Tensor<5>) -> Tensor<4> {
+        let [batch, steps, ..] = pictures.dims();
+        let frames = pictures.flatten::<4>(0, 1);
+        let tokens = match self {
+            Self::Vit(vit) => {
+                let all = vit.forward(frames);
+                let patches = all.dims()[1] - 1;
+                all.narrow(1, 1, patches)
+            }
+            Self::Cnn(cnn) => cnn.tokens(frames),
+        };
+        let [_, count, width] = tokens.dims();
+        tokens.reshape([batch, steps, count, width])
+    }
+}

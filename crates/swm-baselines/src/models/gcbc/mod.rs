@@ -1,0 +1,91 @@
+//! GCBC: goal-conditioned behavioural cloning. Loss: squared error of the actions taken, at each frame of the history.
+
+use burn::module::Module;
+use burn::tensor::Device;
+use serde::{Deserialize, Serialize};
+use swm_data::loader::GoalWeights;
+
+use crate::baseline::{GoalPolicy, Phase};
+use crate::data::{Facts, Form, Inputs};
+use crate::error::BaselineError;
+use crate::losses::{Terms, mean_squared_error};
+use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Seen};
+use crate::network::{Network, Parts};
+use crate::nn::GoalPredictor;
+use crate::optim::OptimConfig;
+use crate::pass::Pass;
+
+/// Its name.
+pub(crate) const NAME: &str = "gcbc";
+
+/// Its settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GcbcConfig {
+    /// The network.
+    pub model: GoalConfig,
+    /// The optimiser.
+    pub optim: OptimConfig,
+}
+
+impl GcbcConfig {
+    /// The reference's settings.
+    pub fn paper() -> Self {
+        Self { model: GoalConfig::paper(), optim: OptimConfig { lr: 1e-4, weight_decay: 0.01, ..OptimConfig::default() } }
+    }
+
+    /// Settings for a processor.
+    pub fn small() -> Self {
+        Self { model: GoalConfig::small(), optim: OptimConfig { lr: 5e-4, ..Self::paper().optim } }
+    }
+}
+
+#[derive(Module, Debug)]
+struct Gcbc {
+    observer: Observer,
+    action_predictor: GoalPredictor,
+    #[module(skip)]
+    form: Form,
+    #[module(skip)]
+    history: usize,
+}
+
+/// Network and training of these settings.
+pub(crate) fn make(config: &GcbcConfig, facts: &Facts, device: &Device) -> Result<Parts<impl Network>, BaselineError> {
+    let GcbcConfig { model, optim } = config;
+    let observer = Observer::new(NAME, model, facts, device)?;
+    let form = model.form(facts);
+    let phase = Phase {
+        name: "policy",
+        optim: optim.clone(),
+        goals: model.goals(GoalWeights { random: 0.0, geometric: 1.0, uniform: 0.0, current: 0.0 }),
+        trains: if model.train_encoder { &[""] } else { &["action_predictor", "extra_encoders"] },
+        teachers: &[],
+        momentum: 0.0,
+    };
+    let action_predictor = GoalPredictor::new(&model.predictor, &model.tokens(), form.action, device);
+    Ok(Parts {
+        network: Gcbc { observer, action_predictor, form, history: model.history },
+        needs: model.needs(0),
+        form,
+        phases: vec![phase],
+    })
+}
+
+impl Network for Gcbc {
+    fn loss(&self, _phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
+        let Seen { frames, goal } = self.observer.see(inputs)?;
+        let means = self.action_predictor.forward(frames.narrow(1, 0, self.history), goal, pass);
+        let actions = inputs.action.clone().narrow(1, 0, self.history);
+        Ok(Terms { total: mean_squared_error(means, actions), parts: Vec::new() })
+    }
+
+    fn policy(&self) -> Option<Box<dyn GoalPolicy>> {
+        Some(Box::new(ActingPolicy {
+            observer: self.observer.clone(),
+            actor: self.action_predictor.clone(),
+            form: self.form,
+            history: self.history,
+        }))
+    }
+}

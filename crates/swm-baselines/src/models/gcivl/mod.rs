@@ -1,0 +1,152 @@
+//! GCIVL: goal-conditioned implicit value learning. First a value, by expectile regression on what a slowly following
+//! teacher says of the next observation; then a policy that imitates actions the more, the more they raised the value.
+
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Tensor};
+use serde::{Deserialize, Serialize};
+use swm_data::loader::GoalWeights;
+
+use crate::baseline::{GoalPolicy, Phase};
+use crate::data::{Facts, Form, Inputs};
+use crate::error::BaselineError;
+use crate::losses::{Terms, expectile};
+use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Seen, weighted_regression};
+use crate::network::{Network, Parts};
+use crate::nn::{GoalPredictor, parameter};
+use crate::optim::{OptimConfig, Schedule};
+use crate::pass::Pass;
+
+/// Its name.
+pub(crate) const NAME: &str = "gcivl";
+
+/// Its settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GcivlConfig {
+    /// The network.
+    pub model: GoalConfig,
+    /// The optimiser of both phases.
+    pub optim: OptimConfig,
+    /// How the value is learnt, and what the policy makes of it.
+    pub value: ValueConfig,
+}
+
+/// Settings of values learnt from goals.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ValueConfig {
+    /// What a step later is worth.
+    pub discount: f64,
+    /// Which expectile of the targets is learnt.
+    pub expectile: f64,
+    /// The share of the old in the teacher, at each step.
+    pub momentum: f64,
+    /// How sharply the policy prefers better actions.
+    pub alpha: f64,
+}
+
+impl Default for ValueConfig {
+    /// The reference's for GCIVL.
+    fn default() -> Self {
+        Self { discount: 0.99, expectile: 0.9, momentum: 0.995, alpha: 3.0 }
+    }
+}
+
+/// The optimiser that the reference's value learners share.
+pub(crate) fn value_optim() -> OptimConfig {
+    OptimConfig { lr: 3e-4, weight_decay: 0.01, schedule: Schedule::Constant, ..OptimConfig::default() }
+}
+
+impl GcivlConfig {
+    /// The reference's settings.
+    pub fn paper() -> Self {
+        Self { model: GoalConfig::paper(), optim: value_optim(), value: ValueConfig::default() }
+    }
+
+    /// Settings for a processor.
+    pub fn small() -> Self {
+        Self { model: GoalConfig::small(), ..Self::paper() }
+    }
+}
+
+#[derive(Module, Debug)]
+struct Gcivl {
+    observer: Observer,
+    value: GoalPredictor,
+    teacher: GoalPredictor,
+    action_predictor: GoalPredictor,
+    log_stds: Param<Tensor<1>>,
+    #[module(skip)]
+    config: ValueConfig,
+    #[module(skip)]
+    form: Form,
+    #[module(skip)]
+    history: usize,
+}
+
+/// Network and training of these settings.
+pub(crate) fn make(config: &GcivlConfig, facts: &Facts, device: &Device) -> Result<Parts<impl Network>, BaselineError> {
+    let GcivlConfig { model, optim, value } = config;
+    let observer = Observer::new(NAME, model, facts, device)?;
+    let (form, tokens) = (model.form(facts), model.tokens());
+    let predictor = |outputs| GoalPredictor::new(&model.predictor, &tokens, outputs, device);
+    let value_phase = Phase {
+        name: "value",
+        optim: optim.clone(),
+        goals: model.goals(GoalWeights::default()),
+        trains: if model.train_encoder {
+            &["value_predictor.student", "extra_encoders", "encoder"]
+        } else {
+            &["value_predictor.student", "extra_encoders"]
+        },
+        teachers: &[("value_predictor.student", "value_predictor.teacher")],
+        momentum: value.momentum,
+    };
+    let policy_phase = Phase {
+        name: "policy",
+        optim: optim.clone(),
+        goals: model.goals(GoalWeights { random: 0.5, geometric: 0.0, uniform: 0.5, current: 0.0 }),
+        trains: &["action_predictor", "log_stds"],
+        teachers: &[],
+        momentum: 0.0,
+    };
+    let network = Gcivl {
+        observer,
+        value: predictor(1),
+        teacher: predictor(1),
+        action_predictor: predictor(form.action),
+        log_stds: parameter([form.action], device),
+        config: *value,
+        form,
+        history: model.history,
+    };
+    Ok(Parts { network, needs: model.needs(1), form, phases: vec![value_phase, policy_phase] })
+}
+
+impl Network for Gcivl {
+    fn loss(&self, phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
+        let Seen { frames, goal } = self.observer.see(inputs)?;
+        let (now, next) = (frames.clone().narrow(1, 0, self.history), frames.narrow(1, 1, self.history));
+        if phase == 0 {
+            let value = self.value.forward(now, goal.clone(), pass);
+            let next = self.teacher.forward(next, goal, pass).detach();
+            let goes_on = inputs.is_goal.clone().narrow(1, 0, self.history) * -1.0 + 1.0;
+            let target = goes_on * (next * self.config.discount - 1.0);
+            let loss = expectile(value.clone(), target, self.config.expectile);
+            return Ok(Terms { total: loss.clone(), parts: vec![("value_error", loss), ("value", value.mean())] });
+        }
+        let advantage = self.value.forward(next, goal.clone(), pass) - self.value.forward(now.clone(), goal.clone(), pass);
+        let means = self.action_predictor.forward(now, goal, pass);
+        let actions = inputs.action.clone().narrow(1, 0, self.history);
+        Ok(weighted_regression(means, &self.log_stds, actions, advantage, self.config.alpha))
+    }
+
+    fn policy(&self) -> Option<Box<dyn GoalPolicy>> {
+        Some(Box::new(ActingPolicy {
+            observer: self.observer.clone(),
+            actor: self.action_predictor.clone(),
+            form: self.form,
+            history: self.history,
+        }))
+    }
+}

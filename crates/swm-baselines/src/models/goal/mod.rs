@@ -1,0 +1,212 @@
+//! What the goal-conditioned policies share: how they see, how they act, and how a policy is drawn from a value.
+
+mod policy;
+
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Tensor};
+use serde::{Deserialize, Serialize};
+use swm_data::loader::GoalWeights;
+
+use crate::baseline::{Needs, PhaseGoals};
+use crate::data::{Facts, Form, Inputs};
+use crate::error::BaselineError;
+use crate::losses::Terms;
+use crate::models::encoder::{Encoder, EncoderConfig};
+use crate::nn::{CnnConfig, GoalTransformerConfig, Pool, StateEmbedder, TokenForm, VitConfig};
+
+pub(crate) use policy::ActingPolicy;
+
+/// How they see and how large they are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GoalConfig {
+    /// The side of pictures.
+    pub image: usize,
+    /// What looks at them.
+    pub encoder: EncoderConfig,
+    /// Whether it is trained; otherwise its weights are another's: give them before training.
+    pub train_encoder: bool,
+    /// Numbers that `proprio` is embedded in; 0: it is not used.
+    pub proprio: usize,
+    /// Policy, value and critic.
+    pub predictor: GoalTransformerConfig,
+    /// How many observations they see.
+    pub history: usize,
+    /// Environment steps from one observation to the next; a decision is so many actions.
+    pub frameskip: usize,
+    /// Clips of a batch.
+    pub batch: usize,
+}
+
+impl GoalConfig {
+    /// The reference's: a frozen DINOv2-small.
+    pub fn paper() -> Self {
+        Self {
+            image: 224,
+            encoder: EncoderConfig::Vit(VitConfig::dinov2_small()),
+            train_encoder: false,
+            proprio: 0,
+            predictor: GoalTransformerConfig::default(),
+            history: 3,
+            frameskip: 1,
+            batch: 128,
+        }
+    }
+
+    /// For a processor: convolutions that are trained, on pictures of 64 pixels.
+    pub fn small() -> Self {
+        Self {
+            image: 64,
+            encoder: EncoderConfig::Cnn(CnnConfig::default()),
+            train_encoder: true,
+            proprio: 0,
+            predictor: GoalTransformerConfig {
+                depth: 3,
+                heads: 4,
+                head_width: 32,
+                hidden: 256,
+                dropout: 0.0,
+                pool: Pool::Mean,
+            },
+            history: 1,
+            frameskip: 5,
+            batch: 64,
+        }
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let positive = [
+            ("history", self.history),
+            ("frameskip", self.frameskip),
+            ("batch", self.batch),
+            ("predictor.depth", self.predictor.depth),
+            ("predictor.heads", self.predictor.heads),
+            ("predictor.head_width", self.predictor.head_width),
+        ];
+        if let Some((name, _)) = positive.iter().find(|(_, value)| *value == 0) {
+            return Err(format!("`{name}` is 0; it must be at least 1"));
+        }
+        if !(0.0..1.0).contains(&self.predictor.dropout) {
+            return Err(format!("`predictor.dropout` is {}; it must be in [0, 1)", self.predictor.dropout));
+        }
+        self.encoder.check(self.image)
+    }
+
+    /// What the model is fed with: its history and so many rows more.
+    pub(crate) fn needs(&self, more: usize) -> Needs {
+        Needs {
+            num_steps: self.history + more,
+            frameskip: self.frameskip,
+            image: self.image,
+            proprio: self.proprio > 0,
+            batch: self.batch,
+        }
+    }
+
+    /// The form of its tensors.
+    pub(crate) fn form(&self, facts: &Facts) -> Form {
+        let proprio = if self.proprio > 0 { facts.proprio_width } else { 0 };
+        Form { image: self.image, action: self.frameskip * facts.action_width, proprio }
+    }
+
+    /// The form of what transformers see.
+    pub(crate) fn tokens(&self) -> TokenForm {
+        let [patches, width] = self.encoder.tokens(self.image);
+        TokenForm { patches, frames: self.history, width: width + self.proprio }
+    }
+
+    /// Goals of clips, seen from the last row of the history.
+    pub(crate) fn goals(&self, weights: GoalWeights) -> Option<PhaseGoals> {
+        Some(PhaseGoals { weights, gamma: 0.99, offset: self.history })
+    }
+}
+
+/// Tokens of frames and goals: an encoder, and proprioception beside every token.
+#[derive(Module, Debug)]
+pub(crate) struct Observer {
+    encoder: Encoder,
+    proprio: Option<StateEmbedder>,
+}
+
+/// What was seen of a batch.
+pub(crate) struct Seen {
+    /// `[B, T, P, W]`.
+    pub(crate) frames: Tensor<4>,
+    /// `[B, 1, P, W]`.
+    pub(crate) goal: Tensor<4>,
+}
+
+impl Observer {
+    /// A network of zeros.
+    pub(crate) fn new(
+        baseline: &'static str,
+        config: &GoalConfig,
+        facts: &Facts,
+        device: &Device,
+    ) -> Result<Self, BaselineError> {
+        let wrong = |reason| BaselineError::Settings { baseline, reason };
+        config.check().map_err(wrong)?;
+        if config.proprio > 0 && facts.proprio_width == 0 {
+            return Err(wrong("`proprio` is on and the data has none; set it to 0".to_owned()));
+        }
+        let embedder = || StateEmbedder::new(facts.proprio_width, config.proprio, device);
+        Ok(Self {
+            encoder: Encoder::of_tokens(&config.encoder, config.image, device),
+            proprio: (config.proprio > 0).then(embedder),
+        })
+    }
+
+    /// `[B, T, P, W]` of pictures `[B, T, 3, S, S]` and proprioception `[B, T, …]`.
+    pub(crate) fn tokens(&self, pixels: Tensor<5>, proprio: Option<Tensor<3>>) -> Tensor<4> {
+        let tokens = self.encoder.tokens(pixels);
+        match (&self.proprio, proprio) {
+            (Some(embedder), Some(proprio)) => beside(tokens, embedder.forward(proprio)),
+            _ => tokens,
+        }
+    }
+
+    /// All frames of a batch, and its goals.
+    pub(crate) fn see(&self, inputs: &Inputs) -> Result<Seen, BaselineError> {
+        let Some(goal) = inputs.goal_pixels.clone() else {
+            let reason = "this model needs goals: load clips with goal options";
+            return Err(BaselineError::data("goal_pixels", reason));
+        };
+        Ok(Seen {
+            frames: self.tokens(inputs.pixels.clone(), inputs.proprio.clone()),
+            goal: self.tokens(goal, inputs.goal_proprio.clone()),
+        })
+    }
+}
+
+/// Puts `[B, T, E]` beside each of the tokens `[B, T, P, W]`: `[B, T, P, W + E]`.
+pub(crate) fn beside(tokens: Tensor<4>, state: Tensor<3>) -> Tensor<4> {
+    let [batch, frames, patches, _] = tokens.dims();
+    let width = state.dims()[2];
+    let tiled = state.unsqueeze_dim::<4>(2).expand([batch, frames, patches, width]);
+    Tensor::cat(vec![tokens, tiled], 3)
+}
+
+/// Bounds of the logarithms of a policy's deviations.
+const LOG_STDS: [f32; 2] = [-5.0, 2.0];
+/// The most that an action may count for.
+const MOST: f32 = 100.0;
+
+/// Advantage-weighted regression: the negative log-likelihood of the actions taken, `[B, T, A]`, each counting exp(alpha ×
+/// advantage), `[B, T, 1]`, up to 100.
+pub(crate) fn weighted_regression(
+    means: Tensor<3>,
+    log_stds: &Param<Tensor<1>>,
+    actions: Tensor<3>,
+    advantage: Tensor<3>,
+    alpha: f64,
+) -> Terms {
+    let worth = (advantage.detach() * alpha).exp().clamp_max(MOST);
+    let log_stds: Tensor<3> = log_stds.val().clamp(LOG_STDS[0], LOG_STDS[1]).unsqueeze();
+    let variance = (log_stds.clone() * 2.0).exp();
+    let error = (actions - means).square();
+    let unlikely = log_stds + error.clone() / variance * 0.5;
+    Terms {
+        total: (unlikely * worth.clone()).mean(),
+        parts: vec![("action_error", error.mean()), ("worth", worth.mean())],
+    }
+}

@@ -1,0 +1,53 @@
+//! Goal-conditioned policies at work: the mean action of each scene.
+
+use burn::tensor::{Device, Tensor};
+use rayon::prelude::*;
+
+use super::Observer;
+use crate::baseline::GoalPolicy;
+use crate::data::{Form, Scenes, Start};
+use crate::error::BaselineError;
+use crate::nn::GoalPredictor;
+use crate::params::host;
+use crate::pass::Pass;
+
+/// A copy of what acts.
+pub(crate) struct ActingPolicy {
+    pub(crate) observer: Observer,
+    pub(crate) actor: GoalPredictor,
+    pub(crate) form: Form,
+    pub(crate) history: usize,
+}
+
+impl GoalPolicy for ActingPolicy {
+    fn block_width(&self) -> usize {
+        self.form.action
+    }
+
+    fn history(&self) -> usize {
+        self.history
+    }
+
+    fn act(&mut self, scenes: &Scenes<'_>, actions: &mut [f32]) -> Result<(), BaselineError> {
+        let start = Start::new(scenes, &self.form, &Device::flex())?;
+        let (steps, width) = (scenes.pixels.steps, self.form.action);
+        if steps > self.history || actions.len() != scenes.pixels.rows * width {
+            let reason = format!(
+                "{steps} observations and room for {} numbers; this policy sees up to {} and gives {width} per scene",
+                actions.len(),
+                self.history
+            );
+            return Err(BaselineError::data("pixels", reason));
+        }
+        // One by one: the bits of a decision must not depend on its neighbours.
+        actions.par_chunks_exact_mut(width).enumerate().for_each(|(row, out)| {
+            let of_row = |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, row, 1));
+            let frames = self.observer.tokens(start.pixels.clone().narrow(0, row, 1), of_row(&start.proprio));
+            let goal = start.goal_pixels.clone().narrow(0, row, 1);
+            let goal = self.observer.tokens(goal, of_row(&start.goal_proprio));
+            let means = self.actor.forward(frames, goal, &mut Pass::evaluate());
+            out.copy_from_slice(&host(means.narrow(1, steps - 1, 1)));
+        });
+        Ok(())
+    }
+}

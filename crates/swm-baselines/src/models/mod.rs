@@ -1,0 +1,25 @@
+//! The baselines, one folder each: settings, network, loss. [`table`] lists them.
+//!
+//! A new one is a folder with a settings struct and a `make` function, and one line in [`table::BASELINES`].
+
+pub(crate) mod dino_wm;
+mod encoder;
+pub(crate) mod gcbc;
+pub(crate) mod gciql;
+pub(crate) mod gcivl;
+pub(crate) mod goal;
+pub(crate) mod joint;
+pub(crate) mod lewm;
+pub(crate) mod pldm;
+pub(crate) mod settings;
+pub(crate) mod table;
+
+pub use dino_wm::DinoWmConfig;
+pub use encoder::EncoderConfig;
+pub use gcbc::GcbcConfig;
+pub use gciql::GciqlConfig;
+pub use gcivl::{GcivlConfig, ValueConfig};
+pub use goal::GoalConfig;
+pub use joint::JointConfig;
+pub use lewm::LewmConfig;
+pub use pldm::{PldmConfig, PldmWeights};

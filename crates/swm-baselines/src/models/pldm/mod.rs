@@ -1,0 +1,144 @@
+//! PLDM: a joint-embedding world model kept from collapsing by the terms of VICReg (arXiv 2502.14819), in the form that
+//! the reference gives it.
+
+use burn::module::Module;
+use burn::tensor::Device;
+use serde::{Deserialize, Serialize};
+
+use crate::baseline::{Phase, PlanModel};
+use crate::data::{Facts, Inputs};
+use crate::error::BaselineError;
+use crate::losses::{Terms, Vicreg, mean_squared_error, straightening, vicreg};
+use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
+use crate::network::{Network, Parts};
+use crate::nn::InverseDynamics;
+use crate::optim::OptimConfig;
+use crate::pass::Pass;
+
+/// Its name.
+pub(crate) const NAME: &str = "pldm";
+
+/// Its settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PldmConfig {
+    /// The network.
+    pub model: JointConfig,
+    /// Hidden numbers of the network that tells actions from states.
+    pub inverse_hidden: usize,
+    /// What the terms are worth.
+    pub weights: PldmWeights,
+    /// The optimiser.
+    pub optim: OptimConfig,
+}
+
+/// What the terms beside the prediction are worth. A term of weight 0 is not computed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PldmWeights {
+    /// Deviations over the batch.
+    pub std: f64,
+    /// Deviations over time.
+    pub std_t: f64,
+    /// Covariances over the batch.
+    pub cov: f64,
+    /// Covariances over time.
+    pub cov_t: f64,
+    /// Closeness of consecutive states.
+    pub alignment: f64,
+    /// Actions told from states.
+    pub inverse: f64,
+    /// Straightness of the paths of states.
+    pub straightening: f64,
+}
+
+impl Default for PldmWeights {
+    /// The reference's.
+    fn default() -> Self {
+        Self { std: 18.0, std_t: 0.7, cov: 12.0, cov_t: 0.0, alignment: 0.2, inverse: 0.0, straightening: 0.0 }
+    }
+}
+
+impl PldmConfig {
+    /// The reference's settings.
+    pub fn paper() -> Self {
+        Self {
+            model: JointConfig::paper(),
+            inverse_hidden: 512,
+            weights: PldmWeights::default(),
+            optim: OptimConfig::default(),
+        }
+    }
+
+    /// Settings for a processor.
+    pub fn small() -> Self {
+        Self {
+            model: JointConfig::small(),
+            optim: OptimConfig { lr: 5e-4, ..OptimConfig::default() },
+            ..Self::paper()
+        }
+    }
+}
+
+#[derive(Module, Debug)]
+struct Pldm {
+    model: Joint,
+    inverse: InverseDynamics,
+    #[module(skip)]
+    weights: PldmWeights,
+}
+
+/// Network and training of these settings.
+pub(crate) fn make(config: &PldmConfig, facts: &Facts, device: &Device) -> Result<Parts<impl Network>, BaselineError> {
+    let model = Joint::new(NAME, &config.model, facts, device)?;
+    let form = config.model.form(facts);
+    let phase = Phase {
+        name: "train",
+        optim: config.optim.clone(),
+        goals: None,
+        trains: &[""],
+        teachers: &[],
+        momentum: 0.0,
+    };
+    let inverse = InverseDynamics::new(config.model.width, config.inverse_hidden, form.action, device);
+    Ok(Parts {
+        network: Pldm { model, inverse, weights: config.weights },
+        needs: config.model.needs(),
+        form,
+        phases: vec![phase],
+    })
+}
+
+impl Network for Pldm {
+    fn loss(&self, _phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
+        let Predicted { states, predicted } = self.model.predict_batch(inputs, pass);
+        let seen = predicted.dims()[1];
+        let (before, after) = (states.clone().narrow(1, 0, seen), states.clone().narrow(1, 1, seen));
+        let prediction = mean_squared_error(predicted, after.clone());
+        let mut terms = Terms { total: prediction.clone(), parts: vec![("prediction", prediction)] };
+        let mut add = |name, weight: f64, term: &dyn Fn() -> burn::tensor::Tensor<1>| {
+            if weight != 0.0 {
+                let term = term();
+                terms.total = terms.total.clone() + term.clone() * weight;
+                terms.parts.push((name, term));
+            }
+        };
+        let weights = &self.weights;
+        let Vicreg { std, std_t, cov, cov_t } = vicreg(states.clone());
+        add("std", weights.std, &|| std.clone());
+        add("std_t", weights.std_t, &|| std_t.clone());
+        add("cov", weights.cov, &|| cov.clone());
+        add("cov_t", weights.cov_t, &|| cov_t.clone());
+        add("alignment", weights.alignment, &|| mean_squared_error(before.clone(), after.clone()));
+        add("inverse", weights.inverse, &|| {
+            let actions = inputs.action.clone().narrow(1, 0, seen);
+            mean_squared_error(self.inverse.forward(states.clone()), actions)
+        });
+        add("straightening", weights.straightening, &|| straightening(states.clone()));
+        Ok(terms)
+    }
+
+    fn planner(&self) -> Option<Box<dyn PlanModel>> {
+        Some(Box::new(JointPlanner::new(self.model.clone())))
+    }
+}

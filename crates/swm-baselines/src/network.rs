@@ -1,0 +1,42 @@
+//! What a folder of `models/` provides: a network with losses. [`Learner`](crate::learner) makes a [`Baseline`] of it.
+//!
+//! [`Baseline`]: crate::Baseline
+
+use burn::module::Module;
+
+use crate::baseline::{GoalPolicy, Needs, Phase, PlanModel};
+use crate::data::{Form, Inputs};
+use crate::error::BaselineError;
+use crate::losses::Terms;
+use crate::pass::Pass;
+
+/// A network that can be trained.
+pub(crate) trait Network: Module + 'static {
+    /// What the names of the encoder's tensors begin with.
+    const ENCODER: &'static str = "encoder";
+
+    /// The loss of a phase.
+    fn loss(&self, phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError>;
+
+    /// The model at work as a world model.
+    fn planner(&self) -> Option<Box<dyn PlanModel>> {
+        None
+    }
+
+    /// The model at work as a policy.
+    fn policy(&self) -> Option<Box<dyn GoalPolicy>> {
+        None
+    }
+}
+
+/// What a model's folder hands to the learner.
+pub(crate) struct Parts<N> {
+    /// The network, its weights still zeros.
+    pub(crate) network: N,
+    /// What it is fed with.
+    pub(crate) needs: Needs,
+    /// The form of its tensors.
+    pub(crate) form: Form,
+    /// How it is trained.
+    pub(crate) phases: Vec<Phase>,
+}

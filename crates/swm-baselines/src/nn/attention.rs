@@ -1,0 +1,136 @@
+//! Attention and the network between two of them, as the reference's predictors have them: each normalises its own
+//! input.
+
+use burn::module::Module;
+use burn::tensor::activation::{gelu, softmax};
+use burn::tensor::module::attention;
+use burn::tensor::ops::AttentionModuleOptions;
+use burn::tensor::{Bool, Device, Tensor};
+
+use super::layers::Linear;
+use super::norm::LayerNorm;
+use crate::pass::Pass;
+
+/// Which keys a query may look at.
+#[derive(Clone, Debug)]
+pub(crate) enum Attend {
+    /// All.
+    All,
+    /// Those up to its own.
+    Causal,
+    /// Those that are false here: `[1, 1, queries, keys]`.
+    Unless(Tensor<4, Bool>),
+}
+
+/// softmax(q kᵀ / √E) v for all heads: `[B, heads, N, E]`. `dropout` falls on the weights, in training.
+pub(crate) fn attend(
+    [q, k, v]: [Tensor<4>; 3],
+    who: &Attend,
+    dropout: f64,
+    pass: &mut Pass,
+) -> Tensor<4> {
+    let is_plain = dropout == 0.0 || !pass.is_training();
+    if is_plain {
+        let causal = matches!(who, Attend::Causal);
+        let options = AttentionModuleOptions { scale: None, softcap: None, is_causal: causal };
+        let mask = match who {
+            Attend::Unless(mask) => {
+                let ([batch, heads, queries, _], keys) = (q.dims(), k.dims()[2]);
+                Some(mask.clone().expand([batch, heads, queries, keys]))
+            }
+            _ => None,
+        };
+        return attention(q, k, v, mask, None, options);
+    }
+    let width = q.dims()[3] as f64;
+    let scores = q.matmul(k.swap_dims(2, 3)) * (1.0 / width.sqrt());
+    let [_, _, queries, keys] = scores.dims();
+    let scores = match who {
+        Attend::All => scores,
+        Attend::Causal => {
+            let mask = Tensor::<2, Bool>::tril_mask([queries, keys], 0, &scores.device().inner());
+            scores.mask_fill(mask.unsqueeze(), f32::NEG_INFINITY)
+        }
+        Attend::Unless(mask) => scores.mask_fill(mask.clone(), f32::NEG_INFINITY),
+    };
+    pass.dropout(softmax(scores, 3), dropout).matmul(v)
+}
+
+/// `[B, N, heads × E]` → `[B, heads, N, E]`.
+pub(crate) fn split(input: Tensor<3>, heads: usize) -> Tensor<4> {
+    let [batch, count, width] = input.dims();
+    input.reshape([batch, count, heads, width / heads]).swap_dims(1, 2)
+}
+
+/// `[B, heads, N, E]` → `[B, N, heads × E]`.
+pub(crate) fn join(input: Tensor<4>) -> Tensor<3> {
+    let [batch, heads, count, width] = input.dims();
+    input.swap_dims(1, 2).reshape([batch, count, heads * width])
+}
+
+/// Multi-head self-attention of the world models' predictors.
+#[derive(Module, Debug)]
+pub(crate) struct Attention {
+    norm: LayerNorm,
+    to_qkv: Linear,
+    to_out: Option<Linear>,
+    #[module(skip)]
+    heads: usize,
+    #[module(skip)]
+    dropout: f64,
+}
+
+impl Attention {
+    /// `heads` heads of `head_width` numbers.
+    pub(crate) fn new(width: usize, heads: usize, head_width: usize, dropout: f64, device: &Device) -> Self {
+        let inner = heads * head_width;
+        let projects = !(heads == 1 && head_width == width);
+        Self {
+            norm: LayerNorm::new(width, device),
+            to_qkv: Linear::without_bias(width, 3 * inner, device),
+            to_out: projects.then(|| Linear::new(inner, width, device)),
+            heads,
+            dropout,
+        }
+    }
+
+    /// `[B, N, W]` → `[B, N, W]`.
+    pub(crate) fn forward(&self, input: Tensor<3>, who: &Attend, pass: &mut Pass) -> Tensor<3> {
+        let qkv = self.to_qkv.forward(self.norm.forward(input)).chunk(3, 2);
+        let qkv: [Tensor<3>; 3] = qkv.try_into().expect("three parts of a width that three divides");
+        let output = join(attend(qkv.map(|part| split(part, self.heads)), who, self.dropout, pass));
+        match &self.to_out {
+            Some(to_out) => pass.dropout(to_out.forward(output), self.dropout),
+            None => output,
+        }
+    }
+}
+
+/// Two linear layers with a GELU between them.
+#[derive(Module, Debug)]
+pub(crate) struct FeedForward {
+    norm: LayerNorm,
+    up: Linear,
+    down: Linear,
+    #[module(skip)]
+    dropout: f64,
+}
+
+impl FeedForward {
+    /// From and to `width` by way of `hidden`.
+    pub(crate) fn new(width: usize, hidden: usize, dropout: f64, device: &Device) -> Self {
+        Self {
+            norm: LayerNorm::new(width, device),
+            up: Linear::new(width, hidden, device),
+            down: Linear::new(hidden, width, device),
+            dropout,
+        }
+    }
+
+    /// `[B, N, W]` → `[B, N, W]`.
+    pub(crate) fn forward(&self, input: Tensor<3>, pass: &mut Pass) -> Tensor<3> {
+        let hidden = gelu(self.up.forward(self.norm.forward(input)));
+        let output = self.down.forward(pass.dropout(hidden, self.dropout));
+        pass.dropout(output, self.dropout)
+    }
+}

@@ -1,0 +1,91 @@
+//! A small convolutional encoder for small pictures: not the reference's, made to train on a processor in minutes.
+
+use burn::module::Module;
+use burn::tensor::activation::gelu;
+use burn::tensor::{Device, Tensor};
+use serde::{Deserialize, Serialize};
+
+use super::layers::{Conv, Linear};
+use super::norm::GroupNorm;
+
+/// Its size.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CnnConfig {
+    /// Channels of each layer; each halves the picture.
+    pub channels: Vec<usize>,
+}
+
+impl Default for CnnConfig {
+    fn default() -> Self {
+        Self { channels: vec![16, 32, 64, 128] }
+    }
+}
+
+/// Groups of channels that are normalised together.
+const GROUPS: usize = 8;
+
+/// Convolutions that halve the picture, then one linear layer over all that is left.
+#[derive(Module, Debug)]
+pub(crate) struct Cnn {
+    layers: Vec<CnnLayer>,
+    head: Option<Linear>,
+}
+
+#[derive(Module, Debug)]
+struct CnnLayer {
+    conv: Conv,
+    norm: GroupNorm,
+}
+
+impl Cnn {
+    /// For pictures of `[height, width]` pixels; with a `head` to this many numbers, or without: a grid of tokens.
+    pub(crate) fn new(config: &CnnConfig, size: [usize; 2], head: Option<usize>, device: &Device) -> Self {
+        let mut inputs = 3;
+        let mut layers = Vec::with_capacity(config.channels.len());
+        for &outputs in &config.channels {
+            let kernel = if inputs == 3 { 5 } else { 3 };
+            layers.push(CnnLayer {
+                conv: Conv::new([inputs, outputs], kernel, 2, kernel / 2, device),
+                norm: GroupNorm::new(GROUPS, outputs, device),
+            });
+            inputs = outputs;
+        }
+        let [rows, columns] = Self::grid(config, size);
+        let head = head.map(|outputs| Linear::new(inputs * rows * columns, outputs, device));
+        Self { layers, head }
+    }
+
+    /// Rows and columns that are left of a picture.
+    pub(crate) fn grid(config: &CnnConfig, size: [usize; 2]) -> [usize; 2] {
+        size.map(|pixels| config.channels.iter().fold(pixels, |pixels, _| pixels.div_ceil(2)))
+    }
+
+    /// What is wrong with a configuration, if anything is.
+    pub(crate) fn check(config: &CnnConfig) -> Result<(), String> {
+        let wrong = config.channels.iter().find(|channels| **channels == 0 || **channels % GROUPS != 0);
+        match (config.channels.is_empty(), wrong) {
+            (true, _) => Err("`channels` is empty; name the channels of at least one layer".to_owned()),
+            (_, Some(channels)) => Err(format!("`channels`: {channels} is not a multiple of {GROUPS}")),
+            (_, None) => Ok(()),
+        }
+    }
+
+    /// `[N, 3, H, W]` → `[N, W]`; of an encoder with a head.
+    pub(crate) fn forward(&self, pictures: Tensor<4>) -> Tensor<2> {
+        let maps: Tensor<2> = self.maps(pictures).flatten(1, 3);
+        match &self.head {
+            Some(head) => head.forward(maps),
+            None => maps,
+        }
+    }
+
+    /// `[N, 3, H, W]` → `[N, P, C]`: what each place of the last layer says.
+    pub(crate) fn tokens(&self, pictures: Tensor<4>) -> Tensor<3> {
+        self.maps(pictures).flatten::<3>(2, 3).swap_dims(1, 2)
+    }
+
+    fn maps(&self, pictures: Tensor<4>) -> Tensor<4> {
+        self.layers.iter().fold(pictures, |input, layer| gelu(layer.norm.forward(layer.conv.forward(input))))
+    }
+}

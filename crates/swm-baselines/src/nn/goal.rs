@@ -1,0 +1,296 @@
+//! Transformers that look at a history of frames and at a goal: policies, values, critics. Blocks look at the frames and at
+//! the goal by turns; then each frame becomes one vector.
+
+use burn::module::{Module, Param};
+use burn::tensor::activation::relu;
+use burn::tensor::{Bool, Device, Tensor, TensorData};
+use serde::{Deserialize, Serialize};
+
+use super::attention::{Attend, FeedForward, attend, join, split};
+use super::layers::{Linear, parameter};
+use super::norm::LayerNorm;
+use crate::pass::Pass;
+
+/// Their size. The defaults are the reference's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GoalTransformerConfig {
+    /// Blocks.
+    pub depth: usize,
+    /// Heads of attention.
+    pub heads: usize,
+    /// Numbers of a head.
+    pub head_width: usize,
+    /// Hidden numbers of the network after each attention.
+    pub hidden: usize,
+    /// Share of numbers dropped in training.
+    pub dropout: f64,
+    /// How a frame becomes one vector.
+    pub pool: Pool,
+}
+
+/// How the tokens of a frame become one vector.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pool {
+    /// The last block has one learned query per frame.
+    Attention,
+    /// Their mean.
+    Mean,
+}
+
+impl Default for GoalTransformerConfig {
+    fn default() -> Self {
+        Self { depth: 6, heads: 16, head_width: 64, hidden: 2048, dropout: 0.0, pool: Pool::Attention }
+    }
+}
+
+/// The form of what they see.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TokenForm {
+    /// P: tokens of a frame.
+    pub(crate) patches: usize,
+    /// T: frames, at most.
+    pub(crate) frames: usize,
+    /// W: numbers of a token.
+    pub(crate) width: usize,
+}
+
+/// Whose keys a block looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Looks {
+    AtFrames,
+    AtGoal,
+    /// From one query per frame.
+    PerFrame,
+}
+
+#[derive(Module, Debug)]
+struct GoalAttention {
+    norm: LayerNorm,
+    norm_c: Option<LayerNorm>,
+    to_q: Linear,
+    to_kv: Linear,
+    to_out: Option<Linear>,
+    /// `[1, T, W]`.
+    frame_tokens: Option<Param<Tensor<3>>>,
+    #[module(skip)]
+    config: GoalTransformerConfig,
+    #[module(skip)]
+    looks: Looks,
+    #[module(skip)]
+    patches: usize,
+}
+
+#[derive(Module, Debug)]
+struct AttentionPair {
+    attention: GoalAttention,
+    feed_forward: FeedForward,
+}
+
+#[derive(Module, Debug)]
+struct GoalTransformer {
+    norm: LayerNorm,
+    layers: Vec<AttentionPair>,
+    #[module(skip)]
+    pool: Pool,
+    #[module(skip)]
+    patches: usize,
+}
+
+impl GoalAttention {
+    fn new(config: &GoalTransformerConfig, looks: Looks, form: &TokenForm, device: &Device) -> Self {
+        let &TokenForm { patches, frames, width } = form;
+        let inner = config.heads * config.head_width;
+        let projects = !(config.heads == 1 && config.head_width == width);
+        Self {
+            norm: LayerNorm::new(width, device),
+            norm_c: (looks == Looks::AtGoal).then(|| LayerNorm::new(width, device)),
+            to_q: Linear::without_bias(width, inner, device),
+            to_kv: Linear::without_bias(width, 2 * inner, device),
+            to_out: projects.then(|| Linear::new(inner, width, device)),
+            frame_tokens: (looks == Looks::PerFrame).then(|| parameter([1, frames, width], device)),
+            config: config.clone(),
+            looks,
+            patches,
+        }
+    }
+
+    fn forward(&self, input: Tensor<3>, goal: Tensor<3>, pass: &mut Pass) -> Tensor<3> {
+        let [batch, count, width] = input.dims();
+        let frames = count / self.patches;
+        let input = self.norm.forward(input);
+        let (queries, keys, who) = match (&self.norm_c, &self.frame_tokens) {
+            (Some(norm), _) => (input, norm.forward(goal), Attend::All),
+            (_, Some(tokens)) => {
+                let queries = tokens.val().narrow(1, 0, frames).expand([batch, frames, width]);
+                let who = later_frames(frames, 1, self.patches, &input);
+                (queries, input, who)
+            }
+            _ => {
+                let who = later_frames(frames, self.patches, self.patches, &input);
+                (input.clone(), input, who)
+            }
+        };
+        let q = self.to_q.forward(queries);
+        let kv: [Tensor<3>; 2] =
+            self.to_kv.forward(keys).chunk(2, 2).try_into().expect("two parts of a width that two divides");
+        let [k, v] = kv;
+        let heads = [q, k, v].map(|part| split(part, self.config.heads));
+        let output = join(attend(heads, &who, self.config.dropout, pass));
+        match &self.to_out {
+            Some(to_out) => pass.dropout(to_out.forward(output), self.config.dropout),
+            None => output,
+        }
+    }
+}
+
+/// Queries of a frame see the keys of their own and earlier frames: `[1, 1, frames × queries, frames × keys]`, true where
+/// they do not.
+pub(crate) fn later_frames(frames: usize, queries: usize, keys: usize, like: &Tensor<3>) -> Attend {
+    if frames == 1 {
+        return Attend::All;
+    }
+    let hidden = (0..frames * queries).flat_map(|query| (0..frames * keys).map(move |key| key / keys > query / queries));
+    let data = TensorData::new(hidden.collect::<Vec<bool>>(), [1, 1, frames * queries, frames * keys]);
+    Attend::Unless(Tensor::<4, Bool>::from_data(data, &like.device().inner()))
+}
+
+impl GoalTransformer {
+    fn new(config: &GoalTransformerConfig, form: &TokenForm, device: &Device) -> Self {
+        let block = |index| {
+            let is_last = index + 1 == config.depth && config.pool == Pool::Attention;
+            let looks = match index % 2 {
+                _ if is_last => Looks::PerFrame,
+                0 => Looks::AtFrames,
+                _ => Looks::AtGoal,
+            };
+            AttentionPair {
+                attention: GoalAttention::new(config, looks, form, device),
+                feed_forward: FeedForward::new(form.width, config.hidden, config.dropout, device),
+            }
+        };
+        Self {
+            norm: LayerNorm::new(form.width, device),
+            layers: (0..config.depth).map(block).collect(),
+            pool: config.pool,
+            patches: form.patches,
+        }
+    }
+
+    /// `[B, T × P, W]` frames and `[B, P, W]` goal → `[B, T, W]`.
+    fn forward(&self, frames: Tensor<3>, goal: &Tensor<3>, pass: &mut Pass) -> Tensor<3> {
+        let mut state = frames;
+        for layer in &self.layers {
+            let seen = layer.attention.forward(state.clone(), goal.clone(), pass);
+            if layer.attention.looks == Looks::PerFrame {
+                state = layer.feed_forward.forward(seen, pass);
+                continue;
+            }
+            state = seen + state;
+            state = layer.feed_forward.forward(state.clone(), pass) + state;
+        }
+        if self.pool == Pool::Mean {
+            let [batch, count, width] = state.dims();
+            let by_frame = state.reshape([batch, count / self.patches, self.patches, width]);
+            state = by_frame.mean_dim(2).squeeze_dim(2);
+        }
+        self.norm.forward(state)
+    }
+}
+
+/// Numbers for each frame: actions, or a value.
+#[derive(Module, Debug)]
+pub(crate) struct GoalPredictor {
+    /// `[1, T × P, W]`.
+    pos_embedding: Param<Tensor<3>>,
+    /// `[1, P, W]`.
+    pos_embedding_goal: Param<Tensor<3>>,
+    transformer: GoalTransformer,
+    out_proj: Linear,
+}
+
+impl GoalPredictor {
+    /// With this many numbers for each frame.
+    pub(crate) fn new(
+        config: &GoalTransformerConfig,
+        form: &TokenForm,
+        outputs: usize,
+        device: &Device,
+    ) -> Self {
+        Self {
+            pos_embedding: parameter([1, form.frames * form.patches, form.width], device),
+            pos_embedding_goal: parameter([1, form.patches, form.width], device),
+            transformer: GoalTransformer::new(config, form, device),
+            out_proj: Linear::new(form.width, outputs, device),
+        }
+    }
+
+    /// `[B, T, P, W]` frames and `[B, 1, P, W]` goal → `[B, T, outputs]`.
+    pub(crate) fn forward(&self, frames: Tensor<4>, goal: Tensor<4>, pass: &mut Pass) -> Tensor<3> {
+        let frames = placed(frames, &self.pos_embedding);
+        let goal = placed(goal, &self.pos_embedding_goal);
+        self.out_proj.forward(self.transformer.forward(frames, &goal, pass))
+    }
+}
+
+/// `[B, T, P, W]` → `[B, T × P, W]`, with the first positions of a table added.
+fn placed(tokens: Tensor<4>, positions: &Param<Tensor<3>>) -> Tensor<3> {
+    let tokens: Tensor<3> = tokens.flatten(1, 2);
+    let count = tokens.dims()[1];
+    tokens + positions.val().narrow(1, 0, count)
+}
+
+/// The value of actions: they join each frame's vector behind the transformer.
+#[derive(Module, Debug)]
+pub(crate) struct Critic {
+    pos_embedding: Param<Tensor<3>>,
+    pos_embedding_goal: Param<Tensor<3>>,
+    transformer: GoalTransformer,
+    q_head: QHead,
+}
+
+#[derive(Module, Debug)]
+struct QHead {
+    first: Linear,
+    second: Linear,
+    third: Linear,
+}
+
+impl Critic {
+    /// For actions of this many numbers, with this many hidden ones in its head.
+    pub(crate) fn new(
+        config: &GoalTransformerConfig,
+        form: &TokenForm,
+        actions: usize,
+        hidden: usize,
+        device: &Device,
+    ) -> Self {
+        Self {
+            pos_embedding: parameter([1, form.frames * form.patches, form.width], device),
+            pos_embedding_goal: parameter([1, form.patches, form.width], device),
+            transformer: GoalTransformer::new(config, form, device),
+            q_head: QHead {
+                first: Linear::new(form.width + actions, hidden, device),
+                second: Linear::new(hidden, hidden, device),
+                third: Linear::new(hidden, 1, device),
+            },
+        }
+    }
+
+    /// `[B, T, P, W]` frames, `[B, T, A]` actions and `[B, 1, P, W]` goal → `[B, T, 1]`.
+    pub(crate) fn forward(
+        &self,
+        frames: Tensor<4>,
+        actions: Tensor<3>,
+        goal: Tensor<4>,
+        pass: &mut Pass,
+    ) -> Tensor<3> {
+        let frames = placed(frames, &self.pos_embedding);
+        let goal = placed(goal, &self.pos_embedding_goal);
+        let states = self.transformer.forward(frames, &goal, pass);
+        let QHead { first, second, third } = &self.q_head;
+        let hidden = relu(first.forward(Tensor::cat(vec![states, actions], 2)));
+        third.forward(relu(second.forward(hidden)))
+    }
+}

@@ -1,0 +1,30 @@
+//! Layers and networks that the baselines share, on tensors. They know no data, no loss and no file.
+//!
+//! Each has the form of the reference's PyTorch module, to the names of its tensors, so that weights go both ways;
+//! `tests/parity` compares them number by number. Train and evaluation differ by the [`Pass`] alone.
+//!
+//! [`Pass`]: crate::pass::Pass
+
+mod attention;
+mod cnn;
+mod embed;
+mod frames;
+mod goal;
+mod layers;
+mod norm;
+mod predictor;
+mod projector;
+mod vit;
+
+pub(crate) use cnn::Cnn;
+pub use cnn::CnnConfig;
+pub(crate) use embed::{ActionEmbedder, StateEmbedder};
+pub(crate) use frames::FramePredictor;
+pub(crate) use goal::{Critic, GoalPredictor, TokenForm};
+pub use goal::{GoalTransformerConfig, Pool};
+pub(crate) use layers::parameter;
+pub(crate) use predictor::Predictor;
+pub use predictor::PredictorConfig;
+pub(crate) use projector::{InverseDynamics, Mlp};
+pub(crate) use vit::Vit;
+pub use vit::VitConfig;

@@ -1,0 +1,117 @@
+//! Normalisations, each with PyTorch's formula.
+
+use burn::module::{Module, Param};
+use burn::tensor::module::layer_norm;
+use burn::tensor::{Device, Tensor};
+
+use super::layers::parameter;
+use crate::pass::Pass;
+
+/// Over the last axis; the variance is the biased one.
+#[derive(Module, Debug)]
+pub(crate) struct LayerNorm {
+    weight: Option<Param<Tensor<1>>>,
+    bias: Option<Param<Tensor<1>>>,
+    #[module(skip)]
+    epsilon: f64,
+}
+
+impl LayerNorm {
+    /// With a scale and a shift, and PyTorch's epsilon of 1e-5.
+    pub(crate) fn new(width: usize, device: &Device) -> Self {
+        Self::with_epsilon(width, 1e-5, device)
+    }
+
+    /// With a scale and a shift.
+    pub(crate) fn with_epsilon(width: usize, epsilon: f64, device: &Device) -> Self {
+        let [weight, bias] = [parameter([width], device), parameter([width], device)].map(Some);
+        Self { weight, bias, epsilon }
+    }
+
+    /// Without either.
+    pub(crate) fn plain(epsilon: f64) -> Self {
+        Self { weight: None, bias: None, epsilon }
+    }
+
+    /// `[…, W]` → `[…, W]`.
+    pub(crate) fn forward<const D: usize>(&self, input: Tensor<D>) -> Tensor<D> {
+        if let (Some(weight), Some(bias)) = (&self.weight, &self.bias) {
+            return layer_norm(input, weight.val(), Some(bias.val()), self.epsilon);
+        }
+        let width = input.dims()[D - 1];
+        let ones = Tensor::ones([width], &input.device().inner());
+        layer_norm(input, ones, None, self.epsilon)
+    }
+}
+
+/// Over the channels of a group and the places of a picture.
+#[derive(Module, Debug)]
+pub(crate) struct GroupNorm {
+    weight: Param<Tensor<1>>,
+    bias: Param<Tensor<1>>,
+    #[module(skip)]
+    groups: usize,
+}
+
+impl GroupNorm {
+    /// `groups` must divide `channels`.
+    pub(crate) fn new(groups: usize, channels: usize, device: &Device) -> Self {
+        Self { weight: parameter([channels], device), bias: parameter([channels], device), groups }
+    }
+
+    /// `[N, C, H, W]` → the same.
+    pub(crate) fn forward(&self, input: Tensor<4>) -> Tensor<4> {
+        let shape @ [count, channels, height, width] = input.dims();
+        let size = channels / self.groups * height * width;
+        let normal = LayerNorm::plain(1e-5).forward(input.reshape([count * self.groups, size]));
+        let of_channels = |tensor: &Param<Tensor<1>>| tensor.val().reshape([1, channels, 1, 1]);
+        normal.reshape(shape) * of_channels(&self.weight) + of_channels(&self.bias)
+    }
+}
+
+/// Over a batch: its own statistics in training, running ones otherwise.
+#[derive(Module, Debug)]
+pub(crate) struct BatchNorm {
+    weight: Param<Tensor<1>>,
+    bias: Param<Tensor<1>>,
+    running_mean: Param<Tensor<1>>,
+    running_var: Param<Tensor<1>>,
+}
+
+impl BatchNorm {
+    const EPSILON: f32 = 1e-5;
+    /// The share of a batch in the running statistics.
+    const MOMENTUM: f32 = 0.1;
+
+    /// For `[N, width]`.
+    pub(crate) fn new(width: usize, device: &Device) -> Self {
+        let [weight, bias, running_mean, running_var] = std::array::from_fn(|_| parameter([width], device));
+        Self { weight, bias, running_mean, running_var }
+    }
+
+    /// `[N, W]` → `[N, W]`; in training N must be more than 1.
+    pub(crate) fn forward(&self, input: Tensor<2>, pass: &mut Pass) -> Tensor<2> {
+        let (centred, variance) = if pass.is_training() {
+            let count = input.dims()[0] as f32;
+            let mean = input.clone().mean_dim(0);
+            let centred = input - mean.clone();
+            let variance = centred.clone().square().mean_dim(0);
+            let unbiased = variance.clone() * (count / (count - 1.0));
+            self.follow(&self.running_mean, mean, pass);
+            self.follow(&self.running_var, unbiased, pass);
+            (centred, variance)
+        } else {
+            (input - self.running_mean.val().unsqueeze(), self.running_var.val().unsqueeze())
+        };
+        let scale = self.weight.val().unsqueeze() / (variance + Self::EPSILON).sqrt();
+        centred * scale + self.bias.val().unsqueeze()
+    }
+
+    fn follow(&self, running: &Param<Tensor<1>>, new: Tensor<2>, pass: &mut Pass) {
+        let old = running.val() * (1.0 - Self::MOMENTUM);
+        let value = old + new.inner().squeeze_dim(0) * Self::MOMENTUM;
+        // A layer that is called twice in a step follows both batches.
+        pass.statistics.retain(|(id, _)| *id != running.id);
+        pass.statistics.push((running.id, value));
+    }
+}

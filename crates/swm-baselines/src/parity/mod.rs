@@ -1,0 +1,133 @@
+//! The networks beside PyTorch's: outputs, losses, gradients, and weights after a step, on fixtures that
+//! `tests/parity/make_fixtures.py` makes. Widths are tiny; the paper's networks are the same code with other numbers.
+
+mod encoders;
+mod joint;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use burn::module::Module;
+use burn::tensor::{Device, Tensor, TensorData};
+
+use crate::learner::follow_statistics;
+use crate::losses::Terms;
+use crate::optim::{AdamW, OptimConfig, clip_gradients};
+use crate::params::{self, host};
+use crate::pass::Pass;
+use crate::weights;
+
+/// Greatest difference of an output.
+const OUTPUT: f32 = 1e-4;
+/// Greatest relative difference of a loss.
+const LOSS: f32 = 1e-5;
+/// Greatest difference of a gradient, relative to the greatest gradient of the same tensor.
+const GRADIENT: f32 = 1e-3;
+/// Greatest difference of a weight after a step.
+const STEPPED: f32 = 1e-5;
+
+/// A fixture.
+struct Fixture {
+    tensors: BTreeMap<String, weights::Stored>,
+    device: Device,
+}
+
+impl Fixture {
+    fn open(name: &str) -> Self {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/parity/{name}.safetensors"));
+        let tensors = weights::read(&path).expect("fixtures are in the repository");
+        let ours = |name: String| match name.split_once('.') {
+            Some((section @ ("gradients" | "stepped"), name)) => format!("{section}.{}", weights::ours(name)),
+            _ => name,
+        };
+        let tensors = tensors.into_iter().map(|(name, tensor)| (ours(name), tensor)).collect();
+        Self { tensors, device: Device::flex() }
+    }
+
+    fn values(&self, name: &str) -> &[f32] {
+        &self.tensors[name].values
+    }
+
+    fn shape(&self, name: &str) -> &[usize] {
+        &self.tensors[name].shape
+    }
+
+    fn tensor<const D: usize>(&self, name: &str) -> Tensor<D> {
+        let weights::Stored { shape, values } = &self.tensors[name];
+        Tensor::from_data(TensorData::new(values.clone(), shape.clone()), &self.device)
+    }
+
+    /// The network with the weights of a section, by the way that files of weights take.
+    fn load<M: Module>(&self, network: &M, section: &str) -> M {
+        let folder = tempfile::tempdir().expect("a folder for weights");
+        let path = folder.path().join("weights.safetensors");
+        let prefix = format!("{section}.");
+        let tensors = self.tensors.iter().filter_map(|(name, tensor)| {
+            let name = name.strip_prefix(&prefix)?;
+            Some((name.to_owned(), tensor.shape.clone(), tensor.values.clone()))
+        });
+        weights::write(&path, tensors.collect()).expect("weights can be written");
+        weights::load_network(network, &path).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    /// Compares an output number by number.
+    fn check<const D: usize>(&self, name: &str, output: Tensor<D>) {
+        assert_eq!(output.dims().as_slice(), self.shape(name), "{name}");
+        let worst = worst(&host(output), self.values(name));
+        assert!(worst < OUTPUT, "{name} differs by {worst}");
+    }
+
+    /// Compares losses.
+    fn check_losses(&self, terms: &Terms) {
+        let mut losses = vec![("total", terms.total.clone())];
+        losses.extend(terms.parts.iter().cloned());
+        for (name, loss) in losses {
+            let (ours, theirs) = (host(loss)[0], self.values(&format!("outputs.{name}"))[0]);
+            assert!((ours - theirs).abs() <= LOSS * theirs.abs(), "{name}: {ours} instead of {theirs}");
+        }
+    }
+
+    /// Compares the gradients of a tracked network, and gives their number.
+    fn check_gradients<N: Module>(&self, tracked: &N, loss: &Tensor<1>) -> usize {
+        let gradients = params::gradients(tracked, &mut loss.backward());
+        let mut compared = 0;
+        for (spec, gradient) in params::specs(tracked).iter().zip(gradients) {
+            let Some(theirs) = self.tensors.get(&format!("gradients.{}", spec.name)) else { continue };
+            let gradient = gradient.unwrap_or_else(|| panic!("no gradient of {}", spec.name));
+            let scale = theirs.values.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
+            let worst = worst(&params::to_host(spec, gradient), &theirs.values);
+            // Before a batch norm a bias changes nothing: its gradient is rounding, here and there.
+            assert!(worst <= GRADIENT * scale + 1e-6, "gradient of {}: {worst} of {scale}", spec.name);
+            compared += 1;
+        }
+        assert_eq!(compared, self.tensors.keys().filter(|name| name.starts_with("gradients.")).count());
+        compared
+    }
+
+    /// Takes a step along PyTorch's gradients, clipped as PyTorch does, and compares all weights.
+    fn check_step<N: Module>(&self, network: N, pass: &Pass) {
+        let mut gradients: Vec<Option<Tensor<1>>> = Vec::new();
+        params::visit(&network, |spec, tensor| {
+            let theirs = self.tensors.get(&format!("gradients.{}", spec.name));
+            gradients.push(theirs.map(|theirs| params::from_host(spec, theirs.values.clone(), &tensor)));
+        });
+        let norm = clip_gradients(&mut gradients, Some(0.5));
+        let expected = self.values("outputs.norm")[0];
+        assert!((norm - expected).abs() < 1e-5 * expected, "norm of the gradients: {norm} instead of {expected}");
+        let optim = OptimConfig { lr: 0.01, weight_decay: 0.1, ..OptimConfig::default() };
+        let network = AdamW::default().step(network, gradients, &optim, optim.lr);
+        let network = follow_statistics(network, pass);
+        params::visit(&network, |spec, tensor| {
+            let expected = self.values(&format!("stepped.{}", spec.name));
+            let worst = worst(&params::to_host(spec, tensor), expected);
+            assert!(worst < STEPPED, "{} after a step: {worst}", spec.name);
+        });
+    }
+}
+
+/// The greatest difference.
+fn worst(ours: &[f32], theirs: &[f32]) -> f32 {
+    assert_eq!(ours.len(), theirs.len());
+    assert!(ours.iter().all(|value| value.is_finite()));
+    ours.iter().zip(theirs).fold(0.0, |most, (ours, theirs)| most.max((ours - theirs).abs()))
+}

@@ -1,0 +1,112 @@
+//! Candidates in groups of one size: what makes costs independent of how many are asked for together.
+
+use burn::tensor::{Device, Tensor, TensorData};
+use rayon::prelude::*;
+use swm_solvers::Candidates;
+
+use crate::error::BaselineError;
+use crate::params::host;
+
+/// Some candidates of one scene.
+pub(crate) struct Group<'a> {
+    /// The scene.
+    row: usize,
+    /// H and D.
+    shape: [usize; 2],
+    /// C: candidates of a full group.
+    size: usize,
+    /// `[up to C, H, D]`.
+    plans: &'a [f32],
+    /// `[up to C]`.
+    costs: &'a mut [f64],
+    /// `[up to C, H, D]`.
+    gradient: Option<&'a mut [f32]>,
+}
+
+impl Group<'_> {
+    /// Fills its costs, and its gradient if it has one, by a function from `[C, H, D]` to `[C]` that treats candidates
+    /// apart. A group that is not full is filled up with zeros.
+    fn run(self, device: &Device, costs: impl Fn(Tensor<3>) -> Tensor<1>) {
+        let [horizon, width] = self.shape;
+        let mut plans = self.plans.to_vec();
+        plans.resize(self.size * horizon * width, 0.0);
+        let plans = Tensor::<3>::from_data(TensorData::new(plans, [self.size, horizon, width]), device);
+        let plans = if self.gradient.is_some() { plans.autodiff().require_grad() } else { plans };
+        let found = costs(plans.clone());
+        if let Some(out) = self.gradient {
+            // Candidates do not interact, so the derivative of the sum holds that of each.
+            let gradients = found.clone().sum().backward();
+            let gradient = plans.grad(&gradients).map(host).unwrap_or_default();
+            out.iter_mut().zip(gradient).for_each(|(out, value)| *out = value);
+        }
+        self.costs.iter_mut().zip(host(found)).for_each(|(cost, value)| *cost = f64::from(value));
+    }
+}
+
+/// How candidates are cut into groups.
+pub(crate) struct Groups<'a> {
+    candidates: Candidates<'a>,
+    /// C.
+    size: usize,
+}
+
+impl<'a> Groups<'a> {
+    /// Groups of C = `size`. Checks that the candidates are for so many scenes and blocks of this width.
+    pub(crate) fn new(
+        candidates: &Candidates<'a>,
+        scenes: usize,
+        width: usize,
+        size: usize,
+    ) -> Result<Self, BaselineError> {
+        let shape = candidates.shape();
+        if candidates.width != width {
+            let reason = format!("blocks of {} numbers, and this model was trained on {width}", candidates.width);
+            return Err(BaselineError::data("candidates", reason));
+        }
+        if candidates.rows != scenes || shape.iter().product::<usize>() != candidates.actions.len() || shape.contains(&0) {
+            let reason = format!("{} numbers of shape {shape:?} for {scenes} prepared scenes", candidates.actions.len());
+            return Err(BaselineError::data("candidates", reason));
+        }
+        Ok(Self { candidates: *candidates, size })
+    }
+
+    /// The groups, each with its costs of `[B, S]`.
+    pub(crate) fn of_costs(&self, costs: &'a mut [f64]) -> Vec<Group<'a>> {
+        let Candidates { actions, samples, horizon, width, .. } = self.candidates;
+        let of_one = horizon * width;
+        let rows = costs.chunks_mut(samples).zip(actions.chunks(samples * of_one)).enumerate();
+        rows.flat_map(|(row, (costs, plans))| {
+            let parts = costs.chunks_mut(self.size).zip(plans.chunks(self.size * of_one));
+            parts.map(move |(costs, plans)| Group {
+                row,
+                shape: [horizon, width],
+                size: self.size,
+                plans,
+                costs,
+                gradient: None,
+            })
+        })
+        .collect()
+    }
+
+    /// The groups, each with its costs of `[B, S]` and gradients of `[B, S, H, D]`.
+    pub(crate) fn of_gradients(&self, costs: &'a mut [f64], gradient: &'a mut [f32]) -> Vec<Group<'a>> {
+        let Candidates { samples, horizon, width, .. } = self.candidates;
+        let of_one = horizon * width;
+        let gradients = gradient.chunks_mut(samples * of_one).flat_map(|row| row.chunks_mut(self.size * of_one));
+        let groups = self.of_costs(costs).into_iter().zip(gradients);
+        groups.map(|(group, gradient)| Group { gradient: Some(gradient), ..group }).collect()
+    }
+}
+
+/// Runs groups in parallel.
+pub(crate) fn run_all<'a>(
+    groups: Vec<Group<'a>>,
+    device: &Device,
+    costs: impl Fn(usize, Tensor<3>) -> Tensor<1> + Sync,
+) {
+    groups.into_par_iter().for_each(|group| {
+        let row = group.row;
+        group.run(device, |plans| costs(row, plans));
+    });
+}
