@@ -45,11 +45,7 @@ const STEPS: &[Step] = &[
         about: "licences and origins of dependencies",
         run: || deny::run(&deny::Args::default()),
     },
-    Step {
-        name: "clippy",
-        about: "no lint warns",
-        run: clippy,
-    },
+    Step { name: "clippy", about: "no lint warns", run: clippy },
     Step { name: "test", about: "all tests", run: || test::suites(&test::Args::default()) },
     Step {
         name: "doctest",
@@ -156,7 +152,9 @@ fn clippy() -> Result<()> {
 fn doc() -> Result<()> {
     let flags = std::env::var("RUSTDOCFLAGS").unwrap_or_default();
     let mut command = process::cargo(["doc", "--no-deps"]);
-    process::run(command.args(apart::all_others()).env("RUSTDOCFLAGS", format!("{flags} -D warnings").trim_start()))
+    process::run(
+        command.args(apart::all_others()).env("RUSTDOCFLAGS", format!("{flags} -D warnings").trim_start()),
+    )
 }
 
 fn alone() -> Result<()> {

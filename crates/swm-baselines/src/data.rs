@@ -176,7 +176,8 @@ fn goal_to_tensor(
     device: &Device,
 ) -> Result<Tensor<5>, BaselineError> {
     if (goal.rows, goal.steps) != (rows, 1) {
-        let reason = format!("[{}, {}] pictures for {rows} rows; one of each is wanted", goal.rows, goal.steps);
+        let reason =
+            format!("[{}, {}] pictures for {rows} rows; one of each is wanted", goal.rows, goal.steps);
         return Err(BaselineError::data("goal_pixels", reason));
     }
     images::to_tensor("goal_pixels", goal, form.image, device)
@@ -192,9 +193,10 @@ impl Form {
     ) -> Result<Option<Tensor<3>>, BaselineError> {
         match (self.proprio, numbers) {
             (0, _) => Ok(None),
-            (_, None) => {
-                Err(BaselineError::data(column, "this model uses it and the data has none; train without proprio"))
-            }
+            (_, None) => Err(BaselineError::data(
+                column,
+                "this model uses it and the data has none; train without proprio",
+            )),
             (width, Some(numbers)) => {
                 numbers.check(column, rows, width)?;
                 Ok(Some(numbers.to_tensor(device)))
@@ -206,8 +208,10 @@ impl Form {
 impl Numbers<'_> {
     fn check(&self, column: &'static str, rows: usize, width: usize) -> Result<(), BaselineError> {
         if self.width != width {
-            let reason =
-                format!("{} numbers per row, and this model was made for {width}; they must agree", self.width);
+            let reason = format!(
+                "{} numbers per row, and this model was made for {width}; they must agree",
+                self.width
+            );
             return Err(BaselineError::data(column, reason));
         }
         let shape = [self.rows, self.steps, self.width];
@@ -234,11 +238,14 @@ fn is_goal(batch: &ClipBatch<'_>) -> Vec<f32> {
         .values
         .chunks_exact(size)
         .enumerate()
-        .map(|(frame, picture)| goal.values.get(frame / pixels.steps * size..).is_some_and(|goal| goal.starts_with(picture)))
+        .map(|(frame, picture)| {
+            goal.values.get(frame / pixels.steps * size..).is_some_and(|goal| goal.starts_with(picture))
+        })
         .collect();
-    if let (Some(state), Some(goal)) = (proprio, goal_proprio) {
-        for (frame, (found, state)) in found.iter_mut().zip(state.values.chunks_exact(state.width)).enumerate() {
-            let start = frame / pixels.steps * state.width;
+    if let (Some(states), Some(goal)) = (proprio, goal_proprio) {
+        let states = states.values.chunks_exact(states.width.max(1));
+        for (frame, (found, state)) in found.iter_mut().zip(states).enumerate() {
+            let start = frame / pixels.steps * state.len();
             *found &= goal.values.get(start..).is_some_and(|goal| goal.starts_with(state));
         }
     }

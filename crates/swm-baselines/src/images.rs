@@ -25,7 +25,8 @@ pub(crate) fn to_tensor(
         return Err(BaselineError::data(column, reason));
     }
     if height != width {
-        let reason = format!("{height} × {width} pixels; square pictures are wanted: cut them, or render square ones");
+        let reason =
+            format!("{height} × {width} pixels; square pictures are wanted: cut them, or render square ones");
         return Err(BaselineError::data(column, reason));
     }
     let weights = (height != size).then(|| Resampling::new(height, size));
@@ -112,8 +113,9 @@ mod tests {
         let last: Vec<u8> = (0..12).collect();
         let first: Vec<u8> = (0..12).map(|i| last[i % 4 * 3 + i / 4]).collect();
         let device = Device::flex();
-        let [a, b] = [(&last, true), (&first, false)]
-            .map(|(values, order)| host(to_tensor("pixels", &pictures(values, 2, order), 2, &device).unwrap()));
+        let [a, b] = [(&last, true), (&first, false)].map(|(values, order)| {
+            host(to_tensor("pixels", &pictures(values, 2, order), 2, &device).unwrap())
+        });
         assert_eq!(a, b);
         assert!((a[0] - (0.0 - 0.485) / 0.229).abs() < 1e-6);
     }

@@ -149,7 +149,8 @@ impl<N: Network> Baseline for Learner<N> {
             });
         }
         if let Some(name) = tensors.keys().next() {
-            let reason = format!("holds `{name}`, which is no state of this model's optimisers; it is of another run");
+            let reason =
+                format!("holds `{name}`, which is no state of this model's optimisers; it is of another run");
             return Err(BaselineError::weights(path, reason));
         }
         Ok(())

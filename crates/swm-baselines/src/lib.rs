@@ -28,16 +28,14 @@ mod pass;
 mod plan;
 mod weights;
 
-pub use baseline::{
-    Baseline, GoalPolicy, Losses, Needs, Phase, PhaseGoals, PlanModel, Recipe, Step,
-};
+pub use baseline::{Baseline, GoalPolicy, Losses, Needs, Phase, PhaseGoals, PlanModel, Recipe, Step};
 pub use data::{ClipBatch, Facts, Numbers, Pictures, Scenes};
 pub use error::BaselineError;
 pub use losses::SigregConfig;
 pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};
 pub use models::{
-    DinoWmConfig, EncoderConfig, GcbcConfig, GciqlConfig, GcivlConfig, GoalConfig, JointConfig, LewmConfig, PldmConfig,
-    PldmWeights, ValueConfig,
+    DinoWmConfig, EncoderConfig, GcbcConfig, GciqlConfig, GcivlConfig, GoalConfig, JointConfig, LewmConfig,
+    PldmConfig, PldmWeights, ValueConfig,
 };
 pub use nn::{CnnConfig, GoalTransformerConfig, Pool, PredictorConfig, VitConfig};
 pub use optim::{OptimConfig, Schedule};

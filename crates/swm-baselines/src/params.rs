@@ -91,8 +91,7 @@ struct Path {
 impl Path {
     fn enter(&mut self, field: &str, container: &str) {
         let container = container.strip_prefix("Struct:").unwrap_or(container);
-        let known =
-            NAMES.iter().find(|(of, name, _)| *of == container && *name == field);
+        let known = NAMES.iter().find(|(of, name, _)| *of == container && *name == field);
         let kept = known.map_or_else(|| kind(container), |(of, ..)| of);
         // The variants of an enum have no name of their own.
         let field = if container.starts_with("Enum:") { "" } else { field };
@@ -104,7 +103,8 @@ impl Path {
     }
 
     fn spec(&self, id: ParamId, mut shape: Vec<usize>) -> Spec {
-        let segments: Vec<&str> = self.stack.iter().map(|(_, name)| name.as_str()).filter(|name| !name.is_empty()).collect();
+        let segments: Vec<&str> =
+            self.stack.iter().map(|(_, name)| name.as_str()).filter(|name| !name.is_empty()).collect();
         let place = self.stack.last().cloned().unwrap_or(("", String::new()));
         let transposed = place.0 == "Linear" && place.1 == "weight";
         if transposed {

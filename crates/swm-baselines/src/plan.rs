@@ -60,11 +60,18 @@ impl<'a> Groups<'a> {
     ) -> Result<Self, BaselineError> {
         let shape = candidates.shape();
         if candidates.width != width {
-            let reason = format!("blocks of {} numbers, and this model was trained on {width}", candidates.width);
+            let reason =
+                format!("blocks of {} numbers, and this model was trained on {width}", candidates.width);
             return Err(BaselineError::data("candidates", reason));
         }
-        if candidates.rows != scenes || shape.iter().product::<usize>() != candidates.actions.len() || shape.contains(&0) {
-            let reason = format!("{} numbers of shape {shape:?} for {scenes} prepared scenes", candidates.actions.len());
+        if candidates.rows != scenes
+            || shape.iter().product::<usize>() != candidates.actions.len()
+            || shape.contains(&0)
+        {
+            let reason = format!(
+                "{} numbers of shape {shape:?} for {scenes} prepared scenes",
+                candidates.actions.len()
+            );
             return Err(BaselineError::data("candidates", reason));
         }
         Ok(Self { candidates: *candidates, size })
@@ -93,7 +100,8 @@ impl<'a> Groups<'a> {
     pub(crate) fn of_gradients(&self, costs: &'a mut [f64], gradient: &'a mut [f32]) -> Vec<Group<'a>> {
         let Candidates { samples, horizon, width, .. } = self.candidates;
         let of_one = horizon * width;
-        let gradients = gradient.chunks_mut(samples * of_one).flat_map(|row| row.chunks_mut(self.size * of_one));
+        let gradients =
+            gradient.chunks_mut(samples * of_one).flat_map(|row| row.chunks_mut(self.size * of_one));
         let groups = self.of_costs(costs).into_iter().zip(gradients);
         groups.map(|(group, gradient)| Group { gradient: Some(gradient), ..group }).collect()
     }

@@ -3,7 +3,7 @@
 //! The statistic of Epps and Pulley compares the characteristic function of each projection with that of N(0, 1), under
 //! a Gaussian window, on knots over [0, 3] by the trapezoid rule. Source: arXiv 2511.08544.
 
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
 use crate::pass::Pass;
@@ -62,7 +62,7 @@ fn sigreg_along(states: Tensor<3>, directions: Tensor<2>, knots: usize) -> Tenso
 #[cfg(test)]
 fn axes(width: usize, device: &burn::tensor::Device) -> Tensor<2> {
     let values = (0..width * width).map(|i| if i / width == i % width { 1.0 } else { 0.0 }).collect();
-    Tensor::from_data(TensorData::new::<f32, _>(values, [width, width]), device)
+    Tensor::from_data(burn::tensor::TensorData::new::<f32, _>(values, [width, width]), device)
 }
 
 #[cfg(test)]

@@ -22,7 +22,9 @@ fn lay_over(under: &mut Json, over: &Json) {
     match (under, over) {
         (_, Json::Null) => {}
         // An encoder of another kind replaces the old one: their settings have nothing in common.
-        (Json::Object(under), Json::Object(over)) if under.get("kind").is_none_or(|kind| over.get("kind").is_none_or(|other| other == kind)) => {
+        (Json::Object(under), Json::Object(over))
+            if under.get("kind").is_none_or(|kind| over.get("kind").is_none_or(|other| other == kind)) =>
+        {
             for (name, value) in over {
                 match under.get_mut(name) {
                     Some(old) if old.is_object() => lay_over(old, value),

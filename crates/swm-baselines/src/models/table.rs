@@ -36,7 +36,8 @@ macro_rules! entry {
             about: $about,
             presets: PRESETS,
             settings: |preset, changes| {
-                let preset = if preset == "small" { $folder::$config::small() } else { $folder::$config::paper() };
+                let preset =
+                    if preset == "small" { $folder::$config::small() } else { $folder::$config::paper() };
                 changed($folder::NAME, &preset, changes)
             },
             make: |recipe, device| {
@@ -118,18 +119,20 @@ fn changed<C: Serialize + DeserializeOwned>(
     changes: &Json,
 ) -> Result<Json, BaselineError> {
     let config = with_changes(baseline, preset, changes)?;
-    serde_json::to_value(config).map_err(|error| BaselineError::Settings { baseline, reason: error.to_string() })
+    serde_json::to_value(config)
+        .map_err(|error| BaselineError::Settings { baseline, reason: error.to_string() })
 }
 
 fn find(name: &str) -> Result<&'static BaselineEntry, BaselineError> {
     BASELINES.iter().find(|entry| entry.name == name).ok_or_else(|| {
         let names = BASELINES.iter().map(|entry| entry.name);
-        let near = names.clone().max_by(|a, b| {
-            strsim::jaro_winkler(a, name).total_cmp(&strsim::jaro_winkler(b, name))
-        });
+        let near = names
+            .clone()
+            .max_by(|a, b| strsim::jaro_winkler(a, name).total_cmp(&strsim::jaro_winkler(b, name)));
         let near = near.filter(|near| strsim::jaro_winkler(near, name) > 0.8);
         let all = names.collect::<Vec<_>>().join(", ");
-        let hint = near.map_or(format!("there are: {all}"), |near| format!("did you mean `{near}`? There are: {all}"));
+        let hint = near
+            .map_or(format!("there are: {all}"), |near| format!("did you mean `{near}`? There are: {all}"));
         BaselineError::UnknownBaseline { name: name.to_owned(), hint }
     })
 }

@@ -23,12 +23,7 @@ pub(crate) enum Attend {
 }
 
 /// softmax(q kᵀ / √E) v for all heads: `[B, heads, N, E]`. `dropout` falls on the weights, in training.
-pub(crate) fn attend(
-    [q, k, v]: [Tensor<4>; 3],
-    who: &Attend,
-    dropout: f64,
-    pass: &mut Pass,
-) -> Tensor<4> {
+pub(crate) fn attend([q, k, v]: [Tensor<4>; 3], who: &Attend, dropout: f64, pass: &mut Pass) -> Tensor<4> {
     let is_plain = dropout == 0.0 || !pass.is_training();
     if is_plain {
         let causal = matches!(who, Attend::Causal);

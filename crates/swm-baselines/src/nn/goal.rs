@@ -151,7 +151,8 @@ pub(crate) fn later_frames(frames: usize, queries: usize, keys: usize, like: &Te
     if frames == 1 {
         return Attend::All;
     }
-    let hidden = (0..frames * queries).flat_map(|query| (0..frames * keys).map(move |key| key / keys > query / queries));
+    let hidden = (0..frames * queries)
+        .flat_map(|query| (0..frames * keys).map(move |key| key / keys > query / queries));
     let data = TensorData::new(hidden.collect::<Vec<bool>>(), [1, 1, frames * queries, frames * keys]);
     Attend::Unless(Tensor::<4, Bool>::from_data(data, &like.device().inner()))
 }

@@ -61,10 +61,8 @@ impl InverseDynamics {
     /// `[B, T, W]` → `[B, T - 1, D]`: the actions that led from each state to the next. The later state comes first.
     pub(crate) fn forward(&self, states: Tensor<3>) -> Tensor<3> {
         let frames = states.dims()[1];
-        let pairs = Tensor::cat(
-            vec![states.clone().narrow(1, 1, frames - 1), states.narrow(1, 0, frames - 1)],
-            2,
-        );
+        let pairs =
+            Tensor::cat(vec![states.clone().narrow(1, 1, frames - 1), states.narrow(1, 0, frames - 1)], 2);
         self.down.forward(gelu(self.norm.forward(self.up.forward(pairs))))
     }
 }

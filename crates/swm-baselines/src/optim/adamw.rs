@@ -78,10 +78,7 @@ impl AdamW {
     }
 
     /// Takes a state that [`AdamW::to_host`] gave; `take` gives the numbers of a name.
-    pub(crate) fn from_host<M: Module>(
-        network: &M,
-        mut take: impl FnMut(&str) -> Option<Vec<f32>>,
-    ) -> Self {
+    pub(crate) fn from_host<M: Module>(network: &M, mut take: impl FnMut(&str) -> Option<Vec<f32>>) -> Self {
         let mut moments = BTreeMap::new();
         params::visit(network, |spec, weight| {
             let mut part = |name: &str| take(&format!("{}.{name}", spec.name));

@@ -12,7 +12,10 @@ fn compare(name: &str, dinov2: bool) {
     let config = VitConfig { width: 12, depth: 2, heads: 3, hidden: 24, patch: 4, positions_for: 16, dinov2 };
     let vit = fixture.load(&Vit::new(&config, &fixture.device), "weights");
     for size in [16, 24] {
-        fixture.check(&format!("outputs.tokens{size}"), vit.forward(fixture.tensor(&format!("inputs.pictures{size}"))));
+        fixture.check(
+            &format!("outputs.tokens{size}"),
+            vit.forward(fixture.tensor(&format!("inputs.pictures{size}"))),
+        );
     }
     let tracked = params::track(&vit, &[""]);
     let tokens = tracked.forward(fixture.tensor("inputs.pictures24"));

@@ -69,7 +69,8 @@ fn lewm_trains_as_the_reference() {
 fn pldm_trains_as_the_reference() {
     let fixture = Fixture::open("pldm");
     let weights = pldm::PldmWeights { cov_t: 0.5, inverse: 1.5, straightening: 0.3, ..Default::default() };
-    let config = pldm::PldmConfig { model: config(), inverse_hidden: 16, weights, ..pldm::PldmConfig::paper() };
+    let config =
+        pldm::PldmConfig { model: config(), inverse_hidden: 16, weights, ..pldm::PldmConfig::paper() };
     let parts = pldm::make(&config, &FACTS, &fixture.device).unwrap();
     train(&fixture, &parts.network, &parts.form, Pass::train(0, 0));
 }
@@ -99,9 +100,17 @@ fn costs_of_plans_and_their_gradients_are_the_references() {
     let pixels = bytes(&fixture);
     let size = 3 * 16 * 16;
     for seen in [1, 3] {
-        let present: Vec<u8> = pixels.chunks(4 * size).take(2).flat_map(|clip| &clip[..seen * size]).copied().collect();
-        let goal: Vec<u8> = pixels.chunks(4 * size).skip(2).take(2).flat_map(|clip| &clip[..size]).copied().collect();
-        let past: Vec<f32> = fixture.values("inputs.action").chunks(16).take(2).flat_map(|clip| &clip[..(seen - 1) * 4]).copied().collect();
+        let present: Vec<u8> =
+            pixels.chunks(4 * size).take(2).flat_map(|clip| &clip[..seen * size]).copied().collect();
+        let goal: Vec<u8> =
+            pixels.chunks(4 * size).skip(2).take(2).flat_map(|clip| &clip[..size]).copied().collect();
+        let past: Vec<f32> = fixture
+            .values("inputs.action")
+            .chunks(16)
+            .take(2)
+            .flat_map(|clip| &clip[..(seen - 1) * 4])
+            .copied()
+            .collect();
         let scenes = Scenes {
             pixels: pictures(&present, 2, seen),
             action: Numbers { values: &past, rows: 2, steps: seen - 1, width: 4 },
@@ -116,7 +125,10 @@ fn costs_of_plans_and_their_gradients_are_the_references() {
         planner.evaluate_with_gradient(&candidates, &mut costs, &mut gradient).unwrap();
         let theirs = fixture.values(&format!("outputs.costs{seen}"));
         for (ours, theirs) in costs.iter().zip(theirs) {
-            assert!((ours - f64::from(*theirs)).abs() < 1e-5 * f64::from(*theirs).abs(), "{ours} instead of {theirs}");
+            assert!(
+                (ours - f64::from(*theirs)).abs() < 1e-5 * f64::from(*theirs).abs(),
+                "{ours} instead of {theirs}"
+            );
         }
         let theirs = fixture.values(&format!("outputs.costs{seen}_gradient"));
         let scale = theirs.iter().fold(0.0_f32, |most, value| most.max(value.abs()));

@@ -90,14 +90,22 @@ impl Fixture {
     /// Compares the gradients of a tracked network, and gives their number.
     fn check_gradients<N: Module>(&self, tracked: &N, loss: &Tensor<1>) -> usize {
         let gradients = params::gradients(tracked, &mut loss.backward());
+        let of_all = self.tensors.iter().filter(|(name, _)| name.starts_with("gradients."));
+        let greatest =
+            of_all.flat_map(|(_, tensor)| &tensor.values).fold(0.0_f32, |most, value| most.max(value.abs()));
         let mut compared = 0;
         for (spec, gradient) in params::specs(tracked).iter().zip(gradients) {
             let Some(theirs) = self.tensors.get(&format!("gradients.{}", spec.name)) else { continue };
             let gradient = gradient.unwrap_or_else(|| panic!("no gradient of {}", spec.name));
             let scale = theirs.values.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
             let worst = worst(&params::to_host(spec, gradient), &theirs.values);
-            // Before a batch norm a bias changes nothing: its gradient is rounding, here and there.
-            assert!(worst <= GRADIENT * scale + 1e-6, "gradient of {}: {worst} of {scale}", spec.name);
+            // Before a batch norm a bias changes nothing: its gradient is what rounding leaves, here and there.
+            let is_rounding = scale < 1e-5 * greatest;
+            assert!(
+                is_rounding || worst <= GRADIENT * scale,
+                "gradient of {}: {worst} of {scale}",
+                spec.name
+            );
             compared += 1;
         }
         assert_eq!(compared, self.tensors.keys().filter(|name| name.starts_with("gradients.")).count());
@@ -113,7 +121,10 @@ impl Fixture {
         });
         let norm = clip_gradients(&mut gradients, Some(0.5));
         let expected = self.values("outputs.norm")[0];
-        assert!((norm - expected).abs() < 1e-5 * expected, "norm of the gradients: {norm} instead of {expected}");
+        assert!(
+            (norm - expected).abs() < 1e-5 * expected,
+            "norm of the gradients: {norm} instead of {expected}"
+        );
         let optim = OptimConfig { lr: 0.01, weight_decay: 0.1, ..OptimConfig::default() };
         let network = AdamW::default().step(network, gradients, &optim, optim.lr);
         let network = follow_statistics(network, pass);

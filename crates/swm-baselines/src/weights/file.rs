@@ -72,7 +72,9 @@ fn read_pytorch(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineError> 
             TorchType::F32 => floats(&bytes, |bytes| f32::from_ne_bytes(bytes)),
             TorchType::F64 => floats(&bytes, |bytes| f64::from_ne_bytes(bytes) as f32),
             TorchType::F16 => floats(&bytes, |bytes: [u8; 2]| half(u16::from_ne_bytes(bytes).to_le_bytes())),
-            TorchType::BF16 => floats(&bytes, |bytes: [u8; 2]| brain(u16::from_ne_bytes(bytes).to_le_bytes())),
+            TorchType::BF16 => {
+                floats(&bytes, |bytes: [u8; 2]| brain(u16::from_ne_bytes(bytes).to_le_bytes()))
+            }
             TorchType::I64 => floats(&bytes, |bytes| i64::from_ne_bytes(bytes) as f32),
             TorchType::Bool | TorchType::U8 => floats(&bytes, |[byte]: [u8; 1]| byte.into()),
             other => return Err(kind(path, name, format!("{other:?}"))),
@@ -116,11 +118,16 @@ pub(crate) fn write(path: &Path, tensors: Vec<(String, Vec<usize>, Vec<f32>)>) -
     let failed = |error: &dyn std::fmt::Display| BaselineError::weights(path, error.to_string());
     let bytes: Vec<(String, Vec<usize>, Vec<u8>)> = tensors
         .into_iter()
-        .map(|(name, shape, values)| (name, shape, values.iter().flat_map(|value| value.to_le_bytes()).collect()))
+        .map(|(name, shape, values)| {
+            (name, shape, values.iter().flat_map(|value| value.to_le_bytes()).collect())
+        })
         .collect();
     let mut views = Vec::with_capacity(bytes.len());
     for (name, shape, data) in &bytes {
-        views.push((name.as_str(), TensorView::new(Dtype::F32, shape.clone(), data).map_err(|error| failed(&error))?));
+        views.push((
+            name.as_str(),
+            TensorView::new(Dtype::F32, shape.clone(), data).map_err(|error| failed(&error))?,
+        ));
     }
     let file = safetensors::serialize(views, None).map_err(|error| failed(&error))?;
     let part = path.with_extension("part");
@@ -133,7 +140,13 @@ mod tests {
 
     #[test]
     fn short_floats_are_read_exactly() {
-        let cases = [(0x3c00, 1.0), (0xc000, -2.0), (0x3555, 0.333_251_95), (0x0001, 5.960_464_5e-8), (0x7c00, f32::INFINITY)];
+        let cases = [
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x3555, 0.333_251_95),
+            (0x0001, 5.960_464_5e-8),
+            (0x7c00, f32::INFINITY),
+        ];
         for (bits, value) in cases {
             assert_eq!(half(u16::to_le_bytes(bits)), value);
         }

@@ -14,7 +14,9 @@ use burn::module::Module;
 use crate::error::BaselineError;
 use crate::params;
 
-pub(crate) use file::{Stored, read, write};
+#[cfg(test)]
+pub(crate) use file::Stored;
+pub(crate) use file::{read, write};
 #[cfg(test)]
 pub(crate) use rename::ours;
 
@@ -36,8 +38,7 @@ pub(crate) fn load_network<M: Module>(network: &M, path: &Path) -> Result<M, Bas
 pub(crate) fn load_below<M: Module>(network: &M, path: &Path, prefix: &str) -> Result<M, BaselineError> {
     let mut stored = rename::to_ours(read(path)?);
     let (mut missing, mut wrong) = (Vec::new(), Vec::new());
-    let specs: Vec<_> =
-        params::specs(network).into_iter().filter(|spec| spec.is_below(&[prefix])).collect();
+    let specs: Vec<_> = params::specs(network).into_iter().filter(|spec| spec.is_below(&[prefix])).collect();
     for spec in &specs {
         let name = below(&spec.name, prefix);
         match stored.get(name) {

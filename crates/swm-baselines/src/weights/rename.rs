@@ -57,14 +57,20 @@ mod tests {
     #[test]
     fn both_generations_of_vision_transformers_get_one_name() {
         let pairs = [
-            ("encoder.encoder.layer.3.attention.attention.query.weight", "encoder.layers.3.attention.q_proj.weight"),
+            (
+                "encoder.encoder.layer.3.attention.attention.query.weight",
+                "encoder.layers.3.attention.q_proj.weight",
+            ),
             ("encoder.layers.3.attention.q_proj.weight", "encoder.layers.3.attention.q_proj.weight"),
             ("encoder.layer.0.attention.output.dense.bias", "layers.0.attention.o_proj.bias"),
             ("encoder.layer.0.output.dense.bias", "layers.0.mlp.fc2.bias"),
             ("encoder.layer.0.intermediate.dense.bias", "layers.0.mlp.fc1.bias"),
             ("layers.0.layernorm_before.weight", "layers.0.norm1.weight"),
             ("encoder.layer.0.norm1.weight", "layers.0.norm1.weight"),
-            ("predictor.transformer.layers.0.attn.to_qkv.weight", "predictor.transformer.layers.0.attn.to_qkv.weight"),
+            (
+                "predictor.transformer.layers.0.attn.to_qkv.weight",
+                "predictor.transformer.layers.0.attn.to_qkv.weight",
+            ),
         ];
         for (theirs, expected) in pairs {
             assert_eq!(ours(theirs), expected);

@@ -122,7 +122,11 @@ struct DinoWm {
 }
 
 /// Network and training of these settings.
-pub(crate) fn make(config: &DinoWmConfig, facts: &Facts, device: &Device) -> Result<Parts<impl Network>, BaselineError> {
+pub(crate) fn make(
+    config: &DinoWmConfig,
+    facts: &Facts,
+    device: &Device,
+) -> Result<Parts<impl Network>, BaselineError> {
     let (network, form) = network(config, facts, device)?;
     let &DinoWmConfig { image, proprio, history, frameskip, batch, .. } = config;
     let phase = Phase {

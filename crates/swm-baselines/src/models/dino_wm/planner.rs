@@ -84,7 +84,8 @@ impl PlanModel for DinoPlanner {
     fn prepare(&mut self, scenes: &Scenes<'_>) -> Result<(), BaselineError> {
         let start = Start::new(scenes, &self.model.form, &self.device)?;
         let row = |index: usize| {
-            let state = |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, index, 1));
+            let state =
+                |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, index, 1));
             let pixels = start.pixels.clone().narrow(0, index, 1);
             let goal = start.goal_pixels.clone().narrow(0, index, 1);
             Scene {

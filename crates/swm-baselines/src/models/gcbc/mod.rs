@@ -31,7 +31,10 @@ pub struct GcbcConfig {
 impl GcbcConfig {
     /// The reference's settings.
     pub fn paper() -> Self {
-        Self { model: GoalConfig::paper(), optim: OptimConfig { lr: 1e-4, weight_decay: 0.01, ..OptimConfig::default() } }
+        Self {
+            model: GoalConfig::paper(),
+            optim: OptimConfig { lr: 1e-4, weight_decay: 0.01, ..OptimConfig::default() },
+        }
     }
 
     /// Settings for a processor.
@@ -51,7 +54,11 @@ struct Gcbc {
 }
 
 /// Network and training of these settings.
-pub(crate) fn make(config: &GcbcConfig, facts: &Facts, device: &Device) -> Result<Parts<impl Network>, BaselineError> {
+pub(crate) fn make(
+    config: &GcbcConfig,
+    facts: &Facts,
+    device: &Device,
+) -> Result<Parts<impl Network>, BaselineError> {
     let GcbcConfig { model, optim } = config;
     let observer = Observer::new(NAME, model, facts, device)?;
     let form = model.form(facts);

@@ -69,7 +69,11 @@ struct Gciql {
 }
 
 /// Network and training of these settings.
-pub(crate) fn make(config: &GciqlConfig, facts: &Facts, device: &Device) -> Result<Parts<impl Network>, BaselineError> {
+pub(crate) fn make(
+    config: &GciqlConfig,
+    facts: &Facts,
+    device: &Device,
+) -> Result<Parts<impl Network>, BaselineError> {
     let GciqlConfig { model, critic_hidden, optim, value } = config;
     let observer = Observer::new(NAME, model, facts, device)?;
     let (form, tokens) = (model.form(facts), model.tokens());
@@ -121,7 +125,8 @@ impl Network for Gciql {
         let actions = inputs.action.clone().narrow(1, 0, self.history);
         if phase == 0 {
             let value = self.value.forward(now.clone(), goal.clone(), pass);
-            let worth = self.critic_teacher.forward(now.clone(), actions.clone(), goal.clone(), pass).detach();
+            let worth =
+                self.critic_teacher.forward(now.clone(), actions.clone(), goal.clone(), pass).detach();
             let value_error = expectile(value.clone(), worth, self.config.expectile);
             let critic = self.critic.forward(now, actions, goal.clone(), pass);
             let next = self.value_teacher.forward(next, goal, pass).detach();
@@ -129,10 +134,15 @@ impl Network for Gciql {
             let critic_error = mean_squared_error(critic, goes_on * (next * self.config.discount - 1.0));
             return Ok(Terms {
                 total: value_error.clone() + critic_error.clone(),
-                parts: vec![("value_error", value_error), ("critic_error", critic_error), ("value", value.mean())],
+                parts: vec![
+                    ("value_error", value_error),
+                    ("critic_error", critic_error),
+                    ("value", value.mean()),
+                ],
             });
         }
-        let advantage = self.value.forward(next, goal.clone(), pass) - self.value.forward(now.clone(), goal.clone(), pass);
+        let advantage = self.value.forward(next, goal.clone(), pass)
+            - self.value.forward(now.clone(), goal.clone(), pass);
         let means = self.action_predictor.forward(now, goal, pass);
         Ok(weighted_regression(means, &self.log_stds, actions, advantage, self.config.alpha))
     }

@@ -85,7 +85,11 @@ struct Gcivl {
 }
 
 /// Network and training of these settings.
-pub(crate) fn make(config: &GcivlConfig, facts: &Facts, device: &Device) -> Result<Parts<impl Network>, BaselineError> {
+pub(crate) fn make(
+    config: &GcivlConfig,
+    facts: &Facts,
+    device: &Device,
+) -> Result<Parts<impl Network>, BaselineError> {
     let GcivlConfig { model, optim, value } = config;
     let observer = Observer::new(NAME, model, facts, device)?;
     let (form, tokens) = (model.form(facts), model.tokens());
@@ -133,9 +137,13 @@ impl Network for Gcivl {
             let goes_on = inputs.is_goal.clone().narrow(1, 0, self.history) * -1.0 + 1.0;
             let target = goes_on * (next * self.config.discount - 1.0);
             let loss = expectile(value.clone(), target, self.config.expectile);
-            return Ok(Terms { total: loss.clone(), parts: vec![("value_error", loss), ("value", value.mean())] });
+            return Ok(Terms {
+                total: loss.clone(),
+                parts: vec![("value_error", loss), ("value", value.mean())],
+            });
         }
-        let advantage = self.value.forward(next, goal.clone(), pass) - self.value.forward(now.clone(), goal.clone(), pass);
+        let advantage = self.value.forward(next, goal.clone(), pass)
+            - self.value.forward(now.clone(), goal.clone(), pass);
         let means = self.action_predictor.forward(now, goal, pass);
         let actions = inputs.action.clone().narrow(1, 0, self.history);
         Ok(weighted_regression(means, &self.log_stds, actions, advantage, self.config.alpha))

@@ -41,7 +41,8 @@ impl GoalPolicy for ActingPolicy {
         }
         // One by one: the bits of a decision must not depend on its neighbours.
         actions.par_chunks_exact_mut(width).enumerate().for_each(|(row, out)| {
-            let of_row = |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, row, 1));
+            let of_row =
+                |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, row, 1));
             let frames = self.observer.tokens(start.pixels.clone().narrow(0, row, 1), of_row(&start.proprio));
             let goal = start.goal_pixels.clone().narrow(0, row, 1);
             let goal = self.observer.tokens(goal, of_row(&start.goal_proprio));

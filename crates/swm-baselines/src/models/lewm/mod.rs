@@ -54,7 +54,11 @@ struct Lewm {
 }
 
 /// Network and training of these settings.
-pub(crate) fn make(config: &LewmConfig, facts: &Facts, device: &Device) -> Result<Parts<impl Network>, BaselineError> {
+pub(crate) fn make(
+    config: &LewmConfig,
+    facts: &Facts,
+    device: &Device,
+) -> Result<Parts<impl Network>, BaselineError> {
     let model = Joint::new(NAME, &config.model, facts, device)?;
     let phase = Phase {
         name: "train",

@@ -55,7 +55,15 @@ pub struct PldmWeights {
 impl Default for PldmWeights {
     /// The reference's.
     fn default() -> Self {
-        Self { std: 18.0, std_t: 0.7, cov: 12.0, cov_t: 0.0, alignment: 0.2, inverse: 0.0, straightening: 0.0 }
+        Self {
+            std: 18.0,
+            std_t: 0.7,
+            cov: 12.0,
+            cov_t: 0.0,
+            alignment: 0.2,
+            inverse: 0.0,
+            straightening: 0.0,
+        }
     }
 }
 
@@ -89,7 +97,11 @@ struct Pldm {
 }
 
 /// Network and training of these settings.
-pub(crate) fn make(config: &PldmConfig, facts: &Facts, device: &Device) -> Result<Parts<impl Network>, BaselineError> {
+pub(crate) fn make(
+    config: &PldmConfig,
+    facts: &Facts,
+    device: &Device,
+) -> Result<Parts<impl Network>, BaselineError> {
     let model = Joint::new(NAME, &config.model, facts, device)?;
     let form = config.model.form(facts);
     let phase = Phase {
