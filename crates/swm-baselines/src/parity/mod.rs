@@ -100,7 +100,7 @@ impl Fixture {
             let scale = theirs.values.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
             let worst = worst(&params::to_host(spec, gradient), &theirs.values);
             // Before a batch norm a bias changes nothing: its gradient is what rounding leaves, here and there.
-            let is_rounding = scale < 1e-5 * greatest;
+            let is_rounding = spec.name.ends_with("bias") && scale < 1e-4 * greatest;
             assert!(
                 is_rounding || worst <= GRADIENT * scale,
                 "gradient of {}: {worst} of {scale}",
