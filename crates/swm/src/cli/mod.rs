@@ -8,10 +8,12 @@ mod bench;
 mod collect;
 mod compare;
 mod convert;
+mod doctor;
 mod envs;
 mod eval;
 mod eval_manifest;
 mod inspect;
+mod man;
 mod manifest;
 mod output;
 mod plan;
@@ -27,11 +29,12 @@ mod stream;
 mod sweep;
 mod verify;
 mod verify_result;
+mod version;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::{CommandFactory as _, Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use swm_core::Registry;
 
 pub(crate) use output::{Failure, Output, usage};
@@ -75,6 +78,8 @@ enum Command {
     Solvers(solvers::Solvers),
     Render(render::Render),
     Bench(bench::Bench),
+    Doctor(doctor::Doctor),
+    Man(man::Man),
     /// Print a completion script for a shell.
     #[command(
         after_help = "Example:\n  swm completions bash > ~/.local/share/bash-completion/completions/swm"
@@ -92,7 +97,9 @@ pub fn main(registry: &Registry) -> ExitCode {
 
 /// Runs a command line; the first argument is the program's name.
 pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let cli = match Cli::try_parse_from(args) {
+    // The version names the physics, which may not be installed: known at run time only.
+    let parsed = Cli::command().long_version(version::long()).try_get_matches_from(args);
+    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => {
             // Help and version are no errors, and clap knows where each goes.
@@ -125,6 +132,8 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         Command::Solvers(command) => command.run(&output),
         Command::Render(command) => command.run(registry, &output),
         Command::Bench(command) => command.run(registry, &output),
+        Command::Doctor(command) => command.run(registry, &output),
+        Command::Man(command) => command.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "swm", &mut script);

@@ -1,0 +1,221 @@
+//! `swm doctor`: what works on this machine, what does not, and which command mends it.
+
+use clap::Args;
+use serde::Serialize;
+use swm_core::{EnvConfig, Registry};
+use swm_media::Format;
+
+use super::{Failure, Output};
+
+/// Say what is installed, what is missing, and which command mends it.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm doctor
+  swm doctor --json
+
+Exit status: 0 if everything that this build offers works, 1 if something is missing. What is optional counts as working.")]
+pub(super) struct Doctor {}
+
+/// One thing that was looked at.
+#[derive(Debug, Serialize)]
+struct Check {
+    what: &'static str,
+    state: State,
+    /// What was found, or why it is missing.
+    found: String,
+    /// What mends it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mend: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum State {
+    Works,
+    Optional,
+    Missing,
+}
+
+impl Check {
+    fn works(what: &'static str, found: impl Into<String>) -> Self {
+        Self { what, state: State::Works, found: found.into(), mend: None }
+    }
+
+    /// Missing, and nothing else needs it.
+    fn optional(what: &'static str, found: impl Into<String>, mend: &str) -> Self {
+        Self { what, state: State::Optional, found: found.into(), mend: Some(mend.to_owned()) }
+    }
+
+    fn missing(what: &'static str, found: impl Into<String>, mend: &str) -> Self {
+        Self { what, state: State::Missing, found: found.into(), mend: Some(mend.to_owned()) }
+    }
+}
+
+impl Doctor {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let mut checks = vec![Check::works("program", super::version::program()), films(), threads()];
+        #[cfg(feature = "mujoco")]
+        checks.extend(mujoco::checks());
+        checks.push(environments(registry));
+        checks.push(temporary_folder());
+        output.result(&checks, || text(&checks))?;
+        let missing: Vec<_> = checks.iter().filter(|check| check.state == State::Missing).collect();
+        match missing.as_slice() {
+            [] => Ok(()),
+            some => {
+                let names: Vec<_> = some.iter().map(|check| check.what).collect();
+                Err(Failure::from(format!("missing: {}", names.join(", "))))
+            }
+        }
+    }
+}
+
+fn text(checks: &[Check]) -> String {
+    let width = checks.iter().map(|check| check.what.len()).max().unwrap_or(0);
+    let mut text = String::new();
+    for Check { what, state, found, mend } in checks {
+        let mark = match state {
+            State::Works => "ok      ",
+            State::Optional => "optional",
+            State::Missing => "MISSING ",
+        };
+        text += &format!("{mark}  {what:width$}  {found}\n");
+        if let Some(mend) = mend {
+            text += &format!("{:10}{:width$}  -> {mend}\n", "", "");
+        }
+    }
+    text
+}
+
+fn films() -> Check {
+    if Format::Mp4.is_built() {
+        Check::works("films", "PNG, GIF, MP4")
+    } else {
+        Check::optional(
+            "films",
+            "PNG, GIF; this build has no MP4",
+            "build with the feature `mp4`; it needs a C++ compiler",
+        )
+    }
+}
+
+fn threads() -> Check {
+    let count = std::thread::available_parallelism().map_or(1, usize::from);
+    Check::works("threads", format!("{count} by default; --threads changes that, never the results"))
+}
+
+/// Makes every environment once.
+fn environments(registry: &Registry) -> Check {
+    let all = registry.envs();
+    let failures: Vec<_> = all.iter().filter_map(|entry| (entry.make)(&EnvConfig::default()).err()).collect();
+    match failures.first() {
+        None => Check::works("environments", format!("all {} can be made", all.len())),
+        Some(first) => Check::missing(
+            "environments",
+            format!("{} of {} cannot be made; the first: {first}", failures.len(), all.len()),
+            "see above, or `swm envs`",
+        ),
+    }
+}
+
+/// Where films are put together.
+fn temporary_folder() -> Check {
+    let folder = std::env::temp_dir();
+    let probe = folder.join(format!("swm-doctor-{}", std::process::id()));
+    match std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)) {
+        Ok(()) => Check::works("temporary files", folder.display().to_string()),
+        Err(error) => Check::missing(
+            "temporary files",
+            format!("{} cannot be written: {error}", folder.display()),
+            "set TMPDIR to a folder that can",
+        ),
+    }
+}
+
+#[cfg(feature = "mujoco")]
+mod mujoco {
+    //! What the environments on MuJoCo need.
+
+    use swm_envs_mujoco::assets::{self, DM_CONTROL_VERSION, HOME_VARIABLE, MUJOCO_VERSION, OGBENCH_VERSION};
+    use swm_envs_mujoco::ffi::{Library, gl::GlContext};
+
+    use super::Check;
+
+    const SETUP: &str = "cargo xtask setup";
+
+    pub(super) fn checks() -> Vec<Check> {
+        vec![folder(), library(), suite(), ogbench(), gl()]
+    }
+
+    fn folder() -> Check {
+        match assets::data_folder() {
+            Some(folder) if folder.is_dir() => Check::works("data folder", folder.display().to_string()),
+            Some(folder) => {
+                Check::missing("data folder", format!("{} does not exist", folder.display()), SETUP)
+            }
+            None => Check::missing(
+                "data folder",
+                "neither SWM_HOME nor HOME is set, so it is not known where it is",
+                &format!("set {HOME_VARIABLE} to a folder, then {SETUP}"),
+            ),
+        }
+    }
+
+    fn library() -> Check {
+        match (Library::get(), assets::library_path()) {
+            (Ok(library), Ok(path)) => {
+                Check::works("MuJoCo", format!("{} at {}", library.version(), path.display()))
+            }
+            (Err(error), _) | (_, Err(error)) => Check::missing("MuJoCo", error.to_string(), SETUP),
+        }
+    }
+
+    fn suite() -> Check {
+        const NAME: &str = "models of the Control Suite";
+        match assets::suite_model("cheetah.xml") {
+            Ok(_) => Check::works(NAME, format!("dm_control {DM_CONTROL_VERSION}")),
+            Err(_) => Check::missing(NAME, "not in the data folder", SETUP),
+        }
+    }
+
+    fn ogbench() -> Check {
+        const NAME: &str = "models of OGBench";
+        match assets::manipulation_model("robotiq_2f85/2f85.xml") {
+            Ok(_) => Check::works(NAME, format!("ogbench {OGBENCH_VERSION}")),
+            Err(_) => Check::missing(NAME, "not in the data folder", SETUP),
+        }
+    }
+
+    /// Our own renderer draws without it.
+    fn gl() -> Check {
+        let needless = "only `renderer=gl` needs it (MuJoCo's own pictures); Debian: apt install libegl1 libgl1-mesa-dri";
+        match GlContext::new() {
+            Ok(context) => Check::works("OpenGL", format!("by {}, for `renderer=gl`", context.driver_name())),
+            Err(error) => Check::optional("OpenGL", error.to_string(), needless),
+        }
+    }
+
+    /// The version of the physics, for `swm --version`: what is pinned, and whether it is there.
+    pub(in super::super) fn version() -> String {
+        let there = assets::library_path().is_ok_and(|path| path.is_file());
+        format!("MuJoCo {MUJOCO_VERSION}{}", if there { "" } else { " (not installed: cargo xtask setup)" })
+    }
+}
+
+#[cfg(feature = "mujoco")]
+pub(super) use mujoco::version as mujoco_version;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_missing_comes_with_what_mends_it() {
+        let checks =
+            [Check::works("films", "GIF"), Check::missing("MuJoCo", "no such file", "cargo xtask setup")];
+        let expected =
+            "ok        films   GIF\nMISSING   MuJoCo  no such file\n                  -> cargo xtask setup\n";
+        assert_eq!(text(&checks), expected);
+    }
+}
