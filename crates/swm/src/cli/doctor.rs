@@ -58,7 +58,6 @@ impl Doctor {
         #[cfg(feature = "mujoco")]
         checks.extend(mujoco::checks());
         checks.push(environments(registry));
-        checks.push(temporary_folder());
         output.result(&checks, || text(&checks))?;
         let missing: Vec<_> = checks.iter().filter(|check| check.state == State::Missing).collect();
         match missing.as_slice() {
@@ -115,20 +114,6 @@ fn environments(registry: &Registry) -> Check {
             "environments",
             format!("{} of {} cannot be made; the first: {first}", failures.len(), all.len()),
             "see above, or `swm envs`",
-        ),
-    }
-}
-
-/// Where films are put together.
-fn temporary_folder() -> Check {
-    let folder = std::env::temp_dir();
-    let probe = folder.join(format!("swm-doctor-{}", std::process::id()));
-    match std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)) {
-        Ok(()) => Check::works("temporary files", folder.display().to_string()),
-        Err(error) => Check::missing(
-            "temporary files",
-            format!("{} cannot be written: {error}", folder.display()),
-            "set TMPDIR to a folder that can",
         ),
     }
 }
