@@ -27,6 +27,7 @@ pub(super) fn long() -> &'static str {
 /// The features of this build.
 fn features() -> Vec<&'static str> {
     [
+        ("baselines", cfg!(feature = "baselines")),
         ("cli", cfg!(feature = "cli")),
         ("faer", cfg!(feature = "faer")),
         ("lerobot", cfg!(feature = "lerobot")),
