@@ -11,6 +11,8 @@
 //! what else is in a batch.
 
 mod baseline;
+#[cfg(test)]
+mod contract;
 mod data;
 mod error;
 mod images;

@@ -117,7 +117,7 @@ impl Path {
 
 /// The containers that matter to anybody.
 fn kind(container: &str) -> &'static str {
-    const KINDS: [&str; 5] = ["Linear", "LayerNorm", "GroupNorm", "BatchNorm", "Vit"];
+    const KINDS: [&str; 4] = ["Linear", "LayerNorm", "BatchNorm", "Vit"];
     KINDS.iter().find(|kind| **kind == container).unwrap_or(&"")
 }
 

@@ -44,31 +44,6 @@ impl LayerNorm {
     }
 }
 
-/// Over the channels of a group and the places of a picture.
-#[derive(Module, Debug)]
-pub(crate) struct GroupNorm {
-    weight: Param<Tensor<1>>,
-    bias: Param<Tensor<1>>,
-    #[module(skip)]
-    groups: usize,
-}
-
-impl GroupNorm {
-    /// `groups` must divide `channels`.
-    pub(crate) fn new(groups: usize, channels: usize, device: &Device) -> Self {
-        Self { weight: parameter([channels], device), bias: parameter([channels], device), groups }
-    }
-
-    /// `[N, C, H, W]` → the same.
-    pub(crate) fn forward(&self, input: Tensor<4>) -> Tensor<4> {
-        let shape @ [count, channels, height, width] = input.dims();
-        let size = channels / self.groups * height * width;
-        let normal = LayerNorm::plain(1e-5).forward(input.reshape([count * self.groups, size]));
-        let of_channels = |tensor: &Param<Tensor<1>>| tensor.val().reshape([1, channels, 1, 1]);
-        normal.reshape(shape) * of_channels(&self.weight) + of_channels(&self.bias)
-    }
-}
-
 /// Over a batch: its own statistics in training, running ones otherwise.
 #[derive(Module, Debug)]
 pub(crate) struct BatchNorm {

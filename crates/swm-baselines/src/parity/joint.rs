@@ -121,23 +121,7 @@ fn costs_of_plans_and_their_gradients_are_the_references() {
         planner.prepare(&scenes).unwrap();
         let actions = fixture.values(&format!("inputs.candidates{seen}"));
         let candidates = Candidates { actions, rows: 2, samples: 6, horizon: 5, width: 4 };
-        let (mut costs, mut gradient) = (vec![0.0; 12], vec![0.0; actions.len()]);
-        planner.evaluate_with_gradient(&candidates, &mut costs, &mut gradient).unwrap();
-        let theirs = fixture.values(&format!("outputs.costs{seen}"));
-        for (ours, theirs) in costs.iter().zip(theirs) {
-            assert!(
-                (ours - f64::from(*theirs)).abs() < 1e-5 * f64::from(*theirs).abs(),
-                "{ours} instead of {theirs}"
-            );
-        }
-        let theirs = fixture.values(&format!("outputs.costs{seen}_gradient"));
-        let scale = theirs.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
-        assert!(super::worst(&gradient, theirs) < super::GRADIENT * scale);
-
-        let mut again = vec![0.0; 12];
-        planner.evaluate(&candidates, &mut again).unwrap();
-        let close = |(a, b): (&f64, &f64)| (a - b).abs() <= 1e-5 * b.abs();
-        assert!(again.iter().zip(&costs).all(close), "{again:?} {costs:?}");
+        fixture.check_costs(&mut planner, &candidates, &format!("outputs.costs{seen}"));
     }
 }
 

@@ -1,7 +1,9 @@
 //! The networks beside PyTorch's: outputs, losses, gradients, and weights after a step, on fixtures that
 //! `tests/parity/make_fixtures.py` makes. Widths are tiny; the paper's networks are the same code with other numbers.
 
+mod dino;
 mod encoders;
+mod goal;
 mod joint;
 
 use std::collections::BTreeMap;
@@ -10,6 +12,9 @@ use std::path::Path;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 
+use swm_solvers::Candidates;
+
+use crate::baseline::PlanModel;
 use crate::learner::follow_statistics;
 use crate::losses::Terms;
 use crate::optim::{AdamW, OptimConfig, clip_gradients};
@@ -81,10 +86,32 @@ impl Fixture {
     fn check_losses(&self, terms: &Terms) {
         let mut losses = vec![("total", terms.total.clone())];
         losses.extend(terms.parts.iter().cloned());
-        for (name, loss) in losses {
-            let (ours, theirs) = (host(loss)[0], self.values(&format!("outputs.{name}"))[0]);
-            assert!((ours - theirs).abs() <= LOSS * theirs.abs(), "{name}: {ours} instead of {theirs}");
+        losses.iter().for_each(|(name, loss)| self.check_loss(name, loss));
+    }
+
+    /// Compares one loss.
+    fn check_loss(&self, name: &str, loss: &Tensor<1>) {
+        let (ours, theirs) = (host(loss.clone())[0], self.values(&format!("outputs.{name}"))[0]);
+        assert!((ours - theirs).abs() <= LOSS * theirs.abs(), "{name}: {ours} instead of {theirs}");
+    }
+
+    /// Compares costs of candidates, and their gradients; costs alone are the same.
+    fn check_costs(&self, planner: &mut dyn PlanModel, candidates: &Candidates<'_>, name: &str) {
+        let mut costs = vec![0.0; candidates.rows * candidates.samples];
+        let mut gradient = vec![0.0; candidates.actions.len()];
+        planner.evaluate_with_gradient(candidates, &mut costs, &mut gradient).expect("candidates fit");
+        let theirs = self.values(name).iter().map(|cost| f64::from(*cost));
+        for (ours, theirs) in costs.iter().zip(theirs) {
+            assert!((ours - theirs).abs() < f64::from(LOSS) * theirs.abs(), "{ours} instead of {theirs}");
         }
+        let theirs = self.values(&format!("{name}_gradient"));
+        let scale = theirs.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
+        assert!(worst(&gradient, theirs) < GRADIENT * scale, "{name}");
+
+        let mut again = vec![0.0; costs.len()];
+        planner.evaluate(candidates, &mut again).expect("candidates fit");
+        let close = |(a, b): (&f64, &f64)| (a - b).abs() <= f64::from(LOSS) * b.abs();
+        assert!(again.iter().zip(&costs).all(close), "{again:?} {costs:?}");
     }
 
     /// Compares the gradients of a tracked network, and gives their number.

@@ -16,9 +16,13 @@ from pathlib import Path
 import torch
 import torch.nn.functional as F
 from safetensors.torch import save_file
+from stable_worldmodel.wm.gcrl import GCRL
+from stable_worldmodel.wm.gcrl import module as gcrl
 from stable_worldmodel.wm.lewm import LeWM
 from stable_worldmodel.wm.lewm.module import MLP, Embedder, Predictor
 from stable_worldmodel.wm.loss import PLDMLoss, SIGReg, TemporalStraighteningLoss
+from stable_worldmodel.wm.prejepa import PreJEPA
+from stable_worldmodel.wm.prejepa import module as prejepa
 from torch import nn
 from transformers import Dinov2Config, Dinov2Model, ViTConfig, ViTModel
 
@@ -143,13 +147,16 @@ def step(case: Case, model: nn.Module, loss: torch.Tensor) -> None:
     case.add_weights("stepped", model)
 
 
+def normal(pixels: torch.Tensor) -> torch.Tensor:
+    mean, deviation = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
+    return (pixels.float() / 255 - mean[:, None, None]) / deviation[:, None, None]
+
+
 def batch(case: Case):
     pixels = torch.randint(0, 256, (5, FRAMES + 1, 3, 16, 16), dtype=torch.uint8)
     action = torch.randn(5, FRAMES + 1, ACTION)
     case.add("inputs", pixels=pixels, action=action)
-    mean, deviation = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
-    normal = (pixels.float() / 255 - mean[:, None, None]) / deviation[:, None, None]
-    return normal, action
+    return normal(pixels), action
 
 
 def lewm() -> None:
@@ -216,7 +223,175 @@ def pldm() -> None:
     case.save("pldm")
 
 
-CASES = dict(encoders=encoders, lewm=lewm, pldm=pldm)
+STATE = 3  # numbers of proprio
+
+
+def dino_wm() -> None:
+    """Pictures of 12 pixels: positions are interpolated from four by four patches to three by three."""
+    torch.manual_seed(4)
+    predictor = prejepa.CausalPredictor(
+        num_patches=9, num_frames=FRAMES, dim=WIDTH + 4, depth=2, heads=2, mlp_dim=20, dim_head=5, dropout=0.0
+    )
+    encoders = nn.ModuleDict(
+        {
+            "proprio": prejepa.Embedder(in_chans=STATE, emb_dim=2),
+            "action": prejepa.Embedder(in_chans=ACTION, emb_dim=2),
+        }
+    )
+    model = PreJEPA(dinov2(16), predictor, encoders, history_size=FRAMES, interpolate_pos_encoding=False)
+    case, model = Case(), randomise(model)
+    model.backbone.requires_grad_(False)
+    case.add_weights("weights", model)
+    pixels = torch.randint(0, 256, (4, FRAMES + 1, 3, 12, 12), dtype=torch.uint8)
+    action, proprio = torch.randn(4, FRAMES + 1, ACTION), torch.randn(4, FRAMES + 1, STATE)
+    case.add("inputs", pixels=pixels, action=action, proprio=proprio)
+    pictures = normal(pixels)
+
+    frames = model.encode({"pixels": pictures, "action": action, "proprio": proprio})["emb"]
+    predicted = model.predict(frames[:, :-1])
+    loss = F.mse_loss(predicted[..., :-2], frames[:, 1:, :, :-2].detach())
+    loss.backward()
+    case.add("outputs", total=loss.reshape(1))
+    case.add_gradients(model)
+
+    model.eval()
+    for seen in (1, FRAMES):
+        candidates = torch.randn(2, 6, 4, ACTION, requires_grad=True)
+        case.add("inputs", **{f"candidates{seen}": candidates})
+        many = lambda tensor: tensor[:2, None, :seen].expand(-1, 6, *[-1] * (tensor.ndim - 1))
+        info = {"pixels": many(pictures), "proprio": many(proprio)}
+        past = action[:2, None, : seen - 1].expand(-1, 6, -1, -1)
+        info = model.rollout(info, torch.cat([past, candidates], dim=2))
+        goal = {"goal": pictures[2:4, :1], "goal_proprio": proprio[2:4, :1]}
+        goal = model.encode(goal, pixels_key="goal", prefix="goal_", emb_keys=["proprio"], target="goal_emb")
+        for name in ("pixels_goal_emb", "proprio_goal_emb"):
+            info[name] = goal[name].unsqueeze(1).expand(-1, 6, *[-1] * (goal[name].ndim - 1))
+        cost = model.criterion(info, None)
+        cost.sum().backward()
+        case.add("outputs", **{f"costs{seen}": cost, f"costs{seen}_gradient": candidates.grad})
+        del model._init_cached_info
+    case.save("dino_wm")
+
+
+HISTORY = 2
+
+
+class Pair(nn.Module):
+    """A network and its teacher."""
+
+    def __init__(self, make) -> None:
+        super().__init__()
+        self.student, self.teacher = make(), make()
+
+
+def goal_batch(case: Case, steps: int):
+    """Two of five clips stand at their goal: one in its first frame, one in its second."""
+    pixels = torch.randint(0, 256, (5, steps, 3, 8, 8), dtype=torch.uint8)
+    goals = torch.randint(0, 256, (5, 1, 3, 8, 8), dtype=torch.uint8)
+    action, proprio = torch.randn(5, steps, ACTION), torch.randn(5, steps, STATE)
+    goal_state = torch.randn(5, 1, STATE)
+    for clip, step in ((0, 0), (3, 1)):
+        goals[clip, 0], goal_state[clip, 0] = pixels[clip, step], proprio[clip, step]
+    case.add("inputs", pixels=pixels, goal_pixels=goals, action=action, proprio=proprio, goal_proprio=goal_state)
+    reached = (pixels == goals).all(dim=(2, 3, 4)) & (proprio == goal_state).all(dim=2)
+    info = {"pixels": normal(pixels), "proprio": proprio, "goal": normal(goals), "goal_proprio": goal_state}
+    return info, action, reached[:, :HISTORY, None].float()
+
+
+def see(model: GCRL, info: dict):
+    info = model.encode(dict(info), pixels_key="pixels", target="embed")
+    info = model.encode(info, pixels_key="goal", prefix="goal_", target="goal_embed")
+    return info["embed"], info["goal_embed"].flatten(1, 2)
+
+
+def goal_model(pool: str, value=None, critic=None) -> GCRL:
+    sizes = dict(num_patches=4, num_frames=HISTORY, dim=WIDTH + 2, depth=3, heads=2, mlp_dim=20, dim_head=5)
+    values = dict(sizes, pool_type=pool)
+    model = GCRL(
+        vit(8),
+        gcrl.Predictor(**sizes, out_dim=ACTION),
+        value and Pair(lambda: gcrl.Predictor(**values, out_dim=1)),
+        critic and Pair(lambda: gcrl.QPredictor(**values, action_dim=ACTION, q_hidden_dim=9)),
+        nn.ModuleDict({"proprio": gcrl.Embedder(in_chans=STATE, emb_dim=2)}),
+        history_size=HISTORY,
+    )
+    return randomise(model)
+
+
+def decide(case: Case, model: GCRL, info: dict) -> None:
+    """The mean actions for the first frames."""
+    info = dict(info, pixels=info["pixels"][:, :HISTORY], proprio=info["proprio"][:, :HISTORY])
+    with torch.no_grad():
+        case.add("outputs", act=model.get_action(info))
+
+
+def finish(case: Case, model: nn.Module, name: str, loss: torch.Tensor) -> None:
+    loss.backward()
+    case.add("outputs", total=loss.reshape(1))
+    case.add_gradients(model)
+    case.save(name)
+
+
+def gcbc() -> None:
+    torch.manual_seed(5)
+    case, model = Case(), goal_model("attention")
+    case.add_weights("weights", model)
+    info, action, _ = goal_batch(case, HISTORY)
+    decide(case, model, info)
+    frames, goal = see(model, info)
+    means = model.action_predictor(frames.flatten(1, 2), goal)
+    finish(case, model, "gcbc", F.mse_loss(means, action))
+
+
+def advantage_weighted(model: GCRL, now, after, goal, action, alpha: float) -> torch.Tensor:
+    with torch.no_grad():
+        value = model.value_predictor.student
+        worth = torch.exp(alpha * (value(after, goal) - value(now, goal))).clamp(max=100.0)
+    means = model.action_predictor(now.detach(), goal.detach())
+    log_stds = model.log_stds.clamp(model.log_std_min, model.log_std_max)
+    unlikely = log_stds + 0.5 * (action[:, :HISTORY] - means).square() / torch.exp(2 * log_stds)
+    return (worth * unlikely).mean()
+
+
+def value_learner(name: str, seed: int, pool: str, critic: bool, alpha: float) -> None:
+    """Both phases, each a fixture with weights of its own."""
+    for phase in ("value", "policy"):
+        torch.manual_seed(seed)
+        case, model = Case(), goal_model(pool, value=True, critic=critic)
+        case.add_weights("weights", model)
+        info, action, reached = goal_batch(case, HISTORY + 1)
+        decide(case, model, info)
+        frames, goal = see(model, info)
+        now, after = frames[:, :HISTORY].flatten(1, 2), frames[:, 1:].flatten(1, 2)
+        if phase == "policy":
+            loss = advantage_weighted(model, now, after, goal, action, alpha)
+        else:
+            value = model.value_predictor.student(now, goal)
+            with torch.no_grad():
+                target = (1 - reached) * (0.99 * model.value_predictor.teacher(after, goal) - 1)
+            expectile = gcrl.ExpectileLoss(tau=0.9)
+            if critic:
+                actions = action[:, :HISTORY]
+                with torch.no_grad():
+                    worth = model.critic_predictor.teacher(now, actions, goal)
+                error = F.mse_loss(model.critic_predictor.student(now, actions, goal), target)
+                loss = expectile(value, worth) + error
+            else:
+                loss = expectile(value, target)
+        finish(case, model, f"{name}_{phase}", loss)
+
+
+def gcivl() -> None:
+    value_learner("gcivl", 6, "attention", critic=False, alpha=3.0)
+
+
+def gciql() -> None:
+    value_learner("gciql", 7, "mean", critic=True, alpha=10.0)
+
+
+CASES = dict(
+    encoders=encoders, lewm=lewm, pldm=pldm, dino_wm=dino_wm, gcbc=gcbc, gcivl=gcivl, gciql=gciql
+)
 
 if __name__ == "__main__":
     torch.set_num_threads(1)

@@ -126,7 +126,7 @@ pub(crate) fn make(
     config: &DinoWmConfig,
     facts: &Facts,
     device: &Device,
-) -> Result<Parts<impl Network>, BaselineError> {
+) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let (network, form) = network(config, facts, device)?;
     let &DinoWmConfig { image, proprio, history, frameskip, batch, .. } = config;
     let phase = Phase {

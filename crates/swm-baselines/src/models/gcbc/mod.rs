@@ -1,7 +1,7 @@
 //! GCBC: goal-conditioned behavioural cloning. Loss: squared error of the actions taken, at each frame of the history.
 
-use burn::module::Module;
-use burn::tensor::Device;
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 use swm_data::loader::GoalWeights;
 
@@ -11,7 +11,7 @@ use crate::error::BaselineError;
 use crate::losses::{Terms, mean_squared_error};
 use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Seen};
 use crate::network::{Network, Parts};
-use crate::nn::GoalPredictor;
+use crate::nn::{GoalPredictor, parameter};
 use crate::optim::OptimConfig;
 use crate::pass::Pass;
 
@@ -47,6 +47,8 @@ impl GcbcConfig {
 struct Gcbc {
     observer: Observer,
     action_predictor: GoalPredictor,
+    /// Not used: the reference's policies all have it, and its files of weights too.
+    log_stds: Param<Tensor<1>>,
     #[module(skip)]
     form: Form,
     #[module(skip)]
@@ -58,7 +60,7 @@ pub(crate) fn make(
     config: &GcbcConfig,
     facts: &Facts,
     device: &Device,
-) -> Result<Parts<impl Network>, BaselineError> {
+) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let GcbcConfig { model, optim } = config;
     let observer = Observer::new(NAME, model, facts, device)?;
     let form = model.form(facts);
@@ -72,7 +74,13 @@ pub(crate) fn make(
     };
     let action_predictor = GoalPredictor::new(&model.predictor, &model.tokens(), form.action, device);
     Ok(Parts {
-        network: Gcbc { observer, action_predictor, form, history: model.history },
+        network: Gcbc {
+            observer,
+            action_predictor,
+            log_stds: parameter([form.action], device),
+            form,
+            history: model.history,
+        },
         needs: model.needs(0),
         form,
         phases: vec![phase],

@@ -73,7 +73,7 @@ pub(crate) fn make(
     config: &GciqlConfig,
     facts: &Facts,
     device: &Device,
-) -> Result<Parts<impl Network>, BaselineError> {
+) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let GciqlConfig { model, critic_hidden, optim, value } = config;
     let observer = Observer::new(NAME, model, facts, device)?;
     let (form, tokens) = (model.form(facts), model.tokens());

@@ -89,7 +89,7 @@ pub(crate) fn make(
     config: &GcivlConfig,
     facts: &Facts,
     device: &Device,
-) -> Result<Parts<impl Network>, BaselineError> {
+) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let GcivlConfig { model, optim, value } = config;
     let observer = Observer::new(NAME, model, facts, device)?;
     let (form, tokens) = (model.form(facts), model.tokens());

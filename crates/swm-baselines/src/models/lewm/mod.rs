@@ -58,7 +58,7 @@ pub(crate) fn make(
     config: &LewmConfig,
     facts: &Facts,
     device: &Device,
-) -> Result<Parts<impl Network>, BaselineError> {
+) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let model = Joint::new(NAME, &config.model, facts, device)?;
     let phase = Phase {
         name: "train",

@@ -101,7 +101,7 @@ pub(crate) fn make(
     config: &PldmConfig,
     facts: &Facts,
     device: &Device,
-) -> Result<Parts<impl Network>, BaselineError> {
+) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let model = Joint::new(NAME, &config.model, facts, device)?;
     let form = config.model.form(facts);
     let phase = Phase {

@@ -1,0 +1,129 @@
+//! `network_times CASE [SECONDS]`: processor and wall time of the quickest training step, or of the quickest round of
+//! candidates, as JSON. For `benches/peers/networks.py`.
+//!
+//! Cases: `train:MODEL:PRESET:CLIPS`, `plan:MODEL:PRESET:SAMPLES` and `descend:MODEL:PRESET:SAMPLES` (with gradients), each
+//! on made-up data. Plans are 5 blocks long. `RAYON_NUM_THREADS` sets the number of threads.
+
+use std::error::Error;
+use std::time::{Duration, Instant};
+
+use rustix::time::{ClockId, clock_gettime};
+use serde_json::json;
+use swm_baselines::{Baseline, ClipBatch, Facts, MakeOptions, Numbers, Pictures, Scenes, Step, make};
+use swm_solvers::Candidates;
+
+const HORIZON: usize = 5;
+const ACTION: usize = 2;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let usage = "usage: network_times train|plan|descend:MODEL:PRESET:COUNT [SECONDS]";
+    let case = arguments.next().ok_or(usage)?;
+    let seconds: f64 = arguments.next().map_or(Ok(2.0), |text| text.parse())?;
+    let parts: Vec<&str> = case.split(':').collect();
+    let [kind, name, preset, count] = parts[..] else { return Err(usage.into()) };
+    let count: usize = count.parse()?;
+    let facts = Facts { action_width: ACTION, proprio_width: 4 };
+    let changes = serde_json::Value::Null;
+    let model = make(name, &MakeOptions { preset, changes, facts, seed: 1 })?;
+    let times = match kind {
+        "train" => train(model, count, seconds)?,
+        "plan" | "descend" => plan(model.as_ref(), count, kind == "descend", seconds)?,
+        _ => return Err(usage.into()),
+    };
+    println!("{}", json!({ "case": case, "cpu_s": times.0, "wall_s": times.1 }));
+    Ok(())
+}
+
+/// Made-up bytes: pictures of noise.
+fn bytes(count: usize) -> Vec<u8> {
+    (0..count).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect()
+}
+
+fn train(mut model: Box<dyn Baseline>, clips: usize, seconds: f64) -> Result<(f64, f64), Box<dyn Error>> {
+    let needs = model.needs().clone();
+    let (steps, side, width) = (needs.num_steps, needs.image, needs.frameskip * ACTION);
+    let pictures = |values, steps| Pictures {
+        values,
+        rows: clips,
+        steps,
+        height: side,
+        width: side,
+        channels_last: true,
+    };
+    let pixels = bytes(clips * steps * 3 * side * side);
+    let goals = bytes(clips * 3 * side * side);
+    let action: Vec<f32> = (0..clips * steps * width).map(|i| (i as f32).sin()).collect();
+    let proprio = vec![0.5; clips * steps * 4];
+    let numbers = |values, steps, width| Numbers { values, rows: clips, steps, width };
+    let batch = ClipBatch {
+        pixels: pictures(&pixels, steps),
+        action: numbers(&action, steps, width),
+        proprio: Some(numbers(&proprio, steps, 4)),
+        goal_pixels: Some(pictures(&goals, 1)),
+        goal_proprio: Some(numbers(&proprio[..clips * 4], 1, 4)),
+    };
+    quickest(seconds, |step| {
+        model.train_step(&batch, &Step { seed: 1, phase: 0, step, total: 1_000_000 })?;
+        Ok(())
+    })
+}
+
+fn plan(
+    model: &dyn Baseline,
+    samples: usize,
+    with_gradient: bool,
+    seconds: f64,
+) -> Result<(f64, f64), Box<dyn Error>> {
+    let mut planner = model.planner().ok_or("this model does not plan")?;
+    let side = model.needs().image;
+    let pixels = bytes(3 * side * side);
+    let picture =
+        Pictures { values: &pixels, rows: 1, steps: 1, height: side, width: side, channels_last: true };
+    let proprio = Numbers { values: &[0.5; 4], rows: 1, steps: 1, width: 4 };
+    let width = planner.block_width();
+    planner.prepare(&Scenes {
+        pixels: picture,
+        action: Numbers { values: &[], rows: 1, steps: 0, width },
+        proprio: Some(proprio),
+        goal_pixels: picture,
+        goal_proprio: Some(proprio),
+    })?;
+    let actions: Vec<f32> = (0..samples * HORIZON * width).map(|i| (i as f32).sin()).collect();
+    let candidates = Candidates { actions: &actions, rows: 1, samples, horizon: HORIZON, width };
+    let (mut costs, mut gradient) = (vec![0.0; samples], vec![0.0; actions.len()]);
+    quickest(seconds, |_| {
+        if with_gradient {
+            planner.evaluate_with_gradient(&candidates, &mut costs, &mut gradient)?;
+        } else {
+            planner.evaluate(&candidates, &mut costs)?;
+        }
+        Ok(())
+    })
+}
+
+/// Least processor time, and least wall time, of one call among those of so many seconds of processor time.
+fn quickest(
+    seconds: f64,
+    mut work: impl FnMut(u64) -> Result<(), Box<dyn Error>>,
+) -> Result<(f64, f64), Box<dyn Error>> {
+    work(0)?;
+    let begin = cpu();
+    let mut best = (f64::INFINITY, f64::INFINITY);
+    for call in 1.. {
+        let (cpu_before, wall_before) = (cpu(), Instant::now());
+        work(call)?;
+        let wall = wall_before.elapsed();
+        best = (best.0.min((cpu() - cpu_before).as_secs_f64()), best.1.min(wall.as_secs_f64()));
+        if (cpu() - begin).as_secs_f64() > seconds {
+            break;
+        }
+    }
+    Ok(best)
+}
+
+/// Processor time of all threads.
+fn cpu() -> Duration {
+    let now = clock_gettime(ClockId::ProcessCPUTime);
+    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
+}

@@ -1,0 +1,248 @@
+//! What every line of the table keeps to: it trains, resumes with the same bits, saves, says what is wrong with its input,
+//! and plans or acts the same whatever else is asked. Tiny networks; another one is tested by its line in [`TINY`].
+
+use std::path::Path;
+
+use serde_json::{Value as Json, json};
+use swm_solvers::Candidates;
+
+use crate::{
+    BASELINES, Baseline, BaselineError, ClipBatch, Facts, Losses, MakeOptions, Numbers, Pictures, Scenes,
+    Step, make, restore,
+};
+
+const FACTS: Facts = Facts { action_width: 2, proprio_width: 0 };
+const CLIPS: usize = 4;
+
+/// Settings that make each baseline tiny.
+const TINY: &[(&str, fn() -> Json)] = &[
+    ("dino-wm", || {
+        let encoder = json!({"kind": "vit", "width": 8, "depth": 1, "heads": 2, "hidden": 8, "patch": 8, "positions_for": 16});
+        json!({"image": 16, "encoder": encoder, "action": 2, "predictor": {"depth": 1, "heads": 2, "head_width": 4, "hidden": 8}})
+    }),
+    ("gcbc", goal),
+    ("gciql", goal),
+    ("gcivl", goal),
+    ("lewm", joint),
+    ("pldm", joint),
+];
+
+fn joint() -> Json {
+    let predictor = json!({"depth": 1, "heads": 2, "head_width": 4, "hidden": 8});
+    let encoder = json!({"kind": "cnn", "channels": [4, 8]});
+    json!({"model": {"image": 16, "encoder": encoder, "width": 8, "projector": 12, "predictor": predictor}})
+}
+
+fn goal() -> Json {
+    let predictor = json!({"depth": 2, "heads": 2, "head_width": 4, "hidden": 8, "dropout": 0.2});
+    let encoder = json!({"kind": "cnn", "channels": [4, 8]});
+    json!({"model": {"image": 16, "encoder": encoder, "history": 2, "predictor": predictor}})
+}
+
+fn tiny(name: &str) -> Box<dyn Baseline> {
+    let changes = TINY.iter().find(|(of, _)| *of == name).expect("a line in TINY").1();
+    make(name, &MakeOptions { preset: "small", changes, facts: FACTS, seed: 3 }).unwrap()
+}
+
+/// Made-up clips: `[CLIPS, T]` pictures, actions with a gap, a goal per clip.
+struct Clips {
+    pixels: Vec<u8>,
+    goals: Vec<u8>,
+    action: Vec<f32>,
+    steps: usize,
+    width: usize,
+}
+
+impl Clips {
+    fn of(model: &dyn Baseline) -> Self {
+        let needs = model.needs();
+        let (steps, width) = (needs.num_steps, needs.frameskip * FACTS.action_width);
+        let bytes = |count: usize| (0..count).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+        let mut action: Vec<f32> = (0..CLIPS * steps * width).map(|i| (i as f32).sin()).collect();
+        *action.last_mut().unwrap() = f32::NAN;
+        Self { pixels: bytes(CLIPS * steps * 768), goals: bytes(CLIPS * 768), action, steps, width }
+    }
+
+    fn batch(&self) -> ClipBatch<'_> {
+        let pictures = |values, steps| Pictures {
+            values,
+            rows: CLIPS,
+            steps,
+            height: 16,
+            width: 16,
+            channels_last: true,
+        };
+        ClipBatch {
+            pixels: pictures(&self.pixels, self.steps),
+            action: Numbers { values: &self.action, rows: CLIPS, steps: self.steps, width: self.width },
+            proprio: None,
+            goal_pixels: Some(pictures(&self.goals, 1)),
+            goal_proprio: None,
+        }
+    }
+
+    fn scenes(&self, rows: std::ops::Range<usize>) -> Scenes<'_> {
+        let pictures = Pictures {
+            values: &self.goals[rows.start * 768..rows.end * 768],
+            rows: rows.len(),
+            steps: 1,
+            height: 16,
+            width: 16,
+            channels_last: true,
+        };
+        let goal = Pictures { values: &self.pixels[..rows.len() * 768], ..pictures };
+        let action = Numbers { values: &[], rows: rows.len(), steps: 0, width: self.width };
+        Scenes { pixels: pictures, action, proprio: None, goal_pixels: goal, goal_proprio: None }
+    }
+}
+
+fn step(model: &mut dyn Baseline, phase: usize, step: u64) -> Losses {
+    let clips = Clips::of(model);
+    model.train_step(&clips.batch(), &Step { seed: 9, phase, step, total: 10 }).unwrap()
+}
+
+fn for_each(test: impl Fn(Box<dyn Baseline>)) {
+    for entry in BASELINES {
+        test(tiny(entry.name));
+    }
+}
+
+#[test]
+fn names_and_presets_are_tested() {
+    let named: Vec<&str> = TINY.iter().map(|(name, _)| *name).collect();
+    assert_eq!(BASELINES.iter().map(|entry| entry.name).collect::<Vec<_>>(), named);
+    for entry in BASELINES {
+        let options = MakeOptions { preset: "small", changes: Json::Null, facts: FACTS, seed: 0 };
+        let model = make(entry.name, &options).unwrap();
+        assert!((10_000..5_000_000).contains(&model.parameters()), "{}: {}", entry.name, model.parameters());
+    }
+}
+
+#[test]
+fn training_lowers_the_loss_of_a_batch() {
+    for_each(|mut model| {
+        let clips = Clips::of(model.as_ref());
+        for phase in 0..model.phases().len() {
+            let losses: Vec<f32> = (0..8).map(|number| step(model.as_mut(), phase, number).total).collect();
+            assert!(losses.iter().all(|loss| loss.is_finite()), "{}: {losses:?}", model.name());
+            let check = model.validate(&clips.batch(), phase).unwrap();
+            assert!(check.total.is_finite());
+        }
+    });
+}
+
+#[test]
+fn a_resumed_training_gives_the_bits_of_one_that_never_stopped() {
+    for_each(|mut model| {
+        let last = model.phases().len() - 1;
+        let folder = tempfile::tempdir().unwrap();
+        let [weights, training] =
+            ["weights.safetensors", "training.safetensors"].map(|name| folder.path().join(name));
+        (0..2).for_each(|number| drop(step(model.as_mut(), 0, number)));
+        model.save_weights(&weights).unwrap();
+        model.save_training(&training).unwrap();
+        let mut resumed = restore(model.recipe()).unwrap();
+        resumed.load_weights(&weights).unwrap();
+        resumed.load_training(&training).unwrap();
+        for (phase, number) in [(0, 2), (0, 3), (last, 4)] {
+            let [a, b] = [model.as_mut(), resumed.as_mut()].map(|model| step(model, phase, number));
+            assert_eq!(a, b, "{}", model.name());
+        }
+    });
+}
+
+#[test]
+fn weights_of_another_model_and_cut_files_are_refused() {
+    for_each(|mut model| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("weights.safetensors");
+        let other = if ["lewm", "pldm"].contains(&model.name()) { "gcbc" } else { "lewm" };
+        tiny(other).save_weights(&path).unwrap();
+        let before = step(model.as_mut(), 0, 0);
+        let error = model.load_weights(&path).unwrap_err();
+        let BaselineError::Mismatch { missing, unused, .. } = &error else { panic!("{error}") };
+        assert!(!missing.is_empty() && !unused.is_empty(), "{error}");
+        model.save_weights(&path).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+        assert!(matches!(model.load_weights(&path), Err(BaselineError::Weights { .. })));
+        assert!(model.load_weights(Path::new("no/such/file")).is_err());
+        assert!(before.total.is_finite());
+    });
+}
+
+#[test]
+fn data_of_another_form_is_refused_by_name() {
+    for_each(|mut model| {
+        let clips = Clips::of(model.as_ref());
+        let good = clips.batch();
+        let narrow = Numbers { width: 1, ..good.action };
+        let oblong = Pictures { height: 8, width: 32, ..good.pixels };
+        let short = Pictures { values: &good.pixels.values[1..], ..good.pixels };
+        let cases = [
+            ("action", ClipBatch { action: narrow, ..good }),
+            ("pixels", ClipBatch { pixels: oblong, ..good }),
+            ("pixels", ClipBatch { pixels: short, ..good }),
+        ];
+        let at = Step { seed: 9, phase: 0, step: 0, total: 10 };
+        for (column, batch) in cases {
+            let error = model.train_step(&batch, &at).unwrap_err();
+            assert!(matches!(error, BaselineError::Data { column: found, .. } if found == column), "{error}");
+        }
+        if model.policy().is_some() {
+            let error = model.train_step(&ClipBatch { goal_pixels: None, ..good }, &at).unwrap_err();
+            assert!(error.to_string().contains("`goal_pixels`"), "{error}");
+        }
+        assert!(model.train_step(&good, &Step { phase: 7, ..at }).is_err());
+    });
+}
+
+#[test]
+fn plans_and_decisions_do_not_depend_on_their_neighbours() {
+    for_each(|mut model| {
+        let clips = Clips::of(model.as_ref());
+        // Predictors that begin with zeros ask nothing of the actions until they are trained.
+        (0..3).for_each(|number| drop(step(model.as_mut(), 0, number)));
+        if let Some(mut policy) = model.policy() {
+            let width = policy.block_width();
+            let mut all = vec![0.0; 3 * width];
+            policy.act(&clips.scenes(0..3), &mut all).unwrap();
+            let mut one = vec![0.0; width];
+            policy.act(&clips.scenes(0..1), &mut one).unwrap();
+            assert_eq!(all[..width], one, "{}", model.name());
+        }
+        if let Some(mut planner) = model.planner() {
+            let width = planner.block_width();
+            let plans: Vec<f32> = (0..40 * 3 * width).map(|i| (i as f32).cos()).collect();
+            let actions = [plans.clone(), plans.clone()].concat();
+            let candidates = Candidates { actions: &actions, rows: 2, samples: 40, horizon: 3, width };
+            let mut costs = vec![0.0; 80];
+            planner.prepare(&clips.scenes(0..2)).unwrap();
+            planner.evaluate(&candidates, &mut costs).unwrap();
+            planner.prepare(&clips.scenes(0..1)).unwrap();
+            let few = Candidates { actions: &plans[..5 * 3 * width], rows: 1, samples: 5, ..candidates };
+            let mut some = vec![0.0; 5];
+            planner.evaluate(&few, &mut some).unwrap();
+            assert_eq!(costs[..5], some, "{}", model.name());
+            assert!(some.iter().any(|cost| *cost != some[0]), "plans make a difference: {some:?}");
+            let wide = Candidates { width: width + 1, ..few };
+            assert!(planner.evaluate(&wide, &mut some).is_err());
+        }
+    });
+}
+
+#[test]
+fn what_cannot_be_made_says_why() {
+    let options = |preset, changes| MakeOptions { preset, changes, facts: FACTS, seed: 0 };
+    let error = |name, options: &MakeOptions<'_>| match make(name, options) {
+        Ok(_) => panic!("{name} was made"),
+        Err(error) => error.to_string(),
+    };
+    assert!(error("lewn", &options("small", Json::Null)).contains("did you mean `lewm`?"));
+    assert!(error("lewm", &options("huge", Json::Null)).contains("it has: paper, small"));
+    assert!(
+        error("lewm", &options("small", json!({"model": {"depth": 3}}))).contains("unknown field `depth`")
+    );
+    assert!(error("lewm", &options("small", json!({"model": {"history": 0}}))).contains("`history` is 0"));
+    assert!(error("gcbc", &options("small", json!({"model": {"proprio": 10}}))).contains("`proprio` is on"));
+}
