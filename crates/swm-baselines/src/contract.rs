@@ -14,8 +14,11 @@ use crate::{
 const FACTS: Facts = Facts { action_width: 2, proprio_width: 0 };
 const CLIPS: usize = 4;
 
+/// Settings that differ from the preset's.
+type Changes = fn() -> Json;
+
 /// Settings that make each baseline tiny.
-const TINY: &[(&str, fn() -> Json)] = &[
+const TINY: &[(&str, Changes)] = &[
     ("dino-wm", || {
         let encoder = json!({"kind": "vit", "width": 8, "depth": 1, "heads": 2, "hidden": 8, "patch": 8, "positions_for": 16});
         json!({"image": 16, "encoder": encoder, "action": 2, "predictor": {"depth": 1, "heads": 2, "head_width": 4, "hidden": 8}})
@@ -119,7 +122,22 @@ fn names_and_presets_are_tested() {
 }
 
 #[test]
-fn training_lowers_the_loss_of_a_batch() {
+fn the_documentation_lists_all() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/baselines.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    let (_, rest) = page.split_once("<!-- baselines -->\n").unwrap();
+    let (listed, _) = rest.split_once("<!-- /baselines -->").unwrap();
+    let mut table = "| name | what it is | trained numbers of `small` |\n|---|---|---|\n".to_owned();
+    for entry in BASELINES {
+        let options = MakeOptions { preset: "small", changes: Json::Null, facts: FACTS, seed: 0 };
+        let millions = make(entry.name, &options).unwrap().parameters() as f64 / 1e6;
+        table += &format!("| `{}` | {} | {millions:.2} million |\n", entry.name, entry.about);
+    }
+    assert_eq!(listed, table, "put this into docs/baselines.md:\n{table}");
+}
+
+#[test]
+fn training_gives_finite_losses() {
     for_each(|mut model| {
         let clips = Clips::of(model.as_ref());
         for phase in 0..model.phases().len() {

@@ -92,8 +92,8 @@ impl BaselineError {
     }
 
     /// A file of weights that cannot be used.
-    pub(crate) fn weights(path: &Path, reason: impl ToString) -> Self {
-        Self::Weights { path: path.to_owned(), reason: reason.to_string() }
+    pub(crate) fn weights(path: &Path, reason: impl Into<String>) -> Self {
+        Self::Weights { path: path.to_owned(), reason: reason.into() }
     }
 }
 

@@ -13,6 +13,11 @@ use crate::error::BaselineError;
 use crate::learner::Learner;
 use crate::network::{Network, Parts};
 
+/// From the name of a preset, and changes to it, to all settings.
+type SettingsOf = fn(&str, &Json) -> Result<Json, BaselineError>;
+/// From a recipe to a model.
+type Make = fn(Recipe, &Device) -> Result<Box<dyn Baseline>, BaselineError>;
+
 /// A line of the table.
 #[derive(Clone, Copy)]
 pub struct BaselineEntry {
@@ -23,9 +28,9 @@ pub struct BaselineEntry {
     /// Its presets, the paper's first.
     pub presets: &'static [&'static str],
     /// Settings of a preset.
-    settings: fn(&str, &Json) -> Result<Json, BaselineError>,
+    settings: SettingsOf,
     /// Makes it.
-    make: fn(Recipe, &Device) -> Result<Box<dyn Baseline>, BaselineError>,
+    make: Make,
 }
 
 /// A line for the folder `$folder`, whose settings are a `$config` and whose `make` gives network and training.

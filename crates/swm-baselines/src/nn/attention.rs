@@ -13,6 +13,7 @@ use crate::pass::Pass;
 
 /// Which keys a query may look at.
 #[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is one at a time")]
 pub(crate) enum Attend {
     /// All.
     All,
@@ -91,15 +92,48 @@ impl Attention {
 
     /// `[B, N, W]` → `[B, N, W]`.
     pub(crate) fn forward(&self, input: Tensor<3>, who: &Attend, pass: &mut Pass) -> Tensor<3> {
+        let qkv = self.queries_keys_values(input);
+        self.project(attend(qkv, who, self.dropout, pass), pass)
+    }
+
+    /// Causal attention of N tokens that follow those whose keys and values are `seen`, which theirs join:
+    /// `[B, N, W]` → `[B, N, W]`, or `[B, 1, W]` if only the last is asked for. N is 1 where any were seen before.
+    pub(crate) fn extend(
+        &self,
+        input: Tensor<3>,
+        seen: &mut Option<KeysValues>,
+        only_last: bool,
+        pass: &mut Pass,
+    ) -> Tensor<3> {
+        let [q, k, v] = self.queries_keys_values(input);
+        let [k, v] = match seen.take() {
+            Some([keys, values]) => [Tensor::cat(vec![keys, k], 2), Tensor::cat(vec![values, v], 2)],
+            None => [k, v],
+        };
+        *seen = Some([k.clone(), v.clone()]);
+        let count = q.dims()[2];
+        let q = if only_last { q.narrow(2, count - 1, 1) } else { q };
+        let who = if q.dims()[2] == 1 { Attend::All } else { Attend::Causal };
+        self.project(attend([q, k, v], &who, self.dropout, pass), pass)
+    }
+
+    fn queries_keys_values(&self, input: Tensor<3>) -> [Tensor<4>; 3] {
         let qkv = self.to_qkv.forward(self.norm.forward(input)).chunk(3, 2);
         let qkv: [Tensor<3>; 3] = qkv.try_into().expect("three parts of a width that three divides");
-        let output = join(attend(qkv.map(|part| split(part, self.heads)), who, self.dropout, pass));
+        qkv.map(|part| split(part, self.heads))
+    }
+
+    fn project(&self, heads: Tensor<4>, pass: &mut Pass) -> Tensor<3> {
+        let output = join(heads);
         match &self.to_out {
             Some(to_out) => pass.dropout(to_out.forward(output), self.dropout),
             None => output,
         }
     }
 }
+
+/// Keys and values of tokens: `[B, heads, N, E]` each.
+pub(crate) type KeysValues = [Tensor<4>; 2];
 
 /// Two linear layers with a GELU between them.
 #[derive(Module, Debug)]

@@ -5,7 +5,7 @@ use burn::tensor::activation::silu;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
-use super::attention::{Attend, Attention, FeedForward};
+use super::attention::{Attend, Attention, FeedForward, KeysValues};
 use super::layers::{Linear, parameter};
 use super::norm::LayerNorm;
 use crate::pass::Pass;
@@ -72,12 +72,46 @@ impl Predictor {
     pub(crate) fn forward(&self, states: Tensor<3>, actions: Tensor<3>, pass: &mut Pass) -> Tensor<3> {
         let frames = states.dims()[1];
         let mut state = states + self.pos_embedding.val().narrow(1, 0, frames);
-        let actions = silu(actions);
-        for block in &self.transformer.layers {
-            state = block.forward(state, actions.clone(), pass);
+        for (block, condition) in self.transformer.layers.iter().zip(self.conditions(actions)) {
+            state = block.forward(state, condition, pass);
         }
         self.transformer.norm.forward(state)
     }
+
+    /// What embedded actions `[B, T, W]` ask of each block: `[B, T, 6 × W]`.
+    pub(crate) fn conditions(&self, actions: Tensor<3>) -> Vec<Tensor<3>> {
+        let actions = silu(actions);
+        self.transformer.layers.iter().map(|block| block.modulation.forward(actions.clone())).collect()
+    }
+
+    /// What comes after the last of N states `[B, N, W]` that follow those in `seen`: `[B, 1, W]`. `conditions` are those of
+    /// the N states' actions. Equal to the last of [`Predictor::forward`] over all of them, and cheaper: what was computed
+    /// of earlier states is not computed again. N is 1 where any were seen before.
+    pub(crate) fn extend(
+        &self,
+        states: Tensor<3>,
+        conditions: &[Tensor<3>],
+        seen: &mut SeenStates,
+        pass: &mut Pass,
+    ) -> Tensor<3> {
+        let count = states.dims()[1];
+        let mut state = states + self.pos_embedding.val().narrow(1, seen.count, count);
+        seen.count += count;
+        seen.blocks.resize_with(self.transformer.layers.len(), || None);
+        let last = self.transformer.layers.len().saturating_sub(1);
+        for (index, (block, condition)) in self.transformer.layers.iter().zip(conditions).enumerate() {
+            state = block.extend(state, condition.clone(), &mut seen.blocks[index], index == last, pass);
+        }
+        let rest = state.dims()[1];
+        self.transformer.norm.forward(state.narrow(1, rest - 1, 1))
+    }
+}
+
+/// What a predictor keeps of states that it has seen.
+#[derive(Default)]
+pub(crate) struct SeenStates {
+    count: usize,
+    blocks: Vec<Option<KeysValues>>,
 }
 
 impl ConditionalBlock {
@@ -92,16 +126,38 @@ impl ConditionalBlock {
         }
     }
 
-    /// `actions` have gone through the SiLU that comes before the modulation.
-    fn forward(&self, state: Tensor<3>, actions: Tensor<3>, pass: &mut Pass) -> Tensor<3> {
-        let parts = self.modulation.forward(actions).chunk(6, 2);
-        let parts: [Tensor<3>; 6] = parts.try_into().expect("six parts of a width that six divides");
-        let [shift_a, scale_a, gate_a, shift_m, scale_m, gate_m] = parts;
+    /// `condition` is what the actions ask of this block.
+    fn forward(&self, state: Tensor<3>, condition: Tensor<3>, pass: &mut Pass) -> Tensor<3> {
+        let [shift_a, scale_a, gate_a, shift_m, scale_m, gate_m] = six(condition);
         let input = modulate(self.norm1.forward(state.clone()), shift_a, scale_a);
         let state = state + gate_a * self.attn.forward(input, &Attend::Causal, pass);
         let input = modulate(self.norm2.forward(state.clone()), shift_m, scale_m);
         state + gate_m * self.mlp.forward(input, pass)
     }
+
+    /// As [`ConditionalBlock::forward`] for states that follow others; of the last alone, if that is all one asks for.
+    fn extend(
+        &self,
+        state: Tensor<3>,
+        condition: Tensor<3>,
+        seen: &mut Option<KeysValues>,
+        only_last: bool,
+        pass: &mut Pass,
+    ) -> Tensor<3> {
+        let count = state.dims()[1];
+        let [shift_a, scale_a, gate_a, shift_m, scale_m, gate_m] = six(condition);
+        let input = modulate(self.norm1.forward(state.clone()), shift_a, scale_a);
+        let looked = self.attn.extend(input, seen, only_last, pass);
+        let asked = |tensor: Tensor<3>| if only_last { tensor.narrow(1, count - 1, 1) } else { tensor };
+        let state = asked(state) + asked(gate_a) * looked;
+        let input = modulate(self.norm2.forward(state.clone()), asked(shift_m), asked(scale_m));
+        state + asked(gate_m) * self.mlp.forward(input, pass)
+    }
+}
+
+/// Shifts, scales and gates of both branches.
+fn six(condition: Tensor<3>) -> [Tensor<3>; 6] {
+    condition.chunk(6, 2).try_into().expect("six parts of a width that six divides")
 }
 
 fn modulate(input: Tensor<3>, shift: Tensor<3>, scale: Tensor<3>) -> Tensor<3> {

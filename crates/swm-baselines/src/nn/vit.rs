@@ -197,7 +197,7 @@ impl Layer {
     }
 
     fn forward(&self, tokens: Tensor<3>, heads: usize) -> Tensor<3> {
-        let branch = self.attention.forward(self.norm1.forward(tokens.clone()), heads);
+        let branch = self.attention.forward(&self.norm1.forward(tokens.clone()), heads);
         let tokens = tokens + scaled(branch, self.layer_scale1.as_ref());
         let hidden = gelu(self.mlp.fc1.forward(self.norm2.forward(tokens.clone())));
         tokens + scaled(self.mlp.fc2.forward(hidden), self.layer_scale2.as_ref())
@@ -212,7 +212,7 @@ fn scaled(branch: Tensor<3>, scale: Option<&LayerScale>) -> Tensor<3> {
 }
 
 impl SelfAttention {
-    fn forward(&self, tokens: Tensor<3>, heads: usize) -> Tensor<3> {
+    fn forward(&self, tokens: &Tensor<3>, heads: usize) -> Tensor<3> {
         let qkv = [&self.q_proj, &self.k_proj, &self.v_proj];
         let qkv = qkv.map(|layer| split(layer.forward(tokens.clone()), heads));
         // These networks drop nothing, in training either.

@@ -24,26 +24,28 @@ pub(crate) fn read(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineErro
     let mut start = [0; 9];
     let length = {
         use std::io::Read as _;
-        let mut file = fs::File::open(path).map_err(|error| BaselineError::weights(path, error))?;
-        file.read(&mut start).map_err(|error| BaselineError::weights(path, error))?
+        let mut file =
+            fs::File::open(path).map_err(|error| BaselineError::weights(path, error.to_string()))?;
+        file.read(&mut start).map_err(|error| BaselineError::weights(path, error.to_string()))?
     };
     // Eight bytes of length, then the brace of a JSON object.
     if length == start.len() && start[8] == b'{' { read_safetensors(path) } else { read_pytorch(path) }
 }
 
 fn read_safetensors(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineError> {
-    let bytes = fs::read(path).map_err(|error| BaselineError::weights(path, error))?;
-    let file = SafeTensors::deserialize(&bytes).map_err(|error| BaselineError::weights(path, error))?;
+    let bytes = fs::read(path).map_err(|error| BaselineError::weights(path, error.to_string()))?;
+    let file =
+        SafeTensors::deserialize(&bytes).map_err(|error| BaselineError::weights(path, error.to_string()))?;
     let mut tensors = BTreeMap::new();
     for (name, view) in file.iter() {
         let values = match view.dtype() {
-            Dtype::F32 => floats(view.data(), |bytes| f32::from_le_bytes(bytes)),
+            Dtype::F32 => floats(view.data(), f32::from_le_bytes),
             Dtype::F64 => floats(view.data(), |bytes| f64::from_le_bytes(bytes) as f32),
             Dtype::F16 => floats(view.data(), half),
             Dtype::BF16 => floats(view.data(), brain),
             Dtype::I64 => floats(view.data(), |bytes| i64::from_le_bytes(bytes) as f32),
             Dtype::BOOL | Dtype::U8 => floats(view.data(), |[byte]: [u8; 1]| byte.into()),
-            other => return Err(kind(path, name, format!("{other:?}"))),
+            other => return Err(kind(path, name, &format!("{other:?}"))),
         };
         tensors.insert(name.to_owned(), Stored { shape: view.shape().to_vec(), values });
     }
@@ -69,7 +71,7 @@ fn read_pytorch(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineError> 
         let bytes = tensor.read().map_err(|error| broken(&error))?;
         // The reader gives bytes in the order of this machine.
         let values = match tensor.dtype() {
-            TorchType::F32 => floats(&bytes, |bytes| f32::from_ne_bytes(bytes)),
+            TorchType::F32 => floats(&bytes, f32::from_ne_bytes),
             TorchType::F64 => floats(&bytes, |bytes| f64::from_ne_bytes(bytes) as f32),
             TorchType::F16 => floats(&bytes, |bytes: [u8; 2]| half(u16::from_ne_bytes(bytes).to_le_bytes())),
             TorchType::BF16 => {
@@ -77,7 +79,7 @@ fn read_pytorch(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineError> 
             }
             TorchType::I64 => floats(&bytes, |bytes| i64::from_ne_bytes(bytes) as f32),
             TorchType::Bool | TorchType::U8 => floats(&bytes, |[byte]: [u8; 1]| byte.into()),
-            other => return Err(kind(path, name, format!("{other:?}"))),
+            other => return Err(kind(path, name, &format!("{other:?}"))),
         };
         tensors.insert(name.clone(), Stored { shape: tensor.shape().to_vec(), values });
     }
@@ -87,7 +89,7 @@ fn read_pytorch(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineError> 
     Ok(tensors)
 }
 
-fn kind(path: &Path, name: &str, kind: String) -> BaselineError {
+fn kind(path: &Path, name: &str, kind: &str) -> BaselineError {
     BaselineError::weights(path, format!("`{name}` is of type {kind}; store weights as 32- or 16-bit floats"))
 }
 

@@ -11,6 +11,7 @@ use super::DinoWm;
 use crate::baseline::PlanModel;
 use crate::data::{Scenes, Start};
 use crate::error::BaselineError;
+use crate::nn::StateEmbedder;
 use crate::pass::Pass;
 use crate::plan::{Groups, run_all};
 
@@ -60,7 +61,7 @@ impl DinoWm {
         }
         let last = frames.narrow(1, seen + horizon - 1, 1);
         let error = (last - scene.goal.clone()).square();
-        let of_proprio = self.proprio.as_ref().map_or(0, |embedder| embedder.width());
+        let of_proprio = self.proprio.as_ref().map_or(0, StateEmbedder::width);
         let of_pixels = tokens - of_proprio;
         let mean = |part: Tensor<4>| part.flatten::<2>(1, 3).mean_dim(1).squeeze_dim::<1>(1);
         let pixels = mean(error.clone().narrow(3, 0, of_pixels));

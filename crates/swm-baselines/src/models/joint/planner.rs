@@ -11,6 +11,7 @@ use super::Joint;
 use crate::baseline::PlanModel;
 use crate::data::{Scenes, Start};
 use crate::error::BaselineError;
+use crate::nn::SeenStates;
 use crate::pass::Pass;
 use crate::plan::{Groups, run_all};
 
@@ -46,8 +47,7 @@ impl Joint {
     fn costs(&self, scene: &Scene, plans: Tensor<3>) -> Tensor<1> {
         let [count, horizon, _] = plans.dims();
         let pass = &mut Pass::evaluate();
-        let [_, seen, width] = scene.states.dims();
-        let mut states = vec![scene.states.clone().expand([count, seen, width])];
+        let [_, observed, width] = scene.states.dims();
         let actions = match &scene.action {
             Some(past) => {
                 let [_, steps, width] = past.dims();
@@ -55,14 +55,26 @@ impl Joint {
             }
             None => plans,
         };
-        let actions = self.action_encoder.forward(actions);
+        let conditions = self.predictor.conditions(self.action_encoder.forward(actions));
+        let during = |start, steps| {
+            conditions.iter().map(|all| all.clone().narrow(1, start, steps)).collect::<Vec<_>>()
+        };
+        let mut states = vec![scene.states.clone().expand([count, observed, width])];
+        let mut seen = SeenStates::default();
         for step in 0..horizon {
-            let end = seen + step;
-            let start = end.saturating_sub(self.config.history);
-            let all = Tensor::cat(states.clone(), 1);
-            let window = all.narrow(1, start, end - start);
-            let next = self.predict(window, actions.clone().narrow(1, start, end - start), pass);
-            states.push(next.narrow(1, end - start - 1, 1));
+            let end = observed + step;
+            let next = if step > 0 && end <= self.config.history {
+                // The window grows: only its newest state is new.
+                let newest = states[states.len() - 1].clone();
+                self.predictor.extend(newest, &during(end - 1, 1), &mut seen, pass)
+            } else {
+                // It begins, or slides: positions change, and all that follows from them.
+                let start = end.saturating_sub(self.config.history);
+                let window = Tensor::cat(states.clone(), 1).narrow(1, start, end - start);
+                seen = SeenStates::default();
+                self.predictor.extend(window, &during(start, end - start), &mut seen, pass)
+            };
+            states.push(self.pred_proj.forward_frames(next, pass));
         }
         let last: Tensor<2> = states.pop().expect("a plan has a step").squeeze_dim(1);
         (last - scene.goal.clone()).square().sum_dim(1).squeeze_dim(1)
