@@ -76,6 +76,29 @@ fn appending_gives_what_one_run_gives() {
 }
 
 #[test]
+fn shards_merged_are_what_one_run_gives() {
+    let folder = Folder::new();
+    let (whole, merged) = (folder.path("whole.h5"), folder.path("merged.h5"));
+    collect(&whole, &["--episodes", "7", "--vary", "all"]);
+    let mut merge = vec!["merge".to_owned()];
+    for shard in 1..=3 {
+        let part = folder.path(&format!("part{shard}.h5"));
+        collect(&part, &["--episodes", "7", "--vary", "all", "--shard", &format!("{shard}/3")]);
+        merge.push(part);
+    }
+    // A part that is whole stays as it is.
+    let part = folder.path("part2.h5");
+    let before = content(&part);
+    collect(&part, &["--episodes", "7", "--vary", "all", "--shard", "2/3", "--mode", "append"]);
+    assert_eq!(content(&part), before);
+    merge.extend(["--out".to_owned(), merged.clone()]);
+    swm_ok(&merge.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_eq!(content(&merged), content(&whole));
+    let metadata = |path: &str| swm_json(&["inspect", path])["metadata"].clone();
+    assert_eq!(metadata(&merged), metadata(&whole));
+}
+
+#[test]
 fn another_seed_gives_other_data() {
     let folder = Folder::new();
     let (a, b) = (folder.path("a.h5"), folder.path("b.h5"));

@@ -5,6 +5,7 @@
 mod apart;
 mod bindgen;
 mod ci;
+mod datasets;
 mod demo;
 mod deny;
 mod gallery;
@@ -59,6 +60,8 @@ enum Command {
     Memcheck(memcheck::Args),
     /// Make the declarations of MuJoCo's C interface anew from its headers
     Bindgen(bindgen::Args),
+    /// Record the standard datasets, whole or in parts, with a page and checksums for each
+    Datasets(datasets::Args),
     /// Test crates outside of the workspace: a plugin, and one made from the template
     Plugin(plugin::Args),
     /// Check the rules of the architecture and of the sources
@@ -77,6 +80,7 @@ fn main() -> ExitCode {
         Command::Ci(args) => ci::run(&args),
         Command::Golden(args) => golden::run(&args),
         Command::Gallery(args) => gallery::run(&args),
+        Command::Datasets(args) => datasets::run(&args),
         Command::Plugin(args) => plugin::run(&args),
         Command::Tidy(args) => tidy::run(&args),
         Command::Deny(args) => deny::run(&args),

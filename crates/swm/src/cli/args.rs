@@ -167,6 +167,34 @@ impl std::str::FromStr for ImageArg {
     }
 }
 
+/// One of several equal parts: `3/16`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Shard {
+    index: u64,
+    count: u64,
+}
+
+impl Shard {
+    /// The part of `0..total` that it is.
+    pub(super) fn of(self, total: u64) -> std::ops::Range<u64> {
+        // The product of two episode counts does not fit into 64 bits.
+        let cut = |part: u64| (u128::from(part) * u128::from(total) / u128::from(self.count)) as u64;
+        cut(self.index - 1)..cut(self.index)
+    }
+}
+
+impl std::str::FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        match parts {
+            Some((index, count)) if (1..=count).contains(&index) => Ok(Self { index, count }),
+            _ => Err("write I/N with I of 1..=N, such as 3/16".to_owned()),
+        }
+    }
+}
+
 /// Reads `--policy NAME:ARGS`; `NAME:@FILE` takes the arguments from a TOML or JSON file, and further `key=value`
 /// after it override the file's.
 pub(super) fn policy_args(text: &str) -> Result<PolicyArgs, Failure> {

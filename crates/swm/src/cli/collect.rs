@@ -14,7 +14,7 @@ use swm_core::{
 };
 use swm_data::{DatasetWriter, WriteMode, WriteOptions};
 
-use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
+use super::args::{EnvArgs, ImageArg, ScenarioArgs, Shard, WorldArgs};
 use super::{Failure, Output, policies, usage};
 
 /// Record episodes of a policy to a dataset.
@@ -26,6 +26,7 @@ Examples:
   swm collect swm/PushT-v1 --policy expert --episodes 1000 --replayable --out small.h5   (pictures are drawn when read)
   swm collect swm/PushT-v1 --policy expert --episodes 100 --quality 95 --out pusht.video   (films)
   swm collect swm/PushT-v1 --policy expert --total 1000 --seed 1 --mode append --out pusht.h5   (continue up to 1000)
+  swm collect swm/PushT-v1 --policy expert --episodes 1000 --shard 3/16 --out pusht.3.h5   (on one of 16 machines; then swm merge)
 
 An episode is safe on disk once it is announced as written: a crash or kill loses at most what came after.")]
 pub(super) struct Collect {
@@ -40,6 +41,10 @@ pub(super) struct Collect {
     /// Record until the dataset holds this many episodes.
     #[arg(long, value_name = "N", conflicts_with = "episodes")]
     total: Option<u64>,
+    /// Record the I-th of N parts of the episodes. The parts, merged in order, are the whole to the byte. A part that is there
+    /// is continued with `--mode append`.
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
     /// Seed of the run; episode i depends on the seed and i alone.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -90,9 +95,13 @@ impl Collect {
         let options = self.scenario.options()?;
         let how = WriteOptions { mode: self.mode, quality: self.quality, ..WriteOptions::default() };
         let mut writer = swm_data::create_with(&self.out, &how, self.format.as_deref())?;
-        let first = writer.num_episodes();
+        let held = writer.num_episodes();
+        let part = self.shard.map(|shard| shard.of(self.episodes.or(self.total).unwrap_or(0)));
+        let offset = part.as_ref().map_or(0, |part| part.start);
+        let first = offset + held;
         let last = match (self.episodes, self.total) {
             (Some(0), _) | (_, Some(0)) => return Err(usage("0 episodes asked for; use 1 or more")),
+            _ if part.is_some() => part.map_or(first, |part| part.end.max(first)),
             (Some(more), _) => first
                 .checked_add(more)
                 .ok_or_else(|| usage(format!("{more} more episodes than {first} are too many to count")))?,
@@ -101,8 +110,14 @@ impl Collect {
         let rollout = Rollout { episodes: first..last, seed: self.seed, scenario: Scenario::Same(&options) };
         let started = Instant::now();
         let bar = output.bar(last - first, "episodes");
-        let mut sink =
-            Announced { writer: writer.as_mut(), bar: bar.clone(), output, path: &self.out, next: first };
+        let mut sink = Announced {
+            writer: writer.as_mut(),
+            bar: bar.clone(),
+            output,
+            path: &self.out,
+            next: first,
+            offset,
+        };
         let mut count = Count::default();
         world.record_dataset(&rollout, &mut sink, &mut count)?;
         bar.finish_and_clear();
@@ -110,7 +125,7 @@ impl Collect {
         let result = json!({
             "out": self.out,
             "episodes": last - first,
-            "total_episodes": last,
+            "total_episodes": last - offset,
             "rows": count.rows,
             "success_rate": count.success_rate(),
             "frames_per_second": count.rows as f64 / seconds,
@@ -120,10 +135,11 @@ impl Collect {
             let success =
                 count.success_rate().map(|rate| format!(", {rate:.1} % successful")).unwrap_or_default();
             format!(
-                "wrote {} episodes ({} rows{success}) to {} in {seconds:.1} s; it holds {last}",
+                "wrote {} episodes ({} rows{success}) to {} in {seconds:.1} s; it holds {}",
                 last - first,
                 count.rows,
                 self.out.display(),
+                last - offset,
             )
         })
     }
@@ -163,11 +179,13 @@ struct Announced<'a> {
     output: &'a Output,
     path: &'a std::path::Path,
     next: u64,
+    /// Episodes of other parts, before this one's.
+    offset: u64,
 }
 
 impl EpisodeSink for Announced<'_> {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
-        self.writer.begin(schema, metadata)
+        Ok(self.offset + self.writer.begin(schema, metadata)?)
     }
 
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
