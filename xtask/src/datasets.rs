@@ -176,7 +176,7 @@ fn merge(swm: &Swm, out: &Path, name: &str, count: u64, file: &Path) -> Result<(
 /// The page of a dataset: what it is, its columns, pictures, statistics.
 fn write_card(swm: &Swm, out: &Path, name: &str, recipe: &Recipe, file: &Path) -> Result<()> {
     let picture = out.join(format!("{name}.png"));
-    swm.run(&["preview", text(file)?, "--episodes", "0..6", "--out", text(&picture)?])?;
+    swm.run(&["preview", text(file)?, "--out", text(&picture)?])?;
     let about = swm.run(&["inspect", text(file)?])?;
     let numbers = swm.run(&["stats", text(file)?, "--columns", "action"])?;
     let card = out.join(format!("{name}.md"));
