@@ -58,6 +58,8 @@ pub enum Measure {
     Largest,
     /// The largest absolute difference up to full turns.
     Angle,
+    /// The angle between two quaternions (w x y z), rad: the smallest over the 24 rotations that map a cube onto itself.
+    CubeRotation,
 }
 
 impl SuccessRule {
@@ -104,6 +106,7 @@ impl Condition {
             Measure::Distance => "distance",
             Measure::Largest => "largest difference",
             Measure::Angle => "largest angle",
+            Measure::CubeRotation => "rotation, as of a cube,",
         };
         format!("{measure} of {column}{elements} from {goal}{elements} below {}", (below * 1e4).round() / 1e4)
     }
@@ -139,6 +142,11 @@ impl Test {
                 format!("element {element} of `{column}` ({}) and `{goal}` ({})", width[0], width[1]);
             return Err(wrong(format!("{reason}: there are not so many")));
         }
+        if *measure == Measure::CubeRotation && elements.len() != 4 {
+            let reason =
+                format!("a rotation has 4 elements, and `{column}` is compared in {}", elements.len());
+            return Err(wrong(reason));
+        }
         let turn = turn.unwrap_or(std::f64::consts::TAU);
         if !(*below > 0.0 && below.is_finite() && turn > 0.0 && turn.is_finite()) {
             return Err(wrong(format!("`{column}`: below {below} and turn {turn} must be positive numbers")));
@@ -146,26 +154,51 @@ impl Test {
         Ok(Self { columns, elements, measure: *measure, turn, below: *below })
     }
 
-    /// The measure.
+    /// The measure; infinite if it is no number, which is never near.
     fn measure(&self, mut number: impl FnMut(usize, usize) -> f64) -> f64 {
         let [column, goal] = self.columns;
-        let mut total = 0.0_f64;
-        for &element in &self.elements {
-            let difference = (number(column, element) - number(goal, element)).abs();
-            let part = match self.measure {
-                Measure::Distance => difference * difference,
-                Measure::Largest => difference,
-                Measure::Angle => {
-                    let rest = difference.rem_euclid(self.turn);
-                    rest.min(self.turn - rest)
+        let known = |value: f64| if value.is_nan() { f64::INFINITY } else { value };
+        let pairs = self.elements.iter().map(|&element| (number(column, element), number(goal, element)));
+        match self.measure {
+            Measure::Distance => pairs.map(|(a, b)| known((a - b) * (a - b))).sum::<f64>().sqrt(),
+            Measure::Largest => pairs.map(|(a, b)| known((a - b).abs())).fold(0.0, f64::max),
+            Measure::Angle => pairs
+                .map(|(a, b)| {
+                    let rest = (a - b).abs().rem_euclid(self.turn);
+                    known(rest.min(self.turn - rest))
+                })
+                .fold(0.0, f64::max),
+            Measure::CubeRotation => {
+                let mut rotations = [[0.0; 4]; 2];
+                for (index, (a, b)) in pairs.enumerate() {
+                    (rotations[0][index], rotations[1][index]) = (a, b);
                 }
-            };
-            // What is no number is never near.
-            let part = if part.is_nan() { f64::INFINITY } else { part };
-            total = if self.measure == Measure::Distance { total + part } else { total.max(part) };
+                known(cube_angle(rotations))
+            }
         }
-        if self.measure == Measure::Distance { total.sqrt() } else { total }
     }
+}
+
+/// The smallest angle that turns a cube from one orientation into one that looks like the other, rad; quaternions w x y z of
+/// any length.
+///
+/// Source: H. Grimmer, "Disorientations and coincidence rotations for cubic lattices", Acta Crystallographica A30 (1974): of the
+/// 24 equivalent rotations the smallest has the cosine of half its angle as below, from the sizes of the quaternion's numbers.
+fn cube_angle([a, b]: [[f64; 4]; 2]) -> f64 {
+    let length = |q: [f64; 4]| q.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let mut between = [
+        a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3],
+        a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2],
+        a[0] * b[2] + a[1] * b[3] - a[2] * b[0] - a[3] * b[1],
+        a[0] * b[3] - a[1] * b[2] + a[2] * b[1] - a[3] * b[0],
+    ]
+    .map(f64::abs);
+    between.sort_by(|x, y| y.total_cmp(x));
+    let [first, second, third, fourth] = between;
+    let half_turn = first
+        .max((first + second) * std::f64::consts::FRAC_1_SQRT_2)
+        .max((first + second + third + fourth) / 2.0);
+    2.0 * (half_turn / (length(a) * length(b))).min(1.0).acos()
 }
 
 impl Judge {
@@ -217,6 +250,37 @@ mod tests {
     }
 
     #[test]
+    fn a_cube_looks_the_same_from_24_sides() {
+        let about = |axis: [f64; 3], degrees: f64| {
+            let (sin, cos) = (degrees.to_radians() / 2.0).sin_cos();
+            [cos, axis[0] * sin, axis[1] * sin, axis[2] * sin]
+        };
+        let degrees = |a, b| cube_angle([a, b]).to_degrees();
+        let level = [1.0, 0.0, 0.0, 0.0];
+        for (turn, expected) in
+            [(10.0, 10.0), (45.0, 45.0), (80.0, 10.0), (90.0, 0.0), (190.0, 10.0), (-95.0, 5.0)]
+        {
+            for axis in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] {
+                assert!((degrees(about(axis, turn), level) - expected).abs() < 1e-5, "{axis:?} by {turn}");
+                let shared = about([0.6, 0.0, 0.8], 33.0);
+                let turned = degrees(about(axis, turn).map(|x| 2.0 * x), level);
+                assert!((turned - expected).abs() < 1e-5, "of any length: {turned}");
+                assert!(degrees(shared, shared) < 1e-5);
+            }
+        }
+        let diagonal = [1.0, 1.0, 1.0].map(|x: f64| x / 3.0_f64.sqrt());
+        assert!(degrees(about(diagonal, 120.0), level) < 1e-5);
+        assert!((degrees(about(diagonal, 60.0), level) - 60.0).abs() < 1e-5);
+        // No two orientations of a cube are farther apart.
+        let worst = (0..2000).map(f64::from).fold(0.0_f64, |worst, k| {
+            let q = [(0.7 * k).sin(), (1.3 * k).cos(), (2.1 * k).sin(), (0.4 * k).cos()];
+            worst.max(degrees(q, level))
+        });
+        assert!((50.0..62.8).contains(&worst), "{worst}");
+        assert!(cube_angle([[f64::NAN, 0.0, 0.0, 0.0], level]).is_nan());
+    }
+
+    #[test]
     fn rules_that_cannot_be_are_refused() {
         let fields = ["state", "goal"].map(|name| Field::step(name, Dtype::F64, &[3]));
         let schema = Schema::new(fields.to_vec()).unwrap();
@@ -226,6 +290,7 @@ mod tests {
         assert!(message(&of(condition(&[], Measure::Largest, 0.0))).contains("positive"));
         let unknown = Condition { goal: "gaol".to_owned(), ..condition(&[], Measure::Largest, 1.0) };
         assert!(message(&of(unknown)).contains("did you mean `goal`?"));
+        assert!(message(&of(condition(&[], Measure::CubeRotation, 1.0))).contains("4 elements"));
         assert!(message(&SuccessRule { hold: 0, all: Vec::new() }).contains("hold is 0"));
         assert!(message(&SuccessRule { hold: 3, all: Vec::new() }).contains("of no condition"));
         assert_eq!(SuccessRule::default().judge(&schema).unwrap(), None);

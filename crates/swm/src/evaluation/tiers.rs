@@ -28,9 +28,12 @@ pub fn tier_rules(env: &str, settings: &Map<String, Json>, tier: Tier) -> Result
     }
     let fits = |task: &&Task| {
         task.envs.contains(&env)
-            && task
-                .setting
-                .is_none_or(|(name, value)| settings.get(name).and_then(Json::as_str) == Some(value))
+            && task.setting.as_ref().is_none_or(|Chosen { name, value, is_default }| {
+                match settings.get(*name) {
+                    Some(given) => given.as_str() == Some(value),
+                    None => *is_default,
+                }
+            })
     };
     let Some(task) = TASKS.iter().find(fits) else {
         let known: Vec<String> = TASKS.iter().flat_map(Task::names).collect();
@@ -56,12 +59,19 @@ pub fn tier_rules(env: &str, settings: &Map<String, Json>, tier: Tier) -> Result
 struct Task {
     envs: &'static [&'static str],
     /// A setting that the environment must have.
-    setting: Option<(&'static str, &'static str)>,
+    setting: Option<Chosen>,
     /// The column that tests read, and that of the goal.
     columns: [&'static str; 2],
     rest: &'static [(&'static str, Range<usize>)],
     moderate: Rule,
     strict: Rule,
+}
+
+/// A setting with the value that a task is about.
+struct Chosen {
+    name: &'static str,
+    value: &'static str,
+    is_default: bool,
 }
 
 struct Rule {
@@ -71,6 +81,8 @@ struct Rule {
 }
 
 struct Test {
+    /// Other columns than the task's.
+    columns: Option<[&'static str; 2]>,
     elements: &'static [usize],
     measure: Measure,
     below: f64,
@@ -78,29 +90,37 @@ struct Test {
 
 impl Test {
     fn condition(&self, task: &Task) -> Condition {
-        let [column, goal] = task.columns.map(str::to_owned);
-        let Self { elements, measure, below } = *self;
+        let [column, goal] = self.columns.unwrap_or(task.columns).map(str::to_owned);
+        let Self { elements, measure, below, .. } = *self;
         Condition { column, goal, elements: elements.to_vec(), measure, turn: None, below }
     }
 }
 
 impl Task {
     fn names(&self) -> impl Iterator<Item = String> {
-        let setting = self.setting.map(|(name, value)| format!(" with {name}={value}")).unwrap_or_default();
+        let setting = self.setting.as_ref().filter(|setting| !setting.is_default);
+        let setting =
+            setting.map(|Chosen { name, value, .. }| format!(" with {name}={value}")).unwrap_or_default();
         self.envs.iter().map(move |env| format!("`{env}`{setting}"))
     }
 }
 
 const fn distance(elements: &'static [usize], below: f64) -> Test {
-    Test { elements, measure: Measure::Distance, below }
+    Test { columns: None, elements, measure: Measure::Distance, below }
 }
 
 const fn angle(elements: &'static [usize], below: f64) -> Test {
-    Test { elements, measure: Measure::Angle, below }
+    Test { columns: None, elements, measure: Measure::Angle, below }
 }
 
 const fn largest(elements: &'static [usize], below: f64) -> Test {
-    Test { elements, measure: Measure::Largest, below }
+    Test { columns: None, elements, measure: Measure::Largest, below }
+}
+
+/// The orientation of the first cube against that of its marker.
+const fn cube_rotation(below: f64) -> Test {
+    const COLUMNS: [&str; 2] = ["privileged.block_0_quat", "mocap_quat"];
+    Test { columns: Some(COLUMNS), elements: &[0, 1, 2, 3], measure: Measure::CubeRotation, below }
 }
 
 const fn degrees(degrees: f64) -> f64 {
@@ -146,7 +166,7 @@ const TASKS: &[Task] = &[
     // The shoulder turns freely, the wrist has limits.
     Task {
         envs: &["swm/ReacherDMControl-v0"],
-        setting: Some(("task", "qpos_match")),
+        setting: Some(Chosen { name: "task", value: "qpos_match", is_default: false }),
         columns: ["qpos", "target_qpos"],
         rest: &[("qvel", 0..2)],
         moderate: Rule {
@@ -159,6 +179,20 @@ const TASKS: &[Task] = &[
             hold: 2,
             all: &[angle(&[0], 0.025), largest(&[1], 0.025)],
             motion: angle(&[0, 1], 0.25),
+        },
+    },
+    // One cube, and the marker that stands where it was in the goal's row.
+    Task {
+        envs: &["swm/OGBCube-v0"],
+        setting: Some(Chosen { name: "env_type", value: "single", is_default: true }),
+        columns: ["privileged.block_0_pos", "mocap_pos"],
+        rest: &[("qvel", 0..20)],
+        // Motion: ours, what the test of success asks for.
+        moderate: Rule { hold: 1, all: &[distance(&[0, 1, 2], 0.04)], motion: distance(&[0, 1, 2], 0.04) },
+        strict: Rule {
+            hold: 3,
+            all: &[distance(&[0, 1, 2], 0.03), cube_rotation(degrees(15.0))],
+            motion: distance(&[0, 1, 2], 0.08),
         },
     },
 ];
@@ -174,7 +208,7 @@ mod tests {
         let registry = crate::registry();
         for task in TASKS {
             let settings: Map<String, Json> =
-                task.setting.iter().map(|&(name, value)| (name.to_owned(), value.into())).collect();
+                task.setting.iter().map(|chosen| (chosen.name.to_owned(), chosen.value.into())).collect();
             for id in task.envs {
                 let entry = registry.env(id).unwrap();
                 let config = EnvConfig { image: None, settings: settings.clone() };
@@ -200,6 +234,9 @@ mod tests {
         assert!(tier_rules("swm/CheetahDMControl-v0", &none, Tier::Strict).unwrap_err().contains("PushT-v1"));
         let rules = tier_rules("swm/CheetahDMControl-v0", &none, Tier::Moderate).unwrap();
         assert!(rules.success.is_environment());
+        let cubes = |count: &str| Map::from_iter([("env_type".to_owned(), count.into())]);
+        assert!(tier_rules("swm/OGBCube-v0", &none, Tier::Strict).unwrap().motion.is_some());
+        assert!(tier_rules("swm/OGBCube-v0", &cubes("double"), Tier::Strict).is_err());
         // Reacher's other tasks are not about angles.
         assert!(tier_rules("swm/ReacherDMControl-v0", &none, Tier::Strict).is_err());
     }
