@@ -4,6 +4,7 @@
 //! <data>/mujoco/3.17.0/libmujoco.so.3.17.0
 //! <data>/dm_control/1.0.50/suite/*.xml, suite/common/*.xml
 //! <data>/ogbench/1.2.2/manipspace/*.xml, and folders of meshes
+//! <data>/ogbench/1.2.2/locomaze/*.xml
 //! ```
 //!
 //! `<data>` is [`data_folder`].
@@ -17,7 +18,7 @@ use crate::error::MujocoError;
 pub const MUJOCO_VERSION: &str = "3.17.0";
 /// The pinned version of `dm_control`, whose models the suite uses.
 pub const DM_CONTROL_VERSION: &str = "1.0.50";
-/// The pinned version of `ogbench`, whose arm, gripper and scenes the manipulation environments use.
+/// The pinned version of `ogbench`, whose arm, gripper and scenes the manipulation environments use, and whose bodies the mazes.
 pub const OGBENCH_VERSION: &str = "1.2.2";
 /// The folder with everything, instead of the user's data folder.
 pub const HOME_VARIABLE: &str = "SWM_HOME";
@@ -70,7 +71,16 @@ pub fn suite_model(name: &str) -> Result<PathBuf, MujocoError> {
 
 /// A model of OGBench's manipulation environments: `robotiq_2f85/2f85.xml`.
 pub fn manipulation_model(name: &str) -> Result<PathBuf, MujocoError> {
-    present(known_data_folder()?.join("ogbench").join(OGBENCH_VERSION).join("manipspace").join(name))
+    ogbench_model("manipspace", name)
+}
+
+/// A body of OGBench's mazes: `ant.xml`.
+pub fn maze_model(name: &str) -> Result<PathBuf, MujocoError> {
+    ogbench_model("locomaze", name)
+}
+
+fn ogbench_model(folder: &str, name: &str) -> Result<PathBuf, MujocoError> {
+    present(known_data_folder()?.join("ogbench").join(OGBENCH_VERSION).join(folder).join(name))
 }
 
 fn present(path: PathBuf) -> Result<PathBuf, MujocoError> {
@@ -119,7 +129,7 @@ mod tests {
 
     #[test]
     fn a_missing_model_names_its_path_and_the_command() {
-        for find in [suite_model, manipulation_model] {
+        for find in [suite_model, manipulation_model, maze_model] {
             let message = find("no_such.xml").unwrap_err().to_string();
             assert!(message.contains("no_such.xml") && message.contains("cargo xtask setup"), "{message}");
         }

@@ -1,10 +1,11 @@
-//! Environments on MuJoCo: the DeepMind Control Suite, and OGBench's manipulation environments.
+//! Environments on MuJoCo: the DeepMind Control Suite, and OGBench's manipulation environments and mazes.
 //!
 //! * [`ffi`]: the C library, loaded at run time, behind safe owners;
 //! * [`assets`]: where library and models lie (`cargo xtask setup` puts them there);
 //! * [`suite`]: what all domains share;
 //! * one file per domain, and one line in [`ENVS`];
-//! * `ogbench`: the arm at its tables.
+//! * `ogbench`: the arm at its tables;
+//! * `locomaze`: OGBench's mazes.
 //!
 //! The crate builds with nothing installed. Without the library, making an environment fails with the command that
 //! mends it.
@@ -20,11 +21,14 @@ pub mod ffi;
 mod finger;
 mod hopper;
 mod humanoid;
+mod locomaze;
 mod manipulator;
 mod ogbench;
 mod pendulum;
 mod quadruped;
 mod reacher;
+#[cfg(test)]
+mod recorded_model;
 pub mod software;
 pub mod suite;
 mod views;
@@ -40,6 +44,7 @@ pub use error::MujocoError;
 pub use finger::FINGER;
 pub use hopper::HOPPER;
 pub use humanoid::HUMANOID;
+pub use locomaze::{OGB_ANT_MAZE, OGB_POINT_MAZE};
 pub use manipulator::MANIPULATOR;
 pub use ogbench::{OGB_CUBE, OGB_SCENE};
 pub use pendulum::PENDULUM;
@@ -63,4 +68,6 @@ pub const ENVS: &[EnvEntry] = &[
     QUADRUPED,
     OGB_CUBE,
     OGB_SCENE,
+    OGB_POINT_MAZE,
+    OGB_ANT_MAZE,
 ];

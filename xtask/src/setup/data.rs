@@ -67,7 +67,7 @@ const DM_CONTROL: Package = Package {
     ],
 };
 
-/// Arm, gripper and scenes of OGBench's manipulation environments; MIT. The arm's and the gripper's meshes are under the
+/// Arm, gripper and scenes of OGBench's manipulation environments, and the bodies of its mazes; MIT. The arm's and the gripper's meshes are under the
 /// BSD licences beside them; those of the furniture (`metaworld`) carry none, so they are fetched and never passed on.
 const OGBENCH: Package = Package {
     name: "ogbench",
@@ -79,6 +79,8 @@ const OGBENCH: Package = Package {
     }],
     keep: &[
         Keep { from: &["ogbench/manipspace/descriptions/**"], to: "manipspace" },
+        Keep { from: &["ogbench/locomaze/assets/point.xml"], to: "locomaze" },
+        Keep { from: &["ogbench/locomaze/assets/ant.xml"], to: "locomaze" },
         Keep { from: &["ogbench-1.2.2.dist-info/LICENSE"], to: "" },
     ],
 };

@@ -5,10 +5,10 @@ use std::collections::BTreeSet;
 use std::ffi::{CStr, CString};
 use std::ptr::NonNull;
 
-use super::Object;
 use super::bindings::*;
 use super::guard::guarded;
 use super::spec::Spec;
+use super::{Object, Shape};
 use crate::error::MujocoError;
 
 impl Spec {
@@ -81,6 +81,29 @@ impl Spec {
             (*site).pos = [0, 1, 2].map(|k| (low[k] + high[k]) / 2.0);
             (*site).size = [0, 1, 2].map(|k| (high[k] - low[k]) / 2.0 + THIN);
             (self.api().mjs_setName)((*site).element, name.as_ptr())
+        })?;
+        self.accept(status == 0)
+    }
+
+    /// Adds a geom to the world: shape, place and size, m, and material; for the rest the defaults of the file hold. What does
+    /// not collide is only looked at.
+    pub fn add_geom(
+        &mut self,
+        name: &str,
+        (shape, position, size): (Shape, [f64; 3], [f64; 3]),
+        material: &str,
+        collides: bool,
+    ) -> Result<(), MujocoError> {
+        let (world, name, material) =
+            (self.body_pointer("world")?, self.c_name(name)?, self.c_name(material)?);
+        // SAFETY: as in `add_body`; the defaults and the text of the material belong to this spec.
+        let status = guarded(|| unsafe {
+            let defaults = (self.api().mjs_getSpecDefault)(self.as_mut_ptr());
+            let geom = (self.api().mjs_addGeom)(world.as_ptr(), defaults);
+            ((*geom).type_, (*geom).pos, (*geom).size) = (shape.code(), position, size);
+            ((*geom).contype, (*geom).conaffinity) = (i32::from(collides), i32::from(collides));
+            (self.api().mjs_setString)((*geom).material, material.as_ptr());
+            (self.api().mjs_setName)((*geom).element, name.as_ptr())
         })?;
         self.accept(status == 0)
     }

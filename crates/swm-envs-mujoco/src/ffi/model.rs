@@ -138,6 +138,8 @@ impl Model {
         actuator_gainprm / actuator_gainprm_mut: f64 [nu, 10];
         /// Biases of actuators, `[nu, 10]`.
         actuator_biasprm / actuator_biasprm_mut: f64 [nu, 10];
+        /// Gears of actuators, `[nu, 6]`: the first scales the force of a joint's motor.
+        actuator_gear / actuator_gear_mut: f64 [nu, 6];
         /// Control ranges, `[nu, 2]`.
         actuator_ctrlrange / actuator_ctrlrange_mut: f64 [nu, 2];
     }

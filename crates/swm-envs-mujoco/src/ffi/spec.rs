@@ -119,6 +119,8 @@ elements! {
     material -> SpecMaterial(mjsMaterial via mjs_asMaterial, Material) {
         /// Colour, 0..1.
         set_rgba: rgba, [f32; 4];
+        /// Whether a texture has the same size everywhere; if not, it is stretched over the geom.
+        set_uniform_texture: texuniform, bool;
     }
     /// A texture of a [`Spec`].
     texture -> SpecTexture(mjsTexture via mjs_asTexture, Texture) {

@@ -1,0 +1,406 @@
+//! The environment: resets, control steps, saved states.
+
+use rand::RngExt as _;
+use serde::{Deserialize, Serialize};
+use swm_core::seed::Stream;
+use swm_core::{
+    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, Outcome,
+    RowsMut, Slice, Space,
+};
+use swm_fov::{Fov, FovSpace, SavedFov};
+
+use super::Body;
+use super::factors::{self, FLOOR_COLOR, SPEED, numbers};
+use super::layout::{Cell, Maze, SPREAD, TELEPORTER_RADIUS, TELEPORTER_REACH, cell_at, distance, place_of};
+use super::models::{Models, TARGET, TOP};
+use super::rows::{FACTORS, START_COLUMNS, fields};
+use super::settings::{Mode, SETTINGS, Settings};
+use crate::error::MujocoError;
+use crate::ffi::{Object, Simulation};
+use crate::suite::{normal, uniform};
+use crate::views::{CameraName, Pictures, Views, settings};
+
+/// Physics steps per control step.
+const SUBSTEPS: u32 = 5;
+/// Control steps of random actions that a goal's posture comes from.
+const SETTLING: u64 = 5;
+/// The spread of positions and velocities at a start.
+const NOISE: f64 = 0.1;
+
+/// A body in a maze.
+pub(super) struct MazeEnv {
+    pub(super) spec: EnvSpec,
+    pub(super) body: Body,
+    pub(super) sim: Simulation,
+    pub(super) moment: Moment,
+    settings: Settings,
+    space: FovSpace,
+    fov: Fov,
+    models: Models,
+    /// The geom that marks the goal.
+    target: usize,
+    /// Cells on the way to the goal, from each cell.
+    ways: (Cell, Vec<Option<u32>>),
+    pictures: Option<Drawn>,
+}
+
+/// What pictures need.
+struct Drawn {
+    pictures: Pictures,
+    /// The colours of the floor that they show.
+    floor: Vec<f64>,
+    /// The picture of the goal, and whether it belongs to an earlier episode.
+    goal: (Vec<u8>, bool),
+}
+
+/// The episode as it stands, beside the simulation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Moment {
+    seed: i64,
+    /// Control steps taken.
+    step: u64,
+    /// 1 and so on; 0 without a task.
+    pub(super) task: i64,
+    /// Where to go, x, y, m.
+    pub(super) goal: [f64; 2],
+    /// What being there looks like.
+    pub(super) goal_qpos: Vec<f64>,
+    pub(super) goal_qvel: Vec<f64>,
+    /// Before the last control step.
+    pub(super) before_qpos: Vec<f64>,
+    pub(super) before_qvel: Vec<f64>,
+    /// Whether the goal was reached in the last control step, before any teleporter.
+    success: bool,
+}
+
+/// A saved moment.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    fov: SavedFov,
+    moment: Moment,
+    simulation: Vec<f64>,
+}
+
+impl MazeEnv {
+    /// Makes the environment `id`.
+    pub(super) fn new(id: &'static str, body: Body, config: &EnvConfig) -> Result<Self, EnvError> {
+        let settings: Settings = settings::read(config, id, SETTINGS)?;
+        settings.check().map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
+        Self::assemble(id, body, settings, config).map_err(|error| error.at_making(id))
+    }
+
+    fn assemble(id: &str, body: Body, settings: Settings, config: &EnvConfig) -> Result<Self, MujocoError> {
+        let space = factors::space(&factors::controls(body));
+        let models = Models::new(body, settings.maze_type)?;
+        let mut sim = Simulation::new(models.light())?;
+        sim.reset();
+        sim.forward()?;
+        let (nq, nv) = (sim.model().nq(), sim.model().nv());
+        let mut columns = fields(body, [nq, nv]);
+        columns.extend(space.fields());
+        let image = config.image;
+        columns.extend(image.iter().map(|size| Field::episode("goal", Dtype::U8, &size.shape())));
+        let camera = CameraName::Name(if body == Body::Ant { "back" } else { TOP }.to_owned());
+        let full = models.full();
+        let views = Views::new(&settings.pictures, &camera, &full, image)?;
+        columns.extend(views.iter().flat_map(Views::fields));
+        let fov = space.defaults();
+        let drawn = |views| -> Result<Drawn, MujocoError> {
+            let size = image.map_or(0, |size| size.shape().iter().product());
+            let floor = numbers(&fov, FLOOR_COLOR);
+            Ok(Drawn { pictures: Pictures::new(views, &full)?, floor, goal: (vec![0; size], true) })
+        };
+        let pictures = views.map(drawn).transpose()?;
+        let spec = EnvSpec {
+            id: id.to_owned(),
+            action: Space::uniform_box(Dtype::F32, &[sim.model().nu()], -1.0, 1.0),
+            fields: columns,
+            factors: space.specs(),
+            time_step_s: sim.model().timestep_s() * f64::from(SUBSTEPS),
+            start_columns: START_COLUMNS,
+            goal_columns: &["qpos"],
+        };
+        let target = models.light().id(Object::Geom, TARGET)?;
+        let moment = Moment::new(0, nq, nv);
+        let ways = ([0, 0], Vec::new());
+        let mut env = Self { spec, body, sim, moment, settings, space, fov, models, target, ways, pictures };
+        env.set_model()?;
+        Ok(env)
+    }
+
+    fn maze(&self) -> Maze {
+        self.settings.maze_type
+    }
+
+    /// Where the body is: x, y, m.
+    pub(super) fn place(&self) -> [f64; 2] {
+        [self.sim.qpos()[0], self.sim.qpos()[1]]
+    }
+
+    /// Gives the simulation and the pictures the model of the present factors. The state stays.
+    fn set_model(&mut self) -> Result<(), MujocoError> {
+        let is_other = self.models.apply(&self.fov, &mut self.sim)?;
+        let floor = numbers(&self.fov, FLOOR_COLOR);
+        let Some(drawn) = &mut self.pictures else { return Ok(()) };
+        let full = self.models.full();
+        if is_other {
+            drawn.pictures.set_model(&full)?;
+        }
+        let is_encoded = factors::is_encoded(&self.fov);
+        if !is_encoded && (is_other || drawn.floor != floor) {
+            let texture = full.id(Object::Texture, "grid")?;
+            drawn.pictures.recolor(&full, texture, &factors::floor_colors(&floor))?;
+        }
+        drawn.floor = floor;
+        Ok(())
+    }
+
+    /// Shows the marker where the goal is, and finds the ways there.
+    fn know_goal(&mut self) {
+        let goal = self.moment.goal;
+        self.sim.model_mut().geom_pos_mut()[3 * self.target..][..2].copy_from_slice(&goal);
+        let cell = cell_at(goal);
+        if self.ways.0 != cell || self.ways.1.is_empty() {
+            self.ways = (cell, self.maze().ways(cell));
+        }
+        if let Some(drawn) = &mut self.pictures {
+            drawn.goal.1 = true;
+        }
+    }
+
+    /// Start and goal of the episode.
+    fn draw_cells(&mut self, stream: &mut Stream) -> [Cell; 2] {
+        let maze = self.maze();
+        match self.settings.mode {
+            Mode::Task => {
+                let tasks = maze.tasks();
+                let task = self.settings.task.unwrap_or_else(|| stream.random_range(1..=tasks.len()));
+                self.moment.task = task as i64;
+                tasks[task - 1]
+            }
+            Mode::DataCollection => {
+                let mut cells = maze.open_cells();
+                let start = cells.swap_remove(stream.random_range(0..cells.len()));
+                [start, cells[stream.random_range(0..cells.len())]]
+            }
+        }
+    }
+
+    /// The body near its reference posture, at `place`.
+    fn put(&mut self, place: [f64; 2], stream: &mut Stream) -> Result<(), MujocoError> {
+        let sim = &mut self.sim;
+        sim.reset();
+        sim.qpos_mut().iter_mut().for_each(|q| *q += uniform(stream, -NOISE, NOISE));
+        sim.qvel_mut().iter_mut().for_each(|v| *v += NOISE * normal(stream));
+        sim.qpos_mut()[..2].copy_from_slice(&place);
+        sim.forward()
+    }
+
+    fn begin(&mut self, episode: &Episode<'_>) -> Result<(), MujocoError> {
+        let (nq, nv) = (self.sim.model().nq(), self.sim.model().nv());
+        self.moment = Moment::new(episode.seed.value(), nq, nv);
+        let mut stream = episode.seed.stream("start");
+        let cells = self.draw_cells(&mut stream);
+        let mut near =
+            |cell: Cell| place_of(cell).map(|middle| middle + uniform(&mut stream, -SPREAD, SPREAD));
+        let [start, goal] = cells.map(&mut near);
+        self.put(goal, &mut stream)?;
+        for step in 0..SETTLING {
+            let action = self.spec.action.sample(&mut episode.seed.indexed("goal action", [step, 0]));
+            if let Slice::F32(values) = action.data.as_slice() {
+                self.advance(values)?;
+            }
+        }
+        self.sim.qpos_mut()[..2].copy_from_slice(&goal);
+        self.moment.goal = goal;
+        self.moment.goal_qpos.copy_from_slice(self.sim.qpos());
+        self.moment.goal_qvel.copy_from_slice(self.sim.qvel());
+        self.put(start, &mut stream)
+    }
+
+    /// One control step.
+    fn advance(&mut self, action: &[f32]) -> Result<(), MujocoError> {
+        match self.body {
+            Body::Point => {
+                // In single precision, as the reference has it.
+                let speed = self.fov.f64(SPEED) as f32;
+                let places = self.sim.qpos_mut().iter_mut();
+                places.zip(action).for_each(|(place, value)| *place += f64::from(speed * value));
+                self.sim.qvel_mut().fill(0.0);
+            }
+            Body::Ant => {
+                let controls = self.sim.ctrl_mut().iter_mut();
+                controls.zip(action).for_each(|(control, value)| *control = f64::from(*value));
+            }
+        }
+        self.sim.control_step(SUBSTEPS)
+    }
+
+    /// Takes the body from the way into a teleporter to one of the ways out.
+    fn teleport(&mut self) -> Result<(), MujocoError> {
+        let Some(teleporters) = self.maze().teleporters() else { return Ok(()) };
+        let place = self.place();
+        let is_near = |cell: &Cell| distance(place, place_of(*cell)) <= TELEPORTER_RADIUS * TELEPORTER_REACH;
+        if !teleporters.ins.iter().any(is_near) {
+            return Ok(());
+        }
+        let mut stream =
+            EpisodeSeed::new(self.moment.seed as u64).indexed("teleporter", [self.moment.step, 0]);
+        let out = place_of(teleporters.outs[stream.random_range(0..teleporters.outs.len())]);
+        self.sim.qpos_mut()[..2].copy_from_slice(&out);
+        self.sim.forward()
+    }
+
+    fn is_at_goal(&self) -> bool {
+        distance(self.place(), self.moment.goal) <= self.body.reach()
+    }
+
+    /// Draws the goal, and returns to where the episode stands.
+    fn draw_goal(&mut self) -> Result<(), MujocoError> {
+        let Some(mut drawn) = self.pictures.take() else { return Ok(()) };
+        let mut kept = Vec::new();
+        self.sim.save(&mut kept);
+        self.sim.qpos_mut().copy_from_slice(&self.moment.goal_qpos);
+        self.sim.qvel_mut().copy_from_slice(&self.moment.goal_qvel);
+        let result = self.sim.forward();
+        if result.is_ok() {
+            drawn.pictures.draw(&mut self.sim, &mut drawn.goal.0);
+        }
+        drawn.goal.1 = false;
+        self.pictures = Some(drawn);
+        result?;
+        self.sim.load(&kept)
+    }
+}
+
+impl Moment {
+    fn new(seed: i64, nq: usize, nv: usize) -> Self {
+        let (positions, velocities) = (|| vec![0.0; nq], || vec![0.0; nv]);
+        Self {
+            seed,
+            step: 0,
+            task: 0,
+            goal: [0.0; 2],
+            goal_qpos: positions(),
+            goal_qvel: velocities(),
+            before_qpos: positions(),
+            before_qvel: velocities(),
+            success: false,
+        }
+    }
+}
+
+impl Env for MazeEnv {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+        self.fov = self.space.draw(&self.spec.id, episode)?;
+        let id = self.spec.id.clone();
+        let at_reset = |error: MujocoError| error.at_reset(&id);
+        self.set_model().map_err(at_reset)?;
+        self.begin(episode).map_err(at_reset)?;
+        if let Some(row) = &episode.options.start {
+            self.start_from(row)?;
+        }
+        if let Some(row) = &episode.options.goal {
+            self.set_goal(row)?;
+        }
+        self.know_goal();
+        self.moment.before_qpos.copy_from_slice(self.sim.qpos());
+        self.moment.before_qvel.copy_from_slice(self.sim.qvel());
+        self.moment.success = self.is_at_goal();
+        Ok(Outcome { reward: f64::NAN, terminated: false, success: Some(self.moment.success) })
+    }
+
+    fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
+        let failure = self.pictures.as_mut().and_then(|drawn| drawn.pictures.take_failure());
+        if let Some(failure) = failure {
+            return Err(failure.at_step(&self.spec.id));
+        }
+        let width = self.spec.action.width();
+        let values = match action {
+            Slice::F32(values) if values.len() == width && values.iter().all(|value| value.is_finite()) => {
+                values
+            }
+            other => {
+                let expected = format!("{width} finite float32 values");
+                let found = format!("{} values of {}: {other:?}", other.len(), other.dtype());
+                return Err(BatchError::WrongValue { name: "action".to_owned(), expected, found }.into());
+            }
+        };
+        let Self { sim, moment, .. } = self;
+        moment.before_qpos.copy_from_slice(sim.qpos());
+        moment.before_qvel.copy_from_slice(sim.qvel());
+        self.advance(values).map_err(|error| error.at_step(&self.spec.id))?;
+        self.moment.step += 1;
+        let success = self.is_at_goal();
+        self.moment.success = success;
+        self.teleport().map_err(|error| error.at_step(&self.spec.id))?;
+        let reward = f64::from(u8::from(success)) - f64::from(u8::from(self.settings.task.is_some()));
+        Ok(Outcome { reward, terminated: success && self.settings.terminate_at_goal, success: Some(success) })
+    }
+
+    fn write_episode(&mut self, out: &mut RowsMut<'_>) {
+        self.write_goal(out);
+        self.fov.write(FACTORS, out);
+        if self.pictures.as_ref().is_some_and(|drawn| drawn.goal.1)
+            && self.draw_goal().is_err()
+            && let Some(drawn) = &mut self.pictures
+        {
+            // The next step finds the simulation unusable, and says so.
+            drawn.goal.0.fill(0);
+        }
+        if let Some(drawn) = &self.pictures {
+            out.write(FACTORS + self.spec.factors.len(), &drawn.goal.0);
+        }
+    }
+
+    fn observe(&mut self, out: &mut RowsMut<'_>) {
+        self.write_step(out);
+        let first = FACTORS + self.spec.factors.len() + 1;
+        if let Some(drawn) = &mut self.pictures {
+            drawn.pictures.write(&mut self.sim, first, out);
+        }
+    }
+
+    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
+        let mut simulation = Vec::new();
+        self.sim.save(&mut simulation);
+        state.store(&self.spec.id, &Saved { fov: self.fov.save(), moment: self.moment.clone(), simulation })
+    }
+
+    fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
+        let saved: Saved = state.load(&self.spec.id)?;
+        let foreign = |reason: String| EnvError::State { env: self.spec.id.clone(), reason };
+        let fov = self.space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
+        let Moment { goal_qpos, goal_qvel, before_qpos, before_qvel, .. } = &saved.moment;
+        let widths = [goal_qpos, goal_qvel, before_qpos, before_qvel].map(Vec::len);
+        let (nq, nv) = (self.sim.model().nq(), self.sim.model().nv());
+        if widths != [nq, nv, nq, nv] {
+            return Err(foreign("it belongs to another body".to_owned()));
+        }
+        if fov != self.fov {
+            self.fov = fov;
+            self.set_model().map_err(|error| error.at_restore(&self.spec.id))?;
+            self.moment.goal = [f64::NAN; 2];
+        }
+        let is_same_goal =
+            saved.moment.goal == self.moment.goal && saved.moment.goal_qpos == self.moment.goal_qpos;
+        self.moment = saved.moment;
+        if !is_same_goal {
+            self.know_goal();
+        }
+        self.sim.load(&saved.simulation).map_err(|error| error.at_restore(&self.spec.id))
+    }
+
+    fn renderer(&self) -> Option<String> {
+        self.pictures.as_ref().map(|drawn| drawn.pictures.renderer())
+    }
+
+    /// The length of the way that is left, over the middles of cells, m.
+    fn task_cost(&self) -> Option<f64> {
+        Some(self.maze().way_left(&self.ways.1, self.place(), self.moment.goal))
+    }
+}

@@ -1,0 +1,69 @@
+//! OGBench's mazes: a point and an ant that look for a place in a grid of walls. Facts: `ogbench` 1.2.2.
+//!
+//! * `layout`: the grids, their tasks, and the way from cell to cell;
+//! * `models`: the compiled models; `factors`: what varies;
+//! * `env`, `rows`: the environment, its rows and its saved states;
+//! * `expert`, `gait`: the policies.
+
+mod env;
+mod expert;
+mod factors;
+mod gait;
+mod layout;
+mod models;
+mod rows;
+mod settings;
+
+use swm_core::EnvEntry;
+
+use env::MazeEnv;
+
+/// What moves through the maze.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Body {
+    /// A ball that an action moves by as much.
+    Point,
+    /// Four legs with eight motors.
+    Ant,
+}
+
+impl Body {
+    /// The file of its model.
+    fn file(self) -> &'static str {
+        match self {
+            Body::Point => "point.xml",
+            Body::Ant => "ant.xml",
+        }
+    }
+
+    /// How near the goal counts as there, m.
+    fn reach(self) -> f64 {
+        match self {
+            Body::Point => 1.0,
+            Body::Ant => 0.5,
+        }
+    }
+}
+
+const POINT_ID: &str = "swm/OGBPointMaze-v0";
+const ANT_ID: &str = "swm/OGBAntMaze-v0";
+
+/// `swm/OGBPointMaze-v0`.
+pub const OGB_POINT_MAZE: EnvEntry = EnvEntry {
+    id: POINT_ID,
+    summary: "a ball in one of five mazes, moved by what an action says",
+    settings: settings::SETTINGS,
+    policies: expert::POINT_POLICIES,
+    planner: None,
+    make: |config| Ok(Box::new(MazeEnv::new(POINT_ID, Body::Point, config)?)),
+};
+
+/// `swm/OGBAntMaze-v0`.
+pub const OGB_ANT_MAZE: EnvEntry = EnvEntry {
+    id: ANT_ID,
+    summary: "an ant of four legs in one of five mazes; torques of eight joints",
+    settings: settings::SETTINGS,
+    policies: expert::ANT_POLICIES,
+    planner: None,
+    make: |config| Ok(Box::new(MazeEnv::new(ANT_ID, Body::Ant, config)?)),
+};

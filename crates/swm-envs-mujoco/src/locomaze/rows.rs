@@ -1,0 +1,120 @@
+//! The columns of a row, and starts and goals from recorded ones.
+
+use std::collections::BTreeMap;
+
+use swm_core::{Dtype, EnvError, Field, RowsMut, Value};
+
+use super::Body;
+use super::env::MazeEnv;
+use crate::suite::recorded;
+
+// Positions of the step columns, in the order of `fields`; behind them those of the episode.
+const OBSERVATION: usize = 0;
+const QPOS: usize = 1;
+const QVEL: usize = 2;
+const TIME: usize = 3;
+const QACC_WARMSTART: usize = 4;
+const PREV_QPOS: usize = 5;
+const PREV_QVEL: usize = 6;
+const XY: usize = 7;
+const TASK_ID: usize = 8;
+const GOAL_XY: usize = 9;
+const GOAL_OBSERVATION: usize = 10;
+/// Where the factors begin.
+pub(super) const FACTORS: usize = 11;
+
+/// The columns that a start may name.
+pub(super) const START_COLUMNS: &[&str] = &["qpos", "qvel", "time", "qacc_warmstart"];
+
+/// The columns before the factors, for `nq` positions and `nv` velocities.
+pub(super) fn fields(body: Body, [nq, nv]: [usize; 2]) -> Vec<Field> {
+    let observed = if body == Body::Point { nq } else { nq + nv };
+    let step = |name: &str, width: usize| Field::step(name, Dtype::F64, &[width]);
+    vec![
+        step("observation", observed),
+        step("qpos", nq),
+        step("qvel", nv),
+        Field::step("time", Dtype::F64, &[]),
+        step("qacc_warmstart", nv),
+        step("prev_qpos", nq),
+        step("prev_qvel", nv),
+        step("xy", 2),
+        Field::episode("task_id", Dtype::I64, &[]),
+        Field::episode("goal_xy", Dtype::F64, &[2]),
+        Field::episode("goal_observation", Dtype::F64, &[observed]),
+    ]
+}
+
+impl MazeEnv {
+    /// Writes the step columns, without pictures.
+    pub(super) fn write_step(&self, out: &mut RowsMut<'_>) {
+        let (sim, moment) = (&self.sim, &self.moment);
+        write_observation(self.body, out.at(OBSERVATION), sim.qpos(), sim.qvel());
+        out.write(QPOS, sim.qpos());
+        out.write(QVEL, sim.qvel());
+        out.write(TIME, &[sim.time_s()]);
+        out.write(QACC_WARMSTART, sim.qacc_warmstart());
+        out.write(PREV_QPOS, &moment.before_qpos);
+        out.write(PREV_QVEL, &moment.before_qvel);
+        out.write(XY, &self.place());
+    }
+
+    /// Writes the columns of the episode, without factors and pictures.
+    pub(super) fn write_goal(&self, out: &mut RowsMut<'_>) {
+        let moment = &self.moment;
+        out.write(TASK_ID, &[moment.task]);
+        out.write(GOAL_XY, &moment.goal);
+        write_observation(self.body, out.at(GOAL_OBSERVATION), &moment.goal_qpos, &moment.goal_qvel);
+    }
+
+    /// Stands at a recorded row.
+    pub(super) fn start_from(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        let id = &self.spec.id;
+        let needed = |name: &str| EnvError::Reset {
+            env: id.clone(),
+            reason: format!("a start needs the column `{name}`"),
+        };
+        let sim = &mut self.sim;
+        let (nq, nv) = (sim.model().nq(), sim.model().nv());
+        let qpos = recorded(id, row, "qpos", nq)?.ok_or_else(|| needed("qpos"))?;
+        let qvel = recorded(id, row, "qvel", nv)?.ok_or_else(|| needed("qvel"))?;
+        let warmstart = recorded(id, row, "qacc_warmstart", nv)?;
+        sim.reset();
+        sim.qpos_mut().copy_from_slice(&qpos);
+        sim.qvel_mut().copy_from_slice(&qvel);
+        sim.set_time(recorded(id, row, "time", 1)?.map_or(0.0, |time| time[0]));
+        if let Some(warmstart) = &warmstart {
+            sim.qacc_warmstart_mut().copy_from_slice(warmstart);
+        }
+        sim.forward().map_err(|error| error.at_reset(id))?;
+        if let Some(warmstart) = &warmstart {
+            self.sim.qacc_warmstart_mut().copy_from_slice(warmstart);
+        }
+        Ok(())
+    }
+
+    /// Wants to be where a recorded row is.
+    pub(super) fn set_goal(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        let id = &self.spec.id;
+        let wrong = |reason: String| EnvError::Reset { env: id.clone(), reason };
+        if let Some(column) = row.keys().find(|column| !self.spec.goal_columns.contains(&column.as_str())) {
+            return Err(wrong(format!("`{column}` is no goal of this environment")));
+        }
+        let qpos = recorded(id, row, "qpos", self.sim.model().nq())?;
+        let qpos = qpos.ok_or_else(|| wrong("a goal needs the column `qpos`".to_owned()))?;
+        let moment = &mut self.moment;
+        moment.goal = [qpos[0], qpos[1]];
+        moment.goal_qpos = qpos;
+        moment.goal_qvel.fill(0.0);
+        Ok(())
+    }
+}
+
+/// The reference's observation: positions, and for the ant velocities.
+fn write_observation(body: Body, out: &mut [f64], qpos: &[f64], qvel: &[f64]) {
+    let (positions, velocities) = out.split_at_mut(qpos.len());
+    positions.copy_from_slice(qpos);
+    if body == Body::Ant {
+        velocities.copy_from_slice(qvel);
+    }
+}
