@@ -19,6 +19,16 @@ fn evaluate(
     policy: &str,
     episodes: u64,
 ) -> Evaluation {
+    evaluate_for(entry, settings, policy, episodes, 200)
+}
+
+fn evaluate_for(
+    entry: &'static EnvEntry,
+    settings: &serde_json::Value,
+    policy: &str,
+    episodes: u64,
+    steps: u64,
+) -> Evaluation {
     let config = config(settings);
     let args = PolicyArgs::parse(policy).expect("a policy");
     let context = PolicyContext { env: entry, config: &config, frame_skip: 1 };
@@ -26,7 +36,7 @@ fn evaluate(
     let policy = (known.make)(&context, &args).expect("its arguments are sound");
     let options = WorldOptions {
         num_envs: 4,
-        max_episode_steps: Some(200),
+        max_episode_steps: Some(steps),
         env: config.clone(),
         ..WorldOptions::default()
     };
@@ -73,6 +83,15 @@ fn the_experts_solve_tasks_and_place_one_of_many_cubes() {
     ] {
         let evaluation = evaluate(&OGB_CUBE, &settings, "markov-expert", 20);
         assert!(evaluation.success_rate >= least, "{settings}: {} %", evaluation.success_rate);
+    }
+}
+
+#[test]
+fn the_experts_put_the_cube_into_a_drawer_that_they_open_and_close() {
+    for (task, steps) in [(4, 300), (5, 400)] {
+        let settings = json!({"mode": "task", "task": task});
+        let evaluation = evaluate_for(&OGB_SCENE, &settings, "expert", 10, steps);
+        assert!(evaluation.success_rate >= 70.0, "task {task}: {} %", evaluation.success_rate);
     }
 }
 

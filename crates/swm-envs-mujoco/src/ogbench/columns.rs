@@ -126,14 +126,16 @@ pub(super) fn visit(
     sink.numbers(named("mocap_quat"), &[count, 4], sim.mocap_quat());
     let next = table.next(sim, moment);
     let target = if let Pursued::Cube(index) = next { usize::from(index) } else { 0 };
-    let (position, rotation) = table.goal(sim, target);
+    let (position, rotation) = (table.next_place(sim, moment, target), table.goal(sim, target).1);
     sink.integers(named("privileged.target_task"), &[], &[next.code()]);
     sink.integers(named("privileged.target_number"), &[], &[moment.targets as i64]);
     sink.integers(named("privileged.target_block"), &[], &[target as i64]);
     sink.numbers(named("privileged.target_block_pos"), &[3], &position);
     sink.numbers(named("privileged.target_block_yaw"), &[1], &[pose::yaw(rotation)]);
     if let Some(furniture) = &table.furniture {
-        visit_furniture(furniture, sim, moment, next, sink);
+        // A drawer that has to be opened on the way is wanted open, wherever it should end.
+        let on_the_way = table.has_to_open_drawer(sim, moment).then(|| Which::Drawer.range()[1]);
+        visit_furniture(furniture, sim, moment, (next, on_the_way), sink);
     }
 }
 
@@ -141,7 +143,7 @@ fn visit_furniture(
     furniture: &Furniture,
     sim: &Simulation,
     moment: &Moment,
-    next: Pursued,
+    (next, drawer_on_the_way): (Pursued, Option<f64>),
     sink: &mut impl Sink,
 ) {
     for index in 0..2 {
@@ -160,8 +162,12 @@ fn visit_furniture(
         sink.numbers(slide("handle_pos"), &[3], &handle);
         sink.numbers(slide("handle_yaw"), &[1], &[yaw]);
         let target = |what: &'static str| move || format!("privileged.target_{name}_{what}");
-        sink.numbers(target("pos"), &[1], &[moment.goal_slides[which as usize]]);
-        sink.numbers(target("handle_pos"), &[3], &furniture.handle_target(sim, which));
+        let goal = moment.goal_slides[which as usize];
+        let now = drawer_on_the_way.filter(|_| which == Which::Drawer).unwrap_or(goal);
+        let [x, y, z] = furniture.handle_target(sim, which);
+        sink.numbers(target("pos"), &[1], &[now]);
+        // The drawer opens along y.
+        sink.numbers(target("handle_pos"), &[3], &[x, y + goal - now, z]);
     }
     let named = |name: &'static str| move || name.to_owned();
     let target = if let Pursued::Button(index) = next { usize::from(index) } else { 0 };

@@ -142,7 +142,20 @@ impl Table {
         if moment.pursued != Pursued::Everything {
             return moment.pursued;
         }
-        let is_left = |pursued: &Pursued| !self.is_met(sim, moment, *pursued);
+        let is_left = |pursued: &Pursued| match *pursued {
+            // What lies in the drawer as it should comes home with it.
+            Pursued::Cube(index) => {
+                !self.is_met(sim, moment, *pursued)
+                    && pose::distance(
+                        self.cube(sim, index.into()),
+                        self.next_place(sim, moment, index.into()),
+                    ) > REACHED
+            }
+            _ => !self.is_met(sim, moment, *pursued),
+        };
+        if self.has_to_open_drawer(sim, moment) {
+            return if moment.buttons[0] == 0 { Pursued::Button(0) } else { Pursued::Drawer };
+        }
         if self.furniture.is_some() {
             let slides = [Pursued::Drawer, Pursued::Window].into_iter().enumerate();
             let mut locked = slides.filter(|(index, slide)| moment.buttons[*index] == 0 && is_left(slide));
@@ -161,6 +174,41 @@ impl Table {
         let furniture = [Pursued::Drawer, Pursued::Window, Pursued::Button(0), Pursued::Button(1)];
         let mut furniture = furniture.into_iter().filter(|_| self.furniture.is_some());
         furniture.find(is_left).unwrap_or(Pursued::Cube(0))
+    }
+
+    /// How far the drawer is from where it belongs, along y, if this cube belongs into it, m.
+    fn off_in_drawer(&self, sim: &Simulation, moment: &Moment, index: usize) -> Option<f64> {
+        /// The middle of the closed drawer, m, and how far from it a cube in it is at most.
+        const MIDDLE: [f64; 2] = [0.33, -0.356];
+        const INSIDE: f64 = 0.08;
+        /// Its bottom is higher than the table by more than the smallest cube's half side.
+        const BOTTOM: f64 = 0.05;
+        let furniture = self.furniture.as_ref()?;
+        let ([x, y, z], goal) = (self.goal(sim, index).0, moment.goal_slides[Which::Drawer as usize]);
+        let is_inside = z > BOTTOM && pose::distance([x, y], [MIDDLE[0], MIDDLE[1] - goal]) < INSIDE;
+        is_inside.then(|| goal - furniture.position(sim, Which::Drawer)[0])
+    }
+
+    /// Where a cube is to be put now, m: where it belongs, or to its place in the drawer, wherever that is.
+    pub(super) fn next_place(&self, sim: &Simulation, moment: &Moment, index: usize) -> [f64; 3] {
+        let [x, y, z] = self.goal(sim, index).0;
+        let is_next = moment.pursued == Pursued::Everything;
+        let off = if is_next { self.off_in_drawer(sim, moment, index) } else { None };
+        [x, y + off.unwrap_or(0.0), z]
+    }
+
+    /// Whether the drawer has to be opened for a cube that belongs into it.
+    pub(super) fn has_to_open_drawer(&self, sim: &Simulation, moment: &Moment) -> bool {
+        /// The drawer is open enough.
+        const OPEN: f64 = -0.13;
+        let Some(furniture) = &self.furniture else { return false };
+        let is_outside = |index: usize| {
+            self.off_in_drawer(sim, moment, index).is_some()
+                && pose::distance(self.cube(sim, index), self.next_place(sim, moment, index)) > REACHED
+        };
+        moment.pursued == Pursued::Everything
+            && furniture.position(sim, Which::Drawer)[0] > OPEN
+            && (0..self.cubes.len()).any(is_outside)
     }
 
     /// What is left to do, in m; see [`super::env::TableEnv`]'s `task_cost`.
