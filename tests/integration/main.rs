@@ -13,5 +13,7 @@ mod experts;
 mod interop;
 mod pictures;
 mod planning;
+mod quality;
 mod replayable;
+mod reports;
 mod support;

@@ -101,6 +101,22 @@ pub enum PairSource {
     },
 }
 
+impl PairSource {
+    /// In words.
+    pub fn describe(&self) -> String {
+        match self {
+            PairSource::Online => "drawn by the environment".to_owned(),
+            PairSource::Dataset { name, episodes, rows, goal_offset, held_out, .. } => {
+                let share = match *held_out < 1.0 {
+                    true => format!(", {:.0} % held out", 100.0 * held_out),
+                    false => String::new(),
+                };
+                format!("{name}: {episodes} episodes, {rows} rows{share}; goals {goal_offset} rows ahead")
+            }
+        }
+    }
+}
+
 /// Candidates that were left out, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -111,6 +127,16 @@ pub struct Excluded {
     pub little_motion: usize,
     /// Episodes too short for the goal offset.
     pub too_short: usize,
+}
+
+impl Excluded {
+    /// In words.
+    pub fn describe(&self) -> String {
+        let Self { solved_at_start, little_motion, too_short } = self;
+        format!(
+            "{solved_at_start} solved at the start, {little_motion} with little motion, {too_short} too short"
+        )
+    }
 }
 
 /// One episode of a manifest.

@@ -37,6 +37,10 @@ pub struct EpisodeResult {
     /// The true task cost when the first plan had been carried out, or at the end if that came first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plan_cost: Option<f64>,
+    /// The true task cost when each plan had been carried out, `[plans]`, the last one's at the end if that came first; none
+    /// where it is no number.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub plan_costs: Vec<Option<f64>>,
     /// The true task cost at the end.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub final_cost: Option<f64>,
@@ -44,6 +48,16 @@ pub struct EpisodeResult {
     pub decisions: String,
     /// Digest of every row, pictures apart, actions included: of what happened.
     pub digest: String,
+}
+
+impl EpisodeResult {
+    /// Whether a repetition is the same, as far as this result goes: older ones say nothing of the later plans' costs.
+    pub fn is_repeated_by(&self, again: &Self) -> bool {
+        match self.plan_costs.is_empty() {
+            true => *self == Self { plan_costs: Vec::new(), ..again.clone() },
+            false => self == again,
+        }
+    }
 }
 
 /// What several episodes came to together.
@@ -103,7 +117,7 @@ pub struct OutcomeRecorder<'a> {
 struct Open {
     rows: Fnv,
     decisions: Fnv,
-    plan_cost: Option<f64>,
+    plan_costs: Vec<Option<f64>>,
     final_cost: Option<f64>,
 }
 
@@ -160,13 +174,12 @@ impl Recorder for OutcomeRecorder<'_> {
         if row.episode.step < self.plan_steps && !is_last {
             open.decisions.slice(row.values.at(self.action));
         }
-        let planned = row.episode.step == self.plan_steps;
+        let planned = row.episode.step > 0 && row.episode.step.is_multiple_of(self.plan_steps.max(1));
         if planned || is_last {
-            let cost = row.task_cost().filter(|cost| cost.is_finite());
-            if planned || open.plan_cost.is_none() {
-                open.plan_cost = cost;
-            }
-            open.final_cost = cost;
+            let cost = row.task_cost();
+            // A row at which a plan ends and the episode too counts once.
+            open.plan_costs.extend(cost.map(|cost| Some(cost).filter(|cost| cost.is_finite())));
+            open.final_cost = cost.filter(|cost| cost.is_finite());
         }
         Ok(())
     }
@@ -182,7 +195,8 @@ impl Recorder for OutcomeRecorder<'_> {
             total_reward: finite(end.total_reward),
             best_margin: end.margins.and_then(|margins| finite(margins.best)),
             last_margin: end.margins.and_then(|margins| finite(margins.last)),
-            plan_cost: open.plan_cost,
+            plan_cost: open.plan_costs.first().copied().flatten(),
+            plan_costs: open.plan_costs,
             final_cost: open.final_cost,
             decisions: open.decisions.finish(),
             digest: open.rows.finish(),

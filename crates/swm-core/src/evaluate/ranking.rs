@@ -39,7 +39,7 @@ pub fn action_ranking(
     let mut rows = Batch::new(rows_with_actions(env.spec())?, 2);
     let mut action = ActionColumn::new(&env.spec().action);
     let width = model.latent_width();
-    let [mut start, mut goal, mut latent] = [vec![0.0; width], vec![0.0; width], vec![0.0; width]];
+    let mut ends = vec![0.0; 2 * width];
     let mut state = EnvState::new();
     let mut correlations = Vec::with_capacity(starts);
     for index in 0..starts as u64 {
@@ -61,17 +61,17 @@ pub fn action_ranking(
         };
         episode(&reset, env)?;
         env.snapshot(&mut state)?;
-        model.encode(rows.row(0), &mut start)?;
-        model.encode(rows.row(1), &mut goal)?;
-        let (mut told, mut truth) = (Vec::with_capacity(plans), Vec::with_capacity(plans));
+        model.encode_rows(&rows, &mut ends)?;
+        let (start, goal) = ends.split_at(width);
+        // Actions of the plans that end well, plan by plan: [P, H, A].
+        let (mut taken, mut truth) = (Vec::new(), Vec::with_capacity(plans));
         for plan in 0..plans as u64 {
             env.restore(&state)?;
-            latent.copy_from_slice(&start);
-            let mut diverged = false;
+            let (first, mut diverged) = (taken.len(), false);
             for step in 0..horizon as u64 {
                 action.draw(seed, index, (plan + 1) * horizon as u64 + step);
                 match env.step(action.as_slice()) {
-                    Ok(_) => model.predict(&mut latent, &action.numbers())?,
+                    Ok(_) => taken.extend(action.numbers()),
                     Err(EnvError::Diverged { .. }) => diverged = true,
                     Err(error) => return Err(error.into()),
                 }
@@ -80,15 +80,37 @@ pub fn action_ranking(
                 }
             }
             if diverged {
+                taken.truncate(first);
                 continue;
             }
             let no_cost = || format!("{} has no task cost: plans have no true order", env.spec().id);
             truth.push(env.task_cost().ok_or_else(no_cost)?);
-            told.push(latent.iter().zip(&goal).map(|(a, b)| (a - b) * (a - b)).sum());
         }
+        let told = costs_of(model, start, goal, &taken, truth.len(), horizon)?;
         correlations.push(rank_correlation(&told, &truth));
     }
     Ok(correlations)
+}
+
+/// What a model says of plans with the actions `taken`, `[P, H, A]`: the squared distance from `goal` after each, `[P]`.
+fn costs_of(
+    model: &mut dyn WorldModel,
+    start: &[f64],
+    goal: &[f64],
+    taken: &[f64],
+    plans: usize,
+    horizon: usize,
+) -> Result<Vec<f64>, BoxError> {
+    let mut latents = start.repeat(plans);
+    let wide = taken.len() / (plans * horizon).max(1);
+    let mut actions = Vec::with_capacity(plans * wide);
+    for step in 0..horizon {
+        actions.clear();
+        (0..plans).for_each(|plan| actions.extend(&taken[(plan * horizon + step) * wide..][..wide]));
+        model.predict_rows(&mut latents, &actions)?;
+    }
+    let distance = |latent: &[f64]| latent.iter().zip(goal).map(|(a, b)| (a - b) * (a - b)).sum();
+    Ok(latents.chunks_exact(goal.len().max(1)).map(distance).collect())
 }
 
 fn write_row(env: &mut dyn Env, rows: &mut Batch, row: usize) {

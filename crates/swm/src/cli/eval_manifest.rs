@@ -223,11 +223,15 @@ fn text(receipt: &Receipt, path: Option<&Path>) -> String {
     for (phase, summary) in receipt.phases.iter().enumerate() {
         text += &format!("phase {phase}: {}, {} episodes\n", rate(summary), summary.episodes);
     }
-    if let Some(regret) = receipt.beside.iter().find_map(|other| other.regret) {
+    if let Some(regret) = receipt.beside.iter().find_map(|other| other.regret.as_ref()) {
         text += &format!(
             "\nplanner regret: {:.3} after the first plan (median {:.3}), {:.3} at the end, in task cost\n",
             regret.first_plan, regret.first_plan_median, regret.at_end
         );
+        if regret.by_plan.len() > 1 {
+            let plans: Vec<String> = regret.by_plan.iter().map(|lost| format!("{lost:.3}")).collect();
+            text += &format!("after each plan: {}\n", plans.join(", "));
+        }
     }
     text += &format!("manifest {}\n{:.1} s\n", receipt.manifest_hash, receipt.wall_time_s);
     text + &path.map(|path| format!("{}\n", path.display())).unwrap_or_default()

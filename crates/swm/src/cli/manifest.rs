@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Map, json};
-use swm_core::evaluate::{ManifestOptions, PairSource, RecordedPairs, Tier, make_manifest};
+use swm_core::evaluate::{ManifestOptions, RecordedPairs, Tier, make_manifest};
 use swm_core::{Manifest, Registry};
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs};
@@ -174,14 +174,6 @@ impl Make {
 }
 
 fn show(manifest: &Manifest, path: &Path, output: &Output) -> Result<(), Failure> {
-    let source = match &manifest.source {
-        PairSource::Online => "drawn by the environment".to_owned(),
-        PairSource::Dataset { name, episodes, rows, goal_offset, held_out, .. } => {
-            let share =
-                if *held_out < 1.0 { format!(", {:.0} % held out", 100.0 * held_out) } else { String::new() };
-            format!("{name}: {episodes} episodes, {rows} rows{share}; goals {goal_offset} rows ahead")
-        }
-    };
     let excluded = &manifest.excluded;
     let hash = manifest.hash();
     let json = json!({
@@ -189,17 +181,13 @@ fn show(manifest: &Manifest, path: &Path, output: &Output) -> Result<(), Failure
         "budget": manifest.budget, "success": manifest.success, "source": manifest.source, "excluded": excluded,
         "solved_at_start": manifest.solved_at_start, "phases": manifest.phases(),
     });
-    let left_out = format!(
-        "{} solved at the start, {} with little motion, {} too short",
-        excluded.solved_at_start, excluded.little_motion, excluded.too_short
-    );
     let mut rows = vec![
         ["environment", &manifest.env].map(str::to_owned),
         ["tier".to_owned(), manifest.tier.name().to_owned()],
         ["pairs".to_owned(), manifest.pairs.len().to_string()],
         ["solved at the start".to_owned(), manifest.solved_at_start.to_string()],
-        ["left out".to_owned(), left_out],
-        ["source".to_owned(), source],
+        ["left out".to_owned(), excluded.describe()],
+        ["source".to_owned(), manifest.source.describe()],
         ["actions allowed".to_owned(), manifest.budget.to_string()],
         ["success".to_owned(), manifest.success.describe()],
         ["hash".to_owned(), hash],

@@ -20,7 +20,9 @@ use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs, policy_args};
 use super::output::table;
 use super::{Failure, Output, usage};
 use crate::film::Film;
-use crate::plan::{EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, write_report};
+use crate::plan::{
+    EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, stops_at_success, write_report,
+};
 
 /// Plan with a solver on the true simulator, carry the plans out, and show how they came about.
 #[derive(Args)]
@@ -147,7 +149,19 @@ impl Plan {
             Some(dir) => {
                 let (film, session, summary) = (&film, &*session, &summary);
                 let (config, actions, drawn): (_, &ActionMap, _) = (&config, &actions, self.drawn);
-                write_report(dir, &Report { entry, config, actions, session, summary, film, format, drawn })
+                let stops_at_success = stops_at_success(&policy_args(&self.policy)?);
+                let report = Report {
+                    entry,
+                    config,
+                    actions,
+                    session,
+                    summary,
+                    film,
+                    format,
+                    drawn,
+                    stops_at_success,
+                };
+                write_report(dir, &report)
             }
             None => Ok(Vec::new()),
         };

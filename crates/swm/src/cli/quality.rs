@@ -1,38 +1,55 @@
 //! `swm quality`: how good is a world model, without control?
 
-use clap::Args;
-use swm_core::Registry;
-use swm_core::evaluate::{StateModel, Violation};
+use std::path::PathBuf;
 
-use super::args::EnvArgs;
+use clap::Args;
+use serde_json::Map;
+use swm_core::evaluate::quality::WorldModel;
+use swm_core::evaluate::{StateModel, Violation, random_episodes};
+use swm_core::{EnvConfig, EnvEntry, Registry};
+
+use super::args::{EnvArgs, ImageArg};
 use super::output::table;
 use super::{Failure, Output, usage};
-use crate::evaluation::{Quality, QualityOptions, quality};
+use crate::evaluation::{PictureModel, ProbeScore, Quality, QualityOptions, quality, recorded_episodes};
 
-/// Measure a world model without control: prediction, ranking of plans, surprise.
+/// Measure a world model without control: prediction, probes of the state, ranking of plans, surprise.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   swm quality swm/TwoRoom-v2 --violation teleport
   swm quality swm/PushT-v1 --model gain=0.8 --violation teleport --violation state[2,3]=-500,-500 --violation block.color
-  swm quality swm/TwoRoom-v1 --model constant --json
+  swm quality swm/PushT-v1 --model pixels=8 --image-size 64 --episodes 100 --probe state
+  swm quality swm/PushT-v1 --dataset pusht.h5 --episodes 200 --rows 100 --model constant --json
 
 Models that need no training are the yardsticks: `true` (the environment in its state space), `gain=G` (the same with actions
-multiplied by G), and `constant` (nothing ever changes). A violation is `teleport`, COLUMN[ELEMENTS]=VALUES for something that
+multiplied by G), `constant` (nothing ever changes), and `pixels=C` (the picture in C × C cells, and nothing ever changes).
+Probes tell columns of the true state from latents: a linear one and a small network, fitted to four fifths of the episodes and
+scored on the others. A violation is `teleport`, COLUMN[ELEMENTS]=VALUES for something that
 jumps or vanishes, or the name of a factor, which changes. 0.5 of a violation is chance.")]
 pub(super) struct QualityCommand {
     #[command(flatten)]
     env: EnvArgs,
-    /// The model: true, constant, or gain=G.
+    /// The model: true, constant, gain=G, or pixels=C.
     #[arg(long, default_value = "true")]
     model: String,
+    /// Take the episodes of prediction and probes from this dataset. Without it, they are made of random actions.
+    #[arg(long, value_name = "FILE")]
+    dataset: Option<PathBuf>,
+    /// Size of the pictures that the model sees, or `none`. Default: the dataset's, or none.
+    #[arg(long)]
+    image_size: Option<ImageArg>,
+    /// A column of the true state to be told from latents; may be repeated. Default: the environment's start columns;
+    /// `none`: no probes.
+    #[arg(long = "probe", value_name = "COLUMN")]
+    probes: Vec<String>,
     /// Something that cannot happen; may be repeated.
     #[arg(long = "violation", value_name = "WHAT", default_value = "teleport")]
     violations: Vec<String>,
-    /// Random episodes, pairs per violation, and starts of the ranking.
+    /// Episodes, pairs per violation, and starts of the ranking.
     #[arg(long, default_value_t = 20)]
     episodes: usize,
-    /// Rows of an episode.
+    /// Rows of an episode; of recorded ones the first.
     #[arg(long, default_value_t = 30)]
     rows: usize,
     /// Steps of open-loop prediction, and actions of a plan.
@@ -54,18 +71,47 @@ impl QualityCommand {
                 "at least 1 episode, 2 plans and a horizon of 1 are needed, and more rows than the horizon",
             ));
         }
-        let (entry, config) = (self.env.entry(registry)?, self.env.config(None)?);
-        let gain = gain(&self.model)?;
+        let entry = self.env.entry(registry)?;
+        let mut dataset = self.dataset.as_deref().map(swm_data::open).transpose()?;
+        let metadata = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
+        if !metadata.env.is_empty() && metadata.env != entry.id {
+            return Err(usage(format!("the dataset was recorded in {}, not in {}", metadata.env, entry.id)));
+        }
+        let image = self.image_size.map_or(metadata.image, |size| size.0);
+        let config =
+            self.env.config_like(if dataset.is_some() { metadata.settings } else { Map::new() }, image)?;
         let violations: Vec<(String, Violation)> = self
             .violations
             .iter()
             .map(|text| Ok((text.clone(), violation(text)?)))
             .collect::<Result<_, Failure>>()?;
-        let mut model = StateModel::new(entry, &config, gain)?;
+        let mut model = model(&self.model, entry, &config)?;
         let mut env = (entry.make)(&config)?;
+        let recorded = match &mut dataset {
+            Some(dataset) => recorded_episodes(env.as_ref(), dataset.as_mut(), episodes, rows)?,
+            None => random_episodes(env.as_mut(), episodes, rows, seed)?,
+        };
+        let probed: Vec<String> = match self.probes.as_slice() {
+            // One episode leaves nothing to score on.
+            [] if recorded.len() < 2 => Vec::new(),
+            [] => env.spec().start_columns.iter().map(|&column| column.to_owned()).collect(),
+            [none] if none == "none" => Vec::new(),
+            named => named.to_vec(),
+        };
         let options = QualityOptions { episodes, rows, horizon, plans, seed };
-        let found = quality(&mut model, env.as_mut(), &violations, &options)?;
+        let found = quality(model.as_mut(), env.as_mut(), &recorded, &probed, &violations, &options)?;
         output.result(&found, || text(entry.id, &self.model, &found))
+    }
+}
+
+fn model(name: &str, entry: &EnvEntry, config: &EnvConfig) -> Result<Box<dyn WorldModel>, Failure> {
+    let cells = name.strip_prefix("pixels=").map(str::parse::<usize>);
+    match cells {
+        Some(Ok(cells)) if cells > 0 && config.image.is_none() => Err(usage(format!(
+            "--model {name} sees pictures, and there are none of {cells} cells; give --image-size"
+        ))),
+        Some(Ok(cells)) if cells > 0 => Ok(Box::new(PictureModel::new(cells))),
+        _ => Ok(Box::new(StateModel::new(entry, config, gain(name)?)?)),
     }
 }
 
@@ -75,7 +121,7 @@ fn gain(model: &str) -> Result<Option<f64>, Failure> {
         ("true", _) => Ok(Some(1.0)),
         ("constant", _) => Ok(None),
         (_, Some(Ok(gain))) if gain.is_finite() => Ok(Some(gain)),
-        _ => Err(usage(format!("--model {model}: there are true, constant and gain=NUMBER"))),
+        _ => Err(usage(format!("--model {model}: there are true, constant, gain=NUMBER and pixels=CELLS"))),
     }
 }
 
@@ -105,6 +151,27 @@ fn text(env: &str, model: &str, found: &Quality) -> String {
         .map(|(step, error): (usize, _)| vec![step.to_string(), format!("{error:.4e}")])
         .collect();
     text += &table(&["steps ahead", "squared error"], &errors);
+    let probes: Vec<Vec<String>> = found
+        .probes
+        .iter()
+        .map(|probed| {
+            let none = || ["–", "–"].map(str::to_owned);
+            let [line, line_correlation] = probed.linear.as_ref().map_or_else(none, told);
+            let [network, network_correlation] = told(&probed.network);
+            vec![probed.column.clone(), line, line_correlation, network, network_correlation]
+        })
+        .collect();
+    if !probes.is_empty() {
+        let head = [
+            "told from latents",
+            "linear: unexplained",
+            "correlation",
+            "network: unexplained",
+            "correlation",
+        ];
+        text += "\n";
+        text += &table(&head, &probes);
+    }
     if let Some(ranking) = &found.ranking {
         let mean = ranking.mean.map_or("– (a cost is constant)".to_owned(), |mean| format!("{mean:.3}"));
         text += &format!("\nrank correlation of model cost and true cost: {mean}\n");
@@ -119,6 +186,12 @@ fn text(env: &str, model: &str, found: &Quality) -> String {
         })
         .collect();
     text + "\n" + &table(&["violation", "told apart", "surprise if possible", "if not"], &rows)
+}
+
+/// Unexplained share of the variance, and mean correlation.
+fn told(score: &ProbeScore) -> [String; 2] {
+    [score.unexplained, score.mean_correlation()]
+        .map(|number| number.map_or("–".to_owned(), |number| format!("{number:.4}")))
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use swm_core::Registry;
 
 use super::eval_manifest::rate;
 use super::{Failure, Output, usage};
-use crate::evaluation::{RunOptions, Verification, read_receipt, verify};
+use crate::evaluation::{Role, RunOptions, Verification, read_receipt, verify};
 
 /// Run a result again: equal to the last bit, or which part of it differs.
 #[derive(Args)]
@@ -16,7 +16,7 @@ Examples:
   swm verify-result results/receipt.json
   swm verify-result results --threads 1 --num-envs 3
 
-Exit status 0: equal. 1: protocol, physics, pictures, model, seed, solver or outcomes differ.")]
+Exit status 0: equal. 1: protocol, physics, pictures, model, seed, solver, outcomes or the floors beside them differ.")]
 pub(super) struct VerifyResult {
     /// The receipt, or the folder that holds it.
     receipt: PathBuf,
@@ -26,14 +26,19 @@ pub(super) struct VerifyResult {
     /// Threads; results do not depend on it. Default: one per core.
     #[arg(long, value_name = "T")]
     threads: Option<usize>,
+    /// Run the ceiling again, too: it can take as long as the policy itself.
+    #[arg(long)]
+    ceiling: bool,
 }
 
 impl VerifyResult {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let receipt = read_receipt(&self.receipt).map_err(usage)?;
-        let bar = output.bar(receipt.episodes.len() as u64, "episodes");
+        let beside = receipt.beside.iter().filter(|beside| self.ceiling || beside.role != Role::Ceiling);
+        let episodes = receipt.episodes.len() + beside.map(|beside| beside.episodes.len()).sum::<usize>();
+        let bar = output.bar(episodes as u64, "episodes");
         let options = RunOptions { num_envs: self.num_envs, threads: self.threads };
-        let verification = verify(registry, &receipt, options, || bar.inc(1));
+        let verification = verify(registry, &receipt, options, self.ceiling, || bar.inc(1));
         bar.finish_and_clear();
         let verification = verification?;
         output.result(&verification, || text(&verification))?;

@@ -49,7 +49,7 @@ pub struct Beside {
 }
 
 /// True cost of the evaluated policy minus that of the ceiling, in the environment's task cost: positive is worse.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Regret {
     /// Pairs in which both costs are known.
     pub pairs: usize,
@@ -57,6 +57,10 @@ pub struct Regret {
     pub first_plan: f64,
     /// Median of the same.
     pub first_plan_median: f64,
+    /// Mean after each plan, as far as either plans on: what the plans up to it lost together. Where one of the two is at its
+    /// end before, what was left there counts.
+    #[serde(default)]
+    pub by_plan: Vec<f64>,
     /// Mean at the end of the episode.
     pub at_end: f64,
 }
@@ -76,7 +80,23 @@ impl Regret {
         plans.sort_by(f64::total_cmp);
         let (low, high) = (plans[(plans.len() - 1) / 2], plans[plans.len() / 2]);
         let first_plan_median = (low + high) / 2.0;
-        Some(Self { pairs: plans.len(), first_plan: mean(&plans), first_plan_median, at_end: mean(&ends) })
+        let after = |episode: &EpisodeResult, plan: usize| match episode.plan_costs.get(plan) {
+            Some(cost) => *cost,
+            None => episode.final_cost,
+        };
+        let count =
+            pairs().map(|(policy, ceiling)| policy.plan_costs.len().max(ceiling.plan_costs.len())).max();
+        let by_plan = (0..count.unwrap_or(0))
+            .map(|plan| {
+                let lost = pairs()
+                    .filter_map(|(policy, ceiling)| Some(after(policy, plan)? - after(ceiling, plan)?));
+                mean(&lost.collect::<Vec<f64>>())
+            })
+            // Pairs whose costs are all unknown say nothing of this plan and the next.
+            .take_while(|lost| lost.is_finite())
+            .collect();
+        let (first_plan, at_end) = (mean(&plans), mean(&ends));
+        Some(Self { pairs: plans.len(), first_plan, first_plan_median, by_plan, at_end })
     }
 }
 
@@ -115,4 +135,37 @@ pub fn roles(entry: &EnvEntry, manifest: &Manifest, policy: &PolicyArgs) -> Vec<
         roles.push((Role::Ceiling, ceiling.on(entry, manifest)));
     }
     roles
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn episode(plan_costs: &[f64], final_cost: f64) -> EpisodeResult {
+        EpisodeResult {
+            success: false,
+            solved_at_start: false,
+            first_success_step: None,
+            steps: 0,
+            total_reward: None,
+            best_margin: None,
+            last_margin: None,
+            plan_cost: plan_costs.first().copied(),
+            plan_costs: plan_costs.iter().copied().map(Some).collect(),
+            final_cost: Some(final_cost),
+            decisions: String::new(),
+            digest: String::new(),
+        }
+    }
+
+    #[test]
+    fn regret_is_known_after_every_plan() {
+        let policy = [episode(&[5.0, 3.0, 2.0], 2.0), episode(&[4.0, 4.0], 4.0)];
+        let ceiling = [episode(&[4.0, 0.0], 0.0), episode(&[2.0, 1.0], 1.0)];
+        let regret = Regret::of(&policy, &ceiling).unwrap();
+        assert_eq!((regret.pairs, regret.first_plan, regret.at_end), (2, 1.5, 2.5));
+        // In the last column three of the four are at their end.
+        assert_eq!(regret.by_plan, [1.5, 3.0, 2.5]);
+        assert!(Regret::of(&[], &[]).is_none());
+    }
 }

@@ -3,7 +3,9 @@
 
 mod beside;
 mod files;
+mod picture_model;
 mod probe;
+mod probes;
 mod quality;
 mod receipt;
 mod resume;
@@ -14,8 +16,12 @@ mod verify;
 
 pub use beside::{Beside, Regret, Role, roles};
 pub use files::{file_hash, read_manifest, read_receipt, write_manifest};
+pub use picture_model::PictureModel;
 pub use probe::{Fingerprints, fingerprints};
-pub use quality::{Quality, QualityOptions, Ranking, Surprised, quality};
+#[cfg(feature = "faer")]
+pub use probes::LinearProbe;
+pub use probes::{NetworkProbe, ProbeScore, Probed, Samples, probe};
+pub use quality::{Quality, QualityOptions, Ranking, Surprised, quality, recorded_episodes};
 pub use receipt::{Code, RECEIPT_VERSION, Receipt};
 pub use resume::Ledger;
 pub use run::{Candidate, RunOptions, plan_steps, run_pairs};

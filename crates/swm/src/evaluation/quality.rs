@@ -1,17 +1,19 @@
-//! How good a world model is without control: one set of measures for any model, on episodes that the simulator makes.
+//! How good a world model is without control: one set of measures for any model, on episodes that the simulator makes or that
+//! were recorded.
 
 use serde::Serialize;
-use swm_core::Env;
+use swm_core::dataset::EpisodeSource;
 use swm_core::error::BoxError;
 use swm_core::evaluate::quality::{WorldModel, open_loop_error, surprise, violation_accuracy};
-use swm_core::evaluate::{
-    RankingOptions, Violation, ViolationOptions, action_ranking, random_episodes, violation_pairs,
-};
+use swm_core::evaluate::{RankingOptions, Violation, ViolationOptions, action_ranking, violation_pairs};
+use swm_core::{Batch, Env, Field, Schema};
+
+use super::probes::{Probed, probe};
 
 /// How much is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct QualityOptions {
-    /// Random episodes, pairs of a violation, and starts of the ranking.
+    /// Pairs of a violation, and starts of the ranking.
     pub episodes: usize,
     /// Rows of an episode; violations happen in the middle.
     pub rows: usize,
@@ -28,6 +30,8 @@ pub struct QualityOptions {
 pub struct Quality {
     /// Mean squared error per number of the latent after 1, 2, … steps of open-loop prediction.
     pub open_loop_error: Vec<f64>,
+    /// What probes tell of the true state, column by column.
+    pub probes: Vec<Probed>,
     /// Ranking of plans; none where the environment has no task cost.
     pub ranking: Option<Ranking>,
     /// One per violation.
@@ -54,18 +58,23 @@ pub struct Surprised {
     pub surprise: [f64; 2],
 }
 
-/// Measures `model` in `env`; `violations` have names.
+/// Measures `model` in `env` and on `recorded` episodes, tables with the columns that it reads and `action`; `violations` have
+/// names, `probed` are columns of the true state.
 pub fn quality(
     model: &mut dyn WorldModel,
     env: &mut dyn Env,
+    recorded: &[Batch],
+    probed: &[String],
     violations: &[(String, Violation)],
     options: &QualityOptions,
 ) -> Result<Quality, BoxError> {
     let QualityOptions { episodes, rows, horizon, plans, seed } = *options;
-    let recorded = random_episodes(env, episodes, rows, seed)?;
-    let open_loop_error = open_loop_error(model, &recorded, horizon)?.ok_or_else(|| {
-        format!("{rows} rows are too few for a horizon of {horizon}; use {} or more", horizon + 1)
+    let open_loop_error = open_loop_error(model, recorded, horizon)?.ok_or_else(|| {
+        format!(
+            "no episode has more rows than the horizon of {horizon}: use longer ones, or a shorter horizon"
+        )
     })?;
+    let probes = if probed.is_empty() { Vec::new() } else { probe(model, recorded, probed, seed)? };
     let ranking = match env.task_cost() {
         None => None,
         Some(_) => {
@@ -81,7 +90,7 @@ pub fn quality(
         .iter()
         .map(|(name, violation)| surprised(model, env, name, violation, &pairs))
         .collect::<Result<_, _>>()?;
-    Ok(Quality { open_loop_error, ranking, violations })
+    Ok(Quality { open_loop_error, probes, ranking, violations })
 }
 
 fn surprised(
@@ -101,4 +110,26 @@ fn surprised(
     };
     let surprise = [worst(0), worst(1)];
     Ok(Surprised { name: name.to_owned(), accuracy: violation_accuracy(&scores), surprise })
+}
+
+/// The first `rows` rows of the first `episodes` episodes of a dataset: those of the environment's columns that it holds, and
+/// `action`.
+pub fn recorded_episodes(
+    env: &dyn Env,
+    source: &mut dyn EpisodeSource,
+    episodes: usize,
+    rows: usize,
+) -> Result<Vec<Batch>, BoxError> {
+    let own =
+        |field: &&Field| field.name == "action" || env.spec().fields.iter().any(|own| own.name == field.name);
+    let schema = Schema::new(source.schema().fields().iter().filter(own).cloned().collect())?;
+    schema.require("action")?;
+    let available = source.num_episodes();
+    let mut read = |episode: usize| {
+        let mut batch = Batch::new(schema.clone(), 0);
+        let rows = source.episode_len(episode).min(rows);
+        source.read(episode, 0..rows, &mut batch)?;
+        Ok(batch)
+    };
+    (0..available.min(episodes)).map(&mut read).collect()
 }

@@ -7,6 +7,7 @@ use swm_core::Registry;
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, Summary};
 
+use super::beside::Role;
 use super::probe::fingerprints;
 use super::receipt::Receipt;
 use super::run::{RunOptions, run_pairs};
@@ -29,6 +30,8 @@ pub enum Part {
     Solver,
     /// What the receipt says came out, where all of the above agree.
     Outcomes,
+    /// What stands beside the result: floors and ceiling.
+    Beside,
 }
 
 /// What a repetition showed.
@@ -46,11 +49,13 @@ pub struct Verification {
     pub recorded: Summary,
 }
 
-/// Runs `receipt` again and compares. Floors and ceiling are not run.
+/// Runs `receipt` again and compares: the policy, the floors beside it, and with `ceiling` that too, which can cost as much as
+/// the policy. `each` is called after every episode.
 pub fn verify(
     registry: &Registry,
     receipt: &Receipt,
     options: RunOptions,
+    ceiling: bool,
     mut each: impl FnMut() + Send,
 ) -> Result<Verification, BoxError> {
     let Receipt { manifest, candidate, .. } = receipt;
@@ -97,7 +102,10 @@ pub fn verify(
         },
     )?;
     let episodes: Vec<usize> = (0..again.len().max(receipt.episodes.len()))
-        .filter(|&index| receipt.episodes.get(index) != again.get(index))
+        .filter(|&index| match (receipt.episodes.get(index), again.get(index)) {
+            (Some(then), Some(now)) => !then.is_repeated_by(now),
+            _ => true,
+        })
         .collect();
     if let Some(&first) = episodes.first() {
         let (part, what) = cause(receipt.episodes.get(first), again.get(first));
@@ -105,6 +113,33 @@ pub fn verify(
         if !explained {
             let count = episodes.len();
             differences.insert(part, format!("{count} episode(s) differ, the first is {first}: {what}"));
+        }
+    }
+    for beside in receipt.beside.iter().filter(|beside| ceiling || beside.role != Role::Ceiling) {
+        let again = run_pairs(
+            registry,
+            manifest,
+            &resets,
+            &beside.candidate,
+            receipt.plan_steps,
+            options,
+            &none,
+            false,
+            |_, _| {
+                each();
+                Ok(())
+            },
+        )?;
+        let differing =
+            again.iter().zip(&beside.episodes).filter(|(now, then)| !then.is_repeated_by(now)).count();
+        if differing > 0 || again.len() != beside.episodes.len() {
+            let entry: &mut String = differences.entry(Part::Beside).or_default();
+            let separator = if entry.is_empty() { "" } else { "; " };
+            *entry += &format!(
+                "{separator}{}: {differing} of {} episode(s) differ",
+                beside.role.name(),
+                again.len()
+            );
         }
     }
     let summary = Summary::of(&again);

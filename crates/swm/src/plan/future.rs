@@ -11,6 +11,8 @@ pub(super) struct Future<'a> {
     actions: &'a ActionMap,
     action: Column,
     frame_skip: u32,
+    /// Whether the planner's own roll-outs end at the environment's success.
+    stops_at_success: bool,
     /// Height and width of the pictures that paths are drawn over.
     pub(super) size: Option<[usize; 2]>,
 }
@@ -21,12 +23,13 @@ impl<'a> Future<'a> {
         config: &EnvConfig,
         actions: &'a ActionMap,
         frame_skip: u32,
+        stops_at_success: bool,
     ) -> Result<Self, BoxError> {
         let size = config.image.map(|image| [image.height, image.width]);
         let env = (entry.make)(&EnvConfig { image: None, ..config.clone() })?;
         let space = &env.spec().action;
         let action = Column::zeros(space.dtype().unwrap_or(Dtype::F32), space.width());
-        Ok(Self { env, actions, action, frame_skip, size })
+        Ok(Self { env, actions, action, frame_skip, stops_at_success, size })
     }
 
     /// What the numbers of an action are called: `action[0]`.
@@ -37,7 +40,7 @@ impl<'a> Future<'a> {
         }
     }
 
-    /// Where everything is, from `start` on and after every action of `plan`, `[H × k, A]`, until the episode ends.
+    /// Where everything is, from `start` on and after every action of `plan`, `[H × k, A]`, as far as the planner's roll-outs went.
     pub(super) fn places(&mut self, start: &EnvState, plan: &[f32]) -> Result<Vec<Vec<Place>>, BoxError> {
         self.env.restore(start)?;
         let mut all = vec![self.env.places()];
@@ -52,7 +55,8 @@ impl<'a> Future<'a> {
                 Err(error) => return Err(error.into()),
             };
             all.push(self.env.places());
-            if outcome.terminated {
+            // An end without success, such as a fall, stays an end.
+            if outcome.terminated && (self.stops_at_success || outcome.success != Some(true)) {
                 break;
             }
         }

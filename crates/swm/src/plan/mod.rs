@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use swm_core::error::BoxError;
-use swm_core::{EnvConfig, EnvEntry};
+use swm_core::{EnvConfig, EnvEntry, PolicyArgs};
 use swm_media::Format;
 use swm_solvers::ActionMap;
 
@@ -120,6 +120,13 @@ pub struct Report<'a> {
     pub format: Format,
     /// How many plans get pictures of their own: the first ones.
     pub drawn: usize,
+    /// Whether the planner's roll-outs end at the environment's success: [`stops_at_success`].
+    pub stops_at_success: bool,
+}
+
+/// Whether roll-outs of a planner with these arguments end at the environment's own success.
+pub fn stops_at_success(args: &PolicyArgs) -> bool {
+    args.named.get("stop_at_success").and_then(serde_json::Value::as_bool).unwrap_or(true)
 }
 
 /// Writes `result.json`, the figures, the films and `index.html` into `dir`, and returns their paths.
@@ -169,7 +176,8 @@ pub(crate) fn draw_figures(report: &Report<'_>) -> Result<Figures, BoxError> {
     };
     let rows = report.summary.plans.iter().take(report.drawn).map(row).collect();
     let mut figures = Figures { costs: costs::draw(plans, report.drawn), plans: Vec::new(), rows };
-    let mut future = Future::new(report.entry, report.config, report.actions, report.summary.frame_skip)?;
+    let (frame_skip, stops) = (report.summary.frame_skip, report.stops_at_success);
+    let mut future = Future::new(report.entry, report.config, report.actions, frame_skip, stops)?;
     for (start, plan) in report.session.starts.iter().zip(plans).take(report.drawn) {
         figures.plans.push(PlanFigure {
             name: format!("episode_{:03}_plan_{:03}", plan.key.episode, plan.key.plan),

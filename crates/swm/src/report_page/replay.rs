@@ -13,7 +13,9 @@ use super::PageOptions;
 use crate::distractors;
 use crate::evaluation::Receipt;
 use crate::film::{Film, Scene};
-use crate::plan::{EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, draw_figures};
+use crate::plan::{
+    EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, draw_figures, stops_at_success,
+};
 use crate::svg::base64;
 
 /// Height and width of films where the manifest has no pictures.
@@ -139,12 +141,15 @@ fn episode(
             };
             let (config, actions, session, summary) = (&config, &actions, &*session, &summary);
             let film = &film;
-            Some(draw_figures(&Report { entry, config, actions, session, summary, film, format, drawn })?)
+            let stops_at_success = stops_at_success(&candidate.policy);
+            let report =
+                Report { entry, config, actions, session, summary, film, format, drawn, stops_at_success };
+            Some(draw_figures(&report)?)
         }
     };
     let scene = film.scenes().next().map(|(_, scene)| scene);
     let card = scene.map(|scene| card(scene, image, pair, &result, format)).transpose()?;
-    let same = receipt.episodes.get(pair) == Some(&result);
+    let same = receipt.episodes.get(pair).is_some_and(|recorded| recorded.is_repeated_by(&result));
     Ok((card, figures, same))
 }
 

@@ -97,8 +97,10 @@ pub(super) fn overview(receipts: &[Shown<'_>]) -> String {
                 let over = receipt.summary.success_rate - floor.summary.success_rate;
                 lines.push(format!("{over:+.1} points over {}", floor.role.name()));
             }
-            if let Some(regret) = receipt.beside.iter().find_map(|other| other.regret) {
-                lines.push(format!("planner regret {} (first plan)", number(regret.first_plan)));
+            if let Some(regret) = receipt.beside.iter().find_map(|other| other.regret.as_ref()) {
+                let plans: Vec<String> = regret.by_plan.iter().map(|lost| number(*lost)).collect();
+                let plans = if plans.is_empty() { number(regret.first_plan) } else { plans.join(", ") };
+                lines.push(format!("planner regret {plans} (after each plan)"));
             }
             if let Some(steps) = receipt.summary.mean_success_steps {
                 lines.push(format!("{steps:.1} actions to success"));
@@ -351,8 +353,8 @@ pub(super) fn receipts(receipts: &[Shown<'_>], sweeps: &[&Sweep]) -> Result<Stri
             ("success", manifest.success.describe()),
             ("pairs", manifest.pairs.len().to_string()),
             ("actions allowed", manifest.budget.to_string()),
-            ("left out", json!(manifest.excluded).to_string()),
-            ("source", json!(manifest.source).to_string()),
+            ("left out", manifest.excluded.describe()),
+            ("source", manifest.source.describe()),
             ("distractors", manifest.distractors.join(" ")),
             ("manifest", receipt.manifest_hash.clone()),
             ("policy", receipt.policy.clone()),

@@ -1,0 +1,48 @@
+//! `swm quality`: models without control, on rows of the simulator and of datasets.
+
+use serde_json::Value as Json;
+
+use crate::support::{Folder, swm_fails, swm_json, swm_ok};
+
+#[test]
+fn models_are_measured_without_control() {
+    let measure = |model: &str| {
+        let all = ["quality", "swm/TwoRoom-v2", "--model", model, "--episodes", "6", "--rows", "16"];
+        swm_json(&[&all[..], &["--horizon", "5", "--plans", "16", "--violation", "teleport"]].concat())
+    };
+    let (exact, weak, constant) = (measure("true"), measure("gain=0.5"), measure("constant"));
+    assert_eq!(exact, measure("true"));
+    let error = |found: &Json, step: usize| found["open_loop_error"][step].as_f64().unwrap();
+    assert!(error(&exact, 4) < 1e-6, "{exact}");
+    assert!(error(&weak, 4) > error(&weak, 0) && error(&constant, 4) > error(&weak, 4), "{weak} {constant}");
+    assert_eq!(exact["violations"][0]["accuracy"], 1.0);
+    assert!(constant["ranking"]["mean"].is_null(), "{constant}");
+    assert!(exact["ranking"]["mean"].as_f64().unwrap() > 0.9, "{exact}");
+    let message = swm_fails(2, &["quality", "swm/TwoRoom-v2", "--model", "best"]);
+    assert!(message.contains("gain=NUMBER"), "{message}");
+}
+
+#[test]
+fn probes_tell_the_state_from_latents_of_recorded_rows() {
+    let folder = Folder::new();
+    let data = folder.path("two-room.h5");
+    let collect = ["collect", "swm/TwoRoom-v2", "--policy", "expert", "--episodes", "15", "--out", &data];
+    swm_ok(&[&collect[..], &["--image-size", "32", "--max-steps", "20", "--quiet"]].concat());
+    let measure = |model: &str| {
+        let all = ["quality", "swm/TwoRoom-v2", "--dataset", &data, "--model", model, "--probe", "state"];
+        swm_json(
+            &[&all[..], &["--plans", "2", "--episodes", "15", "--rows", "20", "--horizon", "2"]].concat(),
+        )
+    };
+    let unexplained = |found: &Json, probe: &str| found["probes"][0][probe]["unexplained"].as_f64().unwrap();
+    // The state lies open in the state; a line finds it.
+    assert!(unexplained(&measure("true"), "linear") < 1e-4);
+    let pictures = measure("pixels=8");
+    assert_eq!(pictures, measure("pixels=8"));
+    assert!(unexplained(&pictures, "linear") < 0.7 && unexplained(&pictures, "network") < 0.7, "{pictures}");
+    assert!(pictures["probes"][0]["linear"]["correlation"][0].as_f64().unwrap() > 0.5, "{pictures}");
+    let message = swm_fails(2, &["quality", "swm/TwoRoom-v2", "--model", "pixels=8"]);
+    assert!(message.contains("--image-size"), "{message}");
+    let message = swm_fails(2, &["quality", "swm/PushT-v1", "--dataset", &data]);
+    assert!(message.contains("recorded in swm/TwoRoom-v2"), "{message}");
+}

@@ -1,0 +1,134 @@
+//! `swm report`: one page with everything, looked at in a browser where there is one.
+
+use serde_json::Value as Json;
+
+use crate::evaluation::{QUICK, manifest, read};
+use crate::support::{Folder, swm_json, swm_ok};
+
+/// Where a browser is on this machine, if any.
+fn browser() -> Option<&'static str> {
+    ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"]
+        .into_iter()
+        .find(|path| std::path::Path::new(path).exists())
+}
+
+#[test]
+fn a_report_is_one_page_that_a_browser_shows() {
+    let folder = Folder::new();
+    let manifest = manifest(&folder, "moderate", "m.toml", &["--held-out", "1"]);
+    let (a, b, sweep, page) =
+        (folder.path("a"), folder.path("b"), folder.path("sweep"), folder.path("report.html"));
+    swm_ok(&["eval", "--manifest", &manifest, "--policy", QUICK, "--out", &a, "--quiet"]);
+    swm_ok(&["eval", "--manifest", &manifest, "--policy", "weak", "--out", &b, "--quiet"]);
+    let factors = ["--factors", "agent", "--values", "extremes"];
+    swm_ok(
+        &[&["sweep", "--manifest", &manifest, "--policy", "weak", "--out", &sweep, "--quiet"][..], &factors]
+            .concat(),
+    );
+    let made = swm_json(&[
+        "report",
+        &a,
+        &b,
+        &sweep,
+        "--films",
+        "1",
+        "--film-format",
+        "gif",
+        "--out",
+        &page,
+        "--quiet",
+    ]);
+    assert_eq!(made["notes"].as_array().unwrap().len(), 0, "{made}");
+    let html = std::fs::read_to_string(&page).unwrap();
+    for address in ["src=\"http", "href=\"http", "url(http", "@import"] {
+        assert!(!html.contains(address), "the page asks for something from elsewhere: {address}");
+    }
+    let charts = html.matches("<figure><svg").count();
+    assert!(charts >= 6, "{charts} charts");
+    assert!(html.matches("As a table").count() >= 5, "every chart of results is also a table");
+    // The letters of films may spell anything.
+    let mut parts = html.split("base64,");
+    let words: String =
+        parts.next().into_iter().chain(parts.filter_map(|part| Some(part.split_once('"')?.1))).collect();
+    assert!(!words.contains("NaN") && html.contains("data:image/gif;base64,"));
+    let receipt: Json = serde_json::from_str(
+        &html
+            .split_once("id=\"receipt-0\">")
+            .unwrap()
+            .1
+            .split_once("</script>")
+            .unwrap()
+            .0
+            .replace("<\\/", "</"),
+    )
+    .unwrap();
+    assert_eq!(receipt, read(&format!("{a}/receipt.json")));
+
+    let Some(browser) = browser() else {
+        println!("skipped: no browser on this machine, the page was not opened");
+        return;
+    };
+    let open = |address: &str| {
+        let profile = format!("--user-data-dir={}", folder.path("profile"));
+        let output = std::process::Command::new(browser)
+            .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000"])
+            .args(["--enable-logging=stderr", "--v=0", "--dump-dom", &profile, address])
+            .output()
+            .unwrap();
+        let log = String::from_utf8_lossy(&output.stderr);
+        assert!(!log.contains("CONSOLE"), "the page says something on the console:\n{log}");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    // The tab of films is chosen by the address; the page says what it shows through `hidden`.
+    let dom = open(&format!("file://{page}#films"));
+    let tag = |id: &str| {
+        let (_, rest) =
+            dom.split_once(&format!("id=\"{id}\"")).unwrap_or_else(|| panic!("no {id} in the page"));
+        rest.split_once('>').unwrap().0.to_owned()
+    };
+    assert!(tag("overview").contains("hidden") && !tag("films").contains("hidden"), "tabs do not work");
+    assert!(tag("tab-films").contains("aria-selected=\"true\""));
+
+    // What a visitor does: every tab is clicked, and what is found there is written into the page.
+    let filmed = folder.path("filmed.html");
+    let format = if cfg!(feature = "mp4") { "mp4" } else { "gif" };
+    swm_ok(&["report", &a, "--films", "1", "--film-format", format, "--out", &filmed, "--quiet"]);
+    let (visited, html) = (folder.path("visited.html"), std::fs::read_to_string(&filmed).unwrap());
+    std::fs::write(&visited, html.replace("</body>", &format!("{VISIT}</body>"))).unwrap();
+    let dom = open(&format!("file://{visited}"));
+    let (_, found) = dom.split_once("<pre id=\"visit\">").expect("the page ran to the end");
+    let found: Json = serde_json::from_str(found.split_once("</pre>").unwrap().0).unwrap();
+    let tabs = found.as_object().unwrap();
+    assert!(tabs.len() >= 4, "{found}");
+    for (tab, seen) in tabs {
+        assert_eq!(seen["shown"], true, "{tab}");
+        assert_eq!(seen["wide"], false, "{tab} is wider than a phone");
+        for video in seen["videos"].as_array().unwrap() {
+            assert!(video["error"].is_null() && video["seconds"].as_f64() > Some(0.0), "{tab}: {video}");
+        }
+    }
+    let videos = tabs["tab-films"]["videos"].as_array().unwrap().len();
+    assert!(videos > 0 || !cfg!(feature = "mp4"), "{found}");
+}
+
+/// Clicks every tab, and says whether it shows, how far its videos have played, and whether it is wider than a narrow page.
+const VISIT: &str = r#"<script>
+addEventListener("load", async () => {
+  const seen = {};
+  for (const tab of document.querySelectorAll("[role=tab]")) {
+    tab.click();
+    await new Promise((done) => setTimeout(done, 700));
+    const panel = document.getElementById(tab.getAttribute("aria-controls"));
+    const videos = [...panel.querySelectorAll("video")].map((video) => ({
+      seconds: video.currentTime, error: video.error && video.error.message }));
+    document.body.style.width = "400px";
+    const wide = panel.scrollWidth > 400;
+    document.body.style.width = "";
+    seen[tab.id] = { shown: !panel.hidden, videos, wide };
+  }
+  const note = document.createElement("pre");
+  note.id = "visit";
+  note.textContent = JSON.stringify(seen);
+  document.body.append(note);
+});
+</script>"#;
