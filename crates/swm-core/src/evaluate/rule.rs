@@ -180,11 +180,14 @@ impl Test {
 }
 
 /// The smallest angle that turns a cube from one orientation into one that looks like the other, rad; quaternions w x y z of
-/// any length.
+/// any length; NaN if one is not finite.
 ///
 /// Source: H. Grimmer, "Disorientations and coincidence rotations for cubic lattices", Acta Crystallographica A30 (1974): of the
 /// 24 equivalent rotations the smallest has the cosine of half its angle as below, from the sizes of the quaternion's numbers.
 fn cube_angle([a, b]: [[f64; 4]; 2]) -> f64 {
+    if a.iter().chain(&b).any(|x| !x.is_finite()) {
+        return f64::NAN;
+    }
     let length = |q: [f64; 4]| q.iter().map(|x| x * x).sum::<f64>().sqrt();
     let mut between = [
         a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3],
