@@ -73,7 +73,7 @@ fn a_report_is_one_page_that_a_browser_shows() {
         let output = std::process::Command::new(browser)
             .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=500,900"])
             .args([
-                "--virtual-time-budget=8000",
+                "--virtual-time-budget=60000",
                 "--enable-logging=stderr",
                 "--v=0",
                 "--dump-dom",
@@ -124,8 +124,10 @@ addEventListener("load", async () => {
   const seen = {};
   for (const tab of document.querySelectorAll("[role=tab]")) {
     tab.click();
-    await new Promise((done) => setTimeout(done, 700));
     const panel = document.getElementById(tab.getAttribute("aria-controls"));
+    const waiting = () => [...panel.querySelectorAll("video")].some((video) => !video.error && video.currentTime === 0);
+    for (let round = 0; round < 60 && (round < 1 || waiting()); round++)
+      await new Promise((done) => setTimeout(done, 500));
     const videos = [...panel.querySelectorAll("video")].map((video) => ({
       seconds: video.currentTime, error: video.error && video.error.message }));
     const wide = document.documentElement.scrollWidth > innerWidth;
