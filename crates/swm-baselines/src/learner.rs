@@ -11,7 +11,7 @@ use crate::error::BaselineError;
 use crate::init::initialise;
 use crate::losses::Terms;
 use crate::network::{Network, Parts};
-use crate::optim::{AdamW, clip_gradients};
+use crate::optim::{AdamW, Gradients, clip_gradients};
 use crate::params::{self, host};
 use crate::pass::Pass;
 use crate::weights;
@@ -92,10 +92,11 @@ impl<N: Network> Baseline for Learner<N> {
         if !losses.total.is_finite() {
             return Err(BaselineError::NotFinite { step: at.step, value: losses.total });
         }
-        let mut gradients = match gradients {
+        let gradients = match gradients {
             Some(mut gradients) => params::gradients(&tracked, &mut gradients),
             None => Vec::new(),
         };
+        let mut gradients: Gradients = gradients.into_iter().map(|gradient| gradient.map(host)).collect();
         drop(tracked);
         let norm = clip_gradients(&mut gradients, phase.optim.clip);
         if !norm.is_finite() {
@@ -144,8 +145,10 @@ impl<N: Network> Baseline for Learner<N> {
         let mut tensors = weights::read(path)?;
         let network = self.network.as_ref().expect("a step gives the network back");
         for (phase, optimiser) in self.phases.iter().zip(&mut self.optimisers) {
-            *optimiser = AdamW::from_host(network, |name| {
-                tensors.remove(&format!("{}.{name}", phase.name)).map(|tensor| tensor.values)
+            *optimiser = AdamW::from_host(network, |name, count| {
+                let name = format!("{}.{name}", phase.name);
+                tensors.get(&name).filter(|tensor| tensor.values.len() == count)?;
+                tensors.remove(&name).map(|tensor| tensor.values)
             });
         }
         if let Some(name) = tensors.keys().next() {

@@ -75,7 +75,7 @@ impl Encoder {
         let [batch, steps, ..] = pictures.dims();
         let frames = pictures.flatten::<4>(0, 1);
         let summaries: Tensor<2> = match self {
-            Self::Vit(vit) => vit.forward(frames).narrow(1, 0, 1).squeeze_dim(1),
+            Self::Vit(vit) => vit.summaries(frames),
             Self::Cnn(cnn) => cnn.forward(frames),
         };
         let width = summaries.dims()[1];

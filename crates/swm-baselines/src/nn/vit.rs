@@ -134,11 +134,20 @@ impl Vit {
 
     /// `[N, 3, H, W]` pictures → `[N, 1 + P, width]`: the summary token, then the patches row by row.
     pub(crate) fn forward(&self, pictures: Tensor<4>) -> Tensor<3> {
-        let mut tokens = self.embed(pictures);
-        for layer in &self.layers {
-            tokens = layer.forward(tokens, self.config.heads);
-        }
+        let heads = self.config.heads;
+        let tokens = self.embed(pictures);
+        let tokens = self.layers.iter().fold(tokens, |tokens, layer| layer.forward(tokens, heads, false));
         self.layernorm.forward(tokens)
+    }
+
+    /// `[N, 3, H, W]` pictures → `[N, width]`: the summary tokens of [`Vit::forward`]. Of the last block only they are computed.
+    pub(crate) fn summaries(&self, pictures: Tensor<4>) -> Tensor<2> {
+        let (heads, last) = (self.config.heads, self.layers.len().saturating_sub(1));
+        let tokens =
+            self.layers.iter().enumerate().fold(self.embed(pictures), |tokens, (index, layer)| {
+                layer.forward(tokens, heads, index == last)
+            });
+        self.layernorm.forward(tokens.narrow(1, 0, 1)).squeeze_dim(1)
     }
 
     fn embed(&self, pictures: Tensor<4>) -> Tensor<3> {
@@ -196,8 +205,10 @@ impl Layer {
         }
     }
 
-    fn forward(&self, tokens: Tensor<3>, heads: usize) -> Tensor<3> {
-        let branch = self.attention.forward(&self.norm1.forward(tokens.clone()), heads);
+    /// All tokens, or the first alone.
+    fn forward(&self, tokens: Tensor<3>, heads: usize, only_first: bool) -> Tensor<3> {
+        let branch = self.attention.forward(self.norm1.forward(tokens.clone()), heads, only_first);
+        let tokens = if only_first { tokens.narrow(1, 0, 1) } else { tokens };
         let tokens = tokens + scaled(branch, self.layer_scale1.as_ref());
         let hidden = gelu(self.mlp.fc1.forward(self.norm2.forward(tokens.clone())));
         tokens + scaled(self.mlp.fc2.forward(hidden), self.layer_scale2.as_ref())
@@ -212,10 +223,12 @@ fn scaled(branch: Tensor<3>, scale: Option<&LayerScale>) -> Tensor<3> {
 }
 
 impl SelfAttention {
-    fn forward(&self, tokens: &Tensor<3>, heads: usize) -> Tensor<3> {
-        let qkv = [&self.q_proj, &self.k_proj, &self.v_proj];
-        let qkv = qkv.map(|layer| split(layer.forward(tokens.clone()), heads));
+    fn forward(&self, tokens: Tensor<3>, heads: usize, only_first: bool) -> Tensor<3> {
+        let asking = if only_first { tokens.clone().narrow(1, 0, 1) } else { tokens.clone() };
+        let q = self.q_proj.forward(asking);
+        let [k, v] = [self.k_proj.forward(tokens.clone()), self.v_proj.forward(tokens)];
         // These networks drop nothing, in training either.
+        let qkv = [q, k, v].map(|part| split(part, heads));
         self.o_proj.forward(join(attend(qkv, &Attend::All, 0.0, &mut Pass::evaluate())))
     }
 }

@@ -1,13 +1,13 @@
 //! How weights change: AdamW, the clipping of gradients, the schedule of the learning rate, teachers that follow.
 //!
-//! The state of an optimiser is tensors by name, so that a training can be stored and resumed exactly.
+//! The state of an optimiser is numbers by name, so that a training can be stored and resumed exactly.
 
 mod adamw;
 mod schedule;
 
 use serde::{Deserialize, Serialize};
 
-pub(crate) use adamw::{AdamW, clip_gradients};
+pub(crate) use adamw::{AdamW, Gradients, clip_gradients};
 pub use schedule::Schedule;
 
 /// Settings of AdamW. The defaults are LeWM's.
