@@ -13,6 +13,7 @@ use super::Body;
 use super::factors::{self, FLOOR_COLOR, SPEED, numbers};
 use super::layout::{Cell, Maze, SPREAD, TELEPORTER_RADIUS, TELEPORTER_REACH, cell_at, distance, place_of};
 use super::models::{Models, TARGET, TOP};
+use super::moment::Moment;
 use super::rows::{FACTORS, START_COLUMNS, fields};
 use super::settings::{Mode, SETTINGS, Settings};
 use crate::error::MujocoError;
@@ -51,26 +52,6 @@ struct Drawn {
     floor: Vec<f64>,
     /// The picture of the goal, and whether it belongs to an earlier episode.
     goal: (Vec<u8>, bool),
-}
-
-/// The episode as it stands, beside the simulation.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Moment {
-    seed: i64,
-    /// Control steps taken.
-    step: u64,
-    /// 1 and so on; 0 without a task.
-    pub(super) task: i64,
-    /// Where to go, x, y, m.
-    pub(super) goal: [f64; 2],
-    /// What being there looks like.
-    pub(super) goal_qpos: Vec<f64>,
-    pub(super) goal_qvel: Vec<f64>,
-    /// Before the last control step.
-    pub(super) before_qpos: Vec<f64>,
-    pub(super) before_qvel: Vec<f64>,
-    /// Whether the goal was reached in the last control step, before any teleporter.
-    success: bool,
 }
 
 /// A saved moment.
@@ -270,23 +251,6 @@ impl MazeEnv {
         self.pictures = Some(drawn);
         result?;
         self.sim.load(&kept)
-    }
-}
-
-impl Moment {
-    fn new(seed: i64, nq: usize, nv: usize) -> Self {
-        let (positions, velocities) = (|| vec![0.0; nq], || vec![0.0; nv]);
-        Self {
-            seed,
-            step: 0,
-            task: 0,
-            goal: [0.0; 2],
-            goal_qpos: positions(),
-            goal_qvel: velocities(),
-            before_qpos: positions(),
-            before_qvel: velocities(),
-            success: false,
-        }
     }
 }
 

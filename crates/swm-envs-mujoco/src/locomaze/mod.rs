@@ -2,7 +2,7 @@
 //!
 //! * `layout`: the grids, their tasks, and the way from cell to cell;
 //! * `models`: the compiled models; `factors`: what varies;
-//! * `env`, `rows`: the environment, its rows and its saved states;
+//! * `env`, `rows`, `moment`: the environment, its rows and its saved states;
 //! * `expert`, `gait`: the policies.
 
 mod env;
@@ -11,6 +11,7 @@ mod factors;
 mod gait;
 mod layout;
 mod models;
+mod moment;
 mod rows;
 mod settings;
 
