@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Loads random clips here and in the Python reference of August 2026, side by side, from the same files.
+"""Loads random clips here and in the Python reference of August 2026, side by side, from the same data.
 
     python3 benches/peers/data.py [--rounds 5] [--venv FOLDER] [--json result.json] [--check]
 
 As solvers.py: installs the reference (stable-worldmodel 0.1.1, with torch: gigabytes) into a virtual environment of its own,
 builds `swm` and `load-rates`, records PushT, and measures both in turns. Batches of 64 shuffled clips of `pixels`, `action`
-and `proprio`, channels first, one thread. What is compared is clips per second of processor time, in the best round:
+and `proprio`, channels first, one thread. The reference reads HDF5 as we recorded it, and a Lance table that its own writer
+made of that; ours is HDF5 each time, the format to train from. What is compared is clips per second of processor time, in the best round:
 that which other programs disturbed least. Rows without a peer stand alone: frames drawn on demand, and the gain of a
 second thread, which is in wall time and means something on an idle machine only.
 """
@@ -23,11 +24,12 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 KEYS = "pixels,action,proprio"
 
-# Name, file, steps of a clip, drawn side, least rate here per second of processor time, least ratio.
+# Name, file, what the peer reads, steps of a clip, drawn side, least rate here per second of processor time, least ratio.
 CASES = [
-    ("4 frames, 224 px", "224.h5", 4, None, None, 5),
-    ("16 frames, 64 px", "64.h5", 16, None, 20_000, None),
-    ("16 frames, 64 px, drawn", "drawn.h5", 16, 64, 19_000 / 16, None),
+    ("4 frames, 224 px", "224.h5", "hdf5", 4, None, None, 5),
+    ("4 frames, 224 px, Lance", "224.h5", "lance", 4, None, None, 2),
+    ("16 frames, 64 px", "64.h5", "hdf5", 16, None, 20_000, None),
+    ("16 frames, 64 px, drawn", "drawn.h5", None, 16, 64, 19_000 / 16, None),
 ]
 PARALLEL_TARGET = 1.8
 
@@ -90,7 +92,7 @@ def measure(python, binaries, folder, options):
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
     ) as reference:
         for _ in range(options.rounds):
-            for name, file, steps, drawn, least_rate, least_ratio in CASES:
+            for name, file, kind, steps, drawn, least_rate, least_ratio in CASES:
                 path = folder / file
                 row = rows.setdefault(
                     name,
@@ -102,9 +104,11 @@ def measure(python, binaries, folder, options):
                 one, two = json.loads(subprocess.check_output(own))
                 row["here"] = max(row["here"], one["clips"] / one["cpu_s"])
                 row["gain"] = max(row["gain"], two["clips"] / two["wall_s"] / (one["clips"] / one["wall_s"]))
-                if drawn:
+                if kind is None:
                     continue
-                request = {"kind": "hdf5", "path": str(path), "num_steps": steps, "keys": KEYS.split(",")}
+                request = {"kind": kind, "path": str(path), "num_steps": steps, "keys": KEYS.split(",")}
+                if kind == "lance":
+                    request |= {"from": str(path), "path": str(path.with_suffix(".lance"))}
                 reference.stdin.write(json.dumps({**request, "seconds": options.seconds}) + "\n")
                 reference.stdin.flush()
                 answer = json.loads(reference.stdout.readline() or sys.exit("the reference stopped; its message stands above"))

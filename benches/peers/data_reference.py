@@ -2,7 +2,7 @@
 
 Reads one JSON line per request from stdin, {"kind", "path", "num_steps", "keys", "seconds"}, and answers with one line,
 {"clips", "cpu_s", "wall_s"}. Clips are drawn at random and put into batches of 64 as torch's loader does, in this process
-and on one thread.
+and on one thread. With "from", the dataset at "path" is first written with the reference's writer from that HDF5 file.
 """
 
 import json
@@ -26,9 +26,21 @@ def open_dataset(kind, path, num_steps, keys):
     return reader(path=path, num_steps=num_steps, keys_to_load=keys)
 
 
+def write_lance(source, path, keys):
+    import h5py
+    import hdf5plugin  # noqa: F401, its filters
+    from stable_worldmodel.data.formats import lance
+
+    with h5py.File(source, "r") as file, lance.LanceWriter(path) as writer:
+        places = zip(file["ep_offset"][:].tolist(), file["ep_len"][:].tolist())
+        writer.write_episodes({key: list(file[key][first : first + rows]) for key in keys} for first, rows in places)
+
+
 def measure(dataset, seconds):
     rng = random.Random(0)
-    batch = lambda: collate([dataset[rng.randrange(len(dataset))] for _ in range(BATCH)])
+    # As torch's loader: many at once where the dataset can.
+    fetch = getattr(dataset, "__getitems__", lambda indices: [dataset[index] for index in indices])
+    batch = lambda: collate(fetch([rng.randrange(len(dataset)) for _ in range(BATCH)]))
     batch()
     clips, cpu, wall = 0, time.process_time(), time.perf_counter()
     while time.perf_counter() - wall < seconds:
@@ -44,6 +56,8 @@ def main():
         request = json.loads(line)
         key = (request["kind"], request["path"], request["num_steps"])
         if key not in datasets:
+            if "from" in request:
+                write_lance(request["from"], request["path"], request["keys"])
             datasets[key] = open_dataset(*key, request["keys"])
         print(json.dumps(measure(datasets[key], request["seconds"])), flush=True)
 

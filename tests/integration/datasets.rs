@@ -6,7 +6,9 @@ use std::path::Path;
 use crate::support::{Folder, PUSHT, content, swm, swm_fails, swm_json, swm_ok};
 
 /// The formats of this build that are folders.
-const FOLDERS: &[&str] = if cfg!(feature = "mp4") { &["folder", "video"] } else { &["folder"] };
+fn folders() -> impl Iterator<Item = &'static str> {
+    ["folder", "video", "lerobot"].into_iter().filter(|name| swm::data::format::by_name(name).is_ok())
+}
 
 /// The smallest of them, and the file of an episode's pictures in it.
 const SMALL: (&str, &str) =
@@ -39,11 +41,11 @@ fn recorded(folder: &Folder, name: &str, seed: &str, episodes: &str) -> String {
 fn a_dataset_goes_round_through_every_format() {
     let folder = Folder::new();
     let source = recorded(&folder, "a.h5", "1", "3");
-    for name in FOLDERS {
+    for name in folders() {
         let [there, back] = [format!("b.{name}"), format!("c-{name}.h5")].map(|name| folder.path(&name));
         let result = swm_json(&["convert", &source, &there]);
         assert_eq!((&result["episodes"], &result["resumed"]), (&3.into(), &0.into()));
-        assert_eq!(swm_json(&["inspect", &there])["format"], *name);
+        assert_eq!(swm_json(&["inspect", &there])["format"], name);
         swm_ok(&["convert", &there, &back]);
         let exact = swm_json(&["diff", &source, &back, "--ignore", "pixels,goal"]);
         assert_eq!(exact["equal"], true, "{exact}");
@@ -62,6 +64,50 @@ fn a_dataset_goes_round_through_every_format() {
         swm_ok(&["replay", &direct]);
         assert_eq!(swm_json(&["verify", &direct])["ok"], true);
     }
+}
+
+#[test]
+fn pictures_are_recorded_in_the_quality_that_is_asked_for() {
+    let folder = Folder::new();
+    for name in folders() {
+        let bytes = |quality: &str| {
+            let out = folder.path(&format!("{quality}.{name}"));
+            let fixed = [
+                "--policy",
+                "weak",
+                "--episodes",
+                "2",
+                "--max-steps",
+                "8",
+                "--image-size",
+                "64x64",
+                "--quiet",
+            ];
+            swm_ok(
+                &[
+                    &["collect", PUSHT, "--without", "goal"][..],
+                    &fixed,
+                    &["--quality", quality, "--out", &out],
+                ]
+                .concat(),
+            );
+            size(Path::new(&out))
+        };
+        let (low, high) = (bytes("20"), bytes("98"));
+        assert!(high > low + low / 5, "{name}: {low} bytes in low quality, {high} in high");
+    }
+    let message = swm_fails(2, &["collect", PUSHT, "--quality", "0", "--out", &folder.path("a.folder")]);
+    assert!(message.contains("quality"), "{message}");
+}
+
+/// Bytes of all files below a folder.
+fn size(path: &Path) -> u64 {
+    let entries = fs::read_dir(path).unwrap().map(|entry| entry.unwrap());
+    entries
+        .map(
+            |entry| if entry.path().is_dir() { size(&entry.path()) } else { entry.metadata().unwrap().len() },
+        )
+        .sum()
 }
 
 #[test]
@@ -175,7 +221,7 @@ fn previews_show_the_episodes() {
 #[test]
 fn films_and_folders_are_equal_for_any_number_of_environments() {
     let folder = Folder::new();
-    for name in FOLDERS {
+    for name in folders() {
         let out = |k: &str| folder.path(&format!("{k}.{name}"));
         for k in ["1", "3"] {
             swm_ok(&[

@@ -1,5 +1,5 @@
 //! Other programs and ours read each other's files: h5py with hdf5plugin, numpy with Pillow and PyAV, as the reference
-//! does, and the Python package of MCAP.
+//! does, the Python package of MCAP, and pyarrow, as LeRobot does.
 //!
 //! `cargo xtask test` makes the virtual environment and names its Python in `SWM_INTEROP_PYTHON`.
 
@@ -85,11 +85,12 @@ fn recorded(folder: &Folder, name: &str) -> String {
 }
 
 #[test]
-fn numpy_pillow_pyav_and_mcap_read_our_files() {
+fn numpy_pillow_pyav_mcap_and_pyarrow_read_our_files() {
     let Some(python) = python() else { return };
     let folder = Folder::new();
-    for format in ["folder", "video", "mcap"] {
-        if format == "video" && !cfg!(feature = "mp4") {
+    for format in ["folder", "video", "mcap", "lerobot"] {
+        if swm::data::format::by_name(format).is_err() {
+            eprintln!("skipped: built without the format `{format}`");
             continue;
         }
         let out = recorded(&folder, &format!("ours.{format}"));
@@ -138,12 +139,19 @@ fn frame_means(path: &str) -> std::collections::BTreeMap<String, Vec<f64>> {
 fn our_reader_sees_what_the_mcap_package_wrote() {
     let Some(python) = python() else { return };
     let folder = Folder::new();
-    let theirs = folder.path("theirs.mcap");
-    let expected = script(&python, "write_log.py", &[&theirs]);
-    let seen = crate::support::content(&theirs);
-    let shown = swm_json(&["inspect", &theirs]);
-    assert_eq!((&shown["episodes"], &shown["steps"]), (&expected["episodes"], &expected["steps"]));
-    for (name, hash) in expected["hashes"].as_object().unwrap() {
-        assert_eq!(seen[name], hash.as_str().unwrap().parse::<u64>().unwrap(), "column {name}");
+    for compression in ["NONE", "LZ4", "ZSTD"] {
+        let theirs = folder.path(&format!("{compression}.mcap"));
+        let expected = script(&python, "write_log.py", &[&theirs, compression]);
+        let seen = crate::support::content(&theirs);
+        let shown = swm_json(&["inspect", &theirs]);
+        assert_eq!((&shown["episodes"], &shown["steps"]), (&expected["episodes"], &expected["steps"]));
+        for (name, hash) in expected["hashes"].as_object().unwrap() {
+            assert_eq!(
+                seen[name],
+                hash.as_str().unwrap().parse::<u64>().unwrap(),
+                "{compression}: column {name}"
+            );
+        }
+        swm_ok(&["verify", &theirs, "--quiet"]);
     }
 }

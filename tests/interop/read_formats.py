@@ -1,4 +1,4 @@
-"""Opens one of our folders, films or logs with the programs that others use, and prints what it sees as JSON: a digest
+"""Opens one of our folders, films, logs or LeRobot datasets with the programs that others use, and prints what it sees as JSON: a digest
 per column of numbers, the mean of every frame per column of pictures, and of logs a digest of the pictures too."""
 
 import io
@@ -9,6 +9,8 @@ from pathlib import Path
 import av
 import mcap.reader
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from fingerprint import fingerprint
 from PIL import Image
 
@@ -41,6 +43,44 @@ def frames(column, episode, count):
         assert len(shown) == count, (film, len(shown), count)
         return shown
     return [np.array(Image.open(column / f"ep_{episode}_step_{step}.jpeg")) for step in range(count)]
+
+
+def lerobot(path):
+    """As LeRobot 3.0 does: by the list of episodes, every table that there is, films by their times; under our names."""
+    info = json.loads((path / "meta/info.json").read_text())
+    assert info["codebase_version"] == "v3.0"
+    episodes = pa.concat_tables(pq.read_table(file) for file in sorted(path.glob("meta/episodes/*/*.parquet"))).to_pylist()
+    tables = pa.concat_tables(pq.read_table(file) for file in sorted(path.glob("data/*/*.parquet")))
+    lengths = np.array([episode["length"] for episode in episodes])
+    assert info["total_episodes"] == len(lengths) and info["total_frames"] == len(tables) == lengths.sum()
+    assert tables["index"].to_pylist() == list(range(len(tables)))
+    assert [t["task"] for t in pq.read_table(path / "meta/tasks.parquet").to_pylist()] == [episodes[0]["tasks"][0]]
+    statistics = json.loads((path / "meta/stats.json").read_text())
+    names = {"observation.state": "proprio", "episode_index": "ep_idx"}
+    columns = {}
+    for name, feature in info["features"].items():
+        ours = names.get(name, name.removeprefix("observation.images."))
+        if feature["dtype"] == "video":
+            columns[ours] = [frame for episode in episodes for frame in film(path, info, name, episode)]
+            assert np.shape(statistics[name]["mean"]) == (3, 1, 1)
+        elif name in ("timestamp", "frame_index", "index", "task_index"):
+            continue
+        else:
+            values = np.array(tables[name].to_pylist())
+            columns[ours] = values.astype(np.int32 if ours == "ep_idx" else feature["dtype"].replace("u8", "uint8"))
+            finite = values.astype(float)[np.isfinite(values.astype(float)).reshape(len(values), -1).all(axis=1)]
+            if name in statistics and len(finite) == len(values):
+                assert np.allclose(statistics[name]["mean"], np.atleast_1d(finite.mean(axis=0)), rtol=1e-6), name
+    return lengths, columns
+
+
+def film(path, info, camera, episode):
+    number = {part: episode[f"videos/{camera}/{part}_index"] for part in ("chunk", "file")}
+    place = info["video_path"].format(video_key=camera, chunk_index=number["chunk"], file_index=number["file"])
+    first, last = (episode[f"videos/{camera}/{end}_timestamp"] for end in ("from", "to"))
+    shown = [f.to_ndarray(format="rgb24") for f in av.open(str(path / place)).decode(video=0) if first <= f.time < last]
+    assert len(shown) == episode["length"], (place, len(shown))
+    return shown
 
 
 def log(path):
@@ -101,7 +141,8 @@ def png(message):
 
 
 path = Path(sys.argv[1])
-lengths, columns = folder(path) if path.is_dir() else log(path)
+read = log if path.is_file() else lerobot if (path / "meta/info.json").exists() else folder
+lengths, columns = read(path)
 seen = {"episodes": len(lengths), "steps": int(lengths.sum()), "hashes": {}, "frame_means": {}}
 for name, values in columns.items():
     if isinstance(values, list):

@@ -1,4 +1,5 @@
-"""Writes an MCAP file in the layout of our format with the Python package, and prints a digest per column."""
+"""Writes an MCAP file in the layout of our format with the Python package, its chunks compressed as the second argument
+says (NONE, LZ4, ZSTD), and prints a digest per column."""
 
 import io
 import json
@@ -44,7 +45,7 @@ def plain(value):
 
 
 with open(sys.argv[1], "wb") as file:
-    writer = Writer(file, chunk_size=2000, compression=CompressionType.NONE)
+    writer = Writer(file, chunk_size=2000, compression=CompressionType[sys.argv[2]])
     writer.start()
     step = writer.register_schema("swm.Step", "jsonschema", b"{}")
     picture = writer.register_schema("foxglove.CompressedImage", "protobuf", b"")

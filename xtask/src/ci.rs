@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
 use crate::metadata::Metadata;
-use crate::{apart, demo, deny, plugin, process, setup, test, tidy};
+use crate::{apart, demo, deny, interop, plugin, process, setup, test, tidy};
 
 /// Options of `cargo xtask ci`.
 #[derive(clap::Args)]
@@ -68,8 +68,9 @@ const STEPS: &[Step] = &[
     Step {
         name: "baselines",
         about: "the crate of the baselines, which is built apart",
-        run: || apart::check("swm-baselines"),
+        run: || apart::check("swm-baselines", &[]),
     },
+    Step { name: "lance", about: "the crate of the formats on Lance, which is built apart", run: lance },
     Step { name: "alone", about: "each crate builds alone, without default features", run: alone },
 ];
 
@@ -155,6 +156,13 @@ fn doc() -> Result<()> {
     process::run(
         command.args(apart::all_others()).env("RUSTDOCFLAGS", format!("{flags} -D warnings").trim_start()),
     )
+}
+
+/// With pylance, which reads what we write; and the command with these formats.
+fn lance() -> Result<()> {
+    let python = interop::python(&interop::LANCE)?;
+    apart::check("swm-data-lance", &[("SWM_LANCE_PYTHON", python.as_os_str())])?;
+    cargo("check --package swm --features lance")
 }
 
 fn alone() -> Result<()> {

@@ -1,5 +1,5 @@
-//! The virtual environment of the interoperability tests: h5py, Pillow and PyAV as the reference uses them, and the
-//! package of MCAP, pinned by version and hash.
+//! The virtual environments of the interoperability tests: h5py, Pillow and PyAV as the reference uses them, the packages
+//! of MCAP and Parquet; and pylance in one of its own. All are pinned by version and hash.
 
 use std::fs;
 use std::path::PathBuf;
@@ -9,26 +9,48 @@ use anyhow::{Context as _, Result};
 
 use crate::{process, python};
 
-/// What pip installs; a change of it makes the environment anew.
-const REQUIREMENTS: &str = "tests/interop/requirements.txt";
+/// A virtual environment.
+pub(crate) struct Environment {
+    /// Where it lies.
+    folder: &'static str,
+    /// What pip installs; a change of it makes the environment anew.
+    requirements: &'static str,
+    /// What that is, in words.
+    about: &'static str,
+}
+
+/// What reads and writes the formats that are built by default.
+pub(crate) const FORMATS: Environment = Environment {
+    folder: ".tools/interop",
+    requirements: "tests/interop/requirements.txt",
+    about: "h5py, PyAV, mcap and pyarrow",
+};
+
+/// What reads and writes Lance tables.
+pub(crate) const LANCE: Environment = Environment {
+    folder: ".tools/lance",
+    requirements: "tests/interop/lance.txt",
+    about: "pylance and PyAV",
+};
 
 /// Makes the environment if it is missing or outdated, and returns its Python.
-pub(crate) fn python() -> Result<PathBuf> {
-    let home = process::root().join(".tools/interop");
+pub(crate) fn python(environment: &Environment) -> Result<PathBuf> {
+    let Environment { folder, requirements, about } = environment;
+    let home = process::root().join(folder);
     let interpreter = home.join("bin/python");
     let stamp = home.join("requirements.txt");
-    let wanted = fs::read_to_string(process::root().join(REQUIREMENTS))
-        .with_context(|| format!("{REQUIREMENTS} is missing from the checkout"))?;
+    let wanted = fs::read_to_string(process::root().join(requirements))
+        .with_context(|| format!("{requirements} is missing from the checkout"))?;
     if interpreter.is_file() && fs::read_to_string(&stamp).is_ok_and(|installed| installed == wanted) {
         return Ok(interpreter);
     }
-    eprintln!("test: making a virtual environment with h5py, PyAV and mcap in .tools/interop");
+    eprintln!("test: making a virtual environment with {about} in {folder}");
     process::output(Command::new(python::find()?).args(["-m", "venv", "--clear"]).arg(&home)).context(
         "python3 cannot make a virtual environment; install its `venv` module (Debian: python3-venv)",
     )?;
     let mut pip = Command::new(&interpreter);
     pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--require-hashes"]);
-    process::output(pip.args(["--only-binary", ":all:", "-r", REQUIREMENTS]).current_dir(process::root()))?;
+    process::output(pip.args(["--only-binary", ":all:", "-r", requirements]).current_dir(process::root()))?;
     fs::write(&stamp, wanted).with_context(|| format!("cannot write {}", stamp.display()))?;
     Ok(interpreter)
 }

@@ -2,10 +2,12 @@
 //! a second handle for another thread, and the write modes.
 
 use std::fmt;
+use std::ops::Range;
 use std::path::Path;
 use std::str::FromStr;
 
-use swm_core::{Batch, EpisodeSink, EpisodeSource, Field, Metadata, Slice, SliceMut};
+use swm_core::error::BoxError;
+use swm_core::{Batch, Dtype, EpisodeSink, EpisodeSource, Field, Metadata, Schema, Slice, SliceMut};
 
 use crate::error::DataError;
 
@@ -76,6 +78,13 @@ pub trait Dataset: EpisodeSource {
 pub trait DatasetWriter: EpisodeSink {
     /// Episodes that the file holds: before `begin`, those that were there; then also the written ones.
     fn num_episodes(&self) -> u64;
+
+    /// Appends rows to the open episode; the first call opens one. An episode may come in as many pieces as memory asks
+    /// for: files hold the same whatever the pieces.
+    fn write_rows(&mut self, rows: &Batch) -> Result<(), BoxError>;
+
+    /// Ends the open episode. When it returns, the episode is safe: a crash cannot lose it.
+    fn end_episode(&mut self) -> Result<(), BoxError>;
 }
 
 /// How a dataset is written.
@@ -140,7 +149,7 @@ impl FromStr for WriteMode {
 }
 
 /// Refuses rows that an episode of `len` rows does not have, and an `out` of another size or type than they need.
-pub(crate) fn check_request(
+pub fn check_request(
     path: &Path,
     field: &Field,
     episode: usize,
@@ -170,7 +179,7 @@ pub(crate) fn check_request(
 }
 
 /// The column and the number of rows of its episode, if both exist.
-pub(crate) fn locate(
+pub fn locate(
     dataset: &(impl Dataset + ?Sized),
     column: usize,
     episode: usize,
@@ -188,7 +197,7 @@ pub(crate) fn locate(
 
 /// Copies rows of `width` values from `source`, which begins at the episode's first row. The caller has checked that
 /// they exist and that `out` fits.
-pub(crate) fn copy_rows(source: Slice<'_>, width: usize, steps: Steps, mut out: SliceMut<'_>) {
+pub fn copy_rows(source: Slice<'_>, width: usize, steps: Steps, mut out: SliceMut<'_>) {
     const FITS: &str = "the caller has checked type and size";
     if steps.stride == 1 {
         assert!(out.copy_from(source.range(steps.first * width, steps.count * width)), "{FITS}");
@@ -201,12 +210,37 @@ pub(crate) fn copy_rows(source: Slice<'_>, width: usize, steps: Steps, mut out: 
     }
 }
 
+/// Bytes of rows that are held at once where episodes of any length are copied.
+const PIECE_BYTES: usize = 32 << 20;
+/// A text counts as so many bytes.
+const TEXT_BYTES: usize = 64;
+/// Rows to a piece at most, however small they are.
+const PIECE_ROWS: usize = 1 << 13;
+
+/// The rows of an episode of `len` rows in pieces of bounded size, for whoever reads or writes all of it. At least one row
+/// is in each, and one piece is in all but the longest episodes.
+pub fn pieces(schema: &Schema, len: usize) -> impl Iterator<Item = Range<usize>> + use<> {
+    let rows = (PIECE_BYTES / row_bytes(schema.fields()).max(1)).clamp(1, PIECE_ROWS);
+    (0..len).step_by(rows).map(move |first| first..len.min(first + rows))
+}
+
+/// Bytes of a row in memory; texts are guessed.
+pub(crate) fn row_bytes(fields: &[Field]) -> usize {
+    let bytes = |field: &Field| match field.dtype {
+        Dtype::Bool | Dtype::U8 => 1,
+        Dtype::I32 | Dtype::F32 => 4,
+        Dtype::I64 | Dtype::F64 => 8,
+        Dtype::Str => TEXT_BYTES,
+    };
+    fields.iter().map(|field| bytes(field) * field.width()).sum()
+}
+
 /// Reads rows of one episode into `out`, whose schema names the wanted columns: `EpisodeSource::read` for any
 /// [`Dataset`], in terms of [`Dataset::read_column`].
-pub(crate) fn read_rows(
+pub fn read_rows(
     dataset: &mut (impl Dataset + ?Sized),
     episode: usize,
-    rows: std::ops::Range<usize>,
+    rows: Range<usize>,
     out: &mut Batch,
 ) -> Result<(), DataError> {
     let steps = Steps { first: rows.start, count: rows.len(), stride: 1 };

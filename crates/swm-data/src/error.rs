@@ -46,6 +46,16 @@ pub enum DataError {
         /// All of them, with their extensions.
         known: String,
     },
+    /// A format was to be registered under a name that another one has.
+    #[error(
+        "the dataset format `{name}` cannot be registered: `{known}` has its name or file extension already"
+    )]
+    FormatTaken {
+        /// The new one.
+        name: &'static str,
+        /// The one that is there.
+        known: &'static str,
+    },
     /// The file is there and the mode is `error`.
     #[error("{} exists already; use mode `append` to continue it or `overwrite` to replace it", .path.display())]
     Exists {
@@ -117,27 +127,33 @@ pub enum DataError {
 }
 
 impl DataError {
-    pub(crate) fn io(path: &Path, action: &'static str, source: io::Error) -> Self {
+    /// An operation on a file or folder failed.
+    pub fn io(path: &Path, action: &'static str, source: io::Error) -> Self {
         Self::Io { path: path.to_owned(), action, source }
     }
 
-    pub(crate) fn not_a_dataset(path: &Path, reason: impl Into<String>) -> Self {
+    /// It is none, for a reason.
+    pub fn not_a_dataset(path: &Path, reason: impl Into<String>) -> Self {
         Self::NotADataset { path: path.to_owned(), reason: reason.into() }
     }
 
-    pub(crate) fn damaged(path: &Path, reason: impl Into<String>) -> Self {
+    /// It is damaged, in this way.
+    pub fn damaged(path: &Path, reason: impl Into<String>) -> Self {
         Self::Damaged { path: path.to_owned(), reason: reason.into() }
     }
 
-    pub(crate) fn mismatch(path: &Path, reason: impl Into<String>) -> Self {
+    /// Episodes do not continue it, for a reason.
+    pub fn mismatch(path: &Path, reason: impl Into<String>) -> Self {
         Self::Mismatch { path: path.to_owned(), reason: reason.into() }
     }
 
-    pub(crate) fn record(path: &Path, reason: impl Into<String>) -> Self {
+    /// It cannot be recorded, for a reason.
+    pub fn record(path: &Path, reason: impl Into<String>) -> Self {
         Self::Record { path: path.to_owned(), reason: reason.into() }
     }
 
-    pub(crate) fn request(path: &Path, reason: impl Into<String>) -> Self {
+    /// It has not what was asked for.
+    pub fn request(path: &Path, reason: impl Into<String>) -> Self {
         Self::Request { path: path.to_owned(), reason: reason.into() }
     }
 }

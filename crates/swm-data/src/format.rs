@@ -1,8 +1,14 @@
 //! The table of dataset formats: how a file is recognised, opened and created. A new format is one folder below
-//! `formats/` that exports one [`Format`], and one line in [`FORMATS`].
+//! `formats/` that exports one [`Format`], and one line in [`FORMATS`]. A format of another crate is registered by
+//! whoever wants it, with one line in its program:
+//!
+//! ```text
+//! swm_data::format::register(&my_crate::FORMAT)?;
+//! ```
 
 use std::fs;
 use std::path::Path;
+use std::sync::{PoisonError, RwLock};
 
 use swm_core::error::nearest;
 
@@ -43,11 +49,40 @@ pub struct Format {
     pub repair: fn(&Path, bool) -> Result<Vec<String>, DataError>,
 }
 
+/// Formats of other crates.
+static REGISTERED: RwLock<Vec<&'static Format>> = RwLock::new(Vec::new());
+
+/// Makes a format of another crate known to this process: from then on it is opened, created, converted and verified
+/// like those of this crate. Registering it again changes nothing.
+///
+/// # Errors
+///
+/// Another format has its name or one of its file extensions.
+pub fn register(format: &'static Format) -> Result<(), DataError> {
+    let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
+    if registered.iter().any(|known| std::ptr::eq(*known, format)) {
+        return Ok(());
+    }
+    let names = |format: &Format| format.extensions.iter().copied().chain([format.name]).collect::<Vec<_>>();
+    let mut all = FORMATS.iter().chain(registered.iter().copied());
+    if let Some(known) = all.find(|known| names(known).iter().any(|name| names(format).contains(name))) {
+        return Err(DataError::FormatTaken { name: format.name, known: known.name });
+    }
+    registered.push(format);
+    Ok(())
+}
+
+/// Every known format: those of this crate, then those that were registered.
+pub fn all() -> impl Iterator<Item = &'static Format> {
+    let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner).clone();
+    FORMATS.iter().chain(registered)
+}
+
 /// The format called `name`; names and file extensions both count.
 pub fn by_name(name: &str) -> Result<&'static Format, DataError> {
     let called = |format: &&Format| format.name == name || format.extensions.contains(&name);
-    FORMATS.iter().find(called).ok_or_else(|| {
-        let names = FORMATS.iter().flat_map(|format| format.extensions.iter().copied().chain([format.name]));
+    all().find(called).ok_or_else(|| {
+        let names = all().flat_map(|format| format.extensions.iter().copied().chain([format.name]));
         DataError::UnknownFormat { name: name.to_owned(), nearest: nearest(name, names), known: known() }
     })
 }
@@ -68,7 +103,7 @@ pub fn open(path: &Path) -> Opened<dyn Dataset> {
 
 /// The format of an existing dataset, by its content.
 pub fn detect(path: &Path) -> Option<&'static Format> {
-    FORMATS.iter().find(|format| (format.detect)(path))
+    all().find(|format| (format.detect)(path))
 }
 
 /// Opens a dataset for recording. `format: None` goes by the file extension, or by the content where it has none.
@@ -92,7 +127,7 @@ fn known() -> String {
         let extensions: Vec<_> = format.extensions.iter().map(|extension| format!(".{extension}")).collect();
         format!("{} ({})", format.name, extensions.join(", "))
     };
-    FORMATS.iter().map(one).collect::<Vec<_>>().join(", ")
+    all().map(one).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
@@ -107,6 +142,20 @@ mod tests {
                 assert_eq!(by_name(extension).unwrap().name, format.name);
             }
         }
+    }
+
+    #[test]
+    fn formats_of_other_crates_are_registered_once_and_under_names_of_their_own() {
+        const MORE: Format = Format { name: "more", extensions: &["more"], detect: |_| false, ..FORMATS[0] };
+        static OTHER: Format = MORE;
+        static SAME: Format = Format { name: "else", ..MORE };
+        register(&OTHER).unwrap();
+        register(&OTHER).unwrap();
+        assert_eq!(by_name("more").unwrap().name, "more");
+        assert_eq!(all().filter(|format| format.name == "more").count(), 1);
+        let message = register(&SAME).unwrap_err().to_string();
+        assert!(message.contains("`else`") && message.contains("`more`"), "{message}");
+        assert!(register(&FORMATS[0]).is_err());
     }
 
     #[test]

@@ -3,10 +3,12 @@
 //! * [`mod@format`]: the table of formats; [`open`] and [`create`] choose by content and by extension;
 //! * [`dataset`]: what an open dataset offers (random rows and strided windows of single columns), write modes;
 //! * [`adapt`]: datasets made of datasets: subsets and splits, concatenation, columns merged, joined or cached;
+//! * [`recording`]: what all formats do alike when they record, for formats of other crates;
 //! * [`memory`]: episodes in memory as a dataset; [`buffer`]: the replay buffer of online learning;
 //! * [`rendered`]: recordings without pictures, whose pictures are drawn when they are read;
 //! * [`stats`]: means, deviations, extremes and quantiles of columns, kept beside the dataset;
 //! * [`tools`]: copying between formats, verifying, comparing;
+//! * [`testing`]: what a format must stand, for formats of other crates;
 //! * [`loader`]: clips of `num_steps` rows at a `frameskip`, with sampled goals, read ahead into reused tables.
 //!
 //! Recording goes through the core: a [`DatasetWriter`] is an `EpisodeSink`, which `World::record_dataset` fills.
@@ -34,13 +36,17 @@ pub mod adapt;
 pub mod buffer;
 pub mod dataset;
 pub mod error;
+#[cfg(feature = "video")]
+pub mod film;
 pub mod format;
 mod formats;
 pub mod loader;
 mod lock;
 pub mod memory;
+pub mod recording;
 pub mod rendered;
 pub mod stats;
+pub mod testing;
 pub mod tools;
 
 pub use buffer::{ReplayBuffer, Sampler};

@@ -32,6 +32,8 @@ mod svg;
 pub use swm_baselines as baselines;
 pub use swm_core as core;
 pub use swm_data as data;
+#[cfg(feature = "lance")]
+pub use swm_data_lance as data_lance;
 pub use swm_envs_2d as envs_2d;
 #[cfg(feature = "mujoco")]
 pub use swm_envs_mujoco as envs_mujoco;
@@ -48,4 +50,16 @@ pub fn registry() -> Registry {
     #[cfg(feature = "mujoco")]
     let registry = registry.with_envs(swm_envs_mujoco::ENVS);
     registry.with_policies(swm_solvers::PLANNERS).with_expert(&swm_solvers::EXPERT)
+}
+
+/// Makes dataset formats known that are crates of their own: those of the feature `lance`. The command `swm` does it
+/// itself; a program that opens datasets by the library does it once.
+///
+/// # Errors
+///
+/// The program has registered another format of the same name.
+pub fn register_formats() -> Result<(), swm_data::DataError> {
+    #[cfg(feature = "lance")]
+    swm_data_lance::register()?;
+    Ok(())
 }

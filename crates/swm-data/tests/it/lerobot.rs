@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use swm_core::Batch;
 use swm_data::{DataError, FORMATS, Steps, WriteMode, create, open};
 
-use crate::mutations::mutate;
 use crate::support::{assert_alike, bits, contents, episode, metadata, record, rows_of, schema};
+use swm_data::testing::mutations::mutate;
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/datasets").join(name)

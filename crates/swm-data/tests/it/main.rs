@@ -16,5 +16,7 @@ mod loader_properties;
 mod mutations;
 mod round_trip;
 mod statistics;
-mod support;
+mod streams;
 mod tools;
+
+use swm_data::testing as support;

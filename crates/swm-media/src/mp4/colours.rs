@@ -1,9 +1,7 @@
 //! Luma and chroma planes as RGB frames, in 16.16 fixed point: the same bytes on every machine. The other way is
 //! `planes`.
 
-use openh264::decoder::DecodedYUV;
-use openh264::formats::YUVSource as _;
-
+use super::decoders::Picture;
 use super::parameters::Colours;
 
 const ONE: f64 = 65536.0;
@@ -42,25 +40,25 @@ impl Conversion {
     /// The upper left part of the picture as `[H, W, 3]`.
     pub(super) fn rgb(
         &self,
-        picture: &DecodedYUV<'_>,
+        picture: &Picture<'_>,
         (height, width): (usize, usize),
         out: &mut [u8],
     ) -> Result<(), String> {
-        let (strides, [luma, first, second]) = (picture.strides(), [picture.y(), picture.u(), picture.v()]);
+        let (strides, [luma, first, second]) = (picture.strides, picture.planes);
         let row = |plane: &'_ [u8], stride: usize, y: usize, width: usize| {
             plane.get(y * stride..).and_then(|rest| rest.get(..width)).is_some()
         };
         let half = width.div_ceil(2);
-        let fits = row(luma, strides.0, height - 1, width)
-            && row(first, strides.1, (height - 1) / 2, half)
-            && row(second, strides.2, (height - 1) / 2, half);
+        let fits = row(luma, strides[0], height - 1, width)
+            && row(first, strides[1], (height - 1) / 2, half)
+            && row(second, strides[2], (height - 1) / 2, half);
         if !fits {
             return Err("a picture is smaller than the file says".to_owned());
         }
         for (y, out) in out.chunks_exact_mut(width * 3).enumerate() {
-            let luma = &luma[y * strides.0..][..width];
-            let first = &first[y / 2 * strides.1..][..half];
-            let second = &second[y / 2 * strides.2..][..half];
+            let luma = &luma[y * strides[0]..][..width];
+            let first = &first[y / 2 * strides[1]..][..half];
+            let second = &second[y / 2 * strides[2]..][..half];
             for (((out, luma), &first), &second) in
                 out.chunks_mut(6).zip(luma.chunks(2)).zip(first).zip(second)
             {

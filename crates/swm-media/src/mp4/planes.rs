@@ -58,31 +58,35 @@ impl Planes {
         }
     }
 
-    /// Height and width of the luma plane; both are even.
-    pub(super) const fn size(&self) -> (usize, usize) {
-        (self.height, self.width)
-    }
-
     /// Takes the frame `[H, W, 3]`; a row or column that it lacks copies its last one.
     pub(super) fn fill(&mut self, frame: &[u8]) {
-        let [last_row, last_column] = [self.frame_height - 1, self.frame_width - 1];
-        for y in (0..self.height).step_by(2) {
-            let rows = [y, (y + 1).min(last_row)]
-                .map(|y| &frame[y * self.frame_width * 3..][..self.frame_width * 3]);
-            for x in (0..self.width).step_by(2) {
-                let columns = [x, (x + 1).min(last_column)];
-                let mut sum = [0; 3];
-                for (dy, row) in rows.iter().enumerate() {
-                    for (dx, &column) in columns.iter().enumerate() {
-                        let rgb = [0, 1, 2].map(|channel| i32::from(row[column * 3 + channel]));
-                        self.luma[(y + dy) * self.width + x + dx] = fixed(dot(LUMA, rgb), BITS, 16);
-                        sum = [sum[0] + rgb[0], sum[1] + rgb[1], sum[2] + rgb[2]];
-                    }
+        let (last, stride) = (self.frame_height - 1, self.frame_width * 3);
+        let row = |y: usize| &frame[y.min(last) * stride..][..stride];
+        let [first, second] = &mut self.chroma;
+        let half = self.width / 2;
+        let chroma = first.chunks_exact_mut(half).zip(second.chunks_exact_mut(half));
+        for (pair, (luma, (first, second))) in
+            self.luma.chunks_exact_mut(2 * self.width).zip(chroma).enumerate()
+        {
+            let rows = [row(2 * pair), row(2 * pair + 1)];
+            for (luma, row) in luma.chunks_exact_mut(self.width).zip(rows) {
+                for (luma, &[r, g, b]) in luma.iter_mut().zip(row.as_chunks::<3>().0) {
+                    *luma = fixed(dot(LUMA, [r, g, b].map(i32::from)), BITS, 16);
                 }
-                for (plane, weights) in self.chroma.iter_mut().zip(CHROMA) {
-                    // Two more bits: `sum` is that of four pixels.
-                    plane[y / 2 * (self.width / 2) + x / 2] = fixed(dot(weights, sum), BITS + 2, 128);
+                // A column that the frame lacks.
+                if self.width > self.frame_width {
+                    luma[self.width - 1] = luma[self.width - 2];
                 }
+            }
+            let pixels = rows[0].chunks(6).zip(rows[1].chunks(6));
+            for ((first, second), (above, below)) in first.iter_mut().zip(second).zip(pixels) {
+                let sum = [0, 1, 2].map(|channel| {
+                    let right = if above.len() == 6 { channel + 3 } else { channel };
+                    [above[channel], above[right], below[channel], below[right]].map(i32::from).iter().sum()
+                });
+                // Two more bits: `sum` is that of four pixels.
+                *first = fixed(dot(CHROMA[0], sum), BITS + 2, 128);
+                *second = fixed(dot(CHROMA[1], sum), BITS + 2, 128);
             }
         }
     }
@@ -147,7 +151,7 @@ mod tests {
         let grey: Vec<u8> = (0..9).map(|i| i * 20).collect();
         let rgb: Vec<u8> = grey.iter().flat_map(|&g| [g; 3]).collect();
         let planes = planes_of(3, 3, &rgb);
-        assert_eq!(planes.size(), (4, 4));
+        assert_eq!((planes.height, planes.width), (4, 4));
         let row = |y: usize| &planes.luma[y * 4..(y + 1) * 4];
         assert_eq!(row(3), row(2));
         for y in 0..4 {

@@ -1,17 +1,14 @@
-//! H.264 films read back: any frame, in any order, decoded by the bundled OpenH264 from the key frame before it.
+//! Films read back: any frame, in any order, decoded from the key frame before it.
 //!
-//! Reads what this crate and x264 write (Baseline to High profile, 4:2:0, 8 bits, B-frames), not fragmented files.
-//! Frames are numbered in the order in which they are shown. Colours follow the matrix and the range that the stream
-//! names; BT.601 in studio range where it names none, as players do.
+//! Reads what this crate and x264 write (H.264, Baseline to High profile, 4:2:0, 8 bits, B-frames) and, with the feature
+//! `av1`, AV1 (4:2:0, 8 bits), not fragmented files. Frames are numbered in the order in which they are shown. Colours
+//! follow the matrix and the range that the stream names; BT.601 in studio range where it names none, as players do.
 
 use std::fmt;
 use std::io::{Read, Seek, SeekFrom};
 
-use openh264::OpenH264API;
-use openh264::decoder::{DecodedYUV, Decoder, DecoderConfig, Flush};
-use openh264::formats::YUVSource as _;
-
 use super::colours::Conversion;
+use super::decoders::{FrameDecoder, Picture};
 use super::demux::{Tables, find, number};
 use super::parameters::Colours;
 use crate::error::MediaError;
@@ -21,10 +18,7 @@ use crate::format::Format;
 pub struct Mp4Reader<F> {
     file: F,
     tables: Tables,
-    /// Bytes of the length before each unit of a sample.
-    length_size: usize,
-    /// Parameter sets, each behind a start code.
-    head: Vec<u8>,
+    codec: Codec,
     conversion: Conversion,
     /// Where decoding stands; none before the first frame and after an error.
     run: Option<Run>,
@@ -32,8 +26,16 @@ pub struct Mp4Reader<F> {
     packet: Vec<u8>,
 }
 
+/// What the samples are.
+enum Codec {
+    /// Bytes of the length before each unit of a sample, and the parameter sets, each behind a start code.
+    H264 { length_size: usize, head: Vec<u8> },
+    #[cfg(feature = "av1")]
+    Av1,
+}
+
 struct Run {
-    decoder: Decoder,
+    decoder: FrameDecoder,
     /// The next sample that the decoder gets.
     sample: usize,
     /// The frame that it gives next.
@@ -45,17 +47,27 @@ impl<F: Read + Seek> Mp4Reader<F> {
     ///
     /// # Errors
     ///
-    /// [`MediaError::Decode`] for what is no MP4 file, was cut short, or is no H.264.
+    /// [`MediaError::Decode`] for what is no MP4 file, was cut short, or is of another codec.
     pub fn new(mut file: F) -> Result<Self, MediaError> {
         let tables = Tables::read(&mut file).map_err(wrong)?;
-        if &tables.codec != b"avc1" && &tables.codec != b"avc3" {
-            let codec = tables.codec.escape_ascii();
-            return Err(wrong(format!("its codec is `{codec}`; only H.264 (`avc1`) can be decoded")));
-        }
-        let settings = find(&tables.description, b"avcC").map_err(wrong)?;
-        let (length_size, head, colours) = settings_of(settings).map_err(wrong)?;
+        let (codec, colours) = match &tables.codec {
+            b"avc1" | b"avc3" => {
+                let settings = find(&tables.description, b"avcC").map_err(wrong)?;
+                let (length_size, head, colours) = settings_of(settings).map_err(wrong)?;
+                (Codec::H264 { length_size, head }, colours)
+            }
+            #[cfg(feature = "av1")]
+            b"av01" => (Codec::Av1, Colours::of(&[])),
+            codec => {
+                let (codec, more) =
+                    (codec.escape_ascii(), if cfg!(feature = "av1") { " and AV1 (`av01`)" } else { "" });
+                return Err(wrong(format!(
+                    "its codec is `{codec}`; only H.264 (`avc1`){more} can be decoded"
+                )));
+            }
+        };
         let conversion = Conversion::new(colours);
-        Ok(Self { file, tables, length_size, head, conversion, run: None, packet: Vec::new() })
+        Ok(Self { file, tables, codec, conversion, run: None, packet: Vec::new() })
     }
 
     /// Frames in the film.
@@ -101,47 +113,36 @@ impl<F: Read + Seek> Mp4Reader<F> {
             return Err(format!("it has {} frames, too few for what was asked for", self.frames()));
         };
         let mut run = self.begin(first)?;
-        let conversion = &self.conversion;
-        let mut take = |picture: &DecodedYUV<'_>, frame: usize| {
-            if frame < first || !(frame - first).is_multiple_of(stride) {
-                return Ok(());
-            }
-            let (there, found) = (picture.dimensions(), (width, height));
-            // A picture may be padded to whole blocks, never smaller.
-            if there.0 < found.0 || there.1 < found.1 {
-                return Err(format!(
-                    "a picture has {}x{} pixels instead of {}x{}",
-                    there.1, there.0, height, width
-                ));
-            }
-            match out.chunks_exact_mut(frame_bytes).nth((frame - first) / stride) {
-                Some(target) => conversion.rgb(picture, size, target),
-                None => Ok(()),
-            }
-        };
+        let (own, frames) = (self.conversion, self.tables.samples.len());
         while run.frame <= last {
-            if run.sample < self.tables.samples.len() {
-                load(&mut self.file, &self.tables, self.length_size, run.sample, &mut self.packet)?;
-                run.sample += 1;
-                let picture = run.decoder.decode(&self.packet).map_err(|error| error.to_string())?;
-                if let Some(picture) = picture {
-                    take(&picture, run.frame)?;
-                    run.frame += 1;
+            let Run { decoder, sample, frame } = &mut run;
+            let mut take = |picture: &Picture<'_>| {
+                let at = *frame;
+                *frame += 1;
+                if at < first || !(at - first).is_multiple_of(stride) {
+                    return Ok(());
                 }
-                continue;
-            }
-            // Pictures that waited for later ones, which never come.
-            let rest = run.decoder.flush_remaining().map_err(|error| error.to_string())?;
-            if rest.is_empty() {
-                return Err(format!(
-                    "only {} of {} frames can be decoded",
-                    run.frame,
-                    self.tables.samples.len()
-                ));
-            }
-            for picture in rest {
-                take(&picture, run.frame)?;
-                run.frame += 1;
+                // A picture may be padded to whole blocks, never smaller.
+                if picture.width < width || picture.height < height {
+                    let there = (picture.height, picture.width);
+                    return Err(format!(
+                        "a picture has {}x{} pixels instead of {height}x{width}",
+                        there.0, there.1
+                    ));
+                }
+                #[cfg(feature = "av1")]
+                let own = picture.colours.map_or(own, Conversion::new);
+                match out.chunks_exact_mut(frame_bytes).nth((at - first) / stride) {
+                    Some(target) => own.rgb(picture, size, target),
+                    None => Ok(()),
+                }
+            };
+            if *sample < frames {
+                load(&mut self.file, &self.tables, &self.codec, *sample, &mut self.packet)?;
+                *sample += 1;
+                decoder.decode(&self.packet, &mut take)?;
+            } else if decoder.finish(&mut take)? == 0 {
+                return Err(format!("only {} of {frames} frames can be decoded", run.frame));
             }
         }
         let at_end = run.sample == self.tables.samples.len();
@@ -159,19 +160,20 @@ impl<F: Read + Seek> Mp4Reader<F> {
         {
             return Ok(run);
         }
-        let config = DecoderConfig::new().flush_after_decode(Flush::NoFlush);
-        let mut decoder = Decoder::with_api_config(OpenH264API::from_source(), config)
-            .map_err(|error| error.to_string())?;
-        decoder.decode(&self.head).map_err(|error| error.to_string())?;
+        let decoder = match &self.codec {
+            Codec::H264 { head, .. } => FrameDecoder::h264(head)?,
+            #[cfg(feature = "av1")]
+            Codec::Av1 => FrameDecoder::av1(self.tables.height.saturating_mul(self.tables.width))?,
+        };
         Ok(Run { decoder, sample: key, frame: samples.get(key).map_or(0, |sample| sample.shown) })
     }
 }
 
-/// Reads a sample and puts start codes in the place of lengths.
+/// Reads a sample; in H.264, puts start codes in the place of lengths.
 fn load(
     file: &mut (impl Read + Seek),
     tables: &Tables,
-    length_size: usize,
+    codec: &Codec,
     sample: usize,
     packet: &mut Vec<u8>,
 ) -> Result<(), String> {
@@ -180,6 +182,11 @@ fn load(
     packet.resize(sample.size, 0);
     let read = file.seek(SeekFrom::Start(sample.offset)).and_then(|_| file.read_exact(packet));
     read.map_err(|error| error.to_string())?;
+    let length_size = match *codec {
+        Codec::H264 { length_size, .. } => length_size,
+        #[cfg(feature = "av1")]
+        Codec::Av1 => return Ok(()),
+    };
     if length_size == 4 {
         let mut at = 0;
         while at < packet.len() {

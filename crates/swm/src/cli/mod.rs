@@ -37,6 +37,8 @@ use std::process::ExitCode;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use swm_core::Registry;
 
+use crate::register_formats;
+
 pub(crate) use output::{Failure, Output, usage};
 
 /// Reproducible world-model research: environments, datasets, planning, evaluation.
@@ -108,43 +110,47 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         }
     };
     let output = Output::new(cli.json, cli.quiet);
-    let result = match cli.command {
-        Command::Envs(command) => command.run(registry, &output),
-        Command::Fovs(command) => command.run(registry, &output),
-        Command::Collect(command) => command.run(registry, &output),
-        Command::Inspect(command) => command.run(&output),
-        Command::Preview(command) => command.run(&output),
-        Command::Stats(command) => command.run(&output),
-        Command::Verify(command) => command.run(&output),
-        Command::Diff(command) => command.run(&output),
-        Command::Convert(command) => command.run(&output),
-        Command::Merge(command) => command.run(&output),
-        Command::Split(command) => command.run(&output),
-        Command::Replay(command) => command.run(registry, &output),
-        Command::Manifest(command) => command.run(registry, &output),
-        Command::Eval(command) => command.run(registry, &output),
-        Command::Compare(command) => command.run(&output),
-        Command::VerifyResult(command) => command.run(registry, &output),
-        Command::Sweep(command) => command.run(registry, &output),
-        Command::Report(command) => command.run(registry, &output),
-        Command::Quality(command) => command.run(registry, &output),
-        Command::Plan(command) => command.run(registry, &output),
-        Command::Solvers(command) => command.run(&output),
-        Command::Render(command) => command.run(registry, &output),
-        Command::Bench(command) => command.run(registry, &output),
-        Command::Doctor(command) => command.run(registry, &output),
+    match register_formats().map_err(Failure::from).and_then(|()| run_command(registry, cli.command, &output))
+    {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("{failure}");
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}
+
+fn run_command(registry: &Registry, command: Command, output: &Output) -> Result<(), Failure> {
+    match command {
+        Command::Envs(command) => command.run(registry, output),
+        Command::Fovs(command) => command.run(registry, output),
+        Command::Collect(command) => command.run(registry, output),
+        Command::Inspect(command) => command.run(output),
+        Command::Preview(command) => command.run(output),
+        Command::Stats(command) => command.run(output),
+        Command::Verify(command) => command.run(output),
+        Command::Diff(command) => command.run(output),
+        Command::Convert(command) => command.run(output),
+        Command::Merge(command) => command.run(output),
+        Command::Split(command) => command.run(output),
+        Command::Replay(command) => command.run(registry, output),
+        Command::Manifest(command) => command.run(registry, output),
+        Command::Eval(command) => command.run(registry, output),
+        Command::Compare(command) => command.run(output),
+        Command::VerifyResult(command) => command.run(registry, output),
+        Command::Sweep(command) => command.run(registry, output),
+        Command::Report(command) => command.run(registry, output),
+        Command::Quality(command) => command.run(registry, output),
+        Command::Plan(command) => command.run(registry, output),
+        Command::Solvers(command) => command.run(output),
+        Command::Render(command) => command.run(registry, output),
+        Command::Bench(command) => command.run(registry, output),
+        Command::Doctor(command) => command.run(registry, output),
         Command::Man(command) => command.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "swm", &mut script);
             output::print(&String::from_utf8_lossy(&script))
-        }
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            eprintln!("{failure}");
-            ExitCode::from(failure.exit_code())
         }
     }
 }

@@ -19,8 +19,6 @@ use crate::formats::disk::{is_plain_name, replace, write_all_at};
 pub(super) const EP_LEN: &str = "ep_len";
 /// First row of each episode, i64.
 pub(super) const EP_OFFSET: &str = "ep_offset";
-/// The episode that a row belongs to, i32: a column that the writer fills itself.
-pub(super) const EP_IDX: &str = "ep_idx";
 
 const MANIFEST: &str = "ep_len.json";
 const INDEX: &str = "ep_len.index";
@@ -34,6 +32,12 @@ pub(super) const MAX_ROW_BYTES: usize = 1 << 30;
 /// The file of a column of numbers or texts.
 pub(super) fn array(folder: &Path, column: &str) -> PathBuf {
     folder.join(format!("{column}.npz"))
+}
+
+/// Whether a recording was killed here before it had begun: the index is the first file of a folder of ours, the manifest
+/// the last.
+pub(super) fn is_unbegun(folder: &Path) -> bool {
+    folder.join(INDEX).is_file() && !folder.join(MANIFEST).exists()
 }
 
 /// What a folder of ours says of itself.

@@ -3,6 +3,7 @@
 //! recording survives a crash, see `writer`.
 
 mod layout;
+mod picture_writer;
 mod pictures;
 mod reader;
 mod repair;
@@ -11,7 +12,9 @@ mod writer;
 use std::path::Path;
 
 use crate::format::Format;
+use crate::recording::Recorder;
 use pictures::Store;
+use writer::FolderStorage;
 
 /// The entry of single pictures in the table of formats.
 pub(crate) const FOLDER: Format = Format {
@@ -20,7 +23,7 @@ pub(crate) const FOLDER: Format = Format {
     about: "a folder of numpy arrays and JPEG pictures; any tool opens it; lossy pictures",
     detect: |path| is_dataset(path) && !has_films(path),
     open: |path| Ok(Box::new(reader::FolderDataset::open(path, FOLDER.name, Store::Jpeg)?)),
-    create: |path, options| Ok(Box::new(writer::FolderWriter::new(path, options, FOLDER.name, Store::Jpeg)?)),
+    create: |path, options| Ok(Box::new(Recorder::new(path, options, storage(&FOLDER, Store::Jpeg))?)),
     repair: |path, apply| repair::repair(path, FOLDER.name, Store::Jpeg, apply),
 };
 
@@ -32,9 +35,13 @@ pub(crate) const VIDEO: Format = Format {
     about: "a folder of numpy arrays and H.264 films; the smallest, plays in any player; lossy pictures",
     detect: |path| is_dataset(path) && has_films(path),
     open: |path| Ok(Box::new(reader::FolderDataset::open(path, VIDEO.name, Store::Film)?)),
-    create: |path, options| Ok(Box::new(writer::FolderWriter::new(path, options, VIDEO.name, Store::Film)?)),
+    create: |path, options| Ok(Box::new(Recorder::new(path, options, storage(&VIDEO, Store::Film))?)),
     repair: |path, apply| repair::repair(path, VIDEO.name, Store::Film, apply),
 };
+
+fn storage(format: &Format, store: Store) -> FolderStorage {
+    FolderStorage { format: format.name, store }
+}
 
 fn is_dataset(path: &Path) -> bool {
     path.is_dir() && path.join("ep_len.npz").is_file()

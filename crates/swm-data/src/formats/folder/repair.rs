@@ -6,7 +6,8 @@ use std::path::Path;
 use super::layout::{self, Manifest};
 use super::pictures::Store;
 use super::reader::FolderDataset;
-use super::writer::Recording;
+use super::writer::FolderRecording;
+use crate::dataset::WriteOptions;
 use crate::error::DataError;
 use crate::formats::npz::Array;
 use crate::lock::WriterLock;
@@ -49,7 +50,8 @@ pub(super) fn repair(
     if apply && !steps.is_empty() {
         let schema = dataset.schema().clone();
         drop(dataset);
-        drop(Recording::open(path, store, &manifest, &schema, episodes)?);
+        let options = WriteOptions::default();
+        drop(FolderRecording::open(path, store, &manifest, &schema, episodes, &options)?);
     }
     drop(lock);
     Ok(steps)

@@ -5,7 +5,8 @@ use std::mem;
 use hdf5_metno as h5;
 use swm_core::{Dtype, Field};
 
-use super::layout::{EP_IDX, EP_LEN, EP_OFFSET};
+use super::layout::{EP_LEN, EP_OFFSET};
+use crate::recording::EP_IDX;
 
 /// A file open for writing, with its datasets.
 #[derive(Debug)]

@@ -12,8 +12,6 @@ use swm_core::{Dtype, Field};
 pub(super) const EP_LEN: &str = "ep_len";
 /// First row of each episode, i64.
 pub(super) const EP_OFFSET: &str = "ep_offset";
-/// The episode that a row belongs to, i32: a column that the writer fills itself.
-pub(super) const EP_IDX: &str = "ep_idx";
 
 /// Attribute: the columns in order, with their kinds, as JSON.
 pub(super) const COLUMNS_ATTRIBUTE: &str = "swm_columns";

@@ -6,16 +6,16 @@ use std::path::Path;
 use swm_core::EpisodeSource;
 
 use super::create::{self, EndOfData};
-use super::layout::EP_IDX;
 use super::reader::Hdf5Dataset;
 use super::superblock;
 use crate::error::DataError;
-use crate::formats::fit;
 use crate::lock::WriterLock;
+use crate::recording;
+use crate::recording::EP_IDX;
 
 /// Says what is to be done; does it if `apply`.
 pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError> {
-    let path = fit::resolve(path)?;
+    let path = recording::resolve(path)?;
     let _lock = WriterLock::take(&path)?;
     if !superblock::ensure_readable(&path)?.is_unclean() {
         return Ok(Vec::new());
@@ -29,7 +29,7 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     ];
     let attributes = old.attributes().clone();
     let (Some(columns), Some((_, metadata))) = (&attributes.columns, attributes.runs.last()) else {
-        return Err(fit::foreign(&path));
+        return Err(recording::foreign(&path));
     };
     if apply {
         let fields: Vec<_> = columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();

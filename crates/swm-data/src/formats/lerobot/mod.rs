@@ -1,11 +1,12 @@
 //! LeRobot datasets: Parquet tables of numbers and H.264 films. Versions 2.1 and 3.0 are read, 3.0 is written. Of other
 //! programs' folders the first camera becomes `pixels`, `observation.state` becomes `proprio`, as in the reference's
-//! reader, and `ep_idx` and `step_idx` are made up; ours also hold what the columns were called, see `manifest`. Films in
-//! AV1, which is LeRobot's default codec, cannot be decoded here: their columns are left out by name.
+//! reader, and `ep_idx` and `step_idx` are made up; ours also hold what the columns were called, see `manifest`. Films are read in
+//! H.264 and in AV1, which is LeRobot's default codec; columns of others are left out by name.
 
 mod episodes;
 mod info;
 mod manifest;
+mod open_episode;
 mod parquet_file;
 mod reader;
 mod statistics;
@@ -13,6 +14,7 @@ mod table;
 mod writer;
 
 use crate::format::Format;
+use crate::recording::Recorder;
 
 /// The entry in the table of formats.
 pub(crate) const FORMAT: Format = Format {
@@ -21,6 +23,6 @@ pub(crate) const FORMAT: Format = Format {
     about: "a folder of Parquet tables and H.264 films that LeRobot opens; lossy pictures",
     detect: |path| path.join(info::INFO).is_file(),
     open: |path| Ok(Box::new(reader::LeRobotDataset::open(path)?)),
-    create: |path, options| Ok(Box::new(writer::LeRobotWriter::new(path, options)?)),
+    create: |path, options| Ok(Box::new(Recorder::new(path, options, writer::LeRobotStorage)?)),
     repair: writer::repair,
 };

@@ -1,6 +1,7 @@
-//! Writing Parquet files: numbers, texts, and lists of as many numbers in every row, in one group of rows. The other
+//! Writing Parquet files: numbers, texts, and lists of as many numbers in every row. The other
 //! direction is `table`.
 
+use std::io::Write;
 use std::sync::Arc;
 
 use parquet::basic::{Compression, ConvertedType, LogicalType, Repetition, Type as Physical};
@@ -33,10 +34,36 @@ impl<'a> ColumnOut<'a> {
 
 /// The bytes of a file with these columns, which have equally many rows. `about` is what it says of itself, by key.
 pub(super) fn bytes(columns: &[ColumnOut<'_>], about: &[(&str, String)]) -> Result<Vec<u8>, String> {
-    write(columns, about).map_err(|error| error.to_string())
+    let mut writer = TableWriter::new(Vec::new(), columns, about)?;
+    writer.group(columns)?;
+    writer.finish()
 }
 
-fn write(columns: &[ColumnOut<'_>], about: &[(&str, String)]) -> Result<Vec<u8>, ParquetError> {
+/// A file that is being written, group of rows by group of rows.
+pub(super) struct TableWriter<W: Write + Send>(SerializedFileWriter<W>);
+
+impl<W: Write + Send> TableWriter<W> {
+    /// Begins a file with the columns of these names and types. `about` is what it says of itself, by key.
+    pub(super) fn new(out: W, columns: &[ColumnOut<'_>], about: &[(&str, String)]) -> Result<Self, String> {
+        begin(out, columns, about).map(Self).map_err(|error| error.to_string())
+    }
+
+    /// Writes rows of all columns.
+    pub(super) fn group(&mut self, columns: &[ColumnOut<'_>]) -> Result<(), String> {
+        group(&mut self.0, columns).map_err(|error| error.to_string())
+    }
+
+    /// Ends the file.
+    pub(super) fn finish(self) -> Result<W, String> {
+        self.0.into_inner().map_err(|error| error.to_string())
+    }
+}
+
+fn begin<W: Write + Send>(
+    out: W,
+    columns: &[ColumnOut<'_>],
+    about: &[(&str, String)],
+) -> Result<SerializedFileWriter<W>, ParquetError> {
     let fields = columns.iter().map(column_type).collect::<Result<_, _>>()?;
     let schema = Type::group_type_builder("schema").with_fields(fields).build()?;
     let about = about.iter().map(|(key, value)| KeyValue::new((*key).to_owned(), value.clone())).collect();
@@ -44,7 +71,13 @@ fn write(columns: &[ColumnOut<'_>], about: &[(&str, String)]) -> Result<Vec<u8>,
         .set_compression(Compression::SNAPPY)
         .set_key_value_metadata(Some(about))
         .build();
-    let mut writer = SerializedFileWriter::new(Vec::new(), Arc::new(schema), Arc::new(properties))?;
+    SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties))
+}
+
+fn group<W: Write + Send>(
+    writer: &mut SerializedFileWriter<W>,
+    columns: &[ColumnOut<'_>],
+) -> Result<(), ParquetError> {
     let mut group = writer.next_row_group()?;
     for column in columns {
         let Some(mut out) = group.next_column()? else {
@@ -53,8 +86,7 @@ fn write(columns: &[ColumnOut<'_>], about: &[(&str, String)]) -> Result<Vec<u8>,
         write_values(&mut out, column)?;
         out.close()?;
     }
-    group.close()?;
-    writer.into_inner()
+    group.close().map(|_| ())
 }
 
 fn column_type(column: &ColumnOut<'_>) -> Result<TypePtr, ParquetError> {

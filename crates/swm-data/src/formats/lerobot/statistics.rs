@@ -9,7 +9,7 @@ use serde_json::{Map, Value as Json, json};
 use swm_core::{Batch, Dtype, Field, Slice};
 
 use super::manifest::{Manifest, is_film};
-use crate::dataset::{Dataset, read_rows};
+use crate::dataset::{Dataset, pieces, read_rows};
 use crate::error::DataError;
 use crate::formats::disk::replace;
 
@@ -75,32 +75,41 @@ pub(super) struct Statistics {
     /// By column: its numbers; empty for texts.
     columns: Vec<Vec<Seen>>,
     rows: usize,
+    /// By column of pictures: how often each level of a colour was seen in the open episode.
+    #[serde(skip)]
+    levels: Vec<Levels>,
 }
+
+/// By colour and level.
+type Levels = [[u64; 256]; 3];
 
 impl Statistics {
     pub(super) fn new(manifest: &Manifest) -> Self {
         let columns = manifest.columns.iter().map(|field| vec![NOTHING; numbers_of(field)]).collect();
-        Self { columns, rows: 0 }
+        Self { columns, rows: 0, levels: Vec::new() }
     }
 
-    /// Adds an episode whose table has the manifest's columns by name.
-    pub(super) fn add(&mut self, manifest: &Manifest, batch: &Batch) {
+    /// Adds rows of the open episode from `first` on, as a table that has the manifest's columns by name.
+    pub(super) fn add(&mut self, manifest: &Manifest, first: usize, batch: &Batch) {
         self.rows += batch.rows();
-        for (field, seen) in manifest.columns.iter().zip(&mut self.columns) {
+        self.levels.resize(manifest.columns.len(), [[0; 256]; 3]);
+        let columns = manifest.columns.iter().zip(&mut self.columns).zip(&mut self.levels);
+        for ((field, seen), levels) in columns {
             let Some(column) = batch.schema().index(&field.name) else { continue };
             match batch.column(column) {
                 Slice::Str(_) => {}
                 Slice::U8(values) if is_film(field) => {
-                    let mut levels = [[0u64; 256]; 3];
-                    for frame in values.chunks_exact(field.width()).step_by(FRAME_STRIDE) {
+                    let frames = values.chunks_exact(field.width());
+                    for frame in
+                        frames.skip(first.next_multiple_of(FRAME_STRIDE) - first).step_by(FRAME_STRIDE)
+                    {
                         for pixel in frame.as_chunks::<3>().0 {
                             pixel
                                 .iter()
-                                .zip(&mut levels)
+                                .zip(&mut *levels)
                                 .for_each(|(&value, levels)| levels[usize::from(value)] += 1);
                         }
                     }
-                    seen.iter_mut().zip(&levels).for_each(|(seen, levels)| seen.add_levels(levels));
                 }
                 values => {
                     for at in 0..values.len() {
@@ -108,6 +117,14 @@ impl Statistics {
                     }
                 }
             }
+        }
+    }
+
+    /// Ends the open episode.
+    pub(super) fn end_episode(&mut self) {
+        for (seen, levels) in self.columns.iter_mut().zip(&mut self.levels) {
+            seen.iter_mut().zip(&*levels).for_each(|(seen, levels)| seen.add_levels(levels));
+            *levels = [[0; 256]; 3];
         }
     }
 
@@ -157,8 +174,12 @@ impl Statistics {
         let mut all = Self::new(manifest);
         let mut batch = Batch::new(dataset.schema().clone(), 0);
         for episode in 0..dataset.num_episodes() {
-            read_rows(dataset, episode, 0..dataset.episode_len(episode), &mut batch)?;
-            all.add(manifest, &batch);
+            for rows in pieces(dataset.schema(), dataset.episode_len(episode)) {
+                let first = rows.start;
+                read_rows(dataset, episode, rows, &mut batch)?;
+                all.add(manifest, first, &batch);
+            }
+            all.end_episode();
         }
         Ok(all)
     }

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use swm_core::{Dtype, Field, Metadata};
 
+use super::chunks::{Chunk, Messages};
 use super::records::{
     CHANNEL, CHUNK, DATA_END, FOOTER, HEAD, HEADER, MAGIC, MESSAGE_INDEX, METADATA, Reader,
 };
@@ -32,26 +33,12 @@ pub(super) fn is_picture(field: &Field) -> bool {
     field.dtype == Dtype::U8 && matches!(field.shape[..], [_, _, 1 | 3])
 }
 
-/// A message: its row in the episode, and where its record begins in the file.
+/// A message: its row in the episode, its chunk, and where in that its record begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Place {
     pub(super) row: u32,
-    pub(super) at: u64,
-}
-
-/// A chunk in the file.
-#[derive(Clone, Debug)]
-pub(super) struct Chunk {
-    pub(super) at: u64,
-    /// Bytes of its record, and of its messages.
-    pub(super) length: u64,
-    pub(super) size: u64,
-    pub(super) checksum: u32,
-    pub(super) times: [u64; 2],
-    /// For every channel in it, where its message index begins.
-    pub(super) indexes: Vec<(u16, u64)>,
-    /// Bytes of all its message indexes.
-    pub(super) indexes_length: u64,
+    pub(super) chunk: u32,
+    pub(super) offset: u64,
 }
 
 /// An announced episode.
@@ -121,7 +108,7 @@ impl Contents {
                     found.metadata.push((name, at, end - at));
                     found.end = end;
                 }
-                CHUNK => found.chunks.push(chunk(file, at, size)?),
+                CHUNK => found.chunks.push(Chunk::read(file, at, size)?),
                 MESSAGE_INDEX => found.messages(file, &content(MAX_RECORD)?, (at, end), &mut open)?,
                 DATA_END => {
                     found.is_finished = closing(file, length);
@@ -223,16 +210,16 @@ impl Contents {
         open: &mut Episode,
     ) -> Result<(), String> {
         let first_row: u64 = self.episodes.iter().map(|episode| episode.rows as u64).sum();
-        let Some(chunk) = self.chunks.last_mut() else { return Err("an index without a chunk".to_owned()) };
+        let index = self.chunks.len().checked_sub(1).ok_or("an index without a chunk")?;
+        let chunk = &mut self.chunks[index];
         let mut reader = Reader(bytes);
         let channel = reader.u16()?;
         chunk.indexes.push((channel, at));
         chunk.indexes_length += end - at;
-        let start = chunk.messages_at();
         let size = chunk.size;
         if self.channels.iter().all(|(id, _)| *id != channel) {
             // Other writers describe channels inside of chunks.
-            for content in channels_within(file, start, size)? {
+            for content in channels_within(file, &self.chunks[index])? {
                 self.channel(&content)?;
             }
         }
@@ -248,53 +235,22 @@ impl Contents {
             let Some(row) = row.filter(|_| offset < size) else {
                 return Err("a message lies outside its episode".to_owned());
             };
-            open.messages[position].push(Place { row, at: start + offset });
+            open.messages[position].push(Place { row, chunk: index as u32, offset });
         }
         Ok(())
     }
 }
 
-impl Chunk {
-    /// Where its messages begin: behind its own head, with an empty name of a compression.
-    pub(super) fn messages_at(&self) -> u64 {
-        self.at + self.length - self.size
-    }
-}
-
-fn chunk(file: &File, at: u64, size: u64) -> Result<Chunk, String> {
-    let mut bytes = vec![0; size.min(64) as usize];
-    read_exact_at(file, &mut bytes, at + HEAD).map_err(|error| error.to_string())?;
-    let mut reader = Reader(&bytes);
-    let times = [reader.u64()?, reader.u64()?];
-    let (uncompressed, checksum, compression) = (reader.u64()?, reader.u32()?, reader.text()?);
-    if !compression.is_empty() {
-        return Err(format!(
-            "its chunks are compressed ({compression}); write it without compression, or use `mcap compress --compression none`"
-        ));
-    }
-    let stored = reader.u64()?;
-    if stored != uncompressed || stored != size - (bytes.len() - reader.0.len()) as u64 {
-        return Err("a chunk has another size than it says".to_owned());
-    }
-    let (length, indexes) = (HEAD + size, Vec::new());
-    Ok(Chunk { at, length, size: stored, checksum, times, indexes, indexes_length: 0 })
-}
-
 /// The contents of channel records among the messages of a chunk.
-fn channels_within(file: &File, start: u64, size: u64) -> Result<Vec<Vec<u8>>, String> {
+fn channels_within(file: &File, chunk: &Chunk) -> Result<Vec<Vec<u8>>, String> {
     let (mut found, mut at) = (Vec::new(), 0);
-    while at + HEAD <= size {
-        let mut head = [0; HEAD as usize];
-        read_exact_at(file, &mut head, start + at).map_err(|error| error.to_string())?;
-        let length = Reader(&head[1..]).u64()?;
-        let end = (at + HEAD).checked_add(length).filter(|&end| end <= size);
-        let Some(end) = end else { return Err("a record reaches behind its chunk".to_owned()) };
-        if head[0] == CHANNEL && length <= MAX_RECORD {
-            let mut content = vec![0; length as usize];
-            read_exact_at(file, &mut content, start + at + HEAD).map_err(|error| error.to_string())?;
-            found.push(content);
+    let (mut messages, chunk) = (Messages::default(), std::slice::from_ref(chunk));
+    while at + HEAD <= chunk[0].size {
+        let (kind, content) = messages.record(file, chunk, (0, at))?;
+        at += HEAD + content.len() as u64;
+        if kind == CHANNEL {
+            found.push(content.to_vec());
         }
-        at = end;
     }
     Ok(found)
 }

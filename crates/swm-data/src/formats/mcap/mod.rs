@@ -6,17 +6,21 @@
 //! episodes times the distance of two rows. Metadata records: `swm.dataset` (columns), `swm.run` (metadata of a run),
 //! and behind the messages of each episode `swm.episode`, which announces it.
 
+mod chunks;
+mod describe;
 mod foxglove;
 mod index;
 mod reader;
 mod records;
 mod rows;
+mod summary;
 mod writer;
 
 use std::fs::File;
 use std::io::Read;
 
 use crate::format::Format;
+use crate::recording::Recorder;
 
 /// The entry in the table of formats.
 pub(crate) const FORMAT: Format = Format {
@@ -29,6 +33,6 @@ pub(crate) const FORMAT: Format = Format {
         read.is_ok() && &magic == records::MAGIC
     },
     open: |path| Ok(Box::new(reader::McapDataset::open(path)?)),
-    create: |path, options| Ok(Box::new(writer::McapWriter::new(path, options)?)),
+    create: |path, options| Ok(Box::new(Recorder::new(path, options, writer::McapStorage)?)),
     repair: writer::repair,
 };

@@ -9,21 +9,32 @@ use swm_core::error::BoxError;
 use swm_core::{Batch, Column, EpisodeSource, Field, Metadata, Schema, SliceMut};
 use swm_media::png;
 
+use super::chunks::Messages;
 use super::foxglove;
 use super::index::{Contents, Place, STEP_TOPIC, is_picture, topic};
-use super::records::{HEAD, MESSAGE, MESSAGE_HEAD, Reader};
+use super::records::{MESSAGE, MESSAGE_HEAD};
 use super::rows::from_json;
 use crate::dataset::{Dataset, Steps, check_request, copy_rows, locate, read_rows};
 use crate::error::DataError;
-use crate::formats::disk::read_exact_at;
+
+/// So many rows are decoded and held at once: all of most episodes, a bounded part of the longest.
+const BLOCK: usize = 1 << 16;
 
 /// An open file.
 #[derive(Debug)]
 pub(super) struct McapDataset {
     shared: Arc<Shared>,
-    /// The numbers and texts of the episode that was read last: JSON has no columns.
-    rows: Option<(usize, Vec<Column>)>,
-    message: Vec<u8>,
+    rows: Option<Rows>,
+    messages: Messages,
+}
+
+/// Numbers and texts of an episode, decoded from JSON, which has no columns; those of pictures stay empty.
+#[derive(Debug)]
+struct Rows {
+    episode: usize,
+    /// Which [`BLOCK`] of its rows.
+    block: usize,
+    columns: Vec<Column>,
 }
 
 #[derive(Debug)]
@@ -34,14 +45,12 @@ struct Shared {
     contents: Contents,
     /// Of each column, the position of its channel.
     channels: Vec<usize>,
-    length: u64,
 }
 
 impl McapDataset {
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
         let failed = |source| DataError::io(path, "open", source);
         let file = File::open(path).map_err(failed)?;
-        let length = file.metadata().map_err(failed)?.len();
         let damaged = |reason: String| DataError::damaged(path, reason);
         let contents = Contents::read(&file, path).map_err(damaged)?;
         let schema = Schema::new(contents.columns.clone()).map_err(|error| damaged(error.to_string()))?;
@@ -54,8 +63,8 @@ impl McapDataset {
                 found.ok_or_else(|| damaged(format!("it has no channel `{wanted}`")))
             })
             .collect::<Result<_, _>>()?;
-        let shared = Shared { path: path.to_owned(), file, schema, contents, channels, length };
-        Ok(Self { shared: Arc::new(shared), rows: None, message: Vec::new() })
+        let shared = Shared { path: path.to_owned(), file, schema, contents, channels };
+        Ok(Self { shared: Arc::new(shared), rows: None, messages: Messages::default() })
     }
 
     pub(super) fn contents(&self) -> &Contents {
@@ -75,12 +84,11 @@ impl McapDataset {
         let &[height, width, channels] = &field.shape[..] else { return Err("no pictures".to_owned()) };
         let places = &shared.contents.episodes[episode].messages[shared.channels[column]];
         let size = height * width * channels;
-        let mut last: Option<(u64, usize)> = None;
+        let mut last: Option<(Place, usize)> = None;
         for at in 0..steps.count {
             let row = steps.first + at * steps.stride;
             let behind = places.partition_point(|place| place.row as usize <= row);
-            let Some(&Place { at: place, .. }) = behind.checked_sub(1).and_then(|found| places.get(found))
-            else {
+            let Some(&place) = behind.checked_sub(1).and_then(|found| places.get(found)) else {
                 return Err(format!("row {row} has no picture"));
             };
             match last {
@@ -89,8 +97,7 @@ impl McapDataset {
                     rest[..size].copy_from_slice(&done[copy * size..][..size]);
                 }
                 _ => {
-                    shared.message(place, &mut self.message)?;
-                    let picture = foxglove::picture(&self.message[MESSAGE_HEAD..])?;
+                    let picture = foxglove::picture(shared.message(place, &mut self.messages)?)?;
                     let frame = &mut out[at * size..][..size];
                     png::decode_into(picture, [height, width, channels], frame)
                         .map_err(|error| error.to_string())?;
@@ -101,9 +108,36 @@ impl McapDataset {
         Ok(())
     }
 
-    /// The columns of numbers and texts of an episode; those of pictures stay empty.
-    fn load(&mut self, episode: usize) -> Result<&[Column], String> {
-        if self.rows.as_ref().is_none_or(|(there, _)| *there != episode) {
+    /// Reads rows of numbers or texts.
+    fn values(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        mut out: SliceMut<'_>,
+    ) -> Result<(), String> {
+        let width = self.shared.schema.width(column);
+        let mut at = 0;
+        while at < steps.count {
+            let row = steps.first + at * steps.stride;
+            let (block, first) = (row / BLOCK, row % BLOCK);
+            let count = ((BLOCK - 1 - first) / steps.stride + 1).min(steps.count - at);
+            let (here, rest) = out.split_at(count * width);
+            copy_rows(
+                self.load(episode, block)?[column].as_slice(),
+                width,
+                Steps { first, count, ..steps },
+                here,
+            );
+            out = rest;
+            at += count;
+        }
+        Ok(())
+    }
+
+    /// The columns of a block of an episode's rows.
+    fn load(&mut self, episode: usize, block: usize) -> Result<&[Column], String> {
+        if self.rows.as_ref().is_none_or(|rows| (rows.episode, rows.block) != (episode, block)) {
             self.rows = None;
             let shared = self.shared.clone();
             let fields: Vec<&Field> =
@@ -116,33 +150,29 @@ impl McapDataset {
             if !fields.is_empty() && places.len() != found.rows {
                 return Err(format!("{} of {} rows are there", places.len(), found.rows));
             }
-            for place in places {
-                shared.message(place.at, &mut self.message)?;
-                from_json(&self.message[MESSAGE_HEAD..], &fields, &mut columns)
+            for &place in places.iter().skip(block * BLOCK).take(BLOCK) {
+                from_json(shared.message(place, &mut self.messages)?, &fields, &mut columns)
                     .map_err(|reason| format!("row {}: {reason}", place.row))?;
             }
-            let mut columns = columns.into_iter();
+            let mut decoded = columns.into_iter();
             let all = shared.schema.fields().iter().map(|field| match is_picture(field) {
                 true => Column::zeros(field.dtype, 0),
-                false => columns.next().unwrap_or(Column::zeros(field.dtype, 0)),
+                false => decoded.next().unwrap_or(Column::zeros(field.dtype, 0)),
             });
-            self.rows = Some((episode, all.collect()));
+            self.rows = Some(Rows { episode, block, columns: all.collect() });
         }
-        Ok(self.rows.as_ref().map_or(&[], |(_, columns)| columns))
+        Ok(self.rows.as_ref().map_or(&[], |rows| &rows.columns))
     }
 }
 
 impl Shared {
-    /// The content of the message at a place.
-    fn message(&self, at: u64, out: &mut Vec<u8>) -> Result<(), String> {
-        let mut head = [0; HEAD as usize];
-        read_exact_at(&self.file, &mut head, at).map_err(|error| error.to_string())?;
-        let size = Reader(&head[1..]).u64()?;
-        if head[0] != MESSAGE || size < MESSAGE_HEAD as u64 || size > self.length {
-            return Err("a message is not where the index says".to_owned());
+    /// The data of a message.
+    fn message<'a>(&self, place: Place, messages: &'a mut Messages) -> Result<&'a [u8], String> {
+        let at = (place.chunk as usize, place.offset);
+        match messages.record(&self.file, &self.contents.chunks, at)? {
+            (MESSAGE, content) if content.len() >= MESSAGE_HEAD => Ok(&content[MESSAGE_HEAD..]),
+            _ => Err("a message is not where the index says".to_owned()),
         }
-        out.resize(size as usize, 0);
-        read_exact_at(&self.file, out, at + HEAD).map_err(|error| error.to_string())
     }
 }
 
@@ -187,12 +217,10 @@ impl Dataset for McapDataset {
         let shared = self.shared.clone();
         let (field, rows) = locate(self, column, episode)?;
         check_request(&shared.path, field, episode, rows, steps, &out)?;
-        let (name, width) = (field.name.clone(), field.width());
+        let name = field.name.clone();
         let read = match (is_picture(field), out) {
             (true, SliceMut::U8(out)) => self.pictures(column, episode, steps, out),
-            (_, out) => {
-                self.load(episode).map(|columns| copy_rows(columns[column].as_slice(), width, steps, out))
-            }
+            (_, out) => self.values(column, episode, steps, out),
         };
         read.map_err(|reason| {
             DataError::damaged(&shared.path, format!("column `{name}`, episode {episode}: {reason}"))
@@ -200,7 +228,7 @@ impl Dataset for McapDataset {
     }
 
     fn share(&self) -> Box<dyn Dataset> {
-        Box::new(Self { shared: self.shared.clone(), rows: None, message: Vec::new() })
+        Box::new(Self { shared: self.shared.clone(), rows: None, messages: Messages::default() })
     }
 
     fn runs(&self) -> &[(u64, Metadata)] {
@@ -214,12 +242,13 @@ impl Dataset for McapDataset {
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
         let contents = &self.shared.contents;
         let Some(found) = contents.episodes.get(episode) else { return Ok(()) };
+        let mut messages = Vec::new();
         for chunk in &contents.chunks[found.chunks.clone()] {
-            self.message.resize(chunk.size as usize, 0);
-            let read = read_exact_at(&self.shared.file, &mut self.message, chunk.messages_at());
-            read.map_err(|source| DataError::io(&self.shared.path, "read", source))?;
-            // 0 stands for "no checksum".
-            if chunk.checksum != 0 && crc32fast::hash(&self.message) != chunk.checksum {
+            let read = chunk.messages(&self.shared.file, &mut messages);
+            read.map_err(|reason| {
+                DataError::damaged(&self.shared.path, format!("episode {episode}: {reason}"))
+            })?;
+            if chunk.checksum != 0 && crc32fast::hash(&messages) != chunk.checksum {
                 let reason =
                     format!("episode {episode}: a checksum is wrong, it was changed after it was written");
                 return Err(DataError::damaged(&self.shared.path, reason));

@@ -82,7 +82,7 @@ impl GrowingArray {
     }
 
     /// Appends values of `rows` rows and returns their checksum. They count once they have been announced elsewhere.
-    pub(in crate::formats) fn append(&mut self, rows: usize, values: Slice<'_>) -> Result<u32, String> {
+    pub(in crate::formats) fn append(&mut self, rows: usize, values: Slice<'_>) -> Result<Hasher, String> {
         self.buffer.clear();
         to_bytes(values, &mut self.buffer)?;
         write_all_at(&self.file, &self.buffer, VALUES + self.size).map_err(|error| error.to_string())?;
@@ -91,7 +91,7 @@ impl GrowingArray {
         self.checksum.combine(&checksum);
         self.size += self.buffer.len() as u64;
         self.finish_rows(rows)?;
-        Ok(checksum.finalize())
+        Ok(checksum)
     }
 
     /// Makes the file one that numpy opens.

@@ -1,14 +1,21 @@
-//! Made-up episodes, and writing and reading whole datasets.
+//! What every format must stand, as public functions that panic: a downstream crate tests its own format with them. Made-up
+//! episodes of every type, and writing and reading whole datasets, are here; [`kills`] stops recordings, [`mutations`]
+//! changes bytes.
+
+#![expect(clippy::unwrap_used, clippy::missing_panics_doc, reason = "helpers of tests panic as tests do")]
+
+pub mod kills;
+pub mod mutations;
 
 use std::path::Path;
 use std::sync::Arc;
 
+use crate::{WriteMode, create, open};
 use swm_core::error::BoxError;
 use swm_core::{Batch, Column, Dtype, Field, Metadata, Schema, SliceMut};
-use swm_data::{WriteMode, create, open};
 
 /// A schema with every type, pictures, and an episode column.
-pub(crate) fn schema() -> Arc<Schema> {
+pub fn schema() -> Arc<Schema> {
     Schema::new(vec![
         Field::step("pixels", Dtype::U8, &[40, 40, 3]),
         Field::step("action", Dtype::F32, &[2]),
@@ -24,7 +31,8 @@ pub(crate) fn schema() -> Arc<Schema> {
     .unwrap()
 }
 
-pub(crate) fn metadata() -> Metadata {
+/// What is said to be known of them.
+pub fn metadata() -> Metadata {
     Metadata {
         version: 1,
         env: "swm/Test-v1".into(),
@@ -35,7 +43,7 @@ pub(crate) fn metadata() -> Metadata {
 }
 
 /// Rows of `schema` whose values are a function of (`episode`, row, value).
-pub(crate) fn episode(schema: &Arc<Schema>, episode: usize, rows: usize) -> Batch {
+pub fn episode(schema: &Arc<Schema>, episode: usize, rows: usize) -> Batch {
     let mut batch = Batch::new(schema.clone(), rows);
     for (index, field) in schema.fields().iter().enumerate() {
         let width = field.width();
@@ -60,16 +68,12 @@ fn fill<T>(out: &mut [T], value: impl Fn(usize) -> T) {
 }
 
 /// Lengths of the episodes of the tests: different ones, so that chunks begin anywhere.
-pub(crate) fn rows_of(episode: usize) -> usize {
+pub fn rows_of(episode: usize) -> usize {
     [5, 1, 300, 17, 800][episode % 5]
 }
 
 /// Records episodes of this range.
-pub(crate) fn record(
-    path: &Path,
-    mode: WriteMode,
-    episodes: std::ops::Range<usize>,
-) -> Result<u64, BoxError> {
+pub fn record(path: &Path, mode: WriteMode, episodes: std::ops::Range<usize>) -> Result<u64, BoxError> {
     let schema = schema();
     let mut writer = create(path, mode, None)?;
     let there = writer.begin(&schema, &metadata())?;
@@ -81,7 +85,7 @@ pub(crate) fn record(
 }
 
 /// Every column of every episode.
-pub(crate) fn contents(path: &Path) -> Vec<Batch> {
+pub fn contents(path: &Path) -> Vec<Batch> {
     let mut dataset = open(path).unwrap();
     let schema = dataset.schema().clone();
     (0..dataset.num_episodes())
@@ -94,7 +98,7 @@ pub(crate) fn contents(path: &Path) -> Vec<Batch> {
 }
 
 /// Bit equality: NaN equals NaN.
-pub(crate) fn assert_same(left: &Batch, right: &Batch) {
+pub fn assert_same(left: &Batch, right: &Batch) {
     assert_eq!(left.rows(), right.rows());
     for field in left.schema().fields() {
         let column =
@@ -104,7 +108,7 @@ pub(crate) fn assert_same(left: &Batch, right: &Batch) {
 }
 
 /// As [`assert_same`], but pictures only look alike if they were stored with loss.
-pub(crate) fn assert_alike(left: &Batch, right: &Batch) {
+pub fn assert_alike(left: &Batch, right: &Batch) {
     assert_eq!(left.rows(), right.rows());
     for field in left.schema().fields() {
         let column = |batch: &Batch| batch.column(batch.schema().require(&field.name).unwrap()).to_column();
@@ -119,14 +123,14 @@ pub(crate) fn assert_alike(left: &Batch, right: &Batch) {
 }
 
 /// Peak signal-to-noise ratio, in dB.
-pub(crate) fn psnr(left: &[u8], right: &[u8]) -> f64 {
+pub fn psnr(left: &[u8], right: &[u8]) -> f64 {
     assert_eq!(left.len(), right.len());
     let squares: f64 = left.iter().zip(right).map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum();
     10.0 * (255.0_f64.powi(2) * left.len() as f64 / squares.max(1e-9)).log10()
 }
 
 /// The values as little-endian bytes (text as it is).
-pub(crate) fn bits(column: &Column) -> Vec<u8> {
+pub fn bits(column: &Column) -> Vec<u8> {
     match column {
         Column::Bool(values) => values.iter().map(|&value| u8::from(value)).collect(),
         Column::U8(values) => values.clone(),

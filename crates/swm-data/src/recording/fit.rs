@@ -8,7 +8,7 @@ use swm_core::{Field, Metadata};
 use crate::error::DataError;
 
 /// Whether episodes with these columns and settings continue a dataset with those of `columns` and its `first` run.
-pub(super) fn check_fit(
+pub fn check_fit(
     path: &Path,
     columns: &[Field],
     first: &Metadata,
@@ -42,13 +42,13 @@ pub(super) fn check_fit(
 }
 
 /// The error for a dataset of another program.
-pub(super) fn foreign(path: &Path) -> DataError {
+pub fn foreign(path: &Path) -> DataError {
     DataError::mismatch(path, "it was made by another program, whose layout is not crash-safe")
 }
 
 /// The record of runs when a run goes on at episode `first`: one that was killed before its first episode is
 /// forgotten, and one that equals the run before it needs no record of its own.
-pub(super) fn with_run(runs: &[(u64, Metadata)], first: u64, metadata: &Metadata) -> Vec<(u64, Metadata)> {
+pub fn with_run(runs: &[(u64, Metadata)], first: u64, metadata: &Metadata) -> Vec<(u64, Metadata)> {
     let mut runs: Vec<_> = runs.iter().filter(|&&(at, _)| at < first).cloned().collect();
     if runs.last().is_none_or(|(_, last)| last != metadata) {
         runs.push((first, metadata.clone()));
@@ -57,7 +57,7 @@ pub(super) fn with_run(runs: &[(u64, Metadata)], first: u64, metadata: &Metadata
 }
 
 /// The dataset itself, if `path` is a link to it, so that the lock is on it and not on one of its names.
-pub(super) fn resolve(path: &Path) -> Result<PathBuf, DataError> {
+pub(crate) fn resolve(path: &Path) -> Result<PathBuf, DataError> {
     if path.exists() {
         return std::fs::canonicalize(path).map_err(|source| DataError::io(path, "open", source));
     }

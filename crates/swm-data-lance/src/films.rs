@@ -1,0 +1,125 @@
+//! The table of films beside a table of rows, `name_videos.lance`: a row per episode and column of pictures, with the
+//! bytes of an MP4 file as a blob, which is read only where it is asked for.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use arrow_array::cast::AsArray as _;
+use arrow_array::types::Int32Type;
+use arrow_array::{Array, ArrayRef, Int32Array, LargeBinaryArray, StringArray};
+use arrow_schema::{DataType, Field as ArrowField, Schema as ArrowSchema};
+use lance_core::datatypes::Schema;
+
+use crate::arrays::file;
+use crate::data_file::{DataReader, DataWriter, Rows};
+use crate::manifest::EPISODE;
+use crate::table::Table;
+
+/// The column that a film shows.
+const KEY: &str = "video_key";
+const BYTES: &str = "video_bytes";
+/// What marks blobs, in Lance.
+const BLOB: &str = "lance-encoding:blob";
+
+/// The folder of the films of a table.
+pub(crate) fn folder(table: &Path) -> PathBuf {
+    let extension = table.extension().unwrap_or_default().to_string_lossy();
+    let name = format!("{}_videos", crate::stem(table));
+    let dot = if extension.is_empty() { "" } else { "." };
+    table.with_file_name(format!("{name}{dot}{extension}"))
+}
+
+/// The columns of such a table.
+pub(crate) fn schema() -> Result<Schema, String> {
+    let marked = HashMap::from([(BLOB.to_owned(), "true".to_owned())]);
+    let fields = vec![
+        ArrowField::new(EPISODE, DataType::Int32, true),
+        ArrowField::new(KEY, DataType::Utf8, true),
+        ArrowField::new(BYTES, DataType::LargeBinary, true).with_metadata(marked),
+    ];
+    Schema::try_from(&ArrowSchema::new(fields)).map_err(|error| error.to_string())
+}
+
+/// Appends the films of an episode, by column.
+pub(crate) fn append(table: &mut Table, episode: i32, films: &[(String, Vec<u8>)]) -> Result<(), String> {
+    let mut file = DataWriter::create(table, &file_name(episode))?;
+    let columns: Vec<ArrayRef> = vec![
+        Arc::new(Int32Array::from(vec![episode; films.len()])),
+        Arc::new(StringArray::from_iter_values(films.iter().map(|(key, _)| key))),
+        Arc::new(LargeBinaryArray::from_iter_values(films.iter().map(|(_, bytes)| bytes))),
+    ];
+    file.append(columns)?;
+    let mut fragments = table.fragments().to_vec();
+    fragments.push(file.finish(table, fragments.len() as u64, &[])?);
+    table.commit(fragments, None)
+}
+
+/// The file of an episode, in both tables.
+pub(crate) fn file_name(episode: i32) -> String {
+    format!("episode-{episode:06}.lance")
+}
+
+/// Films that are read.
+#[derive(Debug)]
+pub(crate) struct Films {
+    reader: DataReader,
+    bytes: i32,
+    /// By episode and column: the row.
+    rows: BTreeMap<(i32, String), usize>,
+}
+
+impl Films {
+    pub(crate) fn open(folder: &Path) -> Result<Self, String> {
+        let reader = DataReader::new(Table::open(folder)?)?;
+        let id = |name: &str, fits: fn(&DataType) -> bool| {
+            let field = reader.table().schema().field(name).filter(|field| fits(&field.data_type()));
+            field.map(|field| field.id).ok_or_else(|| format!("its films have no usable column `{name}`"))
+        };
+        let episodes = id(EPISODE, |stored| *stored == DataType::Int32)?;
+        let keys = id(KEY, |stored| *stored == DataType::Utf8)?;
+        let bytes = id(BYTES, |stored| matches!(stored, DataType::Binary | DataType::LargeBinary))?;
+        let episodes: Vec<i32> = reader
+            .read_all(episodes)?
+            .iter()
+            .flat_map(|array| array.as_primitive::<Int32Type>().values().to_vec())
+            .collect();
+        let keys = reader.read_all(keys)?;
+        let keys =
+            keys.iter().flat_map(|array| array.as_string::<i32>().iter().map(Option::unwrap_or_default));
+        let rows = episodes.into_iter().zip(keys.map(str::to_owned)).enumerate();
+        let rows = rows.map(|(row, place)| (place, row)).collect();
+        Ok(Self { reader, bytes, rows })
+    }
+
+    /// The columns that have films.
+    pub(crate) fn keys(&self) -> Vec<String> {
+        let mut keys: Vec<String> = self.rows.keys().map(|(_, key)| key.clone()).collect();
+        keys.sort();
+        keys.dedup();
+        keys
+    }
+
+    /// The film of an episode.
+    pub(crate) fn read(&self, episode: i32, key: &str) -> Result<Vec<u8>, String> {
+        let row = self.rows.get(&(episode, key.to_owned()));
+        let &row = row.ok_or_else(|| format!("episode {episode} has no film of `{key}`"))?;
+        let mut film = Vec::new();
+        self.reader.read(self.bytes, Rows { first: row, count: 1, stride: 1 }, &mut |array| {
+            film = file(array.as_ref() as &dyn Array, 0)?.to_vec();
+            Ok(())
+        })?;
+        Ok(film)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn films_lie_beside_their_table() {
+        assert_eq!(folder(Path::new("a/pusht.lance")), Path::new("a/pusht_videos.lance"));
+        assert_eq!(folder(Path::new("pusht.lance-video")), Path::new("pusht_videos.lance-video"));
+    }
+}

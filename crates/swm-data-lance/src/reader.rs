@@ -1,0 +1,330 @@
+//! Opening a table for reading: ours by what it says of itself, those of other programs by the types of their columns.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use arrow_array::Array as _;
+use arrow_array::cast::AsArray as _;
+use arrow_array::types::Int32Type;
+use arrow_schema::DataType;
+use crc32fast::Hasher;
+use swm_core::error::BoxError;
+use swm_core::{Batch, Dtype, EpisodeSource, Field, Metadata, Schema, SliceMut};
+use swm_data::dataset::{check_request, locate, read_rows};
+use swm_data::film::{self, FilmReader};
+use swm_data::recording::EP_IDX;
+use swm_data::{DataError, Dataset, Steps};
+use swm_media::jpeg;
+
+use crate::arrays::{file, from_array, infer, sum_up};
+use crate::data_file::{DataReader, Rows};
+use crate::films::{self, Films, file_name};
+use crate::manifest::{EPISODE, Manifest, STEP, stored_type};
+use crate::table::Table;
+
+/// What a file of ours says of itself: the checksums of its columns.
+pub(crate) const CHECKSUMS: &str = "swm.crc32";
+
+/// An open table.
+#[derive(Debug)]
+pub(crate) struct LanceDataset {
+    shared: Arc<Shared>,
+    /// By column: the film that was read last.
+    open: BTreeMap<usize, (usize, FilmReader)>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    path: PathBuf,
+    format: &'static str,
+    schema: Arc<Schema>,
+    columns: Vec<Source>,
+    /// Rows of the table.
+    episodes: Vec<Range<usize>>,
+    /// As the table numbers them.
+    numbers: Vec<i32>,
+    reader: DataReader,
+    films: Option<Films>,
+    ours: Option<Manifest>,
+    skipped: Vec<(String, String)>,
+}
+
+/// Where the values of a column come from.
+#[derive(Clone, Debug)]
+enum Source {
+    /// The field of the table with this id.
+    Rows(i32),
+    Film(String),
+    /// The number of the episode.
+    Episode,
+}
+
+impl LanceDataset {
+    pub(crate) fn open(path: &Path, format: &'static str) -> Result<Self, DataError> {
+        let shared = Shared::open(path, format).map_err(|reason| DataError::damaged(path, reason))?;
+        Ok(Self { shared: Arc::new(shared), open: BTreeMap::new() })
+    }
+
+    /// Whether this program recorded it.
+    pub(crate) fn is_ours(&self) -> bool {
+        self.shared.ours.is_some()
+    }
+
+    fn film(&mut self, column: usize, episode: usize, key: &str) -> Result<&mut FilmReader, String> {
+        if self.open.get(&column).is_none_or(|(there, _)| *there != episode) {
+            self.open.remove(&column);
+            let film = self.shared.film(episode, key)?;
+            self.open.insert(column, (episode, film));
+        }
+        self.open.get_mut(&column).map(|(_, film)| film).ok_or_else(|| "no film".to_owned())
+    }
+}
+
+impl Shared {
+    fn open(path: &Path, format: &'static str) -> Result<Self, String> {
+        let table = Table::open(path)?;
+        let beside = films::folder(path);
+        let films = Table::exists(&beside).then(|| Films::open(&beside)).transpose()?;
+        let ours = Manifest::read(table.about())?;
+        let reader = DataReader::new(table)?;
+        let (episodes, numbers) = episodes(&reader, ours.is_some())?;
+        let mut shared = Self {
+            path: path.to_owned(),
+            format,
+            schema: Arc::new(Schema::default()),
+            columns: Vec::new(),
+            episodes,
+            numbers,
+            reader,
+            films,
+            ours,
+            skipped: Vec::new(),
+        };
+        let mut fields = match &shared.ours {
+            Some(ours) => shared.own_columns(ours)?,
+            None => shared.foreign_columns()?,
+        };
+        fields.push((Field::step(EP_IDX, Dtype::I32, &[]), Source::Episode));
+        let (fields, columns): (Vec<Field>, Vec<Source>) = fields.into_iter().unzip();
+        shared.schema = Schema::new(fields).map_err(|error| error.to_string())?;
+        shared.columns = columns;
+        Ok(shared)
+    }
+
+    fn own_columns(&self, ours: &Manifest) -> Result<Vec<(Field, Source)>, String> {
+        let mut columns = Vec::new();
+        for (field, name) in ours.columns.iter().zip(ours.names()) {
+            let source = match self.reader.table().schema().field(&name) {
+                Some(stored) if stored.data_type() == stored_type(field) => Source::Rows(stored.id),
+                Some(stored) => return Err(format!("its column `{name}` holds {}", stored.data_type())),
+                None if self.films.is_some() && film::takes(field) => Source::Film(field.name.clone()),
+                None => return Err(format!("it has no column `{name}`")),
+            };
+            columns.push((field.clone(), source));
+        }
+        Ok(columns)
+    }
+
+    fn foreign_columns(&mut self) -> Result<Vec<(Field, Source)>, String> {
+        let mut columns = Vec::new();
+        for stored in &self.reader.table().schema().fields {
+            let (name, id) = (stored.name.as_str(), stored.id);
+            let found = match stored.data_type() {
+                _ if name == EPISODE || name == EP_IDX => continue,
+                DataType::Binary | DataType::LargeBinary => {
+                    self.picture(id).map(|shape| (Dtype::U8, shape.to_vec()))
+                }
+                stored => infer(&stored),
+            };
+            match found {
+                Ok((dtype, shape)) => columns.push((Field::step(name, dtype, &shape), Source::Rows(id))),
+                Err(reason) => self.skipped.push((name.to_owned(), reason)),
+            }
+        }
+        let keys = self.films.as_ref().map(Films::keys).unwrap_or_default();
+        for key in keys {
+            let (height, width) = self.film(0, &key)?.size();
+            columns.push((Field::step(&key, Dtype::U8, &[height, width, 3]), Source::Film(key)));
+        }
+        columns.retain(|(field, _)| field.name != STEP || field.shape.is_empty());
+        Ok(columns)
+    }
+
+    /// The shape of the pictures in a column of files.
+    fn picture(&self, id: i32) -> Result<[usize; 3], String> {
+        let mut shape = Err("it is empty".to_owned());
+        if self.reader.rows() > 0 {
+            self.reader.read(id, Rows { first: 0, count: 1, stride: 1 }, &mut |array| {
+                shape = file(array, 0).and_then(|file| jpeg::shape(file).map_err(|error| error.to_string()));
+                Ok(())
+            })?;
+        }
+        shape.map_err(|reason| format!("its files are not JPEG: {reason}"))
+    }
+
+    fn film(&self, episode: usize, key: &str) -> Result<FilmReader, String> {
+        let films = self.films.as_ref().ok_or("there are no films")?;
+        let &number = self.numbers.get(episode).ok_or("there are no episodes")?;
+        FilmReader::new(films.read(number, key)?)
+    }
+}
+
+/// Where episodes lie, and their numbers.
+fn episodes(reader: &DataReader, is_ours: bool) -> Result<(Vec<Range<usize>>, Vec<i32>), String> {
+    let fragments = reader.table().fragments();
+    let named = |(episode, fragment): (usize, &lance_table::format::Fragment)| matches!(&fragment.files[..], [file] if file.path == file_name(episode as i32));
+    // As we recorded it, and nobody has put its files together since.
+    if is_ours && fragments.iter().enumerate().all(named) {
+        return Ok((reader.fragments().collect(), (0..fragments.len() as i32).collect()));
+    }
+    let field = reader.table().schema().field(EPISODE).filter(|field| field.data_type() == DataType::Int32);
+    let field = field
+        .ok_or_else(|| format!("it has no column `{EPISODE}` of int32, which says what an episode is"))?;
+    let (mut episodes, mut numbers): (Vec<Range<usize>>, Vec<i32>) = (Vec::new(), Vec::new());
+    let mut row = 0;
+    for array in reader.read_all(field.id)? {
+        if array.null_count() > 0 {
+            return Err(format!("some values of `{EPISODE}` are missing"));
+        }
+        for &number in array.as_primitive::<Int32Type>().values() {
+            match (numbers.last(), episodes.last_mut()) {
+                (Some(&last), Some(episode)) if last == number => episode.end = row + 1,
+                (Some(&last), _) if last > number => {
+                    return Err(format!("episodes are not in order at row {row}"));
+                }
+                _ => {
+                    episodes.push(row..row + 1);
+                    numbers.push(number);
+                }
+            }
+            row += 1;
+        }
+    }
+    Ok((episodes, numbers))
+}
+
+impl EpisodeSource for LanceDataset {
+    fn schema(&self) -> &Arc<Schema> {
+        &self.shared.schema
+    }
+
+    fn num_episodes(&self) -> usize {
+        self.shared.episodes.len()
+    }
+
+    fn episode_len(&self, episode: usize) -> usize {
+        self.shared.episodes.get(episode).map_or(0, Range::len)
+    }
+
+    fn metadata(&self) -> Option<&Metadata> {
+        self.runs().first().map(|(_, metadata)| metadata)
+    }
+
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
+        Ok(read_rows(self, episode, rows, out)?)
+    }
+}
+
+impl Dataset for LanceDataset {
+    fn path(&self) -> &Path {
+        &self.shared.path
+    }
+
+    fn format(&self) -> &'static str {
+        self.shared.format
+    }
+
+    fn read_column(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        let shared = self.shared.clone();
+        let (field, len) = locate(self, column, episode)?;
+        check_request(&shared.path, field, episode, len, steps, &out)?;
+        if steps.count == 0 {
+            return Ok(());
+        }
+        let field = &shared.schema.fields()[column];
+        let read = match (&shared.columns[column], out) {
+            (Source::Episode, SliceMut::I32(out)) => {
+                out.fill(episode as i32);
+                Ok(())
+            }
+            (Source::Film(key), SliceMut::U8(out)) => {
+                let &[height, width, channels] = &field.shape[..] else { return Ok(()) };
+                let film = self.film(column, episode, key);
+                film.and_then(|film| film.read([height, width, channels], steps, out))
+            }
+            (Source::Rows(id), out) => {
+                let first = shared.episodes[episode].start + steps.first;
+                let rows = Rows { first, count: steps.count, stride: steps.stride };
+                let mut rest = Some(out);
+                shared.reader.read(*id, rows, &mut |array| {
+                    let Some(all) = rest.take().filter(|rest| rest.len() >= array.len() * field.width())
+                    else {
+                        return Err("more rows than were asked for".to_owned());
+                    };
+                    let (here, after) = all.split_at(array.len() * field.width());
+                    rest = Some(after);
+                    from_array(array, field, here)
+                })
+            }
+            _ => Err("it holds another type".to_owned()),
+        };
+        read.map_err(|reason| {
+            DataError::damaged(&shared.path, format!("column `{}`, episode {episode}: {reason}", field.name))
+        })
+    }
+
+    fn share(&self) -> Box<dyn Dataset> {
+        Box::new(Self { shared: self.shared.clone(), open: BTreeMap::new() })
+    }
+
+    fn runs(&self) -> &[(u64, Metadata)] {
+        self.shared.ours.as_ref().map_or(&[], |ours| &ours.runs)
+    }
+
+    fn has_checksums(&self) -> bool {
+        self.is_ours()
+    }
+
+    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
+        let shared = self.shared.clone();
+        let Some(rows) = shared.episodes.get(episode) else { return Ok(()) };
+        let stored = shared.columns.iter().filter_map(|source| match source {
+            Source::Rows(id) => Some(*id),
+            Source::Film(_) | Source::Episode => None,
+        });
+        let check = || {
+            // Files that were put together by another program have other checksums: none.
+            let is_own_file = shared.reader.fragments().nth(episode).as_ref() == Some(rows);
+            let ids: Vec<i32> = stored.collect();
+            let (true, Some(&first)) = (is_own_file && self.is_ours(), ids.first()) else { return Ok(()) };
+            let about = shared.reader.about(episode, first)?;
+            let Some(text) = about.get(CHECKSUMS) else { return Ok(()) };
+            let checksums: Vec<u32> = serde_json::from_str(text).map_err(|error| error.to_string())?;
+            for (&id, expected) in ids.iter().zip(checksums) {
+                let mut found = Hasher::new();
+                let all = Rows { first: rows.start, count: rows.len(), stride: 1 };
+                shared.reader.read(id, all, &mut |array| {
+                    sum_up(&mut found, array);
+                    Ok(())
+                })?;
+                if found.finalize() != expected {
+                    return Err("a checksum is wrong, it was changed after it was written".to_owned());
+                }
+            }
+            Ok(())
+        };
+        check().map_err(|reason| DataError::damaged(&shared.path, format!("episode {episode}: {reason}")))
+    }
+
+    fn skipped(&self) -> &[(String, String)] {
+        &self.shared.skipped
+    }
+}

@@ -1,0 +1,240 @@
+//! A Lance table as a folder: its newest manifest, and committing the next one. A manifest appears whole or not at all,
+//! under a name that tells its version, so that what it lists is what counts. Rows are `data_file`'s affair.
+
+use std::collections::HashMap;
+use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Component, Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+
+use lance_core::datatypes::Schema;
+use lance_file::format::{MAGIC, MAJOR_VERSION, MINOR_VERSION};
+use lance_file::version::ConcreteFileVersion;
+use lance_io::object_store::ObjectStore;
+use lance_io::traits::WriteExt as _;
+use lance_table::format::{DataStorageFormat, Fragment, Manifest};
+use lance_table::io::commit::ManifestNamingScheme;
+use lance_table::io::manifest::{read_manifest, write_manifest};
+use object_store::path::Path as ObjectPath;
+use tokio::runtime::{Builder, Runtime};
+
+/// The version of data files that is written; the first that has today's encodings, and still the most widely read.
+pub(crate) const FILE_VERSION: ConcreteFileVersion = ConcreteFileVersion::V2_1;
+/// Where manifests lie.
+const VERSIONS: &str = "_versions";
+/// Where rows lie.
+pub(crate) const DATA: &str = "data";
+/// Manifests that stay: a reader may have chosen one that is not the newest any more.
+const KEPT: usize = 2;
+
+/// A table at one version.
+#[derive(Debug)]
+pub(crate) struct Table {
+    pub(crate) folder: PathBuf,
+    pub(crate) store: Arc<ObjectStore>,
+    base: ObjectPath,
+    manifest: Manifest,
+}
+
+impl Table {
+    /// Whether there is one.
+    pub(crate) fn exists(folder: &Path) -> bool {
+        !versions(folder).is_empty()
+    }
+
+    /// Opens the newest version.
+    pub(crate) fn open(folder: &Path) -> Result<Self, String> {
+        let (store, base) = place(folder)?;
+        let Some((version, name)) = versions(folder).pop() else {
+            return Err("it has no manifest".to_owned());
+        };
+        let path = base.clone().join(VERSIONS).join(name.as_str());
+        let manifest = wait(read_manifest(&store, &path, None))?;
+        if manifest.version != version {
+            return Err(format!("its manifest {name} is of version {}", manifest.version));
+        }
+        let table = Self { folder: folder.to_owned(), store: Arc::new(store), base, manifest };
+        table.fragments().iter().try_for_each(check_fragment)?;
+        // Lance knows what the types are called, but not what to do about others.
+        guarded(|| {
+            table.schema().fields_pre_order().for_each(|field| drop(field.data_type()));
+            Ok(())
+        })?;
+        Ok(table)
+    }
+
+    /// Makes a table without rows, in a folder that has none.
+    pub(crate) fn create(
+        folder: &Path,
+        schema: Schema,
+        about: HashMap<String, String>,
+    ) -> Result<Self, String> {
+        for name in [DATA, VERSIONS] {
+            fs::create_dir_all(folder.join(name)).map_err(|error| error.to_string())?;
+        }
+        let (store, base) = place(folder)?;
+        let fragments = Arc::new(Vec::new());
+        let mut manifest =
+            Manifest::new(schema, fragments, DataStorageFormat::new(FILE_VERSION), HashMap::new());
+        manifest.table_metadata = about;
+        let mut table = Self { folder: folder.to_owned(), store: Arc::new(store), base, manifest };
+        table.write()?;
+        Ok(table)
+    }
+
+    pub(crate) fn schema(&self) -> &Schema {
+        &self.manifest.schema
+    }
+
+    pub(crate) fn fragments(&self) -> &[Fragment] {
+        &self.manifest.fragments
+    }
+
+    /// What the table says of itself, by key.
+    pub(crate) fn about(&self) -> &HashMap<String, String> {
+        &self.manifest.table_metadata
+    }
+
+    /// A file below the folder, as Lance calls it.
+    pub(crate) fn path(&self, name: &str) -> ObjectPath {
+        name.split('/').fold(self.base.clone(), |path, part| path.join(part))
+    }
+
+    /// Makes another list of fragments the newest version; `about` replaces what the table says of itself.
+    pub(crate) fn commit(
+        &mut self,
+        fragments: Vec<Fragment>,
+        about: Option<HashMap<String, String>>,
+    ) -> Result<(), String> {
+        let next =
+            Manifest::new_from_previous(&self.manifest, self.manifest.schema.clone(), Arc::new(fragments));
+        self.manifest = next;
+        self.manifest.update_max_fragment_id();
+        if let Some(about) = about {
+            self.manifest.table_metadata = about;
+        }
+        self.write()
+    }
+
+    /// Writes the manifest, then forgets older ones.
+    fn write(&mut self) -> Result<(), String> {
+        let path = ManifestNamingScheme::V2.manifest_path(&self.base, self.manifest.version);
+        wait(async {
+            let mut writer = self.store.create(&path).await?;
+            let at = write_manifest(&mut *writer, &mut self.manifest, None, None).await?;
+            writer.write_magics(at, MAJOR_VERSION, MINOR_VERSION, MAGIC).await?;
+            writer.shutdown().await
+        })?;
+        let mut all = versions(&self.folder);
+        all.truncate(all.len().saturating_sub(KEPT));
+        for (_, name) in all {
+            // An old version that stays costs space only.
+            let _ = fs::remove_file(self.folder.join(VERSIONS).join(name));
+        }
+        Ok(())
+    }
+
+    /// Files of rows that the newest version does not list: what an interrupted recording left.
+    pub(crate) fn leftovers(&self) -> Vec<PathBuf> {
+        let listed = |path: &Path| {
+            let files = self.fragments().iter().flat_map(|fragment| &fragment.files);
+            files.into_iter().any(|file| self.folder.join(DATA).join(&file.path) == path)
+        };
+        let entries = fs::read_dir(self.folder.join(DATA)).into_iter().flatten().flatten();
+        let mut left: Vec<PathBuf> =
+            entries.map(|entry| entry.path()).filter(|path| path.is_file() && !listed(path)).collect();
+        left.sort();
+        left
+    }
+
+    /// Removes a table from its folder; first that by which it is one.
+    pub(crate) fn remove(folder: &Path) -> std::io::Result<()> {
+        for name in [VERSIONS, DATA, "_transactions", "_indices", "_deletions"] {
+            let part = folder.join(name);
+            if part.is_dir() {
+                fs::remove_dir_all(&part)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Manifests by version, the newest last.
+fn versions(folder: &Path) -> Vec<(u64, String)> {
+    let entries = fs::read_dir(folder.join(VERSIONS)).into_iter().flatten().flatten();
+    let named = entries.filter_map(|entry| {
+        let name = entry.file_name().into_string().ok()?;
+        let version = ManifestNamingScheme::detect_scheme(&name)?.parse_version(&name)?;
+        Some((version, name))
+    });
+    let mut versions: Vec<_> = named.collect();
+    versions.sort();
+    versions
+}
+
+/// The folder in Lance's terms.
+fn place(folder: &Path) -> Result<(ObjectStore, ObjectPath), String> {
+    let folder = fs::canonicalize(folder).map_err(|error| error.to_string())?;
+    let base = ObjectPath::from_absolute_path(&folder).map_err(|error| error.to_string())?;
+    Ok((ObjectStore::local(), base))
+}
+
+/// What Lance can, and its files alone cannot: rows that are deleted or replaced elsewhere, files that lie elsewhere.
+fn check_fragment(fragment: &Fragment) -> Result<(), String> {
+    let way_out = "rewrite it with `lance.dataset(…).optimize.compact_files()`";
+    if fragment.deletion_file.is_some() || !fragment.overlays.is_empty() {
+        return Err(format!("rows of it were deleted or replaced; {way_out}"));
+    }
+    for file in &fragment.files {
+        let plain = Path::new(&file.path).components().all(|part| matches!(part, Component::Normal(_)));
+        if !plain || file.path.contains(['\\', '\0']) || file.base_id.is_some() {
+            return Err(format!("it names the file `{}`, which is none inside the folder", file.path));
+        }
+    }
+    Ok(())
+}
+
+/// Waits for Lance, on this thread; what it starts besides runs on threads of its own.
+pub(crate) fn wait<T>(work: impl Future<Output = lance_core::Result<T>>) -> Result<T, String> {
+    static RUNTIME: OnceLock<Result<Runtime, String>> = OnceLock::new();
+    let runtime = RUNTIME.get_or_init(|| {
+        let threads = Builder::new_multi_thread().worker_threads(2).thread_name("swm-lance").build();
+        threads.map_err(|error| format!("no thread can be started: {error}"))
+    });
+    let _context = runtime.as_ref().map_err(Clone::clone)?.enter();
+    guarded(|| futures::executor::block_on(work).map_err(|error| reason(&error.to_string())))
+}
+
+/// Lance panics on some damaged files.
+fn guarded<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| Err("it cannot be decoded".to_owned()))
+}
+
+/// An error of Lance without the place in its sources.
+fn reason(text: &str) -> String {
+    let end = text.rfind(".rs:").and_then(|at| text[..at].rfind(", "));
+    end.map_or(text, |end| &text[..end]).to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reasons_do_not_name_sources() {
+        assert_eq!(
+            reason("LanceError(IO): no such file, src/lance-io/src/local.rs:12:3"),
+            "LanceError(IO): no such file"
+        );
+        assert_eq!(reason("no such file, or folder"), "no such file, or folder");
+    }
+
+    #[test]
+    fn files_that_lie_elsewhere_are_refused() {
+        let fragment = |path: &str| Fragment::new(0).with_file(path, vec![0], vec![0], FILE_VERSION, None);
+        assert!(check_fragment(&fragment("a.lance")).is_ok());
+        for path in ["../a.lance", "/etc/passwd", "a/../../b.lance", "a\\b"] {
+            assert!(check_fragment(&fragment(path)).unwrap_err().contains("none inside"), "{path}");
+        }
+    }
+}

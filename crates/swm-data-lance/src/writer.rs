@@ -1,0 +1,307 @@
+//! Recording into a table: a file of rows per episode. After a kill at any moment, every announced episode is there: its
+//! films are in their table first, then its rows in a file, then the manifest that lists that file, which announces it.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, Int32Array};
+use crc32fast::Hasher;
+use rayon::prelude::*;
+use swm_core::{Batch, Field, Schema, Slice};
+use swm_data::film::{FRAMES_PER_SECOND, FilmWriter, encoding, takes};
+use swm_data::recording::{self, Place, Recording, Start, Storage, There};
+use swm_data::{DataError, Dataset};
+use swm_media::jpeg;
+use swm_media::mp4::Mp4Options;
+
+use crate::arrays::{files_to_array, sum_up, to_array};
+use crate::data_file::DataWriter;
+use crate::films::{self, file_name};
+use crate::manifest::{Manifest, is_picture};
+use crate::reader::{CHECKSUMS, LanceDataset};
+use crate::table::{DATA, Table};
+use crate::{LANCE, LANCE_VIDEO};
+
+/// Quality of JPEG files if none is asked for.
+const JPEG_QUALITY: u8 = 95;
+
+/// How tables are recorded.
+pub(crate) struct LanceStorage {
+    format: &'static str,
+    has_films: bool,
+}
+
+/// A table that is being recorded.
+pub(crate) struct LanceRecording {
+    table: Table,
+    /// The table of films, if pictures are.
+    films: Option<Table>,
+    schema: Arc<Schema>,
+    manifest: Manifest,
+    quality: u8,
+    encoding: Mp4Options,
+    open: Option<OpenEpisode>,
+}
+
+/// The files of the episode that has not ended.
+struct OpenEpisode {
+    rows: DataWriter,
+    /// By column of the table, without the two that say where a row belongs.
+    checksums: Vec<Hasher>,
+    films: Vec<(Field, FilmWriter)>,
+    /// By column of pictures: the last one and its file, which an equal one has too.
+    last: HashMap<String, (Vec<u8>, Arc<[u8]>)>,
+}
+
+impl LanceStorage {
+    pub(crate) fn pictures() -> Self {
+        Self { format: LANCE.name, has_films: false }
+    }
+
+    pub(crate) fn films() -> Self {
+        Self { format: LANCE_VIDEO.name, has_films: true }
+    }
+}
+
+impl Storage for LanceStorage {
+    type Recording = LanceRecording;
+
+    fn name(&self) -> &'static str {
+        self.format
+    }
+
+    fn is_folder(&self) -> bool {
+        true
+    }
+
+    /// Also what a recording leaves that was killed before it began.
+    fn is_new(&self, path: &Path) -> Result<bool, DataError> {
+        if Table::exists(path) {
+            return Ok(false);
+        }
+        let mut entries = fs::read_dir(path).into_iter().flatten().flatten();
+        Ok(entries.all(|entry| [DATA, "_versions"].iter().any(|own| entry.file_name() == *own)))
+    }
+
+    fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {
+        Ok(Box::new(LanceDataset::open(path, self.format)?))
+    }
+
+    fn refuses(&self, name: &str) -> Option<&'static str> {
+        name.is_empty().then_some("no empty name")
+    }
+
+    fn start(&self, start: &Start<'_>) -> Result<LanceRecording, DataError> {
+        let &Start { path, options, fields, metadata, .. } = start;
+        let failed = |source| DataError::io(path, "clear", source);
+        let damaged = |reason| DataError::damaged(path, reason);
+        let rate = options.frames_per_second.unwrap_or(FRAMES_PER_SECOND);
+        let mut manifest = Manifest::new(fields.to_vec(), rate);
+        let beside = films::folder(path);
+        if start.there == There::Replaced {
+            Table::remove(path).map_err(failed)?;
+        }
+        if start.there != There::Continued {
+            // Films without a table are no dataset.
+            Table::remove(&beside).map_err(failed)?;
+        }
+        let table = match start.there {
+            There::Continued => {
+                let table = Table::open(path).map_err(damaged)?;
+                let there = Manifest::read(table.about()).map_err(damaged)?;
+                let there = there.ok_or_else(|| recording::foreign(path))?;
+                let first = there.runs.first().map_or(metadata, |(_, first)| first);
+                recording::check_fit(path, &there.columns, first, fields, metadata)?;
+                manifest = there;
+                Some(table)
+            }
+            There::Nothing | There::Replaced => None,
+        };
+        manifest.runs = recording::with_run(&manifest.runs, start.episodes, metadata);
+        let open = || {
+            let films = self.has_films.then(|| open_films(&beside, start.episodes)).transpose()?;
+            let table = match table {
+                Some(mut table) => {
+                    let fragments = table.fragments().to_vec();
+                    table.commit(fragments, Some(manifest.about()?))?;
+                    table
+                }
+                // Last: with it, the folder is a dataset.
+                None => Table::create(path, manifest.schema(self.has_films)?, manifest.about()?)?,
+            };
+            forget(&table)?;
+            Ok((table, films))
+        };
+        let (table, films) = open().map_err(|reason: String| DataError::record(path, reason))?;
+        let encoding = Mp4Options { frames_per_second: manifest.frames_per_second, ..encoding(options) };
+        let quality = options.quality.unwrap_or(JPEG_QUALITY);
+        Ok(LanceRecording {
+            table,
+            films,
+            schema: start.schema.clone(),
+            manifest,
+            quality,
+            encoding,
+            open: None,
+        })
+    }
+}
+
+/// The table of films with those of the first episodes, made if it is not there.
+fn open_films(folder: &Path, episodes: u64) -> Result<Table, String> {
+    if !Table::exists(folder) {
+        return Table::create(folder, films::schema()?, HashMap::new());
+    }
+    let mut table = Table::open(folder)?;
+    let episodes = episodes as usize;
+    match table.fragments().get(..episodes) {
+        None => return Err(format!("it has films of {} of {episodes} episodes", table.fragments().len())),
+        Some(fragments) if fragments.len() < table.fragments().len() => {
+            table.commit(fragments.to_vec(), None)?;
+        }
+        Some(_) => {}
+    }
+    forget(&table)?;
+    Ok(table)
+}
+
+/// Removes what an interrupted recording left.
+fn forget(table: &Table) -> Result<(), String> {
+    let remove =
+        |file: PathBuf| fs::remove_file(&file).map_err(|error| format!("{}: {error}", file.display()));
+    table.leftovers().into_iter().try_for_each(remove)
+}
+
+impl Recording for LanceRecording {
+    fn append(&mut self, at: Place, batch: &Batch) -> Result<(), String> {
+        let mut open = match self.open.take() {
+            Some(open) => open,
+            None => self.begin(at.episode)?,
+        };
+        let (first, rows) = (at.row as i32, batch.rows() as i32);
+        let mut arrays: Vec<ArrayRef> = vec![
+            Arc::new(Int32Array::from(vec![at.episode; batch.rows()])),
+            Arc::new(Int32Array::from_iter_values(first..first + rows)),
+        ];
+        for field in self.stored() {
+            let values = values_of(&self.schema, batch, field)?;
+            let array = match values {
+                Slice::U8(pixels) if is_picture(field) => open.pictures(field, pixels, self.quality),
+                values => to_array(field, values),
+            };
+            arrays.push(array.map_err(|error| format!("column `{}`: {error}", field.name))?);
+        }
+        open.checksums.iter_mut().zip(&arrays[2..]).for_each(|(checksum, array)| sum_up(checksum, array));
+        // Encoding is most of the work, and films do not know of each other.
+        let schema = &self.schema;
+        let films = open.films.par_iter_mut().map(|(field, film)| match values_of(schema, batch, field)? {
+            Slice::U8(pixels) => {
+                film.append(pixels).map_err(|error| format!("column `{}`: {error}", field.name))
+            }
+            values => Err(format!("column `{}`: pictures cannot hold {}", field.name, values.dtype())),
+        });
+        films.collect::<Result<(), String>>()?;
+        open.rows.append(arrays)?;
+        self.open = Some(open);
+        Ok(())
+    }
+
+    fn announce(&mut self, end: Place) -> Result<(), String> {
+        let OpenEpisode { rows, checksums, films, .. } = self.open.take().ok_or("an episode without rows")?;
+        if let Some(table) = &mut self.films {
+            let finished = films.into_iter().map(|(field, film)| {
+                let bytes = film.finish().map_err(|error| format!("column `{}`: {error}", field.name))?;
+                Ok((field.name, bytes))
+            });
+            films::append(table, end.episode, &finished.collect::<Result<Vec<_>, String>>()?)?;
+        }
+        let checksums: Vec<u32> = checksums.into_iter().map(Hasher::finalize).collect();
+        let checksums = serde_json::to_string(&checksums).map_err(|error| error.to_string())?;
+        let mut fragments = self.table.fragments().to_vec();
+        fragments.push(rows.finish(&self.table, fragments.len() as u64, &[(CHECKSUMS, checksums)])?);
+        self.table.commit(fragments, None)
+    }
+
+    fn close(self) -> Result<(), String> {
+        Ok(())
+    }
+}
+
+impl LanceRecording {
+    /// The columns of the table, in its order.
+    fn stored(&self) -> impl Iterator<Item = &Field> {
+        self.manifest.columns.iter().filter(|field| self.films.is_none() || !takes(field))
+    }
+
+    fn begin(&self, episode: i32) -> Result<OpenEpisode, String> {
+        let films = self.manifest.columns.iter().filter(|field| self.films.is_some() && takes(field));
+        let films = films.map(|field| Ok((field.clone(), FilmWriter::new(field, &self.encoding)?)));
+        Ok(OpenEpisode {
+            rows: DataWriter::create(&self.table, &file_name(episode))?,
+            checksums: self.stored().map(|_| Hasher::new()).collect(),
+            films: films.collect::<Result<_, String>>()?,
+            last: HashMap::new(),
+        })
+    }
+}
+
+fn values_of<'a>(schema: &Schema, batch: &'a Batch, field: &Field) -> Result<Slice<'a>, String> {
+    let column = schema.index(&field.name).ok_or_else(|| format!("column `{}` is missing", field.name))?;
+    Ok(batch.column(column))
+}
+
+impl OpenEpisode {
+    /// The files of rows of pictures. Equal ones in a row are encoded once: a goal costs one file's work.
+    fn pictures(&mut self, field: &Field, pixels: &[u8], quality: u8) -> Result<ArrayRef, String> {
+        let &[height, width, channels] = &field.shape[..] else { return Err("no pictures".to_owned()) };
+        let frames: Vec<&[u8]> = pixels.chunks_exact(field.width()).collect();
+        let last = self.last.get(&field.name);
+        let encode = |index: usize| -> Result<Option<Arc<[u8]>>, String> {
+            let same = match index {
+                0 => last.is_some_and(|(pixels, _)| pixels == frames[0]),
+                index => frames[index] == frames[index - 1],
+            };
+            if same {
+                return Ok(None);
+            }
+            let file = jpeg::encode(height, width, channels, frames[index], quality);
+            file.map(|file| Some(file.into())).map_err(|error| error.to_string())
+        };
+        let encoded: Vec<Option<Arc<[u8]>>> =
+            (0..frames.len()).into_par_iter().map(encode).collect::<Result<_, _>>()?;
+        let mut file: Arc<[u8]> = last.map(|(_, file)| file.clone()).unwrap_or_default();
+        let files = encoded.into_iter().map(|new| {
+            file = new.unwrap_or_else(|| file.clone());
+            file.clone()
+        });
+        let files: Vec<Arc<[u8]>> = files.collect();
+        if let Some(frame) = frames.last() {
+            self.last.insert(field.name.clone(), (frame.to_vec(), file));
+        }
+        Ok(files_to_array(files.iter().map(|file| &file[..])))
+    }
+}
+
+/// Says what is to be done about an interrupted recording; does it if `apply`.
+pub(crate) fn repair(path: &Path, format: &'static str, apply: bool) -> Result<Vec<String>, DataError> {
+    let dataset = LanceDataset::open(path, format)?;
+    if !dataset.is_ours() {
+        return Ok(Vec::new());
+    }
+    drop(dataset);
+    let damaged = |reason| DataError::damaged(path, reason);
+    let mut steps = Vec::new();
+    for folder in [path.to_owned(), films::folder(path)].into_iter().filter(|folder| Table::exists(folder)) {
+        let table = Table::open(&folder).map_err(damaged)?;
+        let count = table.leftovers().len();
+        if count > 0 {
+            steps.push(format!("remove {count} files of an unfinished episode from `{}`", folder.display()));
+        }
+        if apply {
+            forget(&table).map_err(damaged)?;
+        }
+    }
+    Ok(steps)
+}

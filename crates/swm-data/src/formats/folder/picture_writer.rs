@@ -1,0 +1,141 @@
+//! Writing columns of pictures: one JPEG file per row, or one H.264 film per episode. The other direction is `pictures`.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::PathBuf;
+
+#[cfg(feature = "video")]
+#[cfg(feature = "video")]
+use super::pictures::film_path;
+use super::pictures::{Store, jpeg_path};
+use crate::dataset::WriteOptions;
+#[cfg(feature = "video")]
+use crate::film::{FilmWriter, encoding};
+use crate::recording::Place;
+use crc32fast::Hasher;
+use rayon::prelude::*;
+use swm_core::Field;
+use swm_media::jpeg;
+
+/// Quality of JPEG files if none is asked for.
+const JPEG_QUALITY: u8 = 95;
+
+/// Writes the pictures of one column, an episode after the other.
+pub(super) struct PictureWriter {
+    store: Store,
+    folder: PathBuf,
+    field: Field,
+    options: WriteOptions,
+    /// The open episode.
+    episode: u64,
+    /// Its last JPEG file.
+    last: Option<Written>,
+    checksum: Hasher,
+    #[cfg(feature = "video")]
+    film: Option<FilmWriter>,
+}
+
+/// A picture, the row that it was written for first, its file.
+struct Written {
+    pixels: Vec<u8>,
+    row: usize,
+    file: Vec<u8>,
+}
+
+impl PictureWriter {
+    /// Writes into `folder`, which exists. The store takes the field.
+    pub(super) fn new(store: Store, folder: PathBuf, field: &Field, options: &WriteOptions) -> Self {
+        Self {
+            store,
+            folder,
+            field: field.clone(),
+            options: options.clone(),
+            episode: 0,
+            last: None,
+            checksum: Hasher::new(),
+            #[cfg(feature = "video")]
+            film: None,
+        }
+    }
+
+    /// Appends rows to the open episode, `[T, H, W, C]`.
+    pub(super) fn append(&mut self, at: Place, rows: &[u8]) -> Result<(), String> {
+        self.episode = at.episode as u64;
+        match self.store {
+            Store::Jpeg => {
+                self.append_jpegs(at.row, &rows.chunks_exact(self.field.width()).collect::<Vec<_>>())
+            }
+            #[cfg(feature = "video")]
+            Store::Film => {
+                let film = match &mut self.film {
+                    Some(film) => film,
+                    None => self.film.insert(FilmWriter::new(&self.field, &encoding(&self.options))?),
+                };
+                film.append(rows)
+            }
+        }
+    }
+
+    /// Ends the open episode, and returns the checksum of its files.
+    pub(super) fn finish(&mut self) -> Result<u32, String> {
+        match self.store {
+            Store::Jpeg => {
+                self.last = None;
+                Ok(std::mem::take(&mut self.checksum).finalize())
+            }
+            #[cfg(feature = "video")]
+            Store::Film => {
+                let film = self.film.take().ok_or("a film without frames")?;
+                let bytes = film.finish()?;
+                let path = film_path(&self.folder, self.episode);
+                fs::write(&path, &bytes).map_err(|error| format!("{}: {error}", path.display()))?;
+                Ok(crc32fast::hash(&bytes))
+            }
+        }
+    }
+
+    /// Pictures that equal the one before are links to its file, where the file system has links: a goal costs one file.
+    fn append_jpegs(&mut self, first: usize, frames: &[&[u8]]) -> Result<(), String> {
+        let quality = self.options.quality.unwrap_or(JPEG_QUALITY);
+        let &[height, width, channels] = &self.field.shape[..] else { return Err("no pictures".to_owned()) };
+        let before = self.last.as_ref().map(|last| last.pixels.as_slice());
+        let same = |index: usize| match index {
+            0 => before == Some(frames[0]),
+            index => frames[index] == frames[index - 1],
+        };
+        let encode = |index: usize| {
+            if same(index) {
+                return Ok(None);
+            }
+            let file = jpeg::encode(height, width, channels, frames[index], quality);
+            file.map(Some).map_err(|error| error.to_string())
+        };
+        let files: Vec<Option<Vec<u8>>> =
+            (0..frames.len()).into_par_iter().map(encode).collect::<Result<_, _>>()?;
+        let episode = self.episode;
+        for (index, file) in files.into_iter().enumerate() {
+            let row = first + index;
+            let path = jpeg_path(&self.folder, episode, row, "jpeg");
+            let failed = |error: std::io::Error| format!("{}: {error}", path.display());
+            if let Some(file) = file {
+                fs::write(&path, &file).map_err(failed)?;
+                self.last = Some(Written { pixels: Vec::new(), row, file });
+            } else if let Some(last) = &self.last {
+                // What an interrupted recording left.
+                match fs::remove_file(&path) {
+                    Err(error) if error.kind() != ErrorKind::NotFound => return Err(failed(error)),
+                    _ => {}
+                }
+                let linked = fs::hard_link(jpeg_path(&self.folder, episode, last.row, "jpeg"), &path);
+                linked.or_else(|_| fs::write(&path, &last.file)).map_err(failed)?;
+            }
+            if let Some(last) = &self.last {
+                self.checksum.update(&last.file);
+            }
+        }
+        if let (Some(last), Some(frame)) = (&mut self.last, frames.last()) {
+            last.pixels = frame.to_vec();
+        }
+        Ok(())
+    }
+}

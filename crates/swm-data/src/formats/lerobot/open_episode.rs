@@ -1,0 +1,200 @@
+//! The episode that is being recorded: its table and its films, which have their names only once it ends. Rows of the
+//! table are held until they make a group, so that the file does not depend on the pieces in which they came.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use crc32fast::Hasher;
+use rayon::prelude::*;
+use swm_core::{Batch, Column, Field, Schema, Slice};
+use swm_media::mp4::Mp4Options;
+
+use super::episodes;
+use super::manifest::{Manifest, OWN, is_film, is_own};
+use super::parquet_file::{ColumnOut, TableWriter};
+use crate::dataset::row_bytes;
+use crate::film::FilmWriter;
+use crate::formats::disk::replace;
+
+/// Bytes of a group of rows.
+const GROUP_BYTES: usize = 32 << 20;
+/// Rows of a group at most.
+const GROUP_ROWS: usize = 1 << 16;
+
+/// One episode that has not ended.
+pub(super) struct OpenEpisode {
+    episode: usize,
+    /// Where it begins among the rows of the dataset.
+    first: usize,
+    rows: usize,
+    /// Rows of a full group.
+    group: usize,
+    /// Where the table gets its name.
+    table_path: PathBuf,
+    table: Option<TableWriter<Checked<BufWriter<File>>>>,
+    /// The columns of the table that are not made up, with those rows that no group holds yet.
+    held: Vec<(Field, String, Column)>,
+    films: Vec<OpenFilm>,
+}
+
+struct OpenFilm {
+    field: Field,
+    camera: String,
+    film: FilmWriter,
+}
+
+impl OpenEpisode {
+    /// Begins episode number `episode` of the folder, whose rows begin at `first`.
+    pub(super) fn new(
+        folder: &Path,
+        manifest: &Manifest,
+        encoding: &Mp4Options,
+        (episode, first): (usize, usize),
+    ) -> Result<Self, String> {
+        let stored = manifest.columns.iter().filter(|field| !is_film(field) && !is_own(&field.name));
+        let held: Vec<_> = stored
+            .map(|field| (field.clone(), manifest.feature(&field.name), Column::zeros(field.dtype, 0)))
+            .collect();
+        let films = manifest.cameras().map(|(field, camera)| {
+            let film = FilmWriter::new(field, encoding);
+            let film = film.map_err(|error| format!("column `{}`: {error}", field.name))?;
+            Ok(OpenFilm { field: field.clone(), camera, film })
+        });
+        let fields: Vec<Field> = held.iter().map(|(field, ..)| field.clone()).collect();
+        let own = OWN.len() * size_of::<i64>();
+        Ok(Self {
+            episode,
+            first,
+            rows: 0,
+            group: (GROUP_BYTES / (row_bytes(&fields) + own)).clamp(1, GROUP_ROWS),
+            table_path: folder.join(episodes::data_path(episode)),
+            table: None,
+            films: films.collect::<Result<_, String>>()?,
+            held,
+        })
+    }
+
+    /// Appends rows.
+    pub(super) fn append(&mut self, rate: f64, schema: &Schema, batch: &Batch) -> Result<(), String> {
+        // Encoding is most of the work, and films do not know of each other.
+        self.films.par_iter_mut().try_for_each(|OpenFilm { field, film, .. }| {
+            let failed = |error: String| format!("column `{}`: {error}", field.name);
+            let column = schema.index(&field.name).ok_or_else(|| failed("it is missing".to_owned()))?;
+            let Slice::U8(values) = batch.column(column) else {
+                return Err(failed("it holds no pictures".to_owned()));
+            };
+            film.append(values).map_err(failed)
+        })?;
+        let mut taken = 0;
+        while taken < batch.rows() {
+            let in_group = self.rows % self.group;
+            let count = (self.group - in_group).min(batch.rows() - taken);
+            for (field, _, column) in &mut self.held {
+                let from = schema.index(&field.name).ok_or("a column is missing")?;
+                let width = field.width();
+                if !column.extend(batch.column(from).range(taken * width, count * width)) {
+                    return Err(format!("column `{}` has another type", field.name));
+                }
+            }
+            taken += count;
+            self.rows += count;
+            if in_group + count == self.group {
+                self.write_group(rate)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends the episode: films get their names, then the table. The checksums of the table and of the films.
+    pub(super) fn finish(mut self, folder: &Path, rate: f64) -> Result<Vec<u32>, String> {
+        if !self.rows.is_multiple_of(self.group) {
+            self.write_group(rate)?;
+        }
+        let mut checksums = vec![0];
+        for OpenFilm { field, camera, film } in self.films {
+            let film = film.finish().map_err(|error| format!("column `{}`: {error}", field.name))?;
+            let path = folder.join(episodes::film_path(&camera, self.episode));
+            make_parent(&path).and_then(|()| replace(&path, &film)).map_err(|e| failed(&path, &e))?;
+            checksums.push(crc32fast::hash(&film));
+        }
+        // LeRobot reads all tables that there are, listed or not, so a table gets its name when it is complete; and the
+        // less time between that and the list, the better.
+        let table = self.table.take().ok_or("an episode without rows")?;
+        let mut checked = table.finish()?;
+        let named = checked.flush().and_then(|()| fs::rename(draft(&self.table_path), &self.table_path));
+        named.map_err(|error| failed(&self.table_path, &error))?;
+        checksums[0] = checked.checksum.finalize();
+        Ok(checksums)
+    }
+
+    /// Writes the rows that are held.
+    fn write_group(&mut self, rate: f64) -> Result<(), String> {
+        let begin = (self.rows - 1) / self.group * self.group;
+        let rows = begin..self.rows;
+        let times: Vec<f32> = rows.clone().map(|row| (row as f64 / rate) as f32).collect();
+        let frames: Vec<i64> = rows.clone().map(|row| row as i64).collect();
+        let all: Vec<i64> = rows.clone().map(|row| (self.first + row) as i64).collect();
+        let (episode, task) = (vec![self.episode as i64; rows.len()], vec![0i64; rows.len()]);
+        let own = [
+            Slice::F32(&times),
+            Slice::I64(&frames),
+            Slice::I64(&episode),
+            Slice::I64(&all),
+            Slice::I64(&task),
+        ];
+        let held = self.held.iter().map(|(field, feature, column)| ColumnOut {
+            name: feature.clone(),
+            values: column.as_slice(),
+            list: (field.width() > 1).then(|| field.width()),
+        });
+        let made_up = OWN.iter().zip(own).map(|(&(name, _), values)| ColumnOut::scalar(name, values));
+        let columns: Vec<ColumnOut<'_>> = held.chain(made_up).collect();
+        let table = match &mut self.table {
+            Some(table) => table,
+            None => {
+                let path = draft(&self.table_path);
+                let file = make_parent(&path).and_then(|()| File::create(&path));
+                let file = file.map_err(|error| failed(&path, &error))?;
+                let out = Checked { out: BufWriter::new(file), checksum: Hasher::new() };
+                self.table.insert(TableWriter::new(out, &columns, &[])?)
+            }
+        };
+        table.group(&columns)?;
+        self.held.iter_mut().for_each(|(_, _, column)| column.resize(0));
+        Ok(())
+    }
+}
+
+/// Sums up what is written.
+struct Checked<W> {
+    out: W,
+    checksum: Hasher,
+}
+
+impl<W: Write> Write for Checked<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.out.write(bytes)?;
+        self.checksum.update(&bytes[..written]);
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+}
+
+/// What a file is called before it is complete, as `replace` calls it.
+fn draft(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".new");
+    name.into()
+}
+
+fn make_parent(path: &Path) -> io::Result<()> {
+    path.parent().map_or(Ok(()), fs::create_dir_all)
+}
+
+fn failed(path: &Path, error: &io::Error) -> String {
+    format!("{}: {error}", path.display())
+}

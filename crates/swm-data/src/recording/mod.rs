@@ -1,0 +1,305 @@
+//! Recording, as far as it is alike in every format: one writer at a time, what to do about a dataset that exists, which
+//! call may follow which, and episodes that come in pieces. A format adds how rows are stored ([`Storage`]) and a
+//! recording of its own ([`Recording`]); [`Recorder`] makes a [`DatasetWriter`] of them.
+//!
+//! What no format may do otherwise: nothing changes before `begin`; an episode whose end was announced survives a kill at
+//! any later moment; of one that was not announced nothing is seen.
+
+mod fit;
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use swm_core::error::BoxError;
+use swm_core::{Batch, EpisodeSink, Field, Metadata, Schema};
+
+use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
+use crate::error::DataError;
+use crate::lock::WriterLock;
+
+pub(crate) use self::fit::resolve;
+pub use self::fit::{check_fit, foreign, with_run};
+
+/// The episode that a row belongs to, i32: a column that formats fill or make up themselves.
+pub const EP_IDX: &str = "ep_idx";
+
+/// How a format stores datasets.
+pub trait Storage: Send + 'static {
+    /// An open recording.
+    type Recording: Recording;
+
+    /// The format's name.
+    fn name(&self) -> &'static str;
+
+    /// Whether a dataset is a folder; else it is a file.
+    fn is_folder(&self) -> bool;
+
+    /// Whether nothing is there yet that could be continued or replaced.
+    fn is_new(&self, path: &Path) -> Result<bool, DataError> {
+        Ok(!path.exists())
+    }
+
+    /// Opens what is there.
+    fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError>;
+
+    /// Why it cannot hold a column of this name, to complete "`name` cannot name a column: …".
+    fn refuses(&self, name: &str) -> Option<&'static str>;
+
+    /// Makes, continues or replaces a dataset.
+    fn start(&self, start: &Start<'_>) -> Result<Self::Recording, DataError>;
+}
+
+/// What a recording begins with.
+#[derive(Clone, Copy, Debug)]
+pub struct Start<'a> {
+    /// The file or folder.
+    pub path: &'a Path,
+    /// How it is written.
+    pub options: &'a WriteOptions,
+    /// What is there.
+    pub there: There,
+    /// The columns of the tables that will come.
+    pub schema: &'a Arc<Schema>,
+    /// Those of them that are to be stored: all but [`EP_IDX`].
+    pub fields: &'a [Field],
+    /// What is known of the new episodes.
+    pub metadata: &'a Metadata,
+    /// The episodes that are there, and stay.
+    pub episodes: u64,
+}
+
+/// What a recording finds at its place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum There {
+    /// No dataset.
+    Nothing,
+    /// One that is to be continued.
+    Continued,
+    /// One that is to be replaced.
+    Replaced,
+}
+
+/// The files of a dataset that is being recorded.
+pub trait Recording: Send {
+    /// Appends rows to the open episode.
+    fn append(&mut self, at: Place, rows: &Batch) -> Result<(), String>;
+
+    /// Announces the open episode, which ends at `end`: when this returns, no kill can lose it.
+    fn announce(&mut self, end: Place) -> Result<(), String>;
+
+    /// Ends the recording. No episode is open.
+    fn close(self) -> Result<(), String>;
+
+    /// Ends the recording amid an episode, of which nothing may be seen. As a kill would, if nothing better is known.
+    fn cancel(self)
+    where
+        Self: Sized,
+    {
+        self.abandon();
+    }
+
+    /// Leaves everything as a kill would: after an error.
+    fn abandon(self)
+    where
+        Self: Sized,
+    {
+    }
+}
+
+/// A row of the open episode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// The episode's number.
+    pub episode: i32,
+    /// The row of the episode.
+    pub row: usize,
+}
+
+/// Writes one dataset.
+pub struct Recorder<S: Storage> {
+    path: PathBuf,
+    storage: S,
+    options: WriteOptions,
+    state: State<S::Recording>,
+    episodes: u64,
+    /// Rows of the open episode; 0: none is open.
+    open: usize,
+    /// Declared last: the files must be closed before another writer may have them.
+    _lock: WriterLock,
+}
+
+enum State<R> {
+    /// Before `begin`.
+    Waiting,
+    Recording(Box<R>, Arc<Schema>),
+    /// Ended, cleanly or by an error.
+    Closed,
+}
+
+impl<S: Storage> Recorder<S> {
+    /// Takes the dataset at `path` for itself. Nothing of it is changed before `begin`.
+    pub fn new(path: &Path, options: &WriteOptions, storage: S) -> Result<Self, DataError> {
+        let path = resolve(path)?;
+        let lock = WriterLock::take(&path)?;
+        let exists = path.exists();
+        if exists && options.mode == WriteMode::Error {
+            return Err(DataError::Exists { path });
+        }
+        if exists && path.is_dir() != storage.is_folder() {
+            let reason = match storage.is_folder() {
+                true => format!("it is a file, the format `{}` is a folder", storage.name()),
+                false => "it is a folder".to_owned(),
+            };
+            return Err(DataError::record(&path, reason));
+        }
+        let episodes = match options.mode {
+            _ if storage.is_new(&path)? => 0,
+            WriteMode::Append => storage.open(&path)?.num_episodes() as u64,
+            // A folder that is to be replaced must be a dataset: more would be lost with it than one file.
+            _ if storage.is_folder() => {
+                storage.open(&path).map_err(|error| {
+                    DataError::record(&path, format!("it is a folder, but no dataset to replace: {error}"))
+                })?;
+                0
+            }
+            _ => 0,
+        };
+        let options = options.clone();
+        Ok(Self { path, storage, options, state: State::Waiting, episodes, open: 0, _lock: lock })
+    }
+
+    fn start(&self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<S::Recording, DataError> {
+        let path = &self.path;
+        let fields: Vec<Field> =
+            schema.fields().iter().filter(|field| field.name != EP_IDX).cloned().collect();
+        let refuse = |reason| Err(DataError::record(path, reason));
+        if fields.is_empty() {
+            return refuse("there are no columns".to_owned());
+        }
+        for Field { name, shape, .. } in &fields {
+            if let Some(reason) = self.storage.refuses(name) {
+                return refuse(format!("`{name}` cannot name a column: {reason}"));
+            }
+            if shape.contains(&0) {
+                return refuse(format!("column `{name}` has the shape {shape:?}, which holds no values"));
+            }
+        }
+        let there = match self.options.mode {
+            _ if self.storage.is_new(path)? => There::Nothing,
+            WriteMode::Append => There::Continued,
+            _ => There::Replaced,
+        };
+        let (options, fields, episodes) = (&self.options, &fields[..], self.episodes);
+        self.storage.start(&Start { path, options, there, schema, fields, metadata, episodes })
+    }
+
+    /// Does something with the recording. After an error nothing more is written.
+    fn record(
+        &mut self,
+        work: impl FnOnce(&mut S::Recording, Place) -> Result<(), String>,
+    ) -> Result<(), DataError> {
+        let State::Recording(recording, _) = &mut self.state else {
+            return Err(DataError::record(&self.path, "no recording is going on"));
+        };
+        let written = i32::try_from(self.episodes)
+            .map_err(|_| "too many episodes for the format".to_owned())
+            .and_then(|episode| work(recording, Place { episode, row: self.open }));
+        written.map_err(|reason| {
+            if let State::Recording(recording, _) = std::mem::replace(&mut self.state, State::Closed) {
+                recording.abandon();
+            }
+            self.failed(reason)
+        })
+    }
+
+    fn close(&mut self) -> Result<(), DataError> {
+        match std::mem::replace(&mut self.state, State::Closed) {
+            State::Recording(recording, _) if self.open > 0 => {
+                recording.cancel();
+                Err(self.failed("the last episode was not ended".to_owned()))
+            }
+            State::Recording(recording, _) => recording.close().map_err(|reason| self.failed(reason)),
+            State::Waiting | State::Closed => Ok(()),
+        }
+    }
+
+    fn failed(&self, reason: String) -> DataError {
+        DataError::Write { path: self.path.clone(), episodes: self.episodes, reason }
+    }
+}
+
+impl<S: Storage> EpisodeSink for Recorder<S> {
+    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
+        if !matches!(self.state, State::Waiting) {
+            return Err(DataError::record(&self.path, "the recording has begun already").into());
+        }
+        self.state = State::Recording(Box::new(self.start(schema, metadata)?), schema.clone());
+        Ok(self.episodes)
+    }
+
+    fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
+        if self.open > 0 {
+            return Err(DataError::record(&self.path, "another episode is open").into());
+        }
+        self.write_rows(rows)?;
+        self.end_episode()
+    }
+
+    fn finish(&mut self) -> Result<(), BoxError> {
+        Ok(self.close()?)
+    }
+}
+
+impl<S: Storage> DatasetWriter for Recorder<S> {
+    fn num_episodes(&self) -> u64 {
+        self.episodes
+    }
+
+    fn write_rows(&mut self, rows: &Batch) -> Result<(), BoxError> {
+        if let State::Recording(_, schema) = &self.state
+            && rows.schema() != schema
+        {
+            let reason = "the episode has other columns than the recording";
+            return Err(DataError::record(&self.path, reason).into());
+        }
+        if rows.rows() == 0 {
+            return Ok(());
+        }
+        let more = rows.rows();
+        self.record(|recording, at| match i32::try_from(at.row.saturating_add(more)) {
+            Ok(_) => recording.append(at, rows),
+            Err(_) => Err("too many rows in an episode for the format".to_owned()),
+        })?;
+        self.open += more;
+        Ok(())
+    }
+
+    fn end_episode(&mut self) -> Result<(), BoxError> {
+        if self.open == 0 && matches!(self.state, State::Recording(..)) {
+            return Err(DataError::record(&self.path, "an episode without rows").into());
+        }
+        self.record(Recording::announce)?;
+        self.open = 0;
+        self.episodes += 1;
+        Ok(())
+    }
+}
+
+impl<S: Storage> Drop for Recorder<S> {
+    fn drop(&mut self) {
+        // A caller who wants to know calls `finish`.
+        let _ = self.close();
+    }
+}
+
+impl<S: Storage> fmt::Debug for Recorder<S> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { path, episodes, open, .. } = self;
+        f.debug_struct("Recorder")
+            .field("path", path)
+            .field("episodes", episodes)
+            .field("open", open)
+            .finish()
+    }
+}

@@ -1,0 +1,124 @@
+//! Foreign bytes in every reader: datasets of every format are cut, flipped and overwritten at many places, always the
+//! same ones. Whatever comes of it must be an error or other values: never a panic, a hang, or memory without bound.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use super::{episode, metadata};
+use crate::{WriteMode, create, open};
+use swm_core::{Batch, Dtype, Field, Schema};
+
+/// Numbers that sizes, counts and offsets are overwritten with.
+const WORDS: [u32; 6] = [0, 1, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x0100_0000];
+/// Mutations per file.
+const PER_FILE: usize = 160;
+/// Growth of the address space that all mutations together may cause.
+const MAX_GROWTH_KIB: u64 = 3 << 20;
+
+/// Records a small dataset to change.
+pub fn seed(path: &Path) {
+    let fields = vec![
+        Field::step("pixels", Dtype::U8, &[16, 16, 3]),
+        Field::step("state", Dtype::F64, &[3]),
+        Field::step("task", Dtype::Str, &[]),
+        Field::episode("variation.x", Dtype::I64, &[]),
+    ];
+    let schema = Schema::new(fields).unwrap();
+    let mut writer = create(path, WriteMode::Error, None).unwrap();
+    writer.begin(&schema, &metadata()).unwrap();
+    for (index, rows) in [3, 5].into_iter().enumerate() {
+        writer.write_episode(&episode(&schema, index, rows)).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+fn files(path: &Path) -> Vec<PathBuf> {
+    if path.is_file() {
+        return vec![path.to_owned()];
+    }
+    let mut found: Vec<PathBuf> =
+        fs::read_dir(path).unwrap().flat_map(|entry| files(&entry.unwrap().path())).collect();
+    found.sort();
+    found
+}
+
+/// Mutation `number` of some bytes: a function of both.
+fn mutated(bytes: &[u8], number: usize) -> Vec<u8> {
+    let mut bytes = bytes.to_vec();
+    // Heads and ends decide most: half of the mutations are there.
+    let spread = (number as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
+    let at = match number % 4 {
+        0 => spread as usize % bytes.len().clamp(1, 256),
+        1 => bytes.len() - 1 - spread as usize % bytes.len().clamp(1, 256),
+        _ => spread as usize % bytes.len().max(1),
+    };
+    match number % 5 {
+        0 => bytes.truncate(at),
+        1 => bytes[at] ^= 1 << (number % 8),
+        2 => {
+            let end = (at + 40).min(bytes.len());
+            let copy = bytes[at..end].to_vec();
+            bytes.splice(at..at, copy);
+        }
+        _ => {
+            let word = WORDS[number / 5 % WORDS.len()];
+            let word = if number.is_multiple_of(2) { word.to_le_bytes() } else { word.to_be_bytes() };
+            for (byte, value) in bytes[at..].iter_mut().zip(word) {
+                *byte = value;
+            }
+        }
+    }
+    bytes
+}
+
+/// Opens and reads everything; whether there was an error.
+fn play(path: &Path) -> bool {
+    let Ok(mut dataset) = open(path) else { return false };
+    let mut sound = true;
+    let mut batch = Batch::new(dataset.schema().clone(), 0);
+    for episode in 0..dataset.num_episodes().min(20) {
+        let rows = 0..dataset.episode_len(episode).min(1000);
+        sound &= dataset.read(episode, rows, &mut batch).is_ok();
+        sound &= dataset.check_episode(episode).is_ok();
+    }
+    sound
+}
+
+/// The largest address space that this process had, in KiB.
+fn peak_kib() -> Option<u64> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmPeak:"))?;
+    line.split_whitespace().nth(1)?.parse().ok()
+}
+
+/// Changes every file of the dataset at `path` again and again, and reads it each time.
+pub fn mutate(name: &str, path: &Path) {
+    assert!(play(path), "{name}: the seed itself");
+    let (started, before) = (Instant::now(), peak_kib());
+    let (mut errors, mut all) = (0, 0);
+    for file in files(path) {
+        let bytes = fs::read(&file).unwrap();
+        for number in 0..PER_FILE {
+            // A new file, for pictures may be links to one another.
+            fs::remove_file(&file).unwrap();
+            fs::write(&file, mutated(&bytes, number)).unwrap();
+            let one = Instant::now();
+            errors += usize::from(!play(path));
+            all += 1;
+            let took = one.elapsed();
+            assert!(
+                took < Duration::from_secs(10),
+                "{name}: {}, mutation {number}: {took:?}",
+                file.display()
+            );
+        }
+        fs::write(&file, &bytes).unwrap();
+    }
+    assert!(play(path), "{name}: the seed again");
+    assert!(errors * 20 > all, "{name}: {errors} of {all} mutations were noticed");
+    if let (Some(before), Some(after)) = (before, peak_kib()) {
+        assert!(after - before < MAX_GROWTH_KIB, "{name}: {} MiB more", (after - before) >> 10);
+    }
+    eprintln!("{name}: {errors} of {all} mutations noticed in {:?}", started.elapsed());
+}
