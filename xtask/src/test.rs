@@ -67,7 +67,7 @@ pub(crate) fn doctests(args: &Args) -> Result<()> {
 /// What is left out where no C++ compiler is at hand; what is not built by default and tested all the same.
 fn features(args: &Args) -> &'static [&'static str] {
     match process::has_cxx() {
-        true if args.packages.is_empty() => &["--features", "swm/lerobot"],
+        true if args.packages.is_empty() => &["--features", "swm/lerobot,swm/av1"],
         true => &[],
         false => &["--no-default-features", "--features", "swm/cli"],
     }
@@ -101,8 +101,8 @@ mod tests {
 
     #[test]
     fn without_options_all_is_tested_but_what_is_built_apart() {
-        let selection = Args::default().selection();
-        assert_eq!(selection[..3], ["--workspace", "--exclude", "swm-baselines"]);
+        let args = Args::default();
+        assert_eq!(args.selection()[..3], ["--workspace", "--exclude", "swm-baselines"]);
     }
 
     #[test]

@@ -21,7 +21,7 @@ use swm_media::jpeg;
 use crate::arrays::{file, from_array, infer, sum_up};
 use crate::data_file::{DataReader, Rows};
 use crate::films::{self, Films, file_name};
-use crate::manifest::{EPISODE, Manifest, STEP, stored_type};
+use crate::manifest::{EPISODE, Manifest, stored_type};
 use crate::table::Table;
 
 /// What a file of ours says of itself: the checksums of its columns.
@@ -148,7 +148,6 @@ impl Shared {
             let (height, width) = self.film(0, &key)?.size();
             columns.push((Field::step(&key, Dtype::U8, &[height, width, 3]), Source::Film(key)));
         }
-        columns.retain(|(field, _)| field.name != STEP || field.shape.is_empty());
         Ok(columns)
     }
 

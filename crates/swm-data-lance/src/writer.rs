@@ -109,6 +109,11 @@ impl Storage for LanceStorage {
         }
         let table = match start.there {
             There::Continued => {
+                if Table::exists(&beside) != self.has_films {
+                    let format = if self.has_films { LANCE.name } else { LANCE_VIDEO.name };
+                    let reason = format!("it is of the format `{format}`; name that with `--format`");
+                    return Err(DataError::mismatch(path, reason));
+                }
                 let table = Table::open(path).map_err(damaged)?;
                 let there = Manifest::read(table.about()).map_err(damaged)?;
                 let there = there.ok_or_else(|| recording::foreign(path))?;

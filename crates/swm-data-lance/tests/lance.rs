@@ -73,6 +73,11 @@ fn recordings_are_continued_replaced_or_refused() {
         let read = contents(&path);
         assert_eq!(read.len(), 4);
         read.iter().enumerate().for_each(|(i, read)| assert_alike(&episode(&schema(), i, rows_of(i)), read));
+        let other = FORMATS.iter().find(|other| other.name != format.name).unwrap();
+        let mut writer = create(&path, WriteMode::Append, Some(other.name)).unwrap();
+        let message = writer.begin(&schema(), &metadata()).unwrap_err().to_string();
+        assert!(message.contains(&format!("of the format `{}`", format.name)), "{message}");
+        drop(writer);
         assert!(record(&path, WriteMode::Error, 0..1).unwrap_err().to_string().contains("exists already"));
         record(&path, WriteMode::Overwrite, 1..2).unwrap();
         assert_eq!(contents(&path).len(), 1);
