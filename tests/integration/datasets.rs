@@ -100,14 +100,13 @@ fn pictures_are_recorded_in_the_quality_that_is_asked_for() {
     assert!(message.contains("quality"), "{message}");
 }
 
-/// Bytes of all files below a folder.
+/// Bytes of all pictures and films below a folder.
 fn size(path: &Path) -> u64 {
-    let entries = fs::read_dir(path).unwrap().map(|entry| entry.unwrap());
-    entries
-        .map(
-            |entry| if entry.path().is_dir() { size(&entry.path()) } else { entry.metadata().unwrap().len() },
-        )
-        .sum()
+    let is_picture = path.extension().is_some_and(|extension| extension == "jpeg" || extension == "mp4");
+    if !path.is_dir() {
+        return if is_picture { path.metadata().unwrap().len() } else { 0 };
+    }
+    fs::read_dir(path).unwrap().map(|entry| size(&entry.unwrap().path())).sum()
 }
 
 #[test]
