@@ -102,11 +102,11 @@ fn pictures_are_recorded_in_the_quality_that_is_asked_for() {
 
 /// Bytes of all pictures and films below a folder.
 fn size(path: &Path) -> u64 {
-    let is_picture = path.extension().is_some_and(|extension| extension == "jpeg" || extension == "mp4");
-    if !path.is_dir() {
-        return if is_picture { path.metadata().unwrap().len() } else { 0 };
+    if path.is_dir() {
+        return fs::read_dir(path).into_iter().flatten().flatten().map(|entry| size(&entry.path())).sum();
     }
-    fs::read_dir(path).unwrap().map(|entry| size(&entry.unwrap().path())).sum()
+    let is_picture = path.extension().is_some_and(|extension| extension == "jpeg" || extension == "mp4");
+    path.metadata().map_or(0, |metadata| if is_picture { metadata.len() } else { 0 })
 }
 
 #[test]
