@@ -1,7 +1,8 @@
 //! Crates that are built apart: their dependencies take minutes, so that what means the whole workspace leaves them out,
 //! and each has a step of its own in `cargo xtask ci`.
 
-use std::ffi::OsStr;
+use std::path::PathBuf;
+use std::process::Command;
 
 use anyhow::Result;
 
@@ -16,11 +17,13 @@ pub(crate) fn all_others() -> Vec<&'static str> {
     std::iter::once("--workspace").chain(excluded).collect()
 }
 
-/// Lints, tests, examples and documentation of one of them; `environment` is for the tests.
-pub(crate) fn check(name: &str, environment: &[(&str, &OsStr)]) -> Result<()> {
+/// Lints, tests, examples and documentation of one of them, with variables that its build or its tests need.
+pub(crate) fn check(name: &str, environment: &[(&str, PathBuf)]) -> Result<()> {
+    let run = |command: &mut Command| {
+        process::run(command.envs(environment.iter().map(|(key, value)| (key, value))))
+    };
     let package = ["--package", name];
-    process::run(process::cargo(["clippy", "--all-targets"]).args(package).args(["--", "-D", "warnings"]))?;
-    process::run(process::cargo(["test"]).args(package).envs(environment.iter().copied()))?;
-    let mut doc = process::cargo(["doc", "--no-deps"]);
-    process::run(doc.args(package).env("RUSTDOCFLAGS", "-D warnings"))
+    run(process::cargo(["clippy", "--all-targets"]).args(package).args(["--", "-D", "warnings"]))?;
+    run(process::cargo(["test"]).args(package))?;
+    run(process::cargo(["doc", "--no-deps"]).args(package).env("RUSTDOCFLAGS", "-D warnings"))
 }

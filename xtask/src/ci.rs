@@ -160,9 +160,10 @@ fn doc() -> Result<()> {
 
 /// With pylance, which reads what we write; and the command with these formats.
 fn lance() -> Result<()> {
-    let python = interop::python(&interop::LANCE)?;
-    apart::check("swm-data-lance", &[("SWM_LANCE_PYTHON", python.as_os_str())])?;
-    cargo("check --package swm --features lance")
+    let mut environment = setup::tools::protoc().to_vec();
+    environment.push(("SWM_LANCE_PYTHON", interop::python(&interop::LANCE)?));
+    apart::check("swm-data-lance", &environment)?;
+    process::run(process::cargo(["check", "--package", "swm", "--features", "lance"]).envs(environment))
 }
 
 fn alone() -> Result<()> {

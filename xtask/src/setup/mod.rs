@@ -6,7 +6,7 @@
 mod bundle;
 pub(crate) mod data;
 mod folder;
-mod tools;
+pub(crate) mod tools;
 pub(crate) mod wheel;
 
 use std::fs;
