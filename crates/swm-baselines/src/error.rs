@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use swm_core::BoxError;
+use swm_data::DataError;
 use swm_solvers::PlanError;
 use thiserror::Error;
 
@@ -74,6 +75,53 @@ pub enum BaselineError {
         step: u64,
         /// The loss.
         value: f32,
+    },
+    /// A training has stopped because of a number that is none.
+    #[error("{source}. Training has stopped; the last good checkpoint is {kept}")]
+    Stopped {
+        /// The last good checkpoint.
+        kept: String,
+        /// Why.
+        source: Box<BaselineError>,
+    },
+    /// The operating system refused.
+    #[error("cannot {action} {}: {source}", path.display())]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A folder is no training run, or not one that can be used so.
+    #[error("run {}: {reason}", path.display())]
+    Run {
+        /// The folder.
+        path: PathBuf,
+        /// What is wrong, and the way out.
+        reason: String,
+    },
+    /// Settings of a training that are unusable.
+    #[error("setting `{setting}`: {reason}")]
+    Training {
+        /// Its name.
+        setting: String,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// A dataset cannot be read.
+    #[error(transparent)]
+    Dataset(#[from] DataError),
+    /// A dataset lacks what the baseline learns from.
+    #[error("{} cannot train {baseline}: {reason}", path.display())]
+    Columns {
+        /// The dataset.
+        path: PathBuf,
+        /// The baseline.
+        baseline: String,
+        /// What is missing, what is there, and the way out.
+        reason: String,
     },
     /// The machine has no such device, or this build no support for it.
     #[error("device `{name}`: {reason}")]

@@ -10,6 +10,7 @@
 //! Numbers are those of the reference's PyTorch modules (`tests/parity.rs`), and results do not depend on threads or on
 //! what else is in a batch.
 
+pub mod acting;
 mod baseline;
 #[cfg(test)]
 mod contract;
@@ -28,6 +29,7 @@ mod params;
 mod parity;
 mod pass;
 mod plan;
+pub mod train;
 mod weights;
 
 pub use baseline::{Baseline, GoalPolicy, Losses, Needs, Phase, PhaseGoals, PlanModel, Recipe, Step};

@@ -53,6 +53,7 @@ mod coloured;
 mod cost;
 mod descent;
 mod error;
+mod learned;
 #[cfg(feature = "faer")]
 mod matrix;
 pub mod models;
@@ -75,6 +76,7 @@ pub use coloured::Normalise;
 pub use cost::{Candidates, ConstrainedCost, Cost, DifferentiableCost, Weigh};
 pub use descent::{Descent, GradClip};
 pub use error::PlanError;
+pub use learned::{LearnedCost, SOLVER_SETTING, plan_on, take_solver};
 pub use mpc::{ActionMap, ActionScale, HistoryView, Moment, MpcPolicy, PlanConfig, Report};
 pub use planners::{EXPERT, PLANNERS, expert_args};
 pub use sampling::{Noise, cheapest, clip, count_non_finite};

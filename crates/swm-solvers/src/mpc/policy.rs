@@ -140,7 +140,9 @@ impl MpcPolicy {
         if !self.setup.as_ref().is_some_and(known) {
             let map = Arc::new(self.actions(space)?);
             self.tools.solver.check(map.space())?;
-            let history = self.history_fields.iter().map(|name| schema.require(name));
+            // A policy that keeps no history needs none of its fields: what is missing then is the cost's to say.
+            let wanted = if self.config.history_len > 1 { self.history_fields.as_slice() } else { &[] };
+            let history = wanted.iter().map(|name| schema.require(name));
             let history = history.collect::<Result<_, _>>()?;
             self.setup = Some(Setup { space: space.clone(), schema: Arc::clone(schema), map, history });
             self.rows.clear();

@@ -1,0 +1,174 @@
+//! A trained world model as the cost of plans: how far from the goal the model says a plan ends.
+
+use serde_json::{Map, Value as Json};
+use swm_solvers::{ActionScale, Candidates, Cost, DifferentiableCost, Moment, PlanError};
+
+use super::scenes::SceneTable;
+use crate::baseline::{Baseline, PlanModel};
+use crate::error::BaselineError;
+use crate::train::{ACTION, TrainedModel};
+
+/// Plans on a world model's predictions, in the units of the actions that it was trained with.
+///
+/// Episodes that are too young for a full history are planned for with what they have: environments are grouped by
+/// the frames they can show, each group by a copy of the model. A candidate's cost has the same bits in any company.
+pub struct ModelCost {
+    model: TrainedModel,
+    /// By the number of frames, from 1.
+    copies: Vec<Copy>,
+}
+
+/// A copy of the model and the environments that it plans for.
+struct Copy {
+    model: Box<dyn PlanModel>,
+    scenes: SceneTable,
+    /// Rows of the moment.
+    rows: Vec<usize>,
+    actions: Vec<f32>,
+    costs: Vec<f64>,
+    gradient: Vec<f32>,
+}
+
+impl ModelCost {
+    /// An error if the model predicts nothing.
+    pub fn new(model: TrainedModel) -> Result<Self, BaselineError> {
+        let Some(planner) = model.baseline.planner() else {
+            let reason = "it is no world model and predicts nothing; use it as a policy: `policy:RUN`";
+            return Err(BaselineError::Settings {
+                baseline: model.baseline.name(),
+                reason: reason.to_owned(),
+            });
+        };
+        let mut cost = Self { model, copies: Vec::new() };
+        cost.copies.push(cost.copy(planner));
+        Ok(cost)
+    }
+
+    /// How actions are scaled in plans.
+    pub fn action_scale(&self) -> ActionScale {
+        let scale = &self.model.config.data.scales[ACTION];
+        ActionScale::MeanStd { mean: scale.mean.clone(), std: scale.std.clone() }
+    }
+
+    /// Actions of a block: the model's frame skip.
+    pub fn action_block(&self) -> usize {
+        self.model.baseline.needs().frameskip
+    }
+
+    fn copy(&self, model: Box<dyn PlanModel>) -> Copy {
+        let baseline: &dyn Baseline = self.model.baseline.as_ref();
+        let scenes = SceneTable::new(baseline, &self.model.config.data);
+        let (rows, actions, costs, gradient) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Copy { model, scenes, rows, actions, costs, gradient }
+    }
+
+    /// Sees that there are copies for 1 to `frames` observations.
+    fn copies_for(&mut self, frames: usize) -> Result<(), PlanError> {
+        while self.copies.len() < frames {
+            let model = self.model.baseline.planner().expect("there was one when this was made");
+            self.copies.push(self.copy(model));
+        }
+        Ok(())
+    }
+
+    fn run(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        mut gradient: Option<&mut [f32]>,
+    ) -> Result<(), PlanError> {
+        let (samples, size) = (candidates.samples, candidates.horizon * candidates.width);
+        let per_row = samples * size;
+        for copy in self.copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {
+            // All environments in one group is the rule: nothing is copied then.
+            if copy.rows.len() == candidates.rows {
+                match gradient.as_deref_mut() {
+                    Some(gradient) => copy.model.evaluate_with_gradient(candidates, costs, gradient)?,
+                    None => copy.model.evaluate(candidates, costs)?,
+                }
+                continue;
+            }
+            let Copy { model, rows, actions, costs: own, gradient: slopes, .. } = copy;
+            actions.clear();
+            for &row in &*rows {
+                actions.extend_from_slice(&candidates.actions[row * per_row..][..per_row]);
+            }
+            own.resize(rows.len() * samples, 0.0);
+            let group = Candidates { actions, rows: rows.len(), ..*candidates };
+            if let Some(gradient) = gradient.as_deref_mut() {
+                slopes.resize(actions.len(), 0.0);
+                model.evaluate_with_gradient(&group, own, slopes)?;
+                for (&row, slopes) in rows.iter().zip(slopes.chunks_exact(per_row)) {
+                    gradient[row * per_row..][..per_row].copy_from_slice(slopes);
+                }
+            } else {
+                model.evaluate(&group, own)?;
+            }
+            for (&row, own) in rows.iter().zip(own.chunks_exact(samples)) {
+                costs[row * samples..][..samples].copy_from_slice(own);
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Cost for ModelCost {
+    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
+        let (block, longest) = (self.action_block(), self.copies[0].model.history().max(1));
+        let frames_of = |index| moment.history(index).map_or(1, |past| past.frames().min(longest));
+        self.copies_for((0..moment.len()).map(frames_of).max().unwrap_or(1))?;
+        for (frames, copy) in (1..).zip(&mut self.copies) {
+            copy.rows.clear();
+            copy.scenes.clear(frames);
+        }
+        for index in 0..moment.len() {
+            let frames = frames_of(index);
+            let Copy { scenes, rows, .. } = &mut self.copies[frames - 1];
+            if let Some(past) = moment.history(index) {
+                let skipped = past.frames() - frames;
+                for frame in skipped..past.frames() - 1 {
+                    scenes.push_past(|field| past.frame(field, frame))?;
+                }
+                for action in skipped * block..(past.frames() - 1) * block {
+                    scenes.push_action(past.action(action));
+                }
+            }
+            scenes.push(moment.row(index).row)?;
+            rows.push(index);
+        }
+        for copy in self.copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {
+            copy.model.prepare(&copy.scenes.scenes())?;
+        }
+        Ok(())
+    }
+
+    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+        self.run(candidates, costs, None)
+    }
+
+    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
+        Some(self)
+    }
+
+    fn history_fields(&self) -> Vec<String> {
+        self.copies[0].scenes.fields()
+    }
+
+    /// Name, step and the beginning of the weights' hash.
+    fn changed_settings(&self) -> Map<String, Json> {
+        let TrainedModel { baseline, step, weights, .. } = &self.model;
+        let model = format!("{}@{step}#{}", baseline.name(), weights.get(..12).unwrap_or(weights));
+        Map::from_iter([("model".to_owned(), model.into())])
+    }
+}
+
+impl DifferentiableCost for ModelCost {
+    fn evaluate_with_gradient(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        self.run(candidates, costs, Some(gradient))
+    }
+}

@@ -1,0 +1,17 @@
+//! Trained models at work in environments: a cost for planners, a policy, and the lines of the table of policies.
+//!
+//! | file | duty |
+//! |---|---|
+//! | `scenes` | from infos to what models see |
+//! | `cost` | a world model as the cost of plans |
+//! | `goal_policy` | a policy that acts by itself |
+//! | `policies` | `mpc:RUN`, `policy:RUN` and their arguments |
+
+mod cost;
+mod goal_policy;
+mod policies;
+mod scenes;
+
+pub use cost::ModelCost;
+pub use goal_policy::ModelPolicy;
+pub use policies::{MPC, POLICIES, ceiling, image_side, model_files, mpc_policy};

@@ -1,0 +1,124 @@
+//! Trained models by name: `mpc:RUN,solver=icem,samples=200`, `policy:RUN`, `gcbc:RUN`.
+
+use std::path::PathBuf;
+
+use serde_json::{Map, Value as Json};
+use swm_core::registry::Setting;
+use swm_core::{Policy, PolicyArgs, PolicyEntry, PolicyError};
+use swm_solvers::{LearnedCost, MpcPolicy, SOLVER_SETTING, plan_on, take_solver};
+
+use super::cost::ModelCost;
+use super::goal_policy::ModelPolicy;
+use crate::error::BaselineError;
+use crate::train::{RunConfig, RunFolder, TrainedModel, Which};
+
+/// Policies for every environment that shows pictures.
+pub const POLICIES: &[PolicyEntry] = &[
+    MPC,
+    PolicyEntry {
+        name: "policy",
+        summary: "acts as a trained goal-conditioned policy says (`policy:RUN`)",
+        settings: POLICY_SETTINGS,
+        make: |_, args| model_policy(args, None),
+    },
+    named("gcbc", "a trained GCBC (`gcbc:RUN`)", |_, args| model_policy(args, Some("gcbc"))),
+    named("gcivl", "a trained GCIVL (`gcivl:RUN`)", |_, args| model_policy(args, Some("gcivl"))),
+    named("gciql", "a trained GCIQL (`gciql:RUN`)", |_, args| model_policy(args, Some("gciql"))),
+];
+
+/// Plans on a trained world model.
+pub const MPC: PolicyEntry = PolicyEntry {
+    name: "mpc",
+    summary: "plans on a trained world model (`mpc:RUN,solver=cem`), with the settings of the solver and of the plan",
+    settings: &[RUN, CHECKPOINT, SOLVER_SETTING],
+    make: |_, args| Ok(Box::new(mpc_policy(args)?)),
+};
+
+const RUN: Setting = Setting { name: "RUN", doc: "folder of a training run", default: "required" };
+const CHECKPOINT: Setting =
+    Setting { name: "checkpoint", doc: "which checkpoint: last, best, or a step", default: "last" };
+const POLICY_SETTINGS: &[Setting] = &[RUN, CHECKPOINT];
+
+const fn named(
+    name: &'static str,
+    summary: &'static str,
+    make: swm_core::registry::MakePolicy,
+) -> PolicyEntry {
+    PolicyEntry { name, summary, settings: POLICY_SETTINGS, make }
+}
+
+fn model_policy(args: &PolicyArgs, baseline: Option<&str>) -> Result<Box<dyn Policy>, PolicyError> {
+    let given = Given::of(args)?;
+    let model = given.model(args)?;
+    if let Some(name) = given.rest.keys().next() {
+        return Err(args.wrong(format!("setting `{name}`: unknown; known is checkpoint")));
+    }
+    let found = model.baseline.name();
+    if let Some(wanted) = baseline.filter(|wanted| *wanted != found) {
+        return Err(args.wrong(format!("the run trained {found}, not {wanted}; use `policy:RUN`")));
+    }
+    Ok(Box::new(ModelPolicy::new(model).map_err(|error| args.wrong(error.to_string()))?))
+}
+
+/// The policy of [`MPC`] as what it is, so that a trace can be given to it.
+pub fn mpc_policy(args: &PolicyArgs) -> Result<MpcPolicy, PolicyError> {
+    let given = Given::of(args)?;
+    let cost = ModelCost::new(given.model(args)?).map_err(|error| args.wrong(error.to_string()))?;
+    let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
+    let learned = LearnedCost { cost: Box::new(cost), action_block, scale };
+    plan_on(learned, given.rest).map_err(|error| args.wrong(error.to_string()))
+}
+
+/// The planner on the true dynamics that a policy of [`MPC`] is held against: the same solver with the same settings.
+pub fn ceiling(args: &PolicyArgs) -> Option<PolicyArgs> {
+    let mut given = Given::of(args).ok().filter(|_| args.name == MPC.name)?;
+    let solver = take_solver(&mut given.rest).ok().filter(|solver| solver.plans_on_simulator)?;
+    Some(PolicyArgs { name: solver.name.to_owned(), positional: Vec::new(), named: given.rest })
+}
+
+/// The side of the pictures that the model of these arguments was trained on; `None` for other policies, and for runs
+/// that are not there.
+pub fn image_side(args: &PolicyArgs) -> Option<usize> {
+    let given = of_table(args)?;
+    let run = RunFolder::open(&given.run).ok()?;
+    Some(RunConfig::read(&run).ok()?.data.image)
+}
+
+/// The files that a policy of [`POLICIES`] depends on; `None` for other policies.
+pub fn model_files(args: &PolicyArgs) -> Option<Result<Vec<PathBuf>, BaselineError>> {
+    let given = of_table(args)?;
+    Some(TrainedModel::files(&given.run, given.which))
+}
+
+fn of_table(args: &PolicyArgs) -> Option<Given> {
+    POLICIES.iter().find(|entry| entry.name == args.name)?;
+    Given::of(args).ok()
+}
+
+/// Arguments, as far as all policies of trained models share them.
+struct Given {
+    run: PathBuf,
+    which: Which,
+    rest: Map<String, Json>,
+}
+
+impl Given {
+    fn of(args: &PolicyArgs) -> Result<Self, PolicyError> {
+        let text = |value: &Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        let [run] = &args.positional[..] else {
+            return Err(args.wrong(format!("name the folder of one training run, as in `{}:RUN`", args.name)));
+        };
+        let mut rest = args.named.clone();
+        let which = match rest.shift_remove("checkpoint") {
+            Some(which) => text(&which)
+                .parse()
+                .map_err(|reason| args.wrong(format!("setting `checkpoint`: {reason}")))?,
+            None => Which::default(),
+        };
+        Ok(Self { run: text(run).into(), which, rest })
+    }
+
+    fn model(&self, args: &PolicyArgs) -> Result<TrainedModel, PolicyError> {
+        TrainedModel::open(&self.run, self.which).map_err(|error| args.wrong(error.to_string()))
+    }
+}

@@ -1,0 +1,158 @@
+//! From infos of environments to what models see: pictures as they are, numbers scaled as in training.
+
+use std::collections::BTreeMap;
+
+use swm_core::env::PIXELS;
+use swm_core::{Row, Slice};
+
+use crate::baseline::Baseline;
+use crate::data::{Numbers, Pictures, Scenes};
+use crate::error::BaselineError;
+use crate::train::{DataConfig, PROPRIO, Scale};
+
+/// The field that shows the goal.
+const GOAL: &str = "goal";
+/// Fields that may hold the goal's `proprio`, the first that is there.
+const GOAL_PROPRIO: [&str; 2] = ["goal_proprio", "goal_state"];
+
+/// Collects what B environments say; its memory is reused.
+#[derive(Debug, Default)]
+pub(super) struct SceneTable {
+    rows: usize,
+    frames: usize,
+    /// `[H, W]` of the environment's pictures.
+    size: [usize; 2],
+    pixels: Vec<u8>,
+    goal_pixels: Vec<u8>,
+    /// F × A.
+    block: usize,
+    action: Vec<f32>,
+    proprio: Option<State>,
+}
+
+/// `proprio` of observations and goals.
+#[derive(Debug)]
+struct State {
+    scale: Scale,
+    now: Vec<f32>,
+    goal: Vec<f32>,
+}
+
+impl SceneTable {
+    /// For the scenes of a model that was trained on such data.
+    pub(super) fn new(baseline: &dyn Baseline, data: &DataConfig) -> Self {
+        let scale = |scales: &BTreeMap<String, Scale>| scales.get(PROPRIO).cloned();
+        let needed = baseline.needs().proprio.then(|| scale(&data.scales)).flatten();
+        Self {
+            block: baseline.needs().frameskip * data.action,
+            proprio: needed.map(|scale| State { scale, now: Vec::new(), goal: Vec::new() }),
+            ..Self::default()
+        }
+    }
+
+    /// The fields whose past models want to see.
+    pub(super) fn fields(&self) -> Vec<String> {
+        let proprio = self.proprio.as_ref().map(|_| PROPRIO.to_owned());
+        [PIXELS.to_owned()].into_iter().chain(proprio).collect()
+    }
+
+    /// Forgets all scenes; the next have `frames` observations each.
+    pub(super) fn clear(&mut self, frames: usize) {
+        (self.rows, self.frames) = (0, frames);
+        self.pixels.clear();
+        self.goal_pixels.clear();
+        self.action.clear();
+        if let Some(State { now, goal, .. }) = &mut self.proprio {
+            now.clear();
+            goal.clear();
+        }
+    }
+
+    /// Adds the present moment of an environment, after its past (see [`SceneTable::push_past`]), if it has one.
+    pub(super) fn push(&mut self, row: Row<'_>) -> Result<(), BaselineError> {
+        let size = size_of(row, PIXELS)?;
+        if size != size_of(row, GOAL)? {
+            return Err(BaselineError::data(GOAL, "the picture of the goal has another size than `pixels`"));
+        }
+        self.size = size;
+        self.pixels.extend_from_slice(bytes(row, PIXELS)?);
+        self.goal_pixels.extend_from_slice(bytes(row, GOAL)?);
+        if let Some(State { scale, now, goal }) = &mut self.proprio {
+            let found = GOAL_PROPRIO.iter().find(|name| row.schema().index(name).is_some());
+            let found = found.ok_or_else(|| {
+                BaselineError::data(
+                    "goal_proprio",
+                    "the environment does not say it, and the model was trained with it",
+                )
+            })?;
+            scaled(scale, numbers(row, PROPRIO)?, now);
+            scaled(scale, numbers(row, found)?, goal);
+        }
+        self.rows += 1;
+        Ok(())
+    }
+
+    /// Adds an earlier observation of the environment whose present comes next.
+    pub(super) fn push_past<'a>(&mut self, field: impl Fn(usize) -> Slice<'a>) -> Result<(), BaselineError> {
+        let Slice::U8(pixels) = field(0) else { return Err(no_pictures(PIXELS)) };
+        self.pixels.extend_from_slice(pixels);
+        if let Some(State { scale, now, .. }) = &mut self.proprio {
+            scaled(scale, field(1), now);
+        }
+        Ok(())
+    }
+
+    /// Adds one scaled action `[A]` between two observations.
+    pub(super) fn push_action(&mut self, action: &[f32]) {
+        self.action.extend_from_slice(action);
+    }
+
+    /// All scenes.
+    pub(super) fn scenes(&self) -> Scenes<'_> {
+        let &Self { rows, frames, size: [height, width], block, .. } = self;
+        let pictures = |values, steps| Pictures { values, rows, steps, height, width, channels_last: true };
+        let state = |values, steps, scale: &Scale| Numbers { values, rows, steps, width: scale.mean.len() };
+        Scenes {
+            pixels: pictures(&self.pixels, frames),
+            action: Numbers { values: &self.action, rows, steps: frames - 1, width: block },
+            proprio: self.proprio.as_ref().map(|known| state(&known.now, frames, &known.scale)),
+            goal_pixels: pictures(&self.goal_pixels, 1),
+            goal_proprio: self.proprio.as_ref().map(|known| state(&known.goal, 1, &known.scale)),
+        }
+    }
+}
+
+fn no_pictures(name: &'static str) -> BaselineError {
+    let reason = "the environment shows no such pictures, and the model sees nothing else; give --image-size 64x64, or make \
+                  the manifest with it";
+    BaselineError::data(name, reason)
+}
+
+/// `[H, W]` of a picture.
+fn size_of(row: Row<'_>, name: &'static str) -> Result<[usize; 2], BaselineError> {
+    let index = row.schema().index(name).ok_or_else(|| no_pictures(name))?;
+    match row.schema().fields()[index].shape[..] {
+        [height, width, 3] => Ok([height, width]),
+        _ => Err(no_pictures(name)),
+    }
+}
+
+fn bytes<'a>(row: Row<'a>, name: &'static str) -> Result<&'a [u8], BaselineError> {
+    row.get(name).map_err(|error| BaselineError::data(name, error.to_string()))
+}
+
+fn numbers<'a>(row: Row<'a>, name: &str) -> Result<Slice<'a>, BaselineError> {
+    match row.schema().index(name) {
+        Some(index) => Ok(row.at(index)),
+        None => Err(BaselineError::data(
+            PROPRIO,
+            "the environment does not say it, and the model was trained with it",
+        )),
+    }
+}
+
+fn scaled(scale: &Scale, values: Slice<'_>, out: &mut Vec<f32>) {
+    let start = out.len();
+    out.extend((0..values.len()).map(|at| values.number(at).unwrap_or(f64::NAN) as f32));
+    scale.apply(&mut out[start..]);
+}

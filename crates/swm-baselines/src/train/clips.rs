@@ -1,0 +1,66 @@
+//! From the loader's tables to what models are fed with: numbers are scaled, pictures stay where they are.
+
+use std::collections::BTreeMap;
+
+use swm_core::env::PIXELS;
+use swm_core::{Batch, Slice};
+
+use super::data::{ACTION, PROPRIO, Scale};
+use crate::data::{ClipBatch, Numbers, Pictures};
+use crate::error::BaselineError;
+
+/// Scales the numbers of batches; its memory is reused.
+pub(super) struct ClipFeed<'a> {
+    scales: &'a BTreeMap<String, Scale>,
+    action: Vec<f32>,
+    proprio: Vec<f32>,
+    goal_proprio: Vec<f32>,
+}
+
+impl<'a> ClipFeed<'a> {
+    pub(super) fn new(scales: &'a BTreeMap<String, Scale>) -> Self {
+        Self { scales, action: Vec::new(), proprio: Vec::new(), goal_proprio: Vec::new() }
+    }
+
+    /// The clips of a loader's table.
+    pub(super) fn clips<'b>(&'b mut self, batch: &'b Batch) -> Result<ClipBatch<'b>, BaselineError> {
+        let Self { scales, action, proprio, goal_proprio } = self;
+        let missing =
+            || BaselineError::data(PIXELS, "the batch has no such pictures; read it with the run's loader");
+        let numbers = |name: &str, scale: &str, out| numbers(batch, name, scales.get(scale)?, out);
+        Ok(ClipBatch {
+            pixels: pictures(batch, PIXELS).ok_or_else(missing)?,
+            action: numbers(ACTION, ACTION, action).ok_or_else(|| {
+                BaselineError::data(ACTION, "the batch has none; read it with the run's loader")
+            })?,
+            proprio: numbers(PROPRIO, PROPRIO, proprio),
+            goal_pixels: pictures(batch, "goal_pixels"),
+            goal_proprio: numbers("goal_proprio", PROPRIO, goal_proprio),
+        })
+    }
+}
+
+/// A column `[T, 3, H, W]`, if there is one of this name.
+fn pictures<'b>(batch: &'b Batch, name: &str) -> Option<Pictures<'b>> {
+    let index = batch.schema().index(name)?;
+    let (Slice::U8(values), &[steps, 3, height, width]) =
+        (batch.column(index), &batch.schema().fields()[index].shape[..])
+    else {
+        return None;
+    };
+    Some(Pictures { values, rows: batch.rows(), steps, height, width, channels_last: false })
+}
+
+/// A column `[T, W]`, scaled, if there is one of this name.
+fn numbers<'b>(batch: &Batch, name: &str, scale: &Scale, out: &'b mut Vec<f32>) -> Option<Numbers<'b>> {
+    let index = batch.schema().index(name)?;
+    let (column, shape) = (batch.column(index), &batch.schema().fields()[index].shape);
+    let steps = *shape.first()?;
+    out.clear();
+    match column {
+        Slice::F32(values) => out.extend_from_slice(values),
+        other => out.extend((0..other.len()).map(|at| other.number(at).unwrap_or(f64::NAN) as f32)),
+    }
+    scale.apply(out);
+    Some(Numbers { values: out, rows: batch.rows(), steps, width: shape[1..].iter().product() })
+}

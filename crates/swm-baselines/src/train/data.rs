@@ -1,0 +1,342 @@
+//! Clips for training: which episodes they come from, which columns they hold, and the statistics that bring numbers to
+//! mean 0 and deviation 1. Reading itself is the loader's; tensors are not known here.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+use swm_core::ImageSize;
+use swm_core::env::PIXELS;
+use swm_core::evaluate::is_held_out;
+use swm_data::adapt::{Subset, split_episodes};
+use swm_data::loader::{GoalOptions, Pictures};
+use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions};
+use swm_data::{ClipOptions, Dataset, Loader};
+
+use crate::baseline::{Needs, Phase, PhaseGoals};
+use crate::error::BaselineError;
+
+/// The column that actions stand in.
+pub const ACTION: &str = "action";
+
+/// The column that says where the agent is.
+pub const PROPRIO: &str = "proprio";
+
+/// Which episodes are learnt from.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Split {
+    /// The share of episodes that is learnt from; the others validate. By episode: clips of one episode overlap.
+    pub train: f64,
+    /// The share of episodes that is left out of both, for evaluation: [`is_held_out`].
+    pub held_out: f64,
+    /// Seed of the choice.
+    pub seed: u64,
+}
+
+impl Default for Split {
+    /// 0.9, nothing held out, seed 42.
+    fn default() -> Self {
+        Self { train: 0.9, held_out: 0.0, seed: 42 }
+    }
+}
+
+/// What has to be remembered of the data to use the model: it stands in the run's `config.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DataConfig {
+    /// The dataset.
+    pub path: PathBuf,
+    /// The environment that it was recorded in, if it says so.
+    pub env: Option<String>,
+    /// Its episodes, and rows of all of them.
+    pub episodes: usize,
+    /// Rows of all episodes.
+    pub rows: usize,
+    /// Which episodes were learnt from.
+    pub split: Split,
+    /// Side of pictures.
+    pub image: usize,
+    /// Numbers of one action.
+    pub action: usize,
+    /// How numbers are scaled, by column; of the episodes that are learnt from.
+    pub scales: BTreeMap<String, Scale>,
+}
+
+/// Brings the numbers of a column to mean 0 and deviation 1, as scikit-learn's `StandardScaler` does: deviations are those
+/// of the population, and what does not vary is only shifted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scale {
+    /// Means, one per number of a row.
+    pub mean: Vec<f64>,
+    /// What rows are divided by.
+    pub std: Vec<f64>,
+}
+
+impl Scale {
+    /// From statistics of a column; `None` if no row of it counts.
+    pub fn of(statistics: &ColumnStatistics) -> Option<Self> {
+        let rows = statistics.rows as f64;
+        let width = |(&mean, &std): (&f64, &f64)| {
+            let (variance, epsilon) = (std * std, f64::EPSILON);
+            let bound = rows * epsilon * variance + (rows * mean * epsilon).powi(2);
+            if variance <= bound { 1.0 } else { std }
+        };
+        let std = statistics.mean.iter().zip(&statistics.std).map(width).collect();
+        (statistics.rows > 0).then(|| Self { mean: statistics.mean.clone(), std })
+    }
+
+    /// Scales rows `[…, D]`. What is missing (NaN) becomes 0, the mean.
+    pub fn apply(&self, values: &mut [f32]) {
+        for row in values.chunks_mut(self.mean.len().max(1)) {
+            for ((value, mean), std) in row.iter_mut().zip(&self.mean).zip(&self.std) {
+                *value = match ((f64::from(*value) - mean) / std) as f32 {
+                    scaled if scaled.is_nan() => 0.0,
+                    scaled => scaled,
+                };
+            }
+        }
+    }
+}
+
+/// Loaders over the two parts of a dataset, for every phase of a training.
+pub struct TrainData {
+    /// One per phase: they differ in their goals.
+    pub phases: Vec<PhaseClips>,
+    /// What has to be remembered.
+    pub config: DataConfig,
+}
+
+/// The clips of a phase.
+pub struct PhaseClips {
+    /// Clips that are learnt from.
+    pub train: Loader,
+    /// Clips of the other episodes, if any has one.
+    pub validation: Option<Loader>,
+}
+
+impl PhaseClips {
+    /// Batches of `batch` clips in a pass over the clips; what is left over waits for another order.
+    pub fn steps_per_epoch(&self, batch: usize) -> u64 {
+        (self.train.len() / batch.clamp(1, self.train.len())) as u64
+    }
+}
+
+/// What a dataset says of itself, before a model is made for it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DataFacts {
+    /// Numbers of an action.
+    pub action: usize,
+    /// Numbers of `proprio`; 0 without it.
+    pub proprio: usize,
+}
+
+impl DataFacts {
+    /// Of a dataset that `baseline` shall be trained on; what it lacks is an error.
+    pub fn of(dataset: &dyn Dataset, baseline: &str) -> Result<Self, BaselineError> {
+        let action = check_columns(dataset, baseline, &[PIXELS, ACTION])?;
+        let schema = dataset.schema();
+        let proprio = schema.index(PROPRIO).map_or(0, |index| schema.fields()[index].width());
+        Ok(Self { action, proprio })
+    }
+}
+
+impl TrainData {
+    /// Loaders for a model with these needs. `baseline` is its name, for messages.
+    pub fn new(
+        dataset: &dyn Dataset,
+        baseline: &str,
+        needs: &Needs,
+        phases: &[Phase],
+        split: Split,
+        seed: u64,
+    ) -> Result<Self, BaselineError> {
+        let columns: &[&str] = if needs.proprio { &[PIXELS, ACTION, PROPRIO] } else { &[PIXELS, ACTION] };
+        let action = check_columns(dataset, baseline, columns)?;
+        let [train, validation] = parts(dataset, split)?;
+        let mut learnt = Subset::new(dataset.share(), &train)?;
+        let scales = scales(&mut learnt, baseline, &columns[1..])?;
+        let clips = |phase: &Phase| -> Result<PhaseClips, BaselineError> {
+            let options = options(needs, columns, phase.goals.as_ref(), seed);
+            let loader =
+                |episodes: &[usize]| Loader::new(Box::new(Subset::new(dataset.share(), episodes)?), &options);
+            // Episodes that are too short for a clip have none: then nothing validates.
+            let validation = if validation.is_empty() { None } else { loader(&validation).ok() };
+            Ok(PhaseClips { train: loader(&train)?, validation })
+        };
+        let phases = phases.iter().map(clips).collect::<Result<_, _>>()?;
+        let episodes = dataset.num_episodes();
+        let config = DataConfig {
+            path: dataset.path().to_owned(),
+            env: dataset.metadata().map(|metadata| metadata.env.clone()),
+            episodes,
+            rows: (0..episodes).map(|episode| dataset.episode_len(episode)).sum(),
+            split,
+            image: needs.image,
+            action,
+            scales,
+        };
+        Ok(Self { phases, config })
+    }
+}
+
+/// Refuses a dataset that lacks something, with all that it lacks; the width of its actions.
+fn check_columns(dataset: &dyn Dataset, baseline: &str, needed: &[&str]) -> Result<usize, BaselineError> {
+    let schema = dataset.schema();
+    let refuse = |reason: String| Err(columns_error(dataset, baseline, reason));
+    let missing: Vec<&str> = needed.iter().copied().filter(|name| schema.index(name).is_none()).collect();
+    if !missing.is_empty() {
+        let known: Vec<&str> = schema.fields().iter().map(|field| field.name.as_str()).collect();
+        let way_out = match missing.contains(&PIXELS) {
+            true => "record it with `swm collect … --image-size 64x64`, or draw pictures with `swm render`",
+            false => "record it with `swm collect`, or choose another baseline (`swm train --list`)",
+        };
+        return refuse(format!(
+            "it has no column `{}`, only `{}`; {way_out}",
+            missing.join("`, `"),
+            known.join("`, `")
+        ));
+    }
+    let field = |name: &str| &schema.fields()[schema.index(name).expect("checked above")];
+    let shape = &field(PIXELS).shape;
+    if !matches!(shape[..], [_, _, 3]) {
+        return refuse(format!("its pictures are {shape:?}, and colour pictures [H, W, 3] are needed"));
+    }
+    Ok(field(ACTION).width())
+}
+
+fn columns_error(dataset: &dyn Dataset, baseline: &str, reason: String) -> BaselineError {
+    BaselineError::Columns { path: dataset.path().to_owned(), baseline: baseline.to_owned(), reason }
+}
+
+/// Episodes to learn from and to validate with.
+fn parts(dataset: &dyn Dataset, split: Split) -> Result<[Vec<usize>; 2], BaselineError> {
+    let wrong =
+        |setting: &str, reason: String| Err(BaselineError::Training { setting: setting.to_owned(), reason });
+    if !(split.train > 0.0 && split.train <= 1.0) {
+        return wrong("split", format!("{}; use a share above 0 and up to 1", split.train));
+    }
+    if !(0.0..1.0).contains(&split.held_out) {
+        return wrong("held_out", format!("{}; use a share from 0 up to, but not, 1", split.held_out));
+    }
+    let open: Vec<usize> =
+        (0..dataset.num_episodes()).filter(|&episode| !is_held_out(episode, split.held_out)).collect();
+    let chosen = split_episodes(open.len(), &[split.train, 1.0 - split.train], split.seed)?;
+    let [train, validation] =
+        [0, 1].map(|part: usize| -> Vec<usize> { chosen[part].iter().map(|&index| open[index]).collect() });
+    if train.is_empty() {
+        return wrong("split", format!("no episode of {} is left to learn from", dataset.num_episodes()));
+    }
+    Ok([train, validation])
+}
+
+fn scales(
+    dataset: &mut dyn Dataset,
+    baseline: &str,
+    columns: &[&str],
+) -> Result<BTreeMap<String, Scale>, BaselineError> {
+    let keys = columns.iter().map(|&name| name.to_owned()).collect();
+    let options = StatisticsOptions { keys: Some(keys), quantiles: Vec::new(), sample: 1 };
+    let statistics = Statistics::compute(dataset, &options)?;
+    let scale = |(name, column): (String, ColumnStatistics)| match Scale::of(&column) {
+        Some(scale) => Ok((name, scale)),
+        None => {
+            let reason = format!("no row of its column `{name}` is finite; record it anew");
+            Err(columns_error(dataset, baseline, reason))
+        }
+    };
+    statistics.columns.into_iter().map(scale).collect()
+}
+
+fn options(needs: &Needs, columns: &[&str], goals: Option<&PhaseGoals>, seed: u64) -> ClipOptions {
+    let keys: Vec<String> = columns.iter().map(|&name| name.to_owned()).collect();
+    let seen = keys.iter().filter(|name| *name != ACTION).cloned().collect();
+    ClipOptions {
+        num_steps: needs.num_steps,
+        frameskip: needs.frameskip,
+        keys: Some(keys),
+        pictures: Pictures::ChannelsFirst,
+        image: Some(ImageSize { height: needs.image, width: needs.image }),
+        goals: goals.map(|goals| GoalOptions {
+            weights: goals.weights,
+            gamma: goals.gamma,
+            offset: Some(goals.offset),
+            keys: Some(seen),
+            seed,
+        }),
+        ..ClipOptions::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use swm_core::{Batch, Dtype, Field, Schema};
+    use swm_data::MemoryDataset;
+
+    use super::*;
+    use crate::train::tests::toy_phase;
+
+    /// Episodes of 6 rows with 2×2 pictures; the first action number is 5 everywhere, the second the row.
+    fn dataset(episodes: usize, pictures: bool) -> MemoryDataset {
+        let mut fields = vec![Field::step(ACTION, Dtype::F32, &[2])];
+        if pictures {
+            fields.push(Field::step(PIXELS, Dtype::U8, &[2, 2, 3]));
+        }
+        let schema = Schema::new(fields).unwrap();
+        let mut episode = Batch::new(schema.clone(), 6);
+        for row in 0..6 {
+            let value = if row == 5 { f32::NAN } else { row as f32 };
+            episode.rows_mut().select(row).write(0, &[5.0, value]);
+        }
+        let episode = Arc::new(episode);
+        MemoryDataset::new("toy", schema, None, (0..episodes).map(|_| episode.clone())).unwrap()
+    }
+
+    fn open(
+        episodes: usize,
+        pictures: bool,
+        proprio: bool,
+        split: Split,
+    ) -> Result<TrainData, BaselineError> {
+        let needs = Needs { num_steps: 2, frameskip: 2, image: 2, proprio, batch: 4 };
+        TrainData::new(&dataset(episodes, pictures), "lewm", &needs, &[toy_phase()], split, 0)
+    }
+
+    #[test]
+    fn episodes_are_split_whole() {
+        let clips = |split| open(10, true, false, split).unwrap().phases.remove(0);
+        // 3 clips of 4 rows fit into 6.
+        let data = clips(Split { train: 0.8, ..Split::default() });
+        assert_eq!((data.train.len(), data.validation.unwrap().len()), (8 * 3, 2 * 3));
+        let held_out = (0..10).filter(|&episode| is_held_out(episode, 0.5)).count();
+        let data = clips(Split { train: 1.0, held_out: 0.5, seed: 1 });
+        assert_eq!(data.train.len(), (10 - held_out) * 3);
+        assert!(data.validation.is_none());
+    }
+
+    #[test]
+    fn scales_are_those_of_scikit_learn() {
+        let data = open(3, true, false, Split::default()).unwrap();
+        // StandardScaler().fit([[5, 0], [5, 1], [5, 2], [5, 3], [5, 4]]): scale_ [1, sqrt(2)]
+        let scale = &data.config.scales[ACTION];
+        let near = |found: f64, wanted: f64| (found - wanted).abs() < 1e-12;
+        assert!(near(scale.mean[0], 5.0) && near(scale.mean[1], 2.0), "{scale:?}");
+        assert!(scale.std[0] == 1.0 && near(scale.std[1], 2.0_f64.sqrt()), "{scale:?}");
+        let mut rows = [5.0, 4.0, 6.0, f32::NAN];
+        scale.apply(&mut rows);
+        assert_eq!(rows, [0.0, 2.0_f32.sqrt(), 1.0, 0.0]);
+    }
+
+    #[test]
+    fn what_is_missing_is_named() {
+        let message = |pictures| open(3, pictures, true, Split::default()).err().unwrap().to_string();
+        let no_pictures = message(false);
+        assert!(no_pictures.contains("no column `pixels`, `proprio`, only `action`"), "{no_pictures}");
+        assert!(no_pictures.contains("--image-size"), "{no_pictures}");
+        assert!(message(true).contains("another baseline"));
+        let share = |split| open(3, true, false, split).err().unwrap().to_string();
+        assert!(share(Split { train: 0.0, ..Split::default() }).contains("above 0"));
+        assert!(share(Split { held_out: 1.0, ..Split::default() }).contains("held_out"));
+    }
+}

@@ -1,0 +1,322 @@
+//! The training loop: phases one after another, batches in order, steps, records, validation, checkpoints, early stop, and
+//! going on after a kill exactly where the last checkpoint stood. What is learnt, and how, is behind [`Baseline`].
+
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+use swm_data::BatchOptions;
+use swm_data::loader::Position;
+
+use super::clips::ClipFeed;
+use super::data::{PhaseClips, TrainData};
+use super::folder::{Checkpoint, RunFolder};
+use super::metrics::{MetricSink, Part, Record};
+use super::settings::FitSettings;
+use crate::baseline::{Baseline, Losses, Step};
+use crate::error::BaselineError;
+
+/// Where training stands: what a checkpoint holds beside weights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// The phase of the baseline's training.
+    pub phase: usize,
+    /// Optimiser steps done, in all phases.
+    pub step: u64,
+    /// Of these, in this phase.
+    pub done: u64,
+    /// The next batch; `None` at the beginning of a phase.
+    pub position: Option<Position>,
+    /// Sums of values since the last record.
+    sums: Sums,
+    /// The last record's means, by name.
+    pub train: Vec<(String, f64)>,
+    /// Of the last validation; empty before it.
+    pub validation: Vec<(String, f64)>,
+    /// The step and loss of the phase's best validation.
+    pub best: Option<(u64, f64)>,
+    /// Validations since then.
+    pub since_best: u64,
+    /// Whether and why training is over.
+    pub end: Option<End>,
+}
+
+/// Why training ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum End {
+    /// All steps are done.
+    Complete,
+    /// Validation did not get better any more.
+    EarlyStop,
+}
+
+/// Trains `model` in `run`, from the last checkpoint if there is one, and returns where it ended.
+pub fn fit(
+    run: &RunFolder,
+    model: &mut dyn Baseline,
+    data: &TrainData,
+    settings: &FitSettings,
+    sinks: &mut [Box<dyn MetricSink + '_>],
+) -> Result<State, BaselineError> {
+    settings.check()?;
+    let settings = &FitSettings {
+        batch: if settings.batch == 0 { model.needs().batch } else { settings.batch },
+        ..settings.clone()
+    };
+    let totals =
+        data.phases.iter().map(|clips| settings.total(clips.steps_per_epoch(settings.batch))).collect();
+    let state = begin(run, model)?;
+    let pace = Pace { started: Instant::now(), last: Instant::now(), clips: 0 };
+    let mut fit = Fit { run, model, data, settings, sinks, totals, state, pace };
+    fit.state.end = None;
+    fit.go_on_or_end();
+    while fit.state.end.is_none() {
+        fit.phase()?;
+    }
+    Ok(fit.state)
+}
+
+/// Where the run stands: at its last checkpoint, which the model takes up, or at its beginning.
+fn begin(run: &RunFolder, model: &mut dyn Baseline) -> Result<State, BaselineError> {
+    let Some(&step) = run.steps()?.last() else { return Ok(State::new()) };
+    let checkpoint: Checkpoint<State> = run.checkpoint(step)?;
+    model.load_weights(&run.checked_weights(&checkpoint)?)?;
+    model.load_training(&run.checked_training(&checkpoint)?)?;
+    Ok(checkpoint.state)
+}
+
+impl State {
+    fn new() -> Self {
+        Self {
+            phase: 0,
+            step: 0,
+            done: 0,
+            position: None,
+            sums: Sums::default(),
+            train: Vec::new(),
+            validation: Vec::new(),
+            best: None,
+            since_best: 0,
+            end: None,
+        }
+    }
+}
+
+/// A training at work.
+struct Fit<'a, 's> {
+    run: &'a RunFolder,
+    model: &'a mut dyn Baseline,
+    data: &'a TrainData,
+    settings: &'a FitSettings,
+    sinks: &'a mut [Box<dyn MetricSink + 's>],
+    /// Steps of each phase.
+    totals: Vec<u64>,
+    state: State,
+    pace: Pace,
+}
+
+impl Fit<'_, '_> {
+    /// Trains until the phase or the whole training is over.
+    fn phase(&mut self) -> Result<(), BaselineError> {
+        let phase = self.state.phase;
+        let (data, settings) = (self.data, self.settings);
+        let clips = &data.phases[phase];
+        let options = BatchOptions {
+            size: settings.batch.min(clips.train.len()),
+            shuffle: Some(settings.seed),
+            drop_last: true,
+            ..BatchOptions::default()
+        };
+        let mut batches = match &self.state.position {
+            None => clips.train.batches(&options)?,
+            Some(position) => clips.train.batches_from(&options, position)?,
+        };
+        let mut batch = batches.new_batch();
+        let mut feed = ClipFeed::new(&data.config.scales);
+        while self.state.end.is_none() && self.state.phase == phase {
+            let epoch_ended = !batches.next_batch(&mut batch)?;
+            self.state.position = Some(batches.position());
+            let mut look = epoch_ended && settings.checkpoint_every == 0;
+            if !epoch_ended {
+                let (state, total) = (&self.state, self.totals[phase]);
+                let at = Step { seed: settings.seed, phase, step: state.done, total };
+                let losses = self.model.train_step(&feed.clips(&batch)?, &at);
+                let values = self.finite(losses)?;
+                self.took(&values, batch.rows())?;
+                look |= settings.checkpoint_every > 0
+                    && self.state.step.is_multiple_of(settings.checkpoint_every);
+            }
+            if look || self.state.done >= self.totals[phase] {
+                self.look(clips)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// After a step.
+    fn took(&mut self, values: &[(String, f64)], clips: usize) -> Result<(), BaselineError> {
+        let state = &mut self.state;
+        state.sums.add(values, 1.0);
+        state.step += 1;
+        state.done += 1;
+        self.pace.clips += clips as u64;
+        let total = self.totals.iter().sum();
+        self.sinks.iter_mut().for_each(|sink| sink.step(state.step, total));
+        if state.step.is_multiple_of(self.settings.log_every) || state.done == self.totals[state.phase] {
+            state.train = state.sums.take();
+            self.tell(Part::Train)?;
+            self.pace.lap();
+        }
+        Ok(())
+    }
+
+    /// Validates, decides whether to go on, and writes a checkpoint.
+    fn look(&mut self, clips: &PhaseClips) -> Result<(), BaselineError> {
+        if clips.validation.is_some() {
+            self.state.validation = self.validate(clips)?;
+            self.tell(Part::Validation)?;
+            let state = &mut self.state;
+            let loss = state.validation.first().map_or(f64::NAN, |&(_, loss)| loss);
+            if state.best.is_none_or(|(_, best)| loss < best) {
+                (state.best, state.since_best) = (Some((state.step, loss)), 0);
+            } else {
+                state.since_best += 1;
+            }
+        }
+        let best = self.state.best.map(|(step, _)| step);
+        self.go_on_or_end();
+        for sink in &mut *self.sinks {
+            sink.flush()?;
+        }
+        let Self { run, model, state, settings, .. } = self;
+        let (weights, training) = (&**model, &**model);
+        run.write_checkpoint(
+            state.step,
+            |path| weights.save_weights(path),
+            |path| training.save_training(path),
+            state,
+        )?;
+        run.tidy(settings.keep, best)?;
+        self.pace.lap();
+        Ok(())
+    }
+
+    /// Whether the phase is over; then the next begins, or training ends.
+    fn go_on_or_end(&mut self) {
+        let Self { state, totals, settings, .. } = self;
+        let why = if state.done >= totals[state.phase] {
+            End::Complete
+        } else if settings.patience > 0 && state.since_best >= settings.patience {
+            End::EarlyStop
+        } else {
+            return;
+        };
+        if state.phase + 1 == totals.len() {
+            state.end = Some(why);
+            return;
+        }
+        state.phase += 1;
+        (state.done, state.position) = (0, None);
+        (state.best, state.since_best) = (None, 0);
+    }
+
+    /// Means over the validation clips, each clip counting once.
+    fn validate(&self, clips: &PhaseClips) -> Result<Vec<(String, f64)>, BaselineError> {
+        let Some(loader) = &clips.validation else { return Ok(Vec::new()) };
+        let size = self.settings.batch.min(loader.len());
+        let options = BatchOptions { size, shuffle: Some(0), epochs: Some(1), ..BatchOptions::default() };
+        let most = match self.settings.validation_clips {
+            0 => usize::MAX,
+            most => most,
+        };
+        let (mut sums, mut seen) = (Sums::default(), 0);
+        let mut feed = ClipFeed::new(&self.data.config.scales);
+        let mut batches = loader.batches(&options)?;
+        let mut batch = batches.new_batch();
+        while seen < most && batches.next_batch(&mut batch)? {
+            let losses = self.model.validate(&feed.clips(&batch)?, self.state.phase)?;
+            sums.add(&values(&losses), batch.rows() as f64);
+            seen += batch.rows();
+        }
+        Ok(sums.take())
+    }
+
+    /// The values of a step; a loss that is no number ends the training, and says what is left.
+    fn finite(&self, losses: Result<Losses, BaselineError>) -> Result<Vec<(String, f64)>, BaselineError> {
+        let source = match losses {
+            Ok(losses) => match losses.parts.iter().find(|(_, value)| !value.is_finite()) {
+                None => return Ok(values(&losses)),
+                Some(&(_, value)) => BaselineError::NotFinite { step: self.state.step, value },
+            },
+            Err(error @ BaselineError::NotFinite { .. }) => error,
+            Err(error) => return Err(error),
+        };
+        let kept = match self.run.steps()?.last() {
+            Some(&kept) => self.run.weights(kept).display().to_string(),
+            None => "none: there was none yet".to_owned(),
+        };
+        Err(BaselineError::Stopped { kept, source: Box::new(source) })
+    }
+
+    fn tell(&mut self, part: Part) -> Result<(), BaselineError> {
+        let state = &self.state;
+        let record = Record {
+            part,
+            phase: self.model.phases()[state.phase].name.to_owned(),
+            step: state.step,
+            total: self.totals.iter().sum(),
+            epoch: state.position.as_ref().map_or(0, |position| position.epoch),
+            values: match part {
+                Part::Train => state.train.clone(),
+                Part::Validation => state.validation.clone(),
+            },
+            clips_per_s: self.pace.clips as f64 / self.pace.last.elapsed().as_secs_f64().max(1e-9),
+            elapsed: self.pace.started.elapsed(),
+        };
+        self.sinks.iter_mut().try_for_each(|sink| sink.record(&record))
+    }
+}
+
+fn values(losses: &Losses) -> Vec<(String, f64)> {
+    let parts = losses.parts.iter().map(|&(name, value)| (name.to_owned(), f64::from(value)));
+    [("loss".to_owned(), f64::from(losses.total))].into_iter().chain(parts).collect()
+}
+
+/// Means in the making.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Sums {
+    values: Vec<(String, f64)>,
+    weight: f64,
+}
+
+impl Sums {
+    fn add(&mut self, values: &[(String, f64)], weight: f64) {
+        self.weight += weight;
+        for (name, value) in values {
+            match self.values.iter_mut().find(|(known, _)| known == name) {
+                Some((_, sum)) => *sum += value * weight,
+                None => self.values.push((name.clone(), value * weight)),
+            }
+        }
+    }
+
+    /// The means; then there is nothing.
+    fn take(&mut self) -> Vec<(String, f64)> {
+        let Self { values, weight } = std::mem::take(self);
+        values.into_iter().map(|(name, sum)| (name, sum / weight)).collect()
+    }
+}
+
+/// How fast it goes.
+struct Pace {
+    started: Instant,
+    last: Instant,
+    clips: u64,
+}
+
+impl Pace {
+    /// Validations and checkpoints do not count.
+    fn lap(&mut self) {
+        (self.last, self.clips) = (Instant::now(), 0);
+    }
+}

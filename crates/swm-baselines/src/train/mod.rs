@@ -1,0 +1,32 @@
+//! Training: from a dataset to a folder with checkpoints, as long as it takes and however often it is interrupted.
+//!
+//! | file | duty |
+//! |---|---|
+//! | `session` | a training as one thing: begin here |
+//! | `fit`, `settings` | the loop |
+//! | `data`, `clips` | clips, splits, statistics |
+//! | `folder`, `run` | files that survive a kill, and what they say |
+//! | `metrics`, `events` | what training says, and where it goes |
+//!
+//! Networks, losses and optimisers are not known here: they are behind [`Baseline`](crate::Baseline).
+
+mod clips;
+mod data;
+mod events;
+mod fit;
+mod folder;
+mod metrics;
+mod run;
+mod session;
+mod settings;
+#[cfg(test)]
+mod tests;
+
+pub use data::{ACTION, DataConfig, DataFacts, PROPRIO, PhaseClips, Scale, Split, TrainData};
+pub use events::EventWriter;
+pub use fit::{End, State, fit};
+pub use folder::{Checkpoint, RunFolder, RunLock};
+pub use metrics::{JsonLines, MetricSink, Part, Record, TensorBoard};
+pub use run::{RUN_VERSION, RunConfig, TrainedModel, Which};
+pub use session::{NewRun, Training};
+pub use settings::FitSettings;

@@ -1,0 +1,118 @@
+//! What a run's `config.json` says, and the model of a checkpoint.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use super::data::DataConfig;
+use super::fit::State;
+use super::folder::{Checkpoint, RunFolder};
+use super::settings::FitSettings;
+use crate::baseline::{Baseline, Recipe};
+use crate::error::BaselineError;
+use crate::models::table::restore;
+
+/// The version of [`RunConfig`] that is written and read.
+pub const RUN_VERSION: u32 = 1;
+
+/// A run, but for its weights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunConfig {
+    /// [`RUN_VERSION`].
+    pub version: u32,
+    /// The model.
+    pub recipe: Recipe,
+    /// What it learns from.
+    pub data: DataConfig,
+    /// How long, and how often it is looked at.
+    pub fit: FitSettings,
+}
+
+impl RunConfig {
+    /// That of a run.
+    pub fn read(run: &RunFolder) -> Result<Self, BaselineError> {
+        let config: Self = run.config()?;
+        match config.version {
+            RUN_VERSION => Ok(config),
+            version => Err(run.wrong(format!("it has version {version}, this program reads {RUN_VERSION}"))),
+        }
+    }
+}
+
+/// Which checkpoint of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Which {
+    /// The last.
+    #[default]
+    Last,
+    /// That with the least validation loss.
+    Best,
+    /// That of this step.
+    Step(u64),
+}
+
+impl FromStr for Which {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "last" => Ok(Self::Last),
+            "best" => Ok(Self::Best),
+            step => step.parse().map(Self::Step).map_err(|_| format!("`{step}`; use last, best or a step")),
+        }
+    }
+}
+
+/// A trained model and what it must be used with.
+pub struct TrainedModel {
+    /// The model.
+    pub baseline: Box<dyn Baseline>,
+    /// Its run.
+    pub config: RunConfig,
+    /// The checkpoint's step.
+    pub step: u64,
+    /// SHA-256 of its weights.
+    pub weights: String,
+}
+
+impl TrainedModel {
+    /// Takes a checkpoint of the run in folder `path`; its weights are those that were written, or it is an error.
+    pub fn open(path: &Path, which: Which) -> Result<Self, BaselineError> {
+        let run = RunFolder::open(path)?;
+        let config = RunConfig::read(&run)?;
+        let checkpoint: Checkpoint<State> = run.checkpoint(step_of(&run, which)?)?;
+        let mut baseline = restore(&config.recipe)?;
+        baseline.load_weights(&run.checked_weights(&checkpoint)?)?;
+        Ok(Self { baseline, config, step: checkpoint.step, weights: checkpoint.weights })
+    }
+
+    /// The files that a model depends on.
+    pub fn files(path: &Path, which: Which) -> Result<Vec<PathBuf>, BaselineError> {
+        let run = RunFolder::open(path)?;
+        let step = step_of(&run, which)?;
+        Ok(vec![run.config_file(), run.weights(step)])
+    }
+}
+
+/// The step of a checkpoint that is there.
+fn step_of(run: &RunFolder, which: Which) -> Result<u64, BaselineError> {
+    let steps = run.steps()?;
+    let Some(&last) = steps.last() else {
+        return Err(run.wrong("it has no checkpoint yet; train longer, or with a smaller --checkpoint-every"));
+    };
+    let wanted = match which {
+        Which::Last => last,
+        Which::Best => {
+            let best = run.checkpoint::<State>(last)?.state.best;
+            best.map(|(step, _)| step)
+                .ok_or_else(|| run.wrong("nothing validated it; use checkpoint=last"))?
+        }
+        Which::Step(step) => step,
+    };
+    match steps.contains(&wanted) {
+        true => Ok(wanted),
+        false => Err(run.wrong(format!("it has no checkpoint at step {wanted}; it has {steps:?}"))),
+    }
+}

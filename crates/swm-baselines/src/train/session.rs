@@ -1,0 +1,127 @@
+//! A training as one thing: a new run or an old one gone on with, from dataset to checkpoints.
+
+use std::path::Path;
+
+use serde_json::Value as Json;
+use swm_data::Dataset;
+
+use super::data::{DataFacts, Split, TrainData};
+use super::fit::{State, fit};
+use super::folder::{RunFolder, RunLock};
+use super::metrics::{JsonLines, MetricSink, TensorBoard};
+use super::run::{RUN_VERSION, RunConfig};
+use super::settings::FitSettings;
+use crate::baseline::Baseline;
+use crate::data::Facts;
+use crate::error::BaselineError;
+use crate::models::table::{MakeOptions, make, restore};
+
+/// What a new run is made from.
+#[derive(Clone, Debug)]
+pub struct NewRun<'a> {
+    /// A line of [`crate::BASELINES`].
+    pub baseline: &'a str,
+    /// `paper` or `small`.
+    pub preset: &'a str,
+    /// Settings of the baseline that differ from the preset's, as nested objects; `null` for none.
+    pub changes: Json,
+    /// Weights of another's encoder to begin with, where the baseline takes them.
+    pub encoder: Option<&'a Path>,
+    /// Which episodes are learnt from.
+    pub split: Split,
+    /// How long, and how often it is looked at.
+    pub fit: FitSettings,
+}
+
+/// A training that is ready to run. It holds the run's folder until it is dropped.
+pub struct Training {
+    run: RunFolder,
+    _lock: RunLock,
+    model: Box<dyn Baseline>,
+    data: TrainData,
+    config: RunConfig,
+}
+
+impl Training {
+    /// A new run in `folder`, which must hold none.
+    pub fn create(folder: &Path, dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
+        let NewRun { baseline, preset, changes, encoder, split, fit } = new;
+        fit.check()?;
+        let DataFacts { action, proprio } = DataFacts::of(dataset, baseline)?;
+        let facts = Facts { action_width: action, proprio_width: proprio };
+        let options = MakeOptions { preset, changes: changes.clone(), facts, seed: fit.seed };
+        let mut model = make(baseline, &options)?;
+        if let Some(encoder) = encoder {
+            model.load_encoder(encoder)?;
+        }
+        let data = TrainData::new(dataset, baseline, model.needs(), model.phases(), *split, fit.seed)?;
+        let mut fit = fit.clone();
+        if fit.batch == 0 {
+            fit.batch = model.needs().batch;
+        }
+        let recipe = model.recipe().clone();
+        let config = RunConfig { version: RUN_VERSION, recipe, data: data.config.clone(), fit };
+        let run = RunFolder::create(folder, &config)?;
+        Ok(Self { _lock: run.lock()?, run, model, data, config })
+    }
+
+    /// Goes on with the run in `folder`, on the dataset that it was begun with. `change` may alter how long it shall go
+    /// on; what it has learnt so far stays.
+    pub fn resume(folder: &Path, change: impl FnOnce(&mut FitSettings)) -> Result<Self, BaselineError> {
+        let run = RunFolder::open(folder)?;
+        let lock = run.lock()?;
+        let mut config = RunConfig::read(&run)?;
+        let known = config.fit.clone();
+        change(&mut config.fit);
+        config.fit.check()?;
+        let FitSettings { batch, seed, .. } = known;
+        if (batch, seed) != (config.fit.batch, config.fit.seed) {
+            return Err(
+                run.wrong("batch and seed are those that it was begun with; make a new run to change them")
+            );
+        }
+        let dataset = swm_data::open(&config.data.path)?;
+        let model = restore(&config.recipe)?;
+        let name = model.name();
+        let data =
+            TrainData::new(dataset.as_ref(), name, model.needs(), model.phases(), config.data.split, seed)?;
+        if data.config != config.data {
+            let path = config.data.path.display();
+            return Err(
+                run.wrong(format!("{path} is not the dataset that it was begun with; bring that one back"))
+            );
+        }
+        if known != config.fit {
+            run.write_config(&config)?;
+        }
+        Ok(Self { run, _lock: lock, model, data, config })
+    }
+
+    /// The model.
+    pub fn model(&self) -> &dyn Baseline {
+        self.model.as_ref()
+    }
+
+    /// What the run's `config.json` says.
+    pub fn config(&self) -> &RunConfig {
+        &self.config
+    }
+
+    /// Clips to learn from and to validate with, in each phase.
+    pub fn clips(&self) -> Vec<[usize; 2]> {
+        let count = |clips: &super::PhaseClips| {
+            [clips.train.len(), clips.validation.as_ref().map_or(0, |loader| loader.len())]
+        };
+        self.data.phases.iter().map(count).collect()
+    }
+
+    /// Trains to the end, and returns where that was. Records go to the run's folder and to `sinks`.
+    pub fn run(&mut self, sinks: Vec<Box<dyn MetricSink + '_>>) -> Result<State, BaselineError> {
+        let Self { run, model, data, config, .. } = self;
+        let from = run.steps()?.last().copied();
+        let mut all: Vec<Box<dyn MetricSink + '_>> =
+            vec![Box::new(JsonLines::after(run, from.unwrap_or(0))?), Box::new(TensorBoard::new(run, from)?)];
+        all.extend(sinks);
+        fit(run, model.as_mut(), data, &config.fit, &mut all)
+    }
+}

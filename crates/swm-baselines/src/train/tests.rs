@@ -1,0 +1,276 @@
+//! The loop with a learner of two numbers: what is trained does not matter here, only that it goes on exactly.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use swm_core::env::PIXELS;
+use swm_core::{Batch, Dtype, Field, Schema};
+use swm_data::MemoryDataset;
+
+use super::*;
+use crate::baseline::{Baseline, GoalPolicy, Losses, Needs, Phase, PlanModel, Recipe, Step};
+use crate::data::{ClipBatch, Facts};
+use crate::error::BaselineError;
+use crate::optim::OptimConfig;
+
+/// Moves its two weights to the mean of the actions that it sees, with momentum.
+struct Toy {
+    weights: [f32; 2],
+    momentum: [f32; 2],
+    phases: Vec<Phase>,
+    recipe: Recipe,
+    needs: Needs,
+    /// The step at which its loss is no number.
+    breaks_at: Option<u64>,
+    /// How long a step takes.
+    pause: Duration,
+}
+
+/// A phase without a goal.
+pub(super) fn toy_phase() -> Phase {
+    let optim = OptimConfig::default();
+    Phase { name: "toy", optim, goals: None, trains: &[], teachers: &[], momentum: 0.0 }
+}
+
+impl Toy {
+    fn new() -> Self {
+        let facts = Facts { action_width: 2, proprio_width: 0 };
+        let (baseline, preset) = ("toy".to_owned(), "toy".to_owned());
+        Self {
+            weights: [0.0; 2],
+            momentum: [0.0; 2],
+            phases: vec![toy_phase(), toy_phase()],
+            recipe: Recipe { baseline, preset, settings: serde_json::Value::Null, facts, seed: 0 },
+            needs: Needs { num_steps: 2, frameskip: 1, image: 1, proprio: false, batch: 16 },
+            breaks_at: None,
+            pause: Duration::ZERO,
+        }
+    }
+
+    fn gradient(&self, batch: &ClipBatch<'_>) -> [f32; 2] {
+        let actions = batch.action.values;
+        let mut gradient = [0.0; 2];
+        for row in actions.chunks_exact(2) {
+            for (axis, gradient) in gradient.iter_mut().enumerate() {
+                *gradient += (self.weights[axis] - 1.0 - row[axis]) / actions.len() as f32;
+            }
+        }
+        gradient
+    }
+}
+
+fn losses([x, y]: [f32; 2]) -> Losses {
+    Losses { total: x * x + y * y, parts: vec![("first", x), ("second", y)] }
+}
+
+fn save(path: &Path, values: [f32; 2]) -> Result<(), BaselineError> {
+    let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+    std::fs::write(path, bytes).unwrap();
+    Ok(())
+}
+
+fn load(path: &Path) -> [f32; 2] {
+    let bytes = std::fs::read(path).unwrap();
+    [0, 4].map(|at| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()))
+}
+
+impl Baseline for Toy {
+    fn name(&self) -> &'static str {
+        "toy"
+    }
+    fn recipe(&self) -> &Recipe {
+        &self.recipe
+    }
+    fn needs(&self) -> &Needs {
+        &self.needs
+    }
+    fn phases(&self) -> &[Phase] {
+        &self.phases
+    }
+    fn parameters(&self) -> usize {
+        2
+    }
+
+    fn train_step(&mut self, batch: &ClipBatch<'_>, at: &Step) -> Result<Losses, BaselineError> {
+        std::thread::sleep(self.pause);
+        if self.breaks_at == Some(at.step) {
+            return Err(BaselineError::NotFinite { step: at.step, value: f32::NAN });
+        }
+        let gradient = self.gradient(batch);
+        for axis in 0..2 {
+            self.momentum[axis] = 0.5 * self.momentum[axis] + gradient[axis];
+            self.weights[axis] -= 0.3 * (1.0 - at.step as f32 / at.total as f32) * self.momentum[axis];
+        }
+        Ok(losses(gradient))
+    }
+
+    fn validate(&self, batch: &ClipBatch<'_>, _phase: usize) -> Result<Losses, BaselineError> {
+        Ok(losses(self.gradient(batch)))
+    }
+    fn save_weights(&self, path: &Path) -> Result<(), BaselineError> {
+        save(path, self.weights)
+    }
+    fn load_weights(&mut self, path: &Path) -> Result<(), BaselineError> {
+        self.weights = load(path);
+        Ok(())
+    }
+    fn load_encoder(&mut self, _path: &Path) -> Result<(), BaselineError> {
+        Ok(())
+    }
+    fn save_training(&self, path: &Path) -> Result<(), BaselineError> {
+        save(path, self.momentum)
+    }
+    fn load_training(&mut self, path: &Path) -> Result<(), BaselineError> {
+        self.momentum = load(path);
+        Ok(())
+    }
+    fn planner(&self) -> Option<Box<dyn PlanModel>> {
+        None
+    }
+    fn policy(&self) -> Option<Box<dyn GoalPolicy>> {
+        None
+    }
+}
+
+/// 20 episodes of 9 rows with actions that differ.
+fn data() -> TrainData {
+    let fields = vec![Field::step(PIXELS, Dtype::U8, &[1, 1, 3]), Field::step(ACTION, Dtype::F32, &[2])];
+    let schema = Schema::new(fields).unwrap();
+    let episode = |number: usize| {
+        let mut episode = Batch::new(schema.clone(), 9);
+        for row in 0..9 {
+            let action = [(number * 9 + row) as f32 * 0.37 % 2.0, number as f32 / 20.0];
+            episode.rows_mut().select(row).write(1, &action);
+        }
+        Arc::new(episode)
+    };
+    let dataset = MemoryDataset::new("toy", schema.clone(), None, (0..20).map(episode)).unwrap();
+    let Toy { needs, phases, .. } = Toy::new();
+    TrainData::new(&dataset, "toy", &needs, &phases, Split::default(), 0).unwrap()
+}
+
+/// 18 × 8 clips to learn from: 9 steps per epoch, 2 epochs in each of 2 phases.
+fn settings() -> FitSettings {
+    FitSettings { epochs: 2, log_every: 4, checkpoint_every: 5, ..FitSettings::default() }
+}
+
+fn train(run: &RunFolder, mut model: Toy, settings: &FitSettings) -> Result<State, BaselineError> {
+    let from = run.steps()?.last().copied();
+    let mut sinks: Vec<Box<dyn MetricSink>> =
+        vec![Box::new(JsonLines::after(run, from.unwrap_or(0))?), Box::new(TensorBoard::new(run, from)?)];
+    fit(run, &mut model, &data(), settings, &mut sinks)
+}
+
+/// Everything that must be equal: weights, where training stands, and metrics without times.
+fn outcome(run: &RunFolder) -> (Vec<u8>, State, Vec<serde_json::Value>) {
+    let step = *run.steps().unwrap().last().unwrap();
+    let checkpoint: Checkpoint<State> = run.checkpoint(step).unwrap();
+    let text = std::fs::read_to_string(run.file("metrics.jsonl")).unwrap();
+    let line = |line: &str| {
+        let mut line: serde_json::Value = serde_json::from_str(line).unwrap();
+        let fields = line.as_object_mut().unwrap();
+        assert!(fields.remove("clips_per_s").is_some() && fields.remove("elapsed_s").is_some());
+        line
+    };
+    (
+        std::fs::read(run.checked_weights(&checkpoint).unwrap()).unwrap(),
+        checkpoint.state,
+        text.lines().map(line).collect(),
+    )
+}
+
+fn first_loss(run: &RunFolder) -> f64 {
+    outcome(run).2[0]["loss"].as_f64().unwrap()
+}
+
+fn new_run(folder: &Path) -> RunFolder {
+    RunFolder::create(folder, &"toy").unwrap()
+}
+
+#[test]
+fn trains_and_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = new_run(folder.path());
+    let state = train(&run, Toy::new(), &settings()).unwrap();
+    assert_eq!((state.step, state.phase, state.done, state.end), (36, 1, 18, Some(End::Complete)));
+    assert!(state.train[0].1 < 0.2 * first_loss(&run), "{:?}", state.train);
+    assert!(state.validation.iter().map(|(name, _)| name).eq(["loss", "first", "second"]));
+    let (_, _, lines) = outcome(&run);
+    let steps = |part: &str| -> Vec<u64> {
+        lines.iter().filter(|line| line["part"] == part).map(|line| line["step"].as_u64().unwrap()).collect()
+    };
+    assert_eq!(steps("train"), [4, 8, 12, 16, 18, 20, 24, 28, 32, 36]);
+    assert_eq!(steps("validation"), [5, 10, 15, 18, 20, 25, 30, 35, 36]);
+    // The last three, and the best.
+    assert!(run.steps().unwrap().ends_with(&[30, 35, 36]));
+    // Nothing is left to do.
+    assert_eq!(train(&run, Toy::new(), &settings()).unwrap(), state);
+}
+
+#[test]
+fn losses_that_are_no_numbers_stop_and_keep_the_last_good_checkpoint() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = new_run(folder.path());
+    let broken = Toy { breaks_at: Some(13), ..Toy::new() };
+    let message = train(&run, broken, &settings()).unwrap_err().to_string();
+    for part in ["loss is NaN", "step 13", "step-00000010.safetensors", "learning rate"] {
+        assert!(message.contains(part), "{message}");
+    }
+    assert_eq!(run.steps().unwrap(), [5, 10]);
+    assert_eq!(train(&run, Toy::new(), &settings()).unwrap().end, Some(End::Complete));
+}
+
+#[test]
+fn stops_early_when_validation_gets_no_better() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = new_run(folder.path());
+    let settings = FitSettings { epochs: 100, patience: 3, checkpoint_every: 0, ..settings() };
+    let state = train(&run, Toy::new(), &settings).unwrap();
+    assert_eq!((state.end, state.since_best), (Some(End::EarlyStop), 3));
+    let (best, _) = state.best.unwrap();
+    assert!(run.steps().unwrap().contains(&best) && state.step == best + 3 * 9);
+    assert_eq!(train(&run, Toy::new(), &settings).unwrap(), state);
+}
+
+/// What the process that is killed does; nothing in an ordinary run of the tests.
+#[test]
+fn victim() {
+    let Some(folder) = std::env::var_os(VICTIM) else { return };
+    let run = RunFolder::open(Path::new(&folder)).unwrap();
+    let _lock = run.lock().unwrap();
+    let slow = Toy { pause: Duration::from_millis(20), ..Toy::new() };
+    train(&run, slow, &settings()).unwrap();
+}
+
+const VICTIM: &str = "SWM_TEST_TRAINING_VICTIM";
+
+#[test]
+fn a_killed_run_goes_on_as_if_nothing_had_been() {
+    let whole = tempfile::tempdir().unwrap();
+    train(&new_run(whole.path()), Toy::new(), &settings()).unwrap();
+
+    let folder = tempfile::tempdir().unwrap();
+    let run = new_run(folder.path());
+    for kills in 1..=3 {
+        let known = run.steps().unwrap();
+        let mut victim = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "train::tests::victim", "--quiet"])
+            .env(VICTIM, folder.path())
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        let patience = Instant::now();
+        while run.steps().unwrap().last() <= known.last() {
+            assert!(patience.elapsed() < Duration::from_secs(60), "no checkpoint came");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        std::thread::sleep(Duration::from_millis(15 * kills));
+        victim.kill().unwrap();
+        victim.wait().unwrap();
+    }
+    assert!(run.steps().unwrap().last() < Some(&36), "killed before the end");
+    train(&run, Toy::new(), &settings()).unwrap();
+    assert_eq!(outcome(&run), outcome(&RunFolder::open(whole.path()).unwrap()));
+}

@@ -1,0 +1,303 @@
+//! From recorded episodes to plans and actions: tiny models are trained, interrupted, stored, named as policies, and act in
+//! an environment that draws what they see. How well is not the question here.
+
+use std::path::Path;
+
+use serde_json::json;
+use swm_baselines::BaselineError;
+use swm_baselines::acting::{POLICIES, ceiling, image_side, model_files};
+use swm_baselines::train::{FitSettings, MetricSink, NewRun, Record, RunFolder, Split, State, Training};
+use swm_core::policy;
+use swm_core::{BoxError, EpisodeEnd};
+use swm_core::{
+    Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, LiveRow,
+    Outcome, PolicyArgs, PolicyContext, Recorder, ResetOptions, Rollout, RowsMut, Scenario, Slice, Space,
+    World, WorldOptions,
+};
+use swm_data::ReplayBuffer;
+use swm_data::{Dataset, WriteMode};
+
+/// A dot that is pushed over a square.
+const DOT: EnvEntry = EnvEntry {
+    id: "swm/Dot-v0",
+    summary: "a dot on a square (for tests)",
+    settings: &[],
+    policies: &[],
+    planner: None,
+    make: |config| Ok(Box::new(Dot::new(config))),
+};
+
+const SIDE: usize = 16;
+const IMAGE: ImageSize = ImageSize { height: SIDE, width: SIDE };
+
+struct Dot {
+    spec: EnvSpec,
+    at: [f32; 2],
+    goal: [f32; 2],
+}
+
+impl Dot {
+    fn new(config: &EnvConfig) -> Self {
+        let mut fields =
+            vec![Field::step("state", Dtype::F32, &[2]), Field::episode("goal_state", Dtype::F32, &[2])];
+        if let Some(size) = config.image {
+            fields.push(size.field("pixels"));
+            fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
+        }
+        let spec = EnvSpec {
+            id: DOT.id.to_owned(),
+            action: Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0),
+            fields,
+            factors: Vec::new(),
+            time_step_s: 0.1,
+            start_columns: &["state"],
+            goal_columns: &["state"],
+        };
+        Self { spec, at: [0.0; 2], goal: [0.0; 2] }
+    }
+
+    fn draws(&self) -> bool {
+        self.spec.fields.len() > 2
+    }
+}
+
+fn draw([x, y]: [f32; 2], pixels: &mut [u8]) {
+    for (index, pixel) in pixels.chunks_exact_mut(3).enumerate() {
+        let (column, row) = ((index % SIDE) as f32, (index / SIDE) as f32);
+        let near = (-((column - x).powi(2) + (row - y).powi(2)) / 4.0).exp();
+        pixel.copy_from_slice(&[255, (255.0 * (1.0 - near)) as u8, 128]);
+    }
+}
+
+impl Env for Dot {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+        let drawn = Space::uniform_box(Dtype::F32, &[4], 0.0, (SIDE - 1) as f64)
+            .sample(&mut episode.seed.stream("start and goal"))
+            .numbers("start")?;
+        (self.at, self.goal) = ([drawn[0] as f32, drawn[1] as f32], [drawn[2] as f32, drawn[3] as f32]);
+        Ok(Outcome { reward: f64::NAN, terminated: false, success: Some(false) })
+    }
+
+    fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
+        for axis in 0..2 {
+            let push = action.number(axis).unwrap_or(0.0) as f32;
+            self.at[axis] = (self.at[axis] + push).clamp(0.0, (SIDE - 1) as f32);
+        }
+        Ok(Outcome { reward: 0.0, terminated: false, success: Some(false) })
+    }
+
+    fn write_episode(&mut self, out: &mut RowsMut<'_>) {
+        out.write(1, &self.goal);
+        if self.draws() {
+            draw(self.goal, out.at(3));
+        }
+    }
+
+    fn observe(&mut self, out: &mut RowsMut<'_>) {
+        out.write(0, &self.at);
+        if self.draws() {
+            draw(self.at, out.at(2));
+        }
+    }
+
+    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
+        state.store(DOT.id, &(self.at, self.goal))
+    }
+
+    fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
+        (self.at, self.goal) = state.load(DOT.id)?;
+        Ok(())
+    }
+}
+
+fn world(num_envs: usize, image: Option<ImageSize>) -> World {
+    let env = EnvConfig { image, ..EnvConfig::default() };
+    let options = WorldOptions {
+        num_envs,
+        env,
+        max_episode_steps: Some(24),
+        threads: Some(1),
+        ..WorldOptions::default()
+    };
+    World::new(&DOT, options).unwrap()
+}
+
+/// Records random episodes into the file `data.h5` of a folder.
+fn record(folder: &Path) -> Box<dyn Dataset> {
+    let mut world = world(1, Some(IMAGE));
+    world.set_policy(policy::random());
+    let reset = ResetOptions::default();
+    let rollout = Rollout { episodes: 0..12, seed: 1, scenario: Scenario::Same(&reset) };
+    let mut buffer = ReplayBuffer::new(1000);
+    world.record_dataset(&rollout, &mut buffer, &mut ()).unwrap();
+    let path = folder.join("data.h5");
+    buffer.dump(&path, WriteMode::Error, None).unwrap();
+    swm_data::open(&path).unwrap()
+}
+
+fn new_run(baseline: &str) -> NewRun<'_> {
+    let encoder = json!({ "kind": "cnn", "channels": [8, 8] });
+    let model = match baseline {
+        "gcbc" => json!({ "image": SIDE, "encoder": encoder, "frameskip": 2,
+            "predictor": { "depth": 1, "heads": 2, "head_width": 4, "hidden": 8 } }),
+        _ => json!({ "image": SIDE, "encoder": encoder, "width": 8, "projector": 16, "frameskip": 2,
+            "predictor": { "depth": 1, "heads": 2, "head_width": 4, "hidden": 16 } }),
+    };
+    let fit =
+        FitSettings { steps: Some(9), batch: 8, log_every: 2, checkpoint_every: 3, ..FitSettings::default() };
+    let changes = json!({ "model": model });
+    NewRun { baseline, preset: "small", changes, encoder: None, split: Split::default(), fit }
+}
+
+/// Trains in the folder `name`.
+fn trained(folder: &Path, baseline: &str, name: &str) -> State {
+    let dataset = swm_data::open(&folder.join("data.h5")).unwrap();
+    let mut training = Training::create(&folder.join(name), dataset.as_ref(), &new_run(baseline)).unwrap();
+    training.run(Vec::new()).unwrap()
+}
+
+fn made(text: &str) -> Result<Box<dyn policy::Policy>, String> {
+    let args = PolicyArgs::parse(text).unwrap();
+    let entry = POLICIES.iter().find(|entry| entry.name == args.name).unwrap();
+    let config = EnvConfig::default();
+    let context = PolicyContext { env: &DOT, config: &config, frame_skip: 1 };
+    (entry.make)(&context, &args).map_err(|error| error.to_string())
+}
+
+/// Every state that four episodes went through.
+#[derive(Default)]
+struct States(std::collections::BTreeMap<(u64, u64), Vec<f32>>);
+
+impl Recorder for States {
+    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+        let state: &[f32] = row.values.get("state")?;
+        self.0.insert((row.episode.index, row.episode.step), state.to_vec());
+        Ok(())
+    }
+
+    fn episode(&mut self, _end: &EpisodeEnd) -> Result<(), BoxError> {
+        Ok(())
+    }
+}
+
+fn paths(policy: &str, num_envs: usize, image: Option<ImageSize>) -> Result<States, String> {
+    let mut world = world(num_envs, image);
+    world.set_policy(made(policy)?);
+    let reset = ResetOptions::default();
+    let rollout = Rollout { episodes: 0..4, seed: 9, scenario: Scenario::Same(&reset) };
+    let mut states = States::default();
+    world.run(&rollout, &mut states).map_err(|error| chain(&error))?;
+    Ok(states)
+}
+
+/// An error with all its causes.
+fn chain(mut error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    while let Some(source) = error.source() {
+        error = source;
+        text = format!("{text}: {error}");
+    }
+    text
+}
+
+/// Breaks a training off.
+struct BreakAt(u64);
+
+impl MetricSink for BreakAt {
+    fn record(&mut self, record: &Record) -> Result<(), BaselineError> {
+        match record.step < self.0 {
+            true => Ok(()),
+            false => {
+                Err(BaselineError::Training { setting: "test".to_owned(), reason: "broken off".to_owned() })
+            }
+        }
+    }
+}
+
+#[test]
+fn an_interrupted_training_goes_on_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = record(folder.path());
+    let whole = trained(folder.path(), "lewm", "whole");
+    let path = folder.path().join("broken");
+    let mut training = Training::create(&path, dataset.as_ref(), &new_run("lewm")).unwrap();
+    assert!(Training::resume(&path, |_| ()).err().unwrap().to_string().contains("another process"));
+    let error = training.run(vec![Box::new(BreakAt(4))]).unwrap_err().to_string();
+    assert!(error.contains("broken off"), "{error}");
+    drop(training);
+
+    let state = Training::resume(&path, |_| ()).unwrap().run(Vec::new()).unwrap();
+    assert_eq!(state, whole);
+    let weights = |name: &str| {
+        let run = RunFolder::open(&folder.path().join(name)).unwrap();
+        assert_eq!(run.steps().unwrap(), [3, 6, 9]);
+        std::fs::read(run.weights(9)).unwrap()
+    };
+    assert!(weights("whole") == weights("broken"), "the weights differ");
+    let error = Training::create(&path, dataset.as_ref(), &new_run("lewm")).err().unwrap().to_string();
+    assert!(error.contains("--resume"), "{error}");
+    let error = Training::resume(&path, |fit| fit.seed = 1).err().unwrap().to_string();
+    assert!(error.contains("make a new run"), "{error}");
+}
+
+#[test]
+fn plans_do_not_depend_on_what_else_is_planned() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    trained(folder.path(), "lewm", "run");
+    let run = folder.path().join("run").display().to_string();
+    for settings in [
+        "samples=40,iterations=2,elites=4,horizon=2,receding_horizon=1,history_len=3",
+        "solver=adam,samples=2,iterations=2,horizon=2,receding_horizon=2",
+    ] {
+        let policy = format!("mpc:{run},{settings}");
+        let alone = paths(&policy, 1, Some(IMAGE)).unwrap();
+        assert_eq!(alone.0.len(), 4 * 25);
+        assert!(alone.0 == paths(&policy, 3, Some(IMAGE)).unwrap().0, "{settings}");
+    }
+    let fails = |arguments: &str| made(&format!("mpc:{run}{arguments}")).err().unwrap();
+    assert!(fails(",solver=cen").contains("did you mean `cem`"));
+    assert!(fails(",sample=3").contains("did you mean `samples`"));
+    assert!(fails(",action_block=5").contains("blocks of 2"));
+    assert!(fails(",checkpoint=4").contains("[3, 6, 9]"));
+    assert!(made(&format!("policy:{run}")).err().unwrap().contains("mpc:RUN"));
+    assert!(paths(&format!("mpc:{run}"), 1, None).err().unwrap().contains("--image-size"));
+
+    let args = |text: &str| PolicyArgs::parse(text).unwrap();
+    assert_eq!(image_side(&args(&format!("mpc:{run}"))), Some(SIDE));
+    let named = args(&format!("mpc:{run},solver=icem,samples=7,checkpoint=best"));
+    assert_eq!(ceiling(&named), Some(args("icem:samples=7")));
+    let files = model_files(&named).unwrap().unwrap();
+    assert_eq!(files[0], Path::new(&run).join("config.json"));
+    assert_eq!(model_files(&args("random")).is_none(), image_side(&args("random")).is_none());
+}
+
+#[test]
+fn a_policy_acts_by_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    trained(folder.path(), "gcbc", "run");
+    let run = folder.path().join("run").display().to_string();
+    let alone = paths(&format!("gcbc:{run}"), 1, Some(IMAGE)).unwrap();
+    assert_eq!(alone.0.len(), 4 * 25);
+    assert!(alone.0 == paths(&format!("policy:{run}"), 3, Some(IMAGE)).unwrap().0);
+    assert!(made(&format!("gcivl:{run}")).err().unwrap().contains("trained gcbc, not gcivl"));
+    assert!(made(&format!("mpc:{run}")).err().unwrap().contains("policy:RUN"));
+}
+
+#[test]
+fn truncated_weights_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    trained(folder.path(), "lewm", "run");
+    let run = RunFolder::open(&folder.path().join("run")).unwrap();
+    let weights = std::fs::read(run.weights(9)).unwrap();
+    std::fs::write(run.weights(9), &weights[..weights.len() / 2]).unwrap();
+    let name = run.path().display();
+    assert!(made(&format!("mpc:{name}")).err().unwrap().contains("earlier checkpoint"));
+    assert!(made(&format!("mpc:{name},checkpoint=6")).is_ok());
+}
