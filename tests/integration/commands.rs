@@ -295,6 +295,15 @@ fn bench_measures_every_picture_kind() {
     }
 }
 
+/// The tests are built without the tensor library; what is said then is tested here, training itself in its crate.
+#[test]
+fn commands_that_need_baselines_say_how_to_build_them() {
+    for call in [&["train", "--list"][..], &["checkpoints", "runs/lewm"]] {
+        let message = swm_fails(2, call);
+        assert!(message.contains("--features baselines"), "{message}");
+    }
+}
+
 #[test]
 fn golden_trajectories_replay() {
     let dir = root().join("tests/golden/trajectories");

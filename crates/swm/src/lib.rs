@@ -39,6 +39,8 @@ pub use swm_envs_2d as envs_2d;
 pub use swm_envs_mujoco as envs_mujoco;
 pub use swm_fov as fov;
 pub use swm_media as media;
+#[cfg(feature = "onnx")]
+pub use swm_onnx as onnx;
 pub use swm_render as render;
 pub use swm_solvers as solvers;
 
@@ -49,6 +51,10 @@ pub fn registry() -> Registry {
     let registry = Registry::new().with_envs(swm_envs_2d::ENVS);
     #[cfg(feature = "mujoco")]
     let registry = registry.with_envs(swm_envs_mujoco::ENVS);
+    #[cfg(feature = "baselines")]
+    let registry = registry.with_policies(swm_baselines::acting::POLICIES);
+    #[cfg(feature = "onnx")]
+    let registry = registry.with_policies(swm_onnx::POLICIES);
     registry.with_policies(swm_solvers::PLANNERS).with_expert(&swm_solvers::EXPERT)
 }
 

@@ -15,6 +15,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("swm-data", &["swm-core", "swm-media", "swm-render"]),
     ("swm-data-lance", &["swm-core", "swm-media", "swm-data"]),
     ("swm-baselines", &["swm-core", "swm-solvers", "swm-data"]),
+    ("swm-onnx", &["swm-core", "swm-solvers"]),
     ("swm", &["swm-*"]),
     ("swm-tests", &["swm", "swm-*"]),
     ("swm-benches", &["swm", "swm-*"]),

@@ -218,7 +218,7 @@ fn settings_file(path: &Path) -> Result<Map<String, Json>, Failure> {
     }
 }
 
-fn assignment<'a>(text: &'a str, option: &str) -> Result<(&'a str, &'a str), Failure> {
+pub(super) fn assignment<'a>(text: &'a str, option: &str) -> Result<(&'a str, &'a str), Failure> {
     match text.split_once('=') {
         Some((name, value)) if !name.trim().is_empty() => Ok((name.trim(), value.trim())),
         _ => Err(usage(format!("{option} {text}: write NAME=VALUE"))),
@@ -226,6 +226,6 @@ fn assignment<'a>(text: &'a str, option: &str) -> Result<(&'a str, &'a str), Fai
 }
 
 /// JSON if it is JSON, else text.
-fn json_value(text: &str) -> Json {
+pub(super) fn json_value(text: &str) -> Json {
     serde_json::from_str(text).unwrap_or_else(|_| Json::String(text.to_owned()))
 }

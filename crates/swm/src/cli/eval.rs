@@ -109,7 +109,8 @@ impl Eval {
         }
         let entry = env.entry(registry)?;
         let filmed = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
-        let image = self.image_size.map_or(filmed, |size| size.0);
+        let image =
+            self.image_size.map_or(filmed.or_else(|| policies::image_of(&self.policy)), |size| size.0);
         let format = self.film_format(image)?;
         let mut dataset = self.dataset.as_deref().map(swm_data::open).transpose()?;
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();

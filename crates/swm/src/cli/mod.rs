@@ -27,6 +27,7 @@ mod solvers;
 mod stats;
 mod stream;
 mod sweep;
+mod train;
 mod verify;
 mod verify_result;
 mod version;
@@ -76,6 +77,8 @@ enum Command {
     Sweep(sweep::SweepCommand),
     Report(report::ReportCommand),
     Quality(quality::QualityCommand),
+    Train(Box<train::Train>),
+    Checkpoints(train::Checkpoints),
     Plan(plan::Plan),
     Solvers(solvers::Solvers),
     Render(render::Render),
@@ -141,6 +144,8 @@ fn run_command(registry: &Registry, command: Command, output: &Output) -> Result
         Command::Sweep(command) => command.run(registry, output),
         Command::Report(command) => command.run(registry, output),
         Command::Quality(command) => command.run(registry, output),
+        Command::Train(command) => command.run(output),
+        Command::Checkpoints(command) => command.run(output),
         Command::Plan(command) => command.run(registry, output),
         Command::Solvers(command) => command.run(output),
         Command::Render(command) => command.run(registry, output),

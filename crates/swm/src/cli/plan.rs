@@ -18,7 +18,7 @@ use swm_solvers::{
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs, policy_args};
 use super::output::table;
-use super::{Failure, Output, usage};
+use super::{Failure, Output, policies, usage};
 use crate::film::Film;
 use crate::plan::{
     EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, stops_at_success, write_report,
@@ -105,7 +105,7 @@ impl Plan {
         let entry = self.env.entry(registry)?;
         let image = self.trace.as_ref().and(self.image_size.0);
         let format = film_format(self.film_format.as_deref())?;
-        let config = self.env.config(image)?;
+        let config = self.env.config(image.or_else(|| policies::image_of(&self.policy)))?;
         let planner = self.planner(registry, entry, &config)?;
         let options = self.scenario.options()?;
         let budget = if self.plan_only { 1 } else { self.budget };
@@ -172,6 +172,14 @@ impl Plan {
 
     fn planner(&self, registry: &Registry, env: &EnvEntry, config: &EnvConfig) -> Result<MpcPolicy, Failure> {
         let mut args = policy_args(&self.policy)?;
+        #[cfg(feature = "baselines")]
+        if args.name == swm_baselines::acting::MPC.name {
+            return Ok(swm_baselines::acting::mpc_policy(&args)?);
+        }
+        #[cfg(feature = "onnx")]
+        if swm_onnx::POLICIES.iter().any(|policy| policy.name == args.name) {
+            return Ok(swm_onnx::onnx_policy(&args)?);
+        }
         let has_own = env.policies.iter().any(|policy| policy.name == args.name);
         if args.name == EXPERT.name && env.planner.is_some() && !has_own {
             args = expert_args(env, &args)?;

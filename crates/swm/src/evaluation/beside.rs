@@ -131,10 +131,22 @@ pub fn roles(entry: &EnvEntry, manifest: &Manifest, policy: &PolicyArgs) -> Vec<
     let has_cost = (entry.make)(&config).is_ok_and(|env| env.task_cost().is_some());
     if has_cost {
         let is_planner = PLANNERS.iter().any(|planner| planner.name == policy.name);
-        let ceiling = if is_planner { Candidate::new(policy.clone()) } else { named("cem") };
+        let ceiling = match (is_planner, planner_behind(policy)) {
+            (true, _) => Candidate::new(policy.clone()),
+            (false, Some(planner)) => Candidate::new(planner),
+            (false, None) => named("cem"),
+        };
         roles.push((Role::Ceiling, ceiling.on(entry, manifest)));
     }
     roles
+}
+
+/// For a policy that plans on a trained model: the same planner on the true dynamics.
+fn planner_behind(policy: &PolicyArgs) -> Option<PolicyArgs> {
+    #[cfg(feature = "baselines")]
+    return swm_baselines::acting::ceiling(policy);
+    #[cfg(not(feature = "baselines"))]
+    return Some(policy).and(None);
 }
 
 #[cfg(test)]

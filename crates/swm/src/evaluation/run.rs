@@ -60,6 +60,11 @@ impl Candidate {
 
     /// SHA-256 of every file that its arguments name: models and normalisers.
     pub fn files(&self) -> Result<BTreeMap<String, String>, BoxError> {
+        #[cfg(feature = "baselines")]
+        if let Some(files) = swm_baselines::acting::model_files(&self.policy) {
+            // Of a run, what the policy depends on: its other files change as training goes on.
+            return files?.iter().map(|path| Ok((path.display().to_string(), file_hash(path)?))).collect();
+        }
         let texts = self.policy.named.values().chain(&self.policy.positional).filter_map(Json::as_str);
         texts
             .map(Path::new)

@@ -1,0 +1,269 @@
+//! An exported model as the cost of plans.
+
+use std::path::Path;
+
+use ort::session::{Session, SessionInputValue};
+use ort::value::{DynValue, Tensor, TensorElementType, ValueType};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
+use swm_core::{Row, Slice};
+use swm_solvers::{ActionScale, Candidates, Cost, DifferentiableCost, Moment, PlanError};
+
+use crate::error::OnnxError;
+use crate::runtime::session;
+
+/// What `model.json` says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelSettings {
+    /// The model's name, for reports.
+    pub name: String,
+    /// k: consecutive actions of a block; D = k × A.
+    pub action_block: usize,
+    /// The units of the actions that it was trained with; without it, the environment's.
+    #[serde(default)]
+    pub action_scale: Option<ActionScale>,
+    /// Side of the pictures that it was trained with.
+    #[serde(default)]
+    pub image: Option<usize>,
+}
+
+impl ModelSettings {
+    /// Those of the model in a folder.
+    pub fn read(folder: &Path) -> Result<Self, OnnxError> {
+        let path = folder.join("model.json");
+        let wrong = |reason: String| OnnxError::Model { path: path.clone(), reason };
+        let text = std::fs::read(&path).map_err(|error| wrong(error.to_string()))?;
+        serde_json::from_slice(&text).map_err(|error| wrong(error.to_string()))
+    }
+}
+
+/// Plans on an exported model.
+pub struct OnnxCost {
+    settings: ModelSettings,
+    encode: Session,
+    fields: Vec<Input>,
+    cost: Model,
+    gradient: Option<Model>,
+    /// What was encoded of each environment.
+    scenes: Vec<Vec<(String, DynValue)>>,
+}
+
+/// A field that the encoder wants to see.
+struct Input {
+    name: String,
+    shape: Vec<i64>,
+    kind: TensorElementType,
+}
+
+/// `cost.onnx` or `cost_grad.onnx`.
+struct Model {
+    session: Session,
+    /// S, H, D.
+    shape: [usize; 3],
+    actions: Vec<f32>,
+}
+
+const ACTIONS: &str = "actions";
+const COST: &str = "cost";
+const GRADIENT: &str = "gradient";
+
+impl OnnxCost {
+    /// Loads the model in a folder.
+    pub fn load(folder: &Path) -> Result<Self, OnnxError> {
+        let settings = ModelSettings::read(folder)?;
+        let path = folder.join("encode.onnx");
+        let encode = session(&path)?;
+        let wrong = |reason: String| OnnxError::Model { path: path.clone(), reason };
+        let fields = encode.inputs().iter().map(|input| match input.dtype() {
+            ValueType::Tensor { ty, shape, .. } if shape.first() == Some(&1) => {
+                Ok(Input { name: input.name().to_owned(), shape: shape.to_vec(), kind: *ty })
+            }
+            _ => Err(wrong(format!(
+                "input `{}` is no tensor [1, …]; export it for one environment",
+                input.name()
+            ))),
+        });
+        let fields = fields.collect::<Result<_, _>>()?;
+        let cost = Model::load(&folder.join("cost.onnx"), &[COST])?;
+        let path = folder.join("cost_grad.onnx");
+        let gradient = path.exists().then(|| Model::load(&path, &[COST, GRADIENT])).transpose()?;
+        Ok(Self { settings, encode, fields, cost, gradient, scenes: Vec::new() })
+    }
+
+    /// What `model.json` says.
+    pub fn settings(&self) -> &ModelSettings {
+        &self.settings
+    }
+}
+
+impl Model {
+    fn load(path: &Path, outputs: &[&str]) -> Result<Self, OnnxError> {
+        let wrong = |reason: String| OnnxError::Model { path: path.to_owned(), reason };
+        let session = session(path)?;
+        for output in outputs {
+            if !session.outputs().iter().any(|known| known.name() == *output) {
+                return Err(wrong(format!("it has no output `{output}`")));
+            }
+        }
+        let actions = session.inputs().iter().find(|input| input.name() == ACTIONS);
+        let shape = match actions.map(|input| input.dtype()) {
+            Some(ValueType::Tensor { ty: TensorElementType::Float32, shape, .. }) => shape.to_vec(),
+            _ => return Err(wrong(format!("it has no input `{ACTIONS}` [S, H, D] of 32-bit floats"))),
+        };
+        let fixed: Vec<usize> =
+            shape.iter().filter_map(|&size| usize::try_from(size).ok()).filter(|&size| size > 0).collect();
+        match fixed[..] {
+            [samples, horizon, width] if shape.len() == 3 => {
+                Ok(Self { session, shape: [samples, horizon, width], actions: Vec::new() })
+            }
+            _ => Err(wrong(format!("input `{ACTIONS}` is {shape:?}; export it with fixed S, H and D"))),
+        }
+    }
+
+    /// Fills `costs` `[n]`, and `gradient` `[n, H, D]`, of `plans` `[n, H, D]` for one scene.
+    fn run(
+        &mut self,
+        scene: &[(String, DynValue)],
+        plans: &[f32],
+        costs: &mut [f64],
+        mut gradient: Option<&mut [f32]>,
+    ) -> Result<(), OnnxError> {
+        let Self { session, shape: [samples, horizon, width], actions } = self;
+        let size = *horizon * *width;
+        for (part, (plans, costs)) in
+            plans.chunks(*samples * size).zip(costs.chunks_mut(*samples)).enumerate()
+        {
+            actions.clear();
+            actions.extend_from_slice(plans);
+            actions.resize(*samples * size, 0.0);
+            let shape = [*samples, *horizon, *width];
+            let tensor = Tensor::from_array((shape, actions.clone())).map_err(OnnxError::Run)?;
+            let mut inputs: Vec<(&str, SessionInputValue<'_>)> =
+                scene.iter().map(|(name, value)| (name.as_str(), value.into())).collect();
+            // What the encoder gives and this part does not take is left out.
+            let taken = session.inputs().iter().map(|input| input.name().to_owned()).collect::<Vec<_>>();
+            inputs.retain(|(name, _)| taken.iter().any(|known| known == name));
+            inputs.push((ACTIONS, tensor.into()));
+            let outputs = session.run(inputs).map_err(OnnxError::Run)?;
+            let (_, found) = outputs[COST].try_extract_tensor::<f32>().map_err(OnnxError::Run)?;
+            costs.iter_mut().zip(found).for_each(|(cost, &found)| *cost = f64::from(found));
+            if let Some(gradient) = gradient.as_deref_mut() {
+                let (_, found) = outputs[GRADIENT].try_extract_tensor::<f32>().map_err(OnnxError::Run)?;
+                let out = &mut gradient[part * *samples * size..][..plans.len()];
+                out.iter_mut().zip(found).for_each(|(out, &found)| *out = found);
+            }
+        }
+        Ok(())
+    }
+
+    fn check(&self, candidates: &Candidates<'_>) -> Result<(), OnnxError> {
+        let [_, horizon, width] = self.shape;
+        if (candidates.horizon, candidates.width) == (horizon, width) {
+            return Ok(());
+        }
+        let found = (candidates.horizon, candidates.width);
+        let reason =
+            format!("plans are {found:?} (blocks, numbers), the model was exported for ({horizon}, {width})");
+        Err(OnnxError::Input { name: ACTIONS.to_owned(), reason: format!("{reason}; set horizon={horizon}") })
+    }
+}
+
+impl Input {
+    /// The field of a row as the tensor that the encoder wants.
+    fn tensor(&self, row: Row<'_>) -> Result<DynValue, OnnxError> {
+        let wrong = |reason: String| OnnxError::Input { name: self.name.clone(), reason };
+        let index = row.schema().index(&self.name).ok_or_else(|| {
+            wrong(
+                "the environment has no such field; pictures need --image-size, or a manifest with one"
+                    .to_owned(),
+            )
+        })?;
+        let (values, shape) = (row.at(index), &row.schema().fields()[index].shape);
+        let wanted: Vec<usize> =
+            self.shape[1..].iter().map(|&size| usize::try_from(size).unwrap_or(0)).collect();
+        if wanted != *shape {
+            return Err(wrong(format!(
+                "the environment gives {shape:?}, the model was exported for {wanted:?}"
+            )));
+        }
+        let shape = self.shape.clone();
+        let made = match (self.kind, values) {
+            (TensorElementType::Uint8, Slice::U8(values)) => {
+                Tensor::from_array((shape, values.to_vec())).map(Tensor::into_dyn)
+            }
+            (TensorElementType::Float32, values) => {
+                let numbers: Vec<f32> =
+                    (0..values.len()).map(|at| values.number(at).unwrap_or(f64::NAN) as f32).collect();
+                Tensor::from_array((shape, numbers)).map(Tensor::into_dyn)
+            }
+            (kind, values) => {
+                return Err(wrong(format!(
+                    "{} is given as {kind:?}; export pictures as uint8 and numbers as float32",
+                    values.dtype()
+                )));
+            }
+        };
+        made.map_err(OnnxError::Run)
+    }
+}
+
+impl OnnxCost {
+    fn all(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        mut gradient: Option<&mut [f32]>,
+    ) -> Result<(), OnnxError> {
+        let model = match (&gradient, &mut self.gradient) {
+            (Some(_), Some(model)) => model,
+            _ => &mut self.cost,
+        };
+        model.check(candidates)?;
+        let size = candidates.samples * candidates.horizon * candidates.width;
+        for (row, scene) in self.scenes.iter().enumerate() {
+            let plans = &candidates.actions[row * size..][..size];
+            let costs = &mut costs[row * candidates.samples..][..candidates.samples];
+            let slopes = gradient.as_deref_mut().map(|all| &mut all[row * size..][..size]);
+            model.run(scene, plans, costs, slopes)?;
+        }
+        Ok(())
+    }
+}
+
+impl Cost for OnnxCost {
+    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
+        self.scenes.clear();
+        for index in 0..moment.len() {
+            let row = moment.row(index).row;
+            let inputs = self.fields.iter().map(|field| Ok((field.name.as_str(), field.tensor(row)?.into())));
+            let inputs: Vec<(&str, SessionInputValue<'_>)> = inputs.collect::<Result<_, OnnxError>>()?;
+            let outputs = self.encode.run(inputs).map_err(OnnxError::Run)?;
+            self.scenes.push(outputs.into_iter().map(|(name, value)| (name.to_owned(), value)).collect());
+        }
+        Ok(())
+    }
+
+    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+        Ok(self.all(candidates, costs, None)?)
+    }
+
+    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
+        self.gradient.is_some().then_some(self as &mut dyn DifferentiableCost)
+    }
+
+    fn changed_settings(&self) -> Map<String, Json> {
+        Map::from_iter([("model".to_owned(), self.settings.name.clone().into())])
+    }
+}
+
+impl DifferentiableCost for OnnxCost {
+    fn evaluate_with_gradient(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        Ok(self.all(candidates, costs, Some(gradient))?)
+    }
+}

@@ -1,0 +1,47 @@
+//! What can go wrong with an exported model.
+
+use std::path::PathBuf;
+
+use swm_core::BoxError;
+use swm_solvers::PlanError;
+use thiserror::Error;
+
+/// An exported model cannot be loaded, or does not fit.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum OnnxError {
+    /// ONNX Runtime is not there.
+    #[error(
+        "ONNX Runtime is not to be found: {reason}. Install it (pip install onnxruntime), or let ORT_DYLIB_PATH name \
+         libonnxruntime.so"
+    )]
+    NoRuntime {
+        /// What was tried.
+        reason: String,
+    },
+    /// A file of the model cannot be used.
+    #[error("model {}: {reason}", path.display())]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and what the contract asks for.
+        reason: String,
+    },
+    /// What the environment says does not fit the model.
+    #[error("model input `{name}`: {reason}")]
+    Input {
+        /// The input.
+        name: String,
+        /// What is wrong, and what is expected.
+        reason: String,
+    },
+    /// The model failed while it ran.
+    #[error("the model failed: {0}")]
+    Run(ort::Error),
+}
+
+impl From<OnnxError> for PlanError {
+    fn from(error: OnnxError) -> Self {
+        PlanError::Cost(BoxError::from(error))
+    }
+}

@@ -1,0 +1,24 @@
+//! World models of any making, exported to ONNX, as costs of plans: `--policy onnx:DIR`. ONNX Runtime is loaded when it is
+//! needed, from the Python package `onnxruntime` or a path; nothing of it is needed to build.
+//!
+//! DIR holds what `docs/onnx.md` asks for, and what `python/swm_export` writes:
+//!
+//! | file | inputs | outputs |
+//! |---|---|---|
+//! | `model.json` | – | settings: see [`ModelSettings`] |
+//! | `encode.onnx` | fields of the infos by their names: `pixels` `[1, H, W, 3]` u8, `goal`, `proprio` … | any tensors |
+//! | `cost.onnx` | these tensors, and `actions` `[S, H, D]` f32 | `cost` `[S]` f32 |
+//! | `cost_grad.onnx`, optional | the same | `cost` `[S]`, `gradient` `[S, H, D]` f32 |
+//!
+//! S and H are fixed when the model is exported. Environments go through it one by one, in batches of S candidates that are
+//! filled up where they are not full: the bits of a cost depend on its candidate alone.
+
+mod cost;
+mod error;
+mod policy;
+mod runtime;
+
+pub use cost::{ModelSettings, OnnxCost};
+pub use error::OnnxError;
+pub use policy::{POLICIES, image_side, onnx_policy};
+pub use runtime::{ORT_DYLIB_PATH, find_library};

@@ -1,0 +1,65 @@
+//! Where ONNX Runtime is, and one environment of it per process.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use ort::environment::Environment;
+use ort::session::Session;
+
+use crate::error::OnnxError;
+
+/// The variable that names the library.
+pub const ORT_DYLIB_PATH: &str = "ORT_DYLIB_PATH";
+
+/// Prints the library of the Python package.
+const ASK: &str = "\
+import glob, os, onnxruntime
+here = os.path.join(os.path.dirname(onnxruntime.__file__), 'capi')
+names = ['libonnxruntime.so*', 'libonnxruntime*.dylib', 'onnxruntime.dll']
+print(next(path for name in names for path in sorted(glob.glob(os.path.join(here, name)))))";
+
+/// The library: what [`ORT_DYLIB_PATH`] names, else that of the Python package `onnxruntime`, if `python3` or `python` has it.
+pub fn find_library() -> Result<PathBuf, OnnxError> {
+    if let Some(path) = std::env::var_os(ORT_DYLIB_PATH) {
+        return Ok(PathBuf::from(path));
+    }
+    for python in ["python3", "python"] {
+        let Ok(output) = Command::new(python).args(["-c", ASK]).output() else { continue };
+        let path = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+        if output.status.success() && !path.is_empty() {
+            return Ok(path.into());
+        }
+    }
+    Err(OnnxError::NoRuntime { reason: "python3 has no package `onnxruntime`".to_owned() })
+}
+
+/// Loads a model. It runs on one thread: candidates are independent, and bits must not depend on threads.
+pub(crate) fn session(path: &Path) -> Result<Session, OnnxError> {
+    let failed = |error: ort::Error| OnnxError::Model { path: path.to_owned(), reason: error.to_string() };
+    let environment = environment()?;
+    let builder = Session::builder(&environment).map_err(failed)?;
+    let builder = builder.with_intra_threads(1).map_err(|error| failed(error.into()))?;
+    builder
+        .with_inter_threads(1)
+        .map_err(|error| failed(error.into()))?
+        .commit_from_file(path)
+        .map_err(failed)
+}
+
+/// The environment, made at the first call that finds the library.
+fn environment() -> Result<Environment, OnnxError> {
+    static KNOWN: OnceLock<Mutex<Option<Environment>>> = OnceLock::new();
+    let mut known = KNOWN.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(environment) = &*known {
+        return Ok(environment.clone());
+    }
+    let library = find_library()?;
+    let reason = |error: &dyn std::fmt::Display| format!("{}: {error}", library.display());
+    let builder =
+        ort::init_from(&library).map_err(|error| OnnxError::NoRuntime { reason: reason(&error) })?;
+    let environment =
+        builder.with_name("swm").build().map_err(|error| OnnxError::NoRuntime { reason: reason(&error) })?;
+    *known = Some(environment.clone());
+    Ok(environment)
+}

@@ -1,0 +1,209 @@
+//! A model that `tests/onnx/make_model.py` exported from PyTorch: its costs and gradients are PyTorch's, and plans on it
+//! lead to the goal. Needs ONNX Runtime; without it, says so and tests nothing.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use serde_json::{Map, Value as Json};
+use swm_core::{
+    Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, PolicyArgs,
+    ResetOptions, Rollout, RowsMut, Scenario, Slice, Space, World, WorldOptions,
+};
+use swm_onnx::{OnnxCost, find_library, onnx_policy};
+use swm_solvers::{Cost, MpcPolicy, Plan, PlanConfig, PlanError, Problem, Solver, Trace, Workspace};
+
+/// A point that moves five times the action; start and goal are those of `make_model.py`.
+const POINT: EnvEntry = EnvEntry {
+    id: "swm/Point-v0",
+    summary: "a point on a plane (for tests)",
+    settings: &[],
+    policies: &[],
+    planner: None,
+    make: |_| Ok(Box::new(Point { spec: spec(), at: START })),
+};
+
+const START: [f32; 2] = [60.0, 110.0];
+const GOAL: [f32; 2] = [90.0, 80.0];
+
+fn spec() -> EnvSpec {
+    EnvSpec {
+        id: POINT.id.to_owned(),
+        action: Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0),
+        fields: vec![Field::step("state", Dtype::F32, &[2]), Field::episode("goal_state", Dtype::F32, &[2])],
+        factors: Vec::new(),
+        time_step_s: 0.1,
+        start_columns: &["state"],
+        goal_columns: &["state"],
+    }
+}
+
+struct Point {
+    spec: EnvSpec,
+    at: [f32; 2],
+}
+
+impl Point {
+    fn outcome(&self) -> Outcome {
+        let success = (0..2).all(|axis| (self.at[axis] - GOAL[axis]).abs() < 2.0);
+        Outcome { reward: 0.0, terminated: success, success: Some(success) }
+    }
+}
+
+impl Env for Point {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn reset(&mut self, _episode: &Episode<'_>) -> Result<Outcome, EnvError> {
+        self.at = START;
+        Ok(Outcome { reward: f64::NAN, ..self.outcome() })
+    }
+
+    fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
+        (0..2).for_each(|axis| self.at[axis] += 5.0 * action.number(axis).unwrap_or(0.0) as f32);
+        Ok(self.outcome())
+    }
+
+    fn write_episode(&mut self, out: &mut RowsMut<'_>) {
+        out.write(1, &GOAL);
+    }
+
+    fn observe(&mut self, out: &mut RowsMut<'_>) {
+        out.write(0, &self.at);
+    }
+
+    fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
+        state.store(POINT.id, &self.at)
+    }
+
+    fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
+        self.at = state.load(POINT.id)?;
+        Ok(())
+    }
+}
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/point")
+}
+
+fn is_there() -> bool {
+    let found = find_library();
+    if let Err(error) = &found {
+        println!("skipped: {error}");
+    }
+    found.is_ok()
+}
+
+fn world(num_envs: usize) -> World {
+    let env = EnvConfig::default();
+    let options = WorldOptions { num_envs, env, max_episode_steps: Some(25), ..WorldOptions::default() };
+    World::new(&POINT, options).unwrap()
+}
+
+/// Asks for the costs of the plans of `make_model.py` and plans nothing.
+struct Asks(Arc<Mutex<Vec<f64>>>);
+
+impl Solver for Asks {
+    fn name(&self) -> &'static str {
+        "asks"
+    }
+
+    fn changed_settings(&self) -> Map<String, Json> {
+        Map::new()
+    }
+
+    fn check(&self, _space: &Space) -> Result<(), PlanError> {
+        Ok(())
+    }
+
+    fn solve(
+        &self,
+        problem: &Problem<'_>,
+        cost: &mut dyn Cost,
+        _workspace: &mut Workspace,
+        _trace: &mut dyn Trace,
+        plan: &mut Plan,
+    ) -> Result<(), PlanError> {
+        plan.begin(problem, 0.0);
+        let plans: Vec<f32> = (0..100).map(|index| -1.0 + 2.0 * index as f32 / 99.0).collect();
+        let candidates = problem.candidates(&plans, 2);
+        let (mut costs, mut gradient) = (vec![0.0; 2], vec![0.0; 100]);
+        cost.evaluate(&candidates, &mut costs)?;
+        let mut found = costs.clone();
+        let slopes = cost.differentiable().expect("cost_grad.onnx is there");
+        slopes.evaluate_with_gradient(&candidates, &mut costs, &mut gradient)?;
+        found.extend(costs);
+        found.extend(gradient.iter().map(|&slope| f64::from(slope)));
+        *self.0.lock().unwrap() = found;
+        Ok(())
+    }
+}
+
+#[test]
+fn costs_and_gradients_are_those_of_pytorch() {
+    if !is_there() {
+        return;
+    }
+    let text = std::fs::read_to_string(folder().join("expected.json")).unwrap();
+    let expected: Json = serde_json::from_str(&text).unwrap();
+    let numbers = |name: &str| -> Vec<f64> {
+        expected[name].as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
+    };
+    let wanted = [numbers("costs"), numbers("costs"), numbers("gradient")].concat();
+    let found = Arc::new(Mutex::new(Vec::new()));
+    let cost = Box::new(OnnxCost::load(&folder()).unwrap());
+    let mut world = world(1);
+    world.set_policy(MpcPolicy::new(Box::new(Asks(found.clone())), cost, PlanConfig::default()).unwrap());
+    let reset = ResetOptions::default();
+    let rollout = Rollout { episodes: 0..1, seed: 1, scenario: Scenario::Same(&reset) };
+    world.evaluate(&rollout, &mut ()).unwrap();
+    let found = found.lock().unwrap();
+    assert_eq!(found.len(), wanted.len());
+    for (found, wanted) in found.iter().zip(&wanted) {
+        assert!((found - wanted).abs() < 1e-5 * wanted.abs().max(1.0), "{found} is not {wanted}");
+    }
+}
+
+#[test]
+fn plans_on_an_exported_model_lead_to_the_goal() {
+    if !is_there() {
+        return;
+    }
+    let run = |settings: &str, num_envs| {
+        let args = PolicyArgs::parse(&format!("onnx:{},{settings}", folder().display())).unwrap();
+        let mut world = world(num_envs);
+        world.set_policy(onnx_policy(&args).unwrap());
+        let reset = ResetOptions::default();
+        let rollout = Rollout { episodes: 0..3, seed: 1, scenario: Scenario::Same(&reset) };
+        world.evaluate(&rollout, &mut ()).unwrap()
+    };
+    for settings in ["samples=60,iterations=8,elites=8", "solver=adam,samples=2,iterations=40"] {
+        let one = run(settings, 1);
+        assert_eq!(one.success_rate, 100.0, "{settings}");
+        assert_eq!(one.episode_lengths, run(settings, 3).episode_lengths, "{settings}");
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_said() {
+    if !is_there() {
+        return;
+    }
+    let fails = |text: &str| onnx_policy(&PolicyArgs::parse(text).unwrap()).err().unwrap().to_string();
+    assert!(fails("onnx:nowhere").contains("model.json"));
+    assert!(fails("onnx").contains("onnx:DIR"));
+    assert!(fails(&format!("onnx:{},action_block=3", folder().display())).contains("blocks of 5"));
+    let args =
+        PolicyArgs::parse(&format!("onnx:{},horizon=2,receding_horizon=2", folder().display())).unwrap();
+    let mut world = world(1);
+    world.set_policy(onnx_policy(&args).unwrap());
+    let reset = ResetOptions::default();
+    let rollout = Rollout { episodes: 0..1, seed: 1, scenario: Scenario::Same(&reset) };
+    let mut error: &dyn std::error::Error = &world.evaluate(&rollout, &mut ()).unwrap_err();
+    let mut text = error.to_string();
+    while let Some(source) = error.source() {
+        error = source;
+        text = format!("{text}: {error}");
+    }
+    assert!(text.contains("horizon=5"), "{text}");
+}

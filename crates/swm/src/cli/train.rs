@@ -1,0 +1,128 @@
+//! `swm train` and `swm checkpoints`: baselines learn from datasets.
+//!
+//! Without the feature `baselines` the commands are there and say how to build it.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+/// Train a baseline on a dataset, or go on with a run.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm train --list
+  swm train lewm --data tworoom.h5 --preset small --out runs/lewm --epochs 10
+  swm train pldm --data tworoom.h5 --preset small --out runs/pldm --steps 2000 --set optim.lr=0.001
+  swm train --resume --out runs/lewm
+
+RUN gets config.json, checkpoints, metrics.jsonl and an event file for TensorBoard. A run that was killed goes on with --resume
+from its last checkpoint, with the losses of one that was not. Use it: `swm eval … --policy mpc:RUN`.")]
+pub(super) struct Train {
+    /// The baseline; `--list` names them.
+    #[arg(required_unless_present_any = ["list", "resume"])]
+    baseline: Option<String>,
+    /// List baselines and their presets.
+    #[arg(long, conflicts_with_all = ["data", "out", "resume"])]
+    list: bool,
+    /// The dataset.
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["list", "resume"])]
+    data: Option<PathBuf>,
+    /// The run's folder.
+    #[arg(long, short, value_name = "RUN", required_unless_present = "list")]
+    out: Option<PathBuf>,
+    /// Settings to begin with: paper or small.
+    #[arg(long, default_value = "paper", conflicts_with = "resume")]
+    preset: String,
+    /// A setting of the baseline, `NAME=VALUE`, such as `optim.lr=0.001`; may be repeated.
+    #[arg(long = "set", value_name = "NAME=VALUE", conflicts_with = "resume")]
+    set: Vec<String>,
+    /// Weights of a vision transformer to begin with (.safetensors, .pt, .ckpt): a frozen DINOv2, say.
+    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
+    encoder: Option<PathBuf>,
+    /// Go on with the run in --out; it may be given more epochs or steps.
+    #[arg(long, conflicts_with_all = ["baseline", "data"])]
+    resume: bool,
+    /// Passes over the clips, in each phase. Default: 10.
+    #[arg(long, conflicts_with = "steps")]
+    epochs: Option<u64>,
+    /// Optimiser steps, in each phase.
+    #[arg(long)]
+    steps: Option<u64>,
+    /// Clips per step. Default: the preset's.
+    #[arg(long, conflicts_with = "resume")]
+    batch: Option<usize>,
+    /// Seed of weights, order and noise. Default: 42.
+    #[arg(long, conflicts_with = "resume")]
+    seed: Option<u64>,
+    /// The share of episodes that is learnt from; the others validate.
+    #[arg(long, default_value_t = 0.9, conflicts_with = "resume")]
+    split: f64,
+    /// The share of episodes that is left out of both, for `swm manifest make --held-out` of the same share.
+    #[arg(long, default_value_t = 0.0, conflicts_with = "resume", value_name = "SHARE")]
+    held_out: f64,
+    /// Steps from one record to the next. Default: 20.
+    #[arg(long, value_name = "STEPS")]
+    log_every: Option<u64>,
+    /// Steps from one validation and checkpoint to the next. Default: an epoch.
+    #[arg(long, value_name = "STEPS")]
+    checkpoint_every: Option<u64>,
+    /// Checkpoints to keep beside the best. Default: 3.
+    #[arg(long)]
+    keep: Option<usize>,
+    /// Stop when so many validations in a row were no better than the best.
+    #[arg(long, value_name = "VALIDATIONS")]
+    patience: Option<u64>,
+}
+
+/// List the checkpoints of a training run.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  swm checkpoints runs/lewm\n  swm checkpoints runs/lewm --json")]
+pub(super) struct Checkpoints {
+    /// The run's folder.
+    run: PathBuf,
+}
+
+#[cfg(not(feature = "baselines"))]
+mod work {
+    use super::{Checkpoints, Train};
+    use crate::cli::{Failure, Output, usage};
+
+    const NOT_BUILT: &str = "this build has no baselines; build it with them: cargo install --path crates/swm --features baselines";
+
+    impl Train {
+        pub(in crate::cli) fn run(self, _output: &Output) -> Result<(), Failure> {
+            let Self {
+                baseline: _,
+                list: _,
+                data: _,
+                out: _,
+                preset: _,
+                set: _,
+                encoder: _,
+                resume: _,
+                epochs: _,
+                steps: _,
+                batch: _,
+                seed: _,
+                split: _,
+                held_out: _,
+                log_every: _,
+                checkpoint_every: _,
+                keep: _,
+                patience: _,
+            } = self;
+            Err(usage(NOT_BUILT))
+        }
+    }
+
+    impl Checkpoints {
+        pub(in crate::cli) fn run(self, _output: &Output) -> Result<(), Failure> {
+            let Self { run: _ } = self;
+            Err(usage(NOT_BUILT))
+        }
+    }
+}
+
+#[cfg(feature = "baselines")]
+#[path = "train_work.rs"]
+mod work;

@@ -1,0 +1,212 @@
+//! `swm train` and `swm checkpoints` at work, in builds that have baselines.
+
+use std::time::Duration;
+
+use indicatif::ProgressBar;
+use serde_json::{Map, Value as Json, json};
+use swm_baselines::train::{
+    Checkpoint, End, FitSettings, MetricSink, NewRun, Part, Record, RunConfig, RunFolder, Split, State,
+    Training,
+};
+use swm_baselines::{BASELINES, BaselineEntry, BaselineError};
+
+use super::{Checkpoints, Train};
+use crate::cli::args::{assignment, json_value};
+use crate::cli::output::{facts, table};
+use crate::cli::{Failure, Output, usage};
+
+impl Train {
+    pub(in crate::cli) fn run(self, output: &Output) -> Result<(), Failure> {
+        if self.list {
+            return list(output);
+        }
+        let out = self.out.as_deref().ok_or_else(|| usage("--out: name the run's folder"))?;
+        let mut training = if self.resume {
+            Training::resume(out, |fit| self.apply(fit)).map_err(failure)?
+        } else {
+            let (Some(baseline), Some(data)) = (self.baseline.as_deref(), &self.data) else {
+                return Err(usage("name a baseline and give --data"));
+            };
+            let mut fit = FitSettings::default();
+            self.apply(&mut fit);
+            let split = Split { train: self.split, held_out: self.held_out, seed: fit.seed };
+            let (changes, encoder) = (changes(&self.set)?, self.encoder.as_deref());
+            let new = NewRun { baseline, preset: &self.preset, changes, encoder, split, fit };
+            Training::create(out, swm_data::open(data)?.as_ref(), &new).map_err(failure)?
+        };
+        let model = training.model();
+        let clips = training
+            .clips()
+            .iter()
+            .map(|[train, validation]| format!("{train} + {validation}"))
+            .collect::<Vec<_>>();
+        output.note(format!(
+            "{} ({} preset, {} numbers to learn), clips to learn from + to validate with: {}",
+            model.name(),
+            model.recipe().preset,
+            model.parameters(),
+            clips.join(", ")
+        ));
+        let bar = output.bar(0, "steps");
+        let shown = Shown { bar: bar.clone(), output, lines: !output.shows_bars() };
+        let state = training.run(vec![Box::new(shown)]).map_err(failure)?;
+        bar.finish_and_clear();
+        output.result(&state, || text(&state, &out.display().to_string()))
+    }
+
+    /// The settings that were given.
+    fn apply(&self, fit: &mut FitSettings) {
+        let Self { epochs, steps, batch, seed, log_every, checkpoint_every, keep, patience, .. } = self;
+        if let Some(epochs) = *epochs {
+            (fit.epochs, fit.steps) = (epochs, None);
+        }
+        fit.steps = steps.or(fit.steps);
+        fit.batch = batch.unwrap_or(fit.batch);
+        fit.seed = seed.unwrap_or(fit.seed);
+        fit.log_every = log_every.unwrap_or(fit.log_every);
+        fit.checkpoint_every = checkpoint_every.unwrap_or(fit.checkpoint_every);
+        fit.keep = keep.unwrap_or(fit.keep);
+        fit.patience = patience.unwrap_or(fit.patience);
+    }
+}
+
+/// Wrong settings and folders are wrong requests.
+fn failure(error: BaselineError) -> Failure {
+    match error {
+        BaselineError::UnknownBaseline { .. }
+        | BaselineError::UnknownPreset { .. }
+        | BaselineError::Settings { .. }
+        | BaselineError::Training { .. }
+        | BaselineError::Columns { .. }
+        | BaselineError::Run { .. } => usage(error),
+        error => error.into(),
+    }
+}
+
+/// `--set a.b=1` as nested objects.
+fn changes(set: &[String]) -> Result<Json, Failure> {
+    let mut changes = Json::Object(Map::new());
+    for option in set {
+        let (name, value) = assignment(option, "--set")?;
+        let mut place = &mut changes;
+        for part in name.split('.') {
+            let Json::Object(fields) = place else {
+                return Err(usage(format!("--set {option}: a part of `{name}` was set as a whole before")));
+            };
+            place = fields.entry(part.to_owned()).or_insert_with(|| Json::Object(Map::new()));
+        }
+        *place = json_value(value);
+    }
+    Ok(changes)
+}
+
+fn list(output: &Output) -> Result<(), Failure> {
+    let describe =
+        |entry: &BaselineEntry| json!({ "name": entry.name, "about": entry.about, "presets": entry.presets });
+    let all: Vec<Json> = BASELINES.iter().map(describe).collect();
+    let row =
+        |entry: &BaselineEntry| vec![entry.name.to_owned(), entry.presets.join(", "), entry.about.to_owned()];
+    let rows: Vec<Vec<String>> = BASELINES.iter().map(row).collect();
+    output.result(&all, || table(&["baseline", "presets", "what it is"], &rows))
+}
+
+/// Progress for people: a bar where somebody watches, else lines.
+struct Shown<'a> {
+    bar: ProgressBar,
+    output: &'a Output,
+    lines: bool,
+}
+
+impl MetricSink for Shown<'_> {
+    fn record(&mut self, record: &Record) -> Result<(), BaselineError> {
+        let losses: Vec<String> =
+            record.values.iter().map(|(name, value)| format!("{name} {value:.4}")).collect();
+        let losses = losses.join(", ");
+        let speed = format!("{:.0} clips/s", record.clips_per_s);
+        if record.part == Part::Train {
+            self.bar.set_message(format!("loss {:.4}, {speed}", record.value("loss").unwrap_or(f64::NAN)));
+        }
+        if self.lines || record.part == Part::Validation {
+            let done = record.step.max(1) as f64;
+            let left = record.elapsed.mul_f64((record.total as f64 / done - 1.0).max(0.0)).as_secs();
+            let left = Duration::from_secs(left);
+            let speed =
+                if record.part == Part::Train { format!("; {speed}, {left:?} left") } else { String::new() };
+            let line = format!("{} of {}: {} {losses}{speed}", record.step, record.total, record.part.name());
+            self.bar.suspend(|| self.output.note(line));
+        }
+        Ok(())
+    }
+
+    fn step(&mut self, step: u64, total: u64) {
+        self.bar.set_length(total);
+        self.bar.set_position(step);
+    }
+}
+
+fn text(state: &State, run: &str) -> String {
+    let value =
+        |values: &[(String, f64)]| values.first().map_or("–".to_owned(), |(_, loss)| format!("{loss:.4}"));
+    let why = match state.end {
+        Some(End::EarlyStop) => " (stopped early: validation got no better)",
+        _ => "",
+    };
+    let best = state.best.map_or("–".to_owned(), |(step, loss)| format!("{loss:.4} at step {step}"));
+    facts(&[
+        ("steps", format!("{}{why}", state.step)),
+        ("loss", value(&state.train)),
+        ("validation", value(&state.validation)),
+        ("best validation", best),
+        ("run", run.to_owned()),
+    ])
+}
+
+impl Checkpoints {
+    pub(in crate::cli) fn run(self, output: &Output) -> Result<(), Failure> {
+        let run = RunFolder::open(&self.run).map_err(failure)?;
+        let config = RunConfig::read(&run).map_err(failure)?;
+        let checkpoint = |step: u64| run.checkpoint::<State>(step).map_err(failure);
+        let all: Vec<Checkpoint<State>> =
+            run.steps().map_err(failure)?.into_iter().map(checkpoint).collect::<Result<_, _>>()?;
+        let best = all.last().and_then(|last| last.state.best).map(|(step, _)| step);
+        output.result(&json!({ "config": config, "checkpoints": all }), || {
+            let loss = |values: &[(String, f64)]| {
+                values.first().map_or(String::new(), |(_, loss)| format!("{loss:.4}"))
+            };
+            let row = |one: &Checkpoint<State>| {
+                let mark = if Some(one.step) == best { "best" } else { "" };
+                vec![
+                    one.step.to_string(),
+                    loss(&one.state.train),
+                    loss(&one.state.validation),
+                    mark.to_owned(),
+                    run.weights(one.step).display().to_string(),
+                ]
+            };
+            let rows: Vec<Vec<String>> = all.iter().map(row).collect();
+            format!(
+                "{}, preset {}, on {}\n\n{}",
+                config.recipe.baseline,
+                config.recipe.preset,
+                config.data.path.display(),
+                table(&["step", "loss", "validation", "", "weights"], &rows)
+            )
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_nest_at_their_dots() {
+        let set =
+            |options: &[&str]| changes(&options.iter().map(|&option| option.to_owned()).collect::<Vec<_>>());
+        let nested = set(&["model.width=64", "model.encoder.kind=cnn", "optim.lr=1e-3"]).ok();
+        let wanted =
+            json!({ "model": { "width": 64, "encoder": { "kind": "cnn" } }, "optim": { "lr": 1e-3 } });
+        assert_eq!(nested, Some(wanted));
+        assert!(set(&["model=1", "model.width=2"]).is_err() && set(&["width"]).is_err());
+    }
+}
