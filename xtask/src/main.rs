@@ -15,6 +15,7 @@ mod memcheck;
 mod metadata;
 mod plugin;
 mod process;
+mod proof;
 mod python;
 mod setup;
 mod test;
@@ -48,6 +49,8 @@ enum Command {
     Setup(setup::Args),
     /// Record, plan and evaluate on PushT, and leave a report with pictures and films
     Demo(demo::Args),
+    /// Train small baselines on TwoRoom, plan and act with them, and print what they reach
+    Proof(proof::Args),
     /// Set up, then run all tests, and the examples in the documentation
     Test(test::Args),
     /// Run every check that a change must pass, and print a table of them
@@ -74,6 +77,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Setup(args) => setup::run(&args),
         Command::Demo(args) => demo::run(&args),
+        Command::Proof(args) => proof::run(&args),
         Command::Test(args) => test::run(&args),
         Command::Memcheck(args) => memcheck::run(&args),
         Command::Bindgen(args) => bindgen::run(&args),
