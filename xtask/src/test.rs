@@ -67,7 +67,7 @@ pub(crate) fn doctests(args: &Args) -> Result<()> {
 /// What is left out where no C++ compiler is at hand; what is not built by default and tested all the same.
 fn features(args: &Args) -> &'static [&'static str] {
     match process::has_cxx() {
-        true if args.packages.is_empty() => &["--features", "swm/lerobot,swm/av1"],
+        true if args.packages.is_empty() => &["--features", "swm/lerobot"],
         true => &[],
         false => &["--no-default-features", "--features", "swm/cli"],
     }
