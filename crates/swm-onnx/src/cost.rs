@@ -107,7 +107,7 @@ impl Model {
             }
         }
         let actions = session.inputs().iter().find(|input| input.name() == ACTIONS);
-        let shape = match actions.map(|input| input.dtype()) {
+        let shape = match actions.map(ort::value::Outlet::dtype) {
             Some(ValueType::Tensor { ty: TensorElementType::Float32, shape, .. }) => shape.to_vec(),
             _ => return Err(wrong(format!("it has no input `{ACTIONS}` [S, H, D] of 32-bit floats"))),
         };
