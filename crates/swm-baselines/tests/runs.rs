@@ -123,7 +123,7 @@ fn world(num_envs: usize, image: Option<ImageSize>) -> World {
         threads: Some(1),
         ..WorldOptions::default()
     };
-    World::new(&DOT, options).unwrap()
+    World::new(&DOT, options).expect("sound in this test")
 }
 
 /// Records random episodes into the file `data.h5` of a folder.
@@ -133,10 +133,10 @@ fn record(folder: &Path) -> Box<dyn Dataset> {
     let reset = ResetOptions::default();
     let rollout = Rollout { episodes: 0..12, seed: 1, scenario: Scenario::Same(&reset) };
     let mut buffer = ReplayBuffer::new(1000);
-    world.record_dataset(&rollout, &mut buffer, &mut ()).unwrap();
+    world.record_dataset(&rollout, &mut buffer, &mut ()).expect("sound in this test");
     let path = folder.join("data.h5");
-    buffer.dump(&path, WriteMode::Error, None).unwrap();
-    swm_data::open(&path).unwrap()
+    buffer.dump(&path, WriteMode::Error, None).expect("sound in this test");
+    swm_data::open(&path).expect("sound in this test")
 }
 
 fn new_run(baseline: &str) -> NewRun<'_> {
@@ -155,14 +155,15 @@ fn new_run(baseline: &str) -> NewRun<'_> {
 
 /// Trains in the folder `name`.
 fn trained(folder: &Path, baseline: &str, name: &str) -> State {
-    let dataset = swm_data::open(&folder.join("data.h5")).unwrap();
-    let mut training = Training::create(&folder.join(name), dataset.as_ref(), &new_run(baseline)).unwrap();
-    training.run(Vec::new()).unwrap()
+    let dataset = swm_data::open(&folder.join("data.h5")).expect("sound in this test");
+    let mut training = Training::create(&folder.join(name), dataset.as_ref(), &new_run(baseline))
+        .expect("sound in this test");
+    training.run(Vec::new()).expect("sound in this test")
 }
 
 fn made(text: &str) -> Result<Box<dyn policy::Policy>, String> {
-    let args = PolicyArgs::parse(text).unwrap();
-    let entry = POLICIES.iter().find(|entry| entry.name == args.name).unwrap();
+    let args = PolicyArgs::parse(text).expect("sound in this test");
+    let entry = POLICIES.iter().find(|entry| entry.name == args.name).expect("sound in this test");
     let config = EnvConfig::default();
     let context = PolicyContext { env: &DOT, config: &config, frame_skip: 1 };
     (entry.make)(&context, &args).map_err(|error| error.to_string())

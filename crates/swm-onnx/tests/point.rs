@@ -97,7 +97,7 @@ fn is_there() -> bool {
 fn world(num_envs: usize) -> World {
     let env = EnvConfig::default();
     let options = WorldOptions { num_envs, env, max_episode_steps: Some(25), ..WorldOptions::default() };
-    World::new(&POINT, options).unwrap()
+    World::new(&POINT, options).expect("sound in this test")
 }
 
 /// Asks for the costs of the plans of `make_model.py` and plans nothing.
@@ -134,7 +134,7 @@ impl Solver for Asks {
         slopes.evaluate_with_gradient(&candidates, &mut costs, &mut gradient)?;
         found.extend(costs);
         found.extend(gradient.iter().map(|&slope| f64::from(slope)));
-        *self.0.lock().unwrap() = found;
+        *self.0.lock().expect("sound in this test") = found;
         Ok(())
     }
 }
