@@ -17,11 +17,10 @@ import os
 import subprocess
 import sys
 import tempfile
-import venv
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parent.parent
+import peer
+
 KEYS = "pixels,action,proprio"
 
 # Name, file, what the peer reads, steps of a clip, drawn side, least rate here per second of processor time, least ratio.
@@ -36,8 +35,7 @@ PARALLEL_TARGET = 1.8
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    # The folder of two_room_v2.py, which needs the same packages.
-    parser.add_argument("--venv", type=Path, default=ROOT / ".tools/peers/two_room_v2")
+    parser.add_argument("--venv", type=Path, default=peer.folder(peer.REFERENCE[0]))
     parser.add_argument("--binaries", type=Path, help="the folder of the release binaries; default: built by cargo")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=2.0, help="per case and round")
@@ -45,7 +43,8 @@ def main():
     parser.add_argument("--json", type=Path, help="write everything there as JSON")
     parser.add_argument("--check", action="store_true", help="exit with status 1 if a target is missed")
     options = parser.parse_args()
-    python, binaries = make_environment(options.venv), options.binaries or build()
+    python = peer.environment(options.venv, peer.REFERENCE[1])
+    binaries = options.binaries or build()
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         record(binaries, folder, options.episodes)
@@ -56,21 +55,9 @@ def main():
     sys.exit(1 if options.check and any(row["met"] is False for row in rows) else 0)
 
 
-def make_environment(folder):
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    if not python.exists():
-        venv.create(folder, with_pip=True)
-        requirements = HERE / "requirements-two-room-v2.txt"
-        subprocess.run([python, "-m", "pip", "install", "--quiet", "--no-deps", "-r", requirements], check=True)
-    return python
-
-
 def build():
-    command = ["cargo", "build", "--release", "--quiet"]
-    for package, binary in [("swm", "swm"), ("swm-benches", "load-rates")]:
-        subprocess.run([*command, "-p", package, "--bin", binary], cwd=ROOT, check=True)
-    metadata = subprocess.check_output(["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT)
-    return Path(json.loads(metadata)["target_directory"]) / "release"
+    peer.build("swm-benches", "load-rates")
+    return peer.build("swm", "swm").parent
 
 
 def record(binaries, folder, episodes):
@@ -86,11 +73,7 @@ def record(binaries, folder, episodes):
 def measure(python, binaries, folder, options):
     """One row per case: the best rate of all rounds, on both sides."""
     rows = {}
-    command = [python, "-W", "ignore", HERE / "data_reference.py"]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
-    ) as reference:
+    with peer.Peer(python, "data_reference.py", env={"OMP_NUM_THREADS": "1"}) as reference:
         for _ in range(options.rounds):
             for name, file, kind, steps, drawn, least_rate, least_ratio in CASES:
                 path = folder / file
@@ -101,7 +84,7 @@ def measure(python, binaries, folder, options):
                 own = [binaries / "load-rates", path, str(steps), "--keys", KEYS, "--first"]
                 own += ["--seconds", str(options.seconds), "--threads", "1,2"]
                 own += ["--draw", str(drawn)] if drawn else []
-                one, two = json.loads(subprocess.check_output(own))
+                one, two = peer.own(own)
                 row["here"] = max(row["here"], one["clips"] / one["cpu_s"])
                 row["gain"] = max(row["gain"], two["clips"] / two["wall_s"] / (one["clips"] / one["wall_s"]))
                 if kind is None:
@@ -109,11 +92,8 @@ def measure(python, binaries, folder, options):
                 request = {"kind": kind, "path": str(path), "num_steps": steps, "keys": KEYS.split(",")}
                 if kind == "lance":
                     request |= {"from": str(path), "path": str(path.with_suffix(".lance"))}
-                reference.stdin.write(json.dumps({**request, "seconds": options.seconds}) + "\n")
-                reference.stdin.flush()
-                answer = json.loads(reference.stdout.readline() or sys.exit("the reference stopped; its message stands above"))
+                answer = reference.ask({**request, "seconds": options.seconds})
                 row["reference"] = max(row["reference"] or 0.0, answer["clips"] / answer["cpu_s"])
-        reference.stdin.close()
     for row in rows.values():
         row["ratio"] = row["here"] / row["reference"] if row["reference"] else None
         checks = [(row["here"], row["rate_wanted"]), (row["ratio"], row["ratio_wanted"])]

@@ -9,16 +9,13 @@ with it, which writes every column.
 """
 
 import argparse
-import json
 import os
 import statistics
-import subprocess
 import sys
-import venv
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parent.parent
+import peer
+
 IDS = {"cube": "swm/OGBCube-v0", "scene": "swm/OGBScene-v0"}
 
 # (case here, of the reference, least ratio wanted)
@@ -30,44 +27,22 @@ LIMITS = {"color": 5, "floor": 5, "size": 60}
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("env", nargs="?", choices=IDS, default="cube")
-    parser.add_argument("--venv", type=Path, default=ROOT / ".tools/peers/ogb")
+    parser.add_argument("--venv", type=Path, default=peer.folder("ogb"))
     parser.add_argument("--table-rates", type=Path, help="the release binary; default: built by cargo")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=2.0, help="processor time per measurement")
     parser.add_argument("--check", action="store_true", help="exit with status 1 if a target is missed")
     options = parser.parse_args()
-    python, binary = make_environment(options.venv), options.table_rates or build()
-    command = [python, "-W", "ignore", HERE / "ogb_reference.py", options.env]
+    python = peer.environment(options.venv, ["requirements-ogb.txt"])
+    binary = options.table_rates or peer.build("swm-benches", "table-rates")
     rates = {}
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as reference:
+    with peer.Peer(python, "ogb_reference.py", options.env) as reference:
         for _ in range(options.rounds):
-            reference.stdin.write(f"{options.seconds}\n")
-            reference.stdin.flush()
-            answer = reference.stdout.readline() or sys.exit("the reference stopped; its message stands above")
-            for case, rate in json.loads(answer).items():
+            for case, rate in reference.ask(options.seconds).items():
                 rates.setdefault(case, []).append(rate)
-            own = subprocess.run([binary, IDS[options.env], str(options.seconds)], stdout=subprocess.PIPE, check=True)
-            for measured in json.loads(own.stdout):
+            for measured in peer.own([binary, IDS[options.env], options.seconds]):
                 rates.setdefault(measured["case"], []).append(measured["count"] / measured["cpu_s"])
-        reference.stdin.close()
     sys.exit(1 if report(rates) and options.check else 0)
-
-
-def make_environment(folder):
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    if not python.exists():
-        venv.create(folder, with_pip=True)
-        requirements = HERE / "requirements-ogb.txt"
-        subprocess.run([python, "-m", "pip", "install", "--quiet", "--no-deps", "-r", requirements], check=True)
-    return python
-
-
-def build():
-    command = ["cargo", "build", "--release", "--quiet", "-p", "swm-benches", "--bin", "table-rates"]
-    subprocess.run(command, cwd=ROOT, check=True)
-    metadata = subprocess.check_output(["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT)
-    name = "table-rates.exe" if os.name == "nt" else "table-rates"
-    return Path(json.loads(metadata)["target_directory"]) / "release" / name
 
 
 def report(rates):
