@@ -65,11 +65,7 @@ const STEPS: &[Step] = &[
         about: "crates outside of the workspace add environments, solvers and models",
         run: || plugin::run(&plugin::Args::default()),
     },
-    Step {
-        name: "baselines",
-        about: "the crate of the baselines, which is built apart",
-        run: || apart::check("swm-baselines", &[]),
-    },
+    Step { name: "baselines", about: "the crate of the baselines, which is built apart", run: baselines },
     Step { name: "lance", about: "the crate of the formats on Lance, which is built apart", run: lance },
     Step { name: "alone", about: "each crate builds alone, without default features", run: alone },
 ];
@@ -156,6 +152,13 @@ fn doc() -> Result<()> {
     process::run(
         command.args(apart::all_others()).env("RUSTDOCFLAGS", format!("{flags} -D warnings").trim_start()),
     )
+}
+
+/// With the command that trains them, and plans with models of others.
+fn baselines() -> Result<()> {
+    apart::check("swm-baselines", &[])?;
+    let command = ["clippy", "--package", "swm", "--features", "baselines,onnx", "--", "-D", "warnings"];
+    process::run(&mut process::cargo(command))
 }
 
 /// With pylance, which reads what we write; and the command with these formats.
