@@ -274,7 +274,12 @@ mod tests {
     use super::*;
 
     fn write(run: &RunFolder, step: u64, state: &impl Serialize) {
-        let save = |bytes: &'static [u8]| move |path: &Path| Ok(fs::write(path, bytes).unwrap());
+        let save = |bytes: &'static [u8]| {
+            move |path: &Path| {
+                fs::write(path, bytes).unwrap();
+                Ok(())
+            }
+        };
         run.write_checkpoint(step, save(b"weights"), save(b"moments"), state).unwrap();
     }
 

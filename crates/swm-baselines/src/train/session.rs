@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde_json::Value as Json;
-use swm_data::Dataset;
+use swm_data::{Dataset, Loader};
 
 use super::data::{DataFacts, Split, TrainData};
 use super::fit::{State, fit};
@@ -109,9 +109,8 @@ impl Training {
 
     /// Clips to learn from and to validate with, in each phase.
     pub fn clips(&self) -> Vec<[usize; 2]> {
-        let count = |clips: &super::PhaseClips| {
-            [clips.train.len(), clips.validation.as_ref().map_or(0, |loader| loader.len())]
-        };
+        let count =
+            |clips: &super::PhaseClips| [clips.train.len(), clips.validation.as_ref().map_or(0, Loader::len)];
         self.data.phases.iter().map(count).collect()
     }
 

@@ -99,9 +99,10 @@ impl Baseline for Toy {
             return Err(BaselineError::NotFinite { step: at.step, value: f32::NAN });
         }
         let gradient = self.gradient(batch);
-        for axis in 0..2 {
-            self.momentum[axis] = 0.5 * self.momentum[axis] + gradient[axis];
-            self.weights[axis] -= 0.3 * (1.0 - at.step as f32 / at.total as f32) * self.momentum[axis];
+        let rate = 0.3 * (1.0 - at.step as f32 / at.total as f32);
+        for ((momentum, weight), slope) in self.momentum.iter_mut().zip(&mut self.weights).zip(gradient) {
+            *momentum = 0.5 * *momentum + slope;
+            *weight -= rate * *momentum;
         }
         Ok(losses(gradient))
     }
