@@ -66,7 +66,7 @@ pub(crate) fn sum_up(checksum: &mut Hasher, array: &dyn Array) {
     match array.data_type() {
         DataType::Binary => array.as_binary::<i32>().iter().flatten().for_each(|file| checksum.update(file)),
         DataType::Utf8 => {
-            array.as_string::<i32>().iter().flatten().for_each(|text| checksum.update(text.as_bytes()))
+            array.as_string::<i32>().iter().flatten().for_each(|text| checksum.update(text.as_bytes()));
         }
         DataType::FixedSizeList(..) => sum_up(checksum, &items(array)),
         DataType::UInt8 => checksum.update(array.as_primitive::<UInt8Type>().values()),
@@ -170,7 +170,7 @@ fn column(values: &dyn Array, field: &Field) -> Result<Column, String> {
         (Dtype::I64, DataType::UInt32) => Column::I64(integers!(UInt32Type, i64)),
         (Dtype::I64, DataType::UInt64) => Column::I64(integers!(UInt64Type, i64)),
         (Dtype::I64, DataType::Int64) => Column::I64(values.as_primitive::<Int64Type>().values().to_vec()),
-        (Dtype::F32, DataType::Float16) => Column::F32(reals!(Float16Type, |value| value.to_f32())),
+        (Dtype::F32, DataType::Float16) => Column::F32(reals!(Float16Type, f32::from)),
         (Dtype::F32, DataType::Float32) => Column::F32(reals!(Float32Type, |value| value)),
         (Dtype::F64, DataType::Float64) => Column::F64(reals!(Float64Type, |value| value)),
         (Dtype::Str, DataType::Utf8) => texts(values.as_string::<i32>().iter().flatten(), field)?,

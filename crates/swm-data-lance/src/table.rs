@@ -97,7 +97,7 @@ impl Table {
 
     /// A file below the folder, as Lance calls it.
     pub(crate) fn path(&self, name: &str) -> ObjectPath {
-        name.split('/').fold(self.base.clone(), |path, part| path.join(part))
+        name.split('/').fold(self.base.clone(), ObjectPath::join)
     }
 
     /// Makes another list of fragments the newest version; `about` replaces what the table says of itself.
