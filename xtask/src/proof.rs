@@ -25,16 +25,41 @@ pub(crate) struct Args {
 /// One baseline: how it is trained, and the policy that it becomes.
 struct Trial {
     baseline: &'static str,
+    data: &'static Data,
     train: &'static [&'static [&'static str]],
     policy: &'static str,
     settings: &'static str,
 }
 
 const TRIALS: &[Trial] = &[
-    Trial { baseline: "pldm", train: &[WORLD, &["--steps", "700"]], policy: "mpc", settings: SEARCH },
-    Trial { baseline: "lewm", train: &[WORLD, &["--steps", "700"]], policy: "mpc", settings: SEARCH },
-    Trial { baseline: "gcbc", train: &[POLICY, &["--steps", "300"]], policy: "gcbc", settings: "" },
-    Trial { baseline: "gcivl", train: &[POLICY, &["--steps", "600"]], policy: "gcivl", settings: "" },
+    Trial {
+        baseline: "pldm",
+        data: &NOISY,
+        train: &[WORLD, &["--steps", "700"]],
+        policy: "mpc",
+        settings: SEARCH,
+    },
+    Trial {
+        baseline: "lewm",
+        data: &NOISY,
+        train: &[WORLD, &["--steps", "700"]],
+        policy: "mpc",
+        settings: SEARCH,
+    },
+    Trial {
+        baseline: "gcbc",
+        data: &CALM,
+        train: &[POLICY, &["--steps", "900"]],
+        policy: "gcbc",
+        settings: "",
+    },
+    Trial {
+        baseline: "gcivl",
+        data: &CALM,
+        train: &[POLICY, &["--steps", "500"]],
+        policy: "gcivl",
+        settings: "",
+    },
 ];
 
 /// A search that a processor does in a fraction of a second.
@@ -65,18 +90,21 @@ const POLICY: &[&str] =
     &["--set", "model.image=32", "--set", "model.encoder.channels=[16,32,48]", "--set", "optim.lr=0.001"];
 
 const ENV: &str = "swm/TwoRoom-v2";
-const COLLECT: &[&str] = &[
-    "--policy",
-    "noisy-expert:2",
-    "--episodes",
-    "2000",
-    "--seed",
-    "1",
-    "--image-size",
-    "64x64",
-    "--without",
-    "goal",
-];
+/// Episodes to learn from.
+struct Data {
+    file: &'static str,
+    collect: &'static [&'static str],
+}
+
+/// As the reference records it, and what pairs are drawn from.
+const NOISY: Data = Data {
+    file: "tworoom.h5",
+    collect: &["--policy", "noisy-expert:2", "--episodes", "2000", "--seed", "1"],
+};
+/// What policies imitate: in the other, the noise hides what the expert wanted.
+const CALM: Data =
+    Data { file: "calm.h5", collect: &["--policy", "noisy-expert:0.5", "--episodes", "1000", "--seed", "2"] };
+const COLLECT: &[&str] = &["--image-size", "64x64", "--without", "goal"];
 const MANIFEST: &[&str] = &[
     "--tier",
     "historic",
@@ -96,12 +124,18 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     process::run(process::cargo(["build"]).args(BUILD))?;
     let out = std::path::absolute(&args.out)?;
     fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-    let [data, manifest] = ["tworoom.h5", "historic.toml"].map(|name| out.join(name));
-    if !data.exists() {
-        swm(&[&["collect", ENV], COLLECT].concat(), &[("--out", &data)])?;
+    let manifest = out.join("historic.toml");
+    for data in [&NOISY, &CALM] {
+        let file = out.join(data.file);
+        if !file.exists() {
+            swm(&[&["collect", ENV], COLLECT, data.collect].concat(), &[("--out", &file)])?;
+        }
     }
     if !manifest.exists() {
-        swm(&[&["manifest", "make", ENV], MANIFEST].concat(), &[("--dataset", &data), ("--out", &manifest)])?;
+        swm(
+            &[&["manifest", "make", ENV], MANIFEST].concat(),
+            &[("--dataset", &out.join(NOISY.file)), ("--out", &manifest)],
+        )?;
     }
     let mut table = String::from("| policy | success | 95 % interval | training |\n|---|---|---|---|\n");
     let mut beside = "all";
@@ -113,7 +147,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             swm(&["train", "--resume"], &[("--out", &run)])?;
         } else {
             let call = [&["train", trial.baseline, "--preset", "small"][..], &trial.train.concat()].concat();
-            swm(&call, &[("--data", &data), ("--out", &run)])?;
+            swm(&call, &[("--data", &out.join(trial.data.file)), ("--out", &run)])?;
         }
         let minutes = started.elapsed().as_secs_f64() / 60.0;
         let policy = format!("{}:{}{}", trial.policy, run.display(), trial.settings);
