@@ -102,8 +102,19 @@ const NOISY: Data = Data {
     collect: &["--policy", "noisy-expert:2", "--episodes", "2000", "--seed", "1"],
 };
 /// What policies imitate: in the other, the noise hides what the expert wanted.
-const CALM: Data =
-    Data { file: "calm.h5", collect: &["--policy", "noisy-expert:0.5", "--episodes", "1000", "--seed", "2"] };
+const CALM: Data = Data {
+    file: "calm.h5",
+    collect: &[
+        "--policy",
+        "noisy-expert:0.5",
+        "--episodes",
+        "1000",
+        "--seed",
+        "2",
+        "--env-option",
+        "render=fast",
+    ],
+};
 const COLLECT: &[&str] = &["--image-size", "64x64", "--without", "goal"];
 const MANIFEST: &[&str] = &[
     "--tier",
