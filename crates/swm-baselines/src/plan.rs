@@ -1,14 +1,98 @@
-//! Candidates in groups of one size: what makes costs independent of how many are asked for together.
+//! Planning with any world model that tells costs scene by scene.
+//!
+//! Candidates go through the network in groups of a fixed size, each from one scene and filled up where it is not full.
+//! So the bits of a cost depend on nothing beside the candidate: not on other scenes, not on threads.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 use swm_solvers::Candidates;
 
+use crate::baseline::PlanModel;
+use crate::data::{Form, Scenes, Start};
 use crate::error::BaselineError;
 use crate::params::host;
 
+/// A network that predicts from one scene what plans lead to.
+pub(crate) trait SceneModel: Send + Sync {
+    /// Candidates of a group.
+    const GROUP: usize;
+
+    /// What all candidates of a scene share.
+    type Scene: Send + Sync;
+
+    /// The form of its tensors.
+    fn form(&self) -> &Form;
+
+    /// N: how many observations it can make use of.
+    fn history(&self) -> usize;
+
+    /// Encodes scene `row` of `start`.
+    fn scene(&self, start: &Start, row: usize) -> Self::Scene;
+
+    /// `[C]`: costs of candidates `[C, H, D]` of one scene.
+    fn costs(&self, scene: &Self::Scene, plans: Tensor<3>) -> Tensor<1>;
+}
+
+/// A copy of a model, and what was prepared.
+pub(crate) struct Planner<M: SceneModel> {
+    model: M,
+    device: Device,
+    scenes: Vec<M::Scene>,
+}
+
+impl<M: SceneModel> Planner<M> {
+    /// Of a copy of the model.
+    pub(crate) fn new(model: M) -> Self {
+        Self { model, device: Device::flex(), scenes: Vec::new() }
+    }
+
+    fn groups<'a>(&self, candidates: &Candidates<'a>) -> Result<Groups<'a>, BaselineError> {
+        Groups::new(candidates, self.scenes.len(), self.block_width(), M::GROUP)
+    }
+
+    fn run(&self, groups: Vec<Group<'_>>) {
+        groups.into_par_iter().for_each(|group| {
+            let scene = &self.scenes[group.row];
+            group.run(&self.device, |plans| self.model.costs(scene, plans));
+        });
+    }
+}
+
+impl<M: SceneModel> PlanModel for Planner<M> {
+    fn block_width(&self) -> usize {
+        self.model.form().action
+    }
+
+    fn history(&self) -> usize {
+        self.model.history()
+    }
+
+    fn prepare(&mut self, scenes: &Scenes<'_>) -> Result<(), BaselineError> {
+        let start = Start::new(scenes, self.model.form(), &self.device)?;
+        // One by one: the bits of what is known of a scene must not depend on its neighbours.
+        self.scenes =
+            (0..scenes.pixels.rows).into_par_iter().map(|row| self.model.scene(&start, row)).collect();
+        Ok(())
+    }
+
+    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), BaselineError> {
+        self.run(self.groups(candidates)?.of_costs(costs));
+        Ok(())
+    }
+
+    fn evaluate_with_gradient(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        gradient: &mut [f32],
+    ) -> Result<(), BaselineError> {
+        self.run(self.groups(candidates)?.of_gradients(costs, gradient));
+        Ok(())
+    }
+}
+
 /// Some candidates of one scene.
-pub(crate) struct Group<'a> {
+struct Group<'a> {
     /// The scene.
     row: usize,
     /// H and D.
@@ -44,7 +128,7 @@ impl Group<'_> {
 }
 
 /// How candidates are cut into groups.
-pub(crate) struct Groups<'a> {
+struct Groups<'a> {
     candidates: Candidates<'a>,
     /// C.
     size: usize,
@@ -52,7 +136,7 @@ pub(crate) struct Groups<'a> {
 
 impl<'a> Groups<'a> {
     /// Groups of C = `size`. Checks that the candidates are for so many scenes and blocks of this width.
-    pub(crate) fn new(
+    fn new(
         candidates: &Candidates<'a>,
         scenes: usize,
         width: usize,
@@ -78,7 +162,7 @@ impl<'a> Groups<'a> {
     }
 
     /// The groups, each with its costs of `[B, S]`.
-    pub(crate) fn of_costs(&self, costs: &'a mut [f64]) -> Vec<Group<'a>> {
+    fn of_costs(&self, costs: &'a mut [f64]) -> Vec<Group<'a>> {
         let Candidates { actions, samples, horizon, width, .. } = self.candidates;
         let of_one = horizon * width;
         let rows = costs.chunks_mut(samples).zip(actions.chunks(samples * of_one)).enumerate();
@@ -97,7 +181,7 @@ impl<'a> Groups<'a> {
     }
 
     /// The groups, each with its costs of `[B, S]` and gradients of `[B, S, H, D]`.
-    pub(crate) fn of_gradients(&self, costs: &'a mut [f64], gradient: &'a mut [f32]) -> Vec<Group<'a>> {
+    fn of_gradients(&self, costs: &'a mut [f64], gradient: &'a mut [f32]) -> Vec<Group<'a>> {
         let Candidates { samples, horizon, width, .. } = self.candidates;
         let of_one = horizon * width;
         let gradients =
@@ -105,16 +189,4 @@ impl<'a> Groups<'a> {
         let groups = self.of_costs(costs).into_iter().zip(gradients);
         groups.map(|(group, gradient)| Group { gradient: Some(gradient), ..group }).collect()
     }
-}
-
-/// Runs groups in parallel.
-pub(crate) fn run_all<'a>(
-    groups: Vec<Group<'a>>,
-    device: &Device,
-    costs: impl Fn(usize, Tensor<3>) -> Tensor<1> + Sync,
-) {
-    groups.into_par_iter().for_each(|group| {
-        let row = group.row;
-        group.run(device, |plans| costs(row, plans));
-    });
 }

@@ -19,8 +19,7 @@ use crate::network::{Network, Parts};
 use crate::nn::{FramePredictor, PredictorConfig, StateEmbedder, TokenForm, VitConfig};
 use crate::optim::{OptimConfig, Schedule};
 use crate::pass::Pass;
-
-use planner::DinoPlanner;
+use crate::plan::Planner;
 
 /// Its name.
 pub(crate) const NAME: &str = "dino-wm";
@@ -194,6 +193,6 @@ impl Network for DinoWm {
     }
 
     fn planner(&self) -> Option<Box<dyn PlanModel>> {
-        Some(Box::new(DinoPlanner::new(self.clone())))
+        Some(Box::new(Planner::new(self.clone())))
     }
 }

@@ -1,32 +1,16 @@
 //! Planning with DINO-WM: the mean squared distance of the last predicted tokens from the goal's, plus that of
 //! proprioception where it is used.
-//!
-//! Candidates go through the network in groups, as in `joint/planner.rs` and for its reasons.
 
-use burn::tensor::{Device, Tensor};
-use rayon::prelude::*;
-use swm_solvers::Candidates;
+use burn::tensor::Tensor;
 
 use super::DinoWm;
-use crate::baseline::PlanModel;
-use crate::data::{Scenes, Start};
-use crate::error::BaselineError;
+use crate::data::{Form, Start};
 use crate::nn::StateEmbedder;
 use crate::pass::Pass;
-use crate::plan::{Groups, run_all};
-
-/// Candidates of a group: a candidate is hundreds of tokens.
-const GROUP: usize = 4;
-
-/// A copy of the model, and what was prepared.
-pub(super) struct DinoPlanner {
-    model: DinoWm,
-    device: Device,
-    scenes: Vec<Scene>,
-}
+use crate::plan::SceneModel;
 
 /// What all candidates of a scene share.
-struct Scene {
+pub(crate) struct Scene {
     /// `[1, N, P, W]`: observed, without actions.
     frames: Tensor<4>,
     /// `[1, N - 1, D]`.
@@ -35,15 +19,31 @@ struct Scene {
     goal: Tensor<4>,
 }
 
-impl DinoPlanner {
-    /// Of a copy of the model.
-    pub(super) fn new(model: DinoWm) -> Self {
-        Self { model, device: Device::flex(), scenes: Vec::new() }
-    }
-}
+impl SceneModel for DinoWm {
+    /// A candidate is hundreds of tokens.
+    const GROUP: usize = 4;
 
-impl DinoWm {
-    /// `[C]`: costs of candidates `[C, H, D]` of one scene.
+    type Scene = Scene;
+
+    fn form(&self) -> &Form {
+        &self.form
+    }
+
+    fn history(&self) -> usize {
+        self.history
+    }
+
+    fn scene(&self, start: &Start, row: usize) -> Scene {
+        let state = |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, row, 1));
+        let pixels = start.pixels.clone().narrow(0, row, 1);
+        let goal = start.goal_pixels.clone().narrow(0, row, 1);
+        Scene {
+            frames: self.observe(pixels, state(&start.proprio)),
+            action: state(&start.action),
+            goal: self.observe(goal, state(&start.goal_proprio)),
+        }
+    }
+
     fn costs(&self, scene: &Scene, plans: Tensor<3>) -> Tensor<1> {
         let [count, horizon, width] = plans.dims();
         let pass = &mut Pass::evaluate();
@@ -70,52 +70,5 @@ impl DinoWm {
         }
         // All tokens of an observed frame say the same of proprioception; the reference asks the first.
         pixels + mean(error.narrow(3, of_pixels, of_proprio).narrow(2, 0, 1))
-    }
-}
-
-impl PlanModel for DinoPlanner {
-    fn block_width(&self) -> usize {
-        self.model.form.action
-    }
-
-    fn history(&self) -> usize {
-        self.model.history
-    }
-
-    fn prepare(&mut self, scenes: &Scenes<'_>) -> Result<(), BaselineError> {
-        let start = Start::new(scenes, &self.model.form, &self.device)?;
-        let row = |index: usize| {
-            let state =
-                |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, index, 1));
-            let pixels = start.pixels.clone().narrow(0, index, 1);
-            let goal = start.goal_pixels.clone().narrow(0, index, 1);
-            Scene {
-                frames: self.model.observe(pixels, state(&start.proprio)),
-                action: state(&start.action),
-                goal: self.model.observe(goal, state(&start.goal_proprio)),
-            }
-        };
-        // One by one: the bits of a scene's tokens must not depend on its neighbours.
-        self.scenes = (0..scenes.pixels.rows).into_par_iter().map(row).collect();
-        Ok(())
-    }
-
-    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), BaselineError> {
-        let groups = Groups::new(candidates, self.scenes.len(), self.block_width(), GROUP)?;
-        let cost = |row: usize, plans| self.model.costs(&self.scenes[row], plans);
-        run_all(groups.of_costs(costs), &self.device, cost);
-        Ok(())
-    }
-
-    fn evaluate_with_gradient(
-        &mut self,
-        candidates: &Candidates<'_>,
-        costs: &mut [f64],
-        gradient: &mut [f32],
-    ) -> Result<(), BaselineError> {
-        let groups = Groups::new(candidates, self.scenes.len(), self.block_width(), GROUP)?;
-        let cost = |row: usize, plans| self.model.costs(&self.scenes[row], plans);
-        run_all(groups.of_gradients(costs, gradient), &self.device, cost);
-        Ok(())
     }
 }

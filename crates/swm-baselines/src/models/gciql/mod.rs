@@ -95,14 +95,6 @@ pub(crate) fn make(
         ],
         momentum: value.momentum,
     };
-    let policy_phase = Phase {
-        name: "policy",
-        optim: optim.clone(),
-        goals: model.goals(GoalWeights { random: 0.5, geometric: 0.0, uniform: 0.5, current: 0.0 }),
-        trains: &["action_predictor", "log_stds"],
-        teachers: &[],
-        momentum: 0.0,
-    };
     let network = Gciql {
         observer,
         value: values(),
@@ -115,7 +107,7 @@ pub(crate) fn make(
         form,
         history: model.history,
     };
-    Ok(Parts { network, needs: model.needs(1), form, phases: vec![value_phase, policy_phase] })
+    Ok(Parts { network, needs: model.needs(1), form, phases: vec![value_phase, model.policy_phase(optim)] })
 }
 
 impl Network for Gciql {

@@ -7,12 +7,13 @@ use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 use swm_data::loader::GoalWeights;
 
-use crate::baseline::{Needs, PhaseGoals};
+use crate::baseline::{Needs, Phase, PhaseGoals};
 use crate::data::{Facts, Form, Inputs};
 use crate::error::BaselineError;
 use crate::losses::Terms;
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::nn::{CnnConfig, GoalTransformerConfig, Pool, StateEmbedder, TokenForm, VitConfig};
+use crate::optim::OptimConfig;
 
 pub(crate) use policy::ActingPolicy;
 
@@ -113,6 +114,18 @@ impl GoalConfig {
     pub(crate) fn tokens(&self) -> TokenForm {
         let [patches, width] = self.encoder.tokens(self.image);
         TokenForm { patches, frames: self.history, width: width + self.proprio }
+    }
+
+    /// The phase in which a policy is drawn from a value that was learnt before.
+    pub(crate) fn policy_phase(&self, optim: &OptimConfig) -> Phase {
+        Phase {
+            name: "policy",
+            optim: optim.clone(),
+            goals: self.goals(GoalWeights { random: 0.5, geometric: 0.0, uniform: 0.5, current: 0.0 }),
+            trains: &["action_predictor", "log_stds"],
+            teachers: &[],
+            momentum: 0.0,
+        }
     }
 
     /// Goals of clips, seen from the last row of the history.
