@@ -155,3 +155,27 @@ fn our_reader_sees_what_the_mcap_package_wrote() {
         swm_ok(&["verify", &theirs, "--quiet"]);
     }
 }
+
+#[test]
+fn our_reader_sees_what_pyarrow_and_svt_av1_wrote_for_lerobot() {
+    let Some(python) = python() else { return };
+    if swm::data::format::by_name("lerobot").is_err() {
+        eprintln!("skipped: built without the format `lerobot`");
+        return;
+    }
+    let folder = Folder::new();
+    let theirs = folder.path("theirs");
+    let expected = script(&python, "write_lerobot.py", &[&theirs]);
+    let seen = crate::support::content(&theirs);
+    let shown = swm_json(&["inspect", &theirs]);
+    assert_eq!((&shown["episodes"], &shown["steps"]), (&expected["episodes"], &expected["steps"]));
+    for (name, hash) in expected["hashes"].as_object().unwrap() {
+        assert_eq!(seen[name], hash.as_str().unwrap().parse::<u64>().unwrap(), "column {name}");
+    }
+    let (ours, theirs) = (&frame_means(&theirs)["pixels"], expected["frame_means"].as_array().unwrap());
+    assert_eq!(ours.len(), theirs.len());
+    for (row, (ours, theirs)) in ours.iter().zip(theirs).enumerate() {
+        let gap = (ours - theirs.as_f64().unwrap()).abs();
+        assert!(gap < 1.0, "row {row}: {gap}");
+    }
+}

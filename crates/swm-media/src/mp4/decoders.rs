@@ -4,6 +4,11 @@
 use openh264::OpenH264API;
 use openh264::decoder::{DecodedYUV, Decoder, DecoderConfig, Flush};
 use openh264::formats::YUVSource as _;
+#[cfg(feature = "av1")]
+use re_rav1d::dav1d::{self, PixelLayout, PlanarImageComponent};
+
+#[cfg(feature = "av1")]
+use super::parameters::Colours;
 
 /// A decoded picture: planes of luma and of chroma at half resolution, 8 bits.
 pub(super) struct Picture<'a> {
@@ -12,6 +17,9 @@ pub(super) struct Picture<'a> {
     /// Bytes from one row of a plane to the next.
     pub(super) strides: [usize; 3],
     pub(super) planes: [&'a [u8]; 3],
+    /// What the picture itself says of its colours.
+    #[cfg(feature = "av1")]
+    pub(super) colours: Option<Colours>,
 }
 
 /// What is done with a picture.
@@ -20,6 +28,8 @@ pub(super) type Take<'a> = &'a mut dyn FnMut(&Picture<'_>) -> Result<(), String>
 /// A decoder at work.
 pub(super) enum FrameDecoder {
     H264(Box<Decoder>),
+    #[cfg(feature = "av1")]
+    Av1(Box<dav1d::Decoder>),
 }
 
 impl FrameDecoder {
@@ -32,6 +42,18 @@ impl FrameDecoder {
         Ok(Self::H264(Box::new(decoder)))
     }
 
+    /// A decoder of AV1 in one thread, for pictures of so many pixels at most.
+    #[cfg(feature = "av1")]
+    pub(super) fn av1(pixels: usize) -> Result<Self, String> {
+        let mut settings = dav1d::Settings::new();
+        settings.set_n_threads(1);
+        settings.set_max_frame_delay(1);
+        // Coded sizes are whole blocks.
+        settings.set_frame_size_limit(u32::try_from(pixels.saturating_mul(2)).unwrap_or(u32::MAX));
+        let decoder = dav1d::Decoder::with_settings(&settings).map_err(|error| error.to_string())?;
+        Ok(Self::Av1(Box::new(decoder)))
+    }
+
     /// Decodes a sample; hands on what can be shown now.
     pub(super) fn decode(&mut self, sample: &[u8], take: Take<'_>) -> Result<(), String> {
         match self {
@@ -39,6 +61,18 @@ impl FrameDecoder {
                 Some(picture) => take(&of_h264(&picture)),
                 None => Ok(()),
             },
+            #[cfg(feature = "av1")]
+            Self::Av1(decoder) => {
+                let mut sent = decoder.send_data(sample.to_vec(), None, None, None);
+                loop {
+                    drain(decoder, take)?;
+                    match sent {
+                        Ok(()) => return Ok(()),
+                        Err(dav1d::Error::Again) => sent = decoder.send_pending_data(),
+                        Err(error) => return Err(error.to_string()),
+                    }
+                }
+            }
         }
     }
 
@@ -50,6 +84,8 @@ impl FrameDecoder {
                 rest.iter().try_for_each(|picture| take(&of_h264(picture)))?;
                 Ok(rest.len())
             }
+            #[cfg(feature = "av1")]
+            Self::Av1(decoder) => drain(decoder, take),
         }
     }
 }
@@ -61,5 +97,40 @@ fn of_h264<'a>(picture: &'a DecodedYUV<'_>) -> Picture<'a> {
         height,
         strides: [strides.0, strides.1, strides.2],
         planes: [picture.y(), picture.u(), picture.v()],
+        #[cfg(feature = "av1")]
+        colours: None,
+    }
+}
+
+/// Hands on all pictures that are ready; how many there were.
+#[cfg(feature = "av1")]
+fn drain(decoder: &mut dav1d::Decoder, take: Take<'_>) -> Result<usize, String> {
+    /// BT.709 among the standard's matrices (ITU-T H.273, table 4).
+    const BT709: u32 = 1;
+    let mut shown = 0;
+    loop {
+        let picture = match decoder.get_picture() {
+            Ok(picture) => picture,
+            Err(dav1d::Error::Again) => return Ok(shown),
+            Err(error) => return Err(error.to_string()),
+        };
+        if picture.bit_depth() != 8 || !matches!(picture.pixel_layout(), PixelLayout::I420) {
+            return Err("its pictures are not of 8 bits with chroma at half resolution".to_owned());
+        }
+        let parts = [PlanarImageComponent::Y, PlanarImageComponent::U, PlanarImageComponent::V];
+        let strides = parts.map(|part| picture.stride(part) as usize);
+        let planes = parts.map(|part| picture.plane(part));
+        let colours = Colours {
+            is_bt709: picture.matrix_coefficients() as u32 == BT709,
+            is_full_range: picture.color_range() as u32 == 1,
+        };
+        take(&Picture {
+            width: picture.width() as usize,
+            height: picture.height() as usize,
+            strides,
+            planes: planes.each_ref().map(AsRef::as_ref),
+            colours: Some(colours),
+        })?;
+        shown += 1;
     }
 }

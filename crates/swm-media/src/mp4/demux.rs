@@ -8,6 +8,9 @@ use std::io::{Read, Seek, SeekFrom};
 /// Tables above this size are taken for damage: 64 MiB describe a film of weeks.
 const MAX_TABLES: u64 = 64 << 20;
 
+/// Pictures of more pixels are taken for damage: 8192 x 8192.
+const MAX_PIXELS: usize = 1 << 26;
+
 /// The samples of a film, in the order in which they are decoded.
 #[derive(Debug)]
 pub(super) struct Tables {
@@ -61,6 +64,9 @@ impl Tables {
         let (width, height) = (number(description, 24, 2)? as usize, number(description, 26, 2)? as usize);
         if width == 0 || height == 0 {
             return Err("its pictures have no size".to_owned());
+        }
+        if height * width > MAX_PIXELS {
+            return Err(format!("its pictures have {height} x {width} pixels"));
         }
         let sizes = sizes(find(table, b"stsz")?, length)?;
         let (mut samples, duration) = times(table, sizes.len())?;

@@ -1,4 +1,4 @@
-//! H.264 films, encoded and decoded by the bundled OpenH264.
+//! Films: H.264, encoded and decoded by the bundled OpenH264; with the feature `av1`, AV1 is decoded too.
 //!
 //! What is written: Baseline profile, 4:2:0, BT.709, constant quantiser, a key frame every tenth frame, the index before the pictures.
 //! Films of this kind play in every browser and editor; colours lose half their resolution, which a drawn scene shows

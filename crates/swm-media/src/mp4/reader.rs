@@ -1,6 +1,7 @@
 //! Films read back: any frame, in any order, decoded from the key frame before it.
 //!
-//! Reads what this crate and x264 write (H.264, Baseline to High profile, 4:2:0, 8 bits, B-frames), not fragmented files. Frames are numbered in the order in which they are shown. Colours
+//! Reads what this crate and x264 write (H.264, Baseline to High profile, 4:2:0, 8 bits, B-frames) and, with the feature
+//! `av1`, AV1 (4:2:0, 8 bits), not fragmented files. Frames are numbered in the order in which they are shown. Colours
 //! follow the matrix and the range that the stream names; BT.601 in studio range where it names none, as players do.
 
 use std::fmt;
@@ -29,6 +30,8 @@ pub struct Mp4Reader<F> {
 enum Codec {
     /// Bytes of the length before each unit of a sample, and the parameter sets, each behind a start code.
     H264 { length_size: usize, head: Vec<u8> },
+    #[cfg(feature = "av1")]
+    Av1,
 }
 
 struct Run {
@@ -53,9 +56,14 @@ impl<F: Read + Seek> Mp4Reader<F> {
                 let (length_size, head, colours) = settings_of(settings).map_err(wrong)?;
                 (Codec::H264 { length_size, head }, colours)
             }
+            #[cfg(feature = "av1")]
+            b"av01" => (Codec::Av1, Colours::of(&[])),
             codec => {
-                let codec = codec.escape_ascii();
-                return Err(wrong(format!("its codec is `{codec}`; only H.264 (`avc1`) can be decoded")));
+                let (codec, more) =
+                    (codec.escape_ascii(), if cfg!(feature = "av1") { " and AV1 (`av01`)" } else { "" });
+                return Err(wrong(format!(
+                    "its codec is `{codec}`; only H.264 (`avc1`){more} can be decoded"
+                )));
             }
         };
         let conversion = Conversion::new(colours);
@@ -122,6 +130,8 @@ impl<F: Read + Seek> Mp4Reader<F> {
                         there.0, there.1
                     ));
                 }
+                #[cfg(feature = "av1")]
+                let own = picture.colours.map_or(own, Conversion::new);
                 match out.chunks_exact_mut(frame_bytes).nth((at - first) / stride) {
                     Some(target) => own.rgb(picture, size, target),
                     None => Ok(()),
@@ -152,6 +162,8 @@ impl<F: Read + Seek> Mp4Reader<F> {
         }
         let decoder = match &self.codec {
             Codec::H264 { head, .. } => FrameDecoder::h264(head)?,
+            #[cfg(feature = "av1")]
+            Codec::Av1 => FrameDecoder::av1(self.tables.height.saturating_mul(self.tables.width))?,
         };
         Ok(Run { decoder, sample: key, frame: samples.get(key).map_or(0, |sample| sample.shown) })
     }
@@ -172,6 +184,8 @@ fn load(
     read.map_err(|error| error.to_string())?;
     let length_size = match *codec {
         Codec::H264 { length_size, .. } => length_size,
+        #[cfg(feature = "av1")]
+        Codec::Av1 => return Ok(()),
     };
     if length_size == 4 {
         let mut at = 0;

@@ -2,6 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a panic is how a test fails, in its helpers too")]
 
+#[cfg(feature = "av1")]
+mod av1;
 mod clips;
 mod errors;
 mod gifs;

@@ -1,7 +1,7 @@
 //! LeRobot datasets: Parquet tables of numbers and H.264 films. Versions 2.1 and 3.0 are read, 3.0 is written. Of other
 //! programs' folders the first camera becomes `pixels`, `observation.state` becomes `proprio`, as in the reference's
 //! reader, and `ep_idx` and `step_idx` are made up; ours also hold what the columns were called, see `manifest`. Films are read in
-//! H.264; columns in AV1, which is LeRobot's default codec, are left out by name.
+//! H.264 and in AV1, LeRobot's default codec; columns in others are left out by name.
 
 mod episodes;
 mod info;
