@@ -8,31 +8,35 @@ use crate::formats::disk::read_exact_at;
 /// A piece of the file in memory.
 #[derive(Debug, Default)]
 pub(super) struct Fetched {
+    /// Never shrinks: clearing it for every fetch would cost as much as some of them.
     bytes: Vec<u8>,
+    /// How many of them are of the file, from `start` on.
+    len: usize,
     start: u64,
 }
 
 impl Fetched {
     /// Empties it: the file may have changed.
     pub(super) fn forget(&mut self) {
-        self.bytes.clear();
+        self.len = 0;
     }
 
     /// Bytes `start..start + size` of the file; if they have to be fetched, `ahead` bytes are.
     pub(super) fn get(&mut self, file: &File, start: u64, size: u64, ahead: u64) -> io::Result<&[u8]> {
         let held = |fetched: &Self| {
             let from = start.checked_sub(fetched.start)?;
-            (from + size <= fetched.bytes.len() as u64).then_some(from as usize..(from + size) as usize)
+            (from + size <= fetched.len as u64).then_some(from as usize..(from + size) as usize)
         };
         let range = match held(self) {
             Some(range) => range,
             None => {
-                self.bytes.resize(ahead.max(size) as usize, 0);
-                self.start = start;
-                if let Err(error) = read_exact_at(file, &mut self.bytes, start) {
-                    self.forget();
-                    return Err(error);
+                self.forget();
+                let len = ahead.max(size) as usize;
+                if self.bytes.len() < len {
+                    self.bytes.resize(len, 0);
                 }
+                read_exact_at(file, &mut self.bytes[..len], start)?;
+                (self.start, self.len) = (start, len);
                 0..size as usize
             }
         };
