@@ -81,8 +81,7 @@ fn films_in_av1_hold_the_pictures_that_were_encoded() {
         assert_eq!(av1.get::<f32>("proprio").unwrap(), h264.get::<f32>("proprio").unwrap());
         let (av1, h264) = (av1.get::<u8>("pixels").unwrap(), h264.get::<u8>("pixels").unwrap());
         assert_eq!(av1.len(), h264.len());
-        let squares: f64 =
-            av1.iter().zip(h264).map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum();
+        let squares: f64 = av1.iter().zip(h264).map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum();
         let error = (squares / av1.len() as f64).sqrt();
         assert!((0.1..8.0).contains(&error), "{error}");
     }
