@@ -161,6 +161,65 @@ fn a_goal_from_a_row_is_reached_where_the_row_was() {
     }
 }
 
+/// What a row wants: its columns `privileged.target_*` but for the count of targets, and its task.
+fn wanted(bench: &Bench) -> BTreeMap<String, Value> {
+    let fields = bench.row.schema().fields().iter();
+    let told = |name: &str| {
+        name.starts_with("privileged.target_") && name != "privileged.target_number" || name == "task_id"
+    };
+    fields
+        .filter(|field| told(&field.name))
+        .map(|field| (field.name.clone(), bench.value(&field.name)))
+        .collect()
+}
+
+#[test]
+fn a_start_from_a_row_wants_what_the_row_wanted() {
+    let there = |bench: &Bench| {
+        let start = bench.env.spec().start_columns.iter();
+        let start = start.map(|name| ((*name).to_owned(), bench.value(name))).collect();
+        ResetOptions { start: Some(start), ..ResetOptions::default() }
+    };
+    let data = json!({"env_type": "double"});
+    for (entry, settings, column, kinds) in [
+        (&OGB_SCENE, json!({}), "privileged.target_task", vec![0, 1, 2, 3]),
+        (&OGB_SCENE, json!({"mode": "task"}), "task_id", vec![1, 2, 3, 4, 5]),
+        (&OGB_CUBE, data, "privileged.target_block", vec![0, 1]),
+        (&OGB_CUBE, json!({"mode": "task", "env_type": "double"}), "task_id", vec![1, 2, 3, 4, 5]),
+    ] {
+        let mut bench = Bench::new(entry, &settings);
+        let mut seen = std::collections::BTreeSet::new();
+        for seed in 0..40 {
+            bench.reset(seed, &ResetOptions::default());
+            let kind = bench.row.get::<i64>(column).expect("a column")[0];
+            if seen.insert(kind) {
+                for at in 0..5 {
+                    bench.step(action(at));
+                }
+                let (expected, options) = (wanted(&bench), there(&bench));
+                bench.reset(seed + 1000, &options);
+                for (name, value) in wanted(&bench) {
+                    let (found, expected) = (value.to_json(), expected[&name].to_json());
+                    assert_eq!(found, expected, "{} {settings} {column} {kind}: `{name}`", entry.id);
+                }
+            }
+        }
+        assert_eq!(Vec::from_iter(seen), kinds, "{} {settings}", entry.id);
+    }
+}
+
+#[test]
+fn a_start_of_another_task_is_refused() {
+    let mut bench = Bench::new(&OGB_SCENE, &json!({"mode": "task", "task": 2}));
+    bench.reset(0, &ResetOptions::default());
+    let start = ["qpos", "qvel", "task_id"].map(|name| (name.to_owned(), bench.value(name)));
+    let options = ResetOptions { start: Some(start.into()), ..ResetOptions::default() };
+    let mut other = Bench::new(&OGB_SCENE, &json!({"mode": "task", "task": 3}));
+    let error = other.env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).err();
+    let said = error.map(|error| error.to_string()).unwrap_or_default();
+    assert!(said.contains("task 2") && said.contains("`task=3`"), "{said}");
+}
+
 #[test]
 fn sizes_are_carried_through_to_heights_masses_and_goals() {
     let mut bench = Bench::new(&OGB_CUBE, &json!({}));

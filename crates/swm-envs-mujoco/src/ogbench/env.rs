@@ -153,7 +153,8 @@ impl TableEnv {
         {
             let full = self.models.full();
             let texture = full.id(Object::Texture, "grid")?;
-            pictures.recolor(&full, texture, &factors::floor_colors(&floor))?;
+            let colors = factors::floor_colors(&floor);
+            pictures.recolor(&full, texture, &|color| colors.recolor(color))?;
             self.floor = floor;
         }
         Ok(())
@@ -232,10 +233,33 @@ impl TableEnv {
 }
 
 /// The columns that a start may name.
-const START_COLUMNS: &[&str] =
-    &["qpos", "qvel", "time", "qacc_warmstart", "control", "mocap_pos", "mocap_quat"];
-const SCENE_START_COLUMNS: &[&str] =
-    &["qpos", "qvel", "time", "qacc_warmstart", "control", "mocap_pos", "mocap_quat", "button_states"];
+const START_COLUMNS: &[&str] = &[
+    "qpos",
+    "qvel",
+    "time",
+    "qacc_warmstart",
+    "control",
+    "mocap_pos",
+    "mocap_quat",
+    "privileged.target_block",
+    "task_id",
+];
+const SCENE_START_COLUMNS: &[&str] = &[
+    "qpos",
+    "qvel",
+    "time",
+    "qacc_warmstart",
+    "control",
+    "mocap_pos",
+    "mocap_quat",
+    "button_states",
+    "privileged.target_task",
+    "privileged.target_button",
+    "privileged.target_button_state",
+    "privileged.target_drawer_pos",
+    "privileged.target_window_pos",
+    "task_id",
+];
 
 /// The numbers of an action, if they are five and finite.
 fn five(action: Slice<'_>) -> Option<[f32; 5]> {

@@ -11,6 +11,7 @@ use super::settings::Mode;
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Spec};
 use crate::suite::{Control, Effect, set_colour};
+use crate::views::CheckerColors;
 
 /// The factors of a table with what they do, in the order of their columns.
 pub(super) fn controls(kind: Kind, mode: Mode) -> Vec<Control> {
@@ -212,16 +213,9 @@ fn lock_color() -> Control {
     Control { factor, effect: Effect::Start }
 }
 
-/// What becomes of the colours of the floor: the checker's own two, which are known, become these; marks on it stay.
-pub(super) fn floor_colors(rgb: &[f64]) -> impl Fn([u8; 3]) -> [u8; 3] + use<> {
-    let bytes = |values: &[f64]| [0, 1, 2].map(|k| (255.0 * values[k]) as u8);
-    let (first, second) = (bytes(&FLOOR[..3]), bytes(&FLOOR[3..]));
-    let (new_first, new_second) = (bytes(&rgb[..3]), bytes(&rgb[3..]));
-    move |color| match color {
-        color if color == first => new_first,
-        color if color == second => new_second,
-        mark => mark,
-    }
+/// What becomes of the colours of the floor.
+pub(super) fn floor_colors(rgb: &[f64]) -> CheckerColors {
+    CheckerColors::new(&FLOOR, rgb)
 }
 
 /// Turns the marker of a goal visible, or hides it.

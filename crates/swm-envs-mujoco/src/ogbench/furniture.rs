@@ -55,6 +55,14 @@ impl Which {
             Which::Window => [0.0, 0.2],
         }
     }
+
+    /// The column that tells where it belongs.
+    pub(super) fn target_column(self) -> &'static str {
+        match self {
+            Which::Drawer => "privileged.target_drawer_pos",
+            Which::Window => "privileged.target_window_pos",
+        }
+    }
 }
 
 impl Furniture {

@@ -60,9 +60,9 @@ impl Effect {
         matches!(self, Effect::Density(_) | Effect::Mass { .. } | Effect::Spec(_))
     }
 
-    /// Whether it draws into textures, the one thing of pictures that the simulated model lacks.
-    pub fn draws_textures(&self) -> bool {
-        matches!(self, Effect::Checker(_))
+    /// The texture that it draws into: the one thing of pictures that the simulated model lacks.
+    pub fn texture(&self) -> Option<&'static str> {
+        if let Effect::Checker(name) = self { Some(name) } else { None }
     }
 
     /// Edits the description; does nothing where the effect is in place.

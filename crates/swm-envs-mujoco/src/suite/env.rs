@@ -1,11 +1,11 @@
 //! The environment over a domain: reset, control steps, observation, saved states.
 
-use std::collections::BTreeMap;
+mod rows;
 
 use serde::{Deserialize, Serialize};
 use swm_core::{
-    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome,
-    RowsMut, Slice, Space, Value,
+    BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, ImageSize, Outcome, RowsMut,
+    Slice, Space,
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 
@@ -16,15 +16,8 @@ use super::picture::Picture;
 use super::settings::{OnDivergence, SETTINGS, Settings};
 use crate::error::MujocoError;
 use crate::views::{CameraName, Views, settings};
-
-// Field indices, in the order of `fields`; behind them the domain's numbers, its targets and the factors.
-const OBSERVATION: usize = 0;
-const QPOS: usize = 1;
-const QVEL: usize = 2;
-const SCORE: usize = 3;
-const TIME: usize = 4;
-const QACC_WARMSTART: usize = 5;
-const ACT: usize = 6;
+pub(crate) use rows::recorded;
+use rows::{ACT, Columns, OBSERVATION, QACC_WARMSTART, QPOS, QVEL, SCORE, TIME, fields};
 
 /// An environment of the DeepMind Control Suite.
 pub struct SuiteEnv {
@@ -47,14 +40,6 @@ pub struct SuiteEnv {
     scratch: Vec<f64>,
     columns: Columns,
     picture: Option<Picture>,
-}
-
-/// Where the variable part of a row lies.
-struct Columns {
-    infos: usize,
-    targets: usize,
-    factors: usize,
-    pixels: usize,
 }
 
 /// A saved moment.
@@ -110,7 +95,7 @@ impl SuiteEnv {
             start_columns: domain.start_columns,
             goal_columns: entry.goal_columns,
         };
-        let picture = views.map(|views| Picture::new(&models, views, space.defaults())).transpose()?;
+        let picture = views.map(|views| Picture::new(&models, views, &space.defaults())).transpose()?;
         Ok(Self {
             spec,
             domain,
@@ -164,36 +149,6 @@ impl SuiteEnv {
         let mut stream = episode.seed.stream("start");
         self.task.start(&mut self.stage, &mut stream)?;
         self.stage.sim.forward_without_actuation()
-    }
-
-    /// Stands at a recorded row. Where it has all columns, what follows has the recorded bits.
-    fn start_from(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
-        let id = &self.spec.id;
-        let needed = |name: &str| EnvError::Reset {
-            env: id.clone(),
-            reason: format!("a start needs the column `{name}`"),
-        };
-        for (index, target) in self.domain.targets.iter().enumerate() {
-            if let Some(values) = recorded(id, row, target.column, target.place.width())? {
-                self.stage.set_target(index, &values);
-            }
-        }
-        let sim = &mut self.stage.sim;
-        let (nq, nv, na) = (sim.model().nq(), sim.model().nv(), sim.model().na());
-        let qpos = recorded(id, row, "qpos", nq)?.ok_or_else(|| needed("qpos"))?;
-        let qvel = recorded(id, row, "qvel", nv)?.ok_or_else(|| needed("qvel"))?;
-        let warmstart = recorded(id, row, "qacc_warmstart", nv)?.unwrap_or_else(|| vec![0.0; nv]);
-        sim.reset();
-        sim.qpos_mut().copy_from_slice(&qpos);
-        sim.qvel_mut().copy_from_slice(&qvel);
-        if let Some(act) = recorded(id, row, "act", na)? {
-            sim.act_mut().copy_from_slice(&act);
-        }
-        sim.set_time(recorded(id, row, "time", 1)?.map_or(0.0, |time| time[0]));
-        sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
-        sim.forward_without_actuation().map_err(|error| error.at_reset(id))?;
-        sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
-        Ok(())
     }
 
     /// Computes where the goal is. What follows an exact start keeps its bits.
@@ -381,55 +336,4 @@ fn chosen_task(domain: &'static Domain, name: Option<&str>) -> Result<&'static T
         let known: Vec<&str> = domain.tasks.iter().map(|task| task.name).collect();
         format!("unknown task `{name}`; its tasks are {}", known.join(", "))
     })
-}
-
-/// The values of a column, if the row has it.
-pub(crate) fn recorded(
-    env: &str,
-    row: &BTreeMap<String, Value>,
-    name: &str,
-    width: usize,
-) -> Result<Option<Vec<f64>>, EnvError> {
-    let Some(value) = row.get(name) else { return Ok(None) };
-    let values = value.cast(name, Dtype::F64, &[width])?.numbers(name)?;
-    if values.iter().any(|value| !value.is_finite()) {
-        return Err(EnvError::Reset {
-            env: env.to_owned(),
-            reason: format!("the recorded `{name}` is not finite"),
-        });
-    }
-    Ok(Some(values))
-}
-
-fn fields(
-    domain: &Domain,
-    stage: &Stage,
-    observation: usize,
-    space: &FovSpace,
-    views: Option<&Views>,
-) -> (Vec<Field>, Columns) {
-    let model = stage.sim.model();
-    let numbers = |name: &str, shape: &[usize]| Field::step(name, Dtype::F64, shape);
-    let mut fields = vec![
-        Field::step("observation", Dtype::F32, &[observation]),
-        numbers("qpos", &[model.nq()]),
-        numbers("qvel", &[model.nv()]),
-        numbers("score", &[]),
-        numbers("time", &[]),
-        numbers("qacc_warmstart", &[model.nv()]),
-    ];
-    if model.na() > 0 {
-        fields.push(numbers("act", &[model.na()]));
-    }
-    let infos = fields.len();
-    for (name, width) in domain.infos {
-        fields.push(if *width == 0 { numbers(name, &[]) } else { numbers(name, &[*width]) });
-    }
-    let targets = fields.len();
-    fields.extend(domain.targets.iter().map(|target| numbers(target.column, &[target.place.width()])));
-    let factors = fields.len();
-    fields.extend(space.fields());
-    let pixels = fields.len();
-    fields.extend(views.iter().flat_map(|views| views.fields()));
-    (fields, Columns { infos, targets, factors, pixels })
 }

@@ -8,7 +8,8 @@ use super::domain::Domain;
 use super::effect::Control;
 use crate::assets;
 use crate::error::MujocoError;
-use crate::ffi::{Model, Spec};
+use crate::ffi::{Model, Object, Spec};
+use crate::views::CheckerColors;
 
 /// How the model of an episode came about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,22 +88,26 @@ impl Models {
 
     /// The model that lends pictures its textures for these factors. Everything else in a picture is that of the
     /// simulation, so that nothing is compiled for it: of a model with textures, drawing the sky takes a quarter of a
-    /// second. The factors are those of the last [`Models::model`], or the defaults.
+    /// second. Nor is it copied for the floor, see [`Models::floor_colors`]. The factors are those of the last [`Models::model`], or the defaults.
     pub(super) fn textured_model(&self, fov: &Fov) -> Result<Arc<Model>, MujocoError> {
         let mut model = self.shared.textured(self)?;
-        let is_textured = |control: &&Control| control.effect.draws_textures();
-        for control in self.controls.iter().filter(is_textured) {
-            let name = control.factor.name();
-            if fov.value(name) != self.defaults.value(name) {
-                control.effect.edit_model(Arc::make_mut(&mut model), &values(fov, name))?;
-            }
-        }
         // Shadows and haze are sized by it.
         let extent_m = self.compiled(fov).extent_m();
         if model.extent_m() != extent_m {
             Arc::make_mut(&mut model).set_extent_m(extent_m);
         }
         Ok(model)
+    }
+
+    /// The texture of the floor, and the colours that these factors give it, where they are not those of
+    /// [`Models::textured_model`].
+    pub(super) fn floor_colors(&self, fov: &Fov) -> Result<Option<(usize, CheckerColors)>, MujocoError> {
+        let is_other = |name: &str| fov.value(name) != self.defaults.value(name);
+        let mut checkers = self.controls.iter().filter(|control| control.effect.texture().is_some());
+        let Some(control) = checkers.find(|control| is_other(control.factor.name())) else { return Ok(None) };
+        let (texture, name) = (control.effect.texture().unwrap_or_default(), control.factor.name());
+        let texture = self.shared.complete.id(Object::Texture, texture)?;
+        Ok(Some((texture, CheckerColors::new(&values(&self.defaults, name), &values(fov, name)))))
     }
 
     /// The physics for these factors, if they are the last or the defaults, before edits in place.
@@ -238,7 +243,17 @@ mod tests {
             assert_eq!(lent.extent_m(), whole.extent_m(), "{}", domain.id);
             assert_eq!(lent.texture_count(), whole.texture_count(), "{}", domain.id);
             for index in 0..whole.texture_count() {
-                assert!(lent.pixels(index) == whole.pixels(index), "{}: texture {index}", domain.id);
+                let mut pixels = lent.pixels(index).to_vec();
+                if let Some((texture, colors)) = models.floor_colors(&fov).unwrap()
+                    && texture == index
+                {
+                    assert_eq!(whole.texture_size(index)[2], 3, "{}: red, green, blue", domain.id);
+                    for pixel in pixels.chunks_exact_mut(3) {
+                        let [red, green, blue] = [pixel[0], pixel[1], pixel[2]];
+                        pixel.copy_from_slice(&colors.recolor([red, green, blue]));
+                    }
+                }
+                assert!(pixels == whole.pixels(index), "{}: texture {index}", domain.id);
             }
             assert!(lent.pixels(0).len() > 1000, "{}: textures are whole", domain.id);
         }

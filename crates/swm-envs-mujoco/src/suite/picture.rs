@@ -1,33 +1,49 @@
-//! Pictures of one environment: which model lends its textures.
+//! Pictures of one environment: which model lends its textures, and the colours of the floor.
+
+use std::sync::Arc;
 
 use swm_core::RowsMut;
 use swm_fov::Fov;
 
 use super::models::Models;
 use crate::error::MujocoError;
-use crate::ffi::Simulation;
-use crate::views::{Pictures, Views};
+use crate::ffi::{Model, Simulation};
+use crate::views::{CheckerColors, Pictures, Views};
 
 /// Draws an environment's simulation, which runs on a model without textures.
 pub(super) struct Picture {
     pictures: Pictures,
-    /// The factors that the textures show.
+    /// Lends textures.
+    model: Arc<Model>,
+    /// The floor's texture in other colours than the model's.
+    floor: Option<(usize, CheckerColors)>,
+    /// The factors that they show.
     shows: Fov,
 }
 
 impl Picture {
-    pub(super) fn new(models: &Models, views: Views, fov: Fov) -> Result<Self, MujocoError> {
-        let model = models.textured_model(&fov)?;
-        Ok(Self { pictures: Pictures::new(views, &model)?, shows: fov })
+    /// With the factors at their defaults.
+    pub(super) fn new(models: &Models, views: Views, defaults: &Fov) -> Result<Self, MujocoError> {
+        let model = models.textured_model(defaults)?;
+        Ok(Self { pictures: Pictures::new(views, &model)?, model, floor: None, shows: defaults.clone() })
     }
 
     /// Shows these factors from now on.
     pub(super) fn prepare(&mut self, models: &Models, fov: &Fov) -> Result<(), MujocoError> {
-        if self.shows != *fov {
-            let model = models.textured_model(fov)?;
-            self.pictures.set_model(&model)?;
-            self.shows = fov.clone();
+        if self.shows == *fov {
+            return Ok(());
         }
+        let (model, floor) = (models.textured_model(fov)?, models.floor_colors(fov)?);
+        let is_other = !Arc::ptr_eq(&model, &self.model);
+        if is_other || (floor.is_none() && self.floor.is_some()) {
+            self.pictures.set_model(&model)?;
+        }
+        if let Some((texture, colors)) = floor
+            && (is_other || floor != self.floor)
+        {
+            self.pictures.recolor(&model, texture, &|color| colors.recolor(color))?;
+        }
+        (self.model, self.floor, self.shows) = (model, floor, fov.clone());
         Ok(())
     }
 

@@ -2,6 +2,7 @@
 //! picture is drawn is not known here.
 
 mod canvas;
+mod checker;
 pub(crate) mod settings;
 
 use std::sync::Arc;
@@ -13,6 +14,7 @@ use swm_render::scene::Quality;
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Simulation};
 use canvas::Canvas;
+pub(crate) use checker::CheckerColors;
 pub(crate) use settings::CameraName;
 use settings::{PictureSettings, Renderer};
 

@@ -2,11 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use swm_core::{EnvError, Value};
+use swm_core::{EnvError, EnvSpec, Value};
 
 use super::TableEnv;
 use crate::ogbench::furniture::Which;
 use crate::ogbench::moment::Pursued;
+use crate::ogbench::settings::Mode;
+use crate::ogbench::start::Chosen;
 use crate::suite::recorded;
 
 impl TableEnv {
@@ -32,19 +34,72 @@ impl TableEnv {
             sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
         }
         sim.set_time(recorded(id, row, "time", 1)?.map_or(0.0, |time| time[0]));
+        if let Some(states) = recorded(id, row, "button_states", 2)? {
+            moment.buttons = states_of(&states);
+        }
+        match self.settings.mode {
+            Mode::DataCollection => self.want_target(row)?,
+            Mode::Task => self.want_task(row)?,
+        }
+        let Self { spec: EnvSpec { id, .. }, sim, .. } = self;
         if let Some(goals) = recorded(id, row, "mocap_pos", 3 * cubes)? {
             sim.mocap_pos_mut().copy_from_slice(&goals);
-            let shown = goals.chunks_exact(3).position(|goal| goal[2] > 0.0);
-            if let (Pursued::Cube(_), Some(index)) = (moment.pursued, shown) {
-                moment.pursued = Pursued::Cube(index as u8);
-            }
         }
         if let Some(turns) = recorded(id, row, "mocap_quat", 4 * cubes)? {
             sim.mocap_quat_mut().copy_from_slice(&turns);
         }
-        if let Some(states) = recorded(id, row, "button_states", 2)? {
-            moment.buttons = [0, 1].map(|index| u8::from(states[index] > 0.5));
+        Ok(())
+    }
+
+    /// Wants what the expert was after in a recorded row. Where the row does not tell, the cube whose goal it shows.
+    fn want_target(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        let Self { spec: EnvSpec { id, .. }, sim, table, moment, .. } = self;
+        let cubes = table.kind.cubes();
+        let index = |name: &str, below: usize| index_in(id, row, name, below);
+        let task = index("privileged.target_task", if table.furniture.is_some() { 4 } else { 1 })?;
+        let goals = recorded(id, row, "mocap_pos", 3 * cubes)?;
+        let shown = goals.and_then(|goals| goals.chunks_exact(3).position(|goal| goal[2] > 0.0));
+        let Some(furniture) = &table.furniture else {
+            if let Some(cube) = index("privileged.target_block", cubes)?.or(shown) {
+                moment.pursued = Pursued::Cube(cube as u8);
+            }
+            return Ok(());
+        };
+        moment.goal_buttons = moment.buttons;
+        for which in [Which::Drawer, Which::Window] {
+            let goal = recorded(id, row, which.target_column(), 1)?;
+            let goal = goal.map_or(furniture.position(sim, which)[0], |goal| goal[0]);
+            moment.goal_slides[which as usize] = goal;
+            furniture.set_handle_target(sim.model_mut(), which, goal);
         }
+        moment.pursued = match task {
+            Some(1) => {
+                let button = index("privileged.target_button", 2)?.unwrap_or(0);
+                let opposite = 1 - usize::from(moment.buttons[button]);
+                let state = index("privileged.target_button_state", 2)?.unwrap_or(opposite);
+                moment.goal_buttons[button] = state as u8;
+                Pursued::Button(button as u8)
+            }
+            Some(2) => Pursued::Drawer,
+            Some(3) => Pursued::Window,
+            _ => Pursued::Cube(0),
+        };
+        moment.has_had_cube = matches!(moment.pursued, Pursued::Cube(_));
+        Ok(())
+    }
+
+    /// Wants what the task of a recorded row asks for, if the row is of a task.
+    fn want_task(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        let Self { spec: EnvSpec { id, .. }, settings, sim, table, moment, fov, .. } = self;
+        let Some(task) = index_in(id, row, "task_id", 6)?.filter(|task| *task > 0) else { return Ok(()) };
+        if let Some(asked) = settings.task.filter(|asked| *asked != task) {
+            let reason = format!(
+                "the start is of task {task}, the environment has `task={asked}`; use `task={task}`, or none"
+            );
+            return Err(EnvError::Reset { env: id.clone(), reason });
+        }
+        let chosen = Chosen::new(table, Some(task), settings.permute_blocks, moment);
+        chosen.set_goals(table, sim, moment, fov);
         Ok(())
     }
 
@@ -71,9 +126,32 @@ impl TableEnv {
                 furniture.set_handle_target(sim.model_mut(), which, position);
             }
             if let Some(states) = recorded(id, row, "button_states", 2)? {
-                moment.goal_buttons = [0, 1].map(|index| u8::from(states[index] > 0.5));
+                moment.goal_buttons = states_of(&states);
             }
         }
         Ok(qpos)
     }
+}
+
+/// States of the buttons, 0 or 1.
+fn states_of(recorded: &[f64]) -> [u8; 2] {
+    [0, 1].map(|index| u8::from(recorded[index] > 0.5))
+}
+
+/// A recorded whole number from 0 on and below `below`, if the row has it.
+fn index_in(
+    env: &str,
+    row: &BTreeMap<String, Value>,
+    name: &str,
+    below: usize,
+) -> Result<Option<usize>, EnvError> {
+    let Some(value) = recorded(env, row, name, 1)? else { return Ok(None) };
+    (0..below).find(|index| *index as f64 == value[0]).map(Some).ok_or_else(|| EnvError::Reset {
+        env: env.to_owned(),
+        reason: format!(
+            "the recorded `{name}` is {}; it is a whole number from 0 to {}",
+            value[0],
+            below - 1
+        ),
+    })
 }

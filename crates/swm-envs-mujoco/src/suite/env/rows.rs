@@ -1,0 +1,111 @@
+//! Rows: which columns there are, and starts from recorded ones.
+
+use std::collections::BTreeMap;
+
+use swm_core::{Dtype, EnvError, Field, Value};
+use swm_fov::FovSpace;
+
+use super::SuiteEnv;
+use crate::suite::{Domain, Stage};
+use crate::views::Views;
+
+// Field indices, in the order of `fields`; behind them the domain's numbers, its targets and the factors.
+pub(super) const OBSERVATION: usize = 0;
+pub(super) const QPOS: usize = 1;
+pub(super) const QVEL: usize = 2;
+pub(super) const SCORE: usize = 3;
+pub(super) const TIME: usize = 4;
+pub(super) const QACC_WARMSTART: usize = 5;
+pub(super) const ACT: usize = 6;
+
+/// Where the variable part of a row lies.
+pub(super) struct Columns {
+    pub(super) infos: usize,
+    pub(super) targets: usize,
+    pub(super) factors: usize,
+    pub(super) pixels: usize,
+}
+
+impl SuiteEnv {
+    /// Stands at a recorded row. Where it has all columns, what follows has the recorded bits.
+    pub(super) fn start_from(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
+        let id = &self.spec.id;
+        let needed = |name: &str| EnvError::Reset {
+            env: id.clone(),
+            reason: format!("a start needs the column `{name}`"),
+        };
+        for (index, target) in self.domain.targets.iter().enumerate() {
+            if let Some(values) = recorded(id, row, target.column, target.place.width())? {
+                self.stage.set_target(index, &values);
+            }
+        }
+        let sim = &mut self.stage.sim;
+        let (nq, nv, na) = (sim.model().nq(), sim.model().nv(), sim.model().na());
+        let qpos = recorded(id, row, "qpos", nq)?.ok_or_else(|| needed("qpos"))?;
+        let qvel = recorded(id, row, "qvel", nv)?.ok_or_else(|| needed("qvel"))?;
+        let warmstart = recorded(id, row, "qacc_warmstart", nv)?.unwrap_or_else(|| vec![0.0; nv]);
+        sim.reset();
+        sim.qpos_mut().copy_from_slice(&qpos);
+        sim.qvel_mut().copy_from_slice(&qvel);
+        if let Some(act) = recorded(id, row, "act", na)? {
+            sim.act_mut().copy_from_slice(&act);
+        }
+        sim.set_time(recorded(id, row, "time", 1)?.map_or(0.0, |time| time[0]));
+        sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
+        sim.forward_without_actuation().map_err(|error| error.at_reset(id))?;
+        sim.qacc_warmstart_mut().copy_from_slice(&warmstart);
+        Ok(())
+    }
+}
+
+/// The values of a column, if the row has it.
+pub(crate) fn recorded(
+    env: &str,
+    row: &BTreeMap<String, Value>,
+    name: &str,
+    width: usize,
+) -> Result<Option<Vec<f64>>, EnvError> {
+    let Some(value) = row.get(name) else { return Ok(None) };
+    let values = value.cast(name, Dtype::F64, &[width])?.numbers(name)?;
+    if values.iter().any(|value| !value.is_finite()) {
+        return Err(EnvError::Reset {
+            env: env.to_owned(),
+            reason: format!("the recorded `{name}` is not finite"),
+        });
+    }
+    Ok(Some(values))
+}
+
+/// The columns: what all domains have, then the domain's own, factors and pictures. `observation` is its width.
+pub(super) fn fields(
+    domain: &Domain,
+    stage: &Stage,
+    observation: usize,
+    space: &FovSpace,
+    views: Option<&Views>,
+) -> (Vec<Field>, Columns) {
+    let model = stage.sim.model();
+    let numbers = |name: &str, shape: &[usize]| Field::step(name, Dtype::F64, shape);
+    let mut fields = vec![
+        Field::step("observation", Dtype::F32, &[observation]),
+        numbers("qpos", &[model.nq()]),
+        numbers("qvel", &[model.nv()]),
+        numbers("score", &[]),
+        numbers("time", &[]),
+        numbers("qacc_warmstart", &[model.nv()]),
+    ];
+    if model.na() > 0 {
+        fields.push(numbers("act", &[model.na()]));
+    }
+    let infos = fields.len();
+    for (name, width) in domain.infos {
+        fields.push(if *width == 0 { numbers(name, &[]) } else { numbers(name, &[*width]) });
+    }
+    let targets = fields.len();
+    fields.extend(domain.targets.iter().map(|target| numbers(target.column, &[target.place.width()])));
+    let factors = fields.len();
+    fields.extend(space.fields());
+    let pixels = fields.len();
+    fields.extend(views.iter().flat_map(|views| views.fields()));
+    (fields, Columns { infos, targets, factors, pixels })
+}
