@@ -80,8 +80,9 @@ impl SoftwareRenderer {
         Ok(())
     }
 
-    /// Shows a flat texture of the model, which lends all others, in colours that depend on its own.
-    pub fn recolor(&mut self, index: usize, recolor: impl Fn([u8; 3]) -> [u8; 3]) {
+    /// Shows a flat texture of the model, which lends all others, in colours that depend on its own, row
+    /// and column of a pixel and its colour.
+    pub fn recolor(&mut self, index: usize, recolor: impl Fn([usize; 2], [u8; 3]) -> [u8; 3]) {
         if let Some(Slot::Flat(slot)) = self.shared.slots.get(index).copied() {
             // What others show stays as it is.
             let mut own = Store::clone(&self.shared);

@@ -130,7 +130,8 @@ impl MazeEnv {
         let is_encoded = factors::is_encoded(&self.fov);
         if !is_encoded && (is_other || drawn.floor != floor) {
             let texture = full.id(Object::Texture, "grid")?;
-            drawn.pictures.recolor(&full, texture, &factors::floor_colors(&floor))?;
+            let colors = factors::floor_colors(&floor);
+            drawn.pictures.recolor(&full, texture, &|_, color| colors(color))?;
         }
         drawn.floor = floor;
         Ok(())

@@ -154,7 +154,7 @@ impl TableEnv {
             let full = self.models.full();
             let texture = full.id(Object::Texture, "grid")?;
             let colors = factors::floor_colors(&floor);
-            pictures.recolor(&full, texture, &|color| colors.recolor(color))?;
+            pictures.recolor(&full, texture, &|at, color| colors.recolor(at, color))?;
             self.floor = floor;
         }
         Ok(())

@@ -107,7 +107,10 @@ impl Models {
         let Some(control) = checkers.find(|control| is_other(control.factor.name())) else { return Ok(None) };
         let (texture, name) = (control.effect.texture().unwrap_or_default(), control.factor.name());
         let texture = self.shared.complete.id(Object::Texture, texture)?;
-        Ok(Some((texture, CheckerColors::new(&values(&self.defaults, name), &values(fov, name)))))
+        let colors = CheckerColors::new(&values(&self.defaults, name), &values(fov, name));
+        // The suite marks edges, in the very colour of a field.
+        let [width, height, _] = self.shared.textured(self)?.texture_size(texture);
+        Ok(Some((texture, colors.within_edge([height, width]))))
     }
 
     /// The physics for these factors, if they are the last or the defaults, before edits in place.
@@ -248,9 +251,10 @@ mod tests {
                     && texture == index
                 {
                     assert_eq!(whole.texture_size(index)[2], 3, "{}: red, green, blue", domain.id);
-                    for pixel in pixels.chunks_exact_mut(3) {
-                        let [red, green, blue] = [pixel[0], pixel[1], pixel[2]];
-                        pixel.copy_from_slice(&colors.recolor([red, green, blue]));
+                    let width = whole.texture_size(index)[0];
+                    for (at, pixel) in pixels.chunks_exact_mut(3).enumerate() {
+                        let color = [pixel[0], pixel[1], pixel[2]];
+                        pixel.copy_from_slice(&colors.recolor([at / width, at % width], color));
                     }
                 }
                 assert!(pixels == whole.pixels(index), "{}: texture {index}", domain.id);

@@ -41,7 +41,7 @@ impl Picture {
         if let Some((texture, colors)) = floor
             && (is_other || floor != self.floor)
         {
-            self.pictures.recolor(&model, texture, &|color| colors.recolor(color))?;
+            self.pictures.recolor(&model, texture, &|at, color| colors.recolor(at, color))?;
         }
         (self.model, self.floor, self.shows) = (model, floor, fov.clone());
         Ok(())

@@ -11,6 +11,9 @@ use crate::ffi::gl::GlRenderer;
 use crate::ffi::{Model, Simulation};
 use crate::software::SoftwareRenderer;
 
+/// What becomes of a texture's pixel: its row and column, and its colour, lead to another colour.
+pub(crate) type Recolor<'a> = dyn Fn([usize; 2], [u8; 3]) -> [u8; 3] + 'a;
+
 /// What draws, and whether it did.
 pub(super) struct Canvas {
     drawer: Drawer,
@@ -55,7 +58,7 @@ impl Canvas {
         &mut self,
         model: &Arc<Model>,
         texture: usize,
-        recolor: &dyn Fn([u8; 3]) -> [u8; 3],
+        recolor: &Recolor<'_>,
     ) -> Result<(), MujocoError> {
         match &mut self.drawer {
             Drawer::Software(renderer) => {
@@ -65,9 +68,10 @@ impl Canvas {
             Drawer::Gl(renderer) => {
                 let mut edited = Model::clone(model);
                 let texture = edited.texture(texture);
-                for pixel in texture.data.chunks_exact_mut(texture.channels) {
+                let width = texture.width;
+                for (index, pixel) in texture.data.chunks_exact_mut(texture.channels).enumerate() {
                     if let Some(pixel) = pixel.first_chunk_mut() {
-                        *pixel = recolor(*pixel);
+                        *pixel = recolor([index / width, index % width], *pixel);
                     }
                 }
                 renderer.set_model(&Arc::new(edited))

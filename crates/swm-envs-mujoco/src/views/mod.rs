@@ -13,7 +13,7 @@ use swm_render::scene::Quality;
 
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Simulation};
-use canvas::Canvas;
+use canvas::{Canvas, Recolor};
 pub(crate) use checker::CheckerColors;
 pub(crate) use settings::CameraName;
 use settings::{PictureSettings, Renderer};
@@ -130,7 +130,7 @@ impl Pictures {
         &mut self,
         model: &Arc<Model>,
         texture: usize,
-        recolor: &dyn Fn([u8; 3]) -> [u8; 3],
+        recolor: &Recolor<'_>,
     ) -> Result<(), MujocoError> {
         self.canvases.iter_mut().try_for_each(|canvas| canvas.recolor(model, texture, recolor))
     }

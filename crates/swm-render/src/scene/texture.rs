@@ -68,17 +68,18 @@ impl Texture {
         Ok(Self { levels })
     }
 
-    /// The same picture in other colours: in place of every colour of the largest image what `recolor` makes of it. A
-    /// fraction of the work of a new one.
+    /// The same picture in other colours: in place of every colour of the largest image what `recolor` makes of it, given its
+    /// row and column too. A fraction of the work of a new one.
     #[must_use]
-    pub fn recolored(&self, recolor: impl Fn([u8; 3]) -> [u8; 3]) -> Self {
+    pub fn recolored(&self, recolor: impl Fn([usize; 2], [u8; 3]) -> [u8; 3]) -> Self {
         let Image { width, height, ref texels } = self.levels[0];
-        let change = |&old: &Texel| {
+        let change = |(index, &old): (usize, &Texel)| {
             let color = [0, 16, 32].map(|shift| (old >> shift & 0xff) as u8);
             // What is of one colour around stays so.
-            texel(recolor(color)) | old & CALM
+            texel(recolor([index / width, index % width], color)) | old & CALM
         };
-        let mut levels = vec![Image { width, height, texels: texels.iter().map(change).collect() }];
+        let mut levels =
+            vec![Image { width, height, texels: texels.iter().enumerate().map(change).collect() }];
         for old in &self.levels[1..] {
             let Some(mut smaller) = levels.last().and_then(Image::halved) else { break };
             for (texel, old) in smaller.texels.iter_mut().zip(&old.texels) {
@@ -350,7 +351,7 @@ mod tests {
         let texture = |colors| Texture::new(45, 31, &checker(colors)).expect("sound");
         let (old, mark) = ([[9, 8, 7], [90, 80, 70]], [255; 3]);
         for new in [[[200, 0, 30], [1, 255, 2]], [[5; 3]; 2]] {
-            let recolor = |color| match color {
+            let recolor = |_: [usize; 2], color| match color {
                 color if color == old[0] => new[0],
                 color if color == old[1] => new[1],
                 mark => mark,
