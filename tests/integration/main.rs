@@ -3,6 +3,8 @@
 //! One binary, one module per promise.
 
 mod bad_input;
+#[cfg(unix)]
+mod book;
 mod commands;
 mod crash;
 mod datasets;

@@ -1,18 +1,21 @@
-//! What the workspace's end-to-end tests share.
+//! What the workspace's end-to-end tests share, and the book's programs as documentation tests.
 
+pub mod book;
 pub mod golden;
 
-/// The examples of the README are tests.
-#[cfg(doctest)]
-#[doc = include_str!("../../README.md")]
-pub struct Readme;
+/// Makes the programs of pages tests; `tests/integration/book` checks that no page is forgotten.
+macro_rules! pages {
+    ($($name:ident: $path:literal)*) => {$(
+        #[doc = include_str!(concat!("../../", $path))]
+        #[cfg(doctest)]
+        pub struct $name;
+    )*};
+}
 
-/// The examples of the page about planning, too.
-#[cfg(doctest)]
-#[doc = include_str!("../../docs/solvers.md")]
-pub struct Planning;
-
-/// And those of the page about data.
-#[cfg(doctest)]
-#[doc = include_str!("../../docs/data.md")]
-pub struct Data;
+pages! {
+    Readme: "README.md"
+    Concepts: "docs/concepts.md"
+    Collecting: "docs/collecting.md"
+    Loading: "docs/data.md"
+    Planning: "docs/solvers.md"
+}

@@ -30,9 +30,11 @@ fn features() -> Vec<&'static str> {
         ("baselines", cfg!(feature = "baselines")),
         ("cli", cfg!(feature = "cli")),
         ("faer", cfg!(feature = "faer")),
+        ("lance", cfg!(feature = "lance")),
         ("lerobot", cfg!(feature = "lerobot")),
         ("mp4", cfg!(feature = "mp4")),
         ("mujoco", cfg!(feature = "mujoco")),
+        ("onnx", cfg!(feature = "onnx")),
         ("rapier", cfg!(feature = "rapier")),
     ]
     .into_iter()
