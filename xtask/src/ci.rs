@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
 use crate::metadata::Metadata;
-use crate::{apart, demo, deny, interop, plugin, process, setup, test, tidy};
+use crate::{apart, book, demo, deny, interop, plugin, process, setup, test, tidy};
 
 /// Options of `cargo xtask ci`.
 #[derive(clap::Args)]
@@ -53,6 +53,11 @@ const STEPS: &[Step] = &[
         run: || test::doctests(&test::Args::default()),
     },
     Step { name: "doc", about: "documentation without warnings", run: doc },
+    Step {
+        name: "book",
+        about: "the book builds, and its links lead somewhere",
+        run: || book::run(&book::Args::default()),
+    },
     // Under `cargo test` criterion runs each benchmark once, in the profile that the tests have built already.
     Step {
         name: "benches",

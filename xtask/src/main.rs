@@ -4,6 +4,7 @@
 
 mod apart;
 mod bindgen;
+mod book;
 mod ci;
 mod datasets;
 mod demo;
@@ -65,6 +66,8 @@ enum Command {
     Bindgen(bindgen::Args),
     /// Record the standard datasets, whole or in parts, with a page and checksums for each
     Datasets(datasets::Args),
+    /// Build the book for a browser, into target/book, and follow its links
+    Book(book::Args),
     /// Test crates outside of the workspace: a plugin, and one made from the template
     Plugin(plugin::Args),
     /// Check the rules of the architecture and of the sources
@@ -85,6 +88,7 @@ fn main() -> ExitCode {
         Command::Golden(args) => golden::run(&args),
         Command::Gallery(args) => gallery::run(&args),
         Command::Datasets(args) => datasets::run(&args),
+        Command::Book(args) => book::run(&args),
         Command::Plugin(args) => plugin::run(&args),
         Command::Tidy(args) => tidy::run(&args),
         Command::Deny(args) => deny::run(&args),
