@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use arrow_array::Array as _;
@@ -11,8 +11,8 @@ use arrow_array::types::Int32Type;
 use arrow_schema::DataType;
 use crc32fast::Hasher;
 use swm_core::error::BoxError;
-use swm_core::{Batch, Dtype, EpisodeSource, Field, Metadata, Schema, SliceMut};
-use swm_data::dataset::{check_request, locate, read_rows};
+use swm_core::{Batch, Contents, Dtype, EpisodeSource, Field, Schema, SliceMut};
+use swm_data::dataset::{About, CHANGED, read_rows};
 use swm_data::film::{self, FilmReader};
 use swm_data::recording::EP_IDX;
 use swm_data::{DataError, Dataset, Steps};
@@ -37,9 +37,7 @@ pub(crate) struct LanceDataset {
 
 #[derive(Debug)]
 struct Shared {
-    path: PathBuf,
-    format: &'static str,
-    schema: Arc<Schema>,
+    about: About,
     columns: Vec<Source>,
     /// Rows of the table.
     episodes: Vec<Range<usize>>,
@@ -48,7 +46,6 @@ struct Shared {
     reader: DataReader,
     films: Option<Films>,
     ours: Option<Manifest>,
-    skipped: Vec<(String, String)>,
 }
 
 /// Where the values of a column come from.
@@ -90,25 +87,18 @@ impl Shared {
         let ours = Manifest::read(table.about())?;
         let reader = DataReader::new(table)?;
         let (episodes, numbers) = episodes(&reader, ours.is_some())?;
-        let mut shared = Self {
-            path: path.to_owned(),
-            format,
-            schema: Arc::new(Schema::default()),
-            columns: Vec::new(),
-            episodes,
-            numbers,
-            reader,
-            films,
-            ours,
-            skipped: Vec::new(),
-        };
+        let lengths = episodes.iter().map(Range::len).collect();
+        let mut about = About::new(path, format, Arc::new(Schema::default()), lengths);
+        about.contents.runs = ours.as_ref().map(|ours| ours.runs.clone().into()).unwrap_or_default();
+        about.has_checksums = ours.is_some();
+        let mut shared = Self { about, columns: Vec::new(), episodes, numbers, reader, films, ours };
         let mut fields = match &shared.ours {
             Some(ours) => shared.own_columns(ours)?,
             None => shared.foreign_columns()?,
         };
         fields.push((Field::step(EP_IDX, Dtype::I32, &[]), Source::Episode));
         let (fields, columns): (Vec<Field>, Vec<Source>) = fields.into_iter().unzip();
-        shared.schema = Schema::new(fields).map_err(|error| error.to_string())?;
+        shared.about.contents.schema = Schema::new(fields).map_err(|error| error.to_string())?;
         shared.columns = columns;
         Ok(shared)
     }
@@ -128,7 +118,7 @@ impl Shared {
     }
 
     fn foreign_columns(&mut self) -> Result<Vec<(Field, Source)>, String> {
-        let mut columns = Vec::new();
+        let (mut columns, mut skipped) = (Vec::new(), Vec::new());
         for stored in &self.reader.table().schema().fields {
             let (name, id) = (stored.name.as_str(), stored.id);
             let found = match stored.data_type() {
@@ -140,7 +130,7 @@ impl Shared {
             };
             match found {
                 Ok((dtype, shape)) => columns.push((Field::step(name, dtype, &shape), Source::Rows(id))),
-                Err(reason) => self.skipped.push((name.to_owned(), reason)),
+                Err(reason) => skipped.push((name.to_owned(), reason)),
             }
         }
         let keys = self.films.as_ref().map(Films::keys).unwrap_or_default();
@@ -148,6 +138,7 @@ impl Shared {
             let (height, width) = self.film(0, &key)?.size();
             columns.push((Field::step(&key, Dtype::U8, &[height, width, 3]), Source::Film(key)));
         }
+        self.about.skipped = skipped.into();
         Ok(columns)
     }
 
@@ -205,20 +196,8 @@ fn episodes(reader: &DataReader, is_ours: bool) -> Result<(Vec<Range<usize>>, Ve
 }
 
 impl EpisodeSource for LanceDataset {
-    fn schema(&self) -> &Arc<Schema> {
-        &self.shared.schema
-    }
-
-    fn num_episodes(&self) -> usize {
-        self.shared.episodes.len()
-    }
-
-    fn episode_len(&self, episode: usize) -> usize {
-        self.shared.episodes.get(episode).map_or(0, Range::len)
-    }
-
-    fn metadata(&self) -> Option<&Metadata> {
-        self.runs().first().map(|(_, metadata)| metadata)
+    fn contents(&self) -> &Contents {
+        &self.about().contents
     }
 
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
@@ -227,28 +206,22 @@ impl EpisodeSource for LanceDataset {
 }
 
 impl Dataset for LanceDataset {
-    fn path(&self) -> &Path {
-        &self.shared.path
+    fn about(&self) -> &About {
+        &self.shared.about
     }
 
-    fn format(&self) -> &'static str {
-        self.shared.format
-    }
-
-    fn read_column(
+    fn rows(
         &mut self,
         column: usize,
         episode: usize,
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        let shared = self.shared.clone();
-        let (field, len) = locate(self, column, episode)?;
-        check_request(&shared.path, field, episode, len, steps, &out)?;
         if steps.count == 0 {
             return Ok(());
         }
-        let field = &shared.schema.fields()[column];
+        let shared = self.shared.clone();
+        let field = shared.about.field(column);
         let read = match (&shared.columns[column], out) {
             (Source::Episode, SliceMut::I32(out)) => {
                 out.fill(episode as i32);
@@ -275,21 +248,11 @@ impl Dataset for LanceDataset {
             }
             _ => Err("it holds another type".to_owned()),
         };
-        read.map_err(|reason| {
-            DataError::damaged(&shared.path, format!("column `{}`, episode {episode}: {reason}", field.name))
-        })
+        read.map_err(|reason| shared.about.damaged(column, episode, reason))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
         Box::new(Self { shared: self.shared.clone(), open: BTreeMap::new() })
-    }
-
-    fn runs(&self) -> &[(u64, Metadata)] {
-        self.shared.ours.as_ref().map_or(&[], |ours| &ours.runs)
-    }
-
-    fn has_checksums(&self) -> bool {
-        self.is_ours()
     }
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
@@ -315,15 +278,11 @@ impl Dataset for LanceDataset {
                     Ok(())
                 })?;
                 if found.finalize() != expected {
-                    return Err("a checksum is wrong, it was changed after it was written".to_owned());
+                    return Err(CHANGED.to_owned());
                 }
             }
             Ok(())
         };
-        check().map_err(|reason| DataError::damaged(&shared.path, format!("episode {episode}: {reason}")))
-    }
-
-    fn skipped(&self) -> &[(String, String)] {
-        &self.shared.skipped
+        check().map_err(|reason: String| shared.about.damaged_episode(episode, reason))
     }
 }

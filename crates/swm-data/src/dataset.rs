@@ -5,9 +5,12 @@ use std::fmt;
 use std::ops::Range;
 use std::path::Path;
 use std::str::FromStr;
+use std::sync::Arc;
 
 use swm_core::error::BoxError;
-use swm_core::{Batch, Dtype, EpisodeSink, EpisodeSource, Field, Metadata, Schema, Slice, SliceMut};
+use swm_core::{
+    Batch, Contents, Dtype, EpisodeSink, EpisodeSource, Field, Metadata, Schema, Slice, SliceMut,
+};
 
 use crate::error::DataError;
 
@@ -32,17 +35,68 @@ impl Steps {
     }
 }
 
-/// An open dataset.
-pub trait Dataset: EpisodeSource {
+/// What a dataset is, beyond its rows: known once it is open, the same for all of its handles. Cheap to clone.
+#[derive(Clone, Debug)]
+pub struct About {
     /// The file or folder.
-    fn path(&self) -> &Path;
-
+    pub path: Arc<Path>,
     /// The name of its format.
-    fn format(&self) -> &'static str;
+    pub format: &'static str,
+    /// Columns, episodes, runs.
+    pub contents: Contents,
+    /// Columns that this program cannot represent, with the reason.
+    pub skipped: Arc<[(String, String)]>,
+    /// Whether it holds checksums, which [`Dataset::check_episode`] compares.
+    pub has_checksums: bool,
+}
+
+impl About {
+    /// A dataset without runs, skipped columns or checksums.
+    pub fn new(path: &Path, format: &'static str, schema: Arc<Schema>, lengths: Vec<usize>) -> Self {
+        let contents = Contents { schema, lengths: lengths.into(), runs: Arc::default() };
+        Self { path: path.into(), format, contents, skipped: Arc::default(), has_checksums: false }
+    }
+
+    /// The same with other columns.
+    pub fn with_schema(&self, schema: Arc<Schema>) -> Self {
+        let mut about = self.clone();
+        about.contents.schema = schema;
+        about
+    }
+
+    /// A column, by its position; the caller knows that it exists.
+    pub fn field(&self, column: usize) -> &Field {
+        &self.contents.schema.fields()[column]
+    }
+
+    /// What is stored of an episode in a column is damaged.
+    pub fn damaged(&self, column: usize, episode: usize, reason: impl fmt::Display) -> DataError {
+        let name = self.contents.schema.fields().get(column).map_or("?", |field| &field.name);
+        DataError::damaged(&self.path, format!("column `{name}`, episode {episode}: {reason}"))
+    }
+
+    /// What is stored of an episode is damaged.
+    pub fn damaged_episode(&self, episode: usize, reason: impl fmt::Display) -> DataError {
+        DataError::damaged(&self.path, format!("episode {episode}: {reason}"))
+    }
+}
+
+/// An open dataset.
+///
+/// A new kind of dataset has an [`About`], gives rows of its columns, and shares itself; `EpisodeSource` is then the two
+/// lines that all of them have:
+///
+/// ```text
+/// fn contents(&self) -> &Contents { &self.about().contents }
+/// fn read(&mut self, …) -> … { Ok(read_rows(self, episode, rows, out)?) }
+/// ```
+pub trait Dataset: EpisodeSource {
+    /// What it is.
+    fn about(&self) -> &About;
 
     /// Reads rows of column `column` (its position in the schema) into `out`, `[steps.count, …shape]` values of the
-    /// column's type.
-    fn read_column(
+    /// column's type. Column, episode and rows exist, and `out` fits: [`Dataset::read_column`] has checked it.
+    fn rows(
         &mut self,
         column: usize,
         episode: usize,
@@ -53,24 +107,46 @@ pub trait Dataset: EpisodeSource {
     /// A second handle on the same open dataset, for another thread. Costs scratch memory only.
     fn share(&self) -> Box<dyn Dataset>;
 
-    /// The runs that were recorded into it, each with its first episode; empty for files that say nothing of themselves.
-    fn runs(&self) -> &[(u64, Metadata)] {
-        &[]
-    }
-
-    /// Whether the dataset holds checksums, which [`Dataset::check_episode`] compares.
-    fn has_checksums(&self) -> bool {
-        false
-    }
-
     /// Compares what is stored of an episode with its checksums, if there are any; the first difference is an error.
     fn check_episode(&mut self, _episode: usize) -> Result<(), DataError> {
         Ok(())
     }
 
-    /// Root columns of the file that this program cannot represent, with the reason.
+    /// As [`Dataset::rows`], for requests of any origin: what does not exist or does not fit is an error.
+    fn read_column(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        check_request(self.about(), column, episode, steps, &out)?;
+        self.rows(column, episode, steps, out)
+    }
+
+    /// The file or folder.
+    fn path(&self) -> &Path {
+        &self.about().path
+    }
+
+    /// The name of its format.
+    fn format(&self) -> &'static str {
+        self.about().format
+    }
+
+    /// The runs that were recorded into it, each with its first episode; empty for files that say nothing of themselves.
+    fn runs(&self) -> &[(u64, Metadata)] {
+        &self.about().contents.runs
+    }
+
+    /// Whether the dataset holds checksums, which [`Dataset::check_episode`] compares.
+    fn has_checksums(&self) -> bool {
+        self.about().has_checksums
+    }
+
+    /// Columns of the file that this program cannot represent, with the reason.
     fn skipped(&self) -> &[(String, String)] {
-        &[]
+        &self.about().skipped
     }
 }
 
@@ -148,16 +224,22 @@ impl FromStr for WriteMode {
     }
 }
 
-/// Refuses rows that an episode of `len` rows does not have, and an `out` of another size or type than they need.
-pub fn check_request(
-    path: &Path,
-    field: &Field,
+/// Refuses columns, episodes and rows that do not exist, and an `out` of another size or type than they need.
+fn check_request(
+    about: &About,
+    column: usize,
     episode: usize,
-    len: usize,
     steps: Steps,
     out: &SliceMut<'_>,
 ) -> Result<(), DataError> {
-    let refuse = |reason| Err(DataError::request(path, reason));
+    let refuse = |reason| Err(DataError::request(&about.path, reason));
+    let Contents { schema, lengths, .. } = &about.contents;
+    let Some(field) = schema.fields().get(column) else {
+        return refuse(format!("column {column} of {} does not exist", schema.fields().len()));
+    };
+    let Some(&len) = lengths.get(episode) else {
+        return refuse(format!("episode {episode} of {} does not exist", lengths.len()));
+    };
     if steps.stride == 0 || steps.end().is_none_or(|end| end > len) {
         let Steps { first, count, stride } = steps;
         return refuse(format!(
@@ -178,22 +260,8 @@ pub fn check_request(
     Ok(())
 }
 
-/// The column and the number of rows of its episode, if both exist.
-pub fn locate(
-    dataset: &(impl Dataset + ?Sized),
-    column: usize,
-    episode: usize,
-) -> Result<(&Field, usize), DataError> {
-    let refuse = |reason| Err(DataError::request(dataset.path(), reason));
-    let fields = dataset.schema().fields();
-    if episode >= dataset.num_episodes() {
-        return refuse(format!("episode {episode} of {} does not exist", dataset.num_episodes()));
-    }
-    match fields.get(column) {
-        Some(field) => Ok((field, dataset.episode_len(episode))),
-        None => refuse(format!("column {column} of {} does not exist", fields.len())),
-    }
-}
+/// What is said of stored bytes whose checksum is another.
+pub const CHANGED: &str = "its checksum is wrong, it was changed after it was written";
 
 /// Copies rows of `width` values from `source`, which begins at the episode's first row. The caller has checked that
 /// they exist and that `out` fits.

@@ -34,20 +34,42 @@ pub trait EpisodeSink: Send {
 
 /// Gives rows of recorded episodes.
 pub trait EpisodeSource: Send {
-    /// The columns.
-    fn schema(&self) -> &Arc<Schema>;
-
-    /// The number of episodes.
-    fn num_episodes(&self) -> usize;
-
-    /// The number of rows of one episode.
-    fn episode_len(&self, episode: usize) -> usize;
-
-    /// What is known of the data; `None` for files that say nothing of themselves.
-    fn metadata(&self) -> Option<&Metadata>;
+    /// What it holds.
+    fn contents(&self) -> &Contents;
 
     /// Reads rows of one episode into `out`, whose schema names the wanted columns; its old rows are replaced.
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError>;
+
+    /// The columns.
+    fn schema(&self) -> &Arc<Schema> {
+        &self.contents().schema
+    }
+
+    /// The number of episodes.
+    fn num_episodes(&self) -> usize {
+        self.contents().lengths.len()
+    }
+
+    /// The number of rows of one episode; 0 for one that does not exist.
+    fn episode_len(&self, episode: usize) -> usize {
+        self.contents().lengths.get(episode).copied().unwrap_or(0)
+    }
+
+    /// What is known of the data; `None` for files that say nothing of themselves.
+    fn metadata(&self) -> Option<&Metadata> {
+        self.contents().runs.first().map(|(_, metadata)| metadata)
+    }
+}
+
+/// What a source of episodes holds: known once it is open, and the same as long as it is. Cheap to clone.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Contents {
+    /// The columns.
+    pub schema: Arc<Schema>,
+    /// The number of rows, by episode.
+    pub lengths: Arc<[usize]>,
+    /// The runs that recorded it, each with its first episode; empty for files that say nothing of themselves.
+    pub runs: Arc<[(u64, Metadata)]>,
 }
 
 /// What a dataset says of itself, so that it can be repeated and checked. It holds nothing that does not change

@@ -1,13 +1,12 @@
 //! Whole columns in memory, read once and shared by all handles; for small columns that every clip needs.
 
 use std::ops::Range;
-use std::path::Path;
 use std::sync::Arc;
 
 use swm_core::error::BoxError;
-use swm_core::{Batch, Column, EpisodeSource, Metadata, Schema, SliceMut};
+use swm_core::{Batch, Column, Contents, EpisodeSource, SliceMut};
 
-use crate::dataset::{Dataset, Steps, check_request, copy_rows, locate, read_rows};
+use crate::dataset::{About, Dataset, Steps, copy_rows, read_rows};
 use crate::error::DataError;
 
 /// A dataset some of whose columns are held in memory.
@@ -26,8 +25,7 @@ struct Held {
 impl Cached {
     /// Reads the columns `keys` into memory.
     pub fn new(mut inner: Box<dyn Dataset>, keys: &[&str]) -> Result<Self, DataError> {
-        let lengths: Vec<usize> =
-            (0..inner.num_episodes()).map(|episode| inner.episode_len(episode)).collect();
+        let lengths = inner.contents().lengths.clone();
         let first: Vec<usize> = lengths
             .iter()
             .scan(0, |end, len| {
@@ -57,20 +55,8 @@ impl Cached {
 }
 
 impl EpisodeSource for Cached {
-    fn schema(&self) -> &Arc<Schema> {
-        self.inner.schema()
-    }
-
-    fn num_episodes(&self) -> usize {
-        self.inner.num_episodes()
-    }
-
-    fn episode_len(&self, episode: usize) -> usize {
-        self.inner.episode_len(episode)
-    }
-
-    fn metadata(&self) -> Option<&Metadata> {
-        self.inner.metadata()
+    fn contents(&self) -> &Contents {
+        &self.about().contents
     }
 
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
@@ -79,15 +65,11 @@ impl EpisodeSource for Cached {
 }
 
 impl Dataset for Cached {
-    fn path(&self) -> &Path {
-        self.inner.path()
+    fn about(&self) -> &About {
+        self.inner.about()
     }
 
-    fn format(&self) -> &'static str {
-        self.inner.format()
-    }
-
-    fn read_column(
+    fn rows(
         &mut self,
         column: usize,
         episode: usize,
@@ -95,24 +77,14 @@ impl Dataset for Cached {
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
         let Some(Some(values)) = self.held.columns.get(column) else {
-            return self.inner.read_column(column, episode, steps, out);
+            return self.inner.rows(column, episode, steps, out);
         };
-        let (field, len) = locate(self, column, episode)?;
-        check_request(self.path(), field, episode, len, steps, &out)?;
         let steps = Steps { first: self.held.first[episode] + steps.first, ..steps };
-        copy_rows(values.as_slice(), field.width(), steps, out);
+        copy_rows(values.as_slice(), self.about().field(column).width(), steps, out);
         Ok(())
     }
 
     fn share(&self) -> Box<dyn Dataset> {
         Box::new(Self { inner: self.inner.share(), held: self.held.clone() })
-    }
-
-    fn runs(&self) -> &[(u64, Metadata)] {
-        self.inner.runs()
-    }
-
-    fn skipped(&self) -> &[(String, String)] {
-        self.inner.skipped()
     }
 }

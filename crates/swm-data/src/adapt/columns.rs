@@ -1,20 +1,19 @@
 //! Columns of two datasets of the same episodes side by side: embeddings computed later, say, beside the recording.
 
 use std::ops::Range;
-use std::path::Path;
 use std::sync::Arc;
 
 use swm_core::error::BoxError;
-use swm_core::{Batch, EpisodeSource, Metadata, Schema, SliceMut};
+use swm_core::{Batch, Contents, EpisodeSource, Schema, SliceMut};
 
-use crate::dataset::{Dataset, Steps, read_rows};
+use crate::dataset::{About, Dataset, Steps, read_rows};
 use crate::error::DataError;
 
 /// The columns of two datasets as one. Where both have a column, the first one's is taken.
 pub struct Columns {
     first: Box<dyn Dataset>,
     second: Box<dyn Dataset>,
-    schema: Arc<Schema>,
+    about: About,
     /// For every column behind those of the first dataset, its position in the second.
     added: Arc<[usize]>,
 }
@@ -41,25 +40,14 @@ impl Columns {
         let (added, fields): (Vec<_>, Vec<_>) = new.map(|(column, field)| (column, field.clone())).unzip();
         let all = first.schema().fields().iter().cloned().chain(fields).collect();
         let schema = Schema::new(all).map_err(|error| DataError::request(first.path(), error.to_string()))?;
-        Ok(Self { first, second, schema, added: added.into() })
+        let about = first.about().with_schema(schema);
+        Ok(Self { first, second, about, added: added.into() })
     }
 }
 
 impl EpisodeSource for Columns {
-    fn schema(&self) -> &Arc<Schema> {
-        &self.schema
-    }
-
-    fn num_episodes(&self) -> usize {
-        self.first.num_episodes()
-    }
-
-    fn episode_len(&self, episode: usize) -> usize {
-        self.first.episode_len(episode)
-    }
-
-    fn metadata(&self) -> Option<&Metadata> {
-        self.first.metadata()
+    fn contents(&self) -> &Contents {
+        &self.about().contents
     }
 
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
@@ -68,15 +56,11 @@ impl EpisodeSource for Columns {
 }
 
 impl Dataset for Columns {
-    fn path(&self) -> &Path {
-        self.first.path()
+    fn about(&self) -> &About {
+        &self.about
     }
 
-    fn format(&self) -> &'static str {
-        self.first.format()
-    }
-
-    fn read_column(
+    fn rows(
         &mut self,
         column: usize,
         episode: usize,
@@ -85,22 +69,14 @@ impl Dataset for Columns {
     ) -> Result<(), DataError> {
         let own = self.first.schema().fields().len();
         match column.checked_sub(own).and_then(|added| self.added.get(added)) {
-            Some(&there) => self.second.read_column(there, episode, steps, out),
-            None => self.first.read_column(column, episode, steps, out),
+            Some(&there) => self.second.rows(there, episode, steps, out),
+            None => self.first.rows(column, episode, steps, out),
         }
     }
 
     fn share(&self) -> Box<dyn Dataset> {
-        let Self { first, second, schema, added } = self;
-        let (schema, added) = (schema.clone(), added.clone());
-        Box::new(Self { first: first.share(), second: second.share(), schema, added })
-    }
-
-    fn runs(&self) -> &[(u64, Metadata)] {
-        self.first.runs()
-    }
-
-    fn skipped(&self) -> &[(String, String)] {
-        self.first.skipped()
+        let Self { first, second, about, added } = self;
+        let (about, added) = (about.clone(), added.clone());
+        Box::new(Self { first: first.share(), second: second.share(), about, added })
     }
 }

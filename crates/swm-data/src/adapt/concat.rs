@@ -1,20 +1,18 @@
 //! Datasets end to end: the episodes of the first, then those of the next. Formats may differ, columns may not.
 
 use std::ops::Range;
-use std::path::Path;
 use std::sync::Arc;
 
 use swm_core::error::BoxError;
-use swm_core::{Batch, EpisodeSource, Metadata, Schema, SliceMut};
+use swm_core::{Batch, Contents, EpisodeSource, Schema, SliceMut};
 
-use crate::dataset::{Dataset, Steps, read_rows};
+use crate::dataset::{About, Dataset, Steps, read_rows};
 use crate::error::DataError;
 
 /// Several datasets as one.
 pub struct Concat {
     parts: Vec<Part>,
-    schema: Arc<Schema>,
-    runs: Arc<[(u64, Metadata)]>,
+    about: About,
 }
 
 struct Part {
@@ -43,7 +41,8 @@ impl Concat {
         }
         let schema =
             Schema::new(shared).map_err(|error| DataError::request(head.path(), error.to_string()))?;
-        let (mut parts, mut runs, mut first) = (Vec::with_capacity(datasets.len()), Vec::new(), 0);
+        let (path, format) = (head.path().to_owned(), head.format());
+        let (mut parts, mut runs, mut lengths) = (Vec::with_capacity(datasets.len()), Vec::new(), Vec::new());
         for dataset in datasets {
             let mut columns = Vec::with_capacity(schema.fields().len());
             for field in schema.fields() {
@@ -58,12 +57,14 @@ impl Concat {
                 }
                 columns.push(column);
             }
+            let first = lengths.len();
             runs.extend(dataset.runs().iter().map(|(at, run)| (at + first as u64, run.clone())));
-            let episodes = dataset.num_episodes();
+            lengths.extend(dataset.contents().lengths.iter());
             parts.push(Part { dataset, first, columns: columns.into() });
-            first += episodes;
         }
-        Ok(Self { parts, schema, runs: runs.into() })
+        let mut about = About::new(&path, format, schema, lengths);
+        about.contents.runs = runs.into();
+        Ok(Self { parts, about })
     }
 
     /// The part that holds an episode, and its number there.
@@ -75,21 +76,8 @@ impl Concat {
 }
 
 impl EpisodeSource for Concat {
-    fn schema(&self) -> &Arc<Schema> {
-        &self.schema
-    }
-
-    fn num_episodes(&self) -> usize {
-        self.parts.last().map_or(0, |part| part.first + part.dataset.num_episodes())
-    }
-
-    fn episode_len(&self, episode: usize) -> usize {
-        let (part, episode) = self.part(episode);
-        self.parts[part].dataset.episode_len(episode)
-    }
-
-    fn metadata(&self) -> Option<&Metadata> {
-        self.parts.first().and_then(|part| part.dataset.metadata())
+    fn contents(&self) -> &Contents {
+        &self.about().contents
     }
 
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
@@ -98,15 +86,11 @@ impl EpisodeSource for Concat {
 }
 
 impl Dataset for Concat {
-    fn path(&self) -> &Path {
-        self.parts[0].dataset.path()
+    fn about(&self) -> &About {
+        &self.about
     }
 
-    fn format(&self) -> &'static str {
-        self.parts[0].dataset.format()
-    }
-
-    fn read_column(
+    fn rows(
         &mut self,
         column: usize,
         episode: usize,
@@ -115,9 +99,7 @@ impl Dataset for Concat {
     ) -> Result<(), DataError> {
         let (part, episode) = self.part(episode);
         let part = &mut self.parts[part];
-        // A column that does not exist is left to the part, whose message says how many there are.
-        let column = part.columns.get(column).copied().unwrap_or(usize::MAX);
-        part.dataset.read_column(column, episode, steps, out)
+        part.dataset.rows(part.columns[column], episode, steps, out)
     }
 
     fn share(&self) -> Box<dyn Dataset> {
@@ -126,14 +108,6 @@ impl Dataset for Concat {
             first: part.first,
             columns: part.columns.clone(),
         };
-        Box::new(Self {
-            parts: self.parts.iter().map(share).collect(),
-            schema: self.schema.clone(),
-            runs: self.runs.clone(),
-        })
-    }
-
-    fn runs(&self) -> &[(u64, Metadata)] {
-        &self.runs
+        Box::new(Self { parts: self.parts.iter().map(share).collect(), about: self.about.clone() })
     }
 }

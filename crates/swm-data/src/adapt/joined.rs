@@ -1,19 +1,18 @@
 //! One column made of several: concatenated on the last axis, as numbers of one type.
 
 use std::ops::Range;
-use std::path::Path;
 use std::sync::Arc;
 
 use swm_core::error::BoxError;
-use swm_core::{Batch, Column, EpisodeSource, Field, FieldKind, Metadata, Schema, SliceMut};
+use swm_core::{Batch, Column, Contents, EpisodeSource, Field, FieldKind, Schema, SliceMut};
 
-use crate::dataset::{Dataset, Steps, check_request, locate, read_rows};
+use crate::dataset::{About, Dataset, Steps, read_rows};
 use crate::error::DataError;
 
 /// A dataset with one more column, which is made of others.
 pub struct Joined {
     inner: Box<dyn Dataset>,
-    schema: Arc<Schema>,
+    about: About,
     parts: Arc<[Part]>,
     /// One column per part, between reading and interleaving.
     scratch: Vec<Column>,
@@ -78,7 +77,8 @@ impl Joined {
             Err(error) => return wrong(error.to_string()),
         };
         let scratch = scratch(&schema, &parts);
-        Ok(Self { inner, schema, parts, scratch })
+        let about = inner.about().with_schema(schema);
+        Ok(Self { inner, about, parts, scratch })
     }
 }
 
@@ -87,20 +87,8 @@ fn scratch(schema: &Schema, parts: &[Part]) -> Vec<Column> {
 }
 
 impl EpisodeSource for Joined {
-    fn schema(&self) -> &Arc<Schema> {
-        &self.schema
-    }
-
-    fn num_episodes(&self) -> usize {
-        self.inner.num_episodes()
-    }
-
-    fn episode_len(&self, episode: usize) -> usize {
-        self.inner.episode_len(episode)
-    }
-
-    fn metadata(&self) -> Option<&Metadata> {
-        self.inner.metadata()
+    fn contents(&self) -> &Contents {
+        &self.about().contents
     }
 
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
@@ -109,29 +97,23 @@ impl EpisodeSource for Joined {
 }
 
 impl Dataset for Joined {
-    fn path(&self) -> &Path {
-        self.inner.path()
+    fn about(&self) -> &About {
+        &self.about
     }
 
-    fn format(&self) -> &'static str {
-        self.inner.format()
-    }
-
-    fn read_column(
+    fn rows(
         &mut self,
         column: usize,
         episode: usize,
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        if column + 1 != self.schema.fields().len() {
-            return self.inner.read_column(column, episode, steps, out);
+        if column + 1 != self.schema().fields().len() {
+            return self.inner.rows(column, episode, steps, out);
         }
-        let (field, len) = locate(self, column, episode)?;
-        check_request(self.inner.path(), field, episode, len, steps, &out)?;
         for (part, values) in self.parts.iter().zip(&mut self.scratch) {
-            values.resize(steps.count * self.schema.width(part.column));
-            self.inner.read_column(part.column, episode, steps, values.as_slice_mut())?;
+            values.resize(steps.count * self.about.contents.schema.width(part.column));
+            self.inner.rows(part.column, episode, steps, values.as_slice_mut())?;
         }
         let (mut rest, mut at) = (out, 0);
         while !rest.is_empty() {
@@ -147,16 +129,8 @@ impl Dataset for Joined {
     }
 
     fn share(&self) -> Box<dyn Dataset> {
-        let (schema, parts) = (self.schema.clone(), self.parts.clone());
-        let scratch = scratch(&schema, &parts);
-        Box::new(Self { inner: self.inner.share(), schema, parts, scratch })
-    }
-
-    fn runs(&self) -> &[(u64, Metadata)] {
-        self.inner.runs()
-    }
-
-    fn skipped(&self) -> &[(String, String)] {
-        self.inner.skipped()
+        let (about, parts) = (self.about.clone(), self.parts.clone());
+        let scratch = scratch(&about.contents.schema, &parts);
+        Box::new(Self { inner: self.inner.share(), about, parts, scratch })
     }
 }

@@ -2,22 +2,21 @@
 //! by clip would show the training data to the test.)
 
 use std::ops::Range;
-use std::path::Path;
 use std::sync::Arc;
 
 use rand::seq::SliceRandom;
 use swm_core::error::BoxError;
 use swm_core::seed::keyed;
-use swm_core::{Batch, EpisodeSource, Metadata, Schema, SliceMut};
+use swm_core::{Batch, Contents, EpisodeSource, Metadata, SliceMut};
 
-use crate::dataset::{Dataset, Steps, read_rows};
+use crate::dataset::{About, Dataset, Steps, read_rows};
 use crate::error::DataError;
 
 /// The chosen episodes of a dataset, in the chosen order.
 pub struct Subset {
     inner: Box<dyn Dataset>,
     episodes: Arc<[usize]>,
-    runs: Arc<[(u64, Metadata)]>,
+    about: About,
 }
 
 impl Subset {
@@ -36,7 +35,10 @@ impl Subset {
                 runs.push((at as u64, run.clone()));
             }
         }
-        Ok(Self { inner, episodes: episodes.into(), runs: runs.into() })
+        let mut about = inner.about().clone();
+        about.contents.lengths = episodes.iter().map(|&episode| inner.episode_len(episode)).collect();
+        about.contents.runs = runs.into();
+        Ok(Self { inner, episodes: episodes.into(), about })
     }
 
     /// The episode of the underlying dataset that stands at `episode` here; `None` behind the end.
@@ -72,20 +74,8 @@ pub fn split_episodes(count: usize, fractions: &[f64], seed: u64) -> Result<Vec<
 }
 
 impl EpisodeSource for Subset {
-    fn schema(&self) -> &Arc<Schema> {
-        self.inner.schema()
-    }
-
-    fn num_episodes(&self) -> usize {
-        self.episodes.len()
-    }
-
-    fn episode_len(&self, episode: usize) -> usize {
-        self.original(episode).map_or(0, |original| self.inner.episode_len(original))
-    }
-
-    fn metadata(&self) -> Option<&Metadata> {
-        self.inner.metadata()
+    fn contents(&self) -> &Contents {
+        &self.about().contents
     }
 
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
@@ -94,40 +84,22 @@ impl EpisodeSource for Subset {
 }
 
 impl Dataset for Subset {
-    fn path(&self) -> &Path {
-        self.inner.path()
+    fn about(&self) -> &About {
+        &self.about
     }
 
-    fn format(&self) -> &'static str {
-        self.inner.format()
-    }
-
-    fn read_column(
+    fn rows(
         &mut self,
         column: usize,
         episode: usize,
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        match self.original(episode) {
-            Some(original) => self.inner.read_column(column, original, steps, out),
-            None => {
-                let reason = format!("episode {episode} of {} does not exist", self.episodes.len());
-                Err(DataError::request(self.path(), reason))
-            }
-        }
+        self.inner.rows(column, self.episodes[episode], steps, out)
     }
 
     fn share(&self) -> Box<dyn Dataset> {
-        let Self { inner, episodes, runs } = self;
-        Box::new(Self { inner: inner.share(), episodes: episodes.clone(), runs: runs.clone() })
-    }
-
-    fn runs(&self) -> &[(u64, Metadata)] {
-        &self.runs
-    }
-
-    fn skipped(&self) -> &[(String, String)] {
-        self.inner.skipped()
+        let Self { inner, episodes, about } = self;
+        Box::new(Self { inner: inner.share(), episodes: episodes.clone(), about: about.clone() })
     }
 }

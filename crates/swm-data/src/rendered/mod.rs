@@ -11,7 +11,6 @@ mod stage;
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::{Map, Value as Json};
@@ -19,11 +18,11 @@ use swm_core::dataset::{CHECKPOINT, Checkpoints};
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::error::{BoxError, nearest};
 use swm_core::{
-    Batch, Dtype, EnvConfig, EnvEntry, EnvSpec, EpisodeSource, Field, FieldKind, ImageSize, Metadata,
-    Registry, Schema, SliceMut, Value,
+    Batch, Contents, Dtype, EnvConfig, EnvEntry, EnvSpec, EpisodeSource, Field, FieldKind, ImageSize, Registry,
+    Schema, SliceMut, Value,
 };
 
-use crate::dataset::{Dataset, Steps, check_request, locate, read_rows};
+use crate::dataset::{About, Dataset, Steps, read_rows};
 use crate::error::DataError;
 
 use stage::Stage;
@@ -55,7 +54,7 @@ impl Default for RenderOptions {
 pub struct Rendered {
     inner: Box<dyn Dataset>,
     script: Arc<Script>,
-    schema: Arc<Schema>,
+    about: About,
     /// For every column, where its values come from.
     columns: Arc<[Origin]>,
     /// Made at the first picture.
@@ -138,7 +137,8 @@ impl Rendered {
             checkpoints: Checkpoints::of(dataset.schema(), metadata),
             verify: options.verify,
         };
-        Ok(Self { schema, columns: columns.into(), script: Arc::new(script), stage: None, inner: dataset })
+        let about = dataset.about().with_schema(schema);
+        Ok(Self { about, columns: columns.into(), script: Arc::new(script), stage: None, inner: dataset })
     }
 
     /// Replays a whole episode and compares it with all of its checkpoints; how many there were.
@@ -202,20 +202,8 @@ fn factors(spec: &EnvSpec, wanted: &BTreeMap<String, Value>) -> Result<BTreeMap<
 }
 
 impl EpisodeSource for Rendered {
-    fn schema(&self) -> &Arc<Schema> {
-        &self.schema
-    }
-
-    fn num_episodes(&self) -> usize {
-        self.inner.num_episodes()
-    }
-
-    fn episode_len(&self, episode: usize) -> usize {
-        self.inner.episode_len(episode)
-    }
-
-    fn metadata(&self) -> Option<&Metadata> {
-        self.inner.metadata()
+    fn contents(&self) -> &Contents {
+        &self.about().contents
     }
 
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
@@ -224,28 +212,22 @@ impl EpisodeSource for Rendered {
 }
 
 impl Dataset for Rendered {
-    fn path(&self) -> &Path {
-        self.inner.path()
+    fn about(&self) -> &About {
+        &self.about
     }
 
-    fn format(&self) -> &'static str {
-        self.inner.format()
-    }
-
-    fn read_column(
+    fn rows(
         &mut self,
         column: usize,
         episode: usize,
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        let index = match self.columns.get(column) {
-            Some(&Origin::Stored(stored)) => return self.inner.read_column(stored, episode, steps, out),
-            Some(&Origin::Drawn(index)) => index,
-            None => usize::MAX,
+        let index = match self.columns[column] {
+            Origin::Stored(stored) => return self.inner.rows(stored, episode, steps, out),
+            Origin::Drawn(index) => index,
         };
-        let (field, len) = locate(self, column, episode)?;
-        check_request(self.inner.path(), field, episode, len, steps, &out)?;
+        let field = self.about.field(column);
         let (kind, width) = (field.kind, field.width());
         let SliceMut::U8(out) = out else { return Ok(()) };
         let stage = stage(&mut self.stage, self.inner.as_ref(), &self.script)?;
@@ -264,16 +246,8 @@ impl Dataset for Rendered {
     }
 
     fn share(&self) -> Box<dyn Dataset> {
-        let (script, schema) = (self.script.clone(), self.schema.clone());
-        let columns = self.columns.clone();
-        Box::new(Self { inner: self.inner.share(), script, schema, columns, stage: None })
-    }
-
-    fn runs(&self) -> &[(u64, Metadata)] {
-        self.inner.runs()
-    }
-
-    fn skipped(&self) -> &[(String, String)] {
-        self.inner.skipped()
+        let Self { inner, script, about, columns, .. } = self;
+        let (script, about, columns) = (script.clone(), about.clone(), columns.clone());
+        Box::new(Self { inner: inner.share(), script, about, columns, stage: None })
     }
 }

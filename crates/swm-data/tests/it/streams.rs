@@ -2,13 +2,12 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::Arc;
 
 use swm_core::error::BoxError;
-use swm_core::{Batch, Dtype, EpisodeSource, Field, Metadata, Schema, SliceMut};
-use swm_data::dataset::{check_request, locate, read_rows};
+use swm_core::{Batch, Contents, Dtype, EpisodeSource, Field, Metadata, Schema, SliceMut};
+use swm_data::dataset::read_rows;
 use swm_data::tools::copy::{all, copy};
-use swm_data::{DataError, Dataset, FORMATS, Steps, WriteMode, WriteOptions, create, open};
+use swm_data::{About, DataError, Dataset, FORMATS, Steps, WriteMode, WriteOptions, create, open};
 
 use crate::support::{assert_same, contents, episode, metadata, schema};
 
@@ -20,32 +19,20 @@ const SIDES: [usize; 3] = [128, 128, 3];
 /// One long episode whose rows are made up when they are read: few different pictures, for the sake of time.
 #[derive(Clone)]
 struct Long {
-    path: PathBuf,
-    schema: Arc<Schema>,
+    about: About,
 }
 
 impl Long {
     fn new() -> Self {
         let fields = vec![Field::step("pixels", Dtype::U8, &SIDES), Field::step("state", Dtype::F64, &[4])];
-        Self { path: PathBuf::from("long"), schema: Schema::new(fields).unwrap() }
+        let rows = EPISODE_BYTES / SIDES.iter().product::<usize>();
+        Self { about: About::new(Path::new("long"), "made up", Schema::new(fields).unwrap(), vec![rows]) }
     }
 }
 
 impl EpisodeSource for Long {
-    fn schema(&self) -> &Arc<Schema> {
-        &self.schema
-    }
-
-    fn num_episodes(&self) -> usize {
-        1
-    }
-
-    fn episode_len(&self, _episode: usize) -> usize {
-        EPISODE_BYTES / SIDES.iter().product::<usize>()
-    }
-
-    fn metadata(&self) -> Option<&Metadata> {
-        None
+    fn contents(&self) -> &Contents {
+        &self.about().contents
     }
 
     fn read(
@@ -59,26 +46,21 @@ impl EpisodeSource for Long {
 }
 
 impl Dataset for Long {
-    fn path(&self) -> &Path {
-        &self.path
+    fn about(&self) -> &About {
+        &self.about
     }
 
-    fn format(&self) -> &'static str {
-        "made up"
-    }
-
-    fn read_column(
+    fn rows(
         &mut self,
         column: usize,
-        episode: usize,
+        _episode: usize,
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        let (field, len) = locate(self, column, episode)?;
-        check_request(&self.path, field, episode, len, steps, &out)?;
+        let width = self.about.field(column).width();
         match out {
             SliceMut::U8(out) => {
-                for (at, frame) in out.chunks_exact_mut(field.width()).enumerate() {
+                for (at, frame) in out.chunks_exact_mut(width).enumerate() {
                     frame.fill(((steps.first + at) / 64) as u8);
                 }
             }

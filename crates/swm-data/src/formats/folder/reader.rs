@@ -8,11 +8,11 @@ use std::sync::Arc;
 
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::error::BoxError;
-use swm_core::{Batch, EpisodeSource, Field, FieldKind, Metadata, Schema, SliceMut};
+use swm_core::{Batch, Contents, EpisodeSource, Field, FieldKind, Schema, SliceMut};
 
 use super::layout::{self, EP_LEN, EP_OFFSET, Entry, Manifest};
 use super::pictures::{PictureReader, Store};
-use crate::dataset::{Dataset, Steps, check_request, locate, read_rows};
+use crate::dataset::{About, CHANGED, Dataset, Steps, read_rows};
 use crate::error::DataError;
 use crate::formats::npz::Array;
 
@@ -28,17 +28,14 @@ pub(super) struct FolderDataset {
 /// What all handles share; never changed after opening.
 #[derive(Debug)]
 struct Shared {
-    path: PathBuf,
-    format: &'static str,
+    about: About,
     store: Store,
-    schema: Arc<Schema>,
     columns: Vec<Source>,
-    /// First row and number of rows.
-    episodes: Vec<(usize, usize)>,
+    /// First rows, by episode.
+    first: Vec<usize>,
     manifest: Option<Manifest>,
     /// One per episode in folders of ours.
     entries: Vec<Entry>,
-    skipped: Vec<(String, String)>,
 }
 
 #[derive(Debug)]
@@ -67,10 +64,10 @@ impl Shared {
         let schema = Schema::new(manifest.columns.clone())
             .map_err(|error| DataError::damaged(path, error.to_string()))?;
         let entries = layout::read_index(path, manifest.columns.len())?;
-        let mut rows = 0usize;
-        let mut episodes = Vec::with_capacity(entries.len());
+        let (mut rows, mut first, mut lengths) = (0usize, Vec::new(), Vec::new());
         for entry in &entries {
-            episodes.push((rows, entry.rows as usize));
+            first.push(rows);
+            lengths.push(entry.rows as usize);
             rows += entry.rows as usize;
         }
         let mut columns = Vec::new();
@@ -91,8 +88,10 @@ impl Shared {
             }
             columns.push(Source::Array(array));
         }
-        let (path, skipped, manifest) = (path.to_owned(), Vec::new(), Some(manifest));
-        Ok(Self { path, format, store, schema, columns, episodes, manifest, entries, skipped })
+        let mut about = About::new(path, format, schema, lengths);
+        about.contents.runs = manifest.runs.clone().into();
+        about.has_checksums = true;
+        Ok(Self { about, store, columns, first, manifest: Some(manifest), entries })
     }
 
     fn foreign(path: &Path, format: &'static str, store: Store) -> Result<Self, DataError> {
@@ -143,8 +142,10 @@ impl Shared {
             }
         }
         let schema = Schema::new(fields).map_err(|error| DataError::damaged(path, error.to_string()))?;
-        let (path, manifest, entries) = (path.to_owned(), None, Vec::new());
-        Ok(Self { path, format, store, schema, columns, episodes, manifest, entries, skipped })
+        let (first, lengths) = episodes.into_iter().unzip();
+        let mut about = About::new(path, format, schema, lengths);
+        about.skipped = skipped.into();
+        Ok(Self { about, store, columns, first, manifest: None, entries: Vec::new() })
     }
 }
 
@@ -185,20 +186,8 @@ fn spans(
 }
 
 impl EpisodeSource for FolderDataset {
-    fn schema(&self) -> &Arc<Schema> {
-        &self.shared.schema
-    }
-
-    fn num_episodes(&self) -> usize {
-        self.shared.episodes.len()
-    }
-
-    fn episode_len(&self, episode: usize) -> usize {
-        self.shared.episodes.get(episode).map_or(0, |&(_, rows)| rows)
-    }
-
-    fn metadata(&self) -> Option<&Metadata> {
-        self.runs().first().map(|(_, metadata)| metadata)
+    fn contents(&self) -> &Contents {
+        &self.about().contents
     }
 
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
@@ -207,28 +196,22 @@ impl EpisodeSource for FolderDataset {
 }
 
 impl Dataset for FolderDataset {
-    fn path(&self) -> &Path {
-        &self.shared.path
+    fn about(&self) -> &About {
+        &self.shared.about
     }
 
-    fn format(&self) -> &'static str {
-        self.shared.format
-    }
-
-    fn read_column(
+    fn rows(
         &mut self,
         column: usize,
         episode: usize,
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        let (field, rows) = locate(self, column, episode)?;
-        check_request(&self.shared.path, field, episode, rows, steps, &out)?;
         let shared = &*self.shared;
-        let field = &shared.schema.fields()[column];
+        let field = shared.about.field(column);
         let read = match (&shared.columns[column], out) {
             (Source::Array(array), out) => {
-                let first = shared.episodes[episode].0 + steps.first;
+                let first = shared.first[episode] + steps.first;
                 array.read((first, steps.count, steps.stride), out, &mut self.scratch)
             }
             (Source::Pictures(folder), SliceMut::U8(out)) => {
@@ -239,45 +222,27 @@ impl Dataset for FolderDataset {
             }
             (Source::Pictures(_), out) => Err(format!("pictures were asked for as {}", out.dtype())),
         };
-        read.map_err(|reason| {
-            DataError::damaged(&shared.path, format!("column `{}`, episode {episode}: {reason}", field.name))
-        })
+        read.map_err(|reason| shared.about.damaged(column, episode, reason))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
         Box::new(Self { shared: self.shared.clone(), pictures: BTreeMap::new(), scratch: Vec::new() })
     }
 
-    fn runs(&self) -> &[(u64, Metadata)] {
-        self.shared.manifest.as_ref().map_or(&[], |manifest| &manifest.runs)
-    }
-
-    fn skipped(&self) -> &[(String, String)] {
-        &self.shared.skipped
-    }
-
-    fn has_checksums(&self) -> bool {
-        self.shared.manifest.is_some()
-    }
-
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
         let shared = &*self.shared;
         let Some(entry) = shared.entries.get(episode) else { return Ok(()) };
-        let (first, rows) = shared.episodes[episode];
-        for ((source, field), &expected) in
-            shared.columns.iter().zip(shared.schema.fields()).zip(&entry.checksums)
-        {
+        let (first, rows) = (shared.first[episode], entry.rows as usize);
+        for (column, (source, &expected)) in shared.columns.iter().zip(&entry.checksums).enumerate() {
             let found = match source {
                 Source::Array(array) => array.bytes(first, rows, &mut self.scratch).map(crc32fast::hash),
                 Source::Pictures(folder) => shared.store.checksum(folder, episode as u64, rows),
             };
-            let wrong = match found {
-                Ok(found) if found == expected => continue,
-                Ok(_) => "its checksum is wrong: it was changed after it was written".to_owned(),
-                Err(reason) => reason,
-            };
-            let reason = format!("column `{}`, episode {episode}: {wrong}", field.name);
-            return Err(DataError::damaged(&shared.path, reason));
+            match found {
+                Ok(found) if found == expected => {}
+                Ok(_) => return Err(shared.about.damaged(column, episode, CHANGED)),
+                Err(reason) => return Err(shared.about.damaged(column, episode, reason)),
+            }
         }
         Ok(())
     }

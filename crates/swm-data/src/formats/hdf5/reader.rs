@@ -3,19 +3,19 @@
 
 use std::fs::File;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use hdf5_metno as h5;
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::error::BoxError;
-use swm_core::{Batch, EpisodeSource, Field, FieldKind, Metadata, Schema, SliceMut};
+use swm_core::{Batch, Contents, EpisodeSource, Field, FieldKind, Schema, SliceMut};
 
 use super::attributes::Attributes;
 use super::layout::{EP_LEN, EP_OFFSET, Element};
 use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
-use crate::dataset::{Dataset, Steps, read_rows};
+use crate::dataset::{About, Dataset, Steps, read_rows};
 use crate::error::DataError;
 
 /// How often the library may re-read metadata that a live writer is changing. Its own default of 100 doubles its
@@ -36,13 +36,12 @@ pub(super) struct Hdf5Dataset {
 /// What all handles on one file share; never changed after opening.
 #[derive(Debug)]
 struct Shared {
-    path: PathBuf,
+    about: About,
     file: File,
-    schema: Arc<Schema>,
     columns: Vec<ColumnStorage>,
-    episodes: Vec<Span>,
+    /// First rows, by episode.
+    first: Vec<usize>,
     attributes: Attributes,
-    skipped: Skipped,
     chunks_end: u64,
 }
 
@@ -114,8 +113,13 @@ impl Hdf5Dataset {
             columns.push(storage);
         }
         let schema = Schema::new(fields).map_err(|error| DataError::damaged(path, error.to_string()))?;
-        let path = path.to_owned();
-        let shared = Shared { path, file, schema, columns, episodes, attributes, skipped, chunks_end };
+        let lengths = episodes.iter().map(|span| span.len).collect();
+        let mut about = About::new(path, super::FORMAT.name, schema, lengths);
+        about.contents.runs = attributes.runs.clone().into();
+        about.skipped = skipped.into();
+        about.has_checksums = columns.iter().any(ColumnStorage::is_checksummed);
+        let first = episodes.iter().map(|span| span.first).collect();
+        let shared = Shared { about, file, columns, first, attributes, chunks_end };
         Ok(Self { shared: Arc::new(shared), scratch: Scratch::default() })
     }
 
@@ -126,62 +130,19 @@ impl Hdf5Dataset {
 
     /// Rows of all episodes, which lie end to end in our own files.
     pub(super) fn total_rows(&self) -> usize {
-        self.shared.episodes.last().map_or(0, |span| span.first + span.len)
+        let last = self.shared.first.last().zip(self.contents().lengths.last());
+        last.map_or(0, |(first, len)| first + len)
     }
 
     /// The address behind the last chunk; 0 for a file that was closed properly.
     pub(super) fn chunks_end(&self) -> u64 {
         self.shared.chunks_end
     }
-
-    /// The column and the episode, if they have these rows.
-    fn check(
-        &self,
-        column: usize,
-        episode: usize,
-        steps: Steps,
-        values: usize,
-    ) -> Result<(&Field, Span), DataError> {
-        let refuse = |reason| Err(DataError::request(&self.shared.path, reason));
-        let fields = self.shared.schema.fields();
-        let Some(field) = fields.get(column) else {
-            return refuse(format!("column {column} of {} does not exist", fields.len()));
-        };
-        let Some(&span) = self.shared.episodes.get(episode) else {
-            return refuse(format!("episode {episode} of {} does not exist", self.shared.episodes.len()));
-        };
-        if steps.stride == 0 || steps.end().is_none_or(|end| end > span.len) {
-            let Steps { first, count, stride } = steps;
-            return refuse(format!(
-                "episode {episode} has {} rows, too few for {count} from row {first} on at a stride of {stride}",
-                span.len
-            ));
-        }
-        if values != steps.count * field.width() {
-            return refuse(format!(
-                "{values} values cannot hold {} rows of column `{}`",
-                steps.count, field.name
-            ));
-        }
-        Ok((field, span))
-    }
 }
 
 impl EpisodeSource for Hdf5Dataset {
-    fn schema(&self) -> &Arc<Schema> {
-        &self.shared.schema
-    }
-
-    fn num_episodes(&self) -> usize {
-        self.shared.episodes.len()
-    }
-
-    fn episode_len(&self, episode: usize) -> usize {
-        self.shared.episodes.get(episode).map_or(0, |span| span.len)
-    }
-
-    fn metadata(&self) -> Option<&Metadata> {
-        self.shared.attributes.runs.first().map(|(_, metadata)| metadata)
+    fn contents(&self) -> &Contents {
+        &self.about().contents
     }
 
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
@@ -190,60 +151,36 @@ impl EpisodeSource for Hdf5Dataset {
 }
 
 impl Dataset for Hdf5Dataset {
-    fn path(&self) -> &Path {
-        &self.shared.path
+    fn about(&self) -> &About {
+        &self.shared.about
     }
 
-    fn format(&self) -> &'static str {
-        super::FORMAT.name
-    }
-
-    fn read_column(
+    fn rows(
         &mut self,
         column: usize,
         episode: usize,
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        let (field, span) = self.check(column, episode, steps, out.len())?;
-        if out.dtype() != field.dtype {
-            let reason = format!("column `{}` holds {}, not {}", field.name, field.dtype, out.dtype());
-            return Err(DataError::request(&self.shared.path, reason));
-        }
-        let rows = Steps { first: span.first + steps.first, ..steps };
-        let shared = self.shared.clone();
-        let (storage, field) = (&shared.columns[column], &shared.schema.fields()[column]);
-        storage.read(&shared.file, field, rows, out, &mut self.scratch).map_err(|reason| {
-            DataError::damaged(&shared.path, format!("column `{}`, episode {episode}: {reason}", field.name))
-        })
+        let rows = Steps { first: self.shared.first[episode] + steps.first, ..steps };
+        let Shared { about, file, columns, .. } = &*self.shared;
+        let read = columns[column].read(file, about.field(column), rows, out, &mut self.scratch);
+        read.map_err(|reason| about.damaged(column, episode, reason))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
         Box::new(Self { shared: self.shared.clone(), scratch: Scratch::default() })
     }
 
-    fn runs(&self) -> &[(u64, Metadata)] {
-        &self.shared.attributes.runs
-    }
-
-    fn has_checksums(&self) -> bool {
-        self.shared.columns.iter().any(ColumnStorage::is_checksummed)
-    }
-
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
-        let Some(&Span { first, len }) = self.shared.episodes.get(episode) else { return Ok(()) };
+        let Shared { about, file, columns, first, .. } = &*self.shared;
+        let Some(&first) = first.get(episode) else { return Ok(()) };
         let mut buffer = Vec::new();
-        for (storage, field) in self.shared.columns.iter().zip(self.shared.schema.fields()) {
-            storage.check(&self.shared.file, first..first + len, &mut buffer).map_err(|reason| {
-                let reason = format!("column `{}`, episode {episode}: {reason}", field.name);
-                DataError::damaged(&self.shared.path, reason)
-            })?;
+        for (column, storage) in columns.iter().enumerate() {
+            let checked = storage.check(file, first..first + about.contents.lengths[episode], &mut buffer);
+            checked.map_err(|reason| about.damaged(column, episode, reason))?;
         }
         Ok(())
-    }
-
-    fn skipped(&self) -> &[(String, String)] {
-        &self.shared.skipped
     }
 }
 

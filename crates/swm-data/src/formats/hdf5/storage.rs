@@ -15,7 +15,7 @@ use super::deflate::Inflated;
 use super::fetch::Fetched;
 use super::layout::Element;
 use super::{blosc, convert, library};
-use crate::dataset::Steps;
+use crate::dataset::{CHANGED, Steps};
 use crate::formats::disk::read_exact_at;
 
 /// One column of an open file.
@@ -190,7 +190,7 @@ impl ColumnStorage {
                 .is_some_and(|(bytes, checksum)| fletcher32(bytes) == u32::from_le_bytes(*checksum));
             if !right {
                 let row = index * rows_per_chunk;
-                return Err(format!("row {row}: its checksum is wrong, it was changed after it was written"));
+                return Err(format!("row {row}: {CHANGED}"));
             }
         }
         Ok(())

@@ -3,11 +3,13 @@
 //! reader, and `ep_idx` and `step_idx` are made up; ours also hold what the columns were called, see `manifest`. Films are read in
 //! H.264 and in AV1, LeRobot's default codec; columns in others are left out by name.
 
+mod contents;
 mod episodes;
 mod info;
 mod manifest;
 mod open_episode;
 mod parquet_file;
+mod places;
 mod reader;
 mod statistics;
 mod table;

@@ -45,7 +45,7 @@ pub(super) struct Place {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Episode {
     pub(super) rows: usize,
-    /// Its chunks in [`Contents::chunks`].
+    /// Its chunks in [`Index::chunks`].
     pub(super) chunks: std::ops::Range<usize>,
     /// By channel: its messages, in the order of rows.
     pub(super) messages: Vec<Vec<Place>>,
@@ -53,7 +53,7 @@ pub(super) struct Episode {
 
 /// What a file holds.
 #[derive(Debug, Default)]
-pub(super) struct Contents {
+pub(super) struct Index {
     pub(super) columns: Vec<Field>,
     /// Nanoseconds from one row to the next.
     pub(super) row_ns: u64,
@@ -71,7 +71,7 @@ pub(super) struct Contents {
     pub(super) is_finished: bool,
 }
 
-impl Contents {
+impl Index {
     /// Walks over a file. Errors say what is damaged; a file that just ends is that of a killed recording.
     pub(super) fn read(file: &File, path: &Path) -> Result<Self, String> {
         let length = file.metadata().map_err(|error| error.to_string())?.len();

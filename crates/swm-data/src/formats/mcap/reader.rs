@@ -2,19 +2,19 @@
 
 use std::fs::File;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use swm_core::error::BoxError;
-use swm_core::{Batch, Column, EpisodeSource, Field, Metadata, Schema, SliceMut};
+use swm_core::{Batch, Column, Contents, EpisodeSource, Field, Schema, SliceMut};
 use swm_media::png;
 
 use super::chunks::Messages;
 use super::foxglove;
-use super::index::{Contents, Place, STEP_TOPIC, is_picture, topic};
+use super::index::{Index, Place, STEP_TOPIC, is_picture, topic};
 use super::records::{MESSAGE, MESSAGE_HEAD};
 use super::rows::from_json;
-use crate::dataset::{Dataset, Steps, check_request, copy_rows, locate, read_rows};
+use crate::dataset::{About, CHANGED, Dataset, Steps, copy_rows, read_rows};
 use crate::error::DataError;
 
 /// So many rows are decoded and held at once: all of most episodes, a bounded part of the longest.
@@ -39,10 +39,9 @@ struct Rows {
 
 #[derive(Debug)]
 struct Shared {
-    path: PathBuf,
+    about: About,
     file: File,
-    schema: Arc<Schema>,
-    contents: Contents,
+    index: Index,
     /// Of each column, the position of its channel.
     channels: Vec<usize>,
 }
@@ -52,23 +51,27 @@ impl McapDataset {
         let failed = |source| DataError::io(path, "open", source);
         let file = File::open(path).map_err(failed)?;
         let damaged = |reason: String| DataError::damaged(path, reason);
-        let contents = Contents::read(&file, path).map_err(damaged)?;
-        let schema = Schema::new(contents.columns.clone()).map_err(|error| damaged(error.to_string()))?;
-        let channels = contents
+        let index = Index::read(&file, path).map_err(damaged)?;
+        let schema = Schema::new(index.columns.clone()).map_err(|error| damaged(error.to_string()))?;
+        let channels = index
             .columns
             .iter()
             .map(|field| {
                 let wanted = if is_picture(field) { topic(&field.name) } else { STEP_TOPIC.to_owned() };
-                let found = contents.channels.iter().position(|(_, topic)| *topic == wanted);
+                let found = index.channels.iter().position(|(_, topic)| *topic == wanted);
                 found.ok_or_else(|| damaged(format!("it has no channel `{wanted}`")))
             })
             .collect::<Result<_, _>>()?;
-        let shared = Shared { path: path.to_owned(), file, schema, contents, channels };
+        let lengths = index.episodes.iter().map(|episode| episode.rows).collect();
+        let mut about = About::new(path, super::FORMAT.name, schema, lengths);
+        about.contents.runs = index.runs.clone().into();
+        about.has_checksums = true;
+        let shared = Shared { about, file, index, channels };
         Ok(Self { shared: Arc::new(shared), rows: None, messages: Messages::default() })
     }
 
-    pub(super) fn contents(&self) -> &Contents {
-        &self.shared.contents
+    pub(super) fn index(&self) -> &Index {
+        &self.shared.index
     }
 
     /// Reads rows of pictures. A row without a message shows what the one before it shows.
@@ -80,9 +83,9 @@ impl McapDataset {
         out: &mut [u8],
     ) -> Result<(), String> {
         let shared = self.shared.clone();
-        let field = &shared.schema.fields()[column];
+        let field = shared.about.field(column);
         let &[height, width, channels] = &field.shape[..] else { return Err("no pictures".to_owned()) };
-        let places = &shared.contents.episodes[episode].messages[shared.channels[column]];
+        let places = &shared.index.episodes[episode].messages[shared.channels[column]];
         let size = height * width * channels;
         let mut last: Option<(Place, usize)> = None;
         for at in 0..steps.count {
@@ -116,7 +119,7 @@ impl McapDataset {
         steps: Steps,
         mut out: SliceMut<'_>,
     ) -> Result<(), String> {
-        let width = self.shared.schema.width(column);
+        let width = self.schema().width(column);
         let mut at = 0;
         while at < steps.count {
             let row = steps.first + at * steps.stride;
@@ -141,10 +144,10 @@ impl McapDataset {
             self.rows = None;
             let shared = self.shared.clone();
             let fields: Vec<&Field> =
-                shared.schema.fields().iter().filter(|field| !is_picture(field)).collect();
+                shared.about.contents.schema.fields().iter().filter(|field| !is_picture(field)).collect();
             let mut columns: Vec<Column> = fields.iter().map(|field| Column::zeros(field.dtype, 0)).collect();
-            let channel = shared.contents.channels.iter().position(|(_, topic)| topic == STEP_TOPIC);
-            let found = &shared.contents.episodes[episode];
+            let channel = shared.index.channels.iter().position(|(_, topic)| topic == STEP_TOPIC);
+            let found = &shared.index.episodes[episode];
             let places =
                 channel.and_then(|channel| found.messages.get(channel)).map_or(&[][..], Vec::as_slice);
             if !fields.is_empty() && places.len() != found.rows {
@@ -155,7 +158,7 @@ impl McapDataset {
                     .map_err(|reason| format!("row {}: {reason}", place.row))?;
             }
             let mut decoded = columns.into_iter();
-            let all = shared.schema.fields().iter().map(|field| match is_picture(field) {
+            let all = shared.about.contents.schema.fields().iter().map(|field| match is_picture(field) {
                 true => Column::zeros(field.dtype, 0),
                 false => decoded.next().unwrap_or(Column::zeros(field.dtype, 0)),
             });
@@ -169,7 +172,7 @@ impl Shared {
     /// The data of a message.
     fn message<'a>(&self, place: Place, messages: &'a mut Messages) -> Result<&'a [u8], String> {
         let at = (place.chunk as usize, place.offset);
-        match messages.record(&self.file, &self.contents.chunks, at)? {
+        match messages.record(&self.file, &self.index.chunks, at)? {
             (MESSAGE, content) if content.len() >= MESSAGE_HEAD => Ok(&content[MESSAGE_HEAD..]),
             _ => Err("a message is not where the index says".to_owned()),
         }
@@ -177,20 +180,8 @@ impl Shared {
 }
 
 impl EpisodeSource for McapDataset {
-    fn schema(&self) -> &Arc<Schema> {
-        &self.shared.schema
-    }
-
-    fn num_episodes(&self) -> usize {
-        self.shared.contents.episodes.len()
-    }
-
-    fn episode_len(&self, episode: usize) -> usize {
-        self.shared.contents.episodes.get(episode).map_or(0, |episode| episode.rows)
-    }
-
-    fn metadata(&self) -> Option<&Metadata> {
-        self.runs().first().map(|(_, metadata)| metadata)
+    fn contents(&self) -> &Contents {
+        &self.about().contents
     }
 
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
@@ -199,59 +190,37 @@ impl EpisodeSource for McapDataset {
 }
 
 impl Dataset for McapDataset {
-    fn path(&self) -> &Path {
-        &self.shared.path
+    fn about(&self) -> &About {
+        &self.shared.about
     }
 
-    fn format(&self) -> &'static str {
-        super::FORMAT.name
-    }
-
-    fn read_column(
+    fn rows(
         &mut self,
         column: usize,
         episode: usize,
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        let shared = self.shared.clone();
-        let (field, rows) = locate(self, column, episode)?;
-        check_request(&shared.path, field, episode, rows, steps, &out)?;
-        let name = field.name.clone();
-        let read = match (is_picture(field), out) {
+        let read = match (is_picture(self.shared.about.field(column)), out) {
             (true, SliceMut::U8(out)) => self.pictures(column, episode, steps, out),
             (_, out) => self.values(column, episode, steps, out),
         };
-        read.map_err(|reason| {
-            DataError::damaged(&shared.path, format!("column `{name}`, episode {episode}: {reason}"))
-        })
+        read.map_err(|reason| self.shared.about.damaged(column, episode, reason))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
         Box::new(Self { shared: self.shared.clone(), rows: None, messages: Messages::default() })
     }
 
-    fn runs(&self) -> &[(u64, Metadata)] {
-        &self.shared.contents.runs
-    }
-
-    fn has_checksums(&self) -> bool {
-        true
-    }
-
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
-        let contents = &self.shared.contents;
-        let Some(found) = contents.episodes.get(episode) else { return Ok(()) };
+        let Shared { about, file, index, .. } = &*self.shared;
+        let Some(found) = index.episodes.get(episode) else { return Ok(()) };
         let mut messages = Vec::new();
-        for chunk in &contents.chunks[found.chunks.clone()] {
-            let read = chunk.messages(&self.shared.file, &mut messages);
-            read.map_err(|reason| {
-                DataError::damaged(&self.shared.path, format!("episode {episode}: {reason}"))
-            })?;
+        for chunk in &index.chunks[found.chunks.clone()] {
+            let read = chunk.messages(file, &mut messages);
+            read.map_err(|reason| about.damaged_episode(episode, reason))?;
             if chunk.checksum != 0 && crc32fast::hash(&messages) != chunk.checksum {
-                let reason =
-                    format!("episode {episode}: a checksum is wrong, it was changed after it was written");
-                return Err(DataError::damaged(&self.shared.path, reason));
+                return Err(about.damaged_episode(episode, CHANGED));
             }
         }
         Ok(())

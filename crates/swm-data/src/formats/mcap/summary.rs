@@ -3,17 +3,17 @@
 use std::fs::File;
 
 use super::describe;
-use super::index::Contents;
+use super::index::Index;
 use super::records::{CHUNK_INDEX, Content, DATA_END, FOOTER, MAGIC, METADATA_INDEX, STATISTICS};
 use crate::formats::disk::write_all_at;
 
 /// Ends the data behind the last announced episode and writes the summary.
-pub(super) fn write(file: &File, contents: &Contents) -> Result<(), String> {
-    let announced = contents.end;
+pub(super) fn write(file: &File, index: &Index) -> Result<(), String> {
+    let announced = index.end;
     // 0 stands for "no checksum".
     let end = Content::default().u32(0).record(DATA_END);
     let start = announced + end.len() as u64;
-    let bytes = [end, bytes(contents, start)].concat();
+    let bytes = [end, bytes(index, start)].concat();
     write_all_at(file, &bytes, announced).and_then(|()| file.set_len(announced + bytes.len() as u64)).map_err(
         |error| {
             // Half a summary helps nobody.
@@ -24,24 +24,24 @@ pub(super) fn write(file: &File, contents: &Contents) -> Result<(), String> {
 }
 
 /// The summary, which begins at the byte `start` of the file, and the footer.
-fn bytes(contents: &Contents, start: u64) -> Vec<u8> {
-    let mut summary = describe::description(&contents.columns).concat();
-    let times = contents.chunks.iter().flat_map(|chunk| chunk.times);
-    let messages: u64 = contents.counts.iter().sum();
-    let counts = contents.channels.iter().zip(&contents.counts);
+fn bytes(index: &Index, start: u64) -> Vec<u8> {
+    let mut summary = describe::description(&index.columns).concat();
+    let times = index.chunks.iter().flat_map(|chunk| chunk.times);
+    let messages: u64 = index.counts.iter().sum();
+    let counts = index.channels.iter().zip(&index.counts);
     let counts = counts.fold(Content::default(), |list, ((id, _), &count)| list.u16(*id).u64(count));
     let statistics = Content::default()
         .u64(messages)
         .u16(2)
-        .u32(contents.channels.len() as u32)
+        .u32(index.channels.len() as u32)
         .u32(0)
-        .u32(contents.metadata.len() as u32)
-        .u32(contents.chunks.len() as u32)
+        .u32(index.metadata.len() as u32)
+        .u32(index.chunks.len() as u32)
         .u64(times.clone().min().unwrap_or(0))
         .u64(times.max().unwrap_or(0))
         .list(&counts.0);
     summary.extend(statistics.record(STATISTICS));
-    for chunk in &contents.chunks {
+    for chunk in &index.chunks {
         let offsets = chunk.indexes.iter().fold(Content::default(), |list, &(id, at)| list.u16(id).u64(at));
         let index =
             Content::default().u64(chunk.times[0]).u64(chunk.times[1]).u64(chunk.at).u64(chunk.length);
@@ -49,7 +49,7 @@ fn bytes(contents: &Contents, start: u64) -> Vec<u8> {
         let index = index.text(chunk.compression.name()).u64(chunk.stored).u64(chunk.size);
         summary.extend(index.record(CHUNK_INDEX));
     }
-    for (name, at, length) in &contents.metadata {
+    for (name, at, length) in &index.metadata {
         summary.extend(Content::default().u64(*at).u64(*length).text(name).record(METADATA_INDEX));
     }
     // The checksum covers the summary and the footer up to itself.

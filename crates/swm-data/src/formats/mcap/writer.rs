@@ -12,7 +12,7 @@ use swm_media::png;
 
 use super::chunks::{Chunk, Compression};
 use super::foxglove;
-use super::index::{Contents, EPISODE, Episode, RUN, STEP_TOPIC, is_picture, topic};
+use super::index::{Index, EPISODE, Episode, RUN, STEP_TOPIC, is_picture, topic};
 use super::reader::McapDataset;
 use super::records::{CHUNK, Content, MESSAGE, MESSAGE_INDEX, METADATA};
 use super::rows::to_json;
@@ -38,7 +38,7 @@ pub(super) struct McapStorage;
 pub(super) struct McapRecording {
     file: File,
     schema: Arc<Schema>,
-    contents: Contents,
+    index: Index,
     /// Rows of all announced episodes.
     rows: u64,
     /// Chunks of all announced episodes.
@@ -90,16 +90,16 @@ impl Storage for McapStorage {
             fs::write(&draft, &head).and_then(|()| fs::rename(&draft, path)).map_err(failed)?;
         }
         let file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
-        let contents = Contents::read(&file, path).map_err(|reason| DataError::damaged(path, reason))?;
+        let index = Index::read(&file, path).map_err(|reason| DataError::damaged(path, reason))?;
         let stored: Vec<Field> =
-            contents.columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();
-        let first = contents.runs.first().map_or(metadata, |(_, first)| first);
+            index.columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();
+        let first = index.runs.first().map_or(metadata, |(_, first)| first);
         check_fit(path, &stored, first, fields, metadata)?;
         // What belongs to no announced episode, and the old summary.
-        file.set_len(contents.end).map_err(failed)?;
-        let runs = recording::with_run(&contents.runs, start.episodes, metadata);
-        let mut recording = McapRecording::new(file, schema, contents);
-        if runs != recording.contents.runs {
+        file.set_len(index.end).map_err(failed)?;
+        let runs = recording::with_run(&index.runs, start.episodes, metadata);
+        let mut recording = McapRecording::new(file, schema, index);
+        if runs != recording.index.runs {
             let text = serde_json::to_string(metadata)
                 .map_err(|error| DataError::record(path, error.to_string()))?;
             let values = [("first_episode", start.episodes.to_string()), ("metadata", text)];
@@ -109,7 +109,7 @@ impl Storage for McapStorage {
                 episodes: start.episodes,
                 reason,
             })?;
-            recording.contents.runs = runs;
+            recording.index.runs = runs;
         }
         Ok(recording)
     }
@@ -151,37 +151,37 @@ impl Recording for McapRecording {
         ];
         self.metadata(EPISODE, &values)?;
         self.rows += end.row as u64;
-        let chunks = self.chunks..self.contents.chunks.len();
+        let chunks = self.chunks..self.index.chunks.len();
         self.chunks = chunks.end;
-        self.contents.episodes.push(Episode { rows: end.row, chunks, messages: Vec::new() });
+        self.index.episodes.push(Episode { rows: end.row, chunks, messages: Vec::new() });
         Ok(())
     }
 
     fn close(self) -> Result<(), String> {
-        summary::write(&self.file, &self.contents)
+        summary::write(&self.file, &self.index)
     }
 }
 
 impl McapRecording {
     /// Continues behind the announced episodes.
-    fn new(file: File, schema: &Arc<Schema>, contents: Contents) -> Self {
-        let rows = contents.episodes.iter().map(|episode| episode.rows as u64).sum();
-        let (chunks, before) = (contents.chunks.len(), vec![Vec::new(); schema.fields().len()]);
-        Self { file, schema: schema.clone(), contents, rows, chunks, before }
+    fn new(file: File, schema: &Arc<Schema>, index: Index) -> Self {
+        let rows = index.episodes.iter().map(|episode| episode.rows as u64).sum();
+        let (chunks, before) = (index.chunks.len(), vec![Vec::new(); schema.fields().len()]);
+        Self { file, schema: schema.clone(), index, rows, chunks, before }
     }
 
     /// The messages of a row of a piece that begins at a place. A picture that equals the one before is left out.
     fn messages(&self, batch: &Batch, row: usize, at: Place) -> Result<Vec<Message>, String> {
         let schema = &self.schema;
         let (place, index) = (at.row + row, [at.episode]);
-        let time = (self.rows + place as u64) * self.contents.row_ns;
+        let time = (self.rows + place as u64) * self.index.row_ns;
         let message = |channel: u16, data: &[u8]| {
             let head = Content::default().u16(channel).u32(place as u32).u64(time).u64(time);
             (channel, time, head.raw(data).record(MESSAGE))
         };
         let mut messages = Vec::new();
         let mut numbers: Vec<(&Field, Slice<'_>)> = Vec::new();
-        for field in &self.contents.columns {
+        for field in &self.index.columns {
             let Some(column) = schema.index(&field.name).filter(|_| field.name != EP_IDX) else {
                 numbers.push((field, Slice::I32(&index)));
                 continue;
@@ -203,11 +203,11 @@ impl McapRecording {
             let png = png::encode_channels(height, columns, channels, pixels);
             let png = png.map_err(|error| format!("column `{}`: {error}", field.name))?;
             let wanted = topic(&field.name);
-            let channel = self.contents.channels.iter().find(|(_, topic)| *topic == wanted);
+            let channel = self.index.channels.iter().find(|(_, topic)| *topic == wanted);
             let Some(&(channel, _)) = channel else { return Err(format!("there is no channel `{wanted}`")) };
             messages.push(message(channel, &foxglove::message(time, &png, &field.name)));
         }
-        let step = self.contents.channels.iter().find(|(_, topic)| topic == STEP_TOPIC);
+        let step = self.index.channels.iter().find(|(_, topic)| topic == STEP_TOPIC);
         if let Some(&(channel, _)) = step {
             messages.push(message(channel, &to_json(numbers.into_iter())));
         }
@@ -231,22 +231,22 @@ impl McapRecording {
         let size = bytes.len() as u64;
         let content =
             Content::default().u64(times[0]).u64(times[1]).u64(size).u32(checksum).text("").u64(size);
-        let at = self.contents.end;
+        let at = self.index.end;
         self.append(&content.raw(&bytes).record(CHUNK))?;
-        let length = self.contents.end - at;
+        let length = self.index.end - at;
         let mut indexes = Vec::new();
         for (channel, places) in places {
-            indexes.push((channel, self.contents.end));
-            let position = self.contents.channels.iter().position(|(id, _)| *id == channel);
-            if let Some(count) = position.and_then(|position| self.contents.counts.get_mut(position)) {
+            indexes.push((channel, self.index.end));
+            let position = self.index.channels.iter().position(|(id, _)| *id == channel);
+            if let Some(count) = position.and_then(|position| self.index.counts.get_mut(position)) {
                 *count += places.len() as u64;
             }
             let list =
                 places.iter().fold(Content::default(), |list, &(time, offset)| list.u64(time).u64(offset));
             self.append(&Content::default().u16(channel).list(&list.0).record(MESSAGE_INDEX))?;
         }
-        let indexes_length = self.contents.end - at - length;
-        self.contents.chunks.push(Chunk {
+        let indexes_length = self.index.end - at - length;
+        self.index.chunks.push(Chunk {
             at,
             length,
             stored: size,
@@ -262,15 +262,15 @@ impl McapRecording {
 
     /// Writes a metadata record.
     fn metadata(&mut self, name: &str, values: &[(&str, String)]) -> Result<(), String> {
-        let at = self.contents.end;
+        let at = self.index.end;
         self.append(&Content::default().text(name).map(values).record(METADATA))?;
-        self.contents.metadata.push((name.to_owned(), at, self.contents.end - at));
+        self.index.metadata.push((name.to_owned(), at, self.index.end - at));
         Ok(())
     }
 
     fn append(&mut self, record: &[u8]) -> Result<(), String> {
-        write_all_at(&self.file, record, self.contents.end).map_err(|error| error.to_string())?;
-        self.contents.end += record.len() as u64;
+        write_all_at(&self.file, record, self.index.end).map_err(|error| error.to_string())?;
+        self.index.end += record.len() as u64;
         Ok(())
     }
 }
@@ -280,22 +280,22 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     let path = recording::resolve(path)?;
     let _lock = WriterLock::take(&path)?;
     let old = McapDataset::open(&path)?;
-    let contents = old.contents();
-    if contents.is_finished {
+    let index = old.index();
+    if index.is_finished {
         return Ok(Vec::new());
     }
     let failed = |source| DataError::io(&path, "repair", source);
-    let episodes = contents.episodes.len();
-    let behind = fs::metadata(&path).map_err(failed)?.len() - contents.end;
+    let episodes = index.episodes.len();
+    let behind = fs::metadata(&path).map_err(failed)?.len() - index.end;
     let steps = vec![
         format!("cut {behind} bytes behind the {episodes} finished episodes"),
         "write the summary, by which other programs find their way".to_owned(),
     ];
     if apply {
         let file = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
-        let contents = Contents::read(&file, &path).map_err(|reason| DataError::damaged(&path, reason))?;
-        file.set_len(contents.end).map_err(failed)?;
-        summary::write(&file, &contents).map_err(|reason| DataError::Write {
+        let index = Index::read(&file, &path).map_err(|reason| DataError::damaged(&path, reason))?;
+        file.set_len(index.end).map_err(failed)?;
+        summary::write(&file, &index).map_err(|reason| DataError::Write {
             path: path.clone(),
             episodes: episodes as u64,
             reason,

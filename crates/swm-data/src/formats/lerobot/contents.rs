@@ -1,0 +1,154 @@
+//! What a folder holds: its columns and where each comes from. Ours say it themselves (see `manifest`), others by their features.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use std::sync::Arc;
+
+use serde_json::Value as Json;
+use swm_core::{Dtype, Field, Schema};
+use swm_media::mp4::Mp4Reader;
+
+use super::episodes;
+use super::info::{Info, Version};
+use super::manifest::{Manifest, is_film};
+use super::places::{Place, second, third};
+use super::table::Table;
+use crate::dataset::About;
+
+/// What all handles on a folder share; never changed after opening.
+pub(super) struct Shared {
+    pub(super) about: About,
+    pub(super) columns: Vec<Source>,
+    /// By episode.
+    pub(super) places: Vec<Place>,
+}
+
+/// Where the values of a column come from.
+pub(super) enum Source {
+    /// A column of the tables.
+    Table(String),
+    /// A camera.
+    Film(String),
+    /// The episode's number, the row's number.
+    Episode,
+    Step,
+}
+
+impl Shared {
+    pub(super) fn open(path: &Path) -> Result<Self, String> {
+        let info = Info::read(path)?;
+        if let Some(manifest) = Manifest::read(path)? {
+            return Self::ours(path, manifest);
+        }
+        let cameras: Vec<String> = info
+            .features
+            .iter()
+            .filter(|(_, feature)| feature["dtype"] == "video")
+            .map(|(name, _)| name.clone())
+            .collect();
+        let places = match info.version()? {
+            Version::V2 => second(path, &info, &cameras)?,
+            Version::V3 => third(path, &info, &cameras)?,
+        };
+        Self::foreign(path, &info, &cameras, places)
+    }
+
+    /// A folder of another program, by what its tables and films hold.
+    fn foreign(path: &Path, info: &Info, cameras: &[String], places: Vec<Place>) -> Result<Self, String> {
+        let (mut fields, mut columns, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
+        let Some(first) = places.first() else { return Err("it holds no episode".to_owned()) };
+        let table = Table::open(&first.data)?;
+        let mut add = |name: &str, dtype, shape: &[usize], source| {
+            fields.push(Field::step(name, dtype, shape));
+            columns.push(source);
+        };
+        for (name, feature) in &info.features {
+            if cameras.contains(name) {
+                let known = if *name == cameras[0] { "pixels" } else { name };
+                let size = first.films.get(name).ok_or("there is no film".to_owned());
+                match size.and_then(|(path, _)| film(path)).map(|film| film.size()) {
+                    Ok((height, width)) => {
+                        add(known, Dtype::U8, &[height, width, 3], Source::Film(name.clone()));
+                    }
+                    Err(reason) => skipped.push((name.clone(), reason)),
+                }
+                continue;
+            }
+            let found = table.column(name).and_then(|values| {
+                let width = shape_of(feature)?.iter().product::<usize>();
+                match table.rows().checked_mul(width) == Some(values.len()) {
+                    true => Ok(values.dtype()),
+                    false => Err(format!("{} values in {} rows", values.len(), table.rows())),
+                }
+            });
+            match found {
+                Ok(_) if name == "episode_index" => {}
+                Ok(dtype) => {
+                    let known = if name == "observation.state" { "proprio" } else { name };
+                    add(known, dtype, &shape_of(feature)?, Source::Table(name.clone()));
+                }
+                Err(reason) => skipped.push((name.clone(), reason)),
+            }
+        }
+        add("ep_idx", Dtype::I32, &[], Source::Episode);
+        add("step_idx", Dtype::I64, &[], Source::Step);
+        let schema = Schema::new(fields).map_err(|error| error.to_string())?;
+        let mut about = about(path, schema, &places);
+        about.skipped = skipped.into();
+        Ok(Self { about, columns, places })
+    }
+
+    /// A folder that this program wrote.
+    fn ours(path: &Path, manifest: Manifest) -> Result<Self, String> {
+        let cameras: Vec<String> = manifest.cameras().map(|(_, camera)| camera).collect();
+        let mut places = Vec::new();
+        for (episode, entry) in episodes::read(path, cameras.len())?.into_iter().enumerate() {
+            let data = path.join(episodes::data_path(episode));
+            let mut place = Place { rows: entry.rows, data: data.clone(), ..Place::default() };
+            let films = cameras.iter().map(|camera| path.join(episodes::film_path(camera, episode)));
+            for (camera, film) in cameras.iter().zip(films.clone()) {
+                place.films.insert(camera.clone(), (film, 0));
+            }
+            place.checksums = std::iter::once(data).chain(films).zip(entry.checksums).collect();
+            places.push(place);
+        }
+        let source = |field: &Field| match manifest.feature(&field.name) {
+            camera if is_film(field) => Source::Film(camera),
+            name => Source::Table(name),
+        };
+        let mut columns: Vec<Source> = manifest.columns.iter().map(source).collect();
+        let mut fields = manifest.columns;
+        fields.push(Field::step("ep_idx", Dtype::I32, &[]));
+        columns.push(Source::Episode);
+        let schema = Schema::new(fields).map_err(|error| error.to_string())?;
+        let mut about = about(path, schema, &places);
+        about.contents.runs = manifest.runs.into();
+        about.has_checksums = places.iter().any(|place| !place.checksums.is_empty());
+        Ok(Self { about, columns, places })
+    }
+}
+
+fn about(path: &Path, schema: Arc<Schema>, places: &[Place]) -> About {
+    About::new(path, super::FORMAT.name, schema, places.iter().map(|place| place.rows).collect())
+}
+
+/// The shape of a row; one value is a scalar.
+fn shape_of(feature: &Json) -> Result<Vec<usize>, String> {
+    let sizes = feature["shape"].as_array().ok_or("a feature has no shape")?;
+    let sizes: Option<Vec<usize>> =
+        sizes.iter().map(|size| size.as_u64().map(|size| size as usize)).collect();
+    let sizes = sizes.ok_or("a feature's shape holds no numbers")?;
+    let values = sizes.iter().try_fold(1usize, |values, &size| values.checked_mul(size));
+    match values {
+        Some(1) => Ok(Vec::new()),
+        Some(2..=0x1000_0000) => Ok(sizes),
+        _ => Err(format!("a feature has the shape {sizes:?}")),
+    }
+}
+
+/// An open film.
+pub(super) fn film(path: &Path) -> Result<Mp4Reader<BufReader<File>>, String> {
+    let file = File::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    Mp4Reader::new(BufReader::new(file)).map_err(|error| format!("{}: {error}", path.display()))
+}

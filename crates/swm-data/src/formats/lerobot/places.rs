@@ -1,0 +1,122 @@
+//! Where the episodes of a folder lie: which table and which rows of it, which films and which frames. Version 2 has a table and a
+//! film per episode, version 3 puts several into one; nothing is read here but lists.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value as Json;
+use swm_core::Column;
+
+use super::info::Info;
+use super::table::Table;
+
+/// Above this size a line-by-line list of episodes is taken for damage.
+const MAX_LIST: u64 = 1 << 30;
+
+/// Where an episode lies.
+#[derive(Debug, Default)]
+pub(super) struct Place {
+    pub(super) rows: usize,
+    pub(super) data: PathBuf,
+    /// Its first row in the table.
+    pub(super) first: usize,
+    /// By camera: the film, and its first frame there.
+    pub(super) films: BTreeMap<String, (PathBuf, usize)>,
+    /// By file, in folders of ours.
+    pub(super) checksums: BTreeMap<PathBuf, u32>,
+}
+
+/// A length that an episode can have.
+fn bounded(rows: usize) -> Result<usize, String> {
+    match i32::try_from(rows) {
+        Ok(_) => Ok(rows),
+        Err(_) => Err(format!("an episode of {rows} rows")),
+    }
+}
+
+/// Version 2: a table and a film per episode, and a list of lengths.
+pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<Place>, String> {
+    let list = path.join("meta/episodes.jsonl");
+    let failed = |error: std::io::Error| format!("{}: {error}", list.display());
+    if fs::metadata(&list).map_err(failed)?.len() > MAX_LIST {
+        return Err("its list of episodes is too long".to_owned());
+    }
+    let text = fs::read_to_string(&list).map_err(failed)?;
+    let mut places = Vec::new();
+    for line in text.lines().filter(|line| !line.trim().is_empty()) {
+        let entry: Json =
+            serde_json::from_str(line).map_err(|error| format!("{}: {error}", list.display()))?;
+        let number = |key: &str| entry[key].as_u64().and_then(|value| usize::try_from(value).ok());
+        let (Some(episode), Some(rows)) = (number("episode_index"), number("length")) else {
+            return Err(format!("{}: an episode without index or length", list.display()));
+        };
+        let rows = bounded(rows)?;
+        let numbers = [("episode_chunk", episode / info.chunks_size), ("episode_index", episode)];
+        let mut place = Place { rows, data: info.data(path, &numbers)?, ..Place::default() };
+        for camera in cameras {
+            place.films.insert(camera.clone(), (info.film(path, camera, &numbers)?, 0));
+        }
+        places.push(place);
+    }
+    Ok(places)
+}
+
+/// Version 3: tables that say in which file each episode lies, and where.
+pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<Place>, String> {
+    let mut places: Vec<Place> = Vec::new();
+    // Rows of a table are counted over all tables: its first episode tells where it begins.
+    let mut begins: BTreeMap<PathBuf, usize> = BTreeMap::new();
+    for chunk in 0.. {
+        let folder = path.join(format!("meta/episodes/chunk-{chunk:03}"));
+        if !folder.is_dir() {
+            break;
+        }
+        for file in 0.. {
+            let list = folder.join(format!("file-{file:03}.parquet"));
+            if !list.is_file() {
+                break;
+            }
+            let table = Table::open(&list)?;
+            let integers = |name: &str| match table.column(name)? {
+                Column::I64(values) if values.len() == table.rows() => Ok(values),
+                other => Err(format!("column `{name}` holds {} {}", other.len(), other.dtype())),
+            };
+            let (lengths, starts) = (integers("length")?, integers("dataset_from_index")?);
+            let (chunks, files) = (integers("data/chunk_index")?, integers("data/file_index")?);
+            let size =
+                |value: i64| usize::try_from(value).map_err(|_| format!("the number {value} is negative"));
+            let mut films = Vec::new();
+            for camera in cameras {
+                let key = |what: &str| format!("videos/{camera}/{what}");
+                let Column::F64(times) = table.column(&key("from_timestamp"))? else {
+                    return Err(format!("column `{}` holds no times", key("from_timestamp")));
+                };
+                films.push((camera, integers(&key("chunk_index"))?, integers(&key("file_index"))?, times));
+            }
+            for row in 0..table.rows() {
+                let numbers = [("chunk_index", size(chunks[row])?), ("file_index", size(files[row])?)];
+                let data = info.data(path, &numbers)?;
+                let start = size(starts[row])?;
+                let begin = *begins.entry(data.clone()).or_insert(start);
+                let first = start.checked_sub(begin).ok_or("episodes are out of order")?;
+                let mut place =
+                    Place { rows: bounded(size(lengths[row])?)?, data, first, ..Place::default() };
+                for (camera, chunks, files, times) in &films {
+                    let numbers = [("chunk_index", size(chunks[row])?), ("file_index", size(files[row])?)];
+                    let film = info.film(path, camera, &numbers)?;
+                    let time = times.get(row).copied().unwrap_or(f64::NAN);
+                    if !(0.0..1e9).contains(&time) {
+                        return Err(format!("a film begins at {time} s"));
+                    }
+                    place.films.insert((*camera).clone(), (film, (time * info.fps).round() as usize));
+                }
+                places.push(place);
+            }
+        }
+    }
+    match places.len() == info.total_episodes {
+        true => Ok(places),
+        false => Err(format!("{} of {} episodes are listed", places.len(), info.total_episodes)),
+    }
+}
