@@ -2,6 +2,7 @@
 //! here.
 
 use std::collections::{BTreeMap, HashMap};
+use std::num::NonZeroU64;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -60,34 +61,30 @@ impl DataWriter {
     }
 
     /// Ends the file: the fragment that it is. `about` is what it says of itself.
-    pub(crate) fn finish(
-        mut self,
-        table: &Table,
-        id: u64,
-        about: &[(&str, String)],
-    ) -> Result<Fragment, String> {
+    pub(crate) fn finish(mut self, table: &Table, about: &[(&str, String)]) -> Result<Fragment, String> {
         for (key, value) in about {
             self.writer.add_schema_metadata(*key, value.clone());
         }
         let summary = wait(self.writer.finish())?;
-        let (fields, columns) = data_file_columns(FILE_VERSION, table.schema());
-        let size = summary.size_bytes.try_into().ok();
-        Ok(Fragment::new(id).with_physical_rows(self.rows).with_file(
-            self.name,
-            fields,
-            columns,
-            FILE_VERSION,
-            size,
-        ))
+        Ok(fragment_of(table, self.name, self.rows, summary.size_bytes.try_into().ok()))
     }
+}
+
+/// The fragment that a file of all columns is.
+pub(crate) fn fragment_of(table: &Table, name: String, rows: usize, size: Option<NonZeroU64>) -> Fragment {
+    let (fields, columns) = data_file_columns(FILE_VERSION, table.schema());
+    let fragment = Fragment::new(table.next_id()).with_physical_rows(rows);
+    fragment.with_file(name, fields, columns, FILE_VERSION, size)
 }
 
 /// Reads rows of a table; all handles share it.
 #[derive(Debug)]
 pub(crate) struct DataReader {
     table: Table,
-    /// First row of each fragment, and the end.
+    /// First row of each fragment, and the end; rows that are deleted do not count.
     firsts: Vec<usize>,
+    /// By fragment and deleted row, in order: how many rows that are not deleted stand before it.
+    deleted: Vec<Vec<u32>>,
     scheduler: Arc<ScanScheduler>,
     cache: LanceCache,
     open: Mutex<HashMap<(usize, usize), FileReader>>,
@@ -103,15 +100,21 @@ pub(crate) struct Rows {
 
 impl DataReader {
     pub(crate) fn new(table: Table) -> Result<Self, String> {
-        let mut firsts = vec![0usize];
+        let (mut firsts, mut all_deleted) = (vec![0usize], Vec::new());
         for fragment in table.fragments() {
-            let end = fragment.physical_rows.and_then(|rows| firsts[firsts.len() - 1].checked_add(rows));
-            firsts.push(end.ok_or("it does not say how many rows it has")?);
+            let deleted = table.deleted(fragment)?;
+            let rows = fragment.physical_rows.ok_or("it does not say how many rows it has")?;
+            if deleted.last().is_some_and(|&last| last as usize >= rows) {
+                return Err(format!("a row is deleted that its file of {rows} rows does not have"));
+            }
+            let end = firsts[firsts.len() - 1].checked_add(rows - deleted.len());
+            firsts.push(end.ok_or("it has more rows than can be counted")?);
+            all_deleted.push(deleted.iter().zip(0..).map(|(&row, before)| row - before).collect());
         }
         let (store, config) = (table.store.clone(), SchedulerConfig::new(AHEAD_BYTES));
         let scheduler = wait(async { Ok(ScanScheduler::new(store, config)) })?;
         let cache = LanceCache::with_capacity(CACHE_BYTES);
-        Ok(Self { table, firsts, scheduler, cache, open: Mutex::default() })
+        Ok(Self { table, firsts, deleted: all_deleted, scheduler, cache, open: Mutex::default() })
     }
 
     pub(crate) fn table(&self) -> &Table {
@@ -168,14 +171,17 @@ impl DataReader {
         take: &mut dyn FnMut(&ArrayRef) -> Result<(), String>,
     ) -> Result<(), String> {
         let (reader, projection) = self.file(fragment, field)?;
-        let end = rows.first + (rows.count - 1) * rows.stride + 1;
+        let deleted = &self.deleted[fragment];
+        let stored = |row: usize| row + deleted.partition_point(|&before| before as usize <= row);
+        let last = rows.first + (rows.count - 1) * rows.stride;
+        let end = stored(last) + 1;
         if end as u64 > reader.num_rows() {
             return Err(format!("a file has {} rows, the table counts on {end}", reader.num_rows()));
         }
-        let which = if rows.stride == 1 || rows.count == 1 {
-            ReadBatchParams::Range(rows.first..end)
+        let which = if end - stored(rows.first) == rows.count {
+            ReadBatchParams::Range(stored(rows.first)..end)
         } else {
-            let index = (0..rows.count).map(|at| (rows.first + at * rows.stride) as u32);
+            let index = (0..rows.count).map(|at| stored(rows.first + at * rows.stride) as u32);
             ReadBatchParams::Indices(UInt32Array::from_iter_values(index))
         };
         let batches: Vec<RecordBatch> = wait(async {

@@ -11,6 +11,7 @@ use arrow_array::{Array, ArrayRef, Int32Array, LargeBinaryArray, StringArray};
 use arrow_schema::{DataType, Field as ArrowField, Schema as ArrowSchema};
 use lance_core::datatypes::Schema;
 
+use crate::announced::{self, file_name};
 use crate::arrays::file;
 use crate::data_file::{DataReader, DataWriter, Rows};
 use crate::manifest::EPISODE;
@@ -43,21 +44,15 @@ pub(crate) fn schema() -> Result<Schema, String> {
 
 /// Appends the films of an episode, by column.
 pub(crate) fn append(table: &mut Table, episode: i32, films: &[(String, Vec<u8>)]) -> Result<(), String> {
-    let mut file = DataWriter::create(table, &file_name(episode))?;
+    let mut file = DataWriter::create(table, &file_name(episode as usize))?;
     let columns: Vec<ArrayRef> = vec![
         Arc::new(Int32Array::from(vec![episode; films.len()])),
         Arc::new(StringArray::from_iter_values(films.iter().map(|(key, _)| key))),
         Arc::new(LargeBinaryArray::from_iter_values(films.iter().map(|(_, bytes)| bytes))),
     ];
     file.append(columns)?;
-    let mut fragments = table.fragments().to_vec();
-    fragments.push(file.finish(table, fragments.len() as u64, &[])?);
-    table.commit(fragments, None)
-}
-
-/// The file of an episode, in both tables.
-pub(crate) fn file_name(episode: i32) -> String {
-    format!("episode-{episode:06}.lance")
+    let fragment = file.finish(table, &[])?;
+    table.announce(fragment)
 }
 
 /// Films that are read.
@@ -71,7 +66,7 @@ pub(crate) struct Films {
 
 impl Films {
     pub(crate) fn open(folder: &Path) -> Result<Self, String> {
-        let reader = DataReader::new(Table::open(folder)?)?;
+        let reader = DataReader::new(announced::open(folder)?)?;
         let id = |name: &str, fits: fn(&DataType) -> bool| {
             let field = reader.table().schema().field(name).filter(|field| fits(&field.data_type()));
             field.map(|field| field.id).ok_or_else(|| format!("its films have no usable column `{name}`"))

@@ -11,6 +11,7 @@
 //! # Ok::<(), swm_data::DataError>(())
 //! ```
 
+mod announced;
 mod arrays;
 mod data_file;
 mod films;

@@ -18,9 +18,10 @@ use swm_data::recording::EP_IDX;
 use swm_data::{DataError, Dataset, Steps};
 use swm_media::jpeg;
 
+use crate::announced::{self, is_recorded};
 use crate::arrays::{file, from_array, infer, sum_up};
 use crate::data_file::{DataReader, Rows};
-use crate::films::{self, Films, file_name};
+use crate::films::{self, Films};
 use crate::manifest::{EPISODE, Manifest, stored_type};
 use crate::table::Table;
 
@@ -81,7 +82,7 @@ impl LanceDataset {
 
 impl Shared {
     fn open(path: &Path, format: &'static str) -> Result<Self, String> {
-        let table = Table::open(path)?;
+        let table = announced::open(path)?;
         let beside = films::folder(path);
         let films = Table::exists(&beside).then(|| Films::open(&beside)).transpose()?;
         let ours = Manifest::read(table.about())?;
@@ -163,11 +164,10 @@ impl Shared {
 
 /// Where episodes lie, and their numbers.
 fn episodes(reader: &DataReader, is_ours: bool) -> Result<(Vec<Range<usize>>, Vec<i32>), String> {
-    let fragments = reader.table().fragments();
-    let named = |(episode, fragment): (usize, &lance_table::format::Fragment)| matches!(&fragment.files[..], [file] if file.path == file_name(episode as i32));
-    // As we recorded it, and nobody has put its files together since.
-    if is_ours && fragments.iter().enumerate().all(named) {
-        return Ok((reader.fragments().collect(), (0..fragments.len() as i32).collect()));
+    let table = reader.table();
+    // As we recorded it, and nobody has put its files together or deleted rows since.
+    if is_ours && is_recorded(table.fragments()) && !table.has_deletions() {
+        return Ok((reader.fragments().collect(), (0..table.fragments().len() as i32).collect()));
     }
     let field = reader.table().schema().field(EPISODE).filter(|field| field.data_type() == DataType::Int32);
     let field = field
@@ -263,8 +263,9 @@ impl Dataset for LanceDataset {
             Source::Film(_) | Source::Episode => None,
         });
         let check = || {
-            // Files that were put together by another program have other checksums: none.
-            let is_own_file = shared.reader.fragments().nth(episode).as_ref() == Some(rows);
+            // Files that another program has put together, or deleted rows of, have other checksums: none.
+            let is_own_file = shared.reader.fragments().nth(episode).as_ref() == Some(rows)
+                && shared.reader.table().fragments()[episode].deletion_file.is_none();
             let ids: Vec<i32> = stored.collect();
             let (true, Some(&first)) = (is_own_file && self.is_ours(), ids.first()) else { return Ok(()) };
             let about = shared.reader.about(episode, first)?;
@@ -284,5 +285,45 @@ impl Dataset for LanceDataset {
             Ok(())
         };
         check().map_err(|reason: String| shared.about.damaged_episode(episode, reason))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use swm_data::testing::{contents, episode, record, rows_of, schema};
+    use swm_data::{WriteMode, create};
+
+    use super::*;
+    use crate::LANCE;
+
+    /// Rows by their numbers, in one list and in one that is so long that it is stored as a bitmap.
+    #[test]
+    fn deleted_rows_are_not_there_and_such_a_table_is_not_continued() {
+        crate::register().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("data.lance");
+        record(&path, WriteMode::Error, 0..3).unwrap();
+        let mut table = announced::open(&path).unwrap();
+        table.delete(0, [0, 3].into_iter()).unwrap();
+        table.delete(1, 0..1).unwrap();
+        table.delete(2, (0..300).filter(|row| row % 3 == 1)).unwrap();
+        let left = [vec![1, 2, 4], (0..300).filter(|row| row % 3 != 1).collect()];
+        let mut dataset = LanceDataset::open(&path, LANCE.name).unwrap();
+        assert_eq!((dataset.num_episodes(), dataset.episode_len(0), dataset.episode_len(1)), (2, 3, 200));
+        for (at, (read, original)) in contents(&path).iter().zip([0, 2]).enumerate() {
+            let original = episode(&schema(), original, rows_of(original));
+            let (read, original) = (read.get::<f64>("state").unwrap(), original.get::<f64>("state").unwrap());
+            let expected: Vec<f64> = left[at].iter().flat_map(|&row| original[row * 7..][..7].to_vec()).collect();
+            assert_eq!(read, expected);
+            let column = dataset.schema().index("state").unwrap();
+            let mut some = vec![0.0; 2 * 7];
+            let steps = Steps { first: 0, count: 2, stride: 2 };
+            dataset.read_column(column, at, steps, SliceMut::F64(&mut some)).unwrap();
+            assert_eq!(some, [&expected[..7], &expected[14..21]].concat());
+            dataset.check_episode(at).unwrap();
+        }
+        let mut writer = create(&path, WriteMode::Append, None).unwrap();
+        let message = writer.begin(&schema(), &swm_data::testing::metadata()).unwrap_err().to_string();
+        assert!(message.contains("deleted rows"), "{message}");
     }
 }

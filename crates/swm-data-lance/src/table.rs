@@ -1,7 +1,7 @@
 //! A Lance table as a folder: its newest manifest, and committing the next one. A manifest appears whole or not at all,
 //! under a name that tells its version, so that what it lists is what counts. Rows are `data_file`'s affair.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Component, Path, PathBuf};
@@ -14,9 +14,12 @@ use lance_io::object_store::ObjectStore;
 use lance_io::traits::WriteExt as _;
 use lance_table::format::{DataStorageFormat, Fragment, Manifest};
 use lance_table::io::commit::ManifestNamingScheme;
+use lance_table::io::deletion::read_deletion_file;
 use lance_table::io::manifest::{read_manifest, write_manifest};
 use object_store::path::Path as ObjectPath;
 use tokio::runtime::{Builder, Runtime};
+
+use crate::announced::is_due;
 
 /// The version of data files that is written; the first that has today's encodings, and still the most widely read.
 pub(crate) const FILE_VERSION: ConcreteFileVersion = ConcreteFileVersion::V2_1;
@@ -24,6 +27,10 @@ pub(crate) const FILE_VERSION: ConcreteFileVersion = ConcreteFileVersion::V2_1;
 const VERSIONS: &str = "_versions";
 /// Where rows lie.
 pub(crate) const DATA: &str = "data";
+/// In what a table says of itself: the version after which a recording goes on.
+const MARK: &str = "swm.recording";
+/// A longer list of deleted rows is taken for damage.
+const MAX_DELETED: usize = 1 << 26;
 /// Manifests that stay: a reader may have chosen one that is not the newest any more.
 const KEPT: usize = 2;
 
@@ -34,6 +41,8 @@ pub(crate) struct Table {
     pub(crate) store: Arc<ObjectStore>,
     base: ObjectPath,
     manifest: Manifest,
+    /// How many of its fragments the newest manifest lists.
+    listed: usize,
 }
 
 impl Table {
@@ -53,7 +62,8 @@ impl Table {
         if manifest.version != version {
             return Err(format!("its manifest {name} is of version {}", manifest.version));
         }
-        let table = Self { folder: folder.to_owned(), store: Arc::new(store), base, manifest };
+        let listed = manifest.fragments.len();
+        let table = Self { folder: folder.to_owned(), store: Arc::new(store), base, manifest, listed };
         table.fragments().iter().try_for_each(check_fragment)?;
         // Lance knows what the types are called, but not what to do about others.
         guarded(|| {
@@ -63,7 +73,7 @@ impl Table {
         Ok(table)
     }
 
-    /// Makes a table without rows, in a folder that has none.
+    /// Makes a table without rows, in a folder that has none; a recording into it begins.
     pub(crate) fn create(
         folder: &Path,
         schema: Schema,
@@ -77,8 +87,8 @@ impl Table {
         let mut manifest =
             Manifest::new(schema, fragments, DataStorageFormat::new(FILE_VERSION), HashMap::new());
         manifest.table_metadata = about;
-        let mut table = Self { folder: folder.to_owned(), store: Arc::new(store), base, manifest };
-        table.write()?;
+        let mut table = Self { folder: folder.to_owned(), store: Arc::new(store), base, manifest, listed: 0 };
+        table.write(true)?;
         Ok(table)
     }
 
@@ -100,24 +110,86 @@ impl Table {
         name.split('/').fold(self.base.clone(), ObjectPath::join)
     }
 
-    /// Makes another list of fragments the newest version; `about` replaces what the table says of itself.
-    pub(crate) fn commit(
-        &mut self,
-        fragments: Vec<Fragment>,
-        about: Option<HashMap<String, String>>,
-    ) -> Result<(), String> {
-        let next =
-            Manifest::new_from_previous(&self.manifest, self.manifest.schema.clone(), Arc::new(fragments));
-        self.manifest = next;
-        self.manifest.update_max_fragment_id();
+    /// Whether files that were announced later than the newest manifest belong to the table, see `announced`.
+    pub(crate) fn is_being_recorded(&self) -> bool {
+        self.manifest.table_metadata.get(MARK) == Some(&self.manifest.version.to_string())
+    }
+
+    /// Whether a program has deleted rows.
+    pub(crate) fn has_deletions(&self) -> bool {
+        self.fragments().iter().any(|fragment| fragment.deletion_file.is_some())
+    }
+
+    /// The rows of a fragment that are deleted, in order.
+    pub(crate) fn deleted(&self, fragment: &Fragment) -> Result<Vec<u32>, String> {
+        let Some(file) = &fragment.deletion_file else { return Ok(Vec::new()) };
+        let deleted = wait(read_deletion_file(fragment.id, file, &self.base, &self.store))?;
+        if deleted.len() > MAX_DELETED {
+            return Err(format!("its list of deleted rows has {} entries", deleted.len()));
+        }
+        let mut deleted: Vec<u32> = deleted.into_iter().collect();
+        deleted.sort_unstable();
+        Ok(deleted)
+    }
+
+    /// Deletes rows of a fragment as other programs do, for tests of reading such tables.
+    #[cfg(test)]
+    pub(crate) fn delete(&mut self, fragment: usize, rows: impl Iterator<Item = u32>) -> Result<(), String> {
+        use lance_core::utils::deletion::DeletionVector;
+        let (version, id) = (self.manifest.version, self.fragments()[fragment].id);
+        let rows = DeletionVector::from_iter(rows);
+        let file =
+            wait(lance_table::io::deletion::write_deletion_file(&self.base, id, version, &rows, &self.store))?;
+        Arc::make_mut(&mut self.manifest.fragments)[fragment].deletion_file = file;
+        self.next(false)
+    }
+
+    /// What a new fragment is to be called.
+    pub(crate) fn next_id(&self) -> u64 {
+        self.fragments().iter().map(|fragment| fragment.id + 1).max().unwrap_or(0)
+    }
+
+    /// Adds a fragment that no manifest lists yet.
+    pub(crate) fn push(&mut self, fragment: Fragment) {
+        Arc::make_mut(&mut self.manifest.fragments).push(fragment);
+    }
+
+    /// Adds a fragment, and lists it in a new version when one is due.
+    pub(crate) fn announce(&mut self, fragment: Fragment) -> Result<(), String> {
+        self.push(fragment);
+        if is_due(self.listed, self.fragments().len()) { self.next(true) } else { Ok(()) }
+    }
+
+    /// Makes the first `count` fragments the newest version, with which a recording begins; `about` replaces what the table
+    /// says of itself.
+    pub(crate) fn resume(&mut self, count: usize, about: Option<HashMap<String, String>>) -> Result<(), String> {
+        Arc::make_mut(&mut self.manifest.fragments).truncate(count);
         if let Some(about) = about {
             self.manifest.table_metadata = about;
         }
-        self.write()
+        self.next(true)
+    }
+
+    /// Lists everything, and ends the recording.
+    pub(crate) fn close(&mut self) -> Result<(), String> {
+        self.next(false)
+    }
+
+    /// The fragments that are there now become the next version.
+    fn next(&mut self, is_being_recorded: bool) -> Result<(), String> {
+        let (schema, fragments) = (self.manifest.schema.clone(), self.manifest.fragments.clone());
+        self.manifest = Manifest::new_from_previous(&self.manifest, schema, fragments);
+        self.manifest.update_max_fragment_id();
+        self.write(is_being_recorded)
     }
 
     /// Writes the manifest, then forgets older ones.
-    fn write(&mut self) -> Result<(), String> {
+    fn write(&mut self, is_being_recorded: bool) -> Result<(), String> {
+        let version = self.manifest.version.to_string();
+        match is_being_recorded {
+            true => self.manifest.table_metadata.insert(MARK.to_owned(), version),
+            false => self.manifest.table_metadata.remove(MARK),
+        };
         let path = ManifestNamingScheme::V2.manifest_path(&self.base, self.manifest.version);
         wait(async {
             let mut writer = self.store.create(&path).await?;
@@ -125,6 +197,7 @@ impl Table {
             writer.write_magics(at, MAJOR_VERSION, MINOR_VERSION, MAGIC).await?;
             writer.shutdown().await
         })?;
+        self.listed = self.fragments().len();
         let mut all = versions(&self.folder);
         all.truncate(all.len().saturating_sub(KEPT));
         for (_, name) in all {
@@ -134,15 +207,14 @@ impl Table {
         Ok(())
     }
 
-    /// Files of rows that the newest version does not list: what an interrupted recording left.
+    /// Files of rows that are not of the table: what an interrupted recording left.
     pub(crate) fn leftovers(&self) -> Vec<PathBuf> {
-        let listed = |path: &Path| {
-            let files = self.fragments().iter().flat_map(|fragment| &fragment.files);
-            files.into_iter().any(|file| self.folder.join(DATA).join(&file.path) == path)
-        };
-        let entries = fs::read_dir(self.folder.join(DATA)).into_iter().flatten().flatten();
+        let data = self.folder.join(DATA);
+        let files = self.fragments().iter().flat_map(|fragment| &fragment.files);
+        let listed: HashSet<PathBuf> = files.map(|file| data.join(&file.path)).collect();
+        let entries = fs::read_dir(&data).into_iter().flatten().flatten();
         let mut left: Vec<PathBuf> =
-            entries.map(|entry| entry.path()).filter(|path| path.is_file() && !listed(path)).collect();
+            entries.map(|entry| entry.path()).filter(|path| path.is_file() && !listed.contains(path)).collect();
         left.sort();
         left
     }
@@ -179,11 +251,14 @@ fn place(folder: &Path) -> Result<(ObjectStore, ObjectPath), String> {
     Ok((ObjectStore::local(), base))
 }
 
-/// What Lance can, and its files alone cannot: rows that are deleted or replaced elsewhere, files that lie elsewhere.
+/// What Lance can, and its files alone cannot: rows that are replaced elsewhere, files that lie elsewhere.
 fn check_fragment(fragment: &Fragment) -> Result<(), String> {
-    let way_out = "rewrite it with `lance.dataset(…).optimize.compact_files()`";
-    if fragment.deletion_file.is_some() || !fragment.overlays.is_empty() {
-        return Err(format!("rows of it were deleted or replaced; {way_out}"));
+    if !fragment.overlays.is_empty() {
+        let way_out = "rewrite it with `lance.dataset(…).optimize.compact_files()`";
+        return Err(format!("rows of it were replaced; {way_out}"));
+    }
+    if fragment.deletion_file.as_ref().is_some_and(|file| file.base_id.is_some()) {
+        return Err("its list of deleted rows is none inside the folder".to_owned());
     }
     for file in &fragment.files {
         let plain = Path::new(&file.path).components().all(|part| matches!(part, Component::Normal(_)));

@@ -1,5 +1,5 @@
 //! Recording into a table: a file of rows per episode. After a kill at any moment, every announced episode is there: its
-//! films are in their table first, then its rows in a file, then the manifest that lists that file, which announces it.
+//! films are in their table first, then its rows in a file, which announces it (see `announced`).
 
 use std::collections::HashMap;
 use std::fs;
@@ -9,16 +9,17 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Int32Array};
 use crc32fast::Hasher;
 use rayon::prelude::*;
-use swm_core::{Batch, Field, Schema, Slice};
+use swm_core::{Batch, EpisodeSource as _, Field, Schema, Slice};
 use swm_data::film::{FRAMES_PER_SECOND, FilmWriter, encoding, takes};
-use swm_data::recording::{self, Place, Recording, Start, Storage, There};
+use swm_data::recording::{self, Place, Recording, Start, Storage, There, WriterLock};
 use swm_data::{DataError, Dataset};
 use swm_media::jpeg;
 use swm_media::mp4::Mp4Options;
 
+use crate::announced::{self, file_name};
 use crate::arrays::{files_to_array, sum_up, to_array};
 use crate::data_file::DataWriter;
-use crate::films::{self, file_name};
+use crate::films;
 use crate::manifest::{Manifest, is_picture};
 use crate::reader::{CHECKSUMS, LanceDataset};
 use crate::table::{DATA, Table};
@@ -114,7 +115,11 @@ impl Storage for LanceStorage {
                     let reason = format!("it is of the format `{format}`; name that with `--format`");
                     return Err(DataError::mismatch(path, reason));
                 }
-                let table = Table::open(path).map_err(damaged)?;
+                let table = announced::open(path).map_err(damaged)?;
+                if table.has_deletions() {
+                    let reason = "another program has deleted rows of it; continue a copy (`swm convert`)";
+                    return Err(DataError::mismatch(path, reason));
+                }
                 let there = Manifest::read(table.about()).map_err(damaged)?;
                 let there = there.ok_or_else(|| recording::foreign(path))?;
                 let first = there.runs.first().map_or(metadata, |(_, first)| first);
@@ -129,8 +134,7 @@ impl Storage for LanceStorage {
             let films = self.has_films.then(|| open_films(&beside, start.episodes)).transpose()?;
             let table = match table {
                 Some(mut table) => {
-                    let fragments = table.fragments().to_vec();
-                    table.commit(fragments, Some(manifest.about()?))?;
+                    table.resume(table.fragments().len(), Some(manifest.about()?))?;
                     table
                 }
                 // Last: with it, the folder is a dataset.
@@ -159,15 +163,12 @@ fn open_films(folder: &Path, episodes: u64) -> Result<Table, String> {
     if !Table::exists(folder) {
         return Table::create(folder, films::schema()?, HashMap::new());
     }
-    let mut table = Table::open(folder)?;
-    let episodes = episodes as usize;
-    match table.fragments().get(..episodes) {
-        None => return Err(format!("it has films of {} of {episodes} episodes", table.fragments().len())),
-        Some(fragments) if fragments.len() < table.fragments().len() => {
-            table.commit(fragments.to_vec(), None)?;
-        }
-        Some(_) => {}
+    let mut table = announced::open(folder)?;
+    let (films, episodes) = (table.fragments().len(), episodes as usize);
+    if films < episodes {
+        return Err(format!("it has films of {films} of {episodes} episodes"));
     }
+    table.resume(episodes, None)?;
     forget(&table)?;
     Ok(table)
 }
@@ -224,13 +225,13 @@ impl Recording for LanceRecording {
         }
         let checksums: Vec<u32> = checksums.into_iter().map(Hasher::finalize).collect();
         let checksums = serde_json::to_string(&checksums).map_err(|error| error.to_string())?;
-        let mut fragments = self.table.fragments().to_vec();
-        fragments.push(rows.finish(&self.table, fragments.len() as u64, &[(CHECKSUMS, checksums)])?);
-        self.table.commit(fragments, None)
+        let fragment = rows.finish(&self.table, &[(CHECKSUMS, checksums)])?;
+        self.table.announce(fragment)
     }
 
-    fn close(self) -> Result<(), String> {
-        Ok(())
+    fn close(mut self) -> Result<(), String> {
+        self.films.as_mut().map_or(Ok(()), Table::close)?;
+        self.table.close()
     }
 }
 
@@ -244,7 +245,7 @@ impl LanceRecording {
         let films = self.manifest.columns.iter().filter(|field| self.films.is_some() && takes(field));
         let films = films.map(|field| Ok((field.clone(), FilmWriter::new(field, &self.encoding)?)));
         Ok(OpenEpisode {
-            rows: DataWriter::create(&self.table, &file_name(episode))?,
+            rows: DataWriter::create(&self.table, &file_name(episode as usize))?,
             checksums: self.stored().map(|_| Hasher::new()).collect(),
             films: films.collect::<Result<_, String>>()?,
             last: HashMap::new(),
@@ -291,18 +292,29 @@ impl OpenEpisode {
 
 /// Says what is to be done about an interrupted recording; does it if `apply`.
 pub(crate) fn repair(path: &Path, format: &'static str, apply: bool) -> Result<Vec<String>, DataError> {
+    let _lock = WriterLock::take(path)?;
     let dataset = LanceDataset::open(path, format)?;
     if !dataset.is_ours() {
         return Ok(Vec::new());
     }
+    let episodes = dataset.num_episodes();
     drop(dataset);
     let damaged = |reason| DataError::damaged(path, reason);
     let mut steps = Vec::new();
-    for folder in [path.to_owned(), films::folder(path)].into_iter().filter(|folder| Table::exists(folder)) {
-        let table = Table::open(&folder).map_err(damaged)?;
-        let count = table.leftovers().len();
+    // As when they are recorded: films first.
+    for folder in [films::folder(path), path.to_owned()].into_iter().filter(|folder| Table::exists(folder)) {
+        let mut table = announced::open(&folder).map_err(damaged)?;
+        if table.is_being_recorded() {
+            steps.push(format!("list all {episodes} episodes in a manifest of `{}`", folder.display()));
+        }
+        // A film may have been announced whose rows were not.
+        let extra = table.fragments().len().saturating_sub(episodes);
+        let count = table.leftovers().len() + extra;
         if count > 0 {
             steps.push(format!("remove {count} files of an unfinished episode from `{}`", folder.display()));
+        }
+        if apply && table.is_being_recorded() {
+            table.resume(episodes, None).and_then(|()| table.close()).map_err(damaged)?;
         }
         if apply {
             forget(&table).map_err(damaged)?;

@@ -101,10 +101,45 @@ fn what_was_not_ended_is_not_seen_and_is_cleared_away() {
         fs::write(path.join("data/.tmpleft"), "what a kill leaves").unwrap();
         assert_eq!(contents(&path).len(), 1, "{}", format.name);
         let steps = (format.repair)(&path, true).unwrap();
-        assert!(steps.len() == 1 && steps[0].contains("unfinished"), "{steps:?}");
+        let said = |what: &str| steps.iter().any(|step| step.contains(what));
+        assert!(said("remove 1 files of an unfinished episode") && said("list all 1 episodes"), "{steps:?}");
         assert!((format.repair)(&path, true).unwrap().is_empty());
         assert_eq!(record(&path, WriteMode::Append, 1..2).unwrap(), 1);
         assert_alike(&episode(&schema(), 1, rows_of(1)), &contents(&path)[1]);
+    }
+}
+
+/// More episodes than are listed one by one: the last ones are known by their files alone until the recording ends.
+#[test]
+fn episodes_that_no_manifest_lists_yet_are_there() {
+    const EPISODES: usize = 66;
+    let folder = folder();
+    let schema = swm_core::Schema::new(vec![swm_core::Field::step("state", Dtype::F64, &[7])]).unwrap();
+    for format in &FORMATS {
+        let path = path_in(&folder, "data", format);
+        let mut writer = create(&path, WriteMode::Append, None).unwrap();
+        writer.begin(&schema, &metadata()).unwrap();
+        (0..EPISODES).for_each(|index| writer.write_episode(&episode(&schema, index, 2)).unwrap());
+        drop(writer);
+        let manifests = || fs::read_dir(path.join("_versions")).unwrap().count();
+        assert!(manifests() <= 2);
+        let check = |episodes: usize| {
+            let read = contents(&path);
+            assert_eq!(read.len(), episodes, "{}", format.name);
+            read.iter().enumerate().for_each(|(at, read)| assert_alike(&episode(&schema, at, 2), read));
+        };
+        check(EPISODES);
+        let steps = (format.repair)(&path, true).unwrap();
+        assert!(steps.iter().all(|step| step.contains("list all 66 episodes")) && !steps.is_empty(), "{steps:?}");
+        assert!((format.repair)(&path, true).unwrap().is_empty());
+        check(EPISODES);
+        let mut writer = create(&path, WriteMode::Append, None).unwrap();
+        assert_eq!(writer.begin(&schema, &metadata()).unwrap(), EPISODES as u64);
+        writer.write_episode(&episode(&schema, EPISODES, 2)).unwrap();
+        writer.finish().unwrap();
+        drop(writer);
+        check(EPISODES + 1);
+        assert!((format.repair)(&path, true).unwrap().is_empty());
     }
 }
 

@@ -13,14 +13,14 @@ const MAX_BYTES: u64 = 4096;
 
 /// Held while a writer lives; removes the lock file when dropped.
 #[derive(Debug)]
-pub(crate) struct WriterLock {
+pub struct WriterLock {
     path: PathBuf,
     file: File,
 }
 
 impl WriterLock {
     /// Takes the lock of the dataset at `dataset`; an error if another writer has it.
-    pub(crate) fn take(dataset: &Path) -> Result<Self, DataError> {
+    pub fn take(dataset: &Path) -> Result<Self, DataError> {
         let path = beside(dataset, ".lock");
         let failed = |source| DataError::io(dataset, "create", source);
         let busy = |holder: Option<Holder>| DataError::Busy {

@@ -16,7 +16,7 @@ use swm_core::{Batch, EpisodeSink, Field, Metadata, Schema};
 
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
 use crate::error::DataError;
-use crate::lock::WriterLock;
+pub use crate::lock::WriterLock;
 
 pub(crate) use self::fit::resolve;
 pub use self::fit::{check_fit, foreign, with_run};

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::{episode, metadata};
-use crate::{WriteMode, create, open};
+use crate::{ReplayBuffer, WriteMode, create, open};
 use swm_core::{Batch, Dtype, Field, Schema};
 
 /// Numbers that sizes, counts and offsets are overwritten with.
@@ -33,7 +33,8 @@ pub fn seed(path: &Path) {
     writer.finish().unwrap();
 }
 
-fn files(path: &Path) -> Vec<PathBuf> {
+/// All files of a dataset.
+pub fn files(path: &Path) -> Vec<PathBuf> {
     if path.is_file() {
         return vec![path.to_owned()];
     }
@@ -44,7 +45,7 @@ fn files(path: &Path) -> Vec<PathBuf> {
 }
 
 /// Mutation `number` of some bytes: a function of both.
-fn mutated(bytes: &[u8], number: usize) -> Vec<u8> {
+pub fn mutated(bytes: &[u8], number: usize) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     // Heads and ends decide most: half of the mutations are there.
     let spread = (number as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
@@ -72,8 +73,8 @@ fn mutated(bytes: &[u8], number: usize) -> Vec<u8> {
     bytes
 }
 
-/// Opens and reads everything; whether there was an error.
-fn play(path: &Path) -> bool {
+/// Opens and reads everything, also into a replay buffer; whether there was no error.
+pub fn play(path: &Path) -> bool {
     let Ok(mut dataset) = open(path) else { return false };
     let mut sound = true;
     let mut batch = Batch::new(dataset.schema().clone(), 0);
@@ -82,7 +83,7 @@ fn play(path: &Path) -> bool {
         sound &= dataset.read(episode, rows, &mut batch).is_ok();
         sound &= dataset.check_episode(episode).is_ok();
     }
-    sound
+    sound & ReplayBuffer::load(dataset.as_mut(), 1000).is_ok()
 }
 
 /// The largest address space that this process had, in KiB.

@@ -1,0 +1,88 @@
+//! Episodes that are announced by their files, before a manifest lists them. A manifest lists all files, so one per episode would
+//! grow with the square of their number: while a recording goes on, the next one is due when a sixty-fourth of what it would list
+//! is new. Until then the file itself announces its episode: it appears whole, under the name that comes next.
+//!
+//! Other programs see those episodes once the recording ends, is continued or mended. Which manifest files may follow says a
+//! mark in it; another program's next version is not that, so what it removed stays removed.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use lance_core::cache::LanceCache;
+use lance_encoding::decoder::DecoderPlugins;
+use lance_file::reader::{FileReader, FileReaderOptions};
+use lance_io::scheduler::{ScanScheduler, SchedulerConfig};
+use lance_io::utils::CachedFileSize;
+use lance_table::format::Fragment;
+
+use crate::data_file::fragment_of;
+use crate::table::{DATA, Table, wait};
+
+/// Of the listed files, this part may be missing in the newest manifest.
+const LAG: usize = 64;
+/// For files of which only the end is read.
+const AHEAD_BYTES: u64 = 1 << 20;
+
+/// The file of an episode, in both tables.
+pub(crate) fn file_name(episode: usize) -> String {
+    format!("episode-{episode:06}.lance")
+}
+
+/// Whether the files of a table are those that we recorded, one per episode, none missing.
+pub(crate) fn is_recorded(fragments: &[Fragment]) -> bool {
+    let named = |(episode, fragment): (usize, &Fragment)| matches!(&fragment.files[..], [file] if file.path == file_name(episode));
+    fragments.iter().enumerate().all(named)
+}
+
+/// Whether a manifest is to be written, of `listed` files in the last one and `all` now.
+pub(crate) fn is_due(listed: usize, all: usize) -> bool {
+    (all - listed) * LAG >= listed
+}
+
+/// Opens the newest version of a table, and adds what was announced after it.
+pub(crate) fn open(folder: &Path) -> Result<Table, String> {
+    let mut table = Table::open(folder)?;
+    if !table.is_being_recorded() || !is_recorded(table.fragments()) {
+        return Ok(table);
+    }
+    loop {
+        let name = file_name(table.fragments().len());
+        if !folder.join(DATA).join(&name).is_file() {
+            return Ok(table);
+        }
+        let rows = rows_of(&table, &name)
+            .map_err(|reason| format!("its file {name}, which no manifest lists yet: {reason}"))?;
+        let fragment = fragment_of(&table, name, rows, None);
+        table.push(fragment);
+    }
+}
+
+/// The number of rows in a file.
+fn rows_of(table: &Table, name: &str) -> Result<usize, String> {
+    let path = table.path(&format!("{DATA}/{name}"));
+    let cache = LanceCache::with_capacity(0);
+    let reader = wait(async {
+        let scheduler = ScanScheduler::new(table.store.clone(), SchedulerConfig::new(AHEAD_BYTES));
+        let file = scheduler.open_file(&path, &CachedFileSize::unknown()).await?;
+        let plugins = Arc::<DecoderPlugins>::default();
+        FileReader::try_open(file, None, plugins, &cache, FileReaderOptions::default()).await
+    })?;
+    usize::try_from(reader.num_rows()).map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn manifests_become_rare_as_tables_grow() {
+        let (mut listed, mut entries, mut manifests) = (0, 0, 0);
+        for all in 1..=10_000 {
+            if is_due(listed, all) {
+                (listed, entries, manifests) = (all, entries + all, manifests + 1);
+            }
+            assert!(all - listed <= 1 + all / LAG, "{all}: {listed}");
+        }
+        assert!(entries < 2 * LAG * 10_000 && manifests < 500, "{entries} {manifests}");
+    }
+}
