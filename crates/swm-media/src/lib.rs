@@ -38,6 +38,7 @@ pub mod gif;
 pub mod jpeg;
 #[cfg(feature = "mp4")]
 pub mod mp4;
+pub mod planar;
 pub mod png;
 pub mod sheet;
 

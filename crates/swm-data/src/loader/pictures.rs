@@ -1,7 +1,7 @@
 //! Pictures on their way into a batch: resized, and with the channels first, as far as asked for.
 
+use swm_media::planar::split_colours;
 use swm_render::AntialiasBilinear;
-use wide::u8x16;
 
 use super::wrong;
 use crate::error::DataError;
@@ -104,45 +104,13 @@ fn channels_first(stored: &[u8], pixels: usize, channels: usize, out: &mut [u8])
     if channels == 3 {
         let (red, rest) = out.split_at_mut(pixels);
         let (green, blue) = rest.split_at_mut(pixels);
-        split_colours(stored, red, green, blue);
+        split_colours(stored, [red, green, blue]);
         return;
     }
     for (channel, plane) in out.chunks_exact_mut(pixels).enumerate() {
         for (value, pixel) in plane.iter_mut().zip(stored.chunks_exact(channels)) {
             *value = pixel[channel];
         }
-    }
-}
-
-/// `[N, 3]` → three times `[N]`, 32 pixels at a time. (In one function, without arrays that are mapped: it has to be inlined
-/// to be fast.)
-fn split_colours(stored: &[u8], red: &mut [u8], green: &mut [u8], blue: &mut [u8]) {
-    const PIXELS: usize = 32;
-    let (blocks, rest) = stored.as_chunks::<{ 3 * PIXELS }>();
-    let (reds, red) = red.as_chunks_mut::<PIXELS>();
-    let (greens, green) = green.as_chunks_mut::<PIXELS>();
-    let (blues, blue) = blue.as_chunks_mut::<PIXELS>();
-    for (((block, red), green), blue) in blocks.iter().zip(reds).zip(greens).zip(blues) {
-        let lanes = |at: usize| {
-            let mut lanes = [0; 16];
-            lanes.copy_from_slice(&block[16 * at..16 * at + 16]);
-            u8x16::new(lanes)
-        };
-        // Of 96 values, deals those of the first half and those of the second in turns, so that values `i` and `i + 48`
-        // become neighbours. After five times, value `3 i + channel` stands at `32 channel + i`.
-        let deal = |[a, b, c, d, e, f]: [u8x16; 6]| {
-            let (low, high) = (u8x16::unpack_low, u8x16::unpack_high);
-            [low(a, d), high(a, d), low(b, e), high(b, e), low(c, f), high(c, f)]
-        };
-        let values = [lanes(0), lanes(1), lanes(2), lanes(3), lanes(4), lanes(5)];
-        let [a, b, c, d, e, f] = deal(deal(deal(deal(deal(values)))));
-        for (plane, [first, second]) in [(red, [a, b]), (green, [c, d]), (blue, [e, f])] {
-            plane[..16].copy_from_slice(first.as_array());
-            plane[16..].copy_from_slice(second.as_array());
-        }
-    }
-    for (((pixel, red), green), blue) in rest.as_chunks::<3>().0.iter().zip(red).zip(green).zip(blue) {
-        [*red, *green, *blue] = *pixel;
     }
 }
 
