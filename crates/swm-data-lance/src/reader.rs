@@ -313,7 +313,8 @@ mod tests {
         for (at, (read, original)) in contents(&path).iter().zip([0, 2]).enumerate() {
             let original = episode(&schema(), original, rows_of(original));
             let (read, original) = (read.get::<f64>("state").unwrap(), original.get::<f64>("state").unwrap());
-            let expected: Vec<f64> = left[at].iter().flat_map(|&row| original[row * 7..][..7].to_vec()).collect();
+            let expected: Vec<f64> =
+                left[at].iter().flat_map(|&row| original[row * 7..][..7].to_vec()).collect();
             assert_eq!(read, expected);
             let column = dataset.schema().index("state").unwrap();
             let mut some = vec![0.0; 2 * 7];

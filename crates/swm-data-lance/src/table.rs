@@ -138,8 +138,13 @@ impl Table {
         use lance_core::utils::deletion::DeletionVector;
         let (version, id) = (self.manifest.version, self.fragments()[fragment].id);
         let rows = DeletionVector::from_iter(rows);
-        let file =
-            wait(lance_table::io::deletion::write_deletion_file(&self.base, id, version, &rows, &self.store))?;
+        let file = wait(lance_table::io::deletion::write_deletion_file(
+            &self.base,
+            id,
+            version,
+            &rows,
+            &self.store,
+        ))?;
         Arc::make_mut(&mut self.manifest.fragments)[fragment].deletion_file = file;
         self.next(false)
     }
@@ -162,7 +167,11 @@ impl Table {
 
     /// Makes the first `count` fragments the newest version, with which a recording begins; `about` replaces what the table
     /// says of itself.
-    pub(crate) fn resume(&mut self, count: usize, about: Option<HashMap<String, String>>) -> Result<(), String> {
+    pub(crate) fn resume(
+        &mut self,
+        count: usize,
+        about: Option<HashMap<String, String>>,
+    ) -> Result<(), String> {
         Arc::make_mut(&mut self.manifest.fragments).truncate(count);
         if let Some(about) = about {
             self.manifest.table_metadata = about;
@@ -213,8 +222,10 @@ impl Table {
         let files = self.fragments().iter().flat_map(|fragment| &fragment.files);
         let listed: HashSet<PathBuf> = files.map(|file| data.join(&file.path)).collect();
         let entries = fs::read_dir(&data).into_iter().flatten().flatten();
-        let mut left: Vec<PathBuf> =
-            entries.map(|entry| entry.path()).filter(|path| path.is_file() && !listed.contains(path)).collect();
+        let mut left: Vec<PathBuf> = entries
+            .map(|entry| entry.path())
+            .filter(|path| path.is_file() && !listed.contains(path))
+            .collect();
         left.sort();
         left
     }

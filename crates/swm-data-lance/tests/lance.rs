@@ -130,7 +130,10 @@ fn episodes_that_no_manifest_lists_yet_are_there() {
         };
         check(EPISODES);
         let steps = (format.repair)(&path, true).unwrap();
-        assert!(steps.iter().all(|step| step.contains("list all 66 episodes")) && !steps.is_empty(), "{steps:?}");
+        assert!(
+            steps.iter().all(|step| step.contains("list all 66 episodes")) && !steps.is_empty(),
+            "{steps:?}"
+        );
         assert!((format.repair)(&path, true).unwrap().is_empty());
         check(EPISODES);
         let mut writer = create(&path, WriteMode::Append, None).unwrap();

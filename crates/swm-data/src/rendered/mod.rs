@@ -18,8 +18,8 @@ use swm_core::dataset::{CHECKPOINT, Checkpoints};
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::error::{BoxError, nearest};
 use swm_core::{
-    Batch, Contents, Dtype, EnvConfig, EnvEntry, EnvSpec, EpisodeSource, Field, FieldKind, ImageSize, Registry,
-    Schema, SliceMut, Value,
+    Batch, Contents, Dtype, EnvConfig, EnvEntry, EnvSpec, EpisodeSource, Field, FieldKind, ImageSize,
+    Registry, Schema, SliceMut, Value,
 };
 
 use crate::dataset::{About, Dataset, Steps, read_rows};

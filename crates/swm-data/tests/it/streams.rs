@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use swm_core::error::BoxError;
-use swm_core::{Batch, Contents, Dtype, EpisodeSource, Field, Metadata, Schema, SliceMut};
+use swm_core::{Batch, Contents, Dtype, EpisodeSource, Field, Schema, SliceMut};
 use swm_data::dataset::read_rows;
 use swm_data::tools::copy::{all, copy};
 use swm_data::{About, DataError, Dataset, FORMATS, Steps, WriteMode, WriteOptions, create, open};

@@ -5,6 +5,8 @@
 
 use openh264::formats::YUVSlices;
 
+use crate::planar::split_colours;
+
 /// The weights of red and blue in luma; green has the rest.
 const RED: f64 = 0.2126;
 const BLUE: f64 = 0.0722;
@@ -41,6 +43,10 @@ pub(super) struct Planes {
     /// `[H, W]`, then twice `[H / 2, W / 2]`.
     luma: Vec<u8>,
     chroma: [Vec<u8>; 2],
+    /// The colours of two rows, `[W]` each: side by side, they are many to an instruction.
+    rows: [[Vec<u8>; 3]; 2],
+    /// Of each colour, the sums of 2 x 2 pixels, `[W / 2]`.
+    sums: [Vec<u16>; 3],
 }
 
 impl Planes {
@@ -55,39 +61,40 @@ impl Planes {
             width,
             luma: vec![0; height * width],
             chroma: [quarter.clone(), quarter],
+            rows: [(); 2].map(|()| [(); 3].map(|()| vec![0; width])),
+            sums: [(); 3].map(|()| vec![0; width / 2]),
         }
     }
 
     /// Takes the frame `[H, W, 3]`; a row or column that it lacks copies its last one.
     pub(super) fn fill(&mut self, frame: &[u8]) {
-        let (last, stride) = (self.frame_height - 1, self.frame_width * 3);
-        let row = |y: usize| &frame[y.min(last) * stride..][..stride];
-        let [first, second] = &mut self.chroma;
+        let (last, width) = (self.frame_height - 1, self.frame_width);
         let half = self.width / 2;
+        let [first, second] = &mut self.chroma;
         let chroma = first.chunks_exact_mut(half).zip(second.chunks_exact_mut(half));
         for (pair, (luma, (first, second))) in
             self.luma.chunks_exact_mut(2 * self.width).zip(chroma).enumerate()
         {
-            let rows = [row(2 * pair), row(2 * pair + 1)];
-            for (luma, row) in luma.chunks_exact_mut(self.width).zip(rows) {
-                for (luma, &[r, g, b]) in luma.iter_mut().zip(row.as_chunks::<3>().0) {
-                    *luma = fixed(dot(LUMA, [r, g, b].map(i32::from)), BITS, 16);
-                }
+            let rows = luma.chunks_exact_mut(self.width).zip(&mut self.rows).enumerate();
+            for (y, (luma, [red, green, blue])) in rows {
+                let row = &frame[(2 * pair + y).min(last) * 3 * width..][..3 * width];
+                split_colours(row, [&mut red[..width], &mut green[..width], &mut blue[..width]]);
                 // A column that the frame lacks.
-                if self.width > self.frame_width {
-                    luma[self.width - 1] = luma[self.width - 2];
+                for colour in [&mut *red, &mut *green, &mut *blue] {
+                    colour[self.width - 1] = colour[width - 1];
+                }
+                luma_of([red, green, blue], luma);
+            }
+            let [above, below] = &self.rows;
+            let sums = &mut self.sums;
+            for ((sums, above), below) in sums.iter_mut().zip(above).zip(below) {
+                let pairs = above.as_chunks::<2>().0.iter().zip(below.as_chunks::<2>().0);
+                for (sum, (&[a, b], &[c, d])) in sums.iter_mut().zip(pairs) {
+                    *sum = u16::from(a) + u16::from(b) + u16::from(c) + u16::from(d);
                 }
             }
-            let pixels = rows[0].chunks(6).zip(rows[1].chunks(6));
-            for ((first, second), (above, below)) in first.iter_mut().zip(second).zip(pixels) {
-                let sum = [0, 1, 2].map(|channel| {
-                    let right = if above.len() == 6 { channel + 3 } else { channel };
-                    [above[channel], above[right], below[channel], below[right]].map(i32::from).iter().sum()
-                });
-                // Two more bits: `sum` is that of four pixels.
-                *first = fixed(dot(CHROMA[0], sum), BITS + 2, 128);
-                *second = fixed(dot(CHROMA[1], sum), BITS + 2, 128);
-            }
+            chroma_of(&self.sums, CHROMA[0], first);
+            chroma_of(&self.sums, CHROMA[1], second);
         }
     }
 
@@ -96,6 +103,21 @@ impl Planes {
         let half = self.width / 2;
         let planes = (&self.luma[..], &self.chroma[0][..], &self.chroma[1][..]);
         YUVSlices::new(planes, (self.width, self.height), (self.width, half, half))
+    }
+}
+
+/// Luma of a row.
+fn luma_of([red, green, blue]: [&[u8]; 3], out: &mut [u8]) {
+    for (((out, &red), &green), &blue) in out.iter_mut().zip(red).zip(green).zip(blue) {
+        *out = fixed(dot(LUMA, [i32::from(red), i32::from(green), i32::from(blue)]), BITS, 16);
+    }
+}
+
+/// A row of a chroma plane from the sums of four pixels each.
+fn chroma_of([red, green, blue]: &[Vec<u16>; 3], weights: [i32; 3], out: &mut [u8]) {
+    for (((out, &red), &green), &blue) in out.iter_mut().zip(red).zip(green).zip(blue) {
+        // Two more bits: the sum of four pixels.
+        *out = fixed(dot(weights, [i32::from(red), i32::from(green), i32::from(blue)]), BITS + 2, 128);
     }
 }
 

@@ -12,7 +12,7 @@ use swm_media::png;
 
 use super::chunks::{Chunk, Compression};
 use super::foxglove;
-use super::index::{Index, EPISODE, Episode, RUN, STEP_TOPIC, is_picture, topic};
+use super::index::{EPISODE, Episode, Index, RUN, STEP_TOPIC, is_picture, topic};
 use super::reader::McapDataset;
 use super::records::{CHUNK, Content, MESSAGE, MESSAGE_INDEX, METADATA};
 use super::rows::to_json;
@@ -91,8 +91,7 @@ impl Storage for McapStorage {
         }
         let file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
         let index = Index::read(&file, path).map_err(|reason| DataError::damaged(path, reason))?;
-        let stored: Vec<Field> =
-            index.columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();
+        let stored: Vec<Field> = index.columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();
         let first = index.runs.first().map_or(metadata, |(_, first)| first);
         check_fit(path, &stored, first, fields, metadata)?;
         // What belongs to no announced episode, and the old summary.
