@@ -6,6 +6,18 @@ use std::path::{Path, PathBuf};
 use swm_core::error::did_you_mean;
 use thiserror::Error;
 
+/// Formats that not every build has, and the feature that brings them.
+const OPTIONAL: [(&str, &str); 4] =
+    [("lance", "lance"), ("lance-video", "lance"), ("lerobot", "lerobot"), ("video", "mp4")];
+
+/// What is said of a format that exists, to whom it is unknown.
+fn built_without(name: &str) -> String {
+    let feature = OPTIONAL.iter().find(|(known, _)| *known == name).map(|(_, feature)| feature);
+    feature
+        .map(|feature| format!("; this program was built without `{name}`, which the feature `{feature}` brings"))
+        .unwrap_or_default()
+}
+
 /// A dataset cannot be opened, read, written or windowed.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -37,7 +49,7 @@ pub enum DataError {
         reason: String,
     },
     /// No format has this name or file extension.
-    #[error("unknown dataset format `{name}`{}; known formats: {known}", did_you_mean(.nearest.as_deref()))]
+    #[error("unknown dataset format `{name}`; known formats: {known}{}{}", did_you_mean(.nearest.as_deref()), built_without(.name))]
     UnknownFormat {
         /// The name asked for.
         name: String,

@@ -95,6 +95,10 @@ pub fn open(path: &Path) -> Opened<dyn Dataset> {
     }
     match detect(path) {
         Some(format) => (format.open)(path),
+        None if path.join("_versions").is_dir() => {
+            let reason = "it is a Lance table; this program was built without the feature `lance`";
+            Err(DataError::not_a_dataset(path, reason))
+        }
         None => {
             Err(DataError::not_a_dataset(path, format!("its content is of no known format ({})", known())))
         }
@@ -162,6 +166,8 @@ mod tests {
     fn an_unknown_format_names_the_nearest() {
         let message = by_name("hdf").unwrap_err().to_string();
         assert!(message.contains("`hdf`") && message.contains("did you mean `hdf5`"), "{message}");
+        let message = by_name("lance").unwrap_err().to_string();
+        assert!(message.contains("the feature `lance`"), "{message}");
         let message = create(Path::new("data.xyz"), WriteMode::Append, None).err().unwrap().to_string();
         assert!(message.contains("`xyz`") && message.contains("hdf5 (.h5, .hdf5)"), "{message}");
     }

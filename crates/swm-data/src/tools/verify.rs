@@ -62,7 +62,7 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
             problem(None, "it has no rows".to_owned());
         }
         if let Err(error) = dataset.check_episode(episode) {
-            problem(None, error.to_string());
+            problem(None, said(error, episode, None));
         }
         for (column, field) in schema.fields().iter().enumerate() {
             let mut column_check = ColumnCheck { rows, width: field.width(), ..ColumnCheck::default() };
@@ -84,7 +84,7 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
                 Ok::<_, DataError>(())
             });
             if let Err(error) = read {
-                problem(Some(&field.name), error.to_string());
+                problem(Some(&field.name), said(error, episode, Some(&field.name)));
                 continue;
             }
             if let Some(row) = column_check.changes {
@@ -110,6 +110,19 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
         }
     }
     report
+}
+
+/// What an error says, without the place that the report names already.
+fn said(error: DataError, episode: usize, column: Option<&str>) -> String {
+    let DataError::Damaged { reason, .. } = error else { return error.to_string() };
+    let place = match column {
+        Some(column) => format!("column `{column}`, episode {episode}: "),
+        None => format!("episode {episode}: "),
+    };
+    match reason.strip_prefix(&place) {
+        Some(rest) => rest.to_owned(),
+        None => reason,
+    }
 }
 
 #[derive(Default)]

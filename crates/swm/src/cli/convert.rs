@@ -73,9 +73,12 @@ impl TargetArgs {
 /// One line for people.
 fn line(result: &Json) -> String {
     let number = |key: &str| result[key].as_f64().unwrap_or_default();
+    let out = result["out"].as_str().unwrap_or_default();
+    if result["rows"] == 0 {
+        return format!("{out} holds all {} episodes; nothing to copy", number("episodes"));
+    }
     format!(
-        "wrote {} ({} episodes, {} rows copied, {:.0} rows/s)",
-        result["out"].as_str().unwrap_or_default(),
+        "wrote {out} ({} episodes, {} rows copied, {:.0} rows/s)",
         number("episodes"),
         number("rows"),
         number("rows_per_second"),

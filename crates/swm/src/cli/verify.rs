@@ -175,7 +175,7 @@ impl Diff {
                     vec![
                         column.name.clone(),
                         column.rows.to_string(),
-                        format!("{:.3e}", column.largest),
+                        compact(column.largest),
                         format!("episode {episode}, row {row}"),
                         column.psnr.map_or(String::new(), |psnr| format!("{psnr:.1} dB")),
                     ]
@@ -188,6 +188,27 @@ impl Diff {
         match found.equal {
             true => Ok(()),
             false => Err(format!("{} and {} differ", self.first.display(), self.second.display()).into()),
+        }
+    }
+}
+
+/// A difference as people write it: whole numbers as such, others by four digits.
+fn compact(value: f64) -> String {
+    match value {
+        value if value.fract() == 0.0 && value < 1e6 => format!("{value}"),
+        value if (1e-3..1e6).contains(&value) => format!("{value:.4}"),
+        value => format!("{value:.3e}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_are_written_as_people_do() {
+        for (value, text) in [(19.0, "19"), (0.25, "0.2500"), (1e-9, "1.000e-9"), (0.0, "0")] {
+            assert_eq!(compact(value), text);
         }
     }
 }

@@ -286,10 +286,9 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     let failed = |source| DataError::io(&path, "repair", source);
     let episodes = index.episodes.len();
     let behind = fs::metadata(&path).map_err(failed)?.len() - index.end;
-    let steps = vec![
-        format!("cut {behind} bytes behind the {episodes} finished episodes"),
-        "write the summary, by which other programs find their way".to_owned(),
-    ];
+    let cut = (behind > 0).then(|| format!("cut {behind} bytes behind the {episodes} finished episodes"));
+    let summarise = "write the summary, by which other programs find their way".to_owned();
+    let steps = cut.into_iter().chain([summarise]).collect();
     if apply {
         let file = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
         let index = Index::read(&file, &path).map_err(|reason| DataError::damaged(&path, reason))?;
