@@ -120,6 +120,8 @@ fn episodes_that_no_manifest_lists_yet_are_there() {
         let mut writer = create(&path, WriteMode::Append, None).unwrap();
         writer.begin(&schema, &metadata()).unwrap();
         (0..EPISODES).for_each(|index| writer.write_episode(&episode(&schema, index, 2)).unwrap());
+        // Amid an episode, a recording ends as a kill would end it.
+        writer.write_rows(&episode(&schema, EPISODES, 1)).unwrap();
         drop(writer);
         let manifests = || fs::read_dir(path.join("_versions")).unwrap().count();
         assert!(manifests() <= 2);

@@ -101,7 +101,7 @@ fn requests_for_what_is_not_there_are_errors() {
     assert!(ask(reward, 0, 0, 3, 0).contains("stride of 0"));
     assert!(ask(99, 0, 0, 3, 1).contains("column 99"));
     assert!(ask(reward, 0, 0, 2, 1).contains("cannot hold 2 rows"));
-    assert!(ask(0, 0, 0, 3, 1).contains("3 values of f64 cannot hold 3 rows"));
+    assert!(ask(0, 0, 0, 3, 1).contains("3 values of float64 cannot hold 3 rows"));
 
     let wanted = Schema::new(vec![Field::step("rewards", Dtype::F64, &[])]).unwrap();
     let message = dataset.read(0, 0..1, &mut Batch::new(wanted, 0)).unwrap_err().to_string();
