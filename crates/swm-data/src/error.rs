@@ -14,7 +14,9 @@ const OPTIONAL: [(&str, &str); 4] =
 fn built_without(name: &str) -> String {
     let feature = OPTIONAL.iter().find(|(known, _)| *known == name).map(|(_, feature)| feature);
     feature
-        .map(|feature| format!("; this program was built without `{name}`, which the feature `{feature}` brings"))
+        .map(|feature| {
+            format!("; this program was built without `{name}`, which the feature `{feature}` brings")
+        })
         .unwrap_or_default()
 }
 
