@@ -1,8 +1,6 @@
 //! Recordings without pictures give the pictures that a recording with them holds, for every environment.
 
 use std::collections::BTreeMap;
-use std::fs;
-use std::path::Path;
 
 use swm::core::env::PIXELS;
 use swm::core::{
@@ -10,7 +8,6 @@ use swm::core::{
     SliceMut, Value, World, WorldError, WorldOptions, policy,
 };
 use swm::data::loader::{BatchOptions, ClipOptions, Loader};
-use swm::data::testing::mutations::mutated;
 use swm::data::{Dataset, MemoryDataset, RenderOptions, Rendered, ReplayBuffer, Steps};
 
 use crate::support::{Folder, PUSHT, swm_fails, swm_json, swm_ok};
@@ -201,36 +198,4 @@ fn datasets_that_do_not_say_how_they_were_made_are_refused() {
     let foreign = MemoryDataset::new("foreign", schema, None, []).unwrap();
     let error = Rendered::new(foreign.share(), &swm::registry(), &options()).err().unwrap().to_string();
     assert!(error.contains("does not say how it was recorded"), "{error}");
-}
-
-/// As the mutation tests of formats, one level above: what is read determines what is simulated.
-#[test]
-fn foreign_bytes_in_a_recording_are_errors_or_other_pictures() {
-    let folder = Folder::new();
-    let path = folder.path("small.h5");
-    let fixed = ["--policy", "weak", "--episodes", "2", "--max-steps", "12", "--quiet"];
-    swm_ok(&[&["collect", PUSHT][..], &fixed, &["--replayable", "4", "--out", &path]].concat());
-    let bytes = fs::read(&path).unwrap();
-    let registry = swm::registry();
-    let play = || -> Option<()> {
-        let dataset = swm::data::open(Path::new(&path)).ok()?;
-        let mut drawn = Rendered::new(dataset, &registry, &options()).ok()?;
-        let column = drawn.schema().index(PIXELS)?;
-        let mut sound = Some(());
-        for episode in 0..drawn.num_episodes().min(2) {
-            let count = drawn.episode_len(episode).min(13);
-            let mut out = vec![0; count * drawn.schema().width(column)];
-            let steps = Steps { first: 0, count, stride: 1 };
-            sound = sound.and(drawn.read_column(column, episode, steps, SliceMut::U8(&mut out)).ok());
-            sound = sound.and(drawn.verify(episode).ok().map(drop));
-        }
-        sound
-    };
-    assert!(play().is_some());
-    let errors = (0..120).filter(|&number| {
-        fs::write(&path, mutated(&bytes, number)).unwrap();
-        play().is_none()
-    });
-    let errors = errors.count();
-    assert!(errors > 10, "{errors}");
 }
