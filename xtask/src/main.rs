@@ -14,6 +14,7 @@ mod golden;
 mod interop;
 mod memcheck;
 mod metadata;
+mod onnx;
 mod plugin;
 mod process;
 mod proof;

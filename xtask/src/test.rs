@@ -5,7 +5,7 @@
 use anyhow::Result;
 
 use crate::metadata::Metadata;
-use crate::{apart, interop, process, setup};
+use crate::{apart, interop, onnx, process, setup};
 
 /// Options of `cargo xtask test`.
 #[derive(clap::Args, Default)]
@@ -42,7 +42,7 @@ pub(crate) fn suites(args: &Args) -> Result<()> {
         eprintln!("test: cargo-nextest is not installed; cargo test takes its place");
         command = process::cargo(["test", "--tests", "--no-fail-fast"]);
     }
-    command.env("SWM_INTEROP_PYTHON", interop::python(&interop::FORMATS)?);
+    command.env("SWM_INTEROP_PYTHON", interop::python(&interop::FORMATS)?).envs(onnx::environment()?);
     process::run(command.args(args.selection()).args(features(args)).args(&args.runner_args))
 }
 

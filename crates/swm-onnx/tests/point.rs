@@ -1,16 +1,17 @@
 //! A model that `tests/onnx/make_model.py` exported from PyTorch: its costs and gradients are PyTorch's, and plans on it
-//! lead to the goal. Needs ONNX Runtime; without it, says so and tests nothing.
+//! lead to the goal. Needs ONNX Runtime, which `cargo xtask test` fetches; without it, says so and tests nothing.
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
 
-use serde_json::{Map, Value as Json};
+use serde_json::Value as Json;
 use swm_core::{
     Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, PolicyArgs,
     ResetOptions, Rollout, RowsMut, Scenario, Slice, Space, World, WorldOptions,
 };
 use swm_onnx::{OnnxCost, find_library, onnx_policy};
-use swm_solvers::{Cost, MpcPolicy, Plan, PlanConfig, PlanError, Problem, Solver, Trace, Workspace};
+use swm_solvers::testing::Probe;
+use swm_solvers::{MpcPolicy, PlanConfig};
 
 /// A point that moves five times the action; start and goal are those of `make_model.py`.
 const POINT: EnvEntry = EnvEntry {
@@ -89,7 +90,8 @@ fn folder() -> PathBuf {
 fn is_there() -> bool {
     let found = find_library();
     if let Err(error) = &found {
-        println!("skipped: {error}");
+        // Not `eprintln!`: the test runner would keep it to itself, as the test does not fail.
+        let _ = writeln!(std::io::stderr(), "skipped: {error}; `cargo xtask test` fetches it");
     }
     found.is_ok()
 }
@@ -98,45 +100,6 @@ fn world(num_envs: usize) -> World {
     let env = EnvConfig::default();
     let options = WorldOptions { num_envs, env, max_episode_steps: Some(25), ..WorldOptions::default() };
     World::new(&POINT, options).expect("sound in this test")
-}
-
-/// Asks for the costs of the plans of `make_model.py` and plans nothing.
-struct Asks(Arc<Mutex<Vec<f64>>>);
-
-impl Solver for Asks {
-    fn name(&self) -> &'static str {
-        "asks"
-    }
-
-    fn changed_settings(&self) -> Map<String, Json> {
-        Map::new()
-    }
-
-    fn check(&self, _space: &Space) -> Result<(), PlanError> {
-        Ok(())
-    }
-
-    fn solve(
-        &self,
-        problem: &Problem<'_>,
-        cost: &mut dyn Cost,
-        _workspace: &mut Workspace,
-        _trace: &mut dyn Trace,
-        plan: &mut Plan,
-    ) -> Result<(), PlanError> {
-        plan.begin(problem, 0.0);
-        let plans: Vec<f32> = (0..100).map(|index| -1.0 + 2.0 * index as f32 / 99.0).collect();
-        let candidates = problem.candidates(&plans, 2);
-        let (mut costs, mut gradient) = (vec![0.0; 2], vec![0.0; 100]);
-        cost.evaluate(&candidates, &mut costs)?;
-        let mut found = costs.clone();
-        let slopes = cost.differentiable().expect("cost_grad.onnx is there");
-        slopes.evaluate_with_gradient(&candidates, &mut costs, &mut gradient)?;
-        found.extend(costs);
-        found.extend(gradient.iter().map(|&slope| f64::from(slope)));
-        *self.0.lock().expect("sound in this test") = found;
-        Ok(())
-    }
 }
 
 #[test]
@@ -150,14 +113,18 @@ fn costs_and_gradients_are_those_of_pytorch() {
         expected[name].as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
     };
     let wanted = [numbers("costs"), numbers("costs"), numbers("gradient")].concat();
-    let found = Arc::new(Mutex::new(Vec::new()));
+    // The plans of `make_model.py`.
+    let plans = (0..100).map(|index| -1.0 + 2.0 * index as f32 / 99.0).collect();
+    let (probe, heard) = Probe::new(plans, 2);
     let cost = Box::new(OnnxCost::load(&folder()).unwrap());
     let mut world = world(1);
-    world.set_policy(MpcPolicy::new(Box::new(Asks(found.clone())), cost, PlanConfig::default()).unwrap());
+    world.set_policy(MpcPolicy::new(Box::new(probe), cost, PlanConfig::default()).unwrap());
     let reset = ResetOptions::default();
     let rollout = Rollout { episodes: 0..1, seed: 1, scenario: Scenario::Same(&reset) };
     world.evaluate(&rollout, &mut ()).unwrap();
-    let found = found.lock().unwrap();
+    let heard = heard.lock().unwrap();
+    let gradient = heard.gradient.iter().copied().map(f64::from).collect();
+    let found = [heard.costs.clone(), heard.costs_with_gradient.clone(), gradient].concat();
     assert_eq!(found.len(), wanted.len());
     for (found, wanted) in found.iter().zip(&wanted) {
         assert!((found - wanted).abs() < 1e-5 * wanted.abs().max(1.0), "{found} is not {wanted}");

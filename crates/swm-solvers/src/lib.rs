@@ -69,6 +69,7 @@ mod simulator;
 mod solver;
 mod solvers;
 mod space;
+pub mod testing;
 mod trace;
 mod workspace;
 

@@ -1,14 +1,9 @@
 //! Planning on the true simulator: exact costs, goals reached, results that depend on nothing but the seed.
 
-use std::sync::{Arc, Mutex};
-
-use serde_json::{Map, Value as Json};
 use swm_core::testing::{DISCRETE_TOY, TOY};
-use swm_core::{EnvConfig, EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyError, Registry, Space};
-use swm_solvers::{
-    Aggregate, Cost, MpcPolicy, PLANNERS, Plan, PlanConfig, PlanError, Problem, SimulatorCost,
-    SimulatorOptions, Solver, Trace, Workspace,
-};
+use swm_core::{EnvConfig, EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyError, Registry};
+use swm_solvers::testing::{Heard, Probe};
+use swm_solvers::{Aggregate, MpcPolicy, PLANNERS, PlanConfig, SimulatorCost, SimulatorOptions};
 
 use crate::worlds::{FRAGILE, NO_TASK_COST, Setting, run, toward};
 
@@ -36,50 +31,6 @@ fn cem_reaches_the_goal_with_any_number_of_environments_and_threads() {
     assert_ne!(other, stories, "the planner's own seed matters");
 }
 
-/// A solver that evaluates given plans of 4 actions, writes their costs and gradients down, and does nothing.
-struct Probe {
-    plans: Vec<Vec<f32>>,
-    seen: Arc<Mutex<Seen>>,
-}
-
-#[derive(Clone, Debug, Default, PartialEq)]
-struct Seen {
-    costs: Vec<f64>,
-    gradient: Vec<f32>,
-}
-
-impl Solver for Probe {
-    fn name(&self) -> &'static str {
-        "probe"
-    }
-    fn changed_settings(&self) -> Map<String, Json> {
-        Map::new()
-    }
-    fn check(&self, _space: &Space) -> Result<(), PlanError> {
-        Ok(())
-    }
-    fn solve(
-        &self,
-        problem: &Problem<'_>,
-        cost: &mut dyn Cost,
-        _workspace: &mut Workspace,
-        _trace: &mut dyn Trace,
-        plan: &mut Plan,
-    ) -> Result<(), PlanError> {
-        let (plans, samples) = (self.plans.concat(), self.plans.len());
-        let candidates = problem.candidates(&plans, samples);
-        let mut costs = vec![f64::NAN; samples];
-        cost.evaluate(&candidates, &mut costs)?;
-        let mut seen = Seen { costs: vec![f64::NAN; samples], gradient: vec![f32::NAN; plans.len()] };
-        let slopes = cost.differentiable().expect("simulators have gradients");
-        slopes.evaluate_with_gradient(&candidates, &mut seen.costs, &mut seen.gradient)?;
-        assert_eq!(costs, seen.costs);
-        *self.seen.lock().expect("one thread") = seen;
-        plan.begin(problem, 0.0);
-        Ok(())
-    }
-}
-
 /// Costs of plans of 4 actions, from 0 with the goal at `goal`.
 fn costs(
     entry: EnvEntry,
@@ -92,16 +43,15 @@ fn costs(
     probe(entry, goal, options, clip_actions, plans).costs
 }
 
-/// What is seen of plans of 4 actions, from 0 with the goal at `goal`.
+/// What is heard of plans of 4 actions, from 0 with the goal at `goal`.
 fn probe(
     entry: EnvEntry,
     goal: f64,
     options: SimulatorOptions,
     clip_actions: bool,
     plans: Vec<Vec<f32>>,
-) -> Seen {
-    let seen = Arc::new(Mutex::new(Seen::default()));
-    let probe = Probe { plans, seen: Arc::clone(&seen) };
+) -> Heard {
+    let (probe, heard) = Probe::new(plans.concat(), plans.len());
     let simulator = SimulatorCost::new(&entry, &EnvConfig::default(), options).expect("valid options");
     let config = PlanConfig {
         horizon: 4,
@@ -113,8 +63,9 @@ fn probe(
     let policy = MpcPolicy::new(Box::new(probe), Box::new(simulator), config).expect("a valid configuration");
     let setting = Setting { entry, max_steps: 1, threads: 2, reset: toward(goal), ..Setting::default() };
     run(&setting, policy).expect("a run without failures");
-    let seen = seen.lock().expect("one thread");
-    seen.clone()
+    let heard = heard.lock().expect("one thread").clone();
+    assert_eq!(heard.costs, heard.costs_with_gradient);
+    heard
 }
 
 #[test]
