@@ -76,6 +76,19 @@ pub enum BaselineError {
         /// The loss.
         value: f32,
     },
+    /// A loss of validation is not a number.
+    #[error(
+        "step {step}: the validation's {name} is {value}. Lower the learning rate, or look for numbers that are not \
+         finite in the data"
+    )]
+    NotFiniteValidation {
+        /// The step.
+        step: u64,
+        /// The loss, or a part of it.
+        name: String,
+        /// What it is.
+        value: f64,
+    },
     /// A training has stopped because of a number that is none.
     #[error("{source}. Training has stopped; the last good checkpoint is {kept}")]
     Stopped {

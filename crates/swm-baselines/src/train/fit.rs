@@ -174,6 +174,11 @@ impl Fit<'_, '_> {
     fn look(&mut self, clips: &PhaseClips) -> Result<(), BaselineError> {
         if clips.validation.is_some() {
             self.state.validation = self.validate(clips)?;
+            // Weights that give no numbers are no good checkpoint.
+            if let Some((name, value)) = self.state.validation.iter().find(|(_, value)| !value.is_finite()) {
+                let (step, name, value) = (self.state.step, name.clone(), *value);
+                return Err(self.stopped(BaselineError::NotFiniteValidation { step, name, value })?);
+            }
             self.tell(Part::Validation)?;
             let state = &mut self.state;
             let loss = state.validation.first().map_or(f64::NAN, |&(_, loss)| loss);
@@ -251,11 +256,16 @@ impl Fit<'_, '_> {
             Err(error @ BaselineError::NotFinite { .. }) => error,
             Err(error) => return Err(error),
         };
+        Err(self.stopped(source)?)
+    }
+
+    /// Why training ends here, and what is left of it.
+    fn stopped(&self, source: BaselineError) -> Result<BaselineError, BaselineError> {
         let kept = match self.run.steps()?.last() {
             Some(&kept) => self.run.weights(kept).display().to_string(),
             None => "none: there was none yet".to_owned(),
         };
-        Err(BaselineError::Stopped { kept, source: Box::new(source) })
+        Ok(BaselineError::Stopped { kept, source: Box::new(source) })
     }
 
     fn tell(&mut self, part: Part) -> Result<(), BaselineError> {

@@ -24,6 +24,8 @@ struct Toy {
     needs: Needs,
     /// The step at which its loss is no number.
     breaks_at: Option<u64>,
+    /// Whether its loss is no number in validation.
+    is_blind: bool,
     /// How long a step takes.
     pause: Duration,
 }
@@ -45,6 +47,7 @@ impl Toy {
             recipe: Recipe { baseline, preset, settings: serde_json::Value::Null, facts, seed: 0 },
             needs: Needs { num_steps: 2, frameskip: 1, image: 1, proprio: false, batch: 16 },
             breaks_at: None,
+            is_blind: false,
             pause: Duration::ZERO,
         }
     }
@@ -108,7 +111,7 @@ impl Baseline for Toy {
     }
 
     fn validate(&self, batch: &ClipBatch<'_>, _phase: usize) -> Result<Losses, BaselineError> {
-        Ok(losses(self.gradient(batch)))
+        Ok(losses(if self.is_blind { [f32::NAN; 2] } else { self.gradient(batch) }))
     }
     fn save_weights(&self, path: &Path) -> Result<(), BaselineError> {
         save(path, self.weights)
@@ -217,6 +220,11 @@ fn losses_that_are_no_numbers_stop_and_keep_the_last_good_checkpoint() {
     let broken = Toy { breaks_at: Some(13), ..Toy::new() };
     let message = train(&run, broken, &settings()).unwrap_err().to_string();
     for part in ["loss is NaN", "step 13", "step-00000010.safetensors", "learning rate"] {
+        assert!(message.contains(part), "{message}");
+    }
+    assert_eq!(run.steps().unwrap(), [5, 10]);
+    let message = train(&run, Toy { is_blind: true, ..Toy::new() }, &settings()).unwrap_err().to_string();
+    for part in ["step 15", "validation's loss is NaN", "step-00000010.safetensors"] {
         assert!(message.contains(part), "{message}");
     }
     assert_eq!(run.steps().unwrap(), [5, 10]);
