@@ -7,7 +7,7 @@ mod goal;
 mod joint;
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -31,6 +31,11 @@ const GRADIENT: f32 = 1e-3;
 /// Greatest difference of a weight after a step.
 const STEPPED: f32 = 1e-5;
 
+/// A file of `tests/parity`.
+fn fixture_path(file: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/parity").join(file)
+}
+
 /// A fixture.
 struct Fixture {
     tensors: BTreeMap<String, weights::Stored>,
@@ -39,8 +44,11 @@ struct Fixture {
 
 impl Fixture {
     fn open(name: &str) -> Self {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/parity/{name}.safetensors"));
-        let tensors = weights::read(&path).expect("fixtures are in the repository");
+        Self::read(&fixture_path(&format!("{name}.safetensors")))
+    }
+
+    fn read(path: &Path) -> Self {
+        let tensors = weights::read(path).unwrap_or_else(|error| panic!("{error}"));
         let ours = |name: String| match name.split_once('.') {
             Some((section @ ("gradients" | "stepped"), name)) => format!("{section}.{}", weights::ours(name)),
             _ => name,
@@ -75,11 +83,12 @@ impl Fixture {
         weights::load_network(network, &path).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Compares an output number by number.
-    fn check<const D: usize>(&self, name: &str, output: Tensor<D>) {
+    /// Compares an output number by number, and gives the greatest difference.
+    fn check<const D: usize>(&self, name: &str, output: Tensor<D>) -> f32 {
         assert_eq!(output.dims().as_slice(), self.shape(name), "{name}");
         let worst = worst(&host(output), self.values(name));
         assert!(worst < OUTPUT, "{name} differs by {worst}");
+        worst
     }
 
     /// Compares losses.

@@ -6,10 +6,14 @@ Needs torch, transformers, safetensors and stable-worldmodel 0.1.1 from their pa
     pip install torch transformers safetensors stable-worldmodel==0.1.1
     python make_fixtures.py [CASE ...]
 
+The case `generation4` needs transformers 4, whose names of tensors are others. `dinov2_small` makes an encoder of the published
+size and no fixture: it writes into the folder that SWM_DINOV2_SMALL names, where the ignored test of that name looks.
+
 A fixture is one safetensors file per case, its tensors in sections: `weights.`, `inputs.`, `outputs.`, `gradients.`,
 `stepped.` (weights and running statistics after one step).
 """
 
+import os
 import sys
 from pathlib import Path
 
@@ -108,6 +112,47 @@ def encoders() -> None:
             (output * weights).sum().backward()
         case.add_gradients(model)
         case.save(name)
+
+
+def generation4() -> None:
+    """Both vision transformers as transformers 4 names their tensors, in files of torch.save: a bare one and a trainer's."""
+    for name, make in (("vit", vit), ("dinov2", dinov2)):
+        torch.manual_seed(8)
+        model = randomise(make(16)).eval()
+        weights = model.state_dict()
+        assert any(".attention.attention.query." in key for key in weights), "transformers 5 is installed; this needs 4"
+        pictures = torch.randn(1, 3, 16, 16)
+        case = Case()
+        case.add("inputs", pictures=pictures)
+        case.add("outputs", tokens=model(pictures).last_hidden_state)
+        case.save(f"{name}_generation4")
+        if name == "vit":
+            torch.save(weights, HERE / "vit_generation4.pt")
+        else:
+            trained = {"epoch": 3, "state_dict": {f"model.{key}": value for key, value in weights.items()}, "lr": [0.1]}
+            torch.save(trained, HERE / "dinov2_generation4.ckpt")
+
+
+def dinov2_small() -> None:
+    """The published size, weights as they are drawn, saved by transformers itself."""
+    torch.manual_seed(9)
+    config = Dinov2Config(
+        hidden_size=384, num_hidden_layers=12, num_attention_heads=6, patch_size=14, image_size=518,
+    )
+    model = Dinov2Model(config).eval()
+    folder = Path(os.environ["SWM_DINOV2_SMALL"])
+    case = Case()
+    with torch.no_grad():
+        # Scales of branches begin at 1 and biases at 0: numbers that no default hides.
+        for name, tensor in model.named_parameters():
+            if tensor.ndim == 1:
+                tensor.add_(torch.randn_like(tensor), alpha=0.1)
+        model.save_pretrained(folder)
+        for size in (70, 224):
+            pictures = torch.randn(2, 3, size, size)
+            case.add("inputs", **{f"pictures{size}": pictures})
+            case.add("outputs", **{f"tokens{size}": model(pictures).last_hidden_state})
+    save_file(case.tensors, folder / "case.safetensors")
 
 
 WIDTH, FRAMES, ACTION = 12, 3, 4
@@ -393,7 +438,10 @@ CASES = dict(
     encoders=encoders, lewm=lewm, pldm=pldm, dino_wm=dino_wm, gcbc=gcbc, gcivl=gcivl, gciql=gciql
 )
 
+# Made when they are named only.
+OTHERS = dict(generation4=generation4, dinov2_small=dinov2_small)
+
 if __name__ == "__main__":
     torch.set_num_threads(1)
     for name in sys.argv[1:] or CASES:
-        CASES[name]()
+        (CASES | OTHERS)[name]()
