@@ -4,6 +4,7 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
@@ -20,6 +21,9 @@ pub(crate) struct Args {
     /// Where everything goes; what is there already is not made again
     #[arg(long, default_value = "proof", value_name = "DIR")]
     out: PathBuf,
+    /// A command `swm` with baselines; else one is built
+    #[arg(long, value_name = "FILE")]
+    swm: Option<PathBuf>,
 }
 
 /// One baseline: how it is trained, and the policy that it becomes.
@@ -56,8 +60,15 @@ const TRIALS: &[Trial] = &[
     Trial {
         baseline: "gcivl",
         data: &CALM,
-        train: &[POLICY, &["--steps", "500"]],
+        train: &[POLICY, &["--steps", "900"]],
         policy: "gcivl",
+        settings: "",
+    },
+    Trial {
+        baseline: "gciql",
+        data: &CALM,
+        train: &[POLICY, &["--steps", "900"]],
+        policy: "gciql",
         settings: "",
     },
 ];
@@ -131,8 +142,11 @@ const MANIFEST: &[&str] = &[
 
 /// The whole proof.
 pub(crate) fn run(args: &Args) -> Result<()> {
-    setup::for_demo()?;
-    process::run(process::cargo(["build"]).args(BUILD))?;
+    if args.swm.is_none() {
+        setup::for_demo()?;
+        process::run(process::cargo(["build"]).args(BUILD))?;
+    }
+    let swm = |words: &[&str], paths: &[(&str, &Path)]| swm(args.swm.as_deref(), words, paths);
     let out = std::path::absolute(&args.out)?;
     fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let manifest = out.join("historic.toml");
@@ -189,10 +203,17 @@ const BUILD: &[&str] = &[
     "cli,faer,baselines",
 ];
 
-/// Runs the command `swm` and returns what it says as JSON.
-fn swm(args: &[&str], paths: &[(&str, &Path)]) -> Result<Json> {
-    let mut command = process::cargo(["run", "--quiet"]);
-    command.args(BUILD).arg("--").args(args);
+/// Runs the command `swm`, that which is given or was built, and returns what it says as JSON.
+fn swm(given: Option<&Path>, args: &[&str], paths: &[(&str, &Path)]) -> Result<Json> {
+    let mut command = match given {
+        Some(file) => Command::new(file),
+        None => {
+            let mut command = process::cargo(["run", "--quiet"]);
+            command.args(BUILD).arg("--");
+            command
+        }
+    };
+    command.args(args);
     for (option, path) in paths {
         command.arg(option).arg(path);
     }

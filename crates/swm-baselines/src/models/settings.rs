@@ -1,4 +1,4 @@
-//! From a preset and changed settings to a model's own settings struct.
+//! From a preset and changed settings to a model's own settings struct; what all of them check.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -16,6 +16,17 @@ pub(crate) fn with_changes<C: Serialize + DeserializeOwned>(
     let mut settings = serde_json::to_value(preset).map_err(wrong)?;
     lay_over(&mut settings, changes);
     serde_json::from_value(settings).map_err(wrong)
+}
+
+/// What is wrong with sizes that must be at least 1, and with a share of dropout, if anything is.
+pub(crate) fn check_sizes(sizes: &[(&str, usize)], dropout: f64) -> Result<(), String> {
+    if let Some((name, _)) = sizes.iter().find(|(_, size)| *size == 0) {
+        return Err(format!("`{name}` is 0; it must be at least 1"));
+    }
+    if !(0.0..1.0).contains(&dropout) {
+        return Err(format!("`predictor.dropout` is {dropout}; it must be in [0, 1)"));
+    }
+    Ok(())
 }
 
 fn lay_over(under: &mut Json, over: &Json) {

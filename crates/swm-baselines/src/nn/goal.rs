@@ -27,6 +27,10 @@ pub struct GoalTransformerConfig {
     pub dropout: f64,
     /// How a frame becomes one vector.
     pub pool: Pool,
+    /// Whether a frame is seen as what sets it apart from the goal: the tokens of both are normalised, and the goal's
+    /// subtracted. Not the reference's: it lets a value find out in hundreds of steps which frame is the goal, where its
+    /// encoder begins with random weights.
+    pub compare: bool,
 }
 
 /// How the tokens of a frame become one vector.
@@ -41,7 +45,15 @@ pub enum Pool {
 
 impl Default for GoalTransformerConfig {
     fn default() -> Self {
-        Self { depth: 6, heads: 16, head_width: 64, hidden: 2048, dropout: 0.0, pool: Pool::Attention }
+        Self {
+            depth: 6,
+            heads: 16,
+            head_width: 64,
+            hidden: 2048,
+            dropout: 0.0,
+            pool: Pool::Attention,
+            compare: false,
+        }
     }
 }
 
@@ -92,6 +104,8 @@ struct AttentionPair {
 struct GoalTransformer {
     norm: LayerNorm,
     layers: Vec<AttentionPair>,
+    /// Where frames are compared with the goal.
+    token_norm: Option<LayerNorm>,
     #[module(skip)]
     pool: Pool,
     #[module(skip)]
@@ -174,14 +188,28 @@ impl GoalTransformer {
         Self {
             norm: LayerNorm::new(form.width, device),
             layers: (0..config.depth).map(block).collect(),
+            token_norm: config.compare.then(|| LayerNorm::plain(1e-5)),
             pool: config.pool,
             patches: form.patches,
         }
     }
 
-    /// `[B, T × P, W]` frames and `[B, P, W]` goal → `[B, T, W]`.
-    fn forward(&self, frames: Tensor<3>, goal: &Tensor<3>, pass: &mut Pass) -> Tensor<3> {
-        let mut state = frames;
+    /// `[B, T, P, W]` frames and `[B, 1, P, W]` goal, each with its table of positions → `[B, T, W]`.
+    fn forward(
+        &self,
+        [frames, goal]: [Tensor<4>; 2],
+        [positions, positions_goal]: [&Param<Tensor<3>>; 2],
+        pass: &mut Pass,
+    ) -> Tensor<3> {
+        let [frames, goal] = match &self.token_norm {
+            Some(norm) => {
+                let (frames, goal) = (norm.forward(frames), norm.forward(goal));
+                [frames.clone() - goal.clone().expand(frames.dims()), goal]
+            }
+            None => [frames, goal],
+        };
+        let mut state = placed(frames, positions);
+        let goal = placed(goal, positions_goal);
         for layer in &self.layers {
             let seen = layer.attention.forward(state.clone(), goal.clone(), pass);
             if layer.attention.looks == Looks::PerFrame {
@@ -229,9 +257,8 @@ impl GoalPredictor {
 
     /// `[B, T, P, W]` frames and `[B, 1, P, W]` goal → `[B, T, outputs]`.
     pub(crate) fn forward(&self, frames: Tensor<4>, goal: Tensor<4>, pass: &mut Pass) -> Tensor<3> {
-        let frames = placed(frames, &self.pos_embedding);
-        let goal = placed(goal, &self.pos_embedding_goal);
-        self.out_proj.forward(self.transformer.forward(frames, &goal, pass))
+        let positions = [&self.pos_embedding, &self.pos_embedding_goal];
+        self.out_proj.forward(self.transformer.forward([frames, goal], positions, pass))
     }
 }
 
@@ -287,9 +314,8 @@ impl Critic {
         goal: Tensor<4>,
         pass: &mut Pass,
     ) -> Tensor<3> {
-        let frames = placed(frames, &self.pos_embedding);
-        let goal = placed(goal, &self.pos_embedding_goal);
-        let states = self.transformer.forward(frames, &goal, pass);
+        let positions = [&self.pos_embedding, &self.pos_embedding_goal];
+        let states = self.transformer.forward([frames, goal], positions, pass);
         let QHead { first, second, third } = &self.q_head;
         let hidden = relu(first.forward(Tensor::cat(vec![states, actions], 2)));
         third.forward(relu(second.forward(hidden)))

@@ -53,9 +53,11 @@ fn files_of_transformers_4_and_of_trainers_are_understood() {
 }
 
 #[test]
-#[ignore = "needs a folder that `make_fixtures.py dinov2_small` filled, named by SWM_DINOV2_SMALL"]
 fn dinov2_small_is_hugging_faces() {
-    let folder = std::env::var_os("SWM_DINOV2_SMALL").map(PathBuf::from).expect("SWM_DINOV2_SMALL is set");
+    let Some(folder) = std::env::var_os("SWM_DINOV2_SMALL").map(PathBuf::from) else {
+        println!("skipped: SWM_DINOV2_SMALL names no folder that `make_fixtures.py dinov2_small` filled");
+        return;
+    };
     let fixture = Fixture::read(&folder.join("case.safetensors"));
     let vit = Vit::new(&VitConfig::dinov2_small(), &fixture.device);
     let vit = weights::load_network(&vit, &folder.join("model.safetensors"));

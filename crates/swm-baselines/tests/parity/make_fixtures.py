@@ -7,7 +7,7 @@ Needs torch, transformers, safetensors and stable-worldmodel 0.1.1 from their pa
     python make_fixtures.py [CASE ...]
 
 The case `generation4` needs transformers 4, whose names of tensors are others. `dinov2_small` makes an encoder of the published
-size and no fixture: it writes into the folder that SWM_DINOV2_SMALL names, where the ignored test of that name looks.
+size and no fixture: it writes into the folder that SWM_DINOV2_SMALL names, where the test of that name looks.
 
 A fixture is one safetensors file per case, its tensors in sections: `weights.`, `inputs.`, `outputs.`, `gradients.`,
 `stepped.` (weights and running statistics after one step).

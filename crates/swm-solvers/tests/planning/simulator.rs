@@ -39,8 +39,8 @@ fn costs(
     clip_actions: bool,
     plans: &[[f32; 4]],
 ) -> Vec<f64> {
-    let plans = plans.iter().map(|plan| plan.to_vec()).collect();
-    probe(entry, goal, options, clip_actions, plans).costs
+    let plans: Vec<Vec<f32>> = plans.iter().map(|plan| plan.to_vec()).collect();
+    probe(entry, goal, options, clip_actions, &plans).costs
 }
 
 /// What is heard of plans of 4 actions, from 0 with the goal at `goal`.
@@ -49,7 +49,7 @@ fn probe(
     goal: f64,
     options: SimulatorOptions,
     clip_actions: bool,
-    plans: Vec<Vec<f32>>,
+    plans: &[Vec<f32>],
 ) -> Heard {
     let (probe, heard) = Probe::new(plans.concat(), plans.len());
     let simulator = SimulatorCost::new(&entry, &EnvConfig::default(), options).expect("valid options");
@@ -104,7 +104,7 @@ fn roll_outs_go_on_past_success_if_asked_to() {
     let mean = SimulatorOptions { aggregate: Aggregate::Mean, ..on.clone() };
     assert_eq!(costs(TOY, 3.0, mean, true, &plans[2..]), [1.0, 1.0]);
     // The action after the success has a slope, which it has not where the roll-out ends before it.
-    let of = |options| probe(TOY, 3.0, options, true, vec![vec![0.99, 0.99, 0.99, 0.5]]).gradient[3];
+    let of = |options| probe(TOY, 3.0, options, true, &[vec![0.99, 0.99, 0.99, 0.5]]).gradient[3];
     assert!((of(on) - 1.0).abs() < 1e-3);
     assert_eq!(of(SimulatorOptions::default()), 0.0);
 }
@@ -141,7 +141,7 @@ fn environments_that_cannot_be_planned_for_are_refused() {
 fn gradients_are_those_of_the_simulation() {
     let of = |aggregate, plan: [f32; 4]| {
         let options = SimulatorOptions { aggregate, ..SimulatorOptions::default() };
-        probe(TOY, 3.0, options, true, vec![plan.to_vec(), vec![0.3; 4]]).gradient
+        probe(TOY, 3.0, options, true, &[plan.to_vec(), vec![0.3; 4]]).gradient
     };
     let assert_near = |found: &[f32], expected: [f32; 4]| {
         for (found, expected) in found.iter().zip(expected) {
@@ -166,7 +166,7 @@ fn gradients_are_those_of_the_simulation() {
 fn integers_have_the_differences_to_other_categories() {
     // Left, stay, right; the goal is 3 to the right.
     let plan = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.2, 0.5, 0.3]].concat();
-    let seen = probe(DISCRETE_TOY, 3.0, SimulatorOptions::default(), true, vec![plan]);
+    let seen = probe(DISCRETE_TOY, 3.0, SimulatorOptions::default(), true, &[plan]);
     assert_eq!(seen.costs, [3.0]);
     assert_eq!(seen.gradient, [0.0, -1.0, -2.0, 1.0, 0.0, -1.0, 2.0, 1.0, 0.0, 1.0, 0.0, -1.0]);
 }

@@ -15,6 +15,7 @@ use crate::error::BaselineError;
 use crate::losses::{Terms, mean_squared_error};
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::goal::beside;
+use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
 use crate::nn::{FramePredictor, PredictorConfig, StateEmbedder, TokenForm, VitConfig};
 use crate::optim::{OptimConfig, Schedule};
@@ -90,12 +91,7 @@ impl DinoWmConfig {
             ("predictor.heads", self.predictor.heads),
             ("predictor.head_width", self.predictor.head_width),
         ];
-        if let Some((name, _)) = positive.iter().find(|(_, value)| *value == 0) {
-            return Err(format!("`{name}` is 0; it must be at least 1"));
-        }
-        if !(0.0..1.0).contains(&self.predictor.dropout) {
-            return Err(format!("`predictor.dropout` is {}; it must be in [0, 1)", self.predictor.dropout));
-        }
+        check_sizes(&positive, self.predictor.dropout)?;
         if self.proprio > 0 && facts.proprio_width == 0 {
             return Err("`proprio` is on and the data has none; set it to 0".to_owned());
         }

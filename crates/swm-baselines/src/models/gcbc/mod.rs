@@ -96,11 +96,6 @@ impl Network for Gcbc {
     }
 
     fn policy(&self) -> Option<Box<dyn GoalPolicy>> {
-        Some(Box::new(ActingPolicy {
-            observer: self.observer.clone(),
-            actor: self.action_predictor.clone(),
-            form: self.form,
-            history: self.history,
-        }))
+        ActingPolicy::of(&self.observer, &self.action_predictor, self.form, self.history)
     }
 }

@@ -11,7 +11,7 @@ use crate::data::{Facts, Form, Inputs};
 use crate::error::BaselineError;
 use crate::losses::{Terms, expectile, mean_squared_error};
 use crate::models::gcivl::{ValueConfig, value_optim};
-use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Seen, weighted_regression};
+use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Transition};
 use crate::network::{Network, Parts};
 use crate::nn::{Critic, GoalPredictor, Pool, parameter};
 use crate::optim::OptimConfig;
@@ -45,9 +45,11 @@ impl GciqlConfig {
         }
     }
 
-    /// Settings for a processor.
+    /// Settings for a processor, as GCIVL's.
     pub fn small() -> Self {
-        Self { model: GoalConfig::small(), ..Self::paper() }
+        let paper = Self::paper();
+        let value = ValueConfig { momentum: 0.95, ..paper.value };
+        Self { model: GoalConfig::small_with_value(), value, ..paper }
     }
 }
 
@@ -112,39 +114,31 @@ pub(crate) fn make(
 
 impl Network for Gciql {
     fn loss(&self, phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
-        let Seen { frames, goal } = self.observer.see(inputs)?;
-        let (now, next) = (frames.clone().narrow(1, 0, self.history), frames.narrow(1, 1, self.history));
-        let actions = inputs.action.clone().narrow(1, 0, self.history);
-        if phase == 0 {
-            let value = self.value.forward(now.clone(), goal.clone(), pass);
-            let worth =
-                self.critic_teacher.forward(now.clone(), actions.clone(), goal.clone(), pass).detach();
-            let value_error = expectile(value.clone(), worth, self.config.expectile);
-            let critic = self.critic.forward(now, actions, goal.clone(), pass);
-            let next = self.value_teacher.forward(next, goal, pass).detach();
-            let goes_on = inputs.is_goal.clone().narrow(1, 0, self.history) * -1.0 + 1.0;
-            let critic_error = mean_squared_error(critic, goes_on * (next * self.config.discount - 1.0));
-            return Ok(Terms {
-                total: value_error.clone() + critic_error.clone(),
-                parts: vec![
-                    ("value_error", value_error),
-                    ("critic_error", critic_error),
-                    ("value", value.mean()),
-                ],
-            });
+        let seen = Transition::see(&self.observer, inputs, self.history)?;
+        let ValueConfig { discount, expectile: share, alpha, .. } = self.config;
+        if phase > 0 {
+            let (actor, log_stds) = (&self.action_predictor, &self.log_stds);
+            return Ok(seen.weighted_regression(&self.value, actor, log_stds, alpha, pass));
         }
-        let advantage = self.value.forward(next, goal.clone(), pass)
-            - self.value.forward(now.clone(), goal.clone(), pass);
-        let means = self.action_predictor.forward(now, goal, pass);
-        Ok(weighted_regression(means, &self.log_stds, actions, advantage, self.config.alpha))
+        let Transition { now, goal, actions, .. } = &seen;
+        let value = self.value.forward(now.clone(), goal.clone(), pass);
+        let critic = |critic: &Critic, pass: &mut Pass| {
+            critic.forward(now.clone(), actions.clone(), goal.clone(), pass)
+        };
+        let value_error = expectile(value.clone(), critic(&self.critic_teacher, pass).detach(), share);
+        let target = seen.target(&self.value_teacher, discount, pass);
+        let critic_error = mean_squared_error(critic(&self.critic, pass), target);
+        Ok(Terms {
+            total: value_error.clone() + critic_error.clone(),
+            parts: vec![
+                ("value_error", value_error),
+                ("critic_error", critic_error),
+                ("value", value.mean()),
+            ],
+        })
     }
 
     fn policy(&self) -> Option<Box<dyn GoalPolicy>> {
-        Some(Box::new(ActingPolicy {
-            observer: self.observer.clone(),
-            actor: self.action_predictor.clone(),
-            form: self.form,
-            history: self.history,
-        }))
+        ActingPolicy::of(&self.observer, &self.action_predictor, self.form, self.history)
     }
 }

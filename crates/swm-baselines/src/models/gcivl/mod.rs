@@ -10,7 +10,7 @@ use crate::baseline::{GoalPolicy, Phase};
 use crate::data::{Facts, Form, Inputs};
 use crate::error::BaselineError;
 use crate::losses::{Terms, expectile};
-use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Seen, weighted_regression};
+use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Transition};
 use crate::network::{Network, Parts};
 use crate::nn::{GoalPredictor, parameter};
 use crate::optim::{OptimConfig, Schedule};
@@ -63,9 +63,11 @@ impl GcivlConfig {
         Self { model: GoalConfig::paper(), optim: value_optim(), value: ValueConfig::default() }
     }
 
-    /// Settings for a processor.
+    /// Settings for a processor. The teacher follows fast: a goal that is n decisions away is heard of after n times as many
+    /// steps as it lags behind.
     pub fn small() -> Self {
-        Self { model: GoalConfig::small(), ..Self::paper() }
+        let value = ValueConfig { momentum: 0.95, ..ValueConfig::default() };
+        Self { model: GoalConfig::small_with_value(), value, ..Self::paper() }
     }
 }
 
@@ -121,32 +123,18 @@ pub(crate) fn make(
 
 impl Network for Gcivl {
     fn loss(&self, phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
-        let Seen { frames, goal } = self.observer.see(inputs)?;
-        let (now, next) = (frames.clone().narrow(1, 0, self.history), frames.narrow(1, 1, self.history));
-        if phase == 0 {
-            let value = self.value.forward(now, goal.clone(), pass);
-            let next = self.teacher.forward(next, goal, pass).detach();
-            let goes_on = inputs.is_goal.clone().narrow(1, 0, self.history) * -1.0 + 1.0;
-            let target = goes_on * (next * self.config.discount - 1.0);
-            let loss = expectile(value.clone(), target, self.config.expectile);
-            return Ok(Terms {
-                total: loss.clone(),
-                parts: vec![("value_error", loss), ("value", value.mean())],
-            });
+        let seen = Transition::see(&self.observer, inputs, self.history)?;
+        let ValueConfig { discount, expectile: share, alpha, .. } = self.config;
+        if phase > 0 {
+            let (actor, log_stds) = (&self.action_predictor, &self.log_stds);
+            return Ok(seen.weighted_regression(&self.value, actor, log_stds, alpha, pass));
         }
-        let advantage = self.value.forward(next, goal.clone(), pass)
-            - self.value.forward(now.clone(), goal.clone(), pass);
-        let means = self.action_predictor.forward(now, goal, pass);
-        let actions = inputs.action.clone().narrow(1, 0, self.history);
-        Ok(weighted_regression(means, &self.log_stds, actions, advantage, self.config.alpha))
+        let value = self.value.forward(seen.now.clone(), seen.goal.clone(), pass);
+        let loss = expectile(value.clone(), seen.target(&self.teacher, discount, pass), share);
+        Ok(Terms { total: loss.clone(), parts: vec![("value_error", loss), ("value", value.mean())] })
     }
 
     fn policy(&self) -> Option<Box<dyn GoalPolicy>> {
-        Some(Box::new(ActingPolicy {
-            observer: self.observer.clone(),
-            actor: self.action_predictor.clone(),
-            form: self.form,
-            history: self.history,
-        }))
+        ActingPolicy::of(&self.observer, &self.action_predictor, self.form, self.history)
     }
 }

@@ -1,8 +1,9 @@
 //! What the goal-conditioned policies share: how they see, how they act, and how a policy is drawn from a value.
 
 mod policy;
+mod transition;
 
-use burn::module::{Module, Param};
+use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 use swm_data::loader::GoalWeights;
@@ -10,12 +11,13 @@ use swm_data::loader::GoalWeights;
 use crate::baseline::{Needs, Phase, PhaseGoals};
 use crate::data::{Facts, Form, Inputs};
 use crate::error::BaselineError;
-use crate::losses::Terms;
 use crate::models::encoder::{Encoder, EncoderConfig};
+use crate::models::settings::check_sizes;
 use crate::nn::{CnnConfig, GoalTransformerConfig, Pool, StateEmbedder, TokenForm, VitConfig};
 use crate::optim::OptimConfig;
 
 pub(crate) use policy::ActingPolicy;
+pub(crate) use transition::Transition;
 
 /// How they see and how large they are.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -68,11 +70,18 @@ impl GoalConfig {
                 hidden: 256,
                 dropout: 0.0,
                 pool: Pool::Mean,
+                compare: false,
             },
             history: 1,
             frameskip: 5,
             batch: 64,
         }
+    }
+
+    /// As [`Self::small`], for learners of values.
+    pub fn small_with_value() -> Self {
+        let small = Self::small();
+        Self { predictor: GoalTransformerConfig { compare: true, ..small.predictor }, ..small }
     }
 
     fn check(&self) -> Result<(), String> {
@@ -84,12 +93,7 @@ impl GoalConfig {
             ("predictor.heads", self.predictor.heads),
             ("predictor.head_width", self.predictor.head_width),
         ];
-        if let Some((name, _)) = positive.iter().find(|(_, value)| *value == 0) {
-            return Err(format!("`{name}` is 0; it must be at least 1"));
-        }
-        if !(0.0..1.0).contains(&self.predictor.dropout) {
-            return Err(format!("`predictor.dropout` is {}; it must be in [0, 1)", self.predictor.dropout));
-        }
+        check_sizes(&positive, self.predictor.dropout)?;
         self.encoder.check(self.image)
     }
 
@@ -197,29 +201,4 @@ pub(crate) fn beside(tokens: Tensor<4>, state: Tensor<3>) -> Tensor<4> {
     let width = state.dims()[2];
     let tiled = state.unsqueeze_dim::<4>(2).expand([batch, frames, patches, width]);
     Tensor::cat(vec![tokens, tiled], 3)
-}
-
-/// Bounds of the logarithms of a policy's deviations.
-const LOG_STDS: [f32; 2] = [-5.0, 2.0];
-/// The most that an action may count for.
-const MOST: f32 = 100.0;
-
-/// Advantage-weighted regression: the negative log-likelihood of the actions taken, `[B, T, A]`, each counting exp(alpha ×
-/// advantage), `[B, T, 1]`, up to 100.
-pub(crate) fn weighted_regression(
-    means: Tensor<3>,
-    log_stds: &Param<Tensor<1>>,
-    actions: Tensor<3>,
-    advantage: Tensor<3>,
-    alpha: f64,
-) -> Terms {
-    let worth = (advantage.detach() * alpha).exp().clamp_max(MOST);
-    let log_stds: Tensor<3> = log_stds.val().clamp(LOG_STDS[0], LOG_STDS[1]).unsqueeze();
-    let variance = (log_stds.clone() * 2.0).exp();
-    let error = (actions - means).square();
-    let unlikely = log_stds + error.clone() / variance * 0.5;
-    Terms {
-        total: (unlikely * worth.clone()).mean(),
-        parts: vec![("action_error", error.mean()), ("worth", worth.mean())],
-    }
 }

@@ -13,10 +13,22 @@ use crate::pass::Pass;
 
 /// A copy of what acts.
 pub(crate) struct ActingPolicy {
-    pub(crate) observer: Observer,
-    pub(crate) actor: GoalPredictor,
-    pub(crate) form: Form,
-    pub(crate) history: usize,
+    observer: Observer,
+    actor: GoalPredictor,
+    form: Form,
+    history: usize,
+}
+
+impl ActingPolicy {
+    /// Of a trained network, which stays as it is.
+    pub(crate) fn of(
+        observer: &Observer,
+        actor: &GoalPredictor,
+        form: Form,
+        history: usize,
+    ) -> Option<Box<dyn GoalPolicy>> {
+        Some(Box::new(Self { observer: observer.clone(), actor: actor.clone(), form, history }))
+    }
 }
 
 impl GoalPolicy for ActingPolicy {

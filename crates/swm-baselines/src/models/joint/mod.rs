@@ -11,6 +11,7 @@ use crate::baseline::Needs;
 use crate::data::{Facts, Form, Inputs};
 use crate::error::BaselineError;
 use crate::models::encoder::{Encoder, EncoderConfig};
+use crate::models::settings::check_sizes;
 use crate::nn::{ActionEmbedder, CnnConfig, Mlp, Predictor, PredictorConfig, VitConfig};
 use crate::pass::Pass;
 
@@ -81,12 +82,7 @@ impl JointConfig {
             ("predictor.heads", self.predictor.heads),
             ("predictor.head_width", self.predictor.head_width),
         ];
-        if let Some((name, _)) = positive.iter().find(|(_, value)| *value == 0) {
-            return Err(format!("`{name}` is 0; it must be at least 1"));
-        }
-        if !(0.0..1.0).contains(&self.predictor.dropout) {
-            return Err(format!("`predictor.dropout` is {}; it must be in [0, 1)", self.predictor.dropout));
-        }
+        check_sizes(&positive, self.predictor.dropout)?;
         self.encoder.check(self.image)
     }
 

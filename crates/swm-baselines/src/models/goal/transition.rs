@@ -1,0 +1,75 @@
+//! A step towards a goal, as value learners see it: what a value should be, and how a policy is drawn from one.
+
+use burn::module::Param;
+use burn::tensor::Tensor;
+
+use super::{Observer, Seen};
+use crate::data::Inputs;
+use crate::error::BaselineError;
+use crate::losses::Terms;
+use crate::nn::GoalPredictor;
+use crate::pass::Pass;
+
+/// Bounds of the logarithms of a policy's deviations.
+const LOG_STDS: [f32; 2] = [-5.0, 2.0];
+/// The most that an action may count for.
+const MOST: f32 = 100.0;
+
+/// What was seen before and after the actions of a batch.
+pub(crate) struct Transition {
+    /// `[B, T, P, W]`.
+    pub(crate) now: Tensor<4>,
+    /// `[B, T, P, W]`.
+    pub(crate) next: Tensor<4>,
+    /// `[B, 1, P, W]`.
+    pub(crate) goal: Tensor<4>,
+    /// `[B, T, F × A]`.
+    pub(crate) actions: Tensor<3>,
+    /// `[B, T, 1]`: 0 where an observation is the goal, 1 elsewhere.
+    goes_on: Tensor<3>,
+}
+
+impl Transition {
+    /// Of the first `history` rows of clips that have one more.
+    pub(crate) fn see(observer: &Observer, inputs: &Inputs, history: usize) -> Result<Self, BaselineError> {
+        let Seen { frames, goal } = observer.see(inputs)?;
+        Ok(Self {
+            now: frames.clone().narrow(1, 0, history),
+            next: frames.narrow(1, 1, history),
+            goal,
+            actions: inputs.action.clone().narrow(1, 0, history),
+            goes_on: inputs.is_goal.clone().narrow(1, 0, history) * -1.0 + 1.0,
+        })
+    }
+
+    /// What is to be said of the present where `teacher` says this of the next observation: a reward of −1 and the
+    /// discounted rest, up to the goal.
+    pub(crate) fn target(&self, teacher: &GoalPredictor, discount: f64, pass: &mut Pass) -> Tensor<3> {
+        let next = teacher.forward(self.next.clone(), self.goal.clone(), pass).detach();
+        self.goes_on.clone() * (next * discount - 1.0)
+    }
+
+    /// Advantage-weighted regression: the negative log-likelihood of the actions taken, each counting
+    /// exp(alpha × what it raised `value` by), up to 100.
+    pub(crate) fn weighted_regression(
+        self,
+        value: &GoalPredictor,
+        actor: &GoalPredictor,
+        log_stds: &Param<Tensor<1>>,
+        alpha: f64,
+        pass: &mut Pass,
+    ) -> Terms {
+        let Self { now, next, goal, actions, .. } = self;
+        let advantage =
+            value.forward(next, goal.clone(), pass) - value.forward(now.clone(), goal.clone(), pass);
+        let worth = (advantage.detach() * alpha).exp().clamp_max(MOST);
+        let log_stds: Tensor<3> = log_stds.val().clamp(LOG_STDS[0], LOG_STDS[1]).unsqueeze();
+        let variance = (log_stds.clone() * 2.0).exp();
+        let error = (actions - actor.forward(now, goal, pass)).square();
+        let unlikely = log_stds + error.clone() / variance * 0.5;
+        Terms {
+            total: (unlikely * worth.clone()).mean(),
+            parts: vec![("action_error", error.mean()), ("worth", worth.mean())],
+        }
+    }
+}
