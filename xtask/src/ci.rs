@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
 use crate::metadata::Metadata;
-use crate::{apart, book, demo, deny, interop, plugin, process, setup, test, tidy};
+use crate::{apart, book, demo, deny, interop, plugin, process, release, setup, test, tidy};
 
 /// Options of `cargo xtask ci`.
 #[derive(clap::Args)]
@@ -72,6 +72,7 @@ const STEPS: &[Step] = &[
     },
     Step { name: "baselines", about: "the crate of the baselines, which is built apart", run: baselines },
     Step { name: "lance", about: "the crate of the formats on Lance, which is built apart", run: lance },
+    Step { name: "release", about: "a rehearsal of a release, from packages to checksums", run: release::rehearse },
     Step { name: "alone", about: "each crate builds alone, without default features", run: alone },
 ];
 

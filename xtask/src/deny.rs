@@ -24,6 +24,13 @@ pub(crate) struct Args {
     built_in: bool,
 }
 
+impl Args {
+    /// With published vulnerabilities, or without.
+    pub(crate) fn with_advisories(advisories: bool) -> Self {
+        Self { advisories, built_in: false }
+    }
+}
+
 /// Checks every dependency; an error names each that offends the policy.
 pub(crate) fn run(args: &Args) -> Result<()> {
     if !args.built_in && process::has_cargo_command("deny") {

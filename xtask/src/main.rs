@@ -5,6 +5,7 @@
 mod apart;
 mod bindgen;
 mod book;
+mod cargo_tree;
 mod ci;
 mod datasets;
 mod demo;
@@ -19,6 +20,7 @@ mod plugin;
 mod process;
 mod proof;
 mod python;
+mod release;
 mod setup;
 mod test;
 mod tidy;
@@ -71,6 +73,8 @@ enum Command {
     Book(book::Args),
     /// Test crates outside of the workspace: a plugin, and one made from the template
     Plugin(plugin::Args),
+    /// Rehearse a release: packages, archives, bill of materials, checksums; `--execute` tags and publishes
+    Release(release::Args),
     /// Check the rules of the architecture and of the sources
     Tidy(tidy::Args),
     /// Check the licences and origins of all dependencies against deny.toml
@@ -91,6 +95,7 @@ fn main() -> ExitCode {
         Command::Datasets(args) => datasets::run(&args),
         Command::Book(args) => book::run(&args),
         Command::Plugin(args) => plugin::run(&args),
+        Command::Release(args) => release::run(&args),
         Command::Tidy(args) => tidy::run(&args),
         Command::Deny(args) => deny::run(&args),
     };

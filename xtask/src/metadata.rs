@@ -32,6 +32,18 @@ pub(crate) struct Package {
     pub license: Option<String>,
     /// Where it comes from; none for a local path.
     pub source: Option<String>,
+    /// Its Cargo.toml.
+    pub manifest_path: PathBuf,
+    pub repository: Option<String>,
+    pub readme: Option<PathBuf>,
+    pub keywords: Vec<String>,
+    pub categories: Vec<String>,
+    /// The oldest compiler that it promises to work with.
+    pub rust_version: Option<String>,
+    /// Where it may be published: none for everywhere, an empty list for nowhere.
+    pub publish: Option<Vec<String>>,
+    /// Its features, each with what it turns on.
+    pub features: BTreeMap<String, Vec<String>>,
     /// Dependencies as the manifest declares them, optional and development ones included.
     pub dependencies: Vec<Dependency>,
     /// What it builds.
@@ -48,6 +60,10 @@ pub(crate) struct Target {
 #[derive(Debug, Default, Deserialize)]
 pub(crate) struct Dependency {
     pub name: String,
+    /// The versions that will do; `*` for any.
+    pub req: String,
+    /// The folder, for one of this workspace.
+    pub path: Option<PathBuf>,
 }
 
 /// The resolved graph.
@@ -79,6 +95,11 @@ pub(crate) struct EdgeKind {
 impl Package {
     pub(crate) fn has_library(&self) -> bool {
         self.targets.iter().flat_map(|target| &target.kind).any(|kind| kind == "lib")
+    }
+
+    /// Whether it may go to a registry.
+    pub(crate) fn is_published(&self) -> bool {
+        self.publish.as_ref().is_none_or(|registries| !registries.is_empty())
     }
 }
 
@@ -143,9 +164,9 @@ pub(crate) fn fixture(text: &str) -> Metadata {
             source: (!is_member).then(|| "registry+https://github.com/rust-lang/crates.io-index".into()),
             dependencies: dependencies
                 .iter()
-                .map(|name| Dependency { name: name.trim_start_matches('~').into() })
+                .map(|name| Dependency { name: name.trim_start_matches('~').into(), ..Dependency::default() })
                 .collect(),
-            targets: Vec::new(),
+            ..Package::default()
         });
         let edge = |name: &&str| Edge {
             pkg: name.trim_start_matches('~').into(),
