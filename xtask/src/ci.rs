@@ -7,8 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
-use crate::metadata::Metadata;
-use crate::{apart, book, demo, deny, interop, plugin, process, release, setup, test, tidy};
+use crate::{apart, book, demo, deny, interop, plugin, process, release, setup, sizes, test, tidy};
 
 /// Options of `cargo xtask ci`.
 #[derive(clap::Args)]
@@ -73,7 +72,7 @@ const STEPS: &[Step] = &[
     Step { name: "baselines", about: "the crate of the baselines, which is built apart", run: baselines },
     Step { name: "lance", about: "the crate of the formats on Lance, which is built apart", run: lance },
     Step { name: "release", about: "a rehearsal of a release, from packages to checksums", run: release::rehearse },
-    Step { name: "alone", about: "each crate builds alone, without default features", run: alone },
+    Step { name: "alone", about: "each crate builds alone, with each of its features, and pulls in what docs/sizes.md says", run: sizes::check_each_alone },
 ];
 
 /// The demonstration, its report in a folder that git ignores.
@@ -173,20 +172,6 @@ fn lance() -> Result<()> {
     environment.push(("SWM_LANCE_PYTHON", interop::python(&interop::LANCE)?));
     apart::check("swm-data-lance", &environment)?;
     process::run(process::cargo(["check", "--package", "swm", "--features", "lance"]).envs(environment))
-}
-
-fn alone() -> Result<()> {
-    let metadata = Metadata::load()?;
-    for member in metadata.members().filter(|member| !apart::APART.contains(&member.name.as_str())) {
-        process::run(&mut process::cargo([
-            "check",
-            "--quiet",
-            "--no-default-features",
-            "--package",
-            &member.name,
-        ]))?;
-    }
-    Ok(())
 }
 
 #[cfg(test)]

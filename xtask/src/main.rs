@@ -22,6 +22,7 @@ mod proof;
 mod python;
 mod release;
 mod setup;
+mod sizes;
 mod test;
 mod tidy;
 
@@ -73,6 +74,8 @@ enum Command {
     Book(book::Args),
     /// Test crates outside of the workspace: a plugin, and one made from the template
     Plugin(plugin::Args),
+    /// Write the table of docs/sizes.md: what depending on one crate costs
+    Sizes(sizes::Args),
     /// Rehearse a release: packages, archives, bill of materials, checksums; `--execute` tags and publishes
     Release(release::Args),
     /// Check the rules of the architecture and of the sources
@@ -95,6 +98,7 @@ fn main() -> ExitCode {
         Command::Datasets(args) => datasets::run(&args),
         Command::Book(args) => book::run(&args),
         Command::Plugin(args) => plugin::run(&args),
+        Command::Sizes(args) => sizes::run(&args),
         Command::Release(args) => release::run(&args),
         Command::Tidy(args) => tidy::run(&args),
         Command::Deny(args) => deny::run(&args),

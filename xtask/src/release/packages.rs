@@ -69,7 +69,7 @@ pub(super) struct Packaged {
 impl Packaged {
     /// Packages the crates and unpacks them. A dry run takes files that are not committed, too.
     pub(super) fn make(metadata: &Metadata, version: &str, is_dry: bool) -> Result<Self> {
-        let mut command = process::cargo(["package", "--quiet", "--no-verify", "--locked"]);
+        let mut command = process::cargo(["package", "--quiet", "--no-verify", "--locked", "--offline"]);
         if is_dry {
             command.arg("--allow-dirty");
         }
