@@ -128,8 +128,7 @@ mod tests {
             default_features: false,
             features: features.iter().map(ToString::to_string).collect(),
         };
-        let has_wide =
-            |build: Build| build.tree().unwrap().dependencies().any(|unit| unit.name == "wide");
+        let has_wide = |build: Build| build.tree().unwrap().dependencies().any(|unit| unit.name == "wide");
         assert!(!has_wide(build(&[])));
         assert!(has_wide(build(&["scene"])));
     }

@@ -71,8 +71,16 @@ const STEPS: &[Step] = &[
     },
     Step { name: "baselines", about: "the crate of the baselines, which is built apart", run: baselines },
     Step { name: "lance", about: "the crate of the formats on Lance, which is built apart", run: lance },
-    Step { name: "release", about: "a rehearsal of a release, from packages to checksums", run: release::rehearse },
-    Step { name: "alone", about: "each crate builds alone, with each of its features, and pulls in what docs/sizes.md says", run: sizes::check_each_alone },
+    Step {
+        name: "release",
+        about: "a rehearsal of a release, from packages to checksums",
+        run: release::rehearse,
+    },
+    Step {
+        name: "alone",
+        about: "each crate builds alone, with each of its features, and pulls in what docs/sizes.md says",
+        run: sizes::check_each_alone,
+    },
 ];
 
 /// The demonstration, its report in a folder that git ignores.

@@ -42,13 +42,18 @@ fn find(changelog: &str, version: &str) -> Result<Section> {
     };
     if let Some((rest, text)) = body(&format!("## [{version}]")) {
         let date = rest.strip_prefix("- ").unwrap_or_default().to_owned();
-        ensure!(is_date(&date), "CHANGELOG.md: write `## [{version}] - YYYY-MM-DD`, not `## [{version}] {rest}`");
+        ensure!(
+            is_date(&date),
+            "CHANGELOG.md: write `## [{version}] - YYYY-MM-DD`, not `## [{version}] {rest}`"
+        );
         ensure!(!text.is_empty(), "CHANGELOG.md: the section of {version} is empty");
         return Ok(Section::Dated { date, text });
     }
     match body("## [Unreleased]") {
         Some((_, text)) if !text.is_empty() => Ok(Section::Unreleased),
-        _ => bail!("CHANGELOG.md has neither a section `## [{version}] - DATE` nor anything below `## [Unreleased]`"),
+        _ => bail!(
+            "CHANGELOG.md has neither a section `## [{version}] - DATE` nor anything below `## [Unreleased]`"
+        ),
     }
 }
 
@@ -102,7 +107,9 @@ mod tests {
 
     #[test]
     fn undated_empty_and_missing_sections_are_told() {
-        assert!(find(&LOG.replace(" - 2026-11-22", ""), "0.1.0").unwrap_err().to_string().contains("YYYY-MM-DD"));
+        assert!(
+            find(&LOG.replace(" - 2026-11-22", ""), "0.1.0").unwrap_err().to_string().contains("YYYY-MM-DD")
+        );
         assert!(find(&LOG.replace("2026-11-22", "2026-13-22"), "0.1.0").is_err());
         assert!(find(&LOG.replace("- old", ""), "0.1.0").unwrap_err().to_string().contains("is empty"));
         assert!(find(&LOG.replace("- new", ""), "0.2.0").unwrap_err().to_string().contains("neither"));
@@ -118,7 +125,9 @@ mod tests {
 
     #[test]
     fn days_become_dates() {
-        for (days, text) in [(0, "1970-01-01"), (11_016, "2000-02-29"), (19_723, "2024-01-01"), (20_779, "2026-11-22")] {
+        for (days, text) in
+            [(0, "1970-01-01"), (11_016, "2000-02-29"), (19_723, "2024-01-01"), (20_779, "2026-11-22")]
+        {
             assert_eq!(date(days), text);
         }
     }

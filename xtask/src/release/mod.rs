@@ -133,9 +133,10 @@ fn one_version(release: &Release) -> Result<String> {
 fn dated_section(release: &Release) -> Result<String> {
     match changelog::section(&release.version)? {
         Section::Dated { date, text } => Ok(format!("{date}, {} lines", text.lines().count())),
-        Section::Unreleased if release.is_dry => {
-            Ok(format!("{0} has no section yet: `--bump {0}` makes one of what is unreleased", release.version))
-        }
+        Section::Unreleased if release.is_dry => Ok(format!(
+            "{0} has no section yet: `--bump {0}` makes one of what is unreleased",
+            release.version
+        )),
         Section::Unreleased => bail!("{0} has no section: `cargo xtask release --bump {0}`", release.version),
     }
 }
@@ -160,8 +161,12 @@ fn manifests(release: &Release) -> Result<String> {
 /// Known vulnerabilities stand in a database on the network, which only a real release asks.
 fn licences(release: &Release) -> Result<String> {
     deny::run(&deny::Args::with_advisories(!release.is_dry))?;
-    Ok(if release.is_dry { "allowed; advisories are asked for by --execute alone" } else { "allowed, and no advisories" }
-        .into())
+    Ok(if release.is_dry {
+        "allowed; advisories are asked for by --execute alone"
+    } else {
+        "allowed, and no advisories"
+    }
+    .into())
 }
 
 fn semver(release: &Release) -> Result<String> {
@@ -192,7 +197,12 @@ fn packaged_files(release: &Release) -> Result<String> {
 /// What git has, and nothing else.
 fn source_archive(release: &Release) -> Result<String> {
     let root = format!("stable-worldmodel-rs-{}", release.version);
-    let tar = process::output(&mut publish::git(&["archive", "--format=tar", &format!("--prefix={root}/"), "HEAD"]))?;
+    let tar = process::output(&mut publish::git(&[
+        "archive",
+        "--format=tar",
+        &format!("--prefix={root}/"),
+        "HEAD",
+    ]))?;
     release.write(&format!("{root}.tar.gz"), &archives::gzip(&tar, Compression::best())?)
 }
 

@@ -86,9 +86,12 @@ mod tests {
         let path = folder.path();
         fs::create_dir_all(path.join("ext/lib")).unwrap();
         fs::create_dir_all(path.join("tests")).unwrap();
-        for (file, text) in
-            [("LICENSE-MIT", "mit"), ("ext/lib/copying.txt", "bsd"), ("tests/LICENSE", "no"), ("license.rs", "no")]
-        {
+        for (file, text) in [
+            ("LICENSE-MIT", "mit"),
+            ("ext/lib/copying.txt", "bsd"),
+            ("tests/LICENSE", "no"),
+            ("license.rs", "no"),
+        ] {
             fs::write(path.join(file), text).unwrap();
         }
         assert_eq!(texts(path, DEPTH).unwrap(), ["mit", "bsd"]);

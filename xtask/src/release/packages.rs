@@ -23,9 +23,13 @@ pub(super) fn order(metadata: &Metadata) -> Result<Vec<&Package>> {
     let mut order: Vec<&Package> = Vec::new();
     while !waiting.is_empty() {
         // A registry wants to know what tests depend on, too.
-        let is_ready = |package: &Package| !package.dependencies.iter().any(|on| waiting.contains_key(&*on.name));
+        let is_ready =
+            |package: &Package| !package.dependencies.iter().any(|on| waiting.contains_key(&*on.name));
         let Some(next) = waiting.values().copied().find(|package| is_ready(package)) else {
-            bail!("these crates depend on each other in a circle: {}", waiting.into_keys().collect::<Vec<_>>().join(", "));
+            bail!(
+                "these crates depend on each other in a circle: {}",
+                waiting.into_keys().collect::<Vec<_>>().join(", ")
+            );
         };
         waiting.remove(next.name.as_str());
         order.push(next);
@@ -49,7 +53,10 @@ pub(super) fn faults(package: &Package, version: &str) -> Vec<String> {
     wants(has(&package.rust_version), "its Cargo.toml has no `rust-version`");
     wants(package.readme.is_some(), "it has no README.md");
     wants((1..=5).contains(&package.keywords.len()), "its Cargo.toml has no `keywords`, or more than five");
-    wants((1..=5).contains(&package.categories.len()), "its Cargo.toml has no `categories`, or more than five");
+    wants(
+        (1..=5).contains(&package.categories.len()),
+        "its Cargo.toml has no `categories`, or more than five",
+    );
     for dependency in &package.dependencies {
         let is_pinned = dependency.path.is_none() || dependency.req.contains(version);
         wants(is_pinned, &format!("it depends on {} without its version, {version}", dependency.name));
@@ -194,9 +201,11 @@ mod tests {
 
     #[test]
     fn crates_come_after_what_they_depend_on_and_private_ones_not_at_all() {
-        let mut metadata = fixture("swm: swm-data swm-core\nswm-data: ~swm-core png\nswm-core:\ntests: swm\n-png:");
+        let mut metadata =
+            fixture("swm: swm-data swm-core\nswm-data: ~swm-core png\nswm-core:\ntests: swm\n-png:");
         metadata.packages[3].publish = Some(Vec::new());
-        let names: Vec<&str> = order(&metadata).unwrap().iter().map(|package| package.name.as_str()).collect();
+        let names: Vec<&str> =
+            order(&metadata).unwrap().iter().map(|package| package.name.as_str()).collect();
         assert_eq!(names, ["swm-core", "swm-data", "swm"]);
         let circle = order(&fixture("a: b\nb: a")).unwrap_err().to_string();
         assert!(circle.ends_with("a, b"), "{circle}");
@@ -212,8 +221,11 @@ mod tests {
         package.readme = Some("README.md".into());
         package.keywords = vec!["one".into()];
         package.categories = vec!["science".into()];
-        package.dependencies =
-            vec![Dependency { name: "swm-core".into(), req: "^0.1.0".into(), path: Some("../swm-core".into()) }];
+        package.dependencies = vec![Dependency {
+            name: "swm-core".into(),
+            req: "^0.1.0".into(),
+            path: Some("../swm-core".into()),
+        }];
         assert_eq!(faults(package, "0.1.0"), [""; 0]);
         package.dependencies[0].req = "*".into();
         package.readme = None;

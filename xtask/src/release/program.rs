@@ -127,9 +127,7 @@ fn build(release: &Release) -> Result<std::path::PathBuf> {
 /// Fails where a part of the archive is missing or does not name the program.
 fn check(entries: &[Entry]) -> Result<()> {
     let holds = |path: &str, what: &str| {
-        entries.iter().any(|entry| {
-            entry.path == path && String::from_utf8_lossy(&entry.bytes).contains(what)
-        })
+        entries.iter().any(|entry| entry.path == path && String::from_utf8_lossy(&entry.bytes).contains(what))
     };
     for (path, what) in [
         ("share/man/man1/swm.1", "swm"),

@@ -15,14 +15,19 @@ pub(super) fn tag(version: &str) -> String {
 
 /// The newest tag of a version before this commit, if there is one.
 pub(super) fn last_tag() -> Result<Option<String>> {
-    let tags = process::output(&mut git(&["tag", "--list", "v[0-9]*", "--sort=-version:refname", "--merged"]))?;
+    let tags =
+        process::output(&mut git(&["tag", "--list", "v[0-9]*", "--sort=-version:refname", "--merged"]))?;
     Ok(String::from_utf8_lossy(&tags).lines().next().map(str::to_owned))
 }
 
 /// Fails unless the checkout is what will be tagged.
 pub(super) fn check_checkout(version: &str) -> Result<()> {
     let changed = process::output(&mut git(&["status", "--porcelain"]))?;
-    ensure!(changed.is_empty(), "commit first; not committed:\n{}", String::from_utf8_lossy(&changed).trim_end());
+    ensure!(
+        changed.is_empty(),
+        "commit first; not committed:\n{}",
+        String::from_utf8_lossy(&changed).trim_end()
+    );
     let tag = tag(version);
     if !process::output(&mut git(&["tag", "--list", &tag]))?.is_empty() {
         let (tagged, head) = (commit(&format!("{tag}^{{commit}}"))?, commit("HEAD")?);
@@ -58,7 +63,9 @@ pub(super) fn plan(metadata: &Metadata, version: &str, from: Option<&str>) -> Re
         let tag = tag(version);
         plan.push(words(&format!("git tag --annotate --message {tag} {tag}")));
     }
-    plan.extend(names.iter().map(|name| words(&format!("cargo publish --locked --no-verify --package {name}"))));
+    plan.extend(
+        names.iter().map(|name| words(&format!("cargo publish --locked --no-verify --package {name}"))),
+    );
     plan.push(words(&format!("git push origin {}", tag(version))));
     Ok(plan)
 }
@@ -71,9 +78,11 @@ pub(super) fn execute(plan: &[Vec<String>]) -> Result<()> {
             "cargo" => process::cargo(args),
             _ => git(&args.iter().map(String::as_str).collect::<Vec<_>>()),
         };
-        process::run(&mut command).with_context(|| match words.iter().skip_while(|word| *word != "--package").nth(1) {
-            Some(name) => format!("what came before is published; go on with `--execute --from {name}`"),
-            None => "nothing of this step was done".into(),
+        process::run(&mut command).with_context(|| {
+            match words.iter().skip_while(|word| *word != "--package").nth(1) {
+                Some(name) => format!("what came before is published; go on with `--execute --from {name}`"),
+                None => "nothing of this step was done".into(),
+            }
         })?;
     }
     Ok(())
@@ -99,10 +108,10 @@ mod tests {
                 "git push origin v0.2.0",
             ]
         );
-        assert_eq!(lines(Some("swm")), [
-            "cargo publish --locked --no-verify --package swm",
-            "git push origin v0.2.0"
-        ]);
+        assert_eq!(
+            lines(Some("swm")),
+            ["cargo publish --locked --no-verify --package swm", "git push origin v0.2.0"]
+        );
         assert!(plan(&metadata, "0.2.0", Some("none")).is_err());
     }
 

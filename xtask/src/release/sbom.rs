@@ -99,8 +99,12 @@ mod tests {
         let bill = bill(&tree, &Origins::new(&metadata, lock).unwrap()).unwrap();
 
         assert_eq!(bill["metadata"]["component"]["purl"], "pkg:cargo/swm@1.0.0");
-        let names: Vec<&str> =
-            bill["components"].as_array().unwrap().iter().map(|part| part["name"].as_str().unwrap()).collect();
+        let names: Vec<&str> = bill["components"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|part| part["name"].as_str().unwrap())
+            .collect();
         assert_eq!(names, ["png", "zlib"]);
         assert_eq!(bill["components"][0]["hashes"][0]["content"], "abc");
         assert_eq!(bill["components"][1].get("hashes"), None);
@@ -109,7 +113,8 @@ mod tests {
             bill["dependencies"][0],
             json!({ "ref": "pkg:cargo/png@1.0.0", "dependsOn": ["pkg:cargo/zlib@1.0.0"] })
         );
-        let stranger = CargoTree { root: unit("stranger"), edges: [(unit("stranger"), BTreeSet::new())].into() };
+        let stranger =
+            CargoTree { root: unit("stranger"), edges: [(unit("stranger"), BTreeSet::new())].into() };
         assert!(super::bill(&stranger, &Origins::new(&metadata, lock).unwrap()).is_err());
     }
 

@@ -129,9 +129,10 @@ swm-fov = { path = "crates/swm-fov" }
         assert_eq!(text.matches("0.2.0-rc.1").count(), 3);
         assert!(text.contains("other = \"0.1.0\"") && text.starts_with("[package]\nversion = \"0.1.0\""));
         assert!(others(&text, "0.2.0-rc.1").is_empty());
-        assert_eq!(others(&text.replace("swm-core = \"0.2.0-rc.1\"", "swm-core = \"0.1\""), "0.2.0-rc.1"), [
-            "swm-core = \"0.1\""
-        ]);
+        assert_eq!(
+            others(&text.replace("swm-core = \"0.2.0-rc.1\"", "swm-core = \"0.1\""), "0.2.0-rc.1"),
+            ["swm-core = \"0.1\""]
+        );
     }
 
     #[test]

@@ -75,6 +75,8 @@ mod tests {
             ["--package", "swm", "--no-default-features", "--features", "cli"]
         );
         assert_eq!(choices[3].build.selection(), ["--package", "swm"]);
-        assert!(choices[0].is_called("swm") && choices[1].is_called("swm:cli") && !choices[4].is_called("swm"));
+        assert!(
+            choices[0].is_called("swm") && choices[1].is_called("swm:cli") && !choices[4].is_called("swm")
+        );
     }
 }

@@ -17,16 +17,63 @@ const SHELL: &str = "clap";
 
 /// Crates and what no feature of theirs pulls in.
 const NEVER: &[(&str, &[&str])] = &[
-    ("swm-core", &["swm-render", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL]),
-    ("swm-fov", &["swm-render", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL]),
-    ("swm-render", &["swm-core", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL]),
+    (
+        "swm-core",
+        &[
+            "swm-render",
+            "png",
+            TENSORS,
+            HDF5,
+            LANCE,
+            MATRICES,
+            MUJOCO,
+            ONNX,
+            PARQUET,
+            PHYSICS_2D,
+            FILMS,
+            SHELL,
+        ],
+    ),
+    (
+        "swm-fov",
+        &[
+            "swm-render",
+            "png",
+            TENSORS,
+            HDF5,
+            LANCE,
+            MATRICES,
+            MUJOCO,
+            ONNX,
+            PARQUET,
+            PHYSICS_2D,
+            FILMS,
+            SHELL,
+        ],
+    ),
+    (
+        "swm-render",
+        &["swm-core", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL],
+    ),
     ("swm-media", &["swm-core", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, SHELL]),
-    ("swm-envs-2d", &["swm-data", "swm-solvers", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, FILMS, SHELL]),
-    ("swm-envs-mujoco", &["swm-data", "swm-solvers", TENSORS, HDF5, LANCE, MATRICES, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL]),
-    ("swm-solvers", &["swm-data", "swm-render", TENSORS, HDF5, LANCE, MUJOCO, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL]),
+    (
+        "swm-envs-2d",
+        &["swm-data", "swm-solvers", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, FILMS, SHELL],
+    ),
+    (
+        "swm-envs-mujoco",
+        &["swm-data", "swm-solvers", TENSORS, HDF5, LANCE, MATRICES, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL],
+    ),
+    (
+        "swm-solvers",
+        &["swm-data", "swm-render", TENSORS, HDF5, LANCE, MUJOCO, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL],
+    ),
     ("swm-data", &["swm-solvers", TENSORS, LANCE, MATRICES, MUJOCO, ONNX, PHYSICS_2D, SHELL]),
     ("swm-data-lance", &["swm-solvers", TENSORS, MATRICES, MUJOCO, ONNX, PHYSICS_2D, SHELL]),
-    ("swm-onnx", &["swm-data", "swm-render", TENSORS, HDF5, LANCE, MUJOCO, PARQUET, PHYSICS_2D, FILMS, SHELL]),
+    (
+        "swm-onnx",
+        &["swm-data", "swm-render", TENSORS, HDF5, LANCE, MUJOCO, PARQUET, PHYSICS_2D, FILMS, SHELL],
+    ),
     ("swm-baselines", &[LANCE, MUJOCO, ONNX, PARQUET, PHYSICS_2D, SHELL]),
 ];
 
@@ -44,7 +91,7 @@ const ONLY_WITH: &[(&str, &str)] = &[
 ];
 
 /// Features that turn on another one.
-const IMPLIES: &[(&str, &str)] = &[("lerobot", "mp4"), ("lance", "mp4"), ("baselines", "mp4"), ("baselines", "faer"), ("onnx", "faer")];
+const IMPLIES: &[(&str, &str)] = &[("lance", "mp4"), ("lerobot", "mp4")];
 
 /// One line for each crate that is in a build and must not be, or is not and should be.
 pub(super) fn offences(choice: &Choice, tree: &CargoTree) -> Vec<String> {

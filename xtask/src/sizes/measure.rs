@@ -49,25 +49,48 @@ fn path() -> PathBuf {
 
 /// The program of each crate: a few lines that make it work. The others get one that calls nothing.
 const PROGRAMS: &[(&str, &str)] = &[
-    ("swm", "fn main() { let registry = swm::registry(); println!(\"{}\", registry.envs().iter().filter(|env| (env.make)(&Default::default()).is_ok()).count()); }"),
+    (
+        "swm",
+        "fn main() { let registry = swm::registry(); println!(\"{}\", registry.envs().iter().filter(|env| (env.make)(&Default::default()).is_ok()).count()); }",
+    ),
     ("swm-core", "fn main() { println!(\"{:?}\", swm_core::Registry::new().env(\"none\").err()); }"),
-    ("swm-data", "fn main() { println!(\"{:?}\", swm_data::open(std::path::Path::new(\"none.h5\")).err()); }"),
-    ("swm-envs-2d", "fn main() { println!(\"{}\", swm_envs_2d::ENVS.iter().filter(|env| (env.make)(&Default::default()).is_ok()).count()); }"),
-    ("swm-envs-mujoco", "fn main() { println!(\"{}\", swm_envs_mujoco::ENVS.iter().filter(|env| (env.make)(&Default::default()).is_ok()).count()); }"),
-    ("swm-fov", "fn main() { println!(\"{:?}\", swm_fov::FovSpace::new(vec![swm_fov::Factor::scalar(\"a\", 0.0, 1.0, 0.5)])); }"),
-    ("swm-media", "fn main() { println!(\"{:?}\", swm_media::Clip::new(16, 24, 10.0).save(std::path::Path::new(\"none.gif\"))); }"),
-    ("swm-render", "use swm_render::{Geometry, Renderer, Style}; fn main() { println!(\"{:?}\", Renderer::new(Style::Exact, Geometry::new(64, 64)).is_ok()); }"),
+    (
+        "swm-data",
+        "fn main() { println!(\"{:?}\", swm_data::open(std::path::Path::new(\"none.h5\")).err()); }",
+    ),
+    (
+        "swm-envs-2d",
+        "fn main() { println!(\"{}\", swm_envs_2d::ENVS.iter().filter(|env| (env.make)(&Default::default()).is_ok()).count()); }",
+    ),
+    (
+        "swm-envs-mujoco",
+        "fn main() { println!(\"{}\", swm_envs_mujoco::ENVS.iter().filter(|env| (env.make)(&Default::default()).is_ok()).count()); }",
+    ),
+    (
+        "swm-fov",
+        "fn main() { println!(\"{:?}\", swm_fov::FovSpace::new(vec![swm_fov::Factor::scalar(\"a\", 0.0, 1.0, 0.5)])); }",
+    ),
+    (
+        "swm-media",
+        "fn main() { println!(\"{:?}\", swm_media::Clip::new(16, 24, 10.0).save(std::path::Path::new(\"none.gif\"))); }",
+    ),
+    (
+        "swm-render",
+        "use swm_render::{Geometry, Renderer, Style}; fn main() { println!(\"{:?}\", Renderer::new(Style::Exact, Geometry::new(64, 64)).is_ok()); }",
+    ),
 ];
 
 /// Builds a program with the crate from nothing in a folder of its own. The build directory of the workspace does not help.
 pub(super) fn measure(choice: &Choice) -> Result<Figure> {
     eprintln!("sizes: measuring {}", choice.name());
     let folder = tempfile::tempdir().context("no folder for a program")?;
-    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).with_context(|| name.to_owned());
+    let write =
+        |name: &str, text: &str| fs::write(folder.path().join(name), text).with_context(|| name.to_owned());
     write("Cargo.toml", &manifest(choice)?)?;
     let name = &choice.build.package;
     let default = format!("use {} as _; fn main() {{}}", name.replace('-', "_"));
-    let program = PROGRAMS.iter().find(|(package, _)| package == name).map_or(default.as_str(), |(_, text)| text);
+    let program =
+        PROGRAMS.iter().find(|(package, _)| package == name).map_or(default.as_str(), |(_, text)| text);
     write("main.rs", program)?;
     let lock = process::root().join("Cargo.lock");
     fs::copy(lock, folder.path().join("Cargo.lock")).context("no Cargo.lock")?;

@@ -50,12 +50,16 @@ impl Row {
         figure: Option<Figure>,
     ) -> Result<Self> {
         let origin = |unit: &crate::cargo_tree::Unit| {
-            metadata.packages.iter().find(|package| package.name == unit.name && package.version == unit.version)
+            metadata
+                .packages
+                .iter()
+                .find(|package| package.name == unit.name && package.version == unit.version)
         };
         let packages: Vec<_> = tree.dependencies().filter_map(origin).collect();
-        let compilers = packages.iter().filter(|package| package.source.is_some()).filter_map(|package| {
-            Some(Compiler::new(package.rust_version.as_deref()?, &package.name))
-        });
+        let compilers = packages
+            .iter()
+            .filter(|package| package.source.is_some())
+            .filter_map(|package| Some(Compiler::new(package.rust_version.as_deref()?, &package.name)));
         Ok(Self {
             package: choice.build.package.clone(),
             called: choice.called.clone(),
@@ -96,7 +100,8 @@ pub(super) fn text(rows: &[Row]) -> String {
             feature => format!("`{feature}`"),
         };
         let Compiler { package: Reverse(asks), .. } = &row.compiler;
-        let compiler = if asks.is_empty() { "-".into() } else { format!("{} `{asks}`", row.compiler.number()) };
+        let compiler =
+            if asks.is_empty() { "-".into() } else { format!("{} `{asks}`", row.compiler.number()) };
         let (seconds, megabytes) = row.figure.as_ref().map_or_else(
             || ("-".into(), "-".into()),
             |figure| (format!("{:.0}", figure.seconds), format!("{:.1}", figure.bytes as f64 / 1e6)),
@@ -115,7 +120,15 @@ mod tests {
 
     fn row(called: &str, compiler: Compiler) -> Row {
         let package = "swm-render".to_owned();
-        Row { package, called: called.into(), default_features: false, packages: 9, ours: 1, compiler, figure: None }
+        Row {
+            package,
+            called: called.into(),
+            default_features: false,
+            packages: 9,
+            ours: 1,
+            compiler,
+            figure: None,
+        }
     }
 
     #[test]
