@@ -318,36 +318,3 @@ fn golden_trajectories_replay() {
     }
     assert!(checked >= 3, "only {checked} golden trajectories");
 }
-
-#[test]
-fn the_doctor_says_what_is_missing_and_what_mends_it() {
-    let healthy = swm_json(&["doctor"]);
-    let checks = healthy.as_array().unwrap();
-    assert!(checks.iter().all(|check| check["state"] != "missing"), "{healthy}");
-    let (folder, program) = (Folder::new(), env!("CARGO_BIN_EXE_swm-under-test"));
-    let sick = std::process::Command::new(program)
-        .args(["doctor", "--json"])
-        .env("SWM_HOME", folder.path("none"))
-        .output()
-        .unwrap();
-    assert_eq!(sick.status.code(), Some(1));
-    let checks: serde_json::Value = serde_json::from_slice(&sick.stdout).unwrap();
-    let library = checks.as_array().unwrap().iter().find(|check| check["what"] == "MuJoCo").unwrap();
-    assert_eq!((&library["state"], &library["mend"]), (&json!("missing"), &json!("cargo xtask setup")));
-}
-
-#[test]
-fn the_version_names_what_results_depend_on() {
-    let text = swm_ok(&["--version"]);
-    for part in ["renderer: swm-render", "physics: swm-envs-2d", "MuJoCo 3.17.0", "features: "] {
-        assert!(text.contains(part), "{text}");
-    }
-}
-
-#[test]
-fn there_is_a_manual_page_for_every_command() {
-    let folder = Folder::new();
-    swm_ok(&["man", &folder.path("man1")]);
-    let page = std::fs::read_to_string(folder.path("man1/swm-collect.1")).unwrap();
-    assert!(page.contains("swm collect swm/PushT\\-v1") && page.contains("\\-\\-episodes"), "{page}");
-}

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::support::{Folder, PUSHT, content, swm, swm_fails, swm_json, swm_ok};
+use crate::support::{Folder, PUSHT, content, root, swm, swm_fails, swm_json, swm_ok};
 
 /// The formats of this build that are folders.
 fn folders() -> impl Iterator<Item = &'static str> {
@@ -243,4 +243,32 @@ fn films_and_folders_are_equal_for_any_number_of_environments() {
         }
         assert_eq!(content(&out("1")), content(&out("3")));
     }
+}
+
+/// Few steps and small pictures; what is recorded is the recipe's business.
+#[test]
+fn there_is_a_recipe_for_every_environment_and_it_records() {
+    let recipes = std::fs::read_to_string(root().join("xtask/recipes/datasets.toml")).unwrap();
+    let value = |line: &str, key: &str| -> Option<String> {
+        Some(line.strip_prefix(key)?.strip_prefix(" = \"")?.strip_suffix('"')?.to_owned())
+    };
+    let folder = Folder::new();
+    let (mut missing, mut env) = (swm::registry().envs().to_vec(), String::new());
+    for line in recipes.lines() {
+        if let Some(id) = value(line, "env") {
+            missing.retain(|entry| entry.id != id);
+            env = id;
+        } else if let Some(options) = value(line, "collect") {
+            let mut words: Vec<&str> = options.split_whitespace().collect();
+            for (option, small) in [("--max-steps", "2"), ("--image-size", "16x16")] {
+                let at = words.iter().position(|word| *word == option).expect("the recipe says it");
+                words[at + 1] = small;
+            }
+            let file = folder.path("data.h5");
+            let args = ["collect", &env, "--episodes", "1", "--mode", "overwrite", "--out", &file];
+            swm_ok(&[&args[..], &words].concat());
+        }
+    }
+    let missing: Vec<&str> = missing.iter().map(|entry| entry.id).collect();
+    assert!(missing.is_empty(), "no recipe for {}", missing.join(", "));
 }

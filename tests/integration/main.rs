@@ -18,4 +18,5 @@ mod planning;
 mod quality;
 mod replayable;
 mod reports;
+mod shell;
 mod support;

@@ -49,12 +49,17 @@ impl Statistics {
         text.push(b'\n');
         // Renamed into place, so that nobody reads half of it.
         let draft = beside(&path, ".new");
-        fs::write(&draft, text).map_err(|error| DataError::io(&draft, "write", error))?;
+        fs::write(&draft, text).map_err(|error| {
+            // Of a full disk something may be left.
+            let _ = fs::remove_file(&draft);
+            DataError::io(&draft, "write", error)
+        })?;
         fs::rename(&draft, &path).map_err(|error| DataError::io(&path, "write", error))?;
         Ok(path)
     }
 
-    /// The statistics that are kept with a dataset, if they have all that is asked for; else computes and keeps them.
+    /// The statistics that are kept with a dataset, if they have all that is asked for; else computes them, and keeps them
+    /// where that is possible: shared data often lies where nobody may write.
     pub fn load_or_compute(
         dataset: &mut dyn Dataset,
         options: &StatisticsOptions,
@@ -73,8 +78,10 @@ impl Statistics {
             return Ok(kept);
         }
         let statistics = Self::compute(dataset, options)?;
-        statistics.store(dataset)?;
-        Ok(statistics)
+        match statistics.store(dataset) {
+            Err(DataError::Io { .. }) => Ok(statistics),
+            stored => stored.map(|_| statistics),
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Statistics in one pass are those of the plain formulas, and stay with the dataset.
 
+use std::fs;
 use std::sync::Arc;
 
 use proptest::prelude::*;
@@ -107,6 +108,20 @@ fn pictures_have_statistics_by_channel() {
         let expected = values[17] + (values[18] - values[17]) * 0.7;
         assert!(close(pixels.quantiles[0].1[channel], expected));
     }
+}
+
+#[test]
+fn statistics_are_found_where_nothing_can_be_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.h5");
+    record(&path, WriteMode::Append, 0..1).unwrap();
+    // In the way of the file, for a test may run as a user who may write everywhere.
+    fs::create_dir(path.with_file_name("data.h5.stats.json.new")).unwrap();
+    let mut dataset = open(&path).unwrap();
+    let options = StatisticsOptions::default();
+    let found = Statistics::load_or_compute(dataset.as_mut(), &options).unwrap();
+    assert_eq!(found, Statistics::compute(dataset.as_mut(), &options).unwrap());
+    assert_eq!(Statistics::load(dataset.as_ref()).unwrap(), None);
 }
 
 #[test]

@@ -122,12 +122,32 @@ fn environments(registry: &Registry) -> Check {
 mod mujoco {
     //! What the environments on MuJoCo need.
 
+    use std::path::Path;
+
     use swm_envs_mujoco::assets::{self, DM_CONTROL_VERSION, HOME_VARIABLE, MUJOCO_VERSION, OGBENCH_VERSION};
     use swm_envs_mujoco::ffi::{Library, gl::GlContext};
 
     use super::Check;
 
-    const SETUP: &str = "cargo xtask setup";
+    /// What mends whatever is missing in the data folder.
+    fn setup() -> String {
+        let setup = "cargo xtask setup";
+        match assets::data_folder() {
+            Some(folder) if can_be_made(&folder) => setup.into(),
+            Some(folder) => format!(
+                "{} cannot be written: set {HOME_VARIABLE} to a folder that can, and keep it set; then {setup}",
+                folder.display()
+            ),
+            None => format!("set {HOME_VARIABLE} to a folder, and keep it set; then {setup}"),
+        }
+    }
+
+    /// Whether somebody like us may write there, or make it: nothing but an attempt tells for sure.
+    fn can_be_made(folder: &Path) -> bool {
+        let Some(there) = folder.ancestors().find(|path| path.exists()) else { return false };
+        let attempt = there.join(format!(".swm-doctor-{}", std::process::id()));
+        std::fs::create_dir(&attempt).and_then(|()| std::fs::remove_dir(&attempt)).is_ok()
+    }
 
     pub(super) fn checks() -> Vec<Check> {
         vec![folder(), library(), suite(), ogbench(), gl()]
@@ -137,12 +157,12 @@ mod mujoco {
         match assets::data_folder() {
             Some(folder) if folder.is_dir() => Check::works("data folder", folder.display().to_string()),
             Some(folder) => {
-                Check::missing("data folder", format!("{} does not exist", folder.display()), SETUP)
+                Check::missing("data folder", format!("{} does not exist", folder.display()), &setup())
             }
             None => Check::missing(
                 "data folder",
                 "neither SWM_HOME nor HOME is set, so it is not known where it is",
-                &format!("set {HOME_VARIABLE} to a folder, then {SETUP}"),
+                &setup(),
             ),
         }
     }
@@ -152,7 +172,7 @@ mod mujoco {
             (Ok(library), Ok(path)) => {
                 Check::works("MuJoCo", format!("{} at {}", library.version(), path.display()))
             }
-            (Err(error), _) | (_, Err(error)) => Check::missing("MuJoCo", error.to_string(), SETUP),
+            (Err(error), _) | (_, Err(error)) => Check::missing("MuJoCo", error.to_string(), &setup()),
         }
     }
 
@@ -160,7 +180,7 @@ mod mujoco {
         const NAME: &str = "models of the Control Suite";
         match assets::suite_model("cheetah.xml") {
             Ok(_) => Check::works(NAME, format!("dm_control {DM_CONTROL_VERSION}")),
-            Err(_) => Check::missing(NAME, "not in the data folder", SETUP),
+            Err(_) => Check::missing(NAME, "not in the data folder", &setup()),
         }
     }
 
@@ -168,7 +188,7 @@ mod mujoco {
         const NAME: &str = "models of OGBench";
         match assets::manipulation_model("robotiq_2f85/2f85.xml") {
             Ok(_) => Check::works(NAME, format!("ogbench {OGBENCH_VERSION}")),
-            Err(_) => Check::missing(NAME, "not in the data folder", SETUP),
+            Err(_) => Check::missing(NAME, "not in the data folder", &setup()),
         }
     }
 

@@ -44,7 +44,16 @@ pub(crate) use output::{Failure, Output, usage};
 
 /// Reproducible world-model research: environments, datasets, planning, evaluation.
 #[derive(Parser)]
-#[command(name = "swm", version, propagate_version = true, arg_required_else_help = true)]
+#[command(
+    name = "swm",
+    version,
+    propagate_version = true,
+    arg_required_else_help = true,
+    after_help = "\
+Exit status: 0 done, 1 the work failed or found a difference, 2 the request itself is wrong.
+
+Results go to the standard output, progress and messages to the standard error. Every command explains itself: `swm eval --help`."
+)]
 struct Cli {
     /// Print results as JSON.
     #[arg(long, global = true)]

@@ -84,7 +84,7 @@ impl fmt::Display for Failure {
 pub(super) fn print(text: &str) -> Result<(), Failure> {
     match writeln!(std::io::stdout().lock(), "{}", text.trim_end()) {
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-        result => Ok(result?),
+        result => Ok(result.map_err(|error| format!("cannot write to the standard output: {error}"))?),
     }
 }
 

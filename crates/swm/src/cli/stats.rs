@@ -46,7 +46,13 @@ impl Stats {
             Statistics::compute(dataset.as_mut(), &options)?
         } else {
             let found = Statistics::load_or_compute(dataset.as_mut(), &options)?;
-            output.note(format!("kept in {}", side_file(dataset.path()).display()));
+            let (file, is_kept) = (side_file(dataset.path()), Statistics::load(dataset.as_ref())?.is_some());
+            let file = file.display();
+            output.note(if is_kept {
+                format!("kept in {file}")
+            } else {
+                format!("not kept: {file} cannot be written")
+            });
             found
         };
         output.result(&statistics, || {

@@ -169,12 +169,12 @@ impl FolderRecording {
         let index = IndexWriter::open(path, manifest.columns.len(), episodes)?;
         let array = |field: &Field, rows: usize| {
             let file = layout::array(path, &field.name);
-            let opened = match rows {
-                0 => GrowingArray::create(&file, field),
+            match rows {
+                0 => GrowingArray::create(&file, field).map_err(|reason| DataError::record(&file, reason)),
                 rows => GrowingArray::reopen(&file, field, rows)
-                    .and_then(|mut array| array.finish_rows(0).map(|()| array)),
-            };
-            opened.map_err(|reason| DataError::damaged(&file, reason))
+                    .and_then(|mut array| array.finish_rows(0).map(|()| array))
+                    .map_err(|reason| DataError::damaged(&file, reason)),
+            }
         };
         let mut columns = Vec::new();
         for field in &manifest.columns {
@@ -200,9 +200,9 @@ impl FolderRecording {
                 Some(offset)
             })
             .collect();
-        let damaged = |reason| DataError::damaged(path, reason);
-        ep_len.append(episodes, Slice::I32(&lengths)).map_err(damaged)?;
-        ep_offset.append(episodes, Slice::I64(&offsets)).map_err(damaged)?;
+        let failed = |reason| DataError::record(path, reason);
+        ep_len.append(episodes, Slice::I32(&lengths)).map_err(failed)?;
+        ep_offset.append(episodes, Slice::I64(&offsets)).map_err(failed)?;
         Ok(Self { columns, ep_len, ep_offset, index, rows })
     }
 }
