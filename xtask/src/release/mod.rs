@@ -188,7 +188,9 @@ fn packaged_files(release: &Release) -> Result<String> {
     let mut build = packaged.cargo(&release.metadata, &["build", "--quiet"]);
     process::run(build.args(apart::all_others()).args(program::FEATURES.dev_options()))?;
     for name in apart::APART {
-        let mut check = packaged.cargo(&release.metadata, &["check", "--quiet", "--package", name]);
+        // With tests, whose features their own step in `cargo xtask ci` has built already.
+        let args = ["check", "--quiet", "--all-targets", "--package", name];
+        let mut check = packaged.cargo(&release.metadata, &args);
         process::run(check.envs(setup::tools::protoc()))?;
     }
     Ok(format!("{} packages build from their files alone", packages::order(&release.metadata)?.len()))
