@@ -73,6 +73,7 @@ fn is_date(text: &str) -> bool {
 }
 
 /// The date of now in UTC, `YYYY-MM-DD`.
+#[expect(clippy::disallowed_methods, reason = "a release is dated")]
 fn today() -> Result<String> {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).context("the clock stands before 1970")?;
     Ok(date(since.as_secs() / 86_400))
