@@ -248,7 +248,7 @@ fn films_and_folders_are_equal_for_any_number_of_environments() {
 /// Few steps and small pictures; what is recorded is the recipe's business.
 #[test]
 fn there_is_a_recipe_for_every_environment_and_it_records() {
-    let recipes = std::fs::read_to_string(root().join("xtask/recipes/datasets.toml")).unwrap();
+    let recipes = fs::read_to_string(root().join("xtask/recipes/datasets.toml")).unwrap();
     let value = |line: &str, key: &str| -> Option<String> {
         Some(line.strip_prefix(key)?.strip_prefix(" = \"")?.strip_suffix('"')?.to_owned())
     };

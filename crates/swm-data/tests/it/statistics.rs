@@ -153,7 +153,7 @@ fn statistics_stay_with_the_dataset_until_it_grows() {
     let longer = open(&path).unwrap();
     assert_eq!(Statistics::load(longer.as_ref()).unwrap(), None);
     assert!(computed.store(longer.as_ref()).unwrap_err().to_string().contains("another dataset"));
-    std::fs::write(side_file(&path), b"{").unwrap();
+    fs::write(side_file(&path), b"{").unwrap();
     assert!(Statistics::load(longer.as_ref()).unwrap_err().to_string().contains("remove it"));
 
     let text = Some(vec!["task".to_owned()]);
