@@ -81,6 +81,16 @@ pub struct PolicyArgs {
 
 impl PolicyArgs {
     /// Reads `name`, `name:v1,v2` or `name:key=value,…`. Values are numbers, `true`, `false`, or text.
+    ///
+    /// ```
+    /// let args = swm_core::PolicyArgs::parse("cem:samples=100,clip=true")?;
+    /// assert_eq!((args.name.as_str(), args.named.len()), ("cem", 2));
+    /// # Ok::<(), swm_core::PolicyError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// A key is given twice. Whether the policy knows the keys shows when it is made.
     pub fn parse(text: &str) -> Result<Self, PolicyError> {
         let (name, rest) = text.split_once(':').unwrap_or((text, ""));
         let mut args = Self { name: name.trim().to_owned(), ..Self::default() };
@@ -189,6 +199,21 @@ impl Registry {
     }
 
     /// The environment with this id.
+    ///
+    /// ```
+    /// use swm_core::Registry;
+    /// use swm_core::testing::TOY;
+    ///
+    /// const ENVS: &[swm_core::EnvEntry] = &[TOY];
+    /// let registry = Registry::new().with_envs(ENVS);
+    /// assert_eq!(registry.env(TOY.id)?.id, TOY.id);
+    /// assert!(registry.env("swm/Toi-v0").is_err_and(|error| error.to_string().contains("did you mean")));
+    /// # Ok::<(), swm_core::UnknownName>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// No table has it; the error names the nearest that one has.
     pub fn env(&self, id: &str) -> Result<&'static EnvEntry, UnknownName> {
         self.envs.iter().copied().find(|entry| entry.id == id).ok_or_else(|| UnknownName {
             kind: "environment",
@@ -198,7 +223,11 @@ impl Registry {
         })
     }
 
-    /// Makes a policy for an environment.
+    /// Makes a policy for an environment: `PolicyArgs::parse("cem:samples=100")`, say.
+    ///
+    /// # Errors
+    ///
+    /// No policy has this name, a setting is unknown or out of its bounds, or the policy does not fit the environment.
     pub fn policy(
         &self,
         context: &PolicyContext<'_>,

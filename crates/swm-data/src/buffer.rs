@@ -23,6 +23,25 @@ use crate::memory::MemoryDataset;
 const NAME: &str = "replay buffer";
 
 /// A ring of whole episodes. When a new one does not fit, the oldest leave.
+///
+/// ```
+/// use swm_core::testing::TOY;
+/// use swm_core::{Batch, ResetOptions, Rollout, Scenario, World, WorldOptions, policy};
+/// use swm_data::{ClipOptions, ReplayBuffer, Sampler};
+///
+/// let mut world = World::new(&TOY, WorldOptions { max_episode_steps: Some(20), ..WorldOptions::default() })?;
+/// world.set_policy(policy::random());
+/// let options = ResetOptions::default();
+/// let mut buffer = ReplayBuffer::new(1000); // rows
+/// let rollout = Rollout { episodes: 0..8, seed: 0, scenario: Scenario::Same(&options) };
+/// world.record_dataset(&rollout, &mut buffer, &mut ())?;
+///
+/// let mut sampler = Sampler::new(ClipOptions { num_steps: 3, ..ClipOptions::default() }, 42);
+/// let mut batch = Batch::new(Default::default(), 0);
+/// sampler.sample(&buffer, 16, 0, &mut batch)?; // of step 0 of a training: 16 clips of 3 rows
+/// assert_eq!(batch.rows(), 16);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct ReplayBuffer {
     capacity: usize,
@@ -172,7 +191,11 @@ impl Sampler {
     }
 
     /// Draws `size` clips for step `step` of a training, with replacement. `out` becomes a table of clips; the same one
-    /// again keeps its memory.
+    /// again keeps its memory. Equal content, seed and step give equal clips.
+    ///
+    /// # Errors
+    ///
+    /// The buffer is empty or has no episode that is long enough, or the options do not fit its columns.
     pub fn sample(
         &mut self,
         buffer: &ReplayBuffer,

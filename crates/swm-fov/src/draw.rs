@@ -67,7 +67,12 @@ pub struct Fov {
 }
 
 impl FovSpace {
-    /// Draws the assignment of one episode for the environment `env`.
+    /// Draws the assignment of one episode: factors that `episode.options` sets get these values, those that it varies are drawn from the
+    /// episode's seed, each from a stream of its own, all others keep their defaults. `env` is for messages.
+    ///
+    /// # Errors
+    ///
+    /// An unknown factor, a value out of bounds, or a constraint that 1,000 draws did not meet.
     pub fn draw(&self, env: &str, episode: &Episode<'_>) -> Result<Fov, EnvError> {
         self.try_draw(episode).map_err(|error| {
             let (env, reason) = (env.to_owned(), error.to_string());

@@ -11,6 +11,8 @@ use super::Outcome;
 /// A number after one of these texts is cut to this much.
 const CAPS: &[(&str, u64)] = &[
     ("--episodes ", 6),
+    ("--tier moderate --episodes ", 2),
+    ("--tier historic --episodes ", 2),
     ("--total ", 3),
     ("--budget ", 6),
     ("--steps ", 4),
@@ -163,7 +165,8 @@ impl Machine {
 
 /// With the numbers of [`CAPS`] cut, and the texts of [`SHORTER`] replaced.
 fn shortened(text: &str) -> String {
-    let mut text = text.replace("\\\n", " ");
+    // A failure in `a && b` would not end a script.
+    let mut text = text.replace("\\\n", " ").replace(" && ", "\n");
     for (long, short) in SHORTER {
         text = text.replace(long, short);
     }

@@ -25,7 +25,11 @@ impl<'a> Row<'a> {
         self.table.column(index).range(self.row * width, width)
     }
 
-    /// The values of the field `name` as `T`.
+    /// The values of the field `name` as `T`, row-major.
+    ///
+    /// # Errors
+    ///
+    /// There is no such field, or its values are of another type; the error says which.
     pub fn get<T: Element>(&self, name: &str) -> Result<&'a [T], BatchError> {
         let index = self.schema().require(name)?;
         let field = &self.schema().fields()[index];

@@ -43,6 +43,10 @@ impl Batch {
     }
 
     /// The column `name` as `[rows, …shape]` values of type `T`.
+    ///
+    /// # Errors
+    ///
+    /// There is no such column, or its values are of another type; the error says which.
     pub fn get<T: Element>(&self, name: &str) -> Result<&[T], BatchError> {
         let index = self.schema.require(name)?;
         self.column(index).get().ok_or_else(|| self.wrong_type(index, T::DTYPE))

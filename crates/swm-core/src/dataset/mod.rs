@@ -267,7 +267,11 @@ impl Recorder for DatasetRecorder<'_> {
 }
 
 impl World {
-    /// Records the episodes of `rollout` into `sink`, watched by `watcher` too (`&mut ()` for none).
+    /// Records the episodes of `rollout` into `sink`, in their order, watched by `watcher` too (`&mut ()` for none).
+    ///
+    /// # Errors
+    ///
+    /// As [`World::run`], and what writing meets; episodes that were announced before are safe.
     pub fn record_dataset(
         &mut self,
         rollout: &Rollout<'_>,

@@ -47,7 +47,13 @@ impl Default for EvalOptions {
 }
 
 impl World {
-    /// Evaluates the attached policy from start and goal rows of a dataset.
+    /// Evaluates the attached policy from start and goal rows of a dataset: rows drawn uniformly, the goal
+    /// [`EvalOptions::goal_offset`] rows after the start. The reference's protocol; a [`crate::Manifest`] makes a better one.
+    ///
+    /// # Errors
+    ///
+    /// A budget of 0, a dataset without an episode that is long enough or without the columns that starts and goals take, and all of
+    /// [`World::run`].
     pub fn evaluate_from_dataset(
         &mut self,
         source: &mut dyn EpisodeSource,

@@ -154,6 +154,10 @@ impl Recorder for EvaluationRecorder {
 impl World {
     /// Runs the episodes of `rollout` under the attached policy and counts successes. `watcher` sees the run too
     /// (`&mut ()` for none).
+    ///
+    /// # Errors
+    ///
+    /// As [`World::run`].
     pub fn evaluate(
         &mut self,
         rollout: &Rollout<'_>,

@@ -62,6 +62,26 @@ impl Default for WorldOptions {
 }
 
 /// Many environments of one kind, and everything they say in one table.
+///
+/// ```
+/// use swm_core::testing::TOY;
+/// use swm_core::{ResetOptions, Rollout, Scenario, World, WorldOptions, policy};
+///
+/// let mut world = World::new(&TOY, WorldOptions { num_envs: 4, ..WorldOptions::default() })?;
+/// world.set_policy(policy::random());
+///
+/// // By hand: every environment at once.
+/// world.reset(42, &ResetOptions::default())?;
+/// world.step()?;
+/// assert_eq!(world.infos().rows(), 4);
+///
+/// // Or whole episodes: these ten, whatever the number of environments and threads.
+/// let options = ResetOptions::default();
+/// let rollout = Rollout { episodes: 0..10, seed: 42, scenario: Scenario::Same(&options) };
+/// let evaluation = world.evaluate(&rollout, &mut ())?;
+/// assert_eq!(evaluation.episodes, 10);
+/// # Ok::<(), swm_core::WorldError>(())
+/// ```
 pub struct World {
     options: WorldOptions,
     pub(crate) spec: EnvSpec,
@@ -132,6 +152,11 @@ const MAX_FRAME_BYTES: usize = 4_000_000_000;
 
 impl World {
     /// Makes the environments. Nothing is reset yet.
+    ///
+    /// # Errors
+    ///
+    /// An option out of its bounds, and whatever making the environment meets: an unknown setting, a library or model that is not
+    /// installed.
     pub fn new(entry: &EnvEntry, options: WorldOptions) -> Result<Self, WorldError> {
         options.check()?;
         let wrong = |option, reason: String| Err(WorldError::Option { option, reason });
@@ -221,6 +246,10 @@ impl World {
 
     /// Lets `rule` decide what success is, in every row from the start on, in place of the environment: its own success
     /// then neither counts nor ends an episode. The environment's own rule gives it back.
+    ///
+    /// # Errors
+    ///
+    /// The rule names a field or an element that the infos lack.
     pub fn set_success(&mut self, rule: &SuccessRule) -> Result<(), WorldError> {
         self.judge = rule.judge(self.infos.schema())?;
         Ok(())
@@ -243,6 +272,10 @@ impl World {
     }
 
     /// Resets every environment: row `i` begins episode `i` of the run with seed `seed`.
+    ///
+    /// # Errors
+    ///
+    /// Unknown factors, values out of bounds or that break a constraint, start or goal columns that the environment does not take.
     pub fn reset(&mut self, seed: u64, options: &ResetOptions) -> Result<(), WorldError> {
         for (row, slot) in self.slots.iter_mut().enumerate() {
             let index = row as u64;
@@ -252,6 +285,10 @@ impl World {
     }
 
     /// Asks the policy for actions and steps every environment whose episode is not over.
+    ///
+    /// # Errors
+    ///
+    /// No policy is attached, the policy fails, or an action is outside of the space (NaN, say). The lowest row's error is given.
     pub fn step(&mut self) -> Result<(), WorldError> {
         self.on_threads(|world| {
             world.act()?;
@@ -260,6 +297,10 @@ impl World {
     }
 
     /// Steps with given actions, `[N, …action shape]` of the action space's type.
+    ///
+    /// # Errors
+    ///
+    /// Another number or type of values, or an action outside of the space; nothing has been stepped then.
     pub fn step_with(&mut self, actions: Slice<'_>) -> Result<(), WorldError> {
         let expected = self.actions.as_slice();
         if actions.dtype() != expected.dtype() || actions.len() != expected.len() {

@@ -41,7 +41,12 @@ impl Options for Scenario<'_> {
 }
 
 impl World {
-    /// Runs the episodes of `rollout` under the attached policy, watched by `recorder`.
+    /// Runs the episodes of `rollout` under the attached policy, watched by `recorder`. What comes out does not depend on the number
+    /// of environments and threads; the order in which the recorder sees rows of different episodes does.
+    ///
+    /// # Errors
+    ///
+    /// As [`World::reset`] and [`World::step`]; fewer reset options than episodes; whatever the recorder meets.
     pub fn run(&mut self, rollout: &Rollout<'_>, recorder: &mut dyn Recorder) -> Result<(), WorldError> {
         if let Scenario::Each(all) = rollout.scenario
             && (all.len() as u64) < rollout.episodes.end

@@ -37,6 +37,10 @@ pub struct Loader {
 
 impl Loader {
     /// Checks the options against the dataset.
+    ///
+    /// # Errors
+    ///
+    /// Unknown columns, options out of their bounds, or no episode that is long enough for a clip.
     pub fn new(dataset: Box<dyn Dataset>, options: &ClipOptions) -> Result<Self, DataError> {
         let plan = Plan::new(dataset.as_ref(), options)?;
         let threads = match options.threads {
@@ -82,6 +86,11 @@ impl Loader {
     }
 
     /// Reads ahead on threads of its own, from the first clip of the first epoch on.
+    ///
+    /// # Errors
+    ///
+    /// Options out of their bounds: a size of 0, or more than the dataset has with `drop_last`. What reading meets comes from
+    /// [`Batches::next_batch`].
     pub fn batches(&self, options: &BatchOptions) -> Result<Batches, DataError> {
         Batches::new(self, options, None)
     }

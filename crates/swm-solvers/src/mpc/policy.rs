@@ -90,7 +90,12 @@ struct Search {
 }
 
 impl MpcPolicy {
-    /// A policy that plans with `solver` for what `cost` says.
+    /// A policy that plans with `solver` for what `cost` says: `config.horizon` blocks of `config.action_block` actions, of which
+    /// `config.receding_horizon` are carried out before it plans again.
+    ///
+    /// # Errors
+    ///
+    /// A number of `config` is 0, or more blocks would be carried out than are planned.
     pub fn new(solver: Box<dyn Solver>, cost: Box<dyn Cost>, config: PlanConfig) -> Result<Self, PlanError> {
         config.validate()?;
         let history_fields = cost.history_fields();

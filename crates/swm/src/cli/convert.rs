@@ -101,7 +101,7 @@ The source's format is told by its content, the target's by its extension or --f
   mcap    .mcap        one log file that opens in Foxglove, exact
   lerobot .lerobot     Parquet tables and H.264 films that LeRobot opens (where it is built in)
 
-One episode is in memory at a time, however large the file. Interrupted, the same command goes on where it ended.")]
+Episodes flow in pieces: little is in memory at a time, however long they are. Interrupted, the same command goes on where it ended.")]
 pub(super) struct Convert {
     /// The dataset to copy.
     source: PathBuf,
