@@ -2,13 +2,15 @@
 //!
 //! For whoever moves to another version of MuJoCo or calls a new function of it; no build runs this. The generator and
 //! its libclang are pinned too, so that equal headers give equal bytes; on Windows C's enums are signed, so generate on
-//! another system.
+//! another system. Building the generator takes minutes, so the file carries a seal: what it was made of, and the hash of
+//! the rest. `--check` reads that alone.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context as _, Result, bail};
+use sha2::{Digest as _, Sha256};
 
 use crate::process;
 use crate::setup::wheel::{Keep, Package, Wheel};
@@ -17,9 +19,12 @@ use crate::setup::{self, data::MUJOCO};
 /// Options of `cargo xtask bindgen`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Write nothing; exit status 1 if the checked-in file is not what the headers give
+    /// Write nothing; exit status 1 if the checked-in file was made of other headers or options, or edited
     #[arg(long)]
     check: bool,
+    /// With --check: run the generator, which is built for it, and compare every line
+    #[arg(long, requires = "check")]
+    anew: bool,
 }
 
 /// What is made.
@@ -98,15 +103,18 @@ const MUJOCO_HEADERS: Package = Package {
 
 /// Generates the declarations, and writes them or compares.
 pub(crate) fn run(args: &Args) -> Result<()> {
+    let place = process::root().join(BINDINGS);
+    let present = || fs::read_to_string(&place).with_context(|| format!("failed to read {BINDINGS}"));
+    if args.check && !args.anew {
+        return check_seal(&present()?);
+    }
     let tools = process::root().join(".tools/bindgen");
     let headers = setup::ensure_in(&MUJOCO_HEADERS, &tools)?.join("include");
     let libclang = setup::ensure_in(&LIBCLANG, &tools)?;
     let generator = generator(&tools)?;
-    let generated = generate(&generator, &libclang, &headers, &tools.join("all.h"))?;
-    let place = process::root().join(BINDINGS);
+    let generated = sealed(&generate(&generator, &libclang, &headers, &tools.join("all.h"))?);
     if args.check {
-        let present = fs::read_to_string(&place).with_context(|| format!("failed to read {BINDINGS}"))?;
-        return compare(&present, &generated);
+        return compare(&present()?, &generated);
     }
     fs::write(&place, &generated).with_context(|| format!("failed to write {BINDINGS}"))?;
     println!("bindgen: wrote {} lines to {BINDINGS}", generated.lines().count());
@@ -164,6 +172,41 @@ fn compiler_headers() -> Result<PathBuf> {
     Ok(folder)
 }
 
+/// The declarations with their seal as second line.
+fn sealed(generated: &str) -> String {
+    let (first, rest) = generated.split_once('\n').unwrap_or((generated, ""));
+    format!("{first}\n{}\n{rest}", seal(generated))
+}
+
+/// What declarations are made of, and their hash.
+fn seal(generated: &str) -> String {
+    let hash = |text: &str| -> String {
+        Sha256::digest(text).iter().take(16).map(|byte| format!("{byte:02x}")).collect()
+    };
+    let versions = [LIBCLANG.version, GENERATOR, MUJOCO.version];
+    let others = [TYPES, VARIABLES, OPTIONS];
+    let parts = [&versions[..], HEADERS, FUNCTIONS, &others[..]].map(|part| part.join("\n"));
+    format!("//! Made of {}, is {}.", hash(&parts.join("\n")), hash(generated))
+}
+
+/// Whether the declarations are what was generated, with the present options.
+fn check_seal(present: &str) -> Result<()> {
+    let mut lines: Vec<&str> = present.split('\n').collect();
+    let found = if lines.len() > 1 { lines.remove(1) } else { "" };
+    let expected = seal(&lines.join("\n"));
+    if found == expected {
+        println!("bindgen: {BINDINGS} is as it was generated from the headers of MuJoCo {}", MUJOCO.version);
+        return Ok(());
+    }
+    let made_of = |seal: &str| seal.split(',').next().map(str::to_owned);
+    let what = if made_of(found) == made_of(&expected) {
+        "was edited by hand"
+    } else {
+        "was made of other headers, by other options or by another generator"
+    };
+    bail!("{BINDINGS} {what}\nway out: cargo xtask bindgen")
+}
+
 /// Names the first line that differs.
 fn compare(present: &str, generated: &str) -> Result<()> {
     if present == generated {
@@ -203,6 +246,23 @@ mod tests {
         assert!(message("a\n", "a\nc\n").contains("bindings.rs:2 has nothing"));
         assert!(message("a\nb\n", "a\n").contains("give nothing"));
         assert!(message("a\r\n", "a\n").contains("line ends"));
+    }
+
+    #[test]
+    fn a_seal_tells_edits_and_other_origins() {
+        let whole = sealed("//! first\npub const A: u32 = 1;\n");
+        assert_eq!(whole.lines().count(), 3);
+        assert!(check_seal(&whole).is_ok());
+        let message = |text: &str| check_seal(text).unwrap_err().to_string();
+        assert!(message(&whole.replace("= 1", "= 2")).contains("edited by hand"));
+        assert!(message(&whole.replace("Made of ", "Made of 0")).contains("other headers"));
+        assert!(message("//! first\n").contains("other headers"));
+    }
+
+    #[test]
+    fn the_checked_in_declarations_carry_their_seal() {
+        let present = fs::read_to_string(process::root().join(BINDINGS)).unwrap();
+        check_seal(&present).unwrap();
     }
 
     #[test]

@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 use swm_data::loader::GoalWeights;
 use swm_solvers::Candidates;
 
-use crate::data::{ClipBatch, Facts, Scenes};
+use crate::data::{ClipBatch, Facts, Observations, Scenes};
 use crate::error::BaselineError;
 use crate::optim::OptimConfig;
 
@@ -70,6 +70,15 @@ pub trait PlanModel: Send {
 
     /// N: how many observations it can make use of.
     fn history(&self) -> usize;
+
+    /// Z: numbers of the latent of an observation.
+    fn latent_width(&self) -> usize;
+
+    /// Fills `latents`, `[B, Z]`, with those of B observations by themselves.
+    fn encode(&mut self, seen: &Observations<'_>, latents: &mut [f32]) -> Result<(), BaselineError>;
+
+    /// Replaces `latents`, `[B, Z]`, by what follows them under `actions`, `[B, D]`, if nothing is known of what was before.
+    fn predict(&mut self, latents: &mut [f32], actions: &[f32]) -> Result<(), BaselineError>;
 
     /// Once per plan: B scenes.
     fn prepare(&mut self, scenes: &Scenes<'_>) -> Result<(), BaselineError>;

@@ -45,6 +45,15 @@ pub struct Scenes<'a> {
     pub goal_proprio: Option<Numbers<'a>>,
 }
 
+/// B observations, each by itself.
+#[derive(Clone, Copy, Debug)]
+pub struct Observations<'a> {
+    /// `[B, 1, …]`.
+    pub pixels: Pictures<'a>,
+    /// `[B, 1, …]`, scaled; for models that use it.
+    pub proprio: Option<Numbers<'a>>,
+}
+
 /// RGB pictures: `[B, T, 3, H, W]` or `[B, T, H, W, 3]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Pictures<'a> {
@@ -184,7 +193,7 @@ fn goal_to_tensor(
 }
 
 impl Form {
-    fn state(
+    pub(crate) fn state(
         &self,
         column: &'static str,
         numbers: Option<&Numbers<'_>>,

@@ -18,6 +18,7 @@ mod data;
 mod error;
 mod images;
 mod init;
+mod latents;
 mod learner;
 mod losses;
 mod models;
@@ -33,7 +34,7 @@ pub mod train;
 mod weights;
 
 pub use baseline::{Baseline, GoalPolicy, Losses, Needs, Phase, PhaseGoals, PlanModel, Recipe, Step};
-pub use data::{ClipBatch, Facts, Numbers, Pictures, Scenes};
+pub use data::{ClipBatch, Facts, Numbers, Observations, Pictures, Scenes};
 pub use error::BaselineError;
 pub use losses::SigregConfig;
 pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};

@@ -8,8 +8,9 @@ use rayon::prelude::*;
 use swm_solvers::Candidates;
 
 use crate::baseline::PlanModel;
-use crate::data::{Form, Scenes, Start};
+use crate::data::{Form, Observations, Scenes, Start};
 use crate::error::BaselineError;
+use crate::latents;
 use crate::params::host;
 
 /// A network that predicts from one scene what plans lead to.
@@ -31,6 +32,15 @@ pub(crate) trait SceneModel: Send + Sync {
 
     /// `[C]`: costs of candidates `[C, H, D]` of one scene.
     fn costs(&self, scene: &Self::Scene, plans: Tensor<3>) -> Tensor<1>;
+
+    /// Z: numbers of a latent.
+    fn latent_width(&self) -> usize;
+
+    /// `[1, Z]` of one observation: `[1, 1, 3, S, S]`, and `[1, 1, …]` where the model uses it.
+    fn latent(&self, pixels: Tensor<5>, proprio: Option<Tensor<3>>) -> Tensor<2>;
+
+    /// `[C, Z]`: what follows latents `[C, Z]` under blocks `[C, D]`, each row apart.
+    fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2>;
 }
 
 /// A copy of a model, and what was prepared.
@@ -65,6 +75,18 @@ impl<M: SceneModel> PlanModel for Planner<M> {
 
     fn history(&self) -> usize {
         self.model.history()
+    }
+
+    fn latent_width(&self) -> usize {
+        self.model.latent_width()
+    }
+
+    fn encode(&mut self, seen: &Observations<'_>, latents: &mut [f32]) -> Result<(), BaselineError> {
+        latents::encode(&self.model, seen, latents, &self.device)
+    }
+
+    fn predict(&mut self, latents: &mut [f32], actions: &[f32]) -> Result<(), BaselineError> {
+        latents::predict(&self.model, latents, actions, &self.device)
     }
 
     fn prepare(&mut self, scenes: &Scenes<'_>) -> Result<(), BaselineError> {

@@ -5,15 +5,17 @@ use std::path::Path;
 
 use serde_json::json;
 use swm_baselines::BaselineError;
-use swm_baselines::acting::{POLICIES, ceiling, image_side, model_files};
+use swm_baselines::acting::{LatentModel, POLICIES, ceiling, image_side, is_model, model_files};
 use swm_baselines::train::{FitSettings, MetricSink, NewRun, Record, RunFolder, Split, State, Training};
+use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
+use swm_core::evaluate::random_episodes;
 use swm_core::policy;
-use swm_core::{BoxError, EpisodeEnd};
 use swm_core::{
-    Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, LiveRow,
-    Outcome, PolicyArgs, PolicyContext, Recorder, ResetOptions, Rollout, RowsMut, Scenario, Slice, Space,
-    World, WorldOptions,
+    Batch, Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, LiveRow,
+    Outcome, PolicyArgs, PolicyContext, Recorder, ResetOptions, Rollout, RowsMut, Scenario, Schema, Slice,
+    Space, World, WorldOptions,
 };
+use swm_core::{BoxError, EpisodeEnd};
 use swm_data::ReplayBuffer;
 use swm_data::{Dataset, WriteMode};
 
@@ -301,4 +303,48 @@ fn truncated_weights_are_refused() {
     let name = run.path().display();
     assert!(made(&format!("mpc:{name}")).err().unwrap().contains("earlier checkpoint"));
     assert!(made(&format!("mpc:{name},checkpoint=6")).is_ok());
+}
+
+#[test]
+fn a_trained_model_is_measured_without_control() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    trained(folder.path(), "lewm", "run");
+    let run = folder.path().join("run").display().to_string();
+    let args = |text: String| PolicyArgs::parse(&text).unwrap();
+    assert!(is_model(&args(format!("lewm:{run}"))) && !is_model(&args("constant".to_owned())));
+    let mut model = LatentModel::new(&args(format!("lewm:{run}"))).unwrap();
+    assert_eq!((model.latent_width(), model.stride(), model.image_side()), (8, 2, SIDE));
+
+    let config = EnvConfig { image: Some(IMAGE), ..EnvConfig::default() };
+    let mut env = (DOT.make)(&config).unwrap();
+    let episodes = random_episodes(env.as_mut(), 3, 12, 5).unwrap();
+    let errors = open_loop_error(&mut model, &episodes, 6).unwrap().unwrap();
+    assert!(errors.len() == 3 && errors.iter().all(|error| error.is_finite() && *error > 0.0), "{errors:?}");
+
+    // A row has the same latent by itself and among others, and so has what follows it.
+    let rows = &episodes[0];
+    let together = latents(&mut model, rows).unwrap();
+    assert!(together[..8] != together[8..16], "pictures differ");
+    let mut alone = vec![0.0; 8];
+    model.encode(rows.row(1), &mut alone).unwrap();
+    assert_eq!(alone, together[8..16]);
+    let (mut many, taken) = (together[..24].to_vec(), [0.5, -1.0, 0.25, 1.0].repeat(3));
+    model.predict_rows(&mut many, &taken).unwrap();
+    model.predict(&mut alone, &taken[..4]).unwrap();
+    assert_eq!(alone, many[8..16]);
+    let mut other = together[8..16].to_vec();
+    model.predict(&mut other, &[-0.5, 1.0, 0.0, 0.0]).unwrap();
+    assert!(other != alone, "actions count");
+
+    let fails = |text: String| LatentModel::new(&args(text)).err().unwrap().to_string();
+    assert!(fails(format!("pldm:{run}")).contains("trained lewm, not pldm"));
+    assert!(fails(format!("lewm:{run},horizon=3")).contains("horizon"));
+    trained(folder.path(), "gcbc", "policy");
+    assert!(fails(format!("model:{}", folder.path().join("policy").display())).contains("no world model"));
+    assert!(model.encode(Batch::new(rows_without_pictures(), 1).row(0), &mut alone).is_err());
+}
+
+fn rows_without_pictures() -> std::sync::Arc<Schema> {
+    Schema::new(vec![Field::step("state", Dtype::F32, &[2])]).expect("one name")
 }

@@ -96,14 +96,14 @@ fn of_table(args: &PolicyArgs) -> Option<Given> {
 }
 
 /// Arguments, as far as all policies of trained models share them.
-struct Given {
+pub(super) struct Given {
     run: PathBuf,
     which: Which,
-    rest: Map<String, Json>,
+    pub(super) rest: Map<String, Json>,
 }
 
 impl Given {
-    fn of(args: &PolicyArgs) -> Result<Self, PolicyError> {
+    pub(super) fn of(args: &PolicyArgs) -> Result<Self, PolicyError> {
         let text = |value: &Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
         let [run] = &args.positional[..] else {
             return Err(args.wrong(format!("name the folder of one training run, as in `{}:RUN`", args.name)));
@@ -118,7 +118,7 @@ impl Given {
         Ok(Self { run: text(run).into(), which, rest })
     }
 
-    fn model(&self, args: &PolicyArgs) -> Result<TrainedModel, PolicyError> {
+    pub(super) fn model(&self, args: &PolicyArgs) -> Result<TrainedModel, PolicyError> {
         TrainedModel::open(&self.run, self.which).map_err(|error| args.wrong(error.to_string()))
     }
 }

@@ -129,7 +129,7 @@ fn no_pictures(name: &'static str) -> BaselineError {
 }
 
 /// `[H, W]` of a picture.
-fn size_of(row: Row<'_>, name: &'static str) -> Result<[usize; 2], BaselineError> {
+pub(super) fn size_of(row: Row<'_>, name: &'static str) -> Result<[usize; 2], BaselineError> {
     let index = row.schema().index(name).ok_or_else(|| no_pictures(name))?;
     match row.schema().fields()[index].shape[..] {
         [height, width, 3] => Ok([height, width]),
@@ -137,11 +137,11 @@ fn size_of(row: Row<'_>, name: &'static str) -> Result<[usize; 2], BaselineError
     }
 }
 
-fn bytes<'a>(row: Row<'a>, name: &'static str) -> Result<&'a [u8], BaselineError> {
+pub(super) fn bytes<'a>(row: Row<'a>, name: &'static str) -> Result<&'a [u8], BaselineError> {
     row.get(name).map_err(|error| BaselineError::data(name, error.to_string()))
 }
 
-fn numbers<'a>(row: Row<'a>, name: &str) -> Result<Slice<'a>, BaselineError> {
+pub(super) fn numbers<'a>(row: Row<'a>, name: &str) -> Result<Slice<'a>, BaselineError> {
     match row.schema().index(name) {
         Some(index) => Ok(row.at(index)),
         None => Err(BaselineError::data(
@@ -151,7 +151,7 @@ fn numbers<'a>(row: Row<'a>, name: &str) -> Result<Slice<'a>, BaselineError> {
     }
 }
 
-fn scaled(scale: &Scale, values: Slice<'_>, out: &mut Vec<f32>) {
+pub(super) fn scaled(scale: &Scale, values: Slice<'_>, out: &mut Vec<f32>) {
     let start = out.len();
     out.extend((0..values.len()).map(|at| values.number(at).unwrap_or(f64::NAN) as f32));
     scale.apply(&mut out[start..]);

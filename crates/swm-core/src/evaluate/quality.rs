@@ -9,10 +9,15 @@ pub trait WorldModel {
     /// Z: numbers of a latent.
     fn latent_width(&self) -> usize;
 
+    /// F: rows from a latent to the one that is predicted of it, and actions in between.
+    fn stride(&self) -> usize {
+        1
+    }
+
     /// Writes the latent `[Z]` of a row.
     fn encode(&mut self, row: Row<'_>, latent: &mut [f64]) -> Result<(), BoxError>;
 
-    /// Replaces the latent `[Z]` by what follows it under the action `[A]`.
+    /// Replaces the latent `[Z]` by what follows it under the actions `[F, A]`.
     fn predict(&mut self, latent: &mut [f64], action: &[f64]) -> Result<(), BoxError>;
 
     /// Writes the latents `[N, Z]` of all rows `[N]` of a table. A network, which is faster on many rows at once, has its own.
@@ -22,7 +27,7 @@ pub trait WorldModel {
         (0..rows.rows()).zip(&mut latents).try_for_each(|(row, latent)| self.encode(rows.row(row), latent))
     }
 
-    /// Replaces latents `[N, Z]` by what follows them under the actions `[N, A]`. As [`WorldModel::encode_rows`].
+    /// Replaces latents `[N, Z]` by what follows them under the actions `[N, F, A]`. As [`WorldModel::encode_rows`].
     fn predict_rows(&mut self, latents: &mut [f64], actions: &[f64]) -> Result<(), BoxError> {
         let width = self.latent_width().max(1);
         let count = latents.len() / width;
@@ -41,15 +46,17 @@ pub fn latents(model: &mut dyn WorldModel, rows: &Batch) -> Result<Vec<f64>, Box
     Ok(latents)
 }
 
-/// Mean squared error per number of the latent after 1, 2, … `horizon` predicted steps, `[horizon]`: open loop from every row
-/// of the recorded episodes (each a table with the column `action`) from which so many follow. `None` where none do.
+/// Mean squared error per number of the latent after 1, 2, … predictions of F rows each, as many as `horizon` rows hold,
+/// `[horizon / F]`: open loop from every row of the recorded episodes (each a table with the column `action`) from which so
+/// many follow. `None` where none do.
 pub fn open_loop_error(
     model: &mut dyn WorldModel,
     episodes: &[Batch],
     horizon: usize,
 ) -> Result<Option<Vec<f64>>, BoxError> {
-    let width = model.latent_width();
-    let (mut sums, mut count) = (vec![0.0; horizon], 0_usize);
+    let (width, stride) = (model.latent_width(), model.stride());
+    let (mut sums, mut count) = (vec![0.0; horizon / stride], 0_usize);
+    let horizon = sums.len() * stride;
     for rows in episodes {
         let action = rows.schema().require("action")?;
         let starts = rows.rows().saturating_sub(horizon);
@@ -61,25 +68,29 @@ pub fn open_loop_error(
         let wide = actions.len() / rows.rows();
         let mut predicted = known[..starts * width].to_vec();
         for (step, sum) in sums.iter_mut().enumerate() {
-            model.predict_rows(&mut predicted, &actions[step * wide..][..starts * wide])?;
-            *sum += squared(&predicted, &known[(step + 1) * width..][..starts * width]) / width as f64;
+            let taken = spans(&actions[step * stride * wide..], wide, stride, starts);
+            model.predict_rows(&mut predicted, &taken)?;
+            *sum +=
+                squared(&predicted, &known[(step + 1) * stride * width..][..starts * width]) / width as f64;
         }
         count += starts;
     }
-    Ok((count > 0).then(|| sums.into_iter().map(|sum| sum / count as f64).collect()))
+    Ok((count > 0 && horizon > 0).then(|| sums.into_iter().map(|sum| sum / count as f64).collect()))
 }
 
-/// How surprised a model is by each row of an episode after the first, `[T - 1]`: squared error of its prediction from the
-/// row before, per number. Rows that cannot follow (something vanished, or is elsewhere) should stand out.
+/// How surprised a model is by each row of an episode after the first F, `[T - F]`: squared error of its prediction from the
+/// row F before, per number. Rows that cannot follow (something vanished, or is elsewhere) should stand out.
 pub fn surprise(model: &mut dyn WorldModel, rows: &Batch) -> Result<Vec<f64>, BoxError> {
     let (width, action) = (model.latent_width(), rows.schema().require("action")?);
-    let Some(count) = rows.rows().checked_sub(1) else { return Ok(Vec::new()) };
+    let stride = model.stride();
+    let Some(count) = rows.rows().checked_sub(stride) else { return Ok(Vec::new()) };
     let known = latents(model, rows)?;
     let actions = numbers(rows, action);
     let mut predicted = known[..count * width].to_vec();
-    model.predict_rows(&mut predicted, &actions[..actions.len() / rows.rows() * count])?;
+    let wide = actions.len() / rows.rows().max(1);
+    model.predict_rows(&mut predicted, &spans(&actions, wide, stride, count))?;
     let latent = width.max(1);
-    let followed = predicted.chunks_exact(latent).zip(known[width..].chunks_exact(latent));
+    let followed = predicted.chunks_exact(latent).zip(known[stride * width..].chunks_exact(latent));
     Ok(followed.map(|(told, true_one)| squared(told, true_one) / width as f64).collect())
 }
 
@@ -92,6 +103,11 @@ pub fn violation_accuracy(pairs: &[[Vec<f64>; 2]]) -> Option<f64> {
         if a < b { 1.0 } else { f64::from(u8::from(a == b)) / 2.0 }
     };
     (!pairs.is_empty()).then(|| pairs.iter().map(score).sum::<f64>() / pairs.len() as f64)
+}
+
+/// The actions `[N, F, A]` of N rows on end, F each from its own row on, of `actions` `[…, A]`.
+fn spans(actions: &[f64], wide: usize, stride: usize, count: usize) -> Vec<f64> {
+    (0..count).flat_map(|row| &actions[row * wide..][..stride * wide]).copied().collect()
 }
 
 /// All numbers of a column, `[N, …]`; NaN for what is none.
@@ -109,14 +125,23 @@ mod tests {
     use super::*;
     use crate::batch::{Dtype, Field, Schema};
 
-    /// A point that each action moves by `gain`; the latent is its double.
+    /// A point that each action moves by `gain`; the latent is its double. It predicts `stride` rows at a time.
     struct Doubled {
         gain: f64,
+        stride: usize,
+    }
+
+    fn doubled(gain: f64) -> Doubled {
+        Doubled { gain, stride: 1 }
     }
 
     impl WorldModel for Doubled {
         fn latent_width(&self) -> usize {
             1
+        }
+
+        fn stride(&self) -> usize {
+            self.stride
         }
 
         fn encode(&mut self, row: Row<'_>, latent: &mut [f64]) -> Result<(), BoxError> {
@@ -125,7 +150,8 @@ mod tests {
         }
 
         fn predict(&mut self, latent: &mut [f64], action: &[f64]) -> Result<(), BoxError> {
-            latent[0] += 2.0 * self.gain * action[0];
+            assert_eq!(action.len(), self.stride);
+            latent[0] += 2.0 * self.gain * action.iter().sum::<f64>();
             Ok(())
         }
     }
@@ -148,18 +174,32 @@ mod tests {
 
     #[test]
     fn errors_grow_with_the_horizon_as_they_must() {
-        let exact = open_loop_error(&mut Doubled { gain: 1.0 }, &[episode(0.0)], 4).unwrap().unwrap();
+        let exact = open_loop_error(&mut doubled(1.0), &[episode(0.0)], 4).unwrap().unwrap();
         assert_eq!(exact, [0.0; 4]);
         // Too short by a tenth per step: the latent is off by 0.2 after every one.
-        let wrong = open_loop_error(&mut Doubled { gain: 0.9 }, &[episode(0.0)], 3).unwrap().unwrap();
+        let wrong = open_loop_error(&mut doubled(0.9), &[episode(0.0)], 3).unwrap().unwrap();
         let expected = [0.04, 0.16, 0.36];
         assert!(wrong.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{wrong:?}");
-        assert!(open_loop_error(&mut Doubled { gain: 1.0 }, &[episode(0.0)], 6).unwrap().is_none());
+        assert!(open_loop_error(&mut doubled(1.0), &[episode(0.0)], 6).unwrap().is_none());
+    }
+
+    #[test]
+    fn some_models_predict_many_rows_at_a_time() {
+        let mut model = Doubled { gain: 0.9, stride: 2 };
+        let wrong = open_loop_error(&mut model, &[episode(0.0)], 5).unwrap().unwrap();
+        let expected = [0.16, 0.64];
+        assert!(wrong.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{wrong:?}");
+        assert!(
+            open_loop_error(&mut model, &[episode(0.0)], 1).unwrap().is_none(),
+            "shorter than a prediction"
+        );
+        model.gain = 1.0;
+        assert_eq!(surprise(&mut model, &episode(5.0)).unwrap(), [0.0, 100.0, 100.0, 0.0]);
     }
 
     #[test]
     fn what_cannot_be_surprises() {
-        let model = &mut Doubled { gain: 1.0 };
+        let model = &mut doubled(1.0);
         let (possible, impossible) =
             (surprise(model, &episode(0.0)).unwrap(), surprise(model, &episode(5.0)).unwrap());
         assert_eq!(possible, [0.0; 5]);

@@ -33,6 +33,14 @@ pub fn action_ranking(
     options: &RankingOptions,
 ) -> Result<Vec<Option<f64>>, BoxError> {
     let RankingOptions { starts, plans, horizon, seed } = *options;
+    let stride = model.stride();
+    if horizon % stride != 0 {
+        let near = (horizon / stride).max(1) * stride;
+        return Err(format!(
+            "plans of {horizon} actions, and the model predicts {stride} at a time: use {near}, or another multiple of {stride}"
+        )
+        .into());
+    }
     if plans < 2 || horizon == 0 {
         return Err(format!("{plans} plan(s) of {horizon} action(s): at least 2 of 1 are needed").into());
     }
@@ -103,10 +111,11 @@ fn costs_of(
 ) -> Result<Vec<f64>, BoxError> {
     let mut latents = start.repeat(plans);
     let wide = taken.len() / (plans * horizon).max(1);
-    let mut actions = Vec::with_capacity(plans * wide);
-    for step in 0..horizon {
+    let stride = model.stride();
+    let mut actions = Vec::with_capacity(plans * stride * wide);
+    for step in (0..horizon).step_by(stride) {
         actions.clear();
-        (0..plans).for_each(|plan| actions.extend(&taken[(plan * horizon + step) * wide..][..wide]));
+        (0..plans).for_each(|plan| actions.extend(&taken[(plan * horizon + step) * wide..][..stride * wide]));
         model.predict_rows(&mut latents, &actions)?;
     }
     let distance = |latent: &[f64]| latent.iter().zip(goal).map(|(a, b)| (a - b) * (a - b)).sum();

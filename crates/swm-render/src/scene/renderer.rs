@@ -1,5 +1,8 @@
 //! The passes that make a frame, in order. What each pass does stands in its own file.
 
+mod blend;
+mod mirror;
+
 use super::assets::Assets;
 use super::description::{Instance, Mapping, Scene, Shape};
 use super::fragments::Fragments;
@@ -10,11 +13,12 @@ use super::shading::{Memory, Shading};
 use super::shadow::ShadowMap;
 use super::sky::Sky;
 use super::triangles::{Projected, Sides};
-use super::vector::{Vector, add, column, dot, length, scale, sub, wide};
+use super::vector::{Vector, column, dot, sub};
 use super::view::View;
 use super::visibility::Drawing;
 use crate::error::{RenderError, check_len, check_size};
 use crate::geometry::Geometry;
+use blend::Veils;
 
 /// What a picture is worth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,14 +59,12 @@ pub struct SceneRenderer {
     projected: Projected,
     memory: Memory,
     sky: Sky,
-    order: Vec<u16>,
+    veils: Veils,
     colors: Vec<[f32; 3]>,
 }
 
 /// From this opacity on a surface hides what is behind it.
 const OPAQUE: f32 = 0.995;
-/// Planes let this share of their opacity through from behind.
-const BEHIND: f32 = 0.3;
 
 impl SceneRenderer {
     /// A renderer of frames of `geometry`.
@@ -87,7 +89,7 @@ impl SceneRenderer {
             projected: Projected::default(),
             memory: Memory::default(),
             sky: Sky::default(),
-            order: Vec::new(),
+            veils: Veils::default(),
             colors: Vec::new(),
         };
         renderer.reserve(height * width);
@@ -103,6 +105,7 @@ impl SceneRenderer {
         self.mirror.reserve(2 * points, pixels + self.height);
         self.fragments.reserve(2 * points);
         self.mirrored.reserve(2 * points);
+        self.veils.reserve(points);
     }
 
     /// Writes the picture of `scene` to `frame`, `[H, W, 3]`.
@@ -276,122 +279,7 @@ impl SceneRenderer {
             }
         }
     }
-
-    /// The first mirror shows what is in front of it, without shadows: the scene seen from the mirrored eye.
-    fn reflect(&mut self, scene: &Scene, assets: &Assets, view: &View) {
-        let mirror = scene.instances.iter().position(|instance| {
-            instance.material.reflectance > 0.0
-                && is_opaque(instance, view)
-                && matches!(instance.shape, Shape::Plane { .. } | Shape::Box { .. })
-        });
-        let Some(owner) = mirror else { return };
-        let instance = &scene.instances[owner];
-        let normal = column(instance.rotation, 2);
-        let lift = if let Shape::Box { half } = instance.shape { f64::from(half[2]) } else { 0.0 };
-        let point = add(instance.position, scale(normal, lift));
-        if dot(sub(view.origin, point), normal) <= 0.0 {
-            return;
-        }
-        let range = self.fragments.of(owner);
-        let fragments = &self.fragments;
-        let other = view.mirrored(point, normal);
-        self.mirror.begin(self.width, ANYWHERE);
-        for at in range.clone() {
-            self.mirror.reach(fragments.pixel[at] as usize);
-            self.mirror.push(fragments.x[at], fragments.y[at], fragments.nearness[at]);
-        }
-        self.mirror.end(self.height, other.farthest());
-        let (projected, samples) = (&mut self.projected, &mut self.mirror);
-        draw_opaque(scene, assets, &other, Sides::MirroredFront, Some(owner), projected, samples);
-        let whole = |at: usize| (fragments.pixel[range.start + at], fragments.share[range.start + at]);
-        self.mirrored.of_list(&self.mirror, scene.instances.len(), whole);
-        self.mirrored_lamps.clear();
-        self.mirrored_lamps.extend(scene.lights.iter().map(|light| Lamp::new(light, other.origin)));
-        let shading = Shading { view: &other, assets, lamps: &self.mirrored_lamps, maps: None };
-        let drawing = Drawing { view: &other, assets, sides: Sides::Front, coarseness: COARSENESS };
-        let (mirrored, colors) = (&self.mirrored, &mut self.colors);
-        let share = instance.material.reflectance;
-        for (surface, instance) in scene.instances.iter().enumerate() {
-            let range = mirrored.of(surface);
-            let level = drawing.level(instance);
-            let put = |at: usize, color: Lanes3| accumulate(mirrored, at, range.end, color, share, colors);
-            shading.shade(instance, level, mirrored, range.clone(), &mut self.memory, put);
-        }
-    }
-
-    /// Surfaces that let light through, front to back and back again, as MuJoCo blends them.
-    fn blend(&mut self, scene: &Scene, assets: &Assets, view: &View) {
-        self.order.clear();
-        let all = (0..).zip(&scene.instances);
-        self.order.extend(
-            all.filter(|(_, instance)| instance.material.color[3] > 0.0 && !is_opaque(instance, view))
-                .map(|(owner, _)| owner),
-        );
-        if self.order.is_empty() {
-            return;
-        }
-        let distance = |owner: u16| {
-            let instance = &scene.instances[usize::from(owner)];
-            match instance.shape {
-                Shape::Plane { .. } => f64::INFINITY,
-                Shape::Mesh(mesh) => {
-                    let (low, high) = assets.meshes[mesh].bounds();
-                    let radius = 0.5 * length(sub(wide(high), wide(low)));
-                    length(sub(instance.position, view.origin)) - radius
-                }
-                shape => {
-                    let radius = length(wide(super::shape::half_lengths(&shape, 0.0)));
-                    length(sub(instance.position, view.origin)) - radius
-                }
-            }
-        };
-        self.order.sort_unstable_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)));
-        let count = self.order.len();
-        for round in 0..2 * count {
-            let owner = self.order[if round < count { round } else { 2 * count - 1 - round }];
-            let instance = &scene.instances[usize::from(owner)];
-            let sides = if is_behind(instance, view) { Sides::Both } else { Sides::Front };
-            let drawing = Drawing { view, assets, sides, coarseness: COARSENESS };
-            let Some(area) = drawing.area(instance) else { continue };
-            // Its pixels, and how near what hides it is there.
-            let (width, veil) = (self.width, &mut self.mirror);
-            veil.begin(width, 1.0);
-            for y in area.y0..area.y1 {
-                for x in area.x0..area.x1 {
-                    veil.reach(y * width + x);
-                    veil.push(x as f32 + 0.5, y as f32 + 0.5, view.nearest());
-                }
-            }
-            veil.end(self.height, view.farthest());
-            let rows = veil.nearness.chunks_exact_mut(area.x1 - area.x0).take(area.y1 - area.y0);
-            for (y, row) in (area.y0..).zip(rows) {
-                row.copy_from_slice(&self.raster.nearness[y * width + area.x0..y * width + area.x1]);
-            }
-            drawing.draw(instance, owner, &mut self.projected, veil);
-            let whole = |at: usize| ((veil.y[at] as usize * width + veil.x[at] as usize) as u32, 1.0);
-            self.mirrored.of_list(veil, scene.instances.len(), whole);
-            let behind = matches!(instance.shape, Shape::Plane { .. }) && is_behind(instance, view);
-            let opacity = instance.material.color[3] * if behind { BEHIND } else { 1.0 };
-            let shading = Shading { view, assets, lamps: &self.lamps, maps: None };
-            let (fragments, colors) = (&self.mirrored, &mut self.colors);
-            let range = fragments.of(usize::from(owner));
-            let put = |at: usize, color: Lanes3| {
-                let parts = color.to_arrays();
-                for lane in 0..LANES.min(range.end - at) {
-                    let pixel = &mut colors[fragments.pixel[at + lane] as usize];
-                    for (value, part) in pixel.iter_mut().zip(&parts) {
-                        *value = value.min(1.0) + opacity * (part[lane] - value.min(1.0));
-                    }
-                }
-            };
-            let level = drawing.level(instance);
-            shading.shade(instance, level, fragments, range.clone(), &mut self.memory, put);
-        }
-    }
 }
-
-/// The density of points that can be anywhere in a pixel.
-const ANYWHERE: f32 = 4096.0;
 
 /// Detail of meshes that is left out, in pixels.
 const COARSENESS: f32 = 1.25;

@@ -253,6 +253,35 @@ impl Samples {
         self.facet.resize(padded, 0);
     }
 
+    /// The list of the middles of all pixels of an area in a picture of this width and height. What is `seen` there so far,
+    /// pixel by pixel of the picture, hides what is behind it; nothing is nearer than `limit`.
+    pub(super) fn window(&mut self, area: &Area, [width, height]: [usize; 2], limit: f32, seen: &[f32]) {
+        self.begin(width, 1.0);
+        self.height = height;
+        self.nearness.clear();
+        self.starts.resize(area.y0 * (width + 1), 0);
+        for y in area.y0..area.y1 {
+            let first = self.x.len() as u32;
+            self.x.extend((area.x0..area.x1).map(|x| x as f32 + 0.5));
+            self.nearness.extend_from_slice(&seen[y * width + area.x0..y * width + area.x1]);
+            let last = self.x.len() as u32;
+            self.y.resize(self.x.len(), y as f32 + 0.5);
+            self.starts.resize(self.starts.len() + area.x0, first);
+            self.starts.extend(first..last);
+            self.starts.resize((y + 1) * (width + 1), last);
+        }
+        let (count, padded) = (self.x.len(), self.x.len() + LANES);
+        self.starts.resize(height * (width + 1), count as u32);
+        self.limit.resize(count, limit);
+        self.limit.resize(padded, f32::NEG_INFINITY);
+        self.x.resize(padded, 0.0);
+        self.y.resize(padded, 0.0);
+        self.nearness.resize(padded, 0.0);
+        self.owner.clear();
+        self.owner.resize(padded, NOTHING);
+        self.facet.resize(padded, 0);
+    }
+
     /// How many points there are.
     pub(super) fn len(&self) -> usize {
         self.x.len() - LANES

@@ -54,8 +54,11 @@ impl Drawing<'_> {
     /// The pixels that an instance may cover.
     pub(super) fn area(&self, instance: &Instance) -> Option<Area> {
         if let Shape::Mesh(mesh) = instance.shape {
-            let (centre, radius) = triangles::ball(self.assets.meshes[mesh].bounds(), instance);
-            return self.view.area(corners(centre, instance.rotation, [radius; 3]));
+            // A version of less detail reaches out by less than the pixel that an area has to spare.
+            let bounds = self.assets.meshes[mesh].bounds();
+            let (centre, _) = triangles::ball(bounds, instance);
+            let half = sub(wide(bounds.1), wide(bounds.0)).map(|side| 0.5 * side);
+            return self.view.area(corners(centre, instance.rotation, half));
         }
         let half = wide(shape::half_lengths(&instance.shape, FAR));
         self.view.area(corners(instance.position, instance.rotation, half))

@@ -6,8 +6,10 @@ use clap::Args;
 use serde_json::Map;
 use swm_core::evaluate::quality::WorldModel;
 use swm_core::evaluate::{StateModel, Violation, random_episodes};
-use swm_core::{EnvConfig, EnvEntry, Registry};
+use swm_core::{EnvConfig, EnvEntry, ImageSize, Registry};
 
+#[cfg(feature = "baselines")]
+use super::args::policy_args;
 use super::args::{EnvArgs, ImageArg};
 use super::output::table;
 use super::{Failure, Output, usage};
@@ -21,22 +23,25 @@ Examples:
   swm quality swm/PushT-v1 --model gain=0.8 --violation teleport --violation state[2,3]=-500,-500 --violation block.color
   swm quality swm/PushT-v1 --model pixels=8 --image-size 64 --episodes 100 --probe state
   swm quality swm/PushT-v1 --dataset pusht.h5 --episodes 200 --rows 100 --model constant --json
+  swm quality swm/TwoRoom-v1 --dataset two-room.h5 --model lewm:runs/lewm   (of `swm train`, in builds with baselines)
 
 Models that need no training are the yardsticks: `true` (the environment in its state space), `gain=G` (the same with actions
 multiplied by G), `constant` (nothing ever changes), and `pixels=C` (the picture in C × C cells, and nothing ever changes).
+Trained ones are `lewm:RUN`, `pldm:RUN`, `dino-wm:RUN` (`checkpoint=best` behind a comma), which predict as many rows at a
+time as they were trained to skip.
 Probes tell columns of the true state from latents: a linear one and a small network, fitted to four fifths of the episodes and
 scored on the others. A violation is `teleport`, COLUMN[ELEMENTS]=VALUES for something that
 jumps or vanishes, or the name of a factor, which changes. 0.5 of a violation is chance.")]
 pub(super) struct QualityCommand {
     #[command(flatten)]
     env: EnvArgs,
-    /// The model: true, constant, gain=G, or pixels=C.
+    /// The model: true, constant, gain=G, pixels=C, or a trained one: lewm:RUN.
     #[arg(long, default_value = "true")]
     model: String,
     /// Take the episodes of prediction and probes from this dataset. Without it, they are made of random actions.
     #[arg(long, value_name = "FILE")]
     dataset: Option<PathBuf>,
-    /// Size of the pictures that the model sees, or `none`. Default: the dataset's, or none.
+    /// Size of the pictures that the model sees, or `none`. Default: that of its training, the dataset's, or none.
     #[arg(long)]
     image_size: Option<ImageArg>,
     /// A column of the true state to be told from latents; may be repeated. Default: the environment's start columns;
@@ -52,7 +57,7 @@ pub(super) struct QualityCommand {
     /// Rows of an episode; of recorded ones the first.
     #[arg(long, default_value_t = 30)]
     rows: usize,
-    /// Steps of open-loop prediction, and actions of a plan.
+    /// Rows of open-loop prediction, and actions of a plan.
     #[arg(long, default_value_t = 10)]
     horizon: usize,
     /// Random plans per start.
@@ -77,7 +82,8 @@ impl QualityCommand {
         if !metadata.env.is_empty() && metadata.env != entry.id {
             return Err(usage(format!("the dataset was recorded in {}, not in {}", metadata.env, entry.id)));
         }
-        let image = self.image_size.map_or(metadata.image, |size| size.0);
+        let trained = Trained::of(&self.model)?;
+        let image = self.image_size.map_or(trained.image.or(metadata.image), |size| size.0);
         let config =
             self.env.config_like(if dataset.is_some() { metadata.settings } else { Map::new() }, image)?;
         let violations: Vec<(String, Violation)> = self
@@ -85,7 +91,10 @@ impl QualityCommand {
             .iter()
             .map(|text| Ok((text.clone(), violation(text)?)))
             .collect::<Result<_, Failure>>()?;
-        let mut model = model(&self.model, entry, &config)?;
+        let mut model = match trained.model {
+            Some(model) => model,
+            None => model(&self.model, entry, &config)?,
+        };
         let mut env = (entry.make)(&config)?;
         let recorded = match &mut dataset {
             Some(dataset) => recorded_episodes(env.as_ref(), dataset.as_mut(), episodes, rows)?,
@@ -101,6 +110,35 @@ impl QualityCommand {
         let options = QualityOptions { episodes, rows, horizon, plans, seed };
         let found = quality(model.as_mut(), env.as_mut(), &recorded, &probed, &violations, &options)?;
         output.result(&found, || text(entry.id, &self.model, &found))
+    }
+}
+
+/// A trained model, where `--model` names one, and the size of the pictures that it was trained on.
+#[derive(Default)]
+struct Trained {
+    model: Option<Box<dyn WorldModel>>,
+    image: Option<ImageSize>,
+}
+
+impl Trained {
+    #[cfg(feature = "baselines")]
+    fn of(name: &str) -> Result<Self, Failure> {
+        use swm_baselines::acting::{LatentModel, is_model};
+
+        let Some(args) = policy_args(name).ok().filter(is_model) else { return Ok(Self::default()) };
+        let model = LatentModel::new(&args)?;
+        let side = model.image_side();
+        Ok(Self { image: Some(ImageSize { height: side, width: side }), model: Some(Box::new(model)) })
+    }
+
+    #[cfg(not(feature = "baselines"))]
+    fn of(name: &str) -> Result<Self, Failure> {
+        match name.split_once(':') {
+            Some((trained, _)) => Err(usage(format!(
+                "--model {name}: trained models such as {trained} need a build with the feature `baselines`"
+            ))),
+            None => Ok(Self::default()),
+        }
     }
 }
 
@@ -121,7 +159,9 @@ fn gain(model: &str) -> Result<Option<f64>, Failure> {
         ("true", _) => Ok(Some(1.0)),
         ("constant", _) => Ok(None),
         (_, Some(Ok(gain))) if gain.is_finite() => Ok(Some(gain)),
-        _ => Err(usage(format!("--model {model}: there are true, constant, gain=NUMBER and pixels=CELLS"))),
+        _ => Err(usage(format!(
+            "--model {model}: there are true, constant, gain=NUMBER, pixels=CELLS, and trained ones such as lewm:RUN"
+        ))),
     }
 }
 
@@ -148,9 +188,9 @@ fn text(env: &str, model: &str, found: &Quality) -> String {
     let mut text = format!("{env}, model `{model}`\n\n");
     let errors: Vec<Vec<String>> = (1..)
         .zip(&found.open_loop_error)
-        .map(|(step, error): (usize, _)| vec![step.to_string(), format!("{error:.4e}")])
+        .map(|(step, error): (usize, _)| vec![(step * found.stride).to_string(), format!("{error:.4e}")])
         .collect();
-    text += &table(&["steps ahead", "squared error"], &errors);
+    text += &table(&["rows ahead", "squared error"], &errors);
     let probes: Vec<Vec<String>> = found
         .probes
         .iter()

@@ -17,7 +17,7 @@ pub struct QualityOptions {
     pub episodes: usize,
     /// Rows of an episode; violations happen in the middle.
     pub rows: usize,
-    /// Steps of open-loop prediction, and actions of a plan.
+    /// Rows of open-loop prediction, and actions of a plan.
     pub horizon: usize,
     /// Plans per start.
     pub plans: usize,
@@ -28,7 +28,9 @@ pub struct QualityOptions {
 /// What came out.
 #[derive(Clone, Debug, Serialize)]
 pub struct Quality {
-    /// Mean squared error per number of the latent after 1, 2, … steps of open-loop prediction.
+    /// F: rows that one prediction spans.
+    pub stride: usize,
+    /// Mean squared error per number of the latent after 1, 2, … open-loop predictions of F rows each.
     pub open_loop_error: Vec<f64>,
     /// What probes tell of the true state, column by column.
     pub probes: Vec<Probed>,
@@ -69,6 +71,13 @@ pub fn quality(
     options: &QualityOptions,
 ) -> Result<Quality, BoxError> {
     let QualityOptions { episodes, rows, horizon, plans, seed } = *options;
+    let stride = model.stride();
+    if horizon < stride {
+        return Err(format!(
+            "the model predicts {stride} rows at a time: use a horizon of {stride} or a multiple"
+        )
+        .into());
+    }
     let open_loop_error = open_loop_error(model, recorded, horizon)?.ok_or_else(|| {
         format!(
             "no episode has more rows than the horizon of {horizon}: use longer ones, or a shorter horizon"
@@ -90,7 +99,7 @@ pub fn quality(
         .iter()
         .map(|(name, violation)| surprised(model, env, name, violation, &pairs))
         .collect::<Result<_, _>>()?;
-    Ok(Quality { open_loop_error, probes, ranking, violations })
+    Ok(Quality { stride, open_loop_error, probes, ranking, violations })
 }
 
 fn surprised(

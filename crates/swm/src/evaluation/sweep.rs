@@ -1,21 +1,21 @@
 //! Robustness: the same pairs under changed factors of variation, one factor alone, each group, all together, beside the
-//! unchanged environment.
+//! unchanged environment. Which changes there are is the duty of `changes`.
 
-use std::collections::{BTreeMap, BTreeSet};
+mod changes;
+
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
-use swm_core::dataset::selects;
 use swm_core::env::FactorSpec;
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, PairedTest, Summary};
-use swm_core::{
-    Env, EnvConfig, EnvEntry, EnvError, Episode, EpisodeSeed, Manifest, Registry, ResetOptions, Space, Value,
-};
+use swm_core::{Env, EnvConfig, EnvEntry, EnvError, Episode, EpisodeSeed, Manifest, Registry, ResetOptions};
 
 use super::receipt::Code;
 use super::run::{Candidate, RunOptions, plan_steps, run_pairs};
+pub use changes::{Change, changes};
 
 /// The version of [`Sweep`] that is written and read.
 pub const SWEEP_VERSION: u32 = 1;
@@ -87,56 +87,6 @@ pub struct Cell {
     pub note: Option<String>,
     /// Success, pair by pair.
     pub successes: Vec<bool>,
-}
-
-/// A change to be evaluated.
-#[derive(Clone, Debug)]
-pub struct Change {
-    name: String,
-    scope: Scope,
-    value: String,
-    /// A share of every factor's range; drawn without one.
-    share: Option<f64>,
-}
-
-/// The changes of a sweep over `factors` (names, groups, or `all`), in order; unknown names are refused.
-pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Result<Vec<Change>, String> {
-    let all: Vec<&str> = factors.iter().map(|factor| factor.name.as_str()).collect();
-    if let Some(unknown) = asked.iter().find(|asked| !all.iter().any(|name| selects(asked, name))) {
-        let near = swm_core::error::nearest(unknown, all.iter().copied());
-        let meant = swm_core::error::did_you_mean(near.as_deref());
-        return Err(format!("unknown factor `{unknown}`{meant}; `swm fovs` lists them"));
-    }
-    let wanted: Vec<&str> =
-        all.iter().copied().filter(|name| asked.iter().any(|asked| selects(asked, name))).collect();
-    let groups: BTreeSet<&str> = wanted
-        .iter()
-        .filter_map(|name| name.split_once('.').map(|(group, _)| group))
-        .filter(|group| wanted.iter().filter(|name| selects(group, name)).count() > 1)
-        .collect();
-    let singles = wanted.iter().map(|&name| (name, Scope::Factor));
-    let groups = groups.into_iter().map(|name| (name, Scope::Group));
-    let whole = (wanted.len() == all.len() && all.len() > 1).then_some(("all", Scope::All));
-    let shares: Vec<(String, Option<f64>)> = match values {
-        Values::Sampled => vec![("sampled".to_owned(), None)],
-        Values::Extremes => vec![("lowest".to_owned(), Some(0.0)), ("highest".to_owned(), Some(1.0))],
-        Values::Grid(count) if count >= 2 => (0..count)
-            .map(|index| index as f64 / (count - 1) as f64)
-            .map(|share| (format!("{:.0} %", 100.0 * share), Some(share)))
-            .collect(),
-        Values::Grid(count) => return Err(format!("a grid of {count} value(s); use 2 or more")),
-    };
-    let scopes = singles.chain(groups).chain(whole);
-    Ok(scopes
-        .flat_map(|(name, scope)| {
-            shares.iter().map(move |(value, share)| Change {
-                name: name.to_owned(),
-                scope,
-                value: value.clone(),
-                share: *share,
-            })
-        })
-        .collect())
 }
 
 /// Evaluates the unchanged environment and every change. `each` is called after every cell with its number and their count.
@@ -244,45 +194,6 @@ impl Trial {
     }
 }
 
-impl Change {
-    /// The reset with the change on top.
-    fn apply(&self, factors: &[FactorSpec], reset: &ResetOptions) -> ResetOptions {
-        let mut changed = reset.clone();
-        let selected = |factor: &&FactorSpec| selects(&self.name, &factor.name);
-        for factor in factors.iter().filter(selected) {
-            changed.variation_values.remove(&factor.name);
-            if let Some(value) = self.share.and_then(|share| at_share(&factor.space, share)) {
-                changed.variation_values.insert(factor.name.clone(), value);
-            }
-        }
-        if self.share.is_none() {
-            let drawn = changed.variation.get_or_insert_with(|| {
-                factors.iter().filter(|factor| factor.drawn_by_default).map(|f| f.name.clone()).collect()
-            });
-            drawn.push(self.name.clone());
-        }
-        changed
-    }
-}
-
-/// The value at a share of the way from the smallest to the largest; none where the range is not finite.
-fn at_share(space: &Space, share: f64) -> Option<Value> {
-    let between = |low: f64, high: f64| low + (high - low) * share;
-    let (low, high) = match space {
-        Space::Dict { .. } => return None,
-        space => space.bounds(),
-    };
-    let whole = !matches!(space, Space::Box { .. });
-    let numbers: Vec<f64> = low
-        .iter()
-        .zip(&high)
-        .map(|(&low, &high)| if whole { between(low, high).round() } else { between(low, high) })
-        .collect();
-    let dtype = space.dtype()?;
-    let finite = numbers.iter().all(|number| number.is_finite());
-    finite.then(|| Value::vector(&numbers).cast("factor", dtype, &space.shape()).ok())?
-}
-
 impl Sweep {
     /// One line per cell, for spreadsheets.
     pub fn csv(&self) -> String {
@@ -325,81 +236,4 @@ fn quoted(text: &str) -> String {
 /// Whether JSON is a sweep rather than a receipt.
 pub fn is_sweep(json: &Json) -> bool {
     json.get("sweep").and_then(Json::as_u64).is_some()
-}
-
-#[cfg(test)]
-mod tests {
-    use swm_core::Dtype;
-
-    use super::*;
-
-    fn factor(name: &str, space: Space, drawn_by_default: bool) -> FactorSpec {
-        FactorSpec {
-            name: name.to_owned(),
-            doc: String::new(),
-            default: Json::Null,
-            space,
-            drawn_by_default,
-            constraint: None,
-            shows_with: Vec::new(),
-        }
-    }
-
-    fn factors() -> Vec<FactorSpec> {
-        let box_ = || Space::uniform_box(Dtype::F64, &[2], -1.0, 3.0);
-        vec![
-            factor("block.color", Space::Rgb, false),
-            factor("block.start", box_(), true),
-            factor("agent.shape", Space::Discrete { n: 4, start: 1 }, false),
-        ]
-    }
-
-    #[test]
-    fn factors_come_alone_in_groups_and_together() {
-        let of = |asked: &[&str], values| {
-            let asked: Vec<String> = asked.iter().map(|&name| name.to_owned()).collect();
-            changes(&factors(), &asked, values).map(|changes| {
-                changes.iter().map(|change| format!("{} {}", change.name, change.value)).collect::<Vec<_>>()
-            })
-        };
-        assert_eq!(
-            of(&["all"], Values::Sampled).unwrap(),
-            [
-                "block.color sampled",
-                "block.start sampled",
-                "agent.shape sampled",
-                "block sampled",
-                "all sampled"
-            ]
-        );
-        assert_eq!(of(&["agent"], Values::Extremes).unwrap(), ["agent.shape lowest", "agent.shape highest"]);
-        assert_eq!(
-            of(&["agent.shape"], Values::Grid(3)).unwrap(),
-            ["agent.shape 0 %", "agent.shape 50 %", "agent.shape 100 %"]
-        );
-        assert!(of(&["agent.shap"], Values::Sampled).unwrap_err().contains("did you mean `agent.shape`?"));
-        assert!(of(&["all"], Values::Grid(1)).unwrap_err().contains("2 or more"));
-    }
-
-    #[test]
-    fn changes_draw_or_set_what_they_name_and_nothing_else() {
-        let (factors, plain) =
-            (factors(), ResetOptions::default().fix("block.color", Value::vector(&[9u8; 3])));
-        let change =
-            |share| Change { name: "block".to_owned(), scope: Scope::Group, value: String::new(), share };
-        let drawn = change(None).apply(&factors, &plain);
-        assert_eq!(
-            drawn.variation.unwrap(),
-            ["block.start", "block"],
-            "what is drawn by default stays drawn"
-        );
-        assert!(drawn.variation_values.is_empty(), "what is drawn is not set");
-        let set = change(Some(1.0)).apply(&factors, &plain);
-        assert_eq!(set.variation, None);
-        assert_eq!(set.variation_values["block.color"], Value::vector(&[255u8; 3]));
-        assert_eq!(set.variation_values["block.start"], Value::vector(&[3.0, 3.0]));
-        assert_eq!(at_share(&Space::Discrete { n: 4, start: 1 }, 0.5), Some(Value::scalar(3i64)));
-        let open = Space::uniform_box(Dtype::F64, &[], 0.0, f64::INFINITY);
-        assert_eq!(at_share(&open, 1.0), None);
-    }
 }

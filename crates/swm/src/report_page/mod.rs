@@ -3,6 +3,7 @@
 
 mod charts;
 mod page;
+mod receipts;
 mod replay;
 mod sections;
 

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use swm_core::error::BoxError;
 
 use super::replay::Replayed;
-use super::sections;
+use super::{receipts, sections};
 use crate::evaluation::{Code, Receipt, Sweep};
 use crate::svg::escape;
 
@@ -28,7 +28,7 @@ pub(super) fn draw(receipts: &[(&Receipt, Replayed)], sweeps: &[&Sweep]) -> Resu
     if receipts.iter().any(|(_, replayed)| !replayed.plans.is_empty()) {
         tabs.push(("plans", "Plans", sections::plans(receipts)));
     }
-    tabs.push(("receipts", "Receipts", sections::receipts(receipts, sweeps)?));
+    tabs.push(("receipts", "Receipts", receipts::tab(receipts, sweeps)?));
     let envs: Vec<&str> = receipts
         .iter()
         .map(|(receipt, _)| receipt.manifest.env.as_str())

@@ -114,6 +114,9 @@ struct DinoWm {
     form: Form,
     #[module(skip)]
     history: usize,
+    /// Patches, and numbers of each, of an observation without actions.
+    #[module(skip)]
+    observed: [usize; 2],
 }
 
 /// Network and training of these settings.
@@ -149,6 +152,7 @@ fn network(config: &DinoWmConfig, facts: &Facts, device: &Device) -> Result<(Din
         action: StateEmbedder::new(form.action, config.action, device),
         form,
         history: config.history,
+        observed: [patches, width + config.proprio],
     };
     Ok((network, form))
 }

@@ -44,6 +44,21 @@ impl SceneModel for DinoWm {
         }
     }
 
+    fn latent_width(&self) -> usize {
+        self.observed.iter().product()
+    }
+
+    fn latent(&self, pixels: Tensor<5>, proprio: Option<Tensor<3>>) -> Tensor<2> {
+        self.observe(pixels, proprio).reshape([1, self.latent_width()])
+    }
+
+    fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
+        let ([count, width], [patches, tokens]) = (latents.dims(), self.observed);
+        let frames =
+            self.with_actions(latents.reshape([count, 1, patches, tokens]), actions.unsqueeze_dim(1));
+        self.predict(frames, &mut Pass::evaluate()).reshape([count, width])
+    }
+
     fn costs(&self, scene: &Scene, plans: Tensor<3>) -> Tensor<1> {
         let [count, horizon, width] = plans.dims();
         let pass = &mut Pass::evaluate();

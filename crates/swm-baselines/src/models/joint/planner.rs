@@ -43,6 +43,19 @@ impl SceneModel for Joint {
         Scene { states, action, goal: goal.squeeze_dim(1) }
     }
 
+    fn latent_width(&self) -> usize {
+        self.config.width
+    }
+
+    fn latent(&self, pixels: Tensor<5>, _proprio: Option<Tensor<3>>) -> Tensor<2> {
+        self.encode(pixels, &mut Pass::evaluate()).squeeze_dim(1)
+    }
+
+    fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
+        let actions = self.action_encoder.forward(actions.unsqueeze_dim(1));
+        self.predict(latents.unsqueeze_dim(1), actions, &mut Pass::evaluate()).squeeze_dim(1)
+    }
+
     fn costs(&self, scene: &Scene, plans: Tensor<3>) -> Tensor<1> {
         let [count, horizon, _] = plans.dims();
         let pass = &mut Pass::evaluate();

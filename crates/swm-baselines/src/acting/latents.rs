@@ -1,0 +1,139 @@
+//! A trained world model as one whose quality is measured without control: latents of recorded rows, and what is predicted of
+//! them.
+//!
+//! A prediction spans the frame skip F of the model, and sees the latent before it alone, as that of a plan's first step does
+//! where an episode begins: what a history of more frames would add is not measured.
+
+use swm_core::env::PIXELS;
+use swm_core::evaluate::quality::WorldModel;
+use swm_core::{Batch, BoxError, PolicyArgs, PolicyError, Row};
+
+use super::policies::Given;
+use super::scenes::{bytes, numbers, scaled, size_of};
+use crate::baseline::PlanModel;
+use crate::data::{Numbers, Observations, Pictures};
+use crate::models::table::BASELINES;
+use crate::train::{ACTION, PROPRIO, Scale, TrainedModel};
+
+/// Whether arguments name a trained model: `lewm:RUN`, or `model:RUN` for any.
+pub fn is_model(args: &PolicyArgs) -> bool {
+    args.name == ANY || BASELINES.iter().any(|entry| entry.name == args.name)
+}
+
+const ANY: &str = "model";
+
+/// A trained world model by its latents.
+pub struct LatentModel {
+    network: Box<dyn PlanModel>,
+    frameskip: usize,
+    side: usize,
+    action: Scale,
+    proprio: Option<Scale>,
+    latents: Vec<f32>,
+    actions: Vec<f32>,
+}
+
+impl LatentModel {
+    /// The model that arguments name, such as `lewm:RUN,checkpoint=best`.
+    pub fn new(args: &PolicyArgs) -> Result<Self, PolicyError> {
+        let given = Given::of(args)?;
+        let TrainedModel { baseline, config, .. } = given.model(args)?;
+        if let Some(name) = given.rest.keys().next() {
+            return Err(args.wrong(format!("setting `{name}`: unknown; known is checkpoint")));
+        }
+        let found = baseline.name();
+        if args.name != ANY && args.name != found {
+            return Err(args.wrong(format!("the run trained {found}, not {0}; use `{found}:RUN`", args.name)));
+        }
+        let Some(network) = baseline.planner() else {
+            return Err(args.wrong(format!("{found} is no world model and predicts nothing")));
+        };
+        let needs = baseline.needs();
+        let scale = |column: &str| config.data.scales.get(column).cloned();
+        let action = scale(ACTION).ok_or_else(|| args.wrong("the run has no scale of actions".to_owned()))?;
+        let proprio = needs.proprio.then(|| scale(PROPRIO)).flatten();
+        let (frameskip, side) = (needs.frameskip, config.data.image);
+        Ok(Self { network, frameskip, side, action, proprio, latents: Vec::new(), actions: Vec::new() })
+    }
+
+    /// The side of the pictures that the model was trained on.
+    pub fn image_side(&self) -> usize {
+        self.side
+    }
+
+    fn encode_seen(
+        &mut self,
+        pixels: &[u8],
+        [height, width]: [usize; 2],
+        proprio: &[f32],
+        latents: &mut [f64],
+    ) -> Result<(), BoxError> {
+        let rows = latents.len() / self.network.latent_width().max(1);
+        let seen = Observations {
+            pixels: Pictures { values: pixels, rows, steps: 1, height, width, channels_last: true },
+            proprio: self.proprio.as_ref().map(|scale| Numbers {
+                values: proprio,
+                rows,
+                steps: 1,
+                width: scale.mean.len(),
+            }),
+        };
+        self.latents.resize(latents.len(), 0.0);
+        self.network.encode(&seen, &mut self.latents)?;
+        widen(&self.latents, latents);
+        Ok(())
+    }
+
+    fn push_proprio(&self, row: Row<'_>, out: &mut Vec<f32>) -> Result<(), BoxError> {
+        if let Some(scale) = &self.proprio {
+            scaled(scale, numbers(row, PROPRIO)?, out);
+        }
+        Ok(())
+    }
+}
+
+impl WorldModel for LatentModel {
+    fn latent_width(&self) -> usize {
+        self.network.latent_width()
+    }
+
+    fn stride(&self) -> usize {
+        self.frameskip
+    }
+
+    fn encode(&mut self, row: Row<'_>, latent: &mut [f64]) -> Result<(), BoxError> {
+        let mut proprio = Vec::new();
+        self.push_proprio(row, &mut proprio)?;
+        self.encode_seen(bytes(row, PIXELS)?, size_of(row, PIXELS)?, &proprio, latent)
+    }
+
+    fn predict(&mut self, latent: &mut [f64], action: &[f64]) -> Result<(), BoxError> {
+        self.predict_rows(latent, action)
+    }
+
+    fn encode_rows(&mut self, rows: &Batch, latents: &mut [f64]) -> Result<(), BoxError> {
+        if rows.rows() == 0 {
+            return Ok(());
+        }
+        let mut proprio = Vec::new();
+        (0..rows.rows()).try_for_each(|row| self.push_proprio(rows.row(row), &mut proprio))?;
+        let size = size_of(rows.row(0), PIXELS)?;
+        self.encode_seen(rows.get(PIXELS)?, size, &proprio, latents)
+    }
+
+    fn predict_rows(&mut self, latents: &mut [f64], actions: &[f64]) -> Result<(), BoxError> {
+        let Self { network, action, latents: narrow, actions: taken, .. } = self;
+        narrow.clear();
+        narrow.extend(latents.iter().map(|&number| number as f32));
+        taken.clear();
+        taken.extend(actions.iter().map(|&number| number as f32));
+        action.apply(taken);
+        network.predict(narrow, taken)?;
+        widen(narrow, latents);
+        Ok(())
+    }
+}
+
+fn widen(from: &[f32], to: &mut [f64]) {
+    to.iter_mut().zip(from).for_each(|(to, from)| *to = f64::from(*from));
+}
