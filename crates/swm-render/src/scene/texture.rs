@@ -33,6 +33,9 @@ const CALM: Texel = 1 << 63;
 /// Cube textures with faces up to this size are marked where they are calm; larger ones are skies, which are not.
 const MARKED: usize = 256;
 
+/// So many colours are told apart when a texture is recoloured.
+const FEW_COLORS: usize = 8;
+
 fn texel([r, g, b]: [u8; 3]) -> Texel {
     u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32
 }
@@ -73,21 +76,33 @@ impl Texture {
     #[must_use]
     pub fn recolored(&self, recolor: impl Fn([usize; 2], [u8; 3]) -> [u8; 3]) -> Self {
         let Image { width, height, ref texels } = self.levels[0];
+        // What became of the colours so far, as long as they are few and each becomes one other.
+        let (mut known, mut is_by_color): (Vec<[Texel; 2]>, bool) = (Vec::new(), true);
         let change = |(index, &old): (usize, &Texel)| {
             let color = [0, 16, 32].map(|shift| (old >> shift & 0xff) as u8);
-            // What is of one colour around stays so.
-            texel(recolor([index / width, index % width], color)) | old & CALM
+            let new = texel(recolor([index / width, index % width], color));
+            match known.iter().find(|[from, _]| *from == old & !CALM) {
+                Some([_, to]) => is_by_color &= *to == new,
+                None if known.len() < FEW_COLORS => known.push([old & !CALM, new]),
+                None => is_by_color = false,
+            }
+            new
         };
         let mut levels =
             vec![Image { width, height, texels: texels.iter().enumerate().map(change).collect() }];
-        for old in &self.levels[1..] {
-            let Some(mut smaller) = levels.last().and_then(Image::halved) else { break };
-            for (texel, old) in smaller.texels.iter_mut().zip(&old.texels) {
-                *texel |= old & CALM;
-            }
+        while let Some(smaller) = levels.last().and_then(Image::halved) {
             levels.push(smaller);
         }
-        Self { levels }
+        let mut recolored = Self { levels };
+        if is_by_color {
+            // What is of one colour around stays so.
+            for (new, old) in recolored.levels.iter_mut().zip(&self.levels) {
+                new.texels.iter_mut().zip(&old.texels).for_each(|(new, old)| *new |= old & CALM);
+            }
+        } else {
+            recolored.mark_calm();
+        }
+        recolored
     }
 
     /// Sets [`CALM`].
@@ -350,8 +365,11 @@ mod tests {
         };
         let texture = |colors| Texture::new(45, 31, &checker(colors)).expect("sound");
         let (old, mark) = ([[9, 8, 7], [90, 80, 70]], [255; 3]);
-        for new in [[[200, 0, 30], [1, 255, 2]], [[5; 3]; 2]] {
-            let recolor = |_: [usize; 2], color| match color {
+        // A mark may have the colour of a field, and stay where the field changes.
+        let (odd, even) = ([[200, 0, 30], [1, 255, 2]], [[5; 3]; 2]);
+        for (new, mark) in [(odd, mark), (even, mark), (odd, old[1]), (even, old[0])] {
+            let recolor = |[_, column]: [usize; 2], color| match color {
+                color if column == 0 => color,
                 color if color == old[0] => new[0],
                 color if color == old[1] => new[1],
                 mark => mark,
