@@ -131,7 +131,9 @@ impl Storage for LanceStorage {
         };
         manifest.runs = recording::with_run(&manifest.runs, start.episodes, metadata);
         let open = || {
-            let films = self.has_films.then(|| open_films(&beside, start.episodes)).transpose()?;
+            // Where nothing is filmed, their table stays empty: Lance cannot tell files without rows from unknown ones.
+            let filmed = if manifest.columns.iter().any(takes) { start.episodes } else { 0 };
+            let films = self.has_films.then(|| open_films(&beside, filmed)).transpose()?;
             let table = match table {
                 Some(mut table) => {
                     table.resume(table.fragments().len(), Some(manifest.about()?))?;
@@ -216,7 +218,7 @@ impl Recording for LanceRecording {
 
     fn announce(&mut self, end: Place) -> Result<(), String> {
         let OpenEpisode { rows, checksums, films, .. } = self.open.take().ok_or("an episode without rows")?;
-        if let Some(table) = &mut self.films {
+        if let Some(table) = self.films.as_mut().filter(|_| !films.is_empty()) {
             let finished = films.into_iter().map(|(field, film)| {
                 let bytes = film.finish().map_err(|error| format!("column `{}`: {error}", field.name))?;
                 Ok((field.name, bytes))

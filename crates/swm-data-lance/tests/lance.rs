@@ -115,8 +115,7 @@ fn episodes_that_no_manifest_lists_yet_are_there() {
     const EPISODES: usize = 66;
     let folder = folder();
     let schema = swm_core::Schema::new(vec![swm_core::Field::step("state", Dtype::F64, &[7])]).unwrap();
-    // Without pictures: films are none.
-    for format in &FORMATS[..1] {
+    for format in &FORMATS {
         let path = path_in(&folder, "data", format);
         let mut writer = create(&path, WriteMode::Append, None).unwrap();
         writer.begin(&schema, &metadata()).unwrap();
