@@ -1,11 +1,13 @@
 //! A puck on an ice rink: an environment that lives outside of stable-worldmodel.
 //!
 //! The environment, its factors and its expert need `swm-core` and `swm-fov` only. The feature `cli` adds what needs the whole:
-//! a solver, a world model, and the command line with all of them.
+//! a solver, a world model, a data format, and the command line with all of them.
 
 mod env;
 mod expert;
 mod factors;
+#[cfg(feature = "cli")]
+mod format;
 #[cfg(feature = "cli")]
 mod model;
 mod picture;
@@ -16,6 +18,8 @@ use swm_core::{EnvEntry, Registry};
 
 pub use env::Rink;
 pub use factors::factors;
+#[cfg(feature = "cli")]
+pub use format::JSONL;
 #[cfg(feature = "cli")]
 pub use model::FITTED_MODEL;
 #[cfg(feature = "cli")]

@@ -1,4 +1,4 @@
-//! The whole command line on this crate's environment, solver and model, as a user would run it.
+//! The whole command line on this crate's environment, solver, model and data format, as a user would run it.
 
 use std::process::{Command, Output};
 
@@ -36,6 +36,14 @@ fn it_is_listed_collected_replayed_planned_on_and_evaluated() {
     );
     json(folder, &format!("{collect} --episodes 2 --image-size 32x32 --vary all --out pictures.h5"));
     assert!(run(folder, "verify pictures.h5").status.success());
+
+    // Our own format by its extension, there and back without a difference.
+    json(folder, "convert data.h5 data.jsonl");
+    assert_eq!(json(folder, "inspect data.jsonl")["episodes"], 30);
+    assert!(run(folder, "diff data.h5 data.jsonl").status.success());
+    assert!(run(folder, "replay data.jsonl").status.success());
+    json(folder, &format!("{collect} --episodes 2 --out lines.jsonl"));
+    assert!(run(folder, "verify lines.jsonl").status.success());
 
     let success = |policy: &str| {
         let eval = "eval demo/IceRink-v0 --episodes 10 --seed 5 --budget 150";
