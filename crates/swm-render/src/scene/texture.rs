@@ -1,5 +1,11 @@
-//! Textures: smaller copies of themselves for what is far away, and reading between texels.
+//! Flat textures that repeat, with smaller copies of themselves for what is far away. How texels are stored and what lies
+//! between them is in `image`, six textures around a point are in `cube`.
 
+mod cube;
+mod image;
+
+pub use self::cube::CubeTexture;
+use self::image::{CALM, Image, Texel, channel, mix, texel};
 use super::lanes::{LANES, Lanes, Lanes3, splat};
 use crate::error::RenderError;
 
@@ -9,46 +15,8 @@ pub struct Texture {
     levels: Vec<Image>,
 }
 
-/// Six square pictures around a point, in the order +x, -x, +y, -y, +z, -z.
-#[derive(Clone, Debug)]
-pub struct CubeTexture {
-    faces: Vec<Texture>,
-    size: usize,
-}
-
-#[derive(Clone, Debug)]
-struct Image {
-    width: usize,
-    height: usize,
-    texels: Vec<Texel>,
-}
-
-/// Red, green and blue in 16 bits each, so that all three are mixed by one multiplication; and [`CALM`].
-type Texel = u64;
-
-/// The bit of texels around which all is of their colour, in their image and the next smaller one: whatever is read
-/// between texels there is this colour. Checkers are calm nearly everywhere.
-const CALM: Texel = 1 << 63;
-
-/// Cube textures with faces up to this size are marked where they are calm; larger ones are skies, which are not.
-const MARKED: usize = 256;
-
 /// So many colours are told apart when a texture is recoloured.
 const FEW_COLORS: usize = 8;
-
-fn texel([r, g, b]: [u8; 3]) -> Texel {
-    u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32
-}
-
-/// The lowest byte of each of the three numbers.
-const BYTES: Texel = 0x00ff_00ff_00ff;
-
-/// Between `a` and `b`: `share` of 256 parts of `b`.
-#[inline]
-fn mix(a: Texel, b: Texel, share: u32) -> Texel {
-    let (a, b, share) = (a & BYTES, b & BYTES, u64::from(share));
-    ((a * (256 - share) + b * share + 0x0080_0080_0080) >> 8) & BYTES
-}
 
 impl Texture {
     /// From `[H, W, 3]` bytes, the first row at v = 0.
@@ -176,146 +144,12 @@ impl Texture {
     }
 }
 
-/// Red, green or blue.
-#[inline]
-fn channel(color: Texel, k: usize) -> f32 {
-    (color >> (16 * k) & 0xff) as i32 as f32
-}
-
 /// What is left of numbers when their whole part is gone, from 0 to 1. Numbers beyond a thousand million have lost it.
 #[inline]
 fn fractions(value: Lanes) -> Lanes {
     let value = value.max(splat(-1e9)).min(splat(1e9));
     let part = value - Lanes::from_i32x8(value.fast_trunc_int());
     part.simd_lt(splat(0.0)).select(part + splat(1.0), part)
-}
-
-impl CubeTexture {
-    /// From six faces of `[size, size, 3]` bytes, one after the other; or one face, six times the same.
-    pub fn new(size: usize, rgb: &[u8]) -> Result<Self, RenderError> {
-        let face = size * size * 3;
-        let make = if size <= MARKED { Texture::new } else { Texture::plain };
-        let faces = match rgb.len() {
-            len if len == face => (0..6).map(|_| make(size, size, rgb)).collect(),
-            len if len == 6 * face && face > 0 => {
-                rgb.chunks_exact(face).map(|rgb| make(size, size, rgb)).collect()
-            }
-            len => Err(RenderError::Texture { what: format!("a cube of {size} texels with {len} bytes") }),
-        };
-        Ok(Self { faces: faces?, size })
-    }
-
-    /// The colour, 0 to 255, in a direction; `across` says how the direction changes from pixel to pixel.
-    pub(super) fn at(&self, direction: [f32; 3], across: [[f32; 3]; 2]) -> [f32; 3] {
-        let (face, [u, v, major]) = project(direction);
-        let half = 0.5 * self.size as f32;
-        let mut texels = 0.0_f32;
-        for step in across {
-            // Derivatives of u / major and v / major on this face.
-            let [du, dv, dm] = on_face(face, step);
-            for slope in [(du * major - u * dm), (dv * major - v * dm)] {
-                texels = texels.max((slope / (major * major)).abs() * half);
-            }
-        }
-        let color = self.faces[face].at(0.5 * (u / major + 1.0), 0.5 * (v / major + 1.0), texels, false);
-        [0, 1, 2].map(|k| channel(color, k))
-    }
-}
-
-/// The face that a direction meets, and the direction on it: u, v, and the distance to the face.
-fn project(d: [f32; 3]) -> (usize, [f32; 3]) {
-    let [x, y, z] = d.map(f32::abs);
-    let axis = if x >= y && x >= z { 0 } else { 2 - usize::from(y >= z) };
-    let face = 2 * axis + usize::from(d[axis] < 0.0);
-    (face, on_face(face, d))
-}
-
-/// A vector in the axes of a face (OpenGL 1.5, table 3.21).
-fn on_face(face: usize, [x, y, z]: [f32; 3]) -> [f32; 3] {
-    match face {
-        0 => [-z, -y, x],
-        1 => [z, -y, -x],
-        2 => [x, z, y],
-        3 => [x, -z, -y],
-        4 => [x, -y, z],
-        _ => [-x, -y, -z],
-    }
-}
-
-impl Image {
-    /// Half the size; `None` for a single texel.
-    fn halved(&self) -> Option<Image> {
-        if self.width == 1 && self.height == 1 {
-            return None;
-        }
-        let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
-        let taps = |at: usize, small: usize, large: usize| {
-            let place = (at as f32 + 0.5) * (large as f32 / small as f32) - 0.5;
-            let low = place.max(0.0) as usize;
-            (low, (low + 1).min(large - 1), ((place - low as f32) * 256.0 + 0.5) as u32)
-        };
-        let mut texels = Vec::with_capacity(width * height);
-        for y in 0..height {
-            let rows = taps(y, height, self.height);
-            for x in 0..width {
-                texels.push(self.mixed(taps(x, width, self.width), rows));
-            }
-        }
-        Some(Image { width, height, texels })
-    }
-
-    /// Where the eight texels around are of the same colour, across the edges where it repeats.
-    fn flat(&self) -> Vec<bool> {
-        let (width, height) = (self.width, self.height);
-        let around = |at: usize, size: usize| [(at + size - 1) % size, at, (at + 1) % size];
-        (0..width * height)
-            .map(|index| {
-                let (x, y) = (index % width, index / width);
-                let color = self.texels[index];
-                around(y, height)
-                    .iter()
-                    .all(|y| around(x, width).iter().all(|x| self.texels[y * width + x] & BYTES == color))
-            })
-            .collect()
-    }
-
-    /// The texel that (u, v) is in.
-    #[inline]
-    fn nearest(&self, u: f32, v: f32) -> Texel {
-        let place = |coordinate: f32, size: usize| {
-            ((coordinate * size as f32) as i32).clamp(0, size as i32 - 1) as usize
-        };
-        self.texels[place(v, self.height) * self.width + place(u, self.width)]
-    }
-
-    #[inline]
-    fn between(&self, u: f32, v: f32, repeats: bool) -> Texel {
-        self.mixed(neighbours(u, self.width, repeats), neighbours(v, self.height, repeats))
-    }
-
-    #[inline]
-    fn mixed(&self, (x0, x1, share_x): (usize, usize, u32), (y0, y1, share_y): (usize, usize, u32)) -> Texel {
-        let (upper, lower) = (&self.texels[y0 * self.width..], &self.texels[y1 * self.width..]);
-        let upper = mix(upper[x0], upper[x1], share_x);
-        let lower = mix(lower[x0], lower[x1], share_x);
-        mix(upper, lower, share_y)
-    }
-}
-
-/// The two texels around a coordinate from 0 to 1, and how many of 256 parts the second has.
-#[inline]
-fn neighbours(coordinate: f32, size: usize, repeats: bool) -> (usize, usize, u32) {
-    let last = size as i32 - 1;
-    // Shifted by one so that it is not negative: cheaper than rounding down.
-    let place = coordinate * size as f32 + 0.5;
-    let whole = place as i32;
-    let share = ((place - whole as f32) * 256.0) as i32 as u32;
-    let (low, high) = if repeats {
-        (if whole == 0 { last } else { whole - 1 }, if whole > last { 0 } else { whole })
-    } else {
-        ((whole - 1).clamp(0, last), whole.clamp(0, last))
-    };
-    (low as usize, high as usize, share)
 }
 
 #[cfg(test)]
@@ -382,26 +216,6 @@ mod tests {
                 let read = |texture: &Texture| texture.tiled(u, v, texels, 8).to_arrays();
                 assert_eq!(read(&recolored), read(&made));
             }
-        }
-    }
-
-    #[test]
-    fn a_cube_shows_the_face_that_is_looked_at() {
-        let faces: Vec<u8> = (0..6u8).flat_map(|face| [face * 40; 12]).collect();
-        let cube = CubeTexture::new(2, &faces).expect("sound");
-        let still = [[0.0; 3]; 2];
-        for (face, direction) in [
-            [1.0, 0.2, -0.3],
-            [-1.0, 0.2, 0.3],
-            [0.1, 1.0, 0.3],
-            [0.1, -1.0, 0.3],
-            [0.1, 0.2, 1.0],
-            [0.1, 0.2, -1.0],
-        ]
-        .into_iter()
-        .enumerate()
-        {
-            assert_eq!(cube.at(direction, still), [face as f32 * 40.0; 3]);
         }
     }
 }
