@@ -7,6 +7,7 @@ mod bad_input;
 mod book;
 mod commands;
 mod crash;
+mod damaged_recordings;
 mod datasets;
 mod determinism;
 mod docs;

@@ -16,7 +16,7 @@ const IMAGE: ImageSize = ImageSize { height: 32, width: 40 };
 const EVERY: u32 = 8;
 
 /// Two episodes of random actions under the default factors drawn; with pictures, or with checkpoints.
-fn record(entry: &EnvEntry, pictures: bool, frame_skip: u32) -> Result<MemoryDataset, WorldError> {
+pub(crate) fn record(entry: &EnvEntry, pictures: bool, frame_skip: u32) -> Result<MemoryDataset, WorldError> {
     let options = WorldOptions {
         num_envs: 2,
         env: EnvConfig { image: pictures.then_some(IMAGE), ..EnvConfig::default() },

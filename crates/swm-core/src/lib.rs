@@ -40,4 +40,4 @@ pub use recorder::{EpisodeEnd, LiveRow, Margins, Recorder, RunInfo};
 pub use registry::{EnvEntry, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};
 pub use seed::EpisodeSeed;
 pub use space::Space;
-pub use world::{Rollout, Scenario, World, WorldOptions};
+pub use world::{MAX_FRAME_SKIP, Rollout, Scenario, World, WorldOptions};

@@ -11,7 +11,8 @@ use swm_core::dataset::{self, CHECKPOINT, Checkpoints, EpisodeSource};
 use swm_core::env::step_times;
 use swm_core::error::BoxError;
 use swm_core::{
-    Batch, Dtype, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Field, Schema, Slice, Value,
+    Batch, Dtype, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Field, MAX_FRAME_SKIP, Schema,
+    Slice, Value,
 };
 
 /// The result of a replay.
@@ -55,6 +56,9 @@ pub fn replay(
     let metadata = source.metadata().cloned();
     let settings = metadata.as_ref().map(|m| m.settings.clone()).unwrap_or_default();
     let frame_skip = metadata.as_ref().map_or(1, |m| m.frame_skip);
+    if frame_skip > MAX_FRAME_SKIP {
+        return Err(format!("its frame skip of {frame_skip} is more than {MAX_FRAME_SKIP}").into());
+    }
     let mut env = (entry.make)(&EnvConfig { image: None, settings })?;
     let mut live = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
     let columns = Columns::shared(env.as_ref(), source)?;

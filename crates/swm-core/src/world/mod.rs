@@ -142,10 +142,11 @@ impl WorldOptions {
     }
 }
 
+/// Steps of the environment per action; more are a typing error, or damage where they are read.
+pub const MAX_FRAME_SKIP: u32 = 1000;
 // More than these in one process are typing errors.
 const MAX_ENVS: usize = 65_536;
 const MAX_THREADS: usize = 1024;
-const MAX_FRAME_SKIP: u32 = 1000;
 const MAX_CHECKPOINT_ROWS: u32 = 1_000_000;
 /// All pictures of the infos together: 4 GB.
 const MAX_FRAME_BYTES: usize = 4_000_000_000;

@@ -19,7 +19,7 @@ use swm_core::env::VARIATION_PREFIX;
 use swm_core::error::{BoxError, nearest};
 use swm_core::{
     Batch, Contents, Dtype, EnvConfig, EnvEntry, EnvSpec, EpisodeSource, Field, FieldKind, ImageSize,
-    Registry, Schema, SliceMut, Value,
+    MAX_FRAME_SKIP, Registry, Schema, SliceMut, Value,
 };
 
 use crate::dataset::{About, Dataset, Steps, read_rows};
@@ -106,6 +106,10 @@ impl Rendered {
                     .to_owned(),
             ));
         };
+        if metadata.frame_skip > MAX_FRAME_SKIP {
+            let reason = format!("its frame skip of {} is more than {MAX_FRAME_SKIP}", metadata.frame_skip);
+            return Err(refuse(reason));
+        }
         let entry = *registry.env(&metadata.env).map_err(|error| refuse(error.to_string()))?;
         let mut settings = metadata.settings.clone();
         settings.extend(options.settings.clone());

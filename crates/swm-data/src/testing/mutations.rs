@@ -95,6 +95,11 @@ fn peak_kib() -> Option<u64> {
 
 /// Changes every file of the dataset at `path` again and again, and reads it each time.
 pub fn mutate(name: &str, path: &Path) {
+    mutate_for(name, path, &mut play);
+}
+
+/// As [`mutate`], with another way to use the dataset: `play` says whether there was no error.
+pub fn mutate_for(name: &str, path: &Path, play: &mut dyn FnMut(&Path) -> bool) {
     assert!(play(path), "{name}: the seed itself");
     let (started, before) = (Instant::now(), peak_kib());
     let (mut errors, mut all) = (0, 0);
