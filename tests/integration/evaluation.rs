@@ -129,6 +129,28 @@ fn what_differs_is_named() {
     assert_eq!(swm_json(&["verify-result", &changed, "--quiet"])["equal"], true);
 }
 
+#[test]
+fn a_planner_on_the_true_dynamics_is_its_own_ceiling() {
+    let folder = Folder::new();
+    let manifest = manifest(&folder, "historic", "m.toml", &[]);
+    for seed in ["0", "3"] {
+        let out = folder.path(seed);
+        // Whoever ran the ceiling would write its episodes here, and could not.
+        std::fs::create_dir_all(format!("{out}/episodes-ceiling.jsonl")).unwrap();
+        let args = ["eval", "--manifest", &manifest, "--policy", QUICK, "--policy-seed", seed, "--quiet"];
+        let receipt = swm_json(&[&args[..], &["--beside", "ceiling", "--out", &out]].concat());
+        let ceiling = &receipt["beside"][0];
+        assert_eq!(ceiling["candidate"], receipt["candidate"]);
+        assert_eq!(ceiling["episodes"], receipt["episodes"]);
+        assert_eq!(ceiling["regret"]["at_end"], 0.0);
+    }
+    let out = folder.path("other");
+    std::fs::create_dir_all(format!("{out}/episodes-ceiling.jsonl")).unwrap();
+    let args = ["eval", "--manifest", &manifest, "--policy", "random", "--ceiling", QUICK, "--quiet"];
+    let message = swm_fails(1, &[&args[..], &["--beside", "ceiling", "--out", &out]].concat());
+    assert!(message.contains("episodes-ceiling.jsonl"), "{message}");
+}
+
 fn without_plan_costs(mut receipt: Json) -> Json {
     for episode in receipt["episodes"].as_array_mut().expect("a list") {
         let costs = episode.as_object_mut().and_then(|episode| episode.remove("plan_costs")).expect("costs");

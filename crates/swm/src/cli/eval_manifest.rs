@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use swm_core::evaluate::{EpisodeResult, Summary};
-use swm_core::{EnvEntry, Manifest, PolicyArgs, Registry};
+use swm_core::{EnvEntry, Manifest, Registry};
 
 use super::args::policy_args;
 use super::output::table;
@@ -33,7 +33,7 @@ impl EvalManifest<'_> {
         let candidate = Candidate { policy: policy_args(self.policy)?, seed: self.policy_seed };
         let candidate = candidate.on(entry, &manifest);
         let policy = candidate.make(registry, entry, &manifest)?.describe();
-        let wanted = self.wanted(entry, &manifest, &candidate.policy)?;
+        let wanted = self.wanted(entry, &manifest, &candidate)?;
         if let Some(dir) = self.out {
             std::fs::create_dir_all(dir)
                 .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
@@ -95,12 +95,13 @@ impl EvalManifest<'_> {
         &self,
         entry: &EnvEntry,
         manifest: &Manifest,
-        policy: &PolicyArgs,
+        candidate: &Candidate,
     ) -> Result<Vec<(Role, Candidate)>, Failure> {
-        let mut all = roles(entry, manifest, policy);
+        let mut all = roles(entry, manifest, candidate);
         if let Some(text) = self.ceiling {
             all.retain(|(role, _)| *role != Role::Ceiling);
-            all.push((Role::Ceiling, Candidate::new(policy_args(text)?).on(entry, manifest)));
+            let ceiling = Candidate { policy: policy_args(text)?, seed: candidate.seed };
+            all.push((Role::Ceiling, ceiling.on(entry, manifest)));
         }
         let file = |role: &Role| role_file(*role);
         if let Some(unknown) = self

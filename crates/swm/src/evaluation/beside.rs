@@ -122,21 +122,22 @@ impl Beside {
     }
 }
 
-/// The policies that belong beside one of `policy`. The ceiling is the same planner where the policy is one, else `cem`; none
-/// where the environment has no task cost.
-pub fn roles(entry: &EnvEntry, manifest: &Manifest, policy: &PolicyArgs) -> Vec<(Role, Candidate)> {
+/// The policies that belong beside a candidate. The ceiling is the same planner where the policy is one, else `cem`, with the
+/// candidate's seed; none where the environment has no task cost. A planner on the true dynamics is its own ceiling.
+pub fn roles(entry: &EnvEntry, manifest: &Manifest, candidate: &Candidate) -> Vec<(Role, Candidate)> {
     let named = |name: &str| Candidate::new(PolicyArgs { name: name.to_owned(), ..PolicyArgs::default() });
     let mut roles = vec![(Role::Random, named("random")), (Role::DoNothing, named("constant"))];
     let config = EnvConfig { image: None, settings: manifest.settings.clone() };
     let has_cost = (entry.make)(&config).is_ok_and(|env| env.task_cost().is_some());
     if has_cost {
+        let Candidate { policy, seed } = candidate;
         let is_planner = PLANNERS.iter().any(|planner| planner.name == policy.name);
         let ceiling = match (is_planner, planner_behind(policy)) {
             (true, _) => Candidate::new(policy.clone()),
             (false, Some(planner)) => Candidate::new(planner),
             (false, None) => named("cem"),
         };
-        roles.push((Role::Ceiling, ceiling.on(entry, manifest)));
+        roles.push((Role::Ceiling, Candidate { seed: *seed, ..ceiling }.on(entry, manifest)));
     }
     roles
 }
