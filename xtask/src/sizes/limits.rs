@@ -15,42 +15,14 @@ const PHYSICS_2D: &str = "rapier2d-f64";
 const FILMS: &str = "openh264";
 const SHELL: &str = "clap";
 
+/// What the lowest crates keep out: all of it, and pictures.
+const ALL_HEAVY: &[&str] =
+    &["swm-render", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL];
+
 /// Crates and what no feature of theirs pulls in.
 const NEVER: &[(&str, &[&str])] = &[
-    (
-        "swm-core",
-        &[
-            "swm-render",
-            "png",
-            TENSORS,
-            HDF5,
-            LANCE,
-            MATRICES,
-            MUJOCO,
-            ONNX,
-            PARQUET,
-            PHYSICS_2D,
-            FILMS,
-            SHELL,
-        ],
-    ),
-    (
-        "swm-fov",
-        &[
-            "swm-render",
-            "png",
-            TENSORS,
-            HDF5,
-            LANCE,
-            MATRICES,
-            MUJOCO,
-            ONNX,
-            PARQUET,
-            PHYSICS_2D,
-            FILMS,
-            SHELL,
-        ],
-    ),
+    ("swm-core", ALL_HEAVY),
+    ("swm-fov", ALL_HEAVY),
     (
         "swm-render",
         &["swm-core", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL],
