@@ -65,6 +65,10 @@ pub struct SolveCase {
 
 impl SolveCase {
     /// Every solver that can plan for [`FreeCost`], for `episodes` episodes at once.
+    ///
+    /// # Errors
+    ///
+    /// A solver without default settings.
     pub fn all(episodes: usize) -> Result<Vec<Self>> {
         let mut cases = Vec::new();
         for entry in SOLVERS {
@@ -98,6 +102,10 @@ impl SolveCase {
     }
 
     /// Plans once.
+    ///
+    /// # Errors
+    ///
+    /// The solver fails.
     pub fn solve(&mut self) -> Result<(), PlanError> {
         let problem = Problem {
             keys: &self.keys,

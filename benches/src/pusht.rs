@@ -71,11 +71,19 @@ impl Actions {
 }
 
 /// A world of PushT without a time limit.
+///
+/// # Errors
+///
+/// The world cannot be made.
 pub fn world(picture: Picture, actions: Actions, num_envs: usize, threads: usize) -> Result<World> {
     world_of(&PUSHT, picture, actions.name(), num_envs, threads)
 }
 
 /// A world of any environment, without a time limit of its own.
+///
+/// # Errors
+///
+/// The world cannot be made, or there is no such policy.
 pub fn world_of(
     entry: &'static EnvEntry,
     picture: Picture,
@@ -100,6 +108,10 @@ pub struct BareEnv {
 
 impl BareEnv {
     /// Without pictures: the reference's bare step draws none.
+    ///
+    /// # Errors
+    ///
+    /// The environment cannot be made.
     pub fn new() -> Result<Self> {
         let env = PushT::new(PUSHT.id, false, &EnvConfig::default())?;
         let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
@@ -107,6 +119,10 @@ impl BareEnv {
     }
 
     /// Begins the episode of `seed`.
+    ///
+    /// # Errors
+    ///
+    /// The environment cannot be reset.
     pub fn reset(&mut self, seed: u64) -> Result<()> {
         self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options: &ResetOptions::default() })?;
         self.env.write_episode(&mut self.row.rows_mut());
@@ -114,6 +130,10 @@ impl BareEnv {
     }
 
     /// What the reference's `step` does: physics, reward and success, observation and info.
+    ///
+    /// # Errors
+    ///
+    /// The environment diverged.
     pub fn step(&mut self, action: [f32; 2]) -> Result<f64> {
         let outcome = self.env.step(Slice::F32(&action))?;
         self.env.observe(&mut self.row.rows_mut());
@@ -121,6 +141,10 @@ impl BareEnv {
     }
 
     /// Actions for the episode of `seed` from its start, `[EPISODE_STEPS, 2]`. The environment is left at its end.
+    ///
+    /// # Errors
+    ///
+    /// The environment cannot be reset, or diverged.
     pub fn actions(&mut self, seed: u64, kind: Actions) -> Result<Vec<[f32; 2]>> {
         let mut stream = seed::keyed(seed, "benchmark actions", [0, 0]);
         self.reset(seed)?;
@@ -142,6 +166,10 @@ impl BareEnv {
     }
 
     /// The present moment.
+    ///
+    /// # Errors
+    ///
+    /// The state cannot be written down.
     pub fn snapshot(&self) -> Result<EnvState> {
         let mut state = EnvState::new();
         self.env.snapshot(&mut state)?;
@@ -149,6 +177,10 @@ impl BareEnv {
     }
 
     /// Returns to a saved moment.
+    ///
+    /// # Errors
+    ///
+    /// It is no state of this environment.
     pub fn restore(&mut self, state: &EnvState) -> Result<()> {
         Ok(self.env.restore(state)?)
     }

@@ -33,24 +33,52 @@ pub trait Baseline: Send {
     fn parameters(&self) -> usize;
 
     /// One step of training: loss, gradients, clipping, optimiser, teachers. An error leaves the weights as they were.
+    ///
+    /// # Errors
+    ///
+    /// A loss or gradient is not finite.
     fn train_step(&mut self, batch: &ClipBatch<'_>, at: &Step) -> Result<Losses, BaselineError>;
 
     /// The loss of a phase as the trained model has it: without dropout, with running statistics.
+    ///
+    /// # Errors
+    ///
+    /// The loss is not finite.
     fn validate(&self, batch: &ClipBatch<'_>, phase: usize) -> Result<Losses, BaselineError>;
 
     /// Writes the weights as safetensors, with PyTorch's names and layouts.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
     fn save_weights(&self, path: &Path) -> Result<(), BaselineError>;
 
     /// Takes the weights of a `.safetensors`, `.pt`, `.pth` or `.ckpt` file: all of them, or none and an error.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read, lacks a weight or holds one of another shape.
     fn load_weights(&mut self, path: &Path) -> Result<(), BaselineError>;
 
     /// Takes the weights of the encoder alone, from a file of that network: a published DINOv2.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Baseline::load_weights`]; or the model has no encoder of that kind.
     fn load_encoder(&mut self, path: &Path) -> Result<(), BaselineError>;
 
     /// Writes what a training needs beside the weights to go on: the state of the optimisers.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
     fn save_training(&self, path: &Path) -> Result<(), BaselineError>;
 
     /// Takes what [`Baseline::save_training`] wrote.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read, or is of another model.
     fn load_training(&mut self, path: &Path) -> Result<(), BaselineError>;
 
     /// A copy of the model as it is now that predicts what plans lead to; `None` if it is no world model.
@@ -75,19 +103,39 @@ pub trait PlanModel: Send {
     fn latent_width(&self) -> usize;
 
     /// Fills `latents`, `[B, Z]`, with those of B observations by themselves.
+    ///
+    /// # Errors
+    ///
+    /// The network fails.
     fn encode(&mut self, seen: &Observations<'_>, latents: &mut [f32]) -> Result<(), BaselineError>;
 
     /// Replaces `latents`, `[B, Z]`, by what follows them under `actions`, `[B, D]`, if nothing is known of what was before.
+    ///
+    /// # Errors
+    ///
+    /// The network fails.
     fn predict(&mut self, latents: &mut [f32], actions: &[f32]) -> Result<(), BaselineError>;
 
     /// Once per plan: B scenes.
+    ///
+    /// # Errors
+    ///
+    /// The network fails.
     fn prepare(&mut self, scenes: &Scenes<'_>) -> Result<(), BaselineError>;
 
     /// Fills `costs`, `[B, S]`: how far the predicted end of each candidate, `[B, S, H, D]`, is from the goal.
+    ///
+    /// # Errors
+    ///
+    /// The network fails.
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), BaselineError>;
 
     /// As [`PlanModel::evaluate`], and fills `gradient`, `[B, S, H, D]`, with the derivatives of each cost with respect
     /// to its own candidate.
+    ///
+    /// # Errors
+    ///
+    /// The network fails.
     fn evaluate_with_gradient(
         &mut self,
         candidates: &Candidates<'_>,
@@ -105,6 +153,10 @@ pub trait GoalPolicy: Send {
     fn history(&self) -> usize;
 
     /// Fills `actions`, `[B, D]`, with the mean action of each of B scenes.
+    ///
+    /// # Errors
+    ///
+    /// The network fails.
     fn act(&mut self, scenes: &Scenes<'_>, actions: &mut [f32]) -> Result<(), BaselineError>;
 }
 

@@ -20,9 +20,19 @@ pub trait Env: Send + Sync {
 
     /// Starts an episode: draws factors, start and goal. The returned outcome has no reward (NaN) and says
     /// whether the goal is already reached.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::Reset`] and [`EnvError::Constraint`] for options that name what the environment has not, or values
+    /// that cannot be or do not go together; [`EnvError::Diverged`] where the simulation cannot begin. The
+    /// environment may be reset again.
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError>;
 
     /// Advances by one control step. `action` has the type and width of the spec's action space and is finite.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::Diverged`]: the simulation left the range in which it means something. The episode is over.
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError>;
 
     /// Writes the episode fields (factors, goal) into one row. Called once after a reset.
@@ -33,9 +43,18 @@ pub trait Env: Send + Sync {
 
     /// Saves everything that the future depends on: after `restore`, the same actions give the same bits, in
     /// this or another environment made from the same entry.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::State`]: the state cannot be written down, which is a fault of the environment.
     fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError>;
 
     /// Returns to a saved moment, its factors and goal included.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::State`]: it was saved by another kind of environment or version, or is damaged. The environment
+    /// must then be reset.
     fn restore(&mut self, state: &EnvState) -> Result<(), EnvError>;
 
     /// Whether the episode is cut off now, without the task having ended it: a budget that is the environment's own, such
@@ -74,6 +93,10 @@ pub struct Place {
 
 /// One step of a world with frame skip: the action is applied `times` times, or until it ends the episode or the
 /// episode is cut off. Rewards add up, and any success counts.
+///
+/// # Errors
+///
+/// The first one of [`Env::step`].
 pub fn step_times(env: &mut dyn Env, action: Slice<'_>, times: u32) -> Result<Outcome, EnvError> {
     let mut total = env.step(action)?;
     for _ in 1..times {
@@ -157,6 +180,10 @@ impl ImageSize {
     pub const MAX_SIDE: usize = 4096;
 
     /// Checks that both sides are in `1..=4096`.
+    ///
+    /// # Errors
+    ///
+    /// A sentence that names the size and the bounds, for callers that know which option it came from.
     pub fn new(height: usize, width: usize) -> Result<Self, String> {
         let valid = 1..=Self::MAX_SIDE;
         if valid.contains(&height) && valid.contains(&width) {
@@ -187,7 +214,11 @@ pub struct EnvConfig {
 }
 
 impl EnvConfig {
-    /// The settings as the environment's own type; an unknown or misfit one is an error that lists the known.
+    /// The settings as the environment's own type.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::Setting`]: an unknown or misfit one, with the known ones.
     pub fn parse_settings<T: DeserializeOwned>(&self, env: &str) -> Result<T, EnvError> {
         serde_json::from_value(serde_json::Value::Object(self.settings.clone()))
             .map_err(|error| EnvError::Setting { env: env.to_owned(), reason: error.to_string() })
@@ -257,6 +288,10 @@ impl EnvState {
     }
 
     /// Replaces the content by `value`, reusing the memory. For environments.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::State`]: `value` has a part that cannot be serialised.
     pub fn store<T: Serialize>(&mut self, env: &str, value: &T) -> Result<(), EnvError> {
         let mut bytes = std::mem::take(&mut self.bytes);
         bytes.clear();
@@ -266,6 +301,10 @@ impl EnvState {
     }
 
     /// The content as the `T` that was stored. For environments.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::State`]: the bytes are no `T`, or more than one.
     pub fn load<T: DeserializeOwned>(&self, env: &str) -> Result<T, EnvError> {
         let damaged = |reason: String| EnvError::State { env: env.to_owned(), reason };
         let (value, rest) =

@@ -19,6 +19,10 @@ pub trait Policy: Send {
     }
 
     /// Writes an action for every row of `view.live()`. Other rows are ignored.
+    ///
+    /// # Errors
+    ///
+    /// [`PolicyError::Unsupported`]: the view lacks what the policy needs. Whatever else it may meet ends the run.
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError>;
 }
 
@@ -78,6 +82,10 @@ pub struct RowView<'a> {
 
 impl RowView<'_> {
     /// Saves the true state of the environment, for policies that simulate it.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Env::snapshot`].
     pub fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
         self.env.snapshot(state)
     }
@@ -137,6 +145,10 @@ pub fn write_action(action: &mut SliceMut<'_>, values: &[f32]) {
 /// Chooses actions for one environment during one episode. Its state belongs to that episode.
 pub trait Actor: Send {
     /// Writes the action for the present moment.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Policy::act`].
     fn act(&mut self, view: &RowView<'_>, action: SliceMut<'_>) -> Result<(), PolicyError>;
 }
 

@@ -14,17 +14,33 @@ use crate::world::{Rollout, WorldOptions};
 /// observation with its action, …, last observation without an action; then the episode's end.
 pub trait Recorder: Send {
     /// Before the first reset.
+    ///
+    /// # Errors
+    ///
+    /// Any ends the run, as [`WorldError::Record`](crate::WorldError::Record).
     fn start(&mut self, _run: &RunInfo<'_>) -> Result<(), BoxError> {
         Ok(())
     }
 
     /// One row of one environment.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Recorder::start`].
     fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError>;
 
     /// An episode is over; its last row has been shown.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Recorder::start`].
     fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError>;
 
     /// After the last episode.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Recorder::start`].
     fn finish(&mut self) -> Result<(), BoxError> {
         Ok(())
     }

@@ -107,8 +107,11 @@ impl PolicyArgs {
         Ok(args)
     }
 
-    /// The named arguments as the policy's own type, for policies without positional ones; an unknown or misfit
-    /// one is an error that lists the known.
+    /// The named arguments as the policy's own type, for policies without positional ones.
+    ///
+    /// # Errors
+    ///
+    /// [`PolicyError::Argument`]: an unknown or misfit one, with the known ones.
     pub fn parse_as<T: DeserializeOwned>(&self) -> Result<T, PolicyError> {
         if let Some(value) = self.positional.first() {
             return Err(self.wrong(format!("unexpected value `{value}`; write key=value")));
@@ -117,6 +120,10 @@ impl PolicyArgs {
     }
 
     /// As [`PolicyArgs::parse_as`], where the single positional value stands for `key`.
+    ///
+    /// # Errors
+    ///
+    /// [`PolicyError::Argument`]: an unknown or misfit one, with the known ones.
     pub fn parse_with<T: DeserializeOwned>(&self, key: &str) -> Result<T, PolicyError> {
         let mut args = self.clone();
         match args.positional.as_slice() {

@@ -90,7 +90,11 @@ impl Sines {
     ];
 }
 
-/// A policy of [`OrnsteinUhlenbeck`] processes; an error if a setting is out of range.
+/// A policy of [`OrnsteinUhlenbeck`] processes.
+///
+/// # Errors
+///
+/// [`PolicyError::Argument`]: theta is not above 0 and up to 1, or sigma is not positive.
 pub fn ornstein_uhlenbeck(settings: OrnsteinUhlenbeck) -> Result<impl Policy, PolicyError> {
     const NAME: &str = "ou";
     let OrnsteinUhlenbeck { theta, sigma } = settings;
@@ -107,7 +111,12 @@ pub fn ornstein_uhlenbeck(settings: OrnsteinUhlenbeck) -> Result<impl Policy, Po
     }))
 }
 
-/// A policy of [`Sines`]; an error if a setting is out of range.
+/// A policy of [`Sines`].
+///
+/// # Errors
+///
+/// [`PolicyError::Argument`]: not 1 to 100 waves, an amplitude that is not positive, or periods below 2 steps or in
+/// the wrong order.
 pub fn sines(settings: Sines) -> Result<impl Policy, PolicyError> {
     const NAME: &str = "sine";
     let Sines { waves, amplitude, shortest, longest } = settings;

@@ -184,7 +184,11 @@ impl Space {
         }
     }
 
-    /// Whether `values` (one value of this space) lie in it; an error names `what` and the bounds.
+    /// Whether `values` (one value of this space) lie in it. `what` names them in errors.
+    ///
+    /// # Errors
+    ///
+    /// [`BatchError::WrongValue`]: another count of numbers, or one outside the bounds; NaN is outside.
     pub fn check(&self, what: &str, values: Slice<'_>) -> Result<(), BatchError> {
         let (low, high) = self.bounds();
         if values.len() != low.len() {

@@ -59,6 +59,10 @@ impl ReplayBuffer {
     }
 
     /// The last episodes of a dataset, as many as fit.
+    ///
+    /// # Errors
+    ///
+    /// Reading fails.
     pub fn load(dataset: &mut dyn Dataset, capacity: usize) -> Result<Self, DataError> {
         let mut buffer = Self::new(capacity);
         let schema = dataset.schema().clone();
@@ -95,7 +99,11 @@ impl ReplayBuffer {
         self.written
     }
 
-    /// Its episodes of this moment as a dataset, without copying them; an error before the first recording.
+    /// Its episodes of this moment as a dataset, without copying them.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Request`]: nothing was recorded yet.
     pub fn dataset(&self) -> Result<MemoryDataset, DataError> {
         let Some((schema, metadata)) = &self.content else {
             return Err(DataError::request(Path::new(NAME), "nothing was recorded into it yet"));
@@ -104,6 +112,10 @@ impl ReplayBuffer {
     }
 
     /// Writes its episodes to a file or folder of any format (`None`: by the extension).
+    ///
+    /// # Errors
+    ///
+    /// Nothing was recorded yet, no format has this name or extension, or writing fails.
     pub fn dump(&self, path: &Path, mode: WriteMode, format: Option<&str>) -> Result<(), DataError> {
         let Some((schema, metadata)) = &self.content else {
             return Err(DataError::request(Path::new(NAME), "nothing was recorded into it yet"));

@@ -96,6 +96,10 @@ pub trait Dataset: EpisodeSource {
 
     /// Reads rows of column `column` (its position in the schema) into `out`, `[steps.count, …shape]` values of the
     /// column's type. Column, episode and rows exist, and `out` fits: [`Dataset::read_column`] has checked it.
+    ///
+    /// # Errors
+    ///
+    /// What is stored is damaged or cannot be read.
     fn rows(
         &mut self,
         column: usize,
@@ -107,12 +111,20 @@ pub trait Dataset: EpisodeSource {
     /// A second handle on the same open dataset, for another thread. Costs scratch memory only.
     fn share(&self) -> Box<dyn Dataset>;
 
-    /// Compares what is stored of an episode with its checksums, if there are any; the first difference is an error.
+    /// Compares what is stored of an episode with its checksums, if there are any.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Damaged`] at the first difference, or it cannot be read.
     fn check_episode(&mut self, _episode: usize) -> Result<(), DataError> {
         Ok(())
     }
 
-    /// As [`Dataset::rows`], for requests of any origin: what does not exist or does not fit is an error.
+    /// As [`Dataset::rows`], for requests of any origin.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Request`] for what does not exist or does not fit, and those of [`Dataset::rows`].
     fn read_column(
         &mut self,
         column: usize,
@@ -157,9 +169,18 @@ pub trait DatasetWriter: EpisodeSink {
 
     /// Appends rows to the open episode; the first call opens one. An episode may come in as many pieces as memory asks
     /// for: files hold the same whatever the pieces.
+    ///
+    /// # Errors
+    ///
+    /// The rows have other columns than were announced, or cannot be written. The open episode is then lost, those
+    /// before it are not.
     fn write_rows(&mut self, rows: &Batch) -> Result<(), BoxError>;
 
     /// Ends the open episode. When it returns, the episode is safe: a crash cannot lose it.
+    ///
+    /// # Errors
+    ///
+    /// As of [`DatasetWriter::write_rows`].
     fn end_episode(&mut self) -> Result<(), BoxError>;
 }
 
@@ -305,6 +326,10 @@ pub(crate) fn row_bytes(fields: &[Field]) -> usize {
 
 /// Reads rows of one episode into `out`, whose schema names the wanted columns: `EpisodeSource::read` for any
 /// [`Dataset`], in terms of [`Dataset::read_column`].
+///
+/// # Errors
+///
+/// No such column, one of another type or shape, and those of [`Dataset::read_column`].
 pub fn read_rows(
     dataset: &mut (impl Dataset + ?Sized),
     episode: usize,

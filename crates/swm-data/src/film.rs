@@ -39,6 +39,10 @@ pub struct FilmWriter {
 
 impl FilmWriter {
     /// A film of rows of `field`, which [`takes`] accepts.
+    ///
+    /// # Errors
+    ///
+    /// A sentence: the field holds no pictures, or of a size that no film can have.
     pub fn new(field: &Field, encoding: &Mp4Options) -> Result<Self, String> {
         let &[height, width, channels] = &field.shape[..] else { return Err("no pictures".to_owned()) };
         let film = Film::new(height, width, encoding).map_err(|error| error.to_string())?;
@@ -46,6 +50,10 @@ impl FilmWriter {
     }
 
     /// Appends rows, `[T, H, W, C]`.
+    ///
+    /// # Errors
+    ///
+    /// A sentence: encoding failed.
     pub fn append(&mut self, rows: &[u8]) -> Result<(), String> {
         let frames = rows.chunks_exact(self.shape.iter().product());
         let added = if self.shape[2] == 1 {
@@ -59,6 +67,10 @@ impl FilmWriter {
     }
 
     /// The bytes of the file.
+    ///
+    /// # Errors
+    ///
+    /// A sentence: encoding failed, or the film has no frames.
     pub fn finish(self) -> Result<Vec<u8>, String> {
         self.film.finish().map_err(|error| error.to_string())
     }
@@ -73,6 +85,10 @@ pub struct FilmReader {
 
 impl FilmReader {
     /// Opens the bytes of a file.
+    ///
+    /// # Errors
+    ///
+    /// A sentence: these are no bytes of a film that can be read.
     pub fn new(bytes: Vec<u8>) -> Result<Self, String> {
         let film = Mp4Reader::new(Cursor::new(bytes)).map_err(|error| error.to_string())?;
         Ok(Self { film, colours: Vec::new() })
@@ -84,6 +100,10 @@ impl FilmReader {
     }
 
     /// Reads rows of a column of this shape into `out`, `[steps.count, H, W, C]`.
+    ///
+    /// # Errors
+    ///
+    /// A sentence: the film has pictures of another size, fewer of them, or is damaged.
     pub fn read(
         &mut self,
         [height, width, channels]: [usize; 3],

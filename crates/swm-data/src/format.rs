@@ -79,6 +79,10 @@ pub fn all() -> impl Iterator<Item = &'static Format> {
 }
 
 /// The format called `name`; names and file extensions both count.
+///
+/// # Errors
+///
+/// [`DataError::UnknownFormat`], with the nearest name and all that there are.
 pub fn by_name(name: &str) -> Result<&'static Format, DataError> {
     let called = |format: &&Format| format.name == name || format.extensions.contains(&name);
     all().find(called).ok_or_else(|| {
@@ -88,6 +92,10 @@ pub fn by_name(name: &str) -> Result<&'static Format, DataError> {
 }
 
 /// Opens a dataset of any format, which its content tells.
+///
+/// # Errors
+///
+/// Nothing is there, it is of no known format, or it is damaged or from a newer version.
 pub fn open(path: &Path) -> Opened<dyn Dataset> {
     let metadata = fs::metadata(path).map_err(|source| DataError::io(path, "open", source))?;
     if metadata.is_file() && metadata.len() == 0 {
@@ -111,11 +119,20 @@ pub fn detect(path: &Path) -> Option<&'static Format> {
 }
 
 /// Opens a dataset for recording. `format: None` goes by the file extension, or by the content where it has none.
+///
+/// # Errors
+///
+/// No format has this name or extension, something is there that `mode` does not allow for, another writer has it, or
+/// the place cannot be written to.
 pub fn create(path: &Path, mode: WriteMode, format: Option<&str>) -> Opened<dyn DatasetWriter> {
     create_with(path, &mode.into(), format)
 }
 
 /// As [`create`], with all options.
+///
+/// # Errors
+///
+/// As of [`create`].
 pub fn create_with(path: &Path, options: &WriteOptions, format: Option<&str>) -> Opened<dyn DatasetWriter> {
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
     let format = match (by_name(format.unwrap_or(extension)), detect(path)) {

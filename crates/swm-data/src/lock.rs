@@ -19,7 +19,11 @@ pub struct WriterLock {
 }
 
 impl WriterLock {
-    /// Takes the lock of the dataset at `dataset`; an error if another writer has it.
+    /// Takes the lock of the dataset at `dataset`.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Busy`]: another writer has it, who is named; or the file of the lock cannot be made.
     pub fn take(dataset: &Path) -> Result<Self, DataError> {
         let path = beside(dataset, ".lock");
         let failed = |source| DataError::io(dataset, "create", source);

@@ -20,6 +20,10 @@ pub struct MemoryDataset {
 
 impl MemoryDataset {
     /// Takes episodes (row = step) of one schema. `name` stands for the path in messages.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Request`]: an episode has another schema.
     pub fn new(
         name: &str,
         schema: Arc<Schema>,

@@ -57,6 +57,10 @@ fn data_folder_from(variable: impl Fn(&str) -> Option<OsString>, os: &str) -> Op
 }
 
 /// Where the library is looked for: `$SWM_MUJOCO_LIB` alone if it is set, else the data folder.
+///
+/// # Errors
+///
+/// [`MujocoError::NoLibrary`]: neither a variable nor a home folder says where to look.
 pub fn library_path() -> Result<PathBuf, MujocoError> {
     if let Some(path) = std::env::var_os(LIBRARY_VARIABLE).filter(|value| !value.is_empty()) {
         return Ok(path.into());
@@ -65,16 +69,28 @@ pub fn library_path() -> Result<PathBuf, MujocoError> {
 }
 
 /// The model `name` of the DeepMind Control Suite: `cheetah.xml`.
+///
+/// # Errors
+///
+/// [`MujocoError::NoAsset`]: the file is missing; [`MujocoError::NoLibrary`]: nothing says where the data folder is.
 pub fn suite_model(name: &str) -> Result<PathBuf, MujocoError> {
     present(known_data_folder()?.join("dm_control").join(DM_CONTROL_VERSION).join("suite").join(name))
 }
 
 /// A model of OGBench's manipulation environments: `robotiq_2f85/2f85.xml`.
+///
+/// # Errors
+///
+/// As of [`suite_model`].
 pub fn manipulation_model(name: &str) -> Result<PathBuf, MujocoError> {
     ogbench_model("manipspace", name)
 }
 
 /// A body of OGBench's mazes: `ant.xml`.
+///
+/// # Errors
+///
+/// As of [`suite_model`].
 pub fn maze_model(name: &str) -> Result<PathBuf, MujocoError> {
     ogbench_model("locomaze", name)
 }

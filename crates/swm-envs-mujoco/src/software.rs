@@ -47,11 +47,19 @@ enum Slot {
 
 impl SoftwareRenderer {
     /// A renderer for pictures of `height` × `width` pixels from the camera of this index.
+    ///
+    /// # Errors
+    ///
+    /// No such camera, a size that is 0 or too large, or meshes and textures that cannot be drawn.
     pub fn new(model: &Arc<Model>, camera: usize, size: [usize; 2]) -> Result<Self, MujocoError> {
         Self::with_quality(model, camera, size, Quality::default())
     }
 
     /// A renderer of better or quicker pictures.
+    ///
+    /// # Errors
+    ///
+    /// As of [`SoftwareRenderer::new`].
     pub fn with_quality(
         model: &Arc<Model>,
         camera: usize,
@@ -72,6 +80,10 @@ impl SoftwareRenderer {
     }
 
     /// Takes textures and meshes from another model with the same objects.
+    ///
+    /// # Errors
+    ///
+    /// Its meshes or textures cannot be drawn.
     pub fn set_model(&mut self, model: &Arc<Model>) -> Result<(), MujocoError> {
         self.shared = Store::of(model)?;
         self.store = Arc::clone(&self.shared);
@@ -92,6 +104,10 @@ impl SoftwareRenderer {
     }
 
     /// Writes the picture of the simulation as it stands computed, `[height, width, 3]`.
+    ///
+    /// # Errors
+    ///
+    /// The simulation is of a model with other objects, or `pixels` has another length.
     pub fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) -> Result<(), MujocoError> {
         self.describe(sim)?;
         Ok(self.renderer.render(&self.picture, &self.store.assets, pixels)?)
@@ -99,6 +115,10 @@ impl SoftwareRenderer {
 
     /// Writes what each pixel shows, `[height, width]`: the index of a geom, -2 - index of a site,
     /// the smallest number for other things, -1 for nothing.
+    ///
+    /// # Errors
+    ///
+    /// The simulation is of a model with other objects, or `segments` has another length.
     pub fn draw_segmentation(
         &mut self,
         sim: &mut Simulation,
@@ -109,17 +129,29 @@ impl SoftwareRenderer {
     }
 
     /// Writes the distance of each pixel along the camera's axis, m, `[height, width]`.
+    ///
+    /// # Errors
+    ///
+    /// The simulation is of a model with other objects, or `depth` has another length.
     pub fn draw_depth(&mut self, sim: &mut Simulation, depth: &mut [f32]) -> Result<(), MujocoError> {
         self.describe(sim)?;
         Ok(self.renderer.render_depth(&self.picture, &self.store.assets, depth)?)
     }
 
     /// As [`SoftwareRenderer::draw_segmentation`], of the picture that was drawn last.
+    ///
+    /// # Errors
+    ///
+    /// `segments` has another length.
     pub fn segmentation_of_last(&mut self, segments: &mut [i32]) -> Result<(), MujocoError> {
         Ok(self.renderer.segmentation_of_last(&self.picture, &self.store.assets, segments)?)
     }
 
     /// As [`SoftwareRenderer::draw_depth`], of the picture that was drawn last.
+    ///
+    /// # Errors
+    ///
+    /// `depth` has another length.
     pub fn depth_of_last(&mut self, depth: &mut [f32]) -> Result<(), MujocoError> {
         Ok(self.renderer.depth_of_last(&self.picture, &self.store.assets, depth)?)
     }

@@ -275,7 +275,11 @@ impl Fov {
 }
 
 impl FovSpace {
-    /// The assignment that was saved; an error if it does not fit this space.
+    /// The assignment that was saved.
+    ///
+    /// # Errors
+    ///
+    /// [`FovError::Foreign`]: it was saved from another space; or one of its values lies outside of this one.
     pub fn recall(&self, saved: &SavedFov) -> Result<Fov, FovError> {
         let mut fov = self.defaults();
         let mut rest = saved.values.as_slice();

@@ -168,6 +168,10 @@ impl FovSpace {
     }
 
     /// The same space with other defaults, by name.
+    ///
+    /// # Errors
+    ///
+    /// No such factor, or a value outside of its space.
     pub fn with_defaults(mut self, defaults: &BTreeMap<String, Value>) -> Result<Self, FovError> {
         for (name, value) in defaults {
             let index = self.index(name)?;

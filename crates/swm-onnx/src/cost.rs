@@ -30,6 +30,10 @@ pub struct ModelSettings {
 
 impl ModelSettings {
     /// Those of the model in a folder.
+    ///
+    /// # Errors
+    ///
+    /// [`OnnxError::Model`]: there is no `model.json`, or it is no such description.
     pub fn read(folder: &Path) -> Result<Self, OnnxError> {
         let path = folder.join("model.json");
         let wrong = |reason: String| OnnxError::Model { path: path.clone(), reason };
@@ -70,6 +74,11 @@ const GRADIENT: &str = "gradient";
 
 impl OnnxCost {
     /// Loads the model in a folder.
+    ///
+    /// # Errors
+    ///
+    /// [`OnnxError::NoRuntime`]: ONNX Runtime is not there; [`OnnxError::Model`]: a file of the model is missing, or
+    /// its inputs and outputs are others than described.
     pub fn load(folder: &Path) -> Result<Self, OnnxError> {
         let settings = ModelSettings::read(folder)?;
         let path = folder.join("encode.onnx");

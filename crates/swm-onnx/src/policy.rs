@@ -18,6 +18,10 @@ pub const POLICIES: &[PolicyEntry] = &[PolicyEntry {
 }];
 
 /// The same policy as what it is, so that a trace can be given to it.
+///
+/// # Errors
+///
+/// [`PolicyError::Argument`]: no folder, a model that cannot be loaded, or an unknown or misfit setting.
 pub fn onnx_policy(args: &PolicyArgs) -> Result<MpcPolicy, PolicyError> {
     let (folder, given) = split(args)?;
     let cost = OnnxCost::load(&folder).map_err(|error| args.wrong(error.to_string()))?;

@@ -20,6 +20,10 @@ names = ['libonnxruntime.so*', 'libonnxruntime*.dylib', 'onnxruntime.dll']
 print(next(path for name in names for path in sorted(glob.glob(os.path.join(here, name)))))";
 
 /// The library: what [`ORT_DYLIB_PATH`] names, else that of the Python package `onnxruntime`, if `python3` or `python` has it.
+///
+/// # Errors
+///
+/// [`OnnxError::NoRuntime`].
 pub fn find_library() -> Result<PathBuf, OnnxError> {
     if let Some(path) = std::env::var_os(ORT_DYLIB_PATH) {
         return Ok(PathBuf::from(path));

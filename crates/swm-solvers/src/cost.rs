@@ -14,11 +14,19 @@ use crate::mpc::Moment;
 pub trait Cost: Send {
     /// Once per plan: learns the moment that all candidates start from. Encode observations and goals here.
     /// [`crate::MpcPolicy`] calls it; a solver that is called directly works on whatever was prepared last.
+    ///
+    /// # Errors
+    ///
+    /// The moment lacks a column that the cost needs, or its model fails.
     fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError>;
 
     /// Fills `costs`, `[B, S]`, with the costs of `candidates`, `[B, S, H, D]`. Row `b` belongs to row `b` of
     /// the prepared moment. A cost that is not finite marks a candidate as unusable: solvers count it as
     /// infinite and say how many there were.
+    ///
+    /// # Errors
+    ///
+    /// The model fails. A candidate that is merely bad is none.
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError>;
 
     /// This cost with gradients, if it has them: what [`crate::SOLVERS`] of the gradient kind need.
@@ -51,6 +59,10 @@ pub trait Cost: Send {
 pub trait DifferentiableCost: Cost {
     /// Fills `costs`, `[B, S]`, and `gradient`, `[B, S, H, D]`: the derivative of each candidate's cost with respect
     /// to its own numbers. Candidates do not interact. Costs are those of [`Cost::evaluate`].
+    ///
+    /// # Errors
+    ///
+    /// As of [`Cost::evaluate`].
     fn evaluate_with_gradient(
         &mut self,
         candidates: &Candidates<'_>,
@@ -65,6 +77,10 @@ pub trait ConstrainedCost: Cost {
     fn constraints(&self, horizon: usize, width: usize) -> usize;
 
     /// Fills `costs`, `[B, S]`, and `values`, `[B, S, C]`, in one roll-out.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Cost::evaluate`].
     fn evaluate_constrained(
         &mut self,
         candidates: &Candidates<'_>,
@@ -74,7 +90,11 @@ pub trait ConstrainedCost: Cost {
 
     /// As [`ConstrainedCost::evaluate_constrained`], and fills `gradient`, `[B, S, H, D]`, with the derivative of
     /// cost + Σ w g, where `weigh` chooses the weights w once the values g of a candidate are known. One roll-out
-    /// forward and one back, whatever C is. An error if the cost has no gradients.
+    /// forward and one back, whatever C is.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::NoGradient`], and those of [`Cost::evaluate`].
     fn evaluate_constrained_with_gradient(
         &mut self,
         candidates: &Candidates<'_>,

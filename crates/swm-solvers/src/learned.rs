@@ -27,6 +27,10 @@ pub struct LearnedCost {
 }
 
 /// Takes [`SOLVER_SETTING`] out of `given`: the solver that it names, or `cem`.
+///
+/// # Errors
+///
+/// [`PlanError::Setting`]: there is no such solver.
 pub fn take_solver(given: &mut Map<String, Json>) -> Result<&'static SolverEntry, PlanError> {
     let name = given.shift_remove(SOLVER_SETTING.name).unwrap_or_else(|| SOLVER_SETTING.default.into());
     let name = name.as_str().map_or_else(|| name.to_string(), str::to_owned);
@@ -39,6 +43,11 @@ pub fn take_solver(given: &mut Map<String, Json>) -> Result<&'static SolverEntry
 
 /// A policy that plans on a learned model. `given` holds [`SOLVER_SETTING`], the settings of that solver, and those of
 /// [`PlanConfig`] but `action_block`, which is the model's.
+///
+/// # Errors
+///
+/// [`PlanError::Setting`]: an unknown solver, an unknown or misfit setting, or another `action_block` than the
+/// model's.
 pub fn plan_on(learned: LearnedCost, mut given: Map<String, Json>) -> Result<MpcPolicy, PlanError> {
     let solver = take_solver(&mut given)?;
     let own = solver.settings.iter().filter_map(|setting| given.shift_remove_entry(setting.name)).collect();

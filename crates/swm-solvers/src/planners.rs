@@ -41,6 +41,10 @@ pub const EXPERT: PolicyEntry = PolicyEntry {
 };
 
 /// The planner and its settings that [`EXPERT`] with `args` stands for.
+///
+/// # Errors
+///
+/// [`PolicyError::Argument`]: the environment names no planner.
 pub fn expert_args(env: &EnvEntry, args: &PolicyArgs) -> Result<PolicyArgs, PolicyError> {
     let Some(planner) = env.planner else {
         return Err(args.wrong(format!("{} names no planner; use one by its name", env.id)));

@@ -15,9 +15,17 @@ pub trait Settings: Default + Serialize + DeserializeOwned {
     const SETTINGS: &'static [Setting];
 
     /// Checks the ranges.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Setting`], which names the first that is out of range.
     fn validate(&self) -> Result<(), PlanError>;
 
-    /// Reads settings by name; what is not given has its default, what is unknown is an error.
+    /// Reads settings by name; what is not given has its default.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Setting`]: unknown, of another type, or out of range.
     fn from_settings(mut given: Map<String, Json>) -> Result<Self, PlanError> {
         let settings = take::<Self>(&mut given)?;
         refuse_rest(&given, Self::SETTINGS)?;

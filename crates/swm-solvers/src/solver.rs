@@ -23,12 +23,21 @@ pub trait Solver: Send + Sync {
     fn changed_settings(&self) -> Map<String, Json>;
 
     /// Whether it can plan actions of `space`; also says what is wrong with its own settings.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Space`] for the space, [`PlanError::Setting`] for the settings.
     fn check(&self, space: &Space) -> Result<(), PlanError>;
 
     /// Plans for all episodes of `problem` and writes the result to `plan`, whose memory is reused.
     ///
     /// Each episode's result has the same bits whatever other episodes are solved with it and on however many
     /// threads. `trace` is shown every iteration; [`crate::NoTrace`] costs nothing.
+    ///
+    /// # Errors
+    ///
+    /// The problem has other sizes than it says, the cost lacks what the solver needs (gradients, constraints, single
+    /// steps) or fails, or all candidates have a cost that is not finite.
     fn solve(
         &self,
         problem: &Problem<'_>,
@@ -82,6 +91,10 @@ impl Problem<'_> {
     }
 
     /// Refuses more candidates than can be meant.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Setting`], with the most that there may be.
     pub fn check_samples(&self, samples: usize) -> Result<(), PlanError> {
         let numbers = self.initial.len().checked_mul(samples);
         if numbers.is_none_or(|numbers| numbers > MAX_NUMBERS) {
@@ -97,6 +110,11 @@ impl Problem<'_> {
     }
 
     /// Checks the sizes.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Setting`]: a horizon or block of 0; [`PlanError::Size`]: `initial` or `memory` has another
+    /// length.
     pub fn check(&self) -> Result<(), PlanError> {
         at_least_one("horizon", self.horizon)?;
         at_least_one("action_block", self.action_block)?;

@@ -45,6 +45,11 @@ pub struct Deviation {
 
 /// Replays `episodes` of `source` on `entry`, with the factors of `overrides` in place of recorded ones; `watch` is
 /// called after each.
+///
+/// # Errors
+///
+/// The dataset lacks what a reset needs, has a frame skip that cannot be, or cannot be read; the environment cannot
+/// be made or reset. Differences are no errors.
 pub fn replay(
     entry: &EnvEntry,
     source: &mut dyn EpisodeSource,

@@ -19,6 +19,10 @@ const GOAL_FRAME: usize = 3;
 const GOAL_COLOR: [u8; 3] = [220, 120, 0];
 
 /// Writes all of it and returns the paths.
+///
+/// # Errors
+///
+/// A file cannot be written, or a film cannot be encoded.
 pub fn write_report(
     dir: &Path,
     evaluation: &Evaluation,

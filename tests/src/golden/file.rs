@@ -40,6 +40,10 @@ pub struct Picture {
 
 impl GoldenFile {
     /// Reads a file.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be read, or lacks an array that every recording has.
     pub fn read(path: &Path) -> Result<Self> {
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let mut npz = NpzReader::new(File::open(path)?).with_context(|| format!("{name} is no npz file"))?;

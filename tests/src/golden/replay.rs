@@ -61,6 +61,10 @@ impl Report {
 const OUTCOMES: [&str; 2] = ["reward", "terminated"];
 
 /// Replays one file.
+///
+/// # Errors
+///
+/// The file lacks an array, or the environment cannot be made, reset or stepped. Differences are part of the report.
 pub fn check_file(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Result<Report> {
     let mut factors = file.factors.clone();
     let expected = (rules.adapt)(&mut factors);

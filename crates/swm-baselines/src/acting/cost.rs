@@ -30,7 +30,11 @@ struct Copy {
 }
 
 impl ModelCost {
-    /// An error if the model predicts nothing.
+    /// Costs of plans as `model` predicts them.
+    ///
+    /// # Errors
+    ///
+    /// [`BaselineError::Settings`]: the model predicts nothing.
     pub fn new(model: TrainedModel) -> Result<Self, BaselineError> {
         let Some(planner) = model.baseline.planner() else {
             let reason = "it is no world model and predicts nothing; use it as a policy: `policy:RUN`";

@@ -32,7 +32,11 @@ struct Queue {
 }
 
 impl ModelPolicy {
-    /// An error if the model is no policy.
+    /// A policy that acts as `model` does.
+    ///
+    /// # Errors
+    ///
+    /// [`BaselineError::Settings`]: the model is no policy.
     pub fn new(model: TrainedModel) -> Result<Self, BaselineError> {
         let Some(policy) = model.baseline.policy() else {
             let reason = "it does not act by itself; plan with it: `mpc:RUN`";

@@ -35,6 +35,11 @@ pub struct LatentModel {
 
 impl LatentModel {
     /// The model that arguments name, such as `lewm:RUN,checkpoint=best`.
+    ///
+    /// # Errors
+    ///
+    /// [`PolicyError::Argument`]: no run, one that cannot be read or trained something else, a model that predicts
+    /// nothing, or an unknown setting.
     pub fn new(args: &PolicyArgs) -> Result<Self, PolicyError> {
         let given = Given::of(args)?;
         let TrainedModel { baseline, config, .. } = given.model(args)?;

@@ -61,6 +61,11 @@ fn model_policy(args: &PolicyArgs, baseline: Option<&str>) -> Result<Box<dyn Pol
 }
 
 /// The policy of [`MPC`] as what it is, so that a trace can be given to it.
+///
+/// # Errors
+///
+/// [`PolicyError::Argument`]: no run, one that cannot be read, a model that predicts nothing, or an unknown or misfit
+/// setting.
 pub fn mpc_policy(args: &PolicyArgs) -> Result<MpcPolicy, PolicyError> {
     let given = Given::of(args)?;
     let cost = ModelCost::new(given.model(args)?).map_err(|error| args.wrong(error.to_string()))?;

@@ -81,6 +81,10 @@ pub struct MakeOptions<'a> {
 }
 
 /// A new model with fresh weights.
+///
+/// # Errors
+///
+/// No such baseline or preset, or an unknown or misfit setting.
 pub fn make(name: &str, options: &MakeOptions<'_>) -> Result<Box<dyn Baseline>, BaselineError> {
     let entry = find(name)?;
     if !entry.presets.contains(&options.preset) {
@@ -101,6 +105,10 @@ pub fn make(name: &str, options: &MakeOptions<'_>) -> Result<Box<dyn Baseline>, 
 }
 
 /// The model of a recipe, with its first weights.
+///
+/// # Errors
+///
+/// No such baseline, or settings that it does not take.
 pub fn restore(recipe: &Recipe) -> Result<Box<dyn Baseline>, BaselineError> {
     (find(&recipe.baseline)?.make)(recipe.clone(), &Device::flex())
 }

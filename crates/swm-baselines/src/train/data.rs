@@ -131,7 +131,11 @@ pub struct DataFacts {
 }
 
 impl DataFacts {
-    /// Of a dataset that `baseline` shall be trained on; what it lacks is an error.
+    /// Of a dataset that `baseline` shall be trained on.
+    ///
+    /// # Errors
+    ///
+    /// A column that training needs is missing, or of another shape.
     pub fn of(dataset: &dyn Dataset, baseline: &str) -> Result<Self, BaselineError> {
         let action = check_columns(dataset, baseline, &[PIXELS, ACTION])?;
         let schema = dataset.schema();
@@ -142,6 +146,11 @@ impl DataFacts {
 
 impl TrainData {
     /// Loaders for a model with these needs. `baseline` is its name, for messages.
+    ///
+    /// # Errors
+    ///
+    /// A column that training needs is missing or of another shape, a part of the split has no episode that is long
+    /// enough, or reading fails.
     pub fn new(
         dataset: &dyn Dataset,
         baseline: &str,

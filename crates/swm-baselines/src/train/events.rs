@@ -18,6 +18,10 @@ pub struct EventWriter {
 impl EventWriter {
     /// A new event file in `folder`, whose name no other has. `resumed`: the step that training goes on after; points
     /// that earlier files hold for later steps are then taken back, so that curves do not go two ways.
+    ///
+    /// # Errors
+    ///
+    /// A file of the folder cannot be read or written.
     pub fn create(folder: &Path, resumed: Option<u64>) -> io::Result<Self> {
         let now = now();
         let (seconds, process) = (now.floor(), std::process::id());
@@ -50,6 +54,10 @@ impl EventWriter {
     }
 
     /// Adds a point to each of some curves.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
     pub fn scalars<'a>(
         &mut self,
         step: u64,
@@ -70,6 +78,10 @@ impl EventWriter {
     }
 
     /// Hands everything to the operating system.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
     pub fn flush(&mut self) -> io::Result<()> {
         self.out.flush()
     }

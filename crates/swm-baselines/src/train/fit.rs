@@ -51,6 +51,11 @@ pub enum End {
 }
 
 /// Trains `model` in `run`, from the last checkpoint if there is one, and returns where it ended.
+///
+/// # Errors
+///
+/// Settings that [`FitSettings::check`] refuses, a loss that is not finite, or whatever reading clips and writing
+/// checkpoints may meet.
 pub fn fit(
     run: &RunFolder,
     model: &mut dyn Baseline,

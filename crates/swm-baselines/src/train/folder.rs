@@ -52,7 +52,11 @@ const CHECKPOINTS: &str = "checkpoints";
 const DRAFT: &str = "new-";
 
 impl RunFolder {
-    /// A new run; a folder that holds one already is an error.
+    /// A new run.
+    ///
+    /// # Errors
+    ///
+    /// A run is there already, or the folder cannot be written to.
     pub fn create(path: &Path, config: &impl Serialize) -> Result<Self, BaselineError> {
         let run = Self { path: path.to_owned() };
         if run.config_file().exists() {
@@ -65,6 +69,10 @@ impl RunFolder {
     }
 
     /// The run in a folder.
+    ///
+    /// # Errors
+    ///
+    /// There is no run.
     pub fn open(path: &Path) -> Result<Self, BaselineError> {
         let run = Self { path: path.to_owned() };
         match run.config_file().is_file() {
@@ -89,16 +97,28 @@ impl RunFolder {
     }
 
     /// What is trained, on what, and how.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read, or is no such description.
     pub fn config<C: DeserializeOwned>(&self) -> Result<C, BaselineError> {
         self.read_json(&self.config_file())
     }
 
     /// Changes it.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
     pub fn write_config(&self, config: &impl Serialize) -> Result<(), BaselineError> {
         self.replace(&self.config_file(), &json(config))
     }
 
     /// Keeps other processes from training in the folder.
+    ///
+    /// # Errors
+    ///
+    /// Another process trains in it, or the folder cannot be written to.
     pub fn lock(&self) -> Result<RunLock, BaselineError> {
         let path = self.path.join("lock");
         let file = File::create(&path).map_err(|error| self.io("open", &path, error))?;
@@ -112,6 +132,10 @@ impl RunFolder {
     }
 
     /// The steps of all checkpoints that are whole, ascending.
+    ///
+    /// # Errors
+    ///
+    /// The folder of the checkpoints cannot be read.
     pub fn steps(&self) -> Result<Vec<u64>, BaselineError> {
         let folder = self.checkpoints_dir();
         let entries = fs::read_dir(&folder).map_err(|error| self.io("read", &folder, error))?;
@@ -127,6 +151,10 @@ impl RunFolder {
     }
 
     /// The description of the checkpoint at `step`.
+    ///
+    /// # Errors
+    ///
+    /// There is no such checkpoint, or it cannot be read.
     pub fn checkpoint<S: DeserializeOwned>(&self, step: u64) -> Result<Checkpoint<S>, BaselineError> {
         self.read_json(&self.checkpoint_file(step, "json"))
     }
@@ -142,17 +170,29 @@ impl RunFolder {
     }
 
     /// The weights of a checkpoint, once their hash has been compared.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read, or has another hash.
     pub fn checked_weights<S>(&self, checkpoint: &Checkpoint<S>) -> Result<PathBuf, BaselineError> {
         self.checked(self.weights(checkpoint.step), &checkpoint.weights)
     }
 
     /// What the optimisers remember, once its hash has been compared.
+    ///
+    /// # Errors
+    ///
+    /// As of [`RunFolder::checked_weights`].
     pub fn checked_training<S>(&self, checkpoint: &Checkpoint<S>) -> Result<PathBuf, BaselineError> {
         self.checked(self.training(checkpoint.step), &checkpoint.training)
     }
 
     /// Adds a checkpoint; the two functions write a file of safetensors each. When this returns, a kill can no longer
     /// lose it.
+    ///
+    /// # Errors
+    ///
+    /// One of the functions fails, or a file cannot be written. Earlier checkpoints stay.
     pub fn write_checkpoint(
         &self,
         step: u64,
@@ -168,6 +208,10 @@ impl RunFolder {
 
     /// Removes what is not needed: checkpoints but the last `keep` and that of step `best`, what optimisers remember but
     /// the last, and files that a kill left half written.
+    ///
+    /// # Errors
+    ///
+    /// A file cannot be removed.
     pub fn tidy(&self, keep: usize, best: Option<u64>) -> Result<(), BaselineError> {
         let steps = self.steps()?;
         let (old, kept) = steps.split_at(steps.len().saturating_sub(keep.max(1)));
@@ -195,6 +239,10 @@ impl RunFolder {
 
     /// Puts `bytes` in the place of the file at `path`: at any moment the old content stands there or the new, also
     /// after a loss of power.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
     pub fn replace(&self, path: &Path, bytes: &[u8]) -> Result<(), BaselineError> {
         let draft = draft(path);
         let write = || {

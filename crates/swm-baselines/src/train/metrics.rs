@@ -63,12 +63,20 @@ impl Record {
 /// Takes records.
 pub trait MetricSink {
     /// Takes one.
+    ///
+    /// # Errors
+    ///
+    /// Any ends the training.
     fn record(&mut self, record: &Record) -> Result<(), BaselineError>;
 
     /// Called after every optimiser step: what a progress bar needs.
     fn step(&mut self, _step: u64, _total: u64) {}
 
     /// Called before a checkpoint is written: what was taken must be where a kill cannot get it.
+    ///
+    /// # Errors
+    ///
+    /// As of [`MetricSink::record`].
     fn flush(&mut self) -> Result<(), BaselineError> {
         Ok(())
     }
@@ -85,6 +93,10 @@ const METRICS: &str = "metrics.jsonl";
 
 impl JsonLines {
     /// Goes on with the file, from which lines about later steps than `step` are removed.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read or written.
     pub fn after(run: &RunFolder, step: u64) -> Result<Self, BaselineError> {
         let path = run.file(METRICS);
         let text = match fs::read_to_string(&path) {
@@ -140,6 +152,10 @@ pub struct TensorBoard {
 
 impl TensorBoard {
     /// A new event file. `resumed`: the step that is gone on after.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
     pub fn new(run: &RunFolder, resumed: Option<u64>) -> Result<Self, BaselineError> {
         let events = EventWriter::create(run.path(), resumed)
             .map_err(|error| run.io("write an event file in", run.path(), error))?;

@@ -32,6 +32,10 @@ pub struct RunConfig {
 
 impl RunConfig {
     /// That of a run.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read, or has a version that this program does not read.
     pub fn read(run: &RunFolder) -> Result<Self, BaselineError> {
         let config: Self = run.config()?;
         match config.version {
@@ -78,7 +82,11 @@ pub struct TrainedModel {
 }
 
 impl TrainedModel {
-    /// Takes a checkpoint of the run in folder `path`; its weights are those that were written, or it is an error.
+    /// Takes a checkpoint of the run in folder `path`, whose weights are those that were written.
+    ///
+    /// # Errors
+    ///
+    /// There is no run or no such checkpoint, or its files are not those that were written.
     pub fn open(path: &Path, which: Which) -> Result<Self, BaselineError> {
         let run = RunFolder::open(path)?;
         let config = RunConfig::read(&run)?;
@@ -89,6 +97,10 @@ impl TrainedModel {
     }
 
     /// The files that a model depends on.
+    ///
+    /// # Errors
+    ///
+    /// There is no run, or no such checkpoint.
     pub fn files(path: &Path, which: Which) -> Result<Vec<PathBuf>, BaselineError> {
         let run = RunFolder::open(path)?;
         let step = step_of(&run, which)?;

@@ -44,6 +44,11 @@ pub struct Training {
 
 impl Training {
     /// A new run in `folder`, which must hold none.
+    ///
+    /// # Errors
+    ///
+    /// A run is there already, settings that do not go together, a dataset that lacks what the model needs, or an
+    /// encoder that cannot be read.
     pub fn create(folder: &Path, dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
         let NewRun { baseline, preset, changes, encoder, split, fit } = new;
         fit.check()?;
@@ -67,6 +72,11 @@ impl Training {
 
     /// Goes on with the run in `folder`, on the dataset that it was begun with. `change` may alter how long it shall go
     /// on; what it has learnt so far stays.
+    ///
+    /// # Errors
+    ///
+    /// There is no run, another process trains in it, its dataset is gone or another, or `change` altered what must
+    /// stay.
     pub fn resume(folder: &Path, change: impl FnOnce(&mut FitSettings)) -> Result<Self, BaselineError> {
         let run = RunFolder::open(folder)?;
         let lock = run.lock()?;
@@ -115,6 +125,10 @@ impl Training {
     }
 
     /// Trains to the end, and returns where that was. Records go to the run's folder and to `sinks`.
+    ///
+    /// # Errors
+    ///
+    /// As of [`fit`].
     pub fn run(&mut self, sinks: Vec<Box<dyn MetricSink + '_>>) -> Result<State, BaselineError> {
         let Self { run, model, data, config, .. } = self;
         let from = run.steps()?.last().copied();

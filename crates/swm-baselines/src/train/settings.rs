@@ -47,6 +47,10 @@ impl Default for FitSettings {
 
 impl FitSettings {
     /// Refuses what cannot be trained with.
+    ///
+    /// # Errors
+    ///
+    /// [`BaselineError::Training`], which names the setting.
     pub fn check(&self) -> Result<(), BaselineError> {
         let at_least_one = |setting: &str, value: u64| match value {
             0 => Err(BaselineError::Training {

@@ -59,6 +59,10 @@ pub struct Schema {
 
 impl Schema {
     /// Checks that the names are unique.
+    ///
+    /// # Errors
+    ///
+    /// [`BatchError::DuplicateField`]: two fields share a name.
     pub fn new(fields: Vec<Field>) -> Result<Arc<Self>, BatchError> {
         let mut by_name = HashMap::with_capacity(fields.len());
         for (index, field) in fields.iter().enumerate() {
@@ -85,7 +89,11 @@ impl Schema {
         self.by_name.get(name).copied()
     }
 
-    /// The position of a field; an unknown name is an error that names the nearest one.
+    /// The position of a field.
+    ///
+    /// # Errors
+    ///
+    /// [`BatchError::UnknownField`], with the nearest name that there is.
     pub fn require(&self, name: &str) -> Result<usize, BatchError> {
         self.index(name).ok_or_else(|| BatchError::UnknownField {
             name: name.to_owned(),

@@ -70,6 +70,11 @@ impl Batch {
 
     /// Appends the fields of this table from `row`, taken from the columns `from` of the row's table (one per
     /// field, in order).
+    ///
+    /// # Errors
+    ///
+    /// [`BatchError::WrongValue`]: a column of the row has another type or width than the field. The table is then
+    /// unusable.
     pub fn push_row(&mut self, row: Row<'_>, from: &[usize]) -> Result<(), BatchError> {
         for (target, &source) in from.iter().enumerate() {
             let values = row.at(source);

@@ -30,7 +30,11 @@ impl Value {
         Self { shape: shape.to_vec(), data: values.to_column() }
     }
 
-    /// All values as `f64`; an error for text, which names `what`.
+    /// All values as `f64`. `what` names them in errors.
+    ///
+    /// # Errors
+    ///
+    /// [`BatchError::WrongValue`]: it is text.
     pub fn numbers(&self, what: &str) -> Result<Vec<f64>, BatchError> {
         let slice = self.data.as_slice();
         (0..slice.len())
@@ -41,6 +45,10 @@ impl Value {
 
     /// The same numbers as another type and shape, for values that come from files and command lines. Refuses
     /// what would change them: a fraction for an integer, a number outside the type's range, another count.
+    ///
+    /// # Errors
+    ///
+    /// [`BatchError::WrongValue`]: the numbers are not as many as `shape` asks for, or the type cannot hold them.
     pub fn cast(&self, what: &str, dtype: Dtype, shape: &[usize]) -> Result<Self, BatchError> {
         let width: usize = shape.iter().product();
         if self.data.len() != width {
@@ -98,6 +106,10 @@ impl Value {
     }
 
     /// From JSON: a number, a boolean, a text, or a list (of lists) of numbers.
+    ///
+    /// # Errors
+    ///
+    /// [`BatchError::WrongValue`]: `null`, an object, or text within a list.
     pub fn from_json(what: &str, json: &serde_json::Value) -> Result<Self, BatchError> {
         use serde_json::Value as Json;
         match json {

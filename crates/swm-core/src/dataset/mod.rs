@@ -23,12 +23,25 @@ pub use restore::{read_known, read_row, recorded_moment, whole_episode};
 pub trait EpisodeSink: Send {
     /// Called once, before the first episode: the columns (kind tells step from episode columns) and what is
     /// known of the data. Returns how many episodes the dataset holds already.
+    ///
+    /// # Errors
+    ///
+    /// What is there has other columns or settings, or cannot be written.
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError>;
 
     /// Appends one episode; row = step. When it returns, the episode is safe: a crash cannot lose it.
+    ///
+    /// # Errors
+    ///
+    /// The rows have other columns than were announced, or cannot be written. The episode is then not part of the
+    /// dataset.
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError>;
 
     /// Ends the dataset cleanly.
+    ///
+    /// # Errors
+    ///
+    /// The rest cannot be written.
     fn finish(&mut self) -> Result<(), BoxError>;
 }
 
@@ -38,6 +51,10 @@ pub trait EpisodeSource: Send {
     fn contents(&self) -> &Contents;
 
     /// Reads rows of one episode into `out`, whose schema names the wanted columns; its old rows are replaced.
+    ///
+    /// # Errors
+    ///
+    /// No such episode, rows or columns, or what is stored cannot be read.
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError>;
 
     /// The columns.

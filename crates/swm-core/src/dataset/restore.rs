@@ -10,6 +10,10 @@ use crate::seed::EpisodeSeed;
 
 /// Reset options that stand at a recorded row, under the factors of its episode as far as the dataset holds them.
 /// The goal is not set.
+///
+/// # Errors
+///
+/// No such episode or row, or what is stored cannot be read.
 pub fn recorded_moment(
     spec: &EnvSpec,
     source: &mut dyn EpisodeSource,
@@ -29,6 +33,10 @@ pub fn recorded_moment(
 /// Where the factors of the episode are known, the reset places things from them, just as the recorded one did:
 /// in files of this program (a factor without a column was at its default), and in others that hold every factor that
 /// is drawn by default. Otherwise it stands at the first recorded row.
+///
+/// # Errors
+///
+/// As of [`recorded_moment`].
 pub fn whole_episode(
     spec: &EnvSpec,
     source: &mut dyn EpisodeSource,
@@ -85,6 +93,10 @@ fn recorded_factors(
 }
 
 /// As [`read_row`], without the columns that the dataset lacks.
+///
+/// # Errors
+///
+/// No such episode or row, or what is stored cannot be read.
 pub fn read_known(
     source: &mut dyn EpisodeSource,
     episode: usize,
@@ -97,6 +109,10 @@ pub fn read_known(
 }
 
 /// Some columns of one recorded row, by name.
+///
+/// # Errors
+///
+/// No such column, episode or row, or what is stored cannot be read.
 pub fn read_row(
     source: &mut dyn EpisodeSource,
     episode: usize,

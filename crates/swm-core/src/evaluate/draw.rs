@@ -71,6 +71,11 @@ pub fn is_held_out(episode: usize, share: f64) -> bool {
 const MOST_TRIES: usize = 1000;
 
 /// Makes a manifest for environments of `entry`, made as `config` says.
+///
+/// # Errors
+///
+/// No pairs are asked for, the dataset is of another environment or cannot be read, or too few starts and goals pass
+/// the tier's rules. What making and resetting the environment may meet.
 pub fn make_manifest(
     entry: &EnvEntry,
     config: &EnvConfig,

@@ -176,11 +176,19 @@ impl Manifest {
     }
 
     /// What an evaluation needs: a reset per pair, in order.
+    ///
+    /// # Errors
+    ///
+    /// A value that is no number, text or list of numbers.
     pub fn resets(&self) -> Result<Vec<ResetOptions>, WorldError> {
         self.pairs.iter().map(|pair| Ok(pair.reset()?)).collect()
     }
 
     /// Refuses versions that this program does not know, and what can be no evaluation.
+    ///
+    /// # Errors
+    ///
+    /// [`WorldError::Option`], which says what is wrong.
     pub fn check(&self) -> Result<(), WorldError> {
         let wrong = |reason: String| Err(WorldError::Option { option: "manifest", reason });
         if self.version != MANIFEST_VERSION {
@@ -204,6 +212,10 @@ impl Manifest {
 
 impl Pair {
     /// The reset that gives its start and goal.
+    ///
+    /// # Errors
+    ///
+    /// A value that is no number, text or list of numbers.
     pub fn reset(&self) -> Result<ResetOptions, BatchError> {
         let values = |columns: &BTreeMap<String, Json>| -> Result<BTreeMap<String, Value>, BatchError> {
             columns.iter().map(|(name, json)| Ok((name.clone(), Value::from_json(name, json)?))).collect()

@@ -222,6 +222,11 @@ impl Manifest {
 impl World {
     /// Runs pairs `episodes` of a manifest under the attached policy, judged by its test and within its budget. `resets`
     /// are the manifest's own ([`Manifest::resets`]), or changed ones.
+    ///
+    /// # Errors
+    ///
+    /// The manifest is for another environment or frame skip, or fails [`Manifest::check`]; whatever [`World::run`]
+    /// may meet.
     pub fn run_pairs(
         &mut self,
         manifest: &Manifest,

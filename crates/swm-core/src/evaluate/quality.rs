@@ -15,12 +15,24 @@ pub trait WorldModel {
     }
 
     /// Writes the latent `[Z]` of a row.
+    ///
+    /// # Errors
+    ///
+    /// The row lacks a column that the model reads, or the model fails.
     fn encode(&mut self, row: Row<'_>, latent: &mut [f64]) -> Result<(), BoxError>;
 
     /// Replaces the latent `[Z]` by what follows it under the actions `[F, A]`.
+    ///
+    /// # Errors
+    ///
+    /// The model fails.
     fn predict(&mut self, latent: &mut [f64], action: &[f64]) -> Result<(), BoxError>;
 
     /// Writes the latents `[N, Z]` of all rows `[N]` of a table. A network, which is faster on many rows at once, has its own.
+    ///
+    /// # Errors
+    ///
+    /// As of [`WorldModel::encode`].
     fn encode_rows(&mut self, rows: &Batch, latents: &mut [f64]) -> Result<(), BoxError> {
         let width = self.latent_width();
         let mut latents = latents.chunks_exact_mut(width.max(1));
@@ -28,6 +40,10 @@ pub trait WorldModel {
     }
 
     /// Replaces latents `[N, Z]` by what follows them under the actions `[N, F, A]`. As [`WorldModel::encode_rows`].
+    ///
+    /// # Errors
+    ///
+    /// As of [`WorldModel::predict`].
     fn predict_rows(&mut self, latents: &mut [f64], actions: &[f64]) -> Result<(), BoxError> {
         let width = self.latent_width().max(1);
         let count = latents.len() / width;
@@ -40,6 +56,10 @@ pub trait WorldModel {
 }
 
 /// The latents of all rows of a table, `[N, Z]`.
+///
+/// # Errors
+///
+/// As of [`WorldModel::encode`].
 pub fn latents(model: &mut dyn WorldModel, rows: &Batch) -> Result<Vec<f64>, BoxError> {
     let mut latents = vec![0.0; rows.rows() * model.latent_width()];
     model.encode_rows(rows, &mut latents)?;
@@ -49,6 +69,10 @@ pub fn latents(model: &mut dyn WorldModel, rows: &Batch) -> Result<Vec<f64>, Box
 /// Mean squared error per number of the latent after 1, 2, … predictions of F rows each, as many as `horizon` rows hold,
 /// `[horizon / F]`: open loop from every row of the recorded episodes (each a table with the column `action`) from which so
 /// many follow. `None` where none do.
+///
+/// # Errors
+///
+/// An episode has no column `action`, or the model fails.
 pub fn open_loop_error(
     model: &mut dyn WorldModel,
     episodes: &[Batch],
@@ -80,6 +104,10 @@ pub fn open_loop_error(
 
 /// How surprised a model is by each row of an episode after the first F, `[T - F]`: squared error of its prediction from the
 /// row F before, per number. Rows that cannot follow (something vanished, or is elsewhere) should stand out.
+///
+/// # Errors
+///
+/// The episode has no column `action`, or the model fails.
 pub fn surprise(model: &mut dyn WorldModel, rows: &Batch) -> Result<Vec<f64>, BoxError> {
     let (width, action) = (model.latent_width(), rows.schema().require("action")?);
     let stride = model.stride();

@@ -27,6 +27,11 @@ pub struct RankingOptions {
 /// constant. The model's cost is the squared distance of the predicted latent from that of the goal, the true one the
 /// environment's task cost after the plan. Goals are rows that random actions reach from the start in `horizon` steps; a
 /// plan that diverges is left out.
+///
+/// # Errors
+///
+/// The horizon is no multiple of the model's stride, there are fewer than two plans, the environment has no task cost
+/// or cannot be reset to a moment, or the model fails.
 pub fn action_ranking(
     model: &mut dyn WorldModel,
     env: &mut dyn Env,

@@ -69,6 +69,11 @@ impl SuccessRule {
     }
 
     /// The rule for tables of `schema`; `None` if the environment decides.
+    ///
+    /// # Errors
+    ///
+    /// [`WorldError::Option`]: `hold` is 0, or more than 1 without a condition; a condition does not fit the columns
+    /// of `schema`.
     pub fn judge(&self, schema: &Schema) -> Result<Option<Judge>, WorldError> {
         let wrong = |reason: String| Err(WorldError::Option { option: "success", reason });
         if self.hold == 0 {

@@ -28,7 +28,11 @@ pub struct StateModel {
 
 impl StateModel {
     /// For environments made by `entry` with `config`. `gain`: what actions are multiplied by, 1 for the true dynamics;
-    /// `None`: nothing ever changes. An error if the environment cannot be reset to a moment.
+    /// `None`: nothing ever changes.
+    ///
+    /// # Errors
+    ///
+    /// The environment cannot be made, or cannot be reset to a moment.
     pub fn new(entry: &EnvEntry, config: &EnvConfig, gain: Option<f64>) -> Result<Self, BoxError> {
         let env = (entry.make)(&EnvConfig { image: None, settings: config.settings.clone() })?;
         if env.spec().start_columns.is_empty() {

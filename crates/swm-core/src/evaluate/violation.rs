@@ -48,6 +48,11 @@ pub struct ViolationOptions {
 /// `[possible, impossible]`, of random actions and with the factors' defaults; each a table of the environment's fields and
 /// `action`. Before row `at` the two are equal. There both are reset to the moment, so that what a reset forgets is
 /// forgotten in both, and no trace of the making tells them apart.
+///
+/// # Errors
+///
+/// The violation comes before the second row or after the last, the environment has no such column or factor or
+/// cannot be reset to a moment, or a step fails.
 pub fn violation_pairs(
     env: &mut dyn Env,
     violation: &Violation,
@@ -64,6 +69,10 @@ pub fn violation_pairs(
 }
 
 /// Episodes of random actions with the factors' defaults, `rows` rows each: tables of the environment's fields and `action`.
+///
+/// # Errors
+///
+/// The environment has a field called `action`, or a reset or step fails.
 pub fn random_episodes(
     env: &mut dyn Env,
     episodes: usize,

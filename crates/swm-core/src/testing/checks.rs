@@ -74,6 +74,10 @@ impl Bench {
 /// The description agrees with itself: unique fields, one episode field per factor with the factor's type and
 /// shape, defaults inside their spaces, an action space that can be sampled, settings that are refused when
 /// unknown.
+///
+/// # Errors
+///
+/// A sentence that says what is not so.
 pub fn spec_is_sound(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String> {
     let bench = Bench::new(entry, config)?;
     let spec = bench.env.spec();
@@ -110,6 +114,10 @@ pub fn spec_is_sound(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String>
 
 /// The same seed and actions give the same bits in another instance, also in one that was used before; another
 /// seed gives another episode; and no observed float is NaN.
+///
+/// # Errors
+///
+/// A sentence that says what is not so.
 pub fn deterministic(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String> {
     let options = ResetOptions::default();
     let mut used = Bench::new(entry, config)?;
@@ -139,6 +147,10 @@ pub fn deterministic(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String>
 
 /// A snapshot restored into a fresh instance, at any step, continues with the same bits and rewards, pictures
 /// included; and a damaged state is refused.
+///
+/// # Errors
+///
+/// A sentence that says what is not so.
 pub fn snapshots_are_exact(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String> {
     let everything = ResetOptions { variation: Some(vec!["all".to_owned()]), ..ResetOptions::default() };
     for (seed, options) in [(0, ResetOptions::default()), (1, everything)] {
@@ -182,6 +194,10 @@ pub fn snapshots_are_exact(entry: &EnvEntry, config: &EnvConfig) -> Result<(), S
 
 /// Drawing one more factor moves no other one; factors that are not drawn keep their defaults; unknown names
 /// and values outside the bounds are errors that name them.
+///
+/// # Errors
+///
+/// A sentence that says what is not so.
 pub fn factors_are_independent(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String> {
     let mut bench = Bench::new(entry, config)?;
     let spec = bench.env.spec().clone();
@@ -226,6 +242,10 @@ pub fn factors_are_independent(entry: &EnvEntry, config: &EnvConfig) -> Result<(
 /// Every factor changes what is seen or what happens: some step field (pixels included) or the goal picture, in
 /// one of two dozen draws, in the context that its description names. Those of `only_in_pictures` change nothing here,
 /// where no pictures are drawn.
+///
+/// # Errors
+///
+/// A sentence that names the factors without effect, or one that acts where it should not.
 pub fn every_factor_acts(
     entry: &EnvEntry,
     config: &EnvConfig,

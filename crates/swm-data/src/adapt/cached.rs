@@ -24,6 +24,10 @@ struct Held {
 
 impl Cached {
     /// Reads the columns `keys` into memory.
+    ///
+    /// # Errors
+    ///
+    /// No such column, or reading fails.
     pub fn new(mut inner: Box<dyn Dataset>, keys: &[&str]) -> Result<Self, DataError> {
         let lengths = inner.contents().lengths.clone();
         let first: Vec<usize> = lengths

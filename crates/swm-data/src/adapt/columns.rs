@@ -20,6 +20,10 @@ pub struct Columns {
 
 impl Columns {
     /// Joins two datasets with episodes of equal lengths.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Request`]: another number of episodes, or one of another length.
     pub fn new(first: Box<dyn Dataset>, second: Box<dyn Dataset>) -> Result<Self, DataError> {
         let refuse = |reason| Err(DataError::request(second.path(), reason));
         let (here, there) = (first.num_episodes(), second.num_episodes());

@@ -24,8 +24,11 @@ struct Part {
 }
 
 impl Concat {
-    /// Joins datasets. The columns are those that all have, in the order of the first; one that they hold in
-    /// different types or shapes is an error.
+    /// Joins datasets. The columns are those that all have, in the order of the first.
+    ///
+    /// # Errors
+    ///
+    /// No datasets, no column that all have, or one that they hold in different types or shapes.
     pub fn new(datasets: Vec<Box<dyn Dataset>>) -> Result<Self, DataError> {
         let Some(head) = datasets.first() else {
             return Err(DataError::Loader {

@@ -28,6 +28,10 @@ struct Part {
 impl Joined {
     /// Adds the column `name`: the columns `parts` concatenated on the last axis; scalars count as `[1]`. A part that
     /// ends in `*` stands for all columns that begin so, sorted by name. All must have one type and equal other axes.
+    ///
+    /// # Errors
+    ///
+    /// No such column, or columns that cannot be joined.
     pub fn new(inner: Box<dyn Dataset>, name: &str, parts: &[&str]) -> Result<Self, DataError> {
         let wrong = |reason: String| Err(DataError::Loader { setting: "join", reason });
         let fields = inner.schema().fields();

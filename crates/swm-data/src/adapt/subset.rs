@@ -21,6 +21,10 @@ pub struct Subset {
 
 impl Subset {
     /// Chooses episodes by their numbers; each must exist. Repetitions are allowed.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Request`]: an episode that does not exist.
     pub fn new(inner: Box<dyn Dataset>, episodes: &[usize]) -> Result<Self, DataError> {
         let count = inner.num_episodes();
         if let Some(wrong) = episodes.iter().find(|&&episode| episode >= count) {
@@ -49,6 +53,10 @@ impl Subset {
 
 /// Splits `count` episodes at random into parts of these fractions (which need not sum to 1: `[0.9, 0.1]`, `[4, 1]`);
 /// a function of `seed`. Parts are disjoint, sorted, and together all episodes.
+///
+/// # Errors
+///
+/// [`DataError::Loader`]: a fraction that is negative or not finite, or nothing but zeros.
 pub fn split_episodes(count: usize, fractions: &[f64], seed: u64) -> Result<Vec<Vec<usize>>, DataError> {
     let total: f64 = fractions.iter().sum();
     let sound = |fraction: &f64| fraction.is_finite() && *fraction >= 0.0;

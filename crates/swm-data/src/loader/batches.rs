@@ -154,6 +154,10 @@ impl Batches {
     /// Replaces the rows of `batch`, a table of this loader, by the next clips. `false` (and an unchanged table) at the
     /// end of an epoch; the call after that begins the next epoch, unless it was the last. After an error, the stream
     /// goes on with the batch after the one that could not be read.
+    ///
+    /// # Errors
+    ///
+    /// `batch` was made for another loader, or reading fails.
     pub fn next_batch(&mut self, batch: &mut Batch) -> Result<bool, DataError> {
         if batch.schema() != &self.plan.schema {
             return wrong("batch", "it was made for another loader; use `new_batch`");

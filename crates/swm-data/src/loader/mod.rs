@@ -96,17 +96,29 @@ impl Loader {
     }
 
     /// As [`Loader::batches`], going on at a [`Position`] that a loader of the same dataset and options has reached.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Loader::batches`]; and a position of another dataset or other options.
     pub fn batches_from(&self, options: &BatchOptions, position: &Position) -> Result<Batches, DataError> {
         Batches::new(self, options, Some(position))
     }
 
     /// Reads clips into `out`, a table of this loader; its old rows are replaced, its memory is reused. Goals are those
     /// of epoch 0.
+    ///
+    /// # Errors
+    ///
+    /// `out` was made for another loader, no such clip, or reading fails.
     pub fn read(&mut self, clips: &[usize], out: &mut Batch) -> Result<(), DataError> {
         self.read_in(0, clips, out)
     }
 
     /// As [`Loader::read`], with the goals of another epoch.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Loader::read`].
     pub fn read_in(&mut self, epoch: u64, clips: &[usize], out: &mut Batch) -> Result<(), DataError> {
         if out.schema() != &self.plan.schema {
             return wrong("batch", "it was made for another loader; use `new_batch`");

@@ -8,6 +8,10 @@ use swm_core::{Field, Metadata};
 use crate::error::DataError;
 
 /// Whether episodes with these columns and settings continue a dataset with those of `columns` and its `first` run.
+///
+/// # Errors
+///
+/// [`DataError::Mismatch`], which names the first difference.
 pub fn check_fit(
     path: &Path,
     columns: &[Field],

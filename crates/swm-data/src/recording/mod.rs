@@ -36,17 +36,29 @@ pub trait Storage: Send + 'static {
     fn is_folder(&self) -> bool;
 
     /// Whether nothing is there yet that could be continued or replaced.
+    ///
+    /// # Errors
+    ///
+    /// What is there cannot be looked at.
     fn is_new(&self, path: &Path) -> Result<bool, DataError> {
         Ok(!path.exists())
     }
 
     /// Opens what is there.
+    ///
+    /// # Errors
+    ///
+    /// What is there is no dataset of this format, or is damaged.
     fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError>;
 
     /// Why it cannot hold a column of this name, to complete "`name` cannot name a column: …".
     fn refuses(&self, name: &str) -> Option<&'static str>;
 
     /// Makes, continues or replaces a dataset.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be made, or what is there does not fit.
     fn start(&self, start: &Start<'_>) -> Result<Self::Recording, DataError>;
 }
 
@@ -83,12 +95,24 @@ pub enum There {
 /// The files of a dataset that is being recorded.
 pub trait Recording: Send {
     /// Appends rows to the open episode.
+    ///
+    /// # Errors
+    ///
+    /// A sentence; the recording takes no more after it.
     fn append(&mut self, at: Place, rows: &Batch) -> Result<(), String>;
 
     /// Announces the open episode, which ends at `end`: when this returns, no kill can lose it.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Recording::append`].
     fn announce(&mut self, end: Place) -> Result<(), String>;
 
     /// Ends the recording. No episode is open.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Recording::append`].
     fn close(self) -> Result<(), String>;
 
     /// Ends the recording amid an episode, of which nothing may be seen. As a kill would, if nothing better is known.
@@ -139,6 +163,11 @@ enum State<R> {
 
 impl<S: Storage> Recorder<S> {
     /// Takes the dataset at `path` for itself. Nothing of it is changed before `begin`.
+    ///
+    /// # Errors
+    ///
+    /// Something is there that the mode does not allow for or that is no dataset, another writer has it, or it cannot
+    /// be opened.
     pub fn new(path: &Path, options: &WriteOptions, storage: S) -> Result<Self, DataError> {
         let path = resolve(path)?;
         let lock = WriterLock::take(&path)?;

@@ -94,6 +94,11 @@ impl Script {
 
 impl Rendered {
     /// Draws the pictures of `dataset`, which must say how it was recorded; `registry` knows its environment.
+    ///
+    /// # Errors
+    ///
+    /// The dataset does not say how it was recorded, its environment is unknown, refuses the settings or factors, or
+    /// draws no pictures.
     pub fn new(
         dataset: Box<dyn Dataset>,
         registry: &Registry,
@@ -146,6 +151,10 @@ impl Rendered {
     }
 
     /// Replays a whole episode and compares it with all of its checkpoints; how many there were.
+    ///
+    /// # Errors
+    ///
+    /// No such episode, reading or simulating fails, or a checkpoint differs.
     pub fn verify(&mut self, episode: usize) -> Result<usize, DataError> {
         let len = self.inner.episode_len(episode);
         if episode >= self.inner.num_episodes() {

@@ -82,6 +82,10 @@ const PIECE_BYTES: usize = 8 << 20;
 
 impl Statistics {
     /// Reads the chosen columns once, from the first row to the last.
+    ///
+    /// # Errors
+    ///
+    /// Quantiles outside of 0 to 1, a sample of 0 rows, a column that does not exist or holds text, or reading fails.
     pub fn compute(dataset: &mut dyn Dataset, options: &StatisticsOptions) -> Result<Self, DataError> {
         let wrong = |setting, reason: String| Err(DataError::Loader { setting, reason });
         if let Some(bad) = options.quantiles.iter().find(|q| !(0.0..=1.0).contains(*q)) {

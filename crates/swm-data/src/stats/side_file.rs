@@ -20,6 +20,10 @@ pub fn side_file(path: &Path) -> PathBuf {
 
 impl Statistics {
     /// The statistics that are kept with a dataset; `None` if there are none, or only those of fewer or more episodes.
+    ///
+    /// # Errors
+    ///
+    /// The file beside the dataset cannot be read, or is damaged.
     pub fn load(dataset: &dyn Dataset) -> Result<Option<Self>, DataError> {
         let path = side_file(dataset.path());
         let text = match fs::read(&path) {
@@ -33,6 +37,10 @@ impl Statistics {
     }
 
     /// Keeps these with a dataset, in place of those that it had.
+    ///
+    /// # Errors
+    ///
+    /// The dataset is not on disk, these are the statistics of another, or the file beside it cannot be written.
     pub fn store(&self, dataset: &dyn Dataset) -> Result<PathBuf, DataError> {
         let path = side_file(dataset.path());
         if !dataset.path().exists() {
@@ -60,6 +68,11 @@ impl Statistics {
 
     /// The statistics that are kept with a dataset, if they have all that is asked for; else computes them, and keeps them
     /// where that is possible: shared data often lies where nobody may write.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Statistics::load`] and [`Statistics::compute`]. That nothing can be written beside the dataset is
+    /// none.
     pub fn load_or_compute(
         dataset: &mut dyn Dataset,
         options: &StatisticsOptions,

@@ -73,6 +73,10 @@ pub fn rows_of(episode: usize) -> usize {
 }
 
 /// Records episodes of this range.
+///
+/// # Errors
+///
+/// Whatever writing may meet.
 pub fn record(path: &Path, mode: WriteMode, episodes: std::ops::Range<usize>) -> Result<u64, BoxError> {
     let schema = schema();
     let mut writer = create(path, mode, None)?;

@@ -62,6 +62,11 @@ struct Saved {
 
 impl PointMaze {
     /// Makes the environment.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::Setting`]: an unknown or misfit setting or default of a factor, or an image size that cannot be
+    /// drawn.
     pub fn new(config: &EnvConfig) -> Result<Self, EnvError> {
         let id = POINT_MAZE.id;
         let settings: Settings = config.parse_settings(id)?;

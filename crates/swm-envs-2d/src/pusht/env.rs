@@ -104,6 +104,11 @@ impl<E: Engine> Moment<E> {
 
 impl<E: Engine> PushT<E> {
     /// Makes the environment `id`, continuous or discrete.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::Setting`]: an unknown or misfit setting or default of a factor, absolute discrete actions, or an
+    /// image size that cannot be drawn.
     pub fn new(id: &str, discrete: bool, config: &EnvConfig) -> Result<Self, EnvError> {
         let settings: Settings = config.parse_settings(id)?;
         let wrong = |reason: String| EnvError::Setting { env: id.to_owned(), reason };

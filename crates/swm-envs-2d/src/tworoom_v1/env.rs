@@ -76,6 +76,11 @@ struct Saved {
 
 impl TwoRoom {
     /// Makes the environment `id`.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::Setting`]: an unknown or misfit setting or default of a factor, or an image size that cannot be
+    /// drawn.
     pub fn new(id: &str, config: &EnvConfig) -> Result<Self, EnvError> {
         let settings: Settings = config.parse_settings(id)?;
         let space = factors_with(id, &settings.init_value)?;

@@ -87,6 +87,11 @@ fn check_position(position: [f32; 2]) -> Result<(), String> {
 
 impl TwoRoom {
     /// Makes the environment.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::Setting`]: an unknown or misfit setting or default of a factor, or an image size that cannot be
+    /// drawn.
     pub fn new(config: &EnvConfig) -> Result<Self, EnvError> {
         let id = TWO_ROOM_V2.id;
         let settings: Settings = config.parse_settings(id)?;

@@ -13,6 +13,10 @@ use crate::error::MujocoError;
 
 impl Spec {
     /// Adds an empty body to the body `parent` (`world` is one), behind the bodies that are there.
+    ///
+    /// # Errors
+    ///
+    /// No such parent, a name that holds a null byte, or one that is taken.
     pub fn add_body(
         &mut self,
         parent: &str,
@@ -32,6 +36,10 @@ impl Spec {
     }
 
     /// Attaches everything of another description to a body, each name behind `prefix`. The options of this one count.
+    ///
+    /// # Errors
+    ///
+    /// No such parent, a prefix that holds a null byte, or MuJoCo cannot attach it.
     pub fn attach(&mut self, parent: &str, child: Spec, prefix: &str) -> Result<(), MujocoError> {
         let (parent, prefix) = (self.body_pointer(parent)?, self.c_name(prefix)?);
         // SAFETY: both specs are valid, the frame belongs to this one, and the texts are null-terminated. The elements
@@ -46,6 +54,10 @@ impl Spec {
     }
 
     /// Adds a camera to the world: its place, m, and its x and y axes.
+    ///
+    /// # Errors
+    ///
+    /// A name that holds a null byte, or one that is taken.
     pub fn add_camera(
         &mut self,
         name: &str,
@@ -64,6 +76,10 @@ impl Spec {
     }
 
     /// Adds a box without mass and contacts to the world, from its lower to its upper corner, m.
+    ///
+    /// # Errors
+    ///
+    /// A name that holds a null byte, or one that is taken.
     pub fn add_box_site(
         &mut self,
         name: &str,
@@ -87,6 +103,10 @@ impl Spec {
 
     /// Adds a geom to the world: shape, place and size, m, and material; for the rest the defaults of the file hold. What does
     /// not collide is only looked at.
+    ///
+    /// # Errors
+    ///
+    /// A name that holds a null byte, or one that is taken. That there is no such material is found when compiling.
     pub fn add_geom(
         &mut self,
         name: &str,
@@ -109,6 +129,10 @@ impl Spec {
     }
 
     /// Gives an object another name.
+    ///
+    /// # Errors
+    ///
+    /// No such object, or a name that holds a null byte or is taken.
     pub fn rename(&mut self, kind: Object, from: &str, to: &str) -> Result<(), MujocoError> {
         let (element, name) = (self.find(kind, from)?, self.c_name(to)?);
         // SAFETY: the element belongs to this spec, and the name is null-terminated.
@@ -117,6 +141,10 @@ impl Spec {
     }
 
     /// Removes all objects of a kind.
+    ///
+    /// # Errors
+    ///
+    /// MuJoCo cannot remove one.
     pub fn delete_all(&mut self, kind: Object) -> Result<(), MujocoError> {
         for element in self.elements(kind) {
             self.delete_element(element)?;

@@ -22,6 +22,11 @@ unsafe impl Sync for Library {}
 
 impl Library {
     /// The library of this process, loaded at the first call.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::NoLibrary`] or [`MujocoError::WrongVersion`]; once it has failed, it fails in the same way
+    /// until the process ends.
     pub fn get() -> Result<&'static Library, MujocoError> {
         static LIBRARY: OnceLock<Result<Library, MujocoError>> = OnceLock::new();
         let loaded = LIBRARY.get_or_init(|| Library::open(&assets::library_path()?));

@@ -212,6 +212,10 @@ impl Model {
     }
 
     /// The index of an object.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::NoObject`], with the nearest name that there is.
     pub fn id(&self, kind: Object, name: &str) -> Result<usize, MujocoError> {
         let found = CString::new(name).ok().and_then(|text| {
             // SAFETY: the model is valid and the text null-terminated.
@@ -358,6 +362,10 @@ impl Model {
     }
 
     /// The model as MuJoCo writes it into a file: sizes, options and every array, one after the other.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::Raised`].
     pub fn to_bytes(&self) -> Result<Vec<u8>, MujocoError> {
         let mut bytes = vec![0u8; self.size_bytes()];
         // SAFETY: the model is valid, no file is named, and the buffer has the size that MuJoCo asks for.
@@ -452,6 +460,10 @@ impl Model {
     }
 
     /// Recomputes what follows from masses, armatures and positions (`mj_setConst`); call it after editing those.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::Raised`]: MuJoCo finds the model impossible.
     pub fn set_constants(&mut self) -> Result<(), MujocoError> {
         let api = self.library.api();
         guarded(|| {

@@ -29,6 +29,10 @@ const ROOM: usize = 1000;
 
 impl Scene {
     /// An empty scene for the model's camera of this index.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::NoCamera`], or there is no memory.
     pub fn new(model: Arc<Model>, camera: usize) -> Result<Self, MujocoError> {
         let library = model.library();
         let api = library.api();
@@ -55,6 +59,10 @@ impl Scene {
     /// Takes up the simulation as it stands computed.
     ///
     /// Its model may differ in numbers from the one that the scene was made for, colours included.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::Scene`]: the simulation has other objects.
     pub fn update(&mut self, sim: &mut Simulation) -> Result<(), MujocoError> {
         if !same_objects(self.model.header(), sim.model().header()) {
             return Err(MujocoError::Scene);

@@ -54,6 +54,10 @@ macro_rules! rows {
 
 impl Simulation {
     /// A new state at the model's reference position.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::Raised`]: there is no memory.
     pub fn new(model: Arc<Model>) -> Result<Self, MujocoError> {
         let library = model.library();
         // SAFETY: the model is valid.
@@ -73,6 +77,10 @@ impl Simulation {
     }
 
     /// Continues with another model. The state is lost where their structure differs; else it stays.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Simulation::new`].
     pub fn set_model(&mut self, model: Arc<Model>) -> Result<(), MujocoError> {
         if Arc::ptr_eq(&self.model, &model) {
             return Ok(());
@@ -217,12 +225,20 @@ impl Simulation {
     }
 
     /// Computes everything that follows from the state.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::Diverged`] where MuJoCo warns, [`MujocoError::Raised`] where it stops.
     pub fn forward(&mut self) -> Result<(), MujocoError> {
         // SAFETY: model and data are valid and belong together.
         self.checked(|api, model, data| unsafe { (api.mj_forward)(model, data) })
     }
 
     /// As [`Simulation::forward`], with actuators off: how `dm_control` begins episodes.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Simulation::forward`].
     pub fn forward_without_actuation(&mut self) -> Result<(), MujocoError> {
         // SAFETY: a copy of the header alone. Its pointers lead to the arrays of the model, which lives longer; it is
         // lent to one call, as `const`, and never freed.
@@ -234,6 +250,10 @@ impl Simulation {
 
     /// One control step of `substeps` physics steps, in `dm_control`'s order: what depends on positions and velocities
     /// belongs to the new state, what depends on accelerations to the last physics step.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Simulation::forward`].
     pub fn control_step(&mut self, substeps: u32) -> Result<(), MujocoError> {
         let whole = if self.model.integrates_by_rk4() { substeps } else { substeps.saturating_sub(1) };
         let split = whole < substeps;
@@ -253,6 +273,10 @@ impl Simulation {
     /// `substeps` physics steps, and the forces of contacts in the last one. Everything that is read afterwards belongs to
     /// the state **before** the last of them, but for `qpos`, `qvel` and the time: how OGBench steps. That state is written
     /// to `before_last`; [`Simulation::replay_last`] returns to this moment with every bit.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Simulation::forward`].
     pub fn advance(&mut self, substeps: u32, before_last: &mut Vec<f64>) -> Result<(), MujocoError> {
         // SAFETY: model and data are valid and belong together.
         self.checked(|api, model, data| unsafe {
@@ -267,6 +291,10 @@ impl Simulation {
 
     /// Returns to the moment after the [`Simulation::advance`] that left `before_last`, under a model of the same
     /// structure.
+    ///
+    /// # Errors
+    ///
+    /// A state of another size, and those of [`Simulation::forward`].
     pub fn replay_last(&mut self, before_last: &[f64]) -> Result<(), MujocoError> {
         self.load_state(before_last)?;
         self.last_step()
@@ -274,6 +302,10 @@ impl Simulation {
 
     /// Returns to a state that [`Simulation::save_state`] saved, and computes everything that follows from it. That
     /// changes where the next solution begins: see [`Simulation::set_state`].
+    ///
+    /// # Errors
+    ///
+    /// A state of another size, and those of [`Simulation::forward`].
     pub fn load_state_and_compute(&mut self, state: &[f64]) -> Result<(), MujocoError> {
         self.load_state(state)?;
         self.forward()
@@ -288,6 +320,10 @@ impl Simulation {
     }
 
     /// Computes where everything is, from the positions alone.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Simulation::forward`].
     pub fn kinematics(&mut self) -> Result<(), MujocoError> {
         // SAFETY: model and data are valid and belong together.
         self.checked(|api, model, data| unsafe { (api.mj_kinematics)(model, data) })
@@ -354,6 +390,10 @@ impl Simulation {
     }
 
     /// Returns to what [`Simulation::save`] saved, under a model of the same structure.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::StateSize`], and those of [`Simulation::forward`].
     pub fn load(&mut self, saved: &[f64]) -> Result<(), MujocoError> {
         let (size, sensors) = (self.state_size(), self.sensordata().len());
         if saved.len() != size + sensors {

@@ -51,6 +51,10 @@ macro_rules! elements {
         impl Spec {
             $(
                 #[doc = concat!("The ", stringify!($find), " of this name.")]
+                ///
+                /// # Errors
+                ///
+                /// [`MujocoError::NoObject`], with the nearest name that there is.
                 pub fn $find(&mut self, name: &str) -> Result<$type<'_>, MujocoError> {
                     let element = self.find(Object::$kind, name)?;
                     // SAFETY: the element belongs to this spec and has the type that the cast asks for.
@@ -169,6 +173,11 @@ impl SpecJoint<'_> {
 
 impl Spec {
     /// Reads an MJCF file. Files that it includes are found beside it.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::NoAsset`]: there is no such file; [`MujocoError::Model`]: it is no MJCF; or
+    /// MuJoCo cannot be loaded.
     pub fn read(path: &Path) -> Result<Self, MujocoError> {
         let library = Library::get()?;
         let name = path.display().to_string();
@@ -189,6 +198,10 @@ impl Spec {
     }
 
     /// Compiles the model as the description now stands. It may be edited and compiled again.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::Model`], with what MuJoCo says.
     pub fn compile(&mut self) -> Result<Model, MujocoError> {
         let api = self.library.api();
         // SAFETY: the spec is valid; no virtual file system is given.
@@ -201,12 +214,20 @@ impl Spec {
     }
 
     /// Removes an object and what belongs to it: with a body all that it holds, and what refers to that.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::NoObject`], or MuJoCo cannot remove it.
     pub fn delete(&mut self, kind: Object, name: &str) -> Result<(), MujocoError> {
         let element = self.find(kind, name)?;
         self.delete_element(element)
     }
 
     /// Removes all rangefinder sensors.
+    ///
+    /// # Errors
+    ///
+    /// MuJoCo cannot remove one.
     pub fn delete_rangefinders(&mut self) -> Result<(), MujocoError> {
         let api = self.library.api();
         let is_rangefinder = |element: NonNull<mjsElement>| {

@@ -61,6 +61,10 @@ pub const START_COLUMNS: &[&str] = &["qpos", "qvel", "time", "qacc_warmstart"];
 pub trait Task: Send + Sync {
     /// Places everything for a new episode. The simulation stands at the reference position, computed; afterwards it is
     /// computed again.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::Start`]: no start was found; or the simulation failed.
     fn start(&self, stage: &mut Stage, stream: &mut Stream) -> Result<(), MujocoError>;
 
     /// Appends the observation, in the order of the suite.
@@ -116,11 +120,19 @@ pub(crate) use planner;
 pub type MakeEnv = fn(&EnvConfig) -> Result<Box<dyn swm_core::Env>, EnvError>;
 
 /// Makes the environment of a domain.
+///
+/// # Errors
+///
+/// [`EnvError::Setting`]: an unknown or misfit setting; or MuJoCo, the model or its textures are missing.
 pub fn make(domain: &'static Domain, config: &EnvConfig) -> Result<Box<dyn swm_core::Env>, EnvError> {
     Ok(Box::new(SuiteEnv::new(domain, config)?))
 }
 
 /// For domains whose file is used as it is.
+///
+/// # Errors
+///
+/// None.
 pub fn unchanged(_: &mut Spec, _: &str) -> Result<(), MujocoError> {
     Ok(())
 }

@@ -66,6 +66,10 @@ impl Effect {
     }
 
     /// Edits the description; does nothing where the effect is in place.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::NoObject`]: the description has no object of a name in the effect.
     pub fn edit_spec(&self, spec: &mut Spec, values: &[f64]) -> Result<(), MujocoError> {
         match self {
             Effect::Density(geoms) => {
@@ -92,6 +96,10 @@ impl Effect {
     }
 
     /// Edits a compiled model; does nothing where the effect recompiles.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::NoObject`]: the model has no object of a name in the effect.
     pub fn edit_model(&self, model: &mut Model, values: &[f64]) -> Result<(), MujocoError> {
         match self {
             Effect::Material(name) => {

@@ -54,6 +54,10 @@ struct Saved {
 
 impl SuiteEnv {
     /// Makes the environment of a domain.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::Setting`]: an unknown or misfit setting; or MuJoCo, the model or its textures are missing.
     pub fn new(domain: &'static Domain, config: &EnvConfig) -> Result<Self, EnvError> {
         let id = domain.id;
         let settings: Settings = settings::read(config, id, SETTINGS)?;

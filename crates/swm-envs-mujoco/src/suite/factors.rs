@@ -63,6 +63,10 @@ pub fn locked(name: &str, joint: &'static str) -> Control {
 }
 
 /// The index of a site, which is drawn from now on: the suite hides some targets.
+///
+/// # Errors
+///
+/// [`MujocoError::NoObject`].
 pub fn show_site(model: &mut Model, name: &str) -> Result<usize, MujocoError> {
     let site = model.id(Object::Site, name)?;
     model.site_group_mut()[site] = 0;
@@ -75,6 +79,10 @@ pub fn set_site_colour(model: &mut Model, site: usize, rgb: &[f64]) {
 }
 
 /// Gives geoms a colour of their own.
+///
+/// # Errors
+///
+/// [`MujocoError::NoObject`].
 pub fn set_geom_colour(model: &mut Model, names: &[&str], rgb: &[f64]) -> Result<(), MujocoError> {
     for name in names {
         let geom = model.id(Object::Geom, name)?;

@@ -46,6 +46,10 @@ struct SharedModels {
 }
 
 /// The description of a task's model, with the textures for pictures.
+///
+/// # Errors
+///
+/// The file or the library is missing, or the domain cannot compose the task from it.
 pub fn description(domain: &Domain, task: &str) -> Result<Spec, MujocoError> {
     let mut spec = Spec::read(&assets::suite_model(domain.model)?)?;
     (domain.compose)(&mut spec, task)?;
@@ -192,6 +196,10 @@ fn compile(spec: &mut Spec, controls: &[Control], fov: &Fov) -> Result<Model, Mu
 }
 
 /// Applies the effects in place.
+///
+/// # Errors
+///
+/// As of [`Effect::edit_model`].
 pub fn edit_in_place(controls: &[Control], fov: &Fov, model: &mut Model) -> Result<(), MujocoError> {
     for control in controls {
         control.effect.edit_model(model, &values(fov, control.factor.name()))?;

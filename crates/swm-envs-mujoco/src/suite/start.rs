@@ -67,6 +67,10 @@ pub fn randomize_joints(sim: &mut Simulation, stream: &mut Stream) {
 }
 
 /// Places things by `place` until nothing touches, at most `tries` times.
+///
+/// # Errors
+///
+/// [`MujocoError::Start`]: something touched in all of them; and whatever `place` meets.
 pub fn until_free_of_contacts(
     stage: &mut Stage,
     tries: u32,

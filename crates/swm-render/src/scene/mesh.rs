@@ -34,6 +34,11 @@ const CELLS: [u32; 15] = [512, 384, 256, 192, 128, 96, 64, 48, 32, 24, 16, 12, 8
 
 impl Mesh {
     /// A mesh of `triangles`, indices into `points` (metres), with a direction for each corner of each triangle.
+    ///
+    /// # Errors
+    ///
+    /// [`RenderError::Mesh`]: not as many normals as triangles, a triangle of a point that does not exist, or a
+    /// number that is not finite.
     pub fn new(
         points: Vec<[f32; 3]>,
         triangles: Vec<[u32; 3]>,

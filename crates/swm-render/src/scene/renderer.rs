@@ -68,6 +68,10 @@ const OPAQUE: f32 = 0.995;
 
 impl SceneRenderer {
     /// A renderer of frames of `geometry`.
+    ///
+    /// # Errors
+    ///
+    /// A side is 0 or above 4096.
     pub fn new(geometry: Geometry, quality: Quality) -> Result<Self, RenderError> {
         let Geometry { height, width, .. } = geometry;
         check_size("a frame", height, width)?;
@@ -109,6 +113,10 @@ impl SceneRenderer {
     }
 
     /// Writes the picture of `scene` to `frame`, `[H, W, 3]`.
+    ///
+    /// # Errors
+    ///
+    /// `frame` has another length, or the scene names assets that do not exist.
     pub fn render(&mut self, scene: &Scene, assets: &Assets, frame: &mut [u8]) -> Result<(), RenderError> {
         check_len("frame", frame.len(), self.height, self.width)?;
         check(scene, assets)?;
@@ -132,6 +140,10 @@ impl SceneRenderer {
     }
 
     /// Writes the depth along the camera's axis, metres, `[H, W]`; the camera's `far` where nothing is.
+    ///
+    /// # Errors
+    ///
+    /// `depth` has another length, or the scene names assets that do not exist.
     pub fn render_depth(
         &mut self,
         scene: &Scene,
@@ -144,6 +156,10 @@ impl SceneRenderer {
     }
 
     /// Writes the segment of what is seen, `[H, W]`; [`super::NO_SEGMENT`] where nothing is.
+    ///
+    /// # Errors
+    ///
+    /// `segments` has another length, or the scene names assets that do not exist.
     pub fn render_segmentation(
         &mut self,
         scene: &Scene,
@@ -156,6 +172,10 @@ impl SceneRenderer {
     }
 
     /// As [`SceneRenderer::render_depth`], of the scene that was rendered last, which is not looked at again.
+    ///
+    /// # Errors
+    ///
+    /// `depth` has another length.
     pub fn depth_of_last(
         &mut self,
         scene: &Scene,
@@ -174,6 +194,10 @@ impl SceneRenderer {
     }
 
     /// As [`SceneRenderer::render_segmentation`], of the scene that was rendered last, which is not looked at again.
+    ///
+    /// # Errors
+    ///
+    /// `segments` has another length.
     pub fn segmentation_of_last(
         &mut self,
         scene: &Scene,

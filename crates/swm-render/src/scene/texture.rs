@@ -20,6 +20,10 @@ const FEW_COLORS: usize = 8;
 
 impl Texture {
     /// From `[H, W, 3]` bytes, the first row at v = 0.
+    ///
+    /// # Errors
+    ///
+    /// [`RenderError::Texture`]: a side is 0, or the bytes are not as many as the sides ask for.
     pub fn new(width: usize, height: usize, rgb: &[u8]) -> Result<Self, RenderError> {
         let mut texture = Self::plain(width, height, rgb)?;
         texture.mark_calm();

@@ -36,6 +36,10 @@ pub trait ControlModel: Send + Sync {
     fn action_width(&self) -> usize;
 
     /// Once per plan: learns where every row starts. Problems that stand for themselves need nothing.
+    ///
+    /// # Errors
+    ///
+    /// The moment lacks a column that the model needs, or the model fails.
     fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
         let _ = moment;
         Ok(())

@@ -14,6 +14,10 @@ use crate::mpc::Moment;
 pub trait Dynamics: Send + Sync {
     /// Once per plan: encodes the observations of the moment, and their goals. Neither changes while a plan is made,
     /// so neither is encoded again.
+    ///
+    /// # Errors
+    ///
+    /// The moment lacks a column that the model needs, or the model fails.
     fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError>;
 
     /// The named parts of a state, in ascending order and without gaps; W is where the last one ends.
@@ -23,6 +27,10 @@ pub trait Dynamics: Send + Sync {
     fn goal(&self, row: usize) -> &[f32];
 
     /// Fills `states`, `[B, S, H, W]`: what is predicted after each block of `candidates`, `[B, S, H, D]`.
+    ///
+    /// # Errors
+    ///
+    /// The model fails.
     fn roll_out(&mut self, candidates: &Candidates<'_>, states: &mut [f32]) -> Result<(), PlanError>;
 
     /// Whether [`Dynamics::pull_back`] works.
@@ -32,6 +40,10 @@ pub trait Dynamics: Send + Sync {
 
     /// Adds to `gradient`, `[B, S, H, D]`, the vector-Jacobian product of `by_state`, `[B, S, H, W]`: the derivative of
     /// Σ by_state × state with respect to the plans. `candidates` and `states` are those of the last roll-out.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::NoGradient`] unless it is implemented, or the model fails.
     fn pull_back(
         &mut self,
         candidates: &Candidates<'_>,
@@ -70,6 +82,10 @@ pub struct Stepwise<M> {
 
 impl<M: ControlModel> Stepwise<M> {
     /// The states of `model`, in one part named `state`; row `b` shall reach `goals[b % n]`.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Size`]: no goals, or one that is not as wide as a state.
     pub fn new(model: M, goals: Vec<Vec<f32>>) -> Result<Self, PlanError> {
         let width = model.state_width();
         if goals.is_empty() {

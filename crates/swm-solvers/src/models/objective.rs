@@ -23,6 +23,10 @@ pub struct Path<'a> {
 /// The cost of a path; lower is better.
 pub trait Objective: Send + Sync {
     /// Once, before anything else: looks up the parts of a state that it needs.
+    ///
+    /// # Errors
+    ///
+    /// The states lack a part that it needs.
     fn bind(&mut self, parts: &[Part]) -> Result<(), PlanError> {
         let _ = parts;
         Ok(())
@@ -38,6 +42,10 @@ pub trait Objective: Send + Sync {
 /// Requirements on a path: numbers that must be 0 or less.
 pub trait Constraint: Send + Sync {
     /// As [`Objective::bind`].
+    ///
+    /// # Errors
+    ///
+    /// As of [`Objective::bind`].
     fn bind(&mut self, parts: &[Part]) -> Result<(), PlanError> {
         let _ = parts;
         Ok(())
@@ -167,6 +175,10 @@ pub struct WeightedSum(Vec<(f64, Box<dyn Objective>)>);
 
 impl WeightedSum {
     /// At least one, with finite weights.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Setting`]: no terms, or a weight that is not finite.
     pub fn new(terms: Vec<(f64, Box<dyn Objective>)>) -> Result<Self, PlanError> {
         if terms.is_empty() {
             return Err(PlanError::setting("objective", "a sum of no terms; give one or more"));

@@ -23,7 +23,11 @@ pub struct ShootingCost<D> {
 }
 
 impl<D: Dynamics> ShootingCost<D> {
-    /// An error if the objective or a constraint names a part that the states of `dynamics` do not have.
+    /// Plans that `dynamics` predicts, judged by `objective` under `constraints`.
+    ///
+    /// # Errors
+    ///
+    /// The objective or a constraint names a part that the states of `dynamics` do not have.
     pub fn new(
         dynamics: D,
         mut objective: Box<dyn Objective>,

@@ -48,6 +48,11 @@ impl ActionMap {
 
     /// The map to actions of `space` from plans in units of `scale`. Bounds of the space become bounds of the plan, by
     /// the same formula as any action.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Setting`]: the space is not of real numbers, or the scale is not of its width or fails
+    /// [`ActionScale::check`].
     pub fn scaled(space: &Space, scale: &ActionScale, clips: bool) -> Result<Self, PlanError> {
         let Space::Box { dtype, shape, low, high } = space else {
             let reason = format!("normalises real numbers, and the action space is {}", space.kind());

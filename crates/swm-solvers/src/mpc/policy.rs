@@ -131,6 +131,10 @@ impl MpcPolicy {
     }
 
     /// How numbers of its plans become actions of `space`.
+    ///
+    /// # Errors
+    ///
+    /// As of [`ActionMap::scaled`], where the policy has a scale.
     pub fn actions(&self, space: &Space) -> Result<ActionMap, PlanError> {
         match &self.scale {
             Some(scale) => ActionMap::scaled(space, scale, self.config.clip_actions),

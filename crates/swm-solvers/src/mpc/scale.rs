@@ -34,6 +34,10 @@ const NO_WIDTH: f64 = 1e-8;
 impl ActionScale {
     /// Means and standard deviations (divided by n) of `actions`, `[rows, width]`. Rows with a NaN, such as the last of
     /// an episode, do not count.
+    ///
+    /// # Errors
+    ///
+    /// `actions` are no rows of `width`, or none of them counts.
     pub fn fit_mean_std(actions: &[f32], width: usize) -> Result<Self, PlanError> {
         let columns = columns(actions, width)?;
         let mean: Vec<f64> = columns.iter().map(|column| average(column.iter().copied())).collect();
@@ -45,6 +49,10 @@ impl ActionScale {
     }
 
     /// 1st and 99th percentiles (interpolated linearly) of `actions`, `[rows, width]`. Rows with a NaN do not count.
+    ///
+    /// # Errors
+    ///
+    /// As of [`ActionScale::fit_mean_std`].
     pub fn fit_percentile(actions: &[f32], width: usize) -> Result<Self, PlanError> {
         let mut columns = columns(actions, width)?;
         columns.iter_mut().for_each(|column| column.sort_unstable_by(f64::total_cmp));
@@ -59,6 +67,10 @@ impl ActionScale {
     }
 
     /// Refuses numbers that cannot be divided by, and lists of unequal length.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Setting`], which names the first bad number.
     pub fn check(&self) -> Result<(), PlanError> {
         let (one, other) = match self {
             ActionScale::MeanStd { mean, std } => (mean, std),

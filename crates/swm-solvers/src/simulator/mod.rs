@@ -44,6 +44,10 @@ pub struct SimulatorCost {
 
 impl SimulatorCost {
     /// For environments made by `entry` with `config`; pictures in it are left out.
+    ///
+    /// # Errors
+    ///
+    /// An option is out of range, or the environment cannot be made.
     pub fn new(entry: &EnvEntry, config: &EnvConfig, options: SimulatorOptions) -> Result<Self, PlanError> {
         options.validate()?;
         let config = EnvConfig { image: None, settings: config.settings.clone() };

@@ -86,7 +86,11 @@ impl<W: Write> JsonLines<W> {
         Self { writer, detail, records: Records::default(), failure: None }
     }
 
-    /// Flushes; an error if anything could not be written since the last call.
+    /// Flushes.
+    ///
+    /// # Errors
+    ///
+    /// The first write that failed since the last call.
     pub fn finish(&mut self) -> io::Result<()> {
         match self.failure.take() {
             Some(error) => Err(error),

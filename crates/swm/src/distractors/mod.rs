@@ -131,6 +131,10 @@ impl Transform for Chain {
 }
 
 /// Reads `NAME` or `NAME:KEY=VALUE,…`, as policies are written.
+///
+/// # Errors
+///
+/// No such distractor, or an unknown or misfit setting of it.
 pub fn parse(text: &str) -> Result<Box<dyn Transform>, BoxError> {
     let PolicyArgs { name, positional, named } = PolicyArgs::parse(text)?;
     let Some(entry) = DISTRACTORS.iter().find(|entry| entry.name == name) else {
@@ -146,6 +150,10 @@ pub fn parse(text: &str) -> Result<Box<dyn Transform>, BoxError> {
 }
 
 /// All of them, to be applied in order; `on_goals` among them lets them change goal pictures too. `None` for none.
+///
+/// # Errors
+///
+/// The first one of [`parse`].
 pub fn parse_all(texts: &[String]) -> Result<Option<Arc<dyn Transform>>, BoxError> {
     let goals = texts.iter().any(|text| text == ON_GOALS);
     let all: Vec<Box<dyn Transform>> =

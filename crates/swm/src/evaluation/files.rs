@@ -10,6 +10,10 @@ use swm_core::evaluate::sha256;
 use super::receipt::{RECEIPT_VERSION, Receipt};
 
 /// Reads a manifest: JSON if the name ends so, else TOML.
+///
+/// # Errors
+///
+/// The file cannot be read, is no manifest of a known version, or fails [`Manifest::check`].
 pub fn read_manifest(path: &Path) -> Result<Manifest, BoxError> {
     let text = read(path, "manifest")?;
     let wrong = |reason: String| format!("manifest {}: {reason}", path.display());
@@ -22,6 +26,10 @@ pub fn read_manifest(path: &Path) -> Result<Manifest, BoxError> {
 }
 
 /// Writes a manifest: JSON if the name ends so, else TOML. An existing file is replaced.
+///
+/// # Errors
+///
+/// A value that TOML does not have, or the file cannot be written.
 pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), BoxError> {
     let text =
         if is_json(path) { serde_json::to_string_pretty(manifest)? + "\n" } else { to_toml(manifest)? };
@@ -29,6 +37,10 @@ pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), BoxError> 
 }
 
 /// Reads a receipt, from its file or the folder that it lies in.
+///
+/// # Errors
+///
+/// The file cannot be read, or is no receipt of a known version.
 pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
     let path = if path.is_dir() { path.join("receipt.json") } else { path.to_owned() };
     let text = read(&path, "receipt")?;
@@ -50,6 +62,10 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
 }
 
 /// SHA-256 of a file; of a folder, that of its files' names and hashes in order.
+///
+/// # Errors
+///
+/// A file or folder cannot be read.
 pub fn file_hash(path: &Path) -> Result<String, BoxError> {
     let failed = |error: std::io::Error| format!("cannot read {}: {error}", path.display());
     if !path.is_dir() {

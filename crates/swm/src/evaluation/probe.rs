@@ -25,6 +25,11 @@ pub struct Fingerprints {
 }
 
 /// Takes them.
+///
+/// # Errors
+///
+/// The manifest holds no pairs, or the environment cannot be made, reset or stepped. That it diverges is part of the
+/// fingerprint.
 pub fn fingerprints(
     entry: &EnvEntry,
     manifest: &Manifest,

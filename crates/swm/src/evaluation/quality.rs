@@ -62,6 +62,10 @@ pub struct Surprised {
 
 /// Measures `model` in `env` and on `recorded` episodes, tables with the columns that it reads and `action`; `violations` have
 /// names, `probed` are columns of the true state.
+///
+/// # Errors
+///
+/// A horizon shorter than the model's stride or longer than every episode; whatever the single measurements refuse.
 pub fn quality(
     model: &mut dyn WorldModel,
     env: &mut dyn Env,
@@ -123,6 +127,10 @@ fn surprised(
 
 /// The first `rows` rows of the first `episodes` episodes of a dataset: those of the environment's columns that it holds, and
 /// `action`.
+///
+/// # Errors
+///
+/// The dataset has no column `action`, or cannot be read.
 pub fn recorded_episodes(
     env: &dyn Env,
     source: &mut dyn EpisodeSource,

@@ -33,6 +33,10 @@ struct Line {
 impl Ledger {
     /// Opens or begins the ledger `path` of the evaluation that `identity` describes. One that belongs to another
     /// evaluation is refused, and a line that was cut off is left out.
+    ///
+    /// # Errors
+    ///
+    /// It belongs to another evaluation, or cannot be read or written.
     pub fn open(path: &Path, identity: &impl Serialize) -> Result<Self, BoxError> {
         let failed = |error: std::io::Error| format!("cannot write {}: {error}", path.display());
         let evaluation = sha256(serde_json::to_string(identity)?.as_bytes());
@@ -65,6 +69,10 @@ impl Ledger {
     }
 
     /// Appends a finished episode.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
     pub fn push(&mut self, episode: u64, result: &EpisodeResult) -> Result<(), BoxError> {
         let line = serde_json::to_string(&Line { episode, result: result.clone() })? + "\n";
         let written = self.file.write_all(line.as_bytes());
@@ -72,6 +80,10 @@ impl Ledger {
     }
 
     /// Removes the file: the receipt holds everything.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be removed.
     pub fn close(self) -> Result<(), BoxError> {
         let Self { path, file, known: _ } = self;
         drop(file);

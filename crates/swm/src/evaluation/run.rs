@@ -47,6 +47,10 @@ impl Candidate {
     }
 
     /// Makes the policy for the environments of `manifest`.
+    ///
+    /// # Errors
+    ///
+    /// No such policy, or one that does not go with the environment or its arguments.
     pub fn make(
         &self,
         registry: &Registry,
@@ -59,6 +63,10 @@ impl Candidate {
     }
 
     /// SHA-256 of every file that its arguments name: models and normalisers.
+    ///
+    /// # Errors
+    ///
+    /// A file cannot be read.
     pub fn files(&self) -> Result<BTreeMap<String, String>, BoxError> {
         #[cfg(feature = "baselines")]
         if let Some(files) = swm_baselines::acting::model_files(&self.policy) {
@@ -101,6 +109,10 @@ pub fn plan_steps(policy: &PolicyArgs) -> u64 {
 
 /// Runs the pairs of `manifest` that are not in `known`, from `resets` (the manifest's own or changed ones), and calls
 /// `each(pair, result)` as they end. `checked`: the first row of each must be the manifest's.
+///
+/// # Errors
+///
+/// The policy or the environment cannot be made, a distractor is unknown, a reset or step fails, or `each` fails.
 #[expect(
     clippy::too_many_arguments,
     reason = "every one is a part of the protocol, and the callers differ in all"

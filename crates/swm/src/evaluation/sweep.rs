@@ -90,6 +90,11 @@ pub struct Cell {
 }
 
 /// Evaluates the unchanged environment and every change. `each` is called after every cell with its number and their count.
+///
+/// # Errors
+///
+/// A factor is unknown or a grid too small; the unchanged environment cannot be evaluated. A change that cannot be is
+/// a cell with a note.
 pub fn sweep(
     registry: &Registry,
     manifest: &Manifest,

@@ -21,7 +21,11 @@ pub struct TierRules {
     pub rest: Vec<(String, Range<usize>)>,
 }
 
-/// The rules of `tier` for an environment; an error in words where it has none.
+/// The rules of `tier` for an environment.
+///
+/// # Errors
+///
+/// A sentence that names the environments which have the tier.
 pub fn tier_rules(env: &str, settings: &Map<String, Json>, tier: Tier) -> Result<TierRules, String> {
     if tier == Tier::Historic {
         return Ok(TierRules::default());

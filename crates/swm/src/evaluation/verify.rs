@@ -51,6 +51,11 @@ pub struct Verification {
 
 /// Runs `receipt` again and compares: the policy, the floors beside it, and with `ceiling` that too, which can cost as much as
 /// the policy. `each` is called after every episode.
+///
+/// # Errors
+///
+/// The manifest fails [`Manifest::check`], the policy or environment cannot be made, or a run fails. Differences are
+/// no errors.
 pub fn verify(
     registry: &Registry,
     receipt: &Receipt,

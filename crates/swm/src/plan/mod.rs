@@ -130,6 +130,10 @@ pub fn stops_at_success(args: &PolicyArgs) -> bool {
 }
 
 /// Writes `result.json`, the figures, the films and `index.html` into `dir`, and returns their paths.
+///
+/// # Errors
+///
+/// A file cannot be written, or a film cannot be encoded.
 pub fn write_report(dir: &Path, report: &Report<'_>) -> Result<Vec<PathBuf>, BoxError> {
     let mut written = Vec::new();
     let mut write = |name: &str, text: &str| -> Result<(), BoxError> {

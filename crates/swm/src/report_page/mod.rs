@@ -38,6 +38,10 @@ pub struct PageOptions {
 
 impl Item {
     /// Reads a receipt or a sweep, from its file or the folder that it lies in.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read, or is neither a receipt nor a sweep of a known version.
     pub fn read(path: &Path) -> Result<Self, BoxError> {
         let sweep = if path.is_dir() { path.join("sweep.json") } else { path.to_owned() };
         let json: Option<serde_json::Value> =
@@ -59,6 +63,10 @@ impl Item {
 
 /// Writes the page of `items` to `path`; some episodes of each receipt are run again, for their films. Returns notes for
 /// people: what could not be shown, and why.
+///
+/// # Errors
+///
+/// An episode cannot be run again, or the page cannot be written.
 pub fn write_page(
     registry: &Registry,
     path: &Path,

@@ -86,6 +86,10 @@ unsafe impl Sync for GlContext {}
 
 impl GlContext {
     /// Loads OpenGL, if nothing has done so yet, and makes a context.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::NoGl`], with each library that was tried; [`MujocoError::Gl`]: no context could be made.
     pub fn new() -> Result<Self, MujocoError> {
         let driver = driver()?;
         let raw = driver.create().map_err(|reason| failed(driver, &reason))?;

@@ -35,6 +35,10 @@ static COUNTING: Mutex<()> = Mutex::new(());
 
 impl GlRenderer {
     /// A renderer for pictures of `height` × `width` pixels from the camera of this index.
+    ///
+    /// # Errors
+    ///
+    /// No OpenGL, or no such camera.
     pub fn new(model: &Arc<Model>, camera: usize, [height, width]: [usize; 2]) -> Result<Self, MujocoError> {
         let library = model.library();
         let side = |pixels: usize| i32::try_from(pixels).unwrap_or(i32::MAX);
@@ -53,6 +57,10 @@ impl GlRenderer {
     }
 
     /// Takes textures, shapes and the quality of light from another model with the same objects.
+    ///
+    /// # Errors
+    ///
+    /// [`MujocoError::Scene`]: other objects; or OpenGL failed.
     pub fn set_model(&mut self, model: &Arc<Model>) -> Result<(), MujocoError> {
         let (old, new) = (self.scene.model(), model);
         if Arc::ptr_eq(old, new) {
@@ -112,7 +120,12 @@ impl GlRenderer {
 
     /// Draws the simulation as it stands computed into `pixels`: `[height, width, 3]`, red, green and blue.
     ///
+    /// # Errors
+    ///
+    /// [`MujocoError::Scene`]: a simulation of another model; or OpenGL failed.
+    ///
     /// # Panics
+    ///
     /// If `pixels` has another length, a mistake of the caller.
     pub fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) -> Result<(), MujocoError> {
         assert_eq!(pixels.len(), self.upside_down.len(), "a picture of another size");

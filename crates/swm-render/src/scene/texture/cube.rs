@@ -16,6 +16,10 @@ const MARKED: usize = 256;
 
 impl CubeTexture {
     /// From six faces of `[size, size, 3]` bytes, one after the other; or one face, six times the same.
+    ///
+    /// # Errors
+    ///
+    /// [`RenderError::Texture`]: the bytes are not as many as one face or six have.
     pub fn new(size: usize, rgb: &[u8]) -> Result<Self, RenderError> {
         let face = size * size * 3;
         let make = if size <= MARKED { Texture::new } else { Texture::plain };

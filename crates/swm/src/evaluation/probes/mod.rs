@@ -99,6 +99,10 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
 
 /// Fits probes for each of `columns` to four fifths of the episodes, and scores them on every fifth. `seed`: of the network's
 /// weights and of the order of its samples.
+///
+/// # Errors
+///
+/// Fewer than two episodes, a column that does not exist or holds no numbers on one side, or the model fails.
 pub fn probe(
     model: &mut dyn WorldModel,
     episodes: &[Batch],

@@ -18,7 +18,11 @@ pub struct Change {
     share: Option<f64>,
 }
 
-/// The changes of a sweep over `factors` (names, groups, or `all`), in order; unknown names are refused.
+/// The changes of a sweep over `factors` (names, groups, or `all`), in order.
+///
+/// # Errors
+///
+/// A sentence: an unknown factor, or a grid of fewer than 2 values.
 pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Result<Vec<Change>, String> {
     let all: Vec<&str> = factors.iter().map(|factor| factor.name.as_str()).collect();
     if let Some(unknown) = asked.iter().find(|asked| !all.iter().any(|name| selects(asked, name))) {
