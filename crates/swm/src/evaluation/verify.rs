@@ -54,8 +54,8 @@ pub struct Verification {
 ///
 /// # Errors
 ///
-/// The manifest fails [`Manifest::check`], the policy or environment cannot be made, or a run fails. Differences are
-/// no errors.
+/// The manifest fails [`Manifest::check`](swm_core::Manifest::check), the policy or environment cannot be made, or a run
+/// fails. Differences are no errors.
 pub fn verify(
     registry: &Registry,
     receipt: &Receipt,
