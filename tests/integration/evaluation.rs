@@ -338,7 +338,14 @@ fn wrong_requests_are_refused() {
     swm_ok(&[&make(PUSHT, "moderate")[..], &["--episodes", "2", "--budget", "4"]].concat());
     let text = std::fs::read_to_string(&out).unwrap();
     let (head, rest) = text.split_once("witness = \"").unwrap();
-    std::fs::write(&out, format!("{head}witness = \"0{}", &rest[1..])).unwrap();
+    let changed = format!("{head}witness = \"0{}", &rest[1..]);
+    std::fs::write(&out, &changed).unwrap();
+    says(
+        &["eval", "--manifest", &out, "--policy", "random"],
+        &["was changed after", "take the line `hash = …`"],
+    );
+    let (_, unsealed) = changed.split_once('\n').unwrap();
+    std::fs::write(&out, unsealed).unwrap();
     let message = swm_fails(1, &["eval", "--manifest", &out, "--policy", "random"]);
     assert!(message.contains("no longer starts as the manifest says"), "{message}");
 }

@@ -3,36 +3,50 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
+use serde_json::{Map, Value as Json};
 use swm_core::Manifest;
 use swm_core::error::BoxError;
 use swm_core::evaluate::sha256;
 
 use super::receipt::{RECEIPT_VERSION, Receipt};
 
-/// Reads a manifest: JSON if the name ends so, else TOML.
+/// The key of [`Sealed::hash`].
+const SEAL: &str = "hash";
+
+/// Reads a manifest: JSON if the name ends so, else TOML. One that was changed after it was written is refused, unless the
+/// line with its hash was taken out.
 ///
 /// # Errors
 ///
-/// The file cannot be read, is no manifest of a known version, or fails [`Manifest::check`].
+/// The file cannot be read, is no manifest of a known version, fails [`Manifest::check`], or was changed.
 pub fn read_manifest(path: &Path) -> Result<Manifest, BoxError> {
     let text = read(path, "manifest")?;
     let wrong = |reason: String| format!("manifest {}: {reason}", path.display());
-    let manifest: Manifest = match is_json(path) {
-        true => serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?,
-        false => from_toml(&text).map_err(|error| wrong(error.to_string()))?,
-    };
+    let parsed = if is_json(path) { from_json(&text) } else { from_toml(&text) };
+    let (seal, manifest) = parsed.map_err(|error| wrong(error.to_string()))?;
     manifest.check().map_err(|error| wrong(error.to_string()))?;
+    let hash = manifest.hash();
+    if seal.is_some_and(|seal| seal != hash) {
+        let reason =
+            "was changed after it was written, and is another task now: its hash differs from the one in it";
+        let way_out =
+            format!("if that is meant, take the line `{SEAL} = …` out of it; otherwise make it again");
+        return Err(wrong(format!("{reason}; {way_out}")).into());
+    }
     Ok(manifest)
 }
 
-/// Writes a manifest: JSON if the name ends so, else TOML. An existing file is replaced.
+/// Writes a manifest with its hash: JSON if the name ends so, else TOML. An existing file is replaced.
 ///
 /// # Errors
 ///
 /// A value that TOML does not have, or the file cannot be written.
 pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), BoxError> {
-    let text =
-        if is_json(path) { serde_json::to_string_pretty(manifest)? + "\n" } else { to_toml(manifest)? };
+    let text = match is_json(path) {
+        true => serde_json::to_string_pretty(&Sealed::from(manifest))? + "\n",
+        false => to_toml(manifest)?,
+    };
     Ok(fs::write(path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?)
 }
 
@@ -45,8 +59,8 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
     let path = if path.is_dir() { path.join("receipt.json") } else { path.to_owned() };
     let text = read(&path, "receipt")?;
     let wrong = |reason: String| format!("receipt {}: {reason}", path.display());
-    let json: serde_json::Value = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
-    match json.get("receipt").and_then(serde_json::Value::as_u64) {
+    let json: Json = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+    match json.get("receipt").and_then(Json::as_u64) {
         Some(version) if version == u64::from(RECEIPT_VERSION) => {}
         Some(version) => {
             let reason = format!("has version {version}, this program reads {RECEIPT_VERSION}");
@@ -92,14 +106,39 @@ fn is_json(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "json")
 }
 
+/// A manifest's file: the hash first, then the content.
+#[derive(Serialize)]
+struct Sealed<'a> {
+    hash: String,
+    #[serde(flatten)]
+    manifest: &'a Manifest,
+}
+
+impl<'a> From<&'a Manifest> for Sealed<'a> {
+    fn from(manifest: &'a Manifest) -> Self {
+        Self { hash: manifest.hash(), manifest }
+    }
+}
+
+/// What a file says its hash is, and the rest of it.
+type Parsed = (Option<String>, Manifest);
+
+fn from_json(text: &str) -> Result<Parsed, BoxError> {
+    let mut json: Map<String, Json> = serde_json::from_str(text)?;
+    let seal = json.remove(SEAL).map(serde_json::from_value).transpose()?;
+    Ok((seal, serde_json::from_value(json.into())?))
+}
+
 #[cfg(feature = "cli")]
-fn from_toml(text: &str) -> Result<Manifest, BoxError> {
-    Ok(toml::from_str(text)?)
+fn from_toml(text: &str) -> Result<Parsed, BoxError> {
+    let mut table: toml::Table = toml::from_str(text)?;
+    let seal = table.remove(SEAL).map(toml::Value::try_into).transpose()?;
+    Ok((seal, table.try_into()?))
 }
 
 #[cfg(feature = "cli")]
 fn to_toml(manifest: &Manifest) -> Result<String, BoxError> {
-    Ok(toml::to_string(manifest)?)
+    Ok(toml::to_string(&Sealed::from(manifest))?)
 }
 
 #[cfg(not(feature = "cli"))]
@@ -107,7 +146,7 @@ const NO_TOML: &str =
     "this build reads and writes JSON only; use a name that ends in .json, or the feature `cli`";
 
 #[cfg(not(feature = "cli"))]
-fn from_toml(_text: &str) -> Result<Manifest, BoxError> {
+fn from_toml(_text: &str) -> Result<Parsed, BoxError> {
     Err(NO_TOML.into())
 }
 
