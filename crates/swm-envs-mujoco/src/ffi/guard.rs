@@ -1,4 +1,4 @@
-//! MuJoCo's error and warning handlers, and the border at which an error becomes a `Result`.
+//! MuJoCo's error and warning handlers, the border at which an error becomes a `Result`, and warnings in words.
 //!
 //! `mju_error` must not return: the code behind it counts on that. The way out is to unwind, as MuJoCo's own Python
 //! package leaves by `longjmp`. It is sound because every function is bound as `C-unwind`, the C frames in between
@@ -13,7 +13,7 @@ use std::cell::Cell;
 use std::ffi::{CStr, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
-use super::bindings::Api;
+use super::bindings::{self as mj, Api, mjWarningStat, mjtWarning};
 use crate::error::MujocoError;
 
 /// What travels from the handler to [`guarded`].
@@ -60,6 +60,25 @@ unsafe extern "C-unwind" fn on_error(message: *const c_char) {
 
 /// Warnings are counted in `mjData`; the default handler would write `MUJOCO_LOG.TXT`.
 unsafe extern "C-unwind" fn on_warning(_message: *const c_char) {}
+
+/// The first kind of warning that was counted between two looks at the counters of `mjData`, in words.
+pub(super) fn warned(before: &[mjWarningStat], after: &[mjWarningStat]) -> Option<String> {
+    let kind = before.iter().zip(after).position(|(before, after)| after.number > before.number)?;
+    Some(warning_text(kind, after[kind].lastinfo))
+}
+
+fn warning_text(kind: usize, info: i32) -> String {
+    match kind as mjtWarning {
+        mj::mjWARN_INERTIA => format!("the inertia matrix is nearly singular (degree of freedom {info})"),
+        mj::mjWARN_CONTACTFULL => format!("no memory for more than {info} contacts"),
+        mj::mjWARN_CNSTRFULL => format!("no memory for more than {info} constraints"),
+        mj::mjWARN_BADQPOS => format!("a position is not finite or huge (qpos {info})"),
+        mj::mjWARN_BADQVEL => format!("a velocity is not finite or huge (qvel {info})"),
+        mj::mjWARN_BADQACC => format!("an acceleration is not finite or huge (qacc {info})"),
+        mj::mjWARN_BADCTRL => format!("a control is not finite (ctrl {info})"),
+        other => format!("warning {other} ({info})"),
+    }
+}
 
 #[cfg(test)]
 mod tests {

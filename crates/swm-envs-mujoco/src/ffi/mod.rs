@@ -41,8 +41,10 @@ mod objects;
 mod scene;
 mod simulation;
 mod spec;
+mod structure;
 #[cfg(test)]
 mod tests;
+mod textures;
 
 /// What is drawn, as plain data.
 pub(crate) mod drawn {
@@ -55,8 +57,9 @@ pub(crate) mod drawn {
 }
 
 pub use library::Library;
-pub use model::{Model, Texture};
+pub use model::Model;
 pub use objects::{JointKind, Object, Shape};
 pub use scene::Scene;
 pub use simulation::Simulation;
 pub use spec::{Spec, SpecBody, SpecGeom, SpecJoint, SpecLight, SpecMaterial, SpecSite, SpecTexture};
+pub use textures::Texture;

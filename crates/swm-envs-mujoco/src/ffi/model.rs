@@ -7,7 +7,7 @@ use swm_core::error::nearest;
 
 use super::bindings::*;
 use super::guard::guarded;
-use super::{JointKind, Library, Object, Shape};
+use super::{Library, Object, Shape};
 use crate::error::MujocoError;
 
 /// A compiled model. Sharing it is free; [`Clone`] copies it whole, so that `Arc::make_mut` gives an own one to edit.
@@ -20,19 +20,6 @@ pub struct Model {
 unsafe impl Send for Model {}
 // SAFETY: through `&Model` it is only read, by Rust and by MuJoCo (which takes it as `const`); writing needs `&mut`.
 unsafe impl Sync for Model {}
-
-/// The pixels of one texture, `[height, width, channels]`.
-#[derive(Debug)]
-pub struct Texture<'a> {
-    /// Rows; of a cube texture, of all six sides.
-    pub height: usize,
-    /// Columns.
-    pub width: usize,
-    /// Bytes per pixel.
-    pub channels: usize,
-    /// The bytes.
-    pub data: &'a mut [u8],
-}
 
 /// Accessors to arrays: `name: type [rows, width]`, documented by their MuJoCo name.
 macro_rules! arrays {
@@ -260,35 +247,6 @@ impl Model {
         (0..count).map(|id| name(id).unwrap_or_default()).collect()
     }
 
-    /// Where a joint's numbers begin in `qpos` and in `qvel`.
-    pub fn joint_addresses(&self, joint: usize) -> (usize, usize) {
-        let header = self.header();
-        // SAFETY: both arrays hold `njnt` numbers; the slice checks the index.
-        let (qpos, dof) = unsafe {
-            (
-                slice(header.jnt_qposadr, header.njnt, 1)[joint],
-                slice(header.jnt_dofadr, header.njnt, 1)[joint],
-            )
-        };
-        (qpos as usize, dof as usize)
-    }
-
-    /// The kind of a joint.
-    pub fn joint_kind(&self, joint: usize) -> JointKind {
-        let header = self.header();
-        // SAFETY: the array holds `njnt` numbers; the slice checks the index.
-        let code = unsafe { slice(header.jnt_type, header.njnt, 1)[joint] };
-        JointKind::of(code)
-    }
-
-    /// The limits of a joint, if it has any.
-    pub fn joint_limits(&self, joint: usize) -> Option<[f64; 2]> {
-        let header = self.header();
-        // SAFETY: the array holds `njnt` booleans; the slice checks the index.
-        let limited = unsafe { slice(header.jnt_limited, header.njnt, 1)[joint] };
-        limited.then(|| [self.jnt_range()[2 * joint], self.jnt_range()[2 * joint + 1]])
-    }
-
     /// Puts every geom that is a mesh where `other` has it: a mesh lies in its body by its own centre and axes, so that
     /// one that was [shrunk](super::Spec::shrink_meshes) lies elsewhere.
     ///
@@ -326,35 +284,6 @@ impl Model {
         }
     }
 
-    /// The body in which each body lies, `[nbody]`.
-    pub fn body_parent(&self) -> &[i32] {
-        let header = self.header();
-        // SAFETY: the array holds `nbody` numbers as long as the model lives.
-        unsafe { slice(header.body_parentid, header.nbody, 1) }
-    }
-
-    /// The body of each joint, `[njnt]`.
-    pub fn joint_body(&self) -> &[i32] {
-        let header = self.header();
-        // SAFETY: the array holds `njnt` numbers as long as the model lives.
-        unsafe { slice(header.jnt_bodyid, header.njnt, 1) }
-    }
-
-    /// The body of each site, `[nsite]`.
-    pub fn site_body(&self) -> &[i32] {
-        let header = self.header();
-        // SAFETY: the array holds `nsite` numbers as long as the model lives.
-        unsafe { slice(header.site_bodyid, header.nsite, 1) }
-    }
-
-    /// Where the pose of a body that is moved by hand lies among those of all such bodies.
-    pub fn mocap_index(&self, body: usize) -> Option<usize> {
-        let header = self.header();
-        // SAFETY: the array holds `nbody` numbers; the slice checks the index.
-        let index = unsafe { slice(header.body_mocapid, header.nbody, 1)[body] };
-        usize::try_from(index).ok()
-    }
-
     /// Bytes of all names, and of all paths of files.
     #[cfg(test)]
     pub(crate) fn text_bytes(&self) -> [usize; 2] {
@@ -376,87 +305,11 @@ impl Model {
         Ok(bytes)
     }
 
-    /// The body of each geom, `[ngeom]`; 0 is the world.
-    pub fn geom_body(&self) -> &[i32] {
-        let header = self.header();
-        // SAFETY: the array holds `ngeom` numbers as long as the model lives.
-        unsafe { slice(header.geom_bodyid, header.ngeom, 1) }
-    }
-
-    /// Where a sensor's numbers lie in `sensordata`.
-    pub fn sensor_range(&self, sensor: usize) -> std::ops::Range<usize> {
-        let header = self.header();
-        // SAFETY: both arrays hold `nsensor` numbers; the slices check the index.
-        let (start, len) = unsafe {
-            (
-                slice(header.sensor_adr, header.nsensor, 1)[sensor],
-                slice(header.sensor_dim, header.nsensor, 1)[sensor],
-            )
-        };
-        start as usize..(start + len) as usize
-    }
-
     /// Gives a site another shape. Sites touch nothing, so that nothing else follows.
     pub fn set_site_shape(&mut self, site: usize, shape: Shape) {
         let header = self.header();
         // SAFETY: the array holds `nsite` numbers, `&mut self` is the only access; the slice checks the index.
         unsafe { slice_mut(header.site_type, header.nsite, 1)[site] = shape.code() as i32 };
-    }
-
-    /// Textures.
-    pub(crate) fn texture_count(&self) -> usize {
-        self.header().ntex as usize
-    }
-
-    /// Width, height and channels of a texture.
-    pub(crate) fn texture_size(&self, texture: usize) -> [usize; 3] {
-        let header = self.header();
-        [header.tex_width, header.tex_height, header.tex_nchannel].map(|array| {
-            // SAFETY: these arrays hold `ntex` numbers; the slice checks the index.
-            unsafe { slice(array, header.ntex, 1)[texture] as usize }
-        })
-    }
-
-    /// Whether a texture is flat, a cube, or the sky, as MuJoCo numbers them.
-    pub(crate) fn texture_type(&self, texture: usize) -> i32 {
-        let header = self.header();
-        // SAFETY: the array holds `ntex` numbers; the slice checks the index.
-        unsafe { slice(header.tex_type, header.ntex, 1)[texture] }
-    }
-
-    /// The pixels of a texture, to be read.
-    pub(crate) fn pixels(&self, texture: usize) -> &[u8] {
-        let header = self.header();
-        // SAFETY: these arrays hold `ntex` numbers, which the compiler made to lie within `tex_data`; the slices check
-        // the index and the range.
-        unsafe {
-            let of = |array: *mut i32| slice(array, header.ntex, 1)[texture] as usize;
-            let len = of(header.tex_height) * of(header.tex_width) * of(header.tex_nchannel);
-            let start = slice(header.tex_adr, header.ntex, 1)[texture] as usize;
-            &slice(header.tex_data, header.ntexdata, 1)[start..start + len]
-        }
-    }
-
-    /// The shape of each geom, as MuJoCo numbers them.
-    pub(super) fn geom_types(&self) -> &[i32] {
-        let header = self.header();
-        // SAFETY: the array holds `ngeom` numbers as long as the model lives.
-        unsafe { slice(header.geom_type, header.ngeom, 1) }
-    }
-
-    /// The pixels of a texture.
-    pub fn texture(&mut self, texture: usize) -> Texture<'_> {
-        let header = self.header();
-        // SAFETY: these arrays hold `ntex` numbers, which the compiler made to lie within `tex_data`; the slices check
-        // the index and the range; `&mut self` is the only access.
-        unsafe {
-            let of = |array: *mut i32| slice(array, header.ntex, 1)[texture] as usize;
-            let (height, width) = (of(header.tex_height), of(header.tex_width));
-            let channels = of(header.tex_nchannel);
-            let start = slice(header.tex_adr, header.ntex, 1)[texture] as usize;
-            let data = &mut slice_mut(header.tex_data, header.ntexdata, 1)[start..];
-            Texture { height, width, channels, data: &mut data[..height * width * channels] }
-        }
     }
 
     /// Recomputes what follows from masses, armatures and positions (`mj_setConst`); call it after editing those.

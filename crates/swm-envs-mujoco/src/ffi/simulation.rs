@@ -3,10 +3,8 @@
 use std::ptr::NonNull;
 use std::sync::Arc;
 
-use super::bindings::{
-    self as mj, Api, mjDSBL_ACTUATION, mjData, mjModel, mjSTATE_INTEGRATION, mjtSize, mjtWarning,
-};
-use super::guard::guarded;
+use super::bindings::{Api, mjDSBL_ACTUATION, mjData, mjModel, mjSTATE_INTEGRATION, mjtSize};
+use super::guard::{guarded, warned};
 use super::model::{slice, slice_mut};
 use super::{Library, Model};
 use crate::error::MujocoError;
@@ -371,14 +369,9 @@ impl Simulation {
         let result = guarded(|| call(self.library.api(), self.model.as_ptr(), self.raw.as_ptr()));
         self.failed = result.is_err();
         result?;
-        let after = &self.header().warning;
-        let grown = before.iter().zip(after).position(|(before, after)| after.number > before.number);
-        match grown {
+        match warned(&before, &self.header().warning) {
             None => Ok(()),
-            Some(kind) => {
-                let warning = warning_text(kind, after[kind].lastinfo);
-                Err(MujocoError::Diverged { warning, time_s })
-            }
+            Some(warning) => Err(MujocoError::Diverged { warning, time_s }),
         }
     }
 
@@ -422,19 +415,6 @@ fn same_structure(a: &mjModel, b: &mjModel) -> bool {
     let sizes = |model: &mjModel| unsafe { slice((&raw const *model).cast::<mjtSize>(), SIZES as i64, 1) };
     let flags = |model: &mjModel| [model.flg_gravcomp, model.flg_surfacevel, model.flg_adhesion];
     sizes(a) == sizes(b) && flags(a) == flags(b)
-}
-
-fn warning_text(kind: usize, info: i32) -> String {
-    match kind as mjtWarning {
-        mj::mjWARN_INERTIA => format!("the inertia matrix is nearly singular (degree of freedom {info})"),
-        mj::mjWARN_CONTACTFULL => format!("no memory for more than {info} contacts"),
-        mj::mjWARN_CNSTRFULL => format!("no memory for more than {info} constraints"),
-        mj::mjWARN_BADQPOS => format!("a position is not finite or huge (qpos {info})"),
-        mj::mjWARN_BADQVEL => format!("a velocity is not finite or huge (qvel {info})"),
-        mj::mjWARN_BADQACC => format!("an acceleration is not finite or huge (qacc {info})"),
-        mj::mjWARN_BADCTRL => format!("a control is not finite (ctrl {info})"),
-        other => format!("warning {other} ({info})"),
-    }
 }
 
 impl Drop for Simulation {
