@@ -36,6 +36,7 @@ mod collide;
 mod controller;
 mod math;
 mod memory;
+mod placement;
 #[cfg(feature = "rapier")]
 mod rapier;
 mod shapes;
@@ -50,10 +51,11 @@ mod tests;
 pub(crate) use broad_phase::enlarged;
 pub use controller::{ActionMode, ActionScalar};
 pub(crate) use math::{Aabb, Rotation, Vec2, vec2};
+pub use placement::Placement;
 #[cfg(feature = "rapier")]
 pub use rapier::{RapierSim, RapierState};
 pub use shapes::{MAX_PARTS, Rectangle, Shape};
-pub use sim::{Contact, Placement, SUBSTEPS, Sim, State, contact_count};
+pub use sim::{Contact, SUBSTEPS, Sim, State, contact_count};
 pub(crate) use solver::{ALLOWED_OVERLAP, OVERLAP_REMOVED};
 pub(crate) use tree::prefers_second;
 pub use world::{

@@ -12,8 +12,9 @@ use serde::{Deserialize, Serialize};
 
 use super::controller::{self, ActionMode, ActionScalar};
 use super::math::{Rotation, Vec2};
+use super::placement::Placement;
 use super::shapes::Shape;
-use super::sim::{Contact, Placement, SUBSTEPS};
+use super::sim::{Contact, SUBSTEPS};
 use super::world::{BodyId, PhysicsError, SUBSTEP_SECONDS, Setup, WALL_RADIUS, WALL_SEGMENTS, World};
 use crate::pusht::engine::Engine;
 use crate::rigid::{Blueprint, Motion, Stage};
