@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use swm::core::dataset::CHECKPOINT;
 use swm::core::env::PIXELS;
-use swm::core::{Batch, EpisodeSource as _, ImageSize, MAX_FRAME_SKIP, SliceMut};
+use swm::core::{Batch, ImageSize, MAX_FRAME_SKIP, SliceMut};
 use swm::data::testing::mutations::{mutate_for, play};
 use swm::data::tools::copy::{all, copy};
 use swm::data::{Dataset, MemoryDataset, RenderOptions, Rendered, Steps, WriteOptions};

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use swm::core::env::PIXELS;
 use swm::core::{
-    Batch, EnvConfig, EnvEntry, EpisodeSource as _, ImageSize, ResetOptions, Rollout, Scenario, Schema,
-    SliceMut, Value, World, WorldError, WorldOptions, policy,
+    Batch, EnvConfig, EnvEntry, ImageSize, ResetOptions, Rollout, Scenario, Schema, SliceMut, Value, World,
+    WorldError, WorldOptions, policy,
 };
 use swm::data::loader::{BatchOptions, ClipOptions, Loader};
 use swm::data::{Dataset, MemoryDataset, RenderOptions, Rendered, ReplayBuffer, Steps};

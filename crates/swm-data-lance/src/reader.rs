@@ -10,9 +10,8 @@ use arrow_array::cast::AsArray as _;
 use arrow_array::types::Int32Type;
 use arrow_schema::DataType;
 use crc32fast::Hasher;
-use swm_core::error::BoxError;
-use swm_core::{Batch, Contents, Dtype, EpisodeSource, Field, Schema, SliceMut};
-use swm_data::dataset::{About, CHANGED, read_rows};
+use swm_core::{Dtype, Field, Schema, SliceMut};
+use swm_data::dataset::{About, CHANGED};
 use swm_data::film::{self, FilmReader};
 use swm_data::recording::EP_IDX;
 use swm_data::{DataError, Dataset, Steps};
@@ -193,16 +192,6 @@ fn episodes(reader: &DataReader, is_ours: bool) -> Result<(Vec<Range<usize>>, Ve
         }
     }
     Ok((episodes, numbers))
-}
-
-impl EpisodeSource for LanceDataset {
-    fn contents(&self) -> &Contents {
-        &self.about().contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
-    }
 }
 
 impl Dataset for LanceDataset {

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Int32Array};
 use crc32fast::Hasher;
 use rayon::prelude::*;
-use swm_core::{Batch, EpisodeSource as _, Field, Schema, Slice};
+use swm_core::{Batch, Field, Schema, Slice};
 use swm_data::film::{FRAMES_PER_SECOND, FilmWriter, encoding, takes};
 use swm_data::recording::{self, Place, Recording, Start, Storage, There, WriterLock};
 use swm_data::{DataError, Dataset};

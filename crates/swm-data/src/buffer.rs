@@ -78,7 +78,7 @@ impl ReplayBuffer {
         buffer.written = first as u64;
         let mut batch = Batch::new(schema, 0);
         for episode in first..dataset.num_episodes() {
-            crate::dataset::read_rows(dataset, episode, 0..dataset.episode_len(episode), &mut batch)?;
+            dataset.read(episode, 0..dataset.episode_len(episode), &mut batch)?;
             buffer.push(&batch)?;
         }
         Ok(buffer)

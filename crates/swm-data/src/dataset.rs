@@ -83,14 +83,9 @@ impl About {
 
 /// An open dataset.
 ///
-/// A new kind of dataset has an [`About`], gives rows of its columns, and shares itself; `EpisodeSource` is then the two
-/// lines that all of them have:
-///
-/// ```text
-/// fn contents(&self) -> &Contents { &self.about().contents }
-/// fn read(&mut self, …) -> … { Ok(read_rows(self, episode, rows, out)?) }
-/// ```
-pub trait Dataset: EpisodeSource {
+/// A new kind of dataset has an [`About`], gives rows of its columns, and shares itself; all else follows from these. Behind
+/// a box or a reference, it is the core's [`EpisodeSource`].
+pub trait Dataset: Send {
     /// What it is.
     fn about(&self) -> &About;
 
@@ -136,6 +131,47 @@ pub trait Dataset: EpisodeSource {
         self.rows(column, episode, steps, out)
     }
 
+    /// Reads rows of one episode into `out`, whose schema names the wanted columns; its old rows are replaced.
+    ///
+    /// # Errors
+    ///
+    /// No such column, one of another type or shape, and those of [`Dataset::read_column`].
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), DataError> {
+        let steps = Steps { first: rows.start, count: rows.len(), stride: 1 };
+        out.resize(steps.count);
+        let wanted = out.schema().clone();
+        for (target, field) in wanted.fields().iter().enumerate() {
+            let column = find_column(self.about(), field)?;
+            self.read_column(column, episode, steps, out.column_mut(target))?;
+        }
+        Ok(())
+    }
+
+    /// Columns, episodes, runs.
+    fn contents(&self) -> &Contents {
+        &self.about().contents
+    }
+
+    /// The columns.
+    fn schema(&self) -> &Arc<Schema> {
+        &self.contents().schema
+    }
+
+    /// The number of episodes.
+    fn num_episodes(&self) -> usize {
+        self.contents().lengths.len()
+    }
+
+    /// The number of rows of one episode; 0 for one that does not exist.
+    fn episode_len(&self, episode: usize) -> usize {
+        self.contents().len_of(episode)
+    }
+
+    /// What is known of the data; `None` for files that say nothing of themselves.
+    fn metadata(&self) -> Option<&Metadata> {
+        self.contents().metadata()
+    }
+
     /// The file or folder.
     fn path(&self) -> &Path {
         &self.about().path
@@ -159,6 +195,26 @@ pub trait Dataset: EpisodeSource {
     /// Columns of the file that this program cannot represent, with the reason.
     fn skipped(&self) -> &[(String, String)] {
         &self.about().skipped
+    }
+}
+
+impl EpisodeSource for Box<dyn Dataset> {
+    fn contents(&self) -> &Contents {
+        self.as_ref().contents()
+    }
+
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
+        Ok(self.as_mut().read(episode, rows, out)?)
+    }
+}
+
+impl EpisodeSource for &mut (dyn Dataset + '_) {
+    fn contents(&self) -> &Contents {
+        (**self).contents()
+    }
+
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
+        Ok((**self).read(episode, rows, out)?)
     }
 }
 
@@ -324,35 +380,17 @@ pub(crate) fn row_bytes(fields: &[Field]) -> usize {
     fields.iter().map(|field| bytes(field) * field.width()).sum()
 }
 
-/// Reads rows of one episode into `out`, whose schema names the wanted columns: `EpisodeSource::read` for any
-/// [`Dataset`], in terms of [`Dataset::read_column`].
-///
-/// # Errors
-///
-/// No such column, one of another type or shape, and those of [`Dataset::read_column`].
-pub fn read_rows(
-    dataset: &mut (impl Dataset + ?Sized),
-    episode: usize,
-    rows: Range<usize>,
-    out: &mut Batch,
-) -> Result<(), DataError> {
-    let steps = Steps { first: rows.start, count: rows.len(), stride: 1 };
-    out.resize(steps.count);
-    let wanted = out.schema().clone();
-    for (target, field) in wanted.fields().iter().enumerate() {
-        let column = dataset
-            .schema()
-            .require(&field.name)
-            .map_err(|error| DataError::request(dataset.path(), error.to_string()))?;
-        let stored = &dataset.schema().fields()[column];
-        if stored.dtype != field.dtype || stored.shape != field.shape {
-            let reason = format!(
-                "column `{}` holds {} {:?}, not {} {:?}",
-                field.name, stored.dtype, stored.shape, field.dtype, field.shape
-            );
-            return Err(DataError::request(dataset.path(), reason));
-        }
-        dataset.read_column(column, episode, steps, out.column_mut(target))?;
+/// The column that has the name, type and shape of `wanted`.
+fn find_column(about: &About, wanted: &Field) -> Result<usize, DataError> {
+    let Contents { schema, .. } = &about.contents;
+    let refused = |reason| DataError::request(&about.path, reason);
+    let column = schema.require(&wanted.name).map_err(|error| refused(error.to_string()))?;
+    let stored = &schema.fields()[column];
+    if stored.dtype != wanted.dtype || stored.shape != wanted.shape {
+        return Err(refused(format!(
+            "column `{}` holds {} {:?}, not {} {:?}",
+            wanted.name, stored.dtype, stored.shape, wanted.dtype, wanted.shape
+        )));
     }
-    Ok(())
+    Ok(column)
 }

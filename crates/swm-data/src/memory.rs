@@ -1,14 +1,12 @@
 //! A dataset in memory: whole episodes as tables, shared by all handles. What a replay buffer gives to a loader, and
 //! what tests record into. Nothing here grows or is written to a file.
 
-use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use swm_core::error::BoxError;
-use swm_core::{Batch, Contents, EpisodeSource, Metadata, Schema, SliceMut};
+use swm_core::{Batch, Metadata, Schema, SliceMut};
 
-use crate::dataset::{About, Dataset, Steps, copy_rows, read_rows};
+use crate::dataset::{About, Dataset, Steps, copy_rows};
 use crate::error::DataError;
 
 /// Episodes in memory. Handles share them.
@@ -41,16 +39,6 @@ impl MemoryDataset {
         let mut about = About::new(Path::new(name), "memory", schema, lengths);
         about.contents.runs = metadata.map(|metadata| (0, metadata)).into_iter().collect();
         Ok(Self { about, episodes })
-    }
-}
-
-impl EpisodeSource for MemoryDataset {
-    fn contents(&self) -> &Contents {
-        &self.about().contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
     }
 }
 

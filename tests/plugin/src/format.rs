@@ -7,17 +7,14 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read as _, Write as _};
-use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use swm::data::dataset::read_rows;
 use swm::data::recording::{self, EP_IDX, Place, Recorder, Recording, Start, Storage, There};
 use swm::data::{About, DataError, Dataset, Format, MemoryDataset, Steps};
-use swm_core::error::BoxError;
-use swm_core::{Batch, Column, Contents, Dtype, EpisodeSource, Field, Metadata, Schema, Slice, SliceMut};
+use swm_core::{Batch, Column, Dtype, Field, Metadata, Schema, Slice, SliceMut};
 
 /// `swm_data::format::register(&JSONL)` makes it known.
 pub static JSONL: Format = Format {
@@ -175,16 +172,6 @@ fn values(slice: Slice<'_>) -> Vec<Value> {
 }
 
 // Reading: what is in memory already.
-
-impl EpisodeSource for Lines {
-    fn contents(&self) -> &Contents {
-        &self.about.contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
-    }
-}
 
 impl Dataset for Lines {
     fn about(&self) -> &About {

@@ -69,12 +69,12 @@ pub trait EpisodeSource: Send {
 
     /// The number of rows of one episode; 0 for one that does not exist.
     fn episode_len(&self, episode: usize) -> usize {
-        self.contents().lengths.get(episode).copied().unwrap_or(0)
+        self.contents().len_of(episode)
     }
 
     /// What is known of the data; `None` for files that say nothing of themselves.
     fn metadata(&self) -> Option<&Metadata> {
-        self.contents().runs.first().map(|(_, metadata)| metadata)
+        self.contents().metadata()
     }
 }
 
@@ -87,6 +87,18 @@ pub struct Contents {
     pub lengths: Arc<[usize]>,
     /// The runs that recorded it, each with its first episode; empty for files that say nothing of themselves.
     pub runs: Arc<[(u64, Metadata)]>,
+}
+
+impl Contents {
+    /// The number of rows of one episode; 0 for one that does not exist.
+    pub fn len_of(&self, episode: usize) -> usize {
+        self.lengths.get(episode).copied().unwrap_or(0)
+    }
+
+    /// What the first run said of the data; `None` for files that say nothing of themselves.
+    pub fn metadata(&self) -> Option<&Metadata> {
+        self.runs.first().map(|(_, metadata)| metadata)
+    }
 }
 
 /// What a dataset says of itself, so that it can be repeated and checked. It holds nothing that does not change

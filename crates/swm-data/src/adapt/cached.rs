@@ -1,12 +1,10 @@
 //! Whole columns in memory, read once and shared by all handles; for small columns that every clip needs.
 
-use std::ops::Range;
 use std::sync::Arc;
 
-use swm_core::error::BoxError;
-use swm_core::{Batch, Column, Contents, EpisodeSource, SliceMut};
+use swm_core::{Column, SliceMut};
 
-use crate::dataset::{About, Dataset, Steps, copy_rows, read_rows};
+use crate::dataset::{About, Dataset, Steps, copy_rows};
 use crate::error::DataError;
 
 /// A dataset some of whose columns are held in memory.
@@ -55,16 +53,6 @@ impl Cached {
             columns[column] = Some(values);
         }
         Ok(Self { inner, held: Arc::new(Held { columns, first }) })
-    }
-}
-
-impl EpisodeSource for Cached {
-    fn contents(&self) -> &Contents {
-        &self.about().contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
     }
 }
 

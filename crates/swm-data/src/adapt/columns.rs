@@ -1,12 +1,10 @@
 //! Columns of two datasets of the same episodes side by side: embeddings computed later, say, beside the recording.
 
-use std::ops::Range;
 use std::sync::Arc;
 
-use swm_core::error::BoxError;
-use swm_core::{Batch, Contents, EpisodeSource, Schema, SliceMut};
+use swm_core::{Schema, SliceMut};
 
-use crate::dataset::{About, Dataset, Steps, read_rows};
+use crate::dataset::{About, Dataset, Steps};
 use crate::error::DataError;
 
 /// The columns of two datasets as one. Where both have a column, the first one's is taken.
@@ -46,16 +44,6 @@ impl Columns {
         let schema = Schema::new(all).map_err(|error| DataError::request(first.path(), error.to_string()))?;
         let about = first.about().with_schema(schema);
         Ok(Self { first, second, about, added: added.into() })
-    }
-}
-
-impl EpisodeSource for Columns {
-    fn contents(&self) -> &Contents {
-        &self.about().contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
     }
 }
 

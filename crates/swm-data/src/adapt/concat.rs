@@ -1,12 +1,10 @@
 //! Datasets end to end: the episodes of the first, then those of the next. Formats may differ, columns may not.
 
-use std::ops::Range;
 use std::sync::Arc;
 
-use swm_core::error::BoxError;
-use swm_core::{Batch, Contents, EpisodeSource, Schema, SliceMut};
+use swm_core::{Schema, SliceMut};
 
-use crate::dataset::{About, Dataset, Steps, read_rows};
+use crate::dataset::{About, Dataset, Steps};
 use crate::error::DataError;
 
 /// Several datasets as one.
@@ -75,16 +73,6 @@ impl Concat {
         // Parts without episodes share their `first` with the next one, which comes later.
         let part = self.parts.partition_point(|part| part.first <= episode) - 1;
         (part, episode - self.parts[part].first)
-    }
-}
-
-impl EpisodeSource for Concat {
-    fn contents(&self) -> &Contents {
-        &self.about().contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
     }
 }
 

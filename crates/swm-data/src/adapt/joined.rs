@@ -1,12 +1,10 @@
 //! One column made of several: concatenated on the last axis, as numbers of one type.
 
-use std::ops::Range;
 use std::sync::Arc;
 
-use swm_core::error::BoxError;
-use swm_core::{Batch, Column, Contents, EpisodeSource, Field, FieldKind, Schema, SliceMut};
+use swm_core::{Column, Field, FieldKind, Schema, SliceMut};
 
-use crate::dataset::{About, Dataset, Steps, read_rows};
+use crate::dataset::{About, Dataset, Steps};
 use crate::error::DataError;
 
 /// A dataset with one more column, which is made of others.
@@ -88,16 +86,6 @@ impl Joined {
 
 fn scratch(schema: &Schema, parts: &[Part]) -> Vec<Column> {
     parts.iter().map(|part| Column::zeros(schema.fields()[part.column].dtype, 0)).collect()
-}
-
-impl EpisodeSource for Joined {
-    fn contents(&self) -> &Contents {
-        &self.about().contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
-    }
 }
 
 impl Dataset for Joined {

@@ -1,15 +1,13 @@
 //! Some episodes of a dataset, and the split into disjoint parts by episode. (Clips of one episode overlap, so a split
 //! by clip would show the training data to the test.)
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use rand::seq::SliceRandom;
-use swm_core::error::BoxError;
 use swm_core::seed::keyed;
-use swm_core::{Batch, Contents, EpisodeSource, Metadata, SliceMut};
+use swm_core::{Metadata, SliceMut};
 
-use crate::dataset::{About, Dataset, Steps, read_rows};
+use crate::dataset::{About, Dataset, Steps};
 use crate::error::DataError;
 
 /// The chosen episodes of a dataset, in the chosen order.
@@ -79,16 +77,6 @@ pub fn split_episodes(count: usize, fractions: &[f64], seed: u64) -> Result<Vec<
         first = end;
     }
     Ok(parts)
-}
-
-impl EpisodeSource for Subset {
-    fn contents(&self) -> &Contents {
-        &self.about().contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
-    }
 }
 
 impl Dataset for Subset {

@@ -10,19 +10,18 @@
 mod stage;
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 use std::sync::Arc;
 
 use serde_json::{Map, Value as Json};
 use swm_core::dataset::{CHECKPOINT, Checkpoints};
 use swm_core::env::VARIATION_PREFIX;
-use swm_core::error::{BoxError, nearest};
+use swm_core::error::nearest;
 use swm_core::{
-    Batch, Contents, Dtype, EnvConfig, EnvEntry, EnvSpec, EpisodeSource, Field, FieldKind, ImageSize,
-    MAX_FRAME_SKIP, Registry, Schema, SliceMut, Value,
+    Dtype, EnvConfig, EnvEntry, EnvSpec, Field, FieldKind, ImageSize, MAX_FRAME_SKIP, Registry, Schema,
+    SliceMut, Value,
 };
 
-use crate::dataset::{About, Dataset, Steps, read_rows};
+use crate::dataset::{About, Dataset, Steps};
 use crate::error::DataError;
 
 use stage::Stage;
@@ -212,16 +211,6 @@ fn factors(spec: &EnvSpec, wanted: &BTreeMap<String, Value>) -> Result<BTreeMap<
         values.insert(name.to_owned(), value);
     }
     Ok(values)
-}
-
-impl EpisodeSource for Rendered {
-    fn contents(&self) -> &Contents {
-        &self.about().contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
-    }
 }
 
 impl Dataset for Rendered {

@@ -74,7 +74,10 @@ pub fn copy(
             let sources = &mut *sources;
             scope.spawn(move || read(sources, run, &from_writer, &to_writer));
             let mut writer = format::create_with(to, &options, format)?;
-            let failed = |error: BoxError| unboxed(to, error);
+            let failed = |error: BoxError| match error.downcast::<DataError>() {
+                Ok(error) => *error,
+                Err(error) => DataError::request(to, error.to_string()),
+            };
             writer.begin(&schema, &metadata).map_err(failed)?;
             let mut rows = 0;
             for rows_read in from_reader {
@@ -121,8 +124,7 @@ fn read(
             let is_last = rows.end == len;
             let read = source.read(episode, rows, &mut batch);
             let failed = read.is_err();
-            let message = read.map(|()| (batch, is_last)).map_err(|error| unboxed(source.path(), error));
-            if out.send(message).is_err() || failed {
+            if out.send(read.map(|()| (batch, is_last))).is_err() || failed {
                 return;
             }
         }
@@ -235,13 +237,6 @@ fn metadata_of(sources: &[Box<dyn Dataset>], (source, episode): Piece) -> Metada
 
 fn is_same(a: &Path, b: &Path) -> bool {
     matches!((std::fs::canonicalize(a), std::fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
-}
-
-fn unboxed(path: &Path, error: BoxError) -> DataError {
-    match error.downcast::<DataError>() {
-        Ok(error) => *error,
-        Err(error) => DataError::request(path, error.to_string()),
-    }
 }
 
 /// Every episode of every source, in order.

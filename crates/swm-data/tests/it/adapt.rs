@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use swm_core::{Batch, Dtype, EpisodeSource as _, Field, Schema, SliceMut};
+use swm_core::{Batch, Dtype, Field, Schema, SliceMut};
 use swm_data::adapt::{Cached, Columns, Concat, Joined, Subset};
 use swm_data::{Dataset, MemoryDataset, Steps};
 

@@ -1,8 +1,8 @@
 //! The replay buffer: whole episodes, oldest out first, drawn from, dumped and loaded.
 
-use swm_core::{Batch, EpisodeSink as _, EpisodeSource as _};
+use swm_core::{Batch, EpisodeSink as _};
 use swm_data::loader::{ClipOptions, GoalOptions};
-use swm_data::{ReplayBuffer, Sampler, WriteMode, open};
+use swm_data::{Dataset as _, ReplayBuffer, Sampler, WriteMode, open};
 
 use crate::support::{assert_same, contents, episode, metadata, schema};
 

@@ -150,7 +150,7 @@ impl Eval {
                     variation: self.scenario.variation()?.unwrap_or_default(),
                     variation_values: self.scenario.values()?,
                 };
-                world.evaluate_from_dataset(dataset.as_mut(), &options, &mut watch)?
+                world.evaluate_from_dataset(dataset, &options, &mut watch)?
             }
         };
         bar.finish_and_clear();

@@ -156,7 +156,7 @@ impl Make {
         };
         let pairs = match (&mut dataset, &self.dataset) {
             (Some(dataset), Some(path)) => Some(RecordedPairs {
-                source: dataset.as_mut(),
+                source: dataset,
                 name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
                 hash: file_hash(path)?,
                 goal_offset: self.goal_offset,

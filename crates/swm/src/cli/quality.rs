@@ -97,7 +97,7 @@ impl QualityCommand {
         };
         let mut env = (entry.make)(&config)?;
         let recorded = match &mut dataset {
-            Some(dataset) => recorded_episodes(env.as_ref(), dataset.as_mut(), episodes, rows)?,
+            Some(dataset) => recorded_episodes(env.as_ref(), dataset, episodes, rows)?,
             None => random_episodes(env.as_mut(), episodes, rows, seed)?,
         };
         let probed: Vec<String> = match self.probes.as_slice() {

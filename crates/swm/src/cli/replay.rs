@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use swm_core::{EpisodeSource, Registry};
+use swm_core::Registry;
 
 use super::args::factor_values;
 use super::output::table;
@@ -49,10 +49,9 @@ impl Replay {
         }
         let episodes = selection(self.episodes.as_deref(), dataset.num_episodes())?;
         let bar = output.bar(episodes.len() as u64, "episodes");
-        let source: &mut dyn EpisodeSource = dataset.as_mut();
         let overrides = factor_values(&self.set)?;
         let entry = registry.env(&env)?;
-        let report = replay(entry, source, &episodes, &overrides, self.tolerance, |_| bar.inc(1))?;
+        let report = replay(entry, &mut dataset, &episodes, &overrides, self.tolerance, |_| bar.inc(1))?;
         bar.finish_and_clear();
         output.result(&report, || text(&report))?;
         if report.ok {

@@ -2,17 +2,15 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use swm_core::env::VARIATION_PREFIX;
-use swm_core::error::BoxError;
-use swm_core::{Batch, Contents, EpisodeSource, Field, FieldKind, Schema, SliceMut};
+use swm_core::{Field, FieldKind, Schema, SliceMut};
 
 use super::layout::{self, EP_LEN, EP_OFFSET, Entry, Manifest};
 use super::pictures::{PictureReader, Store};
-use crate::dataset::{About, CHANGED, Dataset, Steps, read_rows};
+use crate::dataset::{About, CHANGED, Dataset, Steps};
 use crate::error::DataError;
 use crate::formats::npz::Array;
 
@@ -183,16 +181,6 @@ fn spans(
         spans.push(span);
     }
     Ok(spans)
-}
-
-impl EpisodeSource for FolderDataset {
-    fn contents(&self) -> &Contents {
-        &self.about().contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
-    }
 }
 
 impl Dataset for FolderDataset {

@@ -7,11 +7,10 @@ use super::layout::{self, Manifest};
 use super::pictures::Store;
 use super::reader::FolderDataset;
 use super::writer::FolderRecording;
-use crate::dataset::WriteOptions;
+use crate::dataset::{Dataset as _, WriteOptions};
 use crate::error::DataError;
 use crate::formats::npz::Array;
 use crate::lock::WriterLock;
-use swm_core::EpisodeSource;
 
 /// Says what is to be done; does it if `apply`.
 pub(super) fn repair(

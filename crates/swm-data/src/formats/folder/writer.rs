@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use crc32fast::Hasher;
 use rayon::prelude::*;
-use swm_core::{Batch, Dtype, EpisodeSource, Field, Schema, Slice};
+use swm_core::{Batch, Dtype, Field, Schema, Slice};
 
 use super::layout::{self, EP_LEN, EP_OFFSET, Entry, IndexWriter, Manifest};
 use super::picture_writer::PictureWriter;

@@ -2,20 +2,18 @@
 //! whose writer lives or was killed opens too, with the episodes that were finished.
 
 use std::fs::File;
-use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
 use hdf5_metno as h5;
 use swm_core::env::VARIATION_PREFIX;
-use swm_core::error::BoxError;
-use swm_core::{Batch, Contents, EpisodeSource, Field, FieldKind, Schema, SliceMut};
+use swm_core::{Field, FieldKind, Schema, SliceMut};
 
 use super::attributes::Attributes;
 use super::layout::{EP_LEN, EP_OFFSET, Element};
 use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
-use crate::dataset::{About, Dataset, Steps, read_rows};
+use crate::dataset::{About, Dataset, Steps};
 use crate::error::DataError;
 
 /// How often the library may re-read metadata that a live writer is changing. Its own default of 100 doubles its
@@ -137,16 +135,6 @@ impl Hdf5Dataset {
     /// The address behind the last chunk; 0 for a file that was closed properly.
     pub(super) fn chunks_end(&self) -> u64 {
         self.shared.chunks_end
-    }
-}
-
-impl EpisodeSource for Hdf5Dataset {
-    fn contents(&self) -> &Contents {
-        &self.about().contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
     }
 }
 

@@ -3,11 +3,10 @@
 
 use std::path::Path;
 
-use swm_core::EpisodeSource;
-
 use super::create::{self, EndOfData};
 use super::reader::Hdf5Dataset;
 use super::superblock;
+use crate::dataset::Dataset as _;
 use crate::error::DataError;
 use crate::lock::WriterLock;
 use crate::recording;

@@ -5,7 +5,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use swm_core::{Batch, EpisodeSource, Field, Metadata, Schema, Slice};
+use swm_core::{Batch, Field, Metadata, Schema, Slice};
 
 use super::FORMAT;
 use super::create::{self, EndOfData};

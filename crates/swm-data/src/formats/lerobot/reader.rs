@@ -3,18 +3,16 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::BufReader;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use swm_core::error::BoxError;
-use swm_core::{Batch, Column, Contents, Dtype, EpisodeSource, SliceMut};
+use swm_core::{Column, Dtype, SliceMut};
 use swm_media::mp4::Mp4Reader;
 
 use super::contents::{Shared, Source, film};
 use super::places::Place;
 use super::table::Table;
-use crate::dataset::{About, CHANGED, Dataset, Steps, copy_rows, read_rows};
+use crate::dataset::{About, CHANGED, Dataset, Steps, copy_rows};
 use crate::error::DataError;
 
 /// An open folder.
@@ -104,16 +102,6 @@ fn check(path: &Path, place: &Place) -> Result<(), String> {
     match crc32fast::hash(&bytes) == checksum {
         true => Ok(()),
         false => Err(format!("{}: {CHANGED}", path.display())),
-    }
-}
-
-impl EpisodeSource for LeRobotDataset {
-    fn contents(&self) -> &Contents {
-        &self.about().contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
     }
 }
 

@@ -9,7 +9,7 @@ use serde_json::{Map, Value as Json, json};
 use swm_core::{Batch, Dtype, Field, Slice};
 
 use super::manifest::{Manifest, is_film};
-use crate::dataset::{Dataset, pieces, read_rows};
+use crate::dataset::{Dataset, pieces};
 use crate::error::DataError;
 use crate::formats::disk::replace;
 
@@ -176,7 +176,7 @@ impl Statistics {
         for episode in 0..dataset.num_episodes() {
             for rows in pieces(dataset.schema(), dataset.episode_len(episode)) {
                 let first = rows.start;
-                read_rows(dataset, episode, rows, &mut batch)?;
+                dataset.read(episode, rows, &mut batch)?;
                 all.add(manifest, first, &batch);
             }
             all.end_episode();

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use swm_core::{Batch, EpisodeSource, Field, Schema};
+use swm_core::{Batch, Field, Schema};
 use swm_media::mp4::Mp4Options;
 
 use super::FORMAT;

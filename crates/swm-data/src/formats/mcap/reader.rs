@@ -1,12 +1,10 @@
 //! Reading an MCAP dataset: any row of any column, by the places that the walk over the file found.
 
 use std::fs::File;
-use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use swm_core::error::BoxError;
-use swm_core::{Batch, Column, Contents, EpisodeSource, Field, Schema, SliceMut};
+use swm_core::{Column, Field, Schema, SliceMut};
 use swm_media::png;
 
 use super::chunks::Messages;
@@ -14,7 +12,7 @@ use super::foxglove;
 use super::index::{Index, Place, STEP_TOPIC, is_picture, topic};
 use super::records::{MESSAGE, MESSAGE_HEAD};
 use super::rows::from_json;
-use crate::dataset::{About, CHANGED, Dataset, Steps, copy_rows, read_rows};
+use crate::dataset::{About, CHANGED, Dataset, Steps, copy_rows};
 use crate::error::DataError;
 
 /// So many rows are decoded and held at once: all of most episodes, a bounded part of the longest.
@@ -176,16 +174,6 @@ impl Shared {
             (MESSAGE, content) if content.len() >= MESSAGE_HEAD => Ok(&content[MESSAGE_HEAD..]),
             _ => Err("a message is not where the index says".to_owned()),
         }
-    }
-}
-
-impl EpisodeSource for McapDataset {
-    fn contents(&self) -> &Contents {
-        &self.about().contents
-    }
-
-    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), BoxError> {
-        Ok(read_rows(self, episode, rows, out)?)
     }
 }
 
