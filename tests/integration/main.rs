@@ -6,6 +6,7 @@ mod bad_input;
 #[cfg(unix)]
 mod book;
 mod commands;
+mod completions;
 mod crash;
 mod damaged_recordings;
 mod datasets;
