@@ -170,7 +170,7 @@ fn licences(release: &Release) -> Result<String> {
 }
 
 fn semver(release: &Release) -> Result<String> {
-    let Some(tag) = publish::last_tag()? else {
+    let Some(tag) = publish::last_tag(&release.version)? else {
         return Ok("no earlier release, nothing to compare".into());
     };
     if !process::has_cargo_command("semver-checks") {
@@ -178,7 +178,9 @@ fn semver(release: &Release) -> Result<String> {
         ensure!(release.is_dry, "comparing with {tag} needs cargo-semver-checks: {install}");
         return Ok(format!("NOT compared with {tag}: {install}"));
     }
-    process::run(&mut process::cargo(["semver-checks", "--workspace", "--baseline-rev", &tag]))?;
+    // Of all crates, also of those on Lance, which ask for its compiler of protocols.
+    let mut check = process::cargo(["semver-checks", "--workspace", "--baseline-rev", &tag]);
+    process::run(check.envs(setup::tools::protoc()))?;
     Ok(format!("compatible with {tag}, or the version says otherwise"))
 }
 

@@ -4,7 +4,7 @@ use std::process::Command;
 
 use anyhow::{Context as _, Result, bail, ensure};
 
-use super::packages;
+use super::{packages, version};
 use crate::metadata::Metadata;
 use crate::process;
 
@@ -13,11 +13,18 @@ pub(super) fn tag(version: &str) -> String {
     format!("v{version}")
 }
 
-/// The newest tag of a version before this commit, if there is one.
-pub(super) fn last_tag() -> Result<Option<String>> {
-    let tags =
-        process::output(&mut git(&["tag", "--list", "v[0-9]*", "--sort=-version:refname", "--merged"]))?;
-    Ok(String::from_utf8_lossy(&tags).lines().next().map(str::to_owned))
+/// The tag of the newest version but `version` among those before this commit, if there is one.
+pub(super) fn last_tag(version: &str) -> Result<Option<String>> {
+    let tags = process::output(&mut git(&["tag", "--list", "v[0-9]*", "--merged"]))?;
+    Ok(newest_but(version, &String::from_utf8_lossy(&tags)))
+}
+
+/// The newest version among `tags`, one per line, but `version`: a publication that goes on has its own tag already. Git would
+/// put a pre-release behind its release.
+fn newest_but(version: &str, tags: &str) -> Option<String> {
+    let versions = tags.lines().filter_map(|tag| tag.strip_prefix('v')).filter(|found| *found != version);
+    let known = versions.filter_map(|found| Some((version::key(found).ok()?, found)));
+    known.max().map(|(_, newest)| tag(newest))
 }
 
 /// Fails unless the checkout is what will be tagged.
@@ -113,6 +120,14 @@ mod tests {
             ["cargo publish --locked --no-verify --package swm", "git push origin v0.2.0"]
         );
         assert!(plan(&metadata, "0.2.0", Some("none")).is_err());
+    }
+
+    #[test]
+    fn a_release_is_compared_with_the_newest_before_it() {
+        let tags = "v0.1.0\nv0.2.0\nv0.2.0-rc.10\nv0.2.0-rc.9\nv2\n";
+        assert_eq!(newest_but("0.3.0", tags).as_deref(), Some("v0.2.0"));
+        assert_eq!(newest_but("0.2.0", tags).as_deref(), Some("v0.2.0-rc.10"));
+        assert_eq!(newest_but("0.1.0", "v0.1.0\n"), None);
     }
 
     #[test]

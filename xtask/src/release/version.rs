@@ -57,16 +57,37 @@ pub(super) fn check_successor(old: &str, new: &str) -> Result<()> {
     Ok(())
 }
 
+/// A part of a pre-release, in the order that semantic versions have: numbers by their value, and before words.
+#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Part<'a> {
+    Number(u64),
+    Word(&'a str),
+}
+
 /// What versions are ordered by: a pre-release comes before its release.
-fn key(version: &str) -> Result<([u64; 3], bool, &str)> {
-    let (numbers, pre) = version.split_once('-').unwrap_or((version, ""));
+#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Key<'a> {
+    numbers: [u64; 3],
+    is_release: bool,
+    pre: Vec<Part<'a>>,
+}
+
+/// That of `version`, such as `0.2.0` or `0.2.0-rc.1`.
+pub(super) fn key(version: &str) -> Result<Key<'_>> {
+    let (numbers, pre) =
+        version.split_once('-').map_or((version, None), |(numbers, pre)| (numbers, Some(pre)));
     let parts: Vec<u64> = numbers.split('.').map_while(|part| part.parse().ok()).collect();
     let parts: [u64; 3] = parts
         .try_into()
         .ok()
         .filter(|_| numbers.split('.').count() == 3)
         .with_context(|| format!("`{version}` is no version such as 0.2.0 or 0.2.0-rc.1"))?;
-    Ok((parts, pre.is_empty(), pre))
+    let part = |part| str::parse(part).map_or(Part::Word(part), Part::Number);
+    Ok(Key {
+        numbers: parts,
+        is_release: pre.is_none(),
+        pre: pre.map(|pre| pre.split('.').map(part).collect()).unwrap_or_default(),
+    })
 }
 
 /// Lines that name a version of ours other than `version`.
@@ -142,6 +163,9 @@ swm-fov = { path = "crates/swm-fov" }
             ("0.1.0", "0.2.0", true),
             ("0.9.0", "0.10.0", true),
             ("0.2.0-rc.1", "0.2.0", true),
+            ("0.2.0-rc.9", "0.2.0-rc.10", true),
+            ("0.2.0-beta", "0.2.0-beta.1", true),
+            ("0.2.0-rc.1", "0.2.0-beta.2", false),
             ("0.2.0", "0.2.0-rc.1", false),
             ("0.2.0", "0.1.9", false),
             ("0.2.0", "0.3", false),
