@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
+use crate::metadata::Metadata;
 use crate::{apart, book, demo, deny, interop, plugin, process, release, setup, sizes, test, tidy};
 
 /// Options of `cargo xtask ci`.
@@ -69,7 +70,11 @@ const STEPS: &[Step] = &[
         about: "crates outside of the workspace add environments, solvers and models",
         run: || plugin::run(&plugin::Args::default()),
     },
-    Step { name: "baselines", about: "the crate of the baselines, which is built apart", run: baselines },
+    Step {
+        name: "baselines",
+        about: "the crate of the baselines, which is built apart, and the book's pages about training",
+        run: baselines,
+    },
     Step { name: "lance", about: "the crate of the formats on Lance, which is built apart", run: lance },
     Step {
         name: "release",
@@ -167,18 +172,21 @@ fn doc() -> Result<()> {
     )
 }
 
-/// With the command that trains them, and plans with models of others.
+/// With the command that trains them and plans with models of others, and the pages of the book that need it.
 fn baselines() -> Result<()> {
-    apart::check("swm-baselines", &[])?;
-    let command = ["clippy", "--package", "swm", "--features", "baselines,onnx", "--", "-D", "warnings"];
-    process::run(&mut process::cargo(command))
+    // Always the same crates and features: each of their dependencies is built once.
+    let selection =
+        ["--package", "swm-baselines", "--package", "swm", "--features", "swm/baselines,swm/onnx"];
+    apart::check(&selection, &[])?;
+    process::run(process::cargo(["build", "--bins", "--tests"]).args(selection))?;
+    test::book("baselines", &Metadata::load()?.target_directory.join("debug/swm"))
 }
 
 /// With pylance, which reads what we write; and the command with these formats.
 fn lance() -> Result<()> {
     let mut environment = setup::tools::protoc().to_vec();
     environment.push(("SWM_LANCE_PYTHON", interop::python(&interop::LANCE)?));
-    apart::check("swm-data-lance", &environment)?;
+    apart::check(&["--package", "swm-data-lance"], &environment)?;
     process::run(process::cargo(["check", "--package", "swm", "--features", "lance"]).envs(environment))
 }
 

@@ -2,6 +2,8 @@
 //!
 //! Benchmarks in test mode are a step of `cargo xtask ci`.
 
+use std::path::Path;
+
 use anyhow::Result;
 
 use crate::metadata::Metadata;
@@ -62,6 +64,16 @@ pub(crate) fn doctests(args: &Args) -> Result<()> {
     process::run(
         process::cargo(["test", "--doc", "--quiet"]).args(libraries.selection()).args(features(&libraries)),
     )
+}
+
+/// The pages of the book that need the feature `what` of a command `swm`, with `program`, which has it.
+pub(crate) fn book(what: &str, program: &Path) -> Result<()> {
+    let all = Args::default();
+    // As `suites` builds them: nothing is built again.
+    let mut command = process::cargo(["test", "--test", "integration"]);
+    command.args(all.selection()).args(features(&all)).args(["--", "every_block_of_the_book_runs"]);
+    command.env("SWM_BOOK_COMMAND", program).env("SWM_BOOK_NEEDS", what);
+    process::run(command.env("SWM_INTEROP_PYTHON", interop::python(&interop::FORMATS)?))
 }
 
 /// What is left out where no C++ compiler is at hand; what is not built by default and tested all the same.

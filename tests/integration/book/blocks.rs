@@ -45,6 +45,12 @@ impl Page {
         Self::parse(name, text)
     }
 
+    /// Whether one of its blocks is run only where `what` is at hand.
+    pub(super) fn needs(&self, what: &str) -> bool {
+        let asks = |wish: &Wish| matches!(wish, Wish::Needs(needed) if needed == what);
+        self.blocks.iter().any(|block| block.wishes.iter().any(asks))
+    }
+
     fn parse(name: &str, text: String) -> Self {
         let (mut blocks, mut given, mut elsewhere) = (Vec::new(), Vec::new(), None);
         let mut wishes = Vec::new();
@@ -99,12 +105,14 @@ fn comment(line: &str) -> Option<&str> {
 
 #[test]
 fn blocks_and_their_comments_are_found() {
-    let text = "# A\n<!-- test: given a.h5 b.h5 -->\n\n<!-- test: exit 2 -->\n```sh\nswm x\n```\n<!-- test: skip: why -->\n```rust,ignore\nx\n```\n";
+    let text = "# A\n<!-- test: given a.h5 b.h5 -->\n\n<!-- test: exit 2 -->\n<!-- test: needs gas -->\n```sh\nswm x\n```\n\
+                <!-- test: skip: why -->\n```rust,ignore\nx\n```\n";
     let page = Page::parse("a.md", text.to_owned());
     assert_eq!(page.given, ["a.h5", "b.h5"]);
     let [first, second] = page.blocks.as_slice() else { panic!("{}", page.blocks.len()) };
-    assert_eq!((first.line, first.language.as_str(), first.text.as_str()), (5, "sh", "swm x\n"));
-    assert_eq!(first.wishes, [Wish::Exit(2)]);
+    assert_eq!((first.line, first.language.as_str(), first.text.as_str()), (6, "sh", "swm x\n"));
+    assert_eq!(first.wishes, [Wish::Exit(2), Wish::Needs("gas".to_owned())]);
+    assert!(page.needs("gas") && !page.needs("g"));
     assert_eq!(second.attributes, ["ignore"]);
     assert_eq!(second.wishes, [Wish::Skip("why".to_owned())]);
 }

@@ -2,7 +2,8 @@
 //!
 //! Pages go in the order of the table of contents, after the README; each has a folder of its own. What a comment above a block can say
 //! stands in `blocks.rs`, what is shortened in `shell.rs`. Programs in Rust are documentation tests of this package (`tests/src/lib.rs`).
-//! `SWM_BOOK_COMMAND` names another command `swm` (one with all features), `SWM_INTEROP_PYTHON` a Python.
+//! `SWM_BOOK_COMMAND` names another command `swm` (one with all features), `SWM_INTEROP_PYTHON` a Python; with `SWM_BOOK_NEEDS=WHAT` only
+//! the pages are read that have blocks which need WHAT, and it must be at hand.
 
 mod blocks;
 mod given;
@@ -34,8 +35,13 @@ fn pages() -> Vec<Page> {
 
 #[test]
 fn every_block_of_the_book_runs() {
-    let pages = pages();
+    let mut pages = pages();
     let machine = Machine::new();
+    if let Ok(what) = std::env::var("SWM_BOOK_NEEDS") {
+        assert!(machine.has(&what), "`{what}` is not at hand");
+        pages.retain(|page| page.needs(&what));
+        assert!(!pages.is_empty(), "no page needs `{what}`");
+    }
     let runs: Vec<_> = pages.par_iter().flat_map_iter(|page| page_runs(page, &machine)).collect();
     let mut failures = Vec::new();
     for (place, outcome) in runs {

@@ -28,6 +28,11 @@ const SHORTER: &[(&str, &str)] = &[
     ("--policy cem ", "--policy cem:samples=6,iterations=2,elites=3 "),
     ("--policy mppi ", "--policy mppi:samples=6,iterations=2,elites=3 "),
     ("--policy icem ", "--policy icem:samples=6,iterations=2,elites=3,elites_kept=1 "),
+    ("--policy mpc:runs/pldm ", "--policy mpc:runs/pldm,samples=6,iterations=2,elites=3 "),
+    (",solver=icem,", ",solver=icem,iterations=2,elites_kept=1,"),
+    // Few steps, and more where training goes on.
+    ("--epochs 3", "--steps 2"),
+    ("--epochs 6", "--steps 4"),
 ];
 
 /// Commands that begin so get these options, unless they have them: their defaults are for measurements.
@@ -36,6 +41,8 @@ const ADDED: &[(&str, &str, &str)] = &[
     ("swm manifest make ", "--held-out ", "1"),
     ("swm eval swm/", "--episodes ", "2"),
     ("swm quality ", "--episodes ", "4"),
+    ("swm train pldm ", "--batch ", "4"),
+    ("swm train gcbc ", "--batch ", "4"),
 ];
 
 /// Lines that begin so are not run.
