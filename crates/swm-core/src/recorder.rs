@@ -12,6 +12,32 @@ use crate::world::{Rollout, WorldOptions};
 
 /// Watches a run. Every row of the data is shown exactly once, in the order of steps within an episode: first
 /// observation with its action, …, last observation without an action; then the episode's end.
+/// ```
+/// use swm_core::testing::TOY;
+/// use swm_core::{BoxError, EpisodeEnd, LiveRow, Recorder, ResetOptions, Rollout, Scenario, World, WorldOptions, policy};
+///
+/// /// Counts the rows in which the point is right of the middle.
+/// #[derive(Default)]
+/// struct Right(usize);
+///
+/// impl Recorder for Right {
+///     fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+///         self.0 += usize::from(row.values.get::<f64>("state")?[0] > 0.0);
+///         Ok(())
+///     }
+///     fn episode(&mut self, _end: &EpisodeEnd) -> Result<(), BoxError> {
+///         Ok(())
+///     }
+/// }
+///
+/// let mut world = World::new(&TOY, WorldOptions { max_episode_steps: Some(20), ..WorldOptions::default() })?;
+/// world.set_policy(policy::random());
+/// let options = ResetOptions::default();
+/// let mut right = Right::default();
+/// world.run(&Rollout { episodes: 0..4, seed: 42, scenario: Scenario::Same(&options) }, &mut right)?;
+/// assert!(right.0 > 0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait Recorder: Send {
     /// Before the first reset.
     ///

@@ -160,6 +160,19 @@ fn literal(text: &str) -> Json {
 }
 
 /// Environments and policies of several crates, merged.
+/// ```
+/// use swm_core::testing::TOY;
+/// use swm_core::{EnvConfig, EnvEntry, PolicyArgs, PolicyContext, Registry};
+///
+/// static ENVS: [EnvEntry; 1] = [TOY]; // a crate of environments has such a table
+/// let registry = Registry::new().with_envs(&ENVS);
+/// let env = registry.env("swm/Toy-v0")?;
+/// assert!(registry.env("swm/Toi-v0").unwrap_err().to_string().contains("did you mean `swm/Toy-v0`?"));
+///
+/// let context = PolicyContext { env, config: &EnvConfig::default(), frame_skip: 1 };
+/// let policy = registry.policy(&context, &PolicyArgs::parse("ou:sigma=0.3")?)?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct Registry {
     envs: Vec<&'static EnvEntry>,

@@ -41,6 +41,19 @@ impl Tier {
 }
 
 /// A task: environment, pairs of start and goal, budget, success test.
+/// ```
+/// use swm_core::evaluate::{ManifestOptions, make_manifest};
+/// use swm_core::{EnvConfig, Manifest, testing::TOY};
+///
+/// let options = ManifestOptions { pairs: 10, budget: 30, ..ManifestOptions::default() };
+/// let manifest = make_manifest(&TOY, &EnvConfig::default(), &options, None)?;
+/// assert_eq!(manifest.pairs.len(), 10);
+///
+/// // A file in between changes nothing: the hash is the name of the task.
+/// let read: Manifest = serde_json::from_str(&serde_json::to_string(&manifest)?)?;
+/// assert_eq!(read.hash(), manifest.hash());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {

@@ -30,6 +30,28 @@ use reader::Reader;
 
 /// Reads clips of one dataset: single ones by their number with [`Loader::read`], all of them with
 /// [`Loader::batches`].
+/// ```
+/// use swm_core::testing::TOY;
+/// use swm_core::{ResetOptions, Rollout, Scenario, World, WorldOptions, policy};
+/// use swm_data::{BatchOptions, ClipOptions, Loader, ReplayBuffer};
+///
+/// // Any dataset will do: `swm_data::open` opens files, a buffer lends its episodes.
+/// let mut world = World::new(&TOY, WorldOptions { max_episode_steps: Some(20), ..WorldOptions::default() })?;
+/// world.set_policy(policy::random());
+/// let options = ResetOptions::default();
+/// let mut buffer = ReplayBuffer::new(1000);
+/// let rollout = Rollout { episodes: 0..8, seed: 0, scenario: Scenario::Same(&options) };
+/// world.record_dataset(&rollout, &mut buffer, &mut ())?;
+///
+/// let clips = ClipOptions { num_steps: 3, frameskip: 2, ..ClipOptions::default() };
+/// let loader = Loader::new(Box::new(buffer.dataset()?), &clips)?;
+/// let mut batches = loader.batches(&BatchOptions { size: 16, shuffle: Some(42), ..BatchOptions::default() })?;
+/// let mut batch = batches.new_batch();
+/// assert!(batches.next_batch(&mut batch)?);
+/// assert_eq!(batch.get::<f64>("state")?.len(), 16 * 3); // [16, 3, 1]
+/// assert_eq!(batch.get::<f32>("action")?.len(), 16 * 3 * 2); // [16, 3, 2 × 1]
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Loader {
     plan: Arc<Plan>,
     readers: Vec<Reader>,

@@ -38,6 +38,39 @@ impl Default for Quality {
 }
 
 /// Makes frames of one size. Holds memory, not state: a frame depends on its scene alone.
+/// ```
+/// use swm_render::Geometry;
+/// use swm_render::scene::{Assets, Instance, Light, LightKind, Material, Quality, Scene, SceneRenderer, Shape};
+///
+/// // A ball of half a metre, three metres in front of the eye, which looks along y.
+/// let ball = Instance {
+///     shape: Shape::Ellipsoid { radii: [0.5; 3] },
+///     position: [0.0, 3.0, 0.0],
+///     rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+///     material: Material { color: [0.8, 0.2, 0.1, 1.0], ..Material::default() },
+///     segment: 7,
+///     casts_shadow: true,
+/// };
+/// let sun = Light {
+///     kind: LightKind::Sun,
+///     direction: [0.0, 0.6, -0.8],
+///     position: [0.0, 3.0, 5.0],
+///     ambient: [0.2; 3],
+///     diffuse: [0.8; 3],
+///     specular: [0.3; 3],
+///     shadow: None,
+/// };
+/// let scene = Scene { instances: vec![ball], lights: vec![sun], ..Scene::default() };
+/// let mut renderer = SceneRenderer::new(Geometry::new(32, 32), Quality::default())?;
+/// let (mut frame, mut depth, mut segments) = ([0; 32 * 32 * 3], [0.0; 32 * 32], [0; 32 * 32]);
+/// renderer.render(&scene, &Assets::default(), &mut frame)?; // [32, 32, 3]
+/// renderer.depth_of_last(&scene, &Assets::default(), &mut depth)?; // metres
+/// renderer.segmentation_of_last(&scene, &Assets::default(), &mut segments)?;
+/// let middle = 16 * 32 + 16;
+/// assert!(segments[middle] == 7 && (depth[middle] - 2.5).abs() < 0.01);
+/// assert!(frame[3 * middle] > frame[3 * middle + 2]); // red rather than blue
+/// # Ok::<(), swm_render::RenderError>(())
+/// ```
 #[derive(Debug)]
 pub struct SceneRenderer {
     height: usize,
