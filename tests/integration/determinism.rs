@@ -99,6 +99,51 @@ fn shards_merged_are_what_one_run_gives() {
 }
 
 #[test]
+fn many_parts_are_the_whole_to_the_byte_and_some_may_be_empty() {
+    let folder = Folder::new();
+    let collect = |name: &str, episodes: &str, shard: Option<usize>| {
+        let out = folder.path(name);
+        let of = shard.map(|shard| format!("{shard}/16"));
+        let mut args = vec![
+            "collect",
+            "swm/TwoRoom-v2",
+            "--policy",
+            "noisy-expert:2",
+            "--max-steps",
+            "6",
+            "--seed",
+            "3",
+        ];
+        args.extend([
+            "--image-size",
+            "none",
+            "--total",
+            episodes,
+            "--mode",
+            "append",
+            "--out",
+            &out,
+            "--quiet",
+        ]);
+        args.extend(of.iter().flat_map(|of| ["--shard", of.as_str()]));
+        swm_ok(&args);
+        out
+    };
+    for episodes in ["5", "21"] {
+        let name = |part: &str| format!("{episodes}.{part}.h5");
+        let whole = collect(&name("whole"), episodes, None);
+        let parts: Vec<String> =
+            (1..=16).map(|shard| collect(&name(&shard.to_string()), episodes, Some(shard))).collect();
+        let merged = folder.path(&name("merged"));
+        let mut merge = vec!["merge"];
+        merge.extend(parts.iter().map(String::as_str));
+        merge.extend(["--out", &merged]);
+        swm_ok(&merge);
+        assert!(std::fs::read(&merged).unwrap() == std::fs::read(&whole).unwrap(), "{episodes} episodes");
+    }
+}
+
+#[test]
 fn another_seed_gives_other_data() {
     let folder = Folder::new();
     let (a, b) = (folder.path("a.h5"), folder.path("b.h5"));

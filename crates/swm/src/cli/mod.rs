@@ -96,7 +96,9 @@ enum Command {
     Man(man::Man),
     /// Print a completion script for a shell.
     #[command(
-        after_help = "Example:\n  swm completions bash > ~/.local/share/bash-completion/completions/swm"
+        after_help = "Examples:\n  swm completions bash > ~/.local/share/bash-completion/completions/swm\n  \
+                      swm completions fish > ~/.config/fish/completions/swm.fish\n  \
+                      swm completions zsh > _swm   (in a folder of zsh's $fpath)"
     )]
     Completions {
         /// The shell.
