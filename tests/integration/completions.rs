@@ -53,9 +53,10 @@ fn completes(shell: &str, file: &str, arguments: &[&str]) {
     }
     let folder = Folder::new();
     let script = folder.path(file);
-    std::fs::write(&script, swm_ok(&["completions", shell])).unwrap();
+    std::fs::write(&script, swm_ok(&["completions", shell])).expect("the script is written");
     let lines = LINES.iter().map(|(line, _)| line);
-    let output = Command::new(shell).args(arguments).arg(script).args(lines).output().unwrap();
+    let output = Command::new(shell).args(arguments).arg(script).args(lines).output();
+    let output = output.expect("it has just told its version");
     let printed = String::from_utf8_lossy(&output.stdout);
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(printed.lines().count(), LINES.len(), "{shell} printed\n{printed}{said}");

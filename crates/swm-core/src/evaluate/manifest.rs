@@ -42,10 +42,23 @@ impl Tier {
 
 /// A task: environment, pairs of start and goal, budget, success test.
 /// ```
-/// use swm_core::evaluate::{ManifestOptions, make_manifest};
-/// use swm_core::{EnvConfig, Manifest, testing::TOY};
+/// use swm_core::evaluate::{ManifestOptions, Tier, make_manifest};
+/// use swm_core::{EnvConfig, Manifest, SuccessRule, testing::TOY};
 ///
-/// let options = ManifestOptions { pairs: 10, budget: 30, ..ManifestOptions::default() };
+/// let options = ManifestOptions {
+///     tier: Tier::Moderate,
+///     pairs: 10,
+///     budget: 30,
+///     frame_skip: 1,
+///     image: None,
+///     seed: 42,
+///     vary: None,
+///     set: Default::default(),
+///     distractors: Vec::new(),
+///     success: SuccessRule::default(),
+///     motion: None,
+///     rest: Vec::new(),
+/// };
 /// let manifest = make_manifest(&TOY, &EnvConfig::default(), &options, None)?;
 /// assert_eq!(manifest.pairs.len(), 10);
 ///
