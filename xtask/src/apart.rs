@@ -17,13 +17,13 @@ pub(crate) fn all_others() -> Vec<&'static str> {
     std::iter::once("--workspace").chain(excluded).collect()
 }
 
-/// Lints, tests, examples and documentation of what cargo's options in `selection` choose, with variables that its build or its
-/// tests need.
-pub(crate) fn check(selection: &[&str], environment: &[(&str, PathBuf)]) -> Result<()> {
+/// Lints, tests, examples and documentation of one of them, with variables that its build or its tests need.
+pub(crate) fn check(name: &str, environment: &[(&str, PathBuf)]) -> Result<()> {
     let run = |command: &mut Command| {
         process::run(command.envs(environment.iter().map(|(key, value)| (key, value))))
     };
-    run(process::cargo(["clippy", "--all-targets"]).args(selection).args(["--", "-D", "warnings"]))?;
-    run(process::cargo(["test"]).args(selection))?;
-    run(process::cargo(["doc", "--no-deps"]).args(selection).env("RUSTDOCFLAGS", "-D warnings"))
+    let package = ["--package", name];
+    run(process::cargo(["clippy", "--all-targets"]).args(package).args(["--", "-D", "warnings"]))?;
+    run(process::cargo(["test"]).args(package))?;
+    run(process::cargo(["doc", "--no-deps"]).args(package).env("RUSTDOCFLAGS", "-D warnings"))
 }

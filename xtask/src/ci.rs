@@ -174,11 +174,10 @@ fn doc() -> Result<()> {
 
 /// With the command that trains them and plans with models of others, and the pages of the book that need it.
 fn baselines() -> Result<()> {
-    // Always the same crates and features: each of their dependencies is built once.
-    let selection =
-        ["--package", "swm-baselines", "--package", "swm", "--features", "swm/baselines,swm/onnx"];
-    apart::check(&selection, &[])?;
-    process::run(process::cargo(["build", "--bins", "--tests"]).args(selection))?;
+    apart::check("swm-baselines", &[])?;
+    let command = ["--package", "swm", "--features", "baselines,onnx"];
+    process::run(process::cargo(["clippy"]).args(command).args(["--", "-D", "warnings"]))?;
+    process::run(process::cargo(["build"]).args(command))?;
     test::book("baselines", &Metadata::load()?.target_directory.join("debug/swm"))
 }
 
@@ -186,7 +185,7 @@ fn baselines() -> Result<()> {
 fn lance() -> Result<()> {
     let mut environment = setup::tools::protoc().to_vec();
     environment.push(("SWM_LANCE_PYTHON", interop::python(&interop::LANCE)?));
-    apart::check(&["--package", "swm-data-lance"], &environment)?;
+    apart::check("swm-data-lance", &environment)?;
     process::run(process::cargo(["check", "--package", "swm", "--features", "lance"]).envs(environment))
 }
 
