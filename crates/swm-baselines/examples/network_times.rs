@@ -9,7 +9,9 @@ use std::time::{Duration, Instant};
 
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::json;
-use swm_baselines::{Baseline, ClipBatch, Facts, MakeOptions, Numbers, Pictures, Scenes, Step, make};
+use swm_baselines::{
+    Baseline, ClipBatch, Facts, MakeOptions, Numbers, Pictures, Processor, Scenes, Step, make,
+};
 use swm_solvers::Candidates;
 
 const HORIZON: usize = 5;
@@ -25,7 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let count: usize = count.parse()?;
     let facts = Facts { action_width: ACTION, proprio_width: 4 };
     let changes = serde_json::Value::Null;
-    let model = make(name, &MakeOptions { preset, changes, facts, seed: 1 })?;
+    let model = make(name, &MakeOptions { preset, changes, facts, seed: 1, processor: Processor::Cpu })?;
     let times = match kind {
         "train" => train(model, count, seconds)?,
         "plan" | "descend" => plan(model.as_ref(), count, kind == "descend", seconds)?,

@@ -32,6 +32,9 @@ pub trait Baseline: Send {
     /// How many numbers are trained.
     fn parameters(&self) -> usize;
 
+    /// Whether it has an encoder that no phase trains: its weights are to be given ([`Baseline::load_encoder`]).
+    fn has_frozen_encoder(&self) -> bool;
+
     /// One step of training: loss, gradients, clipping, optimiser, teachers. An error leaves the weights as they were.
     ///
     /// # Errors

@@ -7,8 +7,8 @@ use serde_json::{Value as Json, json};
 use swm_solvers::Candidates;
 
 use crate::{
-    BASELINES, Baseline, BaselineError, ClipBatch, Facts, Losses, MakeOptions, Numbers, Pictures, Scenes,
-    Step, make, restore,
+    BASELINES, Baseline, BaselineError, ClipBatch, Facts, Losses, MakeOptions, Numbers, Pictures, Processor,
+    Scenes, Step, make, restore,
 };
 
 const FACTS: Facts = Facts { action_width: 2, proprio_width: 0 };
@@ -44,7 +44,8 @@ fn goal() -> Json {
 
 fn tiny(name: &str) -> Box<dyn Baseline> {
     let changes = TINY.iter().find(|(of, _)| *of == name).expect("a line in TINY").1();
-    make(name, &MakeOptions { preset: "small", changes, facts: FACTS, seed: 3 }).unwrap()
+    make(name, &MakeOptions { preset: "small", changes, facts: FACTS, seed: 3, processor: Processor::Cpu })
+        .unwrap()
 }
 
 /// Made-up clips: `[CLIPS, T]` pictures, actions with a gap, a goal per clip.
@@ -115,7 +116,13 @@ fn names_and_presets_are_tested() {
     let named: Vec<&str> = TINY.iter().map(|(name, _)| *name).collect();
     assert_eq!(BASELINES.iter().map(|entry| entry.name).collect::<Vec<_>>(), named);
     for entry in BASELINES {
-        let options = MakeOptions { preset: "small", changes: Json::Null, facts: FACTS, seed: 0 };
+        let options = MakeOptions {
+            preset: "small",
+            changes: Json::Null,
+            facts: FACTS,
+            seed: 0,
+            processor: Processor::Cpu,
+        };
         let model = make(entry.name, &options).unwrap();
         assert!((10_000..5_000_000).contains(&model.parameters()), "{}: {}", entry.name, model.parameters());
     }
@@ -129,7 +136,13 @@ fn the_documentation_lists_all() {
     let (listed, _) = rest.split_once("<!-- /baselines -->").unwrap();
     let mut table = "| name | what it is | trained numbers of `small` |\n|---|---|---|\n".to_owned();
     for entry in BASELINES {
-        let options = MakeOptions { preset: "small", changes: Json::Null, facts: FACTS, seed: 0 };
+        let options = MakeOptions {
+            preset: "small",
+            changes: Json::Null,
+            facts: FACTS,
+            seed: 0,
+            processor: Processor::Cpu,
+        };
         let millions = make(entry.name, &options).unwrap().parameters() as f64 / 1e6;
         table += &format!("| `{}` | {} | {millions:.2} million |\n", entry.name, entry.about);
     }
@@ -159,7 +172,7 @@ fn a_resumed_training_gives_the_bits_of_one_that_never_stopped() {
         (0..2).for_each(|number| drop(step(model.as_mut(), 0, number)));
         model.save_weights(&weights).unwrap();
         model.save_training(&training).unwrap();
-        let mut resumed = restore(model.recipe()).unwrap();
+        let mut resumed = restore(model.recipe(), Processor::Cpu).unwrap();
         resumed.load_weights(&weights).unwrap();
         resumed.load_training(&training).unwrap();
         for (phase, number) in [(0, 2), (0, 3), (last, 4)] {
@@ -251,7 +264,8 @@ fn plans_and_decisions_do_not_depend_on_their_neighbours() {
 
 #[test]
 fn what_cannot_be_made_says_why() {
-    let options = |preset, changes| MakeOptions { preset, changes, facts: FACTS, seed: 0 };
+    let options =
+        |preset, changes| MakeOptions { preset, changes, facts: FACTS, seed: 0, processor: Processor::Cpu };
     let error = |name, options: &MakeOptions<'_>| match make(name, options) {
         Ok(_) => panic!("{name} was made"),
         Err(error) => error.to_string(),
@@ -263,4 +277,31 @@ fn what_cannot_be_made_says_why() {
     );
     assert!(error("lewm", &options("small", json!({"model": {"history": 0}}))).contains("`history` is 0"));
     assert!(error("gcbc", &options("small", json!({"model": {"proprio": 10}}))).contains("`proprio` is on"));
+    for (name, changes, reason) in [
+        ("lewm", json!({"model": {"image": 0}}), "`image` is 0"),
+        ("lewm", json!({"sigreg": {"projections": 0}}), "1 projection"),
+        ("lewm", json!({"sigreg": {"knots": 1}}), "2 knots"),
+        ("lewm", json!({"optim": {"lr": -1.0}}), "`optim.lr` is -1"),
+        ("gcbc", json!({"optim": {"betas": [0.9, 1.0]}}), "`optim.betas` holds 1"),
+        ("pldm", json!({"inverse_hidden": 0}), "some size is 0"),
+        ("gciql", json!({"critic_hidden": 0}), "some size is 0"),
+        ("gcivl", json!({"value": {"expectile": 2.0}}), "`value.expectile` is 2"),
+    ] {
+        let message = error(name, &options("small", changes));
+        assert!(
+            message.starts_with(&format!("settings of `{name}`: ")) && message.contains(reason),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn a_frozen_encoder_is_known() {
+    let frozen = |name, changes| {
+        let options =
+            MakeOptions { preset: "small", changes, facts: FACTS, seed: 0, processor: Processor::Cpu };
+        make(name, &options).unwrap().has_frozen_encoder()
+    };
+    assert!(frozen("dino-wm", Json::Null) && frozen("gcbc", json!({"model": {"train_encoder": false}})));
+    assert!(!frozen("lewm", Json::Null) && !frozen("gcbc", Json::Null));
 }

@@ -98,7 +98,7 @@ pub enum BaselineError {
         source: Box<BaselineError>,
     },
     /// The operating system refused.
-    #[error("cannot {action} {}: {source}", path.display())]
+    #[error("cannot {action} {}: {source}{}", path.display(), way_out(source))]
     Io {
         /// What was tried.
         action: &'static str,
@@ -164,6 +164,19 @@ impl From<BaselineError> for PlanError {
     }
 }
 
+/// What helps against the system's commonest reasons.
+fn way_out(error: &std::io::Error) -> &'static str {
+    use std::io::ErrorKind as Kind;
+    match error.kind() {
+        Kind::StorageFull | Kind::QuotaExceeded => {
+            "; make room, and go on with --resume from the last checkpoint"
+        }
+        Kind::PermissionDenied | Kind::ReadOnlyFilesystem => "; allow it, or choose another folder",
+        Kind::NotADirectory | Kind::AlreadyExists => "; choose another folder",
+        _ => "",
+    }
+}
+
 /// How many names an error lists of each kind.
 const LISTED: usize = 8;
 
@@ -184,6 +197,16 @@ fn list(kind: &str, names: &[String]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_the_system_refuses_has_a_way_out() {
+        let message = |kind: std::io::ErrorKind| {
+            BaselineError::Io { action: "write", path: "run/a".into(), source: kind.into() }.to_string()
+        };
+        let full = message(std::io::ErrorKind::StorageFull);
+        assert!(full.starts_with("cannot write run/a: ") && full.contains("--resume"), "{full}");
+        assert!(message(std::io::ErrorKind::ReadOnlyFilesystem).ends_with("another folder"));
+    }
 
     #[test]
     fn a_mismatch_lists_both_sides_and_cuts_long_lists() {

@@ -31,15 +31,26 @@ pub(crate) struct Learner<N> {
 }
 
 impl<N: Network> Learner<N> {
-    /// Draws the first weights.
-    pub(crate) fn new(name: &'static str, recipe: Recipe, parts: Parts<N>, device: Device) -> Self {
+    /// Draws the first weights, once the settings can be trained with.
+    pub(crate) fn new(
+        name: &'static str,
+        recipe: Recipe,
+        parts: Parts<N>,
+        device: Device,
+    ) -> Result<Self, BaselineError> {
         let Parts { network, needs, form, phases } = parts;
+        let wrong = |reason| BaselineError::Settings { baseline: name, reason };
+        phases.iter().try_for_each(|phase| phase.optim.check()).map_err(wrong)?;
+        if let Some(empty) = params::specs(&network).iter().find(|spec| spec.shape.contains(&0)) {
+            let (layer, shape) = (&empty.name, &empty.shape);
+            return Err(wrong(format!("`{layer}` would hold nothing, {shape:?}; some size is 0: raise it")));
+        }
         let mut network = initialise(network, recipe.seed);
         for phase in &phases {
             network = follow(network, phase.teachers, 0.0);
         }
         let optimisers = phases.iter().map(|_| AdamW::default()).collect();
-        Self { name, recipe, needs, form, phases, network: Some(network), optimisers, device }
+        Ok(Self { name, recipe, needs, form, phases, network: Some(network), optimisers, device })
     }
 
     fn network(&self) -> &N {
@@ -79,6 +90,13 @@ impl<N: Network> Baseline for Learner<N> {
             .filter(|spec| !spec.is_buffer() && trained(spec))
             .map(|spec| spec.shape.iter().product::<usize>())
             .sum()
+    }
+
+    fn has_frozen_encoder(&self) -> bool {
+        let is_trained = |spec: &params::Spec| self.phases.iter().any(|phase| spec.is_below(phase.trains));
+        let specs = params::specs(self.network());
+        let mut encoder = specs.iter().filter(|spec| spec.is_below(&[N::ENCODER])).peekable();
+        encoder.peek().is_some() && !encoder.any(is_trained)
     }
 
     fn train_step(&mut self, batch: &ClipBatch<'_>, at: &Step) -> Result<Losses, BaselineError> {

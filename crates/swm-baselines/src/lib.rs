@@ -30,6 +30,7 @@ mod params;
 mod parity;
 mod pass;
 mod plan;
+mod processor;
 pub mod train;
 mod weights;
 
@@ -44,3 +45,4 @@ pub use models::{
 };
 pub use nn::{CnnConfig, GoalTransformerConfig, Pool, PredictorConfig, VitConfig};
 pub use optim::{OptimConfig, Schedule};
+pub use processor::Processor;

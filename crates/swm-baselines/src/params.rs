@@ -5,7 +5,7 @@
 //! `[in, out]`.
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param, ParamId};
-use burn::tensor::{Gradients, Tensor, TensorData};
+use burn::tensor::{Device, Gradients, Tensor, TensorData};
 
 /// One tensor of a network.
 #[derive(Clone, Debug)]
@@ -119,6 +119,12 @@ impl Path {
 fn kind(container: &str) -> &'static str {
     const KINDS: [&str; 4] = ["Linear", "LayerNorm", "BatchNorm", "Vit"];
     KINDS.iter().find(|kind| **kind == container).unwrap_or(&"")
+}
+
+/// What a network is computed on; it has a tensor.
+pub(crate) fn device_of<M: Module>(module: &M) -> Device {
+    let devices = module.devices();
+    devices.first().cloned().expect("every network has a tensor")
 }
 
 /// All tensors of a network, in a fixed order.

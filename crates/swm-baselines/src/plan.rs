@@ -3,6 +3,7 @@
 //! Candidates go through the network in groups of a fixed size, each from one scene and filled up where it is not full.
 //! So the bits of a cost depend on nothing beside the candidate: not on other scenes, not on threads.
 
+use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 use swm_solvers::Candidates;
@@ -11,10 +12,10 @@ use crate::baseline::PlanModel;
 use crate::data::{Form, Observations, Scenes, Start};
 use crate::error::BaselineError;
 use crate::latents;
-use crate::params::host;
+use crate::params::{device_of, host};
 
 /// A network that predicts from one scene what plans lead to.
-pub(crate) trait SceneModel: Send + Sync {
+pub(crate) trait SceneModel: Module + Sync {
     /// Candidates of a group.
     const GROUP: usize;
 
@@ -53,7 +54,7 @@ pub(crate) struct Planner<M: SceneModel> {
 impl<M: SceneModel> Planner<M> {
     /// Of a copy of the model.
     pub(crate) fn new(model: M) -> Self {
-        Self { model, device: Device::flex(), scenes: Vec::new() }
+        Self { device: device_of(&model), model, scenes: Vec::new() }
     }
 
     fn groups<'a>(&self, candidates: &Candidates<'a>) -> Result<Groups<'a>, BaselineError> {

@@ -4,9 +4,9 @@
 use std::path::Path;
 
 use serde_json::json;
-use swm_baselines::BaselineError;
 use swm_baselines::acting::{LatentModel, POLICIES, ceiling, image_side, is_model, model_files};
 use swm_baselines::train::{FitSettings, MetricSink, NewRun, Record, RunFolder, Split, State, Training};
+use swm_baselines::{BaselineError, Processor};
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
 use swm_core::evaluate::random_episodes;
 use swm_core::policy;
@@ -152,7 +152,15 @@ fn new_run(baseline: &str) -> NewRun<'_> {
     let fit =
         FitSettings { steps: Some(9), batch: 8, log_every: 2, checkpoint_every: 3, ..FitSettings::default() };
     let changes = json!({ "model": model });
-    NewRun { baseline, preset: "small", changes, encoder: None, split: Split::default(), fit }
+    NewRun {
+        baseline,
+        preset: "small",
+        changes,
+        encoder: None,
+        split: Split::default(),
+        fit,
+        processor: Processor::Cpu,
+    }
 }
 
 /// Trains in the folder `name`.
@@ -228,12 +236,18 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     let whole = trained(folder.path(), "lewm", "whole");
     let path = folder.path().join("broken");
     let mut training = Training::create(&path, dataset.as_ref(), &new_run("lewm")).unwrap();
-    assert!(Training::resume(&path, |_| ()).err().unwrap().to_string().contains("another process"));
+    assert!(
+        Training::resume(&path, Processor::Cpu, |_| ())
+            .err()
+            .unwrap()
+            .to_string()
+            .contains("another process")
+    );
     let error = training.run(vec![Box::new(BreakAt(4))]).unwrap_err().to_string();
     assert!(error.contains("broken off"), "{error}");
     drop(training);
 
-    let state = Training::resume(&path, |_| ()).unwrap().run(Vec::new()).unwrap();
+    let state = Training::resume(&path, Processor::Cpu, |_| ()).unwrap().run(Vec::new()).unwrap();
     assert_eq!(state, whole);
     let weights = |name: &str| {
         let run = RunFolder::open(&folder.path().join(name)).unwrap();
@@ -243,7 +257,7 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     assert!(weights("whole") == weights("broken"), "the weights differ");
     let error = Training::create(&path, dataset.as_ref(), &new_run("lewm")).err().unwrap().to_string();
     assert!(error.contains("--resume"), "{error}");
-    let error = Training::resume(&path, |fit| fit.seed = 1).err().unwrap().to_string();
+    let error = Training::resume(&path, Processor::Cpu, |fit| fit.seed = 1).err().unwrap().to_string();
     assert!(error.contains("make a new run"), "{error}");
 }
 
@@ -267,6 +281,9 @@ fn plans_do_not_depend_on_what_else_is_planned() {
     assert!(fails(",sample=3").contains("did you mean `samples`"));
     assert!(fails(",action_block=5").contains("blocks of 2"));
     assert!(fails(",checkpoint=4").contains("[3, 6, 9]"));
+    assert!(fails(",device=gpu").contains("use cpu, cuda"));
+    assert!(fails(",device=cuda:999").contains("device `cuda:999`"));
+    assert!(made(&format!("mpc:{run},device=cpu")).is_ok());
     assert!(made(&format!("policy:{run}")).err().unwrap().contains("mpc:RUN"));
     assert!(paths(&format!("mpc:{run}"), 1, None).err().unwrap().contains("--image-size"));
 

@@ -5,6 +5,7 @@ use crate::cargo_tree::CargoTree;
 
 /// Heavy parts, by a crate that stands for each.
 const TENSORS: &str = "burn";
+const GPU: &str = "cubecl-cuda";
 const HDF5: &str = "hdf5-metno";
 const LANCE: &str = "lance-core";
 const MATRICES: &str = "faer";
@@ -53,6 +54,7 @@ const NEVER: &[(&str, &[&str])] = &[
 const ONLY_WITH: &[(&str, &str)] = &[
     ("baselines", TENSORS),
     ("cli", SHELL),
+    ("cuda", GPU),
     ("faer", MATRICES),
     ("lance", LANCE),
     ("lerobot", PARQUET),
@@ -63,7 +65,7 @@ const ONLY_WITH: &[(&str, &str)] = &[
 ];
 
 /// Features that turn on another one.
-const IMPLIES: &[(&str, &str)] = &[("lance", "mp4"), ("lerobot", "mp4")];
+const IMPLIES: &[(&str, &str)] = &[("cuda", "baselines"), ("lance", "mp4"), ("lerobot", "mp4")];
 
 /// One line for each crate that is in a build and must not be, or is not and should be.
 pub(super) fn offences(choice: &Choice, tree: &CargoTree) -> Vec<String> {

@@ -44,7 +44,7 @@ impl LatentModel {
         let given = Given::of(args)?;
         let TrainedModel { baseline, config, .. } = given.model(args)?;
         if let Some(name) = given.rest.keys().next() {
-            return Err(args.wrong(format!("setting `{name}`: unknown; known is checkpoint")));
+            return Err(args.wrong(format!("setting `{name}`: unknown; known are checkpoint and device")));
         }
         let found = baseline.name();
         if args.name != ANY && args.name != found {

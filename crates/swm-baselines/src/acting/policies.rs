@@ -10,6 +10,7 @@ use swm_solvers::{LearnedCost, MpcPolicy, SOLVER_SETTING, plan_on, take_solver};
 use super::cost::ModelCost;
 use super::goal_policy::ModelPolicy;
 use crate::error::BaselineError;
+use crate::processor::Processor;
 use crate::train::{RunConfig, RunFolder, TrainedModel, Which};
 
 /// Policies for every environment that shows pictures.
@@ -30,14 +31,16 @@ pub const POLICIES: &[PolicyEntry] = &[
 pub const MPC: PolicyEntry = PolicyEntry {
     name: "mpc",
     summary: "plans on a trained world model (`mpc:RUN,solver=cem`), with the settings of the solver and of the plan",
-    settings: &[RUN, CHECKPOINT, SOLVER_SETTING],
+    settings: &[RUN, CHECKPOINT, DEVICE, SOLVER_SETTING],
     make: |_, args| Ok(Box::new(mpc_policy(args)?)),
 };
 
 const RUN: Setting = Setting { name: "RUN", doc: "folder of a training run", default: "required" };
 const CHECKPOINT: Setting =
     Setting { name: "checkpoint", doc: "which checkpoint: last, best, or a step", default: "last" };
-const POLICY_SETTINGS: &[Setting] = &[RUN, CHECKPOINT];
+const DEVICE: Setting =
+    Setting { name: "device", doc: "what it is computed on: cpu, cuda, cuda:1 …", default: "cpu" };
+const POLICY_SETTINGS: &[Setting] = &[RUN, CHECKPOINT, DEVICE];
 
 const fn named(
     name: &'static str,
@@ -51,7 +54,7 @@ fn model_policy(args: &PolicyArgs, baseline: Option<&str>) -> Result<Box<dyn Pol
     let given = Given::of(args)?;
     let model = given.model(args)?;
     if let Some(name) = given.rest.keys().next() {
-        return Err(args.wrong(format!("setting `{name}`: unknown; known is checkpoint")));
+        return Err(args.wrong(format!("setting `{name}`: unknown; known are checkpoint and device")));
     }
     let found = model.baseline.name();
     if let Some(wanted) = baseline.filter(|wanted| *wanted != found) {
@@ -104,6 +107,7 @@ fn of_table(args: &PolicyArgs) -> Option<Given> {
 pub(super) struct Given {
     run: PathBuf,
     which: Which,
+    processor: Processor,
     pub(super) rest: Map<String, Json>,
 }
 
@@ -120,10 +124,17 @@ impl Given {
                 .map_err(|reason| args.wrong(format!("setting `checkpoint`: {reason}")))?,
             None => Which::default(),
         };
-        Ok(Self { run: text(run).into(), which, rest })
+        let processor = match rest.shift_remove("device") {
+            Some(name) => {
+                text(&name).parse().map_err(|error: BaselineError| args.wrong(error.to_string()))?
+            }
+            None => Processor::default(),
+        };
+        Ok(Self { run: text(run).into(), which, processor, rest })
     }
 
     pub(super) fn model(&self, args: &PolicyArgs) -> Result<TrainedModel, PolicyError> {
-        TrainedModel::open(&self.run, self.which).map_err(|error| args.wrong(error.to_string()))
+        TrainedModel::open(&self.run, self.which, self.processor)
+            .map_err(|error| args.wrong(error.to_string()))
     }
 }

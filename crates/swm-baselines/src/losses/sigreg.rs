@@ -26,6 +26,20 @@ impl Default for SigregConfig {
     }
 }
 
+impl SigregConfig {
+    /// What is wrong with it, if anything is.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        let Self { weight, knots, projections } = *self;
+        match (weight.is_finite(), knots, projections) {
+            (true, 2.., 1..) => Ok(()),
+            _ => Err(format!(
+                "`sigreg` with weight {weight}, {knots} knots and {projections} projections; it needs a finite weight, \
+                 at least 2 knots and 1 projection"
+            )),
+        }
+    }
+}
+
 /// The end of the interval of knots.
 const END: f32 = 3.0;
 

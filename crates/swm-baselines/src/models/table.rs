@@ -12,6 +12,7 @@ use crate::data::Facts;
 use crate::error::BaselineError;
 use crate::learner::Learner;
 use crate::network::{Network, Parts};
+use crate::processor::Processor;
 
 /// From the name of a preset, and changes to it, to all settings.
 type SettingsOf = fn(&str, &Json) -> Result<Json, BaselineError>;
@@ -48,7 +49,7 @@ macro_rules! entry {
             make: |recipe, device| {
                 let config: $folder::$config = parse($folder::NAME, &recipe.settings)?;
                 let parts = $folder::make(&config, &recipe.facts, device)?;
-                Ok(learner($folder::NAME, recipe, parts, device))
+                learner($folder::NAME, recipe, parts, device)
             },
         }
     };
@@ -78,6 +79,8 @@ pub struct MakeOptions<'a> {
     pub facts: Facts,
     /// The seed of its first weights.
     pub seed: u64,
+    /// What it is computed on.
+    pub processor: Processor,
 }
 
 /// A new model with fresh weights.
@@ -101,7 +104,7 @@ pub fn make(name: &str, options: &MakeOptions<'_>) -> Result<Box<dyn Baseline>, 
         facts: options.facts,
         seed: options.seed,
     };
-    (entry.make)(recipe, &Device::flex())
+    (entry.make)(recipe, &options.processor.device()?)
 }
 
 /// The model of a recipe, with its first weights.
@@ -109,8 +112,8 @@ pub fn make(name: &str, options: &MakeOptions<'_>) -> Result<Box<dyn Baseline>, 
 /// # Errors
 ///
 /// No such baseline, or settings that it does not take.
-pub fn restore(recipe: &Recipe) -> Result<Box<dyn Baseline>, BaselineError> {
-    (find(&recipe.baseline)?.make)(recipe.clone(), &Device::flex())
+pub fn restore(recipe: &Recipe, processor: Processor) -> Result<Box<dyn Baseline>, BaselineError> {
+    (find(&recipe.baseline)?.make)(recipe.clone(), &processor.device()?)
 }
 
 fn learner<N: Network>(
@@ -118,8 +121,8 @@ fn learner<N: Network>(
     recipe: Recipe,
     parts: Parts<N>,
     device: &Device,
-) -> Box<dyn Baseline> {
-    Box::new(Learner::new(name, recipe, parts, device.clone()))
+) -> Result<Box<dyn Baseline>, BaselineError> {
+    Ok(Box::new(Learner::new(name, recipe, parts, device.clone())?))
 }
 
 fn parse<C: DeserializeOwned>(baseline: &'static str, settings: &Json) -> Result<C, BaselineError> {

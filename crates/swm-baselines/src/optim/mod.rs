@@ -28,6 +28,32 @@ pub struct OptimConfig {
     pub schedule: Schedule,
 }
 
+impl OptimConfig {
+    /// What is wrong with it, if anything is.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        let Self { lr, weight_decay, betas, epsilon, clip, schedule } = self;
+        let above_zero = |name: &str, value: f64| match value > 0.0 && value.is_finite() {
+            true => Ok(()),
+            false => Err(format!("`optim.{name}` is {value}; it must be above 0")),
+        };
+        let in_unit = |name: &str, value: f64| match (0.0..=1.0).contains(&value) {
+            true => Ok(()),
+            false => Err(format!("`optim.{name}` is {value}; it must be in [0, 1]")),
+        };
+        above_zero("lr", *lr)?;
+        above_zero("epsilon", *epsilon)?;
+        clip.map_or(Ok(()), |clip| above_zero("clip", clip))?;
+        in_unit("weight_decay", *weight_decay)?;
+        if let Some(beta) = betas.iter().find(|beta| !(0.0..1.0).contains(*beta)) {
+            return Err(format!("`optim.betas` holds {beta}; each must be in [0, 1)"));
+        }
+        match schedule {
+            Schedule::Constant => Ok(()),
+            Schedule::WarmUpCosine { warm_up } => in_unit("schedule.warm_up_cosine.warm_up", *warm_up),
+        }
+    }
+}
+
 impl Default for OptimConfig {
     fn default() -> Self {
         Self {

@@ -162,6 +162,16 @@ impl TrainData {
         let columns: &[&str] = if needs.proprio { &[PIXELS, ACTION, PROPRIO] } else { &[PIXELS, ACTION] };
         let action = check_columns(dataset, baseline, columns)?;
         let [train, validation] = parts(dataset, split)?;
+        let spanned = needs.num_steps * needs.frameskip;
+        let longest = train.iter().map(|&episode| dataset.episode_len(episode)).max().unwrap_or(0);
+        if longest < spanned {
+            let reason = format!(
+                "a clip of its training spans {spanned} rows, {} of every {}, and the longest episode has {longest}; record \
+                 longer ones, or lower `model.history` or `model.frameskip` with --set",
+                needs.num_steps, needs.frameskip
+            );
+            return Err(columns_error(dataset, baseline, reason));
+        }
         let mut learnt = Subset::new(dataset.share(), &train)?;
         let scales = scales(&mut learnt, baseline, &columns[1..])?;
         let clips = |phase: &Phase| -> Result<PhaseClips, BaselineError> {
@@ -344,6 +354,11 @@ mod tests {
         assert!(no_pictures.contains("no column `pixels`, `proprio`, only `action`"), "{no_pictures}");
         assert!(no_pictures.contains("--image-size"), "{no_pictures}");
         assert!(message(true).contains("another baseline"));
+        let needs = Needs { num_steps: 4, frameskip: 2, image: 2, proprio: false, batch: 4 };
+        let short = TrainData::new(&dataset(3, true), "lewm", &needs, &[toy_phase()], Split::default(), 0);
+        let short = short.err().unwrap().to_string();
+        assert!(short.starts_with("toy cannot train lewm: ") && short.contains("spans 8 rows"), "{short}");
+        assert!(short.contains("has 6; record longer ones"), "{short}");
         let share = |split| open(3, true, false, split).err().unwrap().to_string();
         assert!(share(Split { train: 0.0, ..Split::default() }).contains("above 0"));
         assert!(share(Split { held_out: 1.0, ..Split::default() }).contains("held_out"));

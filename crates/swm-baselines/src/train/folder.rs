@@ -207,7 +207,7 @@ impl RunFolder {
     }
 
     /// Removes what is not needed: checkpoints but the last `keep` and that of step `best`, what optimisers remember but
-    /// the last, and files that a kill left half written.
+    /// the last, and what a kill left: files half written, and those of a checkpoint without a description.
     ///
     /// # Errors
     ///
@@ -230,7 +230,11 @@ impl RunFolder {
         let folder = self.checkpoints_dir();
         let entries = fs::read_dir(&folder).map_err(|error| self.io("read", &folder, error))?;
         for entry in entries.filter_map(Result::ok) {
-            if entry.file_name().to_string_lossy().starts_with(DRAFT) {
+            let name = entry.file_name();
+            let name = name.to_string_lossy();
+            let step =
+                name.strip_prefix("step-").and_then(|rest| rest.split('.').next()?.parse::<u64>().ok());
+            if name.starts_with(DRAFT) || step.is_some_and(|step| !steps.contains(&step)) {
                 gone(entry.path())?;
             }
         }
@@ -290,18 +294,22 @@ impl RunFolder {
 
     fn read_json<T: DeserializeOwned>(&self, path: &Path) -> Result<T, BaselineError> {
         let bytes = fs::read(path).map_err(|error| self.io("read", path, error))?;
-        serde_json::from_slice(&bytes).map_err(|error| self.wrong(format!("{}: {error}", path.display())))
+        serde_json::from_slice(&bytes).map_err(|error| self.damaged(path, &error.to_string()))
     }
 
     fn checked(&self, path: PathBuf, hash: &str) -> Result<PathBuf, BaselineError> {
-        let bytes = fs::read(&path).map_err(|error| self.io("read", &path, error))?;
+        let bytes = fs::read(&path).map_err(|error| self.damaged(&path, &error.to_string()))?;
         match sha256(&bytes) == hash {
             true => Ok(path),
-            false => Err(self.wrong(format!(
-                "{} is not what was written: its hash is another; use an earlier checkpoint",
-                path.display()
-            ))),
+            false => Err(self.damaged(&path, "not what was written, its hash is another")),
         }
+    }
+
+    /// About a file that others have damaged: by itself a run has whole ones only.
+    fn damaged(&self, path: &Path, reason: &str) -> BaselineError {
+        let way_out =
+            "bring back a copy of it, plan with an earlier checkpoint (`checkpoint=STEP`), or make a new run";
+        self.wrong(format!("{}: {reason}; {way_out}", path.display()))
     }
 }
 
@@ -355,6 +363,12 @@ mod tests {
         fs::write(run.weights(7), b"weight").unwrap();
         let message = run.checked_weights(&checkpoint).unwrap_err().to_string();
         assert!(message.contains("step-00000007.safetensors") && message.contains("earlier"), "{message}");
+        fs::remove_file(run.training(7)).unwrap();
+        let message = run.checked_training(&checkpoint).unwrap_err().to_string();
+        assert!(message.contains("training.safetensors: ") && message.contains("a new run"), "{message}");
+        fs::write(run.config_file(), b"{").unwrap();
+        let message = run.config::<String>().unwrap_err().to_string();
+        assert!(message.contains("config.json: EOF") && message.contains("bring back a copy"), "{message}");
     }
 
     #[test]
@@ -365,10 +379,11 @@ mod tests {
             write(&run, step, &());
         }
         fs::write(run.path.join("checkpoints/new-step-00000006.safetensors"), b"half").unwrap();
+        fs::write(run.weights(7), b"a kill came before the description").unwrap();
         assert_eq!(steps_after(&run, 2, Some(2)), [2, 4, 5]);
-        let states = (1..=6).filter(|&step| run.training(step).exists());
+        let states = (1..=7).filter(|&step| run.training(step).exists());
         assert_eq!(states.collect::<Vec<_>>(), [5]);
-        assert!(run.weights(2).exists() && !run.weights(3).exists());
+        assert!(run.weights(2).exists() && !run.weights(3).exists() && !run.weights(7).exists());
         assert_eq!(steps_after(&run, 0, None), [5]);
         assert_eq!(fs::read_dir(run.checkpoints_dir()).unwrap().count(), 3);
     }

@@ -15,6 +15,7 @@ use crate::baseline::Baseline;
 use crate::data::Facts;
 use crate::error::BaselineError;
 use crate::models::table::{MakeOptions, make, restore};
+use crate::processor::Processor;
 
 /// What a new run is made from.
 #[derive(Clone, Debug)]
@@ -31,6 +32,8 @@ pub struct NewRun<'a> {
     pub split: Split,
     /// How long, and how often it is looked at.
     pub fit: FitSettings,
+    /// What it is computed on: no part of the run, which may go on elsewhere.
+    pub processor: Processor,
 }
 
 /// A training that is ready to run. It holds the run's folder until it is dropped.
@@ -50,16 +53,26 @@ impl Training {
     /// A run is there already, settings that do not go together, a dataset that lacks what the model needs, or an
     /// encoder that cannot be read.
     pub fn create(folder: &Path, dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
-        let NewRun { baseline, preset, changes, encoder, split, fit } = new;
+        let &NewRun { baseline, preset, ref changes, encoder, split, ref fit, processor } = new;
         fit.check()?;
         let DataFacts { action, proprio } = DataFacts::of(dataset, baseline)?;
         let facts = Facts { action_width: action, proprio_width: proprio };
-        let options = MakeOptions { preset, changes: changes.clone(), facts, seed: fit.seed };
+        let options = MakeOptions { preset, changes: changes.clone(), facts, seed: fit.seed, processor };
         let mut model = make(baseline, &options)?;
-        if let Some(encoder) = encoder {
-            model.load_encoder(encoder)?;
+        match encoder {
+            Some(encoder) => model.load_encoder(encoder)?,
+            None if model.has_frozen_encoder() => {
+                return Err(BaselineError::Settings {
+                    baseline: model.name(),
+                    reason:
+                        "its encoder is not trained, and would be random; give its weights, such as those of \
+                             facebook/dinov2-small, with --encoder FILE"
+                            .to_owned(),
+                });
+            }
+            None => {}
         }
-        let data = TrainData::new(dataset, baseline, model.needs(), model.phases(), *split, fit.seed)?;
+        let data = TrainData::new(dataset, baseline, model.needs(), model.phases(), split, fit.seed)?;
         let mut fit = fit.clone();
         if fit.batch == 0 {
             fit.batch = model.needs().batch;
@@ -77,7 +90,11 @@ impl Training {
     ///
     /// There is no run, another process trains in it, its dataset is gone or another, or `change` altered what must
     /// stay.
-    pub fn resume(folder: &Path, change: impl FnOnce(&mut FitSettings)) -> Result<Self, BaselineError> {
+    pub fn resume(
+        folder: &Path,
+        processor: Processor,
+        change: impl FnOnce(&mut FitSettings),
+    ) -> Result<Self, BaselineError> {
         let run = RunFolder::open(folder)?;
         let lock = run.lock()?;
         let mut config = RunConfig::read(&run)?;
@@ -90,8 +107,12 @@ impl Training {
                 run.wrong("batch and seed are those that it was begun with; make a new run to change them")
             );
         }
-        let dataset = swm_data::open(&config.data.path)?;
-        let model = restore(&config.recipe)?;
+        let dataset = swm_data::open(&config.data.path).map_err(|error| {
+            run.wrong(format!(
+                "its dataset is not there: {error}; bring it back, or write its place into `data.path` of config.json"
+            ))
+        })?;
+        let model = restore(&config.recipe, processor)?;
         let name = model.name();
         let data =
             TrainData::new(dataset.as_ref(), name, model.needs(), model.phases(), config.data.split, seed)?;

@@ -120,6 +120,9 @@ impl Baseline for Toy {
         self.weights = load(path);
         Ok(())
     }
+    fn has_frozen_encoder(&self) -> bool {
+        false
+    }
     fn load_encoder(&mut self, _path: &Path) -> Result<(), BaselineError> {
         Ok(())
     }

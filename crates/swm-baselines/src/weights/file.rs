@@ -133,7 +133,8 @@ pub(crate) fn write(path: &Path, tensors: Vec<(String, Vec<usize>, Vec<f32>)>) -
     }
     let file = safetensors::serialize(views, None).map_err(|error| failed(&error))?;
     let part = path.with_extension("part");
-    fs::write(&part, file).and_then(|()| fs::rename(&part, path)).map_err(|error| failed(&error))
+    let io = |source| BaselineError::Io { action: "write", path: path.to_owned(), source };
+    fs::write(&part, file).and_then(|()| fs::rename(&part, path)).map_err(io)
 }
 
 #[cfg(test)]

@@ -61,8 +61,9 @@ impl ActionMap {
         scale.check()?;
         if scale.width() != low.len() {
             let (found, expected) = (scale.width(), low.len());
-            let reason =
-                format!("holds {found} numbers, and the action has {expected}; use that of a model for it");
+            let reason = format!(
+                "is of {found} numbers, and the action has {expected}; take a model of this environment"
+            );
             return Err(PlanError::setting(NAME, reason));
         }
         let planned = |bounds: &[f64]| -> Vec<f64> {
@@ -209,7 +210,7 @@ mod tests {
         let scale = ActionScale::MeanStd { mean: vec![0.0], std: vec![1.0] };
         let message = |space: &Space| ActionMap::scaled(space, &scale, true).unwrap_err().to_string();
         let two = Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0);
-        assert!(message(&two).contains("holds 1 numbers, and the action has 2"));
+        assert!(message(&two).contains("is of 1 numbers, and the action has 2"));
         assert!(message(&Space::Discrete { n: 3, start: 0 }).contains("the action space is discrete"));
     }
 

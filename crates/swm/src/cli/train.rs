@@ -51,6 +51,9 @@ pub(super) struct Train {
     /// Clips per step. Default: the preset's.
     #[arg(long, conflicts_with = "resume")]
     batch: Option<usize>,
+    /// What it is computed on: cpu; in builds with the feature `cuda` also cuda, cuda:1 …
+    #[arg(long, default_value = "cpu")]
+    device: String,
     /// Seed of weights, order and noise. Default: 42.
     #[arg(long, conflicts_with = "resume")]
     seed: Option<u64>,
@@ -103,6 +106,7 @@ mod work {
                 epochs: _,
                 steps: _,
                 batch: _,
+                device: _,
                 seed: _,
                 split: _,
                 held_out: _,

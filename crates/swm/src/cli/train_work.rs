@@ -21,8 +21,9 @@ impl Train {
             return list(output);
         }
         let out = self.out.as_deref().ok_or_else(|| usage("--out: name the run's folder"))?;
+        let processor = self.device.parse().map_err(failure)?;
         let mut training = if self.resume {
-            Training::resume(out, |fit| self.apply(fit)).map_err(failure)?
+            Training::resume(out, processor, |fit| self.apply(fit)).map_err(failure)?
         } else {
             let (Some(baseline), Some(data)) = (self.baseline.as_deref(), &self.data) else {
                 return Err(usage("name a baseline and give --data"));
@@ -31,7 +32,7 @@ impl Train {
             self.apply(&mut fit);
             let split = Split { train: self.split, held_out: self.held_out, seed: fit.seed };
             let (changes, encoder) = (changes(&self.set)?, self.encoder.as_deref());
-            let new = NewRun { baseline, preset: &self.preset, changes, encoder, split, fit };
+            let new = NewRun { baseline, preset: &self.preset, changes, encoder, split, fit, processor };
             Training::create(out, swm_data::open(data)?.as_ref(), &new).map_err(failure)?
         };
         let model = training.model();
@@ -78,6 +79,7 @@ fn failure(error: BaselineError) -> Failure {
         | BaselineError::Settings { .. }
         | BaselineError::Training { .. }
         | BaselineError::Columns { .. }
+        | BaselineError::Device { .. }
         | BaselineError::Run { .. } => usage(error),
         error => error.into(),
     }

@@ -29,6 +29,7 @@ fn features() -> Vec<&'static str> {
     [
         ("baselines", cfg!(feature = "baselines")),
         ("cli", cfg!(feature = "cli")),
+        ("cuda", cfg!(feature = "cuda")),
         ("faer", cfg!(feature = "faer")),
         ("lance", cfg!(feature = "lance")),
         ("lerobot", cfg!(feature = "lerobot")),

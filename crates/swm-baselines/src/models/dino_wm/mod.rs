@@ -84,6 +84,7 @@ impl DinoWmConfig {
 
     fn check(&self, facts: &Facts) -> Result<(), String> {
         let positive = [
+            ("image", self.image),
             ("action", self.action),
             ("history", self.history),
             ("frameskip", self.frameskip),

@@ -77,6 +77,7 @@ pub(crate) fn make(
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let GciqlConfig { model, critic_hidden, optim, value } = config;
+    value.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let observer = Observer::new(NAME, model, facts, device)?;
     let (form, tokens) = (model.form(facts), model.tokens());
     let mean = crate::nn::GoalTransformerConfig { pool: Pool::Mean, ..model.predictor.clone() };

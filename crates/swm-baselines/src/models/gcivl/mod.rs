@@ -45,6 +45,21 @@ pub struct ValueConfig {
     pub alpha: f64,
 }
 
+impl ValueConfig {
+    /// What is wrong with it, if anything is.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        let Self { discount, expectile, momentum, alpha } = *self;
+        let shares = [("discount", discount), ("expectile", expectile), ("momentum", momentum)];
+        if let Some((name, value)) = shares.iter().find(|(_, value)| !(0.0..=1.0).contains(value)) {
+            return Err(format!("`value.{name}` is {value}; it must be in [0, 1]"));
+        }
+        match alpha.is_finite() {
+            true => Ok(()),
+            false => Err(format!("`value.alpha` is {alpha}; it must be finite")),
+        }
+    }
+}
+
 impl Default for ValueConfig {
     /// The reference's for GCIVL.
     fn default() -> Self {
@@ -93,6 +108,7 @@ pub(crate) fn make(
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let GcivlConfig { model, optim, value } = config;
+    value.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let observer = Observer::new(NAME, model, facts, device)?;
     let (form, tokens) = (model.form(facts), model.tokens());
     let predictor = |outputs| GoalPredictor::new(&model.predictor, &tokens, outputs, device);

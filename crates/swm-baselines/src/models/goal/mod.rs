@@ -86,6 +86,7 @@ impl GoalConfig {
 
     fn check(&self) -> Result<(), String> {
         let positive = [
+            ("image", self.image),
             ("history", self.history),
             ("frameskip", self.frameskip),
             ("batch", self.batch),

@@ -1,6 +1,6 @@
 //! Goal-conditioned policies at work: the mean action of each scene.
 
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use rayon::prelude::*;
 
 use super::Observer;
@@ -8,7 +8,7 @@ use crate::baseline::GoalPolicy;
 use crate::data::{Form, Scenes, Start};
 use crate::error::BaselineError;
 use crate::nn::GoalPredictor;
-use crate::params::host;
+use crate::params::{device_of, host};
 use crate::pass::Pass;
 
 /// A copy of what acts.
@@ -41,7 +41,7 @@ impl GoalPolicy for ActingPolicy {
     }
 
     fn act(&mut self, scenes: &Scenes<'_>, actions: &mut [f32]) -> Result<(), BaselineError> {
-        let start = Start::new(scenes, &self.form, &Device::flex())?;
+        let start = Start::new(scenes, &self.form, &device_of(&self.actor))?;
         let (steps, width) = (scenes.pixels.steps, self.form.action);
         if steps > self.history || actions.len() != scenes.pixels.rows * width {
             let reason = format!(

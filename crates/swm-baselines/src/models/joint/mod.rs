@@ -73,6 +73,7 @@ impl JointConfig {
 
     fn check(&self) -> Result<(), String> {
         let positive = [
+            ("image", self.image),
             ("width", self.width),
             ("projector", self.projector),
             ("history", self.history),

@@ -59,6 +59,7 @@ pub(crate) fn make(
     facts: &Facts,
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
+    config.sigreg.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let model = Joint::new(NAME, &config.model, facts, device)?;
     let phase = Phase {
         name: "train",
