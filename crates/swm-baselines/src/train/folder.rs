@@ -366,7 +366,7 @@ mod tests {
         fs::remove_file(run.training(7)).unwrap();
         let message = run.checked_training(&checkpoint).unwrap_err().to_string();
         assert!(message.contains("training.safetensors: ") && message.contains("a new run"), "{message}");
-        fs::write(run.config_file(), b"{").unwrap();
+        fs::write(run.config_file(), b"\"wha").unwrap();
         let message = run.config::<String>().unwrap_err().to_string();
         assert!(message.contains("config.json: EOF") && message.contains("bring back a copy"), "{message}");
     }
