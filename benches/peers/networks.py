@@ -37,7 +37,9 @@ def main():
     binary = options.network_times or peer.build("swm-baselines", "network_times", kind="example")
     os.environ["RAYON_NUM_THREADS"] = str(options.threads)
     theirs, ours = {}, {}
-    with peer.Peer(python, "networks_reference.py", str(options.threads)) as reference:
+    # Threads that spin while they wait would count as work, the more the busier the machine is.
+    waiting = {"OMP_WAIT_POLICY": "passive", "GOMP_SPINCOUNT": "0"}
+    with peer.Peer(python, "networks_reference.py", str(options.threads), env=waiting) as reference:
         for _ in range(options.rounds):
             for case in TARGETS:
                 answer = reference.ask({"case": case, "seconds": options.seconds})
