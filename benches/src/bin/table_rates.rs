@@ -1,5 +1,5 @@
-//! `table-rates ENV [SECONDS]`: how often per second an environment on MuJoCo steps and resets in a world of one, without
-//! pictures and with, as JSON. For `peers/ogb.py`.
+//! `table-rates ENV [SECONDS] [CASE]`: how often per second an environment on MuJoCo steps and resets in a world of one, without
+//! pictures and with, as JSON; `CASE`: only cases that begin so. For `peers/ogb.py`.
 
 use anyhow::{Context as _, Result};
 use swm_benches::{Measurement, print, seconds};
@@ -8,21 +8,25 @@ use swm_envs_mujoco::ENVS;
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let id = arguments.next().context("usage: table-rates ENV [SECONDS]")?;
+    let id = arguments.next().context("usage: table-rates ENV [SECONDS] [CASE]")?;
     let seconds = seconds(arguments.next())?;
+    let wanted = arguments.next().unwrap_or_default();
     let entry = Registry::new().with_envs(ENVS).env(&id)?;
     let mut measurements = Vec::new();
     for side in [None, Some(64), Some(224)] {
         let mut world = world_of_one(entry, side)?;
         let picture = side.map_or("none".to_owned(), |side| side.to_string());
-        measurements.push(Measurement::world_steps(format!("step/{picture}"), &mut world, seconds)?);
+        let steps = format!("step/{picture}");
+        if steps.starts_with(&wanted) {
+            measurements.push(Measurement::world_steps(steps, &mut world, seconds)?);
+        }
         for (name, options) in scenarios() {
-            measurements.push(Measurement::repeat(
-                format!("reset/{picture}/{name}"),
-                1,
-                seconds,
-                |episode, clock| Ok(clock.time(|| world.reset(episode, &options(episode)))?),
-            )?);
+            let resets = format!("reset/{picture}/{name}");
+            if resets.starts_with(&wanted) {
+                measurements.push(Measurement::repeat(resets, 1, seconds, |episode, clock| {
+                    Ok(clock.time(|| world.reset(episode, &options(episode)))?)
+                })?);
+            }
         }
     }
     print(&measurements)
