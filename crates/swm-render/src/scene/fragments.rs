@@ -1,7 +1,9 @@
 //! Pieces of pixels that show one surface, sorted by surface.
 
+use super::grid::Raster;
 use super::lanes::LANES;
-use super::samples::{NOTHING, Raster, Samples};
+use super::samples::Samples;
+use super::target::{NOTHING, Target};
 
 /// Fragments in the order of their surfaces, and of pixels for each.
 #[derive(Debug, Default)]
@@ -97,7 +99,7 @@ impl Fragments {
         for &edge in edges.iter().chain([&(raster.len() as u32)]) {
             while pixel < edge as usize {
                 let row_end = (pixel / width + 1) * width;
-                let stretch = &raster.owner[pixel..row_end.min(edge as usize)];
+                let stretch = &raster.known.owner[pixel..row_end.min(edge as usize)];
                 // Neighbours that are no edges show the same, unless edges were not looked for.
                 let owner = stretch[0];
                 let length = stretch.iter().position(|&other| other != owner).unwrap_or(stretch.len());
@@ -134,6 +136,35 @@ impl Fragments {
         let nothing = &mut self.starts[surfaces];
         *nothing = list.len();
         self.settle();
+    }
+
+    /// Fragments of a window in a picture of this width in which one surface is drawn: its pixels, row by row.
+    pub(super) fn of_window(&mut self, window: &Raster, width: usize) {
+        let area = window.area();
+        self.starts.clear();
+        self.starts.extend([0, window.len()]);
+        self.make_room(0);
+        let mut count = 0;
+        for row in area.y0..area.y1 {
+            let range = window.within(row, area.x0, area.x1);
+            let owners = &window.known.owner[range.clone()];
+            for (group, owners) in owners.chunks(LANES).enumerate() {
+                if owners.iter().all(|&owner| owner == NOTHING) {
+                    continue;
+                }
+                for (offset, _) in owners.iter().enumerate().filter(|(_, owner)| **owner != NOTHING) {
+                    let column = LANES * group + offset;
+                    let (at, x) = (range.start + column, area.x0 + column);
+                    self.x[count] = x as f32 + 0.5;
+                    self.y[count] = row as f32 + 0.5;
+                    self.nearness[count] = window.nearness[at];
+                    self.facet[count] = window.known.facet[at];
+                    self.pixel[count] = (row * width + x) as u32;
+                    count += 1;
+                }
+            }
+        }
+        self.starts[1] = count;
     }
 
     /// One pixel from four points: one fragment per surface, at the middle of its points.
@@ -199,7 +230,7 @@ impl Fragments {
         *start = to.end;
         let from = pixel..pixel + length;
         self.nearness[to.clone()].copy_from_slice(&raster.nearness[from.clone()]);
-        self.facet[to.clone()].copy_from_slice(&raster.facet[from]);
+        self.facet[to.clone()].copy_from_slice(&raster.known.facet[from]);
         self.share[to.clone()].fill(1.0);
         let (x, y) = (pixel % raster.width(), pixel / raster.width());
         self.y[to.clone()].fill(y as f32 + 0.5);

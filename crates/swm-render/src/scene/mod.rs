@@ -19,6 +19,7 @@
 mod assets;
 mod description;
 mod fragments;
+mod grid;
 mod height_field;
 mod lanes;
 mod lighting;
@@ -31,6 +32,8 @@ mod shadow;
 mod shape;
 mod simplify;
 mod sky;
+mod small;
+mod target;
 mod texture;
 mod triangles;
 mod vector;

@@ -6,12 +6,14 @@ mod mirror;
 use super::assets::Assets;
 use super::description::{Instance, Mapping, Scene, Shape};
 use super::fragments::Fragments;
+use super::grid::Raster;
 use super::lanes::{LANES, Lanes3};
 use super::lighting::Lamp;
-use super::samples::{NOTHING, Raster, Samples, Target};
+use super::samples::Samples;
 use super::shading::{Memory, Shading};
 use super::shadow::ShadowMap;
 use super::sky::Sky;
+use super::target::{NOTHING, Target};
 use super::triangles::{Projected, Sides};
 use super::vector::{Vector, column, dot, sub};
 use super::view::View;
@@ -85,6 +87,7 @@ pub struct SceneRenderer {
     fine: Samples,
     fragments: Fragments,
     mirror: Samples,
+    window: Raster,
     mirrored: Fragments,
     maps: Vec<ShadowMap>,
     lamps: Vec<Lamp>,
@@ -119,6 +122,7 @@ impl SceneRenderer {
             fine: Samples::default(),
             fragments: Fragments::default(),
             mirror: Samples::default(),
+            window: Raster::default(),
             mirrored: Fragments::default(),
             maps: Vec::new(),
             lamps: Vec::new(),
@@ -140,6 +144,7 @@ impl SceneRenderer {
         self.edges.reserve(pixels / 4);
         self.fine.reserve(points, pixels + self.height);
         self.mirror.reserve(2 * points, pixels + self.height);
+        self.window.reserve(pixels);
         self.fragments.reserve(2 * points);
         self.mirrored.reserve(2 * points);
         self.veils.reserve(points);
@@ -219,7 +224,7 @@ impl SceneRenderer {
         self.see_veils(scene, assets);
         let far = scene.camera.far as f32;
         for (depth, (&owner, &nearness)) in
-            depth.iter_mut().zip(self.raster.owner.iter().zip(&self.raster.nearness))
+            depth.iter_mut().zip(self.raster.known.owner.iter().zip(&self.raster.nearness))
         {
             *depth = if owner == NOTHING { far } else { 1.0 / nearness };
         }
@@ -239,7 +244,7 @@ impl SceneRenderer {
     ) -> Result<(), RenderError> {
         check_len("segments", segments.len() * 3, self.height, self.width)?;
         self.see_veils(scene, assets);
-        for (segment, &owner) in segments.iter_mut().zip(&self.raster.owner) {
+        for (segment, &owner) in segments.iter_mut().zip(&self.raster.known.owner) {
             let seen = scene.instances.get(usize::from(owner));
             *segment = seen.map_or(super::NO_SEGMENT, |instance| instance.segment);
         }
@@ -265,7 +270,7 @@ impl SceneRenderer {
     /// What is nearest at the middle of every pixel.
     fn see(&mut self, scene: &Scene, assets: &Assets, view: &View) {
         self.knows_veils = false;
-        self.raster.begin(self.width, self.height, view.nearest(), view.farthest());
+        self.raster.begin([self.width, self.height], view.nearest(), view.farthest());
         draw_opaque(scene, assets, view, Sides::Front, None, &mut self.projected, &mut self.raster);
     }
 
@@ -275,7 +280,7 @@ impl SceneRenderer {
         if !self.quality.antialias {
             return;
         }
-        let (width, height, owner) = (self.width, self.height, &self.raster.owner);
+        let (width, height, owner) = (self.width, self.height, &self.raster.known.owner);
         self.fine.begin(width, 2.0);
         self.flags.resize(width, 0);
         let nearest = view.nearest();

@@ -1,52 +1,11 @@
-//! Points of a picture and what is nearest at each: a whole raster, a chosen list, or a map of distances alone.
+//! Chosen points of a picture and what is nearest at each.
 
 use std::ops::Range;
 
-use super::lanes::{LANES, Lanes, load, splat};
+use super::grid::{mark, put};
+use super::lanes::{LANES, Lanes, load};
+use super::target::{NOTHING, Target};
 use super::view::Area;
-
-/// What a sample shows where nothing is.
-pub(super) const NOTHING: u16 = u16::MAX;
-
-/// What surfaces are drawn into: points in rows of pixels, from left to right in each.
-pub(super) trait Target {
-    /// How many points there are along the length of a pixel, at odd halves of their spacing; or many, if they can be
-    /// anywhere.
-    fn density(&self) -> f32;
-
-    /// The pixels whose points may lie in `left..=right` × `top..=bottom`, which is inside of the picture.
-    fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area;
-
-    /// The points in columns `x0..x1` of a row.
-    fn within(&self, row: usize, x0: usize, x1: usize) -> Range<usize>;
-
-    /// Positions in pixels of the point `at`.
-    fn point(&self, row: usize, at: usize) -> (f32, f32);
-
-    /// Positions in pixels of the points from `at` on; those beyond the row mean nothing.
-    fn points(&self, row: usize, at: usize) -> (Lanes, Lanes);
-
-    /// Shows a surface at the points from `at` on whose bit in `mask` is set and where it is nearer than what is there.
-    fn offer(&mut self, at: usize, mask: u32, nearness: Lanes, owner: u16, facet: Option<u32>);
-
-    /// The same for one point.
-    fn offer_one(&mut self, at: usize, nearness: f32, owner: u16, facet: u32);
-}
-
-/// What is nearest at the centres of all pixels. The arrays are longer than the pixels by one lane group.
-#[derive(Debug, Default)]
-pub(super) struct Raster {
-    width: usize,
-    height: usize,
-    /// How near the nearest surface is; surfaces must be nearer to be seen.
-    pub(super) nearness: Vec<f32>,
-    /// Which instance that is.
-    pub(super) owner: Vec<u16>,
-    /// Which facet of it, where it is a mesh.
-    pub(super) facet: Vec<u32>,
-    /// Only surfaces less near than this are seen.
-    limit: f32,
-}
 
 /// What is nearest at chosen points. The arrays are longer than the points by one lane group.
 #[derive(Debug, Default)]
@@ -64,141 +23,6 @@ pub(super) struct Samples {
     width: usize,
     height: usize,
     density: f32,
-}
-
-/// How near the nearest surface is, and nothing else.
-#[derive(Debug, Default)]
-pub(super) struct Distances {
-    width: usize,
-    height: usize,
-    pub(super) nearness: Vec<f32>,
-    limit: f32,
-}
-
-/// Bits of the first `count` lanes.
-#[inline]
-pub(super) fn first(count: usize) -> u32 {
-    if count >= LANES { (1 << LANES) - 1 } else { (1 << count) - 1 }
-}
-
-/// The centres of pixels from column `x` on.
-#[inline]
-fn centres(x: usize) -> Lanes {
-    splat(x as f32) + Lanes::new([0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5])
-}
-
-/// Columns (or rows) whose centres lie in `low..=high`.
-#[inline]
-fn centred(low: f32, high: f32, size: usize) -> (usize, usize) {
-    let place = low + 0.5;
-    let whole = place as i32;
-    let start = if whole as f32 == place { whole - 1 } else { whole };
-    (start as usize, ((high + 0.5) as i32 as usize).min(size))
-}
-
-impl Raster {
-    /// Nothing is seen yet.
-    pub(super) fn begin(&mut self, width: usize, height: usize, limit: f32, farthest: f32) {
-        let padded = width * height + LANES;
-        (self.width, self.height, self.limit) = (width, height, limit);
-        self.nearness.clear();
-        self.nearness.resize(padded, farthest);
-        self.owner.clear();
-        self.owner.resize(padded, NOTHING);
-        self.facet.resize(padded, 0);
-    }
-
-    pub(super) fn width(&self) -> usize {
-        self.width
-    }
-
-    /// How many pixels there are.
-    pub(super) fn len(&self) -> usize {
-        self.width * self.height
-    }
-}
-
-impl Target for Raster {
-    #[inline]
-    fn density(&self) -> f32 {
-        1.0
-    }
-
-    #[inline]
-    fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area {
-        let ((x0, x1), (y0, y1)) = (centred(left, right, self.width), centred(top, bottom, self.height));
-        Area { x0, x1, y0, y1 }
-    }
-
-    #[inline]
-    fn within(&self, row: usize, x0: usize, x1: usize) -> Range<usize> {
-        row * self.width + x0..row * self.width + x1
-    }
-
-    #[inline]
-    fn point(&self, row: usize, at: usize) -> (f32, f32) {
-        ((at - row * self.width) as f32 + 0.5, row as f32 + 0.5)
-    }
-
-    #[inline]
-    fn points(&self, row: usize, at: usize) -> (Lanes, Lanes) {
-        (centres(at - row * self.width), splat(row as f32 + 0.5))
-    }
-
-    #[inline]
-    fn offer(&mut self, at: usize, mask: u32, nearness: Lanes, owner: u16, facet: Option<u32>) {
-        let known = load(&self.nearness[at..], 0.0);
-        let seen = (nearness.simd_gt(known) & nearness.simd_lt(splat(self.limit))).to_bitmask() & mask;
-        put(
-            (&mut self.nearness[at..], &mut self.owner[at..], &mut self.facet[at..]),
-            seen,
-            nearness,
-            owner,
-            facet,
-        );
-    }
-
-    #[inline]
-    fn offer_one(&mut self, at: usize, nearness: f32, owner: u16, facet: u32) {
-        if nearness > self.nearness[at] && nearness < self.limit {
-            self.nearness[at] = nearness;
-            self.owner[at] = owner;
-            self.facet[at] = facet;
-        }
-    }
-}
-
-/// Writes what is seen at the lanes whose bit is set.
-#[inline]
-fn put(
-    (known, owners, facets): (&mut [f32], &mut [u16], &mut [u32]),
-    mask: u32,
-    nearness: Lanes,
-    owner: u16,
-    facet: Option<u32>,
-) {
-    if mask == 0 {
-        return;
-    }
-    let nearness = nearness.to_array();
-    if mask == first(LANES) {
-        known[..LANES].copy_from_slice(&nearness);
-        owners[..LANES].fill(owner);
-        if let Some(facet) = facet {
-            facets[..LANES].fill(facet);
-        }
-        return;
-    }
-    let mut bits = mask;
-    while bits != 0 {
-        let lane = bits.trailing_zeros() as usize;
-        known[lane] = nearness[lane];
-        owners[lane] = owner;
-        if let Some(facet) = facet {
-            facets[lane] = facet;
-        }
-        bits &= bits - 1;
-    }
 }
 
 impl Samples {
@@ -253,35 +77,6 @@ impl Samples {
         self.facet.resize(padded, 0);
     }
 
-    /// The list of the middles of all pixels of an area in a picture of this width and height. What is `seen` there so far,
-    /// pixel by pixel of the picture, hides what is behind it; nothing is nearer than `limit`.
-    pub(super) fn window(&mut self, area: &Area, [width, height]: [usize; 2], limit: f32, seen: &[f32]) {
-        self.begin(width, 1.0);
-        self.height = height;
-        self.nearness.clear();
-        self.starts.resize(area.y0 * (width + 1), 0);
-        for y in area.y0..area.y1 {
-            let first = self.x.len() as u32;
-            self.x.extend((area.x0..area.x1).map(|x| x as f32 + 0.5));
-            self.nearness.extend_from_slice(&seen[y * width + area.x0..y * width + area.x1]);
-            let last = self.x.len() as u32;
-            self.y.resize(self.x.len(), y as f32 + 0.5);
-            self.starts.resize(self.starts.len() + area.x0, first);
-            self.starts.extend(first..last);
-            self.starts.resize((y + 1) * (width + 1), last);
-        }
-        let (count, padded) = (self.x.len(), self.x.len() + LANES);
-        self.starts.resize(height * (width + 1), count as u32);
-        self.limit.resize(count, limit);
-        self.limit.resize(padded, f32::NEG_INFINITY);
-        self.x.resize(padded, 0.0);
-        self.y.resize(padded, 0.0);
-        self.nearness.resize(padded, 0.0);
-        self.owner.clear();
-        self.owner.resize(padded, NOTHING);
-        self.facet.resize(padded, 0);
-    }
-
     /// How many points there are.
     pub(super) fn len(&self) -> usize {
         self.x.len() - LANES
@@ -321,16 +116,18 @@ impl Target for Samples {
     }
 
     #[inline]
+    fn grid(&self) -> Option<&Area> {
+        None
+    }
+
+    #[inline]
     fn offer(&mut self, at: usize, mask: u32, nearness: Lanes, owner: u16, facet: Option<u32>) {
         let (known, limit) = (load(&self.nearness[at..], 0.0), load(&self.limit[at..], 0.0));
         let seen = (nearness.simd_gt(known) & nearness.simd_lt(limit)).to_bitmask() & mask;
-        put(
-            (&mut self.nearness[at..], &mut self.owner[at..], &mut self.facet[at..]),
-            seen,
-            nearness,
-            owner,
-            facet,
-        );
+        if seen != 0 {
+            put(&mut self.nearness[at..], seen, nearness);
+            mark((&mut self.owner[at..], &mut self.facet[at..]), seen, owner, facet);
+        }
     }
 
     #[inline]
@@ -339,64 +136,6 @@ impl Target for Samples {
             self.nearness[at] = nearness;
             self.owner[at] = owner;
             self.facet[at] = facet;
-        }
-    }
-}
-
-impl Distances {
-    /// Nothing is near yet.
-    pub(super) fn begin(&mut self, width: usize, height: usize, limit: f32, farthest: f32) {
-        (self.width, self.height, self.limit) = (width, height, limit);
-        self.nearness.clear();
-        self.nearness.resize(width * height + LANES, farthest);
-    }
-}
-
-impl Target for Distances {
-    #[inline]
-    fn density(&self) -> f32 {
-        1.0
-    }
-
-    #[inline]
-    fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area {
-        let ((x0, x1), (y0, y1)) = (centred(left, right, self.width), centred(top, bottom, self.height));
-        Area { x0, x1, y0, y1 }
-    }
-
-    #[inline]
-    fn within(&self, row: usize, x0: usize, x1: usize) -> Range<usize> {
-        row * self.width + x0..row * self.width + x1
-    }
-
-    #[inline]
-    fn point(&self, row: usize, at: usize) -> (f32, f32) {
-        ((at - row * self.width) as f32 + 0.5, row as f32 + 0.5)
-    }
-
-    #[inline]
-    fn points(&self, row: usize, at: usize) -> (Lanes, Lanes) {
-        (centres(at - row * self.width), splat(row as f32 + 0.5))
-    }
-
-    #[inline]
-    fn offer(&mut self, at: usize, mask: u32, nearness: Lanes, _owner: u16, _facet: Option<u32>) {
-        let known = load(&self.nearness[at..], 0.0);
-        let seen = (nearness.simd_gt(known) & nearness.simd_lt(splat(self.limit))).to_bitmask() & mask;
-        let nearness = nearness.to_array();
-        let known = &mut self.nearness[at..][..LANES];
-        let mut bits = seen;
-        while bits != 0 {
-            let lane = bits.trailing_zeros() as usize;
-            known[lane] = nearness[lane];
-            bits &= bits - 1;
-        }
-    }
-
-    #[inline]
-    fn offer_one(&mut self, at: usize, nearness: f32, _owner: u16, _facet: u32) {
-        if nearness > self.nearness[at] && nearness < self.limit {
-            self.nearness[at] = nearness;
         }
     }
 }

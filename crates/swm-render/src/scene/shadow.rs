@@ -2,8 +2,8 @@
 
 use super::assets::Assets;
 use super::description::{Light, LightKind, Scene, Shape};
+use super::grid::Distances;
 use super::lanes::{Lanes, Lanes3, splat};
-use super::samples::Distances;
 use super::shape;
 use super::triangles::{self, Projected, Sides};
 use super::vector::{Vector, across, add, cross, dot, length, scale, sub, wide};
@@ -35,7 +35,7 @@ impl ShadowMap {
     ) {
         self.view = light.shadow.and_then(|reach| fit(light, reach, scene, assets, size));
         let Some(view) = &self.view else { return };
-        self.distances.begin(size, size, view.nearest(), view.farthest());
+        self.distances.begin([size; 2], view.nearest(), view.farthest());
         let drawing = Drawing { view, assets, sides: Sides::Both, coarseness: 2.0 };
         for (owner, instance) in (0..).zip(&scene.instances) {
             if instance.casts_shadow && !matches!(instance.shape, Shape::Plane { .. }) {

@@ -3,7 +3,8 @@
 use super::description::Instance;
 use super::lanes::{LANES, Lanes, splat};
 use super::mesh::Level;
-use super::samples::{Target, first};
+use super::small;
+use super::target::{Target, first};
 use super::vector::{Vector, add, dot, length, rotate, scale, sub, wide};
 use super::view::View;
 
@@ -23,7 +24,7 @@ pub(super) struct Projected {
 }
 
 /// A corner in the picture: x, y, nearness, depth.
-type Corner = [f32; 4];
+pub(super) type Corner = [f32; 4];
 
 /// Draws `level` of the mesh that `instance` is; `in_front`: no part of it can be nearer than the near plane.
 #[expect(clippy::too_many_arguments, reason = "the inner loop's inputs")]
@@ -41,8 +42,12 @@ pub(super) fn draw<T: Target>(
     let near = view.nearest();
     let (size, corners) = ([view.width as f32, view.height as f32], projected.corners.as_slice());
     if in_front {
+        let grid = target.grid().copied();
         for (first, triangles) in (0..).step_by(LANES).zip(level.triangles.chunks(LANES)) {
-            let mut bits = candidates(triangles, corners, sides, size, target.density());
+            let mut bits = match &grid {
+                Some(grid) => small::draw(triangles, corners, sides, (owner, first), grid, target),
+                None => candidates(triangles, corners, sides, size, target.density()),
+            };
             while bits != 0 {
                 let lane = bits.trailing_zeros();
                 let triangle = triangles[lane as usize].map(|index| corners[index as usize]);

@@ -32,7 +32,7 @@ pub(super) struct Window {
 }
 
 /// A rectangle of pixels: `x0..x1` × `y0..y1`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Area {
     pub(super) x0: usize,
     pub(super) x1: usize,

@@ -3,8 +3,8 @@
 use super::assets::Assets;
 use super::description::{Instance, Shape};
 use super::lanes::{LANES, splat};
-use super::samples::{Target, first};
 use super::shape;
+use super::target::{Target, first};
 use super::triangles::{self, Projected, Sides};
 use super::vector::{dot, sub, wide};
 use super::view::{Area, View, corners};

@@ -90,15 +90,12 @@ impl SceneRenderer {
         let drawing = Drawing { view, assets, sides, coarseness: COARSENESS };
         if let Some(area) = drawing.area(instance) {
             // What hides it is already there.
-            let width = self.width;
-            self.mirror.window(&area, [width, self.height], view.nearest(), &self.raster.nearness);
-            drawing.draw(instance, owner, &mut self.projected, &mut self.mirror);
-            let samples = &self.mirror;
-            let whole = |at: usize| ((samples.y[at] as usize * width + samples.x[at] as usize) as u32, 1.0);
-            self.mirrored.of_list(samples, scene.instances.len(), whole);
+            self.window.begin_window(area, &self.raster);
+            drawing.draw(instance, owner, &mut self.projected, &mut self.window);
+            self.mirrored.of_window(&self.window, self.width);
             let shading = Shading { view, assets, lamps: &self.lamps, maps: None };
             let fragments = &self.mirrored;
-            let range = fragments.of(usize::from(owner));
+            let range = fragments.of(0);
             let Veils { pixels, colors, .. } = &mut self.veils;
             let put = |at: usize, color: Lanes3| {
                 let [r, g, b] = color.to_arrays();

@@ -1,0 +1,145 @@
+//! Triangles of a few pixels, eight at a time: which of the few points around each are inside. Most triangles of meshes are
+//! that small; larger ones are filled row by row in `triangles`.
+
+use super::lanes::{LANES, Lanes, splat};
+use super::target::Target;
+use super::triangles::{Corner, Sides};
+use super::view::Area;
+
+/// Triangles up to so many pixels wide and high count as small.
+const SMALL: usize = 4;
+
+/// Corners of eight triangles.
+struct Corners {
+    x: [Lanes; 3],
+    y: [Lanes; 3],
+    nearness: [Lanes; 3],
+}
+
+/// An edge of each: the sum of its parts at a point is positive to the inside.
+struct Edges {
+    by_x: Lanes,
+    by_y: Lanes,
+    constant: Lanes,
+    /// Whether points on it belong to the triangle: to one of the two that share it.
+    owns: Lanes,
+}
+
+/// Draws those of up to eight triangles that are small, as instance `owner` with the facets from `first` on, and returns the
+/// bits of those that are not. No corner may be behind the near plane; `grid`: that of the target.
+#[inline]
+pub(super) fn draw<T: Target>(
+    triangles: &[[u32; 3]],
+    corners: &[Corner],
+    sides: Sides,
+    (owner, first): (u16, u32),
+    grid: &Area,
+    target: &mut T,
+) -> u32 {
+    let Corners { x, y, nearness } = Corners::gather(triangles, corners);
+    let zero = splat(0.0);
+    let area = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]);
+    let is_seen = match sides {
+        Sides::Front => area.simd_lt(zero),
+        Sides::MirroredFront => area.simd_gt(zero),
+        Sides::Both => area.simd_ne(zero),
+    } & area.abs().simd_lt(splat(f32::INFINITY));
+    let (left, right) = span(x, grid.x0, grid.x1);
+    let (top, bottom) = span(y, grid.y0, grid.y1);
+    let (wide, high) = (right - left, bottom - top);
+    let is_met = is_seen & wide.simd_gt(zero) & high.simd_gt(zero);
+    let limit = splat(SMALL as f32);
+    let is_small = is_met & wide.simd_le(limit) & high.simd_le(limit);
+    let (met, small) = (is_met.to_bitmask(), is_small.to_bitmask());
+    if small == 0 {
+        return met;
+    }
+    // Turned so that the area is positive.
+    let turned = area.simd_lt(zero);
+    let swap = |v: [Lanes; 3]| [turned.select(v[2], v[0]), v[1], turned.select(v[0], v[2])];
+    let (x, y, nearness) = (swap(x), swap(y), swap(nearness));
+    let edges = [(1, 2), (2, 0), (0, 1)].map(|(p, q)| Edges::new([x[p], y[p]], [x[q], y[q]]));
+    // Nearness is linear across the picture.
+    let inverse = splat(1.0) / area.abs();
+    let (near_b, near_c) = (nearness[1] - nearness[0], nearness[2] - nearness[0]);
+    let by_x = (near_b * (y[2] - y[0]) - near_c * (y[1] - y[0])) * inverse;
+    let by_y = (near_c * (x[1] - x[0]) - near_b * (x[2] - x[0])) * inverse;
+    let width = grid.x1 - grid.x0;
+    let starts = (top - splat(grid.y0 as f32)) * splat(width as f32) + (left - splat(grid.x0 as f32));
+    let starts = starts.to_array();
+    for down in 0..SMALL {
+        let in_row = is_small & high.simd_gt(splat(down as f32));
+        if in_row.to_bitmask() == 0 {
+            break;
+        }
+        let point_y = top + splat(down as f32 + 0.5);
+        for across in 0..SMALL {
+            let in_box = in_row & wide.simd_gt(splat(across as f32));
+            if in_box.to_bitmask() == 0 {
+                break;
+            }
+            let point_x = left + splat(across as f32 + 0.5);
+            let inside = edges.iter().fold(in_box, |inside, edge| inside & edge.keep(point_x, point_y));
+            let mut bits = inside.to_bitmask();
+            if bits == 0 {
+                continue;
+            }
+            let near = nearness[0] + (point_x - x[0]) * by_x + (point_y - y[0]) * by_y;
+            let near = near.to_array();
+            while bits != 0 {
+                let lane = bits.trailing_zeros();
+                let at = starts[lane as usize] as i32 as usize + down * width + across;
+                target.offer_one(at, near[lane as usize], owner, first + lane);
+                bits &= bits - 1;
+            }
+        }
+    }
+    met & !small
+}
+
+impl Corners {
+    /// Of up to eight triangles; the others are a single point.
+    #[inline]
+    fn gather(triangles: &[[u32; 3]], corners: &[Corner]) -> Self {
+        let mut parts = [[0.0; LANES]; 9];
+        for (lane, triangle) in triangles.iter().enumerate().take(LANES) {
+            for (k, &index) in triangle.iter().enumerate() {
+                let [x, y, nearness, _] = corners[index as usize];
+                parts[k][lane] = x;
+                parts[3 + k][lane] = y;
+                parts[6 + k][lane] = nearness;
+            }
+        }
+        let [a, b, c, d, e, f, g, h, i] = parts.map(Lanes::new);
+        Self { x: [a, b, c], y: [d, e, f], nearness: [g, h, i] }
+    }
+}
+
+impl Edges {
+    /// From `p` to `q`; those from `q` to `p` have exactly the opposite parts.
+    #[inline]
+    fn new(p: [Lanes; 2], q: [Lanes; 2]) -> Self {
+        let zero = splat(0.0);
+        let (by_x, by_y) = (p[1] - q[1], q[0] - p[0]);
+        let owns = by_x.simd_gt(zero) | (by_x.simd_eq(zero) & by_y.simd_gt(zero));
+        Self { by_x, by_y, constant: p[0] * q[1] - q[0] * p[1], owns }
+    }
+
+    #[inline]
+    fn keep(&self, x: Lanes, y: Lanes) -> Lanes {
+        let value = self.by_x * x + self.by_y * y + self.constant;
+        value.simd_gt(splat(0.0)) | (self.owns & value.simd_eq(splat(0.0)))
+    }
+}
+
+/// From which to before which of the columns (or rows) from `start` to `end` the middles lie between the corners of each.
+#[inline]
+fn span([a, b, c]: [Lanes; 3], start: usize, end: usize) -> (Lanes, Lanes) {
+    let (half, start, end) = (splat(0.5), splat(start as f32), splat(end as f32));
+    let low = a.fast_min(b).fast_min(c).fast_max(start).fast_min(end) + half;
+    let high = a.fast_max(b).fast_max(c).fast_min(end).fast_max(start) + half;
+    let whole = |value: Lanes| Lanes::from_i32x8(value.fast_trunc_int());
+    let from = whole(low);
+    let from = from - low.simd_eq(from).select(splat(1.0), splat(0.0));
+    (from.fast_max(start), whole(high))
+}
