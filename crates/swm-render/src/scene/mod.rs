@@ -20,6 +20,7 @@ mod assets;
 mod description;
 mod fragments;
 mod grid;
+mod ground;
 mod height_field;
 mod lanes;
 mod lighting;

@@ -7,6 +7,7 @@ use super::assets::Assets;
 use super::description::{Instance, Mapping, Scene, Shape};
 use super::fragments::Fragments;
 use super::grid::Raster;
+use super::ground::Ground;
 use super::lanes::{LANES, Lanes3};
 use super::lighting::Lamp;
 use super::samples::Samples;
@@ -95,6 +96,7 @@ pub struct SceneRenderer {
     projected: Projected,
     memory: Memory,
     sky: Sky,
+    ground: Ground,
     veils: Veils,
     colors: Vec<[f32; 3]>,
 }
@@ -130,6 +132,7 @@ impl SceneRenderer {
             projected: Projected::default(),
             memory: Memory::default(),
             sky: Sky::default(),
+            ground: Ground::default(),
             veils: Veils::default(),
             colors: Vec::new(),
         };
@@ -148,6 +151,7 @@ impl SceneRenderer {
         self.fragments.reserve(2 * points);
         self.mirrored.reserve(2 * points);
         self.veils.reserve(points);
+        self.ground.reserve(pixels);
     }
 
     /// Writes the picture of `scene` to `frame`, `[H, W, 3]`.
@@ -163,7 +167,7 @@ impl SceneRenderer {
         self.find_edges(scene, assets, &view);
         let surfaces = scene.instances.len();
         self.fragments.of_raster(&self.raster, &self.edges, &self.fine, surfaces);
-        self.cast_shadows(scene, assets);
+        self.cast_shadows(scene, assets, &view);
         self.lamps.clear();
         self.lamps.extend(scene.lights.iter().map(|light| Lamp::new(light, view.origin)));
         self.shade(scene, assets, &view);
@@ -308,7 +312,7 @@ impl SceneRenderer {
         draw_opaque(scene, assets, view, Sides::Front, None, &mut self.projected, &mut self.fine);
     }
 
-    fn cast_shadows(&mut self, scene: &Scene, assets: &Assets) {
+    fn cast_shadows(&mut self, scene: &Scene, assets: &Assets, view: &View) {
         self.maps.resize_with(scene.lights.len(), ShadowMap::default);
         if !self.quality.shadows {
             return;
@@ -316,13 +320,14 @@ impl SceneRenderer {
         // Shadows are as sharp as the picture: a few texels per pixel.
         let size = (self.width.max(self.height) * 5 / 4).clamp(96, 1024);
         for (map, light) in self.maps.iter_mut().zip(&scene.lights) {
-            map.draw(light, scene, assets, size, &mut self.projected);
+            map.draw(light, view.origin, scene, assets, size, &mut self.projected);
         }
     }
 
     fn shade(&mut self, scene: &Scene, assets: &Assets, view: &View) {
         self.colors.clear();
         self.colors.resize(self.width * self.height, [0.0; 3]);
+        self.ground.begin(view, scene, assets, self.quality.shadows);
         let maps = self.quality.shadows.then_some(self.maps.as_slice());
         let shading = Shading { view, assets, lamps: &self.lamps, maps };
         let drawing = Drawing { view, assets, sides: Sides::Front, coarseness: COARSENESS };
@@ -331,7 +336,8 @@ impl SceneRenderer {
             let range = fragments.of(surface);
             let level = drawing.level(instance);
             let put = |at: usize, color: Lanes3| accumulate(fragments, at, range.end, color, 1.0, colors);
-            shading.shade(instance, level, fragments, range.clone(), &mut self.memory, put);
+            let ground = self.ground.of(surface);
+            shading.shade(instance, level, fragments, range.clone(), &mut self.memory, ground, put);
         }
         let sky = self.sky.colors(scene, assets, view);
         for at in fragments.of(scene.instances.len()) {

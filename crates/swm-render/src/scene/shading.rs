@@ -3,13 +3,14 @@
 use super::assets::Assets;
 use super::description::{Instance, Mapping, Shape};
 use super::fragments::Fragments;
+use super::ground::Ground;
 use super::lanes::{LANES, Lanes, Lanes3, load, splat};
 use super::lighting::{Lamp, Surface, base, limited};
 use super::mesh::Level;
 use super::plane::{Corners, on_plane};
 use super::shadow::ShadowMap;
 use super::shape;
-use super::vector::{Matrix, Vector, sub};
+use super::vector::{Matrix, column, sub};
 use super::view::{Rays, View};
 
 /// What all surfaces of a picture share.
@@ -37,12 +38,13 @@ struct Target<'a> {
     rotation: [[f32; 3]; 3],
     /// From the eye to its centre.
     centre: Lanes3,
-    eye: Vector,
     level: Option<&'a Level>,
 }
 
 impl Shading<'_> {
-    /// Shades the fragments `range` of `instance`; `put` gets the first of up to eight, and their colours.
+    /// Shades the fragments `range` of `instance`, whose colours `ground` may know; `put` gets the first of up to eight, and
+    /// their colours.
+    #[expect(clippy::too_many_arguments, reason = "the inner loop's inputs")]
     pub(super) fn shade(
         &self,
         instance: &Instance,
@@ -50,6 +52,7 @@ impl Shading<'_> {
         fragments: &Fragments,
         range: std::ops::Range<usize>,
         memory: &mut Memory,
+        mut ground: Option<&mut Ground>,
         mut put: impl FnMut(usize, Lanes3),
     ) {
         if range.is_empty() {
@@ -61,7 +64,6 @@ impl Shading<'_> {
             rays: self.view.rays(instance),
             rotation: narrowed(instance.rotation),
             centre: Lanes3::splat(sub(instance.position, self.view.origin)),
-            eye: self.view.origin,
             level: match instance.shape {
                 Shape::Mesh(mesh) => Some(self.assets.meshes[mesh].at(level)),
                 _ => None,
@@ -70,7 +72,7 @@ impl Shading<'_> {
         let count = 1 + self.shadowing().count();
         layers.clear();
         layers.resize(count, Lanes3::splat([0.0; 3]));
-        let faceted = self.faceted(instance, fragments, range.clone());
+        let faceted = self.faceted(instance);
         if let Some((half, cell)) = faceted {
             corners.begin(half, cell, count);
         }
@@ -85,26 +87,41 @@ impl Shading<'_> {
                 Some(level) => mesh_outward(level, &fragments.facet[at..], local),
                 None => shape::outward(&instance.shape, local),
             };
+            let point = local.rotated(&target.rotation) + target.centre;
+            let normal = outward.rotated(&target.rotation);
+            let count = LANES.min(range.end - at);
+            if let Some(colors) = ground.as_ref().and_then(|ground| ground.known(fragments, at)) {
+                let lit = self.shadowing().next().map_or(splat(1.0), |map| map.lit(point, normal));
+                put(at, chosen(lit, colors));
+                at += count;
+                continue;
+            }
             if faceted.is_some() {
                 let lit = |x, y, out: &mut [Lanes3]| self.light(&target, on_plane(x, y), outward, out);
                 corners.colors(local.x.to_array(), local.y.to_array(), layers, lit);
             } else {
                 self.light(&target, local, outward, layers);
             }
-            let mut color = layers[0];
-            let point = local.rotated(&target.rotation) + target.centre;
-            let normal = outward.rotated(&target.rotation);
-            for (map, layer) in self.shadowing().zip(&layers[1..]) {
-                let lit = map.lit(target.eye, point, normal);
-                color = color + layer.scaled(lit);
-            }
-            if let Some(mapping) = &instance.material.texture {
-                let count = LANES.min(range.end - at);
+            let paint = instance.material.texture.as_ref().map(|mapping| {
                 let steps = target.rays.slopes((x, y), depth, outward);
-                color = color * self.painted(mapping, local, steps, count);
+                self.painted(mapping, local, steps, count)
+            });
+            let painted = |color: Lanes3| limited(paint.map_or(color, |paint| color * paint));
+            if let Some(ground) = &mut ground {
+                let all = layers[1..].iter().fold(layers[0], |sum, layer| sum + *layer);
+                let colors = [all, layers[0]].map(painted);
+                ground.keep(fragments, at, count, colors);
+                let lit = self.shadowing().next().map_or(splat(1.0), |map| map.lit(point, normal));
+                put(at, chosen(lit, colors));
+                at += count;
+                continue;
             }
-            put(at, limited(color));
-            at += LANES;
+            let mut color = layers[0];
+            for (map, layer) in self.shadowing().zip(&layers[1..]) {
+                color = color + layer.scaled(map.lit(point, normal));
+            }
+            put(at, painted(color));
+            at += count;
         }
     }
 
@@ -115,17 +132,10 @@ impl Shading<'_> {
     }
 
     /// Half lengths and cells of a plane whose cells are large enough to be seen.
-    fn faceted(
-        &self,
-        instance: &Instance,
-        fragments: &Fragments,
-        range: std::ops::Range<usize>,
-    ) -> Option<([f32; 2], [f32; 2])> {
+    fn faceted(&self, instance: &Instance) -> Option<([f32; 2], [f32; 2])> {
         let Shape::Plane { half, cell } = instance.shape else { return None };
-        let nearest = fragments.nearness[range].iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        let depth = self.view.depth(splat(nearest)).to_array()[0];
-        let pixel = if self.view.is_perspective() { depth } else { 1.0 } * self.view.pixel() as f32;
-        Corners::matter(cell, pixel).then_some((half, cell))
+        let pixel = self.view.pixel_on(instance.position, column(instance.rotation, 2));
+        Corners::matter(cell, pixel as f32).then_some((half, cell))
     }
 
     /// Light of all layers at points of the instance's frame.
@@ -208,6 +218,14 @@ fn mesh_outward(level: &Level, facets: &[u32], local: Lanes3) -> Lanes3 {
     let (b, c) = (limit(vv * wu - uv * wv), limit(uu * wv - uv * wu));
     let sum = (b + c).max(splat(1.0));
     (vector(9) + vector(12).scaled(b / sum) + vector(15).scaled(c / sum)).normalised()
+}
+
+/// The first colour where there is light, the second where there is none.
+#[inline]
+fn chosen(lit: Lanes, [light, dark]: [Lanes3; 2]) -> Lanes3 {
+    let is_lit = lit.simd_gt(splat(0.0));
+    let choose = |light: Lanes, dark: Lanes| is_lit.select(light, dark);
+    Lanes3 { x: choose(light.x, dark.x), y: choose(light.y, dark.y), z: choose(light.z, dark.z) }
 }
 
 fn narrowed(m: Matrix) -> [[f32; 3]; 3] {

@@ -20,21 +20,54 @@ const NEAR: f64 = 1e-3;
 #[derive(Debug, Default)]
 pub(super) struct ShadowMap {
     distances: Distances,
-    view: Option<View>,
+    sight: Option<Sight>,
+}
+
+/// How points are looked up that are counted from the eye.
+#[derive(Clone, Copy, Debug)]
+struct Sight {
+    view: View,
+    /// From the light to the eye.
+    offset: Lanes3,
+    forward: Lanes3,
+    /// Directions along which columns and rows grow, and where they begin.
+    across: [Lanes3; 2],
+    start: [Lanes; 2],
+    /// How far points are moved out of their surface.
+    lift: Lanes,
+    size: [Lanes; 2],
+}
+
+impl Sight {
+    fn new(view: View, eye: Vector) -> Self {
+        let [by_x, by_y, _] = view.axes();
+        let (_, start) = view.axes_origin();
+        Self {
+            view,
+            offset: Lanes3::splat(sub(eye, view.origin)),
+            forward: Lanes3::splat(view.forward),
+            across: [by_x, by_y].map(Lanes3::splat),
+            start: start.map(|start| splat(start as f32)),
+            lift: splat(LIFT * view.pixel() as f32),
+            size: [view.width, view.height].map(|size| splat(size as f32)),
+        }
+    }
 }
 
 impl ShadowMap {
-    /// Draws everything that casts a shadow; `size`: texels along either side.
+    /// Draws everything that casts a shadow on what this eye sees; `size`: texels along either side.
     pub(super) fn draw(
         &mut self,
         light: &Light,
+        eye: Vector,
         scene: &Scene,
         assets: &Assets,
         size: usize,
         projected: &mut Projected,
     ) {
-        self.view = light.shadow.and_then(|reach| fit(light, reach, scene, assets, size));
-        let Some(view) = &self.view else { return };
+        let view = light.shadow.and_then(|reach| fit(light, reach, scene, assets, size));
+        self.sight = view.map(|view| Sight::new(view, eye));
+        let Some(Sight { view, .. }) = &self.sight else { return };
         self.distances.begin([size; 2], view.nearest(), view.farthest());
         let drawing = Drawing { view, assets, sides: Sides::Both, coarseness: 2.0 };
         for (owner, instance) in (0..).zip(&scene.instances) {
@@ -44,28 +77,23 @@ impl ShadowMap {
         }
     }
 
-    /// Which of the points (counted from `eye`) are lit: 1 where they are, 0 in shadow.
+    /// Which of the points (counted from the eye) are lit: 1 where they are, 0 in shadow.
     #[inline]
-    pub(super) fn lit(&self, eye: Vector, point: Lanes3, normal: Lanes3) -> Lanes {
+    pub(super) fn lit(&self, point: Lanes3, normal: Lanes3) -> Lanes {
         let all = splat(1.0);
-        let Some(view) = &self.view else { return all };
-        let offset = Lanes3::splat(sub(eye, view.origin));
-        let from = point + offset;
-        let depth = from.dot(Lanes3::splat(view.forward));
-        let texel = splat(LIFT * view.pixel() as f32);
-        let lift = if view.is_perspective() { texel * depth } else { texel };
+        let Some(Sight { view, offset, forward, across, start, lift, size }) = &self.sight else {
+            return all;
+        };
+        let from = point + *offset;
+        let lift = if view.is_perspective() { *lift * from.dot(*forward) } else { *lift };
         let from = from + normal.scaled(lift);
-        let [by_x, by_y, _] = view.axes();
-        let (_, constant) = view.axes_origin();
-        let depth = from.dot(Lanes3::splat(view.forward));
+        let depth = from.dot(*forward);
         let w = if view.is_perspective() { splat(1.0) / depth } else { splat(1.0) };
-        let x = (from.dot(Lanes3::splat(by_x)) + splat(constant[0] as f32)) * w;
-        let y = (from.dot(Lanes3::splat(by_y)) + splat(constant[1] as f32)) * w;
-        let (width, height) = (splat(view.width as f32), splat(view.height as f32));
+        let [x, y] = [0, 1].map(|k| (from.dot(across[k]) + start[k]) * w);
         let inside = x.simd_ge(splat(0.0))
-            & x.simd_lt(width)
+            & x.simd_lt(size[0])
             & y.simd_ge(splat(0.0))
-            & y.simd_lt(height)
+            & y.simd_lt(size[1])
             & depth.simd_gt(splat(0.0));
         let mask = inside.to_bitmask();
         if mask == 0 {

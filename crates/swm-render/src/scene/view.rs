@@ -8,7 +8,7 @@ use super::lanes::{Lanes, Lanes3, splat};
 use super::vector::{Matrix, Vector, add, cross, dot, rotate, scale, sub, unrotate};
 
 /// A picture of `width` × `height` pixels; pixel (x, y) has its centre at (x + 0.5, y + 0.5), y downward.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct View {
     pub(super) width: usize,
     pub(super) height: usize,
@@ -232,6 +232,21 @@ impl View {
         }
         let depth = dot(sub(centre, self.origin), self.forward) - radius;
         self.pixel() * depth.max(self.near)
+    }
+
+    /// How long a pixel is where a plane is nearest in the picture, whatever hides it.
+    pub(super) fn pixel_on(&self, point: Vector, normal: Vector) -> f64 {
+        if !self.perspective {
+            return self.pixel();
+        }
+        // The inverse of the depth is linear across the picture, so that it is largest in a corner.
+        let below = dot(sub(point, self.origin), normal);
+        let (width, height) = (self.width as f64, self.height as f64);
+        let nearness = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)]
+            .map(|(x, y)| dot(self.direction(x, y), normal) / below)
+            .into_iter()
+            .fold(0.0, f64::max);
+        self.pixel() / nearness.min(1.0 / self.near)
     }
 
     pub(super) fn is_perspective(&self) -> bool {

@@ -104,7 +104,7 @@ impl SceneRenderer {
                 colors.extend((0..count).map(|lane| [r[lane], g[lane], b[lane]]));
             };
             let level = drawing.level(instance);
-            shading.shade(instance, level, fragments, range.clone(), &mut self.memory, put);
+            shading.shade(instance, level, fragments, range.clone(), &mut self.memory, None, put);
         }
         let is_plane = matches!(instance.shape, Shape::Plane { .. });
         let opacity = instance.material.color[3] * if is_plane && behind { BEHIND } else { 1.0 };

@@ -53,7 +53,7 @@ impl SceneRenderer {
             let range = mirrored.of(surface);
             let level = drawing.level(instance);
             let put = |at: usize, color: Lanes3| accumulate(mirrored, at, range.end, color, share, colors);
-            shading.shade(instance, level, mirrored, range.clone(), &mut self.memory, put);
+            shading.shade(instance, level, mirrored, range.clone(), &mut self.memory, None, put);
         }
     }
 }

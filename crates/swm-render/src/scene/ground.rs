@@ -1,0 +1,134 @@
+//! The colours of a floor, kept while neither the eye nor the floor nor a light changes: most of a picture from a camera that
+//! stands still. Shadows move, so that colours are kept with and without the light that casts them.
+
+use std::sync::Arc;
+
+use super::assets::Assets;
+use super::description::{Instance, Light, Mapping, Scene, Shape};
+use super::fragments::Fragments;
+use super::lanes::{LANES, Lanes, Lanes3};
+use super::texture::Texture;
+use super::view::View;
+
+/// What the whole pixels of one floor look like.
+#[derive(Debug, Default)]
+pub(super) struct Ground {
+    view: Option<View>,
+    floor: Option<Floor>,
+    lights: Vec<Light>,
+    /// Whether the eye is where it was: if it moves, nothing is worth keeping.
+    is_still: bool,
+    /// Of each pixel of the picture: how near the floor is whose colours are known; NaN: none.
+    nearness: Vec<f32>,
+    /// With the light that casts shadows, and without.
+    colors: Vec<[[f32; 3]; 2]>,
+}
+
+/// All that the colours of a floor depend on, but for eye and lights.
+#[derive(Debug)]
+struct Floor {
+    index: usize,
+    instance: Instance,
+    /// Held, so that no other can have its place.
+    texture: Option<Arc<Texture>>,
+    shadows: bool,
+}
+
+impl Floor {
+    /// The first plane of a scene, if it has one and no more than one light casts shadows.
+    fn of(scene: &Scene, assets: &Assets, shadows: bool) -> Option<Self> {
+        if scene.lights.iter().filter(|light| light.shadow.is_some()).count() > 1 {
+            return None;
+        }
+        let is_plane = |instance: &Instance| matches!(instance.shape, Shape::Plane { .. });
+        let index = scene.instances.iter().position(is_plane)?;
+        let instance = scene.instances[index];
+        let texture = match instance.material.texture {
+            Some(Mapping::Flat { texture, .. }) => Some(Arc::clone(&assets.textures[texture])),
+            Some(Mapping::Cube { .. }) => return None,
+            None => None,
+        };
+        Some(Self { index, instance, texture, shadows })
+    }
+
+    fn is_same(&self, other: &Self) -> bool {
+        let same_texture = match (&self.texture, &other.texture) {
+            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        same_texture
+            && (self.index, self.shadows) == (other.index, other.shadows)
+            && self.instance == other.instance
+    }
+}
+
+impl Ground {
+    /// Makes room for so many pixels.
+    pub(super) fn reserve(&mut self, pixels: usize) {
+        self.nearness.reserve(pixels);
+        self.colors.reserve(pixels);
+    }
+
+    /// Forgets what is no longer so.
+    pub(super) fn begin(&mut self, view: &View, scene: &Scene, assets: &Assets, shadows: bool) {
+        self.is_still = self.view.replace(*view) == Some(*view);
+        let floor = Floor::of(scene, assets, shadows);
+        let is_same = match (&self.floor, &floor) {
+            (Some(old), Some(new)) => old.is_same(new) && self.lights == scene.lights,
+            _ => false,
+        };
+        if self.is_still && is_same {
+            return;
+        }
+        let pixels = view.width * view.height;
+        self.floor = floor;
+        self.lights.clear();
+        self.lights.extend_from_slice(&scene.lights);
+        self.nearness.clear();
+        self.nearness.resize(pixels, f32::NAN);
+        self.colors.resize(pixels, [[0.0; 3]; 2]);
+    }
+
+    /// Itself, if this is the instance whose colours it keeps.
+    pub(super) fn of(&mut self, instance: usize) -> Option<&mut Self> {
+        let is_kept = self.is_still && self.floor.as_ref().is_some_and(|floor| floor.index == instance);
+        is_kept.then_some(self)
+    }
+
+    /// The colours of eight fragments of the floor with the light that casts shadows, and without; `None` unless all are whole
+    /// pixels whose colours are known.
+    #[inline]
+    pub(super) fn known(&self, fragments: &Fragments, at: usize) -> Option<[Lanes3; 2]> {
+        let pixels = fragments.pixel[at..].first_chunk::<LANES>()?;
+        let nearness = fragments.nearness[at..].first_chunk::<LANES>()?;
+        let shares = fragments.share[at..].first_chunk::<LANES>()?;
+        let is_known =
+            |lane: usize| self.nearness[pixels[lane] as usize] == nearness[lane] && shares[lane] == 1.0;
+        if !(0..LANES).all(is_known) {
+            return None;
+        }
+        let mut parts = [[[0.0; LANES]; 3]; 2];
+        for (lane, &pixel) in pixels.iter().enumerate() {
+            for (parts, color) in parts.iter_mut().zip(self.colors[pixel as usize]) {
+                for (part, value) in parts.iter_mut().zip(color) {
+                    part[lane] = value;
+                }
+            }
+        }
+        Some(parts.map(|[x, y, z]| Lanes3 { x: Lanes::new(x), y: Lanes::new(y), z: Lanes::new(z) }))
+    }
+
+    /// Keeps the colours of up to eight fragments.
+    #[inline]
+    pub(super) fn keep(&mut self, fragments: &Fragments, at: usize, count: usize, colors: [Lanes3; 2]) {
+        let colors = colors.map(Lanes3::to_arrays);
+        for lane in 0..count {
+            // The middle of a whole pixel is its own; parts of pixels have theirs elsewhere.
+            if fragments.share[at + lane] == 1.0 {
+                let pixel = fragments.pixel[at + lane] as usize;
+                self.nearness[pixel] = fragments.nearness[at + lane];
+                self.colors[pixel] = colors.map(|[x, y, z]| [x[lane], y[lane], z[lane]]);
+            }
+        }
+    }
+}
