@@ -2,7 +2,7 @@
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-use wide::f32x8;
+use wide::{f32x8, i32x8};
 
 use super::vector::Vector;
 
@@ -118,19 +118,14 @@ pub(super) fn power(base: Lanes, exponent: f32) -> Lanes {
 /// Base-2 logarithm of positive numbers: the exponent, and a series in (m - 1) / (m + 1) for the mantissa.
 #[inline]
 fn log2(value: Lanes) -> Lanes {
-    let parts = value.to_array().map(|number| {
-        let bits = number.to_bits();
-        let exponent = (bits >> 23) as i32 - 127;
-        let mantissa = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000);
-        // Around 1, where the series is best.
-        if mantissa > std::f32::consts::SQRT_2 {
-            ((exponent + 1) as f32, 0.5 * mantissa)
-        } else {
-            (exponent as f32, mantissa)
-        }
-    });
-    let exponent = Lanes::new(parts.map(|part| part.0));
-    let mantissa = Lanes::new(parts.map(|part| part.1));
+    let bits = i32x8::new(value.to_array().map(|number| number.to_bits() as i32));
+    let exponent = Lanes::from_i32x8((bits >> 23) - i32x8::splat(127));
+    let mantissa = (bits & i32x8::splat(0x007f_ffff)) | i32x8::splat(0x3f80_0000);
+    let mantissa = Lanes::new(mantissa.to_array().map(|bits| f32::from_bits(bits as u32)));
+    // Around 1, where the series is best.
+    let is_large = mantissa.simd_gt(splat(std::f32::consts::SQRT_2));
+    let exponent = exponent + is_large.select(splat(1.0), splat(0.0));
+    let mantissa = is_large.select(splat(0.5) * mantissa, mantissa);
     let s = (mantissa - splat(1.0)) / (mantissa + splat(1.0));
     let s2 = s * s;
     // 2 / ln 2 times (s + s^3/3 + s^5/5 + s^7/7 + s^9/9).
@@ -145,7 +140,9 @@ fn log2(value: Lanes) -> Lanes {
 #[inline]
 fn exp2(value: Lanes) -> Lanes {
     let value = value.max(splat(-127.0));
-    let whole = value.floor();
+    // Rounded down: numbers here are not above 0.
+    let whole = Lanes::from_i32x8(value.fast_trunc_int());
+    let whole = whole - whole.simd_gt(value).select(splat(1.0), splat(0.0));
     let part = (value - whole) * splat(std::f32::consts::LN_2);
     let series = part * splat(1.0 / 720.0) + splat(1.0 / 120.0);
     let series = part * series + splat(1.0 / 24.0);
@@ -153,10 +150,9 @@ fn exp2(value: Lanes) -> Lanes {
     let series = part * series + splat(0.5);
     let series = part * series + splat(1.0);
     let series = part * series + splat(1.0);
-    let scale = Lanes::new(whole.to_array().map(|exponent| {
-        let biased = exponent as i32 + 127;
-        if biased <= 0 { 0.0 } else { f32::from_bits((biased as u32) << 23) }
-    }));
+    // The number with this exponent and nothing behind it; with none at all, 0.
+    let biased: i32x8 = (whole.fast_trunc_int() + i32x8::splat(127)) << 23;
+    let scale = Lanes::new(biased.to_array().map(|bits| f32::from_bits(bits as u32)));
     series * scale
 }
 

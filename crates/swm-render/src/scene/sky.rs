@@ -1,7 +1,10 @@
 //! The background: a picture at infinity, which changes only when the eye turns.
 
+use std::sync::Arc;
+
 use super::assets::Assets;
 use super::description::{Camera, Haze, Scene};
+use super::texture::CubeTexture;
 use super::vector::{Vector, cross, dot, length};
 use super::view::View;
 
@@ -9,37 +12,40 @@ use super::view::View;
 #[derive(Debug, Default)]
 pub(super) struct Sky {
     key: Option<Key>,
+    /// What is seen at infinity; held, so that no other can have its place.
+    texture: Option<Arc<CubeTexture>>,
     /// `[H, W, 3]`, 0 to 1.
     colors: Vec<[f32; 3]>,
 }
 
-/// All that the background depends on.
+/// All that the background depends on, but for its texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Key {
     camera: Camera,
-    sky: Option<usize>,
     haze: Option<Haze>,
-    /// Where the texture lies: other assets have other textures.
-    assets: usize,
 }
 
 impl Sky {
     /// The colours of all pixels.
     pub(super) fn colors(&mut self, scene: &Scene, assets: &Assets, view: &View) -> &[[f32; 3]] {
         let camera = Camera { position: [0.0; 3], ..scene.camera };
-        let key = Key { camera, sky: scene.sky, haze: scene.haze, assets: assets.cubes.as_ptr().addr() };
-        if self.key != Some(key) || self.colors.len() != view.width * view.height {
-            self.draw(scene, assets, view);
-            self.key = Some(key);
+        let key = Some(Key { camera, haze: scene.haze });
+        let texture = scene.sky.map(|sky| &assets.cubes[sky]);
+        let is_same = match (&self.texture, texture) {
+            (Some(old), Some(new)) => Arc::ptr_eq(old, new),
+            (old, new) => old.is_none() && new.is_none(),
+        };
+        if self.key != key || !is_same || self.colors.len() != view.width * view.height {
+            self.draw(scene, texture, view);
+            (self.key, self.texture) = (key, texture.cloned());
         }
         &self.colors
     }
 
-    fn draw(&mut self, scene: &Scene, assets: &Assets, view: &View) {
+    fn draw(&mut self, scene: &Scene, texture: Option<&Arc<CubeTexture>>, view: &View) {
         self.colors.clear();
         self.colors.resize(view.width * view.height, [0.0; 3]);
-        let Some(texture) = scene.sky else { return };
-        let texture = &assets.cubes[texture];
+        let Some(texture) = texture else { return };
         // The texture's y is up, its z comes toward us.
         let turned = |[x, y, z]: Vector| [x as f32, z as f32, -y as f32];
         let (step_x, step_y) = view.steps();
