@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::json;
 use swm_core::{
-    Batch, Env, EnvConfig, EnvEntry, Episode, EpisodeSeed, Evaluation, Outcome, PolicyArgs, PolicyContext,
+    Batch, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Evaluation, Outcome, PolicyArgs, PolicyContext,
     ResetOptions, Rollout, Scenario, Schema, Slice, Value, World, WorldOptions,
 };
 use swm_envs_mujoco::{OGB_CUBE, OGB_SCENE};
@@ -79,6 +79,7 @@ fn the_experts_solve_tasks_and_place_one_of_many_cubes() {
     for (settings, least) in [
         (json!({"mode": "task"}), 90.0),
         (json!({"env_type": "double"}), 90.0),
+        (json!({"env_type": "triple"}), 85.0),
         (json!({"env_type": "quadruple"}), 80.0),
     ] {
         let evaluation = evaluate(&OGB_CUBE, &settings, "markov-expert", 20);
@@ -158,6 +159,51 @@ fn a_goal_from_a_row_is_reached_where_the_row_was() {
         let cube = &bench.numbers("goal_observation")[19..22];
         let expected: Vec<f64> = (0..3).map(|k| (qpos[14 + k] - [0.425, 0.0, 0.0][k]) * 10.0).collect();
         assert_eq!(cube, expected, "{}", entry.id);
+    }
+}
+
+#[test]
+fn two_three_and_four_cubes_have_their_columns_snapshots_and_starts() {
+    for (kind, count) in [("double", 2), ("triple", 3), ("quadruple", 4)] {
+        let settings = json!({"env_type": kind});
+        let mut bench = Bench::new(&OGB_CUBE, &settings);
+        bench.reset(3, &ResetOptions::default());
+        for (factor, shape) in [
+            ("color", vec![count, 3]),
+            ("size", vec![count]),
+            ("start_position", vec![count, 2]),
+            ("start_yaw", vec![count]),
+            ("goal_position", vec![count, 2]),
+            ("goal_yaw", vec![count]),
+        ] {
+            assert_eq!(bench.value(&format!("variation.cube.{factor}")).shape, shape, "{kind} {factor}");
+        }
+        let place = |bench: &Bench, cube: usize| bench.numbers(&format!("privileged.block_{cube}_pos"));
+        assert!(bench.row.schema().index(&format!("privileged.block_{count}_pos")).is_none(), "{kind}");
+        for (a, b) in (0..count).flat_map(|b| (0..b).map(move |a| (a, b))) {
+            let (a, b) = (place(&bench, a), place(&bench, b));
+            let apart = (0..2).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
+            assert!(apart > 0.04, "{kind}: two cubes start {apart} m apart");
+        }
+        for step in 0..10 {
+            bench.step(action(step));
+        }
+        let mut state = EnvState::new();
+        bench.env.snapshot(&mut state).expect("a state");
+        let mut fork = Bench::new(&OGB_CUBE, &settings);
+        fork.env.restore(&state).expect("of its kind");
+        for step in 10..20 {
+            assert_eq!(bench.step(action(step)), fork.step(action(step)), "{kind}, step {step}");
+            assert_eq!(bench.numbers("qpos"), fork.numbers("qpos"), "{kind}, step {step}");
+        }
+        let columns = |names: &[&str]| -> BTreeMap<String, Value> {
+            names.iter().map(|name| ((*name).to_owned(), bench.value(name))).collect()
+        };
+        let start = Some(columns(bench.env.spec().start_columns));
+        let goal = Some(columns(bench.env.spec().goal_columns));
+        let there = ResetOptions { start, goal, ..ResetOptions::default() };
+        assert_eq!(fork.reset(4, &there).success, Some(true), "{kind}");
+        assert_eq!(fork.numbers("qpos"), bench.numbers("qpos"), "{kind}");
     }
 }
 
