@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde_json::json;
 use swm_core::{
-    Batch, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Evaluation, Outcome, PolicyArgs, PolicyContext,
-    ResetOptions, Rollout, Scenario, Schema, Slice, Value, World, WorldOptions,
+    Batch, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Evaluation, Outcome, PolicyArgs,
+    PolicyContext, ResetOptions, Rollout, Scenario, Schema, Slice, Value, World, WorldOptions,
 };
 use swm_envs_mujoco::{OGB_CUBE, OGB_SCENE};
 

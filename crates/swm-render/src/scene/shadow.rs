@@ -13,6 +13,9 @@ use super::visibility::Drawing;
 /// Surfaces are looked up this many texels outside of themselves, so that they do not shade themselves.
 const LIFT: f32 = 1.5;
 
+/// Detail of meshes that is left out, in texels: surfaces move by half of it, less than points are lifted.
+const COARSENESS: f32 = 3.0;
+
 /// Light nearer than this to a spot is not blocked, metres.
 const NEAR: f64 = 1e-3;
 
@@ -69,7 +72,7 @@ impl ShadowMap {
         self.sight = view.map(|view| Sight::new(view, eye));
         let Some(Sight { view, .. }) = &self.sight else { return };
         self.distances.begin([size; 2], view.nearest(), view.farthest());
-        let drawing = Drawing { view, assets, sides: Sides::Both, coarseness: 2.0 };
+        let drawing = Drawing { view, assets, sides: Sides::Both, coarseness: COARSENESS };
         for (owner, instance) in (0..).zip(&scene.instances) {
             if instance.casts_shadow && !matches!(instance.shape, Shape::Plane { .. }) {
                 drawing.draw(instance, owner, projected, &mut self.distances);

@@ -14,6 +14,9 @@ use crate::scene::visibility::Drawing;
 /// Planes let this share of their opacity through from behind.
 const BEHIND: f32 = 0.3;
 
+/// Below this opacity meshes are drawn with half of their detail.
+const FAINT: f32 = 0.25;
+
 /// The surfaces that let light through, as they look by themselves.
 #[derive(Debug, Default)]
 pub(super) struct Veils {
@@ -87,7 +90,9 @@ impl SceneRenderer {
         let instance = &scene.instances[usize::from(owner)];
         let behind = is_behind(instance, view);
         let sides = if behind { Sides::Both } else { Sides::Front };
-        let drawing = Drawing { view, assets, sides, coarseness: COARSENESS };
+        // What is hardly seen shows no detail.
+        let coarseness = COARSENESS * if instance.material.color[3] < FAINT { 2.0 } else { 1.0 };
+        let drawing = Drawing { view, assets, sides, coarseness };
         if let Some(area) = drawing.area(instance) {
             // What hides it is already there.
             self.window.begin_window(area, &self.raster);
