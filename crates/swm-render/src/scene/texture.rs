@@ -50,18 +50,26 @@ impl Texture {
         let Image { width, height, ref texels } = self.levels[0];
         // What became of the colours so far, as long as they are few and each becomes one other.
         let (mut known, mut is_by_color): (Vec<[Texel; 2]>, bool) = (Vec::new(), true);
-        let change = |(index, &old): (usize, &Texel)| {
-            let color = [0, 16, 32].map(|shift| (old >> shift & 0xff) as u8);
-            let new = texel(recolor([index / width, index % width], color));
-            match known.iter().find(|[from, _]| *from == old & !CALM) {
-                Some([_, to]) => is_by_color &= *to == new,
-                None if known.len() < FEW_COLORS => known.push([old & !CALM, new]),
-                None => is_by_color = false,
+        let mut changed = Vec::with_capacity(texels.len());
+        for (row, texels) in texels.chunks(width).enumerate() {
+            let mut last = 0;
+            for (column, &old) in texels.iter().enumerate() {
+                let old = old & !CALM;
+                let color = [0, 16, 32].map(|shift| (old >> shift & 0xff) as u8);
+                let new = texel(recolor([row, column], color));
+                // Neighbours mostly have the same colour.
+                if known.get(last).is_none_or(|[from, _]| *from != old) {
+                    last = known.iter().position(|[from, _]| *from == old).unwrap_or(known.len());
+                }
+                match known.get(last) {
+                    Some([_, to]) => is_by_color &= *to == new,
+                    None if known.len() < FEW_COLORS => known.push([old, new]),
+                    None => is_by_color = false,
+                }
+                changed.push(new);
             }
-            new
-        };
-        let mut levels =
-            vec![Image { width, height, texels: texels.iter().enumerate().map(change).collect() }];
+        }
+        let mut levels = vec![Image { width, height, texels: changed }];
         while let Some(smaller) = levels.last().and_then(Image::halved) {
             levels.push(smaller);
         }

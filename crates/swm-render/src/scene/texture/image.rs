@@ -86,6 +86,10 @@ impl Image {
     #[inline]
     fn mixed(&self, (x0, x1, share_x): (usize, usize, u32), (y0, y1, share_y): (usize, usize, u32)) -> Texel {
         let (upper, lower) = (&self.texels[y0 * self.width..], &self.texels[y1 * self.width..]);
+        let color = upper[x0] & BYTES;
+        if [upper[x1], lower[x0], lower[x1]].iter().all(|other| other & BYTES == color) {
+            return color;
+        }
         let upper = mix(upper[x0], upper[x1], share_x);
         let lower = mix(lower[x0], lower[x1], share_x);
         mix(upper, lower, share_y)
