@@ -1,0 +1,158 @@
+//! Pictures without OpenGL: what MuJoCo says there is to draw, drawn by `swm-render`. How a picture is made is not known
+//! here.
+
+mod store;
+mod translate;
+
+use std::sync::Arc;
+
+use swm_render::Geometry;
+use swm_render::scene::{Quality, Scene as Picture, SceneRenderer};
+
+use crate::error::MujocoError;
+use crate::ffi::drawn::Looks;
+use crate::ffi::{Model, Scene, Simulation};
+use store::{Slot, Store};
+use translate::{camera, haze, instance, lamp};
+
+/// Draws simulations of one model as one of its cameras sees them.
+///
+/// Textures and meshes come from the model that it was made with, and are shared by all renderers of it; places, sizes and
+/// colours come from the simulation that is drawn, whose model may be one for physics with the textures left out.
+pub struct SoftwareRenderer {
+    model: Arc<Model>,
+    looks: Looks,
+    /// What is drawn with.
+    store: Arc<Store>,
+    /// The model's own, kept for other renderers of the model to find.
+    shared: Arc<Store>,
+    scene: Scene,
+    picture: Picture,
+    renderer: SceneRenderer,
+}
+
+impl SoftwareRenderer {
+    /// A renderer for pictures of `height` × `width` pixels from the camera of this index.
+    ///
+    /// # Errors
+    ///
+    /// No such camera, a size that is 0 or too large, or meshes and textures that cannot be drawn.
+    pub fn new(model: &Arc<Model>, camera: usize, size: [usize; 2]) -> Result<Self, MujocoError> {
+        Self::with_quality(model, camera, size, Quality::default())
+    }
+
+    /// A renderer of better or quicker pictures.
+    ///
+    /// # Errors
+    ///
+    /// As of [`SoftwareRenderer::new`].
+    pub fn with_quality(
+        model: &Arc<Model>,
+        camera: usize,
+        [height, width]: [usize; 2],
+        quality: Quality,
+    ) -> Result<Self, MujocoError> {
+        let geometry = Geometry::new(height, width);
+        let store = Store::of(model)?;
+        Ok(Self {
+            looks: model.looks(),
+            shared: Arc::clone(&store),
+            store,
+            scene: Scene::new(Arc::clone(model), camera)?,
+            picture: Picture::default(),
+            renderer: SceneRenderer::new(geometry, quality)?,
+            model: Arc::clone(model),
+        })
+    }
+
+    /// Takes textures and meshes from another model with the same objects.
+    ///
+    /// # Errors
+    ///
+    /// Its meshes or textures cannot be drawn.
+    pub fn set_model(&mut self, model: &Arc<Model>) -> Result<(), MujocoError> {
+        self.shared = Store::of(model)?;
+        self.store = Arc::clone(&self.shared);
+        self.looks = model.looks();
+        self.model = Arc::clone(model);
+        Ok(())
+    }
+
+    /// Shows a flat texture of the model, which lends all others, in colours that depend on its own, row
+    /// and column of a pixel and its colour.
+    pub fn recolor(&mut self, index: usize, recolor: impl Fn([usize; 2], [u8; 3]) -> [u8; 3]) {
+        if let Some(Slot::Flat(slot)) = self.shared.slots.get(index).copied() {
+            // What others show stays as it is.
+            let mut own = Store::clone(&self.shared);
+            own.assets.textures[slot] = Arc::new(own.assets.textures[slot].recolored(recolor));
+            self.store = Arc::new(own);
+        }
+    }
+
+    /// Writes the picture of the simulation as it stands computed, `[height, width, 3]`.
+    ///
+    /// # Errors
+    ///
+    /// The simulation is of a model with other objects, or `pixels` has another length.
+    pub fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) -> Result<(), MujocoError> {
+        self.describe(sim)?;
+        Ok(self.renderer.render(&self.picture, &self.store.assets, pixels)?)
+    }
+
+    /// Writes what each pixel shows, `[height, width]`: the index of a geom, -2 - index of a site,
+    /// the smallest number for other things, -1 for nothing.
+    ///
+    /// # Errors
+    ///
+    /// The simulation is of a model with other objects, or `segments` has another length.
+    pub fn draw_segmentation(
+        &mut self,
+        sim: &mut Simulation,
+        segments: &mut [i32],
+    ) -> Result<(), MujocoError> {
+        self.describe(sim)?;
+        Ok(self.renderer.render_segmentation(&self.picture, &self.store.assets, segments)?)
+    }
+
+    /// Writes the distance of each pixel along the camera's axis, m, `[height, width]`.
+    ///
+    /// # Errors
+    ///
+    /// The simulation is of a model with other objects, or `depth` has another length.
+    pub fn draw_depth(&mut self, sim: &mut Simulation, depth: &mut [f32]) -> Result<(), MujocoError> {
+        self.describe(sim)?;
+        Ok(self.renderer.render_depth(&self.picture, &self.store.assets, depth)?)
+    }
+
+    /// As [`SoftwareRenderer::draw_segmentation`], of the picture that was drawn last.
+    ///
+    /// # Errors
+    ///
+    /// `segments` has another length.
+    pub fn segmentation_of_last(&mut self, segments: &mut [i32]) -> Result<(), MujocoError> {
+        Ok(self.renderer.segmentation_of_last(&self.picture, &self.store.assets, segments)?)
+    }
+
+    /// As [`SoftwareRenderer::draw_depth`], of the picture that was drawn last.
+    ///
+    /// # Errors
+    ///
+    /// `depth` has another length.
+    pub fn depth_of_last(&mut self, depth: &mut [f32]) -> Result<(), MujocoError> {
+        Ok(self.renderer.depth_of_last(&self.picture, &self.store.assets, depth)?)
+    }
+
+    fn describe(&mut self, sim: &mut Simulation) -> Result<(), MujocoError> {
+        self.scene.update(sim)?;
+        let Self { model, looks, store, scene, picture, .. } = self;
+        let [left, right] = scene.eyes();
+        picture.camera = camera(left, right);
+        picture.sky = store.sky;
+        picture.lights.clear();
+        picture.lights.extend(scene.lights().iter().filter_map(|light| lamp(light, looks)));
+        picture.instances.clear();
+        picture.instances.extend(scene.geoms().iter().filter_map(|geom| instance(geom, model, store)));
+        picture.haze = scene.geoms().iter().find_map(|geom| haze(geom, looks, &picture.camera));
+        Ok(())
+    }
+}
