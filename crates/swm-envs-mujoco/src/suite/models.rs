@@ -199,7 +199,7 @@ fn compile(spec: &mut Spec, controls: &[Control], fov: &Fov) -> Result<Model, Mu
 ///
 /// # Errors
 ///
-/// As of [`Effect::edit_model`].
+/// As of [`Effect::edit_model`](super::Effect::edit_model).
 pub fn edit_in_place(controls: &[Control], fov: &Fov, model: &mut Model) -> Result<(), MujocoError> {
     for control in controls {
         control.effect.edit_model(model, &values(fov, control.factor.name()))?;
