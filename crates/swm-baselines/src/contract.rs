@@ -42,10 +42,13 @@ fn goal() -> Json {
     json!({"model": {"image": 16, "encoder": encoder, "history": 2, "predictor": predictor}})
 }
 
+fn options(preset: &str, changes: Json) -> MakeOptions<'_> {
+    MakeOptions { preset, changes, facts: FACTS, seed: 0, processor: Processor::Cpu }
+}
+
 fn tiny(name: &str) -> Box<dyn Baseline> {
     let changes = TINY.iter().find(|(of, _)| *of == name).expect("a line in TINY").1();
-    make(name, &MakeOptions { preset: "small", changes, facts: FACTS, seed: 3, processor: Processor::Cpu })
-        .unwrap()
+    make(name, &MakeOptions { seed: 3, ..options("small", changes) }).unwrap()
 }
 
 /// Made-up clips: `[CLIPS, T]` pictures, actions with a gap, a goal per clip.
@@ -116,14 +119,7 @@ fn names_and_presets_are_tested() {
     let named: Vec<&str> = TINY.iter().map(|(name, _)| *name).collect();
     assert_eq!(BASELINES.iter().map(|entry| entry.name).collect::<Vec<_>>(), named);
     for entry in BASELINES {
-        let options = MakeOptions {
-            preset: "small",
-            changes: Json::Null,
-            facts: FACTS,
-            seed: 0,
-            processor: Processor::Cpu,
-        };
-        let model = make(entry.name, &options).unwrap();
+        let model = make(entry.name, &options("small", Json::Null)).unwrap();
         assert!((10_000..5_000_000).contains(&model.parameters()), "{}: {}", entry.name, model.parameters());
     }
 }
@@ -136,14 +132,7 @@ fn the_documentation_lists_all() {
     let (listed, _) = rest.split_once("<!-- /baselines -->").unwrap();
     let mut table = "| name | what it is | trained numbers of `small` |\n|---|---|---|\n".to_owned();
     for entry in BASELINES {
-        let options = MakeOptions {
-            preset: "small",
-            changes: Json::Null,
-            facts: FACTS,
-            seed: 0,
-            processor: Processor::Cpu,
-        };
-        let millions = make(entry.name, &options).unwrap().parameters() as f64 / 1e6;
+        let millions = make(entry.name, &options("small", Json::Null)).unwrap().parameters() as f64 / 1e6;
         table += &format!("| `{}` | {} | {millions:.2} million |\n", entry.name, entry.about);
     }
     assert_eq!(listed, table, "put this into docs/baselines.md:\n{table}");
@@ -264,8 +253,6 @@ fn plans_and_decisions_do_not_depend_on_their_neighbours() {
 
 #[test]
 fn what_cannot_be_made_says_why() {
-    let options =
-        |preset, changes| MakeOptions { preset, changes, facts: FACTS, seed: 0, processor: Processor::Cpu };
     let error = |name, options: &MakeOptions<'_>| match make(name, options) {
         Ok(_) => panic!("{name} was made"),
         Err(error) => error.to_string(),
@@ -297,11 +284,7 @@ fn what_cannot_be_made_says_why() {
 
 #[test]
 fn a_frozen_encoder_is_known() {
-    let frozen = |name, changes| {
-        let options =
-            MakeOptions { preset: "small", changes, facts: FACTS, seed: 0, processor: Processor::Cpu };
-        make(name, &options).unwrap().has_frozen_encoder()
-    };
+    let frozen = |name, changes| make(name, &options("small", changes)).unwrap().has_frozen_encoder();
     assert!(frozen("dino-wm", Json::Null) && frozen("gcbc", json!({"model": {"train_encoder": false}})));
     assert!(!frozen("lewm", Json::Null) && !frozen("gcbc", Json::Null));
 }
