@@ -43,9 +43,7 @@ impl LatentModel {
     pub fn new(args: &PolicyArgs) -> Result<Self, PolicyError> {
         let given = Given::of(args)?;
         let TrainedModel { baseline, config, .. } = given.model(args)?;
-        if let Some(name) = given.rest.keys().next() {
-            return Err(args.wrong(format!("setting `{name}`: unknown; known are checkpoint and device")));
-        }
+        given.check_all_known(args)?;
         let found = baseline.name();
         if args.name != ANY && args.name != found {
             return Err(args.wrong(format!("the run trained {found}, not {0}; use `{found}:RUN`", args.name)));

@@ -53,9 +53,7 @@ const fn named(
 fn model_policy(args: &PolicyArgs, baseline: Option<&str>) -> Result<Box<dyn Policy>, PolicyError> {
     let given = Given::of(args)?;
     let model = given.model(args)?;
-    if let Some(name) = given.rest.keys().next() {
-        return Err(args.wrong(format!("setting `{name}`: unknown; known are checkpoint and device")));
-    }
+    given.check_all_known(args)?;
     let found = model.baseline.name();
     if let Some(wanted) = baseline.filter(|wanted| *wanted != found) {
         return Err(args.wrong(format!("the run trained {found}, not {wanted}; use `policy:RUN`")));
@@ -108,7 +106,7 @@ pub(super) struct Given {
     run: PathBuf,
     which: Which,
     processor: Processor,
-    pub(super) rest: Map<String, Json>,
+    rest: Map<String, Json>,
 }
 
 impl Given {
@@ -131,6 +129,16 @@ impl Given {
             None => Processor::default(),
         };
         Ok(Self { run: text(run).into(), which, processor, rest })
+    }
+
+    /// Refuses what is left where no planner takes settings.
+    pub(super) fn check_all_known(&self, args: &PolicyArgs) -> Result<(), PolicyError> {
+        match self.rest.keys().next() {
+            Some(name) => {
+                Err(args.wrong(format!("setting `{name}`: unknown; known are checkpoint and device")))
+            }
+            None => Ok(()),
+        }
     }
 
     pub(super) fn model(&self, args: &PolicyArgs) -> Result<TrainedModel, PolicyError> {
