@@ -40,8 +40,8 @@ pub use error::BaselineError;
 pub use losses::SigregConfig;
 pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};
 pub use models::{
-    DinoWmConfig, EncoderConfig, GcbcConfig, GciqlConfig, GcivlConfig, GoalConfig, JointConfig, LewmConfig,
-    PldmConfig, PldmWeights, ValueConfig,
+    DinoWmConfig, EncoderConfig, GcbcConfig, GciqlConfig, GcivlConfig, GoalConfig, JointConfig, LaterGoals,
+    LewmConfig, PldmConfig, PldmWeights, ValueConfig,
 };
 pub use nn::{CnnConfig, GoalTransformerConfig, Pool, PredictorConfig, VitConfig};
 pub use optim::{OptimConfig, Schedule};

@@ -34,15 +34,15 @@ pub struct LatentModel {
 }
 
 impl LatentModel {
-    /// The model that arguments name, such as `lewm:RUN,checkpoint=best`.
+    /// The model that arguments name, such as `lewm:RUN,checkpoint=best`, for the environment `env`.
     ///
     /// # Errors
     ///
-    /// [`PolicyError::Argument`]: no run, one that cannot be read or trained something else, a model that predicts
-    /// nothing, or an unknown setting.
-    pub fn new(args: &PolicyArgs) -> Result<Self, PolicyError> {
+    /// [`PolicyError::Argument`]: no run, one that cannot be read, trained something else or in another environment, a model
+    /// that predicts nothing, or an unknown setting.
+    pub fn new(args: &PolicyArgs, env: &str) -> Result<Self, PolicyError> {
         let given = Given::of(args)?;
-        let TrainedModel { baseline, config, .. } = given.model(args)?;
+        let TrainedModel { baseline, config, .. } = given.model(args, env)?;
         given.check_all_known(args)?;
         let found = baseline.name();
         if args.name != ANY && args.name != found {

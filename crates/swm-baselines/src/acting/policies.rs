@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value as Json};
 use swm_core::registry::Setting;
-use swm_core::{Policy, PolicyArgs, PolicyEntry, PolicyError};
+use swm_core::{Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
 use swm_solvers::{LearnedCost, MpcPolicy, SOLVER_SETTING, plan_on, take_solver};
 
 use super::cost::ModelCost;
@@ -20,19 +20,23 @@ pub const POLICIES: &[PolicyEntry] = &[
         name: "policy",
         summary: "acts as a trained goal-conditioned policy says (`policy:RUN`)",
         settings: POLICY_SETTINGS,
-        make: |_, args| model_policy(args, None),
+        make: |context, args| model_policy(context, args, None),
     },
-    named("gcbc", "a trained GCBC (`gcbc:RUN`)", |_, args| model_policy(args, Some("gcbc"))),
-    named("gcivl", "a trained GCIVL (`gcivl:RUN`)", |_, args| model_policy(args, Some("gcivl"))),
-    named("gciql", "a trained GCIQL (`gciql:RUN`)", |_, args| model_policy(args, Some("gciql"))),
+    named("gcbc", "a trained GCBC (`gcbc:RUN`)", |context, args| model_policy(context, args, Some("gcbc"))),
+    named("gcivl", "a trained GCIVL (`gcivl:RUN`)", |context, args| {
+        model_policy(context, args, Some("gcivl"))
+    }),
+    named("gciql", "a trained GCIQL (`gciql:RUN`)", |context, args| {
+        model_policy(context, args, Some("gciql"))
+    }),
 ];
 
 /// Plans on a trained world model.
 pub const MPC: PolicyEntry = PolicyEntry {
     name: "mpc",
     summary: "plans on a trained world model (`mpc:RUN,solver=cem`), with the settings of the solver and of the plan",
-    settings: &[RUN, CHECKPOINT, DEVICE, SOLVER_SETTING],
-    make: |_, args| Ok(Box::new(mpc_policy(args)?)),
+    settings: &[RUN, CHECKPOINT, DEVICE, TRANSFER, SOLVER_SETTING],
+    make: |context, args| Ok(Box::new(mpc_policy(args, context.env.id)?)),
 };
 
 const RUN: Setting = Setting { name: "RUN", doc: "folder of a training run", default: "required" };
@@ -40,7 +44,9 @@ const CHECKPOINT: Setting =
     Setting { name: "checkpoint", doc: "which checkpoint: last, best, or a step", default: "last" };
 const DEVICE: Setting =
     Setting { name: "device", doc: "what it is computed on: cpu, cuda, cuda:1 …", default: "cpu" };
-const POLICY_SETTINGS: &[Setting] = &[RUN, CHECKPOINT, DEVICE];
+const TRANSFER: Setting =
+    Setting { name: "transfer", doc: "whether a run of another environment is taken", default: "false" };
+const POLICY_SETTINGS: &[Setting] = &[RUN, CHECKPOINT, DEVICE, TRANSFER];
 
 const fn named(
     name: &'static str,
@@ -50,9 +56,13 @@ const fn named(
     PolicyEntry { name, summary, settings: POLICY_SETTINGS, make }
 }
 
-fn model_policy(args: &PolicyArgs, baseline: Option<&str>) -> Result<Box<dyn Policy>, PolicyError> {
+fn model_policy(
+    context: &PolicyContext<'_>,
+    args: &PolicyArgs,
+    baseline: Option<&str>,
+) -> Result<Box<dyn Policy>, PolicyError> {
     let given = Given::of(args)?;
-    let model = given.model(args)?;
+    let model = given.model(args, context.env.id)?;
     given.check_all_known(args)?;
     let found = model.baseline.name();
     if let Some(wanted) = baseline.filter(|wanted| *wanted != found) {
@@ -61,15 +71,15 @@ fn model_policy(args: &PolicyArgs, baseline: Option<&str>) -> Result<Box<dyn Pol
     Ok(Box::new(ModelPolicy::new(model).map_err(|error| args.wrong(error.to_string()))?))
 }
 
-/// The policy of [`MPC`] as what it is, so that a trace can be given to it.
+/// The policy of [`MPC`] in the environment `env` as what it is, so that a trace can be given to it.
 ///
 /// # Errors
 ///
-/// [`PolicyError::Argument`]: no run, one that cannot be read, a model that predicts nothing, or an unknown or misfit
-/// setting.
-pub fn mpc_policy(args: &PolicyArgs) -> Result<MpcPolicy, PolicyError> {
+/// [`PolicyError::Argument`]: no run, one that cannot be read, one of another environment, a model that predicts nothing, or
+/// an unknown or misfit setting.
+pub fn mpc_policy(args: &PolicyArgs, env: &str) -> Result<MpcPolicy, PolicyError> {
     let given = Given::of(args)?;
-    let cost = ModelCost::new(given.model(args)?).map_err(|error| args.wrong(error.to_string()))?;
+    let cost = ModelCost::new(given.model(args, env)?).map_err(|error| args.wrong(error.to_string()))?;
     let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
     let learned = LearnedCost { cost: Box::new(cost), action_block, scale };
     plan_on(learned, given.rest).map_err(|error| args.wrong(error.to_string()))
@@ -106,6 +116,8 @@ pub(super) struct Given {
     run: PathBuf,
     which: Which,
     processor: Processor,
+    /// Whether a run of another environment is taken.
+    transfer: bool,
     rest: Map<String, Json>,
 }
 
@@ -128,21 +140,37 @@ impl Given {
             }
             None => Processor::default(),
         };
-        Ok(Self { run: text(run).into(), which, processor, rest })
+        let transfer = match rest.shift_remove("transfer") {
+            Some(Json::Bool(transfer)) => transfer,
+            Some(other) => {
+                return Err(args.wrong(format!("setting `transfer`: `{}`; use true or false", text(&other))));
+            }
+            None => false,
+        };
+        Ok(Self { run: text(run).into(), which, processor, transfer, rest })
     }
 
     /// Refuses what is left where no planner takes settings.
     pub(super) fn check_all_known(&self, args: &PolicyArgs) -> Result<(), PolicyError> {
         match self.rest.keys().next() {
             Some(name) => {
-                Err(args.wrong(format!("setting `{name}`: unknown; known are checkpoint and device")))
+                Err(args
+                    .wrong(format!("setting `{name}`: unknown; known are checkpoint, device and transfer")))
             }
             None => Ok(()),
         }
     }
 
-    pub(super) fn model(&self, args: &PolicyArgs) -> Result<TrainedModel, PolicyError> {
-        TrainedModel::open(&self.run, self.which, self.processor)
-            .map_err(|error| args.wrong(error.to_string()))
+    /// The model, for use in the environment `env`: numbers of an action may agree where nothing else does.
+    pub(super) fn model(&self, args: &PolicyArgs, env: &str) -> Result<TrainedModel, PolicyError> {
+        let model = TrainedModel::open(&self.run, self.which, self.processor)
+            .map_err(|error| args.wrong(error.to_string()))?;
+        match model.config.data.env.as_deref() {
+            Some(of) if of != env && !self.transfer => Err(args.wrong(format!(
+                "run {}: it was trained in {of}, and this is {env}; use a run of {env}, or allow it with transfer=true",
+                self.run.display()
+            ))),
+            _ => Ok(model),
+        }
     }
 }

@@ -16,7 +16,7 @@ pub(crate) mod table;
 
 pub use dino_wm::DinoWmConfig;
 pub use encoder::EncoderConfig;
-pub use gcbc::GcbcConfig;
+pub use gcbc::{GcbcConfig, LaterGoals};
 pub use gciql::GciqlConfig;
 pub use gcivl::{GcivlConfig, ValueConfig};
 pub use goal::GoalConfig;

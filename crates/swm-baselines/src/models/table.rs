@@ -152,3 +152,54 @@ fn find(name: &str) -> Result<&'static BaselineEntry, BaselineError> {
         BaselineError::UnknownBaseline { name: name.to_owned(), hint }
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    /// What the reference's files of settings say (`scripts/train/config`, August 2026), and where they are silent its trainer:
+    /// AdamW's decay of 0.01 is PyTorch's, the cosine that of stable-pretraining 0.1.8.
+    #[test]
+    fn presets_of_the_paper_are_the_references() {
+        let warm = json!({ "warm_up_cosine": { "warm_up": 0.01 } });
+        let cosine = json!({ "warm_up_cosine": { "warm_up": 0.0 } });
+        let clip = json!(1.0);
+        let frozen = json!([384, 12, 6, 1536, 14, 518, true]);
+        let tiny = json!([192, 12, 3, 768, 14, 224, false]);
+        for (name, lr, decay, clip, schedule, batch, frameskip, dropout, encoder) in [
+            ("dino-wm", 5e-4, 0.0, &clip, &cosine, 32, 5, 0.1, &frozen),
+            ("gcbc", 1e-4, 0.01, &Json::Null, &warm, 128, 1, 0.0, &frozen),
+            ("gciql", 3e-4, 0.01, &clip, &cosine, 32, 1, 0.0, &frozen),
+            ("gcivl", 3e-4, 0.01, &clip, &cosine, 128, 1, 0.0, &frozen),
+            ("lewm", 5e-5, 1e-3, &clip, &warm, 128, 5, 0.1, &tiny),
+            ("pldm", 5e-5, 1e-3, &clip, &warm, 128, 5, 0.1, &tiny),
+        ] {
+            let settings = (find(name).unwrap().settings)("paper", &Json::Null).unwrap();
+            let optim = json!({ "lr": lr, "weight_decay": decay, "betas": [0.9, 0.999], "epsilon": 1e-8, "clip": clip,
+                "schedule": schedule });
+            assert_eq!(settings["optim"], optim, "{name}");
+            let model = settings.get("model").unwrap_or(&settings);
+            let sizes = ["image", "history", "frameskip", "batch"].map(|size| model[size].clone());
+            assert_eq!(json!(sizes), json!([224, 3, frameskip, batch]), "{name}");
+            let predictor = ["depth", "heads", "head_width", "hidden", "dropout"];
+            let predictor = predictor.map(|size| model["predictor"][size].clone());
+            assert_eq!(json!(predictor), json!([6, 16, 64, 2048, dropout]), "{name}");
+            let parts = ["width", "depth", "heads", "hidden", "patch", "positions_for", "dinov2"];
+            let parts = parts.map(|part| model["encoder"][part].clone());
+            assert_eq!(&json!(parts), encoder, "{name}");
+        }
+        let of = |name: &str, part: &str| {
+            (find(name).unwrap().settings)("paper", &Json::Null).unwrap()[part].clone()
+        };
+        assert_eq!(of("lewm", "sigreg"), json!({ "weight": 0.09, "knots": 17, "projections": 1024 }));
+        assert_eq!(of("gcbc", "goals"), json!("uniform"));
+        let value = |alpha| json!({ "discount": 0.99, "expectile": 0.9, "momentum": 0.995, "alpha": alpha });
+        assert_eq!((of("gcivl", "value"), of("gciql", "value")), (value(3.0), value(10.0)));
+        let weights = json!({ "std": 18.0, "std_t": 0.7, "cov": 12.0, "cov_t": 0.0, "alignment": 0.2, "inverse": 0.0,
+            "straightening": 0.0 });
+        assert_eq!(of("pldm", "weights"), weights);
+        assert_eq!((of("dino-wm", "proprio"), of("dino-wm", "action")), (json!(10), json!(10)));
+    }
+}

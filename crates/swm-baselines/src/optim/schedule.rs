@@ -15,6 +15,11 @@ pub enum Schedule {
     },
 }
 
+impl Schedule {
+    /// Down to zero along a cosine from the first step: what the reference's trainer does where it is told nothing.
+    pub const COSINE: Self = Schedule::WarmUpCosine { warm_up: 0.0 };
+}
+
 impl Default for Schedule {
     /// The reference's: up over 1 % of the steps.
     fn default() -> Self {
@@ -22,7 +27,7 @@ impl Default for Schedule {
     }
 }
 
-/// What the learning rate begins with, as a share of the highest.
+/// What the learning rate begins with, as a share of the highest. The reference's begins with 0: its first step changes nothing.
 const START: f64 = 0.01;
 
 impl Schedule {
@@ -51,5 +56,10 @@ mod tests {
         assert!((factor(550) - 0.5).abs() < 1e-12);
         assert!(factor(1000).abs() < 1e-12);
         assert!((Schedule::default().factor(0, 10) - 1.0).abs() < 1e-12, "nothing to warm up in ten steps");
+        assert!(
+            [(0, 1.0), (5, 0.5), (10, 0.0)]
+                .iter()
+                .all(|&(step, wanted)| { (Schedule::COSINE.factor(step, 10) - wanted).abs() < 1e-12 })
+        );
     }
 }

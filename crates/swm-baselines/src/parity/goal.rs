@@ -14,11 +14,11 @@ const FACTS: Facts = Facts { action_width: 4, proprio_width: 3 };
 const HISTORY: usize = 2;
 const CLIPS: usize = 5;
 
-fn config(pool: &str) -> GoalConfig {
+fn config() -> GoalConfig {
     let tiny = json!({
         "image": 8, "train_encoder": true, "proprio": 2, "history": HISTORY, "frameskip": 1, "batch": CLIPS,
         "encoder": {"kind": "vit", "width": 12, "depth": 2, "heads": 3, "hidden": 24, "patch": 4, "positions_for": 8},
-        "predictor": {"depth": 3, "heads": 2, "head_width": 5, "hidden": 20, "dropout": 0.0, "pool": pool},
+        "predictor": {"depth": 3, "heads": 2, "head_width": 5, "hidden": 20, "dropout": 0.0},
     });
     serde_json::from_value(tiny).unwrap()
 }
@@ -68,13 +68,13 @@ fn compare(name: &str, parts: &Parts<impl Network>, phase: usize) {
 
 #[test]
 fn gcbc_trains_and_acts_as_the_reference() {
-    let config = gcbc::GcbcConfig { model: config("attention"), ..gcbc::GcbcConfig::paper() };
+    let config = gcbc::GcbcConfig { model: config(), ..gcbc::GcbcConfig::paper() };
     compare("gcbc", &gcbc::make(&config, &FACTS, &burn::tensor::Device::flex()).unwrap(), 0);
 }
 
 #[test]
 fn gcivl_trains_and_acts_as_the_reference() {
-    let config = gcivl::GcivlConfig { model: config("attention"), ..gcivl::GcivlConfig::paper() };
+    let config = gcivl::GcivlConfig { model: config(), ..gcivl::GcivlConfig::paper() };
     let parts = gcivl::make(&config, &FACTS, &burn::tensor::Device::flex()).unwrap();
     compare("gcivl_value", &parts, 0);
     compare("gcivl_policy", &parts, 1);
@@ -82,7 +82,7 @@ fn gcivl_trains_and_acts_as_the_reference() {
 
 #[test]
 fn gciql_trains_and_acts_as_the_reference() {
-    let model = config("attention");
+    let model = config();
     let config = gciql::GciqlConfig { model, critic_hidden: 9, ..gciql::GciqlConfig::paper() };
     let parts = gciql::make(&config, &FACTS, &burn::tensor::Device::flex()).unwrap();
     compare("gciql_value", &parts, 0);

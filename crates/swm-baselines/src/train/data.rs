@@ -186,7 +186,7 @@ impl TrainData {
         let episodes = dataset.num_episodes();
         let config = DataConfig {
             path: dataset.path().to_owned(),
-            env: dataset.metadata().map(|metadata| metadata.env.clone()),
+            env: dataset.metadata().map(|metadata| metadata.env.clone()).filter(|env| !env.is_empty()),
             episodes,
             rows: (0..episodes).map(|episode| dataset.episode_len(episode)).sum(),
             split,
@@ -217,10 +217,14 @@ fn check_columns(dataset: &dyn Dataset, baseline: &str, needed: &[&str]) -> Resu
     }
     let field = |name: &str| &schema.fields()[schema.index(name).expect("checked above")];
     let shape = &field(PIXELS).shape;
-    if !matches!(shape[..], [_, _, 3]) {
-        return refuse(format!("its pictures are {shape:?}, and colour pictures [H, W, 3] are needed"));
+    match shape[..] {
+        [height, width, 3] if height == width => Ok(field(ACTION).width()),
+        [height, width, 3] => refuse(format!(
+            "its pictures are {height} × {width} pixels, and square ones are needed; record them with `swm collect … \
+             --image-size 64x64`"
+        )),
+        _ => refuse(format!("its pictures are {shape:?}, and colour pictures [H, W, 3] are needed")),
     }
-    Ok(field(ACTION).width())
 }
 
 fn columns_error(dataset: &dyn Dataset, baseline: &str, reason: String) -> BaselineError {

@@ -349,9 +349,9 @@ def see(model: GCRL, info: dict):
     return info["embed"], info["goal_embed"].flatten(1, 2)
 
 
-def goal_model(pool: str, value=None, critic=None) -> GCRL:
+def goal_model(value=None, critic=None) -> GCRL:
     sizes = dict(num_patches=4, num_frames=HISTORY, dim=WIDTH + 2, depth=3, heads=2, mlp_dim=20, dim_head=5)
-    values = dict(sizes, pool_type=pool)
+    values = dict(sizes, pool_type="mean")
     model = GCRL(
         vit(8),
         gcrl.Predictor(**sizes, out_dim=ACTION),
@@ -379,7 +379,7 @@ def finish(case: Case, model: nn.Module, name: str, loss: torch.Tensor) -> None:
 
 def gcbc() -> None:
     torch.manual_seed(5)
-    case, model = Case(), goal_model("attention")
+    case, model = Case(), goal_model()
     case.add_weights("weights", model)
     info, action, _ = goal_batch(case, HISTORY)
     decide(case, model, info)
@@ -398,11 +398,11 @@ def advantage_weighted(model: GCRL, now, after, goal, action, alpha: float) -> t
     return (worth * unlikely).mean()
 
 
-def value_learner(name: str, seed: int, pool: str, critic: bool, alpha: float) -> None:
+def value_learner(name: str, seed: int, critic: bool, alpha: float) -> None:
     """Both phases, each a fixture with weights of its own."""
     for phase in ("value", "policy"):
         torch.manual_seed(seed)
-        case, model = Case(), goal_model(pool, value=True, critic=critic)
+        case, model = Case(), goal_model(value=True, critic=critic)
         case.add_weights("weights", model)
         info, action, reached = goal_batch(case, HISTORY + 1)
         decide(case, model, info)
@@ -427,11 +427,11 @@ def value_learner(name: str, seed: int, pool: str, critic: bool, alpha: float) -
 
 
 def gcivl() -> None:
-    value_learner("gcivl", 6, "attention", critic=False, alpha=3.0)
+    value_learner("gcivl", 6, critic=False, alpha=3.0)
 
 
 def gciql() -> None:
-    value_learner("gciql", 7, "mean", critic=True, alpha=10.0)
+    value_learner("gciql", 7, critic=True, alpha=10.0)
 
 
 CASES = dict(

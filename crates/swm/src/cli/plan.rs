@@ -174,7 +174,7 @@ impl Plan {
         let mut args = policy_args(&self.policy)?;
         #[cfg(feature = "baselines")]
         if args.name == swm_baselines::acting::MPC.name {
-            return Ok(swm_baselines::acting::mpc_policy(&args)?);
+            return Ok(swm_baselines::acting::mpc_policy(&args, env.id)?);
         }
         #[cfg(feature = "onnx")]
         if swm_onnx::POLICIES.iter().any(|policy| policy.name == args.name) {

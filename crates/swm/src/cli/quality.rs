@@ -82,7 +82,7 @@ impl QualityCommand {
         if !metadata.env.is_empty() && metadata.env != entry.id {
             return Err(usage(format!("the dataset was recorded in {}, not in {}", metadata.env, entry.id)));
         }
-        let trained = Trained::of(&self.model)?;
+        let trained = Trained::of(&self.model, entry)?;
         let image = self.image_size.map_or(trained.image.or(metadata.image), |size| size.0);
         let config =
             self.env.config_like(if dataset.is_some() { metadata.settings } else { Map::new() }, image)?;
@@ -122,17 +122,17 @@ struct Trained {
 
 impl Trained {
     #[cfg(feature = "baselines")]
-    fn of(name: &str) -> Result<Self, Failure> {
+    fn of(name: &str, env: &EnvEntry) -> Result<Self, Failure> {
         use swm_baselines::acting::{LatentModel, is_model};
 
         let Some(args) = policy_args(name).ok().filter(is_model) else { return Ok(Self::default()) };
-        let model = LatentModel::new(&args)?;
+        let model = LatentModel::new(&args, env.id)?;
         let side = model.image_side();
         Ok(Self { image: Some(ImageSize { height: side, width: side }), model: Some(Box::new(model)) })
     }
 
     #[cfg(not(feature = "baselines"))]
-    fn of(name: &str) -> Result<Self, Failure> {
+    fn of(name: &str, _env: &EnvEntry) -> Result<Self, Failure> {
         match name.split_once(':') {
             Some((trained, _)) => Err(usage(format!(
                 "--model {name}: trained models such as {trained} need a build with the feature `baselines`"

@@ -64,7 +64,7 @@ impl DinoWmConfig {
             optim: OptimConfig {
                 lr: 5e-4,
                 weight_decay: 0.0,
-                schedule: Schedule::Constant,
+                schedule: Schedule::COSINE,
                 ..OptimConfig::default()
             },
         }

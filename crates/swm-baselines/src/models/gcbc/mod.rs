@@ -24,8 +24,20 @@ pub(crate) const NAME: &str = "gcbc";
 pub struct GcbcConfig {
     /// The network.
     pub model: GoalConfig,
+    /// Which later rows of an episode are its goals.
+    pub goals: LaterGoals,
     /// The optimiser.
     pub optim: OptimConfig,
+}
+
+/// Which later rows of an episode are goals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LaterGoals {
+    /// All equally often.
+    Uniform,
+    /// Each 0.99 times as often as the one before it; the last takes all that would come after it.
+    Geometric,
 }
 
 impl GcbcConfig {
@@ -33,13 +45,18 @@ impl GcbcConfig {
     pub fn paper() -> Self {
         Self {
             model: GoalConfig::paper(),
-            optim: OptimConfig { lr: 1e-4, weight_decay: 0.01, ..OptimConfig::default() },
+            goals: LaterGoals::Uniform,
+            optim: OptimConfig { lr: 1e-4, weight_decay: 0.01, clip: None, ..OptimConfig::default() },
         }
     }
 
     /// Settings for a processor.
     pub fn small() -> Self {
-        Self { model: GoalConfig::small(), optim: OptimConfig { lr: 5e-4, ..Self::paper().optim } }
+        Self {
+            model: GoalConfig::small(),
+            goals: LaterGoals::Geometric,
+            optim: OptimConfig { lr: 5e-4, clip: Some(1.0), ..Self::paper().optim },
+        }
     }
 }
 
@@ -61,13 +78,18 @@ pub(crate) fn make(
     facts: &Facts,
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
-    let GcbcConfig { model, optim } = config;
+    let GcbcConfig { model, goals, optim } = config;
+    let none = GoalWeights { random: 0.0, geometric: 0.0, uniform: 0.0, current: 0.0 };
+    let weights = match goals {
+        LaterGoals::Uniform => GoalWeights { uniform: 1.0, ..none },
+        LaterGoals::Geometric => GoalWeights { geometric: 1.0, ..none },
+    };
     let observer = Observer::new(NAME, model, facts, device)?;
     let form = model.form(facts);
     let phase = Phase {
         name: "policy",
         optim: optim.clone(),
-        goals: model.goals(GoalWeights { random: 0.0, geometric: 1.0, uniform: 0.0, current: 0.0 }),
+        goals: model.goals(weights),
         trains: if model.train_encoder { &[""] } else { &["action_predictor", "extra_encoders"] },
         teachers: &[],
         momentum: 0.0,

@@ -13,8 +13,8 @@ use crate::losses::{Terms, expectile, mean_squared_error};
 use crate::models::gcivl::{ValueConfig, value_optim};
 use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Transition};
 use crate::network::{Network, Parts};
-use crate::nn::{Critic, GoalPredictor, Pool, parameter};
-use crate::optim::OptimConfig;
+use crate::nn::{Critic, GoalPredictor, parameter};
+use crate::optim::{OptimConfig, Schedule};
 use crate::pass::Pass;
 
 /// Its name.
@@ -49,7 +49,8 @@ impl GciqlConfig {
     pub fn small() -> Self {
         let paper = Self::paper();
         let value = ValueConfig { momentum: 0.95, ..paper.value };
-        Self { model: GoalConfig::small_with_value(), value, ..paper }
+        let optim = OptimConfig { schedule: Schedule::Constant, ..value_optim() };
+        Self { model: GoalConfig::small_with_value(), optim, value, ..paper }
     }
 }
 
@@ -80,9 +81,9 @@ pub(crate) fn make(
     value.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let observer = Observer::new(NAME, model, facts, device)?;
     let (form, tokens) = (model.form(facts), model.tokens());
-    let mean = crate::nn::GoalTransformerConfig { pool: Pool::Mean, ..model.predictor.clone() };
-    let values = || GoalPredictor::new(&mean, &tokens, 1, device);
-    let critic = || Critic::new(&mean, &tokens, form.action, *critic_hidden, device);
+    let value_transformer = model.value_transformer();
+    let values = || GoalPredictor::new(&value_transformer, &tokens, 1, device);
+    let critic = || Critic::new(&value_transformer, &tokens, form.action, *critic_hidden, device);
     let value_phase = Phase {
         name: "value",
         optim: optim.clone(),

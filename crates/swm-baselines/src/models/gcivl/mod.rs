@@ -23,7 +23,7 @@ pub(crate) const NAME: &str = "gcivl";
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GcivlConfig {
-    /// The network.
+    /// The network. The value takes the mean of a frame's tokens; the policy what is set here.
     pub model: GoalConfig,
     /// The optimiser of both phases.
     pub optim: OptimConfig,
@@ -69,7 +69,7 @@ impl Default for ValueConfig {
 
 /// The optimiser that the reference's value learners share.
 pub(crate) fn value_optim() -> OptimConfig {
-    OptimConfig { lr: 3e-4, weight_decay: 0.01, schedule: Schedule::Constant, ..OptimConfig::default() }
+    OptimConfig { lr: 3e-4, weight_decay: 0.01, schedule: Schedule::COSINE, ..OptimConfig::default() }
 }
 
 impl GcivlConfig {
@@ -82,7 +82,8 @@ impl GcivlConfig {
     /// steps as it lags behind.
     pub fn small() -> Self {
         let value = ValueConfig { momentum: 0.95, ..ValueConfig::default() };
-        Self { model: GoalConfig::small_with_value(), value, ..Self::paper() }
+        let optim = OptimConfig { schedule: Schedule::Constant, ..value_optim() };
+        Self { model: GoalConfig::small_with_value(), optim, value }
     }
 }
 
@@ -111,7 +112,8 @@ pub(crate) fn make(
     value.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let observer = Observer::new(NAME, model, facts, device)?;
     let (form, tokens) = (model.form(facts), model.tokens());
-    let predictor = |outputs| GoalPredictor::new(&model.predictor, &tokens, outputs, device);
+    let value_transformer = model.value_transformer();
+    let values = || GoalPredictor::new(&value_transformer, &tokens, 1, device);
     let value_phase = Phase {
         name: "value",
         optim: optim.clone(),
@@ -126,9 +128,9 @@ pub(crate) fn make(
     };
     let network = Gcivl {
         observer,
-        value: predictor(1),
-        teacher: predictor(1),
-        action_predictor: predictor(form.action),
+        value: values(),
+        teacher: values(),
+        action_predictor: GoalPredictor::new(&model.predictor, &tokens, form.action, device),
         log_stds: parameter([form.action], device),
         config: *value,
         form,

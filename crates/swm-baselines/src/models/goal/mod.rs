@@ -121,6 +121,11 @@ impl GoalConfig {
         TokenForm { patches, frames: self.history, width: width + self.proprio }
     }
 
+    /// What values and critics look with: as the policy, but for the mean of a frame's tokens.
+    pub(crate) fn value_transformer(&self) -> GoalTransformerConfig {
+        GoalTransformerConfig { pool: Pool::Mean, ..self.predictor.clone() }
+    }
+
     /// The phase in which a policy is drawn from a value that was learnt before.
     pub(crate) fn policy_phase(&self, optim: &OptimConfig) -> Phase {
         Phase {

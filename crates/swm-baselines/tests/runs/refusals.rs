@@ -1,0 +1,162 @@
+//! What is refused, and with which words: datasets, settings, weights and environments that do not fit, through the entries that
+//! the command uses.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::{Value as Json, json};
+use swm_baselines::acting::LatentModel;
+use swm_baselines::train::{NewRun, RunFolder, Training};
+use swm_baselines::{BaselineError, Processor};
+use swm_core::{ImageSize, PolicyArgs};
+
+use super::dot::{IMAGE, TWIN, WIDE};
+use super::{made, made_for, new_run, paths_in, record, record_as, trained};
+
+/// Why a training cannot be made.
+fn refused(folder: &Path, dataset: &dyn swm_data::Dataset, new: &NewRun<'_>) -> String {
+    let run = folder.join("refused");
+    let error = Training::create(&run, dataset, new).err().expect("it is refused").to_string();
+    assert!(!run.exists(), "nothing is left behind");
+    error
+}
+
+fn resumed(run: &Path) -> Result<Training, BaselineError> {
+    Training::resume(run, Processor::Cpu, |_| ())
+}
+
+fn says(message: &str, parts: &[&str]) {
+    assert!(parts.iter().all(|part| message.contains(part)), "{message}");
+}
+
+#[test]
+fn a_run_of_another_environment_is_taken_where_that_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    trained(folder.path(), "lewm", "world");
+    trained(folder.path(), "gcbc", "policy");
+    let [world, policy] = ["world", "policy"].map(|name| folder.path().join(name).display().to_string());
+    let refusal = ["was trained in swm/Dot-v0, and this is swm/Dot-v1", "transfer=true"];
+    for name in [format!("mpc:{world}"), format!("policy:{policy}"), format!("gcbc:{policy}")] {
+        says(&made_for(&TWIN, &name).err().unwrap(), &refusal);
+        assert!(made_for(&TWIN, &format!("{name},transfer=true")).is_ok());
+        assert!(made(&format!("{name},transfer=false")).is_ok(), "its own environment");
+        says(&made(&format!("{name},transfer=1")).err().unwrap(), &["`transfer`: `1`; use true or false"]);
+    }
+    let measured = |text: String| {
+        LatentModel::new(&PolicyArgs::parse(&text).unwrap(), TWIN.id).map(drop).map_err(|e| e.to_string())
+    };
+    says(&measured(format!("lewm:{world}")).unwrap_err(), &refusal);
+    assert_eq!(measured(format!("lewm:{world},transfer=true")), Ok(()));
+
+    // What does not fit at all stays an error.
+    for name in [format!("mpc:{world}"), format!("gcbc:{policy}")] {
+        let error = paths_in(&WIDE, &format!("{name},transfer=true"), 1, Some(IMAGE)).err().unwrap();
+        says(&error, &["2", "3", "action"]);
+    }
+}
+
+#[test]
+fn datasets_that_do_not_fit_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let blind = record_as(&folder.path().join("blind.h5"), None, 1);
+    let message = refused(folder.path(), blind.as_ref(), &new_run("lewm"));
+    says(&message, &["blind.h5 cannot train lewm: it has no column `pixels`", "--image-size"]);
+    let oblong = record_as(&folder.path().join("oblong.h5"), Some(ImageSize { height: 16, width: 8 }), 1);
+    let message = refused(folder.path(), oblong.as_ref(), &new_run("lewm"));
+    says(&message, &["oblong.h5 cannot train lewm: its pictures are 16 × 8", "--image-size"]);
+    let seeing = record(folder.path());
+    let feeling = NewRun { changes: json!({ "proprio": 10 }), encoder: None, ..new_run("dino-wm") };
+    says(&refused(folder.path(), seeing.as_ref(), &feeling), &["`proprio` is on and the data has none"]);
+}
+
+/// A policy on a frozen encoder of the form that the fixtures have.
+fn on_frozen_encoder(width: usize) -> NewRun<'static> {
+    let encoder = json!({ "kind": "vit", "width": width, "depth": 2, "heads": 3, "hidden": 24, "patch": 4,
+        "positions_for": 16 });
+    let predictor = json!({ "depth": 1, "heads": 2, "head_width": 4, "hidden": 8 });
+    let model = json!({ "image": 16, "encoder": encoder, "train_encoder": false, "predictor": predictor });
+    NewRun { changes: json!({ "model": model }), ..new_run("gcbc") }
+}
+
+#[test]
+fn encoders_that_do_not_fit_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = record(folder.path());
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/parity/vit_generation4.pt");
+    let fails = |new: NewRun<'_>| refused(folder.path(), dataset.as_ref(), &new);
+    says(
+        &fails(on_frozen_encoder(12)),
+        &["settings of `gcbc`: its encoder is not trained", "--encoder FILE"],
+    );
+    let frozen = |width| NewRun { encoder: Some(&fixture), ..on_frozen_encoder(width) };
+    says(&fails(frozen(15)), &["vit_generation4.pt", "of another shape", "cls_token", "Use the settings"]);
+    let convolutions = NewRun { encoder: Some(&fixture), ..new_run("gcbc") };
+    says(&fails(convolutions), &["missing: ", "unused: "]);
+    let bytes = fs::read(&fixture).unwrap();
+    let cut = folder.path().join("cut.pt");
+    fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    says(&fails(NewRun { encoder: Some(&cut), ..on_frozen_encoder(12) }), &["cut.pt", "cut off"]);
+    assert!(Training::create(&folder.path().join("run"), dataset.as_ref(), &frozen(12)).is_ok());
+}
+
+#[test]
+fn unknown_settings_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = record(folder.path());
+    let fails =
+        |changes: Json| refused(folder.path(), dataset.as_ref(), &NewRun { changes, ..new_run("lewm") });
+    says(
+        &fails(json!({ "model": { "widht": 8 } })),
+        &["settings of `lewm`", "unknown field `widht`", "`width`"],
+    );
+    says(&fails(json!({ "model": { "encoder": { "kind": "rnn" } } })), &["`rnn`", "`vit` or `cnn`"]);
+    says(&fails(json!({ "optim": { "lr": "fast" } })), &["settings of `lewm`", "fast"]);
+}
+
+#[test]
+fn a_dataset_that_moved_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    trained(folder.path(), "lewm", "run");
+    let (run, data) = (folder.path().join("run"), folder.path().join("data.h5"));
+    let away = folder.path().join("away.h5");
+    fs::rename(&data, &away).unwrap();
+    says(&resumed(&run).err().unwrap().to_string(), &["its dataset is not there", "data.h5", "`data.path`"]);
+
+    record_as(&data, Some(IMAGE), 2);
+    says(&resumed(&run).err().unwrap().to_string(), &["data.h5 is not the dataset that it was begun with"]);
+    fs::remove_file(&data).unwrap();
+    fs::copy(&away, &data).unwrap();
+    assert!(resumed(&run).is_ok(), "a copy is the same dataset");
+    assert!(made(&format!("mpc:{}", run.display())).is_ok(), "plans need no dataset");
+}
+
+#[test]
+fn losses_that_are_no_numbers_stop_and_keep_the_last_good_checkpoint() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    trained(folder.path(), "lewm", "run");
+    let run = RunFolder::open(&folder.path().join("run")).unwrap();
+    let mut config: Json = run.config().unwrap();
+    config["recipe"]["settings"]["optim"]["lr"] = json!(1e30);
+    config["fit"]["steps"] = json!(40);
+    fs::write(run.config_file(), config.to_string()).unwrap();
+    let error = resumed(run.path()).unwrap().run(Vec::new()).unwrap_err().to_string();
+    says(&error, &["Training has stopped", "step-00000009.safetensors", "learning rate"]);
+    assert_eq!(run.steps().unwrap().last(), Some(&9));
+    assert!(made(&format!("mpc:{}", run.path().display())).is_ok());
+}
+
+#[test]
+fn truncated_weights_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    trained(folder.path(), "lewm", "run");
+    let run = RunFolder::open(&folder.path().join("run")).unwrap();
+    let weights = fs::read(run.weights(9)).unwrap();
+    fs::write(run.weights(9), &weights[..weights.len() / 2]).unwrap();
+    let name = run.path().display();
+    assert!(made(&format!("mpc:{name}")).err().unwrap().contains("earlier checkpoint"));
+    assert!(made(&format!("mpc:{name},checkpoint=6")).is_ok());
+}
