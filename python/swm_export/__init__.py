@@ -42,6 +42,8 @@ def export(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     encode, cost = encode.eval(), cost.eval()
+    if (action_mean is None) != (action_std is None):
+        raise ValueError("action_mean and action_std go together: give both, or neither")
     if width % action_block:
         raise ValueError(f"width {width} is no multiple of action_block {action_block}")
     with torch.no_grad():

@@ -39,14 +39,14 @@ pub trait Baseline: Send {
     ///
     /// # Errors
     ///
-    /// A loss or gradient is not finite.
+    /// A loss or gradient is not finite, the batch is of another form, or there is no such phase.
     fn train_step(&mut self, batch: &ClipBatch<'_>, at: &Step) -> Result<Losses, BaselineError>;
 
     /// The loss of a phase as the trained model has it: without dropout, with running statistics.
     ///
     /// # Errors
     ///
-    /// The loss is not finite.
+    /// The batch is of another form, or there is no such phase. A loss that is not finite is none.
     fn validate(&self, batch: &ClipBatch<'_>, phase: usize) -> Result<Losses, BaselineError>;
 
     /// Writes the weights as safetensors, with PyTorch's names and layouts.

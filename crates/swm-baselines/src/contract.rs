@@ -172,6 +172,34 @@ fn a_resumed_training_gives_the_bits_of_one_that_never_stopped() {
 }
 
 #[test]
+fn teachers_keep_most_of_themselves_and_take_the_rest_from_their_students() {
+    for name in ["gcivl", "gciql"] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("weights.safetensors");
+        let weights = |model: &dyn Baseline| {
+            model.save_weights(&path).unwrap();
+            crate::weights::read(&path).unwrap()
+        };
+        let mut model = tiny(name);
+        let before = weights(model.as_ref());
+        step(model.as_mut(), 0, 0);
+        let after = weights(model.as_ref());
+        let (mut teachers, mut moved) = (0, 0);
+        for (teacher, now) in after.iter().filter(|(name, _)| name.contains(".teacher.")) {
+            let student = &after[&teacher.replace(".teacher.", ".student.")];
+            teachers += 1;
+            for ((old, now), student) in before[teacher].values.iter().zip(&now.values).zip(&student.values) {
+                // The small presets' momentum; before the first step teachers are their students.
+                let wanted = 0.95 * old + 0.05 * student;
+                assert!((now - wanted).abs() < 1e-6, "{name}, {teacher}: {now} is not {wanted}");
+                moved += usize::from(student != old);
+            }
+        }
+        assert!(teachers > 10 && moved > 100, "{name}: {teachers} tensors, {moved} numbers");
+    }
+}
+
+#[test]
 fn weights_of_another_model_and_cut_files_are_refused() {
     for_each(|mut model| {
         let folder = tempfile::tempdir().unwrap();
@@ -257,10 +285,12 @@ fn what_cannot_be_made_says_why() {
         Ok(_) => panic!("{name} was made"),
         Err(error) => error.to_string(),
     };
-    assert!(error("lewn", &options("small", Json::Null)).contains("did you mean `lewm`?"));
+    assert!(
+        error("lewn", &options("small", Json::Null)).contains("did you mean `lewm`?; there are dino-wm, ")
+    );
     assert!(error("lewm", &options("huge", Json::Null)).contains("it has: paper, small"));
     assert!(
-        error("lewm", &options("small", json!({"model": {"depth": 3}}))).contains("unknown field `depth`")
+        error("lewm", &options("small", json!({"model": {"depth": 3}}))).contains("`model.depth`: unknown")
     );
     assert!(error("lewm", &options("small", json!({"model": {"history": 0}}))).contains("`history` is 0"));
     assert!(error("gcbc", &options("small", json!({"model": {"proprio": 10}}))).contains("`proprio` is on"));

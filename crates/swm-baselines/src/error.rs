@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use swm_core::BoxError;
+use swm_core::error::did_you_mean;
 use swm_data::DataError;
 use swm_solvers::PlanError;
 use thiserror::Error;
@@ -12,12 +13,14 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum BaselineError {
     /// No baseline has this name.
-    #[error("unknown baseline `{name}`; {hint}")]
+    #[error("unknown baseline `{name}`{}; there are {known}", did_you_mean(.nearest.as_deref()))]
     UnknownBaseline {
         /// The name.
         name: String,
-        /// What there is.
-        hint: String,
+        /// The most similar of those that there are.
+        nearest: Option<String>,
+        /// Those that there are.
+        known: String,
     },
     /// The baseline has no such preset.
     #[error("baseline `{baseline}` has no preset `{preset}`; it has: {known}")]
@@ -36,6 +39,14 @@ pub enum BaselineError {
         baseline: &'static str,
         /// What is wrong, and what is allowed.
         reason: String,
+    },
+    /// A model is asked for what it is not.
+    #[error("{baseline} {reason}")]
+    Unfit {
+        /// The baseline.
+        baseline: &'static str,
+        /// What it is not, and what it is.
+        reason: &'static str,
     },
     /// Data that the model was not made for.
     #[error("`{column}`: {reason}")]
@@ -90,10 +101,10 @@ pub enum BaselineError {
         value: f64,
     },
     /// A training has stopped because of a number that is none.
-    #[error("{source}. Training has stopped; the last good checkpoint is {kept}")]
+    #[error("{source}. Training has stopped; {}", last_good(.kept.as_deref()))]
     Stopped {
-        /// The last good checkpoint.
-        kept: String,
+        /// The weights of the last good checkpoint, if there is one.
+        kept: Option<PathBuf>,
         /// Why.
         source: Box<BaselineError>,
     },
@@ -161,6 +172,13 @@ impl BaselineError {
 impl From<BaselineError> for PlanError {
     fn from(error: BaselineError) -> Self {
         PlanError::Cost(BoxError::from(error))
+    }
+}
+
+fn last_good(kept: Option<&Path>) -> String {
+    match kept {
+        Some(weights) => format!("the last good checkpoint is {}", weights.display()),
+        None => "there was no checkpoint yet".to_owned(),
     }
 }
 

@@ -4,11 +4,11 @@
 //! Each model is a folder of `models/` and one line in [`BASELINES`]. [`make`] gives one with fresh weights, [`restore`]
 //! one of a stored [`Recipe`]; both are a [`Baseline`]: it takes training steps, saves and loads weights (safetensors,
 //! and the files of PyTorch), and gives itself as a [`PlanModel`] or a [`GoalPolicy`]. Everything at this boundary is
-//! slices of numbers; no tensor leaves the crate. It knows no environment, and how a training is run (epochs,
-//! checkpoints, metrics) is not its duty either.
+//! slices of numbers; no tensor leaves the crate. [`train`] makes runs of it: epochs, checkpoints, metrics. [`acting`] puts what was
+//! learnt to work behind the traits of solvers and policies. No environment is known here.
 //!
-//! Numbers are those of the reference's PyTorch modules (`tests/parity.rs`), and results do not depend on threads or on
-//! what else is in a batch.
+//! Numbers are those of the reference's PyTorch modules (`src/parity`), and results do not depend on threads or on what else
+//! is in a batch.
 
 pub mod acting;
 mod baseline;

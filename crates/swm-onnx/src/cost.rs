@@ -36,9 +36,8 @@ impl ModelSettings {
     /// [`OnnxError::Model`]: there is no `model.json`, or it is no such description.
     pub fn read(folder: &Path) -> Result<Self, OnnxError> {
         let path = folder.join("model.json");
-        let wrong = |reason: String| OnnxError::Model { path: path.clone(), reason };
-        let text = std::fs::read(&path).map_err(|error| wrong(error.to_string()))?;
-        serde_json::from_slice(&text).map_err(|error| wrong(error.to_string()))
+        let text = std::fs::read(&path).map_err(|error| OnnxError::unreadable(&path, &error))?;
+        serde_json::from_slice(&text).map_err(|error| OnnxError::unreadable(&path, &error))
     }
 }
 
@@ -168,13 +167,16 @@ impl Model {
 
     fn check(&self, candidates: &Candidates<'_>) -> Result<(), OnnxError> {
         let [_, horizon, width] = self.shape;
-        if (candidates.horizon, candidates.width) == (horizon, width) {
-            return Ok(());
-        }
-        let found = (candidates.horizon, candidates.width);
-        let reason =
-            format!("plans are {found:?} (blocks, numbers), the model was exported for ({horizon}, {width})");
-        Err(OnnxError::Input { name: ACTIONS.to_owned(), reason: format!("{reason}; set horizon={horizon}") })
+        let way_out = match (candidates.horizon == horizon, candidates.width == width) {
+            (true, true) => return Ok(()),
+            (false, true) => format!("set horizon={horizon}"),
+            (_, false) => "take a model of this environment, or mend `action_block` of model.json".to_owned(),
+        };
+        let reason = format!(
+            "plans are {} blocks of {} numbers, and the model was exported for {horizon} of {width}; {way_out}",
+            candidates.horizon, candidates.width
+        );
+        Err(OnnxError::Input { name: ACTIONS.to_owned(), reason })
     }
 }
 
@@ -193,7 +195,8 @@ impl Input {
             self.shape[1..].iter().map(|&size| usize::try_from(size).unwrap_or(0)).collect();
         if wanted != *shape {
             return Err(wrong(format!(
-                "the environment gives {shape:?}, the model was exported for {wanted:?}"
+                "the environment gives {shape:?}, the model was exported for {wanted:?}; take a model of this environment, or \
+                 let --image-size draw pictures in its size"
             )));
         }
         let shape = self.shape.clone();

@@ -1,6 +1,6 @@
 //! What can go wrong with an exported model.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use swm_core::BoxError;
 use swm_solvers::PlanError;
@@ -38,6 +38,14 @@ pub enum OnnxError {
     /// The model failed while it ran.
     #[error("the model failed: {0}")]
     Run(ort::Error),
+}
+
+impl OnnxError {
+    /// A file of the model that is not there, or is not what it should be.
+    pub(crate) fn unreadable(path: &Path, error: &dyn std::fmt::Display) -> Self {
+        let reason = format!("{error}; `swm_export` writes the files of a model, see docs/onnx.md");
+        Self::Model { path: path.to_owned(), reason }
+    }
 }
 
 impl From<OnnxError> for PlanError {

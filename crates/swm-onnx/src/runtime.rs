@@ -40,7 +40,7 @@ pub fn find_library() -> Result<PathBuf, OnnxError> {
 
 /// Loads a model. It runs on one thread: candidates are independent, and bits must not depend on threads.
 pub(crate) fn session(path: &Path) -> Result<Session, OnnxError> {
-    let failed = |error: ort::Error| OnnxError::Model { path: path.to_owned(), reason: error.to_string() };
+    let failed = |error: ort::Error| OnnxError::unreadable(path, &error);
     let environment = environment()?;
     let builder = Session::builder(&environment).map_err(failed)?;
     let builder = builder.with_intra_threads(1).map_err(|error| failed(error.into()))?;

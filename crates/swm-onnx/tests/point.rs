@@ -157,7 +157,8 @@ fn what_does_not_fit_is_said() {
         return;
     }
     let fails = |text: &str| onnx_policy(&PolicyArgs::parse(text).unwrap()).err().unwrap().to_string();
-    assert!(fails("onnx:nowhere").contains("model.json"));
+    let missing = fails("onnx:nowhere");
+    assert!(missing.contains("nowhere/model.json: ") && missing.contains("`swm_export`"), "{missing}");
     assert!(fails("onnx").contains("onnx:DIR"));
     assert!(fails(&format!("onnx:{},action_block=3", folder().display())).contains("blocks of 5"));
     let args =

@@ -34,14 +34,11 @@ impl ModelCost {
     ///
     /// # Errors
     ///
-    /// [`BaselineError::Settings`]: the model predicts nothing.
+    /// [`BaselineError::Unfit`]: the model predicts nothing.
     pub fn new(model: TrainedModel) -> Result<Self, BaselineError> {
         let Some(planner) = model.baseline.planner() else {
-            let reason = "it is no world model and predicts nothing; use it as a policy: `policy:RUN`";
-            return Err(BaselineError::Settings {
-                baseline: model.baseline.name(),
-                reason: reason.to_owned(),
-            });
+            let reason = "is no world model and predicts nothing; act with it: `policy:RUN`";
+            return Err(BaselineError::Unfit { baseline: model.baseline.name(), reason });
         };
         let mut cost = Self { model, copies: Vec::new() };
         cost.copies.push(cost.copy(planner));
@@ -67,12 +64,11 @@ impl ModelCost {
     }
 
     /// Sees that there are copies for 1 to `frames` observations.
-    fn copies_for(&mut self, frames: usize) -> Result<(), PlanError> {
+    fn copies_for(&mut self, frames: usize) {
         while self.copies.len() < frames {
             let model = self.model.baseline.planner().expect("there was one when this was made");
             self.copies.push(self.copy(model));
         }
-        Ok(())
     }
 
     fn run(
@@ -120,7 +116,7 @@ impl Cost for ModelCost {
     fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
         let (block, longest) = (self.action_block(), self.copies[0].model.history().max(1));
         let frames_of = |index| moment.history(index).map_or(1, |past| past.frames().min(longest));
-        self.copies_for((0..moment.len()).map(frames_of).max().unwrap_or(1))?;
+        self.copies_for((0..moment.len()).map(frames_of).max().unwrap_or(1));
         for (frames, copy) in (1..).zip(&mut self.copies) {
             copy.rows.clear();
             copy.scenes.clear(frames);

@@ -36,14 +36,11 @@ impl ModelPolicy {
     ///
     /// # Errors
     ///
-    /// [`BaselineError::Settings`]: the model is no policy.
+    /// [`BaselineError::Unfit`]: the model is no policy.
     pub fn new(model: TrainedModel) -> Result<Self, BaselineError> {
         let Some(policy) = model.baseline.policy() else {
-            let reason = "it does not act by itself; plan with it: `mpc:RUN`";
-            return Err(BaselineError::Settings {
-                baseline: model.baseline.name(),
-                reason: reason.to_owned(),
-            });
+            let reason = "does not act by itself; plan with it: `mpc:RUN`";
+            return Err(BaselineError::Unfit { baseline: model.baseline.name(), reason });
         };
         let scenes = SceneTable::new(model.baseline.as_ref(), &model.config.data);
         let (map, rows, wanting, decisions) = (None, Vec::new(), Vec::new(), Vec::new());

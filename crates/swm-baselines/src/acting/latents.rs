@@ -45,12 +45,15 @@ impl LatentModel {
         let TrainedModel { baseline, config, .. } = given.model(args, env)?;
         given.check_all_known(args)?;
         let found = baseline.name();
-        if args.name != ANY && args.name != found {
-            return Err(args.wrong(format!("the run trained {found}, not {0}; use `{found}:RUN`", args.name)));
-        }
         let Some(network) = baseline.planner() else {
-            return Err(args.wrong(format!("{found} is no world model and predicts nothing")));
+            let reason = format!("{found} is no world model and predicts nothing; name a run of one");
+            return Err(given.wrong(args, reason));
         };
+        if args.name != ANY && args.name != found {
+            return Err(
+                given.wrong(args, format!("it trained {found}, not {}; use `{found}:RUN`", args.name))
+            );
+        }
         let needs = baseline.needs();
         let scale = |column: &str| config.data.scales.get(column).cloned();
         let action = scale(ACTION).ok_or_else(|| args.wrong("the run has no scale of actions".to_owned()))?;

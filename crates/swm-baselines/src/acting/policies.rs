@@ -1,5 +1,6 @@
 //! Trained models by name: `mpc:RUN,solver=icem,samples=200`, `policy:RUN`, `gcbc:RUN`.
 
+use std::fmt::Display;
 use std::path::PathBuf;
 
 use serde_json::{Map, Value as Json};
@@ -65,10 +66,14 @@ fn model_policy(
     let model = given.model(args, context.env.id)?;
     given.check_all_known(args)?;
     let found = model.baseline.name();
-    if let Some(wanted) = baseline.filter(|wanted| *wanted != found) {
-        return Err(args.wrong(format!("the run trained {found}, not {wanted}; use `policy:RUN`")));
+    let policy = ModelPolicy::new(model).map_err(|error| given.wrong(args, error))?;
+    match baseline.filter(|wanted| *wanted != found) {
+        Some(wanted) => {
+            Err(given
+                .wrong(args, format!("it trained {found}, not {wanted}; use `{found}:RUN` or `policy:RUN`")))
+        }
+        None => Ok(Box::new(policy)),
     }
-    Ok(Box::new(ModelPolicy::new(model).map_err(|error| args.wrong(error.to_string()))?))
 }
 
 /// The policy of [`MPC`] in the environment `env` as what it is, so that a trace can be given to it.
@@ -79,7 +84,7 @@ fn model_policy(
 /// an unknown or misfit setting.
 pub fn mpc_policy(args: &PolicyArgs, env: &str) -> Result<MpcPolicy, PolicyError> {
     let given = Given::of(args)?;
-    let cost = ModelCost::new(given.model(args, env)?).map_err(|error| args.wrong(error.to_string()))?;
+    let cost = ModelCost::new(given.model(args, env)?).map_err(|error| given.wrong(args, error))?;
     let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
     let learned = LearnedCost { cost: Box::new(cost), action_block, scale };
     plan_on(learned, given.rest).map_err(|error| args.wrong(error.to_string()))
@@ -150,6 +155,11 @@ impl Given {
         Ok(Self { run: text(run).into(), which, processor, transfer, rest })
     }
 
+    /// About the run.
+    pub(super) fn wrong(&self, args: &PolicyArgs, reason: impl Display) -> PolicyError {
+        args.wrong(format!("run {}: {reason}", self.run.display()))
+    }
+
     /// Refuses what is left where no planner takes settings.
     pub(super) fn check_all_known(&self, args: &PolicyArgs) -> Result<(), PolicyError> {
         match self.rest.keys().next() {
@@ -166,10 +176,10 @@ impl Given {
         let model = TrainedModel::open(&self.run, self.which, self.processor)
             .map_err(|error| args.wrong(error.to_string()))?;
         match model.config.data.env.as_deref() {
-            Some(of) if of != env && !self.transfer => Err(args.wrong(format!(
-                "run {}: it was trained in {of}, and this is {env}; use a run of {env}, or allow it with transfer=true",
-                self.run.display()
-            ))),
+            Some(of) if of != env && !self.transfer => {
+                let way_out = format!("use a run of {env}, or allow it with transfer=true");
+                Err(self.wrong(args, format!("it was trained in {of}, and this is {env}; {way_out}")))
+            }
             _ => Ok(model),
         }
     }

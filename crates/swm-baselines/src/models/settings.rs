@@ -3,19 +3,21 @@
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value as Json;
+use swm_core::error::{did_you_mean, nearest};
 
 use crate::error::BaselineError;
 
-/// `preset` with `changes` laid over it, object by object. Unknown settings are errors.
+/// `preset` with `changes` laid over it, object by object. Unknown settings, and values of another kind than the preset's, are
+/// errors that name the setting.
 pub(crate) fn with_changes<C: Serialize + DeserializeOwned>(
     baseline: &'static str,
     preset: &C,
     changes: &Json,
 ) -> Result<C, BaselineError> {
-    let wrong = |error: serde_json::Error| BaselineError::Settings { baseline, reason: error.to_string() };
-    let mut settings = serde_json::to_value(preset).map_err(wrong)?;
-    lay_over(&mut settings, changes);
-    serde_json::from_value(settings).map_err(wrong)
+    let wrong = |reason| BaselineError::Settings { baseline, reason };
+    let mut settings = serde_json::to_value(preset).map_err(|error| wrong(error.to_string()))?;
+    lay_over(&mut settings, changes, "").map_err(wrong)?;
+    serde_json::from_value(settings).map_err(|error| wrong(error.to_string()))
 }
 
 /// What is wrong with sizes that must be at least 1, and with a share of dropout, if anything is.
@@ -29,22 +31,56 @@ pub(crate) fn check_sizes(sizes: &[(&str, usize)], dropout: f64) -> Result<(), S
     Ok(())
 }
 
-fn lay_over(under: &mut Json, over: &Json) {
+/// Lays `over` on the setting at `place`, such as `model.encoder`.
+fn lay_over(under: &mut Json, over: &Json, place: &str) -> Result<(), String> {
     match (under, over) {
-        (_, Json::Null) => {}
+        (Json::Object(_), Json::Null) => Ok(()),
         // An encoder of another kind replaces the old one: their settings have nothing in common.
         (Json::Object(under), Json::Object(over))
             if under.get("kind").is_none_or(|kind| over.get("kind").is_none_or(|other| other == kind)) =>
         {
             for (name, value) in over {
-                match under.get_mut(name) {
-                    Some(old) if old.is_object() => lay_over(old, value),
-                    _ => {
-                        under.insert(name.clone(), value.clone());
-                    }
+                let inner = if place.is_empty() { name.clone() } else { format!("{place}.{name}") };
+                if !under.contains_key(name) {
+                    let known: Vec<&str> = under.keys().map(String::as_str).collect();
+                    let meant = did_you_mean(nearest(name, known.iter().copied()).as_deref());
+                    return Err(format!("`{inner}`: unknown{meant}; known are {}", known.join(", ")));
                 }
+                lay_over(&mut under[name], value, &inner)?;
             }
+            Ok(())
         }
-        (under, over) => *under = over.clone(),
+        (under, over) => {
+            if let Some(wanted) = kind_of(under).filter(|_| !is_like(under, over)) {
+                return Err(format!("`{place}` is {over}; it must be {wanted}"));
+            }
+            *under = over.clone();
+            Ok(())
+        }
+    }
+}
+
+/// What a setting must be, in words; `None` where the preset's value does not tell.
+fn kind_of(setting: &Json) -> Option<&'static str> {
+    match setting {
+        Json::Bool(_) => Some("true or false"),
+        Json::Number(number) if number.is_u64() => Some("a whole number, not below 0"),
+        Json::Number(_) => Some("a number"),
+        Json::Array(_) => Some("a list, such as [1,2]"),
+        // Of objects and names some stand for each other: `schedule` is `constant`, or an object.
+        Json::Object(_) | Json::String(_) => Some("a name or a group of settings"),
+        Json::Null => None,
+    }
+}
+
+fn is_like(old: &Json, new: &Json) -> bool {
+    match old {
+        Json::Bool(_) => new.is_boolean(),
+        Json::Number(number) if number.is_u64() => new.is_u64(),
+        // `null` turns a bound off.
+        Json::Number(_) => new.is_number() || new.is_null(),
+        Json::Array(_) => new.is_array(),
+        Json::Object(_) | Json::String(_) => new.is_object() || new.is_string(),
+        Json::Null => true,
     }
 }

@@ -4,6 +4,7 @@ use burn::tensor::Device;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value as Json;
+use swm_core::error::nearest;
 
 use super::settings::with_changes;
 use super::{dino_wm, gcbc, gciql, gcivl, lewm, pldm};
@@ -141,15 +142,12 @@ fn changed<C: Serialize + DeserializeOwned>(
 
 fn find(name: &str) -> Result<&'static BaselineEntry, BaselineError> {
     BASELINES.iter().find(|entry| entry.name == name).ok_or_else(|| {
-        let names = BASELINES.iter().map(|entry| entry.name);
-        let near = names
-            .clone()
-            .max_by(|a, b| strsim::jaro_winkler(a, name).total_cmp(&strsim::jaro_winkler(b, name)));
-        let near = near.filter(|near| strsim::jaro_winkler(near, name) > 0.8);
-        let all = names.collect::<Vec<_>>().join(", ");
-        let hint = near
-            .map_or(format!("there are: {all}"), |near| format!("did you mean `{near}`? There are: {all}"));
-        BaselineError::UnknownBaseline { name: name.to_owned(), hint }
+        let names: Vec<&str> = BASELINES.iter().map(|entry| entry.name).collect();
+        BaselineError::UnknownBaseline {
+            name: name.to_owned(),
+            nearest: nearest(name, names.iter().copied()),
+            known: names.join(", "),
+        }
     })
 }
 

@@ -266,10 +266,7 @@ impl Fit<'_, '_> {
 
     /// Why training ends here, and what is left of it.
     fn stopped(&self, source: BaselineError) -> Result<BaselineError, BaselineError> {
-        let kept = match self.run.steps()?.last() {
-            Some(&kept) => self.run.weights(kept).display().to_string(),
-            None => "none: there was none yet".to_owned(),
-        };
+        let kept = self.run.steps()?.last().map(|&kept| self.run.weights(kept));
         Ok(BaselineError::Stopped { kept, source: Box::new(source) })
     }
 

@@ -83,8 +83,8 @@ impl Training {
         Ok(Self { _lock: run.lock()?, run, model, data, config })
     }
 
-    /// Goes on with the run in `folder`, on the dataset that it was begun with. `change` may alter how long it shall go
-    /// on; what it has learnt so far stays.
+    /// Goes on with the run in `folder`, on the dataset that it was begun with, which may have `moved` to another place. `change`
+    /// may alter how long it shall go on; what it has learnt so far stays.
     ///
     /// # Errors
     ///
@@ -93,23 +93,27 @@ impl Training {
     pub fn resume(
         folder: &Path,
         processor: Processor,
+        moved: Option<&Path>,
         change: impl FnOnce(&mut FitSettings),
     ) -> Result<Self, BaselineError> {
         let run = RunFolder::open(folder)?;
         let lock = run.lock()?;
-        let mut config = RunConfig::read(&run)?;
-        let known = config.fit.clone();
+        let known = RunConfig::read(&run)?;
+        let mut config = known.clone();
         change(&mut config.fit);
         config.fit.check()?;
-        let FitSettings { batch, seed, .. } = known;
+        let FitSettings { batch, seed, .. } = known.fit;
         if (batch, seed) != (config.fit.batch, config.fit.seed) {
             return Err(
                 run.wrong("batch and seed are those that it was begun with; make a new run to change them")
             );
         }
+        if let Some(moved) = moved {
+            config.data.path = moved.to_owned();
+        }
         let dataset = swm_data::open(&config.data.path).map_err(|error| {
             run.wrong(format!(
-                "its dataset is not there: {error}; bring it back, or write its place into `data.path` of config.json"
+                "its dataset is not there: {error}; bring it back, or name its place with --data"
             ))
         })?;
         let model = restore(&config.recipe, processor)?;
@@ -119,10 +123,10 @@ impl Training {
         if data.config != config.data {
             let path = config.data.path.display();
             return Err(
-                run.wrong(format!("{path} is not the dataset that it was begun with; bring that one back"))
+                run.wrong(format!("{path} is not the dataset that it was begun with; bring that one back, or name its place with --data"))
             );
         }
-        if known != config.fit {
+        if known != config {
             run.write_config(&config)?;
         }
         Ok(Self { run, _lock: lock, model, data, config })
@@ -136,6 +140,15 @@ impl Training {
     /// What the run's `config.json` says.
     pub fn config(&self) -> &RunConfig {
         &self.config
+    }
+
+    /// Optimiser steps before the last checkpoint.
+    ///
+    /// # Errors
+    ///
+    /// The run's folder cannot be read.
+    pub fn done(&self) -> Result<u64, BaselineError> {
+        Ok(self.run.steps()?.last().copied().unwrap_or(0))
     }
 
     /// Clips to learn from and to validate with, in each phase.

@@ -161,7 +161,7 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     let path = folder.path().join("broken");
     let mut training = Training::create(&path, dataset.as_ref(), &new_run("lewm")).unwrap();
     assert!(
-        Training::resume(&path, Processor::Cpu, |_| ())
+        Training::resume(&path, Processor::Cpu, None, |_| ())
             .err()
             .unwrap()
             .to_string()
@@ -171,7 +171,7 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     assert!(error.contains("broken off"), "{error}");
     drop(training);
 
-    let state = Training::resume(&path, Processor::Cpu, |_| ()).unwrap().run(Vec::new()).unwrap();
+    let state = Training::resume(&path, Processor::Cpu, None, |_| ()).unwrap().run(Vec::new()).unwrap();
     assert_eq!(state, whole);
     let weights = |name: &str| {
         let run = RunFolder::open(&folder.path().join(name)).unwrap();
@@ -181,7 +181,7 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     assert!(weights("whole") == weights("broken"), "the weights differ");
     let error = Training::create(&path, dataset.as_ref(), &new_run("lewm")).err().unwrap().to_string();
     assert!(error.contains("--resume"), "{error}");
-    let error = Training::resume(&path, Processor::Cpu, |fit| fit.seed = 1).err().unwrap().to_string();
+    let error = Training::resume(&path, Processor::Cpu, None, |fit| fit.seed = 1).err().unwrap().to_string();
     assert!(error.contains("make a new run"), "{error}");
 }
 

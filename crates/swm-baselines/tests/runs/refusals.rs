@@ -22,7 +22,7 @@ fn refused(folder: &Path, dataset: &dyn swm_data::Dataset, new: &NewRun<'_>) -> 
 }
 
 fn resumed(run: &Path) -> Result<Training, BaselineError> {
-    Training::resume(run, Processor::Cpu, |_| ())
+    Training::resume(run, Processor::Cpu, None, |_| ())
 }
 
 fn says(message: &str, parts: &[&str]) {
@@ -108,10 +108,20 @@ fn unknown_settings_are_refused() {
         |changes: Json| refused(folder.path(), dataset.as_ref(), &NewRun { changes, ..new_run("lewm") });
     says(
         &fails(json!({ "model": { "widht": 8 } })),
-        &["settings of `lewm`", "unknown field `widht`", "`width`"],
+        &["settings of `lewm`", "`model.widht`: unknown; did you mean `width`?", "projector"],
     );
     says(&fails(json!({ "model": { "encoder": { "kind": "rnn" } } })), &["`rnn`", "`vit` or `cnn`"]);
-    says(&fails(json!({ "optim": { "lr": "fast" } })), &["settings of `lewm`", "fast"]);
+    for (changes, reason) in [
+        (json!({ "optim": { "lr": "fast" } }), "`optim.lr` is \"fast\"; it must be a number"),
+        (json!({ "model": { "width": 8.5 } }), "`model.width` is 8.5; it must be a whole number"),
+        (
+            json!({ "model": { "encoder": { "channels": 4 } } }),
+            "`model.encoder.channels` is 4; it must be a list",
+        ),
+        (json!({ "model": true }), "`model` is true; it must be a name or a group of settings"),
+    ] {
+        says(&fails(changes), &["settings of `lewm`: ", reason]);
+    }
 }
 
 #[test]
@@ -122,13 +132,16 @@ fn a_dataset_that_moved_is_asked_for() {
     let (run, data) = (folder.path().join("run"), folder.path().join("data.h5"));
     let away = folder.path().join("away.h5");
     fs::rename(&data, &away).unwrap();
-    says(&resumed(&run).err().unwrap().to_string(), &["its dataset is not there", "data.h5", "`data.path`"]);
+    says(&resumed(&run).err().unwrap().to_string(), &["its dataset is not there", "data.h5", "--data"]);
+    let moved = |path: &Path| Training::resume(&run, Processor::Cpu, Some(path), |_| ());
+    assert!(moved(&away).is_ok() && resumed(&run).is_ok(), "its new place is remembered");
+    assert!(moved(&data).is_err());
 
     record_as(&data, Some(IMAGE), 2);
-    says(&resumed(&run).err().unwrap().to_string(), &["data.h5 is not the dataset that it was begun with"]);
+    says(&moved(&data).err().unwrap().to_string(), &["data.h5 is not the dataset that it was begun with"]);
     fs::remove_file(&data).unwrap();
-    fs::copy(&away, &data).unwrap();
-    assert!(resumed(&run).is_ok(), "a copy is the same dataset");
+    fs::rename(&away, &data).unwrap();
+    assert!(moved(&data).is_ok());
     assert!(made(&format!("mpc:{}", run.display())).is_ok(), "plans need no dataset");
 }
 

@@ -24,7 +24,7 @@ pub(super) struct Train {
     /// List baselines and their presets.
     #[arg(long, conflicts_with_all = ["data", "out", "resume"])]
     list: bool,
-    /// The dataset.
+    /// The dataset; with --resume only where it has moved.
     #[arg(long, value_name = "FILE", required_unless_present_any = ["list", "resume"])]
     data: Option<PathBuf>,
     /// The run's folder.
@@ -40,7 +40,7 @@ pub(super) struct Train {
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     encoder: Option<PathBuf>,
     /// Go on with the run in --out; it may be given more epochs or steps.
-    #[arg(long, conflicts_with_all = ["baseline", "data"])]
+    #[arg(long, conflicts_with = "baseline")]
     resume: bool,
     /// Passes over the clips, in each phase. Default: 10.
     #[arg(long, conflicts_with = "steps")]

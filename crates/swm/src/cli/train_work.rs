@@ -1,8 +1,6 @@
 //! `swm train` and `swm checkpoints` at work, in builds that have baselines.
 
-use std::time::Duration;
-
-use indicatif::ProgressBar;
+use indicatif::{HumanDuration, ProgressBar};
 use serde_json::{Map, Value as Json, json};
 use swm_baselines::train::{
     Checkpoint, End, FitSettings, MetricSink, NewRun, Part, Record, RunConfig, RunFolder, Split, State,
@@ -23,7 +21,7 @@ impl Train {
         let out = self.out.as_deref().ok_or_else(|| usage("--out: name the run's folder"))?;
         let processor = self.device.parse().map_err(failure)?;
         let mut training = if self.resume {
-            Training::resume(out, processor, |fit| self.apply(fit)).map_err(failure)?
+            Training::resume(out, processor, self.data.as_deref(), |fit| self.apply(fit)).map_err(failure)?
         } else {
             let (Some(baseline), Some(data)) = (self.baseline.as_deref(), &self.data) else {
                 return Err(usage("name a baseline and give --data"));
@@ -35,23 +33,16 @@ impl Train {
             let new = NewRun { baseline, preset: &self.preset, changes, encoder, split, fit, processor };
             Training::create(out, swm_data::open(data)?.as_ref(), &new).map_err(failure)?
         };
-        let model = training.model();
-        let clips = training
-            .clips()
-            .iter()
-            .map(|[train, validation]| format!("{train} + {validation}"))
-            .collect::<Vec<_>>();
-        output.note(format!(
-            "{} ({} preset, {} numbers to learn), clips to learn from + to validate with: {}",
-            model.name(),
-            model.recipe().preset,
-            model.parameters(),
-            clips.join(", ")
-        ));
+        output.note(beginning(&training));
         let bar = output.bar(0, "steps");
-        let shown = Shown { bar: bar.clone(), output, lines: !output.shows_bars() };
+        let (lines, has_phases) = (!output.shows_bars(), training.model().phases().len() > 1);
+        let begun_at = training.done().map_err(failure)?;
+        let shown = Shown { bar: bar.clone(), output, lines, has_phases, begun_at };
         let state = training.run(vec![Box::new(shown)]).map_err(failure)?;
         bar.finish_and_clear();
+        if state.step == begun_at {
+            output.note("nothing was left to do; --epochs or --steps give it more");
+        }
         output.result(&state, || text(&state, &out.display().to_string()))
     }
 
@@ -112,29 +103,70 @@ fn list(output: &Output) -> Result<(), Failure> {
     output.result(&all, || table(&["baseline", "presets", "what it is"], &rows))
 }
 
+/// What is trained, and on how much.
+fn beginning(training: &Training) -> String {
+    let (model, clips) = (training.model(), training.clips());
+    let same = clips.iter().all(|of| *of == clips[0]);
+    let phases =
+        model.phases().iter().map(|phase| if same { String::new() } else { format!("{}: ", phase.name) });
+    let clips: Vec<String> = phases
+        .zip(&clips)
+        .map(|(phase, [train, validation])| {
+            format!("{phase}{train} to learn from, {validation} to validate with")
+        })
+        .take(if same { 1 } else { clips.len() })
+        .collect();
+    let numbers = match model.parameters() {
+        few @ ..1_000_000 => few.to_string(),
+        many => format!("{:.2} million", many as f64 / 1e6),
+    };
+    let (name, preset) = (model.name(), &model.recipe().preset);
+    format!("{name}, preset {preset}, {numbers} numbers to learn; clips: {}", clips.join("; "))
+}
+
+/// A loss or another value, to four digits or so.
+fn short(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        size if size < 1e-3 => format!("{value:.1e}"),
+        size if size < 10.0 => format!("{value:.4}"),
+        size if size < 1e3 => format!("{value:.2}"),
+        size if size < 1e6 => format!("{value:.0}"),
+        _ => format!("{value:.3e}"),
+    }
+}
+
 /// Progress for people: a bar where somebody watches, else lines.
 struct Shown<'a> {
     bar: ProgressBar,
     output: &'a Output,
     lines: bool,
+    /// Whether there is more than one phase, so that a loss alone does not tell what it is of.
+    has_phases: bool,
+    /// Steps that were done before.
+    begun_at: u64,
 }
 
 impl MetricSink for Shown<'_> {
     fn record(&mut self, record: &Record) -> Result<(), BaselineError> {
         let losses: Vec<String> =
-            record.values.iter().map(|(name, value)| format!("{name} {value:.4}")).collect();
+            record.values.iter().map(|(name, value)| format!("{name} {}", short(*value))).collect();
         let losses = losses.join(", ");
         let speed = format!("{:.0} clips/s", record.clips_per_s);
         if record.part == Part::Train {
-            self.bar.set_message(format!("loss {:.4}, {speed}", record.value("loss").unwrap_or(f64::NAN)));
+            self.bar
+                .set_message(format!("loss {}, {speed}", short(record.value("loss").unwrap_or(f64::NAN))));
         }
         if self.lines || record.part == Part::Validation {
-            let done = record.step.max(1) as f64;
-            let left = record.elapsed.mul_f64((record.total as f64 / done - 1.0).max(0.0)).as_secs();
-            let left = Duration::from_secs(left);
-            let speed =
-                if record.part == Part::Train { format!("; {speed}, {left:?} left") } else { String::new() };
-            let line = format!("{} of {}: {} {losses}{speed}", record.step, record.total, record.part.name());
+            let Record { step, total, elapsed, .. } = *record;
+            let done = step.saturating_sub(self.begun_at).max(1);
+            let left = elapsed.mul_f64(total.saturating_sub(step) as f64 / done as f64);
+            let speed = match record.part {
+                Part::Train => format!("; {speed}, {} left", HumanDuration(left)),
+                Part::Validation => String::new(),
+            };
+            let phase = if self.has_phases { format!(" ({})", record.phase) } else { String::new() };
+            let line = format!("{step} of {total}{phase}: {} {losses}{speed}", record.part.name());
             self.bar.suspend(|| self.output.note(line));
         }
         Ok(())
@@ -147,13 +179,12 @@ impl MetricSink for Shown<'_> {
 }
 
 fn text(state: &State, run: &str) -> String {
-    let value =
-        |values: &[(String, f64)]| values.first().map_or("–".to_owned(), |(_, loss)| format!("{loss:.4}"));
+    let value = |values: &[(String, f64)]| values.first().map_or("–".to_owned(), |(_, loss)| short(*loss));
     let why = match state.end {
         Some(End::EarlyStop) => " (stopped early: validation got no better)",
         _ => "",
     };
-    let best = state.best.map_or("–".to_owned(), |(step, loss)| format!("{loss:.4} at step {step}"));
+    let best = state.best.map_or("–".to_owned(), |(step, loss)| format!("{} at step {step}", short(loss)));
     facts(&[
         ("steps", format!("{}{why}", state.step)),
         ("loss", value(&state.train)),
@@ -172,9 +203,8 @@ impl Checkpoints {
             run.steps().map_err(failure)?.into_iter().map(checkpoint).collect::<Result<_, _>>()?;
         let best = all.last().and_then(|last| last.state.best).map(|(step, _)| step);
         output.result(&json!({ "config": config, "checkpoints": all }), || {
-            let loss = |values: &[(String, f64)]| {
-                values.first().map_or(String::new(), |(_, loss)| format!("{loss:.4}"))
-            };
+            let loss =
+                |values: &[(String, f64)]| values.first().map_or(String::new(), |(_, loss)| short(*loss));
             let row = |one: &Checkpoint<State>| {
                 let mark = if Some(one.step) == best { "best" } else { "" };
                 vec![
@@ -200,6 +230,12 @@ impl Checkpoints {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_keep_their_digits() {
+        let shown = [0.0, 5e-5, 0.0123, -1.5, 15.5682, 12345.6, 2e9, f64::NAN].map(short);
+        assert_eq!(shown, ["0", "5.0e-5", "0.0123", "-1.5000", "15.57", "12346", "2.000e9", "NaN"]);
+    }
 
     #[test]
     fn settings_nest_at_their_dots() {
