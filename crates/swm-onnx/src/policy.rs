@@ -26,7 +26,7 @@ pub fn onnx_policy(args: &PolicyArgs) -> Result<MpcPolicy, PolicyError> {
     let (folder, given) = split(args)?;
     let cost = OnnxCost::load(&folder).map_err(|error| args.wrong(error.to_string()))?;
     let ModelSettings { action_block, action_scale, .. } = cost.settings().clone();
-    let learned = LearnedCost { cost: Box::new(cost), action_block, scale: action_scale };
+    let learned = LearnedCost { cost: Box::new(cost), action_block, scale: action_scale, settings: &[] };
     plan_on(learned, given).map_err(|error| args.wrong(error.to_string()))
 }
 

@@ -24,6 +24,8 @@ pub struct LearnedCost {
     pub action_block: usize,
     /// The units of the actions that it was trained with; `None`: the environment's.
     pub scale: Option<ActionScale>,
+    /// The model's own settings, which its owner has taken before: they are offered beside the others where one is misspelt.
+    pub settings: &'static [Setting],
 }
 
 /// Takes [`SOLVER_SETTING`] out of `given`: the solver that it names, or `cem`.
@@ -58,7 +60,10 @@ pub fn plan_on(learned: LearnedCost, mut given: Map<String, Json>) -> Result<Mpc
     }
     given.insert("action_block".to_owned(), block.into());
     let config = take::<PlanConfig>(&mut given)?;
-    refuse_rest(&given, &[solver.settings, PlanConfig::SETTINGS, &[SOLVER_SETTING]].concat())?;
+    refuse_rest(
+        &given,
+        &[solver.settings, PlanConfig::SETTINGS, &[SOLVER_SETTING], learned.settings].concat(),
+    )?;
     let policy = MpcPolicy::new((solver.make)(own)?, learned.cost, config)?;
     Ok(match learned.scale {
         Some(scale) => policy.with_scale(scale),

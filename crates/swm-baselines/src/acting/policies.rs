@@ -4,6 +4,7 @@ use std::fmt::Display;
 use std::path::PathBuf;
 
 use serde_json::{Map, Value as Json};
+use swm_core::error::{did_you_mean, nearest};
 use swm_core::registry::Setting;
 use swm_core::{Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
 use swm_solvers::{LearnedCost, MpcPolicy, SOLVER_SETTING, plan_on, take_solver};
@@ -47,6 +48,8 @@ const DEVICE: Setting =
     Setting { name: "device", doc: "what it is computed on: cpu, cuda, cuda:1 …", default: "cpu" };
 const TRANSFER: Setting =
     Setting { name: "transfer", doc: "whether a run of another environment is taken", default: "false" };
+/// What all policies of trained models know by name.
+const OF_MODELS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER];
 const POLICY_SETTINGS: &[Setting] = &[RUN, CHECKPOINT, DEVICE, TRANSFER];
 
 const fn named(
@@ -86,7 +89,7 @@ pub fn mpc_policy(args: &PolicyArgs, env: &str) -> Result<MpcPolicy, PolicyError
     let given = Given::of(args)?;
     let cost = ModelCost::new(given.model(args, env)?).map_err(|error| given.wrong(args, error))?;
     let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
-    let learned = LearnedCost { cost: Box::new(cost), action_block, scale };
+    let learned = LearnedCost { cost: Box::new(cost), action_block, scale, settings: OF_MODELS };
     plan_on(learned, given.rest).map_err(|error| args.wrong(error.to_string()))
 }
 
@@ -162,13 +165,10 @@ impl Given {
 
     /// Refuses what is left where no planner takes settings.
     pub(super) fn check_all_known(&self, args: &PolicyArgs) -> Result<(), PolicyError> {
-        match self.rest.keys().next() {
-            Some(name) => {
-                Err(args
-                    .wrong(format!("setting `{name}`: unknown; known are checkpoint, device and transfer")))
-            }
-            None => Ok(()),
-        }
+        let Some(name) = self.rest.keys().next() else { return Ok(()) };
+        let known: Vec<&str> = OF_MODELS.iter().map(|setting| setting.name).collect();
+        let meant = did_you_mean(nearest(name, known.iter().copied()).as_deref());
+        Err(args.wrong(format!("setting `{name}`: unknown{meant}; known are {}", known.join(", "))))
     }
 
     /// The model, for use in the environment `env`: numbers of an action may agree where nothing else does.

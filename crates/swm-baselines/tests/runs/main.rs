@@ -203,6 +203,7 @@ fn plans_do_not_depend_on_what_else_is_planned() {
     let fails = |arguments: &str| made(&format!("mpc:{run}{arguments}")).err().unwrap();
     assert!(fails(",solver=cen").contains("did you mean `cem`"));
     assert!(fails(",sample=3").contains("did you mean `samples`"));
+    assert!(fails(",checkpont=4").contains("did you mean `checkpoint`"));
     assert!(fails(",action_block=5").contains("blocks of 2"));
     assert!(fails(",checkpoint=4").contains("[3, 6, 9]"));
     assert!(fails(",device=gpu").contains("use cpu, cuda"));
@@ -229,8 +230,12 @@ fn a_policy_acts_by_itself() {
     let alone = paths(&format!("gcbc:{run}"), 1, Some(IMAGE)).unwrap();
     assert_eq!(alone.0.len(), 4 * 25);
     assert!(alone.0 == paths(&format!("policy:{run}"), 3, Some(IMAGE)).unwrap().0);
-    assert!(made(&format!("gcivl:{run}")).err().unwrap().contains("trained gcbc, not gcivl"));
-    assert!(made(&format!("mpc:{run}")).err().unwrap().contains("policy:RUN"));
+    let fails = |text: String| made(&text).err().unwrap();
+    assert!(fails(format!("gcivl:{run}")).contains("trained gcbc, not gcivl; use `gcbc:RUN`"));
+    assert!(fails(format!("gcbc:{run},devise=cpu")).contains("did you mean `device`?; known are checkpoint"));
+    let message = fails(format!("mpc:{run}"));
+    assert!(message.contains(&format!("run {run}: gcbc is no world model")), "{message}");
+    assert!(message.contains("policy:RUN"), "{message}");
 }
 
 #[test]
