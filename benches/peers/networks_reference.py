@@ -1,9 +1,10 @@
 """LeWM of the reference, timed: reads `{"case": …, "seconds": …}` per line, and answers with the processor time of the quickest
-call. Run by networks.py. The small network's encoder is not the reference's; it is compared in planning alone."""
+call. Run by networks.py. The small network's encoder is not the reference's: it is written here as the preset says, in PyTorch's words."""
 
 import json
 import sys
 import time
+from types import SimpleNamespace
 
 import torch
 import torch.nn.functional as F
@@ -15,16 +16,32 @@ from transformers import ViTConfig, ViTModel
 
 ACTION, HORIZON = 10, 5
 SIZES = {
-    "paper": dict(width=192, projector=2048, predictor=dict(depth=6, heads=16, dim_head=64, mlp_dim=2048)),
-    "small": dict(width=128, projector=512, predictor=dict(depth=4, heads=4, dim_head=32, mlp_dim=512)),
+    "paper": dict(width=192, projector=2048, projections=1024, predictor=dict(depth=6, heads=16, dim_head=64, mlp_dim=2048)),
+    "small": dict(width=128, projector=512, projections=256, predictor=dict(depth=4, heads=4, dim_head=32, mlp_dim=512)),
 }
+
+
+class Convolutions(nn.Module):
+    """Convolutions that halve pictures of 64 pixels, then one linear layer. Answers as transformers' encoders do."""
+
+    def __init__(self, width, channels=(3, 16, 32, 64, 128), side=64):
+        super().__init__()
+        layers = []
+        for inputs, outputs in zip(channels, channels[1:]):
+            size = 5 if inputs == 3 else 3
+            layers += [nn.Conv2d(inputs, outputs, size, stride=2, padding=size // 2), nn.ReLU()]
+        self.layers = nn.Sequential(*layers, nn.Flatten(), nn.Linear(channels[-1] * (side // 16) ** 2, width))
+
+    def forward(self, pixels, interpolate_pos_encoding=True):
+        return SimpleNamespace(last_hidden_state=self.layers(pixels)[:, None])
 
 
 def lewm(preset):
     size = SIZES[preset]
     width, projector = size["width"], size["projector"]
-    encoder = None
-    if preset == "paper":
+    if preset == "small":
+        encoder = Convolutions(width)
+    else:
         encoder = ViTModel(
             ViTConfig(
                 hidden_size=192, num_hidden_layers=12, num_attention_heads=3, intermediate_size=768, patch_size=14, image_size=224
@@ -40,11 +57,11 @@ def lewm(preset):
     )
 
 
-def training(model, clips):
+def training(model, clips, side, projections):
     model.train()
     optimiser = torch.optim.AdamW(model.parameters(), 5e-5, weight_decay=1e-3)
-    sigreg = SIGReg()
-    pixels, action = torch.randn(clips, 4, 3, 224, 224), torch.randn(clips, 4, ACTION)
+    sigreg = SIGReg(num_proj=projections)
+    pixels, action = torch.randn(clips, 4, 3, side, side), torch.randn(clips, 4, ACTION)
 
     def step():
         output = model.encode({"pixels": pixels, "action": action})
@@ -91,9 +108,11 @@ def main():
     for line in sys.stdin:
         request = json.loads(line)
         kind, _, preset, count = request["case"].split(":")
-        model, count = lewm(preset), int(count)
-        width = SIZES[preset]["width"]
-        work = training(model, count) if kind == "train" else planning(model, width, count, kind == "descend")
+        model, count, size = lewm(preset), int(count), SIZES[preset]
+        if kind == "train":
+            work = training(model, count, 64 if preset == "small" else 224, size["projections"])
+        else:
+            work = planning(model, size["width"], count, kind == "descend")
         print(json.dumps({"cpu_s": quickest(work, request["seconds"])}), flush=True)
 
 

@@ -1,7 +1,6 @@
 //! A small convolutional encoder for small pictures: not the reference's, made to train on a processor in minutes.
 
 use burn::module::Module;
-use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
@@ -36,7 +35,7 @@ impl Cnn {
         let mut layers = Vec::with_capacity(config.channels.len());
         for &outputs in &config.channels {
             let kernel = if inputs == 3 { 5 } else { 3 };
-            layers.push(Conv::new([inputs, outputs], kernel, 2, kernel / 2, device));
+            layers.push(Conv::new([inputs, outputs], kernel, device));
             inputs = outputs;
         }
         let [rows, columns] = Self::grid(config, size);
@@ -59,7 +58,7 @@ impl Cnn {
 
     /// `[N, 3, H, W]` → `[N, W]`; of an encoder with a head.
     pub(crate) fn forward(&self, pictures: Tensor<4>) -> Tensor<2> {
-        let maps: Tensor<2> = self.maps(pictures).flatten(1, 3);
+        let maps: Tensor<2> = self.maps(pictures).permute([0, 3, 1, 2]).flatten(1, 3);
         match &self.head {
             Some(head) => head.forward(maps),
             None => maps,
@@ -68,10 +67,11 @@ impl Cnn {
 
     /// `[N, 3, H, W]` → `[N, P, C]`: what each place of the last layer says.
     pub(crate) fn tokens(&self, pictures: Tensor<4>) -> Tensor<3> {
-        self.maps(pictures).flatten::<3>(2, 3).swap_dims(1, 2)
+        self.maps(pictures).flatten(1, 2)
     }
 
+    /// `[N, 3, H, W]` → `[N, H', W', C]`.
     fn maps(&self, pictures: Tensor<4>) -> Tensor<4> {
-        self.layers.iter().fold(pictures, |input, layer| relu(layer.forward(input)))
+        self.layers.iter().fold(pictures.permute([0, 2, 3, 1]), |maps, layer| layer.halve(maps))
     }
 }

@@ -1,9 +1,10 @@
 //! Linear layers and convolutions.
 
 use burn::module::{Module, Param, ParamId};
-use burn::tensor::module::{conv2d, linear};
-use burn::tensor::ops::ConvOptions;
+use burn::tensor::module::linear;
 use burn::tensor::{Device, Tensor};
+
+use super::convolution::{Kernel, convolve};
 
 /// A parameter of zeros; [`initialise`](crate::init::initialise) gives it its first numbers.
 pub(crate) fn parameter<const D: usize>(shape: [usize; D], device: &Device) -> Param<Tensor<D>> {
@@ -42,42 +43,18 @@ pub(crate) struct Conv {
     /// `[out, in, K, K]`.
     weight: Param<Tensor<4>>,
     bias: Param<Tensor<1>>,
-    #[module(skip)]
-    stride: usize,
-    #[module(skip)]
-    padding: usize,
 }
 
 impl Conv {
-    /// A kernel of `size` × `size` every `stride` pixels.
-    pub(crate) fn new(
-        channels: [usize; 2],
-        size: usize,
-        stride: usize,
-        padding: usize,
-        device: &Device,
-    ) -> Self {
-        let [inputs, outputs] = channels;
-        Self {
-            weight: parameter([outputs, inputs, size, size], device),
-            bias: parameter([outputs], device),
-            stride,
-            padding,
-        }
+    /// A kernel of `size` × `size` pixels.
+    pub(crate) fn new([inputs, outputs]: [usize; 2], size: usize, device: &Device) -> Self {
+        Self { weight: parameter([outputs, inputs, size, size], device), bias: parameter([outputs], device) }
     }
 
-    /// `[N, in, H, W]` → `[N, out, H', W']`.
-    pub(crate) fn forward(&self, input: Tensor<4>) -> Tensor<4> {
+    /// The kernel beside itself, without overlap: `[N, in, H, W]` → `[N, out, H / K, W / K]`. One product of matrices, whose
+    /// gradients are two.
+    pub(crate) fn forward_patches(&self, input: Tensor<4>) -> Tensor<4> {
         let [outputs, inputs, size, _] = self.weight.dims();
-        if size == self.stride && self.padding == 0 {
-            return self.forward_patches(input, [outputs, inputs, size]);
-        }
-        let options = ConvOptions::new([self.stride; 2], [self.padding; 2], [1, 1], 1);
-        conv2d(input, self.weight.val(), Some(self.bias.val()), options)
-    }
-
-    /// As [`Conv::forward`] where patches do not overlap: one product of matrices, whose gradients are two.
-    fn forward_patches(&self, input: Tensor<4>, [outputs, inputs, size]: [usize; 3]) -> Tensor<4> {
         let [count, _, height, width] = input.dims();
         let [rows, columns] = [height / size, width / size];
         let input = if [rows * size, columns * size] == [height, width] {
@@ -92,5 +69,12 @@ impl Conv {
         let weight = self.weight.val().reshape([outputs, inputs * size * size]).transpose();
         let output = linear(patches, weight, Some(self.bias.val()));
         output.swap_dims(1, 2).reshape([count, outputs, rows, columns])
+    }
+
+    /// The kernel at every second pixel, its middle on it, rectified: `[N, H, W, in]` → `[N, ⌈H / 2⌉, ⌈W / 2⌉, out]`.
+    pub(crate) fn halve(&self, input: Tensor<4>) -> Tensor<4> {
+        let [outputs, inputs, size, _] = self.weight.dims();
+        let weight = self.weight.val().permute([2, 3, 1, 0]).reshape([size * size * inputs, outputs]);
+        convolve(input, weight, self.bias.val(), Kernel { size, stride: 2, padding: size / 2 })
     }
 }

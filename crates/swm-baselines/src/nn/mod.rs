@@ -7,6 +7,7 @@
 
 mod attention;
 mod cnn;
+mod convolution;
 mod embed;
 mod frames;
 mod goal;

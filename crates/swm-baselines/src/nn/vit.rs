@@ -122,9 +122,7 @@ impl Vit {
             embeddings: Embeddings {
                 cls_token: parameter([1, 1, width], device),
                 position_embeddings: parameter([1, 1 + positions, width], device),
-                patch_embeddings: PatchEmbeddings {
-                    projection: Conv::new([3, width], patch, patch, 0, device),
-                },
+                patch_embeddings: PatchEmbeddings { projection: Conv::new([3, width], patch, device) },
             },
             layers: (0..config.depth).map(|_| Layer::new(config, device)).collect(),
             layernorm: LayerNorm::with_epsilon(width, config.epsilon(), device),
@@ -152,7 +150,7 @@ impl Vit {
 
     fn embed(&self, pictures: Tensor<4>) -> Tensor<3> {
         let [count, ..] = pictures.dims();
-        let patches = self.embeddings.patch_embeddings.projection.forward(pictures);
+        let patches = self.embeddings.patch_embeddings.projection.forward_patches(pictures);
         let grid = [patches.dims()[2], patches.dims()[3]];
         let patches = patches.flatten::<3>(2, 3).swap_dims(1, 2);
         let cls = self.embeddings.cls_token.val().expand([count, 1, self.config.width]);
