@@ -30,10 +30,10 @@ fn fill(spec: &Spec, inputs: usize, seed: u64, values: &mut [f32]) {
     let mut stream = keyed(seed, &format!("weights {}", spec.name), [0, 0]);
     let (layer, name) = (spec.place.0, spec.place.1.as_str());
     let deviation = match (layer, name) {
-        ("LayerNorm" | "BatchNorm", "weight") | (_, "running_var" | "lambda1") => {
+        ("LayerNorm" | "BatchNorm", "weight") | (_, "running_var" | "lambda1" | "deviation") => {
             return values.fill(1.0);
         }
-        ("LayerNorm" | "BatchNorm", _) | (_, "log_stds") => return,
+        ("LayerNorm" | "BatchNorm" | "Background", _) | (_, "log_stds") => return,
         _ if spec.name.contains("adaLN_modulation") => return,
         (_, "bias") if spec.is_in_vit => return,
         (_, "pos_embedding" | "pos_embedding_goal") => 1.0,

@@ -11,6 +11,7 @@ use crate::error::BaselineError;
 use crate::init::initialise;
 use crate::losses::Terms;
 use crate::network::{Network, Parts};
+use crate::nn::Background;
 use crate::optim::{AdamW, Gradients, clip_gradients};
 use crate::params::{self, host};
 use crate::pass::Pass;
@@ -103,7 +104,9 @@ impl<N: Network> Baseline for Learner<N> {
         let phase = self.phase(at.phase)?.clone();
         let inputs = Inputs::new(batch, &self.form, &self.device)?;
         let mut pass = Pass::train(at.seed, at.step);
-        let tracked = params::track(self.network(), phase.trains);
+        let is_first = (at.phase, at.step) == (0, 0);
+        let begun = is_first.then(|| Background::find(self.network().clone(), &inputs.pixels));
+        let tracked = params::track(begun.as_ref().unwrap_or_else(|| self.network()), phase.trains);
         let terms = tracked.loss(at.phase, &inputs, &mut pass)?;
         let gradients = terms.total.is_tracked().then(|| terms.total.backward());
         let mut losses = read(terms);
@@ -121,7 +124,7 @@ impl<N: Network> Baseline for Learner<N> {
             return Err(BaselineError::NotFinite { step: at.step, value: norm });
         }
         let lr = phase.optim.lr * phase.optim.schedule.factor(at.step, at.total);
-        let network = self.network.take().expect("a step gives the network back");
+        let network = begun.or_else(|| self.network.take()).expect("a step gives the network back");
         let network = self.optimisers[at.phase].step(network, gradients, &phase.optim, lr);
         let network = follow_statistics(network, &pass);
         self.network = Some(follow(network, phase.teachers, phase.momentum));

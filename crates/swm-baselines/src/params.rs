@@ -25,9 +25,9 @@ pub(crate) struct Spec {
 }
 
 impl Spec {
-    /// Running statistics, which no optimiser touches.
+    /// Statistics of the data, which no optimiser touches.
     pub(crate) fn is_buffer(&self) -> bool {
-        self.place.1.starts_with("running_")
+        self.place.0 == "Background" || self.place.1.starts_with("running_")
     }
 
     /// Whether the name lies below one of these (`predictor`, or all for an empty one).
@@ -117,7 +117,7 @@ impl Path {
 
 /// The containers that matter to anybody.
 fn kind(container: &str) -> &'static str {
-    const KINDS: [&str; 4] = ["Linear", "LayerNorm", "BatchNorm", "Vit"];
+    const KINDS: [&str; 5] = ["Linear", "LayerNorm", "BatchNorm", "Background", "Vit"];
     KINDS.iter().find(|kind| **kind == container).unwrap_or(&"")
 }
 

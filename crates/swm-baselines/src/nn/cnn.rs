@@ -4,6 +4,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
+use super::background::Background;
 use super::layers::{Conv, Linear};
 
 /// Its size.
@@ -24,6 +25,7 @@ impl Default for CnnConfig {
 /// else is computed for each pixel costs a processor more than the convolutions do.
 #[derive(Module, Debug)]
 pub(crate) struct Cnn {
+    background: Background,
     layers: Vec<Conv>,
     head: Option<Linear>,
 }
@@ -40,7 +42,7 @@ impl Cnn {
         }
         let [rows, columns] = Self::grid(config, size);
         let head = head.map(|outputs| Linear::new(inputs * rows * columns, outputs, device));
-        Self { layers, head }
+        Self { background: Background::new(size, device), layers, head }
     }
 
     /// Rows and columns that are left of a picture.
@@ -72,6 +74,8 @@ impl Cnn {
 
     /// `[N, 3, H, W]` → `[N, H', W', C]`.
     fn maps(&self, pictures: Tensor<4>) -> Tensor<4> {
-        self.layers.iter().fold(pictures.permute([0, 2, 3, 1]), |maps, layer| layer.halve(maps))
+        self.layers
+            .iter()
+            .fold(self.background.remove(pictures).permute([0, 2, 3, 1]), |maps, layer| layer.halve(maps))
     }
 }

@@ -6,6 +6,7 @@
 //! [`Pass`]: crate::pass::Pass
 
 mod attention;
+mod background;
 mod cnn;
 mod convolution;
 mod embed;
@@ -17,6 +18,7 @@ mod predictor;
 mod projector;
 mod vit;
 
+pub(crate) use background::Background;
 pub(crate) use cnn::Cnn;
 pub use cnn::CnnConfig;
 pub(crate) use embed::{ActionEmbedder, StateEmbedder};

@@ -1,0 +1,97 @@
+//! What all pictures have in common, taken away from each: what is left is what moves. Of a camera that stands still.
+//!
+//! Numbers are brought to mean 0 and deviation 1 before a network sees them, and so are pictures here, each pixel by its own
+//! mean. Else the first layers answer to the background alone: a network of convolutions tells the angle of PushT's block
+//! after 300 steps with a squared error of 0.2 of its variance instead of 0.7.
+
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Tensor};
+
+use super::layers::parameter;
+use crate::params;
+
+/// Found once, in the first batch of a training, and stored with the weights.
+#[derive(Module, Debug)]
+pub(crate) struct Background {
+    /// `[3, H, W]`.
+    mean: Param<Tensor<3>>,
+    /// `[1]`: of all that is left.
+    deviation: Param<Tensor<1>>,
+}
+
+impl Background {
+    /// Black, until one is found.
+    pub(crate) fn new([height, width]: [usize; 2], device: &Device) -> Self {
+        Self { mean: parameter([3, height, width], device), deviation: parameter([1], device) }
+    }
+
+    /// `[N, 3, H, W]` → `[N, 3, H, W]`.
+    pub(crate) fn remove(&self, pictures: Tensor<4>) -> Tensor<4> {
+        let scale: Tensor<4> = self.deviation.val().recip().reshape([1, 1, 1, 1]);
+        (pictures - self.mean.val().unsqueeze()) * scale
+    }
+
+    /// A network whose backgrounds are those of these pictures, `[B, T, 3, H, W]`.
+    pub(crate) fn find<M: Module>(network: M, pictures: &Tensor<5>) -> M {
+        let pictures = || pictures.clone().flatten::<4>(0, 1);
+        params::map(network, |spec, tensor| {
+            if spec.place.0 != "Background" {
+                return tensor;
+            }
+            let mean = pictures().mean_dim(0);
+            match spec.place.1.as_str() {
+                "mean" => mean.flatten(0, 3),
+                _ => deviation(pictures() - mean),
+            }
+        })
+    }
+}
+
+/// `[1]`; of pictures that are all alike, 1.
+fn deviation(apart: Tensor<4>) -> Tensor<1> {
+    let deviation = apart.square().mean().sqrt();
+    let is_none = deviation.clone().lower_elem(1e-6);
+    deviation.mask_fill(is_none, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::TensorData;
+
+    use super::*;
+    use crate::init::initialise;
+    use crate::params::host;
+
+    fn pictures(values: &[f32]) -> Tensor<5> {
+        let data = TensorData::new(values.to_vec(), [values.len() / 12, 1, 3, 2, 2]);
+        Tensor::from_data(data, &Device::flex())
+    }
+
+    #[test]
+    fn what_is_left_has_mean_0_in_each_pixel_and_deviation_1_in_all() {
+        let values: Vec<f32> = (0..60).map(|i| (i % 12) as f32 + 3.0 * ((i * i) as f32).sin()).collect();
+        let seen = pictures(&values);
+        let background = Background::find(Background::new([2, 2], &Device::flex()), &seen);
+        let left = host(background.remove(seen.flatten(0, 1)));
+        for pixel in 0..12 {
+            let mean = left.iter().skip(pixel).step_by(12).sum::<f32>() / 5.0;
+            assert!(mean.abs() < 1e-5, "{mean} in pixel {pixel}");
+        }
+        let square = left.iter().map(|value| value * value).sum::<f32>() / 60.0;
+        assert!((square - 1.0).abs() < 1e-4, "{square}");
+    }
+
+    #[test]
+    fn pictures_that_are_all_alike_become_black_and_nothing_is_infinite() {
+        let seen = pictures(&[0.25; 36]);
+        let background = Background::find(Background::new([2, 2], &Device::flex()), &seen);
+        assert_eq!(host(background.remove(seen.flatten(0, 1))), [0.0; 36]);
+    }
+
+    #[test]
+    fn before_one_is_found_pictures_stay_what_they_are() {
+        let seen = pictures(&[0.5; 12]);
+        let background = initialise(Background::new([2, 2], &Device::flex()), 1);
+        assert_eq!(host(background.remove(seen.flatten(0, 1))), [0.5; 12]);
+    }
+}
