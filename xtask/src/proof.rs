@@ -1,5 +1,5 @@
-//! `cargo xtask proof`: does the whole work? Records TwoRoom, trains small baselines on the processor, plans and acts with
-//! them on a manifest, and prints a table with floors and ceiling: the one of docs/proof.md.
+//! `cargo xtask proof`: does the whole work? Records TwoRoom and PushT, trains small baselines on the processor, plans and acts
+//! with them on manifests, and prints tables with floors and ceiling: those of docs/proof.md.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, ensure};
 use serde_json::Value as Json;
 
 use crate::{process, setup};
@@ -15,7 +15,7 @@ use crate::{process, setup};
 /// Options of `cargo xtask proof`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Only these baselines, separated by commas
+    /// Only these tasks or baselines, separated by commas
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     only: Vec<String>,
     /// Where everything goes; what is there already is not made again
@@ -26,159 +26,123 @@ pub(crate) struct Args {
     swm: Option<PathBuf>,
 }
 
-/// One baseline: how it is trained, and the policy that it becomes.
+/// An environment to learn in.
+struct Task {
+    name: &'static str,
+    env: &'static str,
+    /// What is recorded: a file, and how. Pairs are drawn from the first.
+    data: &'static [(&'static str, &'static [&'static str])],
+    trials: &'static [Trial],
+}
+
+/// One baseline: what it learns from and for how many steps, and the policy that it becomes.
 struct Trial {
     baseline: &'static str,
-    data: &'static Data,
-    train: &'static [&'static [&'static str]],
+    data: &'static str,
+    steps: &'static str,
     policy: &'static str,
     settings: &'static str,
 }
 
-const TRIALS: &[Trial] = &[
-    Trial {
-        baseline: "pldm",
-        data: &NOISY,
-        train: &[WORLD, &["--steps", "700"]],
-        policy: "mpc",
-        settings: SEARCH,
+const TASKS: &[Task] = &[
+    Task {
+        name: "tworoom",
+        env: "swm/TwoRoom-v2",
+        data: &[
+            // As the reference records it.
+            ("noisy.h5", &["--policy", "noisy-expert:2", "--episodes", "2000", "--seed", "1"]),
+            // What policies imitate: in the other, the noise hides what the expert wanted.
+            ("calm.h5", &["--policy", "noisy-expert:0.5", "--episodes", "1000", "--seed", "2"]),
+        ],
+        trials: &[
+            Trial { baseline: "lewm", data: "noisy.h5", steps: "500", policy: "mpc", settings: SEARCH },
+            Trial { baseline: "pldm", data: "noisy.h5", steps: "500", policy: "mpc", settings: SEARCH },
+            Trial { baseline: "gcbc", data: "calm.h5", steps: "600", policy: "gcbc", settings: "" },
+            Trial { baseline: "gcivl", data: "calm.h5", steps: "600", policy: "gcivl", settings: "" },
+            Trial { baseline: "gciql", data: "calm.h5", steps: "600", policy: "gciql", settings: "" },
+        ],
     },
-    Trial {
-        baseline: "lewm",
-        data: &NOISY,
-        train: &[WORLD, &["--steps", "700"]],
-        policy: "mpc",
-        settings: SEARCH,
-    },
-    Trial {
-        baseline: "gcbc",
-        data: &CALM,
-        train: &[POLICY, &["--steps", "900"]],
-        policy: "gcbc",
-        settings: "",
-    },
-    Trial {
-        baseline: "gcivl",
-        data: &CALM,
-        train: &[POLICY, &["--steps", "900"]],
-        policy: "gcivl",
-        settings: "",
-    },
-    Trial {
-        baseline: "gciql",
-        data: &CALM,
-        train: &[POLICY, &["--steps", "900"]],
-        policy: "gciql",
-        settings: "",
+    Task {
+        name: "pusht",
+        env: "swm/PushT-v1",
+        data: &[(
+            "weak.h5",
+            &["--policy", "weak", "--episodes", "3000", "--max-steps", "100", "--seed", "101"],
+        )],
+        trials: &[Trial {
+            baseline: "lewm",
+            data: "weak.h5",
+            steps: "6000",
+            policy: "mpc",
+            settings: SEARCH,
+        }],
     },
 ];
 
 /// A search that a processor does in a fraction of a second.
 const SEARCH: &str = ",samples=100,iterations=8,elites=10";
-
-/// Smaller than the preset, and faster: TwoRoom shows a dot and a wall.
-const WORLD: &[&str] = &[
-    "--set",
-    "model.image=32",
-    "--set",
-    "model.encoder.channels=[16,32,48]",
-    "--set",
-    "model.width=48",
-    "--set",
-    "model.projector=192",
-    "--set",
-    "model.predictor.depth=2",
-    "--set",
-    "model.predictor.heads=4",
-    "--set",
-    "model.predictor.head_width=16",
-    "--set",
-    "model.predictor.hidden=128",
-    "--set",
-    "optim.lr=0.002",
-];
-const POLICY: &[&str] =
-    &["--set", "model.image=32", "--set", "model.encoder.channels=[16,32,48]", "--set", "optim.lr=0.001"];
-
-const ENV: &str = "swm/TwoRoom-v2";
-/// Episodes to learn from.
-struct Data {
-    file: &'static str,
-    collect: &'static [&'static str],
-}
-
-/// As the reference records it, and what pairs are drawn from.
-const NOISY: Data = Data {
-    file: "tworoom.h5",
-    collect: &["--policy", "noisy-expert:2", "--episodes", "2000", "--seed", "1"],
-};
-/// What policies imitate: in the other, the noise hides what the expert wanted.
-const CALM: Data = Data {
-    file: "calm.h5",
-    collect: &[
-        "--policy",
-        "noisy-expert:0.5",
-        "--episodes",
-        "1000",
-        "--seed",
-        "2",
-        "--env-option",
-        "render=fast",
-    ],
-};
-const COLLECT: &[&str] = &["--image-size", "64x64", "--without", "goal"];
-const MANIFEST: &[&str] = &[
-    "--tier",
-    "historic",
-    "--episodes",
-    "100",
-    "--goal-offset",
-    "25",
-    "--budget",
-    "50",
-    "--image-size",
-    "64x64",
-];
+const PICTURES: &[&str] = &["--image-size", "64x64", "--env-option", "render=fast"];
+const HISTORIC: &[&str] =
+    &["--tier", "historic", "--episodes", "100", "--goal-offset", "25", "--budget", "50"];
 
 /// The whole proof.
 pub(crate) fn run(args: &Args) -> Result<()> {
+    for name in &args.only {
+        let known = |task: &Task| task.name == name || task.trials.iter().any(|trial| trial.baseline == name);
+        ensure!(TASKS.iter().any(known), "--only {name}: name tasks (tworoom, pusht) or baselines");
+    }
     if args.swm.is_none() {
         setup::for_demo()?;
         process::run(process::cargo(["build"]).args(BUILD))?;
     }
-    let swm = |words: &[&str], paths: &[(&str, &Path)]| swm(args.swm.as_deref(), words, paths);
     let out = std::path::absolute(&args.out)?;
-    fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-    let manifest = out.join("historic.toml");
-    for data in [&NOISY, &CALM] {
-        let file = out.join(data.file);
-        if !file.exists() {
-            swm(&[&["collect", ENV], COLLECT, data.collect].concat(), &[("--out", &file)])?;
+    let mut page = String::new();
+    for task in TASKS {
+        let named = |name: &str| args.only.iter().any(|only| only == name);
+        let is_chosen = |trial: &&Trial| args.only.is_empty() || named(task.name) || named(trial.baseline);
+        let trials: Vec<&Trial> = task.trials.iter().filter(is_chosen).collect();
+        if !trials.is_empty() {
+            page += &table(task, &trials, &out.join(task.name), args.swm.as_deref())?;
         }
     }
-    if !manifest.exists() {
-        swm(
-            &[&["manifest", "make", ENV], MANIFEST].concat(),
-            &[("--dataset", &out.join(NOISY.file)), ("--out", &manifest)],
-        )?;
+    println!("\n{page}");
+    fs::write(out.join("results.md"), &page)?;
+    Ok(())
+}
+
+/// Records, trains and evaluates in folder `out`; what is there already is not made again.
+fn table(task: &Task, trials: &[&Trial], out: &Path, given: Option<&Path>) -> Result<String> {
+    let swm = |words: &[&str], paths: &[(&str, &Path)]| swm(given, words, paths);
+    fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    for (file, how) in task.data {
+        let file = out.join(file);
+        if !file.exists() {
+            let words = [&["collect", task.env, "--without", "goal"], PICTURES, how].concat();
+            swm(&words, &[("--out", &file)])?;
+        }
     }
-    let mut table = String::from("| policy | success | 95 % interval | training |\n|---|---|---|---|\n");
+    let manifest = out.join("historic.toml");
+    if !manifest.exists() {
+        let words = [&["manifest", "make", task.env], HISTORIC, PICTURES].concat();
+        swm(&words, &[("--dataset", &out.join(task.data[0].0)), ("--out", &manifest)])?;
+    }
+    let mut table =
+        format!("\n{}\n\n| policy | success | 95 % interval | training |\n|---|---|---|---|\n", task.env);
     let mut beside = "all";
-    let chosen = |trial: &&Trial| args.only.is_empty() || args.only.iter().any(|name| name == trial.baseline);
-    for trial in TRIALS.iter().filter(chosen) {
+    for trial in trials {
         let run = out.join(trial.baseline);
         let started = Instant::now();
         if run.join("config.json").exists() {
             swm(&["train", "--resume"], &[("--out", &run)])?;
         } else {
-            let call = [&["train", trial.baseline, "--preset", "small"][..], &trial.train.concat()].concat();
-            swm(&call, &[("--data", &out.join(trial.data.file)), ("--out", &run)])?;
+            let words = ["train", trial.baseline, "--preset", "small", "--steps", trial.steps];
+            swm(&words, &[("--data", &out.join(trial.data)), ("--out", &run)])?;
         }
         let minutes = started.elapsed().as_secs_f64() / 60.0;
         let policy = format!("{}:{}{}", trial.policy, run.display(), trial.settings);
         let result = out.join(format!("{}-result", trial.baseline));
-        let call = ["eval", "--policy", &policy, "--beside", beside];
-        let receipt = swm(&call, &[("--manifest", &manifest), ("--out", &result)])?;
+        let words = ["eval", "--policy", &policy, "--beside", beside];
+        let receipt = swm(&words, &[("--manifest", &manifest), ("--out", &result)])?;
         line(&mut table, trial.baseline, &receipt["summary"], &format!("{minutes:.1} min"));
         for other in receipt["beside"].as_array().into_iter().flatten() {
             line(&mut table, other["role"].as_str().unwrap_or_default(), &other["summary"], "–");
@@ -186,9 +150,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         // Floors and ceiling are the same for all.
         beside = "none";
     }
-    println!("\n{table}");
-    fs::write(out.join("results.md"), &table)?;
-    Ok(())
+    Ok(table)
 }
 
 /// The command `swm`, with baselines and without what TwoRoom does not need.

@@ -55,7 +55,7 @@ impl GcbcConfig {
         Self {
             model: GoalConfig::small(),
             goals: LaterGoals::Geometric,
-            optim: OptimConfig { lr: 5e-4, clip: Some(1.0), ..Self::paper().optim },
+            optim: OptimConfig { lr: 1e-3, clip: Some(1.0), ..Self::paper().optim },
         }
     }
 }

@@ -41,7 +41,7 @@ impl LewmConfig {
         Self {
             model: JointConfig::small(),
             sigreg: SigregConfig { projections: 256, ..SigregConfig::default() },
-            optim: OptimConfig { lr: 5e-4, ..OptimConfig::default() },
+            optim: OptimConfig { lr: 1e-3, ..OptimConfig::default() },
         }
     }
 }

@@ -82,7 +82,7 @@ impl PldmConfig {
     pub fn small() -> Self {
         Self {
             model: JointConfig::small(),
-            optim: OptimConfig { lr: 5e-4, ..OptimConfig::default() },
+            optim: OptimConfig { lr: 1e-3, ..OptimConfig::default() },
             ..Self::paper()
         }
     }
