@@ -49,7 +49,7 @@ impl GciqlConfig {
     pub fn small() -> Self {
         let paper = Self::paper();
         let value = ValueConfig { momentum: 0.95, ..paper.value };
-        let optim = OptimConfig { schedule: Schedule::Constant, ..value_optim() };
+        let optim = OptimConfig { lr: 1e-3, schedule: Schedule::Constant, ..value_optim() };
         Self { model: GoalConfig::small_with_value(), optim, value, ..paper }
     }
 }

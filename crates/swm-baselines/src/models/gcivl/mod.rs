@@ -82,7 +82,7 @@ impl GcivlConfig {
     /// steps as it lags behind.
     pub fn small() -> Self {
         let value = ValueConfig { momentum: 0.95, ..ValueConfig::default() };
-        let optim = OptimConfig { schedule: Schedule::Constant, ..value_optim() };
+        let optim = OptimConfig { lr: 1e-3, schedule: Schedule::Constant, ..value_optim() };
         Self { model: GoalConfig::small_with_value(), optim, value }
     }
 }
