@@ -72,7 +72,7 @@ const TASKS: &[Task] = &[
         trials: &[Trial {
             baseline: "lewm",
             data: "weak.h5",
-            steps: "6000",
+            steps: "3000",
             policy: "mpc",
             settings: SEARCH,
         }],
