@@ -79,6 +79,13 @@ const TASKS: &[Task] = &[
     },
 ];
 
+impl Task {
+    /// Whether `--only` with this name means a trial of it.
+    fn is_named(&self, trial: &Trial, name: &str) -> bool {
+        name == self.name || name == trial.baseline
+    }
+}
+
 /// A search that a processor does in a fraction of a second.
 const SEARCH: &str = ",samples=100,iterations=8,elites=10";
 const PICTURES: &[&str] = &["--image-size", "64x64", "--env-option", "render=fast"];
@@ -88,7 +95,7 @@ const HISTORIC: &[&str] =
 /// The whole proof.
 pub(crate) fn run(args: &Args) -> Result<()> {
     for name in &args.only {
-        let known = |task: &Task| task.name == name || task.trials.iter().any(|trial| trial.baseline == name);
+        let known = |task: &Task| task.trials.iter().any(|trial| task.is_named(trial, name));
         ensure!(TASKS.iter().any(known), "--only {name}: name tasks (tworoom, pusht) or baselines");
     }
     if args.swm.is_none() {
@@ -98,8 +105,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let out = std::path::absolute(&args.out)?;
     let mut page = String::new();
     for task in TASKS {
-        let named = |name: &str| args.only.iter().any(|only| only == name);
-        let is_chosen = |trial: &&Trial| args.only.is_empty() || named(task.name) || named(trial.baseline);
+        let is_chosen =
+            |trial: &&Trial| args.only.is_empty() || args.only.iter().any(|name| task.is_named(trial, name));
         let trials: Vec<&Trial> = task.trials.iter().filter(is_chosen).collect();
         if !trials.is_empty() {
             page += &table(task, &trials, &out.join(task.name), args.swm.as_deref())?;
@@ -153,7 +160,7 @@ fn table(task: &Task, trials: &[&Trial], out: &Path, given: Option<&Path>) -> Re
     Ok(table)
 }
 
-/// The command `swm`, with baselines and without what TwoRoom does not need.
+/// The command `swm`, with baselines and without what these tasks do not need.
 const BUILD: &[&str] = &[
     "--package",
     "swm",

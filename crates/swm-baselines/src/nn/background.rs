@@ -33,16 +33,12 @@ impl Background {
 
     /// A network whose backgrounds are those of these pictures, `[B, T, 3, H, W]`.
     pub(crate) fn find<M: Module>(network: M, pictures: &Tensor<5>) -> M {
-        let pictures = || pictures.clone().flatten::<4>(0, 1);
-        params::map(network, |spec, tensor| {
-            if spec.place.0 != "Background" {
-                return tensor;
-            }
-            let mean = pictures().mean_dim(0);
-            match spec.place.1.as_str() {
-                "mean" => mean.flatten(0, 3),
-                _ => deviation(pictures() - mean),
-            }
+        let pictures: Tensor<4> = pictures.clone().flatten(0, 1);
+        let mean = pictures.clone().mean_dim(0);
+        params::map(network, |spec, tensor| match (spec.place.0, spec.place.1.as_str()) {
+            ("Background", "mean") => mean.clone().flatten(0, 3),
+            ("Background", _) => deviation(pictures.clone() - mean.clone()),
+            _ => tensor,
         })
     }
 }

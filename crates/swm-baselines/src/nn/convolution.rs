@@ -220,6 +220,11 @@ impl Form {
         self.kernel.size * self.kernel.size * self.inputs
     }
 
+    /// Numbers that it sees at all places of a picture.
+    fn numbers_seen(&self) -> usize {
+        self.rows * self.columns * self.seen()
+    }
+
     /// Numbers of a picture.
     fn numbers_in(&self) -> usize {
         self.height * self.width * self.inputs
@@ -232,16 +237,15 @@ impl Form {
 
     /// Pictures of a group.
     fn group(&self) -> usize {
-        (GROUP / (self.rows * self.columns * self.seen())).max(1)
+        (GROUP / self.numbers_seen()).max(1)
     }
 
     /// `[n, H, W, in]` → `[n × H' × W', K × K × in]`: what the kernel sees at each place.
     fn patches(&self, pictures: &[f32]) -> FlexTensor {
         let places = pictures.len() / self.numbers_in() * self.rows * self.columns;
         let mut patches = vec![0.0; places * self.seen()];
-        let of_picture = self.rows * self.columns * self.seen();
         for (patches, picture) in
-            patches.chunks_exact_mut(of_picture).zip(pictures.chunks_exact(self.numbers_in()))
+            patches.chunks_exact_mut(self.numbers_seen()).zip(pictures.chunks_exact(self.numbers_in()))
         {
             self.each_run(|patch, picture_at, length| {
                 patches[patch..patch + length].copy_from_slice(&picture[picture_at..picture_at + length]);
@@ -252,9 +256,8 @@ impl Form {
 
     /// Adds what belongs to each place to the pixels that the kernel sees from there.
     fn add_patches(&self, patches: &[f32], pictures: &mut [f32]) {
-        let of_picture = self.rows * self.columns * self.seen();
         for (patches, picture) in
-            patches.chunks_exact(of_picture).zip(pictures.chunks_exact_mut(self.numbers_in()))
+            patches.chunks_exact(self.numbers_seen()).zip(pictures.chunks_exact_mut(self.numbers_in()))
         {
             self.each_run(|patch, picture_at, length| {
                 add(&mut picture[picture_at..picture_at + length], &patches[patch..patch + length]);
@@ -266,7 +269,8 @@ impl Form {
     fn each_run(&self, mut call: impl FnMut(usize, usize, usize)) {
         let Kernel { size, stride, padding } = self.kernel;
         let row = size * self.inputs;
-        for (place, patch) in (0..self.rows * self.columns).map(|place| (place, place * self.seen())) {
+        for place in 0..self.rows * self.columns {
+            let patch = place * self.seen();
             let (top, left) = (place / self.columns * stride, place % self.columns * stride);
             // Of the kernel's columns, those that lie on the picture.
             let first = padding.saturating_sub(left);
