@@ -1,4 +1,4 @@
-//! Stepping allocates nothing in steady state, pictures included.
+//! Stepping allocates nothing in steady state, images included.
 
 use std::alloc::System;
 

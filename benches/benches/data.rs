@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use swm_benches::{Actions, EPISODE_STEPS, Picture, world};
+use swm_benches::{Actions, EPISODE_STEPS, Image, world};
 use swm_core::error::BoxError;
 use swm_core::{Batch, EpisodeSink, Metadata, ResetOptions, Rollout, Scenario, Schema};
 use swm_data::WriteMode;
@@ -37,8 +37,7 @@ impl EpisodeSink for Memory {
 /// Episodes of the weak policy, as `swm collect` records them.
 fn recorded(side: usize, episodes: u64) -> Memory {
     let mut memory = Memory::default();
-    let mut world =
-        world(Picture { side, style: "fast" }, Actions::Weak, 1, 1).expect("the options are valid");
+    let mut world = world(Image { side, style: "fast" }, Actions::Weak, 1, 1).expect("the options are valid");
     world.set_max_episode_steps(Some(EPISODE_STEPS as u64));
     let reset = ResetOptions::default();
     let rollout = Rollout { episodes: 0..episodes, seed: 0, scenario: Scenario::Same(&reset) };

@@ -15,7 +15,7 @@ use swm_envs_2d::pusht::PUSHT_RAPIER;
 const CASES: [(&str, &EnvEntry, &str); 2] =
     [("pusht_rapier", &PUSHT_RAPIER, "weak"), ("point_maze", &POINT_MAZE, "explorer")];
 
-/// One step of a world of one environment, without pictures.
+/// One step of a world of one environment, without images.
 fn world_step(c: &mut Criterion) {
     let mut group = c.benchmark_group("rapier_world_step");
     for (name, entry, policy) in CASES {

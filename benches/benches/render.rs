@@ -13,7 +13,7 @@ struct Scene {
 const T_PARTS: [[f64; 4]; 2] = [[-60.0, 0.0, 60.0, 30.0], [-15.0, 30.0, 15.0, 120.0]];
 
 impl Scene {
-    /// Frame `frame` of a film in which the agent always moves, and the block too if `pushed`.
+    /// Frame `frame` of a video in which the agent always moves, and the block too if `pushed`.
     fn at(frame: u32, pushed: bool) -> Self {
         let time = f64::from(frame) * 0.1;
         let moved = if pushed { time } else { 0.0 };
@@ -81,7 +81,7 @@ fn frames(c: &mut Criterion) {
     group.finish();
 }
 
-/// The two filters of the exact style on whole pictures.
+/// The two filters of the exact style on whole images.
 fn resizes(c: &mut Criterion) {
     let mut group = c.benchmark_group("resize");
     let noise: Vec<u8> =

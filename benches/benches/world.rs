@@ -1,12 +1,12 @@
-//! PushT in its world: the bare step, `World::step` by pictures, environments and threads, and the reset.
+//! PushT in its world: the bare step, `World::step` by images, environments and threads, and the reset.
 
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use swm_benches::{Actions, BareEnv, EPISODE_STEPS, Picture, world};
+use swm_benches::{Actions, BareEnv, EPISODE_STEPS, Image, world};
 use swm_core::{ResetOptions, Rollout, Scenario};
 
-/// `Env::step` and `Env::observe` through whole episodes, without pictures.
+/// `Env::step` and `Env::observe` through whole episodes, without images.
 fn bare_step(c: &mut Criterion) {
     let mut group = c.benchmark_group("bare_step");
     group.throughput(Throughput::Elements(EPISODE_STEPS as u64));
@@ -30,13 +30,13 @@ fn bare_step(c: &mut Criterion) {
 /// One step of all environments. Threads matter for more than one environment only.
 fn world_step(c: &mut Criterion) {
     let mut group = c.benchmark_group("world_step");
-    for picture in Picture::ALL {
+    for image in Image::ALL {
         for (num_envs, threads) in [(1, 1), (8, 1), (8, 2)] {
             group.throughput(Throughput::Elements(num_envs as u64));
             for kind in Actions::ALL {
-                let mut world = world(picture, kind, num_envs, threads).expect("the options are valid");
+                let mut world = world(image, kind, num_envs, threads).expect("the options are valid");
                 world.reset(0, &ResetOptions::default()).expect("the defaults are valid");
-                let name = format!("{}/{}/envs={num_envs}/threads={threads}", picture.name(), kind.name());
+                let name = format!("{}/{}/envs={num_envs}/threads={threads}", image.name(), kind.name());
                 let mut steps = 0;
                 group.bench_function(name, |b| {
                     b.iter(|| {
@@ -62,13 +62,13 @@ fn world_run(c: &mut Criterion) {
     const EPISODES: u64 = 16;
     let mut group = c.benchmark_group("world_run");
     group.sample_size(20).throughput(Throughput::Elements(EPISODES * EPISODE_STEPS as u64));
-    for picture in Picture::ALL {
+    for image in Image::ALL {
         for (num_envs, threads) in [(1, 1), (8, 1), (8, 2)] {
-            let mut world = world(picture, Actions::Weak, num_envs, threads).expect("the options are valid");
+            let mut world = world(image, Actions::Weak, num_envs, threads).expect("the options are valid");
             world.set_max_episode_steps(Some(EPISODE_STEPS as u64));
             let reset = ResetOptions::default();
             let rollout = Rollout { episodes: 0..EPISODES, seed: 0, scenario: Scenario::Same(&reset) };
-            let name = format!("{}/weak/envs={num_envs}/threads={threads}", picture.name());
+            let name = format!("{}/weak/envs={num_envs}/threads={threads}", image.name());
             group.bench_function(name, |b| {
                 b.iter(|| world.run(&rollout, &mut ()).expect("nothing can fail"));
             });
@@ -77,16 +77,16 @@ fn world_run(c: &mut Criterion) {
     group.finish();
 }
 
-/// A reset of one environment: factors, start, goal, and the first pictures of both.
+/// A reset of one environment: factors, start, goal, and the first images of both.
 fn reset(c: &mut Criterion) {
     let mut group = c.benchmark_group("reset");
-    for picture in Picture::ALL {
+    for image in Image::ALL {
         for (name, options) in
             [("default", ResetOptions::default()), ("all", ResetOptions::default().vary(&["all"]))]
         {
-            let mut world = world(picture, Actions::Random, 1, 1).expect("the options are valid");
+            let mut world = world(image, Actions::Random, 1, 1).expect("the options are valid");
             let mut seed = 0;
-            group.bench_function(format!("{}/{name}", picture.name()), |b| {
+            group.bench_function(format!("{}/{name}", image.name()), |b| {
                 b.iter(|| {
                     seed += 1;
                     world.reset(seed, &options).expect("the options are valid");

@@ -6,7 +6,7 @@
 As solvers.py: installs the reference (stable-worldmodel 0.1.1, with torch: gigabytes) into a virtual environment of its own,
 builds `swm` and `load-rates`, records PushT, and measures both in turns. Batches of 64 shuffled clips of `pixels`, `action`
 and `proprio`, channels first, one thread. The reference reads HDF5 as we recorded it, and a Lance table that its own writer
-made of that; ours is HDF5 each time, the format to train from. What is compared is clips per second of processor time, in the best round:
+made of that; ours is HDF5 each time, the format to train from. What is compared is clips per second of CPU time, in the best round:
 that which other programs disturbed least. Rows without a peer stand alone: frames drawn on demand, and the gain of a
 second thread, which is in wall time and means something on an idle machine only.
 """
@@ -23,7 +23,7 @@ import peer
 
 KEYS = "pixels,action,proprio"
 
-# Name, file, what the peer reads, steps of a clip, drawn side, least rate here per second of processor time, least ratio.
+# Name, file, what the peer reads, steps of a clip, drawn side, least rate here per second of CPU time, least ratio.
 CASES = [
     ("4 frames, 224 px", "224.h5", "hdf5", 4, None, None, 5),
     ("4 frames, 224 px, Lance", "224.h5", "lance", 4, None, None, 2),
@@ -103,7 +103,7 @@ def measure(python, binaries, folder, options):
 
 
 def report(rows):
-    lines = ["Clips per second of processor time, best round"]
+    lines = ["Clips per second of CPU time, best round"]
     lines.append(f"{'case':26}{'reference':>12}{'here':>12}{'ratio':>8}{'2 threads':>11}  wanted")
     for row in rows:
         reference, ratio = (f"{row['reference']:.0f}", f"{row['ratio']:.1f}") if row["reference"] else ("-", "-")

@@ -5,7 +5,7 @@
     python3 benches/peers/dmc.py --resets | --threads      # what needs no peer
 
 As two_room_v2.py does: installs the peers (dm_control 1.0.50 on MuJoCo 3.17.0, stable-worldmodel 0.1.1 with torch: gigabytes) into a
-virtual environment of its own, builds `suite-rates`, measures both in turns, and prints ratios of medians in processor time.
+virtual environment of its own, builds `suite-rates`, measures both in turns, and prints ratios of medians in CPU time.
 """
 
 import argparse
@@ -35,7 +35,7 @@ def main():
     parser.add_argument("--python", type=Path, help="an interpreter that has the peers; default: one in --venv")
     parser.add_argument("--suite-rates", type=Path, help="the release binary; default: built by cargo")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seconds", type=float, default=1.0, help="processor time per measurement")
+    parser.add_argument("--seconds", type=float, default=1.0, help="CPU time per measurement")
     parser.add_argument("--check", action="store_true", help="exit with status 1 if a target is missed")
     parser.add_argument("--resets", action="store_true", help="measure resets with every factor")
     parser.add_argument("--threads", action="store_true", help="measure eight environments on one thread and two")
@@ -68,7 +68,7 @@ def report_steps(measured):
     """Prints the table; returns how many targets are missed."""
     ours, theirs = measured
     missed = 0
-    print("Steps per second of processor time, one environment, one thread, no pictures: median of the rounds (best)")
+    print("Steps per second of CPU time, one environment, one thread, no images: median of the rounds (best)")
     print(f"{'case':20}{'peer':>18}{'here':>20}{'ratio':>8}  target")
     for case, whom, target in TARGETS:
         own_rate, other = statistics.median(ours[case]), statistics.median(theirs[case])
@@ -81,7 +81,7 @@ def report_steps(measured):
 
 
 def report_resets(measured):
-    print("Milliseconds of processor time per reset, by the factor that is drawn")
+    print("Milliseconds of CPU time per reset, by the factor that is drawn")
     missed = 0
     for row in measured:
         milliseconds = 1000 * row["cpu_s"] / row["count"]
@@ -99,7 +99,7 @@ def report_threads(rounds):
             best_rate, least_cost = best.get(row["case"], (0.0, float("inf")))
             best[row["case"]] = max(rate, best_rate), min(cost, least_cost)
     missed = 0
-    print("World steps of eight environments per second of wall time, and processor time per step: best of the rounds")
+    print("World steps of eight environments per second of wall time, and CPU time per step: best of the rounds")
     for domain in sorted({case.split("/")[1] for case in best}):
         (one, one_cost), (two, two_cost) = best[f"world8/{domain}/1"], best[f"world8/{domain}/2"]
         missed += two / one < PARALLEL_TARGET

@@ -1,7 +1,7 @@
 """Measures dm_control and the Python reference's World on it, inside the virtual environment that dmc.py makes.
 
-Not started by hand. Prints one JSON object for every line that it reads, a number of seconds: steps per second of processor time
-of `dm_control`'s own environments (`control/…`), and of a world of one environment without pictures (`world/…`, two control
+Not started by hand. Prints one JSON object for every line that it reads, a number of seconds: steps per second of CPU time
+of `dm_control`'s own environments (`control/…`), and of a world of one environment without images (`world/…`, two control
 steps each). Resets stand outside of the timed regions; actions are random and drawn beforehand.
 """
 

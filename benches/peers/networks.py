@@ -4,8 +4,8 @@
     python3 benches/peers/networks.py [--rounds 3] [--threads 1] [--venv FOLDER] [--json result.json] [--check]
 
 Installs the reference (stable-worldmodel 0.1.1, with torch: gigabytes) and transformers into a virtual environment of its own, builds the
-example `network_times` of swm-baselines, and measures both in turns: LeWM's training step on 4 clips of 4 pictures (of the
-*small* preset: on 64), and the costs of 300 plans of 5 blocks, alone and with gradients. What is compared is the processor time of
+example `network_times` of swm-baselines, and measures both in turns: LeWM's training step on 4 clips of 4 images (of the
+*small* preset: on 64), and the costs of 300 plans of 5 blocks, alone and with gradients. What is compared is the CPU time of
 the quickest call of all rounds: that which other programs disturbed least.
 """
 
@@ -34,7 +34,7 @@ def main():
     parser.add_argument("--python", type=Path, help="a Python that has the packages already")
     parser.add_argument("--network-times", type=Path, help="the release binary; default: built by cargo")
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--seconds", type=float, default=5.0, help="processor time per case and round")
+    parser.add_argument("--seconds", type=float, default=5.0, help="CPU time per case and round")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--json", type=Path, help="write everything there as JSON")
     parser.add_argument("--check", action="store_true", help="exit with status 1 if a target is missed")

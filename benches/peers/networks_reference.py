@@ -1,4 +1,4 @@
-"""LeWM of the reference, timed: reads `{"case": …, "seconds": …}` per line, and answers with the processor time of the quickest
+"""LeWM of the reference, timed: reads `{"case": …, "seconds": …}` per line, and answers with the CPU time of the quickest
 call. Run by networks.py. The small network's encoder is not the reference's: it is written here as the preset says, in PyTorch's words."""
 
 import json
@@ -22,7 +22,7 @@ SIZES = {
 
 
 class Convolutions(nn.Module):
-    """Convolutions that halve pictures of 64 pixels, then one linear layer. Answers as transformers' encoders do."""
+    """Convolutions that halve images of 64 pixels, then one linear layer. Answers as transformers' encoders do."""
 
     def __init__(self, width, channels=(3, 16, 32, 64, 128), side=64):
         super().__init__()
@@ -59,7 +59,7 @@ def lewm(preset):
 
 def training(model, clips, side, projections):
     model.train()
-    optimiser = torch.optim.AdamW(model.parameters(), 5e-5, weight_decay=1e-3)
+    optimizer = torch.optim.AdamW(model.parameters(), 5e-5, weight_decay=1e-3)
     sigreg = SIGReg(num_proj=projections)
     pixels, action = torch.randn(clips, 4, 3, side, side), torch.randn(clips, 4, ACTION)
 
@@ -68,10 +68,10 @@ def training(model, clips, side, projections):
         states = output["emb"]
         predicted = model.predict(states[:, :3], output["act_emb"][:, :3])
         loss = F.mse_loss(predicted, states[:, 1:]) + 0.09 * sigreg(states.transpose(0, 1))
-        optimiser.zero_grad()
+        optimizer.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-        optimiser.step()
+        optimizer.step()
 
     return step
 

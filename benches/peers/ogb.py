@@ -3,8 +3,8 @@
 
     python3 benches/peers/ogb.py [cube|scene] [--rounds 5] [--venv FOLDER] [--check]
 
-Installs ogbench 1.2.2 into a virtual environment of its own (its pictures need EGL: Debian's libegl1 and libgl1-mesa-dri), builds
-`table-rates`, measures both in turns, and prints ratios of medians in processor time. There the environment alone steps, here a world
+Installs ogbench 1.2.2 into a virtual environment of its own (its images need EGL: Debian's libegl1 and libgl1-mesa-dri), builds
+`table-rates`, measures both in turns, and prints ratios of medians in CPU time. There the environment alone steps, here a world
 with it, which writes every column.
 """
 
@@ -30,7 +30,7 @@ def main():
     parser.add_argument("--venv", type=Path, default=peer.folder("ogb"))
     parser.add_argument("--table-rates", type=Path, help="the release binary; default: built by cargo")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seconds", type=float, default=2.0, help="processor time per measurement")
+    parser.add_argument("--seconds", type=float, default=2.0, help="CPU time per measurement")
     parser.add_argument("--check", action="store_true", help="exit with status 1 if a target is missed")
     options = parser.parse_args()
     python = peer.environment(options.venv, ["requirements-ogb.txt"])
@@ -48,14 +48,14 @@ def main():
 def report(rates):
     """Prints the tables; returns how many targets are missed."""
     missed = 0
-    print("Steps per second of processor time, one environment, one thread: median of the rounds")
+    print("Steps per second of CPU time, one environment, one thread: median of the rounds")
     print(f"{'case':16}{'reference':>12}{'here':>12}{'ratio':>9}  target")
     for ours, theirs, target in PAIRS:
         own, other = (statistics.median(rates[case]) for case in (ours, theirs))
         missed += own / other < target
         verdict = "met" if own / other >= target else "MISSED"
         print(f"{ours:16}{other:12,.1f}{own:12,.0f}{own / other:9.1f}  >= {target} {verdict}")
-    print("Milliseconds of processor time per reset, picture of the goal included")
+    print("Milliseconds of CPU time per reset, image of the goal included")
     for case in sorted(case for case in rates if case.startswith("reset/")):
         took, limit = 1000 / statistics.median(rates[case]), LIMITS.get(case.rsplit("/", 1)[1])
         missed += limit is not None and took >= limit

@@ -1,7 +1,7 @@
 """Measures OGBench's manipulation environments, inside the virtual environment that ogb.py makes.
 
-Not started by hand. Prints one JSON object per round for every line that it reads: steps per second of processor time, of
-one environment with random actions on one thread, without pictures and with pictures drawn by MuJoCo's own renderer. These are the
+Not started by hand. Prints one JSON object per round for every line that it reads: steps per second of CPU time, of
+one environment with random actions on one thread, without images and with images drawn by MuJoCo's own renderer. These are the
 environments that the reference wraps; its own world adds to each step what is not measured here.
 """
 

@@ -132,7 +132,7 @@ def make_world(side, policy, limit):
 
 
 def world_steps(side, policy):
-    """`World.step` with pictures: the policy, the step, the picture, the info table."""
+    """`World.step` with images: the policy, the step, the image, the info table."""
     world = make_world(side, policy, limit=10 * EPISODE_STEPS)
 
     def measure(seconds):
@@ -149,7 +149,7 @@ def world_steps(side, policy):
 
 
 def world_resets(side, policy):
-    """`World.reset` with both pictures."""
+    """`World.reset` with both images."""
     world = make_world(side, policy, limit=EPISODE_STEPS)
 
     def measure(seconds):

@@ -3,7 +3,7 @@
 
     python3 benches/peers/render3d.py [--rounds 3] [--check] [--venv FOLDER]
 
-A frame is one control step and one picture. Rates are per second of processor time: each side runs twice, with few and with
+A frame is one control step and one image. Rates are per second of CPU time: each side runs twice, with few and with
 many frames, and the difference counts, so that start-up does not. The reference draws through EGL (MUJOCO_GL=osmesa for
 OSMesa) with Mesa's llvmpipe, shadows, reflections and all else at their defaults, as here. Last, this project's two
 threads are compared with one, in wall time, which means something on an idle machine only.
@@ -37,12 +37,12 @@ THREADS_TARGET = 1.8
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--venv", type=Path, default=ROOT / ".tools/peers/render3d")
-    parser.add_argument("--binary", type=Path, help="the release example `picture_rates`; default: built by cargo")
+    parser.add_argument("--binary", type=Path, help="the release example `image_rates`; default: built by cargo")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--check", action="store_true", help="exit with status 1 if a target is missed")
     options = parser.parse_args()
     python, binary = make_environment(options.venv), options.binary or build()
-    print(f"load {os.getloadavg()[0]:.1f}; medians of {options.rounds} rounds, frames per second of processor time")
+    print(f"load {os.getloadavg()[0]:.1f}; medians of {options.rounds} rounds, frames per second of CPU time")
     print(f"{'environment':26} {'px':>4} {'here':>8} {'MuJoCo':>8} {'ratio':>7} {'wanted':>7}")
     misses = 0
     for env, name, side, wanted in CASES:
@@ -64,7 +64,7 @@ def main():
 
 
 def rate(command, few, many):
-    """Frames per second of processor time."""
+    """Frames per second of CPU time."""
     return (many - few) / (cpu([*command, many]) - cpu([*command, few]))
 
 
@@ -97,10 +97,10 @@ def make_environment(folder):
 
 
 def build():
-    command = ["cargo", "build", "--release", "--quiet", "-p", "swm-envs-mujoco", "--example", "picture_rates"]
+    command = ["cargo", "build", "--release", "--quiet", "-p", "swm-envs-mujoco", "--example", "image_rates"]
     subprocess.run(command, cwd=ROOT, check=True)
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    return target / "release/examples" / ("picture_rates.exe" if os.name == "nt" else "picture_rates")
+    return target / "release/examples" / ("image_rates.exe" if os.name == "nt" else "image_rates")
 
 
 if __name__ == "__main__":

@@ -39,8 +39,8 @@ else:
 draw()
 for _ in range(frames):
     env.step(action)
-    picture = np.asarray(draw())
-assert picture.shape == (side, side, 3) and picture.std() > 0
+    image = np.asarray(draw())
+assert image.shape == (side, side, 3) and image.std() > 0
 # Contexts are torn down noisily at exit.
 sys.stdout.flush()
 os._exit(0)

@@ -5,7 +5,7 @@
 
 As world.py does for PushT: installs the reference (stable-worldmodel 0.1.1, with torch: gigabytes) into a virtual environment
 of its own, builds `solve-times`, and measures both in turns. One episode, one thread, 300 candidates of 10 blocks of 2
-numbers, 30 iterations. What is compared is the processor time of the quickest plan of all rounds: that which other
+numbers, 30 iterations. What is compared is the CPU time of the quickest plan of all rounds: that which other
 programs disturbed least. Solvers that the reference lacks stand in the table alone.
 """
 
@@ -27,7 +27,7 @@ def main():
     parser.add_argument("--venv", type=Path, default=peer.folder(peer.REFERENCE[0]))
     parser.add_argument("--solve-times", type=Path, help="the release binary; default: built by cargo")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seconds", type=float, default=0.5, help="processor time per solver and round")
+    parser.add_argument("--seconds", type=float, default=0.5, help="CPU time per solver and round")
     parser.add_argument("--json", type=Path, help="write everything there as JSON")
     parser.add_argument("--check", action="store_true", help="exit with status 1 if a target is missed")
     options = parser.parse_args()
@@ -68,7 +68,7 @@ def compare(ours, theirs):
 
 
 def report(rows):
-    lines = ["Milliseconds of processor time per plan: the quickest (the median)"]
+    lines = ["Milliseconds of CPU time per plan: the quickest (the median)"]
     lines.append(f"{'solver':22}{'reference':>20}{'here':>20}{'ratio':>9}{'of medians':>12}  target")
 
     def cell(times):

@@ -1,7 +1,7 @@
 """Measures the planning solvers of the Python reference, inside the virtual environment of solvers.py.
 
-Not started by hand: solvers.py starts it once and sends the processor time per solver, one line per round; each
-answer is one line, `{"cem": [seconds, ...], ...}`: the processor time of every plan made.
+Not started by hand: solvers.py starts it once and sends the CPU time per solver, one line per round; each
+answer is one line, `{"cem": [seconds, ...], ...}`: the CPU time of every plan made.
 """
 
 import contextlib

@@ -4,7 +4,7 @@
     python3 benches/peers/two_room_v2.py [--rounds 5] [--venv FOLDER] [--check]
 
 As world.py does for PushT: installs the reference (stable-worldmodel 0.1.1, with torch: gigabytes) into a virtual environment
-of its own, builds `env-rates`, measures both in turns, and prints ratios of medians in processor time.
+of its own, builds `env-rates`, measures both in turns, and prints ratios of medians in CPU time.
 """
 
 import argparse
@@ -31,7 +31,7 @@ def main():
     parser.add_argument("--venv", type=Path, default=peer.folder(peer.REFERENCE[0]))
     parser.add_argument("--env-rates", type=Path, help="the release binary; default: built by cargo")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seconds", type=float, default=1.0, help="processor time per measurement")
+    parser.add_argument("--seconds", type=float, default=1.0, help="CPU time per measurement")
     parser.add_argument("--check", action="store_true", help="exit with status 1 if a target is missed")
     options = parser.parse_args()
     python = peer.environment(options.venv, peer.REFERENCE[1])
@@ -49,7 +49,7 @@ def main():
 def report(rates):
     """Prints the table; returns how many targets are missed."""
     missed = 0
-    print("Per second of processor time, one environment, one thread, 64 x 64: median of the rounds")
+    print("Per second of CPU time, one environment, one thread, 64 x 64: median of the rounds")
     print(f"{'case':16}{'reference':>12}{'here':>12}{'ratio':>9}  target")
     for ours, theirs, target in PAIRS:
         own, other = (statistics.median(rates[case]) for case in (ours, theirs))

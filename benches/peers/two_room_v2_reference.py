@@ -1,7 +1,7 @@
 """Measures TwoRoom in the Python reference of August 2026, inside the virtual environment that two_room_v2.py makes.
 
 Not started by hand. Prints one JSON object per round for every line that it reads: steps and resets per second of
-processor time, of a world of one environment with 64 x 64 pictures and random actions, on one thread.
+CPU time, of a world of one environment with 64 x 64 images and random actions, on one thread.
 """
 
 import json

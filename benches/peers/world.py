@@ -5,7 +5,7 @@
 
 Installs the reference by name, version and hash into a virtual environment of its own, builds the release binaries, and
 then measures both in turns: each round asks the reference for every case, and this project for the same ones, so that
-whatever else the machine does disturbs both. Rates are per second of processor time, which counts no waiting; medians
+whatever else the machine does disturbs both. Rates are per second of CPU time, which counts no waiting; medians
 and the best of all rounds stand side by side. Needs only Python's standard library. README.md says what the cases are.
 """
 
@@ -85,7 +85,7 @@ def arguments():
     add("--swm", type=Path, help="the release binary `swm`; default: built by cargo")
     add("--step-rates", type=Path, help="the release binary `step-rates`; default: built by cargo")
     add("--rounds", type=int, default=5, help="how often every case is measured")
-    add("--seconds", type=float, default=1.0, help="processor time per measurement")
+    add("--seconds", type=float, default=1.0, help="CPU time per measurement")
     add("--bench-seconds", type=float, default=0.5, help="wall time per measurement of `swm bench`")
     add("--json", type=Path, help="write everything there as JSON")
     add("--check", action="store_true", help="exit with status 1 if a target is missed")
@@ -96,7 +96,7 @@ def arguments():
 
 
 class Rate:
-    """Steps or frames per second of processor time and per second of the wall."""
+    """Steps or frames per second of CPU time and per second of the wall."""
 
     def __init__(self, cpu, wall):
         self.cpu, self.wall = cpu, wall
@@ -107,7 +107,7 @@ class Rate:
 
 
 class Recording:
-    """`swm collect` of one environment on one thread, with the processor time of the whole process."""
+    """`swm collect` of one environment on one thread, with the CPU time of the whole process."""
 
     def __init__(self, swm, env, case, policy, seconds):
         self.swm, self.env, self.policy, self.seconds = swm, env, policy, seconds
@@ -181,7 +181,7 @@ def summary(rates):
 
 
 def ratios(env, rates):
-    """Ours over the reference's, by medians and by bests, in processor time."""
+    """Ours over the reference's, by medians and by bests, in CPU time."""
     rows = []
     for policy in ENVS[env]["policies"]:
         for ours, theirs, target in ENVS[env]["pairs"]:
@@ -197,16 +197,16 @@ def ratios(env, rates):
 
 def parallel(runs):
     """8 environments on several threads over 8 on one, in wall time: the best of all rounds, and the medians."""
-    find = {(run["pictures"], run["num_envs"], run["threads"]): run for run in runs}
+    find = {(run["images"], run["num_envs"], run["threads"]): run for run in runs}
     rows = []
-    for (pictures, num_envs, threads), many in find.items():
-        one = find.get((pictures, num_envs, 1))
+    for (images, num_envs, threads), many in find.items():
+        one = find.get((images, num_envs, 1))
         if threads == 1 or one is None:
             continue
         ratio = {key: many[f"{key}_per_wall_s"] / one[f"{key}_per_wall_s"] for key in ("median", "best")}
         met = ratio["best"] >= PARALLEL_TARGET if threads == 2 else None
         rows.append(
-            {"pictures": pictures, "num_envs": num_envs, "threads": threads, **ratio}
+            {"images": images, "num_envs": num_envs, "threads": threads, **ratio}
             | {"target": PARALLEL_TARGET, "met": met}
         )
     return rows
@@ -229,7 +229,7 @@ def report(result):
         lines.append("")
 
     verdict = {True: "met", False: "MISSED", None: ""}
-    lines.append("Per second of processor time, one environment, one thread: median (best) of the rounds")
+    lines.append("Per second of CPU time, one environment, one thread: median (best) of the rounds")
     header = ["case, policy", "reference", "here", "ratio", "of bests", "wall", "target", ""]
     rows = []
     by_case = {case: theirs for case, theirs, _ in ENVS[result["env"]]["pairs"]}
@@ -245,18 +245,18 @@ def report(result):
     table(header, rows)
     lines.append("Whole runs by `swm bench`, steps per second of the wall, resets included: median (best)")
     table(
-        ["pictures", "environments", "threads", "steps/s"],
+        ["images", "environments", "threads", "steps/s"],
         [
-            [run["pictures"], str(run["num_envs"]), str(run["threads"])]
+            [run["images"], str(run["num_envs"]), str(run["threads"])]
             + [f"{run['median_per_wall_s']:,.0f} ({run['best_per_wall_s']:,.0f})"]
             for run in result["runs"]
         ],
     )
     lines.append("8 environments, several threads over one, in wall time")
     table(
-        ["pictures", "threads", "ratio of bests", "of medians", "target", ""],
+        ["images", "threads", "ratio of bests", "of medians", "target", ""],
         [
-            [row["pictures"], str(row["threads"]), f"{row['best']:.2f}", f"{row['median']:.2f}"]
+            [row["images"], str(row["threads"]), f"{row['best']:.2f}", f"{row['median']:.2f}"]
             + [f">= {row['target']}", verdict[row["met"]]]
             for row in result["parallel"]
         ],
@@ -267,7 +267,7 @@ def report(result):
 
 
 def machine():
-    cpu = platform.processor() or platform.machine()
+    cpu = platform.CPU() or platform.machine()
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         cpu = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
@@ -277,8 +277,8 @@ def machine():
 
 
 def key_fields(key):
-    pictures, num_envs, threads = key
-    return {"pictures": pictures, "num_envs": num_envs, "threads": threads}
+    images, num_envs, threads = key
+    return {"images": images, "num_envs": num_envs, "threads": threads}
 
 
 def add(samples, name, rate):

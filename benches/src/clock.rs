@@ -1,4 +1,4 @@
-//! Time: that of the wall, and that which the processor spent on this process. Beside other programs only the second
+//! Time: that of the wall, and that which the CPU spent on this process. Beside other programs only the second
 //! says something about the code.
 
 use std::time::{Duration, Instant};
@@ -8,7 +8,7 @@ use serde::Serialize;
 /// Two times that passed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Elapsed {
-    /// Processor time of all threads of this process, seconds.
+    /// CPU time of all threads of this process, seconds.
     pub cpu_s: f64,
     /// Wall time, seconds.
     pub wall_s: f64,

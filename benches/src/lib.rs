@@ -10,4 +10,4 @@ mod pusht;
 pub use clock::{Clock, Elapsed};
 pub use measurement::{Measurement, print, seconds};
 pub use planning::{FreeCost, SolveCase};
-pub use pusht::{Actions, BareEnv, EPISODE_STEPS, Picture, world, world_of};
+pub use pusht::{Actions, BareEnv, EPISODE_STEPS, Image, world, world_of};

@@ -19,7 +19,7 @@ pub struct Measurement {
 }
 
 impl Measurement {
-    /// Repeats `work`, which counts for `each`, until its timed parts took `seconds` of processor time. The first time does not
+    /// Repeats `work`, which counts for `each`, until its timed parts took `seconds` of CPU time. The first time does not
     /// count.
     ///
     /// # Errors

@@ -13,17 +13,17 @@ use swm_envs_2d::pusht::{PUSHT, PushT};
 /// Steps between two resets, as in the reference's default time limit.
 pub const EPISODE_STEPS: usize = 100;
 
-/// The pictures that a world draws: none, or squares of a side in one of the two styles.
+/// The images that a world draws: none, or squares of a side in one of the two styles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Picture {
-    /// Height and width; 0: no pictures.
+pub struct Image {
+    /// Height and width; 0: no images.
     pub side: usize,
     /// `exact` or `fast`.
     pub style: &'static str,
 }
 
-impl Picture {
-    /// No pictures.
+impl Image {
+    /// No images.
     pub const NONE: Self = Self { side: 0, style: "exact" };
 
     /// What is measured everywhere: none, and both styles at the two usual sizes.
@@ -75,8 +75,8 @@ impl Actions {
 /// # Errors
 ///
 /// The world cannot be made.
-pub fn world(picture: Picture, actions: Actions, num_envs: usize, threads: usize) -> Result<World> {
-    world_of(&PUSHT, picture, actions.name(), num_envs, threads)
+pub fn world(image: Image, actions: Actions, num_envs: usize, threads: usize) -> Result<World> {
+    world_of(&PUSHT, image, actions.name(), num_envs, threads)
 }
 
 /// A world of any environment, without a time limit of its own.
@@ -86,12 +86,12 @@ pub fn world(picture: Picture, actions: Actions, num_envs: usize, threads: usize
 /// The world cannot be made, or there is no such policy.
 pub fn world_of(
     entry: &'static EnvEntry,
-    picture: Picture,
+    image: Image,
     policy: &str,
     num_envs: usize,
     threads: usize,
 ) -> Result<World> {
-    let (env, threads) = (picture.config(), Some(threads));
+    let (env, threads) = (image.config(), Some(threads));
     let context = PolicyContext { env: entry, config: &env, frame_skip: 1 };
     let policy = Registry::new().with_envs(ENVS).policy(&context, &PolicyArgs::parse(policy)?)?;
     let options = WorldOptions { num_envs, env, threads, max_episode_steps: None, ..WorldOptions::default() };
@@ -107,7 +107,7 @@ pub struct BareEnv {
 }
 
 impl BareEnv {
-    /// Without pictures: the reference's bare step draws none.
+    /// Without images: the reference's bare step draws none.
     ///
     /// # Errors
     ///

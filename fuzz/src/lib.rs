@@ -52,7 +52,7 @@ impl Seed {
     pub fn play(&self, data: &[u8]) {
         let Some((&which, content)) = data.split_first() else { return };
         let Some((file, original)) = self.files.get(usize::from(which)) else { return };
-        // A new file, for pictures may be links to one another.
+        // A new file, for images may be links to one another.
         let replace = |bytes: &[u8]| fs::remove_file(file).and_then(|()| fs::write(file, bytes));
         replace(content).expect("it can be replaced");
         mutations::play(&self.path);

@@ -2,10 +2,10 @@
 
 A world model is two modules:
 
-* ``encode(**fields) -> dict[str, Tensor]``: looks once per plan at the fields of one environment, each ``[1, ...]``: pictures
-  as uint8 ``[1, H, W, 3]`` (``pixels`` and ``goal``), numbers as float32 (``proprio``). Normalise pictures inside.
+* ``encode(**fields) -> dict[str, Tensor]``: looks once per plan at the fields of one environment, each ``[1, ...]``: images
+  as uint8 ``[1, H, W, 3]`` (``pixels`` and ``goal``), numbers as float32 (``proprio``). Normalize images inside.
 * ``cost(actions, **encoded) -> Tensor``: the costs ``[S]`` of S candidate plans ``[S, H, D]``, from what was encoded. A
-  candidate's cost must not depend on its neighbours: no batch norm in training mode.
+  candidate's cost must not depend on its neighbors: no batch norm in training mode.
 
 Contract and example: docs/onnx.md. Needs torch, onnx, onnxscript.
 """

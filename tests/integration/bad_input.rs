@@ -19,7 +19,7 @@ fn unknown_names_are_told_with_the_nearest() {
     let collect = ["collect", PUSHT, "--episodes", "1", "--out", &out];
     let with = |extra: &[&'static str]| [&collect[..], extra].concat();
     says(2, &with(&["--vary", "blok.color"]), &["`blok.color`", "did you mean `block.color`?"]);
-    says(2, &with(&["--set", "agent.colour=1,2,3"]), &["`agent.colour`", "`agent.color`"]);
+    says(2, &with(&["--set", "agent.color=1,2,3"]), &["`agent.color`", "`agent.color`"]);
     says(2, &with(&["--policy", "wek"]), &["`wek`", "did you mean `weak`?"]);
     says(2, &with(&["--env-option", "rendr=fast"]), &["rendr", "render"]);
     says(2, &with(&["--format", "hdf"]), &["`hdf`", "hdf5"]);
@@ -181,8 +181,8 @@ fn a_full_disk_is_told_and_earlier_episodes_stay() {
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
     assert!(message.contains("a.h5") && message.contains("error"), "{message}");
-    let announced = message.matches("written to").count();
-    assert!(announced > 0, "nothing was written before the limit:\n{message}");
+    let committed = message.matches("written to").count();
+    assert!(committed > 0, "nothing was written before the limit:\n{message}");
     let held = swm::data::open(std::path::Path::new(&out)).expect("the file opens").num_episodes();
-    assert!(held >= announced, "{announced} episodes were announced, {held} are left");
+    assert!(held >= committed, "{committed} episodes were committed, {held} are left");
 }

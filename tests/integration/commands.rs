@@ -207,9 +207,9 @@ fn evaluation_from_a_dataset_writes_a_report() {
         "6",
         "--out",
         &out,
-        "--films",
+        "--videos",
         "2",
-        "--film-format",
+        "--video-format",
         "gif",
         "--image-size",
         "32x32",
@@ -248,7 +248,7 @@ fn the_solver_reads_its_settings_from_a_file() {
 }
 
 #[test]
-fn render_makes_pictures_and_films() {
+fn render_makes_images_and_videos() {
     let folder = Folder::new();
     for (name, magic) in [("a.png", &b"\x89PNG"[..]), ("a.gif", b"GIF89a")] {
         let out = folder.path(name);
@@ -268,13 +268,13 @@ fn render_makes_pictures_and_films() {
         assert!(std::fs::read(&out).unwrap().starts_with(magic), "{name}");
     }
     let out = folder.path("a.mp4");
-    let film =
+    let video =
         ["render", PUSHT, "--vary", "all", "--steps", "3", "--image-size", "64x64", "--out", &out, "--quiet"];
     if cfg!(feature = "mp4") {
-        swm_ok(&film);
+        swm_ok(&video);
         assert_eq!(&std::fs::read(&out).unwrap()[4..8], b"ftyp");
     } else {
-        let message = swm_fails(1, &film);
+        let message = swm_fails(1, &video);
         assert!(message.contains("mp4"), "{message}");
     }
     let message = swm_fails(2, &["render", PUSHT, "--steps", "1", "--out", &folder.path("a.bmp")]);
@@ -282,7 +282,7 @@ fn render_makes_pictures_and_films() {
 }
 
 #[test]
-fn bench_measures_every_picture_kind() {
+fn bench_measures_every_image_kind() {
     let list = swm_json(&["bench", PUSHT, "--seconds", "0.02", "--quiet"]);
     let list = list.as_array().unwrap();
     assert!(list.iter().any(|m| m["pixels"] == true) && list.iter().any(|m| m["pixels"] == false));

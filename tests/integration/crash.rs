@@ -1,4 +1,4 @@
-//! A kill at any moment loses no announced episode, and appending continues to what an undisturbed run gives.
+//! A kill at any moment loses no committed episode, and appending continues to what an undisturbed run gives.
 
 use std::io::{BufRead as _, BufReader};
 use std::process::{Child, Stdio};
@@ -18,13 +18,13 @@ fn collect<'a>(out: &'a str, extra: &[&'a str]) -> Vec<&'a str> {
     [&base, &["--num-envs", "3", "--out", out][..], extra].concat()
 }
 
-/// Starts a recording and kills it after a delay; returns how many episodes it had announced.
+/// Starts a recording and kills it after a delay; returns how many episodes it had committed.
 fn killed_after(args: &[&str], delay: Duration) -> u64 {
     let mut child: Child = swm(args).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("it starts");
     let stderr = BufReader::new(child.stderr.take().expect("piped"));
     // The count starts with the first episode, so that the kills spread over the writing and not over the start.
     let reader = std::thread::spawn(move || {
-        stderr.lines().map_while(Result::ok).filter(|line| is_announcement(line)).count()
+        stderr.lines().map_while(Result::ok).filter(|line| is_commit(line)).count()
     });
     std::thread::sleep(delay);
     child.kill().expect("it can be killed");
@@ -32,12 +32,12 @@ fn killed_after(args: &[&str], delay: Duration) -> u64 {
     reader.join().expect("the reader ends with the pipe") as u64
 }
 
-fn is_announcement(line: &str) -> bool {
+fn is_commit(line: &str) -> bool {
     line.starts_with("episode ") && line.contains(" written to ")
 }
 
 #[test]
-fn kills_lose_nothing_that_was_announced() {
+fn kills_lose_nothing_that_was_committed() {
     let folder = Folder::new();
     let whole = folder.path("whole.h5");
     let total = EPISODES.to_string();
@@ -50,14 +50,14 @@ fn kills_lose_nothing_that_was_announced() {
     for kill in 0..KILLS {
         let out = folder.path(&format!("killed{kill}.h5"));
         let delay = Duration::from_secs_f64(undisturbed_seconds * rng.random::<f64>());
-        let announced = killed_after(&collect(&out, &["--total", &total]), delay);
+        let committed = killed_after(&collect(&out, &["--total", &total]), delay);
         if std::path::Path::new(&out).exists() {
             let held =
                 swm::data::open(out.as_ref()).expect("the file opens after a kill").num_episodes() as u64;
-            assert!(held >= announced, "kill {kill}: {announced} episodes announced, {held} left");
+            assert!(held >= committed, "kill {kill}: {committed} episodes committed, {held} left");
             partial += u64::from(held > 0 && held < EPISODES);
         } else {
-            assert_eq!(announced, 0, "kill {kill}: episodes were announced, but there is no file");
+            assert_eq!(committed, 0, "kill {kill}: episodes were committed, but there is no file");
         }
         swm_ok(&collect(&out, &["--total", &total, "--mode", "append", "--quiet"]));
         assert_eq!(content(&out), expected, "kill {kill} after {delay:?}");

@@ -1,5 +1,5 @@
-//! Recordings without pictures whose bytes have changed: opening, reading and drawing them gives an error or other
-//! pictures, never a panic or a hang. What holds pictures is tested with each format.
+//! Recordings without images whose bytes have changed: opening, reading and drawing them gives an error or other
+//! images, never a panic or a hang. What holds images is tested with each format.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use swm::data::{Dataset, MemoryDataset, RenderOptions, Rendered, Steps, WriteOpt
 use crate::replayable::record;
 use crate::support::{Folder, PUSHT};
 
-/// Of a picture.
+/// Of an image.
 const SIDE: usize = 16;
 /// Changes to the saved states of an environment.
 const CHANGES: usize = 48;
@@ -28,13 +28,13 @@ fn options(verify: bool) -> RenderOptions {
 fn draw(dataset: Box<dyn Dataset>, verify: bool) -> bool {
     let Ok(mut drawn) = Rendered::new(dataset, &swm::registry(), &options(verify)) else { return false };
     let Some(column) = drawn.schema().index(PIXELS) else { return false };
-    let mut picture = vec![0; SIDE * SIDE * 3];
+    let mut image = vec![0; SIDE * SIDE * 3];
     let mut sound = true;
     for episode in 0..drawn.num_episodes().min(4) {
         let len = drawn.episode_len(episode).min(100);
         for row in [len.saturating_sub(1), 9.min(len.saturating_sub(1)), 0] {
             let steps = Steps { first: row, count: 1, stride: 1 };
-            sound &= drawn.read_column(column, episode, steps, SliceMut::U8(&mut picture)).is_ok();
+            sound &= drawn.read_column(column, episode, steps, SliceMut::U8(&mut image)).is_ok();
         }
         sound &= !verify || drawn.episode_len(episode) > 100 || drawn.verify(episode).is_ok();
     }

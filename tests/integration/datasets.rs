@@ -10,7 +10,7 @@ fn folders() -> impl Iterator<Item = &'static str> {
     ["folder", "video", "lerobot"].into_iter().filter(|name| swm::data::format::by_name(name).is_ok())
 }
 
-/// The smallest of them, and the file of an episode's pictures in it.
+/// The smallest of them, and the file of an episode's images in it.
 const SMALL: (&str, &str) =
     if cfg!(feature = "mp4") { ("video", "pixels/ep_1.mp4") } else { ("folder", "pixels/ep_1_step_3.jpeg") };
 
@@ -67,7 +67,7 @@ fn a_dataset_goes_round_through_every_format() {
 }
 
 #[test]
-fn pictures_are_recorded_in_the_quality_that_is_asked_for() {
+fn images_are_recorded_in_the_quality_that_is_asked_for() {
     let folder = Folder::new();
     for name in folders() {
         let bytes = |quality: &str| {
@@ -100,13 +100,13 @@ fn pictures_are_recorded_in_the_quality_that_is_asked_for() {
     assert!(message.contains("quality"), "{message}");
 }
 
-/// Bytes of all pictures and films below a folder.
+/// Bytes of all images and videos below a folder.
 fn size(path: &Path) -> u64 {
     if path.is_dir() {
         return fs::read_dir(path).into_iter().flatten().flatten().map(|entry| size(&entry.path())).sum();
     }
-    let is_picture = path.extension().is_some_and(|extension| extension == "jpeg" || extension == "mp4");
-    path.metadata().map_or(0, |metadata| if is_picture { metadata.len() } else { 0 })
+    let is_image = path.extension().is_some_and(|extension| extension == "jpeg" || extension == "mp4");
+    path.metadata().map_or(0, |metadata| if is_image { metadata.len() } else { 0 })
 }
 
 #[test]
@@ -153,30 +153,30 @@ fn splitting_and_merging_lose_nothing() {
 }
 
 #[test]
-fn damage_is_found_and_an_interruption_mended() {
+fn damage_is_found_and_an_interruption_fixed() {
     let folder = Folder::new();
     let source = recorded(&folder, "a.h5", "4", "2");
     let sound = swm_json(&["verify", &source]);
     assert_eq!((&sound["ok"], &sound["report"]["has_checksums"]), (&true.into(), &true.into()));
-    let films = folder.path(&format!("b.{}", SMALL.0));
-    swm_ok(&["convert", &source, &films]);
-    assert!(swm_ok(&["verify", &films]).contains("sound"));
+    let videos = folder.path(&format!("b.{}", SMALL.0));
+    swm_ok(&["convert", &source, &videos]);
+    assert!(swm_ok(&["verify", &videos]).contains("sound"));
 
-    let array = Path::new(&films).join("state.npz");
+    let array = Path::new(&videos).join("state.npz");
     let bytes = fs::read(&array).unwrap();
     fs::write(&array, &bytes[..bytes.len() - 60]).unwrap();
-    let plan = swm_json(&["verify", &films, "--fix", "--dry-run"]);
+    let plan = swm_json(&["verify", &videos, "--fix", "--dry-run"]);
     assert!(plan["fixed"][0].as_str().unwrap().contains("state.npz"), "{plan}");
     assert!(fs::read(&array).unwrap() != bytes);
-    swm_ok(&["verify", &films, "--fix"]);
+    swm_ok(&["verify", &videos, "--fix"]);
     assert!(fs::read(&array).unwrap() == bytes);
 
-    let film = Path::new(&films).join(SMALL.1);
-    let mut bytes = fs::read(&film).unwrap();
+    let video = Path::new(&videos).join(SMALL.1);
+    let mut bytes = fs::read(&video).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
-    fs::write(&film, bytes).unwrap();
-    let message = swm_fails(1, &["verify", &films]);
+    fs::write(&video, bytes).unwrap();
+    let message = swm_fails(1, &["verify", &videos]);
     assert!(message.contains("is not sound"), "{message}");
 }
 
@@ -198,27 +198,25 @@ fn statistics_are_shown_and_kept_beside_the_dataset() {
 fn previews_show_the_episodes() {
     let folder = Folder::new();
     let source = recorded(&folder, "a.h5", "5", "3");
-    let [sheet, film, gif] = ["sheet.png", "grid.mp4", "grid.gif"].map(|name| folder.path(name));
+    let [sheet, video, gif] = ["sheet.png", "grid.mp4", "grid.gif"].map(|name| folder.path(name));
     let result = swm_json(&["preview", &source, "--episodes", "0..2", "--frames", "4", "--out", &sheet]);
     assert_eq!(result["episodes"], serde_json::json!([0, 1]));
-    // Four pictures of 40 pixels with three gaps of 2, two of them above each other with one gap.
+    // Four images of 40 pixels with three gaps of 2, two of them above each other with one gap.
     let png = fs::read(&sheet).unwrap();
     let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
     assert_eq!((side(16), side(20)), (4 * 40 + 3 * 2, 2 * 40 + 2));
-    for out in [&film, &gif].into_iter().filter(|out| cfg!(feature = "mp4") || out.ends_with("gif")) {
+    for out in [&video, &gif].into_iter().filter(|out| cfg!(feature = "mp4") || out.ends_with("gif")) {
         let result = swm_json(&["preview", &source, "--out", out]);
         assert_eq!(result["episodes"].as_array().unwrap().len(), 3);
         assert!(result["frames"].as_u64().unwrap() > 5 && fs::metadata(out).unwrap().len() > 500);
     }
-    assert!(
-        swm_fails(2, &["preview", &source, "--column", "state", "--out", &sheet]).contains("no pictures")
-    );
+    assert!(swm_fails(2, &["preview", &source, "--column", "state", "--out", &sheet]).contains("no images"));
     assert!(swm_fails(2, &["preview", &source, "--episodes", "7", "--out", &sheet]).contains("no episode 7"));
     assert!(swm_fails(2, &["preview", &source, "--column", "pixel", "--out", &sheet]).contains("`pixels`"));
 }
 
 #[test]
-fn films_and_folders_are_equal_for_any_number_of_environments() {
+fn videos_and_folders_are_equal_for_any_number_of_environments() {
     let folder = Folder::new();
     for name in folders() {
         let out = |k: &str| folder.path(&format!("{k}.{name}"));
@@ -245,7 +243,7 @@ fn films_and_folders_are_equal_for_any_number_of_environments() {
     }
 }
 
-/// Few steps and small pictures; what is recorded is the recipe's business.
+/// Few steps and small images; what is recorded is the recipe's business.
 #[test]
 fn there_is_a_recipe_for_every_environment_and_it_records() {
     let recipes = fs::read_to_string(root().join("xtask/recipes/datasets.toml")).unwrap();

@@ -323,8 +323,8 @@ fn wrong_requests_are_refused() {
     says(&make("swm/PointMaze-v0", "strict"), &["no strict tier", "swm/PushT-v1"]);
     says(&[&make(PUSHT, "moderate")[..], &["--episodes", "0"]].concat(), &["0 pairs"]);
     says(&[&make(PUSHT, "moderate")[..], &["--distractor", "noise"]].concat(), &["--image-size"]);
-    let picture = ["--image-size", "32", "--distractor", "noize"];
-    says(&[&make(PUSHT, "moderate")[..], &picture].concat(), &["did you mean `noise`?"]);
+    let image = ["--image-size", "32", "--distractor", "noize"];
+    says(&[&make(PUSHT, "moderate")[..], &image].concat(), &["did you mean `noise`?"]);
     says(&["eval", "--policy", "random"], &["<ENV>"]);
     says(&["eval", "--manifest", &out, "--policy", "random"], &["cannot read the manifest"]);
     swm_ok(&[&make(PUSHT, "moderate")[..], &["--episodes", "2", "--budget", "4"]].concat());
@@ -367,7 +367,7 @@ fn factors_are_swept_alone_in_groups_and_together() {
     assert_eq!(names, ["unchanged", "block.shape", "agent.color", "agent.scale", "agent"]);
     assert!(
         first["cells"][2]["note"].as_str().unwrap().contains("every episode goes as without"),
-        "a colour moves nothing"
+        "a color moves nothing"
     );
     assert!(first["cells"][3]["note"].is_null(), "a scale does");
     let csv = std::fs::read_to_string(format!("{out}/sweep.csv")).unwrap();
@@ -383,6 +383,6 @@ fn factors_are_swept_alone_in_groups_and_together() {
     let cells = extremes["cells"].as_array().unwrap();
     assert_eq!(cells[1]["value"], "lowest");
     let message =
-        swm_fails(2, &["sweep", "--manifest", &manifest, "--policy", "weak", "--factors", "agent.colour"]);
+        swm_fails(2, &["sweep", "--manifest", &manifest, "--policy", "weak", "--factors", "agent.color"]);
     assert!(message.contains("did you mean `agent.color`?"), "{message}");
 }

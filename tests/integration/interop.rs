@@ -75,7 +75,7 @@ fn our_reader_sees_the_same_values_as_h5py() {
     }
 }
 
-/// A recording with pictures in a format.
+/// A recording with images in a format.
 fn recorded(folder: &Folder, name: &str) -> String {
     let out = folder.path(name);
     let fixed =
@@ -118,7 +118,7 @@ fn numpy_pillow_pyav_mcap_and_pyarrow_read_our_files() {
     }
 }
 
-/// The mean of every frame, by column of pictures.
+/// The mean of every frame, by column of images.
 fn frame_means(path: &str) -> std::collections::BTreeMap<String, Vec<f64>> {
     let mut dataset = swm::data::open(std::path::Path::new(path)).expect("a dataset");
     let schema = dataset.schema().clone();
@@ -128,7 +128,7 @@ fn frame_means(path: &str) -> std::collections::BTreeMap<String, Vec<f64>> {
         dataset.read(episode, 0..dataset.episode_len(episode), &mut rows).expect("its rows");
         for field in schema.fields().iter().filter(|field| field.shape.len() == 3) {
             let mean = |frame: &[u8]| frame.iter().map(|&v| f64::from(v)).sum::<f64>() / frame.len() as f64;
-            let values = rows.get::<u8>(&field.name).expect("pictures");
+            let values = rows.get::<u8>(&field.name).expect("images");
             means.entry(field.name.clone()).or_default().extend(values.chunks(field.width()).map(mean));
         }
     }

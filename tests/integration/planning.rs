@@ -9,7 +9,7 @@ const QUICK: &str = "cem:samples=20,elites=5,iterations=4,horizon=2,receding_hor
 
 fn plan<'a>(out: &'a str, extra: &[&'a str]) -> Vec<&'a str> {
     let base =
-        ["plan", PUSHT, "--policy", QUICK, "--budget", "8", "--image-size", "48", "--film-format", "gif"];
+        ["plan", PUSHT, "--policy", QUICK, "--budget", "8", "--image-size", "48", "--video-format", "gif"];
     [&base[..], &["--trace", out, "--quiet"], extra].concat()
 }
 
@@ -48,8 +48,8 @@ fn a_planner_at_work_is_shown() {
     let figures = |kind: &str| names.iter().filter(|name| name.ends_with(kind)).count();
     assert_eq!((figures("_elites.svg"), figures("_paths.svg"), figures(".gif")), (4, 4, 2), "{names:?}");
     let page = std::fs::read_to_string(format!("{out}/index.html")).unwrap();
-    let films = names.iter().filter(|name| name.ends_with(".gif"));
-    assert!(films.clone().all(|film| page.contains(&format!("src=\"{film}\""))), "{names:?}");
+    let videos = names.iter().filter(|name| name.ends_with(".gif"));
+    assert!(videos.clone().all(|video| page.contains(&format!("src=\"{video}\""))), "{names:?}");
     assert_eq!(page.matches("<svg ").count(), 9, "costs, and two figures per plan");
     for name in names.iter().filter(|name| name.ends_with(".svg")) {
         let figure = std::fs::read_to_string(format!("{out}/{name}")).unwrap();

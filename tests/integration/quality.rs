@@ -42,10 +42,10 @@ fn probes_tell_the_state_from_latents_of_recorded_rows() {
         if exact["probes"][0]["linear"].is_null() { &["network"] } else { &["linear", "network"] };
     assert!(probes.iter().all(|probe| unexplained(&exact, probe) < 1e-2), "{exact}");
     assert_eq!(exact, measure("true"));
-    let pictures = measure("pixels=4");
+    let images = measure("pixels=4");
     for probe in probes {
-        let correlation = pictures["probes"][0][*probe]["correlation"][0].as_f64();
-        assert!(correlation > Some(0.5), "{probe}: {pictures}");
+        let correlation = images["probes"][0][*probe]["correlation"][0].as_f64();
+        assert!(correlation > Some(0.5), "{probe}: {images}");
     }
     let message = swm_fails(2, &["quality", "swm/TwoRoom-v2", "--model", "pixels=8"]);
     assert!(message.contains("--image-size"), "{message}");

@@ -1,4 +1,4 @@
-//! Recordings without pictures give the pictures that a recording with them holds, for every environment.
+//! Recordings without images give the images that a recording with them holds, for every environment.
 
 use std::collections::BTreeMap;
 
@@ -15,15 +15,15 @@ use crate::support::{Folder, PUSHT, swm_fails, swm_json, swm_ok};
 const IMAGE: ImageSize = ImageSize { height: 32, width: 40 };
 const EVERY: u32 = 8;
 
-/// Two episodes of random actions under the default factors drawn; with pictures, or with checkpoints.
-pub(crate) fn record(entry: &EnvEntry, pictures: bool, frame_skip: u32) -> Result<MemoryDataset, WorldError> {
+/// Two episodes of random actions under the default factors drawn; with images, or with checkpoints.
+pub(crate) fn record(entry: &EnvEntry, images: bool, frame_skip: u32) -> Result<MemoryDataset, WorldError> {
     let options = WorldOptions {
         num_envs: 2,
-        env: EnvConfig { image: pictures.then_some(IMAGE), ..EnvConfig::default() },
+        env: EnvConfig { image: images.then_some(IMAGE), ..EnvConfig::default() },
         max_episode_steps: Some(28),
         frame_skip,
         threads: Some(1),
-        checkpoints: (!pictures).then_some(EVERY),
+        checkpoints: (!images).then_some(EVERY),
         ..WorldOptions::default()
     };
     let mut world = World::new(entry, options)?;
@@ -65,8 +65,8 @@ fn compare(entry: &EnvEntry, frame_skip: u32) {
     for name in recorded.schema().fields().iter().map(|field| &field.name) {
         assert!(names.contains(name), "{}: `{name}` is missing", entry.id);
     }
-    let pictures = [PIXELS, "goal"].into_iter().filter(|name| recorded.schema().index(name).is_some());
-    for name in pictures.collect::<Vec<_>>() {
+    let images = [PIXELS, "goal"].into_iter().filter(|name| recorded.schema().index(name).is_some());
+    for name in images.collect::<Vec<_>>() {
         for (episode, first, count, stride) in
             [(1, 17, 3, 2), (0, 0, 9, 3), (1, 3, 1, 1), (0, 25, 2, 1), (0, 9, 8, 1), (0, 2, 1, 1)]
         {
@@ -102,7 +102,7 @@ fn frame_skip_is_replayed() {
 }
 
 #[test]
-fn colours_can_be_changed_and_physics_cannot() {
+fn colors_can_be_changed_and_physics_cannot() {
     let entry = swm::registry().env(PUSHT).unwrap();
     let small = record(entry, false, 1).unwrap();
     let with = |name: &str, value: Value| RenderOptions {
@@ -110,11 +110,11 @@ fn colours_can_be_changed_and_physics_cannot() {
         ..options()
     };
     let green = with("background.color", Value::vector(&[0.0, 255.0, 0.0]));
-    let (mut plain, mut recoloured) = (rendered(&small, &options()), rendered(&small, &green));
+    let (mut plain, mut recolored) = (rendered(&small, &options()), rendered(&small, &green));
     let steps = Steps { first: 10, count: 2, stride: 4 };
-    let (a, b) = (frames(&mut plain, PIXELS, 1, steps), frames(&mut recoloured, PIXELS, 1, steps));
+    let (a, b) = (frames(&mut plain, PIXELS, 1, steps), frames(&mut recolored, PIXELS, 1, steps));
     let greens = b.chunks(3).filter(|pixel| *pixel == [0, 255, 0]).count();
-    assert!(greens > b.len() / 6, "most of the picture is background");
+    assert!(greens > b.len() / 6, "most of the image is background");
     // What is not background stays as it is, edges aside.
     let same = a.chunks(3).zip(b.chunks(3)).filter(|(a, b)| a == b).count();
     assert!(same > 0 && same + greens <= b.len() / 3);
@@ -131,7 +131,7 @@ fn colours_can_be_changed_and_physics_cannot() {
     let mut moved = rendered(&small, &with("agent.start_position", Value::vector(&[100.0, 100.0])));
     let error = moved.read_column(column, 0, all, SliceMut::U8(&mut out)).unwrap_err().to_string();
     assert!(error.contains("agent.start_position") && error.contains("change what happens"), "{error}");
-    let unknown = with("background.colour", Value::scalar(1.0));
+    let unknown = with("background.color", Value::scalar(1.0));
     let error = Rendered::new(small.share(), &swm::registry(), &unknown).err().unwrap().to_string();
     assert!(error.contains("did you mean `background.color`"), "{error}");
 }

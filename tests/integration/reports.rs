@@ -30,9 +30,9 @@ fn a_report_is_one_page_that_a_browser_shows() {
         &a,
         &b,
         &sweep,
-        "--films",
+        "--videos",
         "1",
-        "--film-format",
+        "--video-format",
         "gif",
         "--out",
         &page,
@@ -46,7 +46,7 @@ fn a_report_is_one_page_that_a_browser_shows() {
     let charts = html.matches("<figure><svg").count();
     assert!(charts >= 6, "{charts} charts");
     assert!(html.matches("As a table").count() >= 5, "every chart of results is also a table");
-    // The letters of films may spell anything.
+    // The letters of videos may spell anything.
     let mut parts = html.split("base64,");
     let words: String =
         parts.next().into_iter().chain(parts.filter_map(|part| Some(part.split_once('"')?.1))).collect();
@@ -86,21 +86,21 @@ fn a_report_is_one_page_that_a_browser_shows() {
         assert!(!log.contains("CONSOLE"), "the page says something on the console:\n{log}");
         String::from_utf8_lossy(&output.stdout).into_owned()
     };
-    // The tab of films is chosen by the address; the page says what it shows through `hidden`.
-    let dom = open(&format!("file://{page}#films"));
+    // The tab of videos is chosen by the address; the page says what it shows through `hidden`.
+    let dom = open(&format!("file://{page}#videos"));
     let tag = |id: &str| {
         let (_, rest) =
             dom.split_once(&format!("id=\"{id}\"")).unwrap_or_else(|| panic!("no {id} in the page"));
         rest.split_once('>').unwrap().0.to_owned()
     };
-    assert!(tag("overview").contains("hidden") && !tag("films").contains("hidden"), "tabs do not work");
-    assert!(tag("tab-films").contains("aria-selected=\"true\""));
+    assert!(tag("overview").contains("hidden") && !tag("videos").contains("hidden"), "tabs do not work");
+    assert!(tag("tab-videos").contains("aria-selected=\"true\""));
 
     // What a visitor does: every tab is clicked, and what is found there is written into the page.
-    let filmed = folder.path("filmed.html");
+    let recorded = folder.path("recorded.html");
     let format = if cfg!(feature = "mp4") { "mp4" } else { "gif" };
-    swm_ok(&["report", &a, "--films", "1", "--film-format", format, "--out", &filmed, "--quiet"]);
-    let (visited, html) = (folder.path("visited.html"), std::fs::read_to_string(&filmed).unwrap());
+    swm_ok(&["report", &a, "--videos", "1", "--video-format", format, "--out", &recorded, "--quiet"]);
+    let (visited, html) = (folder.path("visited.html"), std::fs::read_to_string(&recorded).unwrap());
     std::fs::write(&visited, html.replace("</body>", &format!("{VISIT}</body>"))).unwrap();
     let dom = open(&format!("file://{visited}"));
     let (_, found) = dom.split_once("<pre id=\"visit\">").expect("the page ran to the end");
@@ -114,7 +114,7 @@ fn a_report_is_one_page_that_a_browser_shows() {
             assert!(video["error"].is_null() && video["seconds"].as_f64() > Some(0.0), "{tab}: {video}");
         }
     }
-    let videos = tabs["tab-films"]["videos"].as_array().unwrap().len();
+    let videos = tabs["tab-videos"]["videos"].as_array().unwrap().len();
     assert!(videos > 0 || !cfg!(feature = "mp4"), "{found}");
 }
 

@@ -5,7 +5,7 @@ use serde_json::json;
 use crate::support::{Folder, PUSHT, swm, swm_fails, swm_json, swm_ok};
 
 #[test]
-fn the_doctor_says_what_is_missing_and_what_mends_it() {
+fn the_doctor_says_what_is_missing_and_what_fixes_it() {
     let healthy = swm_json(&["doctor"]);
     let checks = healthy.as_array().unwrap();
     assert!(checks.iter().all(|check| check["state"] != "missing"), "{healthy}");
@@ -18,7 +18,7 @@ fn the_doctor_says_what_is_missing_and_what_mends_it() {
     assert_eq!(sick.status.code(), Some(1));
     let checks: serde_json::Value = serde_json::from_slice(&sick.stdout).unwrap();
     let library = checks.as_array().unwrap().iter().find(|check| check["what"] == "MuJoCo").unwrap();
-    assert_eq!((&library["state"], &library["mend"]), (&json!("missing"), &json!("cargo xtask setup")));
+    assert_eq!((&library["state"], &library["fix"]), (&json!("missing"), &json!("cargo xtask setup")));
 }
 
 #[test]
@@ -26,7 +26,7 @@ fn the_doctor_knows_that_setup_cannot_write_there() {
     let sick = swm(&["doctor", "--json"]).env("SWM_HOME", "/dev/null/data").output().unwrap();
     let checks: serde_json::Value = serde_json::from_slice(&sick.stdout).unwrap();
     let folder = checks.as_array().unwrap().iter().find(|check| check["what"] == "data folder").unwrap();
-    assert!(folder["mend"].as_str().unwrap().contains("set SWM_HOME to a folder that can"), "{folder}");
+    assert!(folder["fix"].as_str().unwrap().contains("set SWM_HOME to a folder that can"), "{folder}");
 }
 
 #[test]
@@ -68,7 +68,7 @@ fn a_full_disk_is_named() {
 }
 
 #[test]
-fn completions_and_pages_are_whole_and_nothing_is_coloured_without_a_terminal() {
+fn completions_and_pages_are_whole_and_nothing_is_colored_without_a_terminal() {
     let folder = Folder::new();
     for (shell, part) in [("bash", "complete -F _swm"), ("fish", "complete -c swm"), ("zsh", "#compdef swm")]
     {

@@ -1,5 +1,5 @@
-"""Opens one of our folders, films, logs or LeRobot datasets with the programs that others use, and prints what it sees as JSON: a digest
-per column of numbers, the mean of every frame per column of pictures, and of logs a digest of the pictures too."""
+"""Opens one of our folders, videos, logs or LeRobot datasets with the programs that others use, and prints what it sees as JSON: a digest
+per column of numbers, the mean of every frame per column of images, and of logs a digest of the images too."""
 
 import io
 import json
@@ -37,16 +37,16 @@ def folder(path):
 
 
 def frames(column, episode, count):
-    film = column / f"ep_{episode}.mp4"
-    if film.exists():
-        shown = [frame.to_ndarray(format="rgb24") for frame in av.open(str(film)).decode(video=0)]
-        assert len(shown) == count, (film, len(shown), count)
+    video = column / f"ep_{episode}.mp4"
+    if video.exists():
+        shown = [frame.to_ndarray(format="rgb24") for frame in av.open(str(video)).decode(video=0)]
+        assert len(shown) == count, (video, len(shown), count)
         return shown
     return [np.array(Image.open(column / f"ep_{episode}_step_{step}.jpeg")) for step in range(count)]
 
 
 def lerobot(path):
-    """As LeRobot 3.0 does: by the list of episodes, every table that there is, films by their times; under our names."""
+    """As LeRobot 3.0 does: by the list of episodes, every table that there is, videos by their times; under our names."""
     info = json.loads((path / "meta/info.json").read_text())
     assert info["codebase_version"] == "v3.0"
     episodes = pa.concat_tables(pq.read_table(file) for file in sorted(path.glob("meta/episodes/*/*.parquet"))).to_pylist()
@@ -61,7 +61,7 @@ def lerobot(path):
     for name, feature in info["features"].items():
         ours = names.get(name, name.removeprefix("observation.images."))
         if feature["dtype"] == "video":
-            columns[ours] = [frame for episode in episodes for frame in film(path, info, name, episode)]
+            columns[ours] = [frame for episode in episodes for frame in video(path, info, name, episode)]
             assert np.shape(statistics[name]["mean"]) == (3, 1, 1)
         elif name in ("timestamp", "frame_index", "index", "task_index"):
             continue
@@ -74,7 +74,7 @@ def lerobot(path):
     return lengths, columns
 
 
-def film(path, info, camera, episode):
+def video(path, info, camera, episode):
     number = {part: episode[f"videos/{camera}/{part}_index"] for part in ("chunk", "file")}
     place = info["video_path"].format(video_key=camera, chunk_index=number["chunk"], file_index=number["file"])
     first, last = (episode[f"videos/{camera}/{end}_timestamp"] for end in ("from", "to"))
@@ -93,22 +93,22 @@ def log(path):
             records.setdefault(record.name, []).append(record.metadata)
         fields = {field["name"]: field for field in json.loads(records["swm.dataset"][0]["columns"])}
         lengths = np.array([int(episode["rows"]) for episode in records["swm.episode"]])
-        rows, pictures = [], {}
+        rows, images = [], {}
         for schema, channel, message in reader.iter_messages():
             if channel.topic == "/step":
                 assert (schema.name, channel.message_encoding) == ("swm.Step", "json")
                 rows.append(json.loads(message.data))
             else:
                 assert (schema.name, schema.encoding) == ("foxglove.CompressedImage", "protobuf")
-                pictures.setdefault(channel.topic[1:], {})[len(rows)] = np.array(Image.open(io.BytesIO(png(message.data))))
+                images.setdefault(channel.topic[1:], {})[len(rows)] = np.array(Image.open(io.BytesIO(png(message.data))))
         counts = summary.statistics.channel_message_counts
-        assert sum(counts.values()) == summary.statistics.message_count == len(rows) + sum(map(len, pictures.values()))
+        assert sum(counts.values()) == summary.statistics.message_count == len(rows) + sum(map(len, images.values()))
     columns = {}
     for name, field in fields.items():
-        if name in pictures:
+        if name in images:
             shown, last = [], None
             for row in range(len(rows)):
-                last = pictures[name].get(row, last)
+                last = images[name].get(row, last)
                 shown.append(last)
             columns[name] = shown
         else:
@@ -137,7 +137,7 @@ def png(message):
         if tag >> 3 == 2:
             return message[at : at + length]
         at += length
-    raise ValueError("no picture")
+    raise ValueError("no image")
 
 
 path = Path(sys.argv[1])

@@ -1,5 +1,5 @@
 """Opens one of our Lance tables with pylance, and prints what it sees as JSON: lengths of episodes, the sum of every column
-of numbers, the first of every column of texts, the mean of every column of pictures."""
+of numbers, the first of every column of texts, the mean of every column of images."""
 
 import io
 import json
@@ -35,14 +35,14 @@ for field in table.schema:
 some = [len(episodes) - 1, 0, len(episodes) // 2]
 assert dataset.take(some, columns=["episode_idx"])["episode_idx"].to_pylist() == episodes[some].tolist()
 
-films = path.with_name(path.stem + "_videos" + path.suffix)
-if films.exists():
-    videos = lance.dataset(str(films))
+videos = path.with_name(path.stem + "_videos" + path.suffix)
+if videos.exists():
+    videos = lance.dataset(str(videos))
     keys = videos.to_table(columns=["episode_idx", "video_key"]).to_pylist()
     frames = {}
     for row, blob in enumerate(videos.take_blobs("video_bytes", indices=list(range(len(keys))))):
         shown = [frame.to_ndarray(format="rgb24") for frame in av.open(io.BytesIO(blob.read())).decode(video=0)]
-        # A film of one frame shows it twice.
+        # A video of one frame shows it twice.
         shown = shown[: lengths[keys[row]["episode_idx"]]]
         assert len(shown) == lengths[keys[row]["episode_idx"]], keys[row]
         frames.setdefault(keys[row]["video_key"], []).extend(shown)

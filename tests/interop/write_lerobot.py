@@ -1,5 +1,5 @@
-"""Writes a LeRobot dataset of version 3.0 as LeRobot itself does, with pyarrow and PyAV: two episodes in one table and one film,
-the film in AV1 by SVT-AV1 at LeRobot's own settings. Prints a digest per column of numbers, and the mean of every frame in the
+"""Writes a LeRobot dataset of version 3.0 as LeRobot itself does, with pyarrow and PyAV: two episodes in one table and one video,
+the video in AV1 by SVT-AV1 at LeRobot's own settings. Prints a digest per column of numbers, and the mean of every frame in the
 planes that dav1d decodes."""
 
 import json
@@ -37,9 +37,9 @@ def frame(step):
     return image
 
 
-def rgb(picture):
-    """A decoded picture as RGB, exactly: FFmpeg's own conversion rounds down, and is a level darker."""
-    planes = picture.to_ndarray(format="yuv420p").astype(float)
+def rgb(image):
+    """A decoded image as RGB, exactly: FFmpeg's own conversion rounds down, and is a level darker."""
+    planes = image.to_ndarray(format="yuv420p").astype(float)
     luma, chroma = planes[:HEIGHT], planes[HEIGHT:].reshape(2, HEIGHT // 2, WIDTH // 2)
     u, v = (plane.repeat(2, 0).repeat(2, 1) - 128 for plane in chroma)
     y, scale = (luma - 16) * 255 / 219, 255 / 224
@@ -55,15 +55,15 @@ def table(path, content):
 
 video = f"videos/{CAMERA}/chunk-000/file-000.mp4"
 (root / video).parent.mkdir(parents=True)
-with av.open(str(root / video), "w") as film:
-    stream = film.add_stream("libsvtav1", rate=FPS, options={"g": "2", "crf": "30"})
+with av.open(str(root / video), "w") as video:
+    stream = video.add_stream("libsvtav1", rate=FPS, options={"g": "2", "crf": "30"})
     stream.height, stream.width, stream.pix_fmt = HEIGHT, WIDTH, "yuv420p"
     for step in range(steps):
-        film.mux(stream.encode(av.VideoFrame.from_ndarray(frame(step), format="rgb24")))
-    film.mux(stream.encode())
-with av.open(str(root / video)) as film:
-    assert film.streams.video[0].codec_context.name in ("libdav1d", "av1", "libaom-av1")
-    means = [rgb(shown).mean() for shown in film.decode(video=0)]
+        video.mux(stream.encode(av.VideoFrame.from_ndarray(frame(step), format="rgb24")))
+    video.mux(stream.encode())
+with av.open(str(root / video)) as video:
+    assert video.streams.video[0].codec_context.name in ("libdav1d", "av1", "libaom-av1")
+    means = [rgb(shown).mean() for shown in video.decode(video=0)]
 assert len(means) == steps
 
 table("data/chunk-000/file-000.parquet", {name: list(values) for name, values in columns.items()})

@@ -48,9 +48,9 @@ with open(sys.argv[1], "wb") as file:
     writer = Writer(file, chunk_size=2000, compression=CompressionType[sys.argv[2]])
     writer.start()
     step = writer.register_schema("swm.Step", "jsonschema", b"{}")
-    picture = writer.register_schema("foxglove.CompressedImage", "protobuf", b"")
+    image = writer.register_schema("foxglove.CompressedImage", "protobuf", b"")
     step = writer.register_channel("/step", "json", step)
-    picture = writer.register_channel("/pixels", "protobuf", picture)
+    image = writer.register_channel("/pixels", "protobuf", image)
     fields = [
         {"name": name, "dtype": TYPES[str(data.dtype)], "shape": list(data.shape[1:]), "kind": "step"}
         for name, data in columns.items()
@@ -60,12 +60,12 @@ with open(sys.argv[1], "wb") as file:
     for episode, length in enumerate(lengths):
         for _ in range(length):
             time = row * ROW_NS
-            writer.add_message(picture, time, image(columns["pixels"][row]), time)
+            writer.add_message(image, time, image(columns["pixels"][row]), time)
             values = {name: data[row].tolist() for name, data in columns.items() if name != "pixels"}
             values = {n: [plain(x) for x in v] if isinstance(v, list) else plain(v) for n, v in values.items()}
             writer.add_message(step, time, json.dumps(values).encode(), time)
             row += 1
-        # The announcement stands behind the messages: end their chunk.
+        # The commit stands behind the messages: end their chunk.
         writer._Writer__finalize_chunk()
         writer.add_metadata("swm.episode", {"index": str(episode), "first_row": str(row - length), "rows": str(length)})
     writer.finish()

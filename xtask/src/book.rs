@@ -54,7 +54,7 @@ pub(crate) fn run(_args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// The program; built if it is missing, about a minute and a half of processor time.
+/// The program; built if it is missing, about a minute and a half of CPU time.
 fn mdbook(target: &Path) -> Result<PathBuf> {
     let root = target.join("tools").join(format!("mdbook-{VERSION}"));
     let program = root.join("bin/mdbook");

@@ -42,7 +42,7 @@ const STEPS: &[Step] = &[
     },
     Step {
         name: "deny",
-        about: "licences and origins of dependencies",
+        about: "licenses and origins of dependencies",
         run: || deny::run(&deny::Args::default()),
     },
     Step { name: "clippy", about: "no lint warns", run: clippy },

@@ -173,10 +173,10 @@ fn merge(swm: &Swm, out: &Path, name: &str, count: u64, file: &Path) -> Result<(
     swm.run(&args).map(drop)
 }
 
-/// The page of a dataset: what it is, its columns, pictures, statistics.
+/// The page of a dataset: what it is, its columns, images, statistics.
 fn write_card(swm: &Swm, out: &Path, name: &str, recipe: &Recipe, file: &Path) -> Result<()> {
-    let picture = out.join(format!("{name}.png"));
-    swm.run(&["preview", text(file)?, "--out", text(&picture)?])?;
+    let image = out.join(format!("{name}.png"));
+    swm.run(&["preview", text(file)?, "--out", text(&image)?])?;
     let about = swm.run(&["inspect", text(file)?])?;
     let numbers = swm.run(&["stats", text(file)?, "--columns", "action"])?;
     let card = out.join(format!("{name}.md"));

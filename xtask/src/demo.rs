@@ -1,5 +1,5 @@
 //! `cargo xtask demo`: the main job from end to end. Records PushT episodes, evaluates an expert, a random policy and a
-//! planner from goals of that dataset, prints a table, and leaves a folder with pictures and films.
+//! planner from goals of that dataset, prints a table, and leaves a folder with images and videos.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -74,7 +74,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         ],
         &[("--out", &data)],
     )?;
-    let film_format = if process::has_cxx() { "mp4" } else { "gif" };
+    let video_format = if process::has_cxx() { "mp4" } else { "gif" };
     let mut results = Vec::new();
     let policies = [
         ("expert", "expert", size.evaluated),
@@ -91,10 +91,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             policy,
             "--episodes",
             episodes,
-            "--films",
+            "--videos",
             "3",
-            "--film-format",
-            film_format,
+            "--video-format",
+            video_format,
             "--seed",
             "42",
         ];
@@ -106,11 +106,11 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let page = out.join("index.html");
     fs::write(&page, html(&recorded, &results, &out)?)?;
     fs::write(out.join("results.md"), &table)?;
-    println!("{seconds:.0} s after the build; the report with pictures and films: {}", page.display());
+    println!("{seconds:.0} s after the build; the report with images and videos: {}", page.display());
     Ok(())
 }
 
-/// The command `swm`, with films in MP4 where the machine can build them.
+/// The command `swm`, with videos in MP4 where the machine can build them.
 fn package() -> &'static [&'static str] {
     const BIN: &[&str] = &["--package", "swm", "--bin", "swm"];
     const WITHOUT_MP4: &[&str] =
@@ -154,7 +154,7 @@ fn markdown(results: &[(&str, PathBuf, Json)]) -> String {
     text.replace("NaN", "–")
 }
 
-/// One page: the table, then pictures and films per policy.
+/// One page: the table, then images and videos per policy.
 fn html(recorded: &Json, results: &[(&str, PathBuf, Json)], out: &Path) -> Result<String> {
     let mut page = String::from(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\

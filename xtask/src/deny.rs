@@ -1,6 +1,6 @@
-//! `cargo xtask deny`: licences and origins of all dependencies, against the policy in `deny.toml`.
+//! `cargo xtask deny`: licenses and origins of all dependencies, against the policy in `deny.toml`.
 //!
-//! cargo-deny does it where it is installed. Elsewhere a check of our own reads the same policy: allowed licences with
+//! cargo-deny does it where it is installed. Elsewhere a check of our own reads the same policy: allowed licenses with
 //! their exceptions, banned crates, allowed registries. It knows nothing of duplicate versions and advisories.
 
 use std::collections::BTreeSet;
@@ -59,7 +59,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         bail!("deny: {} offences against deny.toml", offences.len());
     }
     println!(
-        "deny: licences and origins of {} crates are allowed by deny.toml (built-in check: no duplicates, no advisories)",
+        "deny: licenses and origins of {} crates are allowed by deny.toml (built-in check: no duplicates, no advisories)",
         foreign().count()
     );
     Ok(())
@@ -99,7 +99,7 @@ struct Licenses {
     clarify: Vec<Clarification>,
 }
 
-/// More licences for one crate.
+/// More licenses for one crate.
 #[derive(Deserialize)]
 struct Exception {
     #[serde(rename = "crate")]
@@ -107,7 +107,7 @@ struct Exception {
     allow: Vec<String>,
 }
 
-/// The licence of a crate that states it only in a file.
+/// The license of a crate that states it only in a file.
 #[derive(Deserialize)]
 struct Clarification {
     #[serde(rename = "crate")]
@@ -141,7 +141,7 @@ impl Policy {
         let policy: Self = toml::from_str(text).context("failed to read deny.toml")?;
         let exceptions = policy.licenses.exceptions.iter().flat_map(|exception| &exception.allow);
         for name in policy.licenses.allow.iter().chain(exceptions) {
-            Licensee::parse(name).with_context(|| format!("deny.toml: `{name}` is no SPDX licence"))?;
+            Licensee::parse(name).with_context(|| format!("deny.toml: `{name}` is no SPDX license"))?;
         }
         Ok(policy)
     }
@@ -150,7 +150,7 @@ impl Policy {
     fn offences<'a>(&self, packages: impl Iterator<Item = &'a Package>) -> Vec<String> {
         let mut offences = Vec::new();
         for package in packages {
-            let reasons = [self.licence_offence(package), self.ban(package), self.source_offence(package)];
+            let reasons = [self.license_offence(package), self.ban(package), self.source_offence(package)];
             let reasons = reasons.into_iter().flatten();
             offences.extend(reasons.map(|reason| format!("{} {}: {reason}", package.name, package.version)));
         }
@@ -158,22 +158,22 @@ impl Policy {
         offences
     }
 
-    fn licence_offence(&self, package: &Package) -> Option<String> {
+    fn license_offence(&self, package: &Package) -> Option<String> {
         let clarified = self.licenses.clarify.iter().find(|clarification| clarification.name == package.name);
         let Some(text) =
             package.license.as_ref().or(clarified.map(|clarification| &clarification.expression))
         else {
-            return Some("states no licence expression".into());
+            return Some("states no license expression".into());
         };
         let Ok(expression) = Expression::parse_mode(text, ParseMode::LAX) else {
-            return Some(format!("its licence `{text}` is no SPDX expression"));
+            return Some(format!("its license `{text}` is no SPDX expression"));
         };
         let exceptions = self.licenses.exceptions.iter().filter(|exception| exception.name == package.name);
         let names = self.licenses.allow.iter().chain(exceptions.flat_map(|exception| &exception.allow));
         let allowed: Vec<Licensee> = names.filter_map(|name| Licensee::parse(name).ok()).collect();
         let is_allowed =
             expression.evaluate(|wanted| allowed.iter().any(|licensee| licensee.satisfies(wanted)));
-        (!is_allowed).then(|| format!("its licence `{text}` is not allowed"))
+        (!is_allowed).then(|| format!("its license `{text}` is not allowed"))
     }
 
     fn ban(&self, package: &Package) -> Option<String> {
@@ -217,11 +217,11 @@ mod tests {
     const CRATES_IO: &str = "registry+https://github.com/rust-lang/crates.io-index";
 
     #[track_caller]
-    fn check(name: &str, licence: Option<&str>, source: Option<&str>, expected: &[&str]) {
+    fn check(name: &str, license: Option<&str>, source: Option<&str>, expected: &[&str]) {
         let package = Package {
             name: name.into(),
             version: "1.2.3".into(),
-            license: licence.map(Into::into),
+            license: license.map(Into::into),
             source: source.map(Into::into),
             ..Package::default()
         };
@@ -238,17 +238,17 @@ mod tests {
     }
 
     #[test]
-    fn every_required_licence_must_be_allowed() {
-        let offence = "a 1.2.3: its licence `GPL-3.0 AND MIT` is not allowed";
+    fn every_required_license_must_be_allowed() {
+        let offence = "a 1.2.3: its license `GPL-3.0 AND MIT` is not allowed";
         check("a", Some("GPL-3.0 AND MIT"), Some(CRATES_IO), &[offence]);
         check(
             "a",
             Some("Apache-2.0"),
             Some(CRATES_IO),
-            &["a 1.2.3: its licence `Apache-2.0` is not allowed"],
+            &["a 1.2.3: its license `Apache-2.0` is not allowed"],
         );
-        check("a", Some("my own"), Some(CRATES_IO), &["a 1.2.3: its licence `my own` is no SPDX expression"]);
-        check("a", None, Some(CRATES_IO), &["a 1.2.3: states no licence expression"]);
+        check("a", Some("my own"), Some(CRATES_IO), &["a 1.2.3: its license `my own` is no SPDX expression"]);
+        check("a", None, Some(CRATES_IO), &["a 1.2.3: states no license expression"]);
     }
 
     #[test]
@@ -258,19 +258,19 @@ mod tests {
             "other",
             Some("MIT AND Unicode-3.0"),
             Some(CRATES_IO),
-            &["other 1.2.3: its licence `MIT AND Unicode-3.0` is not allowed"],
+            &["other 1.2.3: its license `MIT AND Unicode-3.0` is not allowed"],
         );
     }
 
     #[test]
     fn a_clarification_speaks_for_a_crate_that_states_nothing() {
         check("silent", None, Some(CRATES_IO), &[]);
-        check("sly", None, Some(CRATES_IO), &["sly 1.2.3: its licence `GPL-3.0` is not allowed"]);
+        check("sly", None, Some(CRATES_IO), &["sly 1.2.3: its license `GPL-3.0` is not allowed"]);
         check(
             "silent",
             Some("GPL-3.0"),
             Some(CRATES_IO),
-            &["silent 1.2.3: its licence `GPL-3.0` is not allowed"],
+            &["silent 1.2.3: its license `GPL-3.0` is not allowed"],
         );
     }
 

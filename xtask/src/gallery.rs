@@ -1,4 +1,4 @@
-//! `cargo xtask gallery`: the page docs/gallery.md with a picture of every environment. The work is done by the binary
+//! `cargo xtask gallery`: the page docs/gallery.md with an image of every environment. The work is done by the binary
 //! `gallery` of the package `swm-tests`, so that xtask itself stays quick to build.
 
 use anyhow::Result;

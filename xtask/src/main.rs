@@ -52,7 +52,7 @@ Examples:
 enum Command {
     /// Fetch the build tools that this machine lacks, the physics library and models, pinned by version and hash
     Setup(setup::Args),
-    /// Record, plan and evaluate on PushT, and leave a report with pictures and films
+    /// Record, plan and evaluate on PushT, and leave a report with images and videos
     Demo(demo::Args),
     /// Train small baselines on TwoRoom, plan and act with them, and print what they reach
     Proof(proof::Args),
@@ -80,7 +80,7 @@ enum Command {
     Release(release::Args),
     /// Check the rules of the architecture and of the sources
     Tidy(tidy::Args),
-    /// Check the licences and origins of all dependencies against deny.toml
+    /// Check the licenses and origins of all dependencies against deny.toml
     Deny(deny::Args),
 }
 

@@ -1,5 +1,5 @@
 //! `cargo xtask memcheck`: runs the tests of the `unsafe` code under valgrind, which sees reads and writes out of bounds,
-//! uses of freed or uninitialised memory, and leaks, in MuJoCo's C as in our Rust.
+//! uses of freed or uninitialized memory, and leaks, in MuJoCo's C as in our Rust.
 //!
 //! Valgrind and not AddressSanitizer: the sanitizer needs a nightly toolchain and cannot see into a library that was
 //! built without it.

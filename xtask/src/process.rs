@@ -33,7 +33,7 @@ pub(crate) fn has_cargo_command(name: &str) -> bool {
     String::from_utf8_lossy(&list).lines().any(|line| line.split_whitespace().next() == Some(name))
 }
 
-/// Whether a C++ compiler answers; without one, everything is built but MP4 films.
+/// Whether a C++ compiler answers; without one, everything is built but MP4 videos.
 pub(crate) fn has_cxx() -> bool {
     static FOUND: LazyLock<bool> = LazyLock::new(|| {
         let chosen = std::env::var_os("CXX").filter(|name| !name.is_empty());
@@ -43,7 +43,7 @@ pub(crate) fn has_cxx() -> bool {
             .any(|name| Command::new(name).arg("--version").output().is_ok_and(|o| o.status.success()));
         if !found {
             eprintln!(
-                "xtask: no C++ compiler (tried $CXX, c++, g++, clang++): MP4 films are left out, GIFs take their place"
+                "xtask: no C++ compiler (tried $CXX, c++, g++, clang++): MP4 videos are left out, GIFs take their place"
             );
         }
         found

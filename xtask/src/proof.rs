@@ -1,4 +1,4 @@
-//! `cargo xtask proof`: does the whole work? Records TwoRoom and PushT, trains small baselines on the processor, plans and acts
+//! `cargo xtask proof`: does the whole work? Records TwoRoom and PushT, trains small baselines on the CPU, plans and acts
 //! with them on manifests, and prints tables with floors and ceiling: those of docs/proof.md.
 
 use std::fmt::Write as _;
@@ -86,9 +86,9 @@ impl Task {
     }
 }
 
-/// A search that a processor does in a fraction of a second.
+/// A search that a CPU does in a fraction of a second.
 const SEARCH: &str = ",samples=100,iterations=8,elites=10";
-const PICTURES: &[&str] = &["--image-size", "64x64", "--env-option", "render=fast"];
+const IMAGES: &[&str] = &["--image-size", "64x64", "--env-option", "render=fast"];
 const HISTORIC: &[&str] =
     &["--tier", "historic", "--episodes", "100", "--goal-offset", "25", "--budget", "50"];
 
@@ -124,13 +124,13 @@ fn table(task: &Task, trials: &[&Trial], out: &Path, given: Option<&Path>) -> Re
     for (file, how) in task.data {
         let file = out.join(file);
         if !file.exists() {
-            let words = [&["collect", task.env, "--without", "goal"], PICTURES, how].concat();
+            let words = [&["collect", task.env, "--without", "goal"], IMAGES, how].concat();
             swm(&words, &[("--out", &file)])?;
         }
     }
     let manifest = out.join("historic.toml");
     if !manifest.exists() {
-        let words = [&["manifest", "make", task.env], HISTORIC, PICTURES].concat();
+        let words = [&["manifest", "make", task.env], HISTORIC, IMAGES].concat();
         swm(&words, &[("--dataset", &out.join(task.data[0].0)), ("--out", &manifest)])?;
     }
     let mut table =

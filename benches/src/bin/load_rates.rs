@@ -1,5 +1,5 @@
 //! `load-rates FILE NUM_STEPS [--keys A,B] [--threads 1,2] [--seconds S] [--first] [--draw SIDE]`: shuffled clips per
-//! second out of a dataset, in batches of 64, as JSON. For `peers/data.py`. With `--draw`, pictures are not read but drawn.
+//! second out of a dataset, in batches of 64, as JSON. For `peers/data.py`. With `--draw`, images are not read but drawn.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use anyhow::{Context as _, Result, bail};
 use serde::Serialize;
 use swm_benches::{Clock, Elapsed};
 use swm_core::{ImageSize, Registry};
-use swm_data::loader::{BatchOptions, ClipOptions, Loader, Pictures};
+use swm_data::loader::{BatchOptions, ClipOptions, Images, Loader};
 use swm_data::{Dataset, RenderOptions, Rendered};
 use swm_envs_2d::ENVS;
 
@@ -23,7 +23,7 @@ struct Measurement {
     elapsed: Elapsed,
 }
 
-/// The dataset, with pictures of side `draw` that are drawn.
+/// The dataset, with images of side `draw` that are drawn.
 fn open(path: &Path, draw: Option<usize>) -> Result<Box<dyn Dataset>> {
     let dataset = swm_data::open(path)?;
     let Some(side) = draw else { return Ok(dataset) };
@@ -39,7 +39,7 @@ fn main() -> Result<()> {
     let file = arguments.next().context(usage)?;
     let num_steps: usize = arguments.next().context(usage)?.parse().context("NUM_STEPS must be a number")?;
     let (mut keys, mut threads, mut seconds) = (vec!["pixels".to_owned()], vec![1], 1.0);
-    let (mut pictures, mut draw) = (Pictures::ChannelsLast, None);
+    let (mut images, mut draw) = (Images::ChannelsLast, None);
     while let Some(option) = arguments.next() {
         let mut value = || arguments.next().context(usage);
         match option.as_str() {
@@ -47,7 +47,7 @@ fn main() -> Result<()> {
             "--threads" => threads = value()?.split(',').map(str::parse).collect::<Result<_, _>>()?,
             "--seconds" => seconds = value()?.parse()?,
             "--draw" => draw = Some(value()?.parse()?),
-            "--first" => pictures = Pictures::ChannelsFirst,
+            "--first" => images = Images::ChannelsFirst,
             _ => bail!(usage),
         }
     }
@@ -56,7 +56,7 @@ fn main() -> Result<()> {
         let options = ClipOptions {
             num_steps,
             keys: Some(keys.clone()),
-            pictures,
+            images,
             threads: Some(threads),
             ..ClipOptions::default()
         };

@@ -1,6 +1,6 @@
 //! `solve-times [SECONDS]`: how long one plan takes by every solver when its cost is next to nothing, as JSON.
 //!
-//! The side of `peers/solvers.py` that runs in this process: one episode, one thread, processor time.
+//! The side of `peers/solvers.py` that runs in this process: one episode, one thread, CPU time.
 
 use anyhow::{Context as _, Result};
 use serde::Serialize;
@@ -12,9 +12,9 @@ struct Measurement {
     solver: &'static str,
     /// Plans made.
     count: u64,
-    /// Processor time of the quickest plan, seconds.
+    /// CPU time of the quickest plan, seconds.
     best_s: f64,
-    /// Processor time of a plan in the middle, seconds.
+    /// CPU time of a plan in the middle, seconds.
     median_s: f64,
 }
 

@@ -2,10 +2,10 @@
 //! says otherwise.
 //!
 //! The side of `peers/world.py` that runs in this process: the same cases as the reference's side in `reference.py`,
-//! with the resets outside of the timed region, in processor time. Rates of whole runs are `swm bench`'s.
+//! with the resets outside of the timed region, in CPU time. Rates of whole runs are `swm bench`'s.
 
 use anyhow::{Context as _, Result};
-use swm_benches::{Actions, BareEnv, EPISODE_STEPS, Measurement, Picture, print, seconds, world_of};
+use swm_benches::{Actions, BareEnv, EPISODE_STEPS, Image, Measurement, print, seconds, world_of};
 use swm_core::{EnvEntry, ResetOptions};
 use swm_envs_2d::ENVS;
 use swm_envs_2d::pusht::PUSHT;
@@ -25,14 +25,14 @@ fn main() -> Result<()> {
         if id == PUSHT.id && wanted(&case) {
             measurements.push(bare(case, actions, seconds)?);
         }
-        for picture in Picture::ALL {
-            let case = format!("step/{}/{}", picture.name(), actions.name());
+        for image in Image::ALL {
+            let case = format!("step/{}/{}", image.name(), actions.name());
             if wanted(&case) {
-                measurements.push(world_steps(case, entry, picture, actions, seconds)?);
+                measurements.push(world_steps(case, entry, image, actions, seconds)?);
             }
-            let case = format!("reset/{}/{}", picture.name(), actions.name());
+            let case = format!("reset/{}/{}", image.name(), actions.name());
             if wanted(&case) {
-                measurements.push(world_resets(case, entry, picture, actions, seconds)?);
+                measurements.push(world_resets(case, entry, image, actions, seconds)?);
             }
         }
     }
@@ -49,27 +49,27 @@ fn bare(case: String, actions: Actions, seconds: f64) -> Result<Measurement> {
     })
 }
 
-/// `World::step` of one environment: policy, step, picture, infos.
+/// `World::step` of one environment: policy, step, image, infos.
 fn world_steps(
     case: String,
     entry: &'static EnvEntry,
-    picture: Picture,
+    image: Image,
     actions: Actions,
     seconds: f64,
 ) -> Result<Measurement> {
-    let mut world = world_of(entry, picture, actions.name(), 1, 1)?;
+    let mut world = world_of(entry, image, actions.name(), 1, 1)?;
     Measurement::world_steps(case, &mut world, seconds)
 }
 
-/// `World::reset` of one environment: factors, world, both pictures. As many as an episode has steps count as one.
+/// `World::reset` of one environment: factors, world, both images. As many as an episode has steps count as one.
 fn world_resets(
     case: String,
     entry: &'static EnvEntry,
-    picture: Picture,
+    image: Image,
     actions: Actions,
     seconds: f64,
 ) -> Result<Measurement> {
-    let (mut world, options) = (world_of(entry, picture, actions.name(), 1, 1)?, ResetOptions::default());
+    let (mut world, options) = (world_of(entry, image, actions.name(), 1, 1)?, ResetOptions::default());
     Measurement::repeat(case, EPISODE_STEPS as u64, seconds, |episode, clock| {
         let first = episode * EPISODE_STEPS as u64;
         clock.time(|| {

@@ -1,5 +1,5 @@
 //! `suite-rates steps|resets|threads [SECONDS]`: rates of the DeepMind Control Suite's environments as JSON, for
-//! `peers/dmc.py`. Without pictures, unless a case says so.
+//! `peers/dmc.py`. Without images, unless a case says so.
 
 use anyhow::{Context as _, Result, bail};
 use swm_benches::{EPISODE_STEPS, Measurement, print, seconds};
@@ -43,8 +43,8 @@ fn steps(seconds: f64) -> Result<Vec<Measurement>> {
     Ok(all)
 }
 
-/// Resets of every environment with nothing changed, and with each factor drawn alone; all of them without pictures, and
-/// those of the cheetah with pictures too.
+/// Resets of every environment with nothing changed, and with each factor drawn alone; all of them without images, and
+/// those of the cheetah with images too.
 fn resets(seconds: f64) -> Result<Vec<Measurement>> {
     let mut all = Vec::new();
     for entry in ENVS {
@@ -55,7 +55,7 @@ fn resets(seconds: f64) -> Result<Vec<Measurement>> {
             let factors: Vec<String> = bare.env.spec().factors.iter().map(|f| f.name.clone()).collect();
             for factor in [None].into_iter().chain(factors.into_iter().map(Some)) {
                 let name = factor.as_deref().unwrap_or("nothing");
-                let pictures = if side > 0 { "/pictures" } else { "" };
+                let images = if side > 0 { "/images" } else { "" };
                 let mut options = ResetOptions::default().vary(&[]);
                 options.variation.get_or_insert_default().extend(factor.clone());
                 // A switch that is drawn changes nothing half of the time.
@@ -63,7 +63,7 @@ fn resets(seconds: f64) -> Result<Vec<Measurement>> {
                     options = ResetOptions::default().vary(&[]).fix(name, Value::scalar(0_i64));
                 }
                 all.push(Measurement::repeat(
-                    format!("reset/{}/{name}{pictures}", short(entry)),
+                    format!("reset/{}/{name}{images}", short(entry)),
                     1,
                     seconds,
                     |episode, clock| clock.time(|| bare.reset(episode, &options)),

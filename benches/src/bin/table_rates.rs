@@ -1,5 +1,5 @@
 //! `table-rates ENV [SECONDS] [CASE]`: how often per second an environment on MuJoCo steps and resets in a world of one, without
-//! pictures and with, as JSON; `CASE`: only cases that begin so. For `peers/ogb.py`.
+//! images and with, as JSON; `CASE`: only cases that begin so. For `peers/ogb.py`.
 
 use anyhow::{Context as _, Result};
 use swm_benches::{Measurement, print, seconds};
@@ -15,13 +15,13 @@ fn main() -> Result<()> {
     let mut measurements = Vec::new();
     for side in [None, Some(64), Some(224)] {
         let mut world = world_of_one(entry, side)?;
-        let picture = side.map_or("none".to_owned(), |side| side.to_string());
-        let steps = format!("step/{picture}");
+        let image = side.map_or("none".to_owned(), |side| side.to_string());
+        let steps = format!("step/{image}");
         if steps.starts_with(&wanted) {
             measurements.push(Measurement::world_steps(steps, &mut world, seconds)?);
         }
         for (name, options) in scenarios() {
-            let resets = format!("reset/{picture}/{name}");
+            let resets = format!("reset/{image}/{name}");
             if resets.starts_with(&wanted) {
                 measurements.push(Measurement::repeat(resets, 1, seconds, |episode, clock| {
                     Ok(clock.time(|| world.reset(episode, &options(episode)))?)

@@ -1,4 +1,4 @@
-//! `network_times CASE [SECONDS]`: processor and wall time of the quickest training step, or of the quickest round of
+//! `network_times CASE [SECONDS]`: CPU and wall time of the quickest training step, or of the quickest round of
 //! candidates, as JSON. For `benches/peers/networks.py`.
 //!
 //! Cases: `train:MODEL:PRESET:CLIPS`, `plan:MODEL:PRESET:SAMPLES` and `descend:MODEL:PRESET:SAMPLES` (with gradients), each
@@ -9,9 +9,7 @@ use std::time::{Duration, Instant};
 
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::json;
-use swm_baselines::{
-    Baseline, ClipBatch, Facts, MakeOptions, Numbers, Pictures, Processor, Scenes, Step, make,
-};
+use swm_baselines::{Baseline, ClipBatch, Device, Facts, Images, MakeOptions, Numbers, Scenes, Step, make};
 use swm_solvers::Candidates;
 
 const HORIZON: usize = 5;
@@ -27,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let count: usize = count.parse()?;
     let facts = Facts { action_width: ACTION, proprio_width: 4 };
     let changes = serde_json::Value::Null;
-    let model = make(name, &MakeOptions { preset, changes, facts, seed: 1, processor: Processor::Cpu })?;
+    let model = make(name, &MakeOptions { preset, changes, facts, seed: 1, device: Device::Cpu })?;
     let times = match kind {
         "train" => train(model, count, seconds)?,
         "plan" | "descend" => plan(model.as_ref(), count, kind == "descend", seconds)?,
@@ -37,7 +35,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Made-up bytes: pictures of noise.
+/// Made-up bytes: images of noise.
 fn bytes(count: usize) -> Vec<u8> {
     (0..count).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect()
 }
@@ -45,24 +43,18 @@ fn bytes(count: usize) -> Vec<u8> {
 fn train(mut model: Box<dyn Baseline>, clips: usize, seconds: f64) -> Result<(f64, f64), Box<dyn Error>> {
     let needs = model.needs().clone();
     let (steps, side, width) = (needs.num_steps, needs.image, needs.frameskip * ACTION);
-    let pictures = |values, steps| Pictures {
-        values,
-        rows: clips,
-        steps,
-        height: side,
-        width: side,
-        channels_last: true,
-    };
+    let images =
+        |values, steps| Images { values, rows: clips, steps, height: side, width: side, channels_last: true };
     let pixels = bytes(clips * steps * 3 * side * side);
     let goals = bytes(clips * 3 * side * side);
     let action: Vec<f32> = (0..clips * steps * width).map(|i| (i as f32).sin()).collect();
     let proprio = vec![0.5; clips * steps * 4];
     let numbers = |values, steps, width| Numbers { values, rows: clips, steps, width };
     let batch = ClipBatch {
-        pixels: pictures(&pixels, steps),
+        pixels: images(&pixels, steps),
         action: numbers(&action, steps, width),
         proprio: Some(numbers(&proprio, steps, 4)),
-        goal_pixels: Some(pictures(&goals, 1)),
+        goal_pixels: Some(images(&goals, 1)),
         goal_proprio: Some(numbers(&proprio[..clips * 4], 1, 4)),
     };
     quickest(seconds, |step| {
@@ -80,15 +72,14 @@ fn plan(
     let mut planner = model.planner().ok_or("this model does not plan")?;
     let side = model.needs().image;
     let pixels = bytes(3 * side * side);
-    let picture =
-        Pictures { values: &pixels, rows: 1, steps: 1, height: side, width: side, channels_last: true };
+    let image = Images { values: &pixels, rows: 1, steps: 1, height: side, width: side, channels_last: true };
     let proprio = Numbers { values: &[0.5; 4], rows: 1, steps: 1, width: 4 };
     let width = planner.block_width();
     planner.prepare(&Scenes {
-        pixels: picture,
+        pixels: image,
         action: Numbers { values: &[], rows: 1, steps: 0, width },
         proprio: Some(proprio),
-        goal_pixels: picture,
+        goal_pixels: image,
         goal_proprio: Some(proprio),
     })?;
     let actions: Vec<f32> = (0..samples * HORIZON * width).map(|i| (i as f32).sin()).collect();
@@ -104,7 +95,7 @@ fn plan(
     })
 }
 
-/// Least processor time, and least wall time, of one call among those of so many seconds of processor time.
+/// Least CPU time, and least wall time, of one call among those of so many seconds of CPU time.
 fn quickest(
     seconds: f64,
     mut work: impl FnMut(u64) -> Result<(), Box<dyn Error>>,
@@ -124,7 +115,7 @@ fn quickest(
     Ok(best)
 }
 
-/// Processor time of all threads.
+/// CPU time of all threads.
 fn cpu() -> Duration {
     let now = clock_gettime(ClockId::ProcessCPUTime);
     Duration::new(now.tv_sec as u64, now.tv_nsec as u32)

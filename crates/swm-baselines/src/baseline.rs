@@ -35,7 +35,7 @@ pub trait Baseline: Send {
     /// Whether it has an encoder that no phase trains: its weights are to be given ([`Baseline::load_encoder`]).
     fn has_frozen_encoder(&self) -> bool;
 
-    /// One step of training: loss, gradients, clipping, optimiser, teachers. An error leaves the weights as they were.
+    /// One step of training: loss, gradients, clipping, optimizer, teachers. An error leaves the weights as they were.
     ///
     /// # Errors
     ///
@@ -70,7 +70,7 @@ pub trait Baseline: Send {
     /// As of [`Baseline::load_weights`]; or the model has no encoder of that kind.
     fn load_encoder(&mut self, path: &Path) -> Result<(), BaselineError>;
 
-    /// Writes what a training needs beside the weights to go on: the state of the optimisers.
+    /// Writes what a training needs beside the weights to go on: the state of the optimizers.
     ///
     /// # Errors
     ///
@@ -183,7 +183,7 @@ pub struct Needs {
     pub num_steps: usize,
     /// F: distance of two rows in the dataset, and the actions of a row.
     pub frameskip: usize,
-    /// The side of pictures. Others are resized; it is cheaper to let the loader do that.
+    /// The side of images. Others are resized; it is cheaper to let the loader do that.
     pub image: usize,
     /// Whether `proprio` is used.
     pub proprio: bool,
@@ -191,12 +191,12 @@ pub struct Needs {
     pub batch: usize,
 }
 
-/// A part of a training: one loss, one optimiser.
+/// A part of a training: one loss, one optimizer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phase {
     /// Its name.
     pub name: &'static str,
-    /// Its optimiser.
+    /// Its optimizer.
     pub optim: OptimConfig,
     /// The goals that clips get, for goal-conditioned models.
     pub goals: Option<PhaseGoals>,
@@ -222,7 +222,7 @@ pub struct PhaseGoals {
 /// The losses of a batch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Losses {
-    /// What is minimised.
+    /// What is minimized.
     pub total: f32,
     /// Its parts, before they are weighed, and other numbers worth watching: `lr`, `gradient_norm`.
     pub parts: Vec<(&'static str, f32)>,

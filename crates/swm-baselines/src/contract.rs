@@ -7,7 +7,7 @@ use serde_json::{Value as Json, json};
 use swm_solvers::Candidates;
 
 use crate::{
-    BASELINES, Baseline, BaselineError, ClipBatch, Facts, Losses, MakeOptions, Numbers, Pictures, Processor,
+    BASELINES, Baseline, BaselineError, ClipBatch, Device, Facts, Images, Losses, MakeOptions, Numbers,
     Scenes, Step, make, restore,
 };
 
@@ -43,7 +43,7 @@ fn goal() -> Json {
 }
 
 fn options(preset: &str, changes: Json) -> MakeOptions<'_> {
-    MakeOptions { preset, changes, facts: FACTS, seed: 0, processor: Processor::Cpu }
+    MakeOptions { preset, changes, facts: FACTS, seed: 0, device: Device::Cpu }
 }
 
 fn tiny(name: &str) -> Box<dyn Baseline> {
@@ -51,7 +51,7 @@ fn tiny(name: &str) -> Box<dyn Baseline> {
     make(name, &MakeOptions { seed: 3, ..options("small", changes) }).unwrap()
 }
 
-/// Made-up clips: `[CLIPS, T]` pictures, actions with a gap, a goal per clip.
+/// Made-up clips: `[CLIPS, T]` images, actions with a gap, a goal per clip.
 struct Clips {
     pixels: Vec<u8>,
     goals: Vec<u8>,
@@ -71,25 +71,19 @@ impl Clips {
     }
 
     fn batch(&self) -> ClipBatch<'_> {
-        let pictures = |values, steps| Pictures {
-            values,
-            rows: CLIPS,
-            steps,
-            height: 16,
-            width: 16,
-            channels_last: true,
-        };
+        let images =
+            |values, steps| Images { values, rows: CLIPS, steps, height: 16, width: 16, channels_last: true };
         ClipBatch {
-            pixels: pictures(&self.pixels, self.steps),
+            pixels: images(&self.pixels, self.steps),
             action: Numbers { values: &self.action, rows: CLIPS, steps: self.steps, width: self.width },
             proprio: None,
-            goal_pixels: Some(pictures(&self.goals, 1)),
+            goal_pixels: Some(images(&self.goals, 1)),
             goal_proprio: None,
         }
     }
 
     fn scenes(&self, rows: std::ops::Range<usize>) -> Scenes<'_> {
-        let pictures = Pictures {
+        let images = Images {
             values: &self.goals[rows.start * 768..rows.end * 768],
             rows: rows.len(),
             steps: 1,
@@ -97,9 +91,9 @@ impl Clips {
             width: 16,
             channels_last: true,
         };
-        let goal = Pictures { values: &self.pixels[..rows.len() * 768], ..pictures };
+        let goal = Images { values: &self.pixels[..rows.len() * 768], ..images };
         let action = Numbers { values: &[], rows: rows.len(), steps: 0, width: self.width };
-        Scenes { pixels: pictures, action, proprio: None, goal_pixels: goal, goal_proprio: None }
+        Scenes { pixels: images, action, proprio: None, goal_pixels: goal, goal_proprio: None }
     }
 }
 
@@ -161,7 +155,7 @@ fn a_resumed_training_gives_the_bits_of_one_that_never_stopped() {
         (0..2).for_each(|number| drop(step(model.as_mut(), 0, number)));
         model.save_weights(&weights).unwrap();
         model.save_training(&training).unwrap();
-        let mut resumed = restore(model.recipe(), Processor::Cpu).unwrap();
+        let mut resumed = restore(model.recipe(), Device::Cpu).unwrap();
         resumed.load_weights(&weights).unwrap();
         resumed.load_training(&training).unwrap();
         for (phase, number) in [(0, 2), (0, 3), (last, 4)] {
@@ -225,8 +219,8 @@ fn data_of_another_form_is_refused_by_name() {
         let clips = Clips::of(model.as_ref());
         let good = clips.batch();
         let narrow = Numbers { width: 1, ..good.action };
-        let oblong = Pictures { height: 8, width: 32, ..good.pixels };
-        let short = Pictures { values: &good.pixels.values[1..], ..good.pixels };
+        let oblong = Images { height: 8, width: 32, ..good.pixels };
+        let short = Images { values: &good.pixels.values[1..], ..good.pixels };
         let cases = [
             ("action", ClipBatch { action: narrow, ..good }),
             ("pixels", ClipBatch { pixels: oblong, ..good }),
@@ -246,7 +240,7 @@ fn data_of_another_form_is_refused_by_name() {
 }
 
 #[test]
-fn plans_and_decisions_do_not_depend_on_their_neighbours() {
+fn plans_and_decisions_do_not_depend_on_their_neighbors() {
     for_each(|mut model| {
         let clips = Clips::of(model.as_ref());
         // Predictors that begin with zeros ask nothing of the actions until they are trained.

@@ -18,14 +18,14 @@ pub struct Facts {
 #[derive(Clone, Copy, Debug)]
 pub struct ClipBatch<'a> {
     /// `[B, T, …]`.
-    pub pixels: Pictures<'a>,
+    pub pixels: Images<'a>,
     /// `[B, T, F × A]`, scaled as the model shall see them: the actions from each row to the next. Where an episode
     /// ends there are none; numbers that are not finite count as 0.
     pub action: Numbers<'a>,
     /// `[B, T, …]`, scaled; for models that use it.
     pub proprio: Option<Numbers<'a>>,
-    /// `[B, 1, …]`: the goal's picture; for goal-conditioned models.
-    pub goal_pixels: Option<Pictures<'a>>,
+    /// `[B, 1, …]`: the goal's image; for goal-conditioned models.
+    pub goal_pixels: Option<Images<'a>>,
     /// `[B, 1, …]`, scaled as `proprio`.
     pub goal_proprio: Option<Numbers<'a>>,
 }
@@ -34,13 +34,13 @@ pub struct ClipBatch<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct Scenes<'a> {
     /// `[B, N, …]`: the last N observations at the model's frame skip, the present one last.
-    pub pixels: Pictures<'a>,
+    pub pixels: Images<'a>,
     /// `[B, N - 1, F × A]`, scaled: the actions between them. May be empty for N of 1.
     pub action: Numbers<'a>,
     /// `[B, N, …]`, scaled; for models that use it.
     pub proprio: Option<Numbers<'a>>,
     /// `[B, 1, …]`.
-    pub goal_pixels: Pictures<'a>,
+    pub goal_pixels: Images<'a>,
     /// `[B, 1, …]`, scaled as `proprio`.
     pub goal_proprio: Option<Numbers<'a>>,
 }
@@ -49,14 +49,14 @@ pub struct Scenes<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct Observations<'a> {
     /// `[B, 1, …]`.
-    pub pixels: Pictures<'a>,
+    pub pixels: Images<'a>,
     /// `[B, 1, …]`, scaled; for models that use it.
     pub proprio: Option<Numbers<'a>>,
 }
 
-/// RGB pictures: `[B, T, 3, H, W]` or `[B, T, H, W, 3]`.
+/// RGB images: `[B, T, 3, H, W]` or `[B, T, H, W, 3]`.
 #[derive(Clone, Copy, Debug)]
-pub struct Pictures<'a> {
+pub struct Images<'a> {
     /// B × T × 3 × H × W values.
     pub values: &'a [u8],
     /// B.
@@ -67,7 +67,7 @@ pub struct Pictures<'a> {
     pub height: usize,
     /// W.
     pub width: usize,
-    /// Whether colours come last, as environments give them, or before the pixels, as the loader can.
+    /// Whether colors come last, as environments give them, or before the pixels, as the loader can.
     pub channels_last: bool,
 }
 
@@ -87,7 +87,7 @@ pub struct Numbers<'a> {
 /// What the tensors of a batch must be.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Form {
-    /// The side of pictures.
+    /// The side of images.
     pub(crate) image: usize,
     /// F × A.
     pub(crate) action: usize,
@@ -179,14 +179,13 @@ impl Start {
 }
 
 fn goal_to_tensor(
-    goal: &Pictures<'_>,
+    goal: &Images<'_>,
     rows: usize,
     form: &Form,
     device: &Device,
 ) -> Result<Tensor<5>, BaselineError> {
     if (goal.rows, goal.steps) != (rows, 1) {
-        let reason =
-            format!("[{}, {}] pictures for {rows} rows; one of each is wanted", goal.rows, goal.steps);
+        let reason = format!("[{}, {}] images for {rows} rows; one of each is wanted", goal.rows, goal.steps);
         return Err(BaselineError::data("goal_pixels", reason));
     }
     images::to_tensor("goal_pixels", goal, form.image, device)
@@ -247,8 +246,8 @@ fn is_goal(batch: &ClipBatch<'_>) -> Vec<f32> {
         .values
         .chunks_exact(size)
         .enumerate()
-        .map(|(frame, picture)| {
-            goal.values.get(frame / pixels.steps * size..).is_some_and(|goal| goal.starts_with(picture))
+        .map(|(frame, image)| {
+            goal.values.get(frame / pixels.steps * size..).is_some_and(|goal| goal.starts_with(image))
         })
         .collect();
     if let (Some(states), Some(goal)) = (proprio, goal_proprio) {

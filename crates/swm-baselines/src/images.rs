@@ -1,10 +1,10 @@
-//! Pictures as models see them: to [0, 1], less ImageNet's mean over its deviation, then resized. In this order, which is
+//! Images as models see them: to [0, 1], less ImageNet's mean over its deviation, then resized. In this order, which is
 //! the reference's (`ToImage`, `Normalize`, `Resize` with antialiasing).
 
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 
-use crate::data::Pictures;
+use crate::data::Images;
 use crate::error::BaselineError;
 
 /// ImageNet's mean and deviation of red, green and blue.
@@ -14,32 +14,32 @@ const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 /// `[B, T, 3, size, size]`.
 pub(crate) fn to_tensor(
     column: &'static str,
-    pictures: &Pictures<'_>,
+    images: &Images<'_>,
     size: usize,
     device: &Device,
 ) -> Result<Tensor<5>, BaselineError> {
-    let &Pictures { values, rows, steps, height, width, .. } = pictures;
+    let &Images { values, rows, steps, height, width, .. } = images;
     if values.len() != rows * steps * 3 * height * width || values.is_empty() {
         let shape = [rows, steps, 3, height, width];
-        let reason = format!("{} values are no pictures of shape {shape:?}", values.len());
+        let reason = format!("{} values are no images of shape {shape:?}", values.len());
         return Err(BaselineError::data(column, reason));
     }
     if height != width {
         let reason =
-            format!("{height} × {width} pixels; square pictures are wanted: cut them, or render square ones");
+            format!("{height} × {width} pixels; square images are wanted: cut them, or render square ones");
         return Err(BaselineError::data(column, reason));
     }
     let weights = (height != size).then(|| Resampling::new(height, size));
     let mut floats = vec![0.0; rows * steps * 3 * size * size];
     let of_one = 3 * size * size;
     floats.par_chunks_exact_mut(of_one).zip(values.par_chunks_exact(3 * height * width)).for_each(
-        |(out, picture)| {
+        |(out, image)| {
             for (channel, out) in out.chunks_exact_mut(size * size).enumerate() {
                 match &weights {
-                    None => plane(picture, pictures.channels_last, channel, out),
+                    None => plane(image, images.channels_last, channel, out),
                     Some(weights) => {
                         let mut stored = vec![0.0; height * width];
-                        plane(picture, pictures.channels_last, channel, &mut stored);
+                        plane(image, images.channels_last, channel, &mut stored);
                         weights.apply(&stored, out);
                     }
                 }
@@ -49,17 +49,17 @@ pub(crate) fn to_tensor(
     Ok(Tensor::from_data(TensorData::new(floats, [rows, steps, 3, size, size]), device))
 }
 
-/// One colour of a picture, normalised: `[H, W]`.
-fn plane(picture: &[u8], channels_last: bool, channel: usize, out: &mut [f32]) {
+/// One color of an image, normalized: `[H, W]`.
+fn plane(image: &[u8], channels_last: bool, channel: usize, out: &mut [f32]) {
     let (first, stride) = if channels_last { (channel, 3) } else { (channel * out.len(), 1) };
     let table: [f32; 256] =
         std::array::from_fn(|value| (value as f32 / 255.0 - MEAN[channel]) / DEVIATION[channel]);
-    for (value, byte) in out.iter_mut().zip(picture[first..].iter().step_by(stride)) {
+    for (value, byte) in out.iter_mut().zip(image[first..].iter().step_by(stride)) {
         *value = table[usize::from(*byte)];
     }
 }
 
-/// Bilinear resampling of square pictures with antialiasing, as PyTorch does it.
+/// Bilinear resampling of square images with antialiasing, as PyTorch does it.
 struct Resampling {
     from: usize,
     /// For each new place, the first old one and the weights from there on.
@@ -71,10 +71,10 @@ impl Resampling {
         let scale = from as f64 / to as f64;
         let support = scale.max(1.0);
         let places = (0..to).map(|place| {
-            let centre = (place as f64 + 0.5) * scale;
-            let first = (centre - support + 0.5).max(0.0) as usize;
-            let end = ((centre + support + 0.5) as usize).min(from);
-            let weight = |old: usize| (1.0 - ((old as f64 - centre + 0.5) / support).abs()).max(0.0);
+            let center = (place as f64 + 0.5) * scale;
+            let first = (center - support + 0.5).max(0.0) as usize;
+            let end = ((center + support + 0.5) as usize).min(from);
+            let weight = |old: usize| (1.0 - ((old as f64 - center + 0.5) / support).abs()).max(0.0);
             let sum: f64 = (first..end).map(weight).sum();
             (first, (first..end).map(|old| (weight(old) / sum) as f32).collect())
         });
@@ -82,10 +82,10 @@ impl Resampling {
     }
 
     /// `[from, from]` → `[to, to]`: along rows, then along columns.
-    fn apply(&self, picture: &[f32], out: &mut [f32]) {
+    fn apply(&self, image: &[f32], out: &mut [f32]) {
         let size = self.places.len();
         let mut rows = vec![0.0; self.from * size];
-        for (row, out) in picture.chunks_exact(self.from).zip(rows.chunks_exact_mut(size)) {
+        for (row, out) in image.chunks_exact(self.from).zip(rows.chunks_exact_mut(size)) {
             for (value, (first, weights)) in out.iter_mut().zip(&self.places) {
                 *value = weights.iter().zip(&row[*first..]).map(|(weight, old)| weight * old).sum();
             }
@@ -104,8 +104,8 @@ mod tests {
     use super::*;
     use crate::params::host;
 
-    fn pictures(values: &[u8], side: usize, channels_last: bool) -> Pictures<'_> {
-        Pictures { values, rows: 1, steps: 1, height: side, width: side, channels_last }
+    fn images(values: &[u8], side: usize, channels_last: bool) -> Images<'_> {
+        Images { values, rows: 1, steps: 1, height: side, width: side, channels_last }
     }
 
     #[test]
@@ -113,21 +113,20 @@ mod tests {
         let last: Vec<u8> = (0..12).collect();
         let first: Vec<u8> = (0..12).map(|i| last[i % 4 * 3 + i / 4]).collect();
         let device = Device::flex();
-        let [a, b] = [(&last, true), (&first, false)].map(|(values, order)| {
-            host(to_tensor("pixels", &pictures(values, 2, order), 2, &device).unwrap())
-        });
+        let [a, b] = [(&last, true), (&first, false)]
+            .map(|(values, order)| host(to_tensor("pixels", &images(values, 2, order), 2, &device).unwrap()));
         assert_eq!(a, b);
         assert!((a[0] - (0.0 - 0.485) / 0.229).abs() < 1e-6);
     }
 
     #[test]
-    fn resizing_keeps_even_pictures_and_refuses_oblong_ones() {
+    fn resizing_keeps_even_images_and_refuses_oblong_ones() {
         let even = vec![128; 3 * 7 * 7];
-        let tensor = to_tensor("pixels", &pictures(&even, 7, true), 4, &Device::flex()).unwrap();
+        let tensor = to_tensor("pixels", &images(&even, 7, true), 4, &Device::flex()).unwrap();
         assert_eq!(tensor.dims(), [1, 1, 3, 4, 4]);
         let red = (128.0 / 255.0 - 0.485) / 0.229;
         assert!(host(tensor)[..16].iter().all(|value| (value - red).abs() < 1e-5));
-        let oblong = Pictures { height: 3, width: 1, ..pictures(&even[..9], 1, true) };
+        let oblong = Images { height: 3, width: 1, ..images(&even[..9], 1, true) };
         let error = to_tensor("pixels", &oblong, 4, &Device::flex()).unwrap_err().to_string();
         assert!(error.contains("`pixels`: 3 × 1 pixels"), "{error}");
     }

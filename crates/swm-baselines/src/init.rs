@@ -12,7 +12,7 @@ const TOKEN_DEVIATION: f32 = 0.02;
 
 /// Replaces all weights. Layers begin as in `torch.nn`, those of vision transformers as Hugging Face's do, and the
 /// modulations of AdaLN-zero with zeros.
-pub(crate) fn initialise<M: Module>(module: M, seed: u64) -> M {
+pub(crate) fn initialize<M: Module>(module: M, seed: u64) -> M {
     // A bias is drawn from the range of its layer's weight, which comes before it.
     let mut inputs = 1;
     params::map(module, |spec, tensor| {

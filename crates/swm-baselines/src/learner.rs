@@ -8,7 +8,7 @@ use burn::tensor::Device;
 use crate::baseline::{Baseline, GoalPolicy, Losses, Needs, Phase, PlanModel, Recipe, Step};
 use crate::data::{ClipBatch, Form, Inputs};
 use crate::error::BaselineError;
-use crate::init::initialise;
+use crate::init::initialize;
 use crate::losses::Terms;
 use crate::network::{Network, Parts};
 use crate::nn::Background;
@@ -17,7 +17,7 @@ use crate::params::{self, host};
 use crate::pass::Pass;
 use crate::weights;
 
-/// A network, its optimisers, and what makes it again.
+/// A network, its optimizers, and what makes it again.
 pub(crate) struct Learner<N> {
     name: &'static str,
     recipe: Recipe,
@@ -27,7 +27,7 @@ pub(crate) struct Learner<N> {
     /// `None` only while a step replaces it.
     network: Option<N>,
     /// One for each phase.
-    optimisers: Vec<AdamW>,
+    optimizers: Vec<AdamW>,
     device: Device,
 }
 
@@ -46,12 +46,12 @@ impl<N: Network> Learner<N> {
             let (layer, shape) = (&empty.name, &empty.shape);
             return Err(wrong(format!("`{layer}` would hold nothing, {shape:?}; some size is 0: raise it")));
         }
-        let mut network = initialise(network, recipe.seed);
+        let mut network = initialize(network, recipe.seed);
         for phase in &phases {
             network = follow(network, phase.teachers, 0.0);
         }
-        let optimisers = phases.iter().map(|_| AdamW::default()).collect();
-        Ok(Self { name, recipe, needs, form, phases, network: Some(network), optimisers, device })
+        let optimizers = phases.iter().map(|_| AdamW::default()).collect();
+        Ok(Self { name, recipe, needs, form, phases, network: Some(network), optimizers, device })
     }
 
     fn network(&self) -> &N {
@@ -125,7 +125,7 @@ impl<N: Network> Baseline for Learner<N> {
         }
         let lr = phase.optim.lr * phase.optim.schedule.factor(at.step, at.total);
         let network = begun.or_else(|| self.network.take()).expect("a step gives the network back");
-        let network = self.optimisers[at.phase].step(network, gradients, &phase.optim, lr);
+        let network = self.optimizers[at.phase].step(network, gradients, &phase.optim, lr);
         let network = follow_statistics(network, &pass);
         self.network = Some(follow(network, phase.teachers, phase.momentum));
         losses.parts.extend([("lr", lr as f32), ("gradient_norm", norm)]);
@@ -154,8 +154,8 @@ impl<N: Network> Baseline for Learner<N> {
 
     fn save_training(&self, path: &Path) -> Result<(), BaselineError> {
         let mut tensors = Vec::new();
-        for (phase, optimiser) in self.phases.iter().zip(&self.optimisers) {
-            for (name, shape, values) in optimiser.to_host(self.network()) {
+        for (phase, optimizer) in self.phases.iter().zip(&self.optimizers) {
+            for (name, shape, values) in optimizer.to_host(self.network()) {
                 tensors.push((format!("{}.{name}", phase.name), shape, values));
             }
         }
@@ -165,8 +165,8 @@ impl<N: Network> Baseline for Learner<N> {
     fn load_training(&mut self, path: &Path) -> Result<(), BaselineError> {
         let mut tensors = weights::read(path)?;
         let network = self.network.as_ref().expect("a step gives the network back");
-        for (phase, optimiser) in self.phases.iter().zip(&mut self.optimisers) {
-            *optimiser = AdamW::from_host(network, |name, count| {
+        for (phase, optimizer) in self.phases.iter().zip(&mut self.optimizers) {
+            *optimizer = AdamW::from_host(network, |name, count| {
                 let name = format!("{}.{name}", phase.name);
                 tensors.get(&name).filter(|tensor| tensor.values.len() == count)?;
                 tensors.remove(&name).map(|tensor| tensor.values)
@@ -174,7 +174,7 @@ impl<N: Network> Baseline for Learner<N> {
         }
         if let Some(name) = tensors.keys().next() {
             let reason =
-                format!("holds `{name}`, which is no state of this model's optimisers; it is of another run");
+                format!("holds `{name}`, which is no state of this model's optimizers; it is of another run");
             return Err(BaselineError::weights(path, reason));
         }
         Ok(())

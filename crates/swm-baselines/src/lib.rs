@@ -15,6 +15,7 @@ mod baseline;
 #[cfg(test)]
 mod contract;
 mod data;
+mod device;
 mod error;
 mod images;
 mod init;
@@ -30,12 +31,12 @@ mod params;
 mod parity;
 mod pass;
 mod plan;
-mod processor;
 pub mod train;
 mod weights;
 
 pub use baseline::{Baseline, GoalPolicy, Losses, Needs, Phase, PhaseGoals, PlanModel, Recipe, Step};
-pub use data::{ClipBatch, Facts, Numbers, Observations, Pictures, Scenes};
+pub use data::{ClipBatch, Facts, Images, Numbers, Observations, Scenes};
+pub use device::Device;
 pub use error::BaselineError;
 pub use losses::SigregConfig;
 pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};
@@ -45,4 +46,3 @@ pub use models::{
 };
 pub use nn::{CnnConfig, GoalTransformerConfig, Pool, PredictorConfig, VitConfig};
 pub use optim::{OptimConfig, Schedule};
-pub use processor::Processor;

@@ -25,7 +25,7 @@ pub(crate) struct Spec {
 }
 
 impl Spec {
-    /// Statistics of the data, which no optimiser touches.
+    /// Statistics of the data, which no optimizer touches.
     pub(crate) fn is_buffer(&self) -> bool {
         self.place.0 == "Background" || self.place.1.starts_with("running_")
     }

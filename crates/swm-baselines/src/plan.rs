@@ -92,7 +92,7 @@ impl<M: SceneModel> PlanModel for Planner<M> {
 
     fn prepare(&mut self, scenes: &Scenes<'_>) -> Result<(), BaselineError> {
         let start = Start::new(scenes, self.model.form(), &self.device)?;
-        // One by one: the bits of what is known of a scene must not depend on its neighbours.
+        // One by one: the bits of what is known of a scene must not depend on its neighbors.
         self.scenes =
             (0..scenes.pixels.rows).into_par_iter().map(|row| self.model.scene(&start, row)).collect();
         Ok(())

@@ -10,9 +10,9 @@ use crate::error::EnvError;
 use crate::seed::EpisodeSeed;
 use crate::space::Space;
 
-/// An environment: one simulated world, its observations and its pictures.
+/// An environment: one simulated world, its observations and its images.
 ///
-/// Advancing and observing are apart, so that frame skip and planning pay for neither rows nor pictures. All
+/// Advancing and observing are apart, so that frame skip and planning pay for neither rows nor images. All
 /// four ways to change it (`reset`, `step`, `restore`, nothing else) are deterministic.
 pub trait Env: Send + Sync {
     /// What it is and what it writes. Constant over its life.
@@ -69,25 +69,25 @@ pub trait Env: Send + Sync {
         None
     }
 
-    /// What draws its pictures, in words and with its version, for the record: `swm-render 0.1.0 (software)`. `None` if
+    /// What draws its images, in words and with its version, for the record: `swm-render 0.1.0 (software)`. `None` if
     /// it draws none, or always in the same way.
     fn renderer(&self) -> Option<String> {
         None
     }
 
-    /// Where the things that move are in the picture, so that their paths can be drawn over it. Always the same
+    /// Where the things that move are in the image, so that their paths can be drawn over it. Always the same
     /// things in the same order; none if the environment does not say.
     fn places(&self) -> Vec<Place> {
         Vec::new()
     }
 }
 
-/// Where something is in the picture.
+/// Where something is in the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// What it is: `agent`.
     pub name: &'static str,
-    /// Fractions of the picture's width and height, from its top left corner.
+    /// Fractions of the image's width and height, from its top left corner.
     pub at: [f64; 2],
 }
 
@@ -207,7 +207,7 @@ impl ImageSize {
 /// How to make an environment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EnvConfig {
-    /// Picture size; `None`: no pictures are drawn.
+    /// Image size; `None`: no images are drawn.
     pub image: Option<ImageSize>,
     /// Settings of this kind of environment, by name; see [`crate::registry::EnvEntry::settings`].
     pub settings: serde_json::Map<String, serde_json::Value>,
@@ -291,7 +291,7 @@ impl EnvState {
     ///
     /// # Errors
     ///
-    /// [`EnvError::State`]: `value` has a part that cannot be serialised.
+    /// [`EnvError::State`]: `value` has a part that cannot be serialized.
     pub fn store<T: Serialize>(&mut self, env: &str, value: &T) -> Result<(), EnvError> {
         let mut bytes = std::mem::take(&mut self.bytes);
         bytes.clear();

@@ -6,11 +6,11 @@
 //! * [`smooth`]: random actions that change little from step to step;
 //! * [`world`]: many environments in parallel, one `infos` table, one rollout loop;
 //! * [`recorder`], [`dataset`], [`evaluate`]: what watches the loop;
-//! * [`view`]: how pictures are shown: distractors;
+//! * [`view`]: how images are shown: distractors;
 //! * [`registry`]: tables of environments and policies;
 //! * [`testing`]: conformance checks that any environment can run.
 //!
-//! This crate knows no file format, no picture format, no physics and no tensor.
+//! This crate knows no file format, no image format, no physics and no tensor.
 
 pub mod batch;
 pub mod dataset;

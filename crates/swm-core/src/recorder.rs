@@ -1,4 +1,4 @@
-//! Recorders watch the rollout loop: datasets, evaluations, films and progress bars are recorders, and tuples of
+//! Recorders watch the rollout loop: datasets, evaluations, videos and progress bars are recorders, and tuples of
 //! recorders are recorders.
 
 use std::fmt;
@@ -85,7 +85,7 @@ pub struct RunInfo<'a> {
     pub rollout: &'a Rollout<'a>,
     /// The policy, in words.
     pub policy: &'a str,
-    /// What draws pictures, in words: see [`crate::Env::renderer`].
+    /// What draws images, in words: see [`crate::Env::renderer`].
     pub renderer: Option<&'a str>,
 }
 

@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn an_episode_does_not_see_its_neighbours() {
+    fn an_episode_does_not_see_its_neighbors() {
         for policy in ["ou", "sine:waves=3"] {
             assert_eq!(actions(&TOY, policy, 1).unwrap(), actions(&TOY, policy, 4).unwrap(), "{policy}");
         }

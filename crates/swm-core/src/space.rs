@@ -35,7 +35,7 @@ pub enum Space {
         /// The smallest, per element.
         start: Vec<i64>,
     },
-    /// A colour: three `u8` in red, green, blue order.
+    /// A color: three `u8` in red, green, blue order.
     Rgb,
     /// Named spaces, in order.
     Dict {

@@ -1,5 +1,5 @@
-//! What stands between the renderer and everyone who looks: transforms of pictures, keyed by episode and step, so that a
-//! picture that is shown twice is the same. Which transforms there are is not known here.
+//! What stands between the renderer and everyone who looks: transforms of images, keyed by episode and step, so that a
+//! image that is shown twice is the same. Which transforms there are is not known here.
 
 use std::fmt;
 use std::sync::Arc;
@@ -8,21 +8,21 @@ use crate::batch::{Dtype, FieldKind, RowsMut, Schema};
 use crate::policy::LiveEpisode;
 use crate::seed::{EpisodeSeed, Stream};
 
-/// Changes pictures. A pure function of the picture, the episode, the step and the view.
+/// Changes images. A pure function of the image, the episode, the step and the view.
 pub trait Transform: Send + Sync {
     /// Its name with its settings: what makes it again.
     fn describe(&self) -> String;
 
-    /// Changes one picture in place.
+    /// Changes one image in place.
     fn apply(&self, frame: &mut Frame<'_>);
 
-    /// Whether goal pictures (fields that are constant in an episode) are changed too. The reference never does.
+    /// Whether goal images (fields that are constant in an episode) are changed too. The reference never does.
     fn changes_goals(&self) -> bool {
         false
     }
 }
 
-/// A picture, and what its change may depend on.
+/// An image, and what its change may depend on.
 pub struct Frame<'a> {
     /// `[H, W, 3]`, row-major.
     pub pixels: &'a mut [u8],
@@ -34,7 +34,7 @@ pub struct Frame<'a> {
     pub seed: EpisodeSeed,
     /// Steps taken: 0 at the start.
     pub step: u64,
-    /// Which of the pictures of a row this is.
+    /// Which of the images of a row this is.
     pub view: u64,
     /// Memory to work in; its content has no meaning.
     pub scratch: &'a mut Scratch,
@@ -71,7 +71,7 @@ pub(crate) struct Frames {
 
 impl Frames {
     pub(crate) fn new(transform: Arc<dyn Transform>, schema: &Schema) -> Self {
-        let pictures = |kind: FieldKind| -> Vec<[usize; 3]> {
+        let images = |kind: FieldKind| -> Vec<[usize; 3]> {
             let fields = schema.fields().iter().enumerate();
             fields
                 .filter(|(_, field)| field.kind == kind && field.dtype == Dtype::U8)
@@ -81,11 +81,11 @@ impl Frames {
                 })
                 .collect()
         };
-        let goals = if transform.changes_goals() { pictures(FieldKind::Episode) } else { Vec::new() };
-        Self { views: pictures(FieldKind::Step), goals, transform }
+        let goals = if transform.changes_goals() { images(FieldKind::Episode) } else { Vec::new() };
+        Self { views: images(FieldKind::Step), goals, transform }
     }
 
-    /// Changes the pictures of the selected row; those of the goal at the start of an episode.
+    /// Changes the images of the selected row; those of the goal at the start of an episode.
     pub(crate) fn show(&self, episode: LiveEpisode, scratch: &mut Scratch, out: &mut RowsMut<'_>) {
         let goals = if episode.step == 0 { &self.goals[..] } else { &[] };
         for (view, &[index, height, width]) in (0..).zip(self.views.iter().chain(goals)) {

@@ -1,4 +1,4 @@
-//! Rules of success, noise of policies and shown pictures, on the toy environment.
+//! Rules of success, noise of policies and shown images, on the toy environment.
 
 use std::sync::Arc;
 
@@ -137,7 +137,7 @@ impl Transform for Stamp {
 }
 
 #[test]
-fn pictures_are_shown_through_a_transform_everywhere() {
+fn images_are_shown_through_a_transform_everywhere() {
     struct Seen(Vec<[u8; 3]>);
     impl Recorder for Seen {
         fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {

@@ -16,7 +16,7 @@ use crc32fast::Hasher;
 use swm_core::{Column, Dtype, Field, Slice, SliceMut};
 use swm_media::jpeg;
 
-use crate::manifest::is_picture;
+use crate::manifest::is_image;
 
 /// How single numbers of a type are stored. Bits are bytes: Lance has no lists of bits.
 pub(crate) fn item_type(dtype: Dtype) -> DataType {
@@ -30,7 +30,7 @@ pub(crate) fn item_type(dtype: Dtype) -> DataType {
     }
 }
 
-/// Rows of a column that is no picture.
+/// Rows of a column that is no image.
 pub(crate) fn to_array(field: &Field, values: Slice<'_>) -> Result<ArrayRef, String> {
     let numbers: ArrayRef = match values {
         Slice::Bool(values) => {
@@ -56,7 +56,7 @@ pub(crate) fn to_array(field: &Field, values: Slice<'_>) -> Result<ArrayRef, Str
     Ok(Arc::new(list.map_err(|error| error.to_string())?))
 }
 
-/// Files of pictures as a column.
+/// Files of images as a column.
 pub(crate) fn files_to_array<'a>(files: impl IntoIterator<Item = &'a [u8]>) -> ArrayRef {
     Arc::new(BinaryArray::from_iter_values(files))
 }
@@ -109,8 +109,8 @@ pub(crate) fn infer(stored: &DataType) -> Result<(Dtype, Vec<usize>), String> {
 
 /// Copies the rows of an array into `out`, `[rows, …shape]` values of the field's type.
 pub(crate) fn from_array(array: &ArrayRef, field: &Field, out: SliceMut<'_>) -> Result<(), String> {
-    if is_picture(field) {
-        let SliceMut::U8(out) = out else { return Err("pictures are bytes".to_owned()) };
+    if is_image(field) {
+        let SliceMut::U8(out) = out else { return Err("images are bytes".to_owned()) };
         return decode(array, field, out);
     }
     let values = if matches!(array.data_type(), DataType::FixedSizeList(..)) {
@@ -194,7 +194,7 @@ fn texts<'a>(rows: impl Iterator<Item = &'a str>, field: &Field) -> Result<Colum
     Ok(Column::Str(all))
 }
 
-/// The file of a row of pictures.
+/// The file of a row of images.
 pub(crate) fn file(array: &dyn Array, row: usize) -> Result<&[u8], String> {
     let file = match array.data_type() {
         _ if array.is_null(row) => None,
@@ -206,9 +206,9 @@ pub(crate) fn file(array: &dyn Array, row: usize) -> Result<&[u8], String> {
 }
 
 fn decode(array: &ArrayRef, field: &Field, out: &mut [u8]) -> Result<(), String> {
-    let &[height, width, channels] = &field.shape[..] else { return Err("no pictures".to_owned()) };
+    let &[height, width, channels] = &field.shape[..] else { return Err("no images".to_owned()) };
     if out.len() != array.len() * field.width() {
-        return Err(format!("{} pictures", array.len()));
+        return Err(format!("{} images", array.len()));
     }
     for (row, out) in out.chunks_exact_mut(field.width()).enumerate() {
         jpeg::decode_into(file(array, row)?, [height, width, channels], out)

@@ -1,5 +1,5 @@
 //! Dataset formats on Lance tables, in the layout of the reference, which reads our tables and whose tables are read
-//! here: `lance`, with pictures as JPEG in the rows, and `lance-video`, with a film per episode in a table beside it.
+//! here: `lance`, with images as JPEG in the rows, and `lance-video`, with a video per episode in a table beside it.
 //!
 //! A crate of its own, for the crates of Lance take many minutes to build. It stands on those that read and write files
 //! and manifests; Lance's query engine is deliberately absent. Its formats are known to `swm_data` once they are
@@ -11,13 +11,13 @@
 //! # Ok::<(), swm_data::DataError>(())
 //! ```
 
-mod announced;
 mod arrays;
+mod committed;
 mod data_file;
-mod films;
 mod manifest;
 mod reader;
 mod table;
+mod videos;
 mod writer;
 
 use std::path::Path;
@@ -29,25 +29,25 @@ use crate::reader::LanceDataset;
 use crate::table::Table;
 use crate::writer::LanceStorage;
 
-/// Pictures in the rows.
+/// Images in the rows.
 pub const LANCE: Format = Format {
     name: "lance",
     extensions: &["lance"],
-    about: "a folder of columns, the reference's own format; lossy pictures (JPEG)",
-    detect: |path| Table::exists(path) && !Table::exists(&films::folder(path)),
+    about: "a folder of columns, the reference's own format; lossy images (JPEG)",
+    detect: |path| Table::exists(path) && !Table::exists(&videos::folder(path)),
     open: |path| Ok(Box::new(LanceDataset::open(path, LANCE.name)?)),
-    create: |path, options| Ok(Box::new(Recorder::new(path, options, LanceStorage::pictures())?)),
+    create: |path, options| Ok(Box::new(Recorder::new(path, options, LanceStorage::images())?)),
     repair: |path, apply| writer::repair(path, LANCE.name, apply),
 };
 
-/// A film per episode in a table beside the rows, `name_videos.lance`.
+/// A video per episode in a table beside the rows, `name_videos.lance`.
 pub const LANCE_VIDEO: Format = Format {
     name: "lance-video",
     extensions: &["lance-video"],
-    about: "two folders of columns, with films for pictures; small, lossy pictures (H.264)",
-    detect: |path| Table::exists(path) && Table::exists(&films::folder(path)),
+    about: "two folders of columns, with videos for images; small, lossy images (H.264)",
+    detect: |path| Table::exists(path) && Table::exists(&videos::folder(path)),
     open: |path| Ok(Box::new(LanceDataset::open(path, LANCE_VIDEO.name)?)),
-    create: |path, options| Ok(Box::new(Recorder::new(path, options, LanceStorage::films())?)),
+    create: |path, options| Ok(Box::new(Recorder::new(path, options, LanceStorage::videos())?)),
     repair: |path, apply| writer::repair(path, LANCE_VIDEO.name, apply),
 };
 

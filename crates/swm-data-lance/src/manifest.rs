@@ -8,7 +8,7 @@ use arrow_schema::{DataType, Field as ArrowField, Schema as ArrowSchema};
 use lance_core::datatypes::Schema;
 use serde::{Deserialize, Serialize};
 use swm_core::{Dtype, Field, Metadata};
-use swm_data::film;
+use swm_data::video;
 
 use crate::arrays::item_type;
 
@@ -27,7 +27,7 @@ pub(crate) const STEP: &str = "step_idx";
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Manifest {
     version: u32,
-    /// Of films.
+    /// Of videos.
     pub(crate) frames_per_second: f64,
     /// As recorded, in order, without `ep_idx`.
     pub(crate) columns: Vec<Field>,
@@ -75,14 +75,14 @@ impl Manifest {
         names
     }
 
-    /// The columns of the table; those that are `films` are not in it.
-    pub(crate) fn schema(&self, films: bool) -> Result<Schema, String> {
+    /// The columns of the table; those that are `videos` are not in it.
+    pub(crate) fn schema(&self, videos: bool) -> Result<Schema, String> {
         let mut fields = vec![
             ArrowField::new(EPISODE, DataType::Int32, true),
             ArrowField::new(STEP, DataType::Int32, true),
         ];
         for (field, name) in self.columns.iter().zip(self.names()) {
-            if !(films && film::takes(field)) {
+            if !(videos && video::takes(field)) {
                 fields.push(ArrowField::new(name, stored_type(field), true));
             }
         }
@@ -90,8 +90,8 @@ impl Manifest {
     }
 }
 
-/// Whether a column's rows are JPEG files where they are no films.
-pub(crate) fn is_picture(field: &Field) -> bool {
+/// Whether a column's rows are JPEG files where they are no videos.
+pub(crate) fn is_image(field: &Field) -> bool {
     let (Dtype::U8, &[height, width, 1 | 3]) = (field.dtype, &field.shape[..]) else { return false };
     height.max(width) <= 16_384
 }
@@ -99,7 +99,7 @@ pub(crate) fn is_picture(field: &Field) -> bool {
 /// How a column is typed in the table. The reference has `float32` for all numbers, and reads any.
 pub(crate) fn stored_type(field: &Field) -> DataType {
     match field.dtype {
-        _ if is_picture(field) => DataType::Binary,
+        _ if is_image(field) => DataType::Binary,
         // Several texts are one, in JSON.
         Dtype::Str => DataType::Utf8,
         dtype => {

@@ -12,17 +12,17 @@ use arrow_schema::DataType;
 use crc32fast::Hasher;
 use swm_core::{Dtype, Field, Schema, SliceMut};
 use swm_data::dataset::{About, CHANGED};
-use swm_data::film::{self, FilmReader};
 use swm_data::recording::EP_IDX;
+use swm_data::video::{self, VideoReader};
 use swm_data::{DataError, Dataset, Steps};
 use swm_media::jpeg;
 
-use crate::announced::{self, is_recorded};
 use crate::arrays::{file, from_array, infer, sum_up};
+use crate::committed::{self, is_recorded};
 use crate::data_file::{DataReader, Rows};
-use crate::films::{self, Films};
 use crate::manifest::{EPISODE, Manifest, stored_type};
 use crate::table::Table;
+use crate::videos::{self, Videos};
 
 /// What a file of ours says of itself: the checksums of its columns.
 pub(crate) const CHECKSUMS: &str = "swm.crc32";
@@ -31,8 +31,8 @@ pub(crate) const CHECKSUMS: &str = "swm.crc32";
 #[derive(Debug)]
 pub(crate) struct LanceDataset {
     shared: Arc<Shared>,
-    /// By column: the film that was read last.
-    open: BTreeMap<usize, (usize, FilmReader)>,
+    /// By column: the video that was read last.
+    open: BTreeMap<usize, (usize, VideoReader)>,
 }
 
 #[derive(Debug)]
@@ -44,7 +44,7 @@ struct Shared {
     /// As the table numbers them.
     numbers: Vec<i32>,
     reader: DataReader,
-    films: Option<Films>,
+    videos: Option<Videos>,
     ours: Option<Manifest>,
 }
 
@@ -53,7 +53,7 @@ struct Shared {
 enum Source {
     /// The field of the table with this id.
     Rows(i32),
-    Film(String),
+    Video(String),
     /// The number of the episode.
     Episode,
 }
@@ -69,21 +69,21 @@ impl LanceDataset {
         self.shared.ours.is_some()
     }
 
-    fn film(&mut self, column: usize, episode: usize, key: &str) -> Result<&mut FilmReader, String> {
+    fn video(&mut self, column: usize, episode: usize, key: &str) -> Result<&mut VideoReader, String> {
         if self.open.get(&column).is_none_or(|(there, _)| *there != episode) {
             self.open.remove(&column);
-            let film = self.shared.film(episode, key)?;
-            self.open.insert(column, (episode, film));
+            let video = self.shared.video(episode, key)?;
+            self.open.insert(column, (episode, video));
         }
-        self.open.get_mut(&column).map(|(_, film)| film).ok_or_else(|| "no film".to_owned())
+        self.open.get_mut(&column).map(|(_, video)| video).ok_or_else(|| "no video".to_owned())
     }
 }
 
 impl Shared {
     fn open(path: &Path, format: &'static str) -> Result<Self, String> {
-        let table = announced::open(path)?;
-        let beside = films::folder(path);
-        let films = Table::exists(&beside).then(|| Films::open(&beside)).transpose()?;
+        let table = committed::open(path)?;
+        let beside = videos::folder(path);
+        let videos = Table::exists(&beside).then(|| Videos::open(&beside)).transpose()?;
         let ours = Manifest::read(table.about())?;
         let reader = DataReader::new(table)?;
         let (episodes, numbers) = episodes(&reader, ours.is_some())?;
@@ -91,7 +91,7 @@ impl Shared {
         let mut about = About::new(path, format, Arc::new(Schema::default()), lengths);
         about.contents.runs = ours.as_ref().map(|ours| ours.runs.clone().into()).unwrap_or_default();
         about.has_checksums = ours.is_some();
-        let mut shared = Self { about, columns: Vec::new(), episodes, numbers, reader, films, ours };
+        let mut shared = Self { about, columns: Vec::new(), episodes, numbers, reader, videos, ours };
         let mut fields = match &shared.ours {
             Some(ours) => shared.own_columns(ours)?,
             None => shared.foreign_columns()?,
@@ -109,7 +109,7 @@ impl Shared {
             let source = match self.reader.table().schema().field(&name) {
                 Some(stored) if stored.data_type() == stored_type(field) => Source::Rows(stored.id),
                 Some(stored) => return Err(format!("its column `{name}` holds {}", stored.data_type())),
-                None if self.films.is_some() && film::takes(field) => Source::Film(field.name.clone()),
+                None if self.videos.is_some() && video::takes(field) => Source::Video(field.name.clone()),
                 None => return Err(format!("it has no column `{name}`")),
             };
             columns.push((field.clone(), source));
@@ -124,7 +124,7 @@ impl Shared {
             let found = match stored.data_type() {
                 _ if name == EPISODE || name == EP_IDX => continue,
                 DataType::Binary | DataType::LargeBinary => {
-                    self.picture(id).map(|shape| (Dtype::U8, shape.to_vec()))
+                    self.image(id).map(|shape| (Dtype::U8, shape.to_vec()))
                 }
                 stored => infer(&stored),
             };
@@ -133,17 +133,17 @@ impl Shared {
                 Err(reason) => skipped.push((name.to_owned(), reason)),
             }
         }
-        let keys = self.films.as_ref().map(Films::keys).unwrap_or_default();
+        let keys = self.videos.as_ref().map(Videos::keys).unwrap_or_default();
         for key in keys {
-            let (height, width) = self.film(0, &key)?.size();
-            columns.push((Field::step(&key, Dtype::U8, &[height, width, 3]), Source::Film(key)));
+            let (height, width) = self.video(0, &key)?.size();
+            columns.push((Field::step(&key, Dtype::U8, &[height, width, 3]), Source::Video(key)));
         }
         self.about.skipped = skipped.into();
         Ok(columns)
     }
 
-    /// The shape of the pictures in a column of files.
-    fn picture(&self, id: i32) -> Result<[usize; 3], String> {
+    /// The shape of the images in a column of files.
+    fn image(&self, id: i32) -> Result<[usize; 3], String> {
         let mut shape = Err("it is empty".to_owned());
         if self.reader.rows() > 0 {
             self.reader.read(id, Rows { first: 0, count: 1, stride: 1 }, &mut |array| {
@@ -154,10 +154,10 @@ impl Shared {
         shape.map_err(|reason| format!("its files are not JPEG: {reason}"))
     }
 
-    fn film(&self, episode: usize, key: &str) -> Result<FilmReader, String> {
-        let films = self.films.as_ref().ok_or("there are no films")?;
+    fn video(&self, episode: usize, key: &str) -> Result<VideoReader, String> {
+        let videos = self.videos.as_ref().ok_or("there are no videos")?;
         let &number = self.numbers.get(episode).ok_or("there are no episodes")?;
-        FilmReader::new(films.read(number, key)?)
+        VideoReader::new(videos.read(number, key)?)
     }
 }
 
@@ -216,10 +216,10 @@ impl Dataset for LanceDataset {
                 out.fill(episode as i32);
                 Ok(())
             }
-            (Source::Film(key), SliceMut::U8(out)) => {
+            (Source::Video(key), SliceMut::U8(out)) => {
                 let &[height, width, channels] = &field.shape[..] else { return Ok(()) };
-                let film = self.film(column, episode, key);
-                film.and_then(|film| film.read([height, width, channels], steps, out))
+                let video = self.video(column, episode, key);
+                video.and_then(|video| video.read([height, width, channels], steps, out))
             }
             (Source::Rows(id), out) => {
                 let first = shared.episodes[episode].start + steps.first;
@@ -249,7 +249,7 @@ impl Dataset for LanceDataset {
         let Some(rows) = shared.episodes.get(episode) else { return Ok(()) };
         let stored = shared.columns.iter().filter_map(|source| match source {
             Source::Rows(id) => Some(*id),
-            Source::Film(_) | Source::Episode => None,
+            Source::Video(_) | Source::Episode => None,
         });
         let check = || {
             // Files that another program has put together, or deleted rows of, have other checksums: none.
@@ -292,7 +292,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("data.lance");
         record(&path, WriteMode::Error, 0..3).unwrap();
-        let mut table = announced::open(&path).unwrap();
+        let mut table = committed::open(&path).unwrap();
         table.delete(0, [0, 3].into_iter()).unwrap();
         table.delete(1, 0..1).unwrap();
         table.delete(2, (0..300).filter(|row| row % 3 == 1)).unwrap();

@@ -19,7 +19,7 @@ use lance_table::io::manifest::{read_manifest, write_manifest};
 use object_store::path::Path as ObjectPath;
 use tokio::runtime::{Builder, Runtime};
 
-use crate::announced::is_due;
+use crate::committed::is_due;
 
 /// The version of data files that is written; the first that has today's encodings, and still the most widely read.
 pub(crate) const FILE_VERSION: ConcreteFileVersion = ConcreteFileVersion::V2_1;
@@ -110,7 +110,7 @@ impl Table {
         name.split('/').fold(self.base.clone(), ObjectPath::join)
     }
 
-    /// Whether files that were announced later than the newest manifest belong to the table, see `announced`.
+    /// Whether files that were committed later than the newest manifest belong to the table, see `committed`.
     pub(crate) fn is_being_recorded(&self) -> bool {
         self.manifest.table_metadata.get(MARK) == Some(&self.manifest.version.to_string())
     }
@@ -160,7 +160,7 @@ impl Table {
     }
 
     /// Adds a fragment, and lists it in a new version when one is due.
-    pub(crate) fn announce(&mut self, fragment: Fragment) -> Result<(), String> {
+    pub(crate) fn commit(&mut self, fragment: Fragment) -> Result<(), String> {
         self.push(fragment);
         if is_due(self.listed, self.fragments().len()) { self.next(true) } else { Ok(()) }
     }

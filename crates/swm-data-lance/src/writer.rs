@@ -1,5 +1,5 @@
-//! Recording into a table: a file of rows per episode. After a kill at any moment, every announced episode is there: its
-//! films are in their table first, then its rows in a file, which announces it (see `announced`).
+//! Recording into a table: a file of rows per episode. After a kill at any moment, every committed episode is there: its
+//! videos are in their table first, then its rows in a file, which commits it (see `committed`).
 
 use std::collections::HashMap;
 use std::fs;
@@ -10,19 +10,19 @@ use arrow_array::{ArrayRef, Int32Array};
 use crc32fast::Hasher;
 use rayon::prelude::*;
 use swm_core::{Batch, Field, Schema, Slice};
-use swm_data::film::{FRAMES_PER_SECOND, FilmWriter, encoding, takes};
 use swm_data::recording::{self, Place, Recording, Start, Storage, There, WriterLock};
+use swm_data::video::{FRAMES_PER_SECOND, VideoWriter, encoding, takes};
 use swm_data::{DataError, Dataset};
 use swm_media::jpeg;
 use swm_media::mp4::Mp4Options;
 
-use crate::announced::{self, file_name};
 use crate::arrays::{files_to_array, sum_up, to_array};
+use crate::committed::{self, file_name};
 use crate::data_file::DataWriter;
-use crate::films;
-use crate::manifest::{Manifest, is_picture};
+use crate::manifest::{Manifest, is_image};
 use crate::reader::{CHECKSUMS, LanceDataset};
 use crate::table::{DATA, Table};
+use crate::videos;
 use crate::{LANCE, LANCE_VIDEO};
 
 /// Quality of JPEG files if none is asked for.
@@ -31,14 +31,14 @@ const JPEG_QUALITY: u8 = 95;
 /// How tables are recorded.
 pub(crate) struct LanceStorage {
     format: &'static str,
-    has_films: bool,
+    has_videos: bool,
 }
 
 /// A table that is being recorded.
 pub(crate) struct LanceRecording {
     table: Table,
-    /// The table of films, if pictures are.
-    films: Option<Table>,
+    /// The table of videos, if images are.
+    videos: Option<Table>,
     schema: Arc<Schema>,
     manifest: Manifest,
     quality: u8,
@@ -51,18 +51,18 @@ struct OpenEpisode {
     rows: DataWriter,
     /// By column of the table, without the two that say where a row belongs.
     checksums: Vec<Hasher>,
-    films: Vec<(Field, FilmWriter)>,
-    /// By column of pictures: the last one and its file, which an equal one has too.
+    videos: Vec<(Field, VideoWriter)>,
+    /// By column of images: the last one and its file, which an equal one has too.
     last: HashMap<String, (Vec<u8>, Arc<[u8]>)>,
 }
 
 impl LanceStorage {
-    pub(crate) fn pictures() -> Self {
-        Self { format: LANCE.name, has_films: false }
+    pub(crate) fn images() -> Self {
+        Self { format: LANCE.name, has_videos: false }
     }
 
-    pub(crate) fn films() -> Self {
-        Self { format: LANCE_VIDEO.name, has_films: true }
+    pub(crate) fn videos() -> Self {
+        Self { format: LANCE_VIDEO.name, has_videos: true }
     }
 }
 
@@ -100,22 +100,22 @@ impl Storage for LanceStorage {
         let damaged = |reason| DataError::damaged(path, reason);
         let rate = options.frames_per_second.unwrap_or(FRAMES_PER_SECOND);
         let mut manifest = Manifest::new(fields.to_vec(), rate);
-        let beside = films::folder(path);
+        let beside = videos::folder(path);
         if start.there == There::Replaced {
             Table::remove(path).map_err(failed)?;
         }
         if start.there != There::Continued {
-            // Films without a table are no dataset.
+            // Videos without a table are no dataset.
             Table::remove(&beside).map_err(failed)?;
         }
         let table = match start.there {
             There::Continued => {
-                if Table::exists(&beside) != self.has_films {
-                    let format = if self.has_films { LANCE.name } else { LANCE_VIDEO.name };
+                if Table::exists(&beside) != self.has_videos {
+                    let format = if self.has_videos { LANCE.name } else { LANCE_VIDEO.name };
                     let reason = format!("it is of the format `{format}`; name that with `--format`");
                     return Err(DataError::mismatch(path, reason));
                 }
-                let table = announced::open(path).map_err(damaged)?;
+                let table = committed::open(path).map_err(damaged)?;
                 if table.has_deletions() {
                     let reason = "another program has deleted rows of it; continue a copy (`swm convert`)";
                     return Err(DataError::mismatch(path, reason));
@@ -131,26 +131,26 @@ impl Storage for LanceStorage {
         };
         manifest.runs = recording::with_run(&manifest.runs, start.episodes, metadata);
         let open = || {
-            // Where nothing is filmed, their table stays empty: Lance cannot tell files without rows from unknown ones.
-            let filmed = if manifest.columns.iter().any(takes) { start.episodes } else { 0 };
-            let films = self.has_films.then(|| open_films(&beside, filmed)).transpose()?;
+            // Where nothing is recorded, their table stays empty: Lance cannot tell files without rows from unknown ones.
+            let recorded = if manifest.columns.iter().any(takes) { start.episodes } else { 0 };
+            let videos = self.has_videos.then(|| open_videos(&beside, recorded)).transpose()?;
             let table = match table {
                 Some(mut table) => {
                     table.resume(table.fragments().len(), Some(manifest.about()?))?;
                     table
                 }
                 // Last: with it, the folder is a dataset.
-                None => Table::create(path, manifest.schema(self.has_films)?, manifest.about()?)?,
+                None => Table::create(path, manifest.schema(self.has_videos)?, manifest.about()?)?,
             };
             forget(&table)?;
-            Ok((table, films))
+            Ok((table, videos))
         };
-        let (table, films) = open().map_err(|reason: String| DataError::record(path, reason))?;
+        let (table, videos) = open().map_err(|reason: String| DataError::record(path, reason))?;
         let encoding = Mp4Options { frames_per_second: manifest.frames_per_second, ..encoding(options) };
         let quality = options.quality.unwrap_or(JPEG_QUALITY);
         Ok(LanceRecording {
             table,
-            films,
+            videos,
             schema: start.schema.clone(),
             manifest,
             quality,
@@ -160,15 +160,15 @@ impl Storage for LanceStorage {
     }
 }
 
-/// The table of films with those of the first episodes, made if it is not there.
-fn open_films(folder: &Path, episodes: u64) -> Result<Table, String> {
+/// The table of videos with those of the first episodes, made if it is not there.
+fn open_videos(folder: &Path, episodes: u64) -> Result<Table, String> {
     if !Table::exists(folder) {
-        return Table::create(folder, films::schema()?, HashMap::new());
+        return Table::create(folder, videos::schema()?, HashMap::new());
     }
-    let mut table = announced::open(folder)?;
-    let (films, episodes) = (table.fragments().len(), episodes as usize);
-    if films < episodes {
-        return Err(format!("it has films of {films} of {episodes} episodes"));
+    let mut table = committed::open(folder)?;
+    let (videos, episodes) = (table.fragments().len(), episodes as usize);
+    if videos < episodes {
+        return Err(format!("it has videos of {videos} of {episodes} episodes"));
     }
     table.resume(episodes, None)?;
     forget(&table)?;
@@ -196,43 +196,45 @@ impl Recording for LanceRecording {
         for field in self.stored() {
             let values = values_of(&self.schema, batch, field)?;
             let array = match values {
-                Slice::U8(pixels) if is_picture(field) => open.pictures(field, pixels, self.quality),
+                Slice::U8(pixels) if is_image(field) => open.images(field, pixels, self.quality),
                 values => to_array(field, values),
             };
             arrays.push(array.map_err(|error| format!("column `{}`: {error}", field.name))?);
         }
         open.checksums.iter_mut().zip(&arrays[2..]).for_each(|(checksum, array)| sum_up(checksum, array));
-        // Encoding is most of the work, and films do not know of each other.
+        // Encoding is most of the work, and videos do not know of each other.
         let schema = &self.schema;
-        let films = open.films.par_iter_mut().map(|(field, film)| match values_of(schema, batch, field)? {
-            Slice::U8(pixels) => {
-                film.append(pixels).map_err(|error| format!("column `{}`: {error}", field.name))
-            }
-            values => Err(format!("column `{}`: pictures cannot hold {}", field.name, values.dtype())),
-        });
-        films.collect::<Result<(), String>>()?;
+        let videos =
+            open.videos.par_iter_mut().map(|(field, video)| match values_of(schema, batch, field)? {
+                Slice::U8(pixels) => {
+                    video.append(pixels).map_err(|error| format!("column `{}`: {error}", field.name))
+                }
+                values => Err(format!("column `{}`: images cannot hold {}", field.name, values.dtype())),
+            });
+        videos.collect::<Result<(), String>>()?;
         open.rows.append(arrays)?;
         self.open = Some(open);
         Ok(())
     }
 
-    fn announce(&mut self, end: Place) -> Result<(), String> {
-        let OpenEpisode { rows, checksums, films, .. } = self.open.take().ok_or("an episode without rows")?;
-        if let Some(table) = self.films.as_mut().filter(|_| !films.is_empty()) {
-            let finished = films.into_iter().map(|(field, film)| {
-                let bytes = film.finish().map_err(|error| format!("column `{}`: {error}", field.name))?;
+    fn commit(&mut self, end: Place) -> Result<(), String> {
+        let OpenEpisode { rows, checksums, videos, .. } =
+            self.open.take().ok_or("an episode without rows")?;
+        if let Some(table) = self.videos.as_mut().filter(|_| !videos.is_empty()) {
+            let finished = videos.into_iter().map(|(field, video)| {
+                let bytes = video.finish().map_err(|error| format!("column `{}`: {error}", field.name))?;
                 Ok((field.name, bytes))
             });
-            films::append(table, end.episode, &finished.collect::<Result<Vec<_>, String>>()?)?;
+            videos::append(table, end.episode, &finished.collect::<Result<Vec<_>, String>>()?)?;
         }
         let checksums: Vec<u32> = checksums.into_iter().map(Hasher::finalize).collect();
         let checksums = serde_json::to_string(&checksums).map_err(|error| error.to_string())?;
         let fragment = rows.finish(&self.table, &[(CHECKSUMS, checksums)])?;
-        self.table.announce(fragment)
+        self.table.commit(fragment)
     }
 
     fn close(mut self) -> Result<(), String> {
-        self.films.as_mut().map_or(Ok(()), Table::close)?;
+        self.videos.as_mut().map_or(Ok(()), Table::close)?;
         self.table.close()
     }
 }
@@ -240,16 +242,16 @@ impl Recording for LanceRecording {
 impl LanceRecording {
     /// The columns of the table, in its order.
     fn stored(&self) -> impl Iterator<Item = &Field> {
-        self.manifest.columns.iter().filter(|field| self.films.is_none() || !takes(field))
+        self.manifest.columns.iter().filter(|field| self.videos.is_none() || !takes(field))
     }
 
     fn begin(&self, episode: i32) -> Result<OpenEpisode, String> {
-        let films = self.manifest.columns.iter().filter(|field| self.films.is_some() && takes(field));
-        let films = films.map(|field| Ok((field.clone(), FilmWriter::new(field, &self.encoding)?)));
+        let videos = self.manifest.columns.iter().filter(|field| self.videos.is_some() && takes(field));
+        let videos = videos.map(|field| Ok((field.clone(), VideoWriter::new(field, &self.encoding)?)));
         Ok(OpenEpisode {
             rows: DataWriter::create(&self.table, &file_name(episode as usize))?,
             checksums: self.stored().map(|_| Hasher::new()).collect(),
-            films: films.collect::<Result<_, String>>()?,
+            videos: videos.collect::<Result<_, String>>()?,
             last: HashMap::new(),
         })
     }
@@ -261,9 +263,9 @@ fn values_of<'a>(schema: &Schema, batch: &'a Batch, field: &Field) -> Result<Sli
 }
 
 impl OpenEpisode {
-    /// The files of rows of pictures. Equal ones in a row are encoded once: a goal costs one file's work.
-    fn pictures(&mut self, field: &Field, pixels: &[u8], quality: u8) -> Result<ArrayRef, String> {
-        let &[height, width, channels] = &field.shape[..] else { return Err("no pictures".to_owned()) };
+    /// The files of rows of images. Equal ones in a row are encoded once: a goal costs one file's work.
+    fn images(&mut self, field: &Field, pixels: &[u8], quality: u8) -> Result<ArrayRef, String> {
+        let &[height, width, channels] = &field.shape[..] else { return Err("no images".to_owned()) };
         let frames: Vec<&[u8]> = pixels.chunks_exact(field.width()).collect();
         let last = self.last.get(&field.name);
         let encode = |index: usize| -> Result<Option<Arc<[u8]>>, String> {
@@ -303,13 +305,13 @@ pub(crate) fn repair(path: &Path, format: &'static str, apply: bool) -> Result<V
     drop(dataset);
     let damaged = |reason| DataError::damaged(path, reason);
     let mut steps = Vec::new();
-    // As when they are recorded: films first.
-    for folder in [films::folder(path), path.to_owned()].into_iter().filter(|folder| Table::exists(folder)) {
-        let mut table = announced::open(&folder).map_err(damaged)?;
+    // As when they are recorded: videos first.
+    for folder in [videos::folder(path), path.to_owned()].into_iter().filter(|folder| Table::exists(folder)) {
+        let mut table = committed::open(&folder).map_err(damaged)?;
         if table.is_being_recorded() {
             steps.push(format!("list all {episodes} episodes in a manifest of `{}`", folder.display()));
         }
-        // A film may have been announced whose rows were not.
+        // A video may have been committed whose rows were not.
         let extra = table.fragments().len().saturating_sub(episodes);
         let count = table.leftovers().len() + extra;
         if count > 0 {

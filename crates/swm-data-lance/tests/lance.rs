@@ -176,7 +176,7 @@ fn record_until_stopped() {
 }
 
 #[test]
-fn killed_tables_keep_what_they_announced_and_can_be_continued() {
+fn killed_tables_keep_what_they_committed_and_can_be_continued() {
     for format in &FORMATS {
         let folder = folder();
         // A folder of its own: nothing else may be left there.

@@ -2,7 +2,7 @@
 //! it gives datasets, so loaders read it and writers of any format take it over.
 //!
 //! What is drawn from it is a function of its content, the seed and the step, like everything else. It computes no
-//! rewards: relabelled goals come as columns, and what they are worth is the task's affair.
+//! rewards: relabeled goals come as columns, and what they are worth is the task's affair.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};

@@ -228,7 +228,7 @@ pub trait DatasetWriter: EpisodeSink {
     ///
     /// # Errors
     ///
-    /// The rows have other columns than were announced, or cannot be written. The open episode is then lost, those
+    /// The rows have other columns than were committed, or cannot be written. The open episode is then lost, those
     /// before it are not.
     fn write_rows(&mut self, rows: &Batch) -> Result<(), BoxError>;
 
@@ -245,12 +245,12 @@ pub trait DatasetWriter: EpisodeSink {
 pub struct WriteOptions {
     /// What to do about a dataset that exists.
     pub mode: WriteMode,
-    /// Quality of pictures from 1 to 100, in formats that lose some: JPEG's own scale; for films, 1 is the quantiser 51,
-    /// 100 the quantiser 12. Default: 95 for JPEG, 85 for films.
+    /// Quality of images from 1 to 100, in formats that lose some: JPEG's own scale; for videos, 1 is the quantizer 51,
+    /// 100 the quantizer 12. Default: 95 for JPEG, 85 for videos.
     pub quality: Option<u8>,
-    /// Frames from one key frame of a film to the next. Default: 10. More is smaller, and slower to read at random.
+    /// Frames from one key frame of a video to the next. Default: 10. More is smaller, and slower to read at random.
     pub key_frame_period: Option<u32>,
-    /// Frames per second that a film tells its players. Default: 25.
+    /// Frames per second that a video tells its players. Default: 25.
     pub frames_per_second: Option<f64>,
 }
 

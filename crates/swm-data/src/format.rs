@@ -1,4 +1,4 @@
-//! The table of dataset formats: how a file is recognised, opened and created. A new format is one folder below
+//! The table of dataset formats: how a file is recognized, opened and created. A new format is one folder below
 //! `formats/` that exports one [`Format`], and one line in [`FORMATS`]. A format of another crate is registered by
 //! whoever wants it, with one line in its program:
 //!

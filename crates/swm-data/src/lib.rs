@@ -5,7 +5,7 @@
 //! * [`adapt`]: datasets made of datasets: subsets and splits, concatenation, columns merged, joined or cached;
 //! * [`recording`]: what all formats do alike when they record, for formats of other crates;
 //! * [`memory`]: episodes in memory as a dataset; [`buffer`]: the replay buffer of online learning;
-//! * [`rendered`]: recordings without pictures, whose pictures are drawn when they are read;
+//! * [`rendered`]: recordings without images, whose images are drawn when they are read;
 //! * [`stats`]: means, deviations, extremes and quantiles of columns, kept beside the dataset;
 //! * [`tools`]: copying between formats, verifying, comparing;
 //! * [`testing`]: what a format must stand, for formats of other crates;
@@ -36,8 +36,6 @@ pub mod adapt;
 pub mod buffer;
 pub mod dataset;
 pub mod error;
-#[cfg(feature = "video")]
-pub mod film;
 pub mod format;
 mod formats;
 pub mod loader;
@@ -48,6 +46,8 @@ pub mod rendered;
 pub mod stats;
 pub mod testing;
 pub mod tools;
+#[cfg(feature = "video")]
+pub mod video;
 
 pub use buffer::{ReplayBuffer, Sampler};
 pub use dataset::{About, Dataset, DatasetWriter, Steps, WriteMode, WriteOptions};

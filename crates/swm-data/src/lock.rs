@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn holders_that_have_ended_are_recognised() {
+    fn holders_that_have_ended_are_recognized() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.lock");
         let holder = |text: &str| {

@@ -4,7 +4,7 @@
 //! and the order in which all of it came about. A saved world would have to hold it to the bit. So a [`Stage`] forgets:
 //! [`Stage::begin`] puts the bodies of a [`Blueprint`] at given [`Motion`]s as if the world had just been built, and
 //! what happens between two calls of it is a function of them. States are then a few numbers, exact by construction,
-//! and a stage is scratch memory that any copy may do without. Not here: what bodies mean, controllers, pictures.
+//! and a stage is scratch memory that any copy may do without. Not here: what bodies mean, controllers, images.
 
 use rapier2d_f64::na::{ComplexField, RealField};
 use rapier2d_f64::prelude::*;
@@ -13,11 +13,11 @@ use serde::{Deserialize, Serialize};
 /// The motion of one body: all that the future depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Motion {
-    /// World position of the centre of gravity.
+    /// World position of the center of gravity.
     pub(crate) center: [f64; 2],
     /// Angle, radians, not wrapped.
     pub(crate) angle_rad: f64,
-    /// Velocity of the centre of gravity, length per second.
+    /// Velocity of the center of gravity, length per second.
     pub(crate) velocity: [f64; 2],
     /// Angular velocity, rad/s.
     pub(crate) spin_rad_per_s: f64,
@@ -51,7 +51,7 @@ impl Blueprint {
         self.colliders.insert(collider);
     }
 
-    /// Adds a body with its centre of gravity at the origin of its coordinates; it gets the next index. `moment` is
+    /// Adds a body with its center of gravity at the origin of its coordinates; it gets the next index. `moment` is
     /// its moment of inertia; `None`: it does not turn.
     pub(crate) fn add_moving(
         &mut self,

@@ -49,7 +49,7 @@ const TASKS: &[TaskEntry] = &[
 
 /// Half the width of the target, m.
 const TARGET: f64 = 0.2;
-/// The default colour of the target.
+/// The default color of the target.
 const TARGET_COLOR: [f64; 3] = [0.6, 0.3, 0.3];
 
 fn controls(_stock: bool) -> Vec<Control> {
@@ -68,16 +68,16 @@ fn controls(_stock: bool) -> Vec<Control> {
         factors::locked("agent.upper_arm_locked", "shoulder"),
         factors::floor_color(),
         factors::light_intensity("light", 0.7),
-        factors::colour(
+        factors::color(
             "target.color",
             TARGET_COLOR,
-            "colour of the target, which is drawn where its colour or shape is not the default",
+            "color of the target, which is drawn where its color or shape is not the default",
             Effect::Model(|model, values| {
                 if values == TARGET_COLOR {
                     return Ok(());
                 }
                 let site = factors::show_site(model, "target")?;
-                factors::set_site_colour(model, site, values);
+                factors::set_site_color(model, site, values);
                 Ok(())
             }),
         ),

@@ -43,7 +43,7 @@ const TASKS: &[TaskEntry] = &[TaskEntry {
     },
 }];
 
-/// The default colour of the target.
+/// The default color of the target.
 const TARGET_COLOR: [f64; 3] = [0.6, 0.3, 0.3];
 
 fn controls(stock: bool) -> Vec<Control> {
@@ -54,11 +54,11 @@ fn controls(stock: bool) -> Vec<Control> {
             "density of the cup, kg/m³",
             Effect::Density(&["cup_part_0", "cup_part_1", "cup_part_2", "cup_part_3", "cup_part_4"]),
         ),
-        factors::colour(
+        factors::color(
             "ball.color",
             [0.7, 0.4, 0.2],
-            "colour of the ball",
-            Effect::Model(|model, values| factors::set_geom_colour(model, &["ball"], values)),
+            "color of the ball",
+            Effect::Model(|model, values| factors::set_geom_color(model, &["ball"], values)),
         ),
         factors::density("ball.density", "density of the ball, kg/m³", Effect::Density(&["ball"])),
         factors::scalar(
@@ -73,16 +73,16 @@ fn controls(stock: bool) -> Vec<Control> {
         ),
         factors::floor_color(),
         factors::light_intensity("light", if stock { 0.6 } else { 0.7 }),
-        factors::colour(
+        factors::color(
             "target.color",
             TARGET_COLOR,
-            "colour of the target, which is drawn where its colour or shape is not the default",
+            "color of the target, which is drawn where its color or shape is not the default",
             Effect::Model(|model, values| {
                 if values == TARGET_COLOR {
                     return Ok(());
                 }
                 let site = factors::show_site(model, "target")?;
-                factors::set_site_colour(model, site, values);
+                factors::set_site_color(model, site, values);
                 Ok(())
             }),
         ),

@@ -131,7 +131,7 @@ impl Cheetah {
         }))
     }
 
-    /// Forward speed of the centre of mass, m/s.
+    /// Forward speed of the center of mass, m/s.
     fn speed(&self, stage: &Stage) -> f64 {
         stage.sim.sensor(self.velocity_sensor)[0]
     }

@@ -34,7 +34,7 @@ pub enum MujocoError {
     },
     /// A scene could not be drawn without OpenGL.
     #[error(transparent)]
-    Picture(#[from] swm_render::RenderError),
+    Image(#[from] swm_render::RenderError),
     /// A file of a model is missing.
     #[error("the model {} is missing; run `cargo xtask setup`, which fetches it", .path.display())]
     NoAsset {
@@ -75,8 +75,8 @@ pub enum MujocoError {
     },
     /// There is no OpenGL to draw with.
     #[error(
-        "pictures by OpenGL are not possible here: tried {tried}; install EGL or OSMesa with a driver (Debian and \
-         Ubuntu: `libegl1 libgl1-mesa-dri`, or `libosmesa6`), or ask for no pictures (`--image-size none`)"
+        "images by OpenGL are not possible here: tried {tried}; install EGL or OSMesa with a driver (Debian and \
+         Ubuntu: `libegl1 libgl1-mesa-dri`, or `libosmesa6`), or ask for no images (`--image-size none`)"
     )]
     NoGl {
         /// Each library tried, with the reason why it failed.
@@ -98,14 +98,14 @@ pub enum MujocoError {
         /// Cameras of the model.
         count: usize,
     },
-    /// Settings of pictures do not go together.
+    /// Settings of images do not go together.
     #[error("{reason}")]
-    Pictures {
+    Images {
         /// Why, and what would.
         reason: String,
     },
     /// A simulation is to be drawn whose model has other objects.
-    #[error("the simulation's model has other objects than the one that the pictures were prepared for")]
+    #[error("the simulation's model has other objects than the one that the images were prepared for")]
     Scene,
     /// A saved state belongs to another model.
     #[error("the state holds {found} numbers, this model needs {expected}")]

@@ -87,11 +87,11 @@ fn controls(stock: bool) -> Vec<Control> {
         ),
         factors::floor_color(),
         factors::light_intensity("light", if stock { 0.6 } else { 0.7 }),
-        factors::colour(
+        factors::color(
             "spinner.color",
             [0.7, 0.5, 0.3],
-            "colour of the spinner",
-            Effect::Model(|model, values| factors::set_geom_colour(model, &["cap1", "cap2"], values)),
+            "color of the spinner",
+            Effect::Model(|model, values| factors::set_geom_color(model, &["cap1", "cap2"], values)),
         ),
         factors::density(
             "spinner.density",
@@ -109,13 +109,13 @@ fn controls(stock: bool) -> Vec<Control> {
                 Ok(())
             }),
         ),
-        factors::colour(
+        factors::color(
             "target.color",
             [0.6, 0.3, 0.3],
-            "colour of the target; the spinner's tip keeps its own",
+            "color of the target; the spinner's tip keeps its own",
             Effect::Model(|model, values| {
                 let site = model.id(Object::Site, "target")?;
-                factors::set_site_colour(model, site, values);
+                factors::set_site_color(model, site, values);
                 Ok(())
             }),
         ),

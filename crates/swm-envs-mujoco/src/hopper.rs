@@ -97,12 +97,12 @@ impl Hopper {
         }))
     }
 
-    /// Forward speed of the centre of mass, m/s.
+    /// Forward speed of the center of mass, m/s.
     fn speed(&self, stage: &Stage) -> f64 {
         stage.sim.sensor(self.velocity_sensor)[0]
     }
 
-    /// Height of the torso's centre of mass over the foot's, m.
+    /// Height of the torso's center of mass over the foot's, m.
     fn height(&self, stage: &Stage) -> f64 {
         stage.sim.xipos(self.torso)[2] - stage.sim.xipos(self.foot)[2]
     }

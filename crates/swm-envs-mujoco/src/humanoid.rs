@@ -108,7 +108,7 @@ impl Humanoid {
         stage.sim.xpos(self.head)[2]
     }
 
-    /// Velocity of the centre of mass in the plane, m/s.
+    /// Velocity of the center of mass in the plane, m/s.
     fn velocity(&self, stage: &Stage) -> [f64; 2] {
         let velocity = stage.sim.sensor(self.velocity_sensor);
         [velocity[0], velocity[1]]

@@ -8,7 +8,7 @@
 //! * `locomaze`: OGBench's mazes.
 //!
 //! The crate builds with nothing installed. Without the library, making an environment fails with the command that
-//! mends it.
+//! fixes it.
 
 mod acrobot;
 pub mod assets;

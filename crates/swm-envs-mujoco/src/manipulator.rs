@@ -83,7 +83,7 @@ fn controls(stock: bool) -> Vec<Control> {
         ),
         factors::floor_color(),
         factors::light_intensity("light", if stock { 0.6 } else { 0.7 }),
-        factors::colour("target.color", [0.6, 0.3, 0.3], "colour of the target", Effect::Material("target")),
+        factors::color("target.color", [0.6, 0.3, 0.3], "color of the target", Effect::Material("target")),
         factors::switch(
             "target.shape",
             1,

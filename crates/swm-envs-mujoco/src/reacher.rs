@@ -81,7 +81,7 @@ fn controls(_stock: bool) -> Vec<Control> {
         factors::locked("agent.finger_locked", "wrist"),
         factors::floor_color(),
         factors::light_intensity("light", 0.7),
-        factors::colour("target.color", [0.6, 0.3, 0.3], "colour of the target", Effect::Material("target")),
+        factors::color("target.color", [0.6, 0.3, 0.3], "color of the target", Effect::Material("target")),
         factors::switch(
             "target.shape",
             1,

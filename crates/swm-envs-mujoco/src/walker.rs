@@ -133,7 +133,7 @@ impl Walker {
         Ok(Box::new(Self { goal, bodies, velocity_sensor }))
     }
 
-    /// Forward speed of the centre of mass, m/s.
+    /// Forward speed of the center of mass, m/s.
     fn speed(&self, stage: &Stage) -> f64 {
         stage.sim.sensor(self.velocity_sensor)[0]
     }

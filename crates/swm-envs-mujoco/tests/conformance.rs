@@ -1,4 +1,4 @@
-//! Every environment of the table passes the public conformance suite, pictures included.
+//! Every environment of the table passes the public conformance suite, images included.
 
 use swm_core::testing::{assert_conforms, assert_conforms_with};
 use swm_core::{EnvConfig, ImageSize};

@@ -1,12 +1,12 @@
-//! What a factor of variation shows, it shows where it should and nowhere else: pictures before and after a change, told
+//! What a factor of variation shows, it shows where it should and nowhere else: images before and after a change, told
 //! apart by what their pixels show.
 //!
 //! | kind of factor | pixels that may change | also, with mirrors and shadows |
 //! |---|---|---|
 //! | friction, locks | none | none |
-//! | masses and densities | none; all where the camera follows the centre of mass | the same |
-//! | colour of the floor | the floor, through glass too | the same |
-//! | other colours | things, neither floor nor sky | the floor, which mirrors them |
+//! | masses and densities | none; all where the camera follows the center of mass | the same |
+//! | color of the floor | the floor, through glass too | the same |
+//! | other colors | things, neither floor nor sky | the floor, which mirrors them |
 //! | brightness of the light | all but the sky | all but the sky |
 //! | shape, size, what is there (hidden targets too) | where something came, went or moved | the floor and things: shadows and mirrors |
 //! | slope of the floor | everything | everything |
@@ -37,9 +37,9 @@ enum Kind {
     Everything,
 }
 
-/// Whose cameras follow the centre of mass.
+/// Whose cameras follow the center of mass.
 const FOLLOWED: &[&str] = &["Cheetah", "Hopper", "Humanoid", "Quadruped", "Walker"];
-/// Whose targets are hidden until they are given a colour.
+/// Whose targets are hidden until they are given a color.
 const HIDING: &[&str] = &["Acrobot", "BallInCup"];
 
 fn is_among(env: &str, names: &[&str]) -> bool {
@@ -111,7 +111,7 @@ impl Stage {
         };
         self.env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("a start");
         self.env.observe(&mut self.row.rows_mut());
-        let pixels = self.row.get::<u8>(PIXELS).expect("pictures").as_chunks::<3>().0.to_vec();
+        let pixels = self.row.get::<u8>(PIXELS).expect("images").as_chunks::<3>().0.to_vec();
         let segments = self.row.get::<i32>("pixels_segmentation").expect("segments").to_vec();
         Seen { pixels, segments }
     }
@@ -254,7 +254,7 @@ fn compare(kind: Kind, env: &str, before: &Seen, after: &Seen, reaches: bool) ->
         Kind::Floor if floors.iter().any(|&floor| missed(floor) * 20 > size(floor)) => {
             Err("parts of the floor stay".to_owned())
         }
-        // A thing of another colour is so all over; where it is dark, up to rounding.
+        // A thing of another color is so all over; where it is dark, up to rounding.
         Kind::Color => {
             let things: BTreeSet<i32> = changed
                 .iter()
@@ -263,14 +263,14 @@ fn compare(kind: Kind, env: &str, before: &Seen, after: &Seen, reaches: bool) ->
                 .collect();
             let partly = things.iter().find(|&&thing| missed(thing) * 5 > size(thing));
             match (things.is_empty(), partly) {
-                (true, _) => Err("nothing has another colour".to_owned()),
+                (true, _) => Err("nothing has another color".to_owned()),
                 (_, Some(thing)) => {
                     Err(format!("{} of {} pixels of {thing} stay", missed(*thing), size(*thing)))
                 }
                 _ => Ok(()),
             }
         }
-        // Spots light little of their pictures.
+        // Spots light little of their images.
         Kind::Light if changed.len() * 100 < all().filter(|&at| before.segments[at] != SKY).count() => {
             Err(format!("only {} pixels are lit otherwise", changed.len()))
         }

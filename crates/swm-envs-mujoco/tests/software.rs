@@ -1,4 +1,4 @@
-//! Pictures without OpenGL against those of the reference, at recorded moments of all domains: how alike they look, that
+//! Images without OpenGL against those of the reference, at recorded moments of all domains: how alike they look, that
 //! they are the same everywhere, and what else the renderer can show.
 
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ use swm_envs_mujoco::ENVS;
 use swm_envs_mujoco::ffi::{Model, Object, Simulation, Spec};
 use swm_envs_mujoco::software::SoftwareRenderer;
 
-/// A moment in `tests/golden/pictures/suite.json`; its picture, drawn by MuJoCo's own renderer, has the same name.
+/// A moment in `tests/golden/pictures/suite.json`; its image, drawn by MuJoCo's own renderer, has the same name.
 #[derive(Deserialize)]
 struct Moment {
     env: String,
@@ -48,11 +48,11 @@ fn draw((env, row): &mut (Box<dyn Env>, Batch), moment: &Moment) -> Vec<u8> {
         ResetOptions { variation: Some(Vec::new()), start: Some(start.collect()), ..ResetOptions::default() };
     env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("a start");
     env.observe(&mut row.rows_mut());
-    row.get::<u8>(PIXELS).expect("pictures were asked for").to_vec()
+    row.get::<u8>(PIXELS).expect("images were asked for").to_vec()
 }
 
 fn recorded(name: &str) -> Vec<u8> {
-    let png = std::fs::read(golden(&format!("{name}.png"))).expect("the picture is committed");
+    let png = std::fs::read(golden(&format!("{name}.png"))).expect("the image is committed");
     let mut reader = png::Decoder::new(Cursor::new(png)).read_info().expect("a PNG header");
     let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
     reader.next_frame(&mut pixels).expect("a PNG");
@@ -90,7 +90,7 @@ fn similarity(a: &[u8], b: &[u8]) -> f64 {
 }
 
 #[test]
-fn pictures_look_like_those_of_the_reference() {
+fn images_look_like_those_of_the_reference() {
     for (name, moment) in &moments() {
         let (ours, theirs) = (draw(&mut make(moment), moment), recorded(name));
         let difference: f64 = ours.iter().zip(&theirs).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
@@ -104,7 +104,7 @@ fn pictures_look_like_those_of_the_reference() {
 }
 
 #[test]
-fn pictures_do_not_depend_on_what_was_drawn_before() {
+fn images_do_not_depend_on_what_was_drawn_before() {
     let moments = moments();
     let moment = &moments["humanoid-50"];
     let mut env = make(moment);
@@ -113,12 +113,12 @@ fn pictures_do_not_depend_on_what_was_drawn_before() {
         .reset(&Episode { seed: EpisodeSeed::new(7), options: &ResetOptions::default().vary(&["all"]) })
         .expect("a reset");
     env.0.observe(&mut env.1.rows_mut());
-    assert!(draw(&mut env, moment) == first, "another picture after another episode");
-    assert!(draw(&mut make(moment), moment) == first, "another picture in another environment");
+    assert!(draw(&mut env, moment) == first, "another image after another episode");
+    assert!(draw(&mut make(moment), moment) == first, "another image in another environment");
 }
 
 #[test]
-fn segments_and_depths_belong_to_the_picture() {
+fn segments_and_depths_belong_to_the_image() {
     let spec = Spec::read(&swm_envs_mujoco::assets::suite_model("reacher.xml").expect("it was set up"));
     let model = Arc::new(spec.and_then(|mut spec| spec.compile()).expect("a model"));
     let geom = |name: &str| Model::id(&model, Object::Geom, name).expect("a geom") as i32;

@@ -1,4 +1,4 @@
-//! Columns of pictures: cameras, depth, segmentation, quality.
+//! Columns of images: cameras, depth, segmentation, quality.
 
 use serde_json::{Value as Json, json};
 use swm_core::{
@@ -47,21 +47,21 @@ fn cameras_and_labels_are_columns() {
         .filter(|field| field.name.starts_with("pixels"))
         .map(|field| (field.name.as_str(), field.dtype, field.shape.as_slice()))
         .collect();
-    let (picture, plane): (&[usize], &[usize]) = (&[HEIGHT, WIDTH, 3], &[HEIGHT, WIDTH]);
+    let (image, plane): (&[usize], &[usize]) = (&[HEIGHT, WIDTH, 3], &[HEIGHT, WIDTH]);
     assert_eq!(
         shapes,
         [
-            ("pixels", Dtype::U8, picture),
+            ("pixels", Dtype::U8, image),
             ("pixels_depth", Dtype::F32, plane),
             ("pixels_segmentation", Dtype::I32, plane),
-            ("pixels.back", Dtype::U8, picture),
+            ("pixels.back", Dtype::U8, image),
             ("pixels_depth.back", Dtype::F32, plane),
             ("pixels_segmentation.back", Dtype::I32, plane),
         ]
     );
     // Each is what an environment shows that looks through that camera only.
     let (side, back) = (row(json!({})), row(json!({"camera": "back"})));
-    let pixels = |row: &Batch, name: &str| row.get::<u8>(name).expect("pictures").to_vec();
+    let pixels = |row: &Batch, name: &str| row.get::<u8>(name).expect("images").to_vec();
     assert!(pixels(&all, "pixels") == pixels(&side, "pixels"));
     assert!(pixels(&all, "pixels.back") == pixels(&back, "pixels"));
     assert!(pixels(&all, "pixels") != pixels(&all, "pixels.back"));
@@ -80,7 +80,7 @@ fn cameras_and_labels_are_columns() {
 
 #[test]
 fn tables_have_the_same_columns() {
-    let pixels = |row: &Batch, name: &str| row.get::<u8>(name).expect("pictures").to_vec();
+    let pixels = |row: &Batch, name: &str| row.get::<u8>(name).expect("images").to_vec();
     // All cameras show another floor, and the goal does.
     let floor = Value { shape: vec![2, 3], ..Value::vector(&[0.9, 0.1, 0.1, 0.1, 0.1, 0.9]) };
     let options = ResetOptions::default().fix("floor.color", floor);
@@ -118,7 +118,7 @@ fn tables_have_the_same_columns() {
 
 #[test]
 fn quality_shows() {
-    let pixels = |settings: Json| row(settings).get::<u8>("pixels").expect("pictures").to_vec();
+    let pixels = |settings: Json| row(settings).get::<u8>("pixels").expect("images").to_vec();
     let best = pixels(json!({}));
     for name in ["antialias", "shadows", "reflections"] {
         assert!(pixels(json!({name: false})) != best, "{name}");

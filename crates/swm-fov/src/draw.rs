@@ -223,7 +223,7 @@ impl Fov {
             .unwrap_or_else(|| panic!("factor `{name}` holds {}, not {}", value.data.dtype(), T::DTYPE))
     }
 
-    /// A colour.
+    /// A color.
     pub fn rgb(&self, name: &str) -> [u8; 3] {
         self.vector(name)
     }

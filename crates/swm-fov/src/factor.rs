@@ -30,7 +30,7 @@ impl Factor {
         Self { spec, default }
     }
 
-    /// A colour.
+    /// A color.
     pub fn rgb(name: &str, default: [u8; 3]) -> Self {
         Self::new(name, Space::Rgb, Value::vector(&default))
     }

@@ -7,7 +7,7 @@ use swm_fov::{Constraint, Factor, Fov, FovSpace};
 
 fn space() -> FovSpace {
     FovSpace::new(vec![
-        Factor::rgb("wall.color", [1, 2, 3]).doc("colour"),
+        Factor::rgb("wall.color", [1, 2, 3]).doc("color"),
         Factor::vector("agent.position", 0.0, 10.0, &[2.0, 2.0]).drawn_by_default(),
         Factor::scalar_f32("agent.radius", 1.0, 2.0, 1.0),
         Factor::vector("goal.position", 0.0, 10.0, &[8.0, 8.0]),

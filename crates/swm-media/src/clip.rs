@@ -6,10 +6,10 @@ use crate::error::MediaError;
 use crate::format::Format;
 use crate::{file, gif, png, sheet};
 
-/// Columns of white between the frames of a clip saved as one picture.
+/// Columns of white between the frames of a clip saved as one image.
 const SHEET_GAP: usize = 4;
 
-/// A film in memory: `[T, H, W, 3]` u8 RGB frames and a frame rate.
+/// A video in memory: `[T, H, W, 3]` u8 RGB frames and a frame rate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clip {
     height: usize,
@@ -134,8 +134,8 @@ impl Clip {
     }
 }
 
-/// What every film needs: a frame, a rate, and sides of `min` to `max` pixels.
-pub(crate) fn check_film(
+/// What every video needs: a frame, a rate, and sides of `min` to `max` pixels.
+pub(crate) fn check_video(
     format: Format,
     [height, width]: [usize; 2],
     frames: usize,

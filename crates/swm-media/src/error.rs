@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use crate::format::Format;
 
-/// Why a picture or a film could not be made.
+/// Why an image or a video could not be made.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MediaError {
@@ -46,7 +46,7 @@ pub enum MediaError {
         way_out: &'static str,
     },
     /// The frame rate is not a finite number above 0.
-    #[error("a film needs a frame rate above 0 frames per second, got {frames_per_second}")]
+    #[error("a video needs a frame rate above 0 frames per second, got {frames_per_second}")]
     FrameRate {
         /// What was given.
         frames_per_second: f64,

@@ -5,17 +5,17 @@ use std::path::Path;
 
 use crate::error::MediaError;
 
-/// A file format for pictures or films.
+/// A file format for images or videos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Format {
-    /// A picture, without loss.
+    /// An image, without loss.
     Png,
-    /// A film of at most 256 colours a frame.
+    /// A video of at most 256 colors a frame.
     Gif,
-    /// An H.264 film.
+    /// An H.264 video.
     Mp4,
-    /// A picture with loss; of datasets, not of clips.
+    /// An image with loss; of datasets, not of clips.
     #[cfg(feature = "jpeg")]
     Jpeg,
 }

@@ -1,7 +1,7 @@
-//! Films that play wherever pictures do.
+//! Videos that play wherever images do.
 //!
-//! While all frames together have at most 256 colours, as drawn scenes do, the film is exact and has one palette.
-//! Otherwise each frame gets a palette of its own: an exact one if it can, else the nearest 256 colours that
+//! While all frames together have at most 256 colors, as drawn scenes do, the video is exact and has one palette.
+//! Otherwise each frame gets a palette of its own: an exact one if it can, else the nearest 256 colors that
 //! NeuQuant finds. A frame holds only the rectangle that differs from the frame before.
 
 use std::borrow::Cow;
@@ -9,22 +9,22 @@ use std::collections::HashMap;
 
 use gif::{DisposalMethod, Encoder, Frame, Repeat};
 
-use crate::clip::{Clip, check_film};
+use crate::clip::{Clip, check_video};
 use crate::error::MediaError;
 use crate::format::Format;
 
-/// The most colours of a palette.
-const COLOURS: usize = 256;
+/// The most colors of a palette.
+const COLORS: usize = 256;
 
 /// NeuQuant's speed: from 1, the best, to 30; 10 looks at every tenth pixel.
-const QUANTISER_SPEED: i32 = 10;
+const QUANTIZER_SPEED: i32 = 10;
 
 /// The least delay in hundredths of a second: viewers play shorter ones at a tenth of a second.
 const MIN_DELAY: f64 = 2.0;
 
 /// The bytes of a GIF file that loops for ever.
 ///
-/// Delays are whole hundredths of a second, spread so that the film as a whole keeps its pace; above 50 frames per
+/// Delays are whole hundredths of a second, spread so that the video as a whole keeps its pace; above 50 frames per
 /// second it plays at 50.
 ///
 /// # Errors
@@ -33,13 +33,13 @@ const MIN_DELAY: f64 = 2.0;
 pub fn encode(clip: &Clip) -> Result<Vec<u8>, MediaError> {
     let refused = |error| MediaError::encode(Format::Gif, &error);
     let (size, sides) = ([clip.height(), clip.width()], [1, usize::from(u16::MAX)]);
-    check_film(Format::Gif, size, clip.len(), clip.frames_per_second(), sides, "make smaller frames")?;
+    check_video(Format::Gif, size, clip.len(), clip.frames_per_second(), sides, "make smaller frames")?;
     let shared = Palette::of(clip);
-    let colours = shared.as_ref().map_or(&[][..], |palette| &palette.colours);
+    let colors = shared.as_ref().map_or(&[][..], |palette| &palette.colors);
 
     let whole = Rectangle { left: 0, top: 0, width: clip.width(), height: clip.height() };
     let mut encoder =
-        Encoder::new(Vec::new(), whole.width as u16, whole.height as u16, colours).map_err(refused)?;
+        Encoder::new(Vec::new(), whole.width as u16, whole.height as u16, colors).map_err(refused)?;
     encoder.set_repeat(Repeat::Infinite).map_err(refused)?;
     let mut before: Option<&[u8]> = None;
     for (i, pixels) in clip.frames().enumerate() {
@@ -47,7 +47,7 @@ pub fn encode(clip: &Clip) -> Result<Vec<u8>, MediaError> {
         let cut = area.cut(pixels, clip.width());
         let mut frame = match &shared {
             Some(palette) => Frame { buffer: Cow::Owned(palette.indices(&cut)), ..Frame::default() },
-            None => Frame::from_rgb_speed(area.width as u16, area.height as u16, &cut, QUANTISER_SPEED),
+            None => Frame::from_rgb_speed(area.width as u16, area.height as u16, &cut, QUANTIZER_SPEED),
         };
         frame.delay = delay(i, clip.frames_per_second());
         frame.dispose = DisposalMethod::Keep;
@@ -69,29 +69,29 @@ fn delay(i: usize, frames_per_second: f64) -> u16 {
     (shown_until(i + 1) - shown_until(i)) as u16
 }
 
-/// The colours of a whole clip, in the order in which they appear.
+/// The colors of a whole clip, in the order in which they appear.
 struct Palette {
     /// `[N, 3]`
-    colours: Vec<u8>,
+    colors: Vec<u8>,
     index: HashMap<[u8; 3], u8>,
 }
 
 impl Palette {
-    /// `None` if there are too many colours.
+    /// `None` if there are too many colors.
     fn of(clip: &Clip) -> Option<Self> {
-        let mut palette = Self { colours: Vec::new(), index: HashMap::new() };
+        let mut palette = Self { colors: Vec::new(), index: HashMap::new() };
         let mut last = None;
         for frame in clip.frames() {
-            for colour in frame.as_chunks::<3>().0 {
-                // Drawn scenes are runs of one colour; the map need not see the rest of a run.
-                if last.replace(colour) == Some(colour) || palette.index.contains_key(colour) {
+            for color in frame.as_chunks::<3>().0 {
+                // Drawn scenes are runs of one color; the map need not see the rest of a run.
+                if last.replace(color) == Some(color) || palette.index.contains_key(color) {
                     continue;
                 }
-                if palette.index.len() == COLOURS {
+                if palette.index.len() == COLORS {
                     return None;
                 }
-                palette.index.insert(*colour, palette.index.len() as u8);
-                palette.colours.extend_from_slice(colour);
+                palette.index.insert(*color, palette.index.len() as u8);
+                palette.colors.extend_from_slice(color);
             }
         }
         Some(palette)
@@ -100,9 +100,9 @@ impl Palette {
     /// The palette index of each pixel of `[N, 3]`, all of which are in the palette.
     fn indices(&self, pixels: &[u8]) -> Vec<u8> {
         let mut last = ([0; 3], self.index.get(&[0; 3]).copied().unwrap_or(0));
-        let index = |colour: &[u8; 3]| {
-            if *colour != last.0 {
-                last = (*colour, self.index[colour]);
+        let index = |color: &[u8; 3]| {
+            if *color != last.0 {
+                last = (*color, self.index[color]);
             }
             last.1
         };

@@ -1,4 +1,4 @@
-//! Pictures with loss, for datasets of single frames: grey or RGB.
+//! Images with loss, for datasets of single frames: gray or RGB.
 
 use jpeg_encoder::{ColorType, Encoder};
 use zune_jpeg::JpegDecoder;
@@ -12,12 +12,12 @@ use crate::format::Format;
 /// The longest side that is decoded, in pixels: what a forged header can make us allocate.
 const MAX_SIDE: usize = 16_384;
 
-/// The bytes of a JPEG file of the picture `[H, W, C]`, C being 1 (grey) or 3 (RGB), at a quality of 1 to 100. Colours
+/// The bytes of a JPEG file of the image `[H, W, C]`, C being 1 (gray) or 3 (RGB), at a quality of 1 to 100. Colors
 /// keep their full resolution from quality 90 on.
 ///
 /// # Errors
 ///
-/// A picture of another length, without pixels, or beyond 65,535 pixels a side.
+/// An image of another length, without pixels, or beyond 65,535 pixels a side.
 pub fn encode(
     height: usize,
     width: usize,
@@ -25,7 +25,7 @@ pub fn encode(
     pixels: &[u8],
     quality: u8,
 ) -> Result<Vec<u8>, MediaError> {
-    let colours = match channels {
+    let colors = match channels {
         1 => ColorType::Luma,
         3 => ColorType::Rgb,
         _ => return Err(MediaError::encode(Format::Jpeg, &format!("{channels} channels; use 1 or 3"))),
@@ -36,17 +36,17 @@ pub fn encode(
         return Err(MediaError::FrameLength { height, width, found: pixels.len() });
     }
     let [Ok(columns), Ok(rows)] = [width, height].map(u16::try_from) else {
-        let (min, max, way_out) = (1, usize::from(u16::MAX), "make a smaller picture");
+        let (min, max, way_out) = (1, usize::from(u16::MAX), "make a smaller image");
         return Err(MediaError::FrameSize { format: Format::Jpeg, height, width, min, max, way_out });
     };
     let mut bytes = Vec::new();
     let encoder = Encoder::new(&mut bytes, quality.clamp(1, 100));
-    let written = encoder.encode(pixels, columns, rows, colours);
+    let written = encoder.encode(pixels, columns, rows, colors);
     written.map_err(|error| MediaError::encode(Format::Jpeg, &error))?;
     Ok(bytes)
 }
 
-/// Decodes a JPEG file into `out`, `[H, W, C]` with C being 1 or 3: grey becomes RGB and the other way round as asked.
+/// Decodes a JPEG file into `out`, `[H, W, C]` with C being 1 or 3: gray becomes RGB and the other way round as asked.
 ///
 /// # Errors
 ///
@@ -73,13 +73,13 @@ pub fn shape(bytes: &[u8]) -> Result<[usize; 3], MediaError> {
     let mut decoder = decoder(bytes, ColorSpace::RGB);
     decoder.decode_headers().map_err(wrong)?;
     let (width, height) = decoder.dimensions().unwrap_or_default();
-    let is_grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
-    Ok([height, width, if is_grey { 1 } else { 3 }])
+    let is_gray = decoder.input_colorspace() == Some(ColorSpace::Luma);
+    Ok([height, width, if is_gray { 1 } else { 3 }])
 }
 
-fn decoder(bytes: &[u8], colours: ColorSpace) -> JpegDecoder<ZCursor<&[u8]>> {
+fn decoder(bytes: &[u8], colors: ColorSpace) -> JpegDecoder<ZCursor<&[u8]>> {
     let options = DecoderOptions::default()
-        .jpeg_set_out_colorspace(colours)
+        .jpeg_set_out_colorspace(colors)
         .set_strict_mode(true)
         .set_max_width(MAX_SIDE)
         .set_max_height(MAX_SIDE);

@@ -1,4 +1,4 @@
-//! Pictures and films: PNG, GIF, MP4, contact sheets.
+//! Images and videos: PNG, GIF, MP4, contact sheets.
 //!
 //! A [`Clip`] collects `[H, W, 3]` u8 RGB frames and saves them in the format that the file name asks for:
 //!
@@ -18,13 +18,13 @@
 //! | extension | what a clip becomes |
 //! |---|---|
 //! | `.png` | its frame, or all of them side by side |
-//! | `.gif` | a film that loops for ever; exact while all frames together have at most 256 colours |
-//! | `.mp4` | an H.264 film; lossy; feature `mp4` |
+//! | `.gif` | a video that loops for ever; exact while all frames together have at most 256 colors |
+//! | `.mp4` | an H.264 video; lossy; feature `mp4` |
 //!
 //! Equal frames give equal bytes: no clock, thread count or hash order reaches a file. A file appears whole or not at
 //! all, see [`MediaError::Write`].
 //!
-//! Datasets also read films and pictures back: [`mp4::Mp4Reader`], [`jpeg`], [`png::decode_into`].
+//! Datasets also read videos and images back: [`mp4::Mp4Reader`], [`jpeg`], [`png::decode_into`].
 //!
 //! What is deliberately absent: sound, text, resampling other than [`Clip::upscaled`], and any
 //! knowledge of environments or episodes.

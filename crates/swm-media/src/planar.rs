@@ -1,10 +1,10 @@
-//! Colours of pixels that stand side by side, put into planes of their own: what encoders of films and loaders of pictures want.
+//! Colors of pixels that stand side by side, put into planes of their own: what encoders of videos and loaders of images want.
 
 use wide::u8x16;
 
 /// `[N, 3]` → three times `[N]`, which have this length.
 // 32 pixels at a time, in one function and without arrays that are mapped: it has to be inlined to be fast.
-pub fn split_colours(pixels: &[u8], [red, green, blue]: [&mut [u8]; 3]) {
+pub fn split_colors(pixels: &[u8], [red, green, blue]: [&mut [u8]; 3]) {
     const PIXELS: usize = 32;
     let (blocks, rest) = pixels.as_chunks::<{ 3 * PIXELS }>();
     let (reds, red) = red.as_chunks_mut::<PIXELS>();
@@ -17,7 +17,7 @@ pub fn split_colours(pixels: &[u8], [red, green, blue]: [&mut [u8]; 3]) {
             u8x16::new(lanes)
         };
         // Of 96 values, deals those of the first half and those of the second in turns, so that values `i` and `i + 48`
-        // become neighbours. After five times, value `3 i + channel` stands at `32 channel + i`.
+        // become neighbors. After five times, value `3 i + channel` stands at `32 channel + i`.
         let deal = |[a, b, c, d, e, f]: [u8x16; 6]| {
             let (low, high) = (u8x16::unpack_low, u8x16::unpack_high);
             [low(a, d), high(a, d), low(b, e), high(b, e), low(c, f), high(c, f)]
@@ -39,11 +39,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_colour_finds_its_plane_whatever_the_number_of_pixels() {
+    fn every_color_finds_its_plane_whatever_the_number_of_pixels() {
         for pixels in [0, 1, 31, 32, 33, 400] {
             let stored: Vec<u8> = (0..pixels * 3).map(|i| (i * 7 + i / 11) as u8).collect();
             let mut planes = [(); 3].map(|()| vec![0; pixels]);
-            split_colours(&stored, planes.each_mut().map(Vec::as_mut_slice));
+            split_colors(&stored, planes.each_mut().map(Vec::as_mut_slice));
             for (at, value) in stored.iter().enumerate() {
                 assert_eq!(planes[at % 3][at / 3], *value, "{pixels}");
             }

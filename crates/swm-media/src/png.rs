@@ -1,4 +1,4 @@
-//! Pictures without loss.
+//! Images without loss.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -10,19 +10,19 @@ use crate::error::MediaError;
 use crate::file;
 use crate::format::Format;
 
-/// The bytes of a PNG file of the picture `rgb`, `[H, W, 3]`.
+/// The bytes of a PNG file of the image `rgb`, `[H, W, 3]`.
 ///
 /// Compressed at the fast setting.
 ///
 /// # Errors
 ///
-/// A picture of another length, without pixels, or beyond the 2^31 - 1 pixels a side of the format.
+/// An image of another length, without pixels, or beyond the 2^31 - 1 pixels a side of the format.
 pub fn encode(height: usize, width: usize, rgb: &[u8]) -> Result<Vec<u8>, MediaError> {
     check_frame(rgb, height, width)?;
     encode_channels(height, width, 3, rgb)
 }
 
-/// As [`encode`], of a picture `[H, W, C]` with C being 1 (grey) or 3 (RGB).
+/// As [`encode`], of an image `[H, W, C]` with C being 1 (gray) or 3 (RGB).
 ///
 /// # Errors
 ///
@@ -33,7 +33,7 @@ pub fn encode_channels(
     channels: usize,
     pixels: &[u8],
 ) -> Result<Vec<u8>, MediaError> {
-    let colours = match channels {
+    let colors = match channels {
         1 => ColorType::Grayscale,
         3 => ColorType::Rgb,
         _ => return Err(MediaError::encode(Format::Png, &format!("{channels} channels; use 1 or 3"))),
@@ -45,12 +45,12 @@ pub fn encode_channels(
             width,
             min: 1,
             max: i32::MAX as usize,
-            way_out: "make a smaller picture",
+            way_out: "make a smaller image",
         });
     };
     let mut bytes = Vec::new();
     let mut encoder = Encoder::new(&mut bytes, columns, rows);
-    encoder.set_color(colours);
+    encoder.set_color(colors);
     encoder.set_depth(BitDepth::Eight);
     encoder.set_compression(Compression::Fast);
     let written = encoder.write_header().and_then(|mut writer| {
@@ -61,7 +61,7 @@ pub fn encode_channels(
     Ok(bytes)
 }
 
-/// Writes the picture `rgb`, `[H, W, 3]`, to a PNG file.
+/// Writes the image `rgb`, `[H, W, 3]`, to a PNG file.
 ///
 /// # Errors
 ///
@@ -70,11 +70,11 @@ pub fn write(path: impl AsRef<Path>, height: usize, width: usize, rgb: &[u8]) ->
     file::write(path.as_ref(), &encode(height, width, rgb)?)
 }
 
-/// Decodes a PNG file of 8 bits into `out`, `[H, W, C]` with C being 1 (grey) or 3 (RGB).
+/// Decodes a PNG file of 8 bits into `out`, `[H, W, C]` with C being 1 (gray) or 3 (RGB).
 ///
 /// # Errors
 ///
-/// [`MediaError::Decode`] for what is no PNG file, is damaged, or has another size or kind of colours.
+/// [`MediaError::Decode`] for what is no PNG file, is damaged, or has another size or kind of colors.
 pub fn decode_into(bytes: &[u8], shape: [usize; 3], out: &mut [u8]) -> Result<(), MediaError> {
     let wrong = |reason: String| MediaError::Decode { format: Format::Png, reason };
     let limits = Limits { bytes: out.len().saturating_mul(2).saturating_add(1 << 20) };

@@ -1,15 +1,15 @@
-//! Many frames in one picture.
+//! Many frames in one image.
 
 use crate::clip::check_frame;
 use crate::error::MediaError;
 
-/// The colour between and in place of frames.
+/// The color between and in place of frames.
 const WHITE: [u8; 3] = [255; 3];
 
 /// A grid of frames on white: `rows` of frames `[H, W, 3]`, with `gap` pixels between them.
 ///
 /// A row may be shorter than the others, and an empty slice leaves its cell blank. Returns the height, the width and
-/// the pixels `[H', W', 3]` of the picture, to hand to [`png::write`](crate::png::write).
+/// the pixels `[H', W', 3]` of the image, to hand to [`png::write`](crate::png::write).
 ///
 /// # Errors
 ///
@@ -23,7 +23,7 @@ pub fn contact_sheet(
     contact_sheet_on(WHITE, rows, height, width, gap)
 }
 
-/// [`contact_sheet`] on another colour.
+/// [`contact_sheet`] on another color.
 ///
 /// # Errors
 ///

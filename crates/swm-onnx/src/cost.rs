@@ -23,7 +23,7 @@ pub struct ModelSettings {
     /// The units of the actions that it was trained with; without it, the environment's.
     #[serde(default)]
     pub action_scale: Option<ActionScale>,
-    /// Side of the pictures that it was trained with.
+    /// Side of the images that it was trained with.
     #[serde(default)]
     pub image: Option<usize>,
 }
@@ -170,7 +170,7 @@ impl Model {
         let way_out = match (candidates.horizon == horizon, candidates.width == width) {
             (true, true) => return Ok(()),
             (false, true) => format!("set horizon={horizon}"),
-            (_, false) => "take a model of this environment, or mend `action_block` of model.json".to_owned(),
+            (_, false) => "take a model of this environment, or fix `action_block` of model.json".to_owned(),
         };
         let reason = format!(
             "plans are {} blocks of {} numbers, and the model was exported for {horizon} of {width}; {way_out}",
@@ -186,7 +186,7 @@ impl Input {
         let wrong = |reason: String| OnnxError::Input { name: self.name.clone(), reason };
         let index = row.schema().index(&self.name).ok_or_else(|| {
             wrong(
-                "the environment has no such field; pictures need --image-size, or a manifest with one"
+                "the environment has no such field; images need --image-size, or a manifest with one"
                     .to_owned(),
             )
         })?;
@@ -196,7 +196,7 @@ impl Input {
         if wanted != *shape {
             return Err(wrong(format!(
                 "the environment gives {shape:?}, the model was exported for {wanted:?}; take a model of this environment, or \
-                 let --image-size draw pictures in its size"
+                 let --image-size draw images in its size"
             )));
         }
         let shape = self.shape.clone();
@@ -211,7 +211,7 @@ impl Input {
             }
             (kind, values) => {
                 return Err(wrong(format!(
-                    "{} is given as {kind:?}; export pictures as uint8 and numbers as float32",
+                    "{} is given as {kind:?}; export images as uint8 and numbers as float32",
                     values.dtype()
                 )));
             }

@@ -30,7 +30,7 @@ pub fn onnx_policy(args: &PolicyArgs) -> Result<MpcPolicy, PolicyError> {
     plan_on(learned, given).map_err(|error| args.wrong(error.to_string()))
 }
 
-/// The side of the pictures that the model of these arguments wants; `None` for other policies.
+/// The side of the images that the model of these arguments wants; `None` for other policies.
 pub fn image_side(args: &PolicyArgs) -> Option<usize> {
     let (folder, _) = split(args).ok().filter(|_| args.name == POLICIES[0].name)?;
     ModelSettings::read(&folder).ok()?.image

@@ -1,9 +1,9 @@
-//! A picture of packed pixels that spans can be filled in quickly. Not a frame: frames are `[H, W, 3]` bytes.
+//! An image of packed pixels that spans can be filled in quickly. Not a frame: frames are `[H, W, 3]` bytes.
 
 use crate::painter::Rgb;
 use crate::rect::Rect;
 
-/// A `[height, width]` picture, one `u32` a pixel: red in the lowest byte, then green, blue, and a zero byte.
+/// A `[height, width]` image, one `u32` a pixel: red in the lowest byte, then green, blue, and a zero byte.
 ///
 /// A packed pixel is filled and fetched as one word, which three bytes are not.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -38,7 +38,7 @@ impl Canvas {
         Rect::of_size(self.height, self.width)
     }
 
-    /// The colour of a pixel, or `None` outside.
+    /// The color of a pixel, or `None` outside.
     #[must_use]
     pub fn get(&self, x: usize, y: usize) -> Option<Rgb> {
         let inside = x < self.width && y < self.height;

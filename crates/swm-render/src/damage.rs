@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn neighbours_merge_and_strangers_do_not() {
+    fn neighbors_merge_and_strangers_do_not() {
         let mut damage = Damage::new(Rect::of_size(512, 512));
         damage.add(Rect::new(10, 10, 30, 30));
         damage.add(Rect::new(12, 12, 32, 32));

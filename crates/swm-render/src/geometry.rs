@@ -2,7 +2,7 @@
 
 use crate::error::{RenderError, check_size};
 
-/// Sizes of the stages of a picture, in pixels.
+/// Sizes of the stages of an image, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Geometry {
     /// Side of the square canvas; world coordinates are in its pixels.

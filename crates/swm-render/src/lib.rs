@@ -3,7 +3,7 @@
 //! An environment writes its drawing once, against [`Painter`], in world coordinates; a [`Renderer`] turns it into
 //! `[H, W, 3]` u8 RGB frames in one of two styles:
 //!
-//! - [`Style::Exact`] follows the reference's picture pipeline to the byte: drawn without anti-aliasing on a 512-px
+//! - [`Style::Exact`] follows the reference's image pipeline to the byte: drawn without anti-aliasing on a 512-px
 //!   canvas, resized to 224 px by a fixed-point bilinear filter, then to the asked size by an antialiased one;
 //! - [`Style::Fast`] draws at the asked size with analytic coverage.
 //!

@@ -1,4 +1,4 @@
-//! What an environment's drawing code sees: the primitives, the colours, and the rounding that they share.
+//! What an environment's drawing code sees: the primitives, the colors, and the rounding that they share.
 
 /// Red, green, blue.
 pub type Rgb = [u8; 3];
@@ -8,7 +8,7 @@ pub type Rgb = [u8; 3];
 /// Points are `[x, y]` in canvas pixels (x right, y down; [`Geometry::canvas`](crate::Geometry) pixels a side) and may
 /// lie anywhere: what falls outside is not drawn. The exact painter rounds coordinates and radii half to even.
 pub trait Painter {
-    /// Everything in one colour.
+    /// Everything in one color.
     fn fill(&mut self, color: Rgb);
 
     /// A filled polygon, boundary included. Fewer than 1 vertex draws nothing. Where the boundary crosses itself the
@@ -54,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn halves_go_to_the_even_neighbour() {
+    fn halves_go_to_the_even_neighbor() {
         let cases = [(0.5, 0), (1.5, 2), (2.5, 2), (-0.5, 0), (-1.5, -2), (2.499, 2), (f64::NAN, 0)];
         for (coordinate, expected) in cases {
             assert_eq!(round_half_even(coordinate), expected, "{coordinate}");

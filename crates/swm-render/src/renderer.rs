@@ -59,7 +59,7 @@ impl Renderer {
     /// Draws a frame over the background and writes all of it to `out`, `[H, W, 3]`.
     ///
     /// `draw` paints everything that is not background, every time; primitives equal to those of the last frame at the
-    /// same place of the order are recognised and not drawn again. The bytes depend on the background and this drawing
+    /// same place of the order are recognized and not drawn again. The bytes depend on the background and this drawing
     /// alone.
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! What a planner minimises. Knows slices of numbers, not what computes them.
+//! What a planner minimizes. Knows slices of numbers, not what computes them.
 
 use serde_json::{Map, Value as Json};
 
@@ -9,7 +9,7 @@ use crate::mpc::Moment;
 /// How good candidate plans are; lower is better.
 ///
 /// Costs are `f64`: simulators and analytic problems add up in it, and models that compute in `f32` lose nothing.
-/// The cost of a candidate may depend on its episode and its own numbers only, never on its neighbours, on
+/// The cost of a candidate may depend on its episode and its own numbers only, never on its neighbors, on
 /// earlier calls or on threads; that is what keeps plans independent of how many are made together.
 pub trait Cost: Send {
     /// Once per plan: learns the moment that all candidates start from. Encode observations and goals here.

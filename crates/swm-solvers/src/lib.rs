@@ -49,7 +49,7 @@
 )]
 
 mod bounds;
-mod coloured;
+mod colored;
 mod cost;
 mod descent;
 mod error;
@@ -73,7 +73,7 @@ pub mod testing;
 mod trace;
 mod workspace;
 
-pub use coloured::Normalise;
+pub use colored::Normalize;
 pub use cost::{Candidates, ConstrainedCost, Cost, DifferentiableCost, Weigh};
 pub use descent::{Descent, GradClip};
 pub use error::PlanError;

@@ -1,4 +1,4 @@
-//! The factorisations of symmetric matrices that some solvers need, by faer. On one thread, and on copies that lie in
+//! The factorizations of symmetric matrices that some solvers need, by faer. On one thread, and on copies that lie in
 //! memory in the same way every time: so the same numbers always give the same bits.
 
 use std::mem::MaybeUninit;
@@ -46,12 +46,12 @@ pub(crate) fn cholesky(matrix: &mut [f64], size: usize, stack: &mut [MaybeUninit
     let (mut copy, stack) = temp_mat_zeroed::<f64, _, _>(size, size, MemStack::new_any(stack));
     let mut copy = copy.as_mat_mut();
     copy.copy_from(matrix.as_ref());
-    let factorised =
+    let factorized =
         cholesky_in_place(copy.as_mut(), Default::default(), Par::Seq, stack, Spec::default()).is_ok();
-    if factorised {
+    if factorized {
         matrix.copy_from(copy.as_ref());
     }
-    factorised
+    factorized
 }
 
 /// Eigenvalues `[n]`, ascending, and eigenvectors `[n, n]`, one after the other, of a symmetric `matrix`, `[n, n]`.

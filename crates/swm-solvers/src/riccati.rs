@@ -10,7 +10,7 @@ use faer::{Accum, Conj, MatMut, MatRef, Par};
 
 use crate::models::{ControlModel, Differentiator, Stage};
 
-/// How regularisation changes.
+/// How regularization changes.
 pub(crate) struct Weights;
 
 impl Weights {
@@ -51,18 +51,18 @@ pub(crate) struct Tile<'s> {
     /// `[W + A, W + A]` and `[W + A]`: the same of state and action together.
     q: &'s mut [f64],
     q_slope: &'s mut [f64],
-    /// `[A, A]`: curvature of the actions, to be factorised.
+    /// `[A, A]`: curvature of the actions, to be factorized.
     factor: &'s mut [f64],
     /// `[A, W + 1]`: curvature times gains.
     curved: &'s mut [f64],
     differences: &'s mut [f64],
 }
 
-/// Bytes of stack that a factorisation may take.
+/// Bytes of stack that a factorization may take.
 const STACK: usize = 8192;
 
 impl<'s> Tile<'s> {
-    /// The widest action whose factorisation fits into its stack.
+    /// The widest action whose factorization fits into its stack.
     pub(crate) const MOST_ACTIONS: usize = 512;
 
     fn lengths(steps: usize, w: usize, a: usize) -> [usize; 15] {

@@ -76,7 +76,7 @@ pub(crate) struct Search {
 pub(crate) struct Carried {
     pub(crate) floats: usize,
     pub(crate) doubles: usize,
-    /// Numbers that hold nothing from call to call: room for matrices to be factorised in.
+    /// Numbers that hold nothing from call to call: room for matrices to be factorized in.
     pub(crate) stack: usize,
 }
 

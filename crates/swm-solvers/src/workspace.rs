@@ -11,7 +11,7 @@ pub struct Workspace {
     pub doubles: Scratch<f64>,
     /// Orders of samples.
     pub indices: Scratch<u32>,
-    /// Room for matrices to be factorised in; holds nothing from use to use.
+    /// Room for matrices to be factorized in; holds nothing from use to use.
     pub stack: Scratch<f64>,
 }
 

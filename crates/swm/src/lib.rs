@@ -21,12 +21,12 @@
 pub mod cli;
 pub mod distractors;
 pub mod evaluation;
-pub mod film;
 pub mod plan;
 pub mod replay;
 pub mod report;
 pub mod report_page;
 mod svg;
+pub mod video;
 
 #[cfg(feature = "baselines")]
 pub use swm_baselines as baselines;

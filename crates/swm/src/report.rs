@@ -1,4 +1,4 @@
-//! What an evaluation leaves in its folder: `result.json`, a contact sheet, films.
+//! What an evaluation leaves in its folder: `result.json`, a contact sheet, videos.
 
 use std::path::{Path, PathBuf};
 
@@ -6,11 +6,11 @@ use swm_core::Evaluation;
 use swm_core::error::BoxError;
 use swm_media::{Clip, Format, contact_sheet, png};
 
-use crate::film::{Film, Scene};
+use crate::video::{Scene, Video};
 
-/// Pictures per row of the contact sheet, the goal beside them.
+/// Images per row of the contact sheet, the goal beside them.
 const SHEET_COLUMNS: usize = 8;
-/// Films are enlarged to at least this short side, in pixels: players blur smaller ones.
+/// Videos are enlarged to at least this short side, in pixels: players blur smaller ones.
 const MIN_SIDE: usize = 256;
 /// And never beyond this long side.
 const MAX_SIDE: usize = 2160;
@@ -22,12 +22,12 @@ const GOAL_COLOR: [u8; 3] = [220, 120, 0];
 ///
 /// # Errors
 ///
-/// A file cannot be written, or a film cannot be encoded.
+/// A file cannot be written, or a video cannot be encoded.
 pub fn write_report(
     dir: &Path,
     evaluation: &Evaluation,
-    film: &Film,
-    film_format: Format,
+    video: &Video,
+    video_format: Format,
 ) -> Result<Vec<PathBuf>, BoxError> {
     let failed =
         |path: &Path, error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
@@ -36,7 +36,7 @@ pub fn write_report(
     std::fs::write(&result, serde_json::to_string_pretty(evaluation)?)
         .map_err(|error| failed(&result, &error))?;
     let mut written = vec![result];
-    let scenes: Vec<(u64, &Scene)> = film.scenes().filter(|(_, scene)| !scene.clip.is_empty()).collect();
+    let scenes: Vec<(u64, &Scene)> = video.scenes().filter(|(_, scene)| !scene.clip.is_empty()).collect();
     if scenes.is_empty() {
         return Ok(written);
     }
@@ -44,13 +44,13 @@ pub fn write_report(
     write_sheet(&sheet, scenes.iter().map(|(_, scene)| *scene))?;
     written.push(sheet);
     for (index, scene) in scenes {
-        written.push(save_film(dir, index, scene, film_format)?);
+        written.push(save_video(dir, index, scene, video_format)?);
     }
     Ok(written)
 }
 
-/// Saves the film of an episode under a name that says how it ended.
-pub(crate) fn save_film(
+/// Saves the video of an episode under a name that says how it ended.
+pub(crate) fn save_video(
     dir: &Path,
     episode: u64,
     scene: &Scene,
@@ -95,10 +95,10 @@ fn write_sheet<'a>(path: &Path, scenes: impl Iterator<Item = &'a Scene>) -> Resu
     Ok(png::write(path, height, width, &rgb)?)
 }
 
-/// A picture `[H, W, 3]` with a coloured frame.
-fn framed(picture: &[u8], width: usize) -> Vec<u8> {
-    let mut framed = picture.to_vec();
-    let height = picture.len() / 3 / width;
+/// An image `[H, W, 3]` with a colored frame.
+fn framed(image: &[u8], width: usize) -> Vec<u8> {
+    let mut framed = image.to_vec();
+    let height = image.len() / 3 / width;
     for (index, pixel) in framed.chunks_exact_mut(3).enumerate() {
         let (y, x) = (index / width, index % width);
         if x.min(width - 1 - x).min(y).min(height - 1 - y) < GOAL_FRAME {

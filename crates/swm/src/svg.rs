@@ -1,4 +1,4 @@
-//! Just enough SVG for the figures of reports: one file each, without scripts, in colours for light and dark pages.
+//! Just enough SVG for the figures of reports: one file each, without scripts, in colors for light and dark pages.
 
 use std::fmt::Write as _;
 
@@ -10,7 +10,7 @@ pub(crate) struct Svg {
     body: String,
 }
 
-/// Colours by role; `prefers-color-scheme` chooses.
+/// Colors by role; `prefers-color-scheme` chooses.
 const STYLE: &str = "\
 .fig{font:12px system-ui,sans-serif}\
 .fig .bg{fill:#fff}.fig text{fill:#1f2430}.fig .soft{fill:#5b6475}.fig .strong{font-weight:600}\
@@ -54,7 +54,7 @@ impl Svg {
         );
     }
 
-    /// Text that reads upward, centred.
+    /// Text that reads upward, centered.
     pub(crate) fn upright(&mut self, [x, y]: [f64; 2], class: &str, text: &str) {
         let _ = writeln!(
             self.body,

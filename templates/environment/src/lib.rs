@@ -34,7 +34,7 @@ fn factors() -> FovSpace {
         Factor::scalar("point.speed", 0.05, 0.2, 0.1).doc("distance per step at full action"),
         Factor::scalar("point.start", -1.0, 1.0, -0.5).doc("where it starts").drawn_by_default(),
         Factor::scalar("goal.position", -1.0, 1.0, 0.5).doc("where it shall be").drawn_by_default(),
-        Factor::rgb("point.color", [200, 30, 30]).doc("colour of the point, in pictures"),
+        Factor::rgb("point.color", [200, 30, 30]).doc("color of the point, in images"),
     ])
 }
 
@@ -130,7 +130,7 @@ impl Env for Point {
             let width = self.spec.fields[last].shape[1];
             let pixels: &mut [u8] = out.at(last);
             pixels.fill(255);
-            // The goal in grey, the point over it.
+            // The goal in gray, the point over it.
             for (place, color) in [(self.goal, [180; 3]), (self.position, self.fov.rgb("point.color"))] {
                 let column = ((place + 1.0) / 2.0 * (width - 1) as f64).round() as usize;
                 for line in pixels.chunks_exact_mut(3 * width) {
@@ -156,7 +156,7 @@ impl Env for Point {
         Ok(())
     }
 
-    /// What planners on the true dynamics minimise.
+    /// What planners on the true dynamics minimize.
     fn task_cost(&self) -> Option<f64> {
         Some((self.position - self.goal).abs())
     }

@@ -11,7 +11,7 @@ use swm_core::{
 use swm_fov::{Fov, FovSpace, SavedFov};
 
 use crate::factors::{REACH, factors};
-use crate::{ICE_RINK, picture};
+use crate::{ICE_RINK, image};
 
 const STEP_S: f64 = 0.05;
 /// Acceleration of a puck of mass 1 at full action, in rinks per second squared.
@@ -131,8 +131,8 @@ impl Env for Rink {
             let width = self.spec.fields[field].shape[1];
             let pixels: &mut [u8] = out.at(field);
             pixels.as_chunks_mut::<3>().0.fill(self.fov.rgb("ice.color"));
-            picture::disc(pixels, width, self.mark, REACH, self.fov.rgb("mark.color"));
-            picture::disc(pixels, width, self.puck.position, REACH, self.fov.rgb("puck.color"));
+            image::disc(pixels, width, self.mark, REACH, self.fov.rgb("mark.color"));
+            image::disc(pixels, width, self.puck.position, REACH, self.fov.rgb("puck.color"));
         }
     }
 

@@ -281,7 +281,7 @@ impl Recording for OpenFile {
         Ok(())
     }
 
-    fn announce(&mut self, _end: Place) -> Result<(), String> {
+    fn commit(&mut self, _end: Place) -> Result<(), String> {
         let episode = std::mem::take(&mut self.episode);
         self.write(&Line::Episode(episode))
     }
@@ -307,5 +307,5 @@ fn repair(path: &Path, is_told: bool) -> Result<Vec<String>, DataError> {
 /// Leaves the first bytes of a file.
 fn cut(path: &Path, len: u64) -> Result<(), DataError> {
     let cut = || OpenOptions::new().write(true).open(path)?.set_len(len);
-    cut().map_err(|source| DataError::io(path, "mend", source))
+    cut().map_err(|source| DataError::io(path, "repair", source))
 }

@@ -10,7 +10,7 @@ mod factors;
 mod format;
 #[cfg(feature = "cli")]
 mod model;
-mod picture;
+mod image;
 #[cfg(feature = "cli")]
 mod solver;
 

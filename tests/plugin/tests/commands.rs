@@ -34,8 +34,8 @@ fn it_is_listed_collected_replayed_planned_on_and_evaluated() {
         run(folder, "replay data.h5").status.success(),
         "the same seeds and actions give the same states"
     );
-    json(folder, &format!("{collect} --episodes 2 --image-size 32x32 --vary all --out pictures.h5"));
-    assert!(run(folder, "verify pictures.h5").status.success());
+    json(folder, &format!("{collect} --episodes 2 --image-size 32x32 --vary all --out images.h5"));
+    assert!(run(folder, "verify images.h5").status.success());
 
     // Our own format by its extension, there and back without a difference.
     json(folder, "convert data.h5 data.jsonl");

@@ -51,7 +51,7 @@ fn a_recording_that_was_killed_goes_on() {
     for cut in (0..bytes.len()).step_by(bytes.len() / 23).chain([bytes.len() - 1]) {
         fs::write(&path, &bytes[..cut]).unwrap();
         let there = open(&path).map_or(0, |dataset| dataset.num_episodes());
-        assert!(there < 2, "an episode is seen that was not announced");
+        assert!(there < 2, "an episode is seen that was not committed");
         assert_eq!(record(&path, WriteMode::Append, there..2).unwrap(), there as u64, "cut at {cut}");
         assert_eq!(fs::read(&path).unwrap(), bytes, "cut at {cut}");
     }

@@ -1,5 +1,5 @@
-//! `gallery DIR`: a picture of every environment, as it is by default and with all factors varied, beside MuJoCo's own
-//! picture of the same moment where there is one; and the page that shows them, `DIR/gallery.md`. For `cargo xtask gallery`.
+//! `gallery DIR`: an image of every environment, as it is by default and with all factors varied, beside MuJoCo's own
+//! image of the same moment where there is one; and the page that shows them, `DIR/gallery.md`. For `cargo xtask gallery`.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -9,17 +9,17 @@ use anyhow::{Context as _, Result};
 use swm::core::env::PIXELS;
 use swm::core::{Batch, EnvConfig, EnvEntry, Episode, EpisodeSeed, ImageSize, ResetOptions, Schema};
 
-/// Side of a picture, pixels.
+/// Side of an image, pixels.
 const SIDE: usize = 112;
-/// Between pictures.
+/// Between images.
 const GAP: usize = 4;
 
 const HEAD: &str = "\
 # Gallery
 
-Every environment at the start of an episode: as it is by default, and with all factors of variation drawn. Where two pictures
+Every environment at the start of an episode: as it is by default, and with all factors of variation drawn. Where two images
 of a kind stand side by side, the left one is ours (no OpenGL), the right one MuJoCo's of the same moment. Made by
-`cargo xtask gallery`; all pictures are of seed 1, 112 px.
+`cargo xtask gallery`; all images are of seed 1, 112 px.
 
 | environment | default | all factors varied |
 |---|---|---|
@@ -34,15 +34,15 @@ fn main() -> Result<()> {
         let name = entry.id.trim_start_matches("swm/");
         write!(page, "| `{}` |", entry.id)?;
         for (kind, vary) in [("default", Vec::new()), ("varied", vec!["all".to_owned()])] {
-            let mut pictures = vec![picture(entry, &vary, &[])?];
+            let mut images = vec![image(entry, &vary, &[])?];
             if entry.settings.iter().any(|setting| setting.name == "renderer") {
-                match picture(entry, &vary, &[("renderer", "gl")]) {
-                    Ok(theirs) => pictures.push(theirs),
-                    Err(error) => println!("{name}: no picture of MuJoCo's: {error}"),
+                match image(entry, &vary, &[("renderer", "gl")]) {
+                    Ok(theirs) => images.push(theirs),
+                    Err(error) => println!("{name}: no image of MuJoCo's: {error}"),
                 }
             }
             let file = format!("gallery/{name}-{kind}.png");
-            write_png(&dir.join(&file), &pictures)?;
+            write_png(&dir.join(&file), &images)?;
             write!(page, " ![{name}, {kind}]({file}) |")?;
         }
         page.push('\n');
@@ -53,7 +53,7 @@ fn main() -> Result<()> {
 }
 
 /// The first moment of an episode, `[SIDE, SIDE, 3]`.
-fn picture(entry: &EnvEntry, vary: &[String], settings: &[(&str, &str)]) -> Result<Vec<u8>> {
+fn image(entry: &EnvEntry, vary: &[String], settings: &[(&str, &str)]) -> Result<Vec<u8>> {
     let mut config =
         EnvConfig { image: Some(ImageSize { height: SIDE, width: SIDE }), ..EnvConfig::default() };
     for (name, value) in settings {
@@ -67,12 +67,12 @@ fn picture(entry: &EnvEntry, vary: &[String], settings: &[(&str, &str)]) -> Resu
     Ok(row.get::<u8>(PIXELS)?.to_vec())
 }
 
-/// Pictures side by side.
-fn write_png(path: &Path, pictures: &[Vec<u8>]) -> Result<()> {
-    let width = pictures.len() * (SIDE + GAP) - GAP;
+/// Images side by side.
+fn write_png(path: &Path, images: &[Vec<u8>]) -> Result<()> {
+    let width = images.len() * (SIDE + GAP) - GAP;
     let mut pixels = vec![255; width * SIDE * 3];
-    for (index, picture) in pictures.iter().enumerate() {
-        for (row, line) in picture.chunks_exact(SIDE * 3).enumerate() {
+    for (index, image) in images.iter().enumerate() {
+        for (row, line) in image.chunks_exact(SIDE * 3).enumerate() {
             pixels[(row * width + index * (SIDE + GAP)) * 3..][..SIDE * 3].copy_from_slice(line);
         }
     }

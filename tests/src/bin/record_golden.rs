@@ -17,7 +17,7 @@ use swm::core::{
     WorldOptions,
 };
 
-/// Side of the recorded pictures, pixels.
+/// Side of the recorded images, pixels.
 const SIDE: usize = 64;
 
 /// Record a golden episode of one of our own environments.
@@ -63,8 +63,8 @@ struct Tape {
     factors: Map<String, Json>,
     goal_state: Vec<f64>,
     goal: Vec<u8>,
-    /// The first picture and the last.
-    pictures: [Vec<u8>; 2],
+    /// The first image and the last.
+    images: [Vec<u8>; 2],
     states: Vec<Vec<f64>>,
     /// As the rows show them: the last has no action, the first no reward.
     actions: Vec<Vec<f64>>,
@@ -79,16 +79,16 @@ impl Recorder for Tape {
             Ok(Value::from_slice(&schema.fields()[index].shape, row.values.at(index)))
         };
         let numbers = |name: &str| -> Result<Vec<f64>, BoxError> { Ok(value(name)?.numbers(name)?) };
-        let picture: &[u8] = row.values.get("pixels")?;
+        let image: &[u8] = row.values.get("pixels")?;
         if row.episode.step == 0 {
             for name in &self.names {
                 self.factors.insert(name.clone(), value(&format!("variation.{name}"))?.to_json());
             }
             self.goal_state = numbers("goal_state")?;
             self.goal = row.values.get("goal")?.to_vec();
-            self.pictures[0] = picture.to_vec();
+            self.images[0] = image.to_vec();
         }
-        self.pictures[1] = picture.to_vec();
+        self.images[1] = image.to_vec();
         self.states.push(numbers("state")?);
         self.actions.push(numbers("action")?);
         self.rewards.extend(numbers("reward")?);
@@ -112,8 +112,8 @@ impl Tape {
         npz.add_array("meta", &Array1::from_vec(serde_json::to_vec(&meta)?))?;
         npz.add_array("goal_state", &Array1::from_vec(self.goal_state))?;
         npz.add_array("goal_png", &png(&self.goal)?)?;
-        npz.add_array("img_0_png", &png(&self.pictures[0])?)?;
-        npz.add_array(format!("img_{steps}_png"), &png(&self.pictures[1])?)?;
+        npz.add_array("img_0_png", &png(&self.images[0])?)?;
+        npz.add_array(format!("img_{steps}_png"), &png(&self.images[1])?)?;
         npz.add_array("actions", &table(&self.actions)?)?;
         npz.add_array("obs_state", &table(&self.states)?)?;
         npz.add_array("reward", &Array1::from_vec(self.rewards.split_off(1)))?;
@@ -123,7 +123,7 @@ impl Tape {
     }
 }
 
-/// A picture as PNG bytes.
+/// An image as PNG bytes.
 fn png(pixels: &[u8]) -> Result<Array1<u8>> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, SIDE as u32, SIDE as u32);

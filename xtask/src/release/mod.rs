@@ -51,7 +51,7 @@ pub(crate) struct Args {
 pub(crate) enum Profile {
     /// As tests are: quick, for a dry run; the archive says so in its name
     Dev,
-    /// With all features, optimised: some ten minutes and more
+    /// With all features, optimized: some ten minutes and more
     #[default]
     Release,
 }
@@ -78,7 +78,7 @@ const STEPS: &[Step] = &[
     Step { name: "changelog", run: dated_section },
     Step { name: "checkout", run: clean_checkout },
     Step { name: "manifests", run: manifests },
-    Step { name: "licences", run: licences },
+    Step { name: "licenses", run: licenses },
     Step { name: "semver", run: semver },
     Step { name: "packages", run: packaged_files },
     Step { name: "bill", run: program::write_bill },
@@ -159,7 +159,7 @@ fn manifests(release: &Release) -> Result<String> {
 }
 
 /// Known vulnerabilities stand in a database on the network, which only a real release asks.
-fn licences(release: &Release) -> Result<String> {
+fn licenses(release: &Release) -> Result<String> {
     deny::run(&deny::Args::with_advisories(!release.is_dry))?;
     Ok(if release.is_dry {
         "allowed; advisories are asked for by --execute alone"

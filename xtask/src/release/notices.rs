@@ -1,4 +1,4 @@
-//! The licences of what the program is made of, for people: one text file with every licence text that the crates carry.
+//! The licenses of what the program is made of, for people: one text file with every license text that the crates carry.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -13,7 +13,7 @@ use crate::cargo_tree::CargoTree;
 /// How deep below a crate's root texts are looked for: bundled C libraries bring theirs.
 const DEPTH: usize = 3;
 
-/// Longer files are no licences.
+/// Longer files are no licenses.
 const MAX_BYTES: u64 = 200_000;
 
 /// A table of the crates that come from elsewhere, then each text once, below the names of those that carry it.
@@ -23,20 +23,20 @@ pub(super) fn notices(tree: &CargoTree, origins: &Origins<'_>) -> Result<String>
     for unit in tree.dependencies() {
         let package = origins.package(unit)?;
         if package.source.is_none() {
-            continue; // Ours: under the licence of the project.
+            continue; // Ours: under the license of the project.
         }
-        let licence = package.license.as_deref().unwrap_or("see its text below");
+        let license = package.license.as_deref().unwrap_or("see its text below");
         let from = package.repository.as_deref().unwrap_or("-");
         let folder = package.manifest_path.parent().context("a manifest lies in a folder")?;
         let texts = texts(folder, DEPTH)?;
-        let note = if texts.is_empty() { "; its package holds no licence text" } else { "" };
-        let _ = writeln!(table, "{unit}: {licence}{note}\n    {from}");
+        let note = if texts.is_empty() { "; its package holds no license text" } else { "" };
+        let _ = writeln!(table, "{unit}: {license}{note}\n    {from}");
         for text in texts {
             carriers.entry(text).or_default().insert(unit.to_string());
         }
     }
     let mut out = format!(
-        "This program contains the following software of others, under the licences named here. Their texts follow.\n\n{table}"
+        "This program contains the following software of others, under the licenses named here. Their texts follow.\n\n{table}"
     );
     // The text of most carriers first.
     let mut carriers: Vec<(String, BTreeSet<String>)> = carriers.into_iter().collect();
@@ -48,7 +48,7 @@ pub(super) fn notices(tree: &CargoTree, origins: &Origins<'_>) -> Result<String>
     Ok(out)
 }
 
-/// The licence texts below a folder.
+/// The license texts below a folder.
 fn texts(folder: &Path, depth: usize) -> Result<Vec<String>> {
     let mut found = Vec::new();
     let entries = fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))?;
@@ -58,7 +58,7 @@ fn texts(folder: &Path, depth: usize) -> Result<Vec<String>> {
         let (kind, name) = (entry.file_type()?, entry.file_name().to_string_lossy().to_uppercase());
         if kind.is_dir() && depth > 1 && !["TESTS", "TEST", "TARGET", "SRC"].contains(&name.as_str()) {
             found.extend(texts(&entry.path(), depth - 1)?);
-        } else if kind.is_file() && is_licence(&name) && entry.metadata()?.len() <= MAX_BYTES {
+        } else if kind.is_file() && is_license(&name) && entry.metadata()?.len() <= MAX_BYTES {
             let bytes = fs::read(entry.path())?;
             found.push(String::from_utf8_lossy(&bytes).replace("\r\n", "\n"));
         }
@@ -67,8 +67,8 @@ fn texts(folder: &Path, depth: usize) -> Result<Vec<String>> {
 }
 
 /// By its name, in capitals.
-fn is_licence(name: &str) -> bool {
-    let starts = ["LICENSE", "LICENCE", "COPYING", "COPYRIGHT", "NOTICE", "UNLICENSE"];
+fn is_license(name: &str) -> bool {
+    let starts = ["LICENSE", "LICENSE", "COPYING", "COPYRIGHT", "NOTICE", "UNLICENSE"];
     let is_code = [".RS", ".PY", ".C", ".H", ".SH", ".TOML", ".JSON"].iter().any(|end| name.ends_with(end));
     starts.iter().any(|start| name.starts_with(start)) && !is_code
 }
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn every_crate_of_a_build_is_named_with_its_licence() {
+    fn every_crate_of_a_build_is_named_with_its_license() {
         let build = Build { package: "swm-core".into(), default_features: true, features: Vec::new() };
         let (tree, metadata) = (build.tree().unwrap(), Metadata::load().unwrap());
         let lock = fs::read_to_string(process::root().join("Cargo.lock")).unwrap();

@@ -1,4 +1,4 @@
-//! The archive of the program: built from the packaged files, with manual pages, completions, licences and a bill of what it
+//! The archive of the program: built from the packaged files, with manual pages, completions, licenses and a bill of what it
 //! is made of.
 
 use std::fs;

@@ -53,7 +53,7 @@ pub(super) fn bill(tree: &CargoTree, origins: &Origins<'_>) -> Result<Value> {
 
 fn component(unit: &Unit, kind: &str, origins: &Origins<'_>) -> Result<Value> {
     let package = origins.package(unit)?;
-    let licence = match &package.license {
+    let license = match &package.license {
         // The older way to write a choice is none of the format's.
         Some(expression) => json!({ "expression": expression.replace('/', " OR ") }),
         None => json!({ "license": { "name": "as its files say" } }),
@@ -64,7 +64,7 @@ fn component(unit: &Unit, kind: &str, origins: &Origins<'_>) -> Result<Value> {
         "name": unit.name,
         "version": unit.version,
         "purl": url(unit),
-        "licenses": [licence],
+        "licenses": [license],
     });
     if let Some(description) = package.description.as_deref().map(str::trim) {
         component["description"] = description.into();
@@ -89,7 +89,7 @@ mod tests {
     use crate::metadata::fixture;
 
     #[test]
-    fn a_bill_names_each_part_its_licence_and_who_needs_it() {
+    fn a_bill_names_each_part_its_license_and_who_needs_it() {
         let metadata = fixture("swm: png\n-png: zlib\n-zlib:");
         let lock = "[[package]]\nname = \"png\"\nversion = \"1.0.0\"\nchecksum = \"abc\"\n";
         let unit = |name: &str| Unit { name: name.into(), version: "1.0.0".into() };

@@ -137,7 +137,7 @@ mod tests {
     const ENTRY: &str = "example-1.0-any.whl";
 
     #[test]
-    fn data_are_installed_from_a_bundle_and_mended_from_it() {
+    fn data_are_installed_from_a_bundle_and_fixed_from_it() {
         let home = tempfile::tempdir().unwrap();
         let wheel = home.path().join("a.whl");
         wheel_of(&["models/a.xml", "models/b.py"], &wheel);

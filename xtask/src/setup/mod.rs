@@ -107,7 +107,7 @@ impl Source {
     }
 
     /// Says what is about to take a while.
-    fn announce(&self, package: &Package) {
+    fn commit(&self, package: &Package) {
         if matches!(self, Self::Index) {
             eprintln!("setup: fetching {package}");
         }

@@ -220,7 +220,7 @@ impl Tool {
             return Ok(format!("{name} {found}, the machine's own ({}), linked", path.display()));
         }
         let start = Instant::now();
-        source.announce(&self.package);
+        source.commit(&self.package);
         self.install(is_pinned, |folder| source.unpack(&self.package, folder))?;
         let Some(found) = version(&binary) else {
             bail!("`{} --version` does not run on this machine", binary.display());

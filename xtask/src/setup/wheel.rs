@@ -48,7 +48,7 @@ pub(crate) fn host() -> String {
     format!("{os}{libc}-{arch}")
 }
 
-/// There is no wheel for this machine: nothing that fetching again could mend.
+/// There is no wheel for this machine: nothing that fetching again could fix.
 #[derive(Debug)]
 pub(crate) struct Unpublished(String);
 

@@ -13,12 +13,12 @@ const MUJOCO: &str = "swm-envs-mujoco";
 const ONNX: &str = "ort";
 const PARQUET: &str = "parquet";
 const PHYSICS_2D: &str = "rapier2d-f64";
-const FILMS: &str = "openh264";
+const VIDEOS: &str = "openh264";
 const SHELL: &str = "clap";
 
-/// What the lowest crates keep out: all of it, and pictures.
+/// What the lowest crates keep out: all of it, and images.
 const ALL_HEAVY: &[&str] =
-    &["swm-render", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL];
+    &["swm-render", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, VIDEOS, SHELL];
 
 /// Crates and what no feature of theirs pulls in.
 const NEVER: &[(&str, &[&str])] = &[
@@ -26,26 +26,41 @@ const NEVER: &[(&str, &[&str])] = &[
     ("swm-fov", ALL_HEAVY),
     (
         "swm-render",
-        &["swm-core", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL],
+        &[
+            "swm-core", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, VIDEOS,
+            SHELL,
+        ],
     ),
     ("swm-media", &["swm-core", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, SHELL]),
     (
         "swm-envs-2d",
-        &["swm-data", "swm-solvers", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, FILMS, SHELL],
+        &["swm-data", "swm-solvers", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, VIDEOS, SHELL],
     ),
     (
         "swm-envs-mujoco",
-        &["swm-data", "swm-solvers", TENSORS, HDF5, LANCE, MATRICES, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL],
+        &[
+            "swm-data",
+            "swm-solvers",
+            TENSORS,
+            HDF5,
+            LANCE,
+            MATRICES,
+            ONNX,
+            PARQUET,
+            PHYSICS_2D,
+            VIDEOS,
+            SHELL,
+        ],
     ),
     (
         "swm-solvers",
-        &["swm-data", "swm-render", TENSORS, HDF5, LANCE, MUJOCO, ONNX, PARQUET, PHYSICS_2D, FILMS, SHELL],
+        &["swm-data", "swm-render", TENSORS, HDF5, LANCE, MUJOCO, ONNX, PARQUET, PHYSICS_2D, VIDEOS, SHELL],
     ),
     ("swm-data", &["swm-solvers", TENSORS, LANCE, MATRICES, MUJOCO, ONNX, PHYSICS_2D, SHELL]),
     ("swm-data-lance", &["swm-solvers", TENSORS, MATRICES, MUJOCO, ONNX, PHYSICS_2D, SHELL]),
     (
         "swm-onnx",
-        &["swm-data", "swm-render", TENSORS, HDF5, LANCE, MUJOCO, PARQUET, PHYSICS_2D, FILMS, SHELL],
+        &["swm-data", "swm-render", TENSORS, HDF5, LANCE, MUJOCO, PARQUET, PHYSICS_2D, VIDEOS, SHELL],
     ),
     ("swm-baselines", &[LANCE, MUJOCO, ONNX, PARQUET, PHYSICS_2D, SHELL]),
 ];
@@ -58,7 +73,7 @@ const ONLY_WITH: &[(&str, &str)] = &[
     ("faer", MATRICES),
     ("lance", LANCE),
     ("lerobot", PARQUET),
-    ("mp4", FILMS),
+    ("mp4", VIDEOS),
     ("mujoco", MUJOCO),
     ("onnx", ONNX),
     ("rapier", PHYSICS_2D),

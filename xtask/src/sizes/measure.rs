@@ -14,7 +14,7 @@ use crate::{process, setup};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Figure {
-    /// Processor time of an optimised build of everything, all cores together.
+    /// CPU time of an optimized build of everything, all cores together.
     pub seconds: f64,
     /// The program, without symbols.
     pub bytes: u64,
@@ -98,9 +98,9 @@ pub(super) fn measure(choice: &Choice) -> Result<Figure> {
     let mut build = process::cargo(["build", "--release", "--quiet", "--config"]);
     build.arg(process::root().join(".cargo/config.toml")).current_dir(folder.path());
     build.env("CARGO_TARGET_DIR", folder.path().join("target")).envs(setup::tools::protoc());
-    let before = processor_seconds_of_children()?;
+    let before = cpu_seconds_of_children()?;
     process::run(&mut build)?;
-    let seconds = processor_seconds_of_children()? - before;
+    let seconds = cpu_seconds_of_children()? - before;
     let bytes = fs::metadata(folder.path().join("target/release/probe")).context("no program")?.len();
     Ok(Figure { seconds: (seconds * 10.0).round() / 10.0, bytes })
 }
@@ -128,10 +128,10 @@ fn manifest(choice: &Choice) -> Result<String> {
     Ok(toml::to_string(&manifest)?)
 }
 
-/// What programs that we started and that have ended have used of all processors, as Linux counts it: `man 5 proc`, cutime
+/// What programs that we started and that have ended have used of all CPUs, as Linux counts it: `man 5 proc`, cutime
 /// and cstime, in ticks of 10 ms.
-fn processor_seconds_of_children() -> Result<f64> {
-    let line = fs::read_to_string("/proc/self/stat").context("processor time is measured on Linux only")?;
+fn cpu_seconds_of_children() -> Result<f64> {
+    let line = fs::read_to_string("/proc/self/stat").context("CPU time is measured on Linux only")?;
     parse_stat(&line).context("/proc/self/stat has another form")
 }
 

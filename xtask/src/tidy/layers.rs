@@ -51,7 +51,7 @@ const HEAVY: &[&str] = &[
     "openh264",
     "png",
     "tiny-skia",
-    "zune", // pictures
+    "zune", // images
     "mujoco",
     "parry",
     "rapier", // physics

@@ -9,7 +9,7 @@ const TABLE: &str = "docs/dependencies.md";
 
 /// Shared dependencies without a full row in the table, and rows without a dependency.
 ///
-/// A row counts below the heading `## Crates`: name in backticks, why, licence, cost to build.
+/// A row counts below the heading `## Crates`: name in backticks, why, license, cost to build.
 pub(super) fn dependency_table(manifest: &str, document: &str) -> Vec<Violation> {
     let dependencies = match shared_dependencies(manifest) {
         Ok(dependencies) => dependencies,
@@ -22,7 +22,7 @@ pub(super) fn dependency_table(manifest: &str, document: &str) -> Vec<Violation>
             None => violations.push(Violation::new(TABLE, format!("no row for `{name}` below `## Crates`"))),
             Some(cells) if cells.len() != 3 || cells.iter().any(|cell| cell.is_empty()) => {
                 violations
-                    .push(Violation::new(TABLE, format!("`{name}` needs: why | licence | cost to build")));
+                    .push(Violation::new(TABLE, format!("`{name}` needs: why | license | cost to build")));
             }
             Some(_) => {}
         }
@@ -49,7 +49,7 @@ pub(super) fn unused_dependencies(manifest: &str, metadata: &Metadata) -> Vec<Vi
     unused.map(|name| Violation::new("Cargo.toml", format!("no crate uses `{name}`: remove it"))).collect()
 }
 
-/// Crates without a description or a licence.
+/// Crates without a description or a license.
 pub(super) fn undescribed(metadata: &Metadata) -> Vec<Violation> {
     let mut violations = Vec::new();
     for package in metadata.members() {
@@ -101,8 +101,8 @@ mod tests {
 
     #[test]
     fn a_full_table_passes() {
-        let document = "# Dependencies\n## Crates\n| crate | why | licence | cost |\n|--|--|--|--|\n\
-                        | `anyhow` | errors | MIT | light |\n| `png` | pictures | MIT | light |\n## Tools\n| `cmake` | x |\n";
+        let document = "# Dependencies\n## Crates\n| crate | why | license | cost |\n|--|--|--|--|\n\
+                        | `anyhow` | errors | MIT | light |\n| `png` | images | MIT | light |\n## Tools\n| `cmake` | x |\n";
         assert_eq!(dependency_table(MANIFEST, document), []);
     }
 
@@ -112,7 +112,7 @@ mod tests {
         assert_eq!(
             messages(dependency_table(MANIFEST, document)),
             [
-                "`anyhow` needs: why | licence | cost to build",
+                "`anyhow` needs: why | license | cost to build",
                 "no row for `png` below `## Crates`",
                 "`gone` is no shared dependency: remove its row",
             ]

@@ -11,7 +11,7 @@ use swm_core::{Batch, BoxError, PolicyArgs, PolicyError, Row};
 use super::policies::Given;
 use super::scenes::{bytes, numbers, scaled, size_of};
 use crate::baseline::PlanModel;
-use crate::data::{Numbers, Observations, Pictures};
+use crate::data::{Images, Numbers, Observations};
 use crate::models::table::BASELINES;
 use crate::train::{ACTION, PROPRIO, Scale, TrainedModel};
 
@@ -62,7 +62,7 @@ impl LatentModel {
         Ok(Self { network, frameskip, side, action, proprio, latents: Vec::new(), actions: Vec::new() })
     }
 
-    /// The side of the pictures that the model was trained on.
+    /// The side of the images that the model was trained on.
     pub fn image_side(&self) -> usize {
         self.side
     }
@@ -76,7 +76,7 @@ impl LatentModel {
     ) -> Result<(), BoxError> {
         let rows = latents.len() / self.network.latent_width().max(1);
         let seen = Observations {
-            pixels: Pictures { values: pixels, rows, steps: 1, height, width, channels_last: true },
+            pixels: Images { values: pixels, rows, steps: 1, height, width, channels_last: true },
             proprio: self.proprio.as_ref().map(|scale| Numbers {
                 values: proprio,
                 rows,

@@ -11,11 +11,11 @@ use swm_solvers::{LearnedCost, MpcPolicy, SOLVER_SETTING, plan_on, take_solver};
 
 use super::cost::ModelCost;
 use super::goal_policy::ModelPolicy;
+use crate::device::Device;
 use crate::error::BaselineError;
-use crate::processor::Processor;
 use crate::train::{RunConfig, RunFolder, TrainedModel, Which};
 
-/// Policies for every environment that shows pictures.
+/// Policies for every environment that shows images.
 pub const POLICIES: &[PolicyEntry] = &[
     MPC,
     PolicyEntry {
@@ -100,7 +100,7 @@ pub fn ceiling(args: &PolicyArgs) -> Option<PolicyArgs> {
     Some(PolicyArgs { name: solver.name.to_owned(), positional: Vec::new(), named: given.rest })
 }
 
-/// The side of the pictures that the model of these arguments was trained on; `None` for other policies, and for runs
+/// The side of the images that the model of these arguments was trained on; `None` for other policies, and for runs
 /// that are not there.
 pub fn image_side(args: &PolicyArgs) -> Option<usize> {
     let given = of_table(args)?;
@@ -123,7 +123,7 @@ fn of_table(args: &PolicyArgs) -> Option<Given> {
 pub(super) struct Given {
     run: PathBuf,
     which: Which,
-    processor: Processor,
+    device: Device,
     /// Whether a run of another environment is taken.
     transfer: bool,
     rest: Map<String, Json>,
@@ -142,11 +142,11 @@ impl Given {
                 .map_err(|reason| args.wrong(format!("setting `checkpoint`: {reason}")))?,
             None => Which::default(),
         };
-        let processor = match rest.shift_remove("device") {
+        let CPU = match rest.shift_remove("device") {
             Some(name) => {
                 text(&name).parse().map_err(|error: BaselineError| args.wrong(error.to_string()))?
             }
-            None => Processor::default(),
+            None => Device::default(),
         };
         let transfer = match rest.shift_remove("transfer") {
             Some(Json::Bool(transfer)) => transfer,
@@ -155,7 +155,7 @@ impl Given {
             }
             None => false,
         };
-        Ok(Self { run: text(run).into(), which, processor, transfer, rest })
+        Ok(Self { run: text(run).into(), which, device, transfer, rest })
     }
 
     /// About the run.
@@ -173,7 +173,7 @@ impl Given {
 
     /// The model, for use in the environment `env`: numbers of an action may agree where nothing else does.
     pub(super) fn model(&self, args: &PolicyArgs, env: &str) -> Result<TrainedModel, PolicyError> {
-        let model = TrainedModel::open(&self.run, self.which, self.processor)
+        let model = TrainedModel::open(&self.run, self.which, self.device)
             .map_err(|error| args.wrong(error.to_string()))?;
         match model.config.data.env.as_deref() {
             Some(of) if of != env && !self.transfer => {

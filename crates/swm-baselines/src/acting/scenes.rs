@@ -1,4 +1,4 @@
-//! From infos of environments to what models see: pictures as they are, numbers scaled as in training.
+//! From infos of environments to what models see: images as they are, numbers scaled as in training.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use swm_core::env::PIXELS;
 use swm_core::{Row, Slice};
 
 use crate::baseline::Baseline;
-use crate::data::{Numbers, Pictures, Scenes};
+use crate::data::{Images, Numbers, Scenes};
 use crate::error::BaselineError;
 use crate::train::{DataConfig, PROPRIO, Scale};
 
@@ -20,7 +20,7 @@ const GOAL_PROPRIO: [&str; 2] = ["goal_proprio", "goal_state"];
 pub(super) struct SceneTable {
     rows: usize,
     frames: usize,
-    /// `[H, W]` of the environment's pictures.
+    /// `[H, W]` of the environment's images.
     size: [usize; 2],
     pixels: Vec<u8>,
     goal_pixels: Vec<u8>,
@@ -72,7 +72,7 @@ impl SceneTable {
     pub(super) fn push(&mut self, row: Row<'_>) -> Result<(), BaselineError> {
         let size = size_of(row, PIXELS)?;
         if size != size_of(row, GOAL)? {
-            return Err(BaselineError::data(GOAL, "the picture of the goal has another size than `pixels`"));
+            return Err(BaselineError::data(GOAL, "the image of the goal has another size than `pixels`"));
         }
         self.size = size;
         self.pixels.extend_from_slice(bytes(row, PIXELS)?);
@@ -94,7 +94,7 @@ impl SceneTable {
 
     /// Adds an earlier observation of the environment whose present comes next.
     pub(super) fn push_past<'a>(&mut self, field: impl Fn(usize) -> Slice<'a>) -> Result<(), BaselineError> {
-        let Slice::U8(pixels) = field(0) else { return Err(no_pictures(PIXELS)) };
+        let Slice::U8(pixels) = field(0) else { return Err(no_images(PIXELS)) };
         self.pixels.extend_from_slice(pixels);
         if let Some(State { scale, now, .. }) = &mut self.proprio {
             scaled(scale, field(1), now);
@@ -110,30 +110,30 @@ impl SceneTable {
     /// All scenes.
     pub(super) fn scenes(&self) -> Scenes<'_> {
         let &Self { rows, frames, size: [height, width], block, .. } = self;
-        let pictures = |values, steps| Pictures { values, rows, steps, height, width, channels_last: true };
+        let images = |values, steps| Images { values, rows, steps, height, width, channels_last: true };
         let state = |values, steps, scale: &Scale| Numbers { values, rows, steps, width: scale.mean.len() };
         Scenes {
-            pixels: pictures(&self.pixels, frames),
+            pixels: images(&self.pixels, frames),
             action: Numbers { values: &self.action, rows, steps: frames - 1, width: block },
             proprio: self.proprio.as_ref().map(|known| state(&known.now, frames, &known.scale)),
-            goal_pixels: pictures(&self.goal_pixels, 1),
+            goal_pixels: images(&self.goal_pixels, 1),
             goal_proprio: self.proprio.as_ref().map(|known| state(&known.goal, 1, &known.scale)),
         }
     }
 }
 
-fn no_pictures(name: &'static str) -> BaselineError {
-    let reason = "the environment shows no such pictures, and the model sees nothing else; give --image-size 64x64, or make \
+fn no_images(name: &'static str) -> BaselineError {
+    let reason = "the environment shows no such images, and the model sees nothing else; give --image-size 64x64, or make \
                   the manifest with it";
     BaselineError::data(name, reason)
 }
 
-/// `[H, W]` of a picture.
+/// `[H, W]` of an image.
 pub(super) fn size_of(row: Row<'_>, name: &'static str) -> Result<[usize; 2], BaselineError> {
-    let index = row.schema().index(name).ok_or_else(|| no_pictures(name))?;
+    let index = row.schema().index(name).ok_or_else(|| no_images(name))?;
     match row.schema().fields()[index].shape[..] {
         [height, width, 3] => Ok([height, width]),
-        _ => Err(no_pictures(name)),
+        _ => Err(no_images(name)),
     }
 }
 

@@ -27,7 +27,7 @@ pub(crate) fn expectile<const D: usize>(values: Tensor<D>, targets: Tensor<D>, s
 
 /// The terms of one loss.
 pub(crate) struct Terms {
-    /// What is minimised.
+    /// What is minimized.
     pub(crate) total: Tensor<1>,
     /// Its parts and other numbers worth watching, as they are before they are weighed.
     pub(crate) parts: Vec<(&'static str, Tensor<1>)>,

@@ -21,13 +21,13 @@ pub(crate) struct Vicreg {
 /// Of embeddings `[B, T, W]`. All terms see them less their mean over the batch.
 pub(crate) fn vicreg(states: Tensor<3>) -> Vicreg {
     let mean = states.clone().mean_dim(0);
-    let centred = states - mean;
-    let by_step = centred.clone().swap_dims(0, 1);
+    let centered = states - mean;
+    let by_step = centered.clone().swap_dims(0, 1);
     Vicreg {
         std: shortfall(by_step.clone()),
-        std_t: shortfall(centred.clone()),
+        std_t: shortfall(centered.clone()),
         cov: covariance(by_step),
-        cov_t: covariance(centred),
+        cov_t: covariance(centered),
     }
 }
 
@@ -40,7 +40,7 @@ fn shortfall(groups: Tensor<3>) -> Tensor<1> {
 }
 
 /// Of G groups of N samples `[G, N, W]`: squares of xᵀx / (N - 1) off the diagonal, their mean. The reference does
-/// not centre x a second time, so neither does this.
+/// not center x a second time, so neither does this.
 fn covariance(groups: Tensor<3>) -> Tensor<1> {
     let [count, samples, width] = groups.dims();
     let products = groups.clone().swap_dims(1, 2).matmul(groups.clone()) / (samples as f32 - 1.0);

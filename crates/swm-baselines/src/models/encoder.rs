@@ -1,4 +1,4 @@
-//! Which network looks at pictures: a vision transformer or a small convolutional one.
+//! Which network looks at images: a vision transformer or a small convolutional one.
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
@@ -33,7 +33,7 @@ impl EncoderConfig {
         }
     }
 
-    /// P and W: tokens of a picture, and numbers of each.
+    /// P and W: tokens of an image, and numbers of each.
     pub(crate) fn tokens(&self, image: usize) -> [usize; 2] {
         match self {
             Self::Vit(config) => [config.patches([image; 2]), config.width],
@@ -71,9 +71,9 @@ impl Encoder {
     }
 
     /// `[B, T, 3, S, S]` → `[B, T, W]`.
-    pub(crate) fn summaries(&self, pictures: Tensor<5>) -> Tensor<3> {
-        let [batch, steps, ..] = pictures.dims();
-        let frames = pictures.flatten::<4>(0, 1);
+    pub(crate) fn summaries(&self, images: Tensor<5>) -> Tensor<3> {
+        let [batch, steps, ..] = images.dims();
+        let frames = images.flatten::<4>(0, 1);
         let summaries: Tensor<2> = match self {
             Self::Vit(vit) => vit.summaries(frames),
             Self::Cnn(cnn) => cnn.forward(frames),
@@ -83,9 +83,9 @@ impl Encoder {
     }
 
     /// `[B, T, 3, S, S]` → `[B, T, P, W]`.
-    pub(crate) fn tokens(&self, pictures: Tensor<5>) -> Tensor<4> {
-        let [batch, steps, ..] = pictures.dims();
-        let frames = pictures.flatten::<4>(0, 1);
+    pub(crate) fn tokens(&self, images: Tensor<5>) -> Tensor<4> {
+        let [batch, steps, ..] = images.dims();
+        let frames = images.flatten::<4>(0, 1);
         let tokens = match self {
             Self::Vit(vit) => {
                 let all = vit.forward(frames);

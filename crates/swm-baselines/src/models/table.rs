@@ -10,10 +10,10 @@ use super::settings::with_changes;
 use super::{dino_wm, gcbc, gciql, gcivl, lewm, pldm};
 use crate::baseline::{Baseline, Recipe};
 use crate::data::Facts;
+use crate::device::Device;
 use crate::error::BaselineError;
 use crate::learner::Learner;
 use crate::network::{Network, Parts};
-use crate::processor::Processor;
 
 /// From the name of a preset, and changes to it, to all settings.
 type SettingsOf = fn(&str, &Json) -> Result<Json, BaselineError>;
@@ -56,13 +56,13 @@ macro_rules! entry {
     };
 }
 
-/// Presets that every baseline has: the paper's, and one for two processor cores.
+/// Presets that every baseline has: the paper's, and one for two CPU cores.
 const PRESETS: &[&str] = &["paper", "small"];
 
 /// All baselines.
 pub const BASELINES: &[BaselineEntry] = &[
     entry!(dino_wm, DinoWmConfig, "tokens of a frozen DINOv2, predicted frame by frame; plans"),
-    entry!(gcbc, GcbcConfig, "goal-conditioned behavioural cloning; acts"),
+    entry!(gcbc, GcbcConfig, "goal-conditioned behavioral cloning; acts"),
     entry!(gciql, GciqlConfig, "goal-conditioned implicit Q-learning; acts"),
     entry!(gcivl, GcivlConfig, "goal-conditioned implicit value learning; acts"),
     entry!(lewm, LewmConfig, "joint embedding, kept normal by SIGReg; plans"),
@@ -81,7 +81,7 @@ pub struct MakeOptions<'a> {
     /// The seed of its first weights.
     pub seed: u64,
     /// What it is computed on.
-    pub processor: Processor,
+    pub device: Device,
 }
 
 /// A new model with fresh weights.
@@ -105,7 +105,7 @@ pub fn make(name: &str, options: &MakeOptions<'_>) -> Result<Box<dyn Baseline>, 
         facts: options.facts,
         seed: options.seed,
     };
-    (entry.make)(recipe, &options.processor.device()?)
+    (entry.make)(recipe, &options.device.device()?)
 }
 
 /// The model of a recipe, with its first weights.
@@ -113,8 +113,8 @@ pub fn make(name: &str, options: &MakeOptions<'_>) -> Result<Box<dyn Baseline>, 
 /// # Errors
 ///
 /// No such baseline, or settings that it does not take.
-pub fn restore(recipe: &Recipe, processor: Processor) -> Result<Box<dyn Baseline>, BaselineError> {
-    (find(&recipe.baseline)?.make)(recipe.clone(), &processor.device()?)
+pub fn restore(recipe: &Recipe, device: Device) -> Result<Box<dyn Baseline>, BaselineError> {
+    (find(&recipe.baseline)?.make)(recipe.clone(), &device.device()?)
 }
 
 fn learner<N: Network>(

@@ -1,4 +1,4 @@
-//! Attention and the network between two of them, as the reference's predictors have them: each normalises its own
+//! Attention and the network between two of them, as the reference's predictors have them: each normalizes its own
 //! input.
 
 use burn::module::Module;

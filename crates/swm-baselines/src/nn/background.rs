@@ -1,6 +1,6 @@
-//! What all pictures have in common, taken away from each: what is left is what moves. Of a camera that stands still.
+//! What all images have in common, taken away from each: what is left is what moves. Of a camera that stands still.
 //!
-//! Numbers are brought to mean 0 and deviation 1 before a network sees them, and so are pictures here, each pixel by its own
+//! Numbers are brought to mean 0 and deviation 1 before a network sees them, and so are images here, each pixel by its own
 //! mean. Else the first layers answer to the background alone: a network of convolutions tells the angle of PushT's block
 //! after 300 steps with a squared error of 0.2 of its variance instead of 0.7.
 
@@ -26,24 +26,24 @@ impl Background {
     }
 
     /// `[N, 3, H, W]` → `[N, 3, H, W]`.
-    pub(crate) fn remove(&self, pictures: Tensor<4>) -> Tensor<4> {
+    pub(crate) fn remove(&self, images: Tensor<4>) -> Tensor<4> {
         let scale: Tensor<4> = self.deviation.val().recip().reshape([1, 1, 1, 1]);
-        (pictures - self.mean.val().unsqueeze()) * scale
+        (images - self.mean.val().unsqueeze()) * scale
     }
 
-    /// A network whose backgrounds are those of these pictures, `[B, T, 3, H, W]`.
-    pub(crate) fn find<M: Module>(network: M, pictures: &Tensor<5>) -> M {
-        let pictures: Tensor<4> = pictures.clone().flatten(0, 1);
-        let mean = pictures.clone().mean_dim(0);
+    /// A network whose backgrounds are those of these images, `[B, T, 3, H, W]`.
+    pub(crate) fn find<M: Module>(network: M, images: &Tensor<5>) -> M {
+        let images: Tensor<4> = images.clone().flatten(0, 1);
+        let mean = images.clone().mean_dim(0);
         params::map(network, |spec, tensor| match (spec.place.0, spec.place.1.as_str()) {
             ("Background", "mean") => mean.clone().flatten(0, 3),
-            ("Background", _) => deviation(pictures.clone() - mean.clone()),
+            ("Background", _) => deviation(images.clone() - mean.clone()),
             _ => tensor,
         })
     }
 }
 
-/// `[1]`; of pictures that are all alike, 1.
+/// `[1]`; of images that are all alike, 1.
 fn deviation(apart: Tensor<4>) -> Tensor<1> {
     let deviation = apart.square().mean().sqrt();
     let is_none = deviation.clone().lower_elem(1e-6);
@@ -55,10 +55,10 @@ mod tests {
     use burn::tensor::TensorData;
 
     use super::*;
-    use crate::init::initialise;
+    use crate::init::initialize;
     use crate::params::host;
 
-    fn pictures(values: &[f32]) -> Tensor<5> {
+    fn images(values: &[f32]) -> Tensor<5> {
         let data = TensorData::new(values.to_vec(), [values.len() / 12, 1, 3, 2, 2]);
         Tensor::from_data(data, &Device::flex())
     }
@@ -66,7 +66,7 @@ mod tests {
     #[test]
     fn what_is_left_has_mean_0_in_each_pixel_and_deviation_1_in_all() {
         let values: Vec<f32> = (0..60).map(|i| (i % 12) as f32 + 3.0 * ((i * i) as f32).sin()).collect();
-        let seen = pictures(&values);
+        let seen = images(&values);
         let background = Background::find(Background::new([2, 2], &Device::flex()), &seen);
         let left = host(background.remove(seen.flatten(0, 1)));
         for pixel in 0..12 {
@@ -78,16 +78,16 @@ mod tests {
     }
 
     #[test]
-    fn pictures_that_are_all_alike_become_black_and_nothing_is_infinite() {
-        let seen = pictures(&[0.25; 36]);
+    fn images_that_are_all_alike_become_black_and_nothing_is_infinite() {
+        let seen = images(&[0.25; 36]);
         let background = Background::find(Background::new([2, 2], &Device::flex()), &seen);
         assert_eq!(host(background.remove(seen.flatten(0, 1))), [0.0; 36]);
     }
 
     #[test]
-    fn before_one_is_found_pictures_stay_what_they_are() {
-        let seen = pictures(&[0.5; 12]);
-        let background = initialise(Background::new([2, 2], &Device::flex()), 1);
+    fn before_one_is_found_images_stay_what_they_are() {
+        let seen = images(&[0.5; 12]);
+        let background = initialize(Background::new([2, 2], &Device::flex()), 1);
         assert_eq!(host(background.remove(seen.flatten(0, 1))), [0.5; 12]);
     }
 }

@@ -1,4 +1,4 @@
-//! A small convolutional encoder for small pictures: not the reference's, made to train on a processor in minutes.
+//! A small convolutional encoder for small images: not the reference's, made to train on a CPU in minutes.
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
@@ -11,7 +11,7 @@ use super::layers::{Conv, Linear};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CnnConfig {
-    /// Channels of each layer; each halves the picture.
+    /// Channels of each layer; each halves the image.
     pub channels: Vec<usize>,
 }
 
@@ -21,8 +21,8 @@ impl Default for CnnConfig {
     }
 }
 
-/// Convolutions that halve the picture, then one linear layer over all that is left. Nothing between them but ReLU: what
-/// else is computed for each pixel costs a processor more than the convolutions do.
+/// Convolutions that halve the image, then one linear layer over all that is left. Nothing between them but ReLU: what
+/// else is computed for each pixel costs a CPU more than the convolutions do.
 #[derive(Module, Debug)]
 pub(crate) struct Cnn {
     background: Background,
@@ -31,7 +31,7 @@ pub(crate) struct Cnn {
 }
 
 impl Cnn {
-    /// For pictures of `[height, width]` pixels; with a `head` to this many numbers, or without: a grid of tokens.
+    /// For images of `[height, width]` pixels; with a `head` to this many numbers, or without: a grid of tokens.
     pub(crate) fn new(config: &CnnConfig, size: [usize; 2], head: Option<usize>, device: &Device) -> Self {
         let mut inputs = 3;
         let mut layers = Vec::with_capacity(config.channels.len());
@@ -45,7 +45,7 @@ impl Cnn {
         Self { background: Background::new(size, device), layers, head }
     }
 
-    /// Rows and columns that are left of a picture.
+    /// Rows and columns that are left of an image.
     pub(crate) fn grid(config: &CnnConfig, size: [usize; 2]) -> [usize; 2] {
         size.map(|pixels| config.channels.iter().fold(pixels, |pixels, _| pixels.div_ceil(2)))
     }
@@ -59,8 +59,8 @@ impl Cnn {
     }
 
     /// `[N, 3, H, W]` → `[N, W]`; of an encoder with a head.
-    pub(crate) fn forward(&self, pictures: Tensor<4>) -> Tensor<2> {
-        let maps: Tensor<2> = self.maps(pictures).permute([0, 3, 1, 2]).flatten(1, 3);
+    pub(crate) fn forward(&self, images: Tensor<4>) -> Tensor<2> {
+        let maps: Tensor<2> = self.maps(images).permute([0, 3, 1, 2]).flatten(1, 3);
         match &self.head {
             Some(head) => head.forward(maps),
             None => maps,
@@ -68,14 +68,14 @@ impl Cnn {
     }
 
     /// `[N, 3, H, W]` → `[N, P, C]`: what each place of the last layer says.
-    pub(crate) fn tokens(&self, pictures: Tensor<4>) -> Tensor<3> {
-        self.maps(pictures).flatten(1, 2)
+    pub(crate) fn tokens(&self, images: Tensor<4>) -> Tensor<3> {
+        self.maps(images).flatten(1, 2)
     }
 
     /// `[N, 3, H, W]` → `[N, H', W', C]`.
-    fn maps(&self, pictures: Tensor<4>) -> Tensor<4> {
+    fn maps(&self, images: Tensor<4>) -> Tensor<4> {
         self.layers
             .iter()
-            .fold(self.background.remove(pictures).permute([0, 2, 3, 1]), |maps, layer| layer.halve(maps))
+            .fold(self.background.remove(images).permute([0, 2, 3, 1]), |maps, layer| layer.halve(maps))
     }
 }

@@ -1,5 +1,5 @@
-//! Rectified convolutions on a processor, forwards and backwards: pictures have their channels last, so that what a kernel
-//! sees of a row is one piece of memory, and all kernels at all places of some pictures are one product of matrices.
+//! Rectified convolutions on a CPU, forwards and backwards: images have their channels last, so that what a kernel
+//! sees of a row is one piece of memory, and all kernels at all places of some images are one product of matrices.
 //!
 //! Burn's own convolution is for any shape, and its gradients are convolutions again: with it a training step of the
 //! *small* encoder takes three times as long. It serves other devices, and the tests as an oracle.
@@ -18,39 +18,39 @@ use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 
-/// A square kernel that goes over pictures.
+/// A square kernel that goes over images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Kernel {
     /// Its side, in pixels.
     pub(crate) size: usize,
     /// Pixels from one place to the next.
     pub(crate) stride: usize,
-    /// Pixels of zeros around a picture.
+    /// Pixels of zeros around an image.
     pub(crate) padding: usize,
 }
 
-/// `[N, H, W, in]` pictures, weights `[K × K × in, out]` and a bias `[out]` → `[N, H', W', out]`, negative numbers become 0.
-pub(crate) fn convolve(pictures: Tensor<4>, weight: Tensor<2>, bias: Tensor<1>, kernel: Kernel) -> Tensor<4> {
-    if !matches!(pictures.device().inner().as_dispatch(), DispatchDevice::Flex(_)) {
-        return convolve_anywhere(pictures, weight, bias, kernel);
+/// `[N, H, W, in]` images, weights `[K × K × in, out]` and a bias `[out]` → `[N, H', W', out]`, negative numbers become 0.
+pub(crate) fn convolve(images: Tensor<4>, weight: Tensor<2>, bias: Tensor<1>, kernel: Kernel) -> Tensor<4> {
+    if !matches!(images.device().inner().as_dispatch(), DispatchDevice::Flex(_)) {
+        return convolve_anywhere(images, weight, bias, kernel);
     }
-    let [pictures, weight, bias] = [pictures.into_dispatch(), weight.into_dispatch(), bias.into_dispatch()];
-    Tensor::from_dispatch(<Dispatch as Convolve>::convolve(pictures, weight, bias, kernel))
+    let [images, weight, bias] = [images.into_dispatch(), weight.into_dispatch(), bias.into_dispatch()];
+    Tensor::from_dispatch(<Dispatch as Convolve>::convolve(images, weight, bias, kernel))
 }
 
 /// The same by burn's own operations.
-fn convolve_anywhere(pictures: Tensor<4>, weight: Tensor<2>, bias: Tensor<1>, kernel: Kernel) -> Tensor<4> {
+fn convolve_anywhere(images: Tensor<4>, weight: Tensor<2>, bias: Tensor<1>, kernel: Kernel) -> Tensor<4> {
     let Kernel { size, stride, padding } = kernel;
     let [seen, outputs] = weight.dims();
     let weight = weight.reshape([size, size, seen / (size * size), outputs]).permute([3, 2, 0, 1]);
     let options = ConvOptions::new([stride; 2], [padding; 2], [1, 1], 1);
-    relu(conv2d(pictures.permute([0, 3, 1, 2]), weight, Some(bias), options)).permute([0, 2, 3, 1])
+    relu(conv2d(images.permute([0, 3, 1, 2]), weight, Some(bias), options)).permute([0, 2, 3, 1])
 }
 
 #[backend_extension(Flex, Autodiff)]
 trait Convolve: Backend {
     fn convolve(
-        pictures: FloatTensor<Self>,
+        images: FloatTensor<Self>,
         weight: FloatTensor<Self>,
         bias: FloatTensor<Self>,
         kernel: Kernel,
@@ -58,15 +58,15 @@ trait Convolve: Backend {
 }
 
 impl Convolve for Flex {
-    fn convolve(pictures: FlexTensor, weight: FlexTensor, bias: FlexTensor, kernel: Kernel) -> FlexTensor {
-        let [pictures, weight, bias] = [pictures, weight, bias].map(|tensor| tensor.to_contiguous());
-        let form = Form::new(&pictures, &weight, kernel);
+    fn convolve(images: FlexTensor, weight: FlexTensor, bias: FlexTensor, kernel: Kernel) -> FlexTensor {
+        let [images, weight, bias] = [images, weight, bias].map(|tensor| tensor.to_contiguous());
+        let form = Form::new(&images, &weight, kernel);
         let bias = numbers(&bias);
         let mut outputs = vec![0.0; form.count * form.numbers_out()];
-        let groups = numbers(&pictures).par_chunks(form.group() * form.numbers_in());
+        let groups = numbers(&images).par_chunks(form.group() * form.numbers_in());
         groups.zip(outputs.par_chunks_mut(form.group() * form.numbers_out())).for_each(
-            |(pictures, outputs)| {
-                let product = Flex::float_matmul(form.patches(pictures), weight.clone());
+            |(images, outputs)| {
+                let product = Flex::float_matmul(form.patches(images), weight.clone());
                 let sums = numbers(&product).chunks_exact(form.outputs);
                 for (out, sums) in outputs.chunks_exact_mut(form.outputs).zip(sums) {
                     for ((out, sum), bias) in out.iter_mut().zip(sums).zip(bias) {
@@ -86,7 +86,7 @@ struct Convolved;
 /// What it needs to know.
 #[derive(Clone, Debug)]
 struct Seen {
-    pictures: FlexTensor,
+    images: FlexTensor,
     weight: FlexTensor,
     outputs: FlexTensor,
     form: Form,
@@ -94,19 +94,19 @@ struct Seen {
 
 impl<C: CheckpointStrategy> Convolve for Autodiff<Flex, C> {
     fn convolve(
-        pictures: FloatTensor<Self>,
+        images: FloatTensor<Self>,
         weight: FloatTensor<Self>,
         bias: FloatTensor<Self>,
         kernel: Kernel,
     ) -> FloatTensor<Self> {
-        let ((pictures, of_pictures), (weight, of_weight), (bias, of_bias)) =
-            (pictures.into_parts(), weight.into_parts(), bias.into_parts());
-        let [pictures, weight] = [pictures, weight].map(|tensor| tensor.to_contiguous());
-        let form = Form::new(&pictures, &weight, kernel);
-        let outputs = Flex::convolve(pictures.clone(), weight.clone(), bias, kernel);
-        match Convolved.prepare::<C>([of_pictures, of_weight, of_bias]).compute_bound().stateful() {
+        let ((images, of_images), (weight, of_weight), (bias, of_bias)) =
+            (images.into_parts(), weight.into_parts(), bias.into_parts());
+        let [images, weight] = [images, weight].map(|tensor| tensor.to_contiguous());
+        let form = Form::new(&images, &weight, kernel);
+        let outputs = Flex::convolve(images.clone(), weight.clone(), bias, kernel);
+        match Convolved.prepare::<C>([of_images, of_weight, of_bias]).compute_bound().stateful() {
             OpsKind::Tracked(ops) => {
-                ops.finish(Seen { pictures, weight, outputs: outputs.clone(), form }, outputs)
+                ops.finish(Seen { images, weight, outputs: outputs.clone(), form }, outputs)
             }
             OpsKind::UnTracked(ops) => ops.finish(outputs),
         }
@@ -117,10 +117,10 @@ impl Backward<Flex, 3> for Convolved {
     type State = Seen;
 
     fn backward(self, ops: Ops<Seen, 3>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        let [pictures, weight, bias] = ops.parents;
+        let [images, weight, bias] = ops.parents;
         let given = gradients.consume::<Flex>(&ops.node).to_contiguous();
-        let found = ops.state.gradients(&given, pictures.is_some());
-        if let (Some(node), Some(gradient)) = (pictures, found.pictures) {
+        let found = ops.state.gradients(&given, images.is_some());
+        if let (Some(node), Some(gradient)) = (images, found.images) {
             gradients.register::<Flex>(node.id, gradient);
         }
         if let Some(node) = weight {
@@ -133,16 +133,16 @@ impl Backward<Flex, 3> for Convolved {
 }
 
 struct Found {
-    pictures: Option<FlexTensor>,
+    images: Option<FlexTensor>,
     weight: FlexTensor,
     bias: FlexTensor,
 }
 
 impl Seen {
     /// Gradients where that of the outputs is `given`.
-    fn gradients(&self, given: &FlexTensor, of_pictures: bool) -> Found {
-        let Self { pictures, weight, outputs, form } = self;
-        let mut back = vec![0.0; if of_pictures { numbers(pictures).len() } else { 0 }];
+    fn gradients(&self, given: &FlexTensor, of_images: bool) -> Found {
+        let Self { images, weight, outputs, form } = self;
+        let mut back = vec![0.0; if of_images { numbers(images).len() } else { 0 }];
         let group = form.group() * form.numbers_in();
         let mut backs: Vec<&mut [f32]> = back.chunks_mut(group).collect();
         backs.resize_with(form.count.div_ceil(form.group()), || &mut []);
@@ -150,9 +150,9 @@ impl Seen {
         let groups = numbers(outputs).par_chunks(group_out).zip(numbers(given).par_chunks(group_out));
         let transposed = weight.transpose(0, 1);
         let parts: Vec<(FlexTensor, Vec<f32>)> = groups
-            .zip(numbers(pictures).par_chunks(group))
+            .zip(numbers(images).par_chunks(group))
             .zip(backs)
-            .map(|(((outputs, given), pictures), back)| {
+            .map(|(((outputs, given), images), back)| {
                 let passed: Vec<f32> = outputs
                     .iter()
                     .zip(given)
@@ -168,7 +168,7 @@ impl Seen {
                     let patches = Flex::float_matmul(passed.clone(), transposed.clone());
                     form.add_patches(numbers(&patches), back);
                 }
-                (Flex::float_matmul(form.patches(pictures).transpose(0, 1), passed), bias)
+                (Flex::float_matmul(form.patches(images).transpose(0, 1), passed), bias)
             })
             .collect();
         // In order: the same bits on any number of threads.
@@ -179,7 +179,7 @@ impl Seen {
         }
         let shape = [form.count, form.height, form.width, form.inputs];
         Found {
-            pictures: of_pictures.then(|| tensor(back, shape)),
+            images: of_images.then(|| tensor(back, shape)),
             weight: tensor(sums.0, [form.seen(), form.outputs]),
             bias: tensor(sums.1, [form.outputs]),
         }
@@ -190,7 +190,7 @@ fn add(sums: &mut [f32], more: &[f32]) {
     sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
 }
 
-/// Numbers that the patches of a group of pictures are, at most, where one picture has no more: they stay in the cache of a core.
+/// Numbers that the patches of a group of images are, at most, where one image has no more: they stay in the cache of a core.
 const GROUP: usize = 1 << 17;
 
 /// Sizes of what goes in and out.
@@ -207,8 +207,8 @@ struct Form {
 }
 
 impl Form {
-    fn new(pictures: &FlexTensor, weight: &FlexTensor, kernel: Kernel) -> Self {
-        let [count, height, width, inputs] = pictures.layout().shape().dims();
+    fn new(images: &FlexTensor, weight: &FlexTensor, kernel: Kernel) -> Self {
+        let [count, height, width, inputs] = images.layout().shape().dims();
         let [_, outputs] = weight.layout().shape().dims();
         let places = |pixels: usize| (pixels + 2 * kernel.padding - kernel.size) / kernel.stride + 1;
         let (rows, columns) = (places(height), places(width));
@@ -220,12 +220,12 @@ impl Form {
         self.kernel.size * self.kernel.size * self.inputs
     }
 
-    /// Numbers that it sees at all places of a picture.
+    /// Numbers that it sees at all places of an image.
     fn numbers_seen(&self) -> usize {
         self.rows * self.columns * self.seen()
     }
 
-    /// Numbers of a picture.
+    /// Numbers of an image.
     fn numbers_in(&self) -> usize {
         self.height * self.width * self.inputs
     }
@@ -235,44 +235,44 @@ impl Form {
         self.rows * self.columns * self.outputs
     }
 
-    /// Pictures of a group.
+    /// Images of a group.
     fn group(&self) -> usize {
         (GROUP / self.numbers_seen()).max(1)
     }
 
     /// `[n, H, W, in]` → `[n × H' × W', K × K × in]`: what the kernel sees at each place.
-    fn patches(&self, pictures: &[f32]) -> FlexTensor {
-        let places = pictures.len() / self.numbers_in() * self.rows * self.columns;
+    fn patches(&self, images: &[f32]) -> FlexTensor {
+        let places = images.len() / self.numbers_in() * self.rows * self.columns;
         let mut patches = vec![0.0; places * self.seen()];
-        for (patches, picture) in
-            patches.chunks_exact_mut(self.numbers_seen()).zip(pictures.chunks_exact(self.numbers_in()))
+        for (patches, image) in
+            patches.chunks_exact_mut(self.numbers_seen()).zip(images.chunks_exact(self.numbers_in()))
         {
-            self.each_run(|patch, picture_at, length| {
-                patches[patch..patch + length].copy_from_slice(&picture[picture_at..picture_at + length]);
+            self.each_run(|patch, image_at, length| {
+                patches[patch..patch + length].copy_from_slice(&image[image_at..image_at + length]);
             });
         }
         tensor(patches, [places, self.seen()])
     }
 
     /// Adds what belongs to each place to the pixels that the kernel sees from there.
-    fn add_patches(&self, patches: &[f32], pictures: &mut [f32]) {
-        for (patches, picture) in
-            patches.chunks_exact(self.numbers_seen()).zip(pictures.chunks_exact_mut(self.numbers_in()))
+    fn add_patches(&self, patches: &[f32], images: &mut [f32]) {
+        for (patches, image) in
+            patches.chunks_exact(self.numbers_seen()).zip(images.chunks_exact_mut(self.numbers_in()))
         {
-            self.each_run(|patch, picture_at, length| {
-                add(&mut picture[picture_at..picture_at + length], &patches[patch..patch + length]);
+            self.each_run(|patch, image_at, length| {
+                add(&mut image[image_at..image_at + length], &patches[patch..patch + length]);
             });
         }
     }
 
-    /// Calls with each piece that patches and a picture share: where it begins in both, and its length.
+    /// Calls with each piece that patches and an image share: where it begins in both, and its length.
     fn each_run(&self, mut call: impl FnMut(usize, usize, usize)) {
         let Kernel { size, stride, padding } = self.kernel;
         let row = size * self.inputs;
         for place in 0..self.rows * self.columns {
             let patch = place * self.seen();
             let (top, left) = (place / self.columns * stride, place % self.columns * stride);
-            // Of the kernel's columns, those that lie on the picture.
+            // Of the kernel's columns, those that lie on the image.
             let first = padding.saturating_sub(left);
             let end = size.min((self.width + padding).saturating_sub(left)).max(first);
             for step in 0..size {
@@ -310,19 +310,19 @@ mod tests {
 
     type Way = fn(Tensor<4>, Tensor<2>, Tensor<1>, Kernel) -> Tensor<4>;
 
-    /// Outputs, and the gradients of pictures, weights and bias.
+    /// Outputs, and the gradients of images, weights and bias.
     fn pass(way: Way, shape: [usize; 4], outputs: usize, kernel: Kernel) -> [Vec<f32>; 4] {
         let device = Device::flex().autodiff();
-        let pictures = wild(shape, &device).require_grad();
+        let images = wild(shape, &device).require_grad();
         let weight = wild([kernel.size * kernel.size * shape[3], outputs], &device).require_grad();
         let bias = wild([outputs], &device).require_grad();
-        let out = way(pictures.clone(), weight.clone(), bias.clone(), kernel);
+        let out = way(images.clone(), weight.clone(), bias.clone(), kernel);
         // Another number for each output.
         let gradients = (out.clone() * wild(out.dims(), &device)).sum().backward();
         let of = "all three are tracked";
         [
             host(out),
-            host(pictures.grad(&gradients).expect(of)),
+            host(images.grad(&gradients).expect(of)),
             host(weight.grad(&gradients).expect(of)),
             host(bias.grad(&gradients).expect(of)),
         ]
@@ -338,7 +338,7 @@ mod tests {
                 let [ours, burns] =
                     [convolve as Way, convolve_anywhere].map(|way| pass(way, shape, 6, kernel));
                 for (what, (ours, burns)) in
-                    ["outputs", "pictures", "weight", "bias"].iter().zip(ours.iter().zip(&burns))
+                    ["outputs", "images", "weight", "bias"].iter().zip(ours.iter().zip(&burns))
                 {
                     assert_eq!(ours.len(), burns.len(), "{what} of {kernel:?}, {shape:?}");
                     let largest = burns.iter().fold(1.0_f32, |most, value| most.max(value.abs()));
@@ -354,14 +354,14 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_is_convolved_alike_beside_any_others() {
+    fn a_image_is_convolved_alike_beside_any_others() {
         let device = Device::flex();
         let kernel = Kernel { size: 3, stride: 2, padding: 1 };
         let (weight, bias) = (wild([9 * 16, 32], &device), wild([32], &device));
-        let pictures = wild([50, 16, 16, 16], &device);
-        let all = convolve(pictures.clone(), weight.clone(), bias.clone(), kernel);
+        let images = wild([50, 16, 16, 16], &device);
+        let all = convolve(images.clone(), weight.clone(), bias.clone(), kernel);
         for one in [0, 17, 49] {
-            let alone = convolve(pictures.clone().narrow(0, one, 1), weight.clone(), bias.clone(), kernel);
+            let alone = convolve(images.clone().narrow(0, one, 1), weight.clone(), bias.clone(), kernel);
             assert_eq!(host(alone), host(all.clone().narrow(0, one, 1)));
         }
     }

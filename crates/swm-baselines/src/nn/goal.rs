@@ -27,7 +27,7 @@ pub struct GoalTransformerConfig {
     pub dropout: f64,
     /// How a frame becomes one vector.
     pub pool: Pool,
-    /// Whether a frame is seen as what sets it apart from the goal: the tokens of both are normalised, and the goal's
+    /// Whether a frame is seen as what sets it apart from the goal: the tokens of both are normalized, and the goal's
     /// subtracted. Not the reference's: it lets a value find out in hundreds of steps which frame is the goal, where its
     /// encoder begins with random weights.
     pub compare: bool,

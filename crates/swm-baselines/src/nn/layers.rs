@@ -6,7 +6,7 @@ use burn::tensor::{Device, Tensor};
 
 use super::convolution::{Kernel, convolve};
 
-/// A parameter of zeros; [`initialise`](crate::init::initialise) gives it its first numbers.
+/// A parameter of zeros; [`initialize`](crate::init::initialize) gives it its first numbers.
 pub(crate) fn parameter<const D: usize>(shape: [usize; D], device: &Device) -> Param<Tensor<D>> {
     Param::initialized(ParamId::new(), Tensor::zeros(shape, device))
 }
@@ -37,7 +37,7 @@ impl Linear {
     }
 }
 
-/// A convolution over pictures with square kernels.
+/// A convolution over images with square kernels.
 #[derive(Module, Debug)]
 pub(crate) struct Conv {
     /// `[out, in, K, K]`.

@@ -1,4 +1,4 @@
-//! Normalisations, each with PyTorch's formula.
+//! Normalizations, each with PyTorch's formula.
 
 use burn::module::{Module, Param};
 use burn::tensor::module::layer_norm;
@@ -66,20 +66,20 @@ impl BatchNorm {
 
     /// `[N, W]` → `[N, W]`; in training N must be more than 1.
     pub(crate) fn forward(&self, input: Tensor<2>, pass: &mut Pass) -> Tensor<2> {
-        let (centred, variance) = if pass.is_training() {
+        let (centered, variance) = if pass.is_training() {
             let count = input.dims()[0] as f32;
             let mean = input.clone().mean_dim(0);
-            let centred = input - mean.clone();
-            let variance = centred.clone().square().mean_dim(0);
+            let centered = input - mean.clone();
+            let variance = centered.clone().square().mean_dim(0);
             let unbiased = variance.clone() * (count / (count - 1.0));
             self.follow(&self.running_mean, mean, pass);
             self.follow(&self.running_var, unbiased, pass);
-            (centred, variance)
+            (centered, variance)
         } else {
             (input - self.running_mean.val().unsqueeze(), self.running_var.val().unsqueeze())
         };
         let scale = self.weight.val().unsqueeze() / (variance + Self::EPSILON).sqrt();
-        centred * scale + self.bias.val().unsqueeze()
+        centered * scale + self.bias.val().unsqueeze()
     }
 
     fn follow(&self, running: &Param<Tensor<1>>, new: Tensor<2>, pass: &mut Pass) {

@@ -25,7 +25,7 @@ pub struct VitConfig {
     pub hidden: usize,
     /// Side of a patch in pixels.
     pub patch: usize,
-    /// Side in pixels of the pictures that the table of positions is for. Other sizes interpolate it.
+    /// Side in pixels of the images that the table of positions is for. Other sizes interpolate it.
     pub positions_for: usize,
     /// DINOv2's form: epsilon 1e-6 instead of 1e-12, and a learned scale on each branch.
     pub dinov2: bool,
@@ -38,7 +38,7 @@ impl Default for VitConfig {
 }
 
 impl VitConfig {
-    /// DINOv2-small: positions of 518-pixel pictures.
+    /// DINOv2-small: positions of 518-pixel images.
     pub fn dinov2_small() -> Self {
         Self { width: 384, heads: 6, hidden: 1536, positions_for: 518, dinov2: true, ..Self::default() }
     }
@@ -49,12 +49,12 @@ impl VitConfig {
             return Err(format!("{} heads do not divide a width of {}", self.heads, self.width));
         }
         if self.patch == 0 || self.positions_for < self.patch || size.iter().any(|side| *side < self.patch) {
-            return Err(format!("no patch of {} pixels fits into a picture of {size:?}", self.patch));
+            return Err(format!("no patch of {} pixels fits into an image of {size:?}", self.patch));
         }
         Ok(())
     }
 
-    /// P: patches of a picture.
+    /// P: patches of an image.
     pub(crate) fn patches(&self, size: [usize; 2]) -> usize {
         size.iter().map(|side| side / self.patch).product()
     }
@@ -130,27 +130,27 @@ impl Vit {
         }
     }
 
-    /// `[N, 3, H, W]` pictures → `[N, 1 + P, width]`: the summary token, then the patches row by row.
-    pub(crate) fn forward(&self, pictures: Tensor<4>) -> Tensor<3> {
+    /// `[N, 3, H, W]` images → `[N, 1 + P, width]`: the summary token, then the patches row by row.
+    pub(crate) fn forward(&self, images: Tensor<4>) -> Tensor<3> {
         let heads = self.config.heads;
-        let tokens = self.embed(pictures);
+        let tokens = self.embed(images);
         let tokens = self.layers.iter().fold(tokens, |tokens, layer| layer.forward(tokens, heads, false));
         self.layernorm.forward(tokens)
     }
 
-    /// `[N, 3, H, W]` pictures → `[N, width]`: the summary tokens of [`Vit::forward`]. Of the last block only they are computed.
-    pub(crate) fn summaries(&self, pictures: Tensor<4>) -> Tensor<2> {
+    /// `[N, 3, H, W]` images → `[N, width]`: the summary tokens of [`Vit::forward`]. Of the last block only they are computed.
+    pub(crate) fn summaries(&self, images: Tensor<4>) -> Tensor<2> {
         let (heads, last) = (self.config.heads, self.layers.len().saturating_sub(1));
         let tokens =
-            self.layers.iter().enumerate().fold(self.embed(pictures), |tokens, (index, layer)| {
+            self.layers.iter().enumerate().fold(self.embed(images), |tokens, (index, layer)| {
                 layer.forward(tokens, heads, index == last)
             });
         self.layernorm.forward(tokens.narrow(1, 0, 1)).squeeze_dim(1)
     }
 
-    fn embed(&self, pictures: Tensor<4>) -> Tensor<3> {
-        let [count, ..] = pictures.dims();
-        let patches = self.embeddings.patch_embeddings.projection.forward_patches(pictures);
+    fn embed(&self, images: Tensor<4>) -> Tensor<3> {
+        let [count, ..] = images.dims();
+        let patches = self.embeddings.patch_embeddings.projection.forward_patches(images);
         let grid = [patches.dims()[2], patches.dims()[3]];
         let patches = patches.flatten::<3>(2, 3).swap_dims(1, 2);
         let cls = self.embeddings.cls_token.val().expand([count, 1, self.config.width]);

@@ -4,14 +4,14 @@ use serde_json::json;
 use swm_solvers::Candidates;
 
 use super::Fixture;
-use crate::data::{ClipBatch, Facts, Inputs, Numbers, Pictures, Scenes};
+use crate::data::{ClipBatch, Facts, Images, Inputs, Numbers, Scenes};
 use crate::models::dino_wm::{DinoWmConfig, make};
 use crate::network::{Network, Parts};
 use crate::params;
 use crate::pass::Pass;
 
 const FACTS: Facts = Facts { action_width: 4, proprio_width: 3 };
-/// Values of a picture.
+/// Values of an image.
 const SIZE: usize = 3 * 12 * 12;
 
 fn parts(fixture: &Fixture) -> Parts<impl Network + use<>> {
@@ -27,8 +27,8 @@ fn parts(fixture: &Fixture) -> Parts<impl Network + use<>> {
     make(&config, &FACTS, &fixture.device).unwrap()
 }
 
-fn pictures(values: &[u8], steps: usize) -> Pictures<'_> {
-    Pictures { values, rows: values.len() / steps / SIZE, steps, height: 12, width: 12, channels_last: false }
+fn images(values: &[u8], steps: usize) -> Images<'_> {
+    Images { values, rows: values.len() / steps / SIZE, steps, height: 12, width: 12, channels_last: false }
 }
 
 fn numbers(values: &[f32], rows: usize, width: usize) -> Numbers<'_> {
@@ -42,7 +42,7 @@ fn dino_wm_trains_as_the_reference() {
     let network = fixture.load(&parts.network, "weights");
     let pixels: Vec<u8> = fixture.values("inputs.pixels").iter().map(|value| *value as u8).collect();
     let batch = ClipBatch {
-        pixels: pictures(&pixels, 4),
+        pixels: images(&pixels, 4),
         action: numbers(fixture.values("inputs.action"), 4, 4),
         proprio: Some(numbers(fixture.values("inputs.proprio"), 4, 3)),
         goal_pixels: None,
@@ -84,10 +84,10 @@ fn costs_of_plans_and_their_gradients_are_the_references() {
         let (past, state, goal_state) =
             (rows(action, 4, 0, seen - 1), rows(proprio, 3, 0, seen), rows(proprio, 3, 2, 1));
         let scenes = Scenes {
-            pixels: pictures(&now, seen),
+            pixels: images(&now, seen),
             action: numbers(&past, 2, 4),
             proprio: Some(numbers(&state, 2, 3)),
-            goal_pixels: pictures(&goal, 1),
+            goal_pixels: images(&goal, 1),
             goal_proprio: Some(numbers(&goal_state, 2, 3)),
         };
         planner.prepare(&scenes).unwrap();

@@ -1,4 +1,4 @@
-//! Both vision transformers, on pictures of the size of their positions and of another: patches, summary token, scales on
+//! Both vision transformers, on images of the size of their positions and of another: patches, summary token, scales on
 //! branches, interpolated positions.
 
 use std::path::PathBuf;
@@ -65,6 +65,6 @@ fn dinov2_small_is_hugging_faces() {
     for size in [70, 224] {
         let tokens = vit.forward(fixture.tensor(&format!("inputs.pictures{size}")));
         let worst = fixture.check(&format!("outputs.tokens{size}"), tokens);
-        println!("pictures of {size} pixels: outputs differ by {worst:e} at most");
+        println!("images of {size} pixels: outputs differ by {worst:e} at most");
     }
 }

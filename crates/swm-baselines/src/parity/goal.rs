@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use super::Fixture;
-use crate::data::{ClipBatch, Facts, Inputs, Numbers, Pictures, Scenes};
+use crate::data::{ClipBatch, Facts, Images, Inputs, Numbers, Scenes};
 use crate::models::goal::GoalConfig;
 use crate::models::{gcbc, gciql, gcivl};
 use crate::network::{Network, Parts};
@@ -29,15 +29,15 @@ fn compare(name: &str, parts: &Parts<impl Network>, phase: usize) {
     let network = fixture.load(&parts.network, "weights");
     let [pixels, goals] = ["inputs.pixels", "inputs.goal_pixels"]
         .map(|name| fixture.values(name).iter().map(|value| *value as u8).collect::<Vec<u8>>());
-    let pictures =
-        |values, steps| Pictures { values, rows: CLIPS, steps, height: 8, width: 8, channels_last: false };
+    let images =
+        |values, steps| Images { values, rows: CLIPS, steps, height: 8, width: 8, channels_last: false };
     let numbers = |values, steps, width| Numbers { values, rows: CLIPS, steps, width };
     let steps = parts.needs.num_steps;
     let batch = ClipBatch {
-        pixels: pictures(&pixels, steps),
+        pixels: images(&pixels, steps),
         action: numbers(fixture.values("inputs.action"), steps, 4),
         proprio: Some(numbers(fixture.values("inputs.proprio"), steps, 3)),
-        goal_pixels: Some(pictures(&goals, 1)),
+        goal_pixels: Some(images(&goals, 1)),
         goal_proprio: Some(numbers(fixture.values("inputs.goal_proprio"), 1, 3)),
     };
     let inputs = Inputs::new(&batch, &parts.form, &fixture.device).unwrap();
@@ -54,10 +54,10 @@ fn compare(name: &str, parts: &Parts<impl Network>, phase: usize) {
     let states: Vec<f32> = states.chunks(steps * 3).flat_map(|clip| &clip[..HISTORY * 3]).copied().collect();
     let shown = first(&pixels);
     let scenes = Scenes {
-        pixels: pictures(&shown, HISTORY),
+        pixels: images(&shown, HISTORY),
         action: numbers(&[0.0; CLIPS * 4], HISTORY - 1, 4),
         proprio: Some(numbers(&states, HISTORY, 3)),
-        goal_pixels: pictures(&goals, 1),
+        goal_pixels: images(&goals, 1),
         goal_proprio: Some(numbers(fixture.values("inputs.goal_proprio"), 1, 3)),
     };
     let mut policy = network.policy().unwrap();

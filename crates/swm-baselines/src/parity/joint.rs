@@ -5,7 +5,7 @@ use swm_solvers::Candidates;
 
 use super::Fixture;
 use crate::baseline::PlanModel;
-use crate::data::{ClipBatch, Facts, Form, Inputs, Numbers, Pictures, Scenes};
+use crate::data::{ClipBatch, Facts, Form, Images, Inputs, Numbers, Scenes};
 use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
 use crate::models::{lewm, pldm};
 use crate::network::Network;
@@ -27,15 +27,15 @@ fn bytes(fixture: &Fixture) -> Vec<u8> {
     fixture.values("inputs.pixels").iter().map(|value| *value as u8).collect()
 }
 
-fn pictures(values: &[u8], rows: usize, steps: usize) -> Pictures<'_> {
-    Pictures { values, rows, steps, height: 16, width: 16, channels_last: false }
+fn images(values: &[u8], rows: usize, steps: usize) -> Images<'_> {
+    Images { values, rows, steps, height: 16, width: 16, channels_last: false }
 }
 
 fn inputs(fixture: &Fixture, form: &Form) -> Inputs {
     let pixels = bytes(fixture);
     let action = Numbers { values: fixture.values("inputs.action"), rows: 5, steps: 4, width: 4 };
     let batch = ClipBatch {
-        pixels: pictures(&pixels, 5, 4),
+        pixels: images(&pixels, 5, 4),
         action,
         proprio: None,
         goal_pixels: None,
@@ -112,10 +112,10 @@ fn costs_of_plans_and_their_gradients_are_the_references() {
             .copied()
             .collect();
         let scenes = Scenes {
-            pixels: pictures(&present, 2, seen),
+            pixels: images(&present, 2, seen),
             action: Numbers { values: &past, rows: 2, steps: seen - 1, width: 4 },
             proprio: None,
-            goal_pixels: pictures(&goal, 2, 1),
+            goal_pixels: images(&goal, 2, 1),
             goal_proprio: None,
         };
         planner.prepare(&scenes).unwrap();
@@ -138,10 +138,10 @@ fn costs_depend_on_nothing_beside_their_candidate() {
     let mut costs_of = |rows: &[usize], samples: usize| {
         let (now, goal) = (scenes(rows), scenes(&[4].repeat(rows.len())));
         let scenes = Scenes {
-            pixels: pictures(&now, rows.len(), 1),
+            pixels: images(&now, rows.len(), 1),
             action: Numbers { values: &[], rows: rows.len(), steps: 0, width: 4 },
             proprio: None,
-            goal_pixels: pictures(&goal, rows.len(), 1),
+            goal_pixels: images(&goal, rows.len(), 1),
             goal_proprio: None,
         };
         planner.prepare(&scenes).unwrap();

@@ -1,4 +1,4 @@
-//! From the loader's tables to what models are fed with: numbers are scaled, pictures stay where they are.
+//! From the loader's tables to what models are fed with: numbers are scaled, images stay where they are.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use swm_core::env::PIXELS;
 use swm_core::{Batch, Slice};
 
 use super::data::{ACTION, PROPRIO, Scale};
-use crate::data::{ClipBatch, Numbers, Pictures};
+use crate::data::{ClipBatch, Images, Numbers};
 use crate::error::BaselineError;
 
 /// Scales the numbers of batches; its memory is reused.
@@ -26,29 +26,29 @@ impl<'a> ClipFeed<'a> {
     pub(super) fn clips<'b>(&'b mut self, batch: &'b Batch) -> Result<ClipBatch<'b>, BaselineError> {
         let Self { scales, action, proprio, goal_proprio } = self;
         let missing =
-            || BaselineError::data(PIXELS, "the batch has no such pictures; read it with the run's loader");
+            || BaselineError::data(PIXELS, "the batch has no such images; read it with the run's loader");
         let numbers = |name: &str, scale: &str, out| numbers(batch, name, scales.get(scale)?, out);
         Ok(ClipBatch {
-            pixels: pictures(batch, PIXELS).ok_or_else(missing)?,
+            pixels: images(batch, PIXELS).ok_or_else(missing)?,
             action: numbers(ACTION, ACTION, action).ok_or_else(|| {
                 BaselineError::data(ACTION, "the batch has none; read it with the run's loader")
             })?,
             proprio: numbers(PROPRIO, PROPRIO, proprio),
-            goal_pixels: pictures(batch, "goal_pixels"),
+            goal_pixels: images(batch, "goal_pixels"),
             goal_proprio: numbers("goal_proprio", PROPRIO, goal_proprio),
         })
     }
 }
 
 /// A column `[T, 3, H, W]`, if there is one of this name.
-fn pictures<'b>(batch: &'b Batch, name: &str) -> Option<Pictures<'b>> {
+fn images<'b>(batch: &'b Batch, name: &str) -> Option<Images<'b>> {
     let index = batch.schema().index(name)?;
     let (Slice::U8(values), &[steps, 3, height, width]) =
         (batch.column(index), &batch.schema().fields()[index].shape[..])
     else {
         return None;
     };
-    Some(Pictures { values, rows: batch.rows(), steps, height, width, channels_last: false })
+    Some(Images { values, rows: batch.rows(), steps, height, width, channels_last: false })
 }
 
 /// A column `[T, W]`, scaled, if there is one of this name.

@@ -9,7 +9,7 @@ use swm_core::ImageSize;
 use swm_core::env::PIXELS;
 use swm_core::evaluate::is_held_out;
 use swm_data::adapt::{Subset, split_episodes};
-use swm_data::loader::{GoalOptions, Pictures};
+use swm_data::loader::{GoalOptions, Images};
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions};
 use swm_data::{ClipOptions, Dataset, Loader};
 
@@ -54,7 +54,7 @@ pub struct DataConfig {
     pub rows: usize,
     /// Which episodes were learnt from.
     pub split: Split,
-    /// Side of pictures.
+    /// Side of images.
     pub image: usize,
     /// Numbers of one action.
     pub action: usize,
@@ -206,7 +206,7 @@ fn check_columns(dataset: &dyn Dataset, baseline: &str, needed: &[&str]) -> Resu
     if !missing.is_empty() {
         let known: Vec<&str> = schema.fields().iter().map(|field| field.name.as_str()).collect();
         let way_out = match missing.contains(&PIXELS) {
-            true => "record it with `swm collect … --image-size 64x64`, or draw pictures with `swm render`",
+            true => "record it with `swm collect … --image-size 64x64`, or draw images with `swm render`",
             false => "record it with `swm collect`, or choose another baseline (`swm train --list`)",
         };
         return refuse(format!(
@@ -220,10 +220,10 @@ fn check_columns(dataset: &dyn Dataset, baseline: &str, needed: &[&str]) -> Resu
     match shape[..] {
         [height, width, 3] if height == width => Ok(field(ACTION).width()),
         [height, width, 3] => refuse(format!(
-            "its pictures are {height} × {width} pixels, and square ones are needed; record them with `swm collect … \
+            "its images are {height} × {width} pixels, and square ones are needed; record them with `swm collect … \
              --image-size 64x64`"
         )),
-        _ => refuse(format!("its pictures are {shape:?}, and colour pictures [H, W, 3] are needed")),
+        _ => refuse(format!("its images are {shape:?}, and color images [H, W, 3] are needed")),
     }
 }
 
@@ -277,7 +277,7 @@ fn options(needs: &Needs, columns: &[&str], goals: Option<&PhaseGoals>, seed: u6
         num_steps: needs.num_steps,
         frameskip: needs.frameskip,
         keys: Some(keys),
-        pictures: Pictures::ChannelsFirst,
+        images: Images::ChannelsFirst,
         image: Some(ImageSize { height: needs.image, width: needs.image }),
         goals: goals.map(|goals| GoalOptions {
             weights: goals.weights,
@@ -300,10 +300,10 @@ mod tests {
     use super::*;
     use crate::train::tests::toy_phase;
 
-    /// Episodes of 6 rows with 2×2 pictures; the first action number is 5 everywhere, the second the row.
-    fn dataset(episodes: usize, pictures: bool) -> MemoryDataset {
+    /// Episodes of 6 rows with 2×2 images; the first action number is 5 everywhere, the second the row.
+    fn dataset(episodes: usize, images: bool) -> MemoryDataset {
         let mut fields = vec![Field::step(ACTION, Dtype::F32, &[2])];
-        if pictures {
+        if images {
             fields.push(Field::step(PIXELS, Dtype::U8, &[2, 2, 3]));
         }
         let schema = Schema::new(fields).unwrap();
@@ -316,14 +316,9 @@ mod tests {
         MemoryDataset::new("toy", schema, None, (0..episodes).map(|_| episode.clone())).unwrap()
     }
 
-    fn open(
-        episodes: usize,
-        pictures: bool,
-        proprio: bool,
-        split: Split,
-    ) -> Result<TrainData, BaselineError> {
+    fn open(episodes: usize, images: bool, proprio: bool, split: Split) -> Result<TrainData, BaselineError> {
         let needs = Needs { num_steps: 2, frameskip: 2, image: 2, proprio, batch: 4 };
-        TrainData::new(&dataset(episodes, pictures), "lewm", &needs, &[toy_phase()], split, 0)
+        TrainData::new(&dataset(episodes, images), "lewm", &needs, &[toy_phase()], split, 0)
     }
 
     #[test]
@@ -353,10 +348,10 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_named() {
-        let message = |pictures| open(3, pictures, true, Split::default()).err().unwrap().to_string();
-        let no_pictures = message(false);
-        assert!(no_pictures.contains("no column `pixels`, `proprio`, only `action`"), "{no_pictures}");
-        assert!(no_pictures.contains("--image-size"), "{no_pictures}");
+        let message = |images| open(3, images, true, Split::default()).err().unwrap().to_string();
+        let no_images = message(false);
+        assert!(no_images.contains("no column `pixels`, `proprio`, only `action`"), "{no_images}");
+        assert!(no_images.contains("--image-size"), "{no_images}");
         assert!(message(true).contains("another baseline"));
         let needs = Needs { num_steps: 4, frameskip: 2, image: 2, proprio: false, batch: 4 };
         let short = TrainData::new(&dataset(3, true), "lewm", &needs, &[toy_phase()], Split::default(), 0);

@@ -20,7 +20,7 @@ use crate::error::BaselineError;
 pub struct State {
     /// The phase of the baseline's training.
     pub phase: usize,
-    /// Optimiser steps done, in all phases.
+    /// Optimizer steps done, in all phases.
     pub step: u64,
     /// Of these, in this phase.
     pub done: u64,

@@ -4,7 +4,7 @@
 //! ```text
 //! RUN/config.json                              what is trained, on what, how; with statistics of the data
 //! RUN/checkpoints/step-00001000.safetensors    weights
-//! RUN/checkpoints/step-00001000.training.safetensors   what optimisers remember; of the last checkpoint only
+//! RUN/checkpoints/step-00001000.training.safetensors   what optimizers remember; of the last checkpoint only
 //! RUN/checkpoints/step-00001000.json           where training stood, and the hashes of both; written last
 //! RUN/metrics.jsonl                            a line per record
 //! RUN/events.out.tfevents.*                    the same for TensorBoard
@@ -30,11 +30,11 @@ pub struct RunFolder {
 /// A checkpoint that is whole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint<S> {
-    /// Optimiser steps before it.
+    /// Optimizer steps before it.
     pub step: u64,
     /// SHA-256 of the weights.
     pub weights: String,
-    /// SHA-256 of what the optimisers remember.
+    /// SHA-256 of what the optimizers remember.
     pub training: String,
     /// Where training stood.
     pub state: S,
@@ -164,7 +164,7 @@ impl RunFolder {
         self.checkpoint_file(step, "safetensors")
     }
 
-    /// What the optimisers remember at `step`.
+    /// What the optimizers remember at `step`.
     pub fn training(&self, step: u64) -> PathBuf {
         self.checkpoint_file(step, "training.safetensors")
     }
@@ -178,7 +178,7 @@ impl RunFolder {
         self.checked(self.weights(checkpoint.step), &checkpoint.weights)
     }
 
-    /// What the optimisers remember, once its hash has been compared.
+    /// What the optimizers remember, once its hash has been compared.
     ///
     /// # Errors
     ///
@@ -206,7 +206,7 @@ impl RunFolder {
         self.replace(&self.checkpoint_file(step, "json"), &json(&description))
     }
 
-    /// Removes what is not needed: checkpoints but the last `keep` and that of step `best`, what optimisers remember but
+    /// Removes what is not needed: checkpoints but the last `keep` and that of step `best`, what optimizers remember but
     /// the last, and what a kill left: files half written, and those of a checkpoint without a description.
     ///
     /// # Errors

@@ -39,7 +39,7 @@ pub struct Record {
     pub part: Part,
     /// The phase of the training, by its name.
     pub phase: String,
-    /// Optimiser steps done, in all phases.
+    /// Optimizer steps done, in all phases.
     pub step: u64,
     /// Steps that the run will have.
     pub total: u64,
@@ -69,7 +69,7 @@ pub trait MetricSink {
     /// Any ends the training.
     fn record(&mut self, record: &Record) -> Result<(), BaselineError>;
 
-    /// Called after every optimiser step: what a progress bar needs.
+    /// Called after every optimizer step: what a progress bar needs.
     fn step(&mut self, _step: u64, _total: u64) {}
 
     /// Called before a checkpoint is written: what was taken must be where a kill cannot get it.

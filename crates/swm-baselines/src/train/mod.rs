@@ -8,7 +8,7 @@
 //! | `folder`, `run` | files that survive a kill, and what they say |
 //! | `metrics`, `events` | what training says, and where it goes |
 //!
-//! Networks, losses and optimisers are not known here: they are behind [`Baseline`](crate::Baseline).
+//! Networks, losses and optimizers are not known here: they are behind [`Baseline`](crate::Baseline).
 
 mod clips;
 mod data;

@@ -10,9 +10,9 @@ use super::fit::State;
 use super::folder::{Checkpoint, RunFolder};
 use super::settings::FitSettings;
 use crate::baseline::{Baseline, Recipe};
+use crate::device::Device;
 use crate::error::BaselineError;
 use crate::models::table::restore;
-use crate::processor::Processor;
 
 /// The version of [`RunConfig`] that is written and read.
 pub const RUN_VERSION: u32 = 1;
@@ -88,11 +88,11 @@ impl TrainedModel {
     /// # Errors
     ///
     /// There is no run or no such checkpoint, or its files are not those that were written.
-    pub fn open(path: &Path, which: Which, processor: Processor) -> Result<Self, BaselineError> {
+    pub fn open(path: &Path, which: Which, device: Device) -> Result<Self, BaselineError> {
         let run = RunFolder::open(path)?;
         let config = RunConfig::read(&run)?;
         let checkpoint: Checkpoint<State> = run.checkpoint(step_of(&run, which)?)?;
-        let mut baseline = restore(&config.recipe, processor)?;
+        let mut baseline = restore(&config.recipe, device)?;
         baseline.load_weights(&run.checked_weights(&checkpoint)?)?;
         Ok(Self { baseline, config, step: checkpoint.step, weights: checkpoint.weights })
     }

@@ -13,9 +13,9 @@ use super::run::{RUN_VERSION, RunConfig};
 use super::settings::FitSettings;
 use crate::baseline::Baseline;
 use crate::data::Facts;
+use crate::device::Device;
 use crate::error::BaselineError;
 use crate::models::table::{MakeOptions, make, restore};
-use crate::processor::Processor;
 
 /// What a new run is made from.
 #[derive(Clone, Debug)]
@@ -33,7 +33,7 @@ pub struct NewRun<'a> {
     /// How long, and how often it is looked at.
     pub fit: FitSettings,
     /// What it is computed on: no part of the run, which may go on elsewhere.
-    pub processor: Processor,
+    pub device: Device,
 }
 
 /// A training that is ready to run. It holds the run's folder until it is dropped.
@@ -53,11 +53,11 @@ impl Training {
     /// A run is there already, settings that do not go together, a dataset that lacks what the model needs, or an
     /// encoder that cannot be read.
     pub fn create(folder: &Path, dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
-        let &NewRun { baseline, preset, ref changes, encoder, split, ref fit, processor } = new;
+        let &NewRun { baseline, preset, ref changes, encoder, split, ref fit, device } = new;
         fit.check()?;
         let DataFacts { action, proprio } = DataFacts::of(dataset, baseline)?;
         let facts = Facts { action_width: action, proprio_width: proprio };
-        let options = MakeOptions { preset, changes: changes.clone(), facts, seed: fit.seed, processor };
+        let options = MakeOptions { preset, changes: changes.clone(), facts, seed: fit.seed, device };
         let mut model = make(baseline, &options)?;
         match encoder {
             Some(encoder) => model.load_encoder(encoder)?,
@@ -92,7 +92,7 @@ impl Training {
     /// stay.
     pub fn resume(
         folder: &Path,
-        processor: Processor,
+        device: Device,
         moved: Option<&Path>,
         change: impl FnOnce(&mut FitSettings),
     ) -> Result<Self, BaselineError> {
@@ -116,7 +116,7 @@ impl Training {
                 "its dataset is not there: {error}; bring it back, or name its place with --data"
             ))
         })?;
-        let model = restore(&config.recipe, processor)?;
+        let model = restore(&config.recipe, device)?;
         let name = model.name();
         let data =
             TrainData::new(dataset.as_ref(), name, model.needs(), model.phases(), config.data.split, seed)?;
@@ -142,7 +142,7 @@ impl Training {
         &self.config
     }
 
-    /// Optimiser steps before the last checkpoint.
+    /// Optimizer steps before the last checkpoint.
     ///
     /// # Errors
     ///

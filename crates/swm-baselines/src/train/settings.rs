@@ -10,7 +10,7 @@ use crate::error::BaselineError;
 pub struct FitSettings {
     /// Passes over the training clips, in each phase of the baseline.
     pub epochs: u64,
-    /// Optimiser steps of each phase, in place of epochs.
+    /// Optimizer steps of each phase, in place of epochs.
     pub steps: Option<u64>,
     /// Clips per step; 0: as many as the preset says.
     pub batch: usize,
@@ -65,7 +65,7 @@ impl FitSettings {
         at_least_one("keep", self.keep as u64)
     }
 
-    /// Optimiser steps of a phase, for epochs of `per_epoch` steps.
+    /// Optimizer steps of a phase, for epochs of `per_epoch` steps.
     pub fn total(&self, per_epoch: u64) -> u64 {
         self.steps.unwrap_or_else(|| self.epochs.saturating_mul(per_epoch))
     }

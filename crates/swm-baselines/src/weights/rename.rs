@@ -25,7 +25,7 @@ const PARTS: &[(&str, &str)] = &[
     (".layernorm_after.", ".norm2."),
 ];
 
-/// Ends of names that no forward pass reads: counters, masks that are computed here, the token of masked pictures.
+/// Ends of names that no forward pass reads: counters, masks that are computed here, the token of masked images.
 const IDLE: [&str; 3] = ["num_batches_tracked", "mask_token", "causal_mask"];
 
 /// All tensors under the names that they have here, without the idle ones.

@@ -35,7 +35,7 @@ ADAMW = dict(lr=0.01, betas=(0.9, 0.999), eps=1e-8, weight_decay=0.1)
 CLIP = 0.5
 
 
-def randomise(module: nn.Module) -> nn.Module:
+def randomize(module: nn.Module) -> nn.Module:
     """Numbers that no default hides: zeros of AdaLN and ones of norms included."""
     with torch.no_grad():
         for tensor in module.parameters():
@@ -95,16 +95,16 @@ def dinov2(image: int) -> Dinov2Model:
 
 
 def encoders() -> None:
-    """Both vision transformers, on pictures of the size of their positions and of another."""
+    """Both vision transformers, on images of the size of their positions and of another."""
     for name, make in (("vit", vit), ("dinov2", dinov2)):
         torch.manual_seed(1)
-        case, model = Case(), randomise(make(16)).eval()
+        case, model = Case(), randomize(make(16)).eval()
         case.add_weights("weights", model)
         for size in (16, 24):
-            pictures = torch.randn(2, 3, size, size)
-            output = model(pictures, interpolate_pos_encoding=True) if name == "vit" else model(pictures)
+            images = torch.randn(2, 3, size, size)
+            output = model(images, interpolate_pos_encoding=True) if name == "vit" else model(images)
             output = output.last_hidden_state
-            case.add("inputs", **{f"pictures{size}": pictures})
+            case.add("inputs", **{f"pictures{size}": images})
             case.add("outputs", **{f"tokens{size}": output})
             model.zero_grad()
             weights = torch.randn_like(output)
@@ -118,13 +118,13 @@ def generation4() -> None:
     """Both vision transformers as transformers 4 names their tensors, in files of torch.save: a bare one and a trainer's."""
     for name, make in (("vit", vit), ("dinov2", dinov2)):
         torch.manual_seed(8)
-        model = randomise(make(16)).eval()
+        model = randomize(make(16)).eval()
         weights = model.state_dict()
         assert any(".attention.attention.query." in key for key in weights), "transformers 5 is installed; this needs 4"
-        pictures = torch.randn(1, 3, 16, 16)
+        images = torch.randn(1, 3, 16, 16)
         case = Case()
-        case.add("inputs", pictures=pictures)
-        case.add("outputs", tokens=model(pictures).last_hidden_state)
+        case.add("inputs", images=images)
+        case.add("outputs", tokens=model(images).last_hidden_state)
         case.save(f"{name}_generation4")
         if name == "vit":
             torch.save(weights, HERE / "vit_generation4.pt")
@@ -149,9 +149,9 @@ def dinov2_small() -> None:
                 tensor.add_(torch.randn_like(tensor), alpha=0.1)
         model.save_pretrained(folder)
         for size in (70, 224):
-            pictures = torch.randn(2, 3, size, size)
-            case.add("inputs", **{f"pictures{size}": pictures})
-            case.add("outputs", **{f"tokens{size}": model(pictures).last_hidden_state})
+            images = torch.randn(2, 3, size, size)
+            case.add("inputs", **{f"pictures{size}": images})
+            case.add("outputs", **{f"tokens{size}": model(images).last_hidden_state})
     save_file(case.tensors, folder / "case.safetensors")
 
 
@@ -171,7 +171,7 @@ def joint(extra: dict) -> LeWM:
     )
     for name, module in extra.items():
         model.add_module(name, module)
-    return randomise(model)
+    return randomize(model)
 
 
 def predict(model: LeWM, pixels: torch.Tensor, action: torch.Tensor):
@@ -182,12 +182,12 @@ def predict(model: LeWM, pixels: torch.Tensor, action: torch.Tensor):
 
 def step(case: Case, model: nn.Module, loss: torch.Tensor) -> None:
     """Gradients, clipping and a step of AdamW."""
-    optimiser = torch.optim.AdamW(model.parameters(), **ADAMW)
-    optimiser.zero_grad()
+    optimizer = torch.optim.AdamW(model.parameters(), **ADAMW)
+    optimizer.zero_grad()
     loss.backward()
     case.add_gradients(model)
     norm = nn.utils.clip_grad_norm_(model.parameters(), CLIP)
-    optimiser.step()
+    optimizer.step()
     case.add("outputs", norm=norm.reshape(1))
     case.add_weights("stepped", model)
 
@@ -272,7 +272,7 @@ STATE = 3  # numbers of proprio
 
 
 def dino_wm() -> None:
-    """Pictures of 12 pixels: positions are interpolated from four by four patches to three by three."""
+    """Images of 12 pixels: positions are interpolated from four by four patches to three by three."""
     torch.manual_seed(4)
     predictor = prejepa.CausalPredictor(
         num_patches=9, num_frames=FRAMES, dim=WIDTH + 4, depth=2, heads=2, mlp_dim=20, dim_head=5, dropout=0.0
@@ -284,15 +284,15 @@ def dino_wm() -> None:
         }
     )
     model = PreJEPA(dinov2(16), predictor, encoders, history_size=FRAMES, interpolate_pos_encoding=False)
-    case, model = Case(), randomise(model)
+    case, model = Case(), randomize(model)
     model.backbone.requires_grad_(False)
     case.add_weights("weights", model)
     pixels = torch.randint(0, 256, (4, FRAMES + 1, 3, 12, 12), dtype=torch.uint8)
     action, proprio = torch.randn(4, FRAMES + 1, ACTION), torch.randn(4, FRAMES + 1, STATE)
     case.add("inputs", pixels=pixels, action=action, proprio=proprio)
-    pictures = normal(pixels)
+    images = normal(pixels)
 
-    frames = model.encode({"pixels": pictures, "action": action, "proprio": proprio})["emb"]
+    frames = model.encode({"pixels": images, "action": action, "proprio": proprio})["emb"]
     predicted = model.predict(frames[:, :-1])
     loss = F.mse_loss(predicted[..., :-2], frames[:, 1:, :, :-2].detach())
     loss.backward()
@@ -304,10 +304,10 @@ def dino_wm() -> None:
         candidates = torch.randn(2, 6, 4, ACTION, requires_grad=True)
         case.add("inputs", **{f"candidates{seen}": candidates})
         many = lambda tensor: tensor[:2, None, :seen].expand(-1, 6, *[-1] * (tensor.ndim - 1))
-        info = {"pixels": many(pictures), "proprio": many(proprio)}
+        info = {"pixels": many(images), "proprio": many(proprio)}
         past = action[:2, None, : seen - 1].expand(-1, 6, -1, -1)
         info = model.rollout(info, torch.cat([past, candidates], dim=2))
-        goal = {"goal": pictures[2:4, :1], "goal_proprio": proprio[2:4, :1]}
+        goal = {"goal": images[2:4, :1], "goal_proprio": proprio[2:4, :1]}
         goal = model.encode(goal, pixels_key="goal", prefix="goal_", emb_keys=["proprio"], target="goal_emb")
         for name in ("pixels_goal_emb", "proprio_goal_emb"):
             info[name] = goal[name].unsqueeze(1).expand(-1, 6, *[-1] * (goal[name].ndim - 1))
@@ -360,7 +360,7 @@ def goal_model(value=None, critic=None) -> GCRL:
         nn.ModuleDict({"proprio": gcrl.Embedder(in_chans=STATE, emb_dim=2)}),
         history_size=HISTORY,
     )
-    return randomise(model)
+    return randomize(model)
 
 
 def decide(case: Case, model: GCRL, info: dict) -> None:

@@ -9,7 +9,7 @@ use std::path::Path;
 use serde_json::json;
 use swm_baselines::acting::{LatentModel, POLICIES, ceiling, image_side, is_model, model_files};
 use swm_baselines::train::{FitSettings, MetricSink, NewRun, Record, RunFolder, Split, State, Training};
-use swm_baselines::{BaselineError, Processor};
+use swm_baselines::{BaselineError, device};
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
 use swm_core::evaluate::random_episodes;
 use swm_core::policy;
@@ -40,7 +40,7 @@ fn record(folder: &Path) -> Box<dyn Dataset> {
     record_as(&folder.join("data.h5"), Some(IMAGE), 1)
 }
 
-/// Records random episodes with such pictures and of this seed.
+/// Records random episodes with such images and of this seed.
 fn record_as(path: &Path, image: Option<ImageSize>, seed: u64) -> Box<dyn Dataset> {
     let mut world = world(&DOT, 1, image);
     world.set_policy(policy::random());
@@ -70,7 +70,7 @@ fn new_run(baseline: &str) -> NewRun<'_> {
         encoder: None,
         split: Split::default(),
         fit,
-        processor: Processor::Cpu,
+        device: Device::Cpu,
     }
 }
 
@@ -161,7 +161,7 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     let path = folder.path().join("broken");
     let mut training = Training::create(&path, dataset.as_ref(), &new_run("lewm")).unwrap();
     assert!(
-        Training::resume(&path, Processor::Cpu, None, |_| ())
+        Training::resume(&path, Device::Cpu, None, |_| ())
             .err()
             .unwrap()
             .to_string()
@@ -171,7 +171,7 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     assert!(error.contains("broken off"), "{error}");
     drop(training);
 
-    let state = Training::resume(&path, Processor::Cpu, None, |_| ()).unwrap().run(Vec::new()).unwrap();
+    let state = Training::resume(&path, Device::Cpu, None, |_| ()).unwrap().run(Vec::new()).unwrap();
     assert_eq!(state, whole);
     let weights = |name: &str| {
         let run = RunFolder::open(&folder.path().join(name)).unwrap();
@@ -181,7 +181,7 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     assert!(weights("whole") == weights("broken"), "the weights differ");
     let error = Training::create(&path, dataset.as_ref(), &new_run("lewm")).err().unwrap().to_string();
     assert!(error.contains("--resume"), "{error}");
-    let error = Training::resume(&path, Processor::Cpu, None, |fit| fit.seed = 1).err().unwrap().to_string();
+    let error = Training::resume(&path, Device::Cpu, None, |fit| fit.seed = 1).err().unwrap().to_string();
     assert!(error.contains("make a new run"), "{error}");
 }
 
@@ -258,7 +258,7 @@ fn a_trained_model_is_measured_without_control() {
     // A row has the same latent by itself and among others, and so has what follows it.
     let rows = &episodes[0];
     let together = latents(&mut model, rows).unwrap();
-    assert!(together[..8] != together[8..16], "pictures differ");
+    assert!(together[..8] != together[8..16], "images differ");
     let mut alone = vec![0.0; 8];
     model.encode(rows.row(1), &mut alone).unwrap();
     assert_eq!(alone, together[8..16]);
@@ -275,9 +275,9 @@ fn a_trained_model_is_measured_without_control() {
     assert!(fails(format!("lewm:{run},horizon=3")).contains("horizon"));
     trained(folder.path(), "gcbc", "policy");
     assert!(fails(format!("model:{}", folder.path().join("policy").display())).contains("no world model"));
-    assert!(model.encode(Batch::new(rows_without_pictures(), 1).row(0), &mut alone).is_err());
+    assert!(model.encode(Batch::new(rows_without_images(), 1).row(0), &mut alone).is_err());
 }
 
-fn rows_without_pictures() -> std::sync::Arc<Schema> {
+fn rows_without_images() -> std::sync::Arc<Schema> {
     Schema::new(vec![Field::step("state", Dtype::F32, &[2])]).expect("one name")
 }

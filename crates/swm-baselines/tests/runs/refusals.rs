@@ -7,7 +7,7 @@ use std::path::Path;
 use serde_json::{Value as Json, json};
 use swm_baselines::acting::LatentModel;
 use swm_baselines::train::{NewRun, RunFolder, Training};
-use swm_baselines::{BaselineError, Processor};
+use swm_baselines::{BaselineError, device};
 use swm_core::{ImageSize, PolicyArgs};
 
 use super::dot::{IMAGE, TWIN, WIDE};
@@ -22,7 +22,7 @@ fn refused(folder: &Path, dataset: &dyn swm_data::Dataset, new: &NewRun<'_>) -> 
 }
 
 fn resumed(run: &Path) -> Result<Training, BaselineError> {
-    Training::resume(run, Processor::Cpu, None, |_| ())
+    Training::resume(run, Device::Cpu, None, |_| ())
 }
 
 fn says(message: &str, parts: &[&str]) {
@@ -64,7 +64,7 @@ fn datasets_that_do_not_fit_are_refused() {
     says(&message, &["blind.h5 cannot train lewm: it has no column `pixels`", "--image-size"]);
     let oblong = record_as(&folder.path().join("oblong.h5"), Some(ImageSize { height: 16, width: 8 }), 1);
     let message = refused(folder.path(), oblong.as_ref(), &new_run("lewm"));
-    says(&message, &["oblong.h5 cannot train lewm: its pictures are 16 × 8", "--image-size"]);
+    says(&message, &["oblong.h5 cannot train lewm: its images are 16 × 8", "--image-size"]);
     let seeing = record(folder.path());
     let feeling = NewRun { changes: json!({ "proprio": 10 }), encoder: None, ..new_run("dino-wm") };
     says(&refused(folder.path(), seeing.as_ref(), &feeling), &["`proprio` is on and the data has none"]);
@@ -133,7 +133,7 @@ fn a_dataset_that_moved_is_asked_for() {
     let away = folder.path().join("away.h5");
     fs::rename(&data, &away).unwrap();
     says(&resumed(&run).err().unwrap().to_string(), &["its dataset is not there", "data.h5", "--data"]);
-    let moved = |path: &Path| Training::resume(&run, Processor::Cpu, Some(path), |_| ());
+    let moved = |path: &Path| Training::resume(&run, Device::Cpu, Some(path), |_| ());
     assert!(moved(&away).is_ok() && resumed(&run).is_ok(), "its new place is remembered");
     assert!(moved(&data).is_err());
 

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 pub enum Dtype {
     /// `true` or `false`.
     Bool,
-    /// Unsigned 8-bit integers: pixels, colours.
+    /// Unsigned 8-bit integers: pixels, colors.
     U8,
     /// Signed 32-bit integers: lengths and indices of dataset files.
     I32,
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_values_are_recognisable() {
+    fn missing_values_are_recognizable() {
         let mut floats = Column::zeros(Dtype::F64, 1);
         floats.as_slice_mut().fill_missing();
         assert!(floats.as_slice().number(0).is_some_and(f64::is_nan));

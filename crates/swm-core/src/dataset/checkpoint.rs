@@ -1,4 +1,4 @@
-//! Saved states among the rows of a dataset, so that a recording without pictures can be drawn from any row on.
+//! Saved states among the rows of a dataset, so that a recording without images can be drawn from any row on.
 //!
 //! The state saved at row `r`, a multiple of `every`, is cut into `every` pieces, and row `r + i` holds piece `i` in the
 //! column `checkpoint`. So the column is narrow, every row of it is used, and any format can hold it. The pieces

@@ -33,7 +33,7 @@ pub trait EpisodeSink: Send {
     ///
     /// # Errors
     ///
-    /// The rows have other columns than were announced, or cannot be written. The episode is then not part of the
+    /// The rows have other columns than were committed, or cannot be written. The episode is then not part of the
     /// dataset.
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError>;
 
@@ -125,10 +125,10 @@ pub struct Metadata {
     /// The episodes were started at recorded rows (an evaluation from a dataset), with options of their own each.
     #[serde(default)]
     pub from_recorded_rows: bool,
-    /// Picture size.
+    /// Image size.
     #[serde(default)]
     pub image: Option<ImageSize>,
-    /// What drew the pictures, in words, where there is a choice.
+    /// What drew the images, in words, where there is a choice.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub renderer: Option<String>,
     /// Time limit of an episode.
@@ -300,7 +300,7 @@ impl World {
     ///
     /// # Errors
     ///
-    /// As [`World::run`], and what writing meets; episodes that were announced before are safe.
+    /// As [`World::run`], and what writing meets; episodes that were committed before are safe.
     pub fn record_dataset(
         &mut self,
         rollout: &Rollout<'_>,

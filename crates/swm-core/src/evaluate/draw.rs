@@ -29,7 +29,7 @@ pub struct ManifestOptions {
     pub budget: u64,
     /// Environment steps per action.
     pub frame_skip: u32,
-    /// Size of the pictures that policies see.
+    /// Size of the images that policies see.
     pub image: Option<ImageSize>,
     /// Seed of the choice.
     pub seed: u64,
@@ -37,13 +37,13 @@ pub struct ManifestOptions {
     pub vary: Option<Vec<String>>,
     /// Factors to set.
     pub set: BTreeMap<String, Value>,
-    /// What changes the pictures that policies see.
+    /// What changes the images that policies see.
     pub distractors: Vec<String>,
     /// When an episode is a success.
     pub success: SuccessRule,
     /// How much must lie between start and goal: the condition must *not* hold at the start. None in historic manifests.
     pub motion: Option<Condition>,
-    /// Elements of start columns that are set to zero, so that a policy that sees one picture knows all: velocities.
+    /// Elements of start columns that are set to zero, so that a policy that sees one image knows all: velocities.
     pub rest: Vec<(String, Range<usize>)>,
 }
 

@@ -1,6 +1,6 @@
 //! Goals from a dataset: start at a recorded row, reach what was recorded `goal_offset` rows later.
 //!
-//! Start, goal and factors are restored in the environment and drawn by it; stored pictures are not used.
+//! Start, goal and factors are restored in the environment and drawn by it; stored images are not used.
 
 use std::collections::BTreeMap;
 

@@ -83,12 +83,12 @@ pub struct Manifest {
     pub budget: u64,
     /// Environment steps per action.
     pub frame_skip: u32,
-    /// Size of the pictures that policies see.
+    /// Size of the images that policies see.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub image: Option<ImageSize>,
     /// The seed that pairs were drawn with.
     pub seed: u64,
-    /// What changes the pictures that policies see, each as a name with settings.
+    /// What changes the images that policies see, each as a name with settings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub distractors: Vec<String>,
     /// When an episode is a success.
@@ -189,7 +189,7 @@ pub struct Pair {
     /// Episode, start row and goal row of the dataset.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<[usize; 3]>,
-    /// Digest of the first row that this gives, pictures apart: what [`witness`] makes of it.
+    /// Digest of the first row that this gives, images apart: what [`witness`] makes of it.
     pub witness: String,
 }
 
@@ -256,12 +256,12 @@ impl Pair {
     }
 }
 
-/// A digest of the environment's fields in a row, pictures apart: 16 hexadecimal digits. Equal rows have equal digests.
+/// A digest of the environment's fields in a row, images apart: 16 hexadecimal digits. Equal rows have equal digests.
 pub fn witness(spec: &EnvSpec, row: Row<'_>) -> String {
     let mut digest = Fnv::default();
     for (index, field) in spec.fields.iter().enumerate() {
-        let picture = field.dtype == Dtype::U8 && field.shape.len() == 3;
-        if !picture {
+        let image = field.dtype == Dtype::U8 && field.shape.len() == 3;
+        if !image {
             digest.slice(row.at(index));
         }
     }

@@ -46,7 +46,7 @@ pub struct EpisodeResult {
     pub final_cost: Option<f64>,
     /// Digest of the actions of the first plan: of what the policy wanted.
     pub decisions: String,
-    /// Digest of every row, pictures apart, actions included: of what happened.
+    /// Digest of every row, images apart, actions included: of what happened.
     pub digest: String,
 }
 
@@ -152,11 +152,11 @@ impl<'a> OutcomeRecorder<'a> {
 
 impl Recorder for OutcomeRecorder<'_> {
     fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
-        let picture = |index: &usize| {
+        let image = |index: &usize| {
             let field = &run.spec.fields[*index];
             field.dtype == Dtype::U8 && field.shape.len() == 3
         };
-        self.digested = (0..run.spec.fields.len()).filter(|index| !picture(index)).collect();
+        self.digested = (0..run.spec.fields.len()).filter(|index| !image(index)).collect();
         self.action = run.schema.require("action")?;
         self.ends = [run.schema.require("terminated")?, run.schema.require("truncated")?];
         self.spec = Some(run.spec.clone());

@@ -18,12 +18,12 @@ pub fn wilson95(successes: usize, trials: usize) -> [f64; 2] {
     }
     let n = trials as f64;
     let p = successes as f64 / n;
-    let centre = p + Z * Z / (2.0 * n);
+    let center = p + Z * Z / (2.0 * n);
     let spread = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
     let scale = 100.0 / (1.0 + Z * Z / n);
     // At the ends the bound is exact, and rounding must not move it.
-    let low = if successes == 0 { 0.0 } else { scale * (centre - spread) };
-    let high = if successes == trials { 100.0 } else { scale * (centre + spread) };
+    let low = if successes == 0 { 0.0 } else { scale * (center - spread) };
+    let high = if successes == trials { 100.0 } else { scale * (center + spread) };
     [low, high]
 }
 

@@ -15,7 +15,7 @@ use super::state_model::{ActionColumn, defaults, moment, rows_with_actions};
 pub enum Violation {
     /// Everything is suddenly where it is in another episode.
     Teleport,
-    /// Elements of one of the environment's start columns take other values at once: a place out of the picture lets a thing
+    /// Elements of one of the environment's start columns take other values at once: a place out of the image lets a thing
     /// vanish.
     Set {
         /// The column: `state`.
@@ -25,7 +25,7 @@ pub enum Violation {
         /// Their values from then on.
         to: Vec<f64>,
     },
-    /// A factor of variation takes another value at once: a colour.
+    /// A factor of variation takes another value at once: a color.
     Factor {
         /// Its name: `block.color`.
         name: String,
@@ -293,7 +293,7 @@ mod tests {
     #[test]
     fn what_cannot_be_made_is_refused() {
         let message = |violation: &Violation| pairs(violation).unwrap_err().to_string();
-        assert!(message(&Violation::Factor { name: "point.colour".to_owned() }).contains("no factor"));
+        assert!(message(&Violation::Factor { name: "point.color".to_owned() }).contains("no factor"));
         let set = |column: &str, element| Violation::Set {
             column: column.to_owned(),
             elements: vec![element],

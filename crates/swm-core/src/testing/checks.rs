@@ -145,7 +145,7 @@ pub fn deterministic(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String>
     Ok(())
 }
 
-/// A snapshot restored into a fresh instance, at any step, continues with the same bits and rewards, pictures
+/// A snapshot restored into a fresh instance, at any step, continues with the same bits and rewards, images
 /// included; and a damaged state is refused.
 ///
 /// # Errors
@@ -239,9 +239,9 @@ pub fn factors_are_independent(entry: &EnvEntry, config: &EnvConfig) -> Result<(
     }
 }
 
-/// Every factor changes what is seen or what happens: some step field (pixels included) or the goal picture, in
-/// one of two dozen draws, in the context that its description names. Those of `only_in_pictures` change nothing here,
-/// where no pictures are drawn.
+/// Every factor changes what is seen or what happens: some step field (pixels included) or the goal image, in
+/// one of two dozen draws, in the context that its description names. Those of `only_in_images` change nothing here,
+/// where no images are drawn.
 ///
 /// # Errors
 ///
@@ -249,7 +249,7 @@ pub fn factors_are_independent(entry: &EnvEntry, config: &EnvConfig) -> Result<(
 pub fn every_factor_acts(
     entry: &EnvEntry,
     config: &EnvConfig,
-    only_in_pictures: &[&str],
+    only_in_images: &[&str],
 ) -> Result<(), String> {
     let mut bench = Bench::new(entry, config)?;
     let spec = bench.env.spec().clone();
@@ -276,10 +276,10 @@ pub fn every_factor_acts(
                 break;
             }
         }
-        if acts && only_in_pictures.contains(&factor.name.as_str()) {
-            return Err(format!("`{}` acts without pictures", factor.name));
+        if acts && only_in_images.contains(&factor.name.as_str()) {
+            return Err(format!("`{}` acts without images", factor.name));
         }
-        if !acts && !only_in_pictures.contains(&factor.name.as_str()) {
+        if !acts && !only_in_images.contains(&factor.name.as_str()) {
             idle.push(factor.name.as_str());
         }
     }

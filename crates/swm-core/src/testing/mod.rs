@@ -12,7 +12,7 @@ pub use checks::{
 };
 pub use toy::{DISCRETE_TOY, TOY};
 
-/// Runs every check, with small pictures, and panics with the list of all violations.
+/// Runs every check, with small images, and panics with the list of all violations.
 ///
 /// # Panics
 /// If the environment violates any rule; that is what it is for.
@@ -21,18 +21,18 @@ pub fn assert_conforms(entry: &EnvEntry) {
     assert_conforms_with(entry, &config, &[]);
 }
 
-/// As [`assert_conforms`], for environments made with `config`. Where it asks for no pictures, the factors of
-/// `only_in_pictures` must change nothing, and all others something.
+/// As [`assert_conforms`], for environments made with `config`. Where it asks for no images, the factors of
+/// `only_in_images` must change nothing, and all others something.
 ///
 /// # Panics
 /// If the environment violates any rule.
-pub fn assert_conforms_with(entry: &EnvEntry, config: &EnvConfig, only_in_pictures: &[&str]) {
+pub fn assert_conforms_with(entry: &EnvEntry, config: &EnvConfig, only_in_images: &[&str]) {
     let results = [
         ("spec_is_sound", spec_is_sound(entry, config)),
         ("deterministic", deterministic(entry, config)),
         ("snapshots_are_exact", snapshots_are_exact(entry, config)),
         ("factors_are_independent", factors_are_independent(entry, config)),
-        ("every_factor_acts", every_factor_acts(entry, config, only_in_pictures)),
+        ("every_factor_acts", every_factor_acts(entry, config, only_in_images)),
     ];
     let failures =
         results.into_iter().filter_map(|(name, result)| Some(format!("{name}: {}", result.err()?)));

@@ -1,6 +1,6 @@
 //! `World`: many environments stepped in parallel, all their data in one `infos` table, a policy attached.
 //!
-//! There is one rollout loop, [`World::run`]; collecting, evaluating and filming are recorders that watch it.
+//! There is one rollout loop, [`World::run`]; collecting, evaluating and recording are recorders that watch it.
 
 mod fields;
 mod options;
@@ -173,7 +173,7 @@ impl World {
         Ok(())
     }
 
-    /// Shows pictures through `transform`, or as they are. Fields that are not pictures do not change.
+    /// Shows images through `transform`, or as they are. Fields that are not images do not change.
     pub fn set_transform(&mut self, transform: Option<Arc<dyn Transform>>) {
         self.frames = transform.map(|transform| Frames::new(transform, self.infos.schema()));
     }

@@ -8,7 +8,7 @@ use crate::error::WorldError;
 pub struct WorldOptions {
     /// Environments stepped side by side. Results do not depend on it.
     pub num_envs: usize,
-    /// Picture size and environment settings.
+    /// Image size and environment settings.
     pub env: EnvConfig,
     /// Steps after which an episode is truncated; `None`: never.
     pub max_episode_steps: Option<u64>,
@@ -16,15 +16,15 @@ pub struct WorldOptions {
     pub frame_skip: u32,
     /// Threads; `None`: one per core. Results do not depend on it.
     pub threads: Option<usize>,
-    /// Fields that datasets do without, by name: `goal`, say, a picture per row. They stay in the infos.
+    /// Fields that datasets do without, by name: `goal`, say, an image per row. They stay in the infos.
     pub unrecorded: Vec<String>,
-    /// Save the environments' states every so many rows, in the field `checkpoint`: then pictures need not be recorded,
+    /// Save the environments' states every so many rows, in the field `checkpoint`: then images need not be recorded,
     /// since they can be drawn from any row on. `None`: do not.
     pub checkpoints: Option<u32>,
 }
 
 impl Default for WorldOptions {
-    /// One environment, no pictures, 100 steps (the reference's default), every thread.
+    /// One environment, no images, 100 steps (the reference's default), every thread.
     fn default() -> Self {
         Self {
             num_envs: 1,
@@ -65,7 +65,7 @@ impl WorldOptions {
         if frame_bytes * self.num_envs > MAX_FRAME_BYTES {
             let gigabytes = (frame_bytes * self.num_envs) as f64 / 1e9;
             let reason = format!(
-                "{} pictures of this size take {gigabytes:.0} GB; use fewer environments or smaller pictures",
+                "{} images of this size take {gigabytes:.0} GB; use fewer environments or smaller images",
                 self.num_envs
             );
             return wrong("image", reason);
@@ -85,5 +85,5 @@ pub const MAX_FRAME_SKIP: u32 = 1000;
 const MAX_ENVS: usize = 65_536;
 const MAX_THREADS: usize = 1024;
 const MAX_CHECKPOINT_ROWS: u32 = 1_000_000;
-/// All pictures of the infos together: 4 GB.
+/// All images of the infos together: 4 GB.
 const MAX_FRAME_BYTES: usize = 4_000_000_000;

@@ -8,8 +8,8 @@
 mod batches;
 mod clips;
 mod goals;
+mod images;
 mod options;
-mod pictures;
 mod plan;
 mod reader;
 
@@ -23,7 +23,7 @@ use crate::error::DataError;
 
 pub use batches::{Batches, Position};
 pub use clips::{Clip, Clips};
-pub use options::{BatchOptions, ClipOptions, GoalOptions, GoalWeights, Pictures};
+pub use options::{BatchOptions, ClipOptions, GoalOptions, GoalWeights, Images};
 
 use plan::Plan;
 use reader::Reader;

@@ -15,9 +15,9 @@ pub struct ClipOptions {
     pub keys: Option<Vec<String>>,
     /// Where clips start.
     pub clips: Clips,
-    /// The order of picture axes.
-    pub pictures: Pictures,
-    /// The size of pictures; `None`: as stored. Resized by an antialiased bilinear filter, as torchvision does.
+    /// The order of image axes.
+    pub images: Images,
+    /// The size of images; `None`: as stored. Resized by an antialiased bilinear filter, as torchvision does.
     pub image: Option<ImageSize>,
     /// Adds a sampled goal to every clip.
     pub goals: Option<GoalOptions>,
@@ -25,9 +25,9 @@ pub struct ClipOptions {
     pub threads: Option<usize>,
 }
 
-/// The order of axes of pictures (u8 columns of rank 3).
+/// The order of axes of images (u8 columns of rank 3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Pictures {
+pub enum Images {
     /// `[num_steps, H, W, C]`, as stored.
     #[default]
     ChannelsLast,
@@ -43,7 +43,7 @@ impl Default for ClipOptions {
             frameskip: 1,
             keys: None,
             clips: Clips::default(),
-            pictures: Pictures::default(),
+            images: Images::default(),
             image: None,
             goals: None,
             threads: None,
@@ -97,7 +97,7 @@ impl Default for GoalOptions {
 }
 
 impl GoalOptions {
-    /// Hindsight relabelling: the goal is what the episode reached later, every later row equally often.
+    /// Hindsight relabeling: the goal is what the episode reached later, every later row equally often.
     pub fn hindsight(keys: &[&str], seed: u64) -> Self {
         let weights = GoalWeights { random: 0.0, geometric: 0.0, uniform: 1.0, current: 0.0 };
         let keys = Some(keys.iter().map(|&key| key.to_owned()).collect());

@@ -1,5 +1,5 @@
 //! What is read for a clip: for every column of a batch, which rows of which column of the dataset, and what is done to
-//! its pictures. Made once per loader, shared by all threads.
+//! its images. Made once per loader, shared by all threads.
 
 use std::sync::Arc;
 
@@ -8,8 +8,8 @@ use swm_core::{Dtype, Field, Schema};
 
 use super::clips::ClipIndex;
 use super::goals::Goals;
-use super::options::{ClipOptions, Pictures};
-use super::pictures::Convert;
+use super::images::Convert;
+use super::options::{ClipOptions, Images};
 use super::wrong;
 use crate::dataset::Dataset;
 use crate::error::DataError;
@@ -35,7 +35,7 @@ pub(super) struct Window {
     pub(super) column: usize,
     /// The rows.
     pub(super) rows: Rows,
-    /// What is done to its pictures.
+    /// What is done to its images.
     pub(super) convert: Option<Convert>,
 }
 
@@ -68,11 +68,11 @@ impl Plan {
         let stored = dataset.schema().fields();
         let goal_columns = goal_columns(dataset, options)?;
         let goal_name = |column: usize| format!("{GOAL_PREFIX}{}", stored[column].name);
-        let relabelled: Vec<String> = goal_columns.iter().map(|&column| goal_name(column)).collect();
+        let relabeled: Vec<String> = goal_columns.iter().map(|&column| goal_name(column)).collect();
         let (mut windows, mut fields) = (Vec::new(), Vec::new());
         for column in chosen(dataset, options.keys.as_deref())? {
             let stored = &stored[column];
-            if relabelled.contains(&stored.name) {
+            if relabeled.contains(&stored.name) {
                 continue;
             }
             let dense = stored.name == ACTION;
@@ -82,16 +82,16 @@ impl Plan {
                 };
                 (vec![width], None)
             } else {
-                pictures(stored, options)?
+                images(stored, options)?
             };
             shape.insert(0, steps);
             fields.push(Field { shape, ..stored.clone() });
             let (count, stride) = if dense { (span, 1) } else { (steps, skip) };
             windows.push(Window { column, rows: Rows::Clip { count, stride }, convert });
         }
-        for (column, name) in goal_columns.into_iter().zip(relabelled) {
+        for (column, name) in goal_columns.into_iter().zip(relabeled) {
             let stored = &stored[column];
-            let (mut shape, convert) = pictures(stored, options)?;
+            let (mut shape, convert) = images(stored, options)?;
             shape.insert(0, 1);
             fields.push(Field { name, shape, ..stored.clone() });
             windows.push(Window { column, rows: Rows::Goal, convert });
@@ -114,7 +114,7 @@ impl Plan {
 }
 
 /// The shape of a column's rows in a batch, and what has to be done for it.
-fn pictures(stored: &Field, options: &ClipOptions) -> Result<(Vec<usize>, Option<Convert>), DataError> {
+fn images(stored: &Field, options: &ClipOptions) -> Result<(Vec<usize>, Option<Convert>), DataError> {
     let ([height, width, channels], Dtype::U8) = (&stored.shape[..], stored.dtype) else {
         return Ok((stored.shape.clone(), None));
     };
@@ -122,7 +122,7 @@ fn pictures(stored: &Field, options: &ClipOptions) -> Result<(Vec<usize>, Option
         stored: [*height, *width],
         channels: *channels,
         wanted: options.image.map_or([*height, *width], |size| [size.height, size.width]),
-        channels_first: options.pictures == Pictures::ChannelsFirst,
+        channels_first: options.images == Images::ChannelsFirst,
     };
     convert.check(&stored.name)?;
     Ok((convert.shape(), convert.is_needed().then_some(convert)))

@@ -2,13 +2,13 @@
 
 use swm_core::{RowsMut, SliceMut};
 
-use super::pictures::Darkroom;
+use super::images::Darkroom;
 use super::plan::{Plan, Rows};
 use super::wrong;
 use crate::dataset::{Dataset, Steps};
 use crate::error::DataError;
 
-/// A handle on the dataset, and memory for the pictures of one clip.
+/// A handle on the dataset, and memory for the images of one clip.
 pub(super) struct Reader {
     pub(super) dataset: Box<dyn Dataset>,
     /// By window.

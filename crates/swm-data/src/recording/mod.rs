@@ -2,8 +2,8 @@
 //! call may follow which, and episodes that come in pieces. A format adds how rows are stored ([`Storage`]) and a
 //! recording of its own ([`Recording`]); [`Recorder`] makes a [`DatasetWriter`] of them.
 //!
-//! What no format may do otherwise: nothing changes before `begin`; an episode whose end was announced survives a kill at
-//! any later moment; of one that was not announced nothing is seen.
+//! What no format may do otherwise: nothing changes before `begin`; an episode whose end was committed survives a kill at
+//! any later moment; of one that was not committed nothing is seen.
 
 mod fit;
 
@@ -101,12 +101,12 @@ pub trait Recording: Send {
     /// A sentence; the recording takes no more after it.
     fn append(&mut self, at: Place, rows: &Batch) -> Result<(), String>;
 
-    /// Announces the open episode, which ends at `end`: when this returns, no kill can lose it.
+    /// Commits the open episode, which ends at `end`: when this returns, no kill can lose it.
     ///
     /// # Errors
     ///
     /// As of [`Recording::append`].
-    fn announce(&mut self, end: Place) -> Result<(), String>;
+    fn commit(&mut self, end: Place) -> Result<(), String>;
 
     /// Ends the recording. No episode is open.
     ///
@@ -308,7 +308,7 @@ impl<S: Storage> DatasetWriter for Recorder<S> {
         if self.open == 0 && matches!(self.state, State::Recording(..)) {
             return Err(DataError::record(&self.path, "an episode without rows").into());
         }
-        self.record(Recording::announce)?;
+        self.record(Recording::commit)?;
         self.open = 0;
         self.episodes += 1;
         Ok(())

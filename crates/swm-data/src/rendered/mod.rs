@@ -1,9 +1,9 @@
-//! Datasets whose pictures are drawn when they are read: of any size, with any factors in place of the recorded ones.
+//! Datasets whose images are drawn when they are read: of any size, with any factors in place of the recorded ones.
 //!
-//! A recording without pictures is a hundredth to a thousandth of one with them. What it holds (seed, factors, actions,
-//! and now and then the environment's saved state) determines every picture, so [`Rendered`] replays the episode from
+//! A recording without images is a hundredth to a thousandth of one with them. What it holds (seed, factors, actions,
+//! and now and then the environment's saved state) determines every image, so [`Rendered`] replays the episode from
 //! the checkpoint before the wanted row and draws. Where it passes a checkpoint, it compares: a simulator that has
-//! changed since is an error and not a wrong picture.
+//! changed since is an error and not a wrong image.
 //!
 //! This module knows the traits of environments and no environment: the registry is the caller's.
 
@@ -26,15 +26,15 @@ use crate::error::DataError;
 
 use stage::Stage;
 
-/// How pictures are drawn.
+/// How images are drawn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderOptions {
     /// Their size.
     pub image: ImageSize,
-    /// Factors to set in place of the recorded ones: other colours, another light. One that changes what happens, and
-    /// not only what is seen, is an error, as the recorded states would not be those in the pictures.
+    /// Factors to set in place of the recorded ones: other colors, another light. One that changes what happens, and
+    /// not only what is seen, is an error, as the recorded states would not be those in the images.
     pub factors: BTreeMap<String, Value>,
-    /// Settings of the environment on top of the recorded ones, such as its picture style.
+    /// Settings of the environment on top of the recorded ones, such as its image style.
     pub settings: Map<String, Json>,
     /// Compare with the checkpoints on the way.
     pub verify: bool,
@@ -48,15 +48,15 @@ impl Default for RenderOptions {
     }
 }
 
-/// A dataset with pictures that are drawn on demand: the columns of the recording, without `checkpoint`, and the
-/// environment's picture columns behind them (in place of stored ones).
+/// A dataset with images that are drawn on demand: the columns of the recording, without `checkpoint`, and the
+/// environment's image columns behind them (in place of stored ones).
 pub struct Rendered {
     inner: Box<dyn Dataset>,
     script: Arc<Script>,
     about: About,
     /// For every column, where its values come from.
     columns: Arc<[Origin]>,
-    /// Made at the first picture.
+    /// Made at the first image.
     stage: Option<Stage>,
 }
 
@@ -64,14 +64,14 @@ pub struct Rendered {
 enum Origin {
     /// A column of the recording.
     Stored(usize),
-    /// A picture field of the environment.
+    /// An image field of the environment.
     Drawn(usize),
 }
 
 /// What the replay of any episode needs to know.
 struct Script {
     entry: EnvEntry,
-    /// How the environment that replays is made: as the recorded one, without pictures.
+    /// How the environment that replays is made: as the recorded one, without images.
     sim: EnvConfig,
     /// How the environment that draws is made.
     painter: EnvConfig,
@@ -92,12 +92,12 @@ impl Script {
 }
 
 impl Rendered {
-    /// Draws the pictures of `dataset`, which must say how it was recorded; `registry` knows its environment.
+    /// Draws the images of `dataset`, which must say how it was recorded; `registry` knows its environment.
     ///
     /// # Errors
     ///
     /// The dataset does not say how it was recorded, its environment is unknown, refuses the settings or factors, or
-    /// draws no pictures.
+    /// draws no images.
     pub fn new(
         dataset: Box<dyn Dataset>,
         registry: &Registry,
@@ -106,8 +106,7 @@ impl Rendered {
         let refuse = |reason: String| DataError::request(dataset.path(), reason);
         let Some(metadata) = dataset.metadata() else {
             return Err(refuse(
-                "pictures cannot be drawn: it does not say how it was recorded (by another program)"
-                    .to_owned(),
+                "images cannot be drawn: it does not say how it was recorded (by another program)".to_owned(),
             ));
         };
         if metadata.frame_skip > MAX_FRAME_SKIP {
@@ -120,13 +119,13 @@ impl Rendered {
         let painter = EnvConfig { image: Some(options.image), settings: settings.clone() };
         let spec = (entry.make)(&painter).map_err(|error| refuse(error.to_string()))?.spec().clone();
         let factors = factors(&spec, &options.factors).map_err(refuse)?;
-        let drawn = pictures(&spec, options.image);
+        let drawn = images(&spec, options.image);
         if drawn.is_empty() {
-            return Err(refuse(format!("`{}` draws no pictures", spec.id)));
+            return Err(refuse(format!("`{}` draws no images", spec.id)));
         }
         let (mut columns, mut fields) = (Vec::new(), Vec::new());
         for (column, field) in dataset.schema().fields().iter().enumerate() {
-            if field.name != CHECKPOINT && drawn.iter().all(|(_, picture)| picture.name != field.name) {
+            if field.name != CHECKPOINT && drawn.iter().all(|(_, image)| image.name != field.name) {
                 columns.push(Origin::Stored(column));
                 fields.push(field.clone());
             }
@@ -185,8 +184,8 @@ fn stage<'a>(
     }
 }
 
-/// The picture fields of an environment, with their positions.
-fn pictures(spec: &EnvSpec, image: ImageSize) -> Vec<(usize, Field)> {
+/// The image fields of an environment, with their positions.
+fn images(spec: &EnvSpec, image: ImageSize) -> Vec<(usize, Field)> {
     let fields = spec.fields.iter().enumerate();
     let drawn = fields.filter(|(_, field)| field.dtype == Dtype::U8 && field.shape == image.shape());
     drawn.map(|(index, field)| (index, field.clone())).collect()
@@ -239,10 +238,10 @@ impl Dataset for Rendered {
             rest.chunks_exact_mut(width).for_each(|copy| copy.copy_from_slice(first));
             return Ok(());
         }
-        for (at, picture) in out.chunks_exact_mut(width).enumerate() {
+        for (at, image) in out.chunks_exact_mut(width).enumerate() {
             let row = steps.first + at * steps.stride;
             let last = steps.first + (steps.count - 1) * steps.stride;
-            stage.draw(self.inner.as_mut(), &self.script, episode, row, last, index, picture)?;
+            stage.draw(self.inner.as_mut(), &self.script, episode, row, last, index, image)?;
         }
         Ok(())
     }

@@ -1,5 +1,5 @@
-//! Replaying one episode at a time: an environment without pictures that steps just as the recorded one did, and one
-//! with pictures that takes over its state to draw.
+//! Replaying one episode at a time: an environment without images that steps just as the recorded one did, and one
+//! with images that takes over its state to draw.
 //!
 //! There are two because observing belongs to the recorded sequence (some environments count what happened since), while
 //! drawing every row on the way would cost more than all of the rest.
@@ -20,7 +20,7 @@ pub(super) struct Stage {
     painter: Box<dyn Env>,
     /// One row of the fields of each.
     observed: Batch,
-    picture: Batch,
+    image: Batch,
     /// The episode and row at which `sim` stands.
     at: Option<(usize, usize)>,
     state: EnvState,
@@ -48,7 +48,7 @@ impl Stage {
             let schema = Schema::new(env.spec().fields.clone()).map_err(|error| refuse(error.to_string()))?;
             Ok::<_, DataError>(Batch::new(schema, 1))
         };
-        let (observed, picture) = (row(sim.as_ref())?, row(painter.as_ref())?);
+        let (observed, image) = (row(sim.as_ref())?, row(painter.as_ref())?);
         let schema = dataset.schema();
         let action = schema.require("action").map_err(|error| refuse(error.to_string()))?;
         let (recorded, wanted) = (&schema.fields()[action], &sim.spec().action);
@@ -75,7 +75,7 @@ impl Stage {
             sim,
             painter,
             observed,
-            picture,
+            image,
             at: None,
             state: EnvState::new(),
             columns,
@@ -99,8 +99,8 @@ impl Stage {
     ) -> Result<(), DataError> {
         self.seek(dataset, script, episode, row, last)?;
         self.take_over(dataset, episode, row)?;
-        self.painter.observe(&mut self.picture.rows_mut());
-        out.copy_from_slice(self.picture.rows_mut().at::<u8>(index));
+        self.painter.observe(&mut self.image.rows_mut());
+        out.copy_from_slice(self.image.rows_mut().at::<u8>(index));
         Ok(())
     }
 
@@ -116,8 +116,8 @@ impl Stage {
     ) -> Result<(), DataError> {
         self.seek(dataset, script, episode, near, near)?;
         self.take_over(dataset, episode, near)?;
-        self.painter.write_episode(&mut self.picture.rows_mut());
-        out.copy_from_slice(self.picture.rows_mut().at::<u8>(index));
+        self.painter.write_episode(&mut self.image.rows_mut());
+        out.copy_from_slice(self.image.rows_mut().at::<u8>(index));
         Ok(())
     }
 

@@ -1,5 +1,5 @@
 //! One pass over the rows of a column: running means and deviations (Welford's recurrence), extremes, and what is kept
-//! for quantiles: a uniform sample of rows, or the counts of all 256 levels of a picture's channels.
+//! for quantiles: a uniform sample of rows, or the counts of all 256 levels of an image's channels.
 
 use rand::RngExt as _;
 use swm_core::Slice;
@@ -117,7 +117,7 @@ impl Accumulate for Moments {
     }
 }
 
-/// Of pictures, by channel.
+/// Of images, by channel.
 pub(super) struct Histograms {
     rows: u64,
     counts: Vec<[u64; 256]>,

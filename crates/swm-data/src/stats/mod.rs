@@ -1,7 +1,7 @@
-//! Statistics of columns for normalisation: mean and standard deviation, extremes, quantiles; found in one pass and
+//! Statistics of columns for normalization: mean and standard deviation, extremes, quantiles; found in one pass and
 //! kept beside the dataset, whatever its format.
 //!
-//! Of pictures (u8, rank 3) there is one set of numbers per channel, of all other columns one per value of a row. Rows
+//! Of images (u8, rank 3) there is one set of numbers per channel, of all other columns one per value of a row. Rows
 //! that hold a NaN or an infinity, such as the missing action of an episode's last row, do not count. An episode column
 //! counts once per episode.
 
@@ -28,7 +28,7 @@ pub struct StatisticsOptions {
     /// Quantiles, each from 0 to 1.
     pub quantiles: Vec<f64>,
     /// Rows of a column that are kept for its quantiles. Of longer columns a random sample of so many is taken, the same
-    /// one every time. (Quantiles of pictures are always exact.)
+    /// one every time. (Quantiles of images are always exact.)
     pub sample: usize,
 }
 
@@ -52,7 +52,7 @@ pub struct Statistics {
     pub columns: BTreeMap<String, ColumnStatistics>,
 }
 
-/// Statistics of one column. Lists are over channels of pictures, else over values of a row.
+/// Statistics of one column. Lists are over channels of images, else over values of a row.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ColumnStatistics {
     /// Rows that count.

@@ -43,10 +43,10 @@ pub fn last(lines: &[String], word: &str) -> Option<usize> {
     lines.iter().rev().find_map(|line| line.strip_prefix(word)?.trim().parse().ok())
 }
 
-/// Kills a recording again and again, at different moments; what it announced must be there each time. The number of
+/// Kills a recording again and again, at different moments; what it committed must be there each time. The number of
 /// episodes at the end, after it was continued.
 pub fn kill(path: &Path, test: &str, rounds: u64) -> usize {
-    let mut announced = 0;
+    let mut committed = 0;
     for round in 0..rounds {
         let mut process = child(path, test, "").spawn().unwrap();
         let mut output = BufReader::new(process.stdout.take().unwrap()).lines().map_while(Result::ok);
@@ -63,26 +63,26 @@ pub fn kill(path: &Path, test: &str, rounds: u64) -> usize {
         process.kill().unwrap();
         lines.extend(output);
         process.wait().unwrap();
-        announced = last(&lines, "written ").unwrap_or(announced);
-        if !path.exists() || open(path).is_err() && announced == 0 {
-            assert_eq!(announced, 0, "the file is gone");
+        committed = last(&lines, "written ").unwrap_or(committed);
+        if !path.exists() || open(path).is_err() && committed == 0 {
+            assert_eq!(committed, 0, "the file is gone");
             continue;
         }
         let read = contents(path);
-        assert!(read.len() >= announced, "{} episodes of {announced} announced", read.len());
-        assert!(read.len() <= announced + 1);
+        assert!(read.len() >= committed, "{} episodes of {committed} committed", read.len());
+        assert!(read.len() <= committed + 1);
         if let Some(there) = last(&lines, "begun ") {
-            assert!(there <= announced);
+            assert!(there <= committed);
         }
         for (index, batch) in read.iter().enumerate() {
             assert_alike(&episode(&schema(), index, rows_of(index)), batch);
         }
-        announced = read.len();
+        committed = read.len();
     }
-    assert!(announced > 0, "no round lived long enough to write an episode");
+    assert!(committed > 0, "no round lived long enough to write an episode");
 
-    let end = announced + 3;
-    assert_eq!(record(path, WriteMode::Append, announced..end).unwrap(), announced as u64);
+    let end = committed + 3;
+    assert_eq!(record(path, WriteMode::Append, committed..end).unwrap(), committed as u64);
     let read = contents(path);
     assert_eq!(read.len(), end);
     for (index, batch) in read.iter().enumerate() {

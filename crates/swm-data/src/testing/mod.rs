@@ -14,7 +14,7 @@ use crate::{WriteMode, create, open};
 use swm_core::error::BoxError;
 use swm_core::{Batch, Column, Dtype, Field, Metadata, Schema, SliceMut};
 
-/// A schema with every type, pictures, and an episode column.
+/// A schema with every type, images, and an episode column.
 pub fn schema() -> Arc<Schema> {
     Schema::new(vec![
         Field::step("pixels", Dtype::U8, &[40, 40, 3]),
@@ -111,7 +111,7 @@ pub fn assert_same(left: &Batch, right: &Batch) {
     }
 }
 
-/// As [`assert_same`], but pictures only look alike if they were stored with loss.
+/// As [`assert_same`], but images only look alike if they were stored with loss.
 pub fn assert_alike(left: &Batch, right: &Batch) {
     assert_eq!(left.rows(), right.rows());
     for field in left.schema().fields() {

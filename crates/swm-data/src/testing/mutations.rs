@@ -106,7 +106,7 @@ pub fn mutate_for(name: &str, path: &Path, play: &mut dyn FnMut(&Path) -> bool) 
     for file in files(path) {
         let bytes = fs::read(&file).unwrap();
         for number in 0..PER_FILE {
-            // A new file, for pictures may be links to one another.
+            // A new file, for images may be links to one another.
             fs::remove_file(&file).unwrap();
             fs::write(&file, mutated(&bytes, number)).unwrap();
             let one = Instant::now();

@@ -33,7 +33,7 @@ pub struct ColumnComparison {
     pub largest: f64,
     /// Episode and row of the first difference.
     pub first: Option<[usize; 2]>,
-    /// Of pictures: the peak signal-to-noise ratio in dB over all rows; none where they are equal.
+    /// Of images: the peak signal-to-noise ratio in dB over all rows; none where they are equal.
     pub psnr: Option<f64>,
 }
 
@@ -115,8 +115,8 @@ pub fn compare(
     found.columns = shared
         .into_iter()
         .map(|(at, _, column, squares, count)| {
-            let is_picture = left.fields()[at].shape.len() == 3 && squares > 0.0;
-            let psnr = is_picture.then(|| 10.0 * (65_025.0 * count as f64 / squares).log10());
+            let is_image = left.fields()[at].shape.len() == 3 && squares > 0.0;
+            let psnr = is_image.then(|| 10.0 * (65_025.0 * count as f64 / squares).log10());
             ColumnComparison { psnr, ..column }
         })
         .collect();

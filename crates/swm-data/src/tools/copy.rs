@@ -163,7 +163,7 @@ fn held(sources: &mut [Box<dyn Dataset>], pieces: &[Piece], to: &Path) -> Result
     Ok(count)
 }
 
-/// The first column (not of pictures, which may have been stored with loss) that differs in a row.
+/// The first column (not of images, which may have been stored with loss) that differs in a row.
 fn different_column(
     there: &mut dyn Dataset,
     there_episode: usize,

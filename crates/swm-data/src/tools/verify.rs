@@ -75,7 +75,7 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
                     for row in 0..values.len() / width.max(1) {
                         let here = values.as_slice().range(row * width, width);
                         let differs = super::compare::difference(&here, &first.as_slice(), 0.0).is_some();
-                        // Pictures may have been stored with loss.
+                        // Images may have been stored with loss.
                         if differs && field.shape.len() < 3 {
                             column_check.changes.get_or_insert(start + row);
                         }

@@ -17,7 +17,7 @@ fn record_until_stopped() {
 }
 
 #[test]
-fn a_killed_recording_keeps_what_it_announced_and_can_be_continued() {
+fn a_killed_recording_keeps_what_it_committed_and_can_be_continued() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");
     kill(&path, TEST, 20);
@@ -26,7 +26,7 @@ fn a_killed_recording_keeps_what_it_announced_and_can_be_continued() {
 }
 
 #[test]
-fn a_killed_folder_keeps_what_it_announced_and_can_be_continued() {
+fn a_killed_folder_keeps_what_it_committed_and_can_be_continued() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.folder");
     let episodes = kill(&path, TEST, 20);
@@ -35,7 +35,7 @@ fn a_killed_folder_keeps_what_it_announced_and_can_be_continued() {
 
 #[cfg(feature = "video")]
 #[test]
-fn killed_films_keep_what_they_announced_and_can_be_continued() {
+fn killed_videos_keep_what_they_committed_and_can_be_continued() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.video");
     let episodes = kill(&path, TEST, 20);
@@ -44,7 +44,7 @@ fn killed_films_keep_what_they_announced_and_can_be_continued() {
 
 #[cfg(feature = "lerobot")]
 #[test]
-fn a_killed_lerobot_folder_keeps_what_it_announced_and_can_be_continued() {
+fn a_killed_lerobot_folder_keeps_what_it_committed_and_can_be_continued() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.lerobot");
     let episodes = kill(&path, TEST, 20);
@@ -53,7 +53,7 @@ fn a_killed_lerobot_folder_keeps_what_it_announced_and_can_be_continued() {
 }
 
 #[test]
-fn a_killed_log_keeps_what_it_announced_and_can_be_continued() {
+fn a_killed_log_keeps_what_it_committed_and_can_be_continued() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.mcap");
     let episodes = kill(&path, TEST, 20);
@@ -81,7 +81,7 @@ fn assert_whole(path: &Path, episodes: usize) {
 fn a_full_disk_is_an_error_and_costs_no_finished_episode() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");
-    let mut announced = 0;
+    let mut committed = 0;
     // Limits on the size of the file, in the shell's blocks of 512 or 1024 bytes: too little for a file at all, for
     // an episode, for more than a few; and again the same, now that the file is full.
     for blocks in [1, 8, 40, 1000, 5000, 5000, 12000, 12000] {
@@ -92,14 +92,14 @@ fn a_full_disk_is_an_error_and_costs_no_finished_episode() {
             let parts = ["data.h5", "episodes are safe", "File too large"];
             assert!(parts.iter().all(|part| failure.contains(part)), "{failure}");
         }
-        announced = last(&lines, "written ").unwrap_or(announced);
+        committed = last(&lines, "written ").unwrap_or(committed);
         let held = if path.exists() { open(&path).unwrap().num_episodes() } else { 0 };
-        assert_eq!(held, announced, "{blocks} blocks: {lines:?}");
+        assert_eq!(held, committed, "{blocks} blocks: {lines:?}");
     }
-    assert!(announced > 3, "the limits were too tight for this test");
-    record(&path, WriteMode::Append, announced..announced + 2).unwrap();
+    assert!(committed > 3, "the limits were too tight for this test");
+    record(&path, WriteMode::Append, committed..committed + 2).unwrap();
     let read = contents(&path);
-    assert_eq!(read.len(), announced + 2);
+    assert_eq!(read.len(), committed + 2);
     for (index, batch) in read.iter().enumerate() {
         assert_same(&episode(&schema(), index, rows_of(index)), batch);
     }

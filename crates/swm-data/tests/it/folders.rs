@@ -1,4 +1,4 @@
-//! Datasets that are folders: of pictures (`folder`) and of films (`video`), ours and the reference's.
+//! Datasets that are folders: of images (`folder`) and of videos (`video`), ours and the reference's.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -156,7 +156,7 @@ fn quality_is_as_asked() {
 }
 
 #[test]
-fn a_changed_byte_is_found_in_pictures_and_numbers() {
+fn a_changed_byte_is_found_in_images_and_numbers() {
     for name in formats() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("data").with_extension(name);
@@ -166,8 +166,8 @@ fn a_changed_byte_is_found_in_pictures_and_numbers() {
             (0..3).filter(|&episode| dataset.check_episode(episode).is_err()).collect::<Vec<_>>()
         };
         assert!(check().is_empty());
-        let pictures = if name == "folder" { "pixels/ep_2_step_7.jpeg" } else { "pixels/ep_2.mp4" };
-        for (file, at, episode) in [("state.npz", 400, 0), (pictures, 300, 2)] {
+        let images = if name == "folder" { "pixels/ep_2_step_7.jpeg" } else { "pixels/ep_2.mp4" };
+        for (file, at, episode) in [("state.npz", 400, 0), (images, 300, 2)] {
             let file = path.join(file);
             let good = fs::read(&file).unwrap();
             let mut bad = good.clone();
@@ -176,7 +176,7 @@ fn a_changed_byte_is_found_in_pictures_and_numbers() {
             assert_eq!(check(), [episode], "{}", file.display());
             fs::write(&file, good).unwrap();
         }
-        fs::remove_file(path.join(pictures)).unwrap();
+        fs::remove_file(path.join(images)).unwrap();
         assert_eq!(check(), [2]);
     }
 }
@@ -256,7 +256,7 @@ fn an_interrupted_folder_is_repaired_on_request() {
         assert_eq!(contents(&path).len(), 2);
         let plan = repair(false);
         assert_eq!(plan.len(), 2, "{plan:?}");
-        assert!(plan[0].contains("state.npz") && plan[1].contains("1 pictures"), "{plan:?}");
+        assert!(plan[0].contains("state.npz") && plan[1].contains("1 images"), "{plan:?}");
         assert!(leftover.exists());
         assert_eq!(repair(true), plan);
         assert!(repair(false).is_empty() && !leftover.exists());

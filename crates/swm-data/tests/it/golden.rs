@@ -9,7 +9,7 @@ use flate2::read::GzDecoder;
 use serde_json::Value as Json;
 use sha2::{Digest, Sha256};
 use swm_core::Column;
-use swm_data::loader::{ClipOptions, Clips, Loader, Pictures};
+use swm_data::loader::{ClipOptions, Clips, Images, Loader};
 use swm_data::open;
 
 use crate::support::{bits, contents};
@@ -86,7 +86,7 @@ fn the_loader_gives_the_items_of_the_reference() {
                 num_steps: number("num_steps"),
                 frameskip: number("frameskip"),
                 clips: Clips::Paper,
-                pictures: Pictures::ChannelsFirst,
+                images: Images::ChannelsFirst,
                 ..ClipOptions::default()
             };
             let mut loader = Loader::new(open(&path).unwrap(), &options).unwrap();

@@ -1,4 +1,4 @@
-//! LeRobot folders, as pyarrow and PyAV write them: values, pictures, damage.
+//! LeRobot folders, as pyarrow and PyAV write them: values, images, damage.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -67,14 +67,14 @@ fn both_versions_hold_the_values_that_were_written() {
     }
 }
 
-/// Films in AV1 are what LeRobot itself writes: the same pictures, encoded by SVT-AV1 at LeRobot's settings.
+/// Videos in AV1 are what LeRobot itself writes: the same images, encoded by SVT-AV1 at LeRobot's settings.
 #[test]
-fn films_in_av1_hold_the_pictures_that_were_encoded() {
+fn videos_in_av1_hold_the_images_that_were_encoded() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("dataset");
     copied(&golden("lerobot_v3.0"), &path);
-    let film = path.join("videos/observation.images.top/chunk-000/file-000.mp4");
-    fs::copy(golden("lerobot_av1_top.mp4"), &film).unwrap();
+    let video = path.join("videos/observation.images.top/chunk-000/file-000.mp4");
+    fs::copy(golden("lerobot_av1_top.mp4"), &video).unwrap();
     let in_av1 = contents(&path);
     let in_h264 = contents(&golden("lerobot_v3.0"));
     for (av1, h264) in in_av1.iter().zip(&in_h264) {
@@ -85,13 +85,13 @@ fn films_in_av1_hold_the_pictures_that_were_encoded() {
         let error = (squares / av1.len() as f64).sqrt();
         assert!((0.1..8.0).contains(&error), "{error}");
     }
-    // Damage in the film is an error or other pictures, and the numbers stay.
-    let bytes = fs::read(&film).unwrap();
+    // Damage in the video is an error or other images, and the numbers stay.
+    let bytes = fs::read(&video).unwrap();
     let mut errors = 0;
     for at in (0..bytes.len()).step_by(bytes.len() / 60) {
         let mut bytes = bytes.clone();
         bytes[at] ^= 0x24;
-        fs::write(&film, bytes).unwrap();
+        fs::write(&video, bytes).unwrap();
         let Ok(mut dataset) = open(&path) else { continue };
         let mut batch = Batch::new(dataset.schema().clone(), 0);
         errors += (0..2).filter(|&episode| dataset.read(episode, 0..4, &mut batch).is_err()).count();
@@ -117,16 +117,16 @@ fn other_programs_folders_are_not_continued_and_read_only_inside() {
 }
 
 #[test]
-fn a_film_that_cannot_be_decoded_is_left_out_by_name() {
+fn a_video_that_cannot_be_decoded_is_left_out_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("dataset");
     copied(&golden("lerobot_v3.0"), &path);
-    let film = path.join("videos/observation.images.top/chunk-000/file-000.mp4");
-    let mut bytes = fs::read(&film).unwrap();
+    let video = path.join("videos/observation.images.top/chunk-000/file-000.mp4");
+    let mut bytes = fs::read(&video).unwrap();
     let at = bytes.windows(4).position(|window| window == b"avc1").unwrap();
     let at = bytes[at + 4..].windows(4).position(|window| window == b"avc1").map_or(at, |next| at + 4 + next);
     bytes[at..at + 4].copy_from_slice(b"vp09");
-    fs::write(&film, bytes).unwrap();
+    fs::write(&video, bytes).unwrap();
     let dataset = open(&path).unwrap();
     assert!(dataset.schema().index("pixels").is_none() && dataset.schema().index("proprio").is_some());
     let (name, reason) = &dataset.skipped()[0];

@@ -1,7 +1,7 @@
 //! The windowed loader on our own recordings.
 
 use swm_core::Batch;
-use swm_data::loader::{BatchOptions, ClipOptions, Loader, Pictures};
+use swm_data::loader::{BatchOptions, ClipOptions, Images, Loader};
 use swm_data::{WriteMode, open};
 
 use crate::support::{assert_same, contents, record};
@@ -51,7 +51,7 @@ fn channels_come_first_when_asked() {
     let keys = Some(vec!["pixels".to_owned()]);
     let options = ClipOptions { num_steps: 2, keys, ..ClipOptions::default() };
     let mut last = loader(&path, &options);
-    let mut first = loader(&path, &ClipOptions { pictures: Pictures::ChannelsFirst, ..options });
+    let mut first = loader(&path, &ClipOptions { images: Images::ChannelsFirst, ..options });
     assert_eq!(first.schema().fields()[0].shape, [2, 3, 40, 40]);
     let (mut a, mut b) = (last.new_batch(), first.new_batch());
     last.read(&[1], &mut a).unwrap();
@@ -100,7 +100,7 @@ fn batches_are_those_of_single_reads_whatever_the_threads() {
 }
 
 #[test]
-fn pictures_are_resized_as_a_still_picture_is() {
+fn images_are_resized_as_a_still_image_is() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("data.h5");
     record(&path, WriteMode::Append, 0..1).unwrap();
@@ -108,8 +108,7 @@ fn pictures_are_resized_as_a_still_picture_is() {
     let image = Some(swm_core::ImageSize { height: 16, width: 24 });
     let options = ClipOptions { num_steps: 2, keys, ..ClipOptions::default() };
     let mut plain = loader(&path, &options);
-    let mut small =
-        loader(&path, &ClipOptions { image, pictures: Pictures::ChannelsFirst, ..options.clone() });
+    let mut small = loader(&path, &ClipOptions { image, images: Images::ChannelsFirst, ..options.clone() });
     assert_eq!(small.schema().fields()[0].shape, [2, 3, 16, 24]);
     let (mut a, mut b) = (plain.new_batch(), small.new_batch());
     plain.read(&[2], &mut a).unwrap();

@@ -130,17 +130,17 @@ fn a_recorded_dataset_can_be_copied() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// Flat, striped and noisy pictures; elements of one, four and eight bytes, which are shuffled.
+    /// Flat, striped and noisy images; elements of one, four and eight bytes, which are shuffled.
     #[test]
-    fn any_pictures_survive_compression(
+    fn any_images_survive_compression(
         frames in proptest::collection::vec((proptest::collection::vec(any::<u8>(), 1..40), 0usize..3000), 1..6),
         side in 40usize..70,
     ) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("data.h5");
         let shape = [side, side, 3];
-        let picture = |name, dtype| Field::step(name, dtype, &shape);
-        let fields = vec![picture("pixels", Dtype::U8), picture("depth", Dtype::F32), picture("field", Dtype::F64)];
+        let image = |name, dtype| Field::step(name, dtype, &shape);
+        let fields = vec![image("pixels", Dtype::U8), image("depth", Dtype::F32), image("field", Dtype::F64)];
         let schema = Schema::new(fields).unwrap();
         let mut batch = Batch::new(schema.clone(), frames.len());
         let values: Vec<u8> = frames.iter().flat_map(|(pattern, noisy)| {

@@ -84,7 +84,7 @@ fn quantiles_of_a_sample_are_near_and_the_same_every_time() {
 }
 
 #[test]
-fn pictures_have_statistics_by_channel() {
+fn images_have_statistics_by_channel() {
     let schema = Schema::new(vec![Field::step("pixels", Dtype::U8, &[3, 5, 3])]).unwrap();
     let mut batch = Batch::new(schema.clone(), 4);
     let mut levels = vec![Vec::new(); 3];
@@ -94,7 +94,7 @@ fn pictures_have_statistics_by_channel() {
             levels[at % 3].push(f64::from(*value));
         }
     }
-    let mut dataset = MemoryDataset::new("pictures", schema.clone(), None, [Arc::new(batch)]).unwrap();
+    let mut dataset = MemoryDataset::new("images", schema.clone(), None, [Arc::new(batch)]).unwrap();
     let options = StatisticsOptions { quantiles: vec![0.3], ..StatisticsOptions::default() };
     let statistics = Statistics::compute(&mut dataset, &options).unwrap();
     let pixels = &statistics.columns["pixels"];

@@ -14,7 +14,7 @@ const EPISODE_BYTES: usize = 400 << 20;
 const MAX_HELD_KIB: u64 = 320 << 10;
 const SIDES: [usize; 3] = [128, 128, 3];
 
-/// One long episode whose rows are made up when they are read: few different pictures, for the sake of time.
+/// One long episode whose rows are made up when they are read: few different images, for the sake of time.
 #[derive(Clone)]
 struct Long {
     about: About,

@@ -90,7 +90,7 @@ fn merged_and_chosen_episodes_stay_what_they_were() {
 }
 
 #[test]
-fn a_flipped_bit_in_a_picture_is_found() {
+fn a_flipped_bit_in_a_image_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let [path, bad] = ["data.h5", "bad.h5"].map(|name| folder.path().join(name));
     record(&path, WriteMode::Append, 0..3).unwrap();
@@ -100,7 +100,7 @@ fn a_flipped_bit_in_a_picture_is_found() {
         (0..3).find_map(|episode| dataset.check_episode(episode).err())
     };
     assert!(check(&path).is_none());
-    // Chunks of pictures begin with the head of their compression: flip a bit in the middle of some.
+    // Chunks of images begin with the head of their compression: flip a bit in the middle of some.
     let head = [2u8, 1, 0x21, 1];
     let starts = bytes.windows(4).enumerate().filter(|(_, window)| *window == head).map(|(at, _)| at);
     let chunks: Vec<usize> = starts.step_by(37).collect();

@@ -1,4 +1,4 @@
-//! How a maze is drawn: floor, goal and walls below, the disc on top, all of the maze in one square picture.
+//! How a maze is drawn: floor, goal and walls below, the disc on top, all of the maze in one square image.
 
 use swm_fov::Fov;
 use swm_render::{Painter, Rgb, light};
@@ -11,7 +11,7 @@ const CANVAS: f64 = 512.0;
 /// The inner part of the disc, as a share of its radius.
 const INNER: f64 = 0.7;
 
-/// Colours and still parts of an episode, in pixels of the canvas.
+/// Colors and still parts of an episode, in pixels of the canvas.
 #[derive(Clone, Debug)]
 pub(super) struct Look {
     floor: Rgb,
@@ -57,8 +57,8 @@ impl Scale {
     }
 }
 
-/// Where a place of the maze is in the picture, as fractions of its sides.
-pub(super) fn in_picture(fov: &Fov, place: [f64; 2]) -> [f64; 2] {
+/// Where a place of the maze is in the image, as fractions of its sides.
+pub(super) fn in_image(fov: &Fov, place: [f64; 2]) -> [f64; 2] {
     Scale::new(layout(fov).size()).place(place).map(|px| px / CANVAS)
 }
 

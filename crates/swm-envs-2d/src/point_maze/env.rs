@@ -13,7 +13,7 @@ use swm_fov::{Fov, FovSpace, SavedFov};
 use swm_render::{Geometry, Renderer};
 
 use super::POINT_MAZE;
-use super::drawing::{Look, in_picture};
+use super::drawing::{Look, in_image};
 use super::factors::{disc, factors_with, goal, layout, start};
 use super::layout::cell_at;
 use super::physics::{PointSim, STEP_S};
@@ -39,15 +39,15 @@ pub struct PointMaze {
     sim: PointSim,
     /// Ways to the goal, found when first asked for.
     ways: OnceLock<Ways>,
-    picture: Option<Picture>,
+    image: Option<Image>,
 }
 
 /// What is needed to draw.
-struct Picture {
+struct Image {
     renderer: Renderer,
     look: Look,
     goal: Vec<u8>,
-    /// The goal picture belongs to an earlier episode.
+    /// The goal image belongs to an earlier episode.
     goal_is_stale: bool,
 }
 
@@ -72,8 +72,8 @@ impl PointMaze {
         let settings: Settings = config.parse_settings(id)?;
         let space = factors_with(id, &settings.init_value)?;
         let fov = space.defaults();
-        let picture = config.image.map(|size| Picture::new(size, &settings, &fov)).transpose();
-        let picture = picture.map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
+        let image = config.image.map(|size| Image::new(size, &settings, &fov)).transpose();
+        let image = image.map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
         Ok(Self {
             spec: spec(config.image, &space),
             sim: PointSim::new(layout(&fov), disc(&fov)),
@@ -82,7 +82,7 @@ impl PointMaze {
             space,
             fov,
             ways: OnceLock::new(),
-            picture,
+            image,
         })
     }
 
@@ -128,11 +128,11 @@ impl PointMaze {
     }
 
     fn refresh_look(&mut self) {
-        if let Some(picture) = &mut self.picture {
-            picture.look = Look::new(&self.fov, self.settings.with_target.then_some(self.goal));
-            let look = &picture.look;
-            picture.renderer.set_background(|painter| look.draw_background(painter));
-            picture.goal_is_stale = true;
+        if let Some(image) = &mut self.image {
+            image.look = Look::new(&self.fov, self.settings.with_target.then_some(self.goal));
+            let look = &image.look;
+            image.renderer.set_background(|painter| look.draw_background(painter));
+            image.goal_is_stale = true;
         }
     }
 }
@@ -178,11 +178,11 @@ impl Env for PointMaze {
         out.write(GOAL_STATE, &[x, y, 0.0, 0.0]);
         out.write(GOAL_PROPRIO, &[x, y, 0.0, 0.0]);
         self.fov.write(FACTORS, out);
-        if let Some(picture) = &mut self.picture {
-            if picture.goal_is_stale {
-                picture.draw_goal(self.goal);
+        if let Some(image) = &mut self.image {
+            if image.goal_is_stale {
+                image.draw_goal(self.goal);
             }
-            out.write(self.spec.fields.len() - 1, &picture.goal);
+            out.write(self.spec.fields.len() - 1, &image.goal);
         }
     }
 
@@ -193,8 +193,8 @@ impl Env for PointMaze {
         out.write(PROPRIO, &state);
         out.write(POS_AGENT, &[x, y]);
         out.write(VEL_AGENT, &[vx, vy]);
-        if let Some(picture) = &mut self.picture {
-            picture.draw([x, y], out.at(self.spec.fields.len() - 2));
+        if let Some(image) = &mut self.image {
+            image.draw([x, y], out.at(self.spec.fields.len() - 2));
         }
     }
 
@@ -232,7 +232,7 @@ impl Env for PointMaze {
 
     /// The way that is left to the goal after coasting to rest, as far as that goes along the way. Length.
     fn places(&self) -> Vec<Place> {
-        vec![Place { name: "agent", at: in_picture(&self.fov, self.sim.position()) }]
+        vec![Place { name: "agent", at: in_image(&self.fov, self.sim.position()) }]
     }
 
     fn task_cost(&self) -> Option<f64> {
@@ -247,7 +247,7 @@ impl Env for PointMaze {
     }
 }
 
-impl Picture {
+impl Image {
     fn new(size: ImageSize, settings: &Settings, fov: &Fov) -> Result<Self, String> {
         let geometry = Geometry::new(size.height, size.width);
         let mut renderer =

@@ -22,9 +22,9 @@ pub fn factors() -> FovSpace {
     let space = FovSpace::new(vec![
         Factor::integer("maze.layout", 0, LAYOUTS.len() as i64 - 1, 0)
             .doc("0 medium, 1 large, 2 giant, 3 arena"),
-        Factor::rgb("floor.color", [255, 255, 255]).doc("colour of the floor"),
-        Factor::rgb("wall.color", [105, 115, 130]).doc("colour of the walls"),
-        Factor::rgb("agent.color", [65, 105, 225]).doc("colour of the disc"),
+        Factor::rgb("floor.color", [255, 255, 255]).doc("color of the floor"),
+        Factor::rgb("wall.color", [105, 115, 130]).doc("color of the walls"),
+        Factor::rgb("agent.color", [65, 105, 225]).doc("color of the disc"),
         Factor::scalar("agent.radius", 0.3, 1.0, 0.7).doc("radius of the disc"),
         Factor::scalar("agent.mass", 0.5, 1.5, 1.0).doc("mass of the disc"),
         Factor::scalar("agent.damping", 1.0, 3.0, 2.0).doc("rate at which its velocity decays, 1/s"),
@@ -33,7 +33,7 @@ pub fn factors() -> FovSpace {
         Factor::vector("agent.start_offset", -1.0, 1.0, &[0.0, 0.0])
             .doc("start x, y from the middle of its cell")
             .drawn_by_default(),
-        Factor::rgb("goal.color", [144, 238, 144]).doc("colour of the goal"),
+        Factor::rgb("goal.color", [144, 238, 144]).doc("color of the goal"),
         Factor::scalar("goal.radius", 0.5, 1.5, 1.0).doc("the goal is reached within this distance"),
         cell("goal.cell", [5, 6]).doc("row and column of the goal").drawn_by_default(),
         Factor::vector("goal.offset", -1.0, 1.0, &[0.0, 0.0])

@@ -211,7 +211,7 @@ mod tests {
     #[test]
     fn the_arena_has_no_corners_and_a_lone_wall_four() {
         assert_eq!(LAYOUTS[3].corners().count(), 0);
-        // Cell [2, 9] of the large maze is the only wall around which all eight neighbours are free.
+        // Cell [2, 9] of the large maze is the only wall around which all eight neighbors are free.
         let alone = center([2, 9]);
         let near = LAYOUTS[1].corners().filter(|(corner, _)| {
             (corner[0] - alone[0]).abs() == CELL / 2.0 && (corner[1] - alone[1]).abs() == CELL / 2.0

@@ -81,7 +81,7 @@ impl PointSim {
         }
     }
 
-    /// Place of the disc's centre.
+    /// Place of the disc's center.
     pub(super) fn position(&self) -> [f64; 2] {
         self.motion.center
     }

@@ -28,7 +28,7 @@ pub(super) const SETTINGS: &[Setting] = &[
     Setting { name: "terminate_at_goal", doc: "reaching the goal ends the episode", default: "true" },
     Setting {
         name: "render",
-        doc: "`exact`: as the other environments' exact pictures are made; `fast`: drawn at the asked size",
+        doc: "`exact`: as the other environments' exact images are made; `fast`: drawn at the asked size",
         default: "exact",
     },
     Setting { name: "init_value", doc: "other defaults of factors, {name: value}", default: "{}" },

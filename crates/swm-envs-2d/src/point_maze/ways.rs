@@ -10,7 +10,7 @@ const OUTSIDE: f64 = 0.01;
 /// All ways to one goal.
 #[derive(Clone, Debug)]
 pub(super) struct Ways {
-    /// Where the disc's centre cannot be.
+    /// Where the disc's center cannot be.
     blocked: Vec<Rectangle>,
     /// The goal first, then corners, each with its distance from the goal.
     nodes: Vec<Node>,

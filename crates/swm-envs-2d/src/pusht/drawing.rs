@@ -1,4 +1,4 @@
-//! How PushT is drawn: once, against `Painter`, for exact and fast pictures alike. The order is the reference's:
+//! How PushT is drawn: once, against `Painter`, for exact and fast images alike. The order is the reference's:
 //! table and goal below, then bodies, walls over them, contacts on top.
 
 use swm_fov::Fov;
@@ -16,7 +16,7 @@ const CONTACT_REACH: f64 = 2.0;
 /// The inner disc of the agent is this much smaller, in pixels.
 const RIM: f64 = 4.0;
 
-/// Colours and goal of an episode.
+/// Colors and goal of an episode.
 #[derive(Clone, Debug)]
 pub(super) struct Look {
     background: Rgb,

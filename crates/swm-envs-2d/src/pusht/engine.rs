@@ -1,5 +1,5 @@
 //! What PushT asks of a physics engine. `swm/PushT-v1` runs on the quasi-static [`Sim`]; another engine gives another
-//! environment with the same factors, columns and pictures.
+//! environment with the same factors, columns and images.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -58,13 +58,13 @@ pub trait Engine: Clone + Send + Sync + Sized + 'static {
     /// Position of the origin of a body's coordinates, pixels.
     fn position(&self, body: BodyId) -> [f64; 2];
 
-    /// Position of a body's centre of gravity, pixels.
+    /// Position of a body's center of gravity, pixels.
     fn center_of_gravity(&self, body: BodyId) -> [f64; 2];
 
     /// Angle of a body, radians, not wrapped; 0 for a disc.
     fn angle(&self, body: BodyId) -> f64;
 
-    /// Velocity of a body's centre of gravity, px/s.
+    /// Velocity of a body's center of gravity, px/s.
     fn velocity(&self, body: BodyId) -> [f64; 2];
 
     /// Shape of a body.

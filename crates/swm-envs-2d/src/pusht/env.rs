@@ -42,15 +42,15 @@ pub struct PushT<E: Engine = Sim> {
     contact_points: u32,
     /// The controller's target of the last step, in pixels.
     target: Option<[f64; 2]>,
-    picture: Option<Picture>,
+    image: Option<Image>,
 }
 
 /// What is needed to draw.
-struct Picture {
+struct Image {
     renderer: Renderer,
     look: Look,
     goal: Vec<u8>,
-    /// The goal picture belongs to an earlier episode.
+    /// The goal image belongs to an earlier episode.
     goal_is_stale: bool,
 }
 
@@ -82,7 +82,7 @@ impl<S: Clone + Serialize + DeserializeOwned> Saved<S> {
     }
 }
 
-/// A saved moment as planners on the true simulator need it: no pictures, no episode bookkeeping.
+/// A saved moment as planners on the true simulator need it: no images, no episode bookkeeping.
 pub(super) struct Moment<E> {
     pub(super) setup: Setup,
     pub(super) sim: E,
@@ -119,11 +119,8 @@ impl<E: Engine> PushT<E> {
         let fov = space.defaults();
         let setup = setup::<E>(&fov, &settings);
         let sim = E::new(&setup).map_err(|error| wrong(error.to_string()))?;
-        let picture = config
-            .image
-            .map(|size| Picture::new(size, &settings, &fov, &setup))
-            .transpose()
-            .map_err(wrong)?;
+        let image =
+            config.image.map(|size| Image::new(size, &settings, &fov, &setup)).transpose().map_err(wrong)?;
         Ok(Self {
             spec: spec(id, discrete, config.image, &space),
             settings,
@@ -133,7 +130,7 @@ impl<E: Engine> PushT<E> {
             goal: [0.0; 7],
             contact_points: 0,
             target: None,
-            picture,
+            image,
         })
     }
 
@@ -228,11 +225,11 @@ impl<E: Engine> PushT<E> {
     }
 
     fn refresh_look(&mut self) {
-        if let Some(picture) = &mut self.picture {
-            picture.look = Look::new(&self.fov, self.sim.shape(BodyId::Block), &self.settings);
-            let look = &picture.look;
-            picture.renderer.set_background(|painter| look.draw_background(painter));
-            picture.goal_is_stale = true;
+        if let Some(image) = &mut self.image {
+            image.look = Look::new(&self.fov, self.sim.shape(BodyId::Block), &self.settings);
+            let look = &image.look;
+            image.renderer.set_background(|painter| look.draw_background(painter));
+            image.goal_is_stale = true;
         }
     }
 }
@@ -284,13 +281,13 @@ impl<E: Engine> Env for PushT<E> {
         let [x, y, .., vx, vy] = self.goal;
         out.write(GOAL_PROPRIO, &[x, y, vx, vy]);
         self.fov.write(FACTORS, out);
-        let stale = self.picture.as_ref().is_some_and(|picture| picture.goal_is_stale);
+        let stale = self.image.as_ref().is_some_and(|image| image.goal_is_stale);
         let at_goal = stale.then(|| self.sim_at_goal()).and_then(Result::ok);
-        if let Some(picture) = &mut self.picture {
+        if let Some(image) = &mut self.image {
             if let Some((sim, _)) = at_goal {
-                picture.draw_goal(&sim);
+                image.draw_goal(&sim);
             }
-            out.write(self.spec.fields.len() - 1, &picture.goal);
+            out.write(self.spec.fields.len() - 1, &image.goal);
         }
     }
 
@@ -303,9 +300,9 @@ impl<E: Engine> Env for PushT<E> {
         out.write(VEL_AGENT, &[vx, vy]);
         out.write(BLOCK_POSE, &[bx, by, self.sim.angle(BodyId::Block)]);
         out.write(N_CONTACTS, &[i64::from(contact_count(self.contact_points))]);
-        if let Some(picture) = &mut self.picture {
+        if let Some(image) = &mut self.image {
             let target = self.target.filter(|_| self.settings.render_action);
-            picture.draw(&self.sim, target, out.at(self.spec.fields.len() - 2));
+            image.draw(&self.sim, target, out.at(self.spec.fields.len() - 2));
         }
     }
 
@@ -344,10 +341,10 @@ impl<E: Engine> Env for PushT<E> {
     }
 }
 
-/// Side of the square that the picture shows, in pixels of the reference.
+/// Side of the square that the image shows, in pixels of the reference.
 const WORLD_SIDE: f64 = 512.0;
 
-impl Picture {
+impl Image {
     fn new(size: ImageSize, settings: &Settings, fov: &Fov, setup: &Setup) -> Result<Self, String> {
         let geometry = Geometry::new(size.height, size.width);
         let mut renderer =

@@ -1,4 +1,4 @@
-//! The 16 factors of PushT, and what an assignment means for physics and pictures.
+//! The 16 factors of PushT, and what an assignment means for physics and images.
 
 use serde_json::{Map, Value as Json};
 use swm_core::EnvError;
@@ -14,17 +14,17 @@ use crate::settings::with_defaults;
 pub fn factors() -> FovSpace {
     let angle = std::f64::consts::TAU;
     FovSpace::new(vec![
-        Factor::rgb("background.color", [255, 255, 255]).doc("colour of the table"),
+        Factor::rgb("background.color", [255, 255, 255]).doc("color of the table"),
         Factor::scalar("goal.angle", -angle, angle, std::f64::consts::FRAC_PI_4)
             .doc("angle of the drawn goal, rad; the rewarded goal is goal_state"),
-        Factor::rgb("goal.color", [144, 238, 144]).doc("colour of the drawn goal"),
+        Factor::rgb("goal.color", [144, 238, 144]).doc("color of the drawn goal"),
         Factor::vector("goal.position", 50.0, 450.0, &[256.0, 256.0]).doc("position of the drawn goal, px"),
         Factor::scalar_f32("goal.scale", 20.0, 60.0, 40.0)
             .doc("size of the drawn goal, px per cell; the block's size unless drawn or set"),
         Factor::scalar("block.angle", -angle, angle, 0.0)
             .doc("start angle of the block, rad")
             .drawn_by_default(),
-        Factor::rgb("block.color", [119, 136, 153]).doc("colour of the block"),
+        Factor::rgb("block.color", [119, 136, 153]).doc("color of the block"),
         Factor::scalar_f32("block.scale", 20.0, 60.0, 30.0).doc("size of the block, px per cell"),
         Factor::integer("block.shape", 1, 7, 2).doc("1 L, 2 T, 3 Z, 4 square, 5 I, 6 small T, 7 +"),
         Factor::vector("block.start_position", 100.0, 400.0, &[400.0, 100.0])
@@ -33,7 +33,7 @@ pub fn factors() -> FovSpace {
         Factor::scalar("agent.angle", -angle, angle, 0.0)
             .doc("start angle of the agent, rad; a disc has none")
             .shows_with("agent.shape", 1),
-        Factor::rgb("agent.color", [65, 105, 225]).doc("colour of the agent"),
+        Factor::rgb("agent.color", [65, 105, 225]).doc("color of the agent"),
         Factor::scalar_f32("agent.scale", 20.0, 60.0, 40.0).doc("size of the agent, px per cell"),
         Factor::integer("agent.shape", 0, 7, 0)
             .doc("0 disc (pushes with full strength), 1 to 7 as block.shape (pushed back)"),

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use super::engine::Engine;
 use super::physics::{BodyId, Shape};
 
-/// Agent x, y; block x, y (its origin, not its centre of gravity); block angle; agent velocity x, y. Pixels,
+/// Agent x, y; block x, y (its origin, not its center of gravity); block angle; agent velocity x, y. Pixels,
 /// radians, pixels per second.
 pub type PushTState = [f64; 7];
 

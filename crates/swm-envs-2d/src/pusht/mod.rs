@@ -1,7 +1,7 @@
 //! PushT: an agent pushes a block to a goal pose on a table with four walls.
 //!
 //! Observation, factors, goals and reward are the reference's; where it has faults, the page of the environment says
-//! what is kept for parity and what is mended.
+//! what is kept for parity and what is fixed.
 
 mod discrete;
 mod drawing;

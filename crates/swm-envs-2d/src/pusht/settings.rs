@@ -46,14 +46,14 @@ macro_rules! settings {
             Setting { name: "with_target", doc: "draw the goal", default: "true" },
             Setting {
                 name: "render",
-                doc: "`exact`: the reference's pictures to the byte; `fast`: drawn at the asked size",
+                doc: "`exact`: the reference's images to the byte; `fast`: drawn at the asked size",
                 default: "exact",
             },
-            Setting { name: "render_action", doc: "mark the controller's target in pictures", default: "false" },
+            Setting { name: "render_action", doc: "mark the controller's target in images", default: "false" },
             Setting { name: "damping", doc: "fraction of velocity left after a second", default: "0" },
             Setting {
                 name: "block_cog",
-                doc: "centre of gravity of the block, [x, y] px",
+                doc: "center of gravity of the block, [x, y] px",
                 default: "the shape's",
             },
             $($own,)*

@@ -1,4 +1,4 @@
-//! How TwoRoom is drawn: once, against `Painter`, for exact and fast pictures alike. Floor, goal, borders, wall pieces
+//! How TwoRoom is drawn: once, against `Painter`, for exact and fast images alike. Floor, goal, borders, wall pieces
 //! and doors below, the agent on top. (The reference draws borders after doors; the two never meet.)
 //!
 //! Only the floor is the renderer's background. The rest differs between episodes in few pixels, and the renderer
@@ -14,7 +14,7 @@ use super::physics::{Aabb, FloorPlan, Vec2};
 /// its middle, pixels.
 const RIM_PX: f64 = 4.0;
 
-/// Everything about an episode's pictures but the places of agent and goal.
+/// Everything about an episode's images but the places of agent and goal.
 #[derive(Clone, Debug)]
 pub(super) struct Look {
     background: Rgb,

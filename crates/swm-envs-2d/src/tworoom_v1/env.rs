@@ -43,7 +43,7 @@ pub struct TwoRoom {
     sim: Sim,
     goal: Vec2,
     moment: Moment,
-    picture: Option<Picture>,
+    image: Option<Image>,
 }
 
 /// What else changes in an episode.
@@ -57,11 +57,11 @@ struct Moment {
 }
 
 /// What is needed to draw.
-struct Picture {
+struct Image {
     renderer: Renderer,
     look: Look,
     goal: Vec<u8>,
-    /// The goal picture belongs to an earlier episode.
+    /// The goal image belongs to an earlier episode.
     goal_is_stale: bool,
 }
 
@@ -86,9 +86,9 @@ impl TwoRoom {
         let space = factors_with(id, &settings.init_value)?;
         let fov = space.defaults();
         let sim = Sim::new(setup(&fov, &settings), position(&fov, "agent"));
-        let picture = config
+        let image = config
             .image
-            .map(|size| Picture::new(size, &settings, Look::new(&fov, &sim.setup().plan)))
+            .map(|size| Image::new(size, &settings, Look::new(&fov, &sim.setup().plan)))
             .transpose()
             .map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
         Ok(Self {
@@ -99,7 +99,7 @@ impl TwoRoom {
             space,
             sim,
             moment: Moment::default(),
-            picture,
+            image,
         })
     }
 
@@ -178,9 +178,9 @@ impl TwoRoom {
     }
 
     fn refresh_look(&mut self) {
-        if let Some(picture) = &mut self.picture {
-            picture.look = Look::new(&self.fov, &self.sim.setup().plan);
-            picture.refresh();
+        if let Some(image) = &mut self.image {
+            image.look = Look::new(&self.fov, &self.sim.setup().plan);
+            image.refresh();
         }
     }
 }
@@ -220,11 +220,11 @@ impl Env for TwoRoom {
         out.write(GOAL_POS_AGENT, &self.goal.to_array());
         out.write(MAX_ENERGY, &[self.fov.i64("agent.max_energy")]);
         self.fov.write(FACTORS, out);
-        if let Some(picture) = &mut self.picture {
-            if picture.goal_is_stale {
-                picture.draw_goal(self.goal);
+        if let Some(image) = &mut self.image {
+            if image.goal_is_stale {
+                image.draw_goal(self.goal);
             }
-            out.write(self.spec.fields.len() - 1, &picture.goal);
+            out.write(self.spec.fields.len() - 1, &image.goal);
         }
     }
 
@@ -240,8 +240,8 @@ impl Env for TwoRoom {
         out.write(ENERGY, &[energy]);
         out.write(FRACTION_OF_GOAL, &[overlap.of_goal]);
         out.write(FRACTION_OF_AGENT, &[overlap.of_agent]);
-        if let Some(picture) = &mut self.picture {
-            picture.draw(self.sim.position(), self.goal, out.at(self.spec.fields.len() - 2));
+        if let Some(image) = &mut self.image {
+            image.draw(self.sim.position(), self.goal, out.at(self.spec.fields.len() - 2));
         }
     }
 
@@ -282,20 +282,20 @@ impl Env for TwoRoom {
 
     fn places(&self) -> Vec<Place> {
         let Vec2 { x, y } = self.sim.position();
-        vec![Place { name: "agent", at: [x, y].map(|px| px / PICTURE_PX) }]
+        vec![Place { name: "agent", at: [x, y].map(|px| px / IMAGE_PX) }]
     }
 }
 
-/// Side of the square that the picture shows, pixels.
-const PICTURE_PX: f64 = 512.0;
+/// Side of the square that the image shows, pixels.
+const IMAGE_PX: f64 = 512.0;
 
-impl Picture {
+impl Image {
     fn new(size: ImageSize, settings: &Settings, look: Look) -> Result<Self, String> {
         let geometry = Geometry::new(size.height, size.width);
         let renderer = Renderer::new(settings.render.into(), geometry).map_err(|error| error.to_string())?;
-        let mut picture = Self { renderer, look, goal: vec![0; geometry.frame_len()], goal_is_stale: true };
-        picture.refresh();
-        Ok(picture)
+        let mut image = Self { renderer, look, goal: vec![0; geometry.frame_len()], goal_is_stale: true };
+        image.refresh();
+        Ok(image)
     }
 
     /// Another episode has begun.

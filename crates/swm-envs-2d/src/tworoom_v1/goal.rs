@@ -23,7 +23,7 @@ pub struct Overlap {
 }
 
 impl Overlap {
-    /// The overlap of an agent with a goal; centres and radii in pixels.
+    /// The overlap of an agent with a goal; centers and radii in pixels.
     pub fn new(agent: [f64; 2], agent_radius: f64, goal: [f64; 2], goal_radius: f64) -> Overlap {
         let (agent, goal) = (Vec2::from(agent), Vec2::from(goal));
         let far = (agent - goal).norm() >= agent_radius + goal_radius;

@@ -1,7 +1,7 @@
 //! TwoRoom, the paper's version: a disc goes through the door of a wall to a goal in the other room.
 //!
 //! Observation, factors, goal and reward are the reference's; where it has faults, the page of the environment says
-//! what is kept for parity and what is mended.
+//! what is kept for parity and what is fixed.
 
 mod drawing;
 mod env;

@@ -1,4 +1,4 @@
-//! Recordings of the reference: trajectories, pictures, the expert; and requests that cannot be met.
+//! Recordings of the reference: trajectories, images, the expert; and requests that cannot be met.
 
 use std::fs::File;
 
@@ -98,8 +98,8 @@ fn trajectories_with_known_factors_follow_the_reference() {
     assert!(touches > 20, "only {touches} contacts");
 }
 
-/// A decoded picture: height, width, `[H, W, 3]`.
-fn picture(npz: &mut NpzReader<File>, name: &str) -> (usize, usize, Vec<u8>) {
+/// A decoded image: height, width, `[H, W, 3]`.
+fn image(npz: &mut NpzReader<File>, name: &str) -> (usize, usize, Vec<u8>) {
     let bytes: Array1<u8> = npz.by_name(name).unwrap();
     let mut reader = png::Decoder::new(std::io::Cursor::new(bytes.to_vec())).read_info().unwrap();
     let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
@@ -108,8 +108,8 @@ fn picture(npz: &mut NpzReader<File>, name: &str) -> (usize, usize, Vec<u8>) {
     (info.height as usize, info.width as usize, rgb)
 }
 
-/// All factors of the scene that a picture shows.
-fn pictured_options(npz: &mut NpzReader<File>) -> ResetOptions {
+/// All factors of the scene that an image shows.
+fn imaged_options(npz: &mut NpzReader<File>) -> ResetOptions {
     let json: Array1<u8> = npz.by_name("variation_json").unwrap();
     let factors: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(&json.to_vec()).unwrap();
     let mut options = ResetOptions::default().vary(&[]);
@@ -122,9 +122,8 @@ fn pictured_options(npz: &mut NpzReader<File>) -> ResetOptions {
 #[test]
 fn the_references_expert_is_followed_through_its_doors() {
     for seed in 0..2 {
-        // Recordings of one seed have the same doors; that of pictures says which. Its other factors may be its own.
-        let mut options =
-            pictured_options(&mut golden(&format!("render/image/TwoRoom_resize_seed{seed}.npz")));
+        // Recordings of one seed have the same doors; that of images says which. Its other factors may be its own.
+        let mut options = imaged_options(&mut golden(&format!("render/image/TwoRoom_resize_seed{seed}.npz")));
         options.variation_values.retain(|name, _| name == "door.position" || name == "door.size");
         let mut npz = golden(&format!("tworoom_v1/TwoRoom_expert_noise0_seed{seed}.npz"));
         let actions: Array2<f32> = npz.by_name("actions").unwrap();
@@ -150,14 +149,14 @@ fn the_references_expert_is_followed_through_its_doors() {
 }
 
 #[test]
-fn pictures_of_every_size_are_the_references() {
+fn images_of_every_size_are_the_references() {
     for seed in 0..2 {
         let mut npz = golden(&format!("render/image/TwoRoom_resize_seed{seed}.npz"));
-        let options = pictured_options(&mut npz);
+        let options = imaged_options(&mut npz);
         for size in ["32", "64", "84", "96", "128", "224", "256", "48x64_hw"] {
             let name =
                 if size == "224" { "render224_png".into() } else { format!("pil_bilinear_{size}_png") };
-            let (height, width, theirs) = picture(&mut npz, &name);
+            let (height, width, theirs) = image(&mut npz, &name);
             let image = Some(ImageSize { height, width });
             let (mut env, mut row) = env(&EnvConfig { image, ..EnvConfig::default() });
             reset(&mut env, &options).unwrap();
@@ -170,7 +169,7 @@ fn pictures_of_every_size_are_the_references() {
 }
 
 #[test]
-fn pictures_of_trajectories_are_the_references() {
+fn images_of_trajectories_are_the_references() {
     let names = [
         "agent.color",
         "agent.position",
@@ -196,13 +195,13 @@ fn pictures_of_trajectories_are_the_references() {
             let ours: &[u8] = row.row(0).get(column).unwrap();
             ours.chunks(3).zip(theirs.chunks(3)).filter(|(a, b)| a != b).count()
         };
-        assert_eq!(differ(&row, "goal", &picture(&mut npz, "goal_png").2), 0, "{name}: goal");
+        assert_eq!(differ(&row, "goal", &image(&mut npz, "goal_png").2), 0, "{name}: goal");
         for step in 0..=actions.nrows() {
             if let Ok(bytes) = npz.by_name::<ndarray::OwnedRepr<u8>, ndarray::Ix1>(&format!("img_{step}_png"))
             {
                 drop(bytes);
                 env.observe(&mut row.rows_mut());
-                let (.., theirs) = picture(&mut npz, &format!("img_{step}_png"));
+                let (.., theirs) = image(&mut npz, &format!("img_{step}_png"));
                 assert_eq!(differ(&row, "pixels", &theirs), 0, "{name}: step {step}");
             }
             if step < actions.nrows() {
@@ -213,7 +212,7 @@ fn pictures_of_trajectories_are_the_references() {
 }
 
 #[test]
-fn fast_pictures_are_close_to_exact_ones() {
+fn fast_images_are_close_to_exact_ones() {
     for side in [64, 96, 224] {
         let image = Some(ImageSize { height: side, width: side });
         let options = ResetOptions::default().vary(&["all"]);

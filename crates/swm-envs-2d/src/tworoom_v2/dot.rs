@@ -5,7 +5,7 @@ use swm_render::{Rect, Rgb};
 
 use super::room::IMAGE_PX;
 
-/// A dot in the world: its centre and its standard deviation in pixels of the 224-px picture.
+/// A dot in the world: its center and its standard deviation in pixels of the 224-px image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Dot {
     pub(super) center: [f32; 2],
@@ -18,11 +18,11 @@ pub(super) struct Dot {
 const LAST_EXPONENT: f32 = 18.0;
 
 impl Dot {
-    /// All pixels of a picture of `[height, width]` that the dot can change, if a pixel is `scale` world pixels wide, per
+    /// All pixels of an image of `[height, width]` that the dot can change, if a pixel is `scale` world pixels wide, per
     /// axis x, y.
     fn bounds(&self, [height, width]: [usize; 2], scale: [f32; 2], radius: [f32; 2]) -> Rect {
         let span = |axis: usize, size: usize| {
-            // Pixel i is at (i + 1/2) scale - 1/2 in the 224-px picture.
+            // Pixel i is at (i + 1/2) scale - 1/2 in the 224-px image.
             let pixel = |world: f32| (world + 0.5) / scale[axis] - 0.5;
             let reach = (2.0 * LAST_EXPONENT).sqrt() * radius[axis];
             let clamp = |pixel: f32| pixel.clamp(0.0, size as f32) as i32;
@@ -33,11 +33,11 @@ impl Dot {
         Rect::new(x0, y0, x1, y1)
     }
 
-    /// Blends the dot over a `[224, 224, 3]` picture and returns the pixels that may have changed.
+    /// Blends the dot over a `[224, 224, 3]` image and returns the pixels that may have changed.
     ///
-    /// weight = exp(-d^2 / (2 r^2)) in f32, divided by its largest value in the picture; byte = trunc(old (1 - weight) +
-    /// colour weight), in f32. The reference's exponential is not always rounded correctly either; one byte in 400,000 differs.
-    pub(super) fn blend_exactly(&self, picture: &mut [u8]) -> Rect {
+    /// weight = exp(-d^2 / (2 r^2)) in f32, divided by its largest value in the image; byte = trunc(old (1 - weight) +
+    /// color weight), in f32. The reference's exponential is not always rounded correctly either; one byte in 400,000 differs.
+    pub(super) fn blend_exactly(&self, image: &mut [u8]) -> Rect {
         let bounds = self.bounds([IMAGE_PX; 2], [1.0; 2], [self.radius; 2]);
         let radius = f64::from(self.radius);
         let spread = (2.0 * radius * radius) as f32;
@@ -62,17 +62,17 @@ impl Dot {
                 *weight = exp_of_minus((dx * dx + dy * dy) / spread) / largest;
             }
             let row = (y as usize * IMAGE_PX + first) * 3;
-            blend(&mut picture[row..row + weights.len() * 3], weights, self.color);
+            blend(&mut image[row..row + weights.len() * 3], weights, self.color);
         }
         bounds
     }
 
-    /// Blends the dot over a `[height, width, 3]` picture of the whole world as if it had been drawn at 224 px and
+    /// Blends the dot over a `[height, width, 3]` image of the whole world as if it had been drawn at 224 px and
     /// resized, and returns the pixels that may have changed.
     ///
     /// The filter of the resize, a triangle, is taken for a Gaussian of its variance, so that the dot stays one: wider, and
     /// fainter at its peak.
-    pub(super) fn blend_quickly(&self, picture: &mut [u8], [height, width]: [usize; 2]) -> Rect {
+    pub(super) fn blend_quickly(&self, image: &mut [u8], [height, width]: [usize; 2]) -> Rect {
         let scale = [width, height].map(|size| IMAGE_PX as f32 / size as f32);
         // A triangle of half-width h has the variance h^2 / 6.
         let variance = scale.map(|scale| self.radius * self.radius + scale.max(1.0) * scale.max(1.0) / 6.0);
@@ -97,7 +97,7 @@ impl Dot {
                     *weight = (across * down).min(1.0);
                 }
                 let row = (y as usize * width + left as usize) * 3;
-                blend(&mut picture[row..row + count * 3], &weights[..count], self.color);
+                blend(&mut image[row..row + count * 3], &weights[..count], self.color);
             }
         }
         bounds
@@ -126,7 +126,7 @@ fn mix(byte: u8, color: f32, weight: f32) -> i32 {
     (f32::from(byte) * (1.0 - weight) + color * weight) as i32
 }
 
-/// exp(-x) for x >= 0, correctly rounded but for one in a thousand, which are the neighbour; as for 24 beyond.
+/// exp(-x) for x >= 0, correctly rounded but for one in a thousand, which are the neighbor; as for 24 beyond.
 ///
 /// From a table and three terms of the series, in f64: not by the standard library, whose result differs between machines.
 fn exp_of_minus(x: f32) -> f32 {

@@ -1,4 +1,4 @@
-//! Pictures of the rooms: what does not move is drawn once per episode, the agent's dot in every frame, over as little as
+//! Images of the rooms: what does not move is drawn once per episode, the agent's dot in every frame, over as little as
 //! possible. How a dot is blended is `dot.rs`.
 
 use swm_core::ImageSize;
@@ -14,7 +14,7 @@ use crate::settings::Render;
 const BORDER_LINES: [i32; 2] = [10, 210];
 const BORDER_LINE_PX: i32 = 4;
 
-/// Colours and things of an episode.
+/// Colors and things of an episode.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Look {
     background: Rgb,
@@ -45,8 +45,8 @@ impl Look {
         }
     }
 
-    /// Draws everything but the agent into a `[224, 224, 3]` picture.
-    fn draw(&self, picture: &mut [u8]) {
+    /// Draws everything but the agent into a `[224, 224, 3]` image.
+    fn draw(&self, image: &mut [u8]) {
         let size = IMAGE_PX as i32;
         let (center, half) = (WALL_CENTER_PX as i32, self.room.wall_half as i32);
         let stripe = |from: i32, to: i32| {
@@ -54,18 +54,18 @@ impl Look {
                 (self.room.position(center - half, from), self.room.position(center + half, to));
             Rect::new(x0, y0, x1 + 1, y1 + 1)
         };
-        fill(picture, Rect::new(0, 0, size, size), self.background);
-        fill(picture, stripe(0, size - 1), self.wall);
+        fill(image, Rect::new(0, 0, size, size), self.background);
+        fill(image, stripe(0, size - 1), self.wall);
         for door in self.room.doors() {
             let (center, reach) = (door.center as i32, door.half_extent as i32);
-            fill(picture, stripe(center - reach, center + reach), self.door);
+            fill(image, stripe(center - reach, center + reach), self.door);
         }
         for start in BORDER_LINES {
-            fill(picture, Rect::new(start, 0, start + BORDER_LINE_PX, size), self.border);
-            fill(picture, Rect::new(0, start, size, start + BORDER_LINE_PX), self.border);
+            fill(image, Rect::new(start, 0, start + BORDER_LINE_PX, size), self.border);
+            fill(image, Rect::new(0, start, size, start + BORDER_LINE_PX), self.border);
         }
         if let Some(target) = &self.target {
-            target.blend_exactly(picture);
+            target.blend_exactly(image);
         }
     }
 }
@@ -159,20 +159,20 @@ impl Artist {
     }
 }
 
-/// Fills the part of a rectangle that lies in a `[224, 224, 3]` picture.
-fn fill(picture: &mut [u8], rect: Rect, color: Rgb) {
+/// Fills the part of a rectangle that lies in a `[224, 224, 3]` image.
+fn fill(image: &mut [u8], rect: Rect, color: Rgb) {
     let size = IMAGE_PX as i32;
     let rect = rect.intersect(&Rect::new(0, 0, size, size));
     if rect.is_empty() {
         return;
     }
     for y in rect.y0..rect.y1 {
-        let row = &mut picture.as_chunks_mut::<3>().0[y as usize * IMAGE_PX..][..IMAGE_PX];
+        let row = &mut image.as_chunks_mut::<3>().0[y as usize * IMAGE_PX..][..IMAGE_PX];
         row[rect.x0 as usize..rect.x1 as usize].fill(color);
     }
 }
 
-/// Copies a rectangle between two pictures of the same size.
+/// Copies a rectangle between two images of the same size.
 fn copy(from: &[u8], to: &mut [u8], width: usize, rect: Rect) {
     for y in rect.y0..rect.y1 {
         let row = y as usize * width;

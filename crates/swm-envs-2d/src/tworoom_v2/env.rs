@@ -39,15 +39,15 @@ pub struct TwoRoom {
     room: Room,
     agent: [f32; 2],
     target: [f32; 2],
-    picture: Option<Picture>,
+    image: Option<Image>,
 }
 
 /// What is needed to draw.
-struct Picture {
+struct Image {
     artist: Artist,
     agent: Dot,
     goal: Vec<u8>,
-    /// The goal picture belongs to an earlier episode.
+    /// The goal image belongs to an earlier episode.
     goal_is_stale: bool,
 }
 
@@ -78,7 +78,7 @@ fn recall(space: &FovSpace, saved: &Saved) -> Result<Fov, EnvError> {
     space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))
 }
 
-/// Refuses positions that are not in the picture.
+/// Refuses positions that are not in the image.
 fn check_position(position: [f32; 2]) -> Result<(), String> {
     let inside =
         (0.0..=IMAGE_PX as f32).contains(&position[0]) && (0.0..=IMAGE_PX as f32).contains(&position[1]);
@@ -99,7 +99,7 @@ impl TwoRoom {
         let space = factors_with(&settings)?;
         let fov = space.defaults();
         let (agent, target) = (fov.vector("agent.position"), fov.vector("target.position"));
-        let picture = config.image.map(|size| Picture::new(size, &settings)).transpose().map_err(wrong)?;
+        let image = config.image.map(|size| Image::new(size, &settings)).transpose().map_err(wrong)?;
         let mut env = Self {
             spec: spec(config.image, &space),
             room: Room::new(&fov),
@@ -108,7 +108,7 @@ impl TwoRoom {
             fov,
             agent,
             target,
-            picture,
+            image,
         };
         env.refresh_look()?;
         Ok(env)
@@ -176,15 +176,15 @@ impl TwoRoom {
     }
 
     fn refresh_look(&mut self) -> Result<(), EnvError> {
-        let Some(picture) = &mut self.picture else { return Ok(()) };
+        let Some(image) = &mut self.image else { return Ok(()) };
         let look = Look::new(&self.fov, self.target, &self.settings);
-        picture.agent = Dot {
+        image.agent = Dot {
             center: self.agent,
             radius: self.fov.f32("agent.radius"),
             color: self.fov.rgb("agent.color"),
         };
-        picture.goal_is_stale = true;
-        let drawn = picture.artist.set_look(look);
+        image.goal_is_stale = true;
+        let drawn = image.artist.set_look(look);
         drawn.map_err(|error| self.reset_error(error.to_string()))
     }
 }
@@ -221,11 +221,11 @@ impl Env for TwoRoom {
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
         out.write(GOAL_STATE, &self.target);
         self.fov.write(FACTORS, out);
-        if let Some(picture) = &mut self.picture {
-            if picture.goal_is_stale {
-                picture.draw_goal(self.target);
+        if let Some(image) = &mut self.image {
+            if image.goal_is_stale {
+                image.draw_goal(self.target);
             }
-            out.write(self.spec.fields.len() - 1, &picture.goal);
+            out.write(self.spec.fields.len() - 1, &image.goal);
         }
     }
 
@@ -242,8 +242,8 @@ impl Env for TwoRoom {
         out.write(STATE, &self.agent);
         out.write(PROPRIO, &self.agent);
         out.write(DISTANCE, &[f64::from(self.distance())]);
-        if let Some(picture) = &mut self.picture {
-            picture.draw(self.agent, out.at(self.spec.fields.len() - 2));
+        if let Some(image) = &mut self.image {
+            image.draw(self.agent, out.at(self.spec.fields.len() - 2));
         }
     }
 
@@ -271,7 +271,7 @@ impl Env for TwoRoom {
     }
 }
 
-impl Picture {
+impl Image {
     fn new(size: ImageSize, settings: &Settings) -> Result<Self, String> {
         let artist = Artist::new(size, settings.render).map_err(|error| error.to_string())?;
         let agent = Dot { center: [0.0; 2], radius: 1.0, color: [0; 3] };

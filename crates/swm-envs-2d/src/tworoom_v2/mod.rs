@@ -1,14 +1,14 @@
 //! TwoRoom of August 2026: an agent walks from one room to another, or stays, until it stands at a target.
 //!
-//! Kinematic, at the scale of its 224-px picture; the version that the published TwoRoom datasets come from. The paper's
+//! Kinematic, at the scale of its 224-px image; the version that the published TwoRoom datasets come from. The paper's
 //! version, with physics on a 512-px canvas, is another environment. Where the reference has faults, the page of the
-//! environment says what is kept for parity and what is mended.
+//! environment says what is kept for parity and what is fixed.
 //!
 //! | file | duty |
 //! |---|---|
 //! | `env`, `settings`, `factors` | the environment and its tables |
 //! | `room`, `route` | how an agent moves, and the way to a place |
-//! | `drawing`, `dot` | pictures |
+//! | `drawing`, `dot` | images |
 //! | `expert` | policies |
 
 mod dot;

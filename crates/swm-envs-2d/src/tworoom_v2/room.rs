@@ -1,11 +1,11 @@
 //! The two rooms as an agent meets them: walls, doors, and how a step moves it. Positions are `[x, y]` in pixels of the
-//! 224-px picture, y down. Where to go is `route.rs`.
+//! 224-px image, y down. Where to go is `route.rs`.
 
 use swm_fov::Fov;
 
-/// Height and width of the picture, and of the world.
+/// Height and width of the image, and of the world.
 pub(super) const IMAGE_PX: usize = 224;
-/// The rooms begin this far from the picture's edge.
+/// The rooms begin this far from the image's edge.
 pub(super) const BORDER_PX: f64 = 14.0;
 /// Where the middle of the wall is.
 pub(super) const WALL_CENTER_PX: f64 = 112.0;
@@ -88,12 +88,12 @@ impl Room {
         if self.divided == 0 { [across, along] } else { [along, across] }
     }
 
-    /// Where an agent's centre may be, on both axes.
+    /// Where an agent's center may be, on both axes.
     pub(super) fn limits(&self) -> [f64; 2] {
         [BORDER_PX + self.radius, IMAGE_PX as f64 - BORDER_PX - self.radius]
     }
 
-    /// Between these coordinates an agent's centre is in the wall, ends excluded.
+    /// Between these coordinates an agent's center is in the wall, ends excluded.
     pub(super) fn wall(&self) -> [f64; 2] {
         let reach = self.wall_half + self.radius;
         [WALL_CENTER_PX - reach, WALL_CENTER_PX + reach]

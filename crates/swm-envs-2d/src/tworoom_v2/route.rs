@@ -1,7 +1,7 @@
 //! The way to the target: through which door, how long, and where to head now. For the expert, the task's cost, and the
 //! factor `task.min_steps`. It knows nothing of noise or steps.
 //!
-//! Where an agent's centre may be consists of rectangles: two rooms, and a passage for each door. Between two of them it
+//! Where an agent's center may be consists of rectangles: two rooms, and a passage for each door. Between two of them it
 //! passes gates, segments of the lines where wall and rooms meet; the shortest way is pulled taut through these.
 
 use super::room::{Door, Room, SUCCESS_PX, WALL_CENTER_PX, distance};

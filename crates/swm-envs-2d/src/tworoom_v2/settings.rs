@@ -24,7 +24,7 @@ pub(super) const SETTINGS: &[Setting] = &[
     },
     Setting {
         name: "render",
-        doc: "`exact`: the reference's pictures; `fast`: drawn at the asked size",
+        doc: "`exact`: the reference's images; `fast`: drawn at the asked size",
         default: "exact",
     },
     Setting { name: "init_value", doc: "other defaults of factors, {name: value}", default: "{}" },

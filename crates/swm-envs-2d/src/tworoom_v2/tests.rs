@@ -1,4 +1,4 @@
-//! TwoRoom-v2: what steps do at walls and doors, targets, messages, pictures, and what the expert reaches. Recorded
+//! TwoRoom-v2: what steps do at walls and doors, targets, messages, images, and what the expert reaches. Recorded
 //! trajectories of the reference are replayed by `cargo xtask golden --check`.
 
 use std::collections::BTreeMap;
@@ -158,8 +158,8 @@ fn impossible_combinations_name_constraint_and_factors() {
     assert!(wide.contains("`door.size` must be") && wide.contains("agent.radius = 14"), "{wide}");
 }
 
-/// A dot over a whole picture, pixel by pixel, with nothing left out.
-fn blend_everywhere(dot: &Dot, picture: &mut [u8]) {
+/// A dot over a whole image, pixel by pixel, with nothing left out.
+fn blend_everywhere(dot: &Dot, image: &mut [u8]) {
     let spread = (2.0 * f64::from(dot.radius) * f64::from(dot.radius)) as f32;
     let weight = |index: usize| {
         let [dx, dy] =
@@ -167,7 +167,7 @@ fn blend_everywhere(dot: &Dot, picture: &mut [u8]) {
         f64::from(-(dx * dx + dy * dy) / spread).exp() as f32
     };
     let largest = (0..IMAGE_PX * IMAGE_PX).map(weight).fold(0.0, f32::max);
-    for (index, pixel) in picture.chunks_exact_mut(3).enumerate() {
+    for (index, pixel) in image.chunks_exact_mut(3).enumerate() {
         let weight = weight(index) / largest;
         for (byte, color) in pixel.iter_mut().zip(dot.color) {
             *byte = (f32::from(*byte) * (1.0 - weight) + f32::from(color) * weight) as u8;
@@ -186,14 +186,14 @@ proptest! {
         background in any::<[u8; 3]>(),
     ) {
         let dot = Dot { center, radius, color };
-        let mut picture = background.repeat(IMAGE_PX * IMAGE_PX);
-        let mut expected = picture.clone();
-        let bounds = dot.blend_exactly(&mut picture);
+        let mut image = background.repeat(IMAGE_PX * IMAGE_PX);
+        let mut expected = image.clone();
+        let bounds = dot.blend_exactly(&mut image);
         blend_everywhere(&dot, &mut expected);
-        let differ = picture.iter().zip(&expected).filter(|(a, b)| a != b).count();
+        let differ = image.iter().zip(&expected).filter(|(a, b)| a != b).count();
         prop_assert!(differ <= 15, "{differ} bytes differ, one in ten thousand may");
-        prop_assert!(picture.iter().zip(&expected).all(|(a, b)| a.abs_diff(*b) <= 1));
-        for (index, pixel) in picture.chunks_exact(3).enumerate() {
+        prop_assert!(image.iter().zip(&expected).all(|(a, b)| a.abs_diff(*b) <= 1));
+        for (index, pixel) in image.chunks_exact(3).enumerate() {
             let (x, y) = ((index % IMAGE_PX) as i32, (index / IMAGE_PX) as i32);
             let inside = (bounds.x0..bounds.x1).contains(&x) && (bounds.y0..bounds.y1).contains(&y);
             prop_assert!(inside || pixel == background, "a pixel outside of the bounds changed");
@@ -225,7 +225,7 @@ proptest! {
 }
 
 #[test]
-fn fast_pictures_look_like_exact_ones() {
+fn fast_images_look_like_exact_ones() {
     for (height, width) in [(64, 64), (224, 224), (96, 300)] {
         let size = ImageSize { height, width };
         let [mut exact, mut fast] =
@@ -251,7 +251,7 @@ fn fast_pictures_look_like_exact_ones() {
 }
 
 #[test]
-fn border_lines_have_a_colour_of_their_own_on_request() {
+fn border_lines_have_a_color_of_their_own_on_request() {
     let mut bench = Bench::new(Some(ImageSize { height: 224, width: 224 }), &serde_json::json!({}));
     let wall = |options: ResetOptions| options.fix("wall.color", Value::vector(&[1u8, 2, 3]));
     let pixel = |bench: &Bench, x: usize, y: usize| -> [u8; 3] {

@@ -161,7 +161,7 @@ impl Spec {
         option.impratio = impedance_ratio;
     }
 
-    /// What cameras and lights take for the middle and the size of the scene, m, and how near and far pictures reach, in
+    /// What cameras and lights take for the middle and the size of the scene, m, and how near and far images reach, in
     /// sizes.
     pub fn set_extent(&mut self, center: [f64; 3], extent: f64, mean_size: f64, [near, far]: [f32; 2]) {
         // SAFETY: the spec is valid, and `&mut self` is the only access.

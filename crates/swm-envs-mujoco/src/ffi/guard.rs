@@ -6,7 +6,7 @@
 //! and compiler) intercept errors themselves and return them as text. Where Rust itself is built with
 //! `panic = "abort"` there is no unwinding: the message is printed and the process aborts.
 //!
-//! What such an error leaves behind in an `mjData` (its stack pointer) is mended by `mj_resetData`; `Simulation`
+//! What such an error leaves behind in an `mjData` (its stack pointer) is fixed by `mj_resetData`; `Simulation`
 //! refuses every other use until then.
 
 use std::cell::Cell;

@@ -39,7 +39,7 @@ impl Library {
         if !path.is_file() {
             return Err(failed("no such file".to_owned()));
         }
-        // SAFETY: loading runs the initialisers of the file. It is the one that the user installed or named; those of
+        // SAFETY: loading runs the initializers of the file. It is the one that the user installed or named; those of
         // MuJoCo only set up C++ statics.
         let library = unsafe { libloading::Library::new(path) }.map_err(|error| failed(error.to_string()))?;
         // SAFETY: `mj_version` takes nothing and returns an int in every version of MuJoCo.

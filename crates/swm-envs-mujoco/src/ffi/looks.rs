@@ -1,4 +1,4 @@
-//! What pictures need to know of a model: its meshes, its ground, its haze. Textures, which can be edited, are in `model.rs`.
+//! What images need to know of a model: its meshes, its ground, its haze. Textures, which can be edited, are in `model.rs`.
 
 use super::model::{Model, slice};
 
@@ -12,7 +12,7 @@ pub(crate) struct MeshData {
     pub(crate) normals: Vec<[[f32; 3]; 3]>,
 }
 
-/// What pictures need to know of a model as a whole.
+/// What images need to know of a model as a whole.
 pub(crate) struct Looks {
     /// Half the width of the region in which suns cast shadows, m.
     pub(crate) shadow_clip: f64,
@@ -20,7 +20,7 @@ pub(crate) struct Looks {
     pub(crate) shadow_scale: f64,
     /// Width of the haze.
     pub(crate) haze: f32,
-    /// Its colour.
+    /// Its color.
     pub(crate) haze_color: [f32; 3],
 }
 
@@ -68,7 +68,7 @@ impl Model {
         self.header().nmesh as usize
     }
 
-    /// What pictures need to know of the model as a whole.
+    /// What images need to know of the model as a whole.
     pub(crate) fn looks(&self) -> Looks {
         let (visual, extent) = (&self.header().vis, self.header().stat.extent);
         Looks {

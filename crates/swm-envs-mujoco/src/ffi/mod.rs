@@ -4,7 +4,7 @@
 //! * [`Spec`]: a model as text describes it, to be edited and compiled;
 //! * [`Model`]: a compiled model: read-only where shared, so `Send + Sync`; a copy can be edited;
 //! * [`Simulation`]: one state (`mjData`) over an `Arc<Model>`;
-//! * [`Scene`]: what a camera sees of it; [`gl`]: pictures of that by MuJoCo's own renderer.
+//! * [`Scene`]: what a camera sees of it; [`gl`]: images of that by MuJoCo's own renderer.
 //!
 //! # What the types promise
 //!

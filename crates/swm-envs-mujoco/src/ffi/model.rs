@@ -27,7 +27,7 @@ macro_rules! arrays {
         $(#[$meta])*
         pub fn $name(&self) -> &[$type] {
             let raw = self.header();
-            // SAFETY: MuJoCo allocates `rows × width` numbers here, initialised, for as long as the model lives.
+            // SAFETY: MuJoCo allocates `rows × width` numbers here, initialized, for as long as the model lives.
             unsafe { slice(raw.$name, raw.$rows, $width) }
         }
         #[doc = concat!("[`Model::", stringify!($name), "`], to be edited.")]
@@ -78,7 +78,7 @@ impl Model {
         body_quat / body_quat_mut: f64 [nbody, 4];
         /// Masses, `[nbody]`, kg.
         body_mass / body_mass_mut: f64 [nbody, 1];
-        /// Centres of mass in the bodies' frames, `[nbody, 3]`, m.
+        /// Centers of mass in the bodies' frames, `[nbody, 3]`, m.
         body_ipos / body_ipos_mut: f64 [nbody, 3];
         /// Diagonal inertias, `[nbody, 3]`, kg m².
         body_inertia / body_inertia_mut: f64 [nbody, 3];
@@ -103,7 +103,7 @@ impl Model {
         geom_size / geom_size_mut: f64 [ngeom, 3];
         /// Sliding, torsional and rolling friction, `[ngeom, 3]`.
         geom_friction / geom_friction_mut: f64 [ngeom, 3];
-        /// Geom colours, `[ngeom, 4]`, 0..1; (.5, .5, .5, 1) means the material's.
+        /// Geom colors, `[ngeom, 4]`, 0..1; (.5, .5, .5, 1) means the material's.
         geom_rgba / geom_rgba_mut: f32 [ngeom, 4];
         /// Site positions in their bodies, `[nsite, 3]`, m.
         site_pos / site_pos_mut: f64 [nsite, 3];
@@ -115,11 +115,11 @@ impl Model {
         site_size / site_size_mut: f64 [nsite, 3];
         /// Groups of sites, `[nsite]`: those in 0 to 2 are drawn.
         site_group / site_group_mut: i32 [nsite, 1];
-        /// Site colours, `[nsite, 4]`, 0..1.
+        /// Site colors, `[nsite, 4]`, 0..1.
         site_rgba / site_rgba_mut: f32 [nsite, 4];
-        /// Material colours, `[nmat, 4]`, 0..1.
+        /// Material colors, `[nmat, 4]`, 0..1.
         mat_rgba / mat_rgba_mut: f32 [nmat, 4];
-        /// Diffuse colours of lights, `[nlight, 3]`, 0..1.
+        /// Diffuse colors of lights, `[nlight, 3]`, 0..1.
         light_diffuse / light_diffuse_mut: f32 [nlight, 3];
         /// Gains of actuators, `[nu, 10]`.
         actuator_gainprm / actuator_gainprm_mut: f64 [nu, 10];
@@ -176,7 +176,7 @@ impl Model {
         self.header().opt.integrator as mjtIntegrator == mjINT_RK4
     }
 
-    /// The size of the model, m, in which distances of pictures are given.
+    /// The size of the model, m, in which distances of images are given.
     pub fn extent_m(&self) -> f64 {
         self.header().stat.extent
     }
@@ -247,7 +247,7 @@ impl Model {
         (0..count).map(|id| name(id).unwrap_or_default()).collect()
     }
 
-    /// Puts every geom that is a mesh where `other` has it: a mesh lies in its body by its own centre and axes, so that
+    /// Puts every geom that is a mesh where `other` has it: a mesh lies in its body by its own center and axes, so that
     /// one that was [shrunk](super::Spec::shrink_meshes) lies elsewhere.
     ///
     /// # Panics
@@ -366,7 +366,7 @@ impl Drop for Model {
 /// `rows × width` elements at `data`; an empty array may be null.
 ///
 /// # Safety
-/// That many initialised elements lie there, unchanged for `'a`.
+/// That many initialized elements lie there, unchanged for `'a`.
 pub(super) unsafe fn slice<'a, T>(data: *const T, rows: i64, width: usize) -> &'a [T] {
     let len = rows as usize * width;
     if len == 0 || data.is_null() {
@@ -379,7 +379,7 @@ pub(super) unsafe fn slice<'a, T>(data: *const T, rows: i64, width: usize) -> &'
 /// As [`slice`], to be written.
 ///
 /// # Safety
-/// That many initialised elements lie there, and nothing else reads or writes them for `'a`.
+/// That many initialized elements lie there, and nothing else reads or writes them for `'a`.
 pub(super) unsafe fn slice_mut<'a, T>(data: *mut T, rows: i64, width: usize) -> &'a mut [T] {
     let len = rows as usize * width;
     if len == 0 || data.is_null() {

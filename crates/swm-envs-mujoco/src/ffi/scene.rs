@@ -1,4 +1,4 @@
-//! What a camera sees: shapes with places and colours, lights, the camera itself. No pixels.
+//! What a camera sees: shapes with places and colors, lights, the camera itself. No pixels.
 
 use std::sync::Arc;
 
@@ -58,7 +58,7 @@ impl Scene {
 
     /// Takes up the simulation as it stands computed.
     ///
-    /// Its model may differ in numbers from the one that the scene was made for, colours included.
+    /// Its model may differ in numbers from the one that the scene was made for, colors included.
     ///
     /// # Errors
     ///

@@ -98,7 +98,7 @@ elements! {
         set_density: density, f64;
         /// Mass, kg; NaN: from the density.
         set_mass: mass, f64;
-        /// Colour, 0..1.
+        /// Color, 0..1.
         set_rgba: rgba, [f32; 4];
         /// Drawn by default in groups 0 to 2.
         set_group: group, i32;
@@ -109,28 +109,28 @@ elements! {
         set_position: pos, [f64; 3];
         /// Size; its meaning depends on the shape.
         set_size: size, [f64; 3];
-        /// Colour, 0..1.
+        /// Color, 0..1.
         set_rgba: rgba, [f32; 4];
         /// Drawn by default in groups 0 to 2.
         set_group: group, i32;
     }
     /// A light of a [`Spec`].
     light -> SpecLight(mjsLight via mjs_asLight, Light) {
-        /// Diffuse colour, 0..1.
+        /// Diffuse color, 0..1.
         set_diffuse: diffuse, [f32; 3];
     }
     /// A material of a [`Spec`].
     material -> SpecMaterial(mjsMaterial via mjs_asMaterial, Material) {
-        /// Colour, 0..1.
+        /// Color, 0..1.
         set_rgba: rgba, [f32; 4];
         /// Whether a texture has the same size everywhere; if not, it is stretched over the geom.
         set_uniform_texture: texuniform, bool;
     }
     /// A texture of a [`Spec`].
     texture -> SpecTexture(mjsTexture via mjs_asTexture, Texture) {
-        /// First colour of a built-in pattern, 0..1.
+        /// First color of a built-in pattern, 0..1.
         set_rgb1: rgb1, [f64; 3];
-        /// Second colour of a built-in pattern, 0..1.
+        /// Second color of a built-in pattern, 0..1.
         set_rgb2: rgb2, [f64; 3];
     }
 }

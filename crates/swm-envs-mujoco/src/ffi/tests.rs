@@ -75,7 +75,7 @@ fn another_models_structure_makes_a_new_state() {
 }
 
 #[test]
-fn a_state_that_is_not_finite_is_an_error_and_a_reset_mends_it() {
+fn a_state_that_is_not_finite_is_an_error_and_a_reset_fixes_it() {
     let mut sim = simulation("cheetah.xml");
     sim.qpos_mut()[0] = f64::NAN;
     let error = sim.control_step(2).unwrap_err();

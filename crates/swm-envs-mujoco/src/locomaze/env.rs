@@ -19,7 +19,7 @@ use super::settings::{Mode, SETTINGS, Settings};
 use crate::error::MujocoError;
 use crate::ffi::{Object, Simulation};
 use crate::suite::{normal, uniform};
-use crate::views::{CameraName, Pictures, Views, settings};
+use crate::views::{CameraName, Images, Views, settings};
 
 /// Physics steps per control step.
 const SUBSTEPS: u32 = 5;
@@ -42,15 +42,15 @@ pub(super) struct MazeEnv {
     target: usize,
     /// Cells on the way to the goal, from each cell.
     ways: (Cell, Vec<Option<u32>>),
-    pictures: Option<Drawn>,
+    images: Option<Drawn>,
 }
 
-/// What pictures need.
+/// What images need.
 struct Drawn {
-    pictures: Pictures,
-    /// The colours of the floor that they show.
+    images: Images,
+    /// The colors of the floor that they show.
     floor: Vec<f64>,
-    /// The picture of the goal, and whether it belongs to an earlier episode.
+    /// The image of the goal, and whether it belongs to an earlier episode.
     goal: (Vec<u8>, bool),
 }
 
@@ -83,15 +83,15 @@ impl MazeEnv {
         columns.extend(image.iter().map(|size| Field::episode("goal", Dtype::U8, &size.shape())));
         let camera = CameraName::Name(if body == Body::Ant { "back" } else { TOP }.to_owned());
         let full = models.full();
-        let views = Views::new(&settings.pictures, &camera, &full, image)?;
+        let views = Views::new(&settings.images, &camera, &full, image)?;
         columns.extend(views.iter().flat_map(Views::fields));
         let fov = space.defaults();
         let drawn = |views| -> Result<Drawn, MujocoError> {
             let size = image.map_or(0, |size| size.shape().iter().product());
             let floor = numbers(&fov, FLOOR_COLOR);
-            Ok(Drawn { pictures: Pictures::new(views, &full)?, floor, goal: (vec![0; size], true) })
+            Ok(Drawn { images: Images::new(views, &full)?, floor, goal: (vec![0; size], true) })
         };
-        let pictures = views.map(drawn).transpose()?;
+        let images = views.map(drawn).transpose()?;
         let spec = EnvSpec {
             id: id.to_owned(),
             action: Space::uniform_box(Dtype::F32, &[sim.model().nu()], -1.0, 1.0),
@@ -104,7 +104,7 @@ impl MazeEnv {
         let target = models.light().id(Object::Geom, TARGET)?;
         let moment = Moment::new(0, nq, nv);
         let ways = ([0, 0], Vec::new());
-        let mut env = Self { spec, body, sim, moment, settings, space, fov, models, target, ways, pictures };
+        let mut env = Self { spec, body, sim, moment, settings, space, fov, models, target, ways, images };
         env.set_model()?;
         Ok(env)
     }
@@ -118,20 +118,20 @@ impl MazeEnv {
         [self.sim.qpos()[0], self.sim.qpos()[1]]
     }
 
-    /// Gives the simulation and the pictures the model of the present factors. The state stays.
+    /// Gives the simulation and the images the model of the present factors. The state stays.
     fn set_model(&mut self) -> Result<(), MujocoError> {
         let is_other = self.models.apply(&self.fov, &mut self.sim)?;
         let floor = numbers(&self.fov, FLOOR_COLOR);
-        let Some(drawn) = &mut self.pictures else { return Ok(()) };
+        let Some(drawn) = &mut self.images else { return Ok(()) };
         let full = self.models.full();
         if is_other {
-            drawn.pictures.set_model(&full)?;
+            drawn.images.set_model(&full)?;
         }
         let is_encoded = factors::is_encoded(&self.fov);
         if !is_encoded && (is_other || drawn.floor != floor) {
             let texture = full.id(Object::Texture, "grid")?;
             let colors = factors::floor_colors(&floor);
-            drawn.pictures.recolor(&full, texture, &|_, color| colors(color))?;
+            drawn.images.recolor(&full, texture, &|_, color| colors(color))?;
         }
         drawn.floor = floor;
         Ok(())
@@ -145,7 +145,7 @@ impl MazeEnv {
         if self.ways.0 != cell || self.ways.1.is_empty() {
             self.ways = (cell, self.maze().ways(cell));
         }
-        if let Some(drawn) = &mut self.pictures {
+        if let Some(drawn) = &mut self.images {
             drawn.goal.1 = true;
         }
     }
@@ -239,17 +239,17 @@ impl MazeEnv {
 
     /// Draws the goal, and returns to where the episode stands.
     fn draw_goal(&mut self) -> Result<(), MujocoError> {
-        let Some(mut drawn) = self.pictures.take() else { return Ok(()) };
+        let Some(mut drawn) = self.images.take() else { return Ok(()) };
         let mut kept = Vec::new();
         self.sim.save(&mut kept);
         self.sim.qpos_mut().copy_from_slice(&self.moment.goal_qpos);
         self.sim.qvel_mut().copy_from_slice(&self.moment.goal_qvel);
         let result = self.sim.forward();
         if result.is_ok() {
-            drawn.pictures.draw(&mut self.sim, &mut drawn.goal.0);
+            drawn.images.draw(&mut self.sim, &mut drawn.goal.0);
         }
         drawn.goal.1 = false;
-        self.pictures = Some(drawn);
+        self.images = Some(drawn);
         result?;
         self.sim.load(&kept)
     }
@@ -280,7 +280,7 @@ impl Env for MazeEnv {
     }
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
-        let failure = self.pictures.as_mut().and_then(|drawn| drawn.pictures.take_failure());
+        let failure = self.images.as_mut().and_then(|drawn| drawn.images.take_failure());
         if let Some(failure) = failure {
             return Err(failure.at_step(&self.spec.id));
         }
@@ -310,14 +310,14 @@ impl Env for MazeEnv {
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
         self.write_goal(out);
         self.fov.write(FACTORS, out);
-        if self.pictures.as_ref().is_some_and(|drawn| drawn.goal.1)
+        if self.images.as_ref().is_some_and(|drawn| drawn.goal.1)
             && self.draw_goal().is_err()
-            && let Some(drawn) = &mut self.pictures
+            && let Some(drawn) = &mut self.images
         {
             // The next step finds the simulation unusable, and says so.
             drawn.goal.0.fill(0);
         }
-        if let Some(drawn) = &self.pictures {
+        if let Some(drawn) = &self.images {
             out.write(FACTORS + self.spec.factors.len(), &drawn.goal.0);
         }
     }
@@ -325,8 +325,8 @@ impl Env for MazeEnv {
     fn observe(&mut self, out: &mut RowsMut<'_>) {
         self.write_step(out);
         let first = FACTORS + self.spec.factors.len() + 1;
-        if let Some(drawn) = &mut self.pictures {
-            drawn.pictures.write(&mut self.sim, first, out);
+        if let Some(drawn) = &mut self.images {
+            drawn.images.write(&mut self.sim, first, out);
         }
     }
 
@@ -361,7 +361,7 @@ impl Env for MazeEnv {
     }
 
     fn renderer(&self) -> Option<String> {
-        self.pictures.as_ref().map(|drawn| drawn.pictures.renderer())
+        self.images.as_ref().map(|drawn| drawn.images.renderer())
     }
 
     /// The length of the way that is left, over the middles of cells, m.

@@ -6,14 +6,14 @@ use swm_fov::{Factor, Fov, FovSpace};
 use super::Body;
 use crate::suite::{Control, Effect};
 
-/// The two colours of the floor.
+/// The two colors of the floor.
 pub(super) const FLOOR_COLOR: &str = "floor.color";
-/// Whether the floor's colour says where one is.
+/// Whether the floor's color says where one is.
 pub(super) const ENCODING: &str = "floor.pixel_encoding";
 /// How far an action of length 1 moves the point, m.
 pub(super) const SPEED: &str = "agent.speed";
 
-/// The colours of the floor, the file's own.
+/// The colors of the floor, the file's own.
 const FLOOR: [f64; 6] = [0.08, 0.11, 0.16, 0.15, 0.18, 0.25];
 /// What motors of the ant turn an action of 1 into, N m.
 const TORQUE: f64 = 30.0;
@@ -23,16 +23,16 @@ pub(super) fn controls(body: Body) -> Vec<Control> {
     let (color, light) = ([0.7, 0.5, 0.3], 1.0);
     let mut controls = vec![
         Control {
-            factor: uniform("agent.color", &[3], [0.0, 1.0], &color, "colour of what moves"),
+            factor: uniform("agent.color", &[3], [0.0, 1.0], &color, "color of what moves"),
             effect: Effect::Material("self"),
         },
         Control {
-            factor: uniform("wall.color", &[3], [0.0, 1.0], &[1.0; 3], "colour of the walls"),
+            factor: uniform("wall.color", &[3], [0.0, 1.0], &[1.0; 3], "color of the walls"),
             effect: Effect::Material("wall"),
         },
-        // Only pictures have the floor's texture: see `models`.
+        // Only images have the floor's texture: see `models`.
         Control {
-            factor: uniform(FLOOR_COLOR, &[2, 3], [0.0, 1.0], &FLOOR, "the two colours of the floor's checker"),
+            factor: uniform(FLOOR_COLOR, &[2, 3], [0.0, 1.0], &FLOOR, "the two colors of the floor's checker"),
             effect: Effect::Start,
         },
         Control {
@@ -100,12 +100,12 @@ pub(super) fn numbers(fov: &Fov, name: &str) -> Vec<f64> {
     fov.value(name).numbers(name).expect("factors are numbers")
 }
 
-/// Whether the floor's colour says where one is.
+/// Whether the floor's color says where one is.
 pub(super) fn is_encoded(fov: &Fov) -> bool {
     numbers(fov, ENCODING)[0] != 0.0
 }
 
-/// What becomes of the colours of the floor's checker: its own two become these.
+/// What becomes of the colors of the floor's checker: its own two become these.
 pub(super) fn floor_colors(rgb: &[f64]) -> impl Fn([u8; 3]) -> [u8; 3] + use<> {
     let bytes = |values: &[f64]| [0, 1, 2].map(|k| (255.0 * values[k]) as u8);
     let (first, new_first, new_second) = (bytes(&FLOOR[..3]), bytes(&rgb[..3]), bytes(&rgb[3..]));

@@ -1,4 +1,4 @@
-//! The models of a maze: OGBench's body with walls around it. One for pictures and a light one for physics, each made once per
+//! The models of a maze: OGBench's body with walls around it. One for images and a light one for physics, each made once per
 //! process; every environment edits its own copy of the light one.
 
 use std::sync::{Arc, Mutex, PoisonError, Weak};
@@ -23,7 +23,7 @@ pub(super) const TARGET: &str = "target";
 pub(super) struct Kind {
     pub(super) body: Body,
     pub(super) maze: Maze,
-    /// Whether the floor's colour says where one is.
+    /// Whether the floor's color says where one is.
     pub(super) encoded: bool,
 }
 
@@ -53,12 +53,12 @@ impl Models {
         Arc::clone(&self.shared.light)
     }
 
-    /// The model with all textures, for pictures.
+    /// The model with all textures, for images.
     pub(super) fn full(&self) -> Arc<Model> {
         Arc::clone(&self.shared.full)
     }
 
-    /// Gives the simulation the model for these factors; its state stays. Whether pictures need another model now.
+    /// Gives the simulation the model for these factors; its state stays. Whether images need another model now.
     pub(super) fn apply(&mut self, fov: &Fov, sim: &mut Simulation) -> Result<bool, MujocoError> {
         let is_other = is_encoded(fov) != self.kind.encoded;
         if is_other {

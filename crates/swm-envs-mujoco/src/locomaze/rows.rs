@@ -46,7 +46,7 @@ pub(super) fn fields(body: Body, [nq, nv]: [usize; 2]) -> Vec<Field> {
 }
 
 impl MazeEnv {
-    /// Writes the step columns, without pictures.
+    /// Writes the step columns, without images.
     pub(super) fn write_step(&self, out: &mut RowsMut<'_>) {
         let (sim, moment) = (&self.sim, &self.moment);
         write_observation(self.body, out.at(OBSERVATION), sim.qpos(), sim.qvel());
@@ -59,7 +59,7 @@ impl MazeEnv {
         out.write(XY, &self.place());
     }
 
-    /// Writes the columns of the episode, without factors and pictures.
+    /// Writes the columns of the episode, without factors and images.
     pub(super) fn write_goal(&self, out: &mut RowsMut<'_>) {
         let moment = &self.moment;
         out.write(TASK_ID, &[moment.task]);

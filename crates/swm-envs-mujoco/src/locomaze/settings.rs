@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use swm_core::Setting;
 
 use super::layout::Maze;
-use crate::views::settings::{PICTURE_SETTINGS, PictureSettings, with_picture_settings};
+use crate::views::settings::{IMAGE_SETTINGS, Imagesettings, with_image_settings};
 
 /// Constructor settings. Unknown names are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -15,7 +15,7 @@ pub(super) struct Settings {
     pub task: Option<usize>,
     pub terminate_at_goal: bool,
     #[serde(flatten)]
-    pub pictures: PictureSettings,
+    pub images: Imagesettings,
 }
 
 /// Where starts and goals come from.
@@ -36,7 +36,7 @@ impl Default for Settings {
             mode: Mode::DataCollection,
             task: None,
             terminate_at_goal: true,
-            pictures: PictureSettings::default(),
+            images: Imagesettings::default(),
         }
     }
 }
@@ -78,7 +78,7 @@ const OWN: [Setting; 4] = [
 
 /// The settings for help and docs, one per field of `Settings`.
 pub(super) const SETTINGS: &[Setting] =
-    &with_picture_settings::<4, { 4 + PICTURE_SETTINGS }>(OWN, "top for the point, back for the ant");
+    &with_image_settings::<4, { 4 + IMAGE_SETTINGS }>(OWN, "top for the point, back for the ant");
 
 #[cfg(test)]
 mod tests {

@@ -6,7 +6,7 @@ use crate::assets::manipulation_model;
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Spec};
 
-/// The description, with everything that pictures need.
+/// The description, with everything that images need.
 pub(super) fn description(kind: Kind) -> Result<Spec, MujocoError> {
     let mut root = read("floor_wall.xml")?;
     root.set_extent([0.3, 0.0, 0.15], 0.7, 0.04, [0.1, 10.0]);
@@ -121,5 +121,5 @@ pub(super) fn finish(model: &mut Model, transparent: bool) -> Result<(), MujocoE
     Ok(())
 }
 
-/// The materials that have the agent's colour.
+/// The materials that have the agent's color.
 pub(super) const GRIPPER_MATERIALS: [&str; 2] = ["ur5e/robotiq/black", "ur5e/robotiq/pad_gray"];

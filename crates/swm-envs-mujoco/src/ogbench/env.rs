@@ -22,7 +22,7 @@ use super::table::Table;
 use super::{start, targets};
 use crate::error::MujocoError;
 use crate::ffi::{Object, Simulation};
-use crate::views::{CameraName, Pictures, Views, settings};
+use crate::views::{CameraName, Images, Views, settings};
 
 /// Physics steps per control step.
 pub(super) const SUBSTEPS: u32 = 25;
@@ -47,12 +47,12 @@ pub(super) struct TableEnv {
     scratch: Vec<f64>,
     /// Where the episode columns begin.
     episode_columns: usize,
-    /// Where the column of the picture of the goal is, and behind it those of the other pictures.
+    /// Where the column of the image of the goal is, and behind it those of the other images.
     goal_column: usize,
-    pictures: Option<Pictures>,
-    /// The picture of the goal, and whether it belongs to an earlier episode.
-    goal_picture: (Vec<u8>, bool),
-    /// The colours of the floor that the pictures show.
+    images: Option<Images>,
+    /// The image of the goal, and whether it belongs to an earlier episode.
+    goal_image: (Vec<u8>, bool),
+    /// The colors of the floor that the images show.
     floor: Vec<f64>,
 }
 
@@ -102,7 +102,7 @@ impl TableEnv {
         fields.extend(image.iter().map(|size| Field::episode("goal", Dtype::U8, &size.shape())));
         let full = models.full();
         let camera = CameraName::Name(CAMERA.to_owned());
-        let views = Views::new(&settings.pictures, &camera, &full, image)?;
+        let views = Views::new(&settings.images, &camera, &full, image)?;
         fields.extend(views.iter().flat_map(Views::fields));
         let is_scene = kind == Kind::Scene;
         let spec = EnvSpec {
@@ -114,8 +114,8 @@ impl TableEnv {
             start_columns: if is_scene { SCENE_START_COLUMNS } else { START_COLUMNS },
             goal_columns: if is_scene { &["qpos", "button_states"] } else { &["qpos"] },
         };
-        let pictures = views.map(|views| Pictures::new(views, &full)).transpose()?;
-        let goal_picture = (vec![0; image.map_or(0, |size| size.shape().iter().product())], true);
+        let images = views.map(|views| Images::new(views, &full)).transpose()?;
+        let goal_image = (vec![0; image.map_or(0, |size| size.shape().iter().product())], true);
         let fov = space.defaults();
         let mut env = Self {
             standing: Standing::at_rest(&sim),
@@ -133,8 +133,8 @@ impl TableEnv {
             scratch,
             episode_columns,
             goal_column,
-            pictures,
-            goal_picture,
+            images,
+            goal_image,
         };
         env.set_model()?;
         Ok(env)
@@ -148,13 +148,13 @@ impl TableEnv {
             self.lock_colors = numbers(&self.fov, LOCK_COLOR);
         }
         let floor = numbers(&self.fov, FLOOR_COLOR);
-        if let Some(pictures) = &mut self.pictures
+        if let Some(images) = &mut self.images
             && self.floor != floor
         {
             let full = self.models.full();
             let texture = full.id(Object::Texture, "grid")?;
             let colors = factors::floor_colors(&floor);
-            pictures.recolor(&full, texture, &|at, color| colors.recolor(at, color))?;
+            images.recolor(&full, texture, &|at, color| colors.recolor(at, color))?;
             self.floor = floor;
         }
         Ok(())
@@ -168,7 +168,7 @@ impl TableEnv {
         }
     }
 
-    /// Locks, frees and colours the furniture by the buttons' states, and computes everything.
+    /// Locks, frees and colors the furniture by the buttons' states, and computes everything.
     fn apply_buttons(&mut self, states: [u8; 2]) -> Result<(), MujocoError> {
         let Some(furniture) = &self.table.furniture else { return Ok(()) };
         furniture.show_states(self.sim.model_mut(), states, &self.lock_colors);
@@ -292,7 +292,7 @@ impl Env for TableEnv {
     }
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
-        if let Some(failure) = self.pictures.as_mut().and_then(Pictures::take_failure) {
+        if let Some(failure) = self.images.as_mut().and_then(Images::take_failure) {
             return Err(failure.at_step(&self.spec.id));
         }
         let Some(numbers) = five(action) else {
@@ -313,23 +313,23 @@ impl Env for TableEnv {
         out.write(self.episode_columns, &[self.moment.task]);
         out.write(self.episode_columns + 1, &self.goal.observation);
         self.fov.write(self.episode_columns + 2, out);
-        if self.pictures.is_none() {
+        if self.images.is_none() {
             return;
         }
-        if self.goal_picture.1 && self.draw_goal().is_err() {
+        if self.goal_image.1 && self.draw_goal().is_err() {
             // The next step finds the simulation unusable, and says so.
-            self.goal_picture.0.fill(0);
+            self.goal_image.0.fill(0);
         }
-        out.write(self.goal_column, &self.goal_picture.0);
+        out.write(self.goal_column, &self.goal_image.0);
     }
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
-        let Self { sim, table, moment, scratch, goal_column, pictures, .. } = self;
+        let Self { sim, table, moment, scratch, goal_column, images, .. } = self;
         scratch.clear();
         observation(table, sim, moment, scratch);
         visit(table, sim, moment, scratch, &mut Write::new(out));
-        if let Some(pictures) = pictures {
-            pictures.write(sim, *goal_column + 1, out);
+        if let Some(images) = images {
+            images.write(sim, *goal_column + 1, out);
         }
     }
 
@@ -353,7 +353,7 @@ impl Env for TableEnv {
             return Err(foreign("it belongs to another table".to_owned()));
         }
         let is_same_model = fov == self.fov;
-        self.goal_picture.1 |= !is_same_model || saved.goal != self.goal;
+        self.goal_image.1 |= !is_same_model || saved.goal != self.goal;
         (self.fov, self.moment) = (fov, saved.moment);
         (self.standing, self.goal) = (saved.standing, saved.goal);
         let restored = (|| {
@@ -372,7 +372,7 @@ impl Env for TableEnv {
     }
 
     fn renderer(&self) -> Option<String> {
-        self.pictures.as_ref().map(Pictures::renderer)
+        self.images.as_ref().map(Images::renderer)
     }
 
     /// What is left to do, in m: for each cube, drawer and window its distance from where it belongs, 0.1 for a button; and,

@@ -10,7 +10,7 @@ use super::pose;
 use super::settings::Mode;
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Spec};
-use crate::suite::{Control, Effect, set_colour};
+use crate::suite::{Control, Effect, set_color};
 use crate::views::CheckerColors;
 
 /// The factors of a table with what they do, in the order of their columns.
@@ -55,9 +55,9 @@ pub(super) const START_YAW: &str = "cube.start_yaw";
 pub(super) const GOAL_POSITION: &str = "cube.goal_position";
 /// How the cubes are turned at their goals.
 pub(super) const GOAL_YAW: &str = "cube.goal_yaw";
-/// The colours of the floor.
+/// The colors of the floor.
 pub(super) const FLOOR_COLOR: &str = "floor.color";
-/// The colours of locked things.
+/// The colors of locked things.
 pub(super) const LOCK_COLOR: &str = "lock_color";
 
 /// The numbers of a factor.
@@ -92,11 +92,11 @@ fn middle<const N: usize>([low, high]: [[f64; N]; 2]) -> [f64; N] {
 }
 
 fn agent_color() -> Control {
-    let factor = uniform("agent.color", &[3], [0.0, 1.0], &PURPLE, "colour of the gripper");
+    let factor = uniform("agent.color", &[3], [0.0, 1.0], &PURPLE, "color of the gripper");
     let effect = Effect::Model(|model, rgb| {
         for name in GRIPPER_MATERIALS {
             let material = model.id(Object::Material, name)?;
-            set_colour(&mut model.mat_rgba_mut()[4 * material..], rgb);
+            set_color(&mut model.mat_rgba_mut()[4 * material..], rgb);
         }
         Ok(())
     });
@@ -136,13 +136,13 @@ fn geoms_of_cube(index: usize) -> [String; 2] {
 
 fn cube_color(kind: Kind) -> Control {
     let count = kind.cubes();
-    let doc = "colours of the cubes and of the markers of their goals";
+    let doc = "colors of the cubes and of the markers of their goals";
     let factor = uniform("cube.color", &[count, 3], [0.0, 1.0], CUBE_COLORS[..count].as_flattened(), doc);
     let effect = Effect::Model(|model, rgbs| {
         for (index, rgb) in rgbs.chunks_exact(3).enumerate() {
             for name in geoms_of_cube(index) {
                 let geom = model.id(Object::Geom, &name)?;
-                set_colour(&mut model.geom_rgba_mut()[4 * geom..], rgb);
+                set_color(&mut model.geom_rgba_mut()[4 * geom..], rgb);
             }
         }
         Ok(())
@@ -194,9 +194,9 @@ fn places(kind: Kind) -> Vec<Control> {
 }
 
 fn floor_color() -> Control {
-    let doc = "the two colours of the floor's checker";
+    let doc = "the two colors of the floor's checker";
     let factor = uniform(FLOOR_COLOR, &[2, 3], [0.0, 1.0], &FLOOR, doc);
-    // Only pictures have the floor's texture: see `models`.
+    // Only images have the floor's texture: see `models`.
     Control { factor, effect: Effect::Start }
 }
 
@@ -208,12 +208,12 @@ fn light(kind: Kind) -> Control {
 }
 
 fn lock_color() -> Control {
-    let doc = "colours of a locked drawer and window, and of the buttons that lock them";
+    let doc = "colors of a locked drawer and window, and of the buttons that lock them";
     let factor = uniform(LOCK_COLOR, &[2, 3], [0.0, 1.0], [RED, RED].as_flattened(), doc);
     Control { factor, effect: Effect::Start }
 }
 
-/// What becomes of the colours of the floor.
+/// What becomes of the colors of the floor.
 pub(super) fn floor_colors(rgb: &[f64]) -> CheckerColors {
     CheckerColors::new(&FLOOR, rgb)
 }

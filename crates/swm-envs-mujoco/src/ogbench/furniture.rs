@@ -4,7 +4,7 @@ use super::layout::WHITE;
 use super::pose;
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Simulation};
-use crate::suite::set_colour;
+use crate::suite::set_color;
 
 /// Where the furniture's numbers are.
 #[derive(Clone, Debug)]
@@ -148,14 +148,14 @@ impl Furniture {
         })
     }
 
-    /// Locks and frees the slides by the buttons' states, and shows that: `locked` colours, `[2, 3]`, or white.
+    /// Locks and frees the slides by the buttons' states, and shows that: `locked` colors, `[2, 3]`, or white.
     pub(super) fn show_states(&self, model: &mut Model, states: [u8; 2], locked: &[f64]) {
         for index in 0..2 {
             let Slide { qvel, material, .. } = self.slides[index];
             let is_locked = states[index] == 0;
             let color = if is_locked { &locked[3 * index..3 * index + 3] } else { &WHITE };
-            set_colour(&mut model.geom_rgba_mut()[4 * self.buttons[index].geom..], color);
-            set_colour(&mut model.mat_rgba_mut()[4 * material..], color);
+            set_color(&mut model.geom_rgba_mut()[4 * self.buttons[index].geom..], color);
+            set_color(&mut model.mat_rgba_mut()[4 * material..], color);
             model.dof_damping_mut()[qvel] = if is_locked { LOCKED_DAMPING } else { FREE_DAMPING };
         }
     }

@@ -1,5 +1,5 @@
 //! The two tables: what stands on them, where things may be, where cameras look from. Numbers of OGBench 1.2.2 and of the
-//! reference's wrappers; no behaviour.
+//! reference's wrappers; no behavior.
 
 /// What stands on the table beside the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,7 +44,7 @@ impl Kind {
     }
 }
 
-/// The camera that pictures are taken from, unless another is asked for.
+/// The camera that images are taken from, unless another is asked for.
 pub(super) const CAMERA: &str = "front_pixels";
 /// The names of all cameras.
 pub(super) const CAMERAS: [&str; 3] = ["front", CAMERA, "side_pixels"];
@@ -69,7 +69,7 @@ static SCENE: Bounds =
 
 /// Half the side of a cube by default, m: 0.02 as the reference stores it.
 pub(super) const HALF_SIZE: f64 = 0.02f32 as f64;
-/// Distance of neighbouring cubes by default, m.
+/// Distance of neighboring cubes by default, m.
 pub(super) const SPACING: f64 = 0.1;
 /// How far a cube, drawer or window may be from its goal, m.
 pub(super) const REACHED: f64 = 0.04;
@@ -80,8 +80,8 @@ pub(super) const PURPLE: [f64; 3] = [0.61, 0.28, 0.82];
 pub(super) const RED: [f64; 3] = [0.96, 0.26, 0.33];
 /// White: what is not locked.
 pub(super) const WHITE: [f64; 3] = [0.9, 0.9, 0.9];
-/// The colours of the cubes, in order: red, blue, orange, green.
+/// The colors of the cubes, in order: red, blue, orange, green.
 pub(super) const CUBE_COLORS: [[f64; 3]; 4] =
     [RED, [0.35, 0.55, 0.91], [1.0, 0.69, 0.21], [0.06, 0.74, 0.21]];
-/// The two colours of the floor's checker.
+/// The two colors of the floor's checker.
 pub(super) const FLOOR: [f64; 6] = [0.08, 0.11, 0.16, 0.15, 0.18, 0.25];

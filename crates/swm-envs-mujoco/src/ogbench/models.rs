@@ -1,9 +1,9 @@
-//! The models of a table: a full one for pictures and a light one for physics, each made once per process, and an own
+//! The models of a table: a full one for images and a light one for physics, each made once per process, and an own
 //! copy of the light one for every environment.
 //!
 //! The full model takes 63 MB, nearly all of it meshes and the sky. The light one has tetrahedra for the meshes that are
 //! only looked at, and is equal in every array that the simulation reads. An own copy, once made, is kept: an episode's
-//! colours are written into it in microseconds.
+//! colors are written into it in microseconds.
 
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
@@ -34,7 +34,7 @@ struct Resized {
 
 /// The models of this process.
 struct Shared {
-    /// For physics, with the default sizes and colours.
+    /// For physics, with the default sizes and colors.
     light: Arc<Model>,
     /// With all meshes and textures.
     full: Arc<Model>,
@@ -50,7 +50,7 @@ impl Models {
         Arc::clone(&self.shared.light)
     }
 
-    /// The model with all meshes and textures, for pictures.
+    /// The model with all meshes and textures, for images.
     pub(super) fn full(&self) -> Arc<Model> {
         Arc::clone(&self.shared.full)
     }

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use swm_core::Setting;
 
 use super::layout::{CAMERA, Kind};
-use crate::views::settings::{PICTURE_SETTINGS, PictureSettings, with_picture_settings};
+use crate::views::settings::{IMAGE_SETTINGS, Imagesettings, with_image_settings};
 
 /// Constructor settings. Unknown names are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,7 +19,7 @@ pub(super) struct Settings {
     pub visualize_info: bool,
     pub pixel_transparent_arm: bool,
     #[serde(flatten)]
-    pub pictures: PictureSettings,
+    pub images: Imagesettings,
 }
 
 /// How many cubes there are.
@@ -54,7 +54,7 @@ impl Default for Settings {
             permute_blocks: true,
             visualize_info: true,
             pixel_transparent_arm: true,
-            pictures: PictureSettings::default(),
+            images: Imagesettings::default(),
         }
     }
 }
@@ -93,7 +93,7 @@ const ENV_TYPE: Setting = Setting {
     default: "single",
 };
 
-/// The settings but `env_type` and those of pictures for help and docs, one per further field of `Settings`.
+/// The settings but `env_type` and those of images for help and docs, one per further field of `Settings`.
 const SHARED: [Setting; 7] = [
     Setting {
         name: "mode",
@@ -115,14 +115,14 @@ const SHARED: [Setting; 7] = [
         doc: "whether data collection goes on with a new target once one is reached and let go",
         default: "true",
     },
-    Setting { name: "permute_blocks", doc: "whether tasks mix the colours of the cubes", default: "true" },
+    Setting { name: "permute_blocks", doc: "whether tasks mix the colors of the cubes", default: "true" },
     Setting { name: "visualize_info", doc: "whether markers show where cubes belong", default: "true" },
     Setting { name: "pixel_transparent_arm", doc: "whether the arm can be looked through", default: "true" },
 ];
 
 /// The settings of the scene.
 pub(super) const SCENE_SETTINGS: &[Setting] =
-    &with_picture_settings::<7, { 7 + PICTURE_SETTINGS }>(SHARED, CAMERA);
+    &with_image_settings::<7, { 7 + IMAGE_SETTINGS }>(SHARED, CAMERA);
 
 /// The settings of the cubes.
 pub(super) const CUBE_SETTINGS: &[Setting] = {
@@ -130,7 +130,7 @@ pub(super) const CUBE_SETTINGS: &[Setting] = {
         let [mode, task, terminate, new_targets, permute, info, transparent] = SHARED;
         [ENV_TYPE, mode, task, terminate, new_targets, permute, info, transparent]
     };
-    &with_picture_settings::<8, { 8 + PICTURE_SETTINGS }>(OWN, CAMERA)
+    &with_image_settings::<8, { 8 + IMAGE_SETTINGS }>(OWN, CAMERA)
 };
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Where the simulation stands, as what is needed to stand there again with every bit, pictures included.
+//! Where the simulation stands, as what is needed to stand there again with every bit, images included.
 //!
 //! After a control step OGBench reads and draws what was computed before the last physics step. So the moment is the state
 //! before that step, which is then repeated.

@@ -1,4 +1,4 @@
-//! Pictures without OpenGL: what MuJoCo says there is to draw, drawn by `swm-render`. How a picture is made is not known
+//! Images without OpenGL: what MuJoCo says there is to draw, drawn by `swm-render`. How an image is made is not known
 //! here.
 
 mod store;
@@ -7,7 +7,7 @@ mod translate;
 use std::sync::Arc;
 
 use swm_render::Geometry;
-use swm_render::scene::{Quality, Scene as Picture, SceneRenderer};
+use swm_render::scene::{Quality, Scene as Image, SceneRenderer};
 
 use crate::error::MujocoError;
 use crate::ffi::drawn::Looks;
@@ -18,7 +18,7 @@ use translate::{camera, haze, instance, lamp};
 /// Draws simulations of one model as one of its cameras sees them.
 ///
 /// Textures and meshes come from the model that it was made with, and are shared by all renderers of it; places, sizes and
-/// colours come from the simulation that is drawn, whose model may be one for physics with the textures left out.
+/// colors come from the simulation that is drawn, whose model may be one for physics with the textures left out.
 pub struct SoftwareRenderer {
     model: Arc<Model>,
     looks: Looks,
@@ -27,12 +27,12 @@ pub struct SoftwareRenderer {
     /// The model's own, kept for other renderers of the model to find.
     shared: Arc<Store>,
     scene: Scene,
-    picture: Picture,
+    image: Image,
     renderer: SceneRenderer,
 }
 
 impl SoftwareRenderer {
-    /// A renderer for pictures of `height` × `width` pixels from the camera of this index.
+    /// A renderer for images of `height` × `width` pixels from the camera of this index.
     ///
     /// # Errors
     ///
@@ -41,7 +41,7 @@ impl SoftwareRenderer {
         Self::with_quality(model, camera, size, Quality::default())
     }
 
-    /// A renderer of better or quicker pictures.
+    /// A renderer of better or quicker images.
     ///
     /// # Errors
     ///
@@ -59,7 +59,7 @@ impl SoftwareRenderer {
             shared: Arc::clone(&store),
             store,
             scene: Scene::new(Arc::clone(model), camera)?,
-            picture: Picture::default(),
+            image: Image::default(),
             renderer: SceneRenderer::new(geometry, quality)?,
             model: Arc::clone(model),
         })
@@ -78,8 +78,8 @@ impl SoftwareRenderer {
         Ok(())
     }
 
-    /// Shows a flat texture of the model, which lends all others, in colours that depend on its own, row
-    /// and column of a pixel and its colour.
+    /// Shows a flat texture of the model, which lends all others, in colors that depend on its own, row
+    /// and column of a pixel and its color.
     pub fn recolor(&mut self, index: usize, recolor: impl Fn([usize; 2], [u8; 3]) -> [u8; 3]) {
         if let Some(Slot::Flat(slot)) = self.shared.slots.get(index).copied() {
             // What others show stays as it is.
@@ -89,14 +89,14 @@ impl SoftwareRenderer {
         }
     }
 
-    /// Writes the picture of the simulation as it stands computed, `[height, width, 3]`.
+    /// Writes the image of the simulation as it stands computed, `[height, width, 3]`.
     ///
     /// # Errors
     ///
     /// The simulation is of a model with other objects, or `pixels` has another length.
     pub fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) -> Result<(), MujocoError> {
         self.describe(sim)?;
-        Ok(self.renderer.render(&self.picture, &self.store.assets, pixels)?)
+        Ok(self.renderer.render(&self.image, &self.store.assets, pixels)?)
     }
 
     /// Writes what each pixel shows, `[height, width]`: the index of a geom, -2 - index of a site,
@@ -111,7 +111,7 @@ impl SoftwareRenderer {
         segments: &mut [i32],
     ) -> Result<(), MujocoError> {
         self.describe(sim)?;
-        Ok(self.renderer.render_segmentation(&self.picture, &self.store.assets, segments)?)
+        Ok(self.renderer.render_segmentation(&self.image, &self.store.assets, segments)?)
     }
 
     /// Writes the distance of each pixel along the camera's axis, m, `[height, width]`.
@@ -121,38 +121,38 @@ impl SoftwareRenderer {
     /// The simulation is of a model with other objects, or `depth` has another length.
     pub fn draw_depth(&mut self, sim: &mut Simulation, depth: &mut [f32]) -> Result<(), MujocoError> {
         self.describe(sim)?;
-        Ok(self.renderer.render_depth(&self.picture, &self.store.assets, depth)?)
+        Ok(self.renderer.render_depth(&self.image, &self.store.assets, depth)?)
     }
 
-    /// As [`SoftwareRenderer::draw_segmentation`], of the picture that was drawn last.
+    /// As [`SoftwareRenderer::draw_segmentation`], of the image that was drawn last.
     ///
     /// # Errors
     ///
     /// `segments` has another length.
     pub fn segmentation_of_last(&mut self, segments: &mut [i32]) -> Result<(), MujocoError> {
-        Ok(self.renderer.segmentation_of_last(&self.picture, &self.store.assets, segments)?)
+        Ok(self.renderer.segmentation_of_last(&self.image, &self.store.assets, segments)?)
     }
 
-    /// As [`SoftwareRenderer::draw_depth`], of the picture that was drawn last.
+    /// As [`SoftwareRenderer::draw_depth`], of the image that was drawn last.
     ///
     /// # Errors
     ///
     /// `depth` has another length.
     pub fn depth_of_last(&mut self, depth: &mut [f32]) -> Result<(), MujocoError> {
-        Ok(self.renderer.depth_of_last(&self.picture, &self.store.assets, depth)?)
+        Ok(self.renderer.depth_of_last(&self.image, &self.store.assets, depth)?)
     }
 
     fn describe(&mut self, sim: &mut Simulation) -> Result<(), MujocoError> {
         self.scene.update(sim)?;
-        let Self { model, looks, store, scene, picture, .. } = self;
+        let Self { model, looks, store, scene, image, .. } = self;
         let [left, right] = scene.eyes();
-        picture.camera = camera(left, right);
-        picture.sky = store.sky;
-        picture.lights.clear();
-        picture.lights.extend(scene.lights().iter().filter_map(|light| lamp(light, looks)));
-        picture.instances.clear();
-        picture.instances.extend(scene.geoms().iter().filter_map(|geom| instance(geom, model, store)));
-        picture.haze = scene.geoms().iter().find_map(|geom| haze(geom, looks, &picture.camera));
+        image.camera = camera(left, right);
+        image.sky = store.sky;
+        image.lights.clear();
+        image.lights.extend(scene.lights().iter().filter_map(|light| lamp(light, looks)));
+        image.instances.clear();
+        image.instances.extend(scene.geoms().iter().filter_map(|geom| instance(geom, model, store)));
+        image.haze = scene.geoms().iter().find_map(|geom| haze(geom, looks, &image.camera));
         Ok(())
     }
 }

@@ -33,7 +33,7 @@ impl Store {
         if let Some(store) = found.and_then(|(_, store)| store.upgrade()) {
             return Ok(store);
         }
-        // Most textures of an edited model are those of another: a sky box takes longer to read than a picture to draw.
+        // Most textures of an edited model are those of another: a sky box takes longer to read than an image to draw.
         let others: Vec<(Arc<Model>, Arc<Store>)> =
             known.iter().filter_map(|(model, store)| Some((model.upgrade()?, store.upgrade()?))).collect();
         let store = Arc::new(Self::new(model, &others)?);

@@ -95,7 +95,7 @@ fn segment(geom: &mjvGeom) -> i32 {
     }
 }
 
-/// What pictures of segments show for things that are neither geoms nor sites.
+/// What images of segments show for things that are neither geoms nor sites.
 const OTHER: i32 = i32::MIN;
 
 /// Facets of a plane: as long as twice the geom's third size, and not more than MuJoCo has room for.

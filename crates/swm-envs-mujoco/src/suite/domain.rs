@@ -21,7 +21,7 @@ pub struct Domain {
     pub substeps: u32,
     /// Simulated seconds after which an episode is cut.
     pub time_limit_s: f64,
-    /// Index of the camera that pictures are taken from.
+    /// Index of the camera that images are taken from.
     pub camera: usize,
     /// Its tasks; the first is the default.
     pub tasks: &'static [TaskEntry],

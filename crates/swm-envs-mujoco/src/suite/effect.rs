@@ -18,11 +18,11 @@ pub struct Control {
 
 /// What a factor does. The effects that recompile cost a fraction of a millisecond at a reset, the others microseconds.
 pub enum Effect {
-    /// In place: the colour of a material; three numbers, 0..1.
+    /// In place: the color of a material; three numbers, 0..1.
     Material(&'static str),
-    /// In place: the two colours of a built-in checker texture; six numbers, 0..1.
+    /// In place: the two colors of a built-in checker texture; six numbers, 0..1.
     Checker(&'static str),
-    /// In place: the brightness of a light's diffuse colour; one number, 0..1.
+    /// In place: the brightness of a light's diffuse color; one number, 0..1.
     Light(&'static str),
     /// In place: the sliding friction between this geom, the floor, and everything else.
     ///
@@ -60,7 +60,7 @@ impl Effect {
         matches!(self, Effect::Density(_) | Effect::Mass { .. } | Effect::Spec(_))
     }
 
-    /// The texture that it draws into: the one thing of pictures that the simulated model lacks.
+    /// The texture that it draws into: the one thing of images that the simulated model lacks.
     pub fn texture(&self) -> Option<&'static str> {
         if let Effect::Checker(name) = self { Some(name) } else { None }
     }
@@ -104,7 +104,7 @@ impl Effect {
         match self {
             Effect::Material(name) => {
                 let material = model.id(Object::Material, name)?;
-                set_colour(&mut model.mat_rgba_mut()[4 * material..], values);
+                set_color(&mut model.mat_rgba_mut()[4 * material..], values);
                 Ok(())
             }
             Effect::Checker(name) => {
@@ -129,7 +129,7 @@ impl Effect {
 }
 
 /// Sets red, green and blue, and leaves what is behind them.
-pub fn set_colour(target: &mut [f32], rgb: &[f64]) {
+pub fn set_color(target: &mut [f32], rgb: &[f64]) {
     for (target, value) in target.iter_mut().zip(&rgb[..3]) {
         *target = *value as f32;
     }
@@ -172,8 +172,8 @@ fn draw_checker(model: &mut Model, texture: usize, rgb: &[f64]) {
                 continue;
             }
             let is_first = (row < height / 2) == (column < width / 2);
-            let colour = if is_first { &rgb[..3] } else { &rgb[3..6] };
-            for (target, value) in pixel.iter_mut().zip(colour) {
+            let color = if is_first { &rgb[..3] } else { &rgb[3..6] };
+            for (target, value) in pixel.iter_mut().zip(color) {
                 *target = byte(*value);
             }
         }
@@ -191,7 +191,7 @@ mod tests {
 
     /// An edit in place gives what the compiler makes of the same edit in the description.
     #[test]
-    fn colours_and_light_are_those_of_a_recompile() {
+    fn colors_and_light_are_those_of_a_recompile() {
         let mut spec = cheetah();
         let mut edited = spec.compile().unwrap();
         Effect::Material("self").edit_model(&mut edited, &[0.25, 0.5, 0.75]).unwrap();
@@ -209,11 +209,7 @@ mod tests {
         assert_eq!((edited.height, edited.width, edited.channels), (300, 300, 3));
         let pixels = edited.data.chunks_exact(3).zip(compiled.data.chunks_exact(3));
         let differing = pixels.enumerate().find(|(_, (a, b))| a != b);
-        assert_eq!(
-            differing.map(|(at, colours)| (at / 300, at % 300, colours)),
-            None,
-            "(row, column, colours)"
-        );
+        assert_eq!(differing.map(|(at, colors)| (at / 300, at % 300, colors)), None, "(row, column, colors)");
     }
 
     #[test]

@@ -11,8 +11,8 @@ use swm_fov::{Fov, FovSpace, SavedFov};
 
 use super::Stage;
 use super::domain::{Domain, Task, TaskEntry};
+use super::image::Image;
 use super::models::{Models, Origin};
-use super::picture::Picture;
 use super::settings::{OnDivergence, SETTINGS, Settings};
 use crate::error::MujocoError;
 use crate::views::{CameraName, Views, settings};
@@ -39,7 +39,7 @@ pub struct SuiteEnv {
     step_limit: u64,
     scratch: Vec<f64>,
     columns: Columns,
-    picture: Option<Picture>,
+    image: Option<Image>,
 }
 
 /// A saved moment.
@@ -88,7 +88,7 @@ impl SuiteEnv {
         let mut scratch = Vec::new();
         task.observe(&stage, &mut scratch);
         let camera = CameraName::Index(domain.camera);
-        let views = Views::new(&settings.pictures, &camera, stage.sim.model(), image)?;
+        let views = Views::new(&settings.images, &camera, stage.sim.model(), image)?;
         let (fields, columns) = fields(domain, &stage, scratch.len(), &space, views.as_ref());
         let spec = EnvSpec {
             id: domain.id.to_owned(),
@@ -99,11 +99,11 @@ impl SuiteEnv {
             start_columns: domain.start_columns,
             goal_columns: entry.goal_columns,
         };
-        let picture = views.map(|views| Picture::new(&models, views, &space.defaults())).transpose()?;
+        let image = views.map(|views| Image::new(&models, views, &space.defaults())).transpose()?;
         Ok(Self {
             spec,
             domain,
-            picture,
+            image,
             fov: space.defaults(),
             step_limit: (domain.time_limit_s / control_step_s).round() as u64,
             settings,
@@ -136,8 +136,8 @@ impl SuiteEnv {
         self.origin = origin;
         self.stage.sim.set_model(model)?;
         self.stage.forget_targets();
-        match &mut self.picture {
-            Some(picture) => picture.prepare(&self.models, &self.fov),
+        match &mut self.image {
+            Some(image) => image.prepare(&self.models, &self.fov),
             None => Ok(()),
         }
     }
@@ -222,7 +222,7 @@ impl Env for SuiteEnv {
     }
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
-        if let Some(failure) = self.picture.as_mut().and_then(Picture::take_failure) {
+        if let Some(failure) = self.image.as_mut().and_then(Image::take_failure) {
             return Err(failure.at_step(&self.spec.id));
         }
         self.set_controls(action)?;
@@ -253,7 +253,7 @@ impl Env for SuiteEnv {
     }
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
-        let Self { stage, task, scratch, columns, domain, picture, .. } = self;
+        let Self { stage, task, scratch, columns, domain, image, .. } = self;
         scratch.clear();
         task.observe(stage, scratch);
         for (target, value) in out.at::<f32>(OBSERVATION).iter_mut().zip(&*scratch) {
@@ -279,8 +279,8 @@ impl Env for SuiteEnv {
         for index in 0..domain.targets.len() {
             out.write(columns.targets + index, stage.target(index));
         }
-        if let Some(picture) = picture {
-            picture.write(&mut stage.sim, columns.pixels, out);
+        if let Some(image) = image {
+            image.write(&mut stage.sim, columns.pixels, out);
         }
     }
 
@@ -326,7 +326,7 @@ impl Env for SuiteEnv {
     }
 
     fn renderer(&self) -> Option<String> {
-        self.picture.as_ref().map(Picture::renderer)
+        self.image.as_ref().map(Image::renderer)
     }
 
     fn is_truncated(&self) -> bool {

@@ -3,26 +3,26 @@
 use swm_core::{Dtype, Space, Value};
 use swm_fov::Factor;
 
-use super::effect::{Control, Effect, set_colour};
+use super::effect::{Control, Effect, set_color};
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object};
 
-/// A colour, `[3]`, 0..1.
-pub fn colour(name: &str, default: [f64; 3], doc: &str, effect: Effect) -> Control {
+/// A color, `[3]`, 0..1.
+pub fn color(name: &str, default: [f64; 3], doc: &str, effect: Effect) -> Control {
     let space = Space::uniform_box(Dtype::F64, &[3], 0.0, 1.0);
     Control { factor: Factor::new(name, space, Value::vector(&default)).doc(doc), effect }
 }
 
 /// `agent.color`: the material `self`.
 pub fn agent_color(default: [f64; 3]) -> Control {
-    colour("agent.color", default, "colour of the agent", Effect::Material("self"))
+    color("agent.color", default, "color of the agent", Effect::Material("self"))
 }
 
 /// `floor.color`, `[2, 3]`: the checker `grid`.
 pub fn floor_color() -> Control {
     let space = Space::uniform_box(Dtype::F64, &[2, 3], 0.0, 1.0);
     let default = Value { shape: vec![2, 3], ..Value::vector(&[0.1, 0.2, 0.3, 0.2, 0.3, 0.4]) };
-    let factor = Factor::new("floor.color", space, default).doc("the two colours of the floor's checker");
+    let factor = Factor::new("floor.color", space, default).doc("the two colors of the floor's checker");
     Control { factor, effect: Effect::Checker("grid") }
 }
 
@@ -73,26 +73,26 @@ pub fn show_site(model: &mut Model, name: &str) -> Result<usize, MujocoError> {
     Ok(site)
 }
 
-/// Gives a site a colour of its own.
-pub fn set_site_colour(model: &mut Model, site: usize, rgb: &[f64]) {
-    set_colour(&mut model.site_rgba_mut()[4 * site..], &own_colour(rgb));
+/// Gives a site a color of its own.
+pub fn set_site_color(model: &mut Model, site: usize, rgb: &[f64]) {
+    set_color(&mut model.site_rgba_mut()[4 * site..], &own_color(rgb));
 }
 
-/// Gives geoms a colour of their own.
+/// Gives geoms a color of their own.
 ///
 /// # Errors
 ///
 /// [`MujocoError::NoObject`].
-pub fn set_geom_colour(model: &mut Model, names: &[&str], rgb: &[f64]) -> Result<(), MujocoError> {
+pub fn set_geom_color(model: &mut Model, names: &[&str], rgb: &[f64]) -> Result<(), MujocoError> {
     for name in names {
         let geom = model.id(Object::Geom, name)?;
-        set_colour(&mut model.geom_rgba_mut()[4 * geom..], &own_colour(rgb));
+        set_color(&mut model.geom_rgba_mut()[4 * geom..], &own_color(rgb));
     }
     Ok(())
 }
 
-/// A colour that MuJoCo does not take for "that of the material", as it does half grey.
-fn own_colour(rgb: &[f64]) -> [f64; 3] {
-    let colour = [rgb[0], rgb[1], rgb[2]];
-    if colour == [0.5; 3] { [0.5, 0.5, 0.501] } else { colour }
+/// A color that MuJoCo does not take for "that of the material", as it does half gray.
+fn own_color(rgb: &[f64]) -> [f64; 3] {
+    let color = [rgb[0], rgb[1], rgb[2]];
+    if color == [0.5; 3] { [0.5, 0.5, 0.501] } else { color }
 }

@@ -7,8 +7,8 @@ mod domain;
 mod effect;
 mod env;
 pub mod factors;
+mod image;
 mod models;
-mod picture;
 mod settings;
 mod stage;
 mod start;
@@ -17,7 +17,7 @@ mod tolerance;
 
 pub(crate) use domain::planner;
 pub use domain::{Domain, MakeEnv, START_COLUMNS, Task, TaskEntry, entry, make, unchanged};
-pub use effect::{Control, Effect, set_colour};
+pub use effect::{Control, Effect, set_color};
 pub use env::SuiteEnv;
 pub(crate) use env::recorded;
 pub use models::{Origin, description, edit_in_place};

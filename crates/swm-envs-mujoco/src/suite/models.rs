@@ -45,7 +45,7 @@ struct SharedModels {
     textured: Mutex<Option<Arc<Model>>>,
 }
 
-/// The description of a task's model, with the textures for pictures.
+/// The description of a task's model, with the textures for images.
 ///
 /// # Errors
 ///
@@ -90,7 +90,7 @@ impl Models {
         Ok((model, origin))
     }
 
-    /// The model that lends pictures its textures for these factors. Everything else in a picture is that of the
+    /// The model that lends images its textures for these factors. Everything else in an image is that of the
     /// simulation, so that nothing is compiled for it: of a model with textures, drawing the sky takes a quarter of a
     /// second. Nor is it copied for the floor, see [`Models::floor_colors`]. The factors are those of the last [`Models::model`], or the defaults.
     pub(super) fn textured_model(&self, fov: &Fov) -> Result<Arc<Model>, MujocoError> {
@@ -103,7 +103,7 @@ impl Models {
         Ok(model)
     }
 
-    /// The texture of the floor, and the colours that these factors give it, where they are not those of
+    /// The texture of the floor, and the colors that these factors give it, where they are not those of
     /// [`Models::textured_model`].
     pub(super) fn floor_colors(&self, fov: &Fov) -> Result<Option<(usize, CheckerColors)>, MujocoError> {
         let is_other = |name: &str| fov.value(name) != self.defaults.value(name);
@@ -112,7 +112,7 @@ impl Models {
         let (texture, name) = (control.effect.texture().unwrap_or_default(), control.factor.name());
         let texture = self.shared.complete.id(Object::Texture, texture)?;
         let colors = CheckerColors::new(&values(&self.defaults, name), &values(fov, name));
-        // The suite marks edges, in the very colour of a field.
+        // The suite marks edges, in the very color of a field.
         let [width, height, _] = self.shared.textured(self)?.texture_size(texture);
         Ok(Some((texture, colors.within_edge([height, width]))))
     }
@@ -142,7 +142,7 @@ impl Models {
 }
 
 impl SharedModels {
-    /// The model with textures; compiled for the first picture.
+    /// The model with textures; compiled for the first image.
     fn textured(&self, of: &Models) -> Result<Arc<Model>, MujocoError> {
         let mut textured = self.textured.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(model) = &*textured {
@@ -179,7 +179,7 @@ impl SharedModels {
     }
 }
 
-/// The description without what only pictures need.
+/// The description without what only images need.
 fn physics_description(domain: &Domain, task: &str) -> Result<Spec, MujocoError> {
     let mut spec = description(domain, task)?;
     spec.shrink_textures();
@@ -238,9 +238,9 @@ mod tests {
         &crate::walker::DOMAIN,
     ];
 
-    /// Of what pictures take from the model with textures, a compilation for the factors would change nothing.
+    /// Of what images take from the model with textures, a compilation for the factors would change nothing.
     #[test]
-    fn pictures_need_no_compilation() {
+    fn images_need_no_compilation() {
         for domain in DOMAINS {
             let (mut models, space) = Models::new(domain, domain.tasks[0].name, false).unwrap();
             let options = ResetOptions::default().vary(&["all"]);

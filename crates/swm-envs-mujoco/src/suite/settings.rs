@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use swm_core::Setting;
 
-use crate::views::settings::{PICTURE_SETTINGS, PictureSettings, with_picture_settings};
+use crate::views::settings::{IMAGE_SETTINGS, Imagesettings, with_image_settings};
 
 /// Constructor settings. Unknown names are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -14,7 +14,7 @@ pub(super) struct Settings {
     pub action_repeat: u32,
     pub on_divergence: OnDivergence,
     #[serde(flatten)]
-    pub pictures: PictureSettings,
+    pub images: Imagesettings,
 }
 
 /// What happens when the simulation means nothing any more.
@@ -33,14 +33,14 @@ impl Default for Settings {
             stock: false,
             action_repeat: 2,
             on_divergence: OnDivergence::Error,
-            pictures: PictureSettings::default(),
+            images: Imagesettings::default(),
         }
     }
 }
 
 /// The settings for help and docs, one per field of `Settings`.
 pub(super) const SETTINGS: &[Setting] =
-    &with_picture_settings::<4, { 4 + PICTURE_SETTINGS }>(OWN, "0; quadruped 2");
+    &with_image_settings::<4, { 4 + IMAGE_SETTINGS }>(OWN, "0; quadruped 2");
 
 const OWN: [Setting; 4] = [
     Setting {

@@ -22,10 +22,10 @@ pub fn normal(stream: &mut Stream) -> f64 {
 
 /// A vector of the length 1 with the direction of `N` standard normal numbers: uniform over directions.
 pub fn direction<const N: usize>(stream: &mut Stream) -> [f64; N] {
-    normalised(std::array::from_fn(|_| normal(stream)))
+    normalized(std::array::from_fn(|_| normal(stream)))
 }
 
-fn normalised<const N: usize>(vector: [f64; N]) -> [f64; N] {
+fn normalized<const N: usize>(vector: [f64; N]) -> [f64; N] {
     let norm = vector.iter().map(|v| v * v).sum::<f64>().sqrt();
     // All of them zero: as good a direction as any other, and as rare.
     if norm == 0.0 { std::array::from_fn(|i| f64::from(u8::from(i == 0))) } else { vector.map(|v| v / norm) }
@@ -33,7 +33,7 @@ fn normalised<const N: usize>(vector: [f64; N]) -> [f64; N] {
 
 /// Draws every joint, as `dm_control`'s `randomize_limited_and_rotational_joints`: limited joints over their range,
 /// hinges without limits over a full turn, rotations of ball joints uniformly; slides without limits stay. The rotation
-/// of a free joint is four numbers from 0 to 1, normalised: always in the positive orthant, a bias of the suite.
+/// of a free joint is four numbers from 0 to 1, normalized: always in the positive orthant, a bias of the suite.
 pub fn randomize_joints(sim: &mut Simulation, stream: &mut Stream) {
     for joint in 0..sim.model().njnt() {
         let (kind, limits) = (sim.model().joint_kind(joint), sim.model().joint_limits(joint));
@@ -59,7 +59,7 @@ pub fn randomize_joints(sim: &mut Simulation, stream: &mut Stream) {
                 sim.qpos_mut()[at..at + 4].copy_from_slice(&direction::<4>(stream));
             }
             (JointKind::Free, _) => {
-                let rotation = normalised(std::array::from_fn::<f64, 4, _>(|_| uniform(stream, 0.0, 1.0)));
+                let rotation = normalized(std::array::from_fn::<f64, 4, _>(|_| uniform(stream, 0.0, 1.0)));
                 sim.qpos_mut()[at + 3..at + 7].copy_from_slice(&rotation);
             }
         }

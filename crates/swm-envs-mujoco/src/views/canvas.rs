@@ -1,4 +1,4 @@
-//! One camera's picture, by whichever renderer is asked for. Which cameras there are is not known here.
+//! One camera's image, by whichever renderer is asked for. Which cameras there are is not known here.
 
 use std::sync::Arc;
 
@@ -11,13 +11,13 @@ use crate::ffi::gl::GlRenderer;
 use crate::ffi::{Model, Simulation};
 use crate::software::SoftwareRenderer;
 
-/// What becomes of a texture's pixel: its row and column, and its colour, lead to another colour.
+/// What becomes of a texture's pixel: its row and column, and its color, lead to another color.
 pub(crate) type Recolor<'a> = dyn Fn([usize; 2], [u8; 3]) -> [u8; 3] + 'a;
 
 /// What draws, and whether it did.
 pub(super) struct Canvas {
     drawer: Drawer,
-    /// Why the last picture is black.
+    /// Why the last image is black.
     failure: Option<MujocoError>,
 }
 
@@ -27,7 +27,7 @@ enum Drawer {
 }
 
 impl Canvas {
-    /// For pictures of simulations of models with the same objects as this one, which lends textures and meshes.
+    /// For images of simulations of models with the same objects as this one, which lends textures and meshes.
     pub(super) fn new(
         model: &Arc<Model>,
         renderer: Renderer,
@@ -53,7 +53,7 @@ impl Canvas {
         }
     }
 
-    /// Shows a flat texture of `model`, which lends all others, in colours that depend on its own.
+    /// Shows a flat texture of `model`, which lends all others, in colors that depend on its own.
     pub(super) fn recolor(
         &mut self,
         model: &Arc<Model>,
@@ -92,7 +92,7 @@ impl Canvas {
         }
     }
 
-    /// Writes the depth of the picture that was drawn last, `[height, width]`, m; 0 where that fails.
+    /// Writes the depth of the image that was drawn last, `[height, width]`, m; 0 where that fails.
     pub(super) fn write_depth(&mut self, depth: &mut [f32]) {
         let written = match &mut self.drawer {
             Drawer::Software(renderer) => renderer.depth_of_last(depth),
@@ -104,7 +104,7 @@ impl Canvas {
         }
     }
 
-    /// Writes which geoms the picture that was drawn last shows, `[height, width]`; -1 where that fails.
+    /// Writes which geoms the image that was drawn last shows, `[height, width]`; -1 where that fails.
     pub(super) fn write_segmentation(&mut self, segments: &mut [i32]) {
         let written = match &mut self.drawer {
             Drawer::Software(renderer) => renderer.segmentation_of_last(segments),
@@ -116,7 +116,7 @@ impl Canvas {
         }
     }
 
-    /// Why a picture is black, once.
+    /// Why an image is black, once.
     pub(super) fn take_failure(&mut self) -> Option<MujocoError> {
         self.failure.take()
     }

@@ -1,5 +1,5 @@
-//! Which pictures an environment puts into its rows, and in which columns: cameras, depth, segmentation, quality. How a
-//! picture is drawn is not known here.
+//! Which images an environment puts into its rows, and in which columns: cameras, depth, segmentation, quality. How a
+//! image is drawn is not known here.
 
 mod canvas;
 mod checker;
@@ -16,7 +16,7 @@ use crate::ffi::{Model, Object, Simulation};
 use canvas::{Canvas, Recolor};
 pub(crate) use checker::CheckerColors;
 pub(crate) use settings::CameraName;
-use settings::{PictureSettings, Renderer};
+use settings::{Imagesettings, Renderer};
 
 /// Depth of [`PIXELS`], f32 `[H, W]`, m.
 const DEPTH: &str = "pixels_depth";
@@ -43,9 +43,9 @@ pub(crate) struct Views {
 
 impl Views {
     /// Looks up the cameras in the model; `camera` is the one that [`PIXELS`] shows unless another is asked for. Settings are
-    /// checked where no pictures of a `size` are wanted, too.
+    /// checked where no images of a `size` are wanted, too.
     pub(crate) fn new(
-        wanted: &PictureSettings,
+        wanted: &Imagesettings,
         camera: &CameraName,
         model: &Model,
         size: Option<ImageSize>,
@@ -54,7 +54,7 @@ impl Views {
         let has_labels = wanted.depth || wanted.segmentation;
         if renderer == Renderer::Gl && (has_labels || quality != Quality::default()) {
             let reason = "depth, segmentation, antialias, shadows and reflections need `renderer=software`";
-            return Err(MujocoError::Pictures { reason: reason.to_owned() });
+            return Err(MujocoError::Images { reason: reason.to_owned() });
         }
         let names = model.names(Object::Camera);
         let mut views: Vec<View> = Vec::new();
@@ -68,7 +68,7 @@ impl Views {
                 CameraName::Name(name) => names.iter().position(|known| known == name).ok_or_else(|| {
                     let known: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
                     let reason = format!("unknown camera `{name}`; there are {}", known.join(", "));
-                    MujocoError::Pictures { reason }
+                    MujocoError::Images { reason }
                 })?,
             };
             let suffix = match (number, names[index].as_str()) {
@@ -85,14 +85,14 @@ impl Views {
             };
             if views.contains(&view) {
                 let reason = format!("the camera `{}` is named twice", &suffix[1..]);
-                return Err(MujocoError::Pictures { reason });
+                return Err(MujocoError::Images { reason });
             }
             views.push(view);
         }
         Ok(size.map(|size| Self { views, renderer, quality, size }))
     }
 
-    /// The columns, in the order in which [`Pictures::write`] expects them.
+    /// The columns, in the order in which [`Images::write`] expects them.
     pub(crate) fn fields(&self) -> Vec<Field> {
         let ImageSize { height, width } = self.size;
         let mut fields = Vec::new();
@@ -106,13 +106,13 @@ impl Views {
     }
 }
 
-/// Draws all pictures of an environment.
-pub(crate) struct Pictures {
+/// Draws all images of an environment.
+pub(crate) struct Images {
     views: Views,
     canvases: Vec<Canvas>,
 }
 
-impl Pictures {
+impl Images {
     /// For simulations of models with the same objects as this one, which lends textures and meshes.
     pub(crate) fn new(views: Views, model: &Arc<Model>) -> Result<Self, MujocoError> {
         let canvas = |view: &View| Canvas::new(model, views.renderer, view.camera, views.size, views.quality);
@@ -125,7 +125,7 @@ impl Pictures {
         self.canvases.iter_mut().try_for_each(|canvas| canvas.set_model(model))
     }
 
-    /// Shows a flat texture of `model`, which lends all others, in colours that depend on its own.
+    /// Shows a flat texture of `model`, which lends all others, in colors that depend on its own.
     pub(crate) fn recolor(
         &mut self,
         model: &Arc<Model>,
@@ -165,7 +165,7 @@ impl Pictures {
         }
     }
 
-    /// Why a picture is black, once.
+    /// Why an image is black, once.
     pub(crate) fn take_failure(&mut self) -> Option<MujocoError> {
         self.canvases.iter_mut().find_map(Canvas::take_failure)
     }

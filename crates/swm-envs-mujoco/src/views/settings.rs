@@ -1,18 +1,18 @@
-//! What may be chosen of pictures, the same for all environments: read, described, with its defaults.
+//! What may be chosen of images, the same for all environments: read, described, with its defaults.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use swm_core::{EnvConfig, EnvError, Setting};
 use swm_render::scene::Quality;
 
-/// The part of an environment's settings that is about pictures.
+/// The part of an environment's settings that is about images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub(crate) struct PictureSettings {
+pub(crate) struct Imagesettings {
     pub(super) renderer: Renderer,
-    /// Whose picture is the column `pixels`; `None`: the environment's own.
+    /// Whose image is the column `pixels`; `None`: the environment's own.
     pub(super) camera: Option<CameraName>,
-    /// Whose pictures are the columns `pixels.<camera>`.
+    /// Whose images are the columns `pixels.<camera>`.
     pub(super) cameras: CameraNames,
     pub(super) depth: bool,
     pub(super) segmentation: bool,
@@ -21,7 +21,7 @@ pub(crate) struct PictureSettings {
     reflections: bool,
 }
 
-impl Default for PictureSettings {
+impl Default for Imagesettings {
     fn default() -> Self {
         let Quality { antialias, shadows, reflections } = Quality::default();
         Self {
@@ -37,37 +37,37 @@ impl Default for PictureSettings {
     }
 }
 
-impl PictureSettings {
+impl Imagesettings {
     pub(super) fn quality(&self) -> Quality {
         let Self { antialias, shadows, reflections, .. } = *self;
         Quality { antialias, shadows, reflections }
     }
 }
 
-/// How many settings [`picture_settings`] describes: one per field of [`PictureSettings`].
-pub(crate) const PICTURE_SETTINGS: usize = 8;
+/// How many settings [`image_settings`] describes: one per field of [`Imagesettings`].
+pub(crate) const IMAGE_SETTINGS: usize = 8;
 
-/// Describes the settings of pictures, behind `own` ones; `camera`: the default one, in words.
-pub(crate) const fn with_picture_settings<const OWN: usize, const ALL: usize>(
+/// Describes the settings of images, behind `own` ones; `camera`: the default one, in words.
+pub(crate) const fn with_image_settings<const OWN: usize, const ALL: usize>(
     own: [Setting; OWN],
     camera: &'static str,
 ) -> [Setting; ALL] {
-    assert!(ALL == OWN + PICTURE_SETTINGS, "one place for each");
-    let pictures = picture_settings(camera);
-    let mut all = [pictures[0]; ALL];
+    assert!(ALL == OWN + IMAGE_SETTINGS, "one place for each");
+    let images = image_settings(camera);
+    let mut all = [images[0]; ALL];
     let mut index = 0;
     while index < ALL {
-        all[index] = if index < OWN { own[index] } else { pictures[index - OWN] };
+        all[index] = if index < OWN { own[index] } else { images[index - OWN] };
         index += 1;
     }
     all
 }
 
-const fn picture_settings(camera: &'static str) -> [Setting; PICTURE_SETTINGS] {
+const fn image_settings(camera: &'static str) -> [Setting; IMAGE_SETTINGS] {
     [
         Setting {
             name: "renderer",
-            doc: "what draws pictures: `software` needs nothing; `gl` is MuJoCo's own, with OpenGL through EGL or OSMesa",
+            doc: "what draws images: `software` needs nothing; `gl` is MuJoCo's own, with OpenGL through EGL or OSMesa",
             default: "software",
         },
         Setting {
@@ -82,7 +82,7 @@ const fn picture_settings(camera: &'static str) -> [Setting; PICTURE_SETTINGS] {
         },
         Setting {
             name: "depth",
-            doc: "whether there is a column `pixels_depth`, f32 in metres along the camera's axis, for each camera",
+            doc: "whether there is a column `pixels_depth`, f32 in meters along the camera's axis, for each camera",
             default: "false",
         },
         Setting {
@@ -123,7 +123,7 @@ pub(crate) fn read<T: DeserializeOwned>(
     config.parse_settings(env)
 }
 
-/// What draws pictures.
+/// What draws images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Renderer {

@@ -1,5 +1,5 @@
-//! The decoders of films behind one shape: samples go in, pictures come out in the order in which they are shown. What a
-//! sample is in a file, and which frame a picture is, is `reader`'s affair.
+//! The decoders of videos behind one shape: samples go in, images come out in the order in which they are shown. What a
+//! sample is in a file, and which frame an image is, is `reader`'s affair.
 
 use openh264::OpenH264API;
 use openh264::decoder::{DecodedYUV, Decoder, DecoderConfig, Flush};
@@ -8,22 +8,22 @@ use openh264::formats::YUVSource as _;
 use re_rav1d::dav1d::{self, PixelLayout, PlanarImageComponent};
 
 #[cfg(feature = "av1")]
-use super::parameters::Colours;
+use super::parameters::Colors;
 
-/// A decoded picture: planes of luma and of chroma at half resolution, 8 bits.
-pub(super) struct Picture<'a> {
+/// A decoded image: planes of luma and of chroma at half resolution, 8 bits.
+pub(super) struct Image<'a> {
     pub(super) width: usize,
     pub(super) height: usize,
     /// Bytes from one row of a plane to the next.
     pub(super) strides: [usize; 3],
     pub(super) planes: [&'a [u8]; 3],
-    /// What the picture itself says of its colours.
+    /// What the image itself says of its colors.
     #[cfg(feature = "av1")]
-    pub(super) colours: Option<Colours>,
+    pub(super) colors: Option<Colors>,
 }
 
-/// What is done with a picture.
-pub(super) type Take<'a> = &'a mut dyn FnMut(&Picture<'_>) -> Result<(), String>;
+/// What is done with an image.
+pub(super) type Take<'a> = &'a mut dyn FnMut(&Image<'_>) -> Result<(), String>;
 
 /// A decoder at work.
 pub(super) enum FrameDecoder {
@@ -42,7 +42,7 @@ impl FrameDecoder {
         Ok(Self::H264(Box::new(decoder)))
     }
 
-    /// A decoder of AV1 in one thread, for pictures of so many pixels at most.
+    /// A decoder of AV1 in one thread, for images of so many pixels at most.
     #[cfg(feature = "av1")]
     pub(super) fn av1(pixels: usize) -> Result<Self, String> {
         let mut settings = dav1d::Settings::new();
@@ -58,7 +58,7 @@ impl FrameDecoder {
     pub(super) fn decode(&mut self, sample: &[u8], take: Take<'_>) -> Result<(), String> {
         match self {
             Self::H264(decoder) => match decoder.decode(sample).map_err(|error| error.to_string())? {
-                Some(picture) => take(&of_h264(&picture)),
+                Some(image) => take(&of_h264(&image)),
                 None => Ok(()),
             },
             #[cfg(feature = "av1")]
@@ -76,12 +76,12 @@ impl FrameDecoder {
         }
     }
 
-    /// Hands on pictures that waited for later ones, which never come; how many there were.
+    /// Hands on images that waited for later ones, which never come; how many there were.
     pub(super) fn finish(&mut self, take: Take<'_>) -> Result<usize, String> {
         match self {
             Self::H264(decoder) => {
                 let rest = decoder.flush_remaining().map_err(|error| error.to_string())?;
-                rest.iter().try_for_each(|picture| take(&of_h264(picture)))?;
+                rest.iter().try_for_each(|image| take(&of_h264(image)))?;
                 Ok(rest.len())
             }
             #[cfg(feature = "av1")]
@@ -90,46 +90,46 @@ impl FrameDecoder {
     }
 }
 
-fn of_h264<'a>(picture: &'a DecodedYUV<'_>) -> Picture<'a> {
-    let ((width, height), strides) = (picture.dimensions(), picture.strides());
-    Picture {
+fn of_h264<'a>(image: &'a DecodedYUV<'_>) -> Image<'a> {
+    let ((width, height), strides) = (image.dimensions(), image.strides());
+    Image {
         width,
         height,
         strides: [strides.0, strides.1, strides.2],
-        planes: [picture.y(), picture.u(), picture.v()],
+        planes: [image.y(), image.u(), image.v()],
         #[cfg(feature = "av1")]
-        colours: None,
+        colors: None,
     }
 }
 
-/// Hands on all pictures that are ready; how many there were.
+/// Hands on all images that are ready; how many there were.
 #[cfg(feature = "av1")]
 fn drain(decoder: &mut dav1d::Decoder, take: Take<'_>) -> Result<usize, String> {
     /// BT.709 among the standard's matrices (ITU-T H.273, table 4).
     const BT709: u32 = 1;
     let mut shown = 0;
     loop {
-        let picture = match decoder.get_picture() {
-            Ok(picture) => picture,
+        let image = match decoder.get_image() {
+            Ok(image) => image,
             Err(dav1d::Error::Again) => return Ok(shown),
             Err(error) => return Err(error.to_string()),
         };
-        if picture.bit_depth() != 8 || !matches!(picture.pixel_layout(), PixelLayout::I420) {
-            return Err("its pictures are not of 8 bits with chroma at half resolution".to_owned());
+        if image.bit_depth() != 8 || !matches!(image.pixel_layout(), PixelLayout::I420) {
+            return Err("its images are not of 8 bits with chroma at half resolution".to_owned());
         }
         let parts = [PlanarImageComponent::Y, PlanarImageComponent::U, PlanarImageComponent::V];
-        let strides = parts.map(|part| picture.stride(part) as usize);
-        let planes = parts.map(|part| picture.plane(part));
-        let colours = Colours {
-            is_bt709: picture.matrix_coefficients() as u32 == BT709,
-            is_full_range: picture.color_range() as u32 == 1,
+        let strides = parts.map(|part| image.stride(part) as usize);
+        let planes = parts.map(|part| image.plane(part));
+        let colors = Colors {
+            is_bt709: image.matrix_coefficients() as u32 == BT709,
+            is_full_range: image.color_range() as u32 == 1,
         };
-        take(&Picture {
-            width: picture.width() as usize,
-            height: picture.height() as usize,
+        take(&Image {
+            width: image.width() as usize,
+            height: image.height() as usize,
             strides,
             planes: planes.each_ref().map(AsRef::as_ref),
-            colours: Some(colours),
+            colors: Some(colors),
         })?;
         shown += 1;
     }

@@ -1,17 +1,17 @@
-//! Where the pictures of an MP4 file lie: the tables of its first video track. Nothing is decoded here, and fragmented
+//! Where the images of an MP4 file lie: the tables of its first video track. Nothing is decoded here, and fragmented
 //! files are not read.
 //!
 //! Source of the format: ISO/IEC 14496-12 (boxes, sample tables) and 14496-15 (`avcC`).
 
 use std::io::{Read, Seek, SeekFrom};
 
-/// Tables above this size are taken for damage: 64 MiB describe a film of weeks.
+/// Tables above this size are taken for damage: 64 MiB describe a video of weeks.
 const MAX_TABLES: u64 = 64 << 20;
 
-/// Pictures of more pixels are taken for damage: 8192 x 8192.
+/// Images of more pixels are taken for damage: 8192 x 8192.
 const MAX_PIXELS: usize = 1 << 26;
 
-/// The samples of a film, in the order in which they are decoded.
+/// The samples of a video, in the order in which they are decoded.
 #[derive(Debug)]
 pub(super) struct Tables {
     /// Four letters: `avc1` is H.264, `av01` is AV1.
@@ -25,14 +25,14 @@ pub(super) struct Tables {
     pub(super) rate: f64,
 }
 
-/// One coded picture.
+/// One coded image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Sample {
     pub(super) offset: u64,
     pub(super) size: usize,
     /// Whether decoding can begin here.
     pub(super) key: bool,
-    /// Its place in the order in which pictures are shown.
+    /// Its place in the order in which images are shown.
     pub(super) shown: usize,
 }
 
@@ -63,10 +63,10 @@ impl Tables {
         let Some(&(codec, description)) = entry.first() else { return Err("it names no codec".to_owned()) };
         let (width, height) = (number(description, 24, 2)? as usize, number(description, 26, 2)? as usize);
         if width == 0 || height == 0 {
-            return Err("its pictures have no size".to_owned());
+            return Err("its images have no size".to_owned());
         }
         if height * width > MAX_PIXELS {
-            return Err(format!("its pictures have {height} x {width} pixels"));
+            return Err(format!("its images have {height} x {width} pixels"));
         }
         let sizes = sizes(find(table, b"stsz")?, length)?;
         let (mut samples, duration) = times(table, sizes.len())?;
@@ -156,7 +156,7 @@ fn sizes(table: &[u8], length: u64) -> Result<Vec<usize>, String> {
     if fixed != 0 {
         // Not bounded by the size of the table.
         if fixed.saturating_mul(count as u64) > length {
-            return Err(format!("{count} pictures of {fixed} bytes do not fit into it"));
+            return Err(format!("{count} images of {fixed} bytes do not fit into it"));
         }
         return Ok(vec![fixed as usize; count]);
     }
@@ -182,7 +182,7 @@ fn times(table: &[u8], count: usize) -> Result<(Vec<Sample>, u64), String> {
         }
     }
     if shown_at.len() != count {
-        return Err(format!("{} of {count} pictures have a time", shown_at.len()));
+        return Err(format!("{} of {count} images have a time", shown_at.len()));
     }
     if let Ok(shifts) = find(table, b"ctts") {
         let mut sample = 0;
@@ -228,7 +228,7 @@ fn place(table: &[u8], sizes: &[usize], length: u64, samples: &mut [Sample]) -> 
                 let (Some(target), Some(&size)) = (samples.get_mut(sample), sizes.get(sample)) else { break };
                 let end = offset.checked_add(size as u64).filter(|&end| end <= length);
                 let Some(end) = end else {
-                    return Err(format!("it was cut short: picture {sample} lies behind its end"));
+                    return Err(format!("it was cut short: image {sample} lies behind its end"));
                 };
                 (target.offset, target.size) = (offset, size);
                 offset = end;
@@ -238,11 +238,11 @@ fn place(table: &[u8], sizes: &[usize], length: u64, samples: &mut [Sample]) -> 
     }
     match sample == samples.len() {
         true => Ok(()),
-        false => Err(format!("{sample} of {} pictures have a place", samples.len())),
+        false => Err(format!("{sample} of {} images have a place", samples.len())),
     }
 }
 
-/// The number of entries that a table announces, if they are there.
+/// The number of entries that a table commits, if they are there.
 fn entries(table: &[u8], width: usize, at: usize) -> Result<usize, String> {
     let count = number(table, at, 4)? as usize;
     match count.checked_mul(width).and_then(|bytes| bytes.checked_add(at + 4)) {

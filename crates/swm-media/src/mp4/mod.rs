@@ -1,24 +1,24 @@
-//! Films: H.264, encoded and decoded by the bundled OpenH264; with the feature `av1`, AV1 is decoded too.
+//! Videos: H.264, encoded and decoded by the bundled OpenH264; with the feature `av1`, AV1 is decoded too.
 //!
-//! What is written: Baseline profile, 4:2:0, BT.709, constant quantiser, a key frame every tenth frame, the index before the pictures.
-//! Films of this kind play in every browser and editor; colours lose half their resolution, which a drawn scene shows
+//! What is written: Baseline profile, 4:2:0, BT.709, constant quantizer, a key frame every tenth frame, the index before the images.
+//! Videos of this kind play in every browser and editor; colors lose half their resolution, which a drawn scene shows
 //! at saturated edges.
 
-mod colours;
+mod colors;
 mod decoders;
 mod demux;
-mod film;
 mod parameters;
 mod planes;
 mod reader;
+mod video;
 
 use openh264::encoder::{
     Complexity, EncoderConfig, FrameRate, IntraFramePeriod, Profile, QpRange, RateControlMode, UsageType,
     VuiConfig,
 };
 
-pub use self::film::Film;
 pub use self::reader::Mp4Reader;
+pub use self::video::Video;
 
 use crate::clip::Clip;
 use crate::error::MediaError;
@@ -27,13 +27,13 @@ use crate::format::Format;
 /// The sides that OpenH264 encodes, in pixels.
 pub const SIDES: [usize; 2] = [16, 2160];
 
-/// How a film is encoded.
+/// How a video is encoded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mp4Options {
     /// Frames per second.
     pub frames_per_second: f64,
-    /// The quantiser, constant, on H.264's scale, where 51 is worst. The encoder's best is 12.
-    pub quantiser: u8,
+    /// The quantizer, constant, on H.264's scale, where 51 is worst. The encoder's best is 12.
+    pub quantizer: u8,
     /// Frames from one key frame to the next: decoding any frame decodes at most so many.
     pub key_frame_period: u32,
     /// Searches less for good predictions: about four times as fast.
@@ -44,19 +44,19 @@ impl Default for Mp4Options {
     fn default() -> Self {
         Self {
             frames_per_second: 25.0,
-            quantiser: QUANTISER,
+            quantizer: QUANTIZER,
             key_frame_period: KEY_FRAME_PERIOD,
             is_fast: false,
         }
     }
 }
 
-/// The quantiser, on H.264's scale from 0 (best) to 51. Flat scenes lose about 1 dB from here to 26; below, what is
-/// lost to the half-resolution colours dominates, and files only grow.
-const QUANTISER: u8 = 18;
+/// The quantizer, on H.264's scale from 0 (best) to 51. Flat scenes lose about 1 dB from here to 26; below, what is
+/// lost to the half-resolution colors dominates, and files only grow.
+const QUANTIZER: u8 = 18;
 
 /// Below this, the encoder changes nothing.
-pub const BEST_QUANTISER: u8 = 12;
+pub const BEST_QUANTIZER: u8 = 12;
 
 /// Frames from one key frame to the next; a viewer can jump to each of those.
 const KEY_FRAME_PERIOD: u32 = 10;
@@ -85,10 +85,10 @@ pub fn encode_frames<'a>(
     width: usize,
     options: &Mp4Options,
 ) -> Result<Vec<u8>, MediaError> {
-    let mut film = Film::new(height, width, options)?;
+    let mut video = Video::new(height, width, options)?;
     let frames: Vec<&[u8]> = frames.collect();
-    film.extend(&frames)?;
-    film.finish()
+    video.extend(&frames)?;
+    video.finish()
 }
 
 /// What to do about frames that are too small.
@@ -97,8 +97,8 @@ const WAY_OUT: &str = "enlarge small frames with `Clip::upscaled`, or save a .gi
 /// Settings with which OpenH264 has nothing to warn about; it would do so on standard error.
 fn settings(frames_per_second: f64, options: &Mp4Options) -> EncoderConfig {
     // To the encoder, 0 means "whatever you like".
-    let quantiser = options.quantiser.clamp(BEST_QUANTISER, 51);
-    // What is meant for screens looks for pictures that were scrolled and for new scenes, which takes half of the time and
+    let quantizer = options.quantizer.clamp(BEST_QUANTIZER, 51);
+    // What is meant for screens looks for images that were scrolled and for new scenes, which takes half of the time and
     // gains nothing on simulated scenes.
     let (usage, complexity) = match options.is_fast {
         true => (UsageType::CameraVideoRealTime, Complexity::Low),
@@ -108,9 +108,9 @@ fn settings(frames_per_second: f64, options: &Mp4Options) -> EncoderConfig {
         .profile(Profile::Baseline)
         .usage_type(usage)
         .complexity(complexity)
-        // `Off` would be a fixed quantiser of 26, the other modes need leave to skip frames.
+        // `Off` would be a fixed quantizer of 26, the other modes need leave to skip frames.
         .rate_control_mode(RateControlMode::Bufferbased)
-        .qp(QpRange::new(quantiser, quantiser))
+        .qp(QpRange::new(quantizer, quantizer))
         .skip_frames(false)
         .scene_change_detect(!options.is_fast)
         .adaptive_quantization(false)

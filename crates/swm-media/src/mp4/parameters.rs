@@ -1,11 +1,11 @@
-//! What the head of an H.264 stream says of its colours: which matrix, which range. Everything else in it is left to
+//! What the head of an H.264 stream says of its colors: which matrix, which range. Everything else in it is left to
 //! the decoder.
 //!
 //! Source: ITU-T H.264, 7.3.2.1.1 (sequence parameter set) and E.1.1 (VUI).
 
 /// How luma and chroma become red, green and blue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Colours {
+pub(super) struct Colors {
     /// ITU-R BT.709, else BT.601.
     pub(super) is_bt709: bool,
     /// 0 to 255, else studio range.
@@ -13,9 +13,9 @@ pub(super) struct Colours {
 }
 
 /// What players assume where the stream says nothing.
-const UNSAID: Colours = Colours { is_bt709: false, is_full_range: false };
+const UNSAID: Colors = Colors { is_bt709: false, is_full_range: false };
 
-impl Colours {
+impl Colors {
     /// From a sequence parameter set; what players assume if it says nothing or cannot be understood.
     pub(super) fn of(parameter_set: &[u8]) -> Self {
         parse(&without_escapes(parameter_set)).unwrap_or(UNSAID)
@@ -28,7 +28,7 @@ const HIGH_PROFILES: [u64; 12] = [100, 110, 122, 244, 44, 83, 86, 118, 128, 138,
 const EXTENDED_ASPECT_RATIO: u64 = 255;
 const BT709: u64 = 1;
 
-fn parse(bytes: &[u8]) -> Option<Colours> {
+fn parse(bytes: &[u8]) -> Option<Colors> {
     let mut bits = Bits { bytes, at: 8 };
     let profile = bits.take(8)?;
     bits.take(16)?;
@@ -89,7 +89,7 @@ fn parse(bytes: &[u8]) -> Option<Colours> {
         bits.take(16)?;
         bits.take(8)? == BT709
     };
-    Some(Colours { is_bt709, is_full_range })
+    Some(Colors { is_bt709, is_full_range })
 }
 
 /// The payload of a NAL unit: a 3 after two zeros only keeps them from looking like a start code.
@@ -140,7 +140,7 @@ mod tests {
     #[test]
     fn nonsense_gives_what_players_assume() {
         for bytes in [&[][..], &[0x67], &[0; 40]] {
-            assert_eq!(Colours::of(bytes), UNSAID);
+            assert_eq!(Colors::of(bytes), UNSAID);
         }
     }
 

@@ -5,7 +5,7 @@
 
 use openh264::formats::YUVSlices;
 
-use crate::planar::split_colours;
+use crate::planar::split_colors;
 
 /// The weights of red and blue in luma; green has the rest.
 const RED: f64 = 0.2126;
@@ -22,7 +22,7 @@ const LUMA: [i32; 3] = {
     [red, full - red - blue, blue]
 };
 
-/// The two chroma planes from red, green and blue. Each sums to 0, so that grey is exactly 128.
+/// The two chroma planes from red, green and blue. Each sums to 0, so that gray is exactly 128.
 const CHROMA: [[i32; 3]; 2] = {
     let half = scaled(112.0);
     let blue_red = -scaled(112.0 * RED / (1.0 - BLUE));
@@ -34,7 +34,7 @@ const fn scaled(per_unit: f64) -> i32 {
     (per_unit / 255.0 * ONE + 0.5) as i32
 }
 
-/// The planes of one frame, reused for all frames of a film.
+/// The planes of one frame, reused for all frames of a video.
 pub(super) struct Planes {
     frame_height: usize,
     frame_width: usize,
@@ -43,9 +43,9 @@ pub(super) struct Planes {
     /// `[H, W]`, then twice `[H / 2, W / 2]`.
     luma: Vec<u8>,
     chroma: [Vec<u8>; 2],
-    /// The colours of two rows, `[W]` each: side by side, they are many to an instruction.
+    /// The colors of two rows, `[W]` each: side by side, they are many to an instruction.
     rows: [[Vec<u8>; 3]; 2],
-    /// Of each colour, the sums of 2 x 2 pixels, `[W / 2]`.
+    /// Of each color, the sums of 2 x 2 pixels, `[W / 2]`.
     sums: [Vec<u16>; 3],
 }
 
@@ -78,10 +78,10 @@ impl Planes {
             let rows = luma.chunks_exact_mut(self.width).zip(&mut self.rows).enumerate();
             for (y, (luma, [red, green, blue])) in rows {
                 let row = &frame[(2 * pair + y).min(last) * 3 * width..][..3 * width];
-                split_colours(row, [&mut red[..width], &mut green[..width], &mut blue[..width]]);
+                split_colors(row, [&mut red[..width], &mut green[..width], &mut blue[..width]]);
                 // A column that the frame lacks.
-                for colour in [&mut *red, &mut *green, &mut *blue] {
-                    colour[self.width - 1] = colour[width - 1];
+                for color in [&mut *red, &mut *green, &mut *blue] {
+                    color[self.width - 1] = color[width - 1];
                 }
                 luma_of([red, green, blue], luma);
             }
@@ -141,9 +141,9 @@ mod tests {
         planes
     }
 
-    /// Values of the colour bars of ITU-R BT.709 at full amplitude, from the standard's equations by hand.
+    /// Values of the color bars of ITU-R BT.709 at full amplitude, from the standard's equations by hand.
     #[test]
-    fn known_colours() {
+    fn known_colors() {
         let cases = [
             ([0, 0, 0], [16, 128, 128]),
             ([255, 255, 255], [235, 128, 128]),
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn every_grey_is_without_colour() {
+    fn every_gray_is_without_color() {
         for level in 0..=255 {
             let planes = planes_of(2, 2, &[level; 12]);
             assert_eq!(planes.chroma, [vec![128], vec![128]]);
@@ -170,8 +170,8 @@ mod tests {
 
     #[test]
     fn odd_sides_repeat_the_last_row_and_column() {
-        let grey: Vec<u8> = (0..9).map(|i| i * 20).collect();
-        let rgb: Vec<u8> = grey.iter().flat_map(|&g| [g; 3]).collect();
+        let gray: Vec<u8> = (0..9).map(|i| i * 20).collect();
+        let rgb: Vec<u8> = gray.iter().flat_map(|&g| [g; 3]).collect();
         let planes = planes_of(3, 3, &rgb);
         assert_eq!((planes.height, planes.width), (4, 4));
         let row = |y: usize| &planes.luma[y * 4..(y + 1) * 4];

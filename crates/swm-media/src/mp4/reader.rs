@@ -1,20 +1,20 @@
-//! Films read back: any frame, in any order, decoded from the key frame before it.
+//! Videos read back: any frame, in any order, decoded from the key frame before it.
 //!
 //! Reads what this crate and x264 write (H.264, Baseline to High profile, 4:2:0, 8 bits, B-frames) and, with the feature
-//! `av1`, AV1 (4:2:0, 8 bits), not fragmented files. Frames are numbered in the order in which they are shown. Colours
+//! `av1`, AV1 (4:2:0, 8 bits), not fragmented files. Frames are numbered in the order in which they are shown. Colors
 //! follow the matrix and the range that the stream names; BT.601 in studio range where it names none, as players do.
 
 use std::fmt;
 use std::io::{Read, Seek, SeekFrom};
 
-use super::colours::Conversion;
-use super::decoders::{FrameDecoder, Picture};
+use super::colors::Conversion;
+use super::decoders::{FrameDecoder, Image};
 use super::demux::{Tables, find, number};
-use super::parameters::Colours;
+use super::parameters::Colors;
 use crate::error::MediaError;
 use crate::format::Format;
 
-/// An open film.
+/// An open video.
 pub struct Mp4Reader<F> {
     file: F,
     tables: Tables,
@@ -22,7 +22,7 @@ pub struct Mp4Reader<F> {
     conversion: Conversion,
     /// Where decoding stands; none before the first frame and after an error.
     run: Option<Run>,
-    /// The coded picture that is being decoded.
+    /// The coded image that is being decoded.
     packet: Vec<u8>,
 }
 
@@ -43,21 +43,21 @@ struct Run {
 }
 
 impl<F: Read + Seek> Mp4Reader<F> {
-    /// Reads the tables of a film.
+    /// Reads the tables of a video.
     ///
     /// # Errors
     ///
     /// [`MediaError::Decode`] for what is no MP4 file, was cut short, or is of another codec.
     pub fn new(mut file: F) -> Result<Self, MediaError> {
         let tables = Tables::read(&mut file).map_err(wrong)?;
-        let (codec, colours) = match &tables.codec {
+        let (codec, colors) = match &tables.codec {
             b"avc1" | b"avc3" => {
                 let settings = find(&tables.description, b"avcC").map_err(wrong)?;
-                let (length_size, head, colours) = settings_of(settings).map_err(wrong)?;
-                (Codec::H264 { length_size, head }, colours)
+                let (length_size, head, colors) = settings_of(settings).map_err(wrong)?;
+                (Codec::H264 { length_size, head }, colors)
             }
             #[cfg(feature = "av1")]
-            b"av01" => (Codec::Av1, Colours::of(&[])),
+            b"av01" => (Codec::Av1, Colors::of(&[])),
             codec => {
                 let (codec, more) =
                     (codec.escape_ascii(), if cfg!(feature = "av1") { " and AV1 (`av01`)" } else { "" });
@@ -66,11 +66,11 @@ impl<F: Read + Seek> Mp4Reader<F> {
                 )));
             }
         };
-        let conversion = Conversion::new(colours);
+        let conversion = Conversion::new(colors);
         Ok(Self { file, tables, codec, conversion, run: None, packet: Vec::new() })
     }
 
-    /// Frames in the film.
+    /// Frames in the video.
     pub fn frames(&self) -> usize {
         self.tables.samples.len()
     }
@@ -80,7 +80,7 @@ impl<F: Read + Seek> Mp4Reader<F> {
         (self.tables.height, self.tables.width)
     }
 
-    /// Frames per second on the average; 0 for films without durations.
+    /// Frames per second on the average; 0 for videos without durations.
     pub fn frames_per_second(&self) -> f64 {
         self.tables.rate
     }
@@ -91,7 +91,7 @@ impl<F: Read + Seek> Mp4Reader<F> {
     ///
     /// # Errors
     ///
-    /// [`MediaError::Decode`] for frames that do not exist, a damaged stream, or pictures of another size than the
+    /// [`MediaError::Decode`] for frames that do not exist, a damaged stream, or images of another size than the
     /// file says.
     pub fn read(&mut self, first: usize, stride: usize, out: &mut [u8]) -> Result<(), MediaError> {
         let result = self.decode(first, stride.max(1), out);
@@ -116,24 +116,24 @@ impl<F: Read + Seek> Mp4Reader<F> {
         let (own, frames) = (self.conversion, self.tables.samples.len());
         while run.frame <= last {
             let Run { decoder, sample, frame } = &mut run;
-            let mut take = |picture: &Picture<'_>| {
+            let mut take = |image: &Image<'_>| {
                 let at = *frame;
                 *frame += 1;
                 if at < first || !(at - first).is_multiple_of(stride) {
                     return Ok(());
                 }
-                // A picture may be padded to whole blocks, never smaller.
-                if picture.width < width || picture.height < height {
-                    let there = (picture.height, picture.width);
+                // An image may be padded to whole blocks, never smaller.
+                if image.width < width || image.height < height {
+                    let there = (image.height, image.width);
                     return Err(format!(
-                        "a picture has {}x{} pixels instead of {height}x{width}",
+                        "an image has {}x{} pixels instead of {height}x{width}",
                         there.0, there.1
                     ));
                 }
                 #[cfg(feature = "av1")]
-                let own = picture.colours.map_or(own, Conversion::new);
+                let own = image.colors.map_or(own, Conversion::new);
                 match out.chunks_exact_mut(frame_bytes).nth((at - first) / stride) {
-                    Some(target) => own.rgb(picture, size, target),
+                    Some(target) => own.rgb(image, size, target),
                     None => Ok(()),
                 }
             };
@@ -195,14 +195,14 @@ fn load(
             at = (at + 4)
                 .checked_add(length)
                 .filter(|&end| end <= packet.len())
-                .ok_or("a picture is cut short")?;
+                .ok_or("an image is cut short")?;
         }
         return Ok(());
     }
     let (mut units, mut at) = (Vec::with_capacity(packet.len() + 64), 0);
     while at < packet.len() {
         let length = number(packet, at, length_size)? as usize;
-        let unit = packet.get(at + length_size..at + length_size + length).ok_or("a picture is cut short")?;
+        let unit = packet.get(at + length_size..at + length_size + length).ok_or("an image is cut short")?;
         units.extend([0, 0, 0, 1]);
         units.extend(unit);
         at += length_size + length;
@@ -211,10 +211,10 @@ fn load(
     Ok(())
 }
 
-/// What `avcC` says: the size of lengths, the parameter sets, and the colours in the first of them.
-fn settings_of(settings: &[u8]) -> Result<(usize, Vec<u8>, Colours), String> {
+/// What `avcC` says: the size of lengths, the parameter sets, and the colors in the first of them.
+fn settings_of(settings: &[u8]) -> Result<(usize, Vec<u8>, Colors), String> {
     let length_size = number(settings, 4, 1)? as usize % 4 + 1;
-    let (mut at, mut head, mut colours) = (5, Vec::new(), Colours::of(&[]));
+    let (mut at, mut head, mut colors) = (5, Vec::new(), Colors::of(&[]));
     for kind in 0..2 {
         let count = number(settings, at, 1)? & if kind == 0 { 0x1f } else { 0xff };
         at += 1;
@@ -222,14 +222,14 @@ fn settings_of(settings: &[u8]) -> Result<(usize, Vec<u8>, Colours), String> {
             let length = number(settings, at, 2)? as usize;
             let set = settings.get(at + 2..at + 2 + length).ok_or("its parameter sets are cut short")?;
             if kind == 0 && unit == 0 {
-                colours = Colours::of(set);
+                colors = Colors::of(set);
             }
             head.extend([0, 0, 0, 1]);
             head.extend(set);
             at += 2 + length;
         }
     }
-    Ok((length_size, head, colours))
+    Ok((length_size, head, colors))
 }
 
 impl<F> fmt::Debug for Mp4Reader<F> {

@@ -1,11 +1,11 @@
-//! Films in AV1: `square_av1.mp4` was encoded by SVT-AV1 4.1 through PyAV (CRF 20, a key frame every 8th frame, BT.709):
+//! Videos in AV1: `square_av1.mp4` was encoded by SVT-AV1 4.1 through PyAV (CRF 20, a key frame every 8th frame, BT.709):
 //! a red square that moves two pixels a frame before a gradient.
 
 use std::io::Cursor;
 
 use swm_media::mp4::Mp4Reader;
 
-const FILM: &[u8] = include_bytes!("../golden/square_av1.mp4");
+const VIDEO: &[u8] = include_bytes!("../golden/square_av1.mp4");
 const FRAMES: usize = 20;
 const HEIGHT: usize = 48;
 const WIDTH: usize = 64;
@@ -25,14 +25,14 @@ fn original(frame: usize) -> Vec<u8> {
 
 #[test]
 fn any_frame_can_be_read_in_any_order() {
-    let mut reader = Mp4Reader::new(Cursor::new(FILM)).unwrap();
+    let mut reader = Mp4Reader::new(Cursor::new(VIDEO)).unwrap();
     assert_eq!((reader.frames(), reader.size()), (FRAMES, (HEIGHT, WIDTH)));
     let mut all = vec![0; FRAMES * FRAME];
     reader.read(0, 1, &mut all).unwrap();
     for (at, found) in all.chunks_exact(FRAME).enumerate() {
         let squares: f64 =
             found.iter().zip(original(at)).map(|(&a, b)| (f64::from(a) - f64::from(b)).powi(2)).sum();
-        // libdav1d and PyAV's colours are 4.2 away from the original at most.
+        // libdav1d and PyAV's colors are 4.2 away from the original at most.
         let error = (squares / FRAME as f64).sqrt();
         assert!(error < 4.5, "frame {at}: {error}");
     }
@@ -50,10 +50,10 @@ fn any_frame_can_be_read_in_any_order() {
 }
 
 #[test]
-fn damaged_films_are_errors_or_other_pictures() {
+fn damaged_videos_are_errors_or_other_images() {
     let mut errors = 0;
     for number in 0..150usize {
-        let mut bytes = FILM.to_vec();
+        let mut bytes = VIDEO.to_vec();
         let at = number * 7919 % bytes.len();
         match number % 3 {
             0 => bytes[at] ^= 1 << (number % 8),

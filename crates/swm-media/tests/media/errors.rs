@@ -44,13 +44,13 @@ fn rates_that_are_none() {
         for format in [Format::Gif, Format::Mp4].into_iter().filter(|format| format.is_built()) {
             assert!(refusal(clip.encode(format)).contains(&rate.to_string()), "{format} at {rate}");
         }
-        assert!(clip.encode(Format::Png).is_ok(), "a picture has no rate");
+        assert!(clip.encode(Format::Png).is_ok(), "an image has no rate");
     }
 }
 
 #[test]
 fn unknown_extensions_list_the_known() {
-    for name in ["film.avi", "film", ".gif", "films/"] {
+    for name in ["video.avi", "video", ".gif", "videos/"] {
         let message = refusal(scene::drawn(16, 16, 1).save(name));
         assert!(message.contains(name.trim_end_matches('/')), "{message}");
         for format in Format::ALL {
@@ -77,7 +77,7 @@ fn frames_too_small_for_an_mp4() {
 #[cfg(not(feature = "mp4"))]
 #[test]
 fn a_build_without_mp4_says_how_to_get_it() {
-    let message = refusal(scene::drawn(32, 32, 2).save("film.mp4"));
+    let message = refusal(scene::drawn(32, 32, 2).save("video.mp4"));
     assert!(message.contains("feature `mp4`") && message.contains(".gif"), "{message}");
 }
 

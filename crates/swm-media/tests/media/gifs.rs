@@ -4,11 +4,11 @@ use swm_media::{Clip, Format};
 
 use crate::scene;
 
-struct Film {
+struct Video {
     repeat: gif::Repeat,
     /// Frames with a palette of their own.
     palettes: usize,
-    /// The pictures on the screen, `[H, W, 3]`.
+    /// The images on the screen, `[H, W, 3]`.
     frames: Vec<Vec<u8>>,
     delays: Vec<u16>,
     /// Pixels stored for each frame.
@@ -16,7 +16,7 @@ struct Film {
 }
 
 /// Plays the file as a viewer does: each stored rectangle over what stood there before.
-fn play(bytes: &[u8]) -> Film {
+fn play(bytes: &[u8]) -> Video {
     let mut decoder = gif::DecodeOptions::new().read_info(bytes).unwrap();
     let width = usize::from(decoder.width());
     let mut screen = vec![0; usize::from(decoder.height()) * width * 3];
@@ -29,62 +29,62 @@ fn play(bytes: &[u8]) -> Film {
         for (i, &index) in frame.buffer.iter().enumerate() {
             let columns = usize::from(frame.width);
             let [y, x] = [usize::from(frame.top) + i / columns, usize::from(frame.left) + i % columns];
-            let colour = &palette[usize::from(index) * 3..][..3];
-            screen[(y * width + x) * 3..][..3].copy_from_slice(colour);
+            let color = &palette[usize::from(index) * 3..][..3];
+            screen[(y * width + x) * 3..][..3].copy_from_slice(color);
         }
         frames.push(screen.clone());
         delays.push(frame.delay);
         stored.push(frame.buffer.len());
     }
-    Film { repeat: decoder.repeat(), palettes, frames, delays, stored }
+    Video { repeat: decoder.repeat(), palettes, frames, delays, stored }
 }
 
-fn encode(clip: &Clip) -> Film {
+fn encode(clip: &Clip) -> Video {
     play(&clip.encode(Format::Gif).unwrap())
 }
 
 #[test]
-fn a_drawn_film_is_exact() {
+fn a_drawn_video_is_exact() {
     let clip = scene::drawn(48, 65, 12);
-    let film = encode(&clip);
-    assert_eq!(film.palettes, 0);
-    assert_eq!(film.repeat, gif::Repeat::Infinite);
-    assert!(film.frames.iter().map(|f| &f[..]).eq(clip.frames()));
-    assert_eq!(film.delays, [10; 12]);
-    assert!(film.stored[1..].iter().all(|&pixels| pixels < 48 * 65 / 2), "{:?}", film.stored);
+    let video = encode(&clip);
+    assert_eq!(video.palettes, 0);
+    assert_eq!(video.repeat, gif::Repeat::Infinite);
+    assert!(video.frames.iter().map(|f| &f[..]).eq(clip.frames()));
+    assert_eq!(video.delays, [10; 12]);
+    assert!(video.stored[1..].iter().all(|&pixels| pixels < 48 * 65 / 2), "{:?}", video.stored);
 }
 
-/// 256 colours in each of two frames, none in common: two exact palettes.
+/// 256 colors in each of two frames, none in common: two exact palettes.
 #[test]
-fn each_frame_may_have_256_colours_of_its_own() {
+fn each_frame_may_have_256_colors_of_its_own() {
     let mut clip = Clip::new(16, 16, 5.0);
     for blue in [0, 200] {
         let frame: Vec<u8> = (0..=255).flat_map(|i| [i, 255 - i, blue]).collect();
         clip.push(&frame).unwrap();
     }
-    let film = encode(&clip);
-    assert_eq!(film.palettes, 2);
-    assert!(film.frames.iter().map(|f| &f[..]).eq(clip.frames()));
+    let video = encode(&clip);
+    assert_eq!(video.palettes, 2);
+    assert!(video.frames.iter().map(|f| &f[..]).eq(clip.frames()));
 }
 
 #[test]
-fn exactly_256_colours_share_a_palette() {
+fn exactly_256_colors_share_a_palette() {
     let mut clip = Clip::new(16, 16, 5.0);
     let frame: Vec<u8> = (0..=255).flat_map(|i| [i, 255 - i, 7]).collect();
     clip.push(&frame).unwrap();
     let turned: Vec<u8> = frame.chunks(3).rev().flatten().copied().collect();
     clip.push(&turned).unwrap();
-    let film = encode(&clip);
-    assert_eq!(film.palettes, 0);
-    assert!(film.frames.iter().map(|f| &f[..]).eq(clip.frames()));
+    let video = encode(&clip);
+    assert_eq!(video.palettes, 0);
+    assert!(video.frames.iter().map(|f| &f[..]).eq(clip.frames()));
 }
 
 #[test]
-fn many_colours_are_matched_closely() {
+fn many_colors_are_matched_closely() {
     let clip = scene::gradient(64, 64, 3);
-    let film = encode(&clip);
-    assert_eq!(film.frames.len(), 3);
-    for (frame, original) in film.frames.iter().zip(clip.frames()) {
+    let video = encode(&clip);
+    assert_eq!(video.frames.len(), 3);
+    for (frame, original) in video.frames.iter().zip(clip.frames()) {
         let psnr = scene::psnr(frame, original);
         assert!(psnr > 25.0, "{psnr} dB");
     }
@@ -95,9 +95,9 @@ fn a_frame_that_repeats_costs_one_pixel() {
     let mut clip = scene::drawn(32, 32, 1);
     let frame = clip.frames().next().unwrap().to_vec();
     clip.push(&frame).unwrap();
-    let film = encode(&clip);
-    assert_eq!(film.stored, [32 * 32, 1]);
-    assert_eq!(film.frames, [frame.clone(), frame]);
+    let video = encode(&clip);
+    assert_eq!(video.stored, [32 * 32, 1]);
+    assert_eq!(video.frames, [frame.clone(), frame]);
 }
 
 #[test]

@@ -7,8 +7,8 @@ mod av1;
 mod clips;
 mod errors;
 mod gifs;
+mod images;
 #[cfg(feature = "mp4")]
 mod mp4s;
-mod pictures;
 mod readers;
 mod scene;

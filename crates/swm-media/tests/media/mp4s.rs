@@ -1,4 +1,4 @@
-//! MP4 files: the boxes, read by a small reader of our own, and the pictures, read by OpenH264's decoder.
+//! MP4 files: the boxes, read by a small reader of our own, and the images, read by OpenH264's decoder.
 
 use std::ops::Range;
 
@@ -9,11 +9,11 @@ use swm_media::{Clip, Format};
 use crate::scene;
 
 /// A file and the parts of it that a player reads first.
-struct Film {
+struct Video {
     bytes: Vec<u8>,
 }
 
-impl Film {
+impl Video {
     fn of(clip: &Clip) -> Self {
         Self { bytes: clip.encode(Format::Mp4).unwrap() }
     }
@@ -95,30 +95,30 @@ impl Film {
         samples
     }
 
-    /// The pictures `[H, W, 3]` with their size.
+    /// The images `[H, W, 3]` with their size.
     fn play(&self) -> Vec<(usize, usize, Vec<u8>)> {
         let mut decoder = Decoder::new().unwrap();
         self.samples()
             .iter()
             .map(|sample| {
-                let picture = decoder.decode(sample).unwrap().expect("a picture for every sample");
-                let (width, height) = picture.dimensions();
-                (height, width, rgb(&picture))
+                let image = decoder.decode(sample).unwrap().expect("an image for every sample");
+                let (width, height) = image.dimensions();
+                (height, width, rgb(&image))
             })
             .collect()
     }
 }
 
 /// BT.709 in studio range to RGB, by the standard's equations.
-fn rgb(picture: &impl YUVSource) -> Vec<u8> {
-    let (width, height) = picture.dimensions();
-    let (luma_stride, chroma_stride, _) = picture.strides();
+fn rgb(image: &impl YUVSource) -> Vec<u8> {
+    let (width, height) = image.dimensions();
+    let (luma_stride, chroma_stride, _) = image.strides();
     let mut pixels = Vec::with_capacity(height * width * 3);
     for y in 0..height {
         for x in 0..width {
-            let luma = (f64::from(picture.y()[y * luma_stride + x]) - 16.0) / 219.0;
+            let luma = (f64::from(image.y()[y * luma_stride + x]) - 16.0) / 219.0;
             let at = y / 2 * chroma_stride + x / 2;
-            let [blue, red] = [picture.u()[at], picture.v()[at]].map(|c| (f64::from(c) - 128.0) / 224.0);
+            let [blue, red] = [image.u()[at], image.v()[at]].map(|c| (f64::from(c) - 128.0) / 224.0);
             let r = luma + 1.5748 * red;
             let b = luma + 1.8556 * blue;
             let g = (luma - 0.2126 * r - 0.0722 * b) / 0.7152;
@@ -129,60 +129,59 @@ fn rgb(picture: &impl YUVSource) -> Vec<u8> {
 }
 
 #[test]
-fn a_drawn_film_looks_like_the_original() {
+fn a_drawn_video_looks_like_the_original() {
     let clip = scene::drawn(224, 224, 15);
-    let film = Film::of(&clip);
-    let pictures = film.play();
-    assert_eq!(pictures.len(), 15);
+    let video = Video::of(&clip);
+    let images = video.play();
+    assert_eq!(images.len(), 15);
     let mut worst = f64::INFINITY;
-    for ((height, width, picture), original) in pictures.iter().zip(clip.frames()) {
+    for ((height, width, image), original) in images.iter().zip(clip.frames()) {
         assert_eq!((*height, *width), (224, 224));
-        worst = worst.min(scene::psnr(picture, original));
+        worst = worst.min(scene::psnr(image, original));
     }
-    println!("{} bytes, worst frame {worst:.1} dB", film.bytes.len());
+    println!("{} bytes, worst frame {worst:.1} dB", video.bytes.len());
     assert!(worst > 35.0, "{worst} dB");
 }
 
 #[test]
-fn flat_colours_stay() {
-    for colour in [[255, 0, 0], [0, 255, 0], [0, 0, 255], [65, 105, 225], [255, 255, 255], [0, 0, 0]] {
+fn flat_colors_stay() {
+    for color in [[255, 0, 0], [0, 255, 0], [0, 0, 255], [65, 105, 225], [255, 255, 255], [0, 0, 0]] {
         let mut clip = Clip::new(32, 32, 10.0);
-        clip.push(&colour.repeat(32 * 32)).unwrap();
-        clip.push(&colour.repeat(32 * 32)).unwrap();
-        for (_, _, picture) in Film::of(&clip).play() {
-            let off = picture.iter().zip(colour.iter().cycle()).map(|(a, b)| a.abs_diff(*b)).max();
-            assert!(off <= Some(3), "{colour:?} is off by {off:?}");
+        clip.push(&color.repeat(32 * 32)).unwrap();
+        clip.push(&color.repeat(32 * 32)).unwrap();
+        for (_, _, image) in Video::of(&clip).play() {
+            let off = image.iter().zip(color.iter().cycle()).map(|(a, b)| a.abs_diff(*b)).max();
+            assert!(off <= Some(3), "{color:?} is off by {off:?}");
         }
     }
 }
 
 #[test]
-fn the_boxes_are_those_of_a_film() {
+fn the_boxes_are_those_of_a_video() {
     let mut clip = Clip::new(48, 64, 25.0);
     for frame in scene::drawn(48, 64, 25).frames() {
         clip.push(frame).unwrap();
     }
-    let film = Film::of(&clip);
-    assert_eq!(film.names(), ["ftyp", "moov", "mdat"], "the index comes first");
-    assert_eq!(film.samples().len(), 25);
-    assert_eq!(film.durations(), [0.04; 25]);
-    assert_eq!(film.key_frames(), [0, 10, 20]);
-    let header = film.at("moov/trak/tkhd");
-    assert_eq!([8, 4].map(|back| film.number(header.end - back) >> 16), [64, 48], "width and height");
-    let clock = film.at("moov/mvhd").start;
-    assert_eq!([4, 8].map(|at| film.number(clock + at)), [0, 0], "no date");
+    let video = Video::of(&clip);
+    assert_eq!(video.names(), ["ftyp", "moov", "mdat"], "the index comes first");
+    assert_eq!(video.samples().len(), 25);
+    assert_eq!(video.durations(), [0.04; 25]);
+    assert_eq!(video.key_frames(), [0, 10, 20]);
+    let header = video.at("moov/trak/tkhd");
+    assert_eq!([8, 4].map(|back| video.number(header.end - back) >> 16), [64, 48], "width and height");
+    let clock = video.at("moov/mvhd").start;
+    assert_eq!([4, 8].map(|at| video.number(clock + at)), [0, 0], "no date");
 }
 
 #[test]
 fn odd_sides_grow_by_a_copy_of_the_edge() {
     let clip = scene::gradient(33, 47, 2);
-    for ((height, width, picture), original) in Film::of(&clip).play().into_iter().zip(clip.frames()) {
+    for ((height, width, image), original) in Video::of(&clip).play().into_iter().zip(clip.frames()) {
         assert_eq!((height, width), (34, 48));
-        let inside: Vec<u8> =
-            picture.chunks(48 * 3).take(33).flat_map(|row| &row[..47 * 3]).copied().collect();
+        let inside: Vec<u8> = image.chunks(48 * 3).take(33).flat_map(|row| &row[..47 * 3]).copied().collect();
         assert!(scene::psnr(&inside, original) > 35.0);
-        let edge: Vec<u8> = picture.chunks(48 * 3).flat_map(|row| &row[47 * 3..]).copied().collect();
-        let beside: Vec<u8> = picture.chunks(48 * 3).flat_map(|row| &row[46 * 3..47 * 3]).copied().collect();
+        let edge: Vec<u8> = image.chunks(48 * 3).flat_map(|row| &row[47 * 3..]).copied().collect();
+        let beside: Vec<u8> = image.chunks(48 * 3).flat_map(|row| &row[46 * 3..47 * 3]).copied().collect();
         assert!(scene::psnr(&edge, &beside) > 35.0);
     }
 }
@@ -190,15 +189,15 @@ fn odd_sides_grow_by_a_copy_of_the_edge() {
 #[test]
 fn one_frame_lasts_its_time() {
     let clip = scene::drawn(224, 224, 1);
-    let film = Film::of(&clip);
-    let seconds: f64 = film.durations().iter().sum();
+    let video = Video::of(&clip);
+    let seconds: f64 = video.durations().iter().sum();
     assert!((seconds - 0.1).abs() < 1e-4, "{seconds} s");
     assert!(
-        film.play().iter().all(|(_, _, picture)| scene::psnr(picture, clip.frames().next().unwrap()) > 35.0)
+        video.play().iter().all(|(_, _, image)| scene::psnr(image, clip.frames().next().unwrap()) > 35.0)
     );
 }
 
 #[test]
 fn the_smallest_frames_work() {
-    assert_eq!(Film::of(&scene::drawn(16, 16, 3)).play().len(), 3);
+    assert_eq!(Video::of(&scene::drawn(16, 16, 3)).play().len(), 3);
 }

@@ -1,4 +1,4 @@
-//! Pictures and films read back.
+//! Images and videos read back.
 
 use std::io::Cursor;
 
@@ -7,14 +7,14 @@ use swm_media::{Clip, MediaError, jpeg, png};
 
 use crate::scene::{drawn, gradient, psnr};
 
-fn film(clip: &Clip, options: &Mp4Options) -> Vec<u8> {
+fn video(clip: &Clip, options: &Mp4Options) -> Vec<u8> {
     encode_frames(clip.frames(), clip.height(), clip.width(), options).unwrap()
 }
 
 #[test]
-fn any_frame_of_a_film_can_be_read_in_any_order() {
+fn any_frame_of_a_video_can_be_read_in_any_order() {
     let clip = drawn(48, 64, 35);
-    let mut reader = Mp4Reader::new(Cursor::new(film(&clip, &Mp4Options::default()))).unwrap();
+    let mut reader = Mp4Reader::new(Cursor::new(video(&clip, &Mp4Options::default()))).unwrap();
     assert_eq!((reader.frames(), reader.size()), (35, (48, 64)));
     assert!((reader.frames_per_second() - 25.0).abs() < 0.5, "{}", reader.frames_per_second());
     let frame = 48 * 64 * 3;
@@ -44,8 +44,8 @@ fn any_frame_of_a_film_can_be_read_in_any_order() {
 #[test]
 fn quality_and_key_frames_are_as_asked() {
     let clip = gradient(64, 64, 20);
-    let sized = |quantiser, key_frame_period| {
-        film(&clip, &Mp4Options { quantiser, key_frame_period, ..Mp4Options::default() })
+    let sized = |quantizer, key_frame_period| {
+        video(&clip, &Mp4Options { quantizer, key_frame_period, ..Mp4Options::default() })
     };
     let quality = |bytes: Vec<u8>| {
         let mut out = vec![0; 20 * 64 * 64 * 3];
@@ -61,7 +61,7 @@ fn quality_and_key_frames_are_as_asked() {
 
 /// Written by x264 in the High profile with B-frames. The sums were taken by PyAV's decoder.
 #[test]
-fn a_film_of_the_reference() {
+fn a_video_of_the_reference() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../tests/golden/datasets/pusht_up_64_video/pixels/ep_0.mp4");
     let mut reader = Mp4Reader::new(std::fs::File::open(path).unwrap()).unwrap();
@@ -76,9 +76,9 @@ fn a_film_of_the_reference() {
 }
 
 #[test]
-fn cut_and_flipped_films_are_errors_or_other_pictures() {
+fn cut_and_flipped_videos_are_errors_or_other_images() {
     let clip = drawn(32, 32, 12);
-    let bytes = film(&clip, &Mp4Options::default());
+    let bytes = video(&clip, &Mp4Options::default());
     let mut out = vec![0; 12 * 32 * 32 * 3];
     let mut play = |bytes: Vec<u8>| -> Result<(), MediaError> {
         let mut reader = Mp4Reader::new(Cursor::new(bytes))?;
@@ -98,7 +98,7 @@ fn cut_and_flipped_films_are_errors_or_other_pictures() {
 }
 
 #[test]
-fn jpegs_look_like_the_original_and_grey_stays_grey() {
+fn jpegs_look_like_the_original_and_gray_stays_gray() {
     let clip = gradient(40, 56, 1);
     let rgb = clip.frames().next().unwrap();
     let bytes = jpeg::encode(40, 56, 3, rgb, 95).unwrap();
@@ -107,12 +107,12 @@ fn jpegs_look_like_the_original_and_grey_stays_grey() {
     let mut out = vec![0; rgb.len()];
     jpeg::decode_into(&bytes, [40, 56, 3], &mut out).unwrap();
     assert!(psnr(rgb, &out) > 38.0, "{}", psnr(rgb, &out));
-    let grey: Vec<u8> = rgb.iter().step_by(3).copied().collect();
-    let bytes = jpeg::encode(40, 56, 1, &grey, 95).unwrap();
+    let gray: Vec<u8> = rgb.iter().step_by(3).copied().collect();
+    let bytes = jpeg::encode(40, 56, 1, &gray, 95).unwrap();
     assert_eq!(jpeg::shape(&bytes).unwrap(), [40, 56, 1]);
-    let mut out = vec![0; grey.len()];
+    let mut out = vec![0; gray.len()];
     jpeg::decode_into(&bytes, [40, 56, 1], &mut out).unwrap();
-    assert!(psnr(&grey, &out) > 38.0);
+    assert!(psnr(&gray, &out) > 38.0);
     assert!(jpeg::decode_into(&bytes, [40, 55, 1], &mut out).unwrap_err().to_string().contains("40 x 56"));
     for length in 0..bytes.len() - 4 {
         assert!(

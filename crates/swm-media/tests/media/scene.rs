@@ -2,14 +2,14 @@
 
 use swm_media::Clip;
 
-/// `frames` frames of a disc that crosses two bars on a light ground, without anti-aliasing: 4 colours.
+/// `frames` frames of a disc that crosses two bars on a light ground, without anti-aliasing: 4 colors.
 pub(crate) fn drawn(height: usize, width: usize, frames: usize) -> Clip {
     let mut clip = Clip::new(height, width, 10.0);
     for t in 0..frames {
-        let centre = [0.5 * height as f64, (0.2 + 0.05 * t as f64) * width as f64];
+        let center = [0.5 * height as f64, (0.2 + 0.05 * t as f64) * width as f64];
         let radius = 0.15 * height as f64;
         let frame = paint(height, width, |y, x| {
-            let [dy, dx] = [y as f64 - centre[0], x as f64 - centre[1]];
+            let [dy, dx] = [y as f64 - center[0], x as f64 - center[1]];
             if dy.hypot(dx) < radius {
                 [65, 105, 225]
             } else if x * 10 / width == 7 {
@@ -25,7 +25,7 @@ pub(crate) fn drawn(height: usize, width: usize, frames: usize) -> Clip {
     clip
 }
 
-/// `frames` frames of a smooth gradient that drifts: thousands of colours.
+/// `frames` frames of a smooth gradient that drifts: thousands of colors.
 pub(crate) fn gradient(height: usize, width: usize, frames: usize) -> Clip {
     let mut clip = Clip::new(height, width, 10.0);
     for t in 0..frames {
@@ -41,8 +41,8 @@ pub(crate) fn gradient(height: usize, width: usize, frames: usize) -> Clip {
     clip
 }
 
-fn paint(height: usize, width: usize, colour: impl Fn(usize, usize) -> [u8; 3]) -> Vec<u8> {
-    (0..height * width).flat_map(|i| colour(i / width, i % width)).collect()
+fn paint(height: usize, width: usize, color: impl Fn(usize, usize) -> [u8; 3]) -> Vec<u8> {
+    (0..height * width).flat_map(|i| color(i / width, i % width)).collect()
 }
 
 /// Peak signal-to-noise ratio of two frames, in dB.

@@ -11,7 +11,7 @@ impl Raster<'_> {
     ///
     /// The quadrilateral's half-width (round(2u/L), round(2w/L)) comes from the **absolute** differences u = |dy| and
     /// w = |dx|, so for two of the four diagonal directions it is not perpendicular to the segment. That is how the
-    /// reference's picture looks. Coinciding ends leave the line of width 4 alone.
+    /// reference's image looks. Coinciding ends leave the line of width 4 alone.
     pub(super) fn fat_segment(&mut self, from: [i32; 2], to: [i32; 2], color: Rgb) {
         self.wide_line(from, to, color);
         if from == to {
@@ -27,7 +27,7 @@ impl Raster<'_> {
         self.disc(to, 2, color);
     }
 
-    /// A line of width 4. Centre pixels are i = 0..=M steps along the longer axis, displaced on the other towards the
+    /// A line of width 4. Center pixels are i = 0..=M steps along the longer axis, displaced on the other towards the
     /// second point by ceil((i m - floor(M/2))/M), with M and m the larger and smaller absolute difference. A steep
     /// line (|dx| <= |dy|) widens each to the span [x - 1, x + 2], a flat one to the column [y - 1, y + 2].
     pub(super) fn wide_line(&mut self, from: [i32; 2], to: [i32; 2], color: Rgb) {
@@ -97,7 +97,7 @@ impl Raster<'_> {
     }
 }
 
-/// trunc(weight * colour + (1 - weight) * old) per channel, in f32.
+/// trunc(weight * color + (1 - weight) * old) per channel, in f32.
 fn blend(old: Rgb, color: Rgb, weight: f32) -> Rgb {
     std::array::from_fn(|c| (weight * f32::from(color[c]) + (1.0 - weight) * f32::from(old[c])) as u8)
 }

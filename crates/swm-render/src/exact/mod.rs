@@ -1,4 +1,4 @@
-//! The exact style: the reference's picture pipeline to the byte, redrawn only where the drawing changed.
+//! The exact style: the reference's image pipeline to the byte, redrawn only where the drawing changed.
 //!
 //! canvas (512, raster rules) -> image (224, fixed-point bilinear) -> frame (asked size, antialiased bilinear; left
 //! out when the asked size is the image's own, as the reference's library does).

@@ -39,7 +39,7 @@ impl<'a> Raster<'a> {
         self.clip
     }
 
-    /// The whole clip rectangle in one colour.
+    /// The whole clip rectangle in one color.
     pub(super) fn fill(&mut self, color: Rgb) {
         for y in self.clip.y0..self.clip.y1 {
             self.span(y, self.clip.x0, self.clip.x1 - 1, pack(color));
@@ -91,7 +91,7 @@ impl<'a> Raster<'a> {
     }
 
     /// A filled disc of integer radius: nothing below 1, one pixel for 1, else 2r x 2r pixels, symmetric about the
-    /// centre's upper left corner, with half-widths from the integer midpoint circle.
+    /// center's upper left corner, with half-widths from the integer midpoint circle.
     pub(super) fn disc(&mut self, center: [i32; 2], radius: i32, color: Rgb) {
         let color = pack(color);
         let [cx, cy] = center;

@@ -2,7 +2,7 @@
 //!
 //! The exact pipeline amounts to one linear filter: the canvas's own pixels, the bilinear step to the image, and the
 //! triangle of the antialiased step to the frame. Here the three are one triangle of the same variance, and an edge
-//! that passes at signed distance d of its centre covers the integral of that triangle up to d.
+//! that passes at signed distance d of its center covers the integral of that triangle up to d.
 
 use crate::geometry::Geometry;
 use crate::painter::Rgb;
@@ -71,7 +71,7 @@ impl Lens {
     }
 }
 
-/// The share of the filter's triangle below an edge, where `distance` is that of the filter's centre from the edge,
+/// The share of the filter's triangle below an edge, where `distance` is that of the filter's center from the edge,
 /// positive outside, in half-widths of the triangle.
 pub(super) fn share(distance: f32) -> f32 {
     let tail = (1.0 - distance.abs()).max(0.0);
@@ -79,7 +79,7 @@ pub(super) fn share(distance: f32) -> f32 {
     if distance < 0.0 { 1.0 - half } else { half }
 }
 
-/// What a shape covers of one row of pixel centres, as intervals of x in canvas pixels.
+/// What a shape covers of one row of pixel centers, as intervals of x in canvas pixels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Extent {
     /// Outside of it nothing is covered.
@@ -96,19 +96,19 @@ pub(super) trait Coverage {
     /// What is covered of the row at height `y`, if anything.
     fn extent(&self, y: f32) -> Option<Extent>;
 
-    /// The share of the filter centred at (x, y) that is covered, from 0 to 1.
+    /// The share of the filter centered at (x, y) that is covered, from 0 to 1.
     fn at(&self, x: f32, y: f32) -> f32;
 }
 
 /// A frame being drawn on, within a clip rectangle.
 #[derive(Debug)]
-pub(super) struct Film<'a> {
+pub(super) struct Video<'a> {
     frame: &'a mut [u8],
     lens: &'a Lens,
     clip: Rect,
 }
 
-impl<'a> Film<'a> {
+impl<'a> Video<'a> {
     pub(super) fn new(frame: &'a mut [u8], lens: &'a Lens, clip: Rect) -> Self {
         Self { frame, lens, clip: clip.intersect(&lens.frame) }
     }
@@ -117,7 +117,7 @@ impl<'a> Film<'a> {
         self.clip
     }
 
-    /// The whole clip rectangle in one colour.
+    /// The whole clip rectangle in one color.
     pub(super) fn fill(&mut self, color: Rgb) {
         for y in self.clip.rows() {
             fill_pixels(row_mut(self.frame, self.lens, y, self.clip.columns()), color);

@@ -12,7 +12,7 @@ use crate::error::{RenderError, check_len};
 use crate::geometry::Geometry;
 use crate::painter::{Painter, Rgb};
 use crate::rect::Rect;
-use coverage::{Film, Lens};
+use coverage::{Lens, Video};
 use shapes::{Capsule, ConvexPolygon, Disc, Polygon};
 
 /// Draws frames at the asked size. See [`Renderer`](crate::Renderer) for the calls.
@@ -68,7 +68,7 @@ impl FastRenderer {
         std::mem::swap(new, &mut self.background_list);
         self.background.fill(0);
         let all = self.lens.frame();
-        replay(&self.background_list, &self.lens, &mut Film::new(&mut self.background, &self.lens, all));
+        replay(&self.background_list, &self.lens, &mut Video::new(&mut self.background, &self.lens, all));
         self.all_damaged = true;
     }
 
@@ -99,7 +99,7 @@ impl FastRenderer {
                 let bytes = start + rect.x0 as usize * 3..start + rect.x1 as usize * 3;
                 self.frame[bytes.clone()].copy_from_slice(&self.background[bytes]);
             }
-            replay(&self.next, &self.lens, &mut Film::new(&mut self.frame, &self.lens, *rect));
+            replay(&self.next, &self.lens, &mut Video::new(&mut self.frame, &self.lens, *rect));
         }
         self.all_damaged = false;
         std::mem::swap(&mut self.drawn, &mut self.next);
@@ -110,27 +110,27 @@ impl FastRenderer {
 const FAT_RADIUS: f32 = 2.5;
 const LINE_RADIUS: f32 = 0.5;
 
-fn replay(list: &DisplayList<f32>, lens: &Lens, film: &mut Film<'_>) {
+fn replay(list: &DisplayList<f32>, lens: &Lens, video: &mut Video<'_>) {
     for primitive in list.iter() {
-        let visible = primitive.bounds.intersect(&film.clip());
+        let visible = primitive.bounds.intersect(&video.clip());
         if visible.is_empty() {
             continue;
         }
         let color = primitive.color;
         match (primitive.shape, primitive.points) {
-            (Shape::Fill, _) => film.fill(color),
+            (Shape::Fill, _) => video.fill(color),
             (Shape::Polygon, points) => match ConvexPolygon::new(points, lens) {
-                Some(polygon) => film.paint(&polygon, visible, color),
-                None => film.paint(&Polygon::new(points, lens), visible, color),
+                Some(polygon) => video.paint(&polygon, visible, color),
+                None => video.paint(&Polygon::new(points, lens), visible, color),
             },
             (Shape::Disc, [center, ..]) => {
-                film.paint(&Disc::new(*center, primitive.radius, lens), visible, color);
+                video.paint(&Disc::new(*center, primitive.radius, lens), visible, color);
             }
             (Shape::FatSegment, [from, to, ..]) => {
-                film.paint(&Capsule::new(*from, *to, FAT_RADIUS, lens), visible, color);
+                video.paint(&Capsule::new(*from, *to, FAT_RADIUS, lens), visible, color);
             }
             (Shape::AaLine, [from, to, ..]) => {
-                film.paint(&Capsule::new(*from, *to, LINE_RADIUS, lens), visible, color);
+                video.paint(&Capsule::new(*from, *to, LINE_RADIUS, lens), visible, color);
             }
             _ => {}
         }

@@ -2,9 +2,9 @@
 //!
 //! Separable, with u8 in between: first horizontally, then vertically, each only if its size changes. Since version 13
 //! Pillow goes vertically first where the height H shrinks to h, the width W goes to w, and H - h > 2 (W - w) (found by
-//! comparing results); so do we. A square image made into a square one never does. A target pixel d is centred on
+//! comparing results); so do we. A square image made into a square one never does. A target pixel d is centered on
 //! c = (d + 1/2) scale, scale = source/target; its filter is a triangle of half-width max(scale, 1) about c, sampled at
-//! the pixel centres, normalised in f64, and rounded half away from zero to 22-bit fixed point. A sum of products is
+//! the pixel centers, normalized in f64, and rounded half away from zero to 22-bit fixed point. A sum of products is
 //! rounded to the nearest byte.
 
 use std::ops::Range;

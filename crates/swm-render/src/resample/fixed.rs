@@ -95,7 +95,7 @@ impl FixedBilinear {
         let (x0, x1) = self.targets_of(dirty.x0, dirty.x1);
         let (y0, y1) = self.targets_of(dirty.y0, dirty.y1);
         let region = Rect::new(x0, y0, x1, y1);
-        // Source row that each of `rows` holds. When enlarging, neighbours share rows.
+        // Source row that each of `rows` holds. When enlarging, neighbors share rows.
         let mut held = [None; 2];
         for y in region.rows() {
             let Tap { first, weights, .. } = self.taps[y];

@@ -1,4 +1,4 @@
-//! What a scene is made of. Plain data in world coordinates, metres; colours from 0 to 1.
+//! What a scene is made of. Plain data in world coordinates, meters; colors from 0 to 1.
 
 /// The segment of what has none: the background, and instances that opt out.
 pub const NO_SEGMENT: i32 = -1;
@@ -18,7 +18,7 @@ pub struct Scene {
     pub haze: Option<Haze>,
 }
 
-/// Where the picture is taken from.
+/// Where the image is taken from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Position.
@@ -29,9 +29,9 @@ pub struct Camera {
     pub up: [f64; 3],
     /// How far it opens.
     pub projection: Projection,
-    /// Nothing nearer is seen, metres.
+    /// Nothing nearer is seen, meters.
     pub near: f64,
-    /// Nothing farther is seen, metres.
+    /// Nothing farther is seen, meters.
     pub far: f64,
 }
 
@@ -56,7 +56,7 @@ pub struct Projection {
     pub bottom: f64,
     /// Upper edge.
     pub top: f64,
-    /// Horizontal centre.
+    /// Horizontal center.
     pub center: f64,
     /// Half the width; `None`: so that pixels are square.
     pub half_width: Option<f64>,
@@ -69,7 +69,7 @@ pub struct Light {
     pub kind: LightKind,
     /// Direction of its light, of length 1.
     pub direction: [f64; 3],
-    /// Where it is; for a sun, the centre of where it casts shadows.
+    /// Where it is; for a sun, the center of where it casts shadows.
     pub position: [f64; 3],
     /// Light from everywhere.
     pub ambient: [f32; 3],
@@ -77,7 +77,7 @@ pub struct Light {
     pub diffuse: [f32; 3],
     /// Light that surfaces mirror.
     pub specular: [f32; 3],
-    /// Where it casts shadows: half the width of the region for a sun (metres), the tangent of half the opening for
+    /// Where it casts shadows: half the width of the region for a sun (meters), the tangent of half the opening for
     /// a spot. `None`: nowhere.
     pub shadow: Option<f64>,
 }
@@ -103,13 +103,13 @@ pub enum LightKind {
 pub struct Instance {
     /// What it is.
     pub shape: Shape,
-    /// Its centre.
+    /// Its center.
     pub position: [f64; 3],
     /// Rows of the matrix whose columns are its axes.
     pub rotation: [[f64; 3]; 3],
     /// How it looks.
     pub material: Material,
-    /// What segmentation pictures show for it.
+    /// What segmentation images show for it.
     pub segment: i32,
     /// Whether it casts shadows.
     pub casts_shadow: bool,
@@ -159,7 +159,7 @@ pub enum Shape {
 pub struct Material {
     /// Red, green, blue, opacity.
     pub color: [f32; 4],
-    /// Share of the colour that it shines by itself.
+    /// Share of the color that it shines by itself.
     pub emission: f32,
     /// Strength of highlights.
     pub specular: f32,
@@ -191,12 +191,12 @@ pub enum Mapping {
     Flat {
         /// Index of the texture.
         texture: usize,
-        /// Periods per metre.
+        /// Periods per meter.
         scale: [f32; 2],
-        /// At the centre.
+        /// At the center.
         offset: [f32; 2],
     },
-    /// A cube texture, by index, seen from the instance's centre: looked up in the direction scale × (x, y, z).
+    /// A cube texture, by index, seen from the instance's center: looked up in the direction scale × (x, y, z).
     Cube {
         /// Index of the texture.
         texture: usize,
@@ -208,7 +208,7 @@ pub enum Mapping {
 /// Mist where an endless ground meets the sky.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Haze {
-    /// Its colour.
+    /// Its color.
     pub color: [f32; 3],
     /// How wide it is: 0 none, 1 up to the zenith.
     pub width: f32,

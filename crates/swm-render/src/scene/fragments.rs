@@ -100,7 +100,7 @@ impl Fragments {
             while pixel < edge as usize {
                 let row_end = (pixel / width + 1) * width;
                 let stretch = &raster.known.owner[pixel..row_end.min(edge as usize)];
-                // Neighbours that are no edges show the same, unless edges were not looked for.
+                // Neighbors that are no edges show the same, unless edges were not looked for.
                 let owner = stretch[0];
                 let length = stretch.iter().position(|&other| other != owner).unwrap_or(stretch.len());
                 self.runs.push(Run { pixel, length, owner });
@@ -138,7 +138,7 @@ impl Fragments {
         self.settle();
     }
 
-    /// Fragments of a window in a picture of this width in which one surface is drawn: its pixels, row by row.
+    /// Fragments of a window in an image of this width in which one surface is drawn: its pixels, row by row.
     pub(super) fn of_window(&mut self, window: &Raster, width: usize) {
         let area = window.area();
         self.starts.clear();

@@ -1,4 +1,4 @@
-//! The middles of pixels side by side and what is nearest at each: of a picture, a window in one, or a map of distances alone.
+//! The middles of pixels side by side and what is nearest at each: of an image, a window in one, or a map of distances alone.
 
 use std::ops::Range;
 
@@ -72,7 +72,7 @@ impl Known for Owners {
 }
 
 impl<K: Known> Grid<K> {
-    /// Nothing is seen yet in a picture of this width and height.
+    /// Nothing is seen yet in an image of this width and height.
     pub(super) fn begin(&mut self, [width, height]: [usize; 2], limit: f32, farthest: f32) {
         (self.area, self.limit) = (Area { x0: 0, x1: width, y0: 0, y1: height }, limit);
         let points = self.len() + LANES;
@@ -81,14 +81,14 @@ impl<K: Known> Grid<K> {
         self.known.clear(points);
     }
 
-    /// A window in a picture: what is nearest there hides what is behind it, but is not known.
-    pub(super) fn begin_window(&mut self, area: Area, picture: &Self) {
-        (self.area, self.limit) = (area, picture.limit);
+    /// A window in an image: what is nearest there hides what is behind it, but is not known.
+    pub(super) fn begin_window(&mut self, area: Area, image: &Self) {
+        (self.area, self.limit) = (area, image.limit);
         let points = self.len() + LANES;
         self.nearness.clear();
         self.nearness.reserve(points);
         for row in area.y0..area.y1 {
-            self.nearness.extend_from_slice(&picture.nearness[picture.within(row, area.x0, area.x1)]);
+            self.nearness.extend_from_slice(&image.nearness[image.within(row, area.x0, area.x1)]);
         }
         self.nearness.resize(points, 0.0);
         self.known.clear(points);
@@ -123,7 +123,7 @@ impl<K: Known> Target for Grid<K> {
     #[inline]
     fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area {
         let Area { x0, x1, y0, y1 } = self.area;
-        let ((x0, x1), (y0, y1)) = (centred(left, right, x0, x1), centred(top, bottom, y0, y1));
+        let ((x0, x1), (y0, y1)) = (centered(left, right, x0, x1), centered(top, bottom, y0, y1));
         Area { x0, x1, y0, y1 }
     }
 
@@ -142,7 +142,7 @@ impl<K: Known> Target for Grid<K> {
     #[inline]
     fn points(&self, row: usize, at: usize) -> (Lanes, Lanes) {
         let start = (row - self.area.y0) * self.width();
-        (centres(at + self.area.x0 - start), splat(row as f32 + 0.5))
+        (centers(at + self.area.x0 - start), splat(row as f32 + 0.5))
     }
 
     #[inline]
@@ -169,15 +169,15 @@ impl<K: Known> Target for Grid<K> {
     }
 }
 
-/// The centres of pixels from column `x` on.
+/// The centers of pixels from column `x` on.
 #[inline]
-fn centres(x: usize) -> Lanes {
+fn centers(x: usize) -> Lanes {
     splat(x as f32) + Lanes::new([0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5])
 }
 
-/// Columns (or rows) from `start` to `end` whose centres lie in `low..=high`.
+/// Columns (or rows) from `start` to `end` whose centers lie in `low..=high`.
 #[inline]
-fn centred(low: f32, high: f32, start: usize, end: usize) -> (usize, usize) {
+fn centered(low: f32, high: f32, start: usize, end: usize) -> (usize, usize) {
     let place = low + 0.5;
     let whole = place as i32;
     let from = if whole as f32 == place { whole - 1 } else { whole };

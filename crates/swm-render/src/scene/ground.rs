@@ -1,5 +1,5 @@
-//! The colours of a floor, kept while neither the eye nor the floor nor a light changes: most of a picture from a camera that
-//! stands still. Shadows move, so that colours are kept with and without the light that casts them.
+//! The colors of a floor, kept while neither the eye nor the floor nor a light changes: most of an image from a camera that
+//! stands still. Shadows move, so that colors are kept with and without the light that casts them.
 
 use std::sync::Arc;
 
@@ -18,13 +18,13 @@ pub(super) struct Ground {
     lights: Vec<Light>,
     /// Whether the eye is where it was: if it moves, nothing is worth keeping.
     is_still: bool,
-    /// Of each pixel of the picture: how near the floor is whose colours are known; NaN: none.
+    /// Of each pixel of the image: how near the floor is whose colors are known; NaN: none.
     nearness: Vec<f32>,
     /// With the light that casts shadows, and without.
     colors: Vec<[[f32; 3]; 2]>,
 }
 
-/// All that the colours of a floor depend on, but for eye and lights.
+/// All that the colors of a floor depend on, but for eye and lights.
 #[derive(Debug)]
 struct Floor {
     index: usize,
@@ -89,14 +89,14 @@ impl Ground {
         self.colors.resize(pixels, [[0.0; 3]; 2]);
     }
 
-    /// Itself, if this is the instance whose colours it keeps.
+    /// Itself, if this is the instance whose colors it keeps.
     pub(super) fn of(&mut self, instance: usize) -> Option<&mut Self> {
         let is_kept = self.is_still && self.floor.as_ref().is_some_and(|floor| floor.index == instance);
         is_kept.then_some(self)
     }
 
-    /// The colours of eight fragments of the floor with the light that casts shadows, and without; `None` unless all are whole
-    /// pixels whose colours are known.
+    /// The colors of eight fragments of the floor with the light that casts shadows, and without; `None` unless all are whole
+    /// pixels whose colors are known.
     #[inline]
     pub(super) fn known(&self, fragments: &Fragments, at: usize) -> Option<[Lanes3; 2]> {
         let pixels = fragments.pixel[at..].first_chunk::<LANES>()?;
@@ -118,7 +118,7 @@ impl Ground {
         Some(parts.map(|[x, y, z]| Lanes3 { x: Lanes::new(x), y: Lanes::new(y), z: Lanes::new(z) }))
     }
 
-    /// Keeps the colours of up to eight fragments.
+    /// Keeps the colors of up to eight fragments.
     #[inline]
     pub(super) fn keep(&mut self, fragments: &Fragments, at: usize, count: usize, colors: [Lanes3; 2]) {
         let colors = colors.map(Lanes3::to_arrays);

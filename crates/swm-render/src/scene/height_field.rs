@@ -4,7 +4,7 @@ use super::mesh::Mesh;
 use crate::error::RenderError;
 
 impl Mesh {
-    /// Ground over a grid of `heights`, `[rows, columns]`, 2 or more of each, metres. Columns run along x from `-half[0]` to
+    /// Ground over a grid of `heights`, `[rows, columns]`, 2 or more of each, meters. Columns run along x from `-half[0]` to
     /// `half[0]`, rows along y; walls and a floor reach down to `-base`. Each cell is two triangles, parted along the line from
     /// its lower right to its upper left, as MuJoCo has it; the surface is smooth, walls are flat.
     ///

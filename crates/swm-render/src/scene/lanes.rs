@@ -1,4 +1,4 @@
-//! Eight numbers at a time. Only operations that IEEE rounds exactly, so that lanes are the same on every processor.
+//! Eight numbers at a time. Only operations that IEEE rounds exactly, so that lanes are the same on every CPU.
 
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -60,7 +60,7 @@ impl Lanes3 {
 
     /// Length 1; zero vectors stay what they are.
     #[inline]
-    pub(super) fn normalised(self) -> Self {
+    pub(super) fn normalized(self) -> Self {
         let squared = self.dot(self);
         let some = squared.simd_gt(splat(0.0));
         let inverse = some.select(splat(1.0) / squared.sqrt(), splat(0.0));

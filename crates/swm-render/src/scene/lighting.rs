@@ -61,7 +61,7 @@ impl Lamp {
             LightKind::Sun => (Lanes3::splat(self.place), one),
             LightKind::Spot { exponent, attenuation, .. } => {
                 let way = Lanes3::splat(self.place) - point;
-                let toward = way.normalised();
+                let toward = way.normalized();
                 let mut strength = one;
                 if attenuation != [1.0, 0.0, 0.0] {
                     let [k0, k1, k2] = attenuation.map(splat);
@@ -80,7 +80,7 @@ impl Lamp {
         let is_lit = facing.simd_gt(zero);
         let diffuse = is_lit.select(facing, zero) * strength;
         let gloss = if surface.specular > 0.0 && self.light.specular != [0.0; 3] {
-            let half = (toward + to_eye).normalised();
+            let half = (toward + to_eye).normalized();
             let shine = power(normal.dot(half).max(zero).min(one), surface.shininess);
             is_lit.select(shine, zero) * splat(surface.specular) * strength
         } else {

@@ -1,4 +1,4 @@
-//! Triangle meshes, with coarser versions of themselves for small pictures.
+//! Triangle meshes, with coarser versions of themselves for small images.
 
 use std::collections::HashMap;
 
@@ -16,7 +16,7 @@ pub struct Mesh {
 /// One version of a mesh: the first has every triangle, the others have none of the detail below their cell.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Level {
-    /// Detail that is missing, metres.
+    /// Detail that is missing, meters.
     pub(super) cell: f32,
     pub(super) points: Vec<[f32; 3]>,
     /// How many points any version of the mesh has at most.
@@ -33,7 +33,7 @@ const SHARE: f32 = 0.5;
 const CELLS: [u32; 15] = [512, 384, 256, 192, 128, 96, 64, 48, 32, 24, 16, 12, 8, 6, 4];
 
 impl Mesh {
-    /// A mesh of `triangles`, indices into `points` (metres), with a direction for each corner of each triangle.
+    /// A mesh of `triangles`, indices into `points` (meters), with a direction for each corner of each triangle.
     ///
     /// # Errors
     ///
@@ -80,7 +80,7 @@ impl Mesh {
         Ok(Self { levels, low, high })
     }
 
-    /// The coarsest version whose missing detail is shorter than `detail` metres.
+    /// The coarsest version whose missing detail is shorter than `detail` meters.
     pub(super) fn level(&self, detail: f32) -> usize {
         self.levels.iter().rposition(|level| level.cell <= detail).unwrap_or(0)
     }

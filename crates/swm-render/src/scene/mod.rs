@@ -1,14 +1,14 @@
-//! Pictures of 3D scenes without OpenGL. Knows shapes, lights and cameras; not where they come from.
+//! Images of 3D scenes without OpenGL. Knows shapes, lights and cameras; not where they come from.
 //!
 //! A [`Scene`] says what there is at one moment, [`Assets`] hold what many moments share (meshes and textures), and a
 //! [`SceneRenderer`] turns both into frames. Lighting follows the fixed-function pipeline that MuJoCo's own renderer
-//! drives (Segal & Akeley, *The OpenGL Graphics System*, version 1.5, section 2.14), so that pictures look alike: the
+//! drives (Segal & Akeley, *The OpenGL Graphics System*, version 1.5, section 2.14), so that images look alike: the
 //! rules are in [`lighting`](self), the passes in the renderer.
 //!
 //! How a frame is made:
 //!
 //! 1. **Visibility.** Solids are intersected with the rays of the pixels that their bounds cover, meshes are
-//!    rasterised; the nearest surface of each pixel wins. Where neighbours differ, four points per pixel are tested.
+//!    rasterized; the nearest surface of each pixel wins. Where neighbors differ, four points per pixel are tested.
 //! 2. **Shadows.** The same visibility, seen from each light that casts them, fitted to what casts.
 //! 3. **Shading.** Fragments are sorted by surface and shaded in lanes of eight; mirrors see the scene once more.
 //! 4. **Transparency.** Surfaces that let light through are blended over the result.

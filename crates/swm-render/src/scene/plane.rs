@@ -1,5 +1,5 @@
 //! Planes that are lit at the corners of their cells only, and in between by interpolation: what the fixed-function
-//! pipeline does with large facets, and what gives the floors of MuJoCo's pictures their look.
+//! pipeline does with large facets, and what gives the floors of MuJoCo's images their look.
 
 use super::lanes::{LANES, Lanes3, load, splat};
 
@@ -19,15 +19,15 @@ struct Axis {
 #[derive(Debug, Default)]
 pub(super) struct Corners {
     axes: Option<[Axis; 2]>,
-    /// Layers of colours at each corner: of the lamps without shadows, then of each with.
+    /// Layers of colors at each corner: of the lamps without shadows, then of each with.
     colors: Vec<[f32; 3]>,
-    /// For which round a corner's colours were computed.
+    /// For which round a corner's colors were computed.
     rounds: Vec<u32>,
     round: u32,
     layers: usize,
 }
 
-/// Cells of endless planes: MuJoCo draws as many, centred.
+/// Cells of endless planes: MuJoCo draws as many, centered.
 const ENDLESS: i32 = 200;
 
 impl Axis {
@@ -66,7 +66,7 @@ impl Axis {
 }
 
 impl Corners {
-    /// Whether cells of this size are large enough in the picture to be seen; `pixel`: metres per pixel where the plane
+    /// Whether cells of this size are large enough in the image to be seen; `pixel`: meters per pixel where the plane
     /// is nearest.
     pub(super) fn matter(cell: [f32; 2], pixel: f32) -> bool {
         cell[0].min(cell[1]) > 3.0 * pixel
@@ -87,7 +87,7 @@ impl Corners {
         self.colors.resize(self.colors.len().max(count * layers), [0.0; 3]);
     }
 
-    /// Where all points lie in one triangle of one whole cell whose corners are lit, as most do: writes their colours, or
+    /// Where all points lie in one triangle of one whole cell whose corners are lit, as most do: writes their colors, or
     /// returns false.
     #[inline]
     fn colors_in_one_cell(&self, axes: [Axis; 2], at: [[f32; LANES]; 2], out: &mut [Lanes3]) -> bool {
@@ -126,7 +126,7 @@ impl Corners {
         true
     }
 
-    /// The colours of all layers at points of the plane, written to `out`, `[layers]`. `light` computes the layers at
+    /// The colors of all layers at points of the plane, written to `out`, `[layers]`. `light` computes the layers at
     /// eight corners: `light(x, y, out)`.
     #[inline]
     pub(super) fn colors(
@@ -148,7 +148,7 @@ impl Corners {
             let ((i, u), (j, v)) = (axes[0].cell(x[lane]), axes[1].cell(y[lane]));
             let first = i * stride + j;
             cells[lane] = (first as usize, u, v);
-            // Neighbouring points mostly share their cell.
+            // Neighboring points mostly share their cell.
             if lane > 0 && cells[lane - 1].0 == first as usize {
                 continue;
             }

@@ -24,7 +24,7 @@ use crate::error::{RenderError, check_len, check_size};
 use crate::geometry::Geometry;
 use blend::Veils;
 
-/// What a picture is worth.
+/// What an image is worth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quality {
     /// Whether edges are drawn from four points per pixel.
@@ -46,7 +46,7 @@ impl Default for Quality {
 /// use swm_render::Geometry;
 /// use swm_render::scene::{Assets, Instance, Light, LightKind, Material, Quality, Scene, SceneRenderer, Shape};
 ///
-/// // A ball of half a metre, three metres in front of the eye, which looks along y.
+/// // A ball of half a meter, three meters in front of the eye, which looks along y.
 /// let ball = Instance {
 ///     shape: Shape::Ellipsoid { radii: [0.5; 3] },
 ///     position: [0.0, 3.0, 0.0],
@@ -68,7 +68,7 @@ impl Default for Quality {
 /// let mut renderer = SceneRenderer::new(Geometry::new(32, 32), Quality::default())?;
 /// let (mut frame, mut depth, mut segments) = ([0; 32 * 32 * 3], [0.0; 32 * 32], [0; 32 * 32]);
 /// renderer.render(&scene, &Assets::default(), &mut frame)?; // [32, 32, 3]
-/// renderer.depth_of_last(&scene, &Assets::default(), &mut depth)?; // metres
+/// renderer.depth_of_last(&scene, &Assets::default(), &mut depth)?; // meters
 /// renderer.segmentation_of_last(&scene, &Assets::default(), &mut segments)?;
 /// let middle = 16 * 32 + 16;
 /// assert!(segments[middle] == 7 && (depth[middle] - 2.5).abs() < 0.01);
@@ -155,7 +155,7 @@ impl SceneRenderer {
         self.ground.reserve(pixels);
     }
 
-    /// Writes the picture of `scene` to `frame`, `[H, W, 3]`.
+    /// Writes the image of `scene` to `frame`, `[H, W, 3]`.
     ///
     /// # Errors
     ///
@@ -189,7 +189,7 @@ impl SceneRenderer {
         draw_opaque(scene, assets, view, Sides::Front, None, &mut self.projected, &mut self.raster);
     }
 
-    /// Pixels whose neighbours show something else are looked at in four points.
+    /// Pixels whose neighbors show something else are looked at in four points.
     fn find_edges(&mut self, scene: &Scene, assets: &Assets, view: &View) {
         self.edges.clear();
         if !self.quality.antialias {
@@ -228,7 +228,7 @@ impl SceneRenderer {
         if !self.quality.shadows {
             return;
         }
-        // Shadows are as sharp as the picture: a few texels per pixel.
+        // Shadows are as sharp as the image: a few texels per pixel.
         let size = (self.width.max(self.height) * 5 / 4).clamp(96, 1024);
         for (map, light) in self.maps.iter_mut().zip(&scene.lights) {
             map.draw(light, view.origin, scene, assets, size, &mut self.projected);
@@ -263,7 +263,7 @@ impl SceneRenderer {
 /// Detail of meshes that is left out, in pixels.
 const COARSENESS: f32 = 1.25;
 
-/// Adds colours of up to eight fragments to their pixels.
+/// Adds colors of up to eight fragments to their pixels.
 fn accumulate(
     fragments: &Fragments,
     at: usize,
@@ -285,7 +285,7 @@ fn accumulate(
 /// Where the four points of a pixel are.
 const POINTS: [(f32, f32); 4] = [(0.25, 0.25), (0.25, 0.75), (0.75, 0.25), (0.75, 0.75)];
 
-/// Marks pixels of a row whose neighbours show something else.
+/// Marks pixels of a row whose neighbors show something else.
 fn flag_edges(row: &[u16], above: &[u16], below: &[u16], flags: &mut [u8]) {
     for (((flag, own), above), below) in flags.iter_mut().zip(row).zip(above).zip(below) {
         *flag = u8::from(own != above) | u8::from(own != below);
@@ -298,7 +298,7 @@ fn flag_edges(row: &[u16], above: &[u16], below: &[u16], flags: &mut [u8]) {
     }
 }
 
-/// A colour from 0 to 1 as a byte. Above 2^23 numbers have no fraction: adding it rounds, and the byte is in the lowest
+/// A color from 0 to 1 as a byte. Above 2^23 numbers have no fraction: adding it rounds, and the byte is in the lowest
 /// bits.
 #[inline]
 fn to_byte(value: f32) -> u8 {

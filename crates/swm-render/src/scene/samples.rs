@@ -1,4 +1,4 @@
-//! Chosen points of a picture and what is nearest at each.
+//! Chosen points of an image and what is nearest at each.
 
 use std::ops::Range;
 
@@ -36,7 +36,7 @@ impl Samples {
         self.starts.reserve(pixels);
     }
 
-    /// Starts a list for pictures of this width, of points with this [`Target::density`].
+    /// Starts a list for images of this width, of points with this [`Target::density`].
     pub(super) fn begin(&mut self, width: usize, density: f32) {
         self.density = density;
         self.x.clear();
@@ -54,7 +54,7 @@ impl Samples {
         self.limit.push(limit);
     }
 
-    /// All pixels before number `pixel` of the picture are complete: the next points are of this pixel.
+    /// All pixels before number `pixel` of the image are complete: the next points are of this pixel.
     #[inline]
     pub(super) fn reach(&mut self, pixel: usize) {
         // One more entry per row, for where it ends.
@@ -62,7 +62,7 @@ impl Samples {
         self.starts.resize(entries, self.x.len() as u32);
     }
 
-    /// Ends the list of a picture with so many rows. Nothing is seen yet.
+    /// Ends the list of an image with so many rows. Nothing is seen yet.
     pub(super) fn end(&mut self, height: usize, farthest: f32) {
         let (count, padded) = (self.x.len(), self.x.len() + LANES);
         self.height = height;

@@ -1,4 +1,4 @@
-//! The colours of fragments of one surface, eight at a time.
+//! The colors of fragments of one surface, eight at a time.
 
 use super::assets::Assets;
 use super::description::{Instance, Mapping, Shape};
@@ -13,7 +13,7 @@ use super::shape;
 use super::vector::{Matrix, column, sub};
 use super::view::{Rays, View};
 
-/// What all surfaces of a picture share.
+/// What all surfaces of an image share.
 #[derive(Clone, Copy)]
 pub(super) struct Shading<'a> {
     pub(super) view: &'a View,
@@ -36,14 +36,14 @@ struct Target<'a> {
     surface: Surface,
     rays: Rays,
     rotation: [[f32; 3]; 3],
-    /// From the eye to its centre.
-    centre: Lanes3,
+    /// From the eye to its center.
+    center: Lanes3,
     level: Option<&'a Level>,
 }
 
 impl Shading<'_> {
-    /// Shades the fragments `range` of `instance`, whose colours `ground` may know; `put` gets the first of up to eight, and
-    /// their colours.
+    /// Shades the fragments `range` of `instance`, whose colors `ground` may know; `put` gets the first of up to eight, and
+    /// their colors.
     #[expect(clippy::too_many_arguments, reason = "the inner loop's inputs")]
     pub(super) fn shade(
         &self,
@@ -63,7 +63,7 @@ impl Shading<'_> {
             surface: Surface::of(&instance.material),
             rays: self.view.rays(instance),
             rotation: narrowed(instance.rotation),
-            centre: Lanes3::splat(sub(instance.position, self.view.origin)),
+            center: Lanes3::splat(sub(instance.position, self.view.origin)),
             level: match instance.shape {
                 Shape::Mesh(mesh) => Some(self.assets.meshes[mesh].at(level)),
                 _ => None,
@@ -87,7 +87,7 @@ impl Shading<'_> {
                 Some(level) => mesh_outward(level, &fragments.facet[at..], local),
                 None => shape::outward(&instance.shape, local),
             };
-            let point = local.rotated(&target.rotation) + target.centre;
+            let point = local.rotated(&target.rotation) + target.center;
             let normal = outward.rotated(&target.rotation);
             let count = LANES.min(range.end - at);
             if let Some(colors) = ground.as_ref().and_then(|ground| ground.known(fragments, at)) {
@@ -140,9 +140,9 @@ impl Shading<'_> {
 
     /// Light of all layers at points of the instance's frame.
     fn light(&self, target: &Target<'_>, local: Lanes3, outward: Lanes3, out: &mut [Lanes3]) {
-        let point = local.rotated(&target.rotation) + target.centre;
+        let point = local.rotated(&target.rotation) + target.center;
         let normal = outward.rotated(&target.rotation);
-        let to_eye = (-point).normalised();
+        let to_eye = (-point).normalized();
         let shadows = self.maps.is_some();
         out[0] = base(self.lamps, shadows, &target.surface, point, normal, to_eye);
         if shadows {
@@ -153,7 +153,7 @@ impl Shading<'_> {
         }
     }
 
-    /// The colours of the texture, 0 to 1, for the first `count` lanes.
+    /// The colors of the texture, 0 to 1, for the first `count` lanes.
     fn painted(&self, mapping: &Mapping, local: Lanes3, [dx, dy]: [Lanes3; 2], count: usize) -> Lanes3 {
         let mut parts = [[0.0; LANES]; 3];
         let mut set = |lane: usize, color: [f32; 3]| {
@@ -217,10 +217,10 @@ fn mesh_outward(level: &Level, facets: &[u32], local: Lanes3) -> Lanes3 {
     let limit = |share: Lanes| (share / whole).max(splat(0.0)).min(splat(1.0));
     let (b, c) = (limit(vv * wu - uv * wv), limit(uu * wv - uv * wu));
     let sum = (b + c).max(splat(1.0));
-    (vector(9) + vector(12).scaled(b / sum) + vector(15).scaled(c / sum)).normalised()
+    (vector(9) + vector(12).scaled(b / sum) + vector(15).scaled(c / sum)).normalized()
 }
 
-/// The first colour where there is light, the second where there is none.
+/// The first color where there is light, the second where there is none.
 #[inline]
 fn chosen(lit: Lanes, [light, dark]: [Lanes3; 2]) -> Lanes3 {
     let is_lit = lit.simd_gt(splat(0.0));

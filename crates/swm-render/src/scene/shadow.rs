@@ -16,7 +16,7 @@ const LIFT: f32 = 1.5;
 /// Detail of meshes that is left out, in texels: surfaces move by half of it, less than points are lifted.
 const COARSENESS: f32 = 3.0;
 
-/// Light nearer than this to a spot is not blocked, metres.
+/// Light nearer than this to a spot is not blocked, meters.
 const NEAR: f64 = 1e-3;
 
 /// What one light sees.
@@ -129,12 +129,12 @@ fn fit(light: &Light, reach: f64, scene: &Scene, assets: &Assets, size: usize) -
         top: f64::NEG_INFINITY,
     };
     for instance in scene.instances.iter().filter(|instance| instance.casts_shadow) {
-        let (centre, radius) = match instance.shape {
+        let (center, radius) = match instance.shape {
             Shape::Plane { .. } => continue,
             Shape::Mesh(mesh) => triangles::ball(assets.meshes[mesh].bounds(), instance),
             shape => (instance.position, length(wide(shape::half_lengths(&shape, 0.0)))),
         };
-        let from = sub(centre, light.position);
+        let from = sub(center, light.position);
         let depth = dot(from, light.direction);
         let (x, y) = (dot(from, right), dot(from, up));
         // A ball at depth d with radius r lies within (x ± r) / (d - r) from below and above; none behind a spot.

@@ -45,17 +45,17 @@ pub(super) fn outward(shape: &Shape, point: Lanes3) -> Lanes3 {
         Shape::Ellipsoid { radii } => {
             let part = |value: Lanes, radius: f32| value * splat(1.0 / (radius * radius));
             Lanes3 { x: part(point.x, radii[0]), y: part(point.y, radii[1]), z: part(point.z, radii[2]) }
-                .normalised()
+                .normalized()
         }
         Shape::Capsule { half, .. } => {
             let end = point.z.max(splat(-half)).min(splat(half));
-            Lanes3 { x: point.x, y: point.y, z: point.z - end }.normalised()
+            Lanes3 { x: point.x, y: point.y, z: point.z - end }.normalized()
         }
         Shape::Cylinder { radius, half } => {
             // Nearer to the mantle or to an end?
             let across = (point.x * point.x + point.y * point.y).sqrt();
             let is_end = (splat(half) - point.z.abs()).simd_lt((splat(radius) - across).abs());
-            let side = Lanes3 { x: point.x, y: point.y, z: zero }.normalised();
+            let side = Lanes3 { x: point.x, y: point.y, z: zero }.normalized();
             let end = sign(point.z);
             Lanes3 {
                 x: is_end.select(zero, side.x),

@@ -37,7 +37,7 @@ const PATIENCE: f64 = 1e-7;
 /// A triangle may turn so far in one step: cosine.
 const TURN: f64 = 0.3;
 
-/// Versions of `full` in which no part is farther than each of `tolerances` (metres, ascending) from where it was.
+/// Versions of `full` in which no part is farther than each of `tolerances` (meters, ascending) from where it was.
 pub(super) fn levels(full: &Level, tolerances: &[f32]) -> Vec<Level> {
     let mut mesh = Shrinking::new(full);
     tolerances
@@ -153,7 +153,7 @@ impl Shrinking {
 
     fn consider(&mut self, p: u32, q: u32) {
         let (p, q) = (p.min(q), p.max(q));
-        // Of edges that cost alike, as in a flat part, the shortest first: long ones make points with many neighbours.
+        // Of edges that cost alike, as in a flat part, the shortest first: long ones make points with many neighbors.
         let way = sub(self.points[q as usize], self.points[p as usize]);
         let error = self.meeting(p, q).1 + PATIENCE * dot(way, way);
         // Positive numbers are ordered as their bits are.
@@ -210,12 +210,12 @@ impl Shrinking {
         self.quadrics[p as usize] = self.quadrics[p as usize].plus(&self.quadrics[q as usize]);
         self.changes[p as usize] += 1;
         self.changes[q as usize] += 1;
-        let mut neighbours: Vec<u32> =
+        let mut neighbors: Vec<u32> =
             around.iter().filter_map(|&index| self.triangles[index as usize]).flatten().collect();
         self.around[p as usize] = around;
-        neighbours.sort_unstable();
-        neighbours.dedup();
-        for other in neighbours.into_iter().filter(|&other| other != p) {
+        neighbors.sort_unstable();
+        neighbors.dedup();
+        for other in neighbors.into_iter().filter(|&other| other != p) {
             self.consider(p, other);
         }
     }

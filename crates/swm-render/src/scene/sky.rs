@@ -1,4 +1,4 @@
-//! The background: a picture at infinity, which changes only when the eye turns.
+//! The background: an image at infinity, which changes only when the eye turns.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use super::texture::CubeTexture;
 use super::vector::{Vector, cross, dot, length};
 use super::view::View;
 
-/// The background of one picture size, kept while the eye does not turn.
+/// The background of one image size, kept while the eye does not turn.
 #[derive(Debug, Default)]
 pub(super) struct Sky {
     key: Option<Key>,
@@ -26,7 +26,7 @@ struct Key {
 }
 
 impl Sky {
-    /// The colours of all pixels.
+    /// The colors of all pixels.
     pub(super) fn colors(&mut self, scene: &Scene, assets: &Assets, view: &View) -> &[[f32; 3]] {
         let camera = Camera { position: [0.0; 3], ..scene.camera };
         let key = Some(Key { camera, haze: scene.haze });

@@ -59,7 +59,7 @@ pub(super) fn draw<T: Target>(
     let swap = |v: [Lanes; 3]| [turned.select(v[2], v[0]), v[1], turned.select(v[0], v[2])];
     let (x, y, nearness) = (swap(x), swap(y), swap(nearness));
     let edges = [(1, 2), (2, 0), (0, 1)].map(|(p, q)| Edges::new([x[p], y[p]], [x[q], y[q]]));
-    // Nearness is linear across the picture.
+    // Nearness is linear across the image.
     let inverse = splat(1.0) / area.abs();
     let (near_b, near_c) = (nearness[1] - nearness[0], nearness[2] - nearness[0]);
     let by_x = (near_b * (y[2] - y[0]) - near_c * (y[1] - y[0])) * inverse;

@@ -14,7 +14,7 @@ pub(super) trait Target {
     /// anywhere.
     fn density(&self) -> f32;
 
-    /// The pixels whose points may lie in `left..=right` × `top..=bottom`, which is inside of the picture.
+    /// The pixels whose points may lie in `left..=right` × `top..=bottom`, which is inside of the image.
     fn extent(&self, left: f32, right: f32, top: f32, bottom: f32) -> Area;
 
     /// The points in columns `x0..x1` of a row.

@@ -9,13 +9,13 @@ use self::image::{CALM, Image, Texel, channel, mix, texel};
 use super::lanes::{LANES, Lanes, Lanes3, splat};
 use crate::error::RenderError;
 
-/// A flat picture that repeats without end.
+/// A flat image that repeats without end.
 #[derive(Clone, Debug)]
 pub struct Texture {
     levels: Vec<Image>,
 }
 
-/// So many colours are told apart when a texture is recoloured.
+/// So many colors are told apart when a texture is recolored.
 const FEW_COLORS: usize = 8;
 
 impl Texture {
@@ -43,12 +43,12 @@ impl Texture {
         Ok(Self { levels })
     }
 
-    /// The same picture in other colours: in place of every colour of the largest image what `recolor` makes of it, given its
+    /// The same image in other colors: in place of every color of the largest image what `recolor` makes of it, given its
     /// row and column too. A fraction of the work of a new one.
     #[must_use]
     pub fn recolored(&self, recolor: impl Fn([usize; 2], [u8; 3]) -> [u8; 3]) -> Self {
         let Image { width, height, ref texels } = self.levels[0];
-        // What became of the colours so far, as long as they are few and each becomes one other.
+        // What became of the colors so far, as long as they are few and each becomes one other.
         let (mut known, mut is_by_color): (Vec<[Texel; 2]>, bool) = (Vec::new(), true);
         let mut changed = Vec::with_capacity(texels.len());
         for (row, texels) in texels.chunks(width).enumerate() {
@@ -57,7 +57,7 @@ impl Texture {
                 let old = old & !CALM;
                 let color = [0, 16, 32].map(|shift| (old >> shift & 0xff) as u8);
                 let new = texel(recolor([row, column], color));
-                // Neighbours mostly have the same colour.
+                // Neighbors mostly have the same color.
                 if known.get(last).is_none_or(|[from, _]| *from != old) {
                     last = known.iter().position(|[from, _]| *from == old).unwrap_or(known.len());
                 }
@@ -75,7 +75,7 @@ impl Texture {
         }
         let mut recolored = Self { levels };
         if is_by_color {
-            // What is of one colour around stays so.
+            // What is of one color around stays so.
             for (new, old) in recolored.levels.iter_mut().zip(&self.levels) {
                 new.texels.iter_mut().zip(&old.texels).for_each(|(new, old)| *new |= old & CALM);
             }
@@ -119,7 +119,7 @@ impl Texture {
         [self.levels[0].width as f32, self.levels[0].height as f32]
     }
 
-    /// The colours, 0 to 255, at up to eight points (u, v) of a texture that repeats, where one period is 1; `texels`:
+    /// The colors, 0 to 255, at up to eight points (u, v) of a texture that repeats, where one period is 1; `texels`:
     /// per pixel.
     #[inline]
     pub(super) fn tiled(&self, u: Lanes, v: Lanes, texels: Lanes, count: usize) -> Lanes3 {
@@ -136,7 +136,7 @@ impl Texture {
         Lanes3 { x, y, z }
     }
 
-    /// The colour at (u, v), both from 0 to 1.
+    /// The color at (u, v), both from 0 to 1.
     #[inline]
     fn at(&self, u: f32, v: f32, texels: f32, repeats: bool) -> Texel {
         // The logarithm to base 2: the exponent says which image, the first bits behind it how much of the next.
@@ -211,7 +211,7 @@ mod tests {
         };
         let texture = |colors| Texture::new(45, 31, &checker(colors)).expect("sound");
         let (old, mark) = ([[9, 8, 7], [90, 80, 70]], [255; 3]);
-        // A mark may have the colour of a field, and stay where the field changes.
+        // A mark may have the color of a field, and stay where the field changes.
         let (odd, even) = ([[200, 0, 30], [1, 255, 2]], [[5; 3]; 2]);
         for (new, mark) in [(odd, mark), (even, mark), (odd, old[1]), (even, old[0])] {
             let recolor = |[_, column]: [usize; 2], color| match color {

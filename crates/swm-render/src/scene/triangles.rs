@@ -1,4 +1,4 @@
-//! Meshes by rasterisation: which triangle is nearest at which sample.
+//! Meshes by rasterization: which triangle is nearest at which sample.
 
 use super::description::Instance;
 use super::lanes::{LANES, Lanes, splat};
@@ -17,13 +17,13 @@ pub(super) enum Sides {
     Both,
 }
 
-/// Corners of a mesh in the picture, kept between frames for their memory.
+/// Corners of a mesh in the image, kept between frames for their memory.
 #[derive(Debug, Default)]
 pub(super) struct Projected {
     corners: Vec<Corner>,
 }
 
-/// A corner in the picture: x, y, nearness, depth.
+/// A corner in the image: x, y, nearness, depth.
 pub(super) type Corner = [f32; 4];
 
 /// Draws `level` of the mesh that `instance` is; `in_front`: no part of it can be nearer than the near plane.
@@ -96,7 +96,7 @@ fn candidates(triangles: &[[u32; 3]], corners: &[Corner], sides: Sides, size: [f
     (faces & meets(ax, bx, cx, size[0]) & meets(ay, by, cy, size[1])).to_bitmask()
 }
 
-/// All points of the mesh, in the picture.
+/// All points of the mesh, in the image.
 fn project(view: &View, instance: &Instance, level: &Level, projected: &mut Projected) {
     let ([by_x, by_y, by_z], [from_x, from_y, from_z]) = homogeneous(view, instance);
     let perspective = view.is_perspective();
@@ -196,7 +196,7 @@ fn fill<T: Target>(
         }
         // Most triangles meet no point at all: what follows is computed where it is needed.
         let (edges, slopes) = plane.get_or_insert_with(|| {
-            // Nearness is linear across the picture.
+            // Nearness is linear across the image.
             let inverse = 1.0 / area;
             let slope_x = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) * inverse;
             let slope_y = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) * inverse;
@@ -273,7 +273,7 @@ fn edge(p: Corner, q: Corner) -> Edge {
     Edge { by_x, by_y, constant: p[0] * q[1] - q[0] * p[1], owns }
 }
 
-/// A ball around the mesh: centre and radius in the world.
+/// A ball around the mesh: center and radius in the world.
 pub(super) fn ball((low, high): ([f32; 3], [f32; 3]), instance: &Instance) -> (Vector, f64) {
     let (low, high) = (wide(low), wide(high));
     let middle = scale(add(low, high), 0.5);

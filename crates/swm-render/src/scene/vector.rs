@@ -29,7 +29,7 @@ pub(super) fn length(a: Vector) -> f64 {
 }
 
 /// `a` with length 1; zero stays zero.
-pub(super) fn normalised(a: Vector) -> Vector {
+pub(super) fn normalized(a: Vector) -> Vector {
     let length = length(a);
     if length > 0.0 { scale(a, 1.0 / length) } else { a }
 }
@@ -37,7 +37,7 @@ pub(super) fn normalised(a: Vector) -> Vector {
 /// Some vector of length 1 across `a`.
 pub(super) fn across(a: Vector) -> Vector {
     let axis = if a[0].abs() < 0.9 * length(a) { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-    normalised(cross(a, axis))
+    normalized(cross(a, axis))
 }
 
 pub(super) fn column(m: Matrix, index: usize) -> Vector {

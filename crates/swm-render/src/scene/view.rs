@@ -1,13 +1,13 @@
-//! Rays through the pixels of a picture, from an eye or from a light. Knows no surfaces.
+//! Rays through the pixels of an image, from an eye or from a light. Knows no surfaces.
 //!
-//! How near a surface is, is kept as a number that is linear across the picture for flat surfaces and grows toward the
+//! How near a surface is, is kept as a number that is linear across the image for flat surfaces and grows toward the
 //! eye: the inverse of the depth for perspective views, the negative depth for parallel ones.
 
 use super::description::{Camera, Instance};
 use super::lanes::{Lanes, Lanes3, splat};
 use super::vector::{Matrix, Vector, add, cross, dot, rotate, scale, sub, unrotate};
 
-/// A picture of `width` × `height` pixels; pixel (x, y) has its centre at (x + 0.5, y + 0.5), y downward.
+/// An image of `width` × `height` pixels; pixel (x, y) has its center at (x + 0.5, y + 0.5), y downward.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct View {
     pub(super) width: usize,
@@ -167,7 +167,7 @@ impl View {
     pub(super) fn rays(&self, instance: &Instance) -> Rays {
         let offset = sub(instance.position, self.origin);
         let depth = dot(offset, self.forward).max(self.near);
-        // Counted from the pixel where the instance's centre is, and from the depth of that centre: differences
+        // Counted from the pixel where the instance's center is, and from the depth of that center: differences
         // between large numbers are taken here, in f64.
         let [x, y, _] = self.project(instance.position).unwrap_or([
             0.5 * self.width as f64,
@@ -220,26 +220,26 @@ impl View {
         if self.perspective { 0.0 } else { f32::NEG_INFINITY }
     }
 
-    /// How long a pixel is at depth 1 (perspective) or anywhere (parallel), metres.
+    /// How long a pixel is at depth 1 (perspective) or anywhere (parallel), meters.
     pub(super) fn pixel(&self) -> f64 {
         dot(self.step_x, self.step_x).sqrt().max(dot(self.step_y, self.step_y).sqrt())
     }
 
     /// How long a pixel is where a ball is nearest.
-    pub(super) fn pixel_at(&self, centre: Vector, radius: f64) -> f64 {
+    pub(super) fn pixel_at(&self, center: Vector, radius: f64) -> f64 {
         if !self.perspective {
             return self.pixel();
         }
-        let depth = dot(sub(centre, self.origin), self.forward) - radius;
+        let depth = dot(sub(center, self.origin), self.forward) - radius;
         self.pixel() * depth.max(self.near)
     }
 
-    /// How long a pixel is where a plane is nearest in the picture, whatever hides it.
+    /// How long a pixel is where a plane is nearest in the image, whatever hides it.
     pub(super) fn pixel_on(&self, point: Vector, normal: Vector) -> f64 {
         if !self.perspective {
             return self.pixel();
         }
-        // The inverse of the depth is linear across the picture, so that it is largest in a corner.
+        // The inverse of the depth is linear across the image, so that it is largest in a corner.
         let below = dot(sub(point, self.origin), normal);
         let (width, height) = (self.width as f64, self.height as f64);
         let nearness = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)]

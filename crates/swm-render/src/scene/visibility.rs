@@ -9,7 +9,7 @@ use super::triangles::{self, Projected, Sides};
 use super::vector::{dot, sub, wide};
 use super::view::{Area, View, corners};
 
-/// Farther than any surface that matters, metres: how far endless planes reach.
+/// Farther than any surface that matters, meters: how far endless planes reach.
 const FAR: f32 = 1e4;
 
 /// What drawing needs besides the samples.
@@ -36,9 +36,9 @@ impl Drawing<'_> {
             return;
         };
         let mesh = &self.assets.meshes[mesh];
-        let (centre, radius) = triangles::ball(mesh.bounds(), instance);
+        let (center, radius) = triangles::ball(mesh.bounds(), instance);
         let level = mesh.at(self.level(instance));
-        let depth = dot(sub(centre, self.view.origin), self.view.forward);
+        let depth = dot(sub(center, self.view.origin), self.view.forward);
         let in_front = !self.view.is_perspective() || depth - radius > self.view.near();
         triangles::draw(self.view, instance, owner, level, self.sides, in_front, projected, target);
     }
@@ -47,8 +47,8 @@ impl Drawing<'_> {
     pub(super) fn level(&self, instance: &Instance) -> usize {
         let Shape::Mesh(mesh) = instance.shape else { return 0 };
         let mesh = &self.assets.meshes[mesh];
-        let (centre, radius) = triangles::ball(mesh.bounds(), instance);
-        mesh.level(self.coarseness * self.view.pixel_at(centre, radius) as f32)
+        let (center, radius) = triangles::ball(mesh.bounds(), instance);
+        mesh.level(self.coarseness * self.view.pixel_at(center, radius) as f32)
     }
 
     /// The pixels that an instance may cover.
@@ -56,9 +56,9 @@ impl Drawing<'_> {
         if let Shape::Mesh(mesh) = instance.shape {
             // A version of less detail reaches out by less than the pixel that an area has to spare.
             let bounds = self.assets.meshes[mesh].bounds();
-            let (centre, _) = triangles::ball(bounds, instance);
+            let (center, _) = triangles::ball(bounds, instance);
             let half = sub(wide(bounds.1), wide(bounds.0)).map(|side| 0.5 * side);
-            return self.view.area(corners(centre, instance.rotation, half));
+            return self.view.area(corners(center, instance.rotation, half));
         }
         let half = wide(shape::half_lengths(&instance.shape, FAR));
         self.view.area(corners(instance.position, instance.rotation, half))

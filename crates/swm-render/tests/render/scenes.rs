@@ -20,7 +20,7 @@ pub(crate) struct Scene {
     pub(crate) render_goal: u8,
     pub(crate) agent: Body,
     pub(crate) block: Body,
-    /// Contact lines: x, y, x, y, and the colour with alpha.
+    /// Contact lines: x, y, x, y, and the color with alpha.
     pub(crate) segs: Vec<[f64; 8]>,
 }
 
@@ -100,7 +100,7 @@ fn place(points: &[[f64; 2]], origin: [f64; 2], angle: f64) -> Vec<[f64; 2]> {
     points.iter().map(|[x, y]| [origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y]).collect()
 }
 
-/// The folder of golden pictures: `SWM_GOLDEN_DIR`, or the committed ones.
+/// The folder of golden images: `SWM_GOLDEN_DIR`, or the committed ones.
 pub(crate) fn golden_dir() -> PathBuf {
     std::env::var_os("SWM_GOLDEN_DIR").map_or_else(committed_dir, PathBuf::from)
 }
@@ -131,18 +131,18 @@ pub(crate) fn golden_scenes() -> Vec<Golden> {
     scenes.into_iter().map(golden).collect()
 }
 
-/// A decoded `[H, W, 3]` picture.
-pub(crate) struct Picture {
+/// A decoded `[H, W, 3]` image.
+pub(crate) struct Image {
     pub(crate) height: usize,
     pub(crate) width: usize,
     pub(crate) rgb: Vec<u8>,
 }
 
-pub(crate) fn decode_png(bytes: &[u8]) -> Picture {
+pub(crate) fn decode_png(bytes: &[u8]) -> Image {
     let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().expect("a PNG header");
     let mut rgb = vec![0; reader.output_buffer_size().expect("a sane size")];
     let info = reader.next_frame(&mut rgb).expect("PNG data");
     assert_eq!(info.color_type, png::ColorType::Rgb);
     rgb.truncate(info.buffer_size());
-    Picture { height: info.height as usize, width: info.width as usize, rgb }
+    Image { height: info.height as usize, width: info.width as usize, rgb }
 }

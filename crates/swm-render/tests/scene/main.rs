@@ -1,4 +1,4 @@
-//! Whole pictures of 3D scenes: that they are the same bytes everywhere, and that settings do what they say.
+//! Whole images of 3D scenes: that they are the same bytes everywhere, and that settings do what they say.
 #![cfg(feature = "scene")]
 
 mod stage;
@@ -15,7 +15,7 @@ fn renderer(quality: Quality) -> SceneRenderer {
     SceneRenderer::new(Geometry::new(HEIGHT, WIDTH), quality).expect("sizes are fine")
 }
 
-fn picture(renderer: &mut SceneRenderer, stage: &Stage) -> Vec<u8> {
+fn image(renderer: &mut SceneRenderer, stage: &Stage) -> Vec<u8> {
     let mut frame = vec![0; HEIGHT * WIDTH * 3];
     renderer.render(&stage.scene, &stage.assets, &mut frame).expect("a sound scene");
     frame
@@ -28,21 +28,21 @@ fn hash(bytes: &[u8]) -> u64 {
         .fold(0xcbf2_9ce4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Every shape, light, mapping and pass is in this picture. Its bytes are the same on every processor: where this fails on
-/// one and nowhere else, something depends on the machine. Where pictures are meant to change, so does this number.
+/// Every shape, light, mapping and pass is in this image. Its bytes are the same on every processor: where this fails on
+/// one and nowhere else, something depends on the machine. Where images are meant to change, so does this number.
 #[test]
-fn a_picture_has_the_same_bytes_on_every_machine() {
+fn a_image_has_the_same_bytes_on_every_machine() {
     let mut stage = Stage::new();
-    let mut film = Vec::new();
+    let mut video = Vec::new();
     let mut first = renderer(Quality::default());
     for frame in 0..3 {
         stage.turn(f64::from(frame));
-        film.extend(picture(&mut first, &stage));
+        video.extend(image(&mut first, &stage));
         assert!(
-            picture(&mut renderer(Quality::default()), &stage) == film[film.len() - HEIGHT * WIDTH * 3..]
+            image(&mut renderer(Quality::default()), &stage) == video[video.len() - HEIGHT * WIDTH * 3..]
         );
     }
-    assert_eq!(hash(&film), 0x93d3_442a_730c_33f7, "{:#018x}", hash(&film));
+    assert_eq!(hash(&video), 0x93d3_442a_730c_33f7, "{:#018x}", hash(&video));
 }
 
 #[test]
@@ -51,11 +51,11 @@ fn qualities_show_where_they_should() {
     stage.turn(0.0);
     let plain = Quality { antialias: false, shadows: false, reflections: false };
     let mut base = renderer(plain);
-    let without = picture(&mut base, &stage);
+    let without = image(&mut base, &stage);
     let mut segments = vec![0; HEIGHT * WIDTH];
     base.segmentation_of_last(&stage.scene, &stage.assets, &mut segments).expect("of its size");
     let changed = |quality: Quality| -> Vec<i32> {
-        let with = picture(&mut renderer(quality), &stage);
+        let with = image(&mut renderer(quality), &stage);
         let pairs = with.chunks_exact(3).zip(without.chunks_exact(3)).zip(&segments);
         pairs.filter(|((a, b), _)| a != b).map(|(_, segment)| *segment).collect()
     };
@@ -69,7 +69,7 @@ fn qualities_show_where_they_should() {
 }
 
 #[test]
-fn veils_are_seen_through_and_labelled() {
+fn veils_are_seen_through_and_labeled() {
     let mut stage = Stage::new();
     stage.turn(0.0);
     let mut renderer = renderer(Quality::default());

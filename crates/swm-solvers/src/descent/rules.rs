@@ -1,4 +1,4 @@
-//! Optimisers: what to do with one gradient of one sequence. They know nothing of costs.
+//! Optimizers: what to do with one gradient of one sequence. They know nothing of costs.
 //!
 //! Rules and defaults are those of the usual deep-learning libraries, to the last rounding that matters: Kingma & Ba,
 //! *Adam* (2015); Loshchilov & Hutter, *Decoupled Weight Decay Regularization* (2019).

@@ -40,7 +40,7 @@ pub(crate) struct Search<'a, 'w> {
     problem: &'a Problem<'a>,
     /// `[B, S, H, D]`: the plans.
     pub(crate) points: &'w mut [f32],
-    /// `[B, S, H, D]`: derivative of what is minimised.
+    /// `[B, S, H, D]`: derivative of what is minimized.
     pub(crate) gradient: &'w mut [f32],
     /// `[B, S, H, D]` each: what the rule remembers.
     memories: [&'w mut [f32]; 2],

@@ -89,7 +89,7 @@ impl<'s> Differentiator<'s> {
             }
         });
         if given {
-            symmetrise(hessian, numbers);
+            symmetrize(hessian, numbers);
         } else {
             self.second_differences(model, at, hessian);
         }
@@ -158,7 +158,7 @@ fn stage_of<'p>(at: &Stage<'_>, point: &'p [f64], state_width: usize) -> Stage<'
     Stage { row: at.row, step: at.step, state, action }
 }
 
-fn symmetrise(matrix: &mut [f64], width: usize) {
+fn symmetrize(matrix: &mut [f64], width: usize) {
     for i in 0..width {
         for j in 0..i {
             let mean = 0.5 * (matrix[i * width + j] + matrix[j * width + i]);

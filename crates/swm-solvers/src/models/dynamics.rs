@@ -10,7 +10,7 @@ use crate::mpc::Moment;
 
 /// A model of what plans lead to: states (usually embeddings) of W numbers, one after every block of a plan.
 ///
-/// A prediction depends on its own row and plan only, never on its neighbours in the batch.
+/// A prediction depends on its own row and plan only, never on its neighbors in the batch.
 pub trait Dynamics: Send + Sync {
     /// Once per plan: encodes the observations of the moment, and their goals. Neither changes while a plan is made,
     /// so neither is encoded again.

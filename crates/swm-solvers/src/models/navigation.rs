@@ -27,7 +27,7 @@ pub struct Navigation {
 /// A round obstacle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Obstacle {
-    /// Its centre.
+    /// Its center.
     pub center: [f64; 2],
     /// Its radius.
     pub radius: f64,
@@ -36,7 +36,7 @@ pub struct Obstacle {
 /// How obstacles count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Obstacles {
-    /// Every step costs weight × exp(-d² / (2 radius²)) at distance d of the centre: a hill that can be crossed.
+    /// Every step costs weight × exp(-d² / (2 radius²)) at distance d of the center: a hill that can be crossed.
     Penalties {
         /// Height of the hill.
         weight: f64,

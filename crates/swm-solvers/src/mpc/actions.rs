@@ -7,7 +7,7 @@ use crate::error::PlanError;
 use crate::sampling::clip;
 use crate::space::{categories, largest, plan_width};
 
-/// Turns A numbers of a plan into one action: clipped to the action space (if wanted), freed of the normalisation (if
+/// Turns A numbers of a plan into one action: clipped to the action space (if wanted), freed of the normalization (if
 /// there is one), in its type. Integers are the category with the largest number.
 ///
 /// The policy and the costs that simulate use the same map, so that what is planned is what is done.
@@ -55,7 +55,7 @@ impl ActionMap {
     /// [`ActionScale::check`].
     pub fn scaled(space: &Space, scale: &ActionScale, clips: bool) -> Result<Self, PlanError> {
         let Space::Box { dtype, shape, low, high } = space else {
-            let reason = format!("normalises real numbers, and the action space is {}", space.kind());
+            let reason = format!("normalizes real numbers, and the action space is {}", space.kind());
             return Err(PlanError::setting(NAME, reason));
         };
         scale.check()?;
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn plans_are_normalised_and_actions_are_not() {
+    fn plans_are_normalized_and_actions_are_not() {
         let space = Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0);
         let scale = ActionScale::MeanStd { mean: vec![0.5, 0.0], std: vec![0.25, 2.0] };
         let map = ActionMap::scaled(&space, &scale, true).unwrap();

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::PlanError;
 
-/// Normalisation of actions, a number per action number `[A]`. It acts on single actions, not on blocks.
+/// Normalization of actions, a number per action number `[A]`. It acts on single actions, not on blocks.
 ///
 /// Source of the formulas: the reference's `ZScoreScaler` and `PercentileScaler`. Where an action number does not vary
 /// (a width below 1e-8) the reference has three rules; here its width counts as 1, in both directions.
@@ -98,21 +98,21 @@ impl ActionScale {
         }
     }
 
-    /// The centre and width of action number `index`: `plan = (action - centre) / width`.
+    /// The center and width of action number `index`: `plan = (action - center) / width`.
     pub(super) fn line(&self, index: usize) -> (f64, f64) {
-        let (centre, width) = match self {
+        let (center, width) = match self {
             ActionScale::MeanStd { mean, std } => (mean[index], std[index]),
             ActionScale::Percentile { low, high } => {
                 ((low[index] + high[index]) / 2.0, (high[index] - low[index]) / 2.0)
             }
         };
-        (centre, if width < NO_WIDTH { 1.0 } else { width })
+        (center, if width < NO_WIDTH { 1.0 } else { width })
     }
 
     /// The plan number of action number `index` at `value`.
     pub fn to_plan(&self, index: usize, value: f64) -> f64 {
-        let (centre, width) = self.line(index);
-        let scaled = (value - centre) / width;
+        let (center, width) = self.line(index);
+        let scaled = (value - center) / width;
         match self {
             ActionScale::MeanStd { .. } => scaled,
             ActionScale::Percentile { .. } => scaled.clamp(-1.0, 1.0),
@@ -121,8 +121,8 @@ impl ActionScale {
 
     /// The value of action number `index` at plan number `number`.
     pub fn to_action(&self, index: usize, number: f64) -> f64 {
-        let (centre, width) = self.line(index);
-        number * width + centre
+        let (center, width) = self.line(index);
+        number * width + center
     }
 }
 
@@ -167,9 +167,9 @@ mod tests {
             ActionScale::Percentile { low: vec![-1.0, 2.0], high: vec![3.0, 2.5] },
         ] {
             for index in 0..2 {
-                let (centre, width) = scale.line(index);
+                let (center, width) = scale.line(index);
                 for step in [-0.9, 0.0, 0.4] {
-                    let value = centre + step * width;
+                    let value = center + step * width;
                     assert!((scale.to_plan(index, value) - step).abs() < 1e-12);
                     assert!((scale.to_action(index, step) - value).abs() < 1e-12);
                 }

@@ -29,7 +29,7 @@ const RUN: usize = 4;
 /// The task cost of an environment after carrying a plan out in it, by the environment's own simulation.
 ///
 /// It forks the environment through `snapshot` and `restore` into instances of its own, one per thread, that draw no
-/// pictures. A roll-out that diverges costs infinity.
+/// images. A roll-out that diverges costs infinity.
 pub struct SimulatorCost {
     entry: EnvEntry,
     config: EnvConfig,
@@ -43,7 +43,7 @@ pub struct SimulatorCost {
 }
 
 impl SimulatorCost {
-    /// For environments made by `entry` with `config`; pictures in it are left out.
+    /// For environments made by `entry` with `config`; images in it are left out.
     ///
     /// # Errors
     ///

@@ -181,11 +181,11 @@ impl Sampler for CmaEs {
         // Sigma (44); at most e times larger in one iteration.
         let change = rates.sigma / rates.damping * (length / rates.expected_length - 1.0);
         *state.sigma = (sigma * change.min(1.0).exp()).clamp(SIGMA.0, SIGMA.1);
-        // The form of the covariance changes slowly: factorise it when it has changed by about a tenth.
+        // The form of the covariance changes slowly: factorize it when it has changed by about a tenth.
         *state.waited += 1.0;
         if *state.waited * (rates.one + rates.many) * size as f64 * 10.0 >= 1.0 {
             *state.waited = 0.0;
-            factorise(state.covariance, state.lengths, state.axes, episode.stack);
+            factorize(state.covariance, state.lengths, state.axes, episode.stack);
         }
         episode.mean.iter_mut().zip(&*state.mean).for_each(|(out, &value)| *out = value as f32);
         for (j, spread) in episode.spread.iter_mut().enumerate() {
@@ -197,8 +197,8 @@ impl Sampler for CmaEs {
 /// Sigma stays within what plans can hold.
 const SIGMA: (f64, f64) = (1e-12, 1e12);
 
-/// Eigenvectors and roots of the eigenvalues of the covariance. If it cannot be factorised, the search forgets its form.
-fn factorise(
+/// Eigenvectors and roots of the eigenvalues of the covariance. If it cannot be factorized, the search forgets its form.
+fn factorize(
     covariance: &mut [f64],
     lengths: &mut [f64],
     axes: &mut [f64],
@@ -294,7 +294,7 @@ struct State<'a> {
     offset: &'a mut [f64],
     /// The step size.
     sigma: &'a mut f64,
-    /// Iterations since the covariance was factorised.
+    /// Iterations since the covariance was factorized.
     waited: &'a mut f64,
 }
 

@@ -153,7 +153,7 @@ impl Sampler for FullCem {
         if elites.len() < 2 {
             return;
         }
-        // The lower triangle, column by column; it is all that the factorisation reads.
+        // The lower triangle, column by column; it is all that the factorization reads.
         factor.fill(0.0);
         for plan in plans() {
             for ((offset, &value), mean) in offset.iter_mut().zip(plan).zip(&*sum) {

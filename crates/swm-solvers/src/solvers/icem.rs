@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 use swm_core::registry::Setting;
 
-use crate::coloured::{Normalise, colour, fill_kernel};
+use crate::colored::{Normalize, color, fill_kernel};
 use crate::error::PlanError;
 use crate::ranges::{check_below_one, check_counts, check_elites, check_not_negative, check_positive};
 use crate::sampling::{Noise, fill_normal, fit_gaussian};
@@ -31,10 +31,11 @@ pub struct Icem {
     pub sigma: f64,
     /// Smallest standard deviation after a refit.
     pub sigma_min: f64,
-    /// Colour of the noise: the power at frequency f falls as f^-beta. 0 is white, 1 pink, 2 red.
+    /// Color of the noise: the power at frequency f falls as f^-beta. 0 is white, 1 pink, 2 red.
     pub noise_beta: f64,
     /// What the amplitude of noise is made to be.
-    pub normalise: Normalise,
+    #[serde(alias = "normalise")]
+    pub normalize: Normalize,
     /// Momentum: the share of the old mean and spread in the new ones.
     pub alpha: f64,
     /// By what factor the candidates become fewer from iteration to iteration, down to twice the elites; 1 keeps their
@@ -63,7 +64,7 @@ impl Default for Icem {
             sigma: 1.0,
             sigma_min: 0.0,
             noise_beta: 2.0,
-            normalise: Normalise::PerSequence,
+            normalize: Normalize::PerSequence,
             alpha: 0.1,
             decay: 1.0,
             elite_shift: 0,
@@ -83,9 +84,9 @@ impl Settings for Icem {
         Setting { name: "elites_kept", doc: "elites that are candidates again", default: "5" },
         Setting { name: "sigma", doc: "standard deviation of the first candidates", default: "1" },
         Setting { name: "sigma_min", doc: "smallest standard deviation after a refit", default: "0" },
-        Setting { name: "noise_beta", doc: "colour of the noise: 0 white, 1 pink, 2 red", default: "2" },
+        Setting { name: "noise_beta", doc: "color of the noise: 0 white, 1 pink, 2 red", default: "2" },
         Setting {
-            name: "normalise",
+            name: "normalize",
             doc: "amplitude of noise: 1 in every sequence (per_sequence) or on average (analytic)",
             default: "per_sequence",
         },
@@ -131,7 +132,7 @@ impl Settings for Icem {
 
 impl SolverConfig for Icem {
     const NAME: &'static str = "icem";
-    const SUMMARY: &'static str = "cross-entropy method with coloured noise, kept elites and momentum";
+    const SUMMARY: &'static str = "cross-entropy method with colored noise, kept elites and momentum";
 }
 
 impl Sampler for Icem {
@@ -159,7 +160,7 @@ impl Sampler for Icem {
     fn begin(&self, episode: &mut Episode<'_>) {
         let (problem, remembered) = (episode.problem, episode.problem.remembered(episode.row));
         let carried = self.parts(episode);
-        fill_kernel(carried.kernel, self.noise_beta, self.normalise);
+        fill_kernel(carried.kernel, self.noise_beta, self.normalize);
         let (size, skipped) = (problem.plan_size(), self.elite_shift * problem.width());
         if (1..size).contains(&skipped) && remembered.len() <= carried.elites.len() {
             let elites = carried.elites.chunks_exact_mut(size).zip(remembered.chunks_exact(size));
@@ -197,7 +198,7 @@ impl Sampler for Icem {
             }
             let elite = (1..=kept).contains(&sample).then(|| &carried.elites[(sample - 1) * size..][..size]);
             if elite.is_none() || covered < size {
-                colour(carried.kernel, self.normalise, white, candidate);
+                color(carried.kernel, self.normalize, white, candidate);
                 scale(candidate, carried.mean, carried.spread);
             }
             if let Some(elite) = elite {

@@ -2,7 +2,7 @@
 //! plan is known in closed form; a line search along it makes the next plan. Needs a [`crate::models::ControlModel`].
 //!
 //! Source: Tassa, Erez & Todorov, *Synthesis and stabilization of complex behaviors through online trajectory
-//! optimization* (2012), for regularisation and line search, with first derivatives of the dynamics only; bounds by holding
+//! optimization* (2012), for regularization and line search, with first derivatives of the dynamics only; bounds by holding
 //! actions that push against theirs (after Tassa, Mansard & Todorov, *Control-limited differential dynamic programming*,
 //! 2014).
 

@@ -266,7 +266,7 @@ impl Run<'_, '_> {
         Ok(())
     }
 
-    /// Costs and constraints where the sequences are and, if wanted, the gradient of what is minimised.
+    /// Costs and constraints where the sequences are and, if wanted, the gradient of what is minimized.
     fn evaluate(
         &mut self,
         problem: &Problem<'_>,

@@ -1,6 +1,6 @@
 //! Predictive sampling: draw plans around the best one known, take the cheapest. Nothing is fitted.
 //!
-//! Source: Howell et al., *Predictive Sampling: Real-time Behaviour Synthesis with MuJoCo* (2022), in the variant of the
+//! Source: Howell et al., *Predictive Sampling: Real-time Behavior Synthesis with MuJoCo* (2022), in the variant of the
 //! reference's `PredictiveSamplingSolver`: noise on every block, no splines.
 
 use serde::{Deserialize, Serialize};

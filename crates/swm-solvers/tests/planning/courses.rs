@@ -36,7 +36,7 @@ type Point = [f64; 2];
 pub(super) struct Course {
     start: Point,
     goal: Point,
-    /// Centre and radius; 3 to 5, with gaps of 0.2 or more between them.
+    /// Center and radius; 3 to 5, with gaps of 0.2 or more between them.
     obstacles: Vec<(Point, f64)>,
 }
 
@@ -57,8 +57,8 @@ impl Course {
         let mut near = |x: f64| [x + stream.random_range(-0.2..0.2), stream.random_range(-0.5..0.5)];
         let (start, goal) = (near(-1.0), near(1.0));
         let obstacle = |_| {
-            let centre = [stream.random_range(-0.6..0.6), stream.random_range(-0.8..0.8)];
-            (centre, stream.random_range(0.15..0.3))
+            let center = [stream.random_range(-0.6..0.6), stream.random_range(-0.8..0.8)];
+            (center, stream.random_range(0.15..0.3))
         };
         Self { start, goal, obstacles: (0..obstacles).map(obstacle).collect() }
     }
@@ -76,8 +76,8 @@ impl Course {
 
     /// Distance of the straight way between two points from the nearest obstacle; negative inside of it.
     fn clearance(&self, way: [Point; 2]) -> f64 {
-        let distance = |(centre, radius): &(Point, f64)| {
-            let (_, [x, y]) = nearest(way, *centre);
+        let distance = |(center, radius): &(Point, f64)| {
+            let (_, [x, y]) = nearest(way, *center);
             x.hypot(y) - radius
         };
         self.obstacles.iter().map(distance).fold(f64::INFINITY, f64::min)
@@ -122,8 +122,8 @@ impl Course {
         let mut cost = weight * (away[0] * away[0] + away[1] * away[1]);
         let mut slopes = [[0.0; 2]; 2];
         add(&mut slopes[1], away, 2.0 * weight);
-        for &(centre, radius) in &self.obstacles {
-            let (part, away) = nearest(way, centre);
+        for &(center, radius) in &self.obstacles {
+            let (part, away) = nearest(way, center);
             let distance = (away[0] * away[0] + away[1] * away[1]).sqrt();
             let depth = radius + MARGIN - distance;
             if depth > 0.0 && distance > 0.0 {
@@ -157,10 +157,10 @@ fn step(place: Point, action: Point) -> Point {
     [place[0] + STRIDE * bend(action[0]), place[1] + STRIDE * bend(action[1])]
 }
 
-/// The point of the straight way between two points that is nearest to `centre`: its part of the way, and where it is
-/// seen from `centre`.
-fn nearest([a, b]: [Point; 2], centre: Point) -> (f64, Point) {
-    let (way, from) = (minus(b, a), minus(a, centre));
+/// The point of the straight way between two points that is nearest to `center`: its part of the way, and where it is
+/// seen from `center`.
+fn nearest([a, b]: [Point; 2], center: Point) -> (f64, Point) {
+    let (way, from) = (minus(b, a), minus(a, center));
     let length = way[0] * way[0] + way[1] * way[1];
     let part = if length > 0.0 { -(way[0] * from[0] + way[1] * from[1]) / length } else { 0.0 };
     let part = part.clamp(0.0, 1.0);

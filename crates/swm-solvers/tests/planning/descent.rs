@@ -56,7 +56,7 @@ fn a_longest_gradient_bounds_the_step() {
     assert_eq!(each.row(0), step(GradClip::Sequence, 3).row(0));
     let all = step(GradClip::Global, 1);
     assert!((length(&all.actions) - 0.1).abs() < 1e-6);
-    assert_ne!(all.row(0), step(GradClip::Global, 3).row(0), "as in the reference, neighbours matter");
+    assert_ne!(all.row(0), step(GradClip::Global, 3).row(0), "as in the reference, neighbors matter");
 }
 
 #[test]

@@ -199,7 +199,7 @@ fn an_episode_that_ends_leaves_the_others_in_the_middle_of_their_plans() {
     assert_eq!(asked[3].initial, warm);
     assert_eq!(stories[1].actions.len(), 5);
     for episode in [2, 3] {
-        assert_eq!(stories[episode], stories[0], "neighbours change nothing");
+        assert_eq!(stories[episode], stories[0], "neighbors change nothing");
     }
 }
 

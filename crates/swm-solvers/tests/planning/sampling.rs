@@ -135,7 +135,7 @@ fn icem_tries_elites_again_in_the_next_iteration_and_in_the_next_plan() {
 fn icem_draws_correlated_noise_within_bounds() {
     let (_, seen) = watch(&Icem::default(), &[0.0; 20], &[]);
     assert!(seen.candidates.iter().flatten().all(|value| value.abs() <= 1.0));
-    // Neighbours in time, with the noise as it is: red noise is near itself.
+    // Neighbors in time, with the noise as it is: red noise is near itself.
     let correlation = |noise_beta: f64| {
         let solver = Icem { noise_beta, clip: false, iterations: 1, ..Icem::default() };
         let (_, seen) = watch(&solver, &[0.0; 20], &[]);
@@ -167,7 +167,7 @@ fn thorough(solver: &str) -> Map<String, Json> {
         // A floor under the spread keeps the search from freezing before it has arrived.
         "cem" => json!({"iterations": 100, "sigma_min": 0.05}),
         "icem" => json!({
-            "samples": 1000, "iterations": 60, "sigma_min": 0.05, "noise_beta": 0.5, "normalise": "analytic"
+            "samples": 1000, "iterations": 60, "sigma_min": 0.05, "noise_beta": 0.5, "normalize": "analytic"
         }),
         "mppi" => json!({"iterations": 100, "sigma": 0.1, "temperature": 0.05}),
         "predictive-sampling" => json!({"iterations": 300, "sigma": 0.05}),
@@ -296,8 +296,8 @@ fn settings_out_of_range_are_named() {
         ("icem", json!({"noise_beta": -1.0}), "`noise_beta`: -1 is not"),
         (
             "icem",
-            json!({"normalise": "max"}),
-            "`normalise`: unknown variant `max`, expected `per_sequence` or `analytic`",
+            json!({"normalize": "max"}),
+            "`normalize`: unknown variant `max`, expected `per_sequence` or `analytic`",
         ),
         ("mppi", json!({"temperature": 0.0}), "`temperature`: 0 is not a positive number"),
         ("mppi", json!({"elites": 301}), "`elites`: 301 of 300 samples"),

@@ -1,4 +1,4 @@
-//! What every solve promises: plans that do not depend on their neighbours or on threads, and clear errors.
+//! What every solve promises: plans that do not depend on their neighbors or on threads, and clear errors.
 
 use std::collections::HashSet;
 

@@ -11,7 +11,7 @@ use crate::mpc::{Outcome, act_in_units, config, far_goal, stair};
 use crate::worlds::{Setting, run, toward};
 
 #[test]
-fn plans_are_normalised_actions_are_not_and_the_past_is() {
+fn plans_are_normalized_actions_are_not_and_the_past_is() {
     let units = ActionScale::MeanStd { mean: vec![0.25], std: vec![0.5] };
     let config = PlanConfig { history_len: 3, ..config(2, 1, 2) };
     // Plan numbers 0.5, 1.5, 2.5, …; the bound 1 of the action is 1.5 in them.

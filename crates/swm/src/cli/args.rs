@@ -148,7 +148,7 @@ impl WorldArgs {
     }
 }
 
-/// A picture size: `64x64`, `96`, or `none`.
+/// An image size: `64x64`, `96`, or `none`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ImageArg(pub Option<ImageSize>);
 

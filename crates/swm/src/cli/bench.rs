@@ -13,7 +13,7 @@ use super::args::EnvArgs;
 use super::output::table;
 use super::{Failure, Output, policies, usage};
 
-/// Measure steps per second, with and without pictures, by number of threads.
+/// Measure steps per second, with and without images, by number of threads.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  swm bench swm/PushT-v1\n  swm bench swm/PushT-v1 --seconds 5 --json")]
 pub(super) struct Bench {
@@ -33,15 +33,15 @@ struct Measurement {
     env: String,
     threads: usize,
     num_envs: usize,
-    /// Whether pictures were drawn.
+    /// Whether images were drawn.
     pixels: bool,
-    /// Their size and style, `64x64 exact`; empty without pictures.
+    /// Their size and style, `64x64 exact`; empty without images.
     image: String,
     steps_per_second: f64,
 }
 
-/// Size and style of the pictures measured.
-const PICTURES: [Option<(usize, &str)>; 5] =
+/// Size and style of the images measured.
+const IMAGES: [Option<(usize, &str)>; 5] =
     [None, Some((64, "exact")), Some((224, "exact")), Some((64, "fast")), Some((224, "fast"))];
 
 impl Bench {
@@ -52,11 +52,11 @@ impl Bench {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let mut layouts = vec![(1, 1), (1, 8)];
         layouts.extend((cores > 1).then_some((cores, 8.max(cores))));
-        let bar = output.bar((PICTURES.len() * layouts.len()) as u64, "measurements");
+        let bar = output.bar((IMAGES.len() * layouts.len()) as u64, "measurements");
         let mut list = Vec::new();
-        for picture in PICTURES {
+        for image in IMAGES {
             for &(threads, num_envs) in &layouts {
-                list.push(self.measure(registry, picture, threads, num_envs)?);
+                list.push(self.measure(registry, image, threads, num_envs)?);
                 bar.inc(1);
             }
         }
@@ -68,21 +68,21 @@ impl Bench {
                 vec![image, m.threads.to_string(), m.num_envs.to_string(), rate]
             };
             let rows: Vec<_> = list.iter().map(row).collect();
-            table(&["pictures", "threads", "environments", "steps per second"], &rows)
+            table(&["images", "threads", "environments", "steps per second"], &rows)
         })
     }
 
     fn measure(
         &self,
         registry: &Registry,
-        picture: Option<(usize, &str)>,
+        image: Option<(usize, &str)>,
         threads: usize,
         num_envs: usize,
     ) -> Result<Measurement, Failure> {
         let entry = self.env.entry(registry)?;
-        let mut config = self.env.config(picture.map(|(side, _)| ImageSize { height: side, width: side }))?;
+        let mut config = self.env.config(image.map(|(side, _)| ImageSize { height: side, width: side }))?;
         let has_styles = entry.settings.iter().any(|setting| setting.name == "render");
-        if let Some((_, style)) = picture.filter(|_| has_styles) {
+        if let Some((_, style)) = image.filter(|_| has_styles) {
             config.settings.insert("render".to_owned(), style.into());
         }
         let policy = policies::make(registry, entry, &config, 1, &self.policy)?;
@@ -103,8 +103,8 @@ impl Bench {
             env: entry.id.to_owned(),
             threads,
             num_envs,
-            pixels: picture.is_some(),
-            image: picture.map(|(side, style)| format!("{side}x{side} {style}")).unwrap_or_default(),
+            pixels: image.is_some(),
+            image: image.map(|(side, style)| format!("{side}x{side} {style}")).unwrap_or_default(),
             steps_per_second: watch.rate(),
         })
     }

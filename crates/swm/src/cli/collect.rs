@@ -23,12 +23,12 @@ use super::{Failure, Output, policies, usage};
 Examples:
   swm collect swm/PushT-v1 --policy expert --episodes 100 --seed 1 --out pusht.h5
   swm collect swm/PushT-v1 --policy weak --episodes 50 --vary agent,block.color --set background.color=0,0,0 --out weak.h5
-  swm collect swm/PushT-v1 --policy expert --episodes 1000 --replayable --out small.h5   (pictures are drawn when read)
-  swm collect swm/PushT-v1 --policy expert --episodes 100 --quality 95 --out pusht.video   (films)
+  swm collect swm/PushT-v1 --policy expert --episodes 1000 --replayable --out small.h5   (images are drawn when read)
+  swm collect swm/PushT-v1 --policy expert --episodes 100 --quality 95 --out pusht.video   (videos)
   swm collect swm/PushT-v1 --policy expert --total 1000 --seed 1 --mode append --out pusht.h5   (continue up to 1000)
   swm collect swm/PushT-v1 --policy expert --episodes 1000 --shard 3/16 --out pusht.3.h5   (on one of 16 machines; then swm merge)
 
-An episode is safe on disk once it is announced as written: a crash or kill loses at most what came after.")]
+An episode is safe on disk once it is committed as written: a crash or kill loses at most what came after.")]
 pub(super) struct Collect {
     #[command(flatten)]
     env: EnvArgs,
@@ -48,11 +48,11 @@ pub(super) struct Collect {
     /// Seed of the run; episode i depends on the seed and i alone.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Picture size, HEIGHTxWIDTH, or `none`.
+    /// Image size, HEIGHTxWIDTH, or `none`.
     #[arg(long, default_value = "64x64")]
     image_size: ImageArg,
-    /// Record no pictures but what they can be drawn from, and the state every N rows: loaders then draw them in any size,
-    /// with any colours.
+    /// Record no images but what they can be drawn from, and the state every N rows: loaders then draw them in any size,
+    /// with any colors.
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16", conflicts_with = "image_size")]
     replayable: Option<u32>,
     /// Steps after which an episode ends.
@@ -62,7 +62,7 @@ pub(super) struct Collect {
     world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Columns to leave out, separated by commas: `goal`, say, a picture per row.
+    /// Columns to leave out, separated by commas: `goal`, say, an image per row.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     without: Vec<String>,
     /// The file to write.
@@ -71,7 +71,7 @@ pub(super) struct Collect {
     /// The format; default: by the file extension.
     #[arg(long)]
     format: Option<String>,
-    /// Quality of pictures, 1 to 100, in the formats that lose some (`folder`: default 95; `video`, `lerobot`: 85).
+    /// Quality of images, 1 to 100, in the formats that lose some (`folder`: default 95; `video`, `lerobot`: 85).
     #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
     quality: Option<u8>,
     /// If the file exists: `append`, `overwrite` or `error`.
@@ -110,7 +110,7 @@ impl Collect {
         let rollout = Rollout { episodes: first..last, seed: self.seed, scenario: Scenario::Same(&options) };
         let started = Instant::now();
         let bar = output.bar(last - first, "episodes");
-        let mut sink = Announced {
+        let mut sink = Committed {
             writer: writer.as_mut(),
             bar: bar.clone(),
             output,
@@ -173,7 +173,7 @@ impl Recorder for Count {
 }
 
 /// Says of every episode that it is written, once it is: by the bar, or by a line where nobody watches a bar.
-struct Announced<'a> {
+struct Committed<'a> {
     writer: &'a mut dyn DatasetWriter,
     bar: ProgressBar,
     output: &'a Output,
@@ -183,7 +183,7 @@ struct Announced<'a> {
     offset: u64,
 }
 
-impl EpisodeSink for Announced<'_> {
+impl EpisodeSink for Committed<'_> {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
         Ok(self.offset + self.writer.begin(schema, metadata)?)
     }

@@ -17,10 +17,10 @@ pub(super) struct TargetArgs {
     /// The format; default: by the file extension (`swm convert --help` lists them).
     #[arg(long)]
     format: Option<String>,
-    /// Quality of pictures, 1 to 100, in the formats that lose some (`folder`: default 95; `video`, `lerobot`: 85).
+    /// Quality of images, 1 to 100, in the formats that lose some (`folder`: default 95; `video`, `lerobot`: 85).
     #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
     quality: Option<u8>,
-    /// Frames from one key frame of a film to the next; more is smaller, and slower to read at random. Default: 10.
+    /// Frames from one key frame of a video to the next; more is smaller, and slower to read at random. Default: 10.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     key_frames: Option<u32>,
     /// Replace a dataset that is there. Without it, a copy of the same source is continued, and anything else refused.
@@ -89,17 +89,17 @@ fn line(result: &Json) -> String {
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  swm convert pusht.h5 pusht.video                 (H.264 films: a hundredth of the size, lossy)
+  swm convert pusht.h5 pusht.video                 (H.264 videos: a hundredth of the size, lossy)
   swm convert pusht.h5 pusht.video --quality 95 --key-frames 30
   swm convert from_the_reference.h5 pusht.folder
   swm convert pusht.video again.h5 --overwrite
 
 The source's format is told by its content, the target's by its extension or --format:
   hdf5    .h5, .hdf5   one file, exact, fast at random; the format to train from
-  folder  .folder      numpy arrays and JPEG pictures
-  video   .video       numpy arrays and H.264 films
+  folder  .folder      numpy arrays and JPEG images
+  video   .video       numpy arrays and H.264 videos
   mcap    .mcap        one log file that opens in Foxglove, exact
-  lerobot .lerobot     Parquet tables and H.264 films that LeRobot opens (where it is built in)
+  lerobot .lerobot     Parquet tables and H.264 videos that LeRobot opens (where it is built in)
 
 Episodes flow in pieces: little is in memory at a time, however long they are. Interrupted, the same command goes on where it ended.")]
 pub(super) struct Convert {

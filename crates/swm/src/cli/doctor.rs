@@ -1,4 +1,4 @@
-//! `swm doctor`: what works on this machine, what does not, and which command mends it.
+//! `swm doctor`: what works on this machine, what does not, and which command fixes it.
 
 use clap::Args;
 use serde::Serialize;
@@ -7,7 +7,7 @@ use swm_media::Format;
 
 use super::{Failure, Output};
 
-/// Say what is installed, what is missing, and which command mends it.
+/// Say what is installed, what is missing, and which command fixes it.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -24,9 +24,9 @@ struct Check {
     state: State,
     /// What was found, or why it is missing.
     found: String,
-    /// What mends it.
+    /// What fixes it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    mend: Option<String>,
+    fix: Option<String>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -39,22 +39,22 @@ enum State {
 
 impl Check {
     fn works(what: &'static str, found: impl Into<String>) -> Self {
-        Self { what, state: State::Works, found: found.into(), mend: None }
+        Self { what, state: State::Works, found: found.into(), fix: None }
     }
 
     /// Missing, and nothing else needs it.
-    fn optional(what: &'static str, found: impl Into<String>, mend: &str) -> Self {
-        Self { what, state: State::Optional, found: found.into(), mend: Some(mend.to_owned()) }
+    fn optional(what: &'static str, found: impl Into<String>, fix: &str) -> Self {
+        Self { what, state: State::Optional, found: found.into(), fix: Some(fix.to_owned()) }
     }
 
-    fn missing(what: &'static str, found: impl Into<String>, mend: &str) -> Self {
-        Self { what, state: State::Missing, found: found.into(), mend: Some(mend.to_owned()) }
+    fn missing(what: &'static str, found: impl Into<String>, fix: &str) -> Self {
+        Self { what, state: State::Missing, found: found.into(), fix: Some(fix.to_owned()) }
     }
 }
 
 impl Doctor {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut checks = vec![Check::works("program", super::version::program()), films(), threads()];
+        let mut checks = vec![Check::works("program", super::version::program()), videos(), threads()];
         #[cfg(feature = "mujoco")]
         checks.extend(mujoco::checks());
         checks.push(environments(registry));
@@ -73,26 +73,26 @@ impl Doctor {
 fn text(checks: &[Check]) -> String {
     let width = checks.iter().map(|check| check.what.len()).max().unwrap_or(0);
     let mut text = String::new();
-    for Check { what, state, found, mend } in checks {
+    for Check { what, state, found, fix } in checks {
         let mark = match state {
             State::Works => "ok      ",
             State::Optional => "optional",
             State::Missing => "MISSING ",
         };
         text += &format!("{mark}  {what:width$}  {found}\n");
-        if let Some(mend) = mend {
-            text += &format!("{:10}{:width$}  -> {mend}\n", "", "");
+        if let Some(fix) = fix {
+            text += &format!("{:10}{:width$}  -> {fix}\n", "", "");
         }
     }
     text
 }
 
-fn films() -> Check {
+fn videos() -> Check {
     if Format::Mp4.is_built() {
-        Check::works("films", "PNG, GIF, MP4")
+        Check::works("videos", "PNG, GIF, MP4")
     } else {
         Check::optional(
-            "films",
+            "videos",
             "PNG, GIF; this build has no MP4",
             "build with the feature `mp4`; it needs a C++ compiler",
         )
@@ -129,7 +129,7 @@ mod mujoco {
 
     use super::Check;
 
-    /// What mends whatever is missing in the data folder.
+    /// What fixes whatever is missing in the data folder.
     fn setup() -> String {
         let setup = "cargo xtask setup";
         match assets::data_folder() {
@@ -194,7 +194,8 @@ mod mujoco {
 
     /// Our own renderer draws without it.
     fn gl() -> Check {
-        let needless = "only `renderer=gl` needs it (MuJoCo's own pictures); Debian: apt install libegl1 libgl1-mesa-dri";
+        let needless =
+            "only `renderer=gl` needs it (MuJoCo's own images); Debian: apt install libegl1 libgl1-mesa-dri";
         match GlContext::new() {
             Ok(context) => Check::works("OpenGL", format!("by {}, for `renderer=gl`", context.driver_name())),
             Err(error) => Check::optional("OpenGL", error.to_string(), needless),
@@ -216,11 +217,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_missing_comes_with_what_mends_it() {
+    fn what_is_missing_comes_with_what_fixes_it() {
         let checks =
-            [Check::works("films", "GIF"), Check::missing("MuJoCo", "no such file", "cargo xtask setup")];
-        let expected =
-            "ok        films   GIF\nMISSING   MuJoCo  no such file\n                  -> cargo xtask setup\n";
+            [Check::works("videos", "GIF"), Check::missing("MuJoCo", "no such file", "cargo xtask setup")];
+        let expected = "ok        videos   GIF\nMISSING   MuJoCo  no such file\n                  -> cargo xtask setup\n";
         assert_eq!(text(&checks), expected);
     }
 }

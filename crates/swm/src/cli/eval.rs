@@ -14,14 +14,14 @@ use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, ScenarioArgs, WorldArgs};
 use super::eval_manifest::EvalManifest;
 use super::output::facts;
 use super::{Failure, Output, policies, usage};
-use crate::film::Film;
 use crate::report::write_report;
+use crate::video::Video;
 
 /// Actions allowed per episode: online, and from goals of a dataset (the reference's).
 const BUDGET_ONLINE: u64 = 200;
 const BUDGET_DATASET: u64 = 50;
-/// Largest side of a film, in pixels.
-const MAX_FILM_SIDE: usize = 2160;
+/// Largest side of a video, in pixels.
+const MAX_VIDEO_SIDE: usize = 2160;
 
 /// Evaluate a policy: online, from starts and goals of a dataset, or on a manifest.
 #[derive(Args)]
@@ -33,12 +33,12 @@ Examples:
   swm eval --manifest pusht-strict.toml --policy cem --out results
 
 With --manifest, the manifest says all about the task; floors and a ceiling are run beside the policy; --out gets receipt.json,
-and an interrupted evaluation goes on where it stopped. Without, with --out, the folder gets result.json, a contact sheet (episodes.png) and a film per filmed episode.")]
+and an interrupted evaluation goes on where it stopped. Without, with --out, the folder gets result.json, a contact sheet (episodes.png) and a video per recorded episode.")]
 pub(super) struct Eval {
     #[command(flatten)]
     env: OptionalEnvArgs,
     /// Evaluate on this manifest; `swm manifest make` makes one.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["env", "env_options", "episodes", "seed", "dataset", "goal_offset", "budget", "frame_skip", "vary", "set", "films", "film_format", "image_size"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["env", "env_options", "episodes", "seed", "dataset", "goal_offset", "budget", "frame_skip", "vary", "set", "videos", "video_format", "image_size"])]
     manifest: Option<PathBuf>,
     /// With --manifest: seed of the policy's own noise, for repetitions on the same pairs. 0: noise comes from the pairs.
     #[arg(long, default_value_t = 0, requires = "manifest", value_name = "SEED")]
@@ -71,16 +71,16 @@ pub(super) struct Eval {
     world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// A folder for result.json, pictures and films.
+    /// A folder for result.json, images and videos.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// With --out: episodes to film.
-    #[arg(long, default_value_t = 4)]
-    films: u64,
-    /// With --out: kind of film. Default: mp4 where this build can make it.
-    #[arg(long, value_parser = ["mp4", "gif"])]
-    film_format: Option<String>,
-    /// Picture size. Default: 128x128 with --out, else none.
+    /// With --out: episodes to video.
+    #[arg(long, alias = "films", default_value_t = 4)]
+    videos: u64,
+    /// With --out: kind of video. Default: mp4 where this build can make it.
+    #[arg(long, alias = "film-format", value_parser = ["mp4", "gif"])]
+    video_format: Option<String>,
+    /// Image size. Default: 128x128 with --out, else none.
     #[arg(long)]
     image_size: Option<ImageArg>,
 }
@@ -108,10 +108,10 @@ impl Eval {
             return Err(usage("0 episodes asked for; use 1 or more"));
         }
         let entry = env.entry(registry)?;
-        let filmed = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
+        let recorded = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
         let image =
-            self.image_size.map_or(filmed.or_else(|| policies::image_of(&self.policy)), |size| size.0);
-        let format = self.film_format(image)?;
+            self.image_size.map_or(recorded.or_else(|| policies::image_of(&self.policy)), |size| size.0);
+        let format = self.video_format(image)?;
         let mut dataset = self.dataset.as_deref().map(swm_data::open).transpose()?;
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
         let config = env.config_like(recorded.settings, image)?;
@@ -130,8 +130,8 @@ impl Eval {
         let mut world = World::new(entry, WorldOptions { frame_skip, ..self.world.options(config, budget) })?;
         world.set_policy(policy);
         let bar = output.bar(self.episodes, "episodes");
-        let mut film = Film::first(if self.out.is_some() { self.films } else { 0 });
-        let mut watch = (&mut film, Progress { bar: bar.clone(), successes: 0 });
+        let mut video = Video::first(if self.out.is_some() { self.videos } else { 0 });
+        let mut watch = (&mut video, Progress { bar: bar.clone(), successes: 0 });
         let evaluation = match &mut dataset {
             None => {
                 let options = self.scenario.options()?;
@@ -155,36 +155,36 @@ impl Eval {
         };
         bar.finish_and_clear();
         let written = match &self.out {
-            Some(dir) => write_report(dir, &evaluation, &film, format),
+            Some(dir) => write_report(dir, &evaluation, &video, format),
             None => Ok(Vec::new()),
         };
-        // The figures first: a film that fails does not take them along.
+        // The figures first: a video that fails does not take them along.
         let files = written.as_deref().unwrap_or_default();
         output.result(&evaluation, || text(&evaluation, files))?;
         written.map(drop).map_err(Failure::from)
     }
 
-    /// The format of films, checked before anything runs.
-    fn film_format(&self, image: Option<ImageSize>) -> Result<Format, Failure> {
-        let format = match self.film_format.as_deref() {
+    /// The format of videos, checked before anything runs.
+    fn video_format(&self, image: Option<ImageSize>) -> Result<Format, Failure> {
+        let format = match self.video_format.as_deref() {
             Some("gif") => Format::Gif,
             Some(_) => Format::Mp4,
             None if Format::Mp4.is_built() => Format::Mp4,
             None => Format::Gif,
         };
-        if self.out.is_none() || self.films == 0 {
+        if self.out.is_none() || self.videos == 0 {
             return Ok(format);
         }
         if !format.is_built() {
             return Err(usage(
-                "this build has no MP4 encoder; use --film-format gif, or build with the feature `mp4`",
+                "this build has no MP4 encoder; use --video-format gif, or build with the feature `mp4`",
             ));
         }
         if let Some(ImageSize { height, width }) = image
-            && height.max(width) > MAX_FILM_SIDE
+            && height.max(width) > MAX_VIDEO_SIDE
         {
-            let reason = format!("films hold pictures of up to {MAX_FILM_SIDE} pixels, not {height}x{width}");
-            return Err(usage(format!("{reason}; use a smaller --image-size, or --films 0")));
+            let reason = format!("videos hold images of up to {MAX_VIDEO_SIDE} pixels, not {height}x{width}");
+            return Err(usage(format!("{reason}; use a smaller --image-size, or --videos 0")));
         }
         Ok(format)
     }

@@ -70,9 +70,8 @@ impl Inspect {
                 text.push('\n');
             }
             if let Some(rows) = dataset.metadata().and_then(|metadata| metadata.checkpoints) {
-                text += &format!(
-                    "replayable: states every {rows} rows, from which pictures are drawn when read\n"
-                );
+                text +=
+                    &format!("replayable: states every {rows} rows, from which images are drawn when read\n");
             }
             if dataset.runs().is_empty() {
                 text += "no metadata: not recorded by this program\n";

@@ -77,10 +77,10 @@ struct Make {
     /// How often each action is applied per step. Default: 1, or the dataset's.
     #[arg(long, value_name = "F")]
     frame_skip: Option<u32>,
-    /// Size of the pictures that policies see, or `none`.
+    /// Size of the images that policies see, or `none`.
     #[arg(long, default_value = "none")]
     image_size: ImageArg,
-    /// A distractor that changes those pictures: NAME or NAME:KEY=VALUE,…; may be repeated.
+    /// A distractor that changes those images: NAME or NAME:KEY=VALUE,…; may be repeated.
     #[arg(long = "distractor", value_name = "NAME:ARGS")]
     distractors: Vec<String>,
     /// A TOML file with the phases of a stream: each a number of episodes with factors of its own.
@@ -132,7 +132,7 @@ impl Make {
         let config = self.env.config_like(settings, self.image_size.0)?;
         let rules = tier_rules(entry.id, &config.settings, tier).map_err(usage)?;
         if !self.distractors.is_empty() && config.image.is_none() {
-            return Err(usage("--distractor changes pictures, and there are none; give --image-size"));
+            return Err(usage("--distractor changes images, and there are none; give --image-size"));
         }
         distractors::parse_all(&self.distractors).map_err(usage)?;
         let budget =

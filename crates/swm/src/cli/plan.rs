@@ -19,10 +19,10 @@ use swm_solvers::{
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs, policy_args};
 use super::output::table;
 use super::{Failure, Output, policies, usage};
-use crate::film::Film;
 use crate::plan::{
     EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, stops_at_success, write_report,
 };
+use crate::video::Video;
 
 /// Plan with a solver on the true simulator, carry the plans out, and show how they came about.
 #[derive(Args)]
@@ -32,7 +32,7 @@ Examples:
   swm plan swm/PushT-v1 --policy cem:horizon=4,receding_horizon=2 --episodes 3 --budget 60 --trace out --details elites
   swm plan swm/PushT-v1 --policy cem --plan-only --json
 
-With --trace, the folder gets index.html (open it in a browser), the figures as SVG files, a film per episode,
+With --trace, the folder gets index.html (open it in a browser), the figures as SVG files, a video per episode,
 result.json, and trace.jsonl: a line per iteration of every plan. `swm solvers` lists the solvers.")]
 pub(super) struct Plan {
     #[command(flatten)]
@@ -52,7 +52,7 @@ pub(super) struct Plan {
     /// Make the first plan of each episode only, and take no more than its first action.
     #[arg(long, conflicts_with = "budget")]
     plan_only: bool,
-    /// A new folder for the trace, figures, films and a page that shows them.
+    /// A new folder for the trace, figures, videos and a page that shows them.
     #[arg(long, value_name = "DIR")]
     trace: Option<PathBuf>,
     /// With --trace: replace what is in the folder.
@@ -64,10 +64,10 @@ pub(super) struct Plan {
     /// With --trace: plans to draw, the first ones.
     #[arg(long, default_value_t = 6)]
     drawn: usize,
-    /// With --trace: kind of film. Default: mp4 where this build can make it.
-    #[arg(long, value_parser = ["mp4", "gif"])]
-    film_format: Option<String>,
-    /// With --trace: picture size, or `none`.
+    /// With --trace: kind of video. Default: mp4 where this build can make it.
+    #[arg(long, alias = "film-format", value_parser = ["mp4", "gif"])]
+    video_format: Option<String>,
+    /// With --trace: image size, or `none`.
     #[arg(long, default_value = "224x224")]
     image_size: ImageArg,
     /// Threads; results do not depend on it. Default: one per core.
@@ -104,7 +104,7 @@ impl Plan {
         }
         let entry = self.env.entry(registry)?;
         let image = self.trace.as_ref().and(self.image_size.0);
-        let format = film_format(self.film_format.as_deref())?;
+        let format = video_format(self.video_format.as_deref())?;
         let config = self.env.config(image.or_else(|| policies::image_of(&self.policy)))?;
         let planner = self.planner(registry, entry, &config)?;
         let options = self.scenario.options()?;
@@ -122,8 +122,8 @@ impl Plan {
         let (policy, session) = Watched::new(planner, DRAWN_ELITES, trace);
         world.set_policy(policy);
         let bar = output.bar(self.episodes * budget, "steps");
-        let mut film = Film::first(if image.is_some() { self.episodes } else { 0 });
-        let mut watch = (&mut film, Episodes { bar: bar.clone(), list: Vec::new() });
+        let mut video = Video::first(if image.is_some() { self.episodes } else { 0 });
+        let mut watch = (&mut video, Episodes { bar: bar.clone(), list: Vec::new() });
         let rollout =
             Rollout { episodes: 0..self.episodes, seed: self.seed, scenario: Scenario::Same(&options) };
         let started = Instant::now();
@@ -147,7 +147,7 @@ impl Plan {
         };
         let written = match &self.trace {
             Some(dir) => {
-                let (film, session, summary) = (&film, &*session, &summary);
+                let (video, session, summary) = (&video, &*session, &summary);
                 let (config, actions, drawn): (_, &ActionMap, _) = (&config, &actions, self.drawn);
                 let stops_at_success = stops_at_success(&policy_args(&self.policy)?);
                 let report = Report {
@@ -156,7 +156,7 @@ impl Plan {
                     actions,
                     session,
                     summary,
-                    film,
+                    video,
                     format,
                     drawn,
                     stops_at_success,
@@ -252,13 +252,13 @@ fn prepare_folder(dir: &Path, overwrite: bool) -> Result<(), Failure> {
     files.iter().filter(ours).try_for_each(fs::remove_file).map_err(failed)
 }
 
-fn film_format(asked: Option<&str>) -> Result<Format, Failure> {
+fn video_format(asked: Option<&str>) -> Result<Format, Failure> {
     match asked {
         Some("gif") => Ok(Format::Gif),
         None if !Format::Mp4.is_built() => Ok(Format::Gif),
         _ if Format::Mp4.is_built() => Ok(Format::Mp4),
         _ => Err(usage(
-            "this build has no MP4 encoder; use --film-format gif, or build with the feature `mp4`",
+            "this build has no MP4 encoder; use --video-format gif, or build with the feature `mp4`",
         )),
     }
 }

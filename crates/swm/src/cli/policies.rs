@@ -5,7 +5,7 @@ use swm_core::{EnvConfig, EnvEntry, ImageSize, Policy, PolicyArgs, PolicyContext
 use super::Failure;
 use super::args::policy_args;
 
-/// Makes the policy; the environments that it simulates are made as `config` says, without pictures.
+/// Makes the policy; the environments that it simulates are made as `config` says, without images.
 pub(super) fn make(
     registry: &Registry,
     env: &EnvEntry,
@@ -17,7 +17,7 @@ pub(super) fn make(
     Ok(registry.policy(&PolicyContext { env, config: &config, frame_skip }, &policy_args(text)?)?)
 }
 
-/// The picture size that the model behind a policy was trained on, for worlds that no picture size is asked for.
+/// The image size that the model behind a policy was trained on, for worlds that no image size is asked for.
 pub(super) fn image_of(text: &str) -> Option<ImageSize> {
     let args = policy_args(text).ok()?;
     let side = side_of(&args)?;

@@ -1,4 +1,4 @@
-//! `swm preview`: pictures of a dataset's episodes, as a sheet or a film.
+//! `swm preview`: images of a dataset's episodes, as a sheet or a video.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use super::{Failure, Output, usage};
 /// White between the tiles.
 const GAP: usize = 2;
 
-/// Show episodes of a dataset as a sheet of pictures or a film.
+/// Show episodes of a dataset as a sheet of images or a video.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -22,7 +22,7 @@ Examples:
   swm preview pusht.h5 --episodes 0..8 --frames 12 --out sheet.png
   swm preview pusht.h5 --column goal --out goals.png
 
-A sheet (.png) has one row per episode, with --frames pictures from its first to its last. A film (.mp4, .gif) plays the
+A sheet (.png) has one row per episode, with --frames images from its first to its last. A video (.mp4, .gif) plays the
 episodes in a grid; those that end early stand still.")]
 pub(super) struct Preview {
     /// The dataset.
@@ -30,10 +30,10 @@ pub(super) struct Preview {
     /// Episodes to show: `5`, `0..16` or `0,3,7`. Default: the first 16.
     #[arg(long)]
     episodes: Option<String>,
-    /// The column of pictures.
+    /// The column of images.
     #[arg(long, default_value = "pixels")]
     column: String,
-    /// Pictures per episode: of a sheet 8, of a film at most 300, if not said otherwise.
+    /// Images per episode: of a sheet 8, of a video at most 300, if not said otherwise.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
     /// The file to write: .png, .mp4 or .gif.
@@ -49,7 +49,7 @@ impl Preview {
         let field = dataset.schema().fields()[column].clone();
         let (&[height, width, channels @ (1 | 3)], Dtype::U8) = (&field.shape[..], field.dtype) else {
             let (name, shape) = (&self.column, &field.shape);
-            return Err(usage(format!("column `{name}` holds no pictures, but {} {shape:?}", field.dtype)));
+            return Err(usage(format!("column `{name}` holds no images, but {} {shape:?}", field.dtype)));
         };
         let count = dataset.num_episodes();
         let episodes = match &self.episodes {
@@ -64,7 +64,7 @@ impl Preview {
         let bar = output.bar(episodes.len() as u64, "episodes");
         let mut shots = Vec::with_capacity(episodes.len());
         for &episode in &episodes {
-            shots.push(pictures(dataset.as_mut(), column, episode, per_episode, [height, width, channels])?);
+            shots.push(images(dataset.as_mut(), column, episode, per_episode, [height, width, channels])?);
             bar.inc(1);
         }
         bar.finish_and_clear();
@@ -75,7 +75,7 @@ impl Preview {
             png::write(&self.out, height, width, &pixels)?;
             1
         } else {
-            film(&shots, height, width)?.save(&self.out)?;
+            video(&shots, height, width)?.save(&self.out)?;
             shots.iter().map(Vec::len).max().unwrap_or(0)
         };
         let result = json!({"out": self.out, "episodes": episodes, "frames": frames});
@@ -85,8 +85,8 @@ impl Preview {
     }
 }
 
-/// Up to `count` pictures of an episode, evenly spread from its first to its last, each `[H, W, 3]`.
-fn pictures(
+/// Up to `count` images of an episode, evenly spread from its first to its last, each `[H, W, 3]`.
+fn images(
     dataset: &mut dyn Dataset,
     column: usize,
     episode: usize,
@@ -98,20 +98,16 @@ fn pictures(
     let mut found = Vec::with_capacity(count);
     for at in 0..count {
         let row = if count > 1 { at * (rows - 1) / (count - 1) } else { 0 };
-        let mut picture = vec![0; height * width * channels];
+        let mut image = vec![0; height * width * channels];
         let steps = Steps { first: row, count: 1, stride: 1 };
-        dataset.read_column(column, episode, steps, SliceMut::U8(&mut picture))?;
-        found.push(if channels == 1 {
-            picture.iter().flat_map(|&grey| [grey; 3]).collect()
-        } else {
-            picture
-        });
+        dataset.read_column(column, episode, steps, SliceMut::U8(&mut image))?;
+        found.push(if channels == 1 { image.iter().flat_map(|&gray| [gray; 3]).collect() } else { image });
     }
     Ok(found)
 }
 
-/// All episodes in a grid, as wide as it is high; the last picture of an episode stays.
-fn film(shots: &[Vec<Vec<u8>>], height: usize, width: usize) -> Result<Clip, Failure> {
+/// All episodes in a grid, as wide as it is high; the last image of an episode stays.
+fn video(shots: &[Vec<Vec<u8>>], height: usize, width: usize) -> Result<Clip, Failure> {
     let columns = (1..).find(|n| n * n >= shots.len()).unwrap_or(1);
     let length = shots.iter().map(Vec::len).max().unwrap_or(0);
     let mut clip: Option<Clip> = None;

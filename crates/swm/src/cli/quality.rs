@@ -13,7 +13,7 @@ use super::args::policy_args;
 use super::args::{EnvArgs, ImageArg};
 use super::output::table;
 use super::{Failure, Output, usage};
-use crate::evaluation::{PictureModel, ProbeScore, Quality, QualityOptions, quality, recorded_episodes};
+use crate::evaluation::{ImageModel, ProbeScore, Quality, QualityOptions, quality, recorded_episodes};
 
 /// Measure a world model without control: prediction, probes of the state, ranking of plans, surprise.
 #[derive(Args)]
@@ -26,7 +26,7 @@ Examples:
   swm quality swm/TwoRoom-v1 --dataset two-room.h5 --model lewm:runs/lewm   (of `swm train`, in builds with baselines)
 
 Models that need no training are the yardsticks: `true` (the environment in its state space), `gain=G` (the same with actions
-multiplied by G), `constant` (nothing ever changes), and `pixels=C` (the picture in C × C cells, and nothing ever changes).
+multiplied by G), `constant` (nothing ever changes), and `pixels=C` (the image in C × C cells, and nothing ever changes).
 Trained ones are `lewm:RUN`, `pldm:RUN`, `dino-wm:RUN` (`checkpoint=best` behind a comma), which predict as many rows at a
 time as they were trained to skip.
 Probes tell columns of the true state from latents: a linear one and a small network, fitted to four fifths of the episodes and
@@ -41,7 +41,7 @@ pub(super) struct QualityCommand {
     /// Take the episodes of prediction and probes from this dataset. Without it, they are made of random actions.
     #[arg(long, value_name = "FILE")]
     dataset: Option<PathBuf>,
-    /// Size of the pictures that the model sees, or `none`. Default: that of its training, the dataset's, or none.
+    /// Size of the images that the model sees, or `none`. Default: that of its training, the dataset's, or none.
     #[arg(long)]
     image_size: Option<ImageArg>,
     /// A column of the true state to be told from latents; may be repeated. Default: the environment's start columns;
@@ -113,7 +113,7 @@ impl QualityCommand {
     }
 }
 
-/// A trained model, where `--model` names one, and the size of the pictures that it was trained on.
+/// A trained model, where `--model` names one, and the size of the images that it was trained on.
 #[derive(Default)]
 struct Trained {
     model: Option<Box<dyn WorldModel>>,
@@ -146,9 +146,9 @@ fn model(name: &str, entry: &EnvEntry, config: &EnvConfig) -> Result<Box<dyn Wor
     let cells = name.strip_prefix("pixels=").map(str::parse::<usize>);
     match cells {
         Some(Ok(cells)) if cells > 0 && config.image.is_none() => Err(usage(format!(
-            "--model {name} sees pictures, and there are none of {cells} cells; give --image-size"
+            "--model {name} sees images, and there are none of {cells} cells; give --image-size"
         ))),
-        Some(Ok(cells)) if cells > 0 => Ok(Box::new(PictureModel::new(cells))),
+        Some(Ok(cells)) if cells > 0 => Ok(Box::new(ImageModel::new(cells))),
         _ => Ok(Box::new(StateModel::new(entry, config, gain(name)?)?)),
     }
 }

@@ -1,4 +1,4 @@
-//! `swm render`: a picture or film of an episode.
+//! `swm render`: an image or video of an episode.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use swm_media::{Clip, Format};
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
 use super::{Failure, Output, policies, usage};
-use crate::film::Film;
+use crate::video::Video;
 
 /// Draw an episode: `.png` shows its last moment, `.gif` and `.mp4` all of it.
 #[derive(Args)]
@@ -30,7 +30,7 @@ pub(super) struct Render {
     /// Steps to take; 0 shows the start.
     #[arg(long, default_value_t = 50)]
     steps: u64,
-    /// Picture size, HEIGHTxWIDTH.
+    /// Image size, HEIGHTxWIDTH.
     #[arg(long, default_value = "224x224")]
     image_size: ImageArg,
     #[command(flatten)]
@@ -43,7 +43,7 @@ pub(super) struct Render {
 impl Render {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let Some(size) = self.image_size.0 else {
-            return Err(usage("a picture needs a size; remove `none`"));
+            return Err(usage("an image needs a size; remove `none`"));
         };
         let format = Format::from_path(&self.out).map_err(usage)?;
         let entry = self.env.entry(registry)?;
@@ -53,10 +53,10 @@ impl Render {
         let mut world = World::new(entry, world.options(config, self.steps.max(1)))?;
         world.set_policy(policy);
         let options = self.scenario.options()?;
-        let mut film = Film::first(1);
+        let mut video = Video::first(1);
         let rollout = Rollout { episodes: 0..1, seed: self.seed, scenario: Scenario::Same(&options) };
-        world.run(&rollout, &mut film)?;
-        let (_, scene) = film.scenes().next().ok_or("the episode has no pictures")?;
+        world.run(&rollout, &mut video)?;
+        let (_, scene) = video.scenes().next().ok_or("the episode has no images")?;
         let wanted = usize::try_from(self.steps)?.saturating_add(1);
         let skipped = if format == Format::Png { wanted.min(scene.clip.len()) - 1 } else { 0 };
         let mut clip = Clip::new(size.height, size.width, scene.clip.frames_per_second());

@@ -14,9 +14,9 @@ use crate::report_page::{Item, PageOptions, write_page};
 #[command(after_help = "\
 Examples:
   swm report results/cem results/mppi sweep --out report.html
-  swm report results/cem/receipt.json --films 0 --out report.html
+  swm report results/cem/receipt.json --videos 0 --out report.html
 
-RESULT is what `swm eval --manifest … --out` and `swm sweep --out` write. Some episodes are run again for their films.")]
+RESULT is what `swm eval --manifest … --out` and `swm sweep --out` write. Some episodes are run again for their videos.")]
 pub(super) struct ReportCommand {
     /// Receipts and sweeps, or the folders that hold them.
     #[arg(required = true, value_name = "RESULT")]
@@ -24,12 +24,12 @@ pub(super) struct ReportCommand {
     /// The page to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Films of successes, and as many of failures, per result.
-    #[arg(long, default_value_t = 3)]
-    films: usize,
-    /// Kind of film. Default: mp4 where this build can make it.
-    #[arg(long, value_parser = ["mp4", "gif"])]
-    film_format: Option<String>,
+    /// Videos of successes, and as many of failures, per result.
+    #[arg(long, alias = "films", default_value_t = 3)]
+    videos: usize,
+    /// Kind of video. Default: mp4 where this build can make it.
+    #[arg(long, alias = "film-format", value_parser = ["mp4", "gif"])]
+    video_format: Option<String>,
     /// Plans drawn of the first success and the first failure of a planner.
     #[arg(long, default_value_t = 2)]
     plans: usize,
@@ -37,20 +37,20 @@ pub(super) struct ReportCommand {
 
 impl ReportCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let format = match self.film_format.as_deref() {
+        let format = match self.video_format.as_deref() {
             Some("gif") => Format::Gif,
             None if !Format::Mp4.is_built() => Format::Gif,
             _ if Format::Mp4.is_built() => Format::Mp4,
             _ => {
                 return Err(usage(
-                    "this build has no MP4 encoder; use --film-format gif, or build with the feature `mp4`",
+                    "this build has no MP4 encoder; use --video-format gif, or build with the feature `mp4`",
                 ));
             }
         };
         let items: Vec<Item> =
             self.results.iter().map(|path| Item::read(path).map_err(usage)).collect::<Result<_, _>>()?;
         let bar = output.bar(items.len() as u64, "results");
-        let options = PageOptions { films: self.films, format, plans: self.plans };
+        let options = PageOptions { videos: self.videos, format, plans: self.plans };
         let notes = write_page(registry, &self.out, &items, options, |policy| {
             bar.inc(1);
             bar.set_message(policy.to_owned());

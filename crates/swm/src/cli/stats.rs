@@ -1,4 +1,4 @@
-//! `swm stats`: statistics of columns, for people and for normalisation.
+//! `swm stats`: statistics of columns, for people and for normalization.
 
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ Examples:
   swm stats pusht.h5 --columns action,proprio --json
   swm stats pusht.h5 --quantiles 0.01,0.99
 
-Found in one pass and kept in `<dataset>.stats.json`, where the loader's normalisation looks for them. Of pictures there is
+Found in one pass and kept in `<dataset>.stats.json`, where the loader's normalization looks for them. Of images there is
 one set of numbers per channel, of other columns one per value. Rows with a NaN, such as the last action of an episode, do
 not count.")]
 pub(super) struct Stats {

@@ -45,7 +45,7 @@ pub(super) struct Train {
     /// Passes over the clips, in each phase. Default: 10.
     #[arg(long, conflicts_with = "steps")]
     epochs: Option<u64>,
-    /// Optimiser steps, in each phase.
+    /// Optimizer steps, in each phase.
     #[arg(long)]
     steps: Option<u64>,
     /// Clips per step. Default: the preset's.

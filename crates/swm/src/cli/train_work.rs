@@ -19,9 +19,9 @@ impl Train {
             return list(output);
         }
         let out = self.out.as_deref().ok_or_else(|| usage("--out: name the run's folder"))?;
-        let processor = self.device.parse().map_err(failure)?;
+        let device = self.device.parse().map_err(failure)?;
         let mut training = if self.resume {
-            Training::resume(out, processor, self.data.as_deref(), |fit| self.apply(fit)).map_err(failure)?
+            Training::resume(out, device, self.data.as_deref(), |fit| self.apply(fit)).map_err(failure)?
         } else {
             let (Some(baseline), Some(data)) = (self.baseline.as_deref(), &self.data) else {
                 return Err(usage("name a baseline and give --data"));
@@ -30,7 +30,7 @@ impl Train {
             self.apply(&mut fit);
             let split = Split { train: self.split, held_out: self.held_out, seed: fit.seed };
             let (changes, encoder) = (changes(&self.set)?, self.encoder.as_deref());
-            let new = NewRun { baseline, preset: &self.preset, changes, encoder, split, fit, processor };
+            let new = NewRun { baseline, preset: &self.preset, changes, encoder, split, fit, device };
             Training::create(out, swm_data::open(data)?.as_ref(), &new).map_err(failure)?
         };
         output.note(beginning(&training));

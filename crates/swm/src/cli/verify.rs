@@ -21,17 +21,17 @@ Examples:
   swm verify pusht.video --fix
 
 Checked: the index of episodes; that every row of every column can be read and decoded; checksums, where the format has
-them (pictures in HDF5, everything in `folder` and `video`); lengths; columns that must not change in an episode; NaN and
+them (images in HDF5, everything in `folder` and `video`); lengths; columns that must not change in an episode; NaN and
 infinite numbers. NaN is expected in the last action of an episode, and in first and last rows.
 
---fix mends a dataset whose recording was interrupted: no finished episode is touched. It says what it does. Continuing
-the recording with `--mode append` does the same. Damaged pictures cannot be mended; record or copy them again.
+--fix fixes a dataset whose recording was interrupted: no finished episode is touched. It says what it does. Continuing
+the recording with `--mode append` does the same. Damaged images cannot be fixed; record or copy them again.
 
 Exit status 1 if anything is wrong.")]
 pub(super) struct Verify {
     /// The dataset.
     file: PathBuf,
-    /// Mend what an interrupted recording left, then check.
+    /// Fix what an interrupted recording left, then check.
     #[arg(long)]
     fix: bool,
     /// With --fix: only say what would be done.
@@ -49,7 +49,7 @@ impl Verify {
                     output.note(format!("{verb} {step}"));
                 }
                 if plan.is_empty() {
-                    output.note("nothing to mend");
+                    output.note("nothing to fix");
                 } else if !self.dry_run {
                     (format.repair)(&self.file, true)?;
                 }
@@ -63,7 +63,7 @@ impl Verify {
         let report = verify(dataset.as_mut(), &mut |rows| bar.inc(rows as u64));
         bar.finish_and_clear();
         let pending = match format::detect(&self.file) {
-            // A recording may be going on: then there is nothing to mend.
+            // A recording may be going on: then there is nothing to fix.
             Some(format) if !self.fix || self.dry_run => {
                 (format.repair)(&self.file, false).unwrap_or_default()
             }
@@ -113,7 +113,7 @@ Examples:
   swm diff here.h5 there.h5 --tolerance 1e-9 --json
 
 Shows columns that one of them lacks, episodes of different lengths, and for each column the number of rows that differ,
-by how much, and where first; for pictures also how alike they are (PSNR, in dB; above 35 differences are hard to see).
+by how much, and where first; for images also how alike they are (PSNR, in dB; above 35 differences are hard to see).
 
 Exit status 1 if they differ.")]
 pub(super) struct Diff {

@@ -16,7 +16,7 @@ Examples:
   swm verify-result results/receipt.json
   swm verify-result results --threads 1 --num-envs 3
 
-Exit status 0: equal. 1: protocol, physics, pictures, model, seed, solver, outcomes or the floors beside them differ.")]
+Exit status 0: equal. 1: protocol, physics, images, model, seed, solver, outcomes or the floors beside them differ.")]
 pub(super) struct VerifyResult {
     /// The receipt, or the folder that holds it.
     receipt: PathBuf,

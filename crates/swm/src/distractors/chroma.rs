@@ -1,4 +1,4 @@
-//! A changing backdrop wherever the picture has a key colour. (The reference shows a film there; this program reads none, and
+//! A changing backdrop wherever the image has a key color. (The reference shows a video there; this program reads none, and
 //! draws bands that move.)
 
 use rand::RngExt as _;
@@ -8,7 +8,7 @@ use swm_core::view::Frame;
 
 use super::{Distractor, within};
 
-/// Replaces pixels near the key colour by diagonal bands, in colours that are drawn per episode.
+/// Replaces pixels near the key color by diagonal bands, in colors that are drawn per episode.
 #[derive(Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ChromaKey {
@@ -28,11 +28,11 @@ impl Default for ChromaKey {
 
 impl Distractor for ChromaKey {
     const NAME: &'static str = "chroma_key";
-    const SUMMARY: &'static str = "moving bands where the picture has a key colour";
+    const SUMMARY: &'static str = "moving bands where the image has a key color";
     const SETTINGS: &'static [Setting] = &[
-        Setting { name: "red", doc: "red of the key colour", default: "255" },
-        Setting { name: "green", doc: "green of the key colour", default: "255" },
-        Setting { name: "blue", doc: "blue of the key colour", default: "255" },
+        Setting { name: "red", doc: "red of the key color", default: "255" },
+        Setting { name: "green", doc: "green of the key color", default: "255" },
+        Setting { name: "blue", doc: "blue of the key color", default: "255" },
         Setting { name: "tolerance", doc: "largest distance from it in RGB", default: "0.0" },
         Setting { name: "band", doc: "width of a band in pixels", default: "8" },
         Setting { name: "speed", doc: "pixels that bands move per step", default: "1" },

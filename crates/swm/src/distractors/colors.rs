@@ -1,4 +1,4 @@
-//! Changes of colour: jitter, drawn per episode, and grey.
+//! Changes of color: jitter, drawn per episode, and gray.
 
 use rand::RngExt as _;
 use serde::{Deserialize, Serialize};
@@ -65,9 +65,9 @@ impl Distractor for ColorJitter {
                 *value = byte((f32::from(*value) * brightness - mean) * contrast + mean, self.truncate);
             }
             let [h, s, v] = hsv([pixel[0], pixel[1], pixel[2]]);
-            let colour = rgb([(h + turn).rem_euclid(1.0), (s * saturation).min(1.0), v]);
-            for (value, colour) in pixel.iter_mut().zip(colour) {
-                *value = byte(colour, self.truncate);
+            let color = rgb([(h + turn).rem_euclid(1.0), (s * saturation).min(1.0), v]);
+            for (value, color) in pixel.iter_mut().zip(color) {
+                *value = byte(color, self.truncate);
             }
         }
     }
@@ -106,7 +106,7 @@ pub(super) struct Grayscale {}
 
 impl Distractor for Grayscale {
     const NAME: &'static str = "grayscale";
-    const SUMMARY: &'static str = "no colours: the luma in all channels";
+    const SUMMARY: &'static str = "no colors: the luma in all channels";
     const SETTINGS: &'static [Setting] = &[];
 
     fn check(&self) -> Result<(), String> {

@@ -178,7 +178,7 @@ impl Default for Resolution {
 
 impl Distractor for Resolution {
     const NAME: &'static str = "resolution";
-    const SUMMARY: &'static str = "a coarser picture of the same size";
+    const SUMMARY: &'static str = "a coarser image of the same size";
     const SETTINGS: &'static [Setting] =
         &[Setting { name: "scale", doc: "part of the height and width that remains", default: "0.5" }];
 

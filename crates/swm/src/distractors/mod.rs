@@ -1,5 +1,5 @@
-//! Visual distractors: changes of pictures that carry no information about the task, between the renderer and everyone who
-//! looks. Each is a pure function of the picture, the episode, the step and the view.
+//! Visual distractors: changes of images that carry no information about the task, between the renderer and everyone who
+//! looks. Each is a pure function of the image, the episode, the step and the view.
 //!
 //! Parameters and formulas are those of the reference's wrappers of August 2026. What differs on purpose: everything random
 //! is keyed (the reference draws from a generator that runs on across calls and episodes), steps are counted from each
@@ -40,7 +40,7 @@ pub const DISTRACTORS: &[DistractorEntry] = &[
     entry::<chroma::ChromaKey>(),
 ];
 
-/// Instead of a distractor: those beside it change goal pictures too.
+/// Instead of a distractor: those beside it change goal images too.
 const ON_GOALS: &str = "on_goals";
 
 /// One distractor of the table.
@@ -67,7 +67,7 @@ trait Distractor: Serialize + DeserializeOwned + Default + Send + Sync + 'static
     /// Refuses settings that cannot be meant.
     fn check(&self) -> Result<(), String>;
 
-    /// Changes one picture.
+    /// Changes one image.
     fn apply(&self, frame: &mut Frame<'_>);
 }
 
@@ -149,7 +149,7 @@ pub fn parse(text: &str) -> Result<Box<dyn Transform>, BoxError> {
     (entry.make)(named)
 }
 
-/// All of them, to be applied in order; `on_goals` among them lets them change goal pictures too. `None` for none.
+/// All of them, to be applied in order; `on_goals` among them lets them change goal images too. `None` for none.
 ///
 /// # Errors
 ///
@@ -185,8 +185,8 @@ mod tests {
 
     const SIDE: usize = 24;
 
-    /// A picture with an edge, a gradient and a dark corner.
-    fn picture() -> Vec<u8> {
+    /// An image with an edge, a gradient and a dark corner.
+    fn image() -> Vec<u8> {
         (0..SIDE * SIDE)
             .flat_map(|i| {
                 let (y, x) = (i / SIDE, i % SIDE);
@@ -196,7 +196,7 @@ mod tests {
     }
 
     fn shown(text: &str, seed: u64, step: u64) -> Vec<u8> {
-        let mut pixels = picture();
+        let mut pixels = image();
         let mut scratch = Scratch::default();
         let seed = EpisodeSeed::new(seed);
         parse(text).unwrap().apply(&mut Frame {
@@ -212,14 +212,14 @@ mod tests {
     }
 
     #[test]
-    fn every_distractor_changes_pictures_and_repeats_itself() {
+    fn every_distractor_changes_images_and_repeats_itself() {
         for entry in DISTRACTORS {
             let text = match entry.name {
                 "chroma_key" => "chroma_key:red=20,green=60,blue=120,tolerance=100",
                 name => name,
             };
             // A shift may happen to be by nothing: some step of some episode shows a change.
-            let changes = |step| shown(text, 5, step) != picture();
+            let changes = |step| shown(text, 5, step) != image();
             assert!((0..4).any(changes), "{text} changes nothing");
             for step in 0..4 {
                 assert_eq!(shown(text, 5, step), shown(text, 5, step), "{text}");
@@ -275,8 +275,8 @@ mod tests {
     #[test]
     fn formulas_are_those_of_the_reference() {
         // Luma 0.299 R + 0.587 G + 0.114 B.
-        let grey = shown("grayscale", 0, 0);
-        assert_eq!(grey[..3], [76; 3], "240, 0, 40");
+        let gray = shown("grayscale", 0, 0);
+        assert_eq!(gray[..3], [76; 3], "240, 0, 40");
         // A blur of a constant row stays: the first 10 columns are constant along x in red.
         assert_eq!(shown("blur:kernel=3", 0, 0)[0], 240);
         // Half the resolution: blocks of 2 × 2 are equal.
@@ -284,7 +284,7 @@ mod tests {
         let pixel = |y: usize, x: usize| &coarse[(y * SIDE + x) * 3..][..3];
         assert!((0..SIDE).all(|y| (0..SIDE).all(|x| pixel(y, x) == pixel(y & !1, x & !1))));
         // Noise of deviation 10 has about that deviation where nothing is clipped.
-        let (noisy, plain) = (shown("noise:std=10", 3, 1), picture());
+        let (noisy, plain) = (shown("noise:std=10", 3, 1), image());
         let differences: Vec<f64> = plain
             .iter()
             .zip(&noisy)

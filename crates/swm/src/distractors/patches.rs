@@ -1,4 +1,4 @@
-//! Rectangles in one colour: at rest, anew at every step, or moving.
+//! Rectangles in one color: at rest, anew at every step, or moving.
 
 use std::f64::consts::TAU;
 
@@ -30,11 +30,11 @@ impl Default for Occlusion {
 
 const PATCHES: Setting = Setting { name: "patches", doc: "how many rectangles", default: "1" };
 const SMALLEST: Setting =
-    Setting { name: "smallest", doc: "smallest side, as a part of the picture's", default: "0.1" };
+    Setting { name: "smallest", doc: "smallest side, as a part of the image's", default: "0.1" };
 
 impl Distractor for Occlusion {
     const NAME: &'static str = "occlusion";
-    const SUMMARY: &'static str = "rectangles that hide parts of the picture, others in every episode";
+    const SUMMARY: &'static str = "rectangles that hide parts of the image, others in every episode";
     const SETTINGS: &'static [Setting] = &[
         PATCHES,
         SMALLEST,
@@ -81,7 +81,7 @@ impl Default for Cutout {
 
 impl Distractor for Cutout {
     const NAME: &'static str = "cutout";
-    const SUMMARY: &'static str = "rectangles that hide parts of the picture, others at every step";
+    const SUMMARY: &'static str = "rectangles that hide parts of the image, others at every step";
     const SETTINGS: &'static [Setting] = &[
         PATCHES,
         SMALLEST,
@@ -100,7 +100,7 @@ impl Distractor for Cutout {
     }
 }
 
-/// Rectangles that fly straight and bounce off the picture's edges.
+/// Rectangles that fly straight and bounce off the image's edges.
 #[derive(Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct MovingPatch {
@@ -119,7 +119,7 @@ impl Default for MovingPatch {
 
 impl Distractor for MovingPatch {
     const NAME: &'static str = "moving_patch";
-    const SUMMARY: &'static str = "rectangles that fly through the picture and bounce off its edges";
+    const SUMMARY: &'static str = "rectangles that fly through the image and bounce off its edges";
     const SETTINGS: &'static [Setting] = &[
         PATCHES,
         SMALLEST,
@@ -140,8 +140,8 @@ impl Distractor for MovingPatch {
             let room = [frame.height - height, frame.width - width].map(|room| room as f64);
             let start = room.map(|room| room * rng.random::<f64>());
             let angle = TAU * rng.random::<f64>();
-            let travelled = self.speed * frame.step as f64;
-            let at = [start[0] + travelled * angle.sin(), start[1] + travelled * angle.cos()];
+            let traveled = self.speed * frame.step as f64;
+            let at = [start[0] + traveled * angle.sin(), start[1] + traveled * angle.cos()];
             let place = |axis: usize| bounced(at[axis], room[axis]).floor() as usize;
             fill(frame, [place(0), place(1)], [height, width], self.color);
         }

@@ -7,7 +7,7 @@ use swm_core::view::Frame;
 
 use super::{Distractor, within};
 
-/// Pads the picture with its edges and cuts out one of its size.
+/// Pads the image with its edges and cuts out one of its size.
 #[derive(Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct RandomShift {

@@ -3,7 +3,7 @@
 
 mod beside;
 mod files;
-mod picture_model;
+mod image_model;
 mod probe;
 mod probes;
 mod quality;
@@ -16,7 +16,7 @@ mod verify;
 
 pub use beside::{Beside, Regret, Role, roles};
 pub use files::{file_hash, read_manifest, read_receipt, write_manifest};
-pub use picture_model::PictureModel;
+pub use image_model::ImageModel;
 pub use probe::{Fingerprints, fingerprints};
 #[cfg(feature = "faer")]
 pub use probes::LinearProbe;

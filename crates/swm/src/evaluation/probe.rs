@@ -17,9 +17,9 @@ pub struct Fingerprints {
     pub tables: String,
     /// What random actions lead to in the first pair, row by row.
     pub physics: String,
-    /// The pictures of the same; none where the manifest has no pictures.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub pictures: Option<String>,
+    /// The images of the same; none where the manifest has no images.
+    #[serde(default, alias = "pictures", skip_serializing_if = "Option::is_none")]
+    pub images: Option<String>,
     /// The noise that policies get in the first pair.
     pub noise: String,
 }
@@ -51,14 +51,14 @@ pub fn fingerprints(
     env.reset(&Episode { seed, options: &reset })?;
     env.write_episode(&mut row.rows_mut());
     let mut action = Column::zeros(spec.action.dtype().unwrap_or(Dtype::F32), spec.action.width());
-    let (mut rows, mut pictures) = (String::new(), Vec::new());
+    let (mut rows, mut images) = (String::new(), Vec::new());
     for step in 0..=STEPS {
         env.observe(&mut row.rows_mut());
         rows += &witness(&spec, row.row(0));
-        if let Some(picture) = pixels.and_then(|index| row.row(0).at(index).get::<u8>())
+        if let Some(image) = pixels.and_then(|index| row.row(0).at(index).get::<u8>())
             && (step == 0 || step == STEPS)
         {
-            pictures.extend_from_slice(picture);
+            images.extend_from_slice(image);
         }
         let mut rng = keyed(0, "physics probe", [step, 0]);
         spec.action.sample_into(&mut rng, action.as_slice_mut());
@@ -75,7 +75,7 @@ pub fn fingerprints(
     Ok(Fingerprints {
         tables: sha256(sorted(tables).to_string().as_bytes()),
         physics: sha256(rows.as_bytes()),
-        pictures: manifest.image.map(|_| sha256(&pictures)),
+        images: manifest.image.map(|_| sha256(&images)),
         noise: sha256(&noise_seed.value().to_le_bytes()),
     })
 }

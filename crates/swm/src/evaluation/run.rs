@@ -62,7 +62,7 @@ impl Candidate {
         Ok(registry.policy(&context, &self.policy)?)
     }
 
-    /// SHA-256 of every file that its arguments name: models and normalisers.
+    /// SHA-256 of every file that its arguments name: models and normalizers.
     ///
     /// # Errors
     ///

@@ -2,7 +2,7 @@
 //! that is not in the table has a historic tier, and a moderate one with the environment's own test.
 //!
 //! Sources: the reference's tests; the moderate and strict rules are those of CLEAR-LeWM 0.9 (least motion: its first
-//! tracks), where the columns of this program can say them; TwoRoom-v1, whose picture is 512 pixels wide, and the tests marked
+//! tracks), where the columns of this program can say them; TwoRoom-v1, whose image is 512 pixels wide, and the tests marked
 //! *ours* are not among them.
 
 use std::ops::Range;

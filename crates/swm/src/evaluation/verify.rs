@@ -21,7 +21,7 @@ pub enum Part {
     /// What actions lead to.
     Physics,
     /// What is seen.
-    Pictures,
+    Images,
     /// A file that the policy reads.
     Model,
     /// The policy's noise.
@@ -80,8 +80,8 @@ pub fn verify(
     differ(Part::Protocol, &receipt.manifest_hash, &manifest.hash(), "manifest");
     differ(Part::Protocol, &then.tables, &now.tables, "tables of the environment");
     differ(Part::Physics, &then.physics, &now.physics, "probe of 25 random actions");
-    let (a, b) = (then.pictures.as_deref().unwrap_or("none"), now.pictures.as_deref().unwrap_or("none"));
-    differ(Part::Pictures, a, b, "pictures of the probe");
+    let (a, b) = (then.images.as_deref().unwrap_or("none"), now.images.as_deref().unwrap_or("none"));
+    differ(Part::Images, a, b, "images of the probe");
     differ(Part::Seed, &then.noise, &now.noise, "noise of the first pair");
     for (file, hash) in &receipt.files {
         let now =
@@ -114,7 +114,7 @@ pub fn verify(
         .collect();
     if let Some(&first) = episodes.first() {
         let (part, what) = cause(receipt.episodes.get(first), again.get(first));
-        let explained = differences.keys().any(|part| *part != Part::Pictures);
+        let explained = differences.keys().any(|part| *part != Part::Images);
         if !explained {
             let count = episodes.len();
             differences.insert(part, format!("{count} episode(s) differ, the first is {first}: {what}"));

@@ -13,7 +13,7 @@ pub(super) struct Future<'a> {
     frame_skip: u32,
     /// Whether the planner's own roll-outs end at the environment's success.
     stops_at_success: bool,
-    /// Height and width of the pictures that paths are drawn over.
+    /// Height and width of the images that paths are drawn over.
     pub(super) size: Option<[usize; 2]>,
 }
 

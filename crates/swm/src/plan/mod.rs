@@ -1,5 +1,5 @@
 //! Watching a planner at work in one environment: what it tried, what it expected, what came of it; and a folder with
-//! pictures of that.
+//! images of that.
 //!
 //! [`Watched`] is a planner that remembers where each plan began; [`write_report`] draws what it has seen. How plans
 //! are made is not known here.
@@ -19,8 +19,8 @@ use swm_core::{EnvConfig, EnvEntry, PolicyArgs};
 use swm_media::Format;
 use swm_solvers::ActionMap;
 
-use crate::film::Film;
-use crate::report::save_film;
+use crate::report::save_video;
+use crate::video::Video;
 use future::Future;
 pub(crate) use page::{Figures, PlanFigure};
 
@@ -106,7 +106,7 @@ impl PlanFigures {
 pub struct Report<'a> {
     /// The environment.
     pub entry: &'a EnvEntry,
-    /// How it is made, pictures included.
+    /// How it is made, images included.
     pub config: &'a EnvConfig,
     /// How numbers of plans become actions.
     pub actions: &'a ActionMap,
@@ -114,11 +114,11 @@ pub struct Report<'a> {
     pub session: &'a Session,
     /// What it came to.
     pub summary: &'a PlanSummary,
-    /// The pictures.
-    pub film: &'a Film,
-    /// The format of films.
+    /// The images.
+    pub video: &'a Video,
+    /// The format of videos.
     pub format: Format,
-    /// How many plans get pictures of their own: the first ones.
+    /// How many plans get images of their own: the first ones.
     pub drawn: usize,
     /// Whether the planner's roll-outs end at the environment's success: [`stops_at_success`].
     pub stops_at_success: bool,
@@ -129,11 +129,11 @@ pub fn stops_at_success(args: &PolicyArgs) -> bool {
     args.named.get("stop_at_success").and_then(serde_json::Value::as_bool).unwrap_or(true)
 }
 
-/// Writes `result.json`, the figures, the films and `index.html` into `dir`, and returns their paths.
+/// Writes `result.json`, the figures, the videos and `index.html` into `dir`, and returns their paths.
 ///
 /// # Errors
 ///
-/// A file cannot be written, or a film cannot be encoded.
+/// A file cannot be written, or a video cannot be encoded.
 pub fn write_report(dir: &Path, report: &Report<'_>) -> Result<Vec<PathBuf>, BoxError> {
     let mut written = Vec::new();
     let mut write = |name: &str, text: &str| -> Result<(), BoxError> {
@@ -151,14 +151,14 @@ pub fn write_report(dir: &Path, report: &Report<'_>) -> Result<Vec<PathBuf>, Box
             write(&format!("{}_paths.svg", figure.name), paths)?;
         }
     }
-    let mut films = Vec::new();
-    for (episode, scene) in report.film.scenes().filter(|(_, scene)| !scene.clip.is_empty()) {
-        let path = save_film(dir, episode, scene, report.format)?;
-        films.extend(path.file_name().map(|name| name.to_string_lossy().into_owned()));
+    let mut videos = Vec::new();
+    for (episode, scene) in report.video.scenes().filter(|(_, scene)| !scene.clip.is_empty()) {
+        let path = save_video(dir, episode, scene, report.format)?;
+        videos.extend(path.file_name().map(|name| name.to_string_lossy().into_owned()));
         written.push(path);
     }
     let path = dir.join("index.html");
-    std::fs::write(&path, page::draw(report.summary, &figures, &films))
+    std::fs::write(&path, page::draw(report.summary, &figures, &videos))
         .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
     written.insert(0, path);
     Ok(written)

@@ -1,4 +1,4 @@
-//! The page that shows a report together: what it came to, films, figures.
+//! The page that shows a report together: what it came to, videos, figures.
 
 use std::fmt::Write as _;
 
@@ -30,12 +30,12 @@ p{margin:.3rem 0;color:#5b6475}code{overflow-wrap:anywhere}a{color:#1d5fd1}\
 .wide{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
 th,td{padding:.25rem .9rem .25rem 0;text-align:right;white-space:nowrap}th{font-weight:600;border-bottom:1px solid #8a93a5}\
 figure{margin:.6rem 0;overflow-x:auto}figure svg{display:block}\
-.films{display:flex;flex-wrap:wrap;gap:1rem}.films figure{margin:0}.films img,.films video{width:16rem;max-width:100%;display:block}\
+.videos{display:flex;flex-wrap:wrap;gap:1rem}.videos figure{margin:0}.videos img,.videos video{width:16rem;max-width:100%;display:block}\
 figcaption{color:#5b6475;font-size:.9rem}\
 @media(prefers-color-scheme:dark){body{color:#e6e9ef;background:#14171d}p,figcaption{color:#a3acbd}a{color:#76a9ff}}";
 
 /// The page.
-pub(super) fn draw(summary: &PlanSummary, figures: &Figures, films: &[String]) -> String {
+pub(super) fn draw(summary: &PlanSummary, figures: &Figures, videos: &[String]) -> String {
     let mut page = format!(
         "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width\">\n<title>Planning in {env}</title>\n\
@@ -47,15 +47,15 @@ pub(super) fn draw(summary: &PlanSummary, figures: &Figures, films: &[String]) -
         env = escape(&summary.env),
         policy = escape(&summary.policy),
     );
-    if !films.is_empty() {
-        page += "<h2>What happened</h2>\n<div class=\"films\">\n";
-        for film in films {
-            let name = escape(film);
+    if !videos.is_empty() {
+        page += "<h2>What happened</h2>\n<div class=\"videos\">\n";
+        for video in videos {
+            let name = escape(video);
             let caption = name.rsplit_once('.').map_or(name.as_str(), |(stem, _)| stem).replace('_', " ");
             let element = if name.ends_with(".mp4") {
                 format!("<video src=\"{name}\" controls autoplay loop muted playsinline></video>")
             } else {
-                format!("<img src=\"{name}\" alt=\"film of {caption}\">")
+                format!("<img src=\"{name}\" alt=\"video of {caption}\">")
             };
             let _ = writeln!(page, "<figure>{element}<figcaption>{caption}</figcaption></figure>");
         }
@@ -71,7 +71,7 @@ pub(super) fn draw(summary: &PlanSummary, figures: &Figures, films: &[String]) -
     for plan in &figures.plans {
         let _ = writeln!(page, "<h2>{}</h2>", escape(&plan.title));
         if let Some(paths) = &plan.paths {
-            page += "<h3>Where the elites would lead</h3>\n<p>Simulated from the moment of planning, over its picture.</p>\n";
+            page += "<h3>Where the elites would lead</h3>\n<p>Simulated from the moment of planning, over its image.</p>\n";
             let _ = writeln!(page, "<figure>{paths}</figure>");
         }
         page += "<h3>What the elites would do</h3>\n<p>Actions over the steps of the plan, as they would be carried out.</p>\n";

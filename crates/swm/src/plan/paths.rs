@@ -1,4 +1,4 @@
-//! The figure of paths: where the elites would have led, by simulation, over the picture of the moment that the plan
+//! The figure of paths: where the elites would have led, by simulation, over the image of the moment that the plan
 //! was made at.
 
 use swm_core::Place;
@@ -13,21 +13,21 @@ use crate::svg::{Anchor, Svg};
 
 /// Iterations shown, beside the plan itself.
 const COLUMNS: usize = 3;
-/// Height of a picture.
+/// Height of an image.
 const SIDE: f64 = 216.0;
 const MARGIN: f64 = 16.0;
 const HEAD: f64 = 66.0;
 
-/// Colours of the things that move, in their order: on pictures, which are the same on light and dark pages.
+/// Colors of the things that move, in their order: on images, which are the same on light and dark pages.
 const COLORS: [&str; 4] = ["#d6006c", "#0068d6", "#6b8f00", "#8a3ffc"];
 
-/// Draws one plan; nothing if there is no picture, or if the environment does not say where things are in it.
+/// Draws one plan; nothing if there is no image, or if the environment does not say where things are in it.
 pub(super) fn draw(
     start: &PlanStart,
     plan: &TracedPlan,
     future: &mut Future<'_>,
 ) -> Result<Option<String>, BoxError> {
-    let (Some(picture), Some([height, width])) = (&start.picture, future.size) else { return Ok(None) };
+    let (Some(image), Some([height, width])) = (&start.image, future.size) else { return Ok(None) };
     let expected = future.places(&start.state, &plan.actions)?;
     let Some(things) = expected.first().filter(|things| !things.is_empty()).cloned() else { return Ok(None) };
     let shown = spread_out(plan.iterations.len(), COLUMNS);
@@ -37,7 +37,7 @@ pub(super) fn draw(
     let mut svg = Svg::new(full[0], full[1], "Simulated paths of the elites, by iteration, and of the plan");
     legend(&mut svg, &things);
     let id = format!("start-{}-{}", plan.key.episode, plan.key.plan);
-    svg.define_image(&id, size, &png::encode(height, width, picture)?);
+    svg.define_image(&id, size, &png::encode(height, width, image)?);
     for (column, &index) in shown.iter().enumerate() {
         let at = [left(column), HEAD];
         let iteration = &plan.iterations[index];
@@ -77,7 +77,7 @@ fn legend(svg: &mut Svg, things: &[Place]) {
 const START: &str = "fill=\"#fff\" stroke=\"#333\" stroke-width=\"1.5\"";
 
 fn inside(place: &Place, at: [f64; 2], size: [f64; 2]) -> [f64; 2] {
-    // What leaves the picture stays at its edge.
+    // What leaves the image stays at its edge.
     let [x, y] = place.at.map(|part| part.clamp(0.0, 1.0));
     [at[0] + x * size[0], at[1] + y * size[1]]
 }

@@ -29,8 +29,8 @@ pub struct PlanStart {
     pub step: u64,
     /// The state of the environment.
     pub state: EnvState,
-    /// Its picture, `[H, W, 3]`, if there are pictures.
-    pub picture: Option<Vec<u8>>,
+    /// Its image, `[H, W, 3]`, if there are images.
+    pub image: Option<Vec<u8>>,
     /// Seconds that planning took.
     pub wall_time_s: f64,
 }
@@ -89,8 +89,8 @@ impl Policy for Watched {
         {
             let mut state = EnvState::new();
             row.snapshot(&mut state)?;
-            let picture = row.row.get::<u8>(PIXELS).ok().map(<[u8]>::to_vec);
-            session.starts.push(PlanStart { step: row.episode.step, state, picture, wall_time_s });
+            let image = row.row.get::<u8>(PIXELS).ok().map(<[u8]>::to_vec);
+            session.starts.push(PlanStart { step: row.episode.step, state, image, wall_time_s });
         }
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! The charts of a report, as SVG that follows the page's colours.
+//! The charts of a report, as SVG that follows the page's colors.
 
 use crate::evaluation::{Cell, Scope, Sweep};
 use crate::svg::{Anchor, Frame, Svg, ticks};
@@ -136,7 +136,7 @@ pub(super) fn episode_map(strips: &[Strip]) -> String {
     svg.finish()
 }
 
-/// Cells of a sweep: a row per factor, group and all; a column per value. Colour says how far it is from the unchanged
+/// Cells of a sweep: a row per factor, group and all; a column per value. Color says how far it is from the unchanged
 /// environment.
 pub fn heat_map(sweep: &Sweep) -> String {
     const CELL: [f64; 2] = [104.0, 30.0];

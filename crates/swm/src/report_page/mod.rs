@@ -1,4 +1,4 @@
-//! One page that a person wants to look at: results with intervals, outcomes pair by pair, factors, films beside their goals,
+//! One page that a person wants to look at: results with intervals, outcomes pair by pair, factors, videos beside their goals,
 //! plans, receipts. A single HTML file without scripts or styles from elsewhere; every chart is also a table.
 
 mod charts;
@@ -28,11 +28,11 @@ pub enum Item {
 /// What is made for a page beside what its results hold.
 #[derive(Clone, Copy, Debug)]
 pub struct PageOptions {
-    /// Films of successes, and as many of failures, per result; 0: none is run again.
-    pub films: usize,
+    /// Videos of successes, and as many of failures, per result; 0: none is run again.
+    pub videos: usize,
     /// Their format.
     pub format: Format,
-    /// Plans drawn per filmed episode.
+    /// Plans drawn per recorded episode.
     pub plans: usize,
 }
 
@@ -61,7 +61,7 @@ impl Item {
     }
 }
 
-/// Writes the page of `items` to `path`; some episodes of each receipt are run again, for their films. Returns notes for
+/// Writes the page of `items` to `path`; some episodes of each receipt are run again, for their videos. Returns notes for
 /// people: what could not be shown, and why.
 ///
 /// # Errors
@@ -78,7 +78,7 @@ pub fn write_page(
     for item in items {
         if let Item::Receipt(receipt) = item {
             each(&receipt.policy);
-            let replayed = if options.films > 0 {
+            let replayed = if options.videos > 0 {
                 replay::replay(registry, receipt, options, &mut notes)?
             } else {
                 replay::Replayed::default()

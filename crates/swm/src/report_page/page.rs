@@ -22,8 +22,8 @@ pub(super) fn draw(receipts: &[(&Receipt, Replayed)], sweeps: &[&Sweep]) -> Resu
     if !sweeps.is_empty() {
         tabs.push(("factors", "Factors", sections::factors(sweeps)));
     }
-    if receipts.iter().any(|(_, replayed)| !replayed.films.is_empty()) {
-        tabs.push(("films", "Films", sections::films(receipts)));
+    if receipts.iter().any(|(_, replayed)| !replayed.videos.is_empty()) {
+        tabs.push(("videos", "Videos", sections::videos(receipts)));
     }
     if receipts.iter().any(|(_, replayed)| !replayed.plans.is_empty()) {
         tabs.push(("plans", "Plans", sections::plans(receipts)));

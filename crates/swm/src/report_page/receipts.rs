@@ -30,7 +30,7 @@ pub(super) fn tab(receipts: &[Shown<'_>], sweeps: &[&Sweep]) -> Result<String, B
             ("models", json!(receipt.files).to_string()),
             ("tables", prints.tables.clone()),
             ("physics", prints.physics.clone()),
-            ("pictures", prints.pictures.clone().unwrap_or_default()),
+            ("images", prints.images.clone().unwrap_or_default()),
             ("noise", prints.noise.clone()),
             ("code", format!("stable-worldmodel {}{commit}, {}", receipt.code.version, receipt.code.target)),
             ("seconds", format!("{:.1}", receipt.wall_time_s)),

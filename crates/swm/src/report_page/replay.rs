@@ -1,4 +1,4 @@
-//! Some episodes of a receipt, run again for their films and plans. A receipt repeats to the bit, so the film is of the very
+//! Some episodes of a receipt, run again for their videos and plans. A receipt repeats to the bit, so the video is of the very
 //! episode that counted.
 
 use std::sync::PoisonError;
@@ -12,13 +12,13 @@ use swm_solvers::SOLVERS;
 use super::PageOptions;
 use crate::distractors;
 use crate::evaluation::Receipt;
-use crate::film::{Film, Scene};
 use crate::plan::{
     EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, draw_figures, stops_at_success,
 };
 use crate::svg::base64;
+use crate::video::{Scene, Video};
 
-/// Height and width of films where the manifest has no pictures.
+/// Height and width of videos where the manifest has no images.
 const SIDE: usize = 192;
 /// Elites of an iteration that are drawn.
 const DRAWN_ELITES: usize = 16;
@@ -26,17 +26,17 @@ const DRAWN_ELITES: usize = 16;
 /// What running again gave.
 #[derive(Default)]
 pub(super) struct Replayed {
-    pub(super) films: Vec<FilmCard>,
+    pub(super) videos: Vec<VideoCard>,
     /// The pair, and the figures of its plans.
     pub(super) plans: Vec<(usize, Figures)>,
 }
 
-/// A film, as data addresses.
-pub(super) struct FilmCard {
+/// A video, as data addresses.
+pub(super) struct VideoCard {
     pub(super) pair: usize,
     pub(super) success: bool,
     pub(super) steps: u64,
-    pub(super) film: String,
+    pub(super) video: String,
     pub(super) is_video: bool,
     pub(super) goal: Option<String>,
 }
@@ -51,7 +51,7 @@ pub(super) fn replay(
     let entry = registry.env(&receipt.manifest.env)?;
     let of = |success: bool| {
         let all = receipt.episodes.iter().enumerate();
-        all.filter(move |(_, episode)| episode.success == success).map(|(pair, _)| pair).take(options.films)
+        all.filter(move |(_, episode)| episode.success == success).map(|(pair, _)| pair).take(options.videos)
     };
     let mut replayed = Replayed::default();
     let (successes, failures): (Vec<usize>, Vec<usize>) = (of(true).collect(), of(false).collect());
@@ -60,7 +60,7 @@ pub(super) fn replay(
         let drawn = if draws { options.plans } else { 0 };
         match episode(registry, entry, receipt, pair, options.format, drawn) {
             Ok((card, figures, same)) => {
-                replayed.films.extend(card);
+                replayed.videos.extend(card);
                 replayed.plans.extend(figures.map(|figures| (pair, figures)));
                 if !same {
                     notes.push(format!(
@@ -70,7 +70,7 @@ pub(super) fn replay(
                 }
             }
             Err(error) => {
-                notes.push(format!("{}: no film of episode {pair}: {error}", receipt.policy));
+                notes.push(format!("{}: no video of episode {pair}: {error}", receipt.policy));
                 break;
             }
         }
@@ -78,7 +78,7 @@ pub(super) fn replay(
     Ok(replayed)
 }
 
-type Shown = (Option<FilmCard>, Option<Figures>, bool);
+type Shown = (Option<VideoCard>, Option<Figures>, bool);
 
 fn episode(
     registry: &Registry,
@@ -111,7 +111,7 @@ fn episode(
             watched = Some((session, actions));
         }
     }
-    let (mut film, mut found) = (Film::first(1), None);
+    let (mut video, mut found) = (Video::first(1), None);
     let keep = |_, result: EpisodeResult| {
         found = Some(result);
         Ok(())
@@ -119,7 +119,7 @@ fn episode(
     let mut outcome = OutcomeRecorder::new(receipt.plan_steps, None, keep);
     let resets = manifest.resets()?;
     let index = pair as u64;
-    world.run_pairs(manifest, &resets, index..index + 1, &mut (&mut film, &mut outcome))?;
+    world.run_pairs(manifest, &resets, index..index + 1, &mut (&mut video, &mut outcome))?;
     drop(outcome);
     let result = found.ok_or("the episode did not end")?;
     let figures = match watched {
@@ -140,14 +140,14 @@ fn episode(
                 wall_time_s: 0.0,
             };
             let (config, actions, session, summary) = (&config, &actions, &*session, &summary);
-            let film = &film;
+            let video = &video;
             let stops_at_success = stops_at_success(&candidate.policy);
             let report =
-                Report { entry, config, actions, session, summary, film, format, drawn, stops_at_success };
+                Report { entry, config, actions, session, summary, video, format, drawn, stops_at_success };
             Some(draw_figures(&report)?)
         }
     };
-    let scene = film.scenes().next().map(|(_, scene)| scene);
+    let scene = video.scenes().next().map(|(_, scene)| scene);
     let card = scene.map(|scene| card(scene, image, pair, &result, format)).transpose()?;
     let same = receipt.episodes.get(pair).is_some_and(|recorded| recorded.is_repeated_by(&result));
     Ok((card, figures, same))
@@ -159,16 +159,16 @@ fn card(
     pair: usize,
     result: &EpisodeResult,
     format: Format,
-) -> Result<FilmCard, BoxError> {
-    let film = base64(&scene.clip.upscaled(SIDE).encode(format)?);
+) -> Result<VideoCard, BoxError> {
+    let video = base64(&scene.clip.upscaled(SIDE).encode(format)?);
     let is_video = format == Format::Mp4;
     let kind = if is_video { "video/mp4" } else { "image/gif" };
     let goal = scene.goal.as_ref().map(|goal| png::encode(image.height, image.width, goal)).transpose()?;
-    Ok(FilmCard {
+    Ok(VideoCard {
         pair,
         success: result.success,
         steps: result.steps,
-        film: format!("data:{kind};base64,{film}"),
+        video: format!("data:{kind};base64,{video}"),
         is_video,
         goal: goal.map(|goal| format!("data:image/png;base64,{}", base64(&goal))),
     })

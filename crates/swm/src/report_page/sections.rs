@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use swm_core::evaluate::{EpisodeResult, PairedTest, Summary};
 
 use super::charts::{self, Bar, Curve, Strip};
-use super::replay::{FilmCard, Replayed};
+use super::replay::{Replayed, VideoCard};
 use crate::evaluation::{Receipt, Role, Sweep};
 use crate::svg::{escape, number};
 
@@ -111,7 +111,7 @@ pub(super) fn overview(receipts: &[Shown<'_>]) -> String {
                 receipt.summary.success_rate
             );
         }
-        html += "</div>\n<h2>Success</h2>\n<p>Bars with 95 % Wilson intervals; grey bars are floors and ceiling on the same pairs.</p>\n";
+        html += "</div>\n<h2>Success</h2>\n<p>Bars with 95 % Wilson intervals; gray bars are floors and ceiling on the same pairs.</p>\n";
         let all = policies(group);
         let bars: Vec<Bar> = all
             .iter()
@@ -262,35 +262,35 @@ pub(super) fn factors(sweeps: &[&Sweep]) -> String {
     html
 }
 
-/// Films beside their goals.
-pub(super) fn films(receipts: &[Shown<'_>]) -> String {
+/// Videos beside their goals.
+pub(super) fn videos(receipts: &[Shown<'_>]) -> String {
     let mut html = String::new();
-    for (receipt, replayed) in receipts.iter().filter(|(_, replayed)| !replayed.films.is_empty()) {
-        let _ = writeln!(html, "<h2>{}</h2>\n<div class=\"films\">", escape(&name(receipt)));
-        for card in &replayed.films {
-            html += &film(card);
+    for (receipt, replayed) in receipts.iter().filter(|(_, replayed)| !replayed.videos.is_empty()) {
+        let _ = writeln!(html, "<h2>{}</h2>\n<div class=\"videos\">", escape(&name(receipt)));
+        for card in &replayed.videos {
+            html += &video(card);
         }
         html += "</div>\n";
     }
     html
 }
 
-fn film(card: &FilmCard) -> String {
+fn video(card: &VideoCard) -> String {
     let (class, word) = if card.success { ("won", "success") } else { ("lost", "failure") };
-    let label = format!("film of pair {}, {word}", card.pair);
+    let label = format!("video of pair {}, {word}", card.pair);
     let moving = if card.is_video {
         format!(
             "<video src=\"{}\" controls loop muted playsinline aria-label=\"{label}\"></video>",
-            card.film
+            card.video
         )
     } else {
-        format!("<img src=\"{}\" alt=\"{label}\">", card.film)
+        format!("<img src=\"{}\" alt=\"{label}\">", card.video)
     };
     let goal = card.goal.as_ref().map_or(String::new(), |goal| {
         format!("<div><img src=\"{goal}\" alt=\"goal of pair {}\"><small>goal</small></div>", card.pair)
     });
     format!(
-        "<figure class=\"film\"><div class=\"side\"><div>{moving}<small>episode</small></div>{goal}</div>\
+        "<figure class=\"video\"><div class=\"side\"><div>{moving}<small>episode</small></div>{goal}</div>\
          <figcaption>pair {} · <span class=\"tag {class}\">{word}</span> · {} actions</figcaption></figure>\n",
         card.pair, card.steps
     )
@@ -314,7 +314,7 @@ pub(super) fn plans(receipts: &[Shown<'_>]) -> String {
             html += &format!("<details><summary>As a table</summary>{}</details>\n", table(&head, &rows));
             for plan in &figures.plans {
                 let _ = writeln!(html, "<h3>{}</h3>", escape(&plan.title));
-                // Pictures are known by name on the page, and two results may have the same episode.
+                // Images are known by name on the page, and two results may have the same episode.
                 let paths = plan.paths.as_ref().map(|paths| {
                     paths
                         .replace("\"start-", &format!("\"r{index}-start-"))

@@ -29,7 +29,7 @@ pub(crate) const NAME: &str = "dino-wm";
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DinoWmConfig {
-    /// The side of pictures.
+    /// The side of images.
     pub image: usize,
     /// What looks at them; it is not trained. Give its weights before training.
     pub encoder: EncoderConfig,
@@ -45,7 +45,7 @@ pub struct DinoWmConfig {
     pub frameskip: usize,
     /// Clips of a batch.
     pub batch: usize,
-    /// The optimiser.
+    /// The optimizer.
     pub optim: OptimConfig,
 }
 
@@ -70,7 +70,7 @@ impl DinoWmConfig {
         }
     }
 
-    /// Settings for a processor: the same encoder on pictures of 70 pixels, 25 tokens each, and a smaller predictor
+    /// Settings for a processor: the same encoder on images of 70 pixels, 25 tokens each, and a smaller predictor
     /// without proprioception.
     pub fn small() -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! GCBC: goal-conditioned behavioural cloning. Loss: squared error of the actions taken, at each frame of the history.
+//! GCBC: goal-conditioned behavioral cloning. Loss: squared error of the actions taken, at each frame of the history.
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
@@ -26,7 +26,7 @@ pub struct GcbcConfig {
     pub model: GoalConfig,
     /// Which later rows of an episode are its goals.
     pub goals: LaterGoals,
-    /// The optimiser.
+    /// The optimizer.
     pub optim: OptimConfig,
 }
 
@@ -50,7 +50,7 @@ impl GcbcConfig {
         }
     }
 
-    /// Settings for a processor.
+    /// Settings for a CPU.
     pub fn small() -> Self {
         Self {
             model: GoalConfig::small(),

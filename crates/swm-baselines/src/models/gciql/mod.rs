@@ -28,7 +28,7 @@ pub struct GciqlConfig {
     pub model: GoalConfig,
     /// Hidden numbers of the critic's head.
     pub critic_hidden: usize,
-    /// The optimiser of both phases.
+    /// The optimizer of both phases.
     pub optim: OptimConfig,
     /// How the value is learnt, and what the policy makes of it.
     pub value: ValueConfig,
@@ -45,7 +45,7 @@ impl GciqlConfig {
         }
     }
 
-    /// Settings for a processor, as GCIVL's.
+    /// Settings for a CPU, as GCIVL's.
     pub fn small() -> Self {
         let paper = Self::paper();
         let value = ValueConfig { momentum: 0.95, ..paper.value };

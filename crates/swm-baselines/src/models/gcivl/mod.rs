@@ -25,7 +25,7 @@ pub(crate) const NAME: &str = "gcivl";
 pub struct GcivlConfig {
     /// The network. The value takes the mean of a frame's tokens; the policy what is set here.
     pub model: GoalConfig,
-    /// The optimiser of both phases.
+    /// The optimizer of both phases.
     pub optim: OptimConfig,
     /// How the value is learnt, and what the policy makes of it.
     pub value: ValueConfig,
@@ -67,7 +67,7 @@ impl Default for ValueConfig {
     }
 }
 
-/// The optimiser that the reference's value learners share.
+/// The optimizer that the reference's value learners share.
 pub(crate) fn value_optim() -> OptimConfig {
     OptimConfig { lr: 3e-4, weight_decay: 0.01, schedule: Schedule::COSINE, ..OptimConfig::default() }
 }
@@ -78,7 +78,7 @@ impl GcivlConfig {
         Self { model: GoalConfig::paper(), optim: value_optim(), value: ValueConfig::default() }
     }
 
-    /// Settings for a processor. The teacher follows fast: a goal that is n decisions away is heard of after n times as many
+    /// Settings for a CPU. The teacher follows fast: a goal that is n decisions away is heard of after n times as many
     /// steps as it lags behind.
     pub fn small() -> Self {
         let value = ValueConfig { momentum: 0.95, ..ValueConfig::default() };

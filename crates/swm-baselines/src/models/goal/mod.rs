@@ -23,7 +23,7 @@ pub(crate) use transition::Transition;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GoalConfig {
-    /// The side of pictures.
+    /// The side of images.
     pub image: usize,
     /// What looks at them.
     pub encoder: EncoderConfig,
@@ -56,7 +56,7 @@ impl GoalConfig {
         }
     }
 
-    /// For a processor: convolutions that are trained, on pictures of 64 pixels.
+    /// For a processor: convolutions that are trained, on images of 64 pixels.
     pub fn small() -> Self {
         Self {
             image: 64,
@@ -179,7 +179,7 @@ impl Observer {
         })
     }
 
-    /// `[B, T, P, W]` of pictures `[B, T, 3, S, S]` and proprioception `[B, T, …]`.
+    /// `[B, T, P, W]` of images `[B, T, 3, S, S]` and proprioception `[B, T, …]`.
     pub(crate) fn tokens(&self, pixels: Tensor<5>, proprio: Option<Tensor<3>>) -> Tensor<4> {
         let tokens = self.encoder.tokens(pixels);
         match (&self.proprio, proprio) {

@@ -51,7 +51,7 @@ impl GoalPolicy for ActingPolicy {
             );
             return Err(BaselineError::data("pixels", reason));
         }
-        // One by one: the bits of a decision must not depend on its neighbours.
+        // One by one: the bits of a decision must not depend on its neighbors.
         actions.par_chunks_exact_mut(width).enumerate().for_each(|(row, out)| {
             let of_row =
                 |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, row, 1));

@@ -1,4 +1,4 @@
-//! The world model that LeWM and PLDM share: one vector per picture, and a predictor that actions steer. What sets them
+//! The world model that LeWM and PLDM share: one vector per image, and a predictor that actions steer. What sets them
 //! apart is the loss.
 
 mod planner;
@@ -21,7 +21,7 @@ pub(crate) use planner::JointPlanner;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointConfig {
-    /// The side of pictures.
+    /// The side of images.
     pub image: usize,
     /// What looks at them.
     pub encoder: EncoderConfig,
@@ -42,7 +42,7 @@ pub struct JointConfig {
 }
 
 impl JointConfig {
-    /// The paper's: ViT-tiny on pictures of 224 pixels.
+    /// The paper's: ViT-tiny on images of 224 pixels.
     pub fn paper() -> Self {
         Self {
             image: 224,
@@ -57,7 +57,7 @@ impl JointConfig {
         }
     }
 
-    /// For a processor: convolutions on pictures of 64 pixels.
+    /// For a processor: convolutions on images of 64 pixels.
     pub fn small() -> Self {
         let predictor = PredictorConfig { depth: 4, heads: 4, head_width: 32, hidden: 512, dropout: 0.1 };
         Self {

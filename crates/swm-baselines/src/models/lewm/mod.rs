@@ -26,7 +26,7 @@ pub struct LewmConfig {
     pub model: JointConfig,
     /// What keeps states apart.
     pub sigreg: SigregConfig,
-    /// The optimiser.
+    /// The optimizer.
     pub optim: OptimConfig,
 }
 
@@ -36,7 +36,7 @@ impl LewmConfig {
         Self { model: JointConfig::paper(), sigreg: SigregConfig::default(), optim: OptimConfig::default() }
     }
 
-    /// Settings for a processor.
+    /// Settings for a CPU.
     pub fn small() -> Self {
         Self {
             model: JointConfig::small(),

@@ -28,7 +28,7 @@ pub struct PldmConfig {
     pub inverse_hidden: usize,
     /// What the terms are worth.
     pub weights: PldmWeights,
-    /// The optimiser.
+    /// The optimizer.
     pub optim: OptimConfig,
 }
 
@@ -78,7 +78,7 @@ impl PldmConfig {
         }
     }
 
-    /// Settings for a processor.
+    /// Settings for a CPU.
     pub fn small() -> Self {
         Self {
             model: JointConfig::small(),

@@ -1,9 +1,9 @@
 //! What stands where in the folder. The reference's layout: `ep_len.npz` and `ep_offset.npz` say where episodes lie,
-//! every other `<column>.npz` is a column, and every subfolder a column of pictures.
+//! every other `<column>.npz` is a column, and every subfolder a column of images.
 //!
 //! Its readers take any other name for a column too, except those that begin with `ep_len.`; so ours are
 //! `ep_len.json` (columns, kinds, metadata of runs) and `ep_len.index` (one record per episode, which says how long
-//! it is and what its columns' checksums are, and announces it).
+//! it is and what its columns' checksums are, and commits it).
 
 use std::fs::{self, File, OpenOptions};
 use std::path::{Path, PathBuf};
@@ -102,7 +102,7 @@ impl Manifest {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Entry {
     pub(super) rows: u32,
-    /// Of each column, in the order of the manifest: CRC-32 of the values or of the picture files, end to end.
+    /// Of each column, in the order of the manifest: CRC-32 of the values or of the image files, end to end.
     pub(super) checksums: Vec<u32>,
 }
 
@@ -130,7 +130,7 @@ impl Entry {
     }
 }
 
-/// Reads the index of a folder of ours: the episodes that were announced.
+/// Reads the index of a folder of ours: the episodes that were committed.
 pub(super) fn read_index(folder: &Path, columns: usize) -> Result<Vec<Entry>, DataError> {
     let path = folder.join(INDEX);
     let bytes = fs::read(&path).map_err(|source| DataError::io(&path, "read", source))?;
@@ -170,7 +170,7 @@ impl IndexWriter {
         Ok(Self { file, end })
     }
 
-    /// Announces an episode.
+    /// Commits an episode.
     pub(super) fn push(&mut self, entry: &Entry) -> Result<(), String> {
         let bytes = entry.to_bytes();
         let written = write_all_at(&self.file, &bytes, self.end);

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::{Field, FieldKind, Schema, SliceMut};
 
+use super::images::{ImageReader, Store};
 use super::layout::{self, EP_LEN, EP_OFFSET, Entry, Manifest};
-use super::pictures::{PictureReader, Store};
 use crate::dataset::{About, CHANGED, Dataset, Steps};
 use crate::error::DataError;
 use crate::formats::npz::Array;
@@ -19,7 +19,7 @@ use crate::formats::npz::Array;
 pub(super) struct FolderDataset {
     shared: Arc<Shared>,
     /// One per column; those of arrays stay empty.
-    pictures: BTreeMap<usize, PictureReader>,
+    images: BTreeMap<usize, ImageReader>,
     scratch: Vec<u8>,
 }
 
@@ -40,7 +40,7 @@ struct Shared {
 enum Source {
     Array(Array),
     /// The subfolder.
-    Pictures(PathBuf),
+    Images(PathBuf),
 }
 
 impl FolderDataset {
@@ -49,7 +49,7 @@ impl FolderDataset {
             Some(manifest) => Shared::ours(path, format, store, manifest)?,
             None => Shared::foreign(path, format, store)?,
         };
-        Ok(Self { shared: Arc::new(shared), pictures: BTreeMap::new(), scratch: Vec::new() })
+        Ok(Self { shared: Arc::new(shared), images: BTreeMap::new(), scratch: Vec::new() })
     }
 
     pub(super) fn manifest(&self) -> Option<&Manifest> {
@@ -71,7 +71,7 @@ impl Shared {
         let mut columns = Vec::new();
         for field in &manifest.columns {
             if store.takes(field) {
-                columns.push(Source::Pictures(path.join(&field.name)));
+                columns.push(Source::Images(path.join(&field.name)));
                 continue;
             }
             let file = layout::array(path, &field.name);
@@ -125,7 +125,7 @@ impl Shared {
         }
         let rows = columns.iter().zip(&fields).filter_map(|(source, field)| match source {
             Source::Array(array) => Some((field.name.as_str(), array.rows())),
-            Source::Pictures(_) => None,
+            Source::Images(_) => None,
         });
         let episodes = spans(path, &index, rows.min_by_key(|&(_, rows)| rows))?;
         if !episodes.is_empty() {
@@ -133,7 +133,7 @@ impl Shared {
                 match store.shape(&folder, 0) {
                     Ok(shape) => {
                         fields.push(field(&name, swm_core::Dtype::U8, &shape));
-                        columns.push(Source::Pictures(folder));
+                        columns.push(Source::Images(folder));
                     }
                     Err(reason) => skipped.push((name, reason)),
                 }
@@ -202,19 +202,19 @@ impl Dataset for FolderDataset {
                 let first = shared.first[episode] + steps.first;
                 array.read((first, steps.count, steps.stride), out, &mut self.scratch)
             }
-            (Source::Pictures(folder), SliceMut::U8(out)) => {
+            (Source::Images(folder), SliceMut::U8(out)) => {
                 let checksum =
                     shared.entries.get(episode).and_then(|entry| entry.checksums.get(column).copied());
-                let reader = self.pictures.entry(column).or_default();
+                let reader = self.images.entry(column).or_default();
                 reader.read(shared.store, folder, episode as u64, (field, steps), checksum, out)
             }
-            (Source::Pictures(_), out) => Err(format!("pictures were asked for as {}", out.dtype())),
+            (Source::Images(_), out) => Err(format!("images were asked for as {}", out.dtype())),
         };
         read.map_err(|reason| shared.about.damaged(column, episode, reason))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
-        Box::new(Self { shared: self.shared.clone(), pictures: BTreeMap::new(), scratch: Vec::new() })
+        Box::new(Self { shared: self.shared.clone(), images: BTreeMap::new(), scratch: Vec::new() })
     }
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
@@ -224,7 +224,7 @@ impl Dataset for FolderDataset {
         for (column, (source, &expected)) in shared.columns.iter().zip(&entry.checksums).enumerate() {
             let found = match source {
                 Source::Array(array) => array.bytes(first, rows, &mut self.scratch).map(crc32fast::hash),
-                Source::Pictures(folder) => shared.store.checksum(folder, episode as u64, rows),
+                Source::Images(folder) => shared.store.checksum(folder, episode as u64, rows),
             };
             match found {
                 Ok(found) if found == expected => {}

@@ -1,10 +1,10 @@
 //! Putting a folder right whose recording was interrupted: arrays get their directories back, so that numpy opens
-//! them, and what belongs to no announced episode is removed.
+//! them, and what belongs to no committed episode is removed.
 
 use std::path::Path;
 
+use super::images::Store;
 use super::layout::{self, Manifest};
-use super::pictures::Store;
 use super::reader::FolderDataset;
 use super::writer::FolderRecording;
 use crate::dataset::{Dataset as _, WriteOptions};
@@ -41,7 +41,7 @@ pub(super) fn repair(
             store.leftovers(&folder, episodes as u64).map_err(|e| DataError::io(&folder, "read", e))?;
         if count > 0 {
             steps.push(format!(
-                "remove {count} pictures or films of unfinished episodes from `{}`",
+                "remove {count} images or videos of unfinished episodes from `{}`",
                 field.name
             ));
         }

@@ -1,5 +1,5 @@
-//! Recording into a folder. After a kill at any moment, every announced episode is there: its
-//! values and pictures are written first, its record in the index last, and the index alone tells which episodes exist.
+//! Recording into a folder. After a kill at any moment, every committed episode is there: its
+//! values and images are written first, its record in the index last, and the index alone tells which episodes exist.
 
 use std::fs;
 use std::path::Path;
@@ -9,9 +9,9 @@ use crc32fast::Hasher;
 use rayon::prelude::*;
 use swm_core::{Batch, Dtype, Field, Schema, Slice};
 
+use super::image_writer::ImageWriter;
+use super::images::Store;
 use super::layout::{self, EP_LEN, EP_OFFSET, Entry, IndexWriter, Manifest};
-use super::picture_writer::PictureWriter;
-use super::pictures::Store;
 use super::reader::FolderDataset;
 use crate::dataset::{Dataset, WriteOptions};
 use crate::error::DataError;
@@ -31,7 +31,7 @@ pub(super) struct FolderRecording {
     ep_len: GrowingArray,
     ep_offset: GrowingArray,
     index: IndexWriter,
-    /// Rows of all announced episodes.
+    /// Rows of all committed episodes.
     rows: usize,
 }
 
@@ -46,7 +46,7 @@ struct Target {
 enum Files {
     /// With the checksum of the open episode's values.
     Array(Box<GrowingArray>, Hasher),
-    Pictures(Box<PictureWriter>),
+    Images(Box<ImageWriter>),
 }
 
 impl Storage for FolderStorage {
@@ -123,19 +123,19 @@ impl Recording for FolderRecording {
                 (Files::Array(array, checksum), values) => {
                     array.append(batch.rows(), values).map(|more| checksum.combine(&more))
                 }
-                (Files::Pictures(pictures), Slice::U8(pixels)) => pictures.append(at, pixels),
-                (Files::Pictures(_), values) => Err(format!("pictures cannot hold {}", values.dtype())),
+                (Files::Images(images), Slice::U8(pixels)) => images.append(at, pixels),
+                (Files::Images(_), values) => Err(format!("images cannot hold {}", values.dtype())),
             };
             written.map_err(|error| format!("column `{}`: {error}", target.field.name))
         })
     }
 
     /// Columns, the reference's index, ours.
-    fn announce(&mut self, end: Place) -> Result<(), String> {
+    fn commit(&mut self, end: Place) -> Result<(), String> {
         let finish = |target: &mut Target| match &mut target.files {
             Files::Array(_, checksum) => Ok(std::mem::take(checksum).finalize()),
-            Files::Pictures(pictures) => {
-                pictures.finish().map_err(|error| format!("column `{}`: {error}", target.field.name))
+            Files::Images(images) => {
+                images.finish().map_err(|error| format!("column `{}`: {error}", target.field.name))
             }
         };
         let checksums = self.columns.iter_mut().map(finish).collect::<Result<_, String>>()?;
@@ -152,7 +152,7 @@ impl Recording for FolderRecording {
 }
 
 impl FolderRecording {
-    /// Opens the files of a folder whose index announces `episodes` episodes; what lies behind them is removed.
+    /// Opens the files of a folder whose index commits `episodes` episodes; what lies behind them is removed.
     pub(super) fn open(
         path: &Path,
         store: Store,
@@ -182,7 +182,7 @@ impl FolderRecording {
                 let folder = path.join(&field.name);
                 let made = fs::create_dir_all(&folder).and_then(|()| store.forget(&folder, episodes as u64));
                 made.map_err(|source| DataError::io(&folder, "create", source))?;
-                Files::Pictures(Box::new(PictureWriter::new(store, folder, field, options)))
+                Files::Images(Box::new(ImageWriter::new(store, folder, field, options)))
             } else {
                 Files::Array(Box::new(array(field, rows)?), Hasher::new())
             };

@@ -61,8 +61,8 @@ pub(super) fn reopen(
     if let Some(change) = change {
         change_attributes(path, end.chunks_end, &change)?;
     }
-    superblock::mend(path, end.chunks_end)?;
-    reopen_mended(path, fields, end).map_err(|reason| DataError::record(path, reason))
+    superblock::repair(path, end.chunks_end)?;
+    reopen_repaired(path, fields, end).map_err(|reason| DataError::record(path, reason))
 }
 
 /// Changes attributes in a copy that then takes the file's place: outside SWMR mode, in which attributes cannot be
@@ -71,7 +71,7 @@ fn change_attributes(path: &Path, chunks_end: u64, change: &RunChange<'_>) -> Re
     let draft = beside(path, ".new");
     let changed = || -> Result<(), DataError> {
         fs::copy(path, &draft).map_err(|source| DataError::io(&draft, "copy the dataset to", source))?;
-        superblock::mend(&draft, chunks_end)?;
+        superblock::repair(&draft, chunks_end)?;
         let apply = || -> Result<(), String> {
             let file = options().open_rw(&draft).map_err(|error| reason(&error))?;
             change.apply(&file)?;
@@ -95,7 +95,7 @@ pub(super) struct EndOfData {
     pub(super) attributes: Attributes,
 }
 
-fn reopen_mended(path: &Path, fields: &[Field], end: &EndOfData) -> Result<Handles, String> {
+fn reopen_repaired(path: &Path, fields: &[Field], end: &EndOfData) -> Result<Handles, String> {
     let file = options().open_rw(path).map_err(|error| reason(&error))?;
     let handles = Handles::new(file, fields, |file, field| file.dataset(&field.name))?;
     handles.prepared(|Handles { file, columns, ep_idx, ep_len, ep_offset }| {

@@ -23,8 +23,8 @@ pub(super) const METADATA_ATTRIBUTE: &str = "swm_metadata";
 const ROWS_PER_CHUNK: usize = 1024;
 /// Chunks of wide vectors hold fewer rows, so that reading one row stays cheap.
 const MAX_CHUNK_BYTES: usize = 1 << 20;
-/// Rows of this size (pictures) are compressed, one per chunk: random access decodes nothing that is not wanted.
-const PICTURE_BYTES: usize = 4096;
+/// Rows of this size (images) are compressed, one per chunk: random access decodes nothing that is not wanted.
+const IMAGE_BYTES: usize = 4096;
 
 /// Room for one text, in bytes of UTF-8. Text of any length would stand on the file's heap, which is not safe against
 /// a kill: what was written last cannot be overwritten afterwards.
@@ -43,7 +43,7 @@ pub(super) fn element_size(dtype: Dtype) -> usize {
 /// Whether a column is compressed, and how many of its rows make a chunk.
 pub(super) fn chunking(field: &Field) -> (bool, usize) {
     let row_bytes = field.width() * element_size(field.dtype);
-    if field.shape.len() >= 2 && row_bytes >= PICTURE_BYTES && field.dtype != Dtype::Str {
+    if field.shape.len() >= 2 && row_bytes >= IMAGE_BYTES && field.dtype != Dtype::Str {
         return (true, 1);
     }
     (false, (MAX_CHUNK_BYTES / row_bytes.max(1)).clamp(1, ROWS_PER_CHUNK))
@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_are_compressed_frame_by_frame_and_vectors_are_not() {
+    fn images_are_compressed_frame_by_frame_and_vectors_are_not() {
         assert_eq!(chunking(&Field::step("pixels", Dtype::U8, &[64, 64, 3])), (true, 1));
         assert_eq!(chunking(&Field::step("state", Dtype::F64, &[7])), (false, 1024));
         assert_eq!(chunking(&Field::step("reward", Dtype::F64, &[])), (false, 1024));

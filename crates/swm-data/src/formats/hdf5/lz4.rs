@@ -1,4 +1,4 @@
-//! Decoding of LZ4 blocks. Pictures of flat colour are long overlapping matches (the same pixel again and again),
+//! Decoding of LZ4 blocks. Images of flat color are long overlapping matches (the same pixel again and again),
 //! which this decoder writes as patterns of 16 bytes and in doubling pieces; there is no encoder and no frame format here.
 //!
 //! Source of the format: <https://github.com/lz4/lz4/blob/dev/doc/lz4_Block_format.md>.

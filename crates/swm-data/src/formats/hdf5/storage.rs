@@ -222,7 +222,7 @@ fn read_compressed(
     let Scratch { fetched, blosc: buffers, .. } = scratch;
     let bytes = fetched.get(file, chunk.address, chunk.size, ahead).map_err(|error| error.to_string())?;
     let row_bytes = out.len() / rows.count;
-    // Neighbouring rows are decoded in one go.
+    // Neighboring rows are decoded in one go.
     let piece = if rows.stride == 1 { rows.count } else { 1 };
     for (index, into) in out.chunks_exact_mut(piece * row_bytes).enumerate() {
         let start = (rows.first + index * rows.stride) * row_bytes;
@@ -233,7 +233,7 @@ fn read_compressed(
 }
 
 /// Rows of a chunk of `total` bytes that can only be decoded as a whole.
-#[expect(clippy::too_many_arguments, reason = "as its neighbours, and the size of elements")]
+#[expect(clippy::too_many_arguments, reason = "as its neighbors, and the size of elements")]
 fn read_deflated(
     file: &File,
     chunk: Chunk,

@@ -1,7 +1,7 @@
 //! The first bytes of an HDF5 file: is it one, was it closed cleanly, and putting it right after a crash.
 //!
 //! A recording that is killed leaves a mark that keeps the file from being opened, and an end-of-file address that
-//! lies before data that had been written already; new data would overlap it. [`mend`] does what the tool `h5clear`
+//! lies before data that had been written already; new data would overlap it. [`repair`] does what the tool `h5clear`
 //! does, with one write of 48 bytes. Only versions 2 and 3 of the superblock carry a mark or a checksum; recordings
 //! have version 3. Source: HDF5 file format specification 3.0, section II.A.
 
@@ -105,7 +105,7 @@ pub(super) fn ensure_readable(path: &Path) -> Result<Superblock, DataError> {
         let file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
         match file.try_lock() {
             // Under the lock the state may be another one than above.
-            Ok(()) if Superblock::read(path)?.is_locked_out() => mend(path, 0)?,
+            Ok(()) if Superblock::read(path)?.is_locked_out() => repair(path, 0)?,
             Ok(()) => {}
             Err(TryLockError::WouldBlock) if start.elapsed() < PATIENCE => {
                 thread::sleep(Duration::from_millis(10));
@@ -121,8 +121,8 @@ pub(super) fn ensure_readable(path: &Path) -> Result<Superblock, DataError> {
 /// Takes the mark away, and moves the end of the file behind everything that may lie there: the end that the
 /// superblock knows, the length of the file, and `chunks_end`, the end of the last chunk.
 ///
-/// The caller must know that no writer lives. Killed at any moment, this leaves a file that can be mended again.
-pub(super) fn mend(path: &Path, chunks_end: u64) -> Result<(), DataError> {
+/// The caller must know that no writer lives. Killed at any moment, this leaves a file that can be repaired again.
+pub(super) fn repair(path: &Path, chunks_end: u64) -> Result<(), DataError> {
     let superblock = Superblock::read(path)?;
     let failed = |source| DataError::io(path, "repair", source);
     let mut file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;

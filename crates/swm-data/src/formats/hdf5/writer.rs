@@ -1,4 +1,4 @@
-//! Recording. After a kill at any moment, every episode that was announced is in the file: its columns
+//! Recording. After a kill at any moment, every episode that was committed is in the file: its columns
 //! reach the disk first, then the episode's offset, then its length, and a reader counts an episode only when it has
 //! both. (Against the end of the process, that is; the loss of power is the file system's affair.)
 
@@ -27,7 +27,7 @@ pub(super) struct Hdf5Recording {
     schema: Arc<Schema>,
     /// Positions in the schema of the columns that are stored as they are given (all but `ep_idx`).
     stored: Vec<usize>,
-    /// Rows of all announced episodes.
+    /// Rows of all committed episodes.
     rows: usize,
     ep_idx: Vec<i32>,
 }
@@ -103,7 +103,7 @@ impl Recording for Hdf5Recording {
     }
 
     /// Columns, then offset, then length, each on its way to the disk before the next.
-    fn announce(&mut self, end: Place) -> Result<(), String> {
+    fn commit(&mut self, end: Place) -> Result<(), String> {
         let Handles { file, ep_len, ep_offset, .. } = &self.handles;
         let flush = || file.flush().map_err(|error| reason(&error));
         flush()?;

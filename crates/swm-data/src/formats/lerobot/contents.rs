@@ -11,7 +11,7 @@ use swm_media::mp4::Mp4Reader;
 
 use super::episodes;
 use super::info::{Info, Version};
-use super::manifest::{Manifest, is_film};
+use super::manifest::{Manifest, is_video};
 use super::places::{Place, second, third};
 use super::table::Table;
 use crate::dataset::About;
@@ -29,7 +29,7 @@ pub(super) enum Source {
     /// A column of the tables.
     Table(String),
     /// A camera.
-    Film(String),
+    Video(String),
     /// The episode's number, the row's number.
     Episode,
     Step,
@@ -54,7 +54,7 @@ impl Shared {
         Self::foreign(path, &info, &cameras, places)
     }
 
-    /// A folder of another program, by what its tables and films hold.
+    /// A folder of another program, by what its tables and videos hold.
     fn foreign(path: &Path, info: &Info, cameras: &[String], places: Vec<Place>) -> Result<Self, String> {
         let (mut fields, mut columns, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
         let Some(first) = places.first() else { return Err("it holds no episode".to_owned()) };
@@ -66,10 +66,10 @@ impl Shared {
         for (name, feature) in &info.features {
             if cameras.contains(name) {
                 let known = if *name == cameras[0] { "pixels" } else { name };
-                let size = first.films.get(name).ok_or("there is no film".to_owned());
-                match size.and_then(|(path, _)| film(path)).map(|film| film.size()) {
+                let size = first.videos.get(name).ok_or("there is no video".to_owned());
+                match size.and_then(|(path, _)| video(path)).map(|video| video.size()) {
                     Ok((height, width)) => {
-                        add(known, Dtype::U8, &[height, width, 3], Source::Film(name.clone()));
+                        add(known, Dtype::U8, &[height, width, 3], Source::Video(name.clone()));
                     }
                     Err(reason) => skipped.push((name.clone(), reason)),
                 }
@@ -106,15 +106,15 @@ impl Shared {
         for (episode, entry) in episodes::read(path, cameras.len())?.into_iter().enumerate() {
             let data = path.join(episodes::data_path(episode));
             let mut place = Place { rows: entry.rows, data: data.clone(), ..Place::default() };
-            let films = cameras.iter().map(|camera| path.join(episodes::film_path(camera, episode)));
-            for (camera, film) in cameras.iter().zip(films.clone()) {
-                place.films.insert(camera.clone(), (film, 0));
+            let videos = cameras.iter().map(|camera| path.join(episodes::video_path(camera, episode)));
+            for (camera, video) in cameras.iter().zip(videos.clone()) {
+                place.videos.insert(camera.clone(), (video, 0));
             }
-            place.checksums = std::iter::once(data).chain(films).zip(entry.checksums).collect();
+            place.checksums = std::iter::once(data).chain(videos).zip(entry.checksums).collect();
             places.push(place);
         }
         let source = |field: &Field| match manifest.feature(&field.name) {
-            camera if is_film(field) => Source::Film(camera),
+            camera if is_video(field) => Source::Video(camera),
             name => Source::Table(name),
         };
         let mut columns: Vec<Source> = manifest.columns.iter().map(source).collect();
@@ -147,8 +147,8 @@ fn shape_of(feature: &Json) -> Result<Vec<usize>, String> {
     }
 }
 
-/// An open film.
-pub(super) fn film(path: &Path) -> Result<Mp4Reader<BufReader<File>>, String> {
+/// An open video.
+pub(super) fn video(path: &Path) -> Result<Mp4Reader<BufReader<File>>, String> {
     let file = File::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
     Mp4Reader::new(BufReader::new(file)).map_err(|error| format!("{}: {error}", path.display()))
 }

@@ -1,5 +1,5 @@
 //! The list of episodes of a folder of ours, `meta/episodes`: its files appear by renaming, and what they list exists.
-//! Every episode has a table and films of its own, so all that is to be known of one is its length.
+//! Every episode has a table and videos of its own, so all that is to be known of one is its length.
 
 use std::fs;
 use std::path::Path;
@@ -16,7 +16,7 @@ use crate::formats::disk::replace;
 pub(super) const CHUNK: usize = 1000;
 /// Episodes in a file of the list, which is written anew for each of them.
 const PER_FILE: usize = 500;
-/// The checksums of an episode's files: its table, then its films in the order of the columns.
+/// The checksums of an episode's files: its table, then its videos in the order of the columns.
 const CHECKSUMS: &str = "swm/crc32";
 
 /// One episode.
@@ -32,7 +32,7 @@ pub(super) fn data_path(episode: usize) -> String {
 }
 
 /// `videos/observation.images.pixels/chunk-000/file-017.mp4`.
-pub(super) fn film_path(camera: &str, episode: usize) -> String {
+pub(super) fn video_path(camera: &str, episode: usize) -> String {
     format!("videos/{camera}/chunk-{:03}/file-{:03}.mp4", episode / CHUNK, episode % CHUNK)
 }
 
@@ -40,8 +40,8 @@ fn list_path(file: usize) -> String {
     format!("meta/episodes/chunk-{:03}/file-{:03}.parquet", file / CHUNK, file % CHUNK)
 }
 
-/// All episodes that were announced.
-pub(super) fn read(folder: &Path, films: usize) -> Result<Vec<Entry>, String> {
+/// All episodes that were committed.
+pub(super) fn read(folder: &Path, videos: usize) -> Result<Vec<Entry>, String> {
     let mut entries = Vec::new();
     for file in 0.. {
         let path = folder.join(list_path(file));
@@ -53,7 +53,7 @@ pub(super) fn read(folder: &Path, films: usize) -> Result<Vec<Entry>, String> {
         else {
             return Err(format!("{}: lengths or checksums are no numbers", path.display()));
         };
-        if rows.len().checked_mul(films + 1) != Some(checksums.len()) {
+        if rows.len().checked_mul(videos + 1) != Some(checksums.len()) {
             return Err(format!(
                 "{}: {} checksums of {} episodes",
                 path.display(),
@@ -61,7 +61,7 @@ pub(super) fn read(folder: &Path, films: usize) -> Result<Vec<Entry>, String> {
                 rows.len()
             ));
         }
-        for (&rows, checksums) in rows.iter().zip(checksums.chunks_exact(films + 1)) {
+        for (&rows, checksums) in rows.iter().zip(checksums.chunks_exact(videos + 1)) {
             let rows = i32::try_from(rows).ok().filter(|&rows| rows > 0);
             let rows = rows.ok_or_else(|| format!("{}: an episode of no length", path.display()))?;
             let checksums = checksums.iter().map(|&checksum| checksum as u32).collect();
@@ -71,8 +71,8 @@ pub(super) fn read(folder: &Path, films: usize) -> Result<Vec<Entry>, String> {
     Ok(entries)
 }
 
-/// Announces the last of `entries`, which are all that there are: writes the file of the list that it is in.
-pub(super) fn announce(folder: &Path, manifest: &Manifest, entries: &[Entry]) -> Result<(), DataError> {
+/// Commits the last of `entries`, which are all that there are: writes the file of the list that it is in.
+pub(super) fn commit(folder: &Path, manifest: &Manifest, entries: &[Entry]) -> Result<(), DataError> {
     let file = entries.len().saturating_sub(1) / PER_FILE;
     let first = file * PER_FILE;
     let path = folder.join(list_path(file));
@@ -113,7 +113,7 @@ fn list(manifest: &Manifest, entries: &[Entry], first: usize, file: usize) -> Re
         .iter()
         .flat_map(|entry| entry.checksums.iter().map(|&checksum| i64::from(checksum)))
         .collect();
-    let films = manifest.cameras().count();
+    let videos = manifest.cameras().count();
     let mut columns = vec![
         ColumnOut::scalar("episode_index", Slice::I64(&indices)),
         ColumnOut { name: "tasks".to_owned(), values: Slice::Str(&tasks), list: Some(1) },
@@ -134,7 +134,7 @@ fn list(manifest: &Manifest, entries: &[Entry], first: usize, file: usize) -> Re
     columns.push(ColumnOut {
         name: CHECKSUMS.to_owned(),
         values: Slice::I64(&checksums),
-        list: Some(films + 1),
+        list: Some(videos + 1),
     });
     parquet_file::bytes(&columns, &[])
 }

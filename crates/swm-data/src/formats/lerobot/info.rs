@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{Map, Value as Json, json};
 
 use super::episodes::CHUNK;
-use super::manifest::{Manifest, OWN, is_film, is_own};
+use super::manifest::{Manifest, OWN, is_own, is_video};
 use crate::error::DataError;
 use crate::formats::disk::replace;
 
@@ -73,14 +73,14 @@ impl Info {
         inside(folder, &filled(&self.data_path, numbers, ""))
     }
 
-    /// The film of a camera.
-    pub(super) fn film(
+    /// The video of a camera.
+    pub(super) fn video(
         &self,
         folder: &Path,
         camera: &str,
         numbers: &[(&str, usize)],
     ) -> Result<PathBuf, String> {
-        let path = self.video_path.as_deref().ok_or("it names no place for its films")?;
+        let path = self.video_path.as_deref().ok_or("it names no place for its videos")?;
         inside(folder, &filled(path, numbers, camera))
     }
 }
@@ -146,7 +146,7 @@ pub(super) fn write(
 fn features(manifest: &Manifest) -> Vec<(String, Json)> {
     let mut features = Vec::new();
     for field in manifest.columns.iter().filter(|field| !is_own(&field.name)) {
-        let value = if is_film(field) {
+        let value = if is_video(field) {
             json!({
                 "dtype": "video",
                 "shape": field.shape,

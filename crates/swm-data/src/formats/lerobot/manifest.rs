@@ -81,9 +81,9 @@ impl Manifest {
         replace(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))
     }
 
-    /// The columns that are films, with the names of their features.
+    /// The columns that are videos, with the names of their features.
     pub(super) fn cameras(&self) -> impl Iterator<Item = (&Field, String)> {
-        self.columns.iter().filter(|field| is_film(field)).map(|field| (field, self.feature(&field.name)))
+        self.columns.iter().filter(|field| is_video(field)).map(|field| (field, self.feature(&field.name)))
     }
 
     /// The name of a column's feature. Policies of LeRobot look for `observation.state`, `observation.images.…` and `action`.
@@ -91,7 +91,7 @@ impl Manifest {
         let has = |name: &str| self.columns.iter().any(|field| field.name == name);
         let is_state = column == "proprio" || column == "state" && !has("proprio");
         match self.columns.iter().find(|field| field.name == column) {
-            Some(field) if is_film(field) && !column.starts_with(CAMERA) => format!("{CAMERA}{column}"),
+            Some(field) if is_video(field) && !column.starts_with(CAMERA) => format!("{CAMERA}{column}"),
             Some(field) if is_state && field.dtype != Dtype::Str && !has("observation.state") => {
                 "observation.state".to_owned()
             }
@@ -100,8 +100,8 @@ impl Manifest {
     }
 }
 
-/// Whether a column becomes films: films have even sides and three colours. Other pictures become lists of numbers.
-pub(super) fn is_film(field: &Field) -> bool {
+/// Whether a column becomes videos: videos have even sides and three colors. Other images become lists of numbers.
+pub(super) fn is_video(field: &Field) -> bool {
     let (Dtype::U8, &[height, width, 3]) = (field.dtype, &field.shape[..]) else { return false };
     let fits = |side: usize| side.is_multiple_of(2) && (mp4::SIDES[0]..=mp4::SIDES[1]).contains(&side);
     fits(height) && fits(width)

@@ -1,6 +1,6 @@
-//! LeRobot datasets: Parquet tables of numbers and H.264 films. Versions 2.1 and 3.0 are read, 3.0 is written. Of other
+//! LeRobot datasets: Parquet tables of numbers and H.264 videos. Versions 2.1 and 3.0 are read, 3.0 is written. Of other
 //! programs' folders the first camera becomes `pixels`, `observation.state` becomes `proprio`, as in the reference's
-//! reader, and `ep_idx` and `step_idx` are made up; ours also hold what the columns were called, see `manifest`. Films are read in
+//! reader, and `ep_idx` and `step_idx` are made up; ours also hold what the columns were called, see `manifest`. Videos are read in
 //! H.264 and in AV1, LeRobot's default codec; columns in others are left out by name.
 
 mod contents;
@@ -22,7 +22,7 @@ use crate::recording::Recorder;
 pub(crate) const FORMAT: Format = Format {
     name: "lerobot",
     extensions: &["lerobot"],
-    about: "a folder of Parquet tables and H.264 films that LeRobot opens; lossy pictures",
+    about: "a folder of Parquet tables and H.264 videos that LeRobot opens; lossy images",
     detect: |path| path.join(info::INFO).is_file(),
     open: |path| Ok(Box::new(reader::LeRobotDataset::open(path)?)),
     create: |path, options| Ok(Box::new(Recorder::new(path, options, writer::LeRobotStorage)?)),

@@ -1,4 +1,4 @@
-//! The episode that is being recorded: its table and its films, which have their names only once it ends. Rows of the
+//! The episode that is being recorded: its table and its videos, which have their names only once it ends. Rows of the
 //! table are held until they make a group, so that the file does not depend on the pieces in which they came.
 
 use std::fs::{self, File};
@@ -11,11 +11,11 @@ use swm_core::{Batch, Column, Field, Schema, Slice};
 use swm_media::mp4::Mp4Options;
 
 use super::episodes;
-use super::manifest::{Manifest, OWN, is_film, is_own};
+use super::manifest::{Manifest, OWN, is_own, is_video};
 use super::parquet_file::{ColumnOut, TableWriter};
 use crate::dataset::row_bytes;
-use crate::film::FilmWriter;
 use crate::formats::disk::replace;
+use crate::video::VideoWriter;
 
 /// Bytes of a group of rows.
 const GROUP_BYTES: usize = 32 << 20;
@@ -35,13 +35,13 @@ pub(super) struct OpenEpisode {
     table: Option<TableWriter<Checked<BufWriter<File>>>>,
     /// The columns of the table that are not made up, with those rows that no group holds yet.
     held: Vec<(Field, String, Column)>,
-    films: Vec<OpenFilm>,
+    videos: Vec<OpenVideo>,
 }
 
-struct OpenFilm {
+struct OpenVideo {
     field: Field,
     camera: String,
-    film: FilmWriter,
+    video: VideoWriter,
 }
 
 impl OpenEpisode {
@@ -52,14 +52,14 @@ impl OpenEpisode {
         encoding: &Mp4Options,
         (episode, first): (usize, usize),
     ) -> Result<Self, String> {
-        let stored = manifest.columns.iter().filter(|field| !is_film(field) && !is_own(&field.name));
+        let stored = manifest.columns.iter().filter(|field| !is_video(field) && !is_own(&field.name));
         let held: Vec<_> = stored
             .map(|field| (field.clone(), manifest.feature(&field.name), Column::zeros(field.dtype, 0)))
             .collect();
-        let films = manifest.cameras().map(|(field, camera)| {
-            let film = FilmWriter::new(field, encoding);
-            let film = film.map_err(|error| format!("column `{}`: {error}", field.name))?;
-            Ok(OpenFilm { field: field.clone(), camera, film })
+        let videos = manifest.cameras().map(|(field, camera)| {
+            let video = VideoWriter::new(field, encoding);
+            let video = video.map_err(|error| format!("column `{}`: {error}", field.name))?;
+            Ok(OpenVideo { field: field.clone(), camera, video })
         });
         let fields: Vec<Field> = held.iter().map(|(field, ..)| field.clone()).collect();
         let own = OWN.len() * size_of::<i64>();
@@ -70,21 +70,21 @@ impl OpenEpisode {
             group: (GROUP_BYTES / (row_bytes(&fields) + own)).clamp(1, GROUP_ROWS),
             table_path: folder.join(episodes::data_path(episode)),
             table: None,
-            films: films.collect::<Result<_, String>>()?,
+            videos: videos.collect::<Result<_, String>>()?,
             held,
         })
     }
 
     /// Appends rows.
     pub(super) fn append(&mut self, rate: f64, schema: &Schema, batch: &Batch) -> Result<(), String> {
-        // Encoding is most of the work, and films do not know of each other.
-        self.films.par_iter_mut().try_for_each(|OpenFilm { field, film, .. }| {
+        // Encoding is most of the work, and videos do not know of each other.
+        self.videos.par_iter_mut().try_for_each(|OpenVideo { field, video, .. }| {
             let failed = |error: String| format!("column `{}`: {error}", field.name);
             let column = schema.index(&field.name).ok_or_else(|| failed("it is missing".to_owned()))?;
             let Slice::U8(values) = batch.column(column) else {
-                return Err(failed("it holds no pictures".to_owned()));
+                return Err(failed("it holds no images".to_owned()));
             };
-            film.append(values).map_err(failed)
+            video.append(values).map_err(failed)
         })?;
         let mut taken = 0;
         while taken < batch.rows() {
@@ -106,17 +106,17 @@ impl OpenEpisode {
         Ok(())
     }
 
-    /// Ends the episode: films get their names, then the table. The checksums of the table and of the films.
+    /// Ends the episode: videos get their names, then the table. The checksums of the table and of the videos.
     pub(super) fn finish(mut self, folder: &Path, rate: f64) -> Result<Vec<u32>, String> {
         if !self.rows.is_multiple_of(self.group) {
             self.write_group(rate)?;
         }
         let mut checksums = vec![0];
-        for OpenFilm { field, camera, film } in self.films {
-            let film = film.finish().map_err(|error| format!("column `{}`: {error}", field.name))?;
-            let path = folder.join(episodes::film_path(&camera, self.episode));
-            make_parent(&path).and_then(|()| replace(&path, &film)).map_err(|e| failed(&path, &e))?;
-            checksums.push(crc32fast::hash(&film));
+        for OpenVideo { field, camera, video } in self.videos {
+            let video = video.finish().map_err(|error| format!("column `{}`: {error}", field.name))?;
+            let path = folder.join(episodes::video_path(&camera, self.episode));
+            make_parent(&path).and_then(|()| replace(&path, &video)).map_err(|e| failed(&path, &e))?;
+            checksums.push(crc32fast::hash(&video));
         }
         // LeRobot reads all tables that there are, listed or not, so a table gets its name when it is complete; and the
         // less time between that and the list, the better.

@@ -1,5 +1,5 @@
-//! Where the episodes of a folder lie: which table and which rows of it, which films and which frames. Version 2 has a table and a
-//! film per episode, version 3 puts several into one; nothing is read here but lists.
+//! Where the episodes of a folder lie: which table and which rows of it, which videos and which frames. Version 2 has a table and a
+//! video per episode, version 3 puts several into one; nothing is read here but lists.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -21,8 +21,8 @@ pub(super) struct Place {
     pub(super) data: PathBuf,
     /// Its first row in the table.
     pub(super) first: usize,
-    /// By camera: the film, and its first frame there.
-    pub(super) films: BTreeMap<String, (PathBuf, usize)>,
+    /// By camera: the video, and its first frame there.
+    pub(super) videos: BTreeMap<String, (PathBuf, usize)>,
     /// By file, in folders of ours.
     pub(super) checksums: BTreeMap<PathBuf, u32>,
 }
@@ -35,7 +35,7 @@ fn bounded(rows: usize) -> Result<usize, String> {
     }
 }
 
-/// Version 2: a table and a film per episode, and a list of lengths.
+/// Version 2: a table and a video per episode, and a list of lengths.
 pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<Place>, String> {
     let list = path.join("meta/episodes.jsonl");
     let failed = |error: std::io::Error| format!("{}: {error}", list.display());
@@ -55,7 +55,7 @@ pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec
         let numbers = [("episode_chunk", episode / info.chunks_size), ("episode_index", episode)];
         let mut place = Place { rows, data: info.data(path, &numbers)?, ..Place::default() };
         for camera in cameras {
-            place.films.insert(camera.clone(), (info.film(path, camera, &numbers)?, 0));
+            place.videos.insert(camera.clone(), (info.video(path, camera, &numbers)?, 0));
         }
         places.push(place);
     }
@@ -86,13 +86,13 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
             let (chunks, files) = (integers("data/chunk_index")?, integers("data/file_index")?);
             let size =
                 |value: i64| usize::try_from(value).map_err(|_| format!("the number {value} is negative"));
-            let mut films = Vec::new();
+            let mut videos = Vec::new();
             for camera in cameras {
                 let key = |what: &str| format!("videos/{camera}/{what}");
                 let Column::F64(times) = table.column(&key("from_timestamp"))? else {
                     return Err(format!("column `{}` holds no times", key("from_timestamp")));
                 };
-                films.push((camera, integers(&key("chunk_index"))?, integers(&key("file_index"))?, times));
+                videos.push((camera, integers(&key("chunk_index"))?, integers(&key("file_index"))?, times));
             }
             for row in 0..table.rows() {
                 let numbers = [("chunk_index", size(chunks[row])?), ("file_index", size(files[row])?)];
@@ -102,14 +102,14 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
                 let first = start.checked_sub(begin).ok_or("episodes are out of order")?;
                 let mut place =
                     Place { rows: bounded(size(lengths[row])?)?, data, first, ..Place::default() };
-                for (camera, chunks, files, times) in &films {
+                for (camera, chunks, files, times) in &videos {
                     let numbers = [("chunk_index", size(chunks[row])?), ("file_index", size(files[row])?)];
-                    let film = info.film(path, camera, &numbers)?;
+                    let video = info.video(path, camera, &numbers)?;
                     let time = times.get(row).copied().unwrap_or(f64::NAN);
                     if !(0.0..1e9).contains(&time) {
-                        return Err(format!("a film begins at {time} s"));
+                        return Err(format!("a video begins at {time} s"));
                     }
-                    place.films.insert((*camera).clone(), (film, (time * info.fps).round() as usize));
+                    place.videos.insert((*camera).clone(), (video, (time * info.fps).round() as usize));
                 }
                 places.push(place);
             }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use swm_core::{Column, Dtype, SliceMut};
 use swm_media::mp4::Mp4Reader;
 
-use super::contents::{Shared, Source, film};
+use super::contents::{Shared, Source, video};
 use super::places::Place;
 use super::table::Table;
 use crate::dataset::{About, CHANGED, Dataset, Steps, copy_rows};
@@ -20,13 +20,13 @@ pub(super) struct LeRobotDataset {
     shared: Arc<Shared>,
     /// The columns of the table that was read last.
     table: Option<(PathBuf, BTreeMap<String, Column>)>,
-    films: BTreeMap<usize, (PathBuf, Mp4Reader<BufReader<File>>)>,
+    videos: BTreeMap<usize, (PathBuf, Mp4Reader<BufReader<File>>)>,
 }
 
 impl LeRobotDataset {
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
         let shared = Shared::open(path).map_err(|reason| DataError::damaged(path, reason))?;
-        Ok(Self { shared: Arc::new(shared), table: None, films: BTreeMap::new() })
+        Ok(Self { shared: Arc::new(shared), table: None, videos: BTreeMap::new() })
     }
 
     fn table_rows(
@@ -70,7 +70,7 @@ impl LeRobotDataset {
         Ok(())
     }
 
-    fn film_rows(
+    fn video_rows(
         &mut self,
         column: usize,
         camera: &str,
@@ -79,19 +79,19 @@ impl LeRobotDataset {
         out: &mut [u8],
     ) -> Result<(), String> {
         let shared = self.shared.clone();
-        let (path, first) = shared.places[episode].films.get(camera).ok_or("there is no film")?;
-        if self.films.get(&column).is_none_or(|(open, _)| open != path) {
-            // The decoder of damaged films is the least robust part of all.
+        let (path, first) = shared.places[episode].videos.get(camera).ok_or("there is no video")?;
+        if self.videos.get(&column).is_none_or(|(open, _)| open != path) {
+            // The decoder of damaged videos is the least robust part of all.
             check(path, &shared.places[episode])?;
-            self.films.insert(column, (path.clone(), film(path)?));
+            self.videos.insert(column, (path.clone(), video(path)?));
         }
-        let Some((_, film)) = self.films.get_mut(&column) else { return Ok(()) };
-        let (height, width) = film.size();
+        let Some((_, video)) = self.videos.get_mut(&column) else { return Ok(()) };
+        let (height, width) = video.size();
         if shared.about.field(column).shape != [height, width, 3] {
-            return Err(format!("{}: it has pictures of {height} x {width}", path.display()));
+            return Err(format!("{}: it has images of {height} x {width}", path.display()));
         }
         let first = first.checked_add(steps.first).ok_or("it begins nowhere")?;
-        film.read(first, steps.stride, out).map_err(|error| format!("{}: {error}", path.display()))
+        video.read(first, steps.stride, out).map_err(|error| format!("{}: {error}", path.display()))
     }
 }
 
@@ -121,7 +121,9 @@ impl Dataset for LeRobotDataset {
         let width = shared.about.field(column).width();
         let read = match (&shared.columns[column], out) {
             (Source::Table(name), out) => self.table_rows(name, episode, width, steps, out),
-            (Source::Film(camera), SliceMut::U8(out)) => self.film_rows(column, camera, episode, steps, out),
+            (Source::Video(camera), SliceMut::U8(out)) => {
+                self.video_rows(column, camera, episode, steps, out)
+            }
             (Source::Episode, SliceMut::I32(out)) => {
                 out.fill(i32::try_from(episode).unwrap_or(i32::MAX));
                 Ok(())
@@ -138,7 +140,7 @@ impl Dataset for LeRobotDataset {
     }
 
     fn share(&self) -> Box<dyn Dataset> {
-        Box::new(Self { shared: self.shared.clone(), table: None, films: BTreeMap::new() })
+        Box::new(Self { shared: self.shared.clone(), table: None, videos: BTreeMap::new() })
     }
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {

@@ -1,5 +1,5 @@
-//! `meta/stats.json`: least, greatest, mean and spread of every feature, by which LeRobot normalises. Pictures count by
-//! colour, between 0 and 1, every tenth of an episode's. Values that are not finite do not count.
+//! `meta/stats.json`: least, greatest, mean and spread of every feature, by which LeRobot normalizes. Images count by
+//! color, between 0 and 1, every tenth of an episode's. Values that are not finite do not count.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
 use swm_core::{Batch, Dtype, Field, Slice};
 
-use super::manifest::{Manifest, is_film};
+use super::manifest::{Manifest, is_video};
 use crate::dataset::{Dataset, pieces};
 use crate::error::DataError;
 use crate::formats::disk::replace;
@@ -47,7 +47,7 @@ impl Seen {
         self.max = self.max.max(value);
     }
 
-    /// Levels of a colour, between 0 and 1, by how often each of the 256 was seen (Chan's update).
+    /// Levels of a color, between 0 and 1, by how often each of the 256 was seen (Chan's update).
     fn add_levels(&mut self, levels: &[u64; 256]) {
         let value = |level: usize| level as f64 / 255.0;
         let count: f64 = levels.iter().map(|&times| times as f64).sum();
@@ -75,12 +75,12 @@ pub(super) struct Statistics {
     /// By column: its numbers; empty for texts.
     columns: Vec<Vec<Seen>>,
     rows: usize,
-    /// By column of pictures: how often each level of a colour was seen in the open episode.
+    /// By column of images: how often each level of a color was seen in the open episode.
     #[serde(skip)]
     levels: Vec<Levels>,
 }
 
-/// By colour and level.
+/// By color and level.
 type Levels = [[u64; 256]; 3];
 
 impl Statistics {
@@ -98,7 +98,7 @@ impl Statistics {
             let Some(column) = batch.schema().index(&field.name) else { continue };
             match batch.column(column) {
                 Slice::Str(_) => {}
-                Slice::U8(values) if is_film(field) => {
+                Slice::U8(values) if is_video(field) => {
                     let frames = values.chunks_exact(field.width());
                     for frame in
                         frames.skip(first.next_multiple_of(FRAME_STRIDE) - first).step_by(FRAME_STRIDE)
@@ -134,9 +134,9 @@ impl Statistics {
         for (field, seen) in manifest.columns.iter().zip(&self.columns).filter(|(_, seen)| !seen.is_empty()) {
             let number = |value: &dyn Fn(&Seen) -> f64| -> Json {
                 let one = |seen: &Seen| if seen.count > 0.0 { json!(value(seen)) } else { json!(0.0) };
-                // Of pictures, `[3, 1, 1]`.
+                // Of images, `[3, 1, 1]`.
                 seen.iter()
-                    .map(|seen| if is_film(field) { json!([[one(seen)]]) } else { one(seen) })
+                    .map(|seen| if is_video(field) { json!([[one(seen)]]) } else { one(seen) })
                     .collect()
             };
             let value = json!({
@@ -189,7 +189,7 @@ impl Statistics {
 fn numbers_of(field: &Field) -> usize {
     match field.dtype {
         Dtype::Str => 0,
-        _ if is_film(field) => 3,
+        _ if is_video(field) => 3,
         _ => field.width(),
     }
 }

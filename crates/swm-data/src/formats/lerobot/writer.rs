@@ -1,5 +1,5 @@
-//! Recording into a LeRobot folder, version 3.0. Every episode has a table and films of its own, which are there before
-//! the list of episodes names them; the list appears by renaming. So after a kill at any moment every announced episode
+//! Recording into a LeRobot folder, version 3.0. Every episode has a table and videos of its own, which are there before
+//! the list of episodes names them; the list appears by renaming. So after a kill at any moment every committed episode
 //! is there. `meta/info.json` follows the list, statistics follow at the end of the recording.
 
 use std::fs;
@@ -18,10 +18,10 @@ use super::reader::LeRobotDataset;
 use super::statistics::Statistics;
 use crate::dataset::{Dataset, WriteOptions};
 use crate::error::DataError;
-use crate::film::{FRAMES_PER_SECOND, encoding};
 use crate::formats::disk::is_plain_name;
 use crate::lock::WriterLock;
 use crate::recording::{self, Place, Recording, Start, Storage, There, check_fit};
+use crate::video::{FRAMES_PER_SECOND, encoding};
 
 /// How folders of LeRobot are recorded.
 pub(super) struct LeRobotStorage;
@@ -33,7 +33,7 @@ pub(super) struct LeRobotRecording {
     manifest: Manifest,
     encoding: Mp4Options,
     entries: Vec<Entry>,
-    /// Rows of all announced episodes.
+    /// Rows of all committed episodes.
     rows: usize,
     statistics: Statistics,
     open: Option<OpenEpisode>,
@@ -112,13 +112,13 @@ impl Recording for LeRobotRecording {
         Ok(())
     }
 
-    /// Its table and films, the list, the summary.
-    fn announce(&mut self, end: Place) -> Result<(), String> {
+    /// Its table and videos, the list, the summary.
+    fn commit(&mut self, end: Place) -> Result<(), String> {
         let open = self.open.take().ok_or("an episode without rows")?;
         let checksums = open.finish(&self.path, self.manifest.frames_per_second)?;
         self.entries.push(Entry { rows: end.row, checksums });
         let said = |error: DataError| error.to_string();
-        episodes::announce(&self.path, &self.manifest, &self.entries).map_err(said)?;
+        episodes::commit(&self.path, &self.manifest, &self.entries).map_err(said)?;
         self.rows += end.row;
         self.statistics.end_episode();
         info::write(&self.path, &self.manifest, self.entries.len(), self.rows).map_err(said)
@@ -130,7 +130,7 @@ impl Recording for LeRobotRecording {
 }
 
 impl LeRobotRecording {
-    /// Continues behind the announced episodes; what lies behind them is removed.
+    /// Continues behind the committed episodes; what lies behind them is removed.
     fn open(
         path: &Path,
         schema: &Arc<Schema>,
@@ -189,10 +189,10 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     Ok(steps)
 }
 
-/// Files of the episode behind the announced ones.
+/// Files of the episode behind the committed ones.
 fn leftovers(path: &Path, manifest: &Manifest, episode: usize) -> Vec<PathBuf> {
-    let films = manifest.cameras().map(|(_, camera)| episodes::film_path(&camera, episode));
-    let names = std::iter::once(episodes::data_path(episode)).chain(films);
+    let videos = manifest.cameras().map(|(_, camera)| episodes::video_path(&camera, episode));
+    let names = std::iter::once(episodes::data_path(episode)).chain(videos);
     let files = names.flat_map(|name| [path.join(format!("{name}.new")), path.join(name)]);
     files.filter(|file| file.is_file()).collect()
 }

@@ -3,7 +3,7 @@
 use swm_core::{Dtype, Field};
 
 use super::foxglove;
-use super::index::{DATASET, STEP_TOPIC, is_picture, topic};
+use super::index::{DATASET, STEP_TOPIC, is_image, topic};
 use super::records::{CHANNEL, Content, HEADER, MAGIC, METADATA, SCHEMA};
 use crate::recording::EP_IDX;
 
@@ -34,7 +34,7 @@ pub(super) fn description(columns: &[Field]) -> [Vec<u8>; 2] {
     };
     let members: serde_json::Map<String, serde_json::Value> = columns
         .iter()
-        .filter(|field| !is_picture(field))
+        .filter(|field| !is_image(field))
         .map(|field| {
             let one = serde_json::json!({"type": of(field.dtype)});
             let json =
@@ -52,7 +52,7 @@ pub(super) fn description(columns: &[Field]) -> [Vec<u8>; 2] {
         Content::default().u16(id).u16(schema).text(topic).text(encoding).map(&[]).record(CHANNEL)
     };
     let mut channels = channel(1, JSON_SCHEMA, STEP_TOPIC, "json");
-    for (at, field) in columns.iter().filter(|field| is_picture(field)).enumerate() {
+    for (at, field) in columns.iter().filter(|field| is_image(field)).enumerate() {
         channels.extend(channel(at as u16 + 2, IMAGE_SCHEMA, &topic(&field.name), "protobuf"));
     }
     [schemas, channels]

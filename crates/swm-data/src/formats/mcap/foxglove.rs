@@ -1,4 +1,4 @@
-//! Pictures as Foxglove shows them: the message `foxglove.CompressedImage` in Protocol Buffers, and the description of
+//! Images as Foxglove shows them: the message `foxglove.CompressedImage` in Protocol Buffers, and the description of
 //! that message that its channel needs.
 //!
 //! Source: <https://docs.foxglove.dev/docs/sdk/schemas/compressed-image>; the encoding of Protocol Buffers, and their
@@ -15,7 +15,7 @@ const TYPE_STRING: u64 = 9;
 const TYPE_MESSAGE: u64 = 11;
 const TYPE_BYTES: u64 = 12;
 
-/// A picture as a message: time, PNG file, name of its column.
+/// An image as a message: time, PNG file, name of its column.
 pub(super) fn message(time_ns: u64, png: &[u8], frame: &str) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(png.len() + frame.len() + 40);
     let mut time = Vec::new();
@@ -28,27 +28,27 @@ pub(super) fn message(time_ns: u64, png: &[u8], frame: &str) -> Vec<u8> {
     bytes
 }
 
-/// The picture file in a message.
-pub(super) fn picture(mut message: &[u8]) -> Result<&[u8], String> {
+/// The image file in a message.
+pub(super) fn image(mut message: &[u8]) -> Result<&[u8], String> {
     while !message.is_empty() {
         let tag = take_varint(&mut message)?;
         match tag & 7 {
             LENGTH_DELIMITED => {
                 let length = take_varint(&mut message)?;
                 let inner = usize::try_from(length).ok().and_then(|length| message.split_at_checked(length));
-                let (inner, rest) = inner.ok_or("a picture's message is cut short")?;
+                let (inner, rest) = inner.ok_or("an image's message is cut short")?;
                 if tag >> 3 == 2 {
                     return Ok(inner);
                 }
                 message = rest;
             }
             0 => drop(take_varint(&mut message)?),
-            1 => message = message.get(8..).ok_or("a picture's message is cut short")?,
-            5 => message = message.get(4..).ok_or("a picture's message is cut short")?,
-            kind => return Err(format!("a picture's message has a field of kind {kind}")),
+            1 => message = message.get(8..).ok_or("an image's message is cut short")?,
+            5 => message = message.get(4..).ok_or("an image's message is cut short")?,
+            kind => return Err(format!("an image's message has a field of kind {kind}")),
         }
     }
-    Err("a picture's message holds no picture".to_owned())
+    Err("an image's message holds no image".to_owned())
 }
 
 /// The `FileDescriptorSet` of the message.
@@ -133,14 +133,14 @@ fn varint(out: &mut Vec<u8>, mut value: u64) {
 fn take_varint(bytes: &mut &[u8]) -> Result<u64, String> {
     let mut value = 0;
     for shift in (0..64).step_by(7) {
-        let (&byte, rest) = bytes.split_first().ok_or("a picture's message is cut short")?;
+        let (&byte, rest) = bytes.split_first().ok_or("an image's message is cut short")?;
         *bytes = rest;
         value |= u64::from(byte & 0x7f) << shift;
         if byte < 0x80 {
             return Ok(value);
         }
     }
-    Err("a picture's message holds an endless number".to_owned())
+    Err("an image's message holds an endless number".to_owned())
 }
 
 #[cfg(test)]
@@ -148,12 +148,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_come_back_from_messages() {
+    fn images_come_back_from_messages() {
         let png = vec![7; 300];
         let message = message(12_345_678_901, &png, "pixels");
-        assert_eq!(picture(&message).unwrap(), png);
+        assert_eq!(image(&message).unwrap(), png);
         for cut in 0..300 {
-            assert!(picture(&message[..cut]).is_err(), "{cut}");
+            assert!(image(&message[..cut]).is_err(), "{cut}");
         }
     }
 }

@@ -1,5 +1,5 @@
 //! What a file holds, found by walking over its records without reading the messages: columns, runs, and for every
-//! announced episode where its messages lie.
+//! committed episode where its messages lie.
 
 use std::fs::File;
 use std::path::Path;
@@ -16,20 +16,20 @@ use crate::formats::disk::read_exact_at;
 pub(super) const DATASET: &str = "swm.dataset";
 /// Metadata record: a run and its first episode.
 pub(super) const RUN: &str = "swm.run";
-/// Metadata record: announces the episode before it.
+/// Metadata record: commits the episode before it.
 pub(super) const EPISODE: &str = "swm.episode";
 /// Topic of the rows of numbers and texts.
 pub(super) const STEP_TOPIC: &str = "/step";
 /// A record other than a chunk above this size is taken for damage.
 const MAX_RECORD: u64 = 256 << 20;
 
-/// The topic of a column of pictures.
+/// The topic of a column of images.
 pub(super) fn topic(column: &str) -> String {
     format!("/{column}")
 }
 
-/// Whether a column becomes pictures.
-pub(super) fn is_picture(field: &Field) -> bool {
+/// Whether a column becomes images.
+pub(super) fn is_image(field: &Field) -> bool {
     field.dtype == Dtype::U8 && matches!(field.shape[..], [_, _, 1 | 3])
 }
 
@@ -41,7 +41,7 @@ pub(super) struct Place {
     pub(super) offset: u64,
 }
 
-/// An announced episode.
+/// An committed episode.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Episode {
     pub(super) rows: usize,
@@ -60,7 +60,7 @@ pub(super) struct Index {
     pub(super) runs: Vec<(u64, Metadata)>,
     pub(super) channels: Vec<(u16, String)>,
     pub(super) chunks: Vec<Chunk>,
-    /// Number of messages by channel, in announced episodes.
+    /// Number of messages by channel, in committed episodes.
     pub(super) counts: Vec<u64>,
     pub(super) episodes: Vec<Episode>,
     /// Metadata records: name, position, length.
@@ -120,8 +120,8 @@ impl Index {
             }
             at = end;
         }
-        let announced = found.episodes.last().map_or(0, |episode: &Episode| episode.chunks.end);
-        found.chunks.truncate(announced);
+        let committed = found.episodes.last().map_or(0, |episode: &Episode| episode.chunks.end);
+        found.chunks.truncate(committed);
         if found.columns.is_empty() {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             return Err(format!(

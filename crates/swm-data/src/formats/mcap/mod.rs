@@ -1,10 +1,10 @@
-//! MCAP, the log format of robotics: opens in Foxglove, with pictures as `foxglove.CompressedImage` (PNG, exact) and the
+//! MCAP, the log format of robotics: opens in Foxglove, with images as `foxglove.CompressedImage` (PNG, exact) and the
 //! numeric columns as JSON to plot. The records are written and read here and not by the crate `mcap`, which cannot
 //! continue a file: appending and recovering need to know where every record lies.
 //!
-//! A channel per column of pictures, one channel `/step` for all other columns; a message's time is its row over all
+//! A channel per column of images, one channel `/step` for all other columns; a message's time is its row over all
 //! episodes times the distance of two rows. Metadata records: `swm.dataset` (columns), `swm.run` (metadata of a run),
-//! and behind the messages of each episode `swm.episode`, which announces it.
+//! and behind the messages of each episode `swm.episode`, which commits it.
 
 mod chunks;
 mod describe;
@@ -26,7 +26,7 @@ use crate::recording::Recorder;
 pub(crate) const FORMAT: Format = Format {
     name: "mcap",
     extensions: &["mcap"],
-    about: "one log file that opens in Foxglove: pictures and plots; exact; slow at random numbers",
+    about: "one log file that opens in Foxglove: images and plots; exact; slow at random numbers",
     detect: |path| {
         let mut magic = [0; records::MAGIC.len()];
         let read = File::open(path).and_then(|mut file| file.read_exact(&mut magic));

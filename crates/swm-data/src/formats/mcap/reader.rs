@@ -9,7 +9,7 @@ use swm_media::png;
 
 use super::chunks::Messages;
 use super::foxglove;
-use super::index::{Index, Place, STEP_TOPIC, is_picture, topic};
+use super::index::{Index, Place, STEP_TOPIC, is_image, topic};
 use super::records::{MESSAGE, MESSAGE_HEAD};
 use super::rows::from_json;
 use crate::dataset::{About, CHANGED, Dataset, Steps, copy_rows};
@@ -26,7 +26,7 @@ pub(super) struct McapDataset {
     messages: Messages,
 }
 
-/// Numbers and texts of an episode, decoded from JSON, which has no columns; those of pictures stay empty.
+/// Numbers and texts of an episode, decoded from JSON, which has no columns; those of images stay empty.
 #[derive(Debug)]
 struct Rows {
     episode: usize,
@@ -55,7 +55,7 @@ impl McapDataset {
             .columns
             .iter()
             .map(|field| {
-                let wanted = if is_picture(field) { topic(&field.name) } else { STEP_TOPIC.to_owned() };
+                let wanted = if is_image(field) { topic(&field.name) } else { STEP_TOPIC.to_owned() };
                 let found = index.channels.iter().position(|(_, topic)| *topic == wanted);
                 found.ok_or_else(|| damaged(format!("it has no channel `{wanted}`")))
             })
@@ -72,17 +72,11 @@ impl McapDataset {
         &self.shared.index
     }
 
-    /// Reads rows of pictures. A row without a message shows what the one before it shows.
-    fn pictures(
-        &mut self,
-        column: usize,
-        episode: usize,
-        steps: Steps,
-        out: &mut [u8],
-    ) -> Result<(), String> {
+    /// Reads rows of images. A row without a message shows what the one before it shows.
+    fn images(&mut self, column: usize, episode: usize, steps: Steps, out: &mut [u8]) -> Result<(), String> {
         let shared = self.shared.clone();
         let field = shared.about.field(column);
-        let &[height, width, channels] = &field.shape[..] else { return Err("no pictures".to_owned()) };
+        let &[height, width, channels] = &field.shape[..] else { return Err("no images".to_owned()) };
         let places = &shared.index.episodes[episode].messages[shared.channels[column]];
         let size = height * width * channels;
         let mut last: Option<(Place, usize)> = None;
@@ -90,7 +84,7 @@ impl McapDataset {
             let row = steps.first + at * steps.stride;
             let behind = places.partition_point(|place| place.row as usize <= row);
             let Some(&place) = behind.checked_sub(1).and_then(|found| places.get(found)) else {
-                return Err(format!("row {row} has no picture"));
+                return Err(format!("row {row} has no image"));
             };
             match last {
                 Some((there, copy)) if there == place => {
@@ -98,9 +92,9 @@ impl McapDataset {
                     rest[..size].copy_from_slice(&done[copy * size..][..size]);
                 }
                 _ => {
-                    let picture = foxglove::picture(shared.message(place, &mut self.messages)?)?;
+                    let image = foxglove::image(shared.message(place, &mut self.messages)?)?;
                     let frame = &mut out[at * size..][..size];
-                    png::decode_into(picture, [height, width, channels], frame)
+                    png::decode_into(image, [height, width, channels], frame)
                         .map_err(|error| error.to_string())?;
                     last = Some((place, at));
                 }
@@ -142,7 +136,7 @@ impl McapDataset {
             self.rows = None;
             let shared = self.shared.clone();
             let fields: Vec<&Field> =
-                shared.about.contents.schema.fields().iter().filter(|field| !is_picture(field)).collect();
+                shared.about.contents.schema.fields().iter().filter(|field| !is_image(field)).collect();
             let mut columns: Vec<Column> = fields.iter().map(|field| Column::zeros(field.dtype, 0)).collect();
             let channel = shared.index.channels.iter().position(|(_, topic)| topic == STEP_TOPIC);
             let found = &shared.index.episodes[episode];
@@ -156,7 +150,7 @@ impl McapDataset {
                     .map_err(|reason| format!("row {}: {reason}", place.row))?;
             }
             let mut decoded = columns.into_iter();
-            let all = shared.about.contents.schema.fields().iter().map(|field| match is_picture(field) {
+            let all = shared.about.contents.schema.fields().iter().map(|field| match is_image(field) {
                 true => Column::zeros(field.dtype, 0),
                 false => decoded.next().unwrap_or(Column::zeros(field.dtype, 0)),
             });
@@ -189,8 +183,8 @@ impl Dataset for McapDataset {
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        let read = match (is_picture(self.shared.about.field(column)), out) {
-            (true, SliceMut::U8(out)) => self.pictures(column, episode, steps, out),
+        let read = match (is_image(self.shared.about.field(column)), out) {
+            (true, SliceMut::U8(out)) => self.images(column, episode, steps, out),
             (_, out) => self.values(column, episode, steps, out),
         };
         read.map_err(|reason| self.shared.about.damaged(column, episode, reason))

@@ -1,5 +1,5 @@
-//! Recording into an MCAP file. After a kill at any moment, every announced episode is there: its
-//! chunks are written first, the record that announces it last, and what lies behind the last such record does not
+//! Recording into an MCAP file. After a kill at any moment, every committed episode is there: its
+//! chunks are written first, the record that commits it last, and what lies behind the last such record does not
 //! count. Whoever continues the file cuts it there.
 
 use std::fs::{self, File, OpenOptions};
@@ -12,7 +12,7 @@ use swm_media::png;
 
 use super::chunks::{Chunk, Compression};
 use super::foxglove;
-use super::index::{EPISODE, Episode, Index, RUN, STEP_TOPIC, is_picture, topic};
+use super::index::{EPISODE, Episode, Index, RUN, STEP_TOPIC, is_image, topic};
 use super::reader::McapDataset;
 use super::records::{CHUNK, Content, MESSAGE, MESSAGE_INDEX, METADATA};
 use super::rows::to_json;
@@ -39,11 +39,11 @@ pub(super) struct McapRecording {
     file: File,
     schema: Arc<Schema>,
     index: Index,
-    /// Rows of all announced episodes.
+    /// Rows of all committed episodes.
     rows: u64,
-    /// Chunks of all announced episodes.
+    /// Chunks of all committed episodes.
     chunks: usize,
-    /// By column of pictures, that of the row before: an equal one is left out.
+    /// By column of images, that of the row before: an equal one is left out.
     before: Vec<Vec<u8>>,
 }
 
@@ -94,7 +94,7 @@ impl Storage for McapStorage {
         let stored: Vec<Field> = index.columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();
         let first = index.runs.first().map_or(metadata, |(_, first)| first);
         check_fit(path, &stored, first, fields, metadata)?;
-        // What belongs to no announced episode, and the old summary.
+        // What belongs to no committed episode, and the old summary.
         file.set_len(index.end).map_err(failed)?;
         let runs = recording::with_run(&index.runs, start.episodes, metadata);
         let mut recording = McapRecording::new(file, schema, index);
@@ -102,8 +102,8 @@ impl Storage for McapStorage {
             let text = serde_json::to_string(metadata)
                 .map_err(|error| DataError::record(path, error.to_string()))?;
             let values = [("first_episode", start.episodes.to_string()), ("metadata", text)];
-            let announced = recording.metadata(RUN, &values);
-            announced.map_err(|reason| DataError::Write {
+            let committed = recording.metadata(RUN, &values);
+            committed.map_err(|reason| DataError::Write {
                 path: path.to_owned(),
                 episodes: start.episodes,
                 reason,
@@ -134,7 +134,7 @@ impl Recording for McapRecording {
             self.chunk(&open)?;
         }
         for (column, (field, before)) in batch.schema().fields().iter().zip(&mut self.before).enumerate() {
-            if let (Slice::U8(pixels), true) = (batch.column(column), is_picture(field)) {
+            if let (Slice::U8(pixels), true) = (batch.column(column), is_image(field)) {
                 before.clear();
                 before.extend_from_slice(&pixels[pixels.len() - field.width()..]);
             }
@@ -142,7 +142,7 @@ impl Recording for McapRecording {
         Ok(())
     }
 
-    fn announce(&mut self, end: Place) -> Result<(), String> {
+    fn commit(&mut self, end: Place) -> Result<(), String> {
         let values = [
             ("index", end.episode.to_string()),
             ("first_row", self.rows.to_string()),
@@ -162,14 +162,14 @@ impl Recording for McapRecording {
 }
 
 impl McapRecording {
-    /// Continues behind the announced episodes.
+    /// Continues behind the committed episodes.
     fn new(file: File, schema: &Arc<Schema>, index: Index) -> Self {
         let rows = index.episodes.iter().map(|episode| episode.rows as u64).sum();
         let (chunks, before) = (index.chunks.len(), vec![Vec::new(); schema.fields().len()]);
         Self { file, schema: schema.clone(), index, rows, chunks, before }
     }
 
-    /// The messages of a row of a piece that begins at a place. A picture that equals the one before is left out.
+    /// The messages of a row of a piece that begins at a place. An image that equals the one before is left out.
     fn messages(&self, batch: &Batch, row: usize, at: Place) -> Result<Vec<Message>, String> {
         let schema = &self.schema;
         let (place, index) = (at.row + row, [at.episode]);
@@ -187,7 +187,7 @@ impl McapRecording {
             };
             let width = field.width();
             let values = batch.column(column).range(row * width, width);
-            let (Slice::U8(pixels), true) = (values, is_picture(field)) else {
+            let (Slice::U8(pixels), true) = (values, is_image(field)) else {
                 numbers.push((field, values));
                 continue;
             };
@@ -287,8 +287,8 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     let episodes = index.episodes.len();
     let behind = fs::metadata(&path).map_err(failed)?.len() - index.end;
     let cut = (behind > 0).then(|| format!("cut {behind} bytes behind the {episodes} finished episodes"));
-    let summarise = "write the summary, by which other programs find their way".to_owned();
-    let steps = cut.into_iter().chain([summarise]).collect();
+    let summarize = "write the summary, by which other programs find their way".to_owned();
+    let steps = cut.into_iter().chain([summarize]).collect();
     if apply {
         let file = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
         let index = Index::read(&file, &path).map_err(|reason| DataError::damaged(&path, reason))?;

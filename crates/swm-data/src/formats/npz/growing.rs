@@ -81,7 +81,7 @@ impl GrowingArray {
         Ok(Self { file, field: field.clone(), rows, size, checksum, buffer })
     }
 
-    /// Appends values of `rows` rows and returns their checksum. They count once they have been announced elsewhere.
+    /// Appends values of `rows` rows and returns their checksum. They count once they have been committed elsewhere.
     pub(in crate::formats) fn append(&mut self, rows: usize, values: Slice<'_>) -> Result<Hasher, String> {
         self.buffer.clear();
         to_bytes(values, &mut self.buffer)?;

@@ -3,7 +3,7 @@
 //! Instead of single actions it chooses whole pushes (where on the block's outline, in which direction, how strongly),
 //! tries each on a copy of the simulator, and carries the best one out; the copy is exact, so what succeeds in a trial
 //! succeeds in the environment. It knows the true state, and is therefore a source of demonstrations and an upper
-//! bound for planners, not a competitor of policies that see pictures.
+//! bound for planners, not a competitor of policies that see images.
 //!
 //! | file | duty |
 //! |---|---|

@@ -24,7 +24,7 @@ impl Default for Run {
         Run {
             entry: &PUSHT,
             settings: json!({}),
-            // A quick search: tests run without full optimisation.
+            // A quick search: tests run without full optimization.
             policy: "expert:samples=40,refinements=1,beams=2,detours=2,beam_samples=10",
             options: ResetOptions::default(),
             episodes: 0..4,

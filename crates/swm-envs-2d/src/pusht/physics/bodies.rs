@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 /// State of one body.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Body {
-    /// World position of the centre of gravity.
+    /// World position of the center of gravity.
     pub(super) center: Vec2,
     /// Angle, radians, not wrapped.
     pub(super) angle: f64,
-    /// Velocity of the centre of gravity, px/s, and angular velocity, rad/s.
+    /// Velocity of the center of gravity, px/s, and angular velocity, rad/s.
     pub(super) motion: Motion,
     /// What pushes overlapping bodies apart: like `motion`, but forgotten after one substep.
     pub(super) bias: Motion,
@@ -45,7 +45,7 @@ impl Body {
     }
 }
 
-/// Where everything is: rotations of the bodies, and centres and bounding boxes of the leaves. Derived from the
+/// Where everything is: rotations of the bodies, and centers and bounding boxes of the leaves. Derived from the
 /// bodies, and recomputed only for a body that moved.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Placed {

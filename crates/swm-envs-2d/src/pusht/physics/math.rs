@@ -1,7 +1,7 @@
 //! Plane geometry in `f64`: vectors, rotations, bounding boxes and the sine.
 //!
 //! Everything here is plain IEEE arithmetic, the sine included, so that a trajectory has the same bits on every
-//! machine. (A platform's own `sin` may pick fused instructions where the processor has them.)
+//! machine. (A platform's own `sin` may pick fused instructions where the CPU has them.)
 
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_2_PI, TAU};
@@ -139,7 +139,7 @@ impl Aabb {
         (self.max.x - self.min.x) * (self.max.y - self.min.y)
     }
 
-    /// How far apart the centres of two boxes are: twice the distance in the 1-norm.
+    /// How far apart the centers of two boxes are: twice the distance in the 1-norm.
     pub(crate) fn proximity(&self, other: &Aabb) -> f64 {
         ((self.min.x + self.max.x) - (other.min.x + other.max.x)).abs()
             + ((self.min.y + self.max.y) - (other.min.y + other.max.y)).abs()

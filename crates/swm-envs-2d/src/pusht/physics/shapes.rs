@@ -1,4 +1,4 @@
-//! The eight PushT shapes: their rectangles, centre of gravity and moment of inertia.
+//! The eight PushT shapes: their rectangles, center of gravity and moment of inertia.
 //!
 //! Every shape except the disc is a union of one to three rectangles whose sides lie along the body's axes. Nothing
 //! here knows positions, velocities or contacts.
@@ -130,14 +130,14 @@ impl Shape {
         f64::from(0.375_f32 * scale)
     }
 
-    /// Centre of gravity in body coordinates, pixels: the plain mean of the rectangles' centres.
+    /// Center of gravity in body coordinates, pixels: the plain mean of the rectangles' centers.
     pub fn center_of_gravity(self, scale: f32) -> [f64; 2] {
         let count = self.facts().parts.len().max(1) as f64;
         let sum = self.rectangles(scale).fold(Vec2::ZERO, |sum, rectangle| sum + rectangle.center());
         vec2(sum.x / count, sum.y / count).to_array()
     }
 
-    /// Moment of inertia, in px² (the mass is 1), about the origin of the body's coordinates and not about its centre
+    /// Moment of inertia, in px² (the mass is 1), about the origin of the body's coordinates and not about its center
     /// of gravity: the reference's value, with its way of counting parts. Zero for the disc, which nothing can turn.
     pub fn moment(self, scale: f32) -> f64 {
         self.rectangles(scale)
@@ -198,7 +198,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn moments_and_centres_are_those_of_the_reference() {
+    fn moments_and_centers_are_those_of_the_reference() {
         let expected = [
             (Shape::T, 3000.0, [0.0, 45.0]),
             (Shape::SmallTee, 3150.0, [0.0, 30.0]),

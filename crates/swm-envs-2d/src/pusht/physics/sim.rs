@@ -71,7 +71,7 @@ impl Scratch {
 impl Sim {
     /// Builds the world with both bodies at their start poses.
     ///
-    /// As in the reference, the block's angle is written after its position and turns it about its centre of gravity;
+    /// As in the reference, the block's angle is written after its position and turns it about its center of gravity;
     /// call [`Sim::place`] or [`Sim::place_exactly`] next.
     ///
     /// # Errors
@@ -202,7 +202,7 @@ impl Sim {
         state.origin(self.world.body(body), Rotation::new(state.angle)).to_array()
     }
 
-    /// Position of a body's centre of gravity, pixels.
+    /// Position of a body's center of gravity, pixels.
     pub fn center_of_gravity(&self, body: BodyId) -> [f64; 2] {
         self.body(body).center.to_array()
     }
@@ -212,7 +212,7 @@ impl Sim {
         self.body(body).angle
     }
 
-    /// Velocity of a body's centre of gravity, px/s. For the block and for a polygon agent: what the contacts of the
+    /// Velocity of a body's center of gravity, px/s. For the block and for a polygon agent: what the contacts of the
     /// last substep gave it.
     pub fn velocity(&self, body: BodyId) -> [f64; 2] {
         self.body(body).motion.linear.to_array()

@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn of_three_leaves_the_newcomer_stands_before_its_nearer_neighbour() {
+    fn of_three_leaves_the_newcomer_stands_before_its_nearer_neighbor() {
         let near_first = boxes([0.0, 100.0, 12.0]);
         let mut tree = Tree::new();
         for leaf in 0..3 {

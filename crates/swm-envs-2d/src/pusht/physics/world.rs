@@ -51,7 +51,7 @@ pub struct Setup {
     pub block: BodySetup,
     /// Fraction of a dynamic body's velocity that is left after one second; 0 stops it at every substep.
     pub damping: f64,
-    /// Centre of gravity of the block in its coordinates, pixels, instead of the shape's own.
+    /// Center of gravity of the block in its coordinates, pixels, instead of the shape's own.
     pub block_cog: Option<[f64; 2]>,
     /// Coefficient of friction of all contacts; the quasi-static engine has none and accepts only 0.
     pub friction: f64,
@@ -165,7 +165,7 @@ pub(super) const WALL_BOXES: [Aabb; WALLS] = [
     Aabb { min: vec2(3.0, 504.0), max: vec2(508.0, 508.0) },
 ];
 
-/// A part in the coordinates of its body, relative to the centre of gravity; a disc has half sizes of its radius.
+/// A part in the coordinates of its body, relative to the center of gravity; a disc has half sizes of its radius.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Part {
     pub(super) center: Vec2,
@@ -177,7 +177,7 @@ pub(super) struct Part {
 pub(super) struct BodyFacts {
     pub(super) shape: Shape,
     pub(super) scale: f32,
-    /// Centre of gravity in body coordinates.
+    /// Center of gravity in body coordinates.
     pub(super) cog: Vec2,
     /// 1 / mass: 0 for a body that contacts cannot move.
     pub(super) inv_mass: f64,
@@ -242,7 +242,7 @@ pub(super) struct World {
 }
 
 impl World {
-    /// Builds the world without the override of the centre of gravity, see [`World::move_block_cog`].
+    /// Builds the world without the override of the center of gravity, see [`World::move_block_cog`].
     pub(super) fn new(setup: &Setup) -> Result<World, PhysicsError> {
         if setup.block.shape == Shape::Disc {
             return Err(PhysicsError::DiscBlock);
@@ -259,7 +259,7 @@ impl World {
             ("the block's start position", Vec2::from(setup.block.position).is_finite()),
             ("the agent's angle", setup.agent.angle.is_finite()),
             ("the block's angle", setup.block.angle.is_finite()),
-            ("the block's centre of gravity", setup.block_cog.is_none_or(|cog| Vec2::from(cog).is_finite())),
+            ("the block's center of gravity", setup.block_cog.is_none_or(|cog| Vec2::from(cog).is_finite())),
         ];
         if let Some((what, _)) = finite.into_iter().find(|(_, finite)| !finite) {
             return Err(PhysicsError::NotFinite { what });
@@ -293,7 +293,7 @@ impl World {
         })
     }
 
-    /// Puts the block's centre of gravity elsewhere; its moment of inertia stays.
+    /// Puts the block's center of gravity elsewhere; its moment of inertia stays.
     pub(super) fn move_block_cog(&mut self, cog: Vec2) {
         let block = &mut self.bodies[BodyId::Block as usize];
         let shift = block.cog - cog;
@@ -307,7 +307,7 @@ impl World {
         &self.bodies[id as usize]
     }
 
-    /// Centre of a leaf in the world, from the pose of its body.
+    /// Center of a leaf in the world, from the pose of its body.
     pub(super) fn leaf_center(&self, leaf: usize, body_position: Vec2, rotation: Rotation) -> Vec2 {
         body_position + rotation.world_from_body(self.parts[leaf].center)
     }
@@ -327,7 +327,7 @@ impl World {
         })
     }
 
-    /// Bounding box of a leaf around its centre.
+    /// Bounding box of a leaf around its center.
     pub(super) fn leaf_box(&self, leaf: usize, center: Vec2, rotation: Rotation) -> Aabb {
         let half = self.parts[leaf].half;
         if leaf < self.layout.agent_parts && self.layout.agent_is_disc {

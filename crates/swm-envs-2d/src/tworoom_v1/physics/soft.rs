@@ -113,7 +113,7 @@ impl SoftDisc {
 }
 
 /// The unit vector from the disc into a rectangle that it touches, and the gap between them (negative in overlap). A
-/// centre inside the rectangle is pushed out through the nearest face, whichever side it came from.
+/// center inside the rectangle is pushed out through the nearest face, whichever side it came from.
 fn touch(area: &Aabb, center: Vec2, radius: f64) -> Option<(Vec2, f64)> {
     let nearest = area.nearest(center);
     let to_rectangle = nearest - center;

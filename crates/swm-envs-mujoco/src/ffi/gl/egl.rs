@@ -24,7 +24,7 @@ const ATTRIBUTES: &[c_int] = &[
     0x3021, 8, // alpha
     0x3025, 24, // depth
     0x3026, 8, // stencil
-    0x303F, 0x308E, // colour buffer: RGB
+    0x303F, 0x308E, // color buffer: RGB
     0x3033, 0x0001, // surface type: pixel buffer
     0x3040, 0x0008, // renderable: OpenGL
     0x3038, // end
@@ -54,7 +54,7 @@ struct Functions {
 impl Egl {
     /// Loads the library, finds a device that works, and tries a context on it.
     pub(super) fn load() -> Result<Self, String> {
-        // SAFETY: loading runs the initialisers of a graphics library of the system, which need nothing of us.
+        // SAFETY: loading runs the initializers of a graphics library of the system, which need nothing of us.
         let library =
             unsafe { Library::open(Some(LIBRARY), RTLD_NOW | RTLD_LOCAL) }.map_err(|e| e.to_string())?;
         // SAFETY: these are the signatures of EGL 1.4.
@@ -124,7 +124,7 @@ unsafe impl Driver for Egl {
     }
 }
 
-/// The first display that can be initialised, with a configuration: on the devices in their order, or on the one that
+/// The first display that can be initialized, with a configuration: on the devices in their order, or on the one that
 /// `MUJOCO_EGL_DEVICE_ID` names, as in MuJoCo's Python package; last without any device.
 fn display(library: &Library) -> Result<(Handle, Handle), String> {
     type GetPlatformDisplay = unsafe extern "C" fn(c_uint, *mut c_void, *const c_int) -> Handle;

@@ -1,4 +1,4 @@
-//! Pictures by MuJoCo's own renderer, which draws with OpenGL.
+//! Images by MuJoCo's own renderer, which draws with OpenGL.
 //!
 //! Neither this crate nor MuJoCo links OpenGL. It is loaded at run time, from the first of these that works, and then
 //! for the whole process: MuJoCo looks its functions up once.
@@ -7,7 +7,7 @@
 //! * `libOSMesa`: in software.
 //!
 //! An OpenGL context is current on one thread or none. [`GlContext`] is current only while it draws, so that it may move
-//! to another thread between two pictures.
+//! to another thread between two images.
 
 #[cfg(target_os = "linux")]
 mod egl;
@@ -106,7 +106,7 @@ impl GlContext {
         struct Current(&'static dyn Driver);
         impl Drop for Current {
             fn drop(&mut self) {
-                // SAFETY: no context is named. A failure leaves the context current here, which the next call mends.
+                // SAFETY: no context is named. A failure leaves the context current here, which the next call fixes.
                 let _ = unsafe { self.0.make_current(None) };
             }
         }

@@ -69,7 +69,7 @@ impl Osmesa {
 fn open() -> Result<Library, String> {
     let mut reasons = Vec::new();
     for name in LIBRARIES {
-        // SAFETY: loading runs the initialisers of a graphics library of the system, which need nothing of us.
+        // SAFETY: loading runs the initializers of a graphics library of the system, which need nothing of us.
         match unsafe { Library::open(Some(name), RTLD_NOW | RTLD_GLOBAL) } {
             Ok(library) => return Ok(library),
             Err(error) => reasons.push(error.to_string()),

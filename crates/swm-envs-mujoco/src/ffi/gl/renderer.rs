@@ -11,7 +11,7 @@ use crate::ffi::{Library, Model, Scene, Simulation};
 
 /// Draws simulations of one model as one of its cameras sees them.
 ///
-/// Textures, meshes and the quality of light come from the model that it was made with; places, sizes and colours from
+/// Textures, meshes and the quality of light come from the model that it was made with; places, sizes and colors from
 /// the simulation that is drawn, whose model may be one for physics with the textures left out.
 pub struct GlRenderer {
     library: &'static Library,
@@ -34,7 +34,7 @@ unsafe impl Sync for GlRenderer {}
 static COUNTING: Mutex<()> = Mutex::new(());
 
 impl GlRenderer {
-    /// A renderer for pictures of `height` × `width` pixels from the camera of this index.
+    /// A renderer for images of `height` × `width` pixels from the camera of this index.
     ///
     /// # Errors
     ///
@@ -128,7 +128,7 @@ impl GlRenderer {
     ///
     /// If `pixels` has another length, a mistake of the caller.
     pub fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) -> Result<(), MujocoError> {
-        assert_eq!(pixels.len(), self.upside_down.len(), "a picture of another size");
+        assert_eq!(pixels.len(), self.upside_down.len(), "an image of another size");
         self.scene.update(sim)?;
         let Self { library, gl, resources, scene, viewport, upside_down } = self;
         let api = library.api();

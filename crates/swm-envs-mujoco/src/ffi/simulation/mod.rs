@@ -34,7 +34,7 @@ macro_rules! arrays {
     ($($(#[$meta:meta])* $name:ident [$rows:ident, $width:literal];)*) => {$(
         $(#[$meta])*
         pub fn $name(&self) -> &[f64] {
-            // SAFETY: MuJoCo allocates `rows × width` numbers here, initialised, for as long as the data lives.
+            // SAFETY: MuJoCo allocates `rows × width` numbers here, initialized, for as long as the data lives.
             unsafe { slice(self.header().$name, self.model.header().$rows, $width) }
         }
     )*};
@@ -124,7 +124,7 @@ impl Simulation {
         xmat [nbody, 9];
         /// The orientation of a body's frame, quaternion w x y z.
         xquat [nbody, 4];
-        /// The position of a body's centre of mass, m.
+        /// The position of a body's center of mass, m.
         xipos [nbody, 3];
         /// The position of a geom, m.
         geom_xpos [ngeom, 3];
@@ -132,9 +132,9 @@ impl Simulation {
         site_xpos [nsite, 3];
         /// The orientation of a site, row-major.
         site_xmat [nsite, 9];
-        /// The centre of mass of a body and all below it, m.
+        /// The center of mass of a body and all below it, m.
         subtree_com [nbody, 3];
-        /// The force and torque on a body from contacts and the like, in the frame of its tree's centre of mass: torque,
+        /// The force and torque on a body from contacts and the like, in the frame of its tree's center of mass: torque,
         /// then force. Only up to date after [`Simulation::advance`].
         cfrc_ext [nbody, 6];
         /// The angular momentum of a body and all below it, kg m²/s. Only up to date in models with a sensor of subtree
@@ -174,7 +174,7 @@ impl Simulation {
 
     /// Places of bodies that are moved by hand, `[nmocap, 3]`, m.
     pub fn mocap_pos(&self) -> &[f64] {
-        // SAFETY: MuJoCo allocates that many numbers here, initialised, for as long as the data lives.
+        // SAFETY: MuJoCo allocates that many numbers here, initialized, for as long as the data lives.
         unsafe { slice(self.header().mocap_pos, self.model.header().nmocap, 3) }
     }
 
@@ -186,7 +186,7 @@ impl Simulation {
 
     /// Orientations of bodies that are moved by hand, `[nmocap, 4]`, quaternions w x y z.
     pub fn mocap_quat(&self) -> &[f64] {
-        // SAFETY: MuJoCo allocates that many numbers here, initialised, for as long as the data lives.
+        // SAFETY: MuJoCo allocates that many numbers here, initialized, for as long as the data lives.
         unsafe { slice(self.header().mocap_quat, self.model.header().nmocap, 4) }
     }
 

@@ -38,7 +38,7 @@ impl TableEnv {
         goal.buttons = self.moment.buttons;
         observation(&self.table, &self.sim, &self.moment, &mut goal.observation);
         (self.goal, self.moment) = (goal, start);
-        self.goal_picture.1 = true;
+        self.goal_image.1 = true;
         self.stand()
     }
 
@@ -66,14 +66,14 @@ impl TableEnv {
 
     /// Draws the goal, and returns to where the episode stands.
     pub(super) fn draw_goal(&mut self) -> Result<(), MujocoError> {
-        let Some(mut pictures) = self.pictures.take() else { return Ok(()) };
+        let Some(mut images) = self.images.take() else { return Ok(()) };
         let goal = self.goal.clone();
         let drawn = self.stand_at(&goal.standing, goal.buttons, goal.buttons);
         if drawn.is_ok() {
-            pictures.draw(&mut self.sim, &mut self.goal_picture.0);
+            images.draw(&mut self.sim, &mut self.goal_image.0);
         }
-        self.goal_picture.1 = false;
-        self.pictures = Some(pictures);
+        self.goal_image.1 = false;
+        self.images = Some(images);
         drawn?;
         self.stand()
     }

@@ -76,7 +76,7 @@ pub(crate) fn recorded(
     Ok(Some(values))
 }
 
-/// The columns: what all domains have, then the domain's own, factors and pictures. `observation` is its width.
+/// The columns: what all domains have, then the domain's own, factors and images. `observation` is its width.
 pub(super) fn fields(
     domain: &Domain,
     stage: &Stage,

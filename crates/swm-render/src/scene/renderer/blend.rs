@@ -42,12 +42,12 @@ impl Veils {
         self.colors.clear();
     }
 
-    /// Lays surface number `index` of the order over a picture.
-    fn lay(&self, index: usize, picture: &mut [[f32; 3]]) {
+    /// Lays surface number `index` of the order over an image.
+    fn lay(&self, index: usize, image: &mut [[f32; 3]]) {
         let ((opacity, end), start) =
             (self.ends[index], index.checked_sub(1).map_or(0, |last| self.ends[last].1));
         for (pixel, color) in self.pixels[start..end].iter().zip(&self.colors[start..end]) {
-            for (value, part) in picture[*pixel as usize].iter_mut().zip(color) {
+            for (value, part) in image[*pixel as usize].iter_mut().zip(color) {
                 *value = value.min(1.0) + opacity * (part - value.min(1.0));
             }
         }

@@ -10,7 +10,7 @@ use crate::scene::view::View;
 use crate::scene::visibility::Drawing;
 
 impl SceneRenderer {
-    /// Writes the depth along the camera's axis, metres, `[H, W]`; the camera's `far` where nothing is.
+    /// Writes the depth along the camera's axis, meters, `[H, W]`; the camera's `far` where nothing is.
     ///
     /// # Errors
     ///

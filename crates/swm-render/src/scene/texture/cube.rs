@@ -1,10 +1,10 @@
-//! Six textures around a point: skies, and boxes that show one picture on all sides.
+//! Six textures around a point: skies, and boxes that show one image on all sides.
 
 use super::Texture;
 use super::image::channel;
 use crate::error::RenderError;
 
-/// Six square pictures around a point, in the order +x, -x, +y, -y, +z, -z.
+/// Six square images around a point, in the order +x, -x, +y, -y, +z, -z.
 #[derive(Clone, Debug)]
 pub struct CubeTexture {
     faces: Vec<Texture>,
@@ -33,7 +33,7 @@ impl CubeTexture {
         Ok(Self { faces: faces?, size })
     }
 
-    /// The colour, 0 to 255, in a direction; `across` says how the direction changes from pixel to pixel.
+    /// The color, 0 to 255, in a direction; `across` says how the direction changes from pixel to pixel.
     pub(in crate::scene) fn at(&self, direction: [f32; 3], across: [[f32; 3]; 2]) -> [f32; 3] {
         let (face, [u, v, major]) = project(direction);
         let half = 0.5 * self.size as f32;

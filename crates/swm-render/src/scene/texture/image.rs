@@ -12,11 +12,11 @@ pub(super) struct Image {
 /// Red, green and blue in 16 bits each, so that all three are mixed by one multiplication; and [`CALM`].
 pub(super) type Texel = u64;
 
-/// The bit of texels around which all is of their colour, in their image and the next smaller one: whatever is read
-/// between texels there is this colour. Checkers are calm nearly everywhere.
+/// The bit of texels around which all is of their color, in their image and the next smaller one: whatever is read
+/// between texels there is this color. Checkers are calm nearly everywhere.
 pub(super) const CALM: Texel = 1 << 63;
 
-/// A texel of this colour.
+/// A texel of this color.
 pub(super) fn texel([r, g, b]: [u8; 3]) -> Texel {
     u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32
 }
@@ -53,7 +53,7 @@ impl Image {
         Some(Image { width, height, texels })
     }
 
-    /// Where the eight texels around are of the same colour, across the edges where it repeats.
+    /// Where the eight texels around are of the same color, across the edges where it repeats.
     pub(super) fn flat(&self) -> Vec<bool> {
         let (width, height) = (self.width, self.height);
         let around = |at: usize, size: usize| [(at + size - 1) % size, at, (at + 1) % size];
@@ -77,10 +77,10 @@ impl Image {
         self.texels[place(v, self.height) * self.width + place(u, self.width)]
     }
 
-    /// The colour at (u, v), mixed of the four texels around.
+    /// The color at (u, v), mixed of the four texels around.
     #[inline]
     pub(super) fn between(&self, u: f32, v: f32, repeats: bool) -> Texel {
-        self.mixed(neighbours(u, self.width, repeats), neighbours(v, self.height, repeats))
+        self.mixed(neighbors(u, self.width, repeats), neighbors(v, self.height, repeats))
     }
 
     #[inline]
@@ -98,7 +98,7 @@ impl Image {
 
 /// The two texels around a coordinate from 0 to 1, and how many of 256 parts the second has.
 #[inline]
-fn neighbours(coordinate: f32, size: usize, repeats: bool) -> (usize, usize, u32) {
+fn neighbors(coordinate: f32, size: usize, repeats: bool) -> (usize, usize, u32) {
     let last = size as i32 - 1;
     // Shifted by one so that it is not negative: cheaper than rounding down.
     let place = coordinate * size as f32 + 0.5;

@@ -90,7 +90,7 @@ impl Shape {
     }
 }
 
-/// The sum of products, in eight strands: the order is fixed, and a processor can take it eight at a time.
+/// The sum of products, in eight strands: the order is fixed, and a CPU can take it eight at a time.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut strands = [0.0; 8];
     let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));

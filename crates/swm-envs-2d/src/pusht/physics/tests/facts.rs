@@ -9,7 +9,7 @@ fn body(shape: Shape, scale: f32) -> BodySetup {
     BodySetup { shape, scale, ..Setup::default().block }
 }
 
-/// A disc of radius 15 and a square of half side 30, moment 600, centre of gravity in its middle.
+/// A disc of radius 15 and a square of half side 30, moment 600, center of gravity in its middle.
 fn disc_and_square(placement: &Placement) -> Sim {
     let mut sim = Sim::new(&Setup { block: body(Shape::Square, 30.0), ..Setup::default() }).unwrap();
     sim.place_exactly(placement).unwrap();
@@ -33,7 +33,7 @@ fn overlap_is_removed_by_a_fixed_share_per_substep() {
 }
 
 #[test]
-fn a_push_through_the_centre_takes_the_block_along() {
+fn a_push_through_the_center_takes_the_block_along() {
     let start =
         Placement { agent_velocity: [30.0, 20.0], ..Placement::from([254.9, 299.8, 300.0, 300.0, 0.0]) };
     let mut sim = disc_and_square(&start);
@@ -43,7 +43,7 @@ fn a_push_through_the_centre_takes_the_block_along() {
 }
 
 #[test]
-fn a_push_off_the_centre_turns_the_block() {
+fn a_push_off_the_center_turns_the_block() {
     let (lever, moment) = (10.0, 600.0);
     let start =
         Placement { agent_velocity: [30.0, 0.0], ..Placement::from([254.9, 290.0, 300.0, 300.0, 0.0]) };
@@ -89,7 +89,7 @@ fn an_absolute_action_is_a_place() {
 }
 
 #[test]
-fn placing_puts_the_origin_and_not_the_centre_of_gravity() {
+fn placing_puts_the_origin_and_not_the_center_of_gravity() {
     let mut sim = Sim::new(&Setup::default()).unwrap();
     sim.place(&Placement::from([100.0, 100.0, 300.0, 200.0, std::f64::consts::FRAC_PI_2])).unwrap();
     assert_near(sim.position(BodyId::Block), [300.0, 200.0], 1e-12);
@@ -151,7 +151,7 @@ fn walls_hold_the_block_but_not_the_disc() {
 }
 
 #[test]
-fn the_centre_of_gravity_can_be_moved() {
+fn the_center_of_gravity_can_be_moved() {
     let setup = Setup { block_cog: Some([0.0, 0.0]), ..Setup::default() };
     let mut sim = Sim::new(&setup).unwrap();
     sim.place_exactly(&Placement::from([100.0, 100.0, 300.0, 200.0, 1.0])).unwrap();

@@ -1,8 +1,8 @@
-//! Episodes that are announced by their files, before a manifest lists them. A manifest lists all files, so one per episode would
+//! Episodes that are committed by their files, before a manifest lists them. A manifest lists all files, so one per episode would
 //! grow with the square of their number: while a recording goes on, the next one is due when a sixty-fourth of what it would list
-//! is new. Until then the file itself announces its episode: it appears whole, under the name that comes next.
+//! is new. Until then the file itself commits its episode: it appears whole, under the name that comes next.
 //!
-//! Other programs see those episodes once the recording ends, is continued or mended. Which manifest files may follow says a
+//! Other programs see those episodes once the recording ends, is continued or repaired. Which manifest files may follow says a
 //! mark in it; another program's next version is not that, so what it removed stays removed.
 
 use std::path::Path;
@@ -39,7 +39,7 @@ pub(crate) fn is_due(listed: usize, all: usize) -> bool {
     (all - listed) * LAG >= listed
 }
 
-/// Opens the newest version of a table, and adds what was announced after it.
+/// Opens the newest version of a table, and adds what was committed after it.
 pub(crate) fn open(folder: &Path) -> Result<Table, String> {
     let mut table = Table::open(folder)?;
     if !table.is_being_recorded() || !is_recorded(table.fragments()) {

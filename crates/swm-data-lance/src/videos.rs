@@ -1,4 +1,4 @@
-//! The table of films beside a table of rows, `name_videos.lance`: a row per episode and column of pictures, with the
+//! The table of videos beside a table of rows, `name_videos.lance`: a row per episode and column of images, with the
 //! bytes of an MP4 file as a blob, which is read only where it is asked for.
 
 use std::collections::{BTreeMap, HashMap};
@@ -11,19 +11,19 @@ use arrow_array::{Array, ArrayRef, Int32Array, LargeBinaryArray, StringArray};
 use arrow_schema::{DataType, Field as ArrowField, Schema as ArrowSchema};
 use lance_core::datatypes::Schema;
 
-use crate::announced::{self, file_name};
 use crate::arrays::file;
+use crate::committed::{self, file_name};
 use crate::data_file::{DataReader, DataWriter, Rows};
 use crate::manifest::EPISODE;
 use crate::table::Table;
 
-/// The column that a film shows.
+/// The column that a video shows.
 const KEY: &str = "video_key";
 const BYTES: &str = "video_bytes";
 /// What marks blobs, in Lance.
 const BLOB: &str = "lance-encoding:blob";
 
-/// The folder of the films of a table.
+/// The folder of the videos of a table.
 pub(crate) fn folder(table: &Path) -> PathBuf {
     let extension = table.extension().unwrap_or_default().to_string_lossy();
     let name = format!("{}_videos", crate::stem(table));
@@ -42,34 +42,34 @@ pub(crate) fn schema() -> Result<Schema, String> {
     Schema::try_from(&ArrowSchema::new(fields)).map_err(|error| error.to_string())
 }
 
-/// Appends the films of an episode, by column.
-pub(crate) fn append(table: &mut Table, episode: i32, films: &[(String, Vec<u8>)]) -> Result<(), String> {
+/// Appends the videos of an episode, by column.
+pub(crate) fn append(table: &mut Table, episode: i32, videos: &[(String, Vec<u8>)]) -> Result<(), String> {
     let mut file = DataWriter::create(table, &file_name(episode as usize))?;
     let columns: Vec<ArrayRef> = vec![
-        Arc::new(Int32Array::from(vec![episode; films.len()])),
-        Arc::new(StringArray::from_iter_values(films.iter().map(|(key, _)| key))),
-        Arc::new(LargeBinaryArray::from_iter_values(films.iter().map(|(_, bytes)| bytes))),
+        Arc::new(Int32Array::from(vec![episode; videos.len()])),
+        Arc::new(StringArray::from_iter_values(videos.iter().map(|(key, _)| key))),
+        Arc::new(LargeBinaryArray::from_iter_values(videos.iter().map(|(_, bytes)| bytes))),
     ];
     file.append(columns)?;
     let fragment = file.finish(table, &[])?;
-    table.announce(fragment)
+    table.commit(fragment)
 }
 
-/// Films that are read.
+/// Videos that are read.
 #[derive(Debug)]
-pub(crate) struct Films {
+pub(crate) struct Videos {
     reader: DataReader,
     bytes: i32,
     /// By episode and column: the row.
     rows: BTreeMap<(i32, String), usize>,
 }
 
-impl Films {
+impl Videos {
     pub(crate) fn open(folder: &Path) -> Result<Self, String> {
-        let reader = DataReader::new(announced::open(folder)?)?;
+        let reader = DataReader::new(committed::open(folder)?)?;
         let id = |name: &str, fits: fn(&DataType) -> bool| {
             let field = reader.table().schema().field(name).filter(|field| fits(&field.data_type()));
-            field.map(|field| field.id).ok_or_else(|| format!("its films have no usable column `{name}`"))
+            field.map(|field| field.id).ok_or_else(|| format!("its videos have no usable column `{name}`"))
         };
         let episodes = id(EPISODE, |stored| *stored == DataType::Int32)?;
         let keys = id(KEY, |stored| *stored == DataType::Utf8)?;
@@ -87,7 +87,7 @@ impl Films {
         Ok(Self { reader, bytes, rows })
     }
 
-    /// The columns that have films.
+    /// The columns that have videos.
     pub(crate) fn keys(&self) -> Vec<String> {
         let mut keys: Vec<String> = self.rows.keys().map(|(_, key)| key.clone()).collect();
         keys.sort();
@@ -95,16 +95,16 @@ impl Films {
         keys
     }
 
-    /// The film of an episode.
+    /// The video of an episode.
     pub(crate) fn read(&self, episode: i32, key: &str) -> Result<Vec<u8>, String> {
         let row = self.rows.get(&(episode, key.to_owned()));
-        let &row = row.ok_or_else(|| format!("episode {episode} has no film of `{key}`"))?;
-        let mut film = Vec::new();
+        let &row = row.ok_or_else(|| format!("episode {episode} has no video of `{key}`"))?;
+        let mut video = Vec::new();
         self.reader.read(self.bytes, Rows { first: row, count: 1, stride: 1 }, &mut |array| {
-            film = file(array.as_ref() as &dyn Array, 0)?.to_vec();
+            video = file(array.as_ref() as &dyn Array, 0)?.to_vec();
             Ok(())
         })?;
-        Ok(film)
+        Ok(video)
     }
 }
 
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn films_lie_beside_their_table() {
+    fn videos_lie_beside_their_table() {
         assert_eq!(folder(Path::new("a/pusht.lance")), Path::new("a/pusht_videos.lance"));
         assert_eq!(folder(Path::new("pusht.lance-video")), Path::new("pusht_videos.lance-video"));
     }

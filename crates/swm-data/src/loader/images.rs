@@ -1,12 +1,12 @@
-//! Pictures on their way into a batch: resized, and with the channels first, as far as asked for.
+//! Images on their way into a batch: resized, and with the channels first, as far as asked for.
 
-use swm_media::planar::split_colours;
+use swm_media::planar::split_colors;
 use swm_render::AntialiasBilinear;
 
 use super::wrong;
 use crate::error::DataError;
 
-/// What is done to the pictures of one column.
+/// What is done to the images of one column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Convert {
     /// `[H, W]` in the dataset.
@@ -46,7 +46,7 @@ impl Convert {
         self.resizer().map(drop)
     }
 
-    /// The shape of one picture in the batch.
+    /// The shape of one image in the batch.
     pub(super) fn shape(&self) -> Vec<usize> {
         let [height, width] = self.wanted;
         match self.channels_first {
@@ -60,7 +60,7 @@ impl Convert {
             .map_err(|error| DataError::Loader { setting: "image", reason: error.to_string() })
     }
 
-    /// Fills `out`, some pictures as the batch wants them. `read` fills a slice with as many as the dataset stores them.
+    /// Fills `out`, some images as the batch wants them. `read` fills a slice with as many as the dataset stores them.
     pub(super) fn run(
         &self,
         darkroom: &mut Darkroom,
@@ -77,9 +77,9 @@ impl Convert {
         read(stored)?;
         let swap = self.channels_first && self.channels > 1;
         let pixels = self.wanted[0] * self.wanted[1];
-        for (picture, out) in stored.chunks_exact(from).zip(out.chunks_exact_mut(into)) {
+        for (image, out) in stored.chunks_exact(from).zip(out.chunks_exact_mut(into)) {
             if self.stored == self.wanted {
-                channels_first(picture, pixels, self.channels, out);
+                channels_first(image, pixels, self.channels, out);
                 continue;
             }
             let resize = match resize {
@@ -89,7 +89,7 @@ impl Convert {
             resized.resize(into, 0);
             let target = if swap { resized.as_mut_slice() } else { &mut *out };
             resize
-                .resize(picture, target)
+                .resize(image, target)
                 .map_err(|error| DataError::Loader { setting: "image", reason: error.to_string() })?;
             if swap {
                 channels_first(resized, pixels, self.channels, out);
@@ -104,7 +104,7 @@ fn channels_first(stored: &[u8], pixels: usize, channels: usize, out: &mut [u8])
     if channels == 3 {
         let (red, rest) = out.split_at_mut(pixels);
         let (green, blue) = rest.split_at_mut(pixels);
-        split_colours(stored, [red, green, blue]);
+        split_colors(stored, [red, green, blue]);
         return;
     }
     for (channel, plane) in out.chunks_exact_mut(pixels).enumerate() {

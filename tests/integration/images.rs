@@ -1,4 +1,4 @@
-//! Pictures of 3D scenes on their way into datasets: more cameras, depth, segmentation, and who drew them.
+//! Images of 3D scenes on their way into datasets: more cameras, depth, segmentation, and who drew them.
 
 use std::path::Path;
 
@@ -42,7 +42,7 @@ fn collect(out: &str, num_envs: &str, threads: &str) {
 }
 
 #[test]
-fn all_columns_of_pictures_are_recorded_the_same_on_any_number_of_threads() {
+fn all_columns_of_images_are_recorded_the_same_on_any_number_of_threads() {
     let folder = Folder::new();
     let (one, two) = (folder.path("one.h5"), folder.path("two.h5"));
     collect(&one, "1", "1");
@@ -66,7 +66,7 @@ fn all_columns_of_pictures_are_recorded_the_same_on_any_number_of_threads() {
         let segments = rows.get::<i32>(&format!("pixels_segmentation{camera}")).unwrap();
         let depth = rows.get::<f32>(&format!("pixels_depth{camera}")).unwrap();
         assert_eq!((segments.len(), depth.len()), (height * width, height * width));
-        assert!(segments.iter().any(|&segment| segment > 0), "the cheetah is in the picture of `{camera}`");
+        assert!(segments.iter().any(|&segment| segment > 0), "the cheetah is in the image of `{camera}`");
         assert!(depth.iter().all(|&depth| depth > 0.0 && depth.is_finite()));
     }
 }

@@ -1,4 +1,4 @@
-//! Pictures of one environment: which model lends its textures, and the colours of the floor.
+//! Images of one environment: which model lends its textures, and the colors of the floor.
 
 use std::sync::Arc;
 
@@ -8,24 +8,24 @@ use swm_fov::Fov;
 use super::models::Models;
 use crate::error::MujocoError;
 use crate::ffi::{Model, Simulation};
-use crate::views::{CheckerColors, Pictures, Views};
+use crate::views::{CheckerColors, Images, Views};
 
 /// Draws an environment's simulation, which runs on a model without textures.
-pub(super) struct Picture {
-    pictures: Pictures,
+pub(super) struct Image {
+    images: Images,
     /// Lends textures.
     model: Arc<Model>,
-    /// The floor's texture in other colours than the model's.
+    /// The floor's texture in other colors than the model's.
     floor: Option<(usize, CheckerColors)>,
     /// The factors that they show.
     shows: Fov,
 }
 
-impl Picture {
+impl Image {
     /// With the factors at their defaults.
     pub(super) fn new(models: &Models, views: Views, defaults: &Fov) -> Result<Self, MujocoError> {
         let model = models.textured_model(defaults)?;
-        Ok(Self { pictures: Pictures::new(views, &model)?, model, floor: None, shows: defaults.clone() })
+        Ok(Self { images: Images::new(views, &model)?, model, floor: None, shows: defaults.clone() })
     }
 
     /// Shows these factors from now on.
@@ -36,29 +36,29 @@ impl Picture {
         let (model, floor) = (models.textured_model(fov)?, models.floor_colors(fov)?);
         let is_other = !Arc::ptr_eq(&model, &self.model);
         if is_other || (floor.is_none() && self.floor.is_some()) {
-            self.pictures.set_model(&model)?;
+            self.images.set_model(&model)?;
         }
         if let Some((texture, colors)) = floor
             && (is_other || floor != self.floor)
         {
-            self.pictures.recolor(&model, texture, &|at, color| colors.recolor(at, color))?;
+            self.images.recolor(&model, texture, &|at, color| colors.recolor(at, color))?;
         }
         (self.model, self.floor, self.shows) = (model, floor, fov.clone());
         Ok(())
     }
 
-    /// As [`Pictures::write`].
+    /// As [`Images::write`].
     pub(super) fn write(&mut self, sim: &mut Simulation, first: usize, out: &mut RowsMut<'_>) {
-        self.pictures.write(sim, first, out);
+        self.images.write(sim, first, out);
     }
 
-    /// As [`Pictures::renderer`].
+    /// As [`Images::renderer`].
     pub(super) fn renderer(&self) -> String {
-        self.pictures.renderer()
+        self.images.renderer()
     }
 
-    /// As [`Pictures::take_failure`].
+    /// As [`Images::take_failure`].
     pub(super) fn take_failure(&mut self) -> Option<MujocoError> {
-        self.pictures.take_failure()
+        self.images.take_failure()
     }
 }

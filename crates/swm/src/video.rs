@@ -1,4 +1,4 @@
-//! A recorder that keeps the pictures of chosen episodes.
+//! A recorder that keeps the images of chosen episodes.
 
 use std::collections::BTreeMap;
 
@@ -7,36 +7,36 @@ use swm_core::error::BoxError;
 use swm_core::{EpisodeEnd, LiveRow, Recorder, RunInfo};
 use swm_media::Clip;
 
-/// Films the first episodes of a run, one clip each.
+/// Videos the first episodes of a run, one clip each.
 #[derive(Debug, Default)]
-pub struct Film {
+pub struct Video {
     episodes: u64,
     first: u64,
     frames_per_second: f64,
     pixels: usize,
     size: [usize; 2],
-    /// The clip of every filmed episode, and how it ended.
+    /// The clip of every recorded episode, and how it ended.
     scenes: BTreeMap<u64, Scene>,
 }
 
-/// One filmed episode.
+/// One recorded episode.
 #[derive(Debug)]
 pub struct Scene {
-    /// Its pictures, first to last.
+    /// Its images, first to last.
     pub clip: Clip,
-    /// The goal picture, if the environment shows one: `[H, W, 3]`.
+    /// The goal image, if the environment shows one: `[H, W, 3]`.
     pub goal: Option<Vec<u8>>,
     /// How it ended; `None` if it was cut short.
     pub end: Option<EpisodeEnd>,
 }
 
-impl Film {
-    /// Films the first `episodes` episodes.
+impl Video {
+    /// Videos the first `episodes` episodes.
     pub fn first(episodes: u64) -> Self {
         Self { episodes, ..Self::default() }
     }
 
-    /// The filmed episodes, by index.
+    /// The recorded episodes, by index.
     pub fn scenes(&self) -> impl Iterator<Item = (u64, &Scene)> {
         self.scenes.iter().map(|(&index, scene)| (index, scene))
     }
@@ -46,10 +46,10 @@ impl Film {
     }
 }
 
-impl Recorder for Film {
+impl Recorder for Video {
     fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
         self.first = run.rollout.episodes.start;
-        // Real time, but never slower than 5 pictures a second nor faster than 30.
+        // Real time, but never slower than 5 images a second nor faster than 30.
         self.frames_per_second =
             (1.0 / (run.spec.time_step_s * f64::from(run.options.frame_skip))).clamp(5.0, 30.0);
         if let Some(index) = run.schema.index(PIXELS) {

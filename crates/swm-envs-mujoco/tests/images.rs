@@ -1,4 +1,4 @@
-//! Pictures by OpenGL against those of the reference, at the recorded moments.
+//! Images by OpenGL against those of the reference, at the recorded moments.
 //!
 //! The recorded ones were drawn through EGL by Mesa 22.3.6 in software; other drivers round differently, so that what is
 //! asserted leaves room for them. The output says how many pixels are equal. Without OpenGL the tests say so and pass.
@@ -14,7 +14,7 @@ use swm_core::{
 };
 use swm_envs_mujoco::ffi::gl::GlContext;
 
-/// A moment in `tests/golden/pictures/scenes.json`; its picture has the same name.
+/// A moment in `tests/golden/pictures/scenes.json`; its image has the same name.
 #[derive(Deserialize)]
 struct Moment {
     factors: BTreeMap<String, serde_json::Value>,
@@ -58,7 +58,7 @@ fn cheetah() -> (Box<dyn Env>, Batch) {
     (env, row)
 }
 
-/// The picture of a moment, `[224, 224, 3]`.
+/// The image of a moment, `[224, 224, 3]`.
 fn draw((env, row): &mut (Box<dyn Env>, Batch), moment: &Moment) -> Vec<u8> {
     let mut options = ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() };
     for (name, value) in &moment.factors {
@@ -69,11 +69,11 @@ fn draw((env, row): &mut (Box<dyn Env>, Batch), moment: &Moment) -> Vec<u8> {
     options.start = Some(start.collect());
     env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("a start");
     env.observe(&mut row.rows_mut());
-    row.get::<u8>(PIXELS).expect("pictures were asked for").to_vec()
+    row.get::<u8>(PIXELS).expect("images were asked for").to_vec()
 }
 
 fn recorded(name: &str) -> Vec<u8> {
-    let png = std::fs::read(golden(&format!("{name}.png"))).expect("the picture is committed");
+    let png = std::fs::read(golden(&format!("{name}.png"))).expect("the image is committed");
     let mut reader = png::Decoder::new(Cursor::new(png)).read_info().expect("a PNG header");
     let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
     reader.next_frame(&mut pixels).expect("a PNG");
@@ -81,7 +81,7 @@ fn recorded(name: &str) -> Vec<u8> {
 }
 
 #[test]
-fn pictures_are_those_of_the_reference() {
+fn images_are_those_of_the_reference() {
     if !has_gl() {
         return;
     }
@@ -99,7 +99,7 @@ fn pictures_are_those_of_the_reference() {
 }
 
 #[test]
-fn pictures_do_not_depend_on_the_thread_or_on_other_environments() {
+fn images_do_not_depend_on_the_thread_or_on_other_environments() {
     if !has_gl() {
         return;
     }
@@ -112,14 +112,14 @@ fn pictures_do_not_depend_on_the_thread_or_on_other_environments() {
             let (moments, first) = (&moments, &first);
             scope.spawn(move || {
                 draw(&mut own, &moments["cheetah-floor.color"]);
-                assert!(draw(&mut own, moment) == *first, "another picture on another thread");
+                assert!(draw(&mut own, moment) == *first, "another image on another thread");
             });
         }
     });
 }
 
 #[test]
-fn a_picture_needs_a_camera_of_the_model() {
+fn a_image_needs_a_camera_of_the_model() {
     for renderer in ["software", "gl"] {
         if renderer == "gl" && !has_gl() {
             continue;

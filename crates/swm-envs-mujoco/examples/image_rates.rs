@@ -1,4 +1,4 @@
-//! `picture_rates ENV SIDE FRAMES [THREADS]`: steps an environment and draws every moment, `FRAMES` times on each thread.
+//! `image_rates ENV SIDE FRAMES [THREADS]`: steps an environment and draws every moment, `FRAMES` times on each thread.
 //!
 //! It prints nothing but what it did; how long that took, the caller measures (`benches/peers/render3d.py`).
 
@@ -10,7 +10,7 @@ use swm_envs_mujoco::ENVS;
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [id, side, frames, rest @ ..] = arguments.as_slice() else {
-        return Err("usage: picture_rates ENV SIDE FRAMES [THREADS]".into());
+        return Err("usage: image_rates ENV SIDE FRAMES [THREADS]".into());
     };
     let (side, frames): (usize, u32) = (side.parse()?, frames.parse()?);
     let threads: u64 = rest.first().map_or(Ok(1), |text| text.parse())?;
@@ -18,16 +18,16 @@ fn main() -> Result<(), Box<dyn Error>> {
         ENVS.iter().find(|entry| entry.id == id).ok_or_else(|| format!("unknown environment {id}"))?;
     std::thread::scope(|scope| {
         let run =
-            |seed| scope.spawn(move || film(entry, side, frames, seed).map_err(|error| error.to_string()));
-        let films: Vec<_> = (0..threads).map(run).collect();
-        films.into_iter().try_for_each(|film| film.join().map_err(|_| "a thread panicked".to_owned())?)
+            |seed| scope.spawn(move || video(entry, side, frames, seed).map_err(|error| error.to_string()));
+        let videos: Vec<_> = (0..threads).map(run).collect();
+        videos.into_iter().try_for_each(|video| video.join().map_err(|_| "a thread panicked".to_owned())?)
     })?;
-    println!("{} pictures of {side} x {side} px", threads * u64::from(frames));
+    println!("{} images of {side} x {side} px", threads * u64::from(frames));
     Ok(())
 }
 
-/// One control step and one picture per frame, from the same start, without an action.
-fn film(entry: &EnvEntry, side: usize, frames: u32, seed: u64) -> Result<(), Box<dyn Error>> {
+/// One control step and one image per frame, from the same start, without an action.
+fn video(entry: &EnvEntry, side: usize, frames: u32, seed: u64) -> Result<(), Box<dyn Error>> {
     let mut config =
         EnvConfig { image: Some(ImageSize { height: side, width: side }), ..EnvConfig::default() };
     if entry.settings.iter().any(|setting| setting.name == "action_repeat") {

@@ -1,8 +1,8 @@
 //! Luma and chroma planes as RGB frames, in 16.16 fixed point: the same bytes on every machine. The other way is
 //! `planes`.
 
-use super::decoders::Picture;
-use super::parameters::Colours;
+use super::decoders::Image;
+use super::parameters::Colors;
 
 const ONE: f64 = 65536.0;
 
@@ -19,11 +19,11 @@ pub(super) struct Conversion {
 }
 
 impl Conversion {
-    pub(super) fn new(colours: Colours) -> Self {
-        let (red, blue) = if colours.is_bt709 { (0.2126, 0.0722) } else { (0.299, 0.114) };
+    pub(super) fn new(colors: Colors) -> Self {
+        let (red, blue) = if colors.is_bt709 { (0.2126, 0.0722) } else { (0.299, 0.114) };
         let green = 1.0 - red - blue;
         let (black, luma, chroma) =
-            if colours.is_full_range { (0, 1.0, 1.0) } else { (16, 255.0 / 219.0, 255.0 / 224.0) };
+            if colors.is_full_range { (0, 1.0, 1.0) } else { (16, 255.0 / 219.0, 255.0 / 224.0) };
         let fixed = |weight: f64| (weight * ONE).round() as i32;
         Self {
             black,
@@ -37,14 +37,14 @@ impl Conversion {
         }
     }
 
-    /// The upper left part of the picture as `[H, W, 3]`.
+    /// The upper left part of the image as `[H, W, 3]`.
     pub(super) fn rgb(
         &self,
-        picture: &Picture<'_>,
+        image: &Image<'_>,
         (height, width): (usize, usize),
         out: &mut [u8],
     ) -> Result<(), String> {
-        let (strides, [luma, first, second]) = (picture.strides, picture.planes);
+        let (strides, [luma, first, second]) = (image.strides, image.planes);
         let row = |plane: &'_ [u8], stride: usize, y: usize, width: usize| {
             plane.get(y * stride..).and_then(|rest| rest.get(..width)).is_some()
         };
@@ -53,7 +53,7 @@ impl Conversion {
             && row(first, strides[1], (height - 1) / 2, half)
             && row(second, strides[2], (height - 1) / 2, half);
         if !fits {
-            return Err("a picture is smaller than the file says".to_owned());
+            return Err("an image is smaller than the file says".to_owned());
         }
         for (y, out) in out.chunks_exact_mut(width * 3).enumerate() {
             let luma = &luma[y * strides[0]..][..width];
@@ -66,9 +66,9 @@ impl Conversion {
                 let chroma =
                     [self.red * second, self.green[0] * first + self.green[1] * second, self.blue * first];
                 for (pixel, &luma) in out.chunks_exact_mut(3).zip(luma) {
-                    let grey = self.luma * (i32::from(luma) - self.black) + (1 << 15);
+                    let gray = self.luma * (i32::from(luma) - self.black) + (1 << 15);
                     for (value, chroma) in pixel.iter_mut().zip(chroma) {
-                        *value = ((grey + chroma) >> 16).clamp(0, 255) as u8;
+                        *value = ((gray + chroma) >> 16).clamp(0, 255) as u8;
                     }
                 }
             }

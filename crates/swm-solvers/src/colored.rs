@@ -7,10 +7,10 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What the amplitude of coloured noise is made to be.
+/// What the amplitude of colored noise is made to be.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Normalise {
+pub enum Normalize {
     /// Every sequence is divided by its own standard deviation over time, as in the reference: a sequence that hardly
     /// changes becomes large.
     #[default]
@@ -20,17 +20,17 @@ pub enum Normalise {
 }
 
 /// Writes the filter for a horizon of `kernel.len()` to `kernel`.
-pub(crate) fn fill_kernel(kernel: &mut [f32], beta: f64, normalise: Normalise) {
+pub(crate) fn fill_kernel(kernel: &mut [f32], beta: f64, normalize: Normalize) {
     let horizon = kernel.len();
     let weight = |j: usize| (j.min(horizon - j).max(1) as f64 / horizon as f64).powf(-0.5 * beta);
     let turn = std::f64::consts::TAU / horizon as f64;
     let value = |m: usize| -> f64 {
         (0..horizon).map(|j| weight(j) * (turn * (j * m % horizon) as f64).cos()).sum::<f64>()
     };
-    let power: f64 = match normalise {
+    let power: f64 = match normalize {
         // The scale of the filter drops out.
-        Normalise::PerSequence => weight(0) * weight(0),
-        Normalise::Analytic => (0..horizon).map(|m| value(m) * value(m)).sum(),
+        Normalize::PerSequence => weight(0) * weight(0),
+        Normalize::Analytic => (0..horizon).map(|m| value(m) * value(m)).sum(),
     };
     let scale = 1.0 / power.sqrt();
     for (m, out) in kernel.iter_mut().enumerate() {
@@ -39,7 +39,7 @@ pub(crate) fn fill_kernel(kernel: &mut [f32], beta: f64, normalise: Normalise) {
 }
 
 /// Filters `white`, `[H, D]`, over time into `out`, `[H, D]`.
-pub(crate) fn colour(kernel: &[f32], normalise: Normalise, white: &[f32], out: &mut [f32]) {
+pub(crate) fn color(kernel: &[f32], normalize: Normalize, white: &[f32], out: &mut [f32]) {
     let horizon = kernel.len();
     if horizon == 1 {
         out.copy_from_slice(white);
@@ -53,7 +53,7 @@ pub(crate) fn colour(kernel: &[f32], normalise: Normalise, white: &[f32], out: &
             out.iter_mut().zip(white).for_each(|(sum, value)| *sum += weight * value);
         }
     }
-    if normalise == Normalise::PerSequence {
+    if normalize == Normalize::PerSequence {
         for d in 0..width {
             let sequence = || out[d..].iter().step_by(width);
             let mean = sequence().sum::<f32>() / horizon as f32;
@@ -74,15 +74,15 @@ mod tests {
     const COUNT: usize = 4000;
 
     /// `COUNT` sequences of `horizon` numbers, two by two.
-    fn sequences(horizon: usize, beta: f64, normalise: Normalise) -> Vec<Vec<f64>> {
+    fn sequences(horizon: usize, beta: f64, normalize: Normalize) -> Vec<Vec<f64>> {
         let mut kernel = vec![0.0; horizon];
-        fill_kernel(&mut kernel, beta, normalise);
+        fill_kernel(&mut kernel, beta, normalize);
         let mut stream = keyed(3, "coloured", [horizon as u64, 0]);
         let mut sequences = Vec::new();
         while sequences.len() < COUNT {
             let white: Vec<f32> = (0..2 * horizon).map(|_| StandardNormal.sample(&mut stream)).collect();
             let mut out = vec![0.0; 2 * horizon];
-            colour(&kernel, normalise, &white, &mut out);
+            color(&kernel, normalize, &white, &mut out);
             let sequence = |d| out[d..].iter().step_by(2).map(|&value| f64::from(value)).collect();
             sequences.extend([sequence(0), sequence(1)]);
         }
@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn every_sequence_has_unit_spread_over_time() {
         for (horizon, beta) in [(4, 2.0), (5, 0.0), (10, 2.0), (10, 0.5), (11, 3.0)] {
-            for sequence in sequences(horizon, beta, Normalise::PerSequence) {
+            for sequence in sequences(horizon, beta, Normalize::PerSequence) {
                 let mean = mean(&sequence);
                 let squares: f64 = sequence.iter().map(|value| (value - mean).powi(2)).sum();
                 assert!((squares / (horizon - 1) as f64 - 1.0).abs() < 1e-3);
@@ -120,14 +120,14 @@ mod tests {
     fn white_sequences_of_unit_spread_have_means_as_expected() {
         // E[mean²] = (1/H) (H-1)/(H-3): a scaled t distribution.
         let squares: Vec<f64> =
-            sequences(10, 0.0, Normalise::PerSequence).iter().map(|s| mean(s).powi(2)).collect();
+            sequences(10, 0.0, Normalize::PerSequence).iter().map(|s| mean(s).powi(2)).collect();
         assert!((mean(&squares) - 9.0 / 70.0).abs() < 0.01, "{}", mean(&squares));
     }
 
     #[test]
     fn power_falls_with_frequency() {
         for (beta, ratio) in [(0.0, 1.0), (1.0, 5.0), (2.0, 25.0)] {
-            let sequences = sequences(10, beta, Normalise::Analytic);
+            let sequences = sequences(10, beta, Normalize::Analytic);
             // The highest frequency has one wave and not two, and with it half of the degrees of freedom.
             let found = power(&sequences, 1) / power(&sequences, 5);
             assert!((found / ratio - 1.0).abs() < 0.1, "beta {beta}: {found}");
@@ -138,7 +138,7 @@ mod tests {
     #[test]
     fn analytic_noise_has_unit_variance_at_every_step() {
         for beta in [0.0, 1.0, 2.5] {
-            let sequences = sequences(7, beta, Normalise::Analytic);
+            let sequences = sequences(7, beta, Normalize::Analytic);
             for step in 0..7 {
                 let squares: Vec<f64> = sequences.iter().map(|sequence| sequence[step].powi(2)).collect();
                 assert!((mean(&squares) - 1.0).abs() < 0.1, "beta {beta}, step {step}: {}", mean(&squares));
@@ -149,7 +149,7 @@ mod tests {
     #[test]
     fn one_step_is_white() {
         let squares: Vec<f64> =
-            sequences(1, 2.0, Normalise::PerSequence).iter().map(|sequence| sequence[0].powi(2)).collect();
+            sequences(1, 2.0, Normalize::PerSequence).iter().map(|sequence| sequence[0].powi(2)).collect();
         assert!((mean(&squares) - 1.0).abs() < 0.1);
     }
 }

@@ -1,5 +1,5 @@
-//! Columns of pictures: one JPEG file per row, or one H.264 film per episode. The values in between are `[H, W, C]`
-//! with C being 1 or 3. Reading, and what files there are; writing is `picture_writer`.
+//! Columns of images: one JPEG file per row, or one H.264 video per episode. The values in between are `[H, W, C]`
+//! with C being 1 or 3. Reading, and what files there are; writing is `image_writer`.
 
 use std::fs;
 #[cfg(feature = "video")]
@@ -16,30 +16,30 @@ use swm_media::mp4::Mp4Reader;
 
 use crate::dataset::Steps;
 #[cfg(feature = "video")]
-use crate::film::{self, FilmReader};
+use crate::video::{self, VideoReader};
 
-/// How pictures are stored.
+/// How images are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Store {
     /// `ep_<i>_step_<j>.jpeg`.
     Jpeg,
     /// `ep_<i>.mp4`.
     #[cfg(feature = "video")]
-    Film,
+    Video,
 }
 
 impl Store {
-    /// Whether a column's rows are pictures that this store takes; other columns become arrays.
+    /// Whether a column's rows are images that this store takes; other columns become arrays.
     pub(super) fn takes(self, field: &Field) -> bool {
         let (Dtype::U8, &[height, width, 1 | 3]) = (field.dtype, &field.shape[..]) else { return false };
         match self {
             Self::Jpeg => height.max(width) <= 16_384,
             #[cfg(feature = "video")]
-            Self::Film => film::takes(field),
+            Self::Video => video::takes(field),
         }
     }
 
-    /// The shape of the pictures in the files of another program.
+    /// The shape of the images in the files of another program.
     pub(super) fn shape(self, folder: &Path, episode: u64) -> Result<[usize; 3], String> {
         match self {
             Self::Jpeg => {
@@ -47,8 +47,8 @@ impl Store {
                 jpeg::shape(&bytes).map_err(|error| error.to_string())
             }
             #[cfg(feature = "video")]
-            Self::Film => {
-                let (height, width) = open_film(&film_path(folder, episode))?.size();
+            Self::Video => {
+                let (height, width) = open_video(&video_path(folder, episode))?.size();
                 Ok([height, width, 3])
             }
         }
@@ -65,8 +65,8 @@ impl Store {
                 Ok(checksum.finalize())
             }
             #[cfg(feature = "video")]
-            Self::Film => {
-                let path = film_path(folder, episode);
+            Self::Video => {
+                let path = video_path(folder, episode);
                 fs::read(&path)
                     .map(|bytes| crc32fast::hash(&bytes))
                     .map_err(|e| format!("{}: {e}", path.display()))
@@ -102,15 +102,15 @@ fn files_from(folder: &Path, first: u64) -> std::io::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Reads pictures; keeps what the next rows of the same episode need.
+/// Reads images; keeps what the next rows of the same episode need.
 #[derive(Debug, Default)]
-pub(super) struct PictureReader {
+pub(super) struct ImageReader {
     #[cfg(feature = "video")]
-    film: Option<(PathBuf, FilmReader)>,
+    video: Option<(PathBuf, VideoReader)>,
 }
 
-impl PictureReader {
-    /// Reads rows of an episode into `out`, `[steps.count, H, W, C]`. A `checksum` guards the decoder of films.
+impl ImageReader {
+    /// Reads rows of an episode into `out`, `[steps.count, H, W, C]`. A `checksum` guards the decoder of videos.
     pub(super) fn read(
         &mut self,
         store: Store,
@@ -119,12 +119,12 @@ impl PictureReader {
         (field, steps): (&Field, Steps),
         #[cfg_attr(
             not(feature = "video"),
-            expect(unused_variables, reason = "no films, no decoder to guard")
+            expect(unused_variables, reason = "no videos, no decoder to guard")
         )]
         checksum: Option<u32>,
         out: &mut [u8],
     ) -> Result<(), String> {
-        let &[height, width, channels] = &field.shape[..] else { return Err("no pictures".to_owned()) };
+        let &[height, width, channels] = &field.shape[..] else { return Err("no images".to_owned()) };
         match store {
             Store::Jpeg => {
                 for (at, frame) in out.chunks_exact_mut(height * width * channels).enumerate() {
@@ -135,19 +135,19 @@ impl PictureReader {
                 Ok(())
             }
             #[cfg(feature = "video")]
-            Store::Film => {
-                let path = film_path(folder, episode);
+            Store::Video => {
+                let path = video_path(folder, episode);
                 let failed = |error: String| format!("{}: {error}", path.display());
-                if self.film.as_ref().is_none_or(|(open, _)| *open != path) {
-                    self.film = None;
+                if self.video.as_ref().is_none_or(|(open, _)| *open != path) {
+                    self.video = None;
                     let bytes = fs::read(&path).map_err(|error| failed(error.to_string()))?;
                     if checksum.is_some_and(|checksum| checksum != crc32fast::hash(&bytes)) {
                         return Err(failed("its checksum is wrong, the file was changed".to_owned()));
                     }
-                    self.film = Some((path.clone(), FilmReader::new(bytes).map_err(failed)?));
+                    self.video = Some((path.clone(), VideoReader::new(bytes).map_err(failed)?));
                 }
-                let Some((_, film)) = &mut self.film else { return Ok(()) };
-                film.read([height, width, channels], steps, out).map_err(failed)?;
+                let Some((_, video)) = &mut self.video else { return Ok(()) };
+                video.read([height, width, channels], steps, out).map_err(failed)?;
                 Ok(())
             }
         }
@@ -170,12 +170,12 @@ fn read_jpeg(folder: &Path, episode: u64, row: usize) -> Result<(Vec<u8>, PathBu
 }
 
 #[cfg(feature = "video")]
-pub(super) fn film_path(folder: &Path, episode: u64) -> PathBuf {
+pub(super) fn video_path(folder: &Path, episode: u64) -> PathBuf {
     folder.join(format!("ep_{episode}.mp4"))
 }
 
 #[cfg(feature = "video")]
-fn open_film(path: &Path) -> Result<Mp4Reader<BufReader<File>>, String> {
+fn open_video(path: &Path) -> Result<Mp4Reader<BufReader<File>>, String> {
     let file = File::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
     Mp4Reader::new(BufReader::new(file)).map_err(|error| format!("{}: {error}", path.display()))
 }

@@ -1,4 +1,4 @@
-//! Writing columns of pictures: one JPEG file per row, or one H.264 film per episode. The other direction is `pictures`.
+//! Writing columns of images: one JPEG file per row, or one H.264 video per episode. The other direction is `images`.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -6,12 +6,12 @@ use std::path::PathBuf;
 
 #[cfg(feature = "video")]
 #[cfg(feature = "video")]
-use super::pictures::film_path;
-use super::pictures::{Store, jpeg_path};
+use super::images::video_path;
+use super::images::{Store, jpeg_path};
 use crate::dataset::WriteOptions;
-#[cfg(feature = "video")]
-use crate::film::{FilmWriter, encoding};
 use crate::recording::Place;
+#[cfg(feature = "video")]
+use crate::video::{VideoWriter, encoding};
 use crc32fast::Hasher;
 use rayon::prelude::*;
 use swm_core::Field;
@@ -20,8 +20,8 @@ use swm_media::jpeg;
 /// Quality of JPEG files if none is asked for.
 const JPEG_QUALITY: u8 = 95;
 
-/// Writes the pictures of one column, an episode after the other.
-pub(super) struct PictureWriter {
+/// Writes the images of one column, an episode after the other.
+pub(super) struct ImageWriter {
     store: Store,
     folder: PathBuf,
     field: Field,
@@ -32,17 +32,17 @@ pub(super) struct PictureWriter {
     last: Option<Written>,
     checksum: Hasher,
     #[cfg(feature = "video")]
-    film: Option<FilmWriter>,
+    video: Option<VideoWriter>,
 }
 
-/// A picture, the row that it was written for first, its file.
+/// An image, the row that it was written for first, its file.
 struct Written {
     pixels: Vec<u8>,
     row: usize,
     file: Vec<u8>,
 }
 
-impl PictureWriter {
+impl ImageWriter {
     /// Writes into `folder`, which exists. The store takes the field.
     pub(super) fn new(store: Store, folder: PathBuf, field: &Field, options: &WriteOptions) -> Self {
         Self {
@@ -54,7 +54,7 @@ impl PictureWriter {
             last: None,
             checksum: Hasher::new(),
             #[cfg(feature = "video")]
-            film: None,
+            video: None,
         }
     }
 
@@ -66,12 +66,12 @@ impl PictureWriter {
                 self.append_jpegs(at.row, &rows.chunks_exact(self.field.width()).collect::<Vec<_>>())
             }
             #[cfg(feature = "video")]
-            Store::Film => {
-                let film = match &mut self.film {
-                    Some(film) => film,
-                    None => self.film.insert(FilmWriter::new(&self.field, &encoding(&self.options))?),
+            Store::Video => {
+                let video = match &mut self.video {
+                    Some(video) => video,
+                    None => self.video.insert(VideoWriter::new(&self.field, &encoding(&self.options))?),
                 };
-                film.append(rows)
+                video.append(rows)
             }
         }
     }
@@ -84,20 +84,20 @@ impl PictureWriter {
                 Ok(std::mem::take(&mut self.checksum).finalize())
             }
             #[cfg(feature = "video")]
-            Store::Film => {
-                let film = self.film.take().ok_or("a film without frames")?;
-                let bytes = film.finish()?;
-                let path = film_path(&self.folder, self.episode);
+            Store::Video => {
+                let video = self.video.take().ok_or("a video without frames")?;
+                let bytes = video.finish()?;
+                let path = video_path(&self.folder, self.episode);
                 fs::write(&path, &bytes).map_err(|error| format!("{}: {error}", path.display()))?;
                 Ok(crc32fast::hash(&bytes))
             }
         }
     }
 
-    /// Pictures that equal the one before are links to its file, where the file system has links: a goal costs one file.
+    /// Images that equal the one before are links to its file, where the file system has links: a goal costs one file.
     fn append_jpegs(&mut self, first: usize, frames: &[&[u8]]) -> Result<(), String> {
         let quality = self.options.quality.unwrap_or(JPEG_QUALITY);
-        let &[height, width, channels] = &self.field.shape[..] else { return Err("no pictures".to_owned()) };
+        let &[height, width, channels] = &self.field.shape[..] else { return Err("no images".to_owned()) };
         let before = self.last.as_ref().map(|last| last.pixels.as_slice());
         let same = |index: usize| match index {
             0 => before == Some(frames[0]),

@@ -1,4 +1,4 @@
-//! A film that grows: frames come in pieces of any size, the bytes of the file at the end. Only what is encoded is held.
+//! A video that grows: frames come in pieces of any size, the bytes of the file at the end. Only what is encoded is held.
 //!
 //! Frames are encoded in segments of a fixed number, each by an encoder of its own and from a key frame on; so segments
 //! are encoded side by side, and the bytes depend neither on the number of threads nor on how the frames came.
@@ -10,15 +10,15 @@ use rayon::prelude::*;
 
 use super::planes::Planes;
 use super::{Mp4Options, SIDES, WAY_OUT, refused, settings};
-use crate::clip::{check_film, check_frame};
+use crate::clip::{check_frame, check_video};
 use crate::error::MediaError;
 use crate::format::Format;
 
 /// A segment has at least so many frames: the start of an encoder takes as long as that of a few frames.
 const SEGMENT: usize = 40;
 
-/// A film that is being encoded.
-pub struct Film {
+/// A video that is being encoded.
+pub struct Video {
     height: usize,
     width: usize,
     options: Mp4Options,
@@ -41,14 +41,14 @@ struct Segment {
 /// An encoded frame, and whether it is a key frame.
 type Encoded = (Vec<u8>, bool);
 
-impl Film {
-    /// A film of frames `[H, W, 3]`.
+impl Video {
+    /// A video of frames `[H, W, 3]`.
     ///
     /// # Errors
     ///
     /// A frame rate that is no rate, frames of less than 16 or more than 2,160 pixels a side.
     pub fn new(height: usize, width: usize, options: &Mp4Options) -> Result<Self, MediaError> {
-        check_film(Format::Mp4, [height, width], 1, options.frames_per_second, SIDES, WAY_OUT)?;
+        check_video(Format::Mp4, [height, width], 1, options.frames_per_second, SIDES, WAY_OUT)?;
         let period = options.key_frame_period.max(1) as usize;
         Ok(Self {
             height,

@@ -1,15 +1,15 @@
-//! What networks are computed on: this machine's processor, or a GPU in builds with the feature `cuda`.
+//! What networks are computed on: this machine's CPU, or a GPU in builds with the feature `cuda`.
 
 use std::fmt;
 use std::str::FromStr;
 
-use burn::tensor::Device;
+use burn::tensor::Device as TensorDevice;
 
 use crate::error::BaselineError;
 
 /// What networks are computed on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Processor {
+pub enum Device {
     /// That of this machine, with all its threads.
     #[default]
     Cpu,
@@ -17,17 +17,17 @@ pub enum Processor {
     Cuda(usize),
 }
 
-impl Processor {
+impl Device {
     /// Where its tensors lie; an error where it is not there.
-    pub(crate) fn device(self) -> Result<Device, BaselineError> {
+    pub(crate) fn device(self) -> Result<TensorDevice, BaselineError> {
         match self {
-            Self::Cpu => Ok(Device::flex()),
+            Self::Cpu => Ok(TensorDevice::flex()),
             Self::Cuda(number) => gpu(number),
         }
     }
 }
 
-impl FromStr for Processor {
+impl FromStr for Device {
     type Err = BaselineError;
 
     /// From `cpu`, `cuda` or `cuda:1`.
@@ -42,7 +42,7 @@ impl FromStr for Processor {
     }
 }
 
-impl fmt::Display for Processor {
+impl fmt::Display for Device {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Cpu => f.write_str("cpu"),
@@ -52,12 +52,12 @@ impl fmt::Display for Processor {
 }
 
 #[cfg(feature = "cuda")]
-fn gpu(number: usize) -> Result<Device, BaselineError> {
-    let found = Device::enumerate(burn::tensor::DeviceType::Cuda).len();
+fn gpu(number: usize) -> Result<TensorDevice, BaselineError> {
+    let found = TensorDevice::enumerate(burn::tensor::DeviceType::Cuda).len();
     if number < found {
-        return Ok(Device::cuda(number));
+        return Ok(TensorDevice::cuda(number));
     }
-    let name = Processor::Cuda(number).to_string();
+    let name = Device::Cuda(number).to_string();
     Err(refused(
         &name,
         format!("CUDA finds {found} GPUs on this machine, counted from 0; use one of them, or cpu"),
@@ -65,10 +65,10 @@ fn gpu(number: usize) -> Result<Device, BaselineError> {
 }
 
 #[cfg(not(feature = "cuda"))]
-fn gpu(number: usize) -> Result<Device, BaselineError> {
+fn gpu(number: usize) -> Result<TensorDevice, BaselineError> {
     let reason = "this build has no CUDA; use cpu, or build it with it: \
                   cargo install --path crates/swm --features cuda";
-    Err(refused(&Processor::Cuda(number).to_string(), reason.to_owned()))
+    Err(refused(&Device::Cuda(number).to_string(), reason.to_owned()))
 }
 
 fn refused(name: &str, reason: String) -> BaselineError {
@@ -80,14 +80,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn processors_have_names() {
-        let named = [("cpu", Processor::Cpu), ("cuda", Processor::Cuda(0)), ("cuda:3", Processor::Cuda(3))];
+    fn cpus_have_names() {
+        let named = [("cpu", Device::Cpu), ("cuda", Device::Cuda(0)), ("cuda:3", Device::Cuda(3))];
         for (text, expected) in named {
-            assert_eq!(text.parse::<Processor>().unwrap(), expected);
-            assert_eq!(expected.to_string().parse::<Processor>().unwrap(), expected);
+            assert_eq!(text.parse::<Device>().unwrap(), expected);
+            assert_eq!(expected.to_string().parse::<Device>().unwrap(), expected);
         }
         for text in ["gpu", "cpu:0", "cuda:", "cuda:-1", "cuda3", ""] {
-            let error = text.parse::<Processor>().unwrap_err().to_string();
+            let error = text.parse::<Device>().unwrap_err().to_string();
             assert!(error.contains("use cpu, cuda, or cuda:NUMBER"), "{error}");
         }
     }
@@ -95,7 +95,7 @@ mod tests {
     /// No machine has so many GPUs: the refusal is one of every build.
     #[test]
     fn a_gpu_that_is_not_there_is_refused_with_the_way_out() {
-        let error = Processor::Cuda(999).device().unwrap_err().to_string();
+        let error = Device::Cuda(999).device().unwrap_err().to_string();
         assert!(error.starts_with("device `cuda:999`: ") && error.contains("cpu"), "{error}");
     }
 }

@@ -1,4 +1,4 @@
-//! The world model of pictures that needs no training: what is seen, made coarse, and nothing ever changes. The yardstick for
+//! The world model of images that needs no training: what is seen, made coarse, and nothing ever changes. The yardstick for
 //! what probes and violations tell of learned latents.
 
 use swm_core::Row;
@@ -7,18 +7,18 @@ use swm_core::evaluate::quality::WorldModel;
 
 /// A model whose latent `[C, C, 3]` is the column `pixels` `[H, W, 3]`, averaged over C × C cells, from 0 to 1.
 #[derive(Clone, Debug)]
-pub struct PictureModel {
+pub struct ImageModel {
     cells: usize,
 }
 
-impl PictureModel {
+impl ImageModel {
     /// With `cells` × `cells` cells; at least 1.
     pub fn new(cells: usize) -> Self {
         Self { cells: cells.max(1) }
     }
 }
 
-impl WorldModel for PictureModel {
+impl WorldModel for ImageModel {
     fn latent_width(&self) -> usize {
         self.cells * self.cells * 3
     }
@@ -30,7 +30,7 @@ impl WorldModel for PictureModel {
             return Err(format!("`pixels` has the shape {shape:?}, not [height, width, 3]").into());
         };
         if height < self.cells || width < self.cells {
-            return Err(format!("pictures of {width} × {height} have no {0} × {0} cells", self.cells).into());
+            return Err(format!("images of {width} × {height} have no {0} × {0} cells", self.cells).into());
         }
         let cells = self.cells;
         for (cell, latent) in latent.chunks_exact_mut(3).enumerate() {
@@ -65,9 +65,9 @@ mod tests {
     fn cells_are_means_of_their_pixels() {
         let fields = vec![Field::step("pixels", Dtype::U8, &[3, 2, 3])];
         let mut rows = Batch::new(Schema::new(fields).unwrap(), 1);
-        let picture: Vec<u8> = (0..18).collect();
-        rows.rows_mut().write(0, &picture);
-        let (mut whole, mut cells) = (PictureModel::new(1), PictureModel::new(2));
+        let image: Vec<u8> = (0..18).collect();
+        rows.rows_mut().write(0, &image);
+        let (mut whole, mut cells) = (ImageModel::new(1), ImageModel::new(2));
         let mut latent = vec![0.0; whole.latent_width()];
         whole.encode(rows.row(0), &mut latent).unwrap();
         // Red is 0, 3, …, 15.
@@ -79,7 +79,7 @@ mod tests {
             (latent[1] * 255.0 - 1.0).abs() < 1e-12 && (latent[9] * 255.0 - 12.0).abs() < 1e-12,
             "{latent:?}"
         );
-        let message = PictureModel::new(3).encode(rows.row(0), &mut [0.0; 27]).unwrap_err().to_string();
+        let message = ImageModel::new(3).encode(rows.row(0), &mut [0.0; 27]).unwrap_err().to_string();
         assert!(message.contains("2 × 3"), "{message}");
     }
 }
