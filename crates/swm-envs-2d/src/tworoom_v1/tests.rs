@@ -99,7 +99,7 @@ fn trajectories_with_known_factors_follow_the_reference() {
 }
 
 /// A decoded image: height, width, `[H, W, 3]`.
-fn image(npz: &mut NpzReader<File>, name: &str) -> (usize, usize, Vec<u8>) {
+fn decoded(npz: &mut NpzReader<File>, name: &str) -> (usize, usize, Vec<u8>) {
     let bytes: Array1<u8> = npz.by_name(name).unwrap();
     let mut reader = png::Decoder::new(std::io::Cursor::new(bytes.to_vec())).read_info().unwrap();
     let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
@@ -156,7 +156,7 @@ fn images_of_every_size_are_the_references() {
         for size in ["32", "64", "84", "96", "128", "224", "256", "48x64_hw"] {
             let name =
                 if size == "224" { "render224_png".into() } else { format!("pil_bilinear_{size}_png") };
-            let (height, width, theirs) = image(&mut npz, &name);
+            let (height, width, theirs) = decoded(&mut npz, &name);
             let image = Some(ImageSize { height, width });
             let (mut env, mut row) = env(&EnvConfig { image, ..EnvConfig::default() });
             reset(&mut env, &options).unwrap();
@@ -195,13 +195,13 @@ fn images_of_trajectories_are_the_references() {
             let ours: &[u8] = row.row(0).get(column).unwrap();
             ours.chunks(3).zip(theirs.chunks(3)).filter(|(a, b)| a != b).count()
         };
-        assert_eq!(differ(&row, "goal", &image(&mut npz, "goal_png").2), 0, "{name}: goal");
+        assert_eq!(differ(&row, "goal", &decoded(&mut npz, "goal_png").2), 0, "{name}: goal");
         for step in 0..=actions.nrows() {
             if let Ok(bytes) = npz.by_name::<ndarray::OwnedRepr<u8>, ndarray::Ix1>(&format!("img_{step}_png"))
             {
                 drop(bytes);
                 env.observe(&mut row.rows_mut());
-                let (.., theirs) = image(&mut npz, &format!("img_{step}_png"));
+                let (.., theirs) = decoded(&mut npz, &format!("img_{step}_png"));
                 assert_eq!(differ(&row, "pixels", &theirs), 0, "{name}: step {step}");
             }
             if step < actions.nrows() {

@@ -62,12 +62,12 @@ fn resizes_are_the_references() {
             continue;
         }
         let mut npz = NpzReader::new(File::open(&path).expect("readable")).expect("an npz file");
-        let mut image = |name: &str| {
+        let mut decoded = |name: &str| {
             let bytes: Array1<u8> = npz.by_name(name).expect("an array of bytes");
             decode_png(&bytes.to_vec())
         };
-        let canvas = image("canvas512_png");
-        let image = image("render224_png");
+        let canvas = decoded("canvas512_png");
+        let image = decoded("render224_png");
         let canvas = Canvas::from_rgb(512, 512, &canvas.rgb).expect("a 512-px canvas");
         let mut ours = vec![0; 224 * 224 * 3];
         FixedBilinear::new(512, 224)
@@ -75,7 +75,7 @@ fn resizes_are_the_references() {
             .expect("sizes and lengths fit");
         assert_eq!(difference(&ours, &image.rgb), (0, 0), "{}: 512 to 224", path.display());
         for size in ["32", "64", "84", "96", "128", "256", "48x64_hw"] {
-            let theirs = image(&format!("pil_bilinear_{size}_png"));
+            let theirs = decoded(&format!("pil_bilinear_{size}_png"));
             let ours = resized(&image.rgb, [224, 224], [theirs.height, theirs.width]);
             assert_eq!(difference(&ours, &theirs.rgb), (0, 0), "{}: 224 to {size}", path.display());
             cases += 1;
