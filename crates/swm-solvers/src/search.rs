@@ -5,13 +5,12 @@ use std::mem::MaybeUninit;
 
 use rayon::prelude::*;
 use serde_json::{Map, Value as Json};
-use swm_core::{Settings as _, Space};
+use swm_core::Space;
 
 use crate::bounds::{box_bounds, clamp, fill_bounds};
 use crate::cost::Cost;
 use crate::error::PlanError;
 use crate::sampling::{Noise, cheapest, count_non_finite, fill_normal};
-use crate::settings::Validate as _;
 use crate::solver::{Plan, PlanKey, Problem, Solver, SolverConfig};
 use crate::trace::{Iteration, Trace};
 use crate::workspace::Workspace;
