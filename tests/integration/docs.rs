@@ -3,9 +3,8 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use swm::core::registry::Setting;
-use swm::core::{EnvConfig, Registry};
-use swm::solvers::{PlanConfig, SOLVERS, Settings as _, SimulatorOptions};
+use swm::core::{EnvConfig, Registry, Setting, Settings as _};
+use swm::solvers::{PlanConfig, SOLVERS, SimulatorOptions};
 
 use crate::support::root;
 

@@ -8,6 +8,7 @@
 //! * [`recorder`], [`dataset`], [`evaluate`]: what watches the loop;
 //! * [`view`]: how images are shown: distractors;
 //! * [`registry`]: tables of environments and policies;
+//! * [`settings`](mod@settings): settings with their defaults and help, declared once;
 //! * [`testing`]: conformance checks that any environment can run.
 //!
 //! This crate knows no file format, no image format, no physics and no tensor.
@@ -22,6 +23,7 @@ pub mod policy;
 pub mod recorder;
 pub mod registry;
 pub mod seed;
+pub mod settings;
 pub mod smooth;
 pub mod space;
 pub mod testing;
@@ -39,5 +41,6 @@ pub use policy::{Actions, Actor, LiveEpisode, PerEpisode, Policy, RowView, View}
 pub use recorder::{EpisodeEnd, LiveRow, Margins, Recorder, RunInfo};
 pub use registry::{EnvEntry, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};
 pub use seed::EpisodeSeed;
+pub use settings::Settings;
 pub use space::Space;
 pub use world::{MAX_FRAME_SKIP, Rollout, Scenario, World, WorldOptions};

@@ -39,6 +39,13 @@ pub struct Setting {
     pub default: &'static str,
 }
 
+impl Setting {
+    /// A setting with its help and the text of its default.
+    pub const fn new(name: &'static str, doc: &'static str, default: &'static str) -> Self {
+        Self { name, doc, default }
+    }
+}
+
 /// One policy of a table.
 #[derive(Clone, Copy, Debug)]
 pub struct PolicyEntry {
@@ -147,7 +154,8 @@ impl PolicyArgs {
     }
 }
 
-fn literal(text: &str) -> Json {
+/// A value as it is written on a command line.
+pub(crate) fn literal(text: &str) -> Json {
     if let Ok(number) = text.parse::<i64>() {
         return number.into();
     }

@@ -5,19 +5,20 @@ use std::f64::consts::TAU;
 
 use rand::RngExt as _;
 use rand_distr::{Distribution as _, StandardNormal};
-use serde::{Deserialize, Serialize};
 
 use crate::batch::SliceMut;
 use crate::error::PolicyError;
 use crate::policy::{Actor, PerEpisode, Policy, RowView};
-use crate::registry::{PolicyEntry, Setting};
+use crate::registry::PolicyEntry;
+use crate::settings;
+use crate::settings::Settings as _;
 use crate::space::Space;
 
 /// The smooth random policies, for the registry.
 pub(crate) const ENTRIES: [PolicyEntry; 2] = [
     PolicyEntry {
         name: "ou",
-        summary: "smooth random actions: an Ornstein-Uhlenbeck process per number",
+        summary: "smooth random actions: an Ornstein-Uhlenbeck process per element",
         settings: OrnsteinUhlenbeck::SETTINGS,
         make: |_, args| Ok(Box::new(ornstein_uhlenbeck(args.parse_as()?)?)),
     },
@@ -29,65 +30,35 @@ pub(crate) const ENTRIES: [PolicyEntry; 2] = [
     },
 ];
 
-/// An Ornstein-Uhlenbeck process per number of the action: `x += -theta x + sigma n` with standard normal n, from where the
-/// process would be after a long time. The action is the middle of its bounds plus x times half their width, clipped.
-///
-/// The defaults have a memory of about 7 steps and a standard deviation of 0.57 of the half width. Source: Lillicrap et
-/// al., *Continuous Control with Deep Reinforcement Learning* (2016), who use a sigma of 0.2.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct OrnsteinUhlenbeck {
-    /// The share of the way back to the middle that a step takes, above 0 and up to 1 (white noise).
-    pub theta: f64,
-    /// Standard deviation of a step's noise, in half widths.
-    pub sigma: f64,
-}
-
-impl Default for OrnsteinUhlenbeck {
-    fn default() -> Self {
-        Self { theta: 0.15, sigma: 0.3 }
+settings! {
+    /// An Ornstein-Uhlenbeck process per element of the action: `x += -theta x + sigma n` with standard normal n, starting in
+    /// its stationary distribution. The action is the middle of its bounds plus x times half their range, clipped.
+    ///
+    /// The defaults have a memory of about 7 steps and a standard deviation of 0.57 of half the range. Source: Lillicrap et
+    /// al., *Continuous Control with Deep Reinforcement Learning* (2016), who use a sigma of 0.2.
+    #[derive(Copy)]
+    pub struct OrnsteinUhlenbeck {
+        /// Fraction of the distance to the middle that a step covers, above 0 and up to 1 (white noise).
+        theta: f64 = 0.15,
+        /// Standard deviation of a step's noise, in halves of the action's range.
+        sigma: f64 = 0.3,
     }
 }
 
-impl OrnsteinUhlenbeck {
-    const SETTINGS: &'static [Setting] = &[
-        Setting {
-            name: "theta",
-            doc: "share of the way back to the middle per step, up to 1",
-            default: "0.15",
-        },
-        Setting { name: "sigma", doc: "noise per step, in halves of the action's width", default: "0.3" },
-    ];
-}
-
-/// A sum of sines per number of the action. Frequencies, phases and shares are drawn once per episode: frequencies
-/// uniform between those of the two periods, shares uniform and scaled to add up to `amplitude`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Sines {
-    /// How many sines are added.
-    pub waves: usize,
-    /// The largest value that the sum could take, in half widths; beyond 1 the action is clipped.
-    pub amplitude: f64,
-    /// The shortest period, in steps.
-    pub shortest: f64,
-    /// The longest period, in steps.
-    pub longest: f64,
-}
-
-impl Default for Sines {
-    fn default() -> Self {
-        Self { waves: 2, amplitude: 1.0, shortest: 10.0, longest: 100.0 }
+settings! {
+    /// A sum of sines per element of the action. Frequencies, phases and weights are sampled once per episode: frequencies
+    /// uniform between those of the two periods, weights uniform and scaled to add up to `amplitude`.
+    #[derive(Copy)]
+    pub struct Sines {
+        /// Sines per element of the action, 1 to 100.
+        waves: usize = 2,
+        /// Largest value that the sum can take, in halves of the action's range; the action is clipped.
+        amplitude: f64 = 1.0,
+        /// Shortest period in steps (2 or more).
+        shortest: f64 = 10.0,
+        /// Longest period in steps.
+        longest: f64 = 100.0,
     }
-}
-
-impl Sines {
-    const SETTINGS: &'static [Setting] = &[
-        Setting { name: "waves", doc: "sines per number of the action, 1 to 100", default: "2" },
-        Setting { name: "amplitude", doc: "largest sum, in halves of the action's width", default: "1" },
-        Setting { name: "shortest", doc: "shortest period in steps (2 or more)", default: "10" },
-        Setting { name: "longest", doc: "longest period in steps", default: "100" },
-    ];
 }
 
 /// A policy of [`OrnsteinUhlenbeck`] processes.
@@ -103,7 +74,7 @@ pub fn ornstein_uhlenbeck(settings: OrnsteinUhlenbeck) -> Result<impl Policy, Po
     let keep = 1.0 - theta;
     // Where variance gained and lost are equal.
     let long_run = sigma / (1.0 - keep * keep).sqrt();
-    Ok(PerEpisode::new(description(NAME, &settings), move |view: &RowView<'_>| {
+    Ok(PerEpisode::new(settings.describe_as(NAME), move |view: &RowView<'_>| {
         let scale = Scale::of(NAME, view)?;
         let mut stream = view.episode.seed.stream("policy ou start");
         let process = scale.0.iter().map(|_| long_run * normal(&mut stream)).collect();
@@ -129,7 +100,7 @@ pub fn sines(settings: Sines) -> Result<impl Policy, PolicyError> {
             "periods from {shortest} to {longest} steps; the shortest is 2 or more, the longest no shorter"
         )
     })?;
-    Ok(PerEpisode::new(description(NAME, &settings), move |view: &RowView<'_>| {
+    Ok(PerEpisode::new(settings.describe_as(NAME), move |view: &RowView<'_>| {
         let scale = Scale::of(NAME, view)?;
         let mut stream = view.episode.seed.stream("policy sine");
         let mut all = Vec::with_capacity(scale.0.len() * waves);
@@ -149,15 +120,6 @@ pub fn sines(settings: Sines) -> Result<impl Policy, PolicyError> {
 
 fn require(policy: &str, holds: bool, reason: impl FnOnce() -> String) -> Result<(), PolicyError> {
     if holds { Ok(()) } else { Err(PolicyError::Argument { policy: policy.to_owned(), reason: reason() }) }
-}
-
-/// The name, and the settings that are not the defaults.
-fn description<T: Serialize + Default>(name: &str, settings: &T) -> String {
-    let json = |settings: &T| serde_json::to_value(settings).unwrap_or_default();
-    let (given, default) = (json(settings), json(&T::default()));
-    let changed = given.as_object().into_iter().flatten().filter(|(key, value)| default[*key] != **value);
-    let changed: Vec<String> = changed.map(|(key, value)| format!("{key}={value}")).collect();
-    if changed.is_empty() { name.to_owned() } else { format!("{name}:{}", changed.join(",")) }
 }
 
 /// Middle and half width of every number of an action.
@@ -250,7 +212,7 @@ fn sine_of_turns(turns: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::registry::{BASIC_POLICIES, PolicyArgs, PolicyContext};
-    use crate::testing::{DISCRETE_TOY, TOY};
+    use crate::testing::{DISCRETE_TOY, TOY, assert_documented_defaults};
     use crate::{
         BoxError, EnvConfig, EnvEntry, EpisodeEnd, LiveRow, Recorder, ResetOptions, Rollout, Scenario, World,
         WorldError, WorldOptions,
@@ -355,16 +317,8 @@ mod tests {
 
     #[test]
     fn documented_defaults_are_the_defaults() {
-        for entry in ENTRIES {
-            let all: Vec<String> =
-                entry.settings.iter().map(|s| format!("{}={}", s.name, s.default)).collect();
-            let text = format!("{}:{}", entry.name, all.join(","));
-            let args = PolicyArgs::parse(&text).unwrap();
-            match entry.name {
-                "ou" => assert_eq!(args.parse_as::<OrnsteinUhlenbeck>().unwrap(), Default::default()),
-                _ => assert_eq!(args.parse_as::<Sines>().unwrap(), Default::default()),
-            }
-        }
+        assert_documented_defaults::<OrnsteinUhlenbeck>();
+        assert_documented_defaults::<Sines>();
         let changed = ornstein_uhlenbeck(OrnsteinUhlenbeck { sigma: 0.5, ..Default::default() }).unwrap();
         assert_eq!(changed.describe(), "ou:sigma=0.5");
     }

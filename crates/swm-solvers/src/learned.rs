@@ -3,18 +3,18 @@
 
 use serde_json::{Map, Value as Json};
 use swm_core::error::{did_you_mean, nearest};
-use swm_core::registry::Setting;
+use swm_core::{Setting, Settings as _};
 
 use crate::cost::Cost;
 use crate::error::PlanError;
 use crate::mpc::{ActionScale, MpcPolicy, PlanConfig};
-use crate::settings::{Settings as _, refuse_rest, take};
+use crate::settings::{refuse_rest, take, take_named};
 use crate::solver::SolverEntry;
 use crate::solvers::SOLVERS;
 
 /// Which solver plans on a learned model.
 pub const SOLVER_SETTING: Setting =
-    Setting { name: "solver", doc: "a solver of `swm solvers`; its settings follow", default: "cem" };
+    Setting::new("solver", "A solver of `swm solvers`; its settings follow", "cem");
 
 /// A model's cost, and what plans on it must be like.
 pub struct LearnedCost {
@@ -52,7 +52,7 @@ pub fn take_solver(given: &mut Map<String, Json>) -> Result<&'static SolverEntry
 /// model's.
 pub fn plan_on(learned: LearnedCost, mut given: Map<String, Json>) -> Result<MpcPolicy, PlanError> {
     let solver = take_solver(&mut given)?;
-    let own = solver.settings.iter().filter_map(|setting| given.shift_remove_entry(setting.name)).collect();
+    let own = take_named(&mut given, solver.settings, solver.renamed)?;
     let block = learned.action_block;
     if given.get("action_block").is_some_and(|asked| asked.as_u64() != Some(block as u64)) {
         let reason = format!("the model was trained on blocks of {block}; leave it out");

@@ -81,11 +81,11 @@ pub use learned::{LearnedCost, SOLVER_SETTING, plan_on, take_solver};
 pub use mpc::{ActionMap, ActionScale, HistoryView, Moment, MpcPolicy, PlanConfig, Report};
 pub use planners::{EXPERT, PLANNERS, expert_args};
 pub use sampling::{Noise, cheapest, clip, count_non_finite};
-pub use settings::Settings;
+pub use settings::Validate;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
 pub use solver::{MakePlanner, MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
 pub use solvers::{
-    Adam, AdamW, CategoricalCem, Cem, Form, Icem, Lagrangian, Mppi, Optimizer, Pgd, PredictiveSampling,
+    Adam, AdamW, CategoricalCem, Cem, Icem, Lagrangian, Mppi, Optimizer, Penalty, Pgd, PredictiveSampling,
     SOLVERS, Select, Sgd, TemperatureMode,
 };
 #[cfg(feature = "faer")]

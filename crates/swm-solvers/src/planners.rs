@@ -1,12 +1,14 @@
 //! Solvers as policies: MPC on the true simulator, for any environment that has a task cost.
 
 use serde_json::{Map, Value as Json};
-use swm_core::registry::Setting;
-use swm_core::{EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
+use swm_core::settings::Table;
+use swm_core::{
+    EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Setting, Settings as _,
+};
 
 use crate::error::PlanError;
 use crate::mpc::{MpcPolicy, PlanConfig};
-use crate::settings::{Joined, Settings, join, refuse_rest, take};
+use crate::settings::{refuse_rest, take};
 use crate::simulator::{SimulatorCost, SimulatorOptions};
 use crate::solver::{SolverConfig, SolverEntry};
 use crate::solvers::SOLVERS;
@@ -80,7 +82,8 @@ pub(crate) const fn on_simulator<S: SolverConfig>() -> PolicyEntry {
 struct AllSettings<S>(std::marker::PhantomData<S>);
 
 impl<S: SolverConfig> AllSettings<S> {
-    const JOINED: &'static Joined = &join(&[S::SETTINGS, PlanConfig::SETTINGS, SimulatorOptions::SETTINGS]);
+    const JOINED: &'static Table =
+        &Table::of(&[S::SETTINGS, PlanConfig::SETTINGS, SimulatorOptions::SETTINGS]);
     const TABLE: &'static [Setting] = Self::JOINED.as_slice();
 }
 
@@ -150,6 +153,13 @@ mod tests {
     fn a_description_makes_the_same_policy_again() {
         let text = "cem:samples=64,sigma=0.5,return_best=true,horizon=7,aggregate=mean";
         assert_eq!(describe(text).unwrap(), text);
+    }
+
+    #[test]
+    fn former_names_of_settings_are_read() {
+        assert_eq!(describe("icem:normalise=analytic").unwrap(), "icem:normalize=analytic");
+        let message = describe("icem:normalise=analytic,normalize=analytic").unwrap_err().to_string();
+        assert!(message.contains("the former name of `normalize`"), "{message}");
     }
 
     #[test]

@@ -1,14 +1,15 @@
 //! What every solver takes and gives. The solvers themselves stand in `solvers/`.
 
 use serde_json::{Map, Value as Json};
-use swm_core::registry::Setting;
-use swm_core::{EpisodeSeed, LiveEpisode, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Space};
+use swm_core::{
+    EpisodeSeed, LiveEpisode, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Setting, Space,
+};
 
 use crate::cost::{Candidates, Cost};
 use crate::error::PlanError;
 use crate::mpc::MpcPolicy;
 use crate::planners;
-use crate::settings::Settings;
+use crate::settings::Validate;
 use crate::space::plan_width;
 use crate::trace::Trace;
 use crate::workspace::Workspace;
@@ -226,7 +227,7 @@ fn refill<T: Clone>(values: &mut Vec<T>, len: usize, value: T) {
 }
 
 /// A solver that the tables can list.
-pub trait SolverConfig: Solver + Settings + 'static {
+pub trait SolverConfig: Solver + Validate + 'static {
     /// Its name: `cem`.
     const NAME: &'static str;
     /// What it does, in one line.
@@ -244,6 +245,8 @@ pub struct SolverEntry {
     pub summary: &'static str,
     /// Its settings.
     pub settings: &'static [Setting],
+    /// Former names of settings: `(old, new)`.
+    pub renamed: &'static [(&'static str, &'static str)],
     /// Makes one from settings by name.
     pub make: MakeSolver,
     /// The policy that plans with it on the true simulator.
@@ -267,6 +270,7 @@ impl SolverEntry {
             name: S::NAME,
             summary: S::SUMMARY,
             settings: S::SETTINGS,
+            renamed: S::RENAMED,
             make: |given| Ok(Box::new(S::from_settings(given)?)),
             on_simulator: planners::on_simulator::<S>(),
             plans_on_simulator: !S::NEEDS_CONTROL_MODEL,

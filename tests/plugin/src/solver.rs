@@ -1,31 +1,21 @@
-//! A solver of our own: many plans at random, the cheapest is taken.
+//! A custom solver: random shooting.
 
-use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
-use swm::core::{Setting, Space};
-use swm::solvers::{Cost, Noise, Plan, PlanError, Problem, Settings, Solver, SolverConfig, Trace, Workspace};
+use swm::core::{Settings as _, Space};
+use swm::solvers::{Cost, Noise, Plan, PlanError, Problem, Solver, SolverConfig, Trace, Validate, Workspace};
 
-/// Draws S plans around the initial one, once.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Shotgun {
-    /// S.
-    pub pellets: usize,
-}
-
-impl Default for Shotgun {
-    fn default() -> Self {
-        Self { pellets: 500 }
+swm::core::settings! {
+    /// Samples S plans around the initial one, once.
+    pub struct Shotgun {
+        /// How many plans are tried.
+        pellets: usize = 500,
     }
 }
 
-impl Settings for Shotgun {
-    const SETTINGS: &'static [Setting] =
-        &[Setting { name: "pellets", doc: "how many plans are tried", default: "500" }];
-
+impl Validate for Shotgun {
     fn validate(&self) -> Result<(), PlanError> {
         match self.pellets {
-            0 => Err(PlanError::Setting { name: "pellets".to_owned(), reason: "use 1 or more".to_owned() }),
+            0 => Err(PlanError::setting("pellets", "use 1 or more")),
             _ => Ok(()),
         }
     }

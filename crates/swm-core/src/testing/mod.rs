@@ -4,8 +4,11 @@
 mod checks;
 mod toy;
 
+use serde_json::{Map, Value as Json};
+
 use crate::env::{EnvConfig, ImageSize};
-use crate::registry::EnvEntry;
+use crate::registry::{EnvEntry, literal};
+use crate::settings::Settings;
 
 pub use checks::{
     deterministic, every_factor_acts, factors_are_independent, snapshots_are_exact, spec_is_sound,
@@ -38,6 +41,29 @@ pub fn assert_conforms_with(entry: &EnvEntry, config: &EnvConfig, only_in_images
         results.into_iter().filter_map(|(name, result)| Some(format!("{name}: {}", result.err()?)));
     let failures: Vec<String> = failures.collect();
     assert!(failures.is_empty(), "{} does not conform:\n  {}", entry.id, failures.join("\n  "));
+}
+
+/// Checks that every default of a table of settings, read as on a command line, is the default. Where nothing is set (`null`,
+/// `[]` or `{}`), the table may say so in words.
+///
+/// # Panics
+/// If a documented default is not the default.
+pub fn assert_documented_defaults<T: Settings>() {
+    let json = |settings: &T| serde_json::to_value(settings).unwrap_or_default();
+    let defaults = json(&T::default());
+    let names: Vec<&String> = defaults.as_object().into_iter().flat_map(Map::keys).collect();
+    assert_eq!(names, T::SETTINGS.iter().map(|setting| setting.name).collect::<Vec<_>>(), "one per field");
+    for setting in T::SETTINGS {
+        let is_nothing = match &defaults[setting.name] {
+            Json::Array(list) => list.is_empty(),
+            Json::Object(map) => map.is_empty(),
+            value => value.is_null(),
+        };
+        let given = Json::Object(Map::from_iter([(setting.name.to_owned(), literal(setting.default))]));
+        let read = serde_json::from_value(given).map(|settings| json(&settings));
+        let is_default = read.is_ok_and(|read| read == defaults);
+        assert!(is_nothing || is_default, "`{}` is not the default of `{}`", setting.default, setting.name);
+    }
 }
 
 #[cfg(test)]

@@ -1,48 +1,23 @@
-//! What the maker of a PointMaze environment may choose.
+//! Constructor settings of PointMaze.
 
-use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
-use swm_core::Setting;
+use swm_core::{Setting, Settings as _};
 
 use crate::settings::Render;
 
-/// Constructor settings. Unknown names are refused.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct Settings {
-    pub(super) with_target: bool,
-    pub(super) terminate_at_goal: bool,
-    pub(super) render: Render,
-    pub(super) init_value: Map<String, Json>,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self { with_target: true, terminate_at_goal: true, render: Render::Exact, init_value: Map::new() }
+swm_core::settings! {
+    /// Constructor settings. Unknown names are refused.
+    pub(super) struct Settings {
+        /// Render the goal.
+        with_target: bool = true,
+        /// Reaching the goal ends the episode.
+        terminate_at_goal: bool = true,
+        /// `exact`: with the rasterizer of the other environments' exact images; `fast`: directly at the requested size.
+        render: Render = Render::Exact => "exact",
+        /// Other defaults of factors, {name: value}.
+        init_value: Map<String, Json> = Map::new() => "{}",
     }
 }
 
-/// The settings for help and docs, one per field of `Settings`.
-pub(super) const SETTINGS: &[Setting] = &[
-    Setting { name: "with_target", doc: "draw the goal", default: "true" },
-    Setting { name: "terminate_at_goal", doc: "reaching the goal ends the episode", default: "true" },
-    Setting {
-        name: "render",
-        doc: "`exact`: as the other environments' exact images are made; `fast`: drawn at the asked size",
-        default: "exact",
-    },
-    Setting { name: "init_value", doc: "other defaults of factors, {name: value}", default: "{}" },
-];
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_setting_is_described() {
-        let json = serde_json::to_value(Settings::default()).unwrap();
-        let fields: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
-        let described: Vec<&str> = SETTINGS.iter().map(|setting| setting.name).collect();
-        assert_eq!(fields, described);
-    }
-}
+/// The settings for help and docs.
+pub(super) const SETTINGS: &[Setting] = Settings::SETTINGS;

@@ -1,11 +1,10 @@
 //! The experts: a teacher that knows the shortest way, a body that follows it. Both read the row and the maze of the settings.
 
-use serde::{Deserialize, Serialize};
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::policy::write_action;
 use swm_core::{
     Actor, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, RowView, Setting,
-    SliceMut,
+    Settings as _, SliceMut,
 };
 
 use super::Body;
@@ -32,22 +31,15 @@ pub(super) const ANT_POLICIES: &[PolicyEntry] = &[PolicyEntry {
     make: |context, args| make(context, args, Body::Ant),
 }];
 
-/// The arguments for help, one per field of `Arguments`.
-const SETTINGS: &[Setting] =
-    &[Setting { name: "noise", doc: "standard deviation of noise on each action; 0: none", default: "0.1" }];
-
-/// Arguments of the policies. Unknown names are refused.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Arguments {
-    noise: f64,
-}
-
-impl Default for Arguments {
-    fn default() -> Self {
-        Self { noise: 0.1 }
+swm_core::settings! {
+    /// Arguments of the policies. Unknown names are refused.
+    struct Arguments {
+        /// Standard deviation of the noise on each action; 0: none.
+        noise: f64 = 0.1,
     }
 }
+
+const SETTINGS: &[Setting] = Arguments::SETTINGS;
 
 fn make(context: &PolicyContext<'_>, args: &PolicyArgs, body: Body) -> Result<Box<dyn Policy>, PolicyError> {
     let Arguments { noise } = args.parse_with("noise")?;

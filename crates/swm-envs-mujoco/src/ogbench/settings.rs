@@ -1,25 +1,33 @@
-//! What the maker of a manipulation environment may choose.
+//! Constructor settings of the manipulation environments.
 
 use serde::{Deserialize, Serialize};
-use swm_core::Setting;
+use swm_core::settings::Table;
+use swm_core::{Setting, Settings as _};
 
 use super::layout::{CAMERA, Kind};
-use crate::views::settings::{IMAGE_SETTINGS, Imagesettings, with_image_settings};
+use crate::views::settings::ImageSettings;
 
-/// Constructor settings. Unknown names are refused.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct Settings {
-    pub env_type: Option<EnvType>,
-    pub mode: Mode,
-    pub task: Option<usize>,
-    pub terminate_at_goal: Option<bool>,
-    pub new_targets: bool,
-    pub permute_blocks: bool,
-    pub visualize_info: bool,
-    pub pixel_transparent_arm: bool,
-    #[serde(flatten)]
-    pub images: Imagesettings,
+swm_core::settings! {
+    /// Constructor settings. Unknown names are refused.
+    pub(super) struct Settings {
+        /// `single`, `double`, `triple` or `quadruple`: how many cubes there are; shapes of columns and factors follow.
+        env_type: Option<EnvType> = None => "single",
+        /// `data_collection`: starts and targets come from the factors; `task`: from one of five tasks.
+        mode: Mode = Mode::DataCollection => "data_collection",
+        /// 1 to 5; the reward is then minus the number of unmet goals.
+        task: Option<usize> = None => "drawn",
+        /// Whether reaching the goal ends the episode.
+        terminate_at_goal: Option<bool> = None => "true for tasks, else false",
+        /// Whether data collection goes on with a new target once one is reached and released.
+        new_targets: bool = true,
+        /// Whether tasks permute the colors of the cubes.
+        permute_blocks: bool = true,
+        /// Whether markers show where cubes belong.
+        visualize_info: bool = true,
+        /// Whether the arm is transparent.
+        pixel_transparent_arm: bool = true,
+        ..images: ImageSettings,
+    }
 }
 
 /// How many cubes there are.
@@ -33,34 +41,17 @@ pub(super) enum EnvType {
 }
 
 /// Where starts and goals come from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Mode {
     /// From the factors, one target after the other.
-    #[default]
     DataCollection,
     /// One of the five tasks.
     Task,
 }
 
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            env_type: None,
-            mode: Mode::DataCollection,
-            task: None,
-            terminate_at_goal: None,
-            new_targets: true,
-            permute_blocks: true,
-            visualize_info: true,
-            pixel_transparent_arm: true,
-            images: Imagesettings::default(),
-        }
-    }
-}
-
 impl Settings {
-    /// Checks what the types cannot say, and says what stands on the table.
+    /// Checks what the types cannot express, and returns which objects are on the table.
     pub(super) fn kind(&self, is_scene: bool) -> Result<Kind, String> {
         let kind = match (is_scene, self.env_type) {
             (true, None) => Kind::Scene,
@@ -87,66 +78,18 @@ impl Settings {
     }
 }
 
-const ENV_TYPE: Setting = Setting {
-    name: "env_type",
-    doc: "`single`, `double`, `triple` or `quadruple`: how many cubes there are; shapes of columns and factors follow",
-    default: "single",
-};
+/// The settings of the cubes for help and docs.
+pub(super) const CUBE_SETTINGS: &[Setting] = CUBES.as_slice();
+const CUBES: &Table = &Table::of(&[Settings::SETTINGS]).with_default("camera", CAMERA);
 
-/// The settings but `env_type` and those of images for help and docs, one per further field of `Settings`.
-const SHARED: [Setting; 7] = [
-    Setting {
-        name: "mode",
-        doc: "`data_collection`: starts and targets come from the factors; `task`: from one of five tasks",
-        default: "data_collection",
-    },
-    Setting {
-        name: "task",
-        doc: "1 to 5; the reward is then minus the number of unmet goals",
-        default: "drawn",
-    },
-    Setting {
-        name: "terminate_at_goal",
-        doc: "whether reaching the goal ends the episode",
-        default: "true for tasks, else false",
-    },
-    Setting {
-        name: "new_targets",
-        doc: "whether data collection goes on with a new target once one is reached and let go",
-        default: "true",
-    },
-    Setting { name: "permute_blocks", doc: "whether tasks mix the colors of the cubes", default: "true" },
-    Setting { name: "visualize_info", doc: "whether markers show where cubes belong", default: "true" },
-    Setting { name: "pixel_transparent_arm", doc: "whether the arm can be looked through", default: "true" },
-];
-
-/// The settings of the scene.
-pub(super) const SCENE_SETTINGS: &[Setting] =
-    &with_image_settings::<7, { 7 + IMAGE_SETTINGS }>(SHARED, CAMERA);
-
-/// The settings of the cubes.
-pub(super) const CUBE_SETTINGS: &[Setting] = {
-    const OWN: [Setting; 8] = {
-        let [mode, task, terminate, new_targets, permute, info, transparent] = SHARED;
-        [ENV_TYPE, mode, task, terminate, new_targets, permute, info, transparent]
-    };
-    &with_image_settings::<8, { 8 + IMAGE_SETTINGS }>(OWN, CAMERA)
-};
+/// The settings of the scene, which has one cube.
+pub(super) const SCENE_SETTINGS: &[Setting] = SCENE.as_slice();
+const SCENE: &Table = &CUBES.without("env_type");
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
     #[test]
-    fn every_setting_is_described() {
-        let json = serde_json::to_value(Settings::default()).unwrap();
-        let fields: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
-        let described: Vec<&str> = CUBE_SETTINGS.iter().map(|setting| setting.name).collect();
-        let mut sorted = described.clone();
-        sorted.sort_unstable();
-        let mut fields_sorted = fields;
-        fields_sorted.sort_unstable();
-        assert_eq!(fields_sorted, sorted);
-        assert_eq!(SCENE_SETTINGS.len() + 1, CUBE_SETTINGS.len());
+    fn documented_defaults_are_the_defaults() {
+        swm_core::testing::assert_documented_defaults::<super::Settings>();
     }
 }

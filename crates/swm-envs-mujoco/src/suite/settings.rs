@@ -1,75 +1,42 @@
-//! What the maker of an environment of the suite may choose.
+//! Constructor settings of the environments of the suite.
 
 use serde::{Deserialize, Serialize};
-use swm_core::Setting;
+use swm_core::settings::Table;
+use swm_core::{Setting, Settings as _};
 
-use crate::views::settings::{IMAGE_SETTINGS, Imagesettings, with_image_settings};
+use crate::views::settings::ImageSettings;
 
-/// Constructor settings. Unknown names are refused.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct Settings {
-    pub task: Option<String>,
-    pub stock: bool,
-    pub action_repeat: u32,
-    pub on_divergence: OnDivergence,
-    #[serde(flatten)]
-    pub images: Imagesettings,
+swm_core::settings! {
+    /// Constructor settings. Unknown names are refused.
+    pub(super) struct Settings {
+        /// What is rewarded; the page of the environment lists the tasks.
+        task: Option<String> = None => "the first",
+        /// Start from dm_control's own model and looks, not from the reference's changes to them.
+        stock: bool = false,
+        /// Control steps per action; their rewards add up.
+        action_repeat: u32 = 2,
+        /// `error`: a simulation that diverges fails the run; `end`: it ends the episode, without a reward for that step.
+        on_divergence: OnDivergence = OnDivergence::Error => "error",
+        ..images: ImageSettings,
+    }
 }
 
-/// What happens when the simulation means nothing any more.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// What happens when the simulation diverges.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum OnDivergence {
-    #[default]
     Error,
     End,
 }
 
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            task: None,
-            stock: false,
-            action_repeat: 2,
-            on_divergence: OnDivergence::Error,
-            images: Imagesettings::default(),
-        }
-    }
-}
-
-/// The settings for help and docs, one per field of `Settings`.
-pub(super) const SETTINGS: &[Setting] =
-    &with_image_settings::<4, { 4 + IMAGE_SETTINGS }>(OWN, "0; quadruped 2");
-
-const OWN: [Setting; 4] = [
-    Setting {
-        name: "task",
-        doc: "what is rewarded; the page of the environment lists the tasks",
-        default: "the first",
-    },
-    Setting {
-        name: "stock",
-        doc: "start from dm_control's own model and looks, not from what the reference makes of them",
-        default: "false",
-    },
-    Setting { name: "action_repeat", doc: "control steps per action; their rewards add up", default: "2" },
-    Setting {
-        name: "on_divergence",
-        doc: "`error`: a simulation that diverges fails the run; `end`: it ends the episode, without a reward for that step",
-        default: "error",
-    },
-];
+/// The settings for help and docs.
+pub(super) const SETTINGS: &[Setting] = WITH_CAMERA.as_slice();
+const WITH_CAMERA: &Table = &Table::of(&[Settings::SETTINGS]).with_default("camera", "0; quadruped 2");
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
     #[test]
-    fn every_setting_is_described() {
-        let json = serde_json::to_value(Settings::default()).unwrap();
-        let fields: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
-        let described: Vec<&str> = SETTINGS.iter().map(|setting| setting.name).collect();
-        assert_eq!(fields, described);
+    fn documented_defaults_are_the_defaults() {
+        swm_core::testing::assert_documented_defaults::<super::Settings>();
     }
 }

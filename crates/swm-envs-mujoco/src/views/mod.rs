@@ -16,7 +16,7 @@ use crate::ffi::{Model, Object, Simulation};
 use canvas::{Canvas, Recolor};
 pub(crate) use checker::CheckerColors;
 pub(crate) use settings::CameraName;
-use settings::{Imagesettings, Renderer};
+use settings::{ImageSettings, Renderer};
 
 /// Depth of [`PIXELS`], f32 `[H, W]`, m.
 const DEPTH: &str = "pixels_depth";
@@ -45,7 +45,7 @@ impl Views {
     /// Looks up the cameras in the model; `camera` is the one that [`PIXELS`] shows unless another is asked for. Settings are
     /// checked where no images of a `size` are wanted, too.
     pub(crate) fn new(
-        wanted: &Imagesettings,
+        wanted: &ImageSettings,
         camera: &CameraName,
         model: &Model,
         size: Option<ImageSize>,

@@ -1,111 +1,38 @@
-//! What may be chosen of images, the same for all environments: read, described, with its defaults.
+//! Settings of images, the same for all environments.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use swm_core::{EnvConfig, EnvError, Setting};
 use swm_render::scene::Quality;
 
-/// The part of an environment's settings that is about images.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub(crate) struct Imagesettings {
-    pub(super) renderer: Renderer,
-    /// Whose image is the column `pixels`; `None`: the environment's own.
-    pub(super) camera: Option<CameraName>,
-    /// Whose images are the columns `pixels.<camera>`.
-    pub(super) cameras: CameraNames,
-    pub(super) depth: bool,
-    pub(super) segmentation: bool,
-    antialias: bool,
-    shadows: bool,
-    reflections: bool,
-}
-
-impl Default for Imagesettings {
-    fn default() -> Self {
-        let Quality { antialias, shadows, reflections } = Quality::default();
-        Self {
-            renderer: Renderer::default(),
-            camera: None,
-            cameras: CameraNames::default(),
-            depth: false,
-            segmentation: false,
-            antialias,
-            shadows,
-            reflections,
-        }
+swm_core::settings! {
+    /// The part of an environment's settings that is about images.
+    pub(crate) struct ImageSettings {
+        /// Renderer of images: `software` needs nothing; `gl` is MuJoCo's own, with OpenGL through EGL or OSMesa.
+        renderer: Renderer = Renderer::Software => "software",
+        /// The model's camera that `pixels` is rendered from, by index or name.
+        camera: Option<CameraName> = None => "the environment's",
+        /// More cameras, each with a column `pixels.<camera>`: a list of indices or names, or names with commas.
+        cameras: CameraNames = CameraNames::List(Vec::new()) => "none",
+        /// Whether there is a column `pixels_depth`, f32 in meters along the camera's axis, for each camera.
+        depth: bool = false,
+        /// Whether there is a column `pixels_segmentation`, i32 indices of geoms, -2 - index for sites, -1 for nothing, for
+        /// each camera.
+        segmentation: bool = false,
+        /// Whether edges are antialiased; of the renderer `software`.
+        antialias: bool = true,
+        /// Whether lights cast shadows; of the renderer `software`.
+        shadows: bool = true,
+        /// Whether floors reflect; of the renderer `software`.
+        reflections: bool = true,
     }
 }
 
-impl Imagesettings {
+impl ImageSettings {
     pub(super) fn quality(&self) -> Quality {
         let Self { antialias, shadows, reflections, .. } = *self;
         Quality { antialias, shadows, reflections }
     }
-}
-
-/// How many settings [`image_settings`] describes: one per field of [`Imagesettings`].
-pub(crate) const IMAGE_SETTINGS: usize = 8;
-
-/// Describes the settings of images, behind `own` ones; `camera`: the default one, in words.
-pub(crate) const fn with_image_settings<const OWN: usize, const ALL: usize>(
-    own: [Setting; OWN],
-    camera: &'static str,
-) -> [Setting; ALL] {
-    assert!(ALL == OWN + IMAGE_SETTINGS, "one place for each");
-    let images = image_settings(camera);
-    let mut all = [images[0]; ALL];
-    let mut index = 0;
-    while index < ALL {
-        all[index] = if index < OWN { own[index] } else { images[index - OWN] };
-        index += 1;
-    }
-    all
-}
-
-const fn image_settings(camera: &'static str) -> [Setting; IMAGE_SETTINGS] {
-    [
-        Setting {
-            name: "renderer",
-            doc: "what draws images: `software` needs nothing; `gl` is MuJoCo's own, with OpenGL through EGL or OSMesa",
-            default: "software",
-        },
-        Setting {
-            name: "camera",
-            doc: "the model's camera that `pixels` is taken from, by index or name",
-            default: camera,
-        },
-        Setting {
-            name: "cameras",
-            doc: "more cameras, each with a column `pixels.<camera>`: a list of indices or names, or names with commas",
-            default: "none",
-        },
-        Setting {
-            name: "depth",
-            doc: "whether there is a column `pixels_depth`, f32 in meters along the camera's axis, for each camera",
-            default: "false",
-        },
-        Setting {
-            name: "segmentation",
-            doc: "whether there is a column `pixels_segmentation`, i32 indices of geoms, -2 - index for sites, -1 for nothing, for each camera",
-            default: "false",
-        },
-        Setting {
-            name: "antialias",
-            doc: "whether edges are smooth; of the renderer `software`",
-            default: "true",
-        },
-        Setting {
-            name: "shadows",
-            doc: "whether lights cast shadows; of the renderer `software`",
-            default: "true",
-        },
-        Setting {
-            name: "reflections",
-            doc: "whether floors mirror; of the renderer `software`",
-            default: "true",
-        },
-    ]
 }
 
 /// Reads the settings of an environment that has these.
@@ -123,11 +50,11 @@ pub(crate) fn read<T: DeserializeOwned>(
     config.parse_settings(env)
 }
 
-/// What draws images.
+/// Renderer of images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Renderer {
-    /// Our own.
+    /// swm-render's.
     #[default]
     Software,
     /// MuJoCo's.
@@ -161,12 +88,6 @@ pub(super) enum CameraNames {
     Names(String),
 }
 
-impl Default for CameraNames {
-    fn default() -> Self {
-        Self::List(Vec::new())
-    }
-}
-
 impl CameraNames {
     pub(super) fn list(&self) -> Vec<CameraName> {
         match self {
@@ -186,7 +107,15 @@ impl CameraNames {
 
 #[cfg(test)]
 mod tests {
+    use swm_core::testing::assert_documented_defaults;
+
     use super::*;
+
+    #[test]
+    fn images_have_the_default_quality() {
+        assert_documented_defaults::<ImageSettings>();
+        assert_eq!(ImageSettings::default().quality(), Quality::default());
+    }
 
     #[test]
     fn cameras_are_named_in_every_way() {

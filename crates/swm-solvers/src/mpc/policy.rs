@@ -4,7 +4,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use serde_json::Map;
-use swm_core::{Actions, Field, LiveEpisode, Policy, PolicyError, Schema, Space, View};
+use swm_core::settings::describe;
+use swm_core::{Actions, Field, LiveEpisode, Policy, PolicyError, Schema, Settings as _, Space, View};
 
 use super::actions::ActionMap;
 use super::config::PlanConfig;
@@ -13,7 +14,7 @@ use super::moment::Moment;
 use super::scale::ActionScale;
 use crate::cost::Cost;
 use crate::error::PlanError;
-use crate::settings::{Settings, display};
+use crate::settings::Validate as _;
 use crate::solver::{Plan, PlanKey, Problem, Solver};
 use crate::trace::{NoTrace, Trace};
 use crate::workspace::Workspace;
@@ -185,8 +186,7 @@ impl Policy for MpcPolicy {
         for part in [solver.changed_settings(), self.config.changed(), cost.changed_settings()] {
             settings.extend(part);
         }
-        let name = solver.name();
-        if settings.is_empty() { name.to_owned() } else { format!("{name}:{}", display(&settings)) }
+        describe(solver.name(), &settings)
     }
 
     fn fields(&self) -> Vec<Field> {

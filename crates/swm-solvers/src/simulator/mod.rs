@@ -9,14 +9,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde_json::{Map, Value as Json};
-use swm_core::{EnvConfig, EnvEntry, EnvState, Space};
+use swm_core::{EnvConfig, EnvEntry, EnvState, Settings as _, Space};
 
 use self::share::share;
 use self::worker::{Simulation, Worker};
 use crate::cost::{Candidates, Cost, DifferentiableCost};
 use crate::error::PlanError;
 use crate::mpc::{ActionMap, Moment};
-use crate::settings::Settings;
+use crate::settings::Validate as _;
 
 pub use self::options::{Aggregate, SimulatorOptions};
 

@@ -1,11 +1,10 @@
 //! What can be set about planning on the true simulator.
 
 use serde::{Deserialize, Serialize};
-use swm_core::registry::Setting;
 
 use crate::descent::positive;
 use crate::error::PlanError;
-use crate::settings::Settings;
+use crate::settings::Validate;
 use crate::solver::at_least_one;
 
 /// What of a roll-out counts.
@@ -21,25 +20,28 @@ pub enum Aggregate {
     Best,
 }
 
-/// Settings of [`crate::SimulatorCost`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SimulatorOptions {
-    /// What of a roll-out counts.
-    pub aggregate: Aggregate,
-    /// A roll-out that succeeds at its step t (1 is the first) ends there and costs t minus this: where task costs are
-    /// not negative, 1000 lets any success beat any failure, and an early one a late one. 0: success has no part in
-    /// the cost. Gradients leave it out: it is a cliff.
-    pub success_bonus: f64,
-    /// Whether a roll-out ends where the environment says that its task is done. If not, success has no part in the cost
-    /// (no bonus either), and roll-outs go on: for tasks that are judged by another test than the environment's own. An
-    /// end without success, such as a fall, stays an end.
-    pub stop_at_success: bool,
-    /// How far an action is moved, back and forth, to find the slope of the cost. Integer actions have none: there the
-    /// cost of every other category is compared.
-    pub gradient_step: f64,
-    /// Environment steps per action: the `frame_skip` of the world that is planned for.
-    pub frame_skip: u32,
+swm_core::settings! {
+    /// Settings of [`crate::SimulatorCost`].
+    pub struct SimulatorOptions {
+        /// Cost of a rollout: last, mean or best task cost.
+        aggregate: Aggregate = Aggregate::Last => "last",
+        /// A rollout that succeeds at its step t costs t minus this; 0: no bonus.
+        ///
+        /// It ends there. Where task costs are not negative, 1000 lets any success beat any failure, and an early one a late
+        /// one. Finite-difference gradients leave the bonus out: it is a discontinuity.
+        success_bonus: f64 = 1000.0,
+        /// End rollouts at the environment's own success; false: continue, without a bonus.
+        ///
+        /// For tasks that are judged by another test than the environment's own. An end without success, such as a fall,
+        /// stays an end.
+        stop_at_success: bool = true,
+        /// Step of finite-difference gradients, for solvers that need them.
+        ///
+        /// For integer actions, the costs of all other categories are compared instead.
+        gradient_step: f64 = 0.01,
+        /// Environment steps per action; the world's unless given.
+        frame_skip: u32 = 1,
+    }
 }
 
 impl SimulatorOptions {
@@ -49,47 +51,7 @@ impl SimulatorOptions {
     }
 }
 
-impl Default for SimulatorOptions {
-    fn default() -> Self {
-        Self {
-            aggregate: Aggregate::Last,
-            success_bonus: 1000.0,
-            stop_at_success: true,
-            gradient_step: 0.01,
-            frame_skip: 1,
-        }
-    }
-}
-
-impl Settings for SimulatorOptions {
-    const SETTINGS: &'static [Setting] = &[
-        Setting {
-            name: "aggregate",
-            doc: "what of a roll-out counts: last, mean or best task cost",
-            default: "last",
-        },
-        Setting {
-            name: "success_bonus",
-            doc: "success at step t of a roll-out costs t minus this; 0: no bonus",
-            default: "1000",
-        },
-        Setting {
-            name: "stop_at_success",
-            doc: "end roll-outs at the environment's own success; false: roll on, without a bonus",
-            default: "true",
-        },
-        Setting {
-            name: "gradient_step",
-            doc: "how far actions are moved to find slopes, for solvers that need them",
-            default: "0.01",
-        },
-        Setting {
-            name: "frame_skip",
-            doc: "environment steps per action; the world's unless given",
-            default: "1",
-        },
-    ];
-
+impl Validate for SimulatorOptions {
     fn validate(&self) -> Result<(), PlanError> {
         if !(self.success_bonus.is_finite() && self.success_bonus >= 0.0) {
             let reason = format!("{} is not a number from 0 on", self.success_bonus);

@@ -2,52 +2,34 @@
 //!
 //! Source: Kingma & Ba, *Adam: A Method for Stochastic Optimization* (2015).
 
-use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
-use swm_core::Space;
-use swm_core::registry::Setting;
+use swm_core::{Settings as _, Space};
 
 use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search, WeightDecay};
 use crate::error::PlanError;
-use crate::settings::{Joined, Settings, join};
+use crate::settings::Validate;
 use crate::solver::{Plan, Problem, Solver, SolverConfig};
 use crate::trace::Trace;
 use crate::workspace::Workspace;
 
-/// Settings of Adam. The learning rate is that of the reference's published runs, the rest are the usual ones.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Adam {
-    /// Starts, steps, noise, limits.
-    #[serde(flatten)]
-    pub descent: Descent,
-    /// Whether plans are kept within the bounds of the actions. The reference does not.
-    pub clip: bool,
-    /// Length of a step, about.
-    pub lr: f64,
-    /// Memory of the mean of the gradients, from 0 to below 1.
-    pub beta1: f64,
-    /// Memory of the mean of their squares, from 0 to below 1.
-    pub beta2: f64,
-    /// Added to the root of that, against division by zero.
-    pub eps: f64,
-    /// Pull toward zero, part of the gradient.
-    pub weight_decay: f64,
-}
-
-impl Default for Adam {
-    fn default() -> Self {
-        Self {
-            descent: Descent::default(),
-            clip: false,
-            lr: 0.1,
-            beta1: 0.9,
-            beta2: 0.999,
-            eps: 1e-8,
-            weight_decay: 0.0,
-        }
+swm_core::settings! {
+    /// Settings of Adam. The learning rate is that of the reference's published runs, the rest are PyTorch's defaults.
+    pub struct Adam {
+        ..descent: Descent,
+        /// Clip plans to the action bounds. The reference does not.
+        clip: bool = false,
+        /// Learning rate.
+        lr: f64 = 0.1,
+        /// Decay rate of the mean of gradients.
+        beta1: f64 = 0.9,
+        /// Decay rate of the mean of squared gradients.
+        beta2: f64 = 0.999,
+        /// Added to the root of the mean of squares.
+        eps: f64 = 1e-8,
+        /// L2 penalty, part of the gradient.
+        weight_decay: f64 = 0.0,
     }
 }
 
@@ -62,19 +44,7 @@ impl Adam {
     }
 }
 
-const OWN: &[Setting] = &[
-    Setting { name: "clip", doc: "keep plans within the action bounds", default: "false" },
-    Setting { name: "lr", doc: "length of a step, about", default: "0.1" },
-    Setting { name: "beta1", doc: "memory of the mean of gradients", default: "0.9" },
-    Setting { name: "beta2", doc: "memory of the mean of their squares", default: "0.999" },
-    Setting { name: "eps", doc: "added to the root of that", default: "1e-8" },
-    Setting { name: "weight_decay", doc: "pull toward zero", default: "0" },
-];
-const ALL: &Joined = &join(&[Descent::SETTINGS, OWN]);
-
-impl Settings for Adam {
-    const SETTINGS: &'static [Setting] = ALL.as_slice();
-
+impl Validate for Adam {
     fn validate(&self) -> Result<(), PlanError> {
         self.descent.validate()?;
         self.rule().validate()

@@ -5,77 +5,41 @@
 //! `CategoricalCEMSolver`: sample 0 is the most probable plan, and so is the result.
 
 use rand_distr::{Distribution as _, Open01};
-use serde::{Deserialize, Serialize};
 use swm_core::Space;
-use swm_core::registry::Setting;
 
 use crate::error::PlanError;
 use crate::ranges::{check_at_most_samples, check_below_one, check_counts, check_not_negative};
 use crate::sampling::Noise;
 use crate::search::{Carried, Episode, Sampler, Search};
-use crate::settings::Settings;
+use crate::settings::Validate;
 use crate::solver::{Problem, SolverConfig, at_least_one};
 use crate::space::{categories, check_categories, largest};
 
-/// Settings of the categorical cross-entropy method. Defaults are the reference's.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct CategoricalCem {
-    /// S: candidates per iteration.
-    pub samples: usize,
-    /// Iterations; 0 returns the initial plan.
-    pub iterations: usize,
-    /// K: how many of the cheapest candidates the probabilities are refitted to.
-    pub elites: usize,
-    /// What is added to the share of every category among the elites before they are made to sum up to 1: above 0, no
-    /// category dies out.
-    pub smoothing: f64,
-    /// Momentum: the share of the old probabilities in the new ones.
-    pub alpha: f64,
-    /// What share of probability all categories of a warm-started action have together; the rest is that of the initial
-    /// plan's. 1 is the reference, which starts with equal probabilities always.
-    pub warm_start_epsilon: f64,
-    /// Whether the cheapest plan ever evaluated is returned instead of the most probable one.
-    pub return_best: bool,
-    /// Seed of the noise, beside that of the episode.
-    pub seed: u32,
-}
-
-impl Default for CategoricalCem {
-    fn default() -> Self {
-        Self {
-            samples: 300,
-            iterations: 30,
-            elites: 30,
-            smoothing: 0.0,
-            alpha: 0.0,
-            warm_start_epsilon: 1.0,
-            return_best: false,
-            seed: 0,
-        }
+swm_core::settings! {
+    /// Settings of the categorical cross-entropy method. Defaults are the reference's.
+    pub struct CategoricalCem {
+        /// Candidate plans per iteration.
+        samples: usize = 300,
+        /// Rounds of sampling and refitting; 0 returns the initial plan.
+        iterations: usize = 30,
+        /// Cheapest candidates that a refit uses.
+        elites: usize = 30,
+        /// Added to every category's frequency among the elites; above 0, no category dies out.
+        smoothing: f64 = 0.0,
+        /// Momentum: weight of the old probabilities in the new ones.
+        alpha: f64 = 0.0,
+        /// Probability that a warm-started action is sampled uniformly; 1 ignores the warm start.
+        ///
+        /// The reference starts with equal probabilities always, as 1 does.
+        warm_start_epsilon: f64 = 1.0,
+        /// Return the cheapest plan evaluated, not the most probable one.
+        return_best: bool = false,
+        /// Seed of the noise, in addition to the episode's.
+        seed: u32 = 0,
     }
 }
 
-impl Settings for CategoricalCem {
-    const SETTINGS: &'static [Setting] = &[
-        Setting { name: "samples", doc: "candidate plans per iteration", default: "300" },
-        Setting { name: "iterations", doc: "rounds of drawing and refitting", default: "30" },
-        Setting { name: "elites", doc: "cheapest candidates that a refit uses", default: "30" },
-        Setting { name: "smoothing", doc: "added to every category's share of the elites", default: "0" },
-        Setting { name: "alpha", doc: "share of the old probabilities in the new ones", default: "0" },
-        Setting {
-            name: "warm_start_epsilon",
-            doc: "probability that a warm-started action is drawn anew; 1 ignores the warm start",
-            default: "1",
-        },
-        Setting {
-            name: "return_best",
-            doc: "return the cheapest plan seen, not the most probable",
-            default: "false",
-        },
-        Setting { name: "seed", doc: "seed of the noise, beside the episode's", default: "0" },
-    ];
-
+impl Validate for CategoricalCem {
     fn validate(&self) -> Result<(), PlanError> {
         check_counts(self.samples, self.iterations)?;
         at_least_one("elites", self.elites)?;

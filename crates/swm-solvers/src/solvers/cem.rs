@@ -4,66 +4,38 @@
 //! Source: Rubinstein & Kroese, *The Cross-Entropy Method* (2004), in the variant of the reference's
 //! `CEMSolver`: sample 0 is the mean itself, and spread is the unbiased standard deviation of the elites.
 
-use serde::{Deserialize, Serialize};
-use swm_core::registry::Setting;
-
 use crate::error::PlanError;
 use crate::ranges::{check_counts, check_elites, check_not_negative, check_positive};
 use crate::sampling::{Noise, fit_gaussian};
 use crate::search::{Episode, Sampler, Search};
-use crate::settings::Settings;
+use crate::settings::Validate;
 use crate::solver::SolverConfig;
 
-/// Settings of the cross-entropy method. Defaults are the reference's.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Cem {
-    /// S: candidates per iteration.
-    pub samples: usize,
-    /// Iterations; 0 returns the initial plan.
-    pub iterations: usize,
-    /// K: how many of the cheapest candidates the distribution is refitted to. If fewer have a finite cost, those
-    /// only.
-    pub elites: usize,
-    /// Standard deviation of every number in the first iteration.
-    pub sigma: f64,
-    /// Smallest standard deviation after a refit; above 0 the search never freezes.
-    pub sigma_min: f64,
-    /// Whether candidates are clipped to the bounds of the actions. The reference does not.
-    pub clip: bool,
-    /// Whether the cheapest plan ever evaluated is returned instead of the final mean.
-    pub return_best: bool,
-    /// Seed of the noise, beside that of the episode.
-    pub seed: u32,
-}
-
-impl Default for Cem {
-    fn default() -> Self {
-        Self {
-            samples: 300,
-            iterations: 30,
-            elites: 30,
-            sigma: 1.0,
-            sigma_min: 0.0,
-            clip: false,
-            return_best: false,
-            seed: 0,
-        }
+swm_core::settings! {
+    /// Settings of the cross-entropy method. Defaults are the reference's.
+    pub struct Cem {
+        /// Candidate plans per iteration.
+        samples: usize = 300,
+        /// Rounds of sampling and refitting; 0 returns the initial plan.
+        iterations: usize = 30,
+        /// Cheapest candidates that a refit uses (2 or more).
+        ///
+        /// If fewer have a finite cost, only those are used.
+        elites: usize = 30,
+        /// Standard deviation of the candidates in the first iteration.
+        sigma: f64 = 1.0,
+        /// Smallest standard deviation after a refit; above 0 the search never collapses.
+        sigma_min: f64 = 0.0,
+        /// Clip candidates to the action bounds. The reference does not.
+        clip: bool = false,
+        /// Return the cheapest plan evaluated, not the final mean.
+        return_best: bool = false,
+        /// Seed of the noise, in addition to the episode's.
+        seed: u32 = 0,
     }
 }
 
-impl Settings for Cem {
-    const SETTINGS: &'static [Setting] = &[
-        Setting { name: "samples", doc: "candidate plans per iteration", default: "300" },
-        Setting { name: "iterations", doc: "rounds of drawing and refitting", default: "30" },
-        Setting { name: "elites", doc: "cheapest candidates that a refit uses (2 or more)", default: "30" },
-        Setting { name: "sigma", doc: "standard deviation of the first candidates", default: "1" },
-        Setting { name: "sigma_min", doc: "smallest standard deviation after a refit", default: "0" },
-        Setting { name: "clip", doc: "clip candidates to the action bounds", default: "false" },
-        Setting { name: "return_best", doc: "return the cheapest plan seen, not the mean", default: "false" },
-        Setting { name: "seed", doc: "seed of the noise, beside the episode's", default: "0" },
-    ];
-
+impl Validate for Cem {
     fn validate(&self) -> Result<(), PlanError> {
         check_counts(self.samples, self.iterations)?;
         check_elites(self.elites, self.samples)?;

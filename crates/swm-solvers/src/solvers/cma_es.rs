@@ -4,52 +4,34 @@
 //! Source: Hansen, *The CMA Evolution Strategy: A Tutorial* (2016, arXiv 1604.00772), whose default rates are used; the
 //! numbers of its equations stand in the code.
 
-use serde::{Deserialize, Serialize};
-use swm_core::registry::Setting;
-
 use crate::error::PlanError;
 use crate::matrix::{check_size, eigen, stack_len};
 use crate::ranges::{check_counts, check_positive};
 use crate::sampling::{Noise, fill_normal};
 use crate::search::{Carried, Episode, Sampler, Search};
-use crate::settings::Settings;
+use crate::settings::Validate;
 use crate::solver::{Problem, SolverConfig};
 
-/// Settings of CMA-ES. Its defaults evaluate as many plans as those of [`crate::Cem`], in more and smaller iterations:
-/// what it learns, it learns between them.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct CmaEs {
-    /// λ: candidates per iteration. The cheaper half has weights.
-    pub samples: usize,
-    /// Iterations; 0 returns the initial plan.
-    pub iterations: usize,
-    /// Standard deviation of every number in the first iteration.
-    pub sigma: f64,
-    /// Whether candidates are clipped to the bounds of the actions.
-    pub clip: bool,
-    /// Whether the cheapest plan ever evaluated is returned instead of the final mean.
-    pub return_best: bool,
-    /// Seed of the noise, beside that of the episode.
-    pub seed: u32,
-}
-
-impl Default for CmaEs {
-    fn default() -> Self {
-        Self { samples: 50, iterations: 180, sigma: 1.0, clip: false, return_best: false, seed: 0 }
+swm_core::settings! {
+    /// Settings of CMA-ES. Its defaults evaluate as many plans as those of [`crate::Cem`], in more and smaller iterations:
+    /// it adapts between them.
+    pub struct CmaEs {
+        /// Candidate plans per iteration (4 or more): λ. The cheaper half has weights.
+        samples: usize = 50,
+        /// Rounds of sampling and adapting; 0 returns the initial plan.
+        iterations: usize = 180,
+        /// Standard deviation of the candidates in the first iteration.
+        sigma: f64 = 1.0,
+        /// Clip candidates to the action bounds.
+        clip: bool = false,
+        /// Return the cheapest plan evaluated, not the final mean.
+        return_best: bool = false,
+        /// Seed of the noise, in addition to the episode's.
+        seed: u32 = 0,
     }
 }
 
-impl Settings for CmaEs {
-    const SETTINGS: &'static [Setting] = &[
-        Setting { name: "samples", doc: "candidate plans per iteration (4 or more)", default: "50" },
-        Setting { name: "iterations", doc: "rounds of drawing and adapting", default: "180" },
-        Setting { name: "sigma", doc: "standard deviation of the first candidates", default: "1" },
-        Setting { name: "clip", doc: "clip candidates to the action bounds", default: "false" },
-        Setting { name: "return_best", doc: "return the cheapest plan seen, not the mean", default: "false" },
-        Setting { name: "seed", doc: "seed of the noise, beside the episode's", default: "0" },
-    ];
-
+impl Validate for CmaEs {
     fn validate(&self) -> Result<(), PlanError> {
         check_counts(self.samples, self.iterations)?;
         if self.samples < 4 {

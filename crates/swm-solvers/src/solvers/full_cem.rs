@@ -4,75 +4,45 @@
 //! Source: Rubinstein & Kroese, *The Cross-Entropy Method* (2004), for Gaussians with covariance; shrinkage toward the
 //! diagonal as of Ledoit & Wolf, *A well-conditioned estimator* (2004), with a fixed weight.
 
-use serde::{Deserialize, Serialize};
-use swm_core::registry::Setting;
-
 use crate::error::PlanError;
 use crate::matrix::{check_size, cholesky, stack_len};
 use crate::ranges::{check_below_one, check_counts, check_elites, check_not_negative, check_positive};
 use crate::sampling::{Noise, fill_normal};
 use crate::search::{Carried, Episode, Sampler, Search};
-use crate::settings::Settings;
+use crate::settings::Validate;
 use crate::solver::{Problem, SolverConfig};
 
-/// Settings of the cross-entropy method with a full covariance.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct FullCem {
-    /// S: candidates per iteration.
-    pub samples: usize,
-    /// Iterations; 0 returns the initial plan.
-    pub iterations: usize,
-    /// K: how many of the cheapest candidates the distribution is refitted to.
-    pub elites: usize,
-    /// Standard deviation of every number in the first iteration.
-    pub sigma: f64,
-    /// Smallest standard deviation after a refit.
-    pub sigma_min: f64,
-    /// Share of the diagonal in the covariance: 0 trusts all that the elites have in common, 1 nothing. With fewer elites
-    /// than numbers in a plan, more is better.
-    pub shrinkage: f64,
-    /// Momentum: the share of the old covariance in the new one.
-    pub alpha: f64,
-    /// Whether candidates are clipped to the bounds of the actions.
-    pub clip: bool,
-    /// Whether the cheapest plan ever evaluated is returned instead of the final mean.
-    pub return_best: bool,
-    /// Seed of the noise, beside that of the episode.
-    pub seed: u32,
-}
-
-impl Default for FullCem {
-    fn default() -> Self {
-        Self {
-            samples: 300,
-            iterations: 30,
-            elites: 30,
-            sigma: 1.0,
-            sigma_min: 0.0,
-            shrinkage: 0.1,
-            alpha: 0.2,
-            clip: false,
-            return_best: false,
-            seed: 0,
-        }
+swm_core::settings! {
+    /// Settings of the cross-entropy method with a full covariance.
+    pub struct FullCem {
+        /// Candidate plans per iteration.
+        samples: usize = 300,
+        /// Rounds of sampling and refitting; 0 returns the initial plan.
+        iterations: usize = 30,
+        /// Cheapest candidates that a refit uses (2 or more).
+        ///
+        /// If fewer have a finite cost, only those are used.
+        elites: usize = 30,
+        /// Standard deviation of the candidates in the first iteration.
+        sigma: f64 = 1.0,
+        /// Smallest standard deviation after a refit; above 0 the search never collapses.
+        sigma_min: f64 = 0.0,
+        /// Weight of the diagonal in the covariance, 0 to 1.
+        ///
+        /// With fewer elites than values in a plan, more is better.
+        shrinkage: f64 = 0.1,
+        /// Momentum: weight of the old covariance in the new one.
+        alpha: f64 = 0.2,
+        /// Clip candidates to the action bounds.
+        clip: bool = false,
+        /// Return the cheapest plan evaluated, not the final mean.
+        return_best: bool = false,
+        /// Seed of the noise, in addition to the episode's.
+        seed: u32 = 0,
     }
 }
 
-impl Settings for FullCem {
-    const SETTINGS: &'static [Setting] = &[
-        Setting { name: "samples", doc: "candidate plans per iteration", default: "300" },
-        Setting { name: "iterations", doc: "rounds of drawing and refitting", default: "30" },
-        Setting { name: "elites", doc: "cheapest candidates that a refit uses (2 or more)", default: "30" },
-        Setting { name: "sigma", doc: "standard deviation of the first candidates", default: "1" },
-        Setting { name: "sigma_min", doc: "smallest standard deviation after a refit", default: "0" },
-        Setting { name: "shrinkage", doc: "share of the diagonal in the covariance, 0 to 1", default: "0.1" },
-        Setting { name: "alpha", doc: "share of the old covariance in the new one", default: "0.2" },
-        Setting { name: "clip", doc: "clip candidates to the action bounds", default: "false" },
-        Setting { name: "return_best", doc: "return the cheapest plan seen, not the mean", default: "false" },
-        Setting { name: "seed", doc: "seed of the noise, beside the episode's", default: "0" },
-    ];
-
+impl Validate for FullCem {
     fn validate(&self) -> Result<(), PlanError> {
         check_counts(self.samples, self.iterations)?;
         check_elites(self.elites, self.samples)?;

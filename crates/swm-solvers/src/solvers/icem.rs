@@ -4,109 +4,58 @@
 //! reference's `ICEMSolver`, which lacks three things of the publication; they are the settings `decay`, `elite_shift`
 //! and `mean_at_last`.
 
-use serde::{Deserialize, Serialize};
-use swm_core::registry::Setting;
-
 use crate::colored::{Normalize, color, fill_kernel};
 use crate::error::PlanError;
 use crate::ranges::{check_below_one, check_counts, check_elites, check_not_negative, check_positive};
 use crate::sampling::{Noise, fill_normal, fit_gaussian};
 use crate::search::{Carried, Episode, Sampler, Search, scale};
-use crate::settings::Settings;
+use crate::settings::Validate;
 use crate::solver::{Problem, SolverConfig};
 
-/// Settings of iCEM. Defaults are the reference's.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Icem {
-    /// S: candidates of the first iteration.
-    pub samples: usize,
-    /// Iterations; 0 returns the initial plan.
-    pub iterations: usize,
-    /// K: how many of the cheapest candidates the distribution is refitted to.
-    pub elites: usize,
-    /// How many elites are candidates again in the next iteration.
-    pub elites_kept: usize,
-    /// Standard deviation of every number in the first iteration.
-    pub sigma: f64,
-    /// Smallest standard deviation after a refit.
-    pub sigma_min: f64,
-    /// Color of the noise: the power at frequency f falls as f^-beta. 0 is white, 1 pink, 2 red.
-    pub noise_beta: f64,
-    /// What the amplitude of noise is made to be.
-    #[serde(alias = "normalise")]
-    pub normalize: Normalize,
-    /// Momentum: the share of the old mean and spread in the new ones.
-    pub alpha: f64,
-    /// By what factor the candidates become fewer from iteration to iteration, down to twice the elites; 1 keeps their
-    /// number. The publication uses 1.25.
-    pub decay: f64,
-    /// Blocks between two plans of an episode (the receding horizon), by which kept elites of the last plan are shifted
-    /// to be candidates of the next; 0 remembers none.
-    pub elite_shift: usize,
-    /// Whether the mean is a candidate in the last iteration only, as published, and not in all of them.
-    pub mean_at_last: bool,
-    /// Whether candidates are clipped to the bounds of the actions.
-    pub clip: bool,
-    /// Whether the cheapest plan ever evaluated is returned instead of the final mean.
-    pub return_best: bool,
-    /// Seed of the noise, beside that of the episode.
-    pub seed: u32,
-}
-
-impl Default for Icem {
-    fn default() -> Self {
-        Self {
-            samples: 300,
-            iterations: 30,
-            elites: 30,
-            elites_kept: 5,
-            sigma: 1.0,
-            sigma_min: 0.0,
-            noise_beta: 2.0,
-            normalize: Normalize::PerSequence,
-            alpha: 0.1,
-            decay: 1.0,
-            elite_shift: 0,
-            mean_at_last: false,
-            clip: true,
-            return_best: false,
-            seed: 0,
-        }
+swm_core::settings! {
+    /// Settings of iCEM. Defaults are the reference's.
+    pub struct Icem {
+        /// Candidate plans of the first iteration.
+        samples: usize = 300,
+        /// Rounds of sampling and refitting; 0 returns the initial plan.
+        iterations: usize = 30,
+        /// Cheapest candidates that a refit uses (2 or more).
+        ///
+        /// If fewer have a finite cost, only those are used.
+        elites: usize = 30,
+        /// Elites that are candidates again in the next iteration.
+        elites_kept: usize = 5,
+        /// Standard deviation of the candidates in the first iteration.
+        sigma: f64 = 1.0,
+        /// Smallest standard deviation after a refit; above 0 the search never collapses.
+        sigma_min: f64 = 0.0,
+        /// Color of the noise: 0 white, 1 pink, 2 red.
+        ///
+        /// The power at frequency f falls as f^-beta.
+        noise_beta: f64 = 2.0,
+        /// Standard deviation of the noise: 1 in every sequence (per_sequence) or on average (analytic).
+        #[serde(alias = "normalise")]
+        normalize: Normalize = Normalize::PerSequence => "per_sequence",
+        /// Momentum: weight of the old mean and standard deviation in the new ones.
+        alpha: f64 = 0.1,
+        /// Factor by which candidates become fewer, down to twice the elites (1.25 as published).
+        decay: f64 = 1.0,
+        /// Blocks between two plans of an episode, to reuse the last plan's elites; 0 does not.
+        ///
+        /// Elites of the last plan are shifted by this (the receding horizon) and become candidates of the next.
+        elite_shift: usize = 0,
+        /// The mean is a candidate in the last iteration only, as published.
+        mean_at_last: bool = false,
+        /// Clip candidates to the action bounds.
+        clip: bool = true,
+        /// Return the cheapest plan evaluated, not the final mean.
+        return_best: bool = false,
+        /// Seed of the noise, in addition to the episode's.
+        seed: u32 = 0,
     }
 }
 
-impl Settings for Icem {
-    const SETTINGS: &'static [Setting] = &[
-        Setting { name: "samples", doc: "candidate plans of the first iteration", default: "300" },
-        Setting { name: "iterations", doc: "rounds of drawing and refitting", default: "30" },
-        Setting { name: "elites", doc: "cheapest candidates that a refit uses (2 or more)", default: "30" },
-        Setting { name: "elites_kept", doc: "elites that are candidates again", default: "5" },
-        Setting { name: "sigma", doc: "standard deviation of the first candidates", default: "1" },
-        Setting { name: "sigma_min", doc: "smallest standard deviation after a refit", default: "0" },
-        Setting { name: "noise_beta", doc: "color of the noise: 0 white, 1 pink, 2 red", default: "2" },
-        Setting {
-            name: "normalize",
-            doc: "amplitude of noise: 1 in every sequence (per_sequence) or on average (analytic)",
-            default: "per_sequence",
-        },
-        Setting { name: "alpha", doc: "share of the old mean and spread in the new ones", default: "0.1" },
-        Setting {
-            name: "decay",
-            doc: "factor by which candidates become fewer (1.25 as published)",
-            default: "1",
-        },
-        Setting {
-            name: "elite_shift",
-            doc: "blocks between plans, to reuse the last plan's elites; 0 does not",
-            default: "0",
-        },
-        Setting { name: "mean_at_last", doc: "try the mean in the last iteration only", default: "false" },
-        Setting { name: "clip", doc: "clip candidates to the action bounds", default: "true" },
-        Setting { name: "return_best", doc: "return the cheapest plan seen, not the mean", default: "false" },
-        Setting { name: "seed", doc: "seed of the noise, beside the episode's", default: "0" },
-    ];
-
+impl Validate for Icem {
     fn validate(&self) -> Result<(), PlanError> {
         check_counts(self.samples, self.iterations)?;
         check_elites(self.elites, self.samples)?;

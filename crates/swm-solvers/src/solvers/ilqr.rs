@@ -7,10 +7,8 @@
 //! 2014).
 
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
-use swm_core::Space;
-use swm_core::registry::Setting;
+use swm_core::{Settings as _, Space};
 
 use crate::bounds::{box_bounds, fill_bounds};
 use crate::cost::Cost;
@@ -19,59 +17,39 @@ use crate::error::PlanError;
 use crate::models::check_width;
 use crate::riccati::{Tile, Weights};
 use crate::sampling::{Noise, count_non_finite};
-use crate::settings::Settings;
+use crate::settings::Validate;
 use crate::solver::{Plan, PlanKey, Problem, Solver, SolverConfig, at_least_one};
 use crate::trace::{Iteration, Trace};
 use crate::workspace::Workspace;
 
-/// Settings of iterative LQR.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Ilqr {
-    /// S: starts. The first is the initial plan itself, the others scatter around it, for problems with several valleys.
-    pub samples: usize,
-    /// Most improvements of each; a start that improves no more ends earlier.
-    pub iterations: usize,
-    /// Standard deviation of the other starts around the initial plan.
-    pub sigma: f64,
-    /// What is added to the curvature of the actions at first. It grows where a plan cannot be improved with it.
-    pub regularization: f64,
-    /// A start ends when its cost improves by less than this share of it.
-    pub tolerance: f64,
-    /// Whether plans are kept within the bounds of the actions.
-    pub clip: bool,
-    /// Seed of the starts, beside that of the episode.
-    pub seed: u32,
-}
-
-impl Default for Ilqr {
-    fn default() -> Self {
-        Self {
-            samples: 1,
-            iterations: 50,
-            sigma: 1.0,
-            regularization: 1e-6,
-            tolerance: 1e-9,
-            clip: false,
-            seed: 0,
-        }
+swm_core::settings! {
+    /// Settings of iterative LQR.
+    pub struct Ilqr {
+        /// Starts: the initial plan and random ones around it.
+        ///
+        /// More than one is for problems with several local minima.
+        samples: usize = 1,
+        /// Most improvements of each start.
+        iterations: usize = 50,
+        /// Standard deviation of the other starts around the initial plan.
+        sigma: f64 = 1.0,
+        /// Added to the curvature of the actions.
+        ///
+        /// It grows where a plan cannot be improved with it.
+        regularization: f64 = 1e-6,
+        /// A start ends when its cost improves by less than this fraction.
+        tolerance: f64 = 1e-9,
+        /// Clip plans to the action bounds.
+        clip: bool = false,
+        /// Seed of the starts, in addition to the episode's.
+        seed: u32 = 0,
     }
 }
 
 /// More samples or iterations are a typing error.
 const MAX_COUNT: usize = 10_000_000;
 
-impl Settings for Ilqr {
-    const SETTINGS: &'static [Setting] = &[
-        Setting { name: "samples", doc: "starts: the initial plan and others around it", default: "1" },
-        Setting { name: "iterations", doc: "most improvements of each", default: "50" },
-        Setting { name: "sigma", doc: "standard deviation of the other starts", default: "1" },
-        Setting { name: "regularization", doc: "added to the curvature of actions", default: "1e-6" },
-        Setting { name: "tolerance", doc: "share of the cost below which improving ends", default: "1e-9" },
-        Setting { name: "clip", doc: "keep plans within the action bounds", default: "false" },
-        Setting { name: "seed", doc: "seed of the starts, beside the episode's", default: "0" },
-    ];
-
+impl Validate for Ilqr {
     fn validate(&self) -> Result<(), PlanError> {
         at_least_one("samples", self.samples)?;
         for (name, value) in [("samples", self.samples), ("iterations", self.iterations)] {

@@ -6,45 +6,44 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
-use swm_core::Space;
-use swm_core::registry::Setting;
+use swm_core::{Settings as _, Space};
 
 use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search, WeightDecay, not_negative, positive};
 use crate::error::PlanError;
-use crate::settings::{Joined, Settings, join};
+use crate::settings::Validate;
 use crate::solver::{Plan, Problem, Solver, SolverConfig, at_least_one};
 use crate::trace::Trace;
 use crate::workspace::Workspace;
 
-/// Settings of the augmented Lagrangian method.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Lagrangian {
-    /// Starts, steps of each round, noise.
-    #[serde(flatten)]
-    pub descent: Descent,
-    /// Whether plans are kept within the bounds of the actions.
-    pub clip: bool,
-    /// Rounds, after each of which multipliers and penalty grow.
-    pub rounds: usize,
-    /// The rule of the descent, with its usual settings.
-    pub optimizer: Optimizer,
-    /// Its learning rate. The reference's 1 is too long a step for most problems.
-    pub lr: f64,
-    /// Penalty of the first round: ρ.
-    pub rho_init: f64,
-    /// What ρ is multiplied with after a round.
-    pub rho_scale: f64,
-    /// The largest ρ.
-    pub rho_max: f64,
-    /// What violations cost.
-    pub form: Form,
-    /// Whether the next plan of an episode begins with the multipliers of the last.
-    pub persist: bool,
-    /// The largest constraint value with which a plan still counts as feasible.
-    pub tolerance: f64,
+swm_core::settings! {
+    /// Settings of the augmented Lagrangian method.
+    pub struct Lagrangian {
+        ..descent: Descent,
+        /// Clip plans to the action bounds.
+        clip: bool = false,
+        /// Rounds of descent, after each of which multipliers and penalty grow.
+        rounds: usize = 5,
+        /// Optimizer of the descent: sgd, adam or adamw.
+        optimizer: Optimizer = Optimizer::Adam => "adam",
+        /// Learning rate.
+        ///
+        /// The reference's 1 is too long a step for most problems.
+        lr: f64 = 0.1,
+        /// Penalty of the first round.
+        rho_init: f64 = 1.0,
+        /// Factor of the penalty after a round.
+        rho_scale: f64 = 2.0,
+        /// Largest penalty.
+        rho_max: f64 = 10000.0,
+        /// Penalty of the penalty: standard, or the reference's.
+        form: Penalty = Penalty::Standard => "standard",
+        /// Keep multipliers for the episode's next plan.
+        persist: bool = true,
+        /// Largest constraint value with which a plan counts as feasible.
+        tolerance: f64 = 0.001,
+    }
 }
 
 /// The rule of the descent.
@@ -63,7 +62,7 @@ pub enum Optimizer {
 /// What violations cost, given multipliers λ and penalty ρ. Either way λ becomes max(0, λ + ρ g) after a round.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Form {
+pub enum Penalty {
     /// Σ (max(0, λ + ρ g)² - λ²) / 2ρ, with multipliers of every candidate's own.
     #[default]
     Standard,
@@ -72,44 +71,10 @@ pub enum Form {
     Reference,
 }
 
-impl Default for Lagrangian {
-    fn default() -> Self {
-        Self {
-            descent: Descent::default(),
-            clip: false,
-            rounds: 5,
-            optimizer: Optimizer::Adam,
-            lr: 0.1,
-            rho_init: 1.0,
-            rho_scale: 2.0,
-            rho_max: 1e4,
-            form: Form::Standard,
-            persist: true,
-            tolerance: 1e-3,
-        }
-    }
-}
-
-const OWN: &[Setting] = &[
-    Setting { name: "clip", doc: "keep plans within the action bounds", default: "false" },
-    Setting { name: "rounds", doc: "rounds of descent, each with dearer violations", default: "5" },
-    Setting { name: "optimizer", doc: "rule of the descent: sgd, adam or adamw", default: "adam" },
-    Setting { name: "lr", doc: "its learning rate", default: "0.1" },
-    Setting { name: "rho_init", doc: "penalty of the first round", default: "1" },
-    Setting { name: "rho_scale", doc: "what the penalty is multiplied with after a round", default: "2" },
-    Setting { name: "rho_max", doc: "largest penalty", default: "10000" },
-    Setting { name: "form", doc: "of the penalty: standard, or the reference's", default: "standard" },
-    Setting { name: "persist", doc: "keep multipliers for the episode's next plan", default: "true" },
-    Setting { name: "tolerance", doc: "largest violation that counts as none", default: "0.001" },
-];
-const ALL: &Joined = &join(&[Descent::SETTINGS, OWN]);
-
 /// More rounds are a typing error.
 const MAX_ROUNDS: usize = 10_000;
 
-impl Settings for Lagrangian {
-    const SETTINGS: &'static [Setting] = ALL.as_slice();
-
+impl Validate for Lagrangian {
     fn validate(&self) -> Result<(), PlanError> {
         self.descent.validate()?;
         self.rule().validate()?;
@@ -292,8 +257,8 @@ impl Run<'_, '_> {
             let multipliers = &multipliers[index * count..][..count];
             for ((weight, value), multiplier) in weights.iter_mut().zip(values).zip(multipliers) {
                 *weight = match form {
-                    Form::Standard => (multiplier + rho * value).max(0.0),
-                    Form::Reference => multiplier + 2.0 * rho * value.max(0.0),
+                    Penalty::Standard => (multiplier + rho * value).max(0.0),
+                    Penalty::Reference => multiplier + 2.0 * rho * value.max(0.0),
                 };
             }
         };
@@ -319,8 +284,8 @@ impl Run<'_, '_> {
         for ((multipliers, values), costs) in rows.zip(self.search.costs.chunks_exact(samples)) {
             for (index, multiplier) in multipliers.iter_mut().enumerate() {
                 let value = match self.settings.form {
-                    Form::Standard => values[index],
-                    Form::Reference => mean_of(values, index % count, costs),
+                    Penalty::Standard => values[index],
+                    Penalty::Reference => mean_of(values, index % count, costs),
                 };
                 *multiplier = (*multiplier + rho * value).max(0.0);
             }

@@ -30,7 +30,7 @@ pub use full_cem::FullCem;
 pub use icem::Icem;
 #[cfg(feature = "faer")]
 pub use ilqr::Ilqr;
-pub use lagrangian::{Form, Lagrangian, Optimizer};
+pub use lagrangian::{Lagrangian, Optimizer, Penalty};
 pub use mppi::{Mppi, TemperatureMode};
 pub use pgd::{Pgd, Select};
 pub use predictive_sampling::PredictiveSampling;

@@ -5,37 +5,36 @@
 //! `MPPISolver`: weights are a softmax of minus cost over temperature, of the cheapest samples only.
 
 use serde::{Deserialize, Serialize};
-use swm_core::registry::Setting;
 
 use crate::error::PlanError;
 use crate::ranges::{check_at_most_samples, check_counts, check_positive};
 use crate::sampling::Noise;
 use crate::search::{Carried, Episode, Sampler, Search};
-use crate::settings::Settings;
+use crate::settings::Validate;
 use crate::solver::{Problem, SolverConfig};
 
-/// Settings of MPPI. Defaults are the reference's.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Mppi {
-    /// S: candidates per iteration.
-    pub samples: usize,
-    /// Iterations; 0 returns the initial plan.
-    pub iterations: usize,
-    /// K: how many of the cheapest candidates have a weight; 0 for all.
-    pub elites: usize,
-    /// Standard deviation of every number, in all iterations.
-    pub sigma: f64,
-    /// How much more a candidate must cost to have a weight e times smaller.
-    pub temperature: f64,
-    /// In what the temperature counts.
-    pub temperature_mode: TemperatureMode,
-    /// Whether candidates are clipped to the bounds of the actions. The reference does not.
-    pub clip: bool,
-    /// Whether the cheapest plan ever evaluated is returned instead of the final mean.
-    pub return_best: bool,
-    /// Seed of the noise, beside that of the episode.
-    pub seed: u32,
+swm_core::settings! {
+    /// Settings of MPPI. Defaults are the reference's.
+    pub struct Mppi {
+        /// Candidate plans per iteration.
+        samples: usize = 300,
+        /// Rounds of sampling and averaging; 0 returns the initial plan.
+        iterations: usize = 30,
+        /// Cheapest candidates that have a weight; 0 for all.
+        elites: usize = 30,
+        /// Standard deviation of the candidates, in all iterations.
+        sigma: f64 = 1.0,
+        /// Additional cost that makes a weight e times smaller.
+        temperature: f64 = 0.5,
+        /// Unit of the temperature: that of the cost (absolute) or its standard deviation (relative).
+        temperature_mode: TemperatureMode = TemperatureMode::Absolute => "absolute",
+        /// Clip candidates to the action bounds. The reference does not.
+        clip: bool = false,
+        /// Return the cheapest plan evaluated, not the final mean.
+        return_best: bool = false,
+        /// Seed of the noise, in addition to the episode's.
+        seed: u32 = 0,
+    }
 }
 
 /// In what a temperature counts.
@@ -49,43 +48,7 @@ pub enum TemperatureMode {
     Relative,
 }
 
-impl Default for Mppi {
-    fn default() -> Self {
-        Self {
-            samples: 300,
-            iterations: 30,
-            elites: 30,
-            sigma: 1.0,
-            temperature: 0.5,
-            temperature_mode: TemperatureMode::Absolute,
-            clip: false,
-            return_best: false,
-            seed: 0,
-        }
-    }
-}
-
-impl Settings for Mppi {
-    const SETTINGS: &'static [Setting] = &[
-        Setting { name: "samples", doc: "candidate plans per iteration", default: "300" },
-        Setting { name: "iterations", doc: "rounds of drawing and averaging", default: "30" },
-        Setting { name: "elites", doc: "cheapest candidates that have a weight; 0 for all", default: "30" },
-        Setting { name: "sigma", doc: "standard deviation of the candidates", default: "1" },
-        Setting {
-            name: "temperature",
-            doc: "extra cost that makes a weight e times smaller",
-            default: "0.5",
-        },
-        Setting {
-            name: "temperature_mode",
-            doc: "temperature in units of the cost (absolute) or in standard deviations of it (relative)",
-            default: "absolute",
-        },
-        Setting { name: "clip", doc: "clip candidates to the action bounds", default: "false" },
-        Setting { name: "return_best", doc: "return the cheapest plan seen, not the mean", default: "false" },
-        Setting { name: "seed", doc: "seed of the noise, beside the episode's", default: "0" },
-    ];
-
+impl Validate for Mppi {
     fn validate(&self) -> Result<(), PlanError> {
         check_counts(self.samples, self.iterations)?;
         check_at_most_samples(self.elites, self.samples)?;

@@ -6,32 +6,30 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
-use swm_core::Space;
-use swm_core::registry::Setting;
+use swm_core::{Settings as _, Space};
 
 use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search};
 use crate::error::PlanError;
 use crate::sampling::count_non_finite;
-use crate::settings::{Joined, Settings, join};
+use crate::settings::Validate;
 use crate::solver::{Plan, Problem, Solver, SolverConfig};
 use crate::space::{categories, largest};
 use crate::trace::Trace;
 use crate::workspace::Workspace;
 
-/// Settings of projected gradient descent.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Pgd {
-    /// Starts, steps, noise.
-    #[serde(flatten)]
-    pub descent: Descent,
-    /// Length of a step, in units of the gradient. The reference's 1 suits categories; real actions want less, as in
-    /// [`crate::Sgd`].
-    pub lr: f64,
-    /// Which of the relaxed plans of integers is returned.
-    pub select: Select,
+swm_core::settings! {
+    /// Settings of projected gradient descent.
+    pub struct Pgd {
+        ..descent: Descent,
+        /// Learning rate; real actions need less than 1.
+        ///
+        /// The reference's 1 suits categories.
+        lr: f64 = 1.0,
+        /// Plans of integers are compared by their cost rounded or relaxed.
+        select: Select = Select::Rounded => "rounded",
+    }
 }
 
 /// By what relaxed plans of integers are chosen.
@@ -45,21 +43,7 @@ pub enum Select {
     Relaxed,
 }
 
-impl Default for Pgd {
-    fn default() -> Self {
-        Self { descent: Descent::default(), lr: 1.0, select: Select::Rounded }
-    }
-}
-
-const OWN: &[Setting] = &[
-    Setting { name: "lr", doc: "step per unit of gradient; real actions want less than 1", default: "1" },
-    Setting { name: "select", doc: "plans of integers by their cost rounded or relaxed", default: "rounded" },
-];
-const ALL: &Joined = &join(&[Descent::SETTINGS, OWN]);
-
-impl Settings for Pgd {
-    const SETTINGS: &'static [Setting] = ALL.as_slice();
-
+impl Validate for Pgd {
     fn validate(&self) -> Result<(), PlanError> {
         self.descent.validate()?;
         self.rule().validate()

@@ -3,41 +3,32 @@
 //! Source: the reference's `GradientSolver` with its SGD; momentum as in Sutskever et al., *On the importance of
 //! initialization and momentum in deep learning* (2013), in the form of the usual deep-learning libraries.
 
-use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
-use swm_core::Space;
-use swm_core::registry::Setting;
+use swm_core::{Settings as _, Space};
 
 use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search};
 use crate::error::PlanError;
-use crate::settings::{Joined, Settings, join};
+use crate::settings::Validate;
 use crate::solver::{Plan, Problem, Solver, SolverConfig};
 use crate::trace::Trace;
 use crate::workspace::Workspace;
 
-/// Settings of gradient descent.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Sgd {
-    /// Starts, steps, noise, limits.
-    #[serde(flatten)]
-    pub descent: Descent,
-    /// Whether plans are kept within the bounds of the actions. The reference does not.
-    pub clip: bool,
-    /// Length of a step, in units of the gradient. The reference's 1 makes most problems diverge; what is small enough
-    /// depends on the curvature of the cost.
-    pub lr: f64,
-    /// Share of the last step that is added to the next.
-    pub momentum: f64,
-    /// Whether momentum looks ahead (Nesterov).
-    pub nesterov: bool,
-}
-
-impl Default for Sgd {
-    fn default() -> Self {
-        Self { descent: Descent::default(), clip: false, lr: 0.01, momentum: 0.0, nesterov: false }
+swm_core::settings! {
+    /// Settings of gradient descent.
+    pub struct Sgd {
+        ..descent: Descent,
+        /// Clip plans to the action bounds. The reference does not.
+        clip: bool = false,
+        /// Learning rate.
+        ///
+        /// The reference's 1 makes most problems diverge; what is small enough depends on the curvature of the cost.
+        lr: f64 = 0.01,
+        /// Fraction of the last step that is added to the next.
+        momentum: f64 = 0.0,
+        /// Nesterov momentum.
+        nesterov: bool = false,
     }
 }
 
@@ -47,17 +38,7 @@ impl Sgd {
     }
 }
 
-const OWN: &[Setting] = &[
-    Setting { name: "clip", doc: "keep plans within the action bounds", default: "false" },
-    Setting { name: "lr", doc: "step per unit of gradient", default: "0.01" },
-    Setting { name: "momentum", doc: "share of the last step in the next", default: "0" },
-    Setting { name: "nesterov", doc: "look ahead with momentum", default: "false" },
-];
-const ALL: &Joined = &join(&[Descent::SETTINGS, OWN]);
-
-impl Settings for Sgd {
-    const SETTINGS: &'static [Setting] = ALL.as_slice();
-
+impl Validate for Sgd {
     fn validate(&self) -> Result<(), PlanError> {
         self.descent.validate()?;
         self.rule().validate()

@@ -3,8 +3,8 @@
 use swm_core::{Dtype, Space};
 use swm_solvers::models::{ControlCost, Navigation, Obstacle, Obstacles};
 use swm_solvers::{
-    Adam, Candidates, ConstrainedCost, Cost, Descent, DifferentiableCost, Form, Lagrangian, Moment, NoTrace,
-    Optimizer, Plan, PlanError, Problem, Solver as _, Weigh, Workspace,
+    Adam, Candidates, ConstrainedCost, Cost, Descent, DifferentiableCost, Lagrangian, Moment, NoTrace,
+    Optimizer, Penalty, Plan, PlanError, Problem, Solver as _, Weigh, Workspace,
 };
 
 use crate::gradients::solve;
@@ -122,7 +122,7 @@ fn caps_are_kept_and_their_prices_known() {
     assert!((plan.cost_of_returned[0] - (1.0 + 1.0 + 0.09)).abs() < 1e-2);
 
     // The reference's form heads for the same point.
-    let reference = Lagrangian { form: Form::Reference, ..lagrangian(1, 200, 12) };
+    let reference = Lagrangian { form: Penalty::Reference, ..lagrangian(1, 200, 12) };
     let plan = capped(&reference, &[]);
     for (index, &u) in plan.actions.iter().enumerate() {
         let expected = WISHES[index].min(LIMITS[index]);

@@ -3,7 +3,7 @@
 use serde_json::json;
 use swm_core::{Dtype, Space};
 use swm_solvers::{
-    Cem, CmaEs, FullCem, NoTrace, Plan, PlanError, Problem, SOLVERS, Settings as _, Solver, Workspace,
+    Cem, CmaEs, FullCem, NoTrace, Plan, PlanError, Problem, SOLVERS, Solver, Validate as _, Workspace,
 };
 
 use crate::problems::{Analytic, PlanCost, keys, lq, problem, space};

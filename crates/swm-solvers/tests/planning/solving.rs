@@ -3,9 +3,9 @@
 use std::collections::HashSet;
 
 use serde_json::json;
-use swm_core::{Dtype, Space};
+use swm_core::{Dtype, Settings as _, Space};
 use swm_solvers::{
-    Candidates, Cem, Cost, Moment, NoTrace, Plan, PlanError, SOLVERS, Settings, Solver, Workspace,
+    Candidates, Cem, Cost, Moment, NoTrace, Plan, PlanError, SOLVERS, Solver, Validate, Workspace,
 };
 
 use crate::problems::{Analytic, LQ_OPTIMA, PlanCost, Trial, keys, lq, nav, problem, space};

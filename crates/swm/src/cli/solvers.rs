@@ -3,8 +3,8 @@
 use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::error::{did_you_mean, nearest};
-use swm_core::registry::Setting;
-use swm_solvers::{PlanConfig, SOLVERS, Settings as _, SimulatorOptions, SolverEntry};
+use swm_core::{Setting, Settings as _};
+use swm_solvers::{PlanConfig, SOLVERS, SimulatorOptions, SolverEntry};
 
 use super::output::table;
 use super::{Failure, Output, usage};

@@ -2,41 +2,31 @@
 //! draws bands that move.)
 
 use rand::RngExt as _;
-use serde::{Deserialize, Serialize};
-use swm_core::registry::Setting;
 use swm_core::view::Frame;
 
 use super::{Distractor, within};
 
-/// Replaces pixels near the key color by diagonal bands, in colors that are drawn per episode.
-#[derive(Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct ChromaKey {
-    red: u8,
-    green: u8,
-    blue: u8,
-    tolerance: f64,
-    band: usize,
-    speed: u64,
-}
-
-impl Default for ChromaKey {
-    fn default() -> Self {
-        Self { red: 255, green: 255, blue: 255, tolerance: 0.0, band: 8, speed: 1 }
+swm_core::settings! {
+    /// Replaces pixels near the key color by diagonal bands, in colors that are sampled per episode.
+    pub(super) struct ChromaKey {
+        /// Red of the key color.
+        red: u8 = 255,
+        /// Green of the key color.
+        green: u8 = 255,
+        /// Blue of the key color.
+        blue: u8 = 255,
+        /// Largest distance from it in RGB.
+        tolerance: f64 = 0.0,
+        /// Width of a band in pixels.
+        band: usize = 8,
+        /// Pixels that bands move per step.
+        speed: u64 = 1,
     }
 }
 
 impl Distractor for ChromaKey {
     const NAME: &'static str = "chroma_key";
     const SUMMARY: &'static str = "moving bands where the image has a key color";
-    const SETTINGS: &'static [Setting] = &[
-        Setting { name: "red", doc: "red of the key color", default: "255" },
-        Setting { name: "green", doc: "green of the key color", default: "255" },
-        Setting { name: "blue", doc: "blue of the key color", default: "255" },
-        Setting { name: "tolerance", doc: "largest distance from it in RGB", default: "0.0" },
-        Setting { name: "band", doc: "width of a band in pixels", default: "8" },
-        Setting { name: "speed", doc: "pixels that bands move per step", default: "1" },
-    ];
 
     fn check(&self) -> Result<(), String> {
         within("tolerance", self.tolerance, 0.0, 442.0)?;

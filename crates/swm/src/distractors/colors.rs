@@ -1,39 +1,31 @@
-//! Changes of color: jitter, drawn per episode, and gray.
+//! Changes of color: jitter, sampled per episode, and grayscale.
 
 use rand::RngExt as _;
 use serde::{Deserialize, Serialize};
-use swm_core::registry::Setting;
 use swm_core::view::Frame;
+use swm_core::{Setting, Settings};
 
 use super::{Distractor, byte, within};
 
-/// Brightness, contrast, saturation and hue, each by a factor or turn of its own.
-#[derive(Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct ColorJitter {
-    brightness: f64,
-    contrast: f64,
-    saturation: f64,
-    hue: f64,
-    truncate: bool,
-}
-
-impl Default for ColorJitter {
-    fn default() -> Self {
-        Self { brightness: 0.2, contrast: 0.2, saturation: 0.2, hue: 0.05, truncate: false }
+swm_core::settings! {
+    /// Brightness, contrast, saturation and hue, each changed by its own factor or turn.
+    pub(super) struct ColorJitter {
+        /// Largest relative change of brightness.
+        brightness: f64 = 0.2,
+        /// Largest relative change of contrast.
+        contrast: f64 = 0.2,
+        /// Largest relative change of saturation.
+        saturation: f64 = 0.2,
+        /// Largest turn of the hue, as a fraction of a full one.
+        hue: f64 = 0.05,
+        /// Truncate to bytes instead of rounding, as the reference does.
+        truncate: bool = false,
     }
 }
 
 impl Distractor for ColorJitter {
     const NAME: &'static str = "color_jitter";
     const SUMMARY: &'static str = "other brightness, contrast, saturation and hue in every episode";
-    const SETTINGS: &'static [Setting] = &[
-        Setting { name: "brightness", doc: "largest relative change", default: "0.2" },
-        Setting { name: "contrast", doc: "largest relative change", default: "0.2" },
-        Setting { name: "saturation", doc: "largest relative change", default: "0.2" },
-        Setting { name: "hue", doc: "largest turn, as a part of a full one", default: "0.05" },
-        Setting { name: "truncate", doc: "cut numbers off, as the reference does", default: "false" },
-    ];
 
     fn check(&self) -> Result<(), String> {
         for (name, value) in
@@ -101,13 +93,16 @@ fn rgb([h, s, v]: [f32; 3]) -> [f32; 3] {
 
 /// Luma in all channels.
 #[derive(Default, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[serde(deny_unknown_fields)]
 pub(super) struct Grayscale {}
+
+impl Settings for Grayscale {
+    const SETTINGS: &'static [Setting] = &[];
+}
 
 impl Distractor for Grayscale {
     const NAME: &'static str = "grayscale";
     const SUMMARY: &'static str = "no colors: the luma in all channels";
-    const SETTINGS: &'static [Setting] = &[];
 
     fn check(&self) -> Result<(), String> {
         Ok(())

@@ -2,23 +2,17 @@
 
 use rand::RngExt as _;
 use rand_distr::StandardNormal;
-use serde::{Deserialize, Serialize};
-use swm_core::registry::Setting;
 use swm_core::view::{Frame, Scratch};
 
 use super::{Distractor, byte, within};
 
-/// A separable Gaussian.
-#[derive(Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct Blur {
-    kernel: usize,
-    sigma: f64,
-}
-
-impl Default for Blur {
-    fn default() -> Self {
-        Self { kernel: 5, sigma: 0.0 }
+swm_core::settings! {
+    /// A separable Gaussian.
+    pub(super) struct Blur {
+        /// Size of the kernel in pixels, made odd.
+        kernel: usize = 5,
+        /// Standard deviation in pixels; 0: derived from the kernel.
+        sigma: f64 = 0.0,
     }
 }
 
@@ -46,10 +40,6 @@ impl Blur {
 impl Distractor for Blur {
     const NAME: &'static str = "blur";
     const SUMMARY: &'static str = "a Gaussian blur";
-    const SETTINGS: &'static [Setting] = &[
-        Setting { name: "kernel", doc: "width in pixels, made odd", default: "5" },
-        Setting { name: "sigma", doc: "deviation in pixels; 0: what suits the kernel", default: "0.0" },
-    ];
 
     fn check(&self) -> Result<(), String> {
         within("kernel", self.kernel as f64, 1.0, LARGEST_KERNEL)?;
@@ -99,27 +89,19 @@ fn mirrored(at: usize, offset: isize, len: usize) -> usize {
     place.min(period - place) as usize
 }
 
-/// A convolution with weights that are drawn per episode.
-#[derive(Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct RandomConv {
-    kernel: usize,
-    truncate: bool,
-}
-
-impl Default for RandomConv {
-    fn default() -> Self {
-        Self { kernel: 3, truncate: false }
+swm_core::settings! {
+    /// A convolution with weights that are sampled per episode.
+    pub(super) struct RandomConv {
+        /// Size of the kernel in pixels, made odd.
+        kernel: usize = 3,
+        /// Truncate to bytes instead of rounding, as the reference does.
+        truncate: bool = false,
     }
 }
 
 impl Distractor for RandomConv {
     const NAME: &'static str = "random_conv";
     const SUMMARY: &'static str = "a random convolution, another in every episode";
-    const SETTINGS: &'static [Setting] = &[
-        Setting { name: "kernel", doc: "width in pixels, made odd", default: "3" },
-        Setting { name: "truncate", doc: "cut numbers off, as the reference does", default: "false" },
-    ];
 
     fn check(&self) -> Result<(), String> {
         within("kernel", self.kernel as f64, 1.0, 15.0)
@@ -163,24 +145,17 @@ impl Distractor for RandomConv {
     }
 }
 
-/// Fewer, larger pixels.
-#[derive(Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct Resolution {
-    scale: f64,
-}
-
-impl Default for Resolution {
-    fn default() -> Self {
-        Self { scale: 0.5 }
+swm_core::settings! {
+    /// Fewer, larger pixels.
+    pub(super) struct Resolution {
+        /// Fraction of the height and width that remains.
+        scale: f64 = 0.5,
     }
 }
 
 impl Distractor for Resolution {
     const NAME: &'static str = "resolution";
     const SUMMARY: &'static str = "a coarser image of the same size";
-    const SETTINGS: &'static [Setting] =
-        &[Setting { name: "scale", doc: "part of the height and width that remains", default: "0.5" }];
 
     fn check(&self) -> Result<(), String> {
         within("scale", self.scale, 1e-3, 1.0)

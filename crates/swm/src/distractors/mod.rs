@@ -2,8 +2,8 @@
 //! looks. Each is a pure function of the image, the episode, the step and the view.
 //!
 //! Parameters and formulas are those of the reference's wrappers of August 2026. What differs on purpose: everything random
-//! is keyed (the reference draws from a generator that runs on across calls and episodes), steps are counted from each
-//! episode's start, and numbers are rounded to the nearest byte (`truncate=true`: cut off, as the reference does).
+//! is keyed (the reference samples from a generator that continues across calls and episodes), steps are counted from each
+//! episode's start, and values are rounded to the nearest byte (`truncate=true`: truncated, as in the reference).
 
 mod chroma;
 mod colors;
@@ -15,13 +15,10 @@ mod shift;
 
 use std::sync::Arc;
 
-use serde::Serialize;
-use serde::de::DeserializeOwned;
 use serde_json::{Map, Value as Json};
-use swm_core::PolicyArgs;
 use swm_core::error::{BoxError, did_you_mean, nearest};
-use swm_core::registry::Setting;
 use swm_core::view::{Frame, Transform};
+use swm_core::{PolicyArgs, Setting, Settings};
 
 pub use schedule::Schedule;
 
@@ -40,7 +37,7 @@ pub const DISTRACTORS: &[DistractorEntry] = &[
     entry::<chroma::ChromaKey>(),
 ];
 
-/// Instead of a distractor: those beside it change goal images too.
+/// Not a distractor: makes the others change goal images too.
 const ON_GOALS: &str = "on_goals";
 
 /// One distractor of the table.
@@ -59,10 +56,9 @@ pub struct DistractorEntry {
 type Make = fn(Map<String, Json>) -> Result<Box<dyn Transform>, BoxError>;
 
 /// A kind of distractor: its settings, as plain data.
-trait Distractor: Serialize + DeserializeOwned + Default + Send + Sync + 'static {
+trait Distractor: Settings + Send + Sync + 'static {
     const NAME: &'static str;
     const SUMMARY: &'static str;
-    const SETTINGS: &'static [Setting];
 
     /// Refuses settings that cannot be meant.
     fn check(&self) -> Result<(), String>;
@@ -75,19 +71,7 @@ struct Of<D>(D);
 
 impl<D: Distractor> Transform for Of<D> {
     fn describe(&self) -> String {
-        let fields = |settings: &D| match serde_json::to_value(settings) {
-            Ok(Json::Object(map)) => map,
-            _ => Map::new(),
-        };
-        let default = fields(&D::default());
-        let changed = fields(&self.0).into_iter().filter(|(name, value)| default.get(name) != Some(value));
-        let settings: Vec<String> = changed
-            .map(|(name, value)| match value {
-                Json::String(text) => format!("{name}={text}"),
-                value => format!("{name}={value}"),
-            })
-            .collect();
-        if settings.is_empty() { D::NAME.to_owned() } else { format!("{}:{}", D::NAME, settings.join(",")) }
+        self.0.describe_as(D::NAME)
     }
 
     fn apply(&self, frame: &mut Frame<'_>) {

@@ -1,10 +1,8 @@
-//! Rectangles in one color: at rest, anew at every step, or moving.
+//! Rectangles in one color: fixed for an episode, sampled at every step, or moving.
 
 use std::f64::consts::TAU;
 
 use rand::RngExt as _;
-use serde::{Deserialize, Serialize};
-use swm_core::registry::Setting;
 use swm_core::seed::Stream;
 use swm_core::view::Frame;
 
@@ -12,35 +10,23 @@ use super::{Distractor, within};
 
 const MOST: f64 = 1000.0;
 
-/// How many rectangles, how large, how bright.
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct Occlusion {
-    patches: usize,
-    smallest: f64,
-    largest: f64,
-    color: u8,
-}
-
-impl Default for Occlusion {
-    fn default() -> Self {
-        Self { patches: 1, smallest: 0.1, largest: 0.3, color: 0 }
+swm_core::settings! {
+    /// How many rectangles, how large, how bright.
+    pub(super) struct Occlusion {
+        /// Number of rectangles.
+        patches: usize = 1,
+        /// Smallest side, as a fraction of the image's.
+        smallest: f64 = 0.1,
+        /// Largest side.
+        largest: f64 = 0.3,
+        /// Brightness, 0 to 255.
+        color: u8 = 0,
     }
 }
-
-const PATCHES: Setting = Setting { name: "patches", doc: "how many rectangles", default: "1" };
-const SMALLEST: Setting =
-    Setting { name: "smallest", doc: "smallest side, as a part of the image's", default: "0.1" };
 
 impl Distractor for Occlusion {
     const NAME: &'static str = "occlusion";
     const SUMMARY: &'static str = "rectangles that hide parts of the image, others in every episode";
-    const SETTINGS: &'static [Setting] = &[
-        PATCHES,
-        SMALLEST,
-        Setting { name: "largest", doc: "largest side", default: "0.3" },
-        Setting { name: "color", doc: "brightness, 0 to 255", default: "0" },
-    ];
 
     fn check(&self) -> Result<(), String> {
         check(self.patches, self.smallest, self.largest)
@@ -48,12 +34,12 @@ impl Distractor for Occlusion {
 
     fn apply(&self, frame: &mut Frame<'_>) {
         let mut rng = frame.of_episode("distractor occlusion");
-        self.draw(&mut rng, frame);
+        self.fill(&mut rng, frame);
     }
 }
 
 impl Occlusion {
-    fn draw(&self, rng: &mut Stream, frame: &mut Frame<'_>) {
+    fn fill(&self, rng: &mut Stream, frame: &mut Frame<'_>) {
         for _ in 0..self.patches {
             let [height, width] = sides(rng, frame, self.smallest, self.largest);
             let y = rng.random_range(0..=frame.height - height);
@@ -63,31 +49,23 @@ impl Occlusion {
     }
 }
 
-/// As occlusion, at every step anew.
-#[derive(Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct Cutout {
-    patches: usize,
-    smallest: f64,
-    largest: f64,
-    color: u8,
-}
-
-impl Default for Cutout {
-    fn default() -> Self {
-        Self { patches: 1, smallest: 0.1, largest: 0.2, color: 0 }
+swm_core::settings! {
+    /// As occlusion, sampled anew at every step.
+    pub(super) struct Cutout {
+        /// Number of rectangles.
+        patches: usize = 1,
+        /// Smallest side, as a fraction of the image's.
+        smallest: f64 = 0.1,
+        /// Largest side.
+        largest: f64 = 0.2,
+        /// Brightness, 0 to 255.
+        color: u8 = 0,
     }
 }
 
 impl Distractor for Cutout {
     const NAME: &'static str = "cutout";
     const SUMMARY: &'static str = "rectangles that hide parts of the image, others at every step";
-    const SETTINGS: &'static [Setting] = &[
-        PATCHES,
-        SMALLEST,
-        Setting { name: "largest", doc: "largest side", default: "0.2" },
-        Setting { name: "color", doc: "brightness, 0 to 255", default: "0" },
-    ];
 
     fn check(&self) -> Result<(), String> {
         check(self.patches, self.smallest, self.largest)
@@ -96,37 +74,29 @@ impl Distractor for Cutout {
     fn apply(&self, frame: &mut Frame<'_>) {
         let Self { patches, smallest, largest, color } = *self;
         let mut rng = frame.of_step("distractor cutout");
-        Occlusion { patches, smallest, largest, color }.draw(&mut rng, frame);
+        Occlusion { patches, smallest, largest, color }.fill(&mut rng, frame);
     }
 }
 
-/// Rectangles that fly straight and bounce off the image's edges.
-#[derive(Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct MovingPatch {
-    patches: usize,
-    smallest: f64,
-    largest: f64,
-    color: u8,
-    speed: f64,
-}
-
-impl Default for MovingPatch {
-    fn default() -> Self {
-        Self { patches: 1, smallest: 0.1, largest: 0.2, color: 255, speed: 2.0 }
+swm_core::settings! {
+    /// Rectangles that move in a straight line and bounce off the edges of the image.
+    pub(super) struct MovingPatch {
+        /// Number of rectangles.
+        patches: usize = 1,
+        /// Smallest side, as a fraction of the image's.
+        smallest: f64 = 0.1,
+        /// Largest side.
+        largest: f64 = 0.2,
+        /// Brightness, 0 to 255.
+        color: u8 = 255,
+        /// Pixels per step.
+        speed: f64 = 2.0,
     }
 }
 
 impl Distractor for MovingPatch {
     const NAME: &'static str = "moving_patch";
-    const SUMMARY: &'static str = "rectangles that fly through the image and bounce off its edges";
-    const SETTINGS: &'static [Setting] = &[
-        PATCHES,
-        SMALLEST,
-        Setting { name: "largest", doc: "largest side", default: "0.2" },
-        Setting { name: "color", doc: "brightness, 0 to 255", default: "255" },
-        Setting { name: "speed", doc: "pixels per step", default: "2.0" },
-    ];
+    const SUMMARY: &'static str = "rectangles that move through the image and bounce off its edges";
 
     fn check(&self) -> Result<(), String> {
         check(self.patches, self.smallest, self.largest)?;
@@ -148,7 +118,7 @@ impl Distractor for MovingPatch {
     }
 }
 
-/// Where something is that flew to `at` and bounced off 0 and `room`. In closed form, so that a step needs none before.
+/// `at`, reflected at 0 and `room` as often as needed: in closed form, so that a step does not depend on those before.
 fn bounced(at: f64, room: f64) -> f64 {
     if room <= 0.0 {
         return 0.0;

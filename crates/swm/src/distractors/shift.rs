@@ -1,30 +1,21 @@
 //! Shifts by a few pixels, at every step another.
 
 use rand::RngExt as _;
-use serde::{Deserialize, Serialize};
-use swm_core::registry::Setting;
 use swm_core::view::Frame;
 
 use super::{Distractor, within};
 
-/// Pads the image with its edges and cuts out one of its size.
-#[derive(Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct RandomShift {
-    pad: usize,
-}
-
-impl Default for RandomShift {
-    fn default() -> Self {
-        Self { pad: 4 }
+swm_core::settings! {
+    /// Pads the image by repeating its edges and crops one of its size.
+    pub(super) struct RandomShift {
+        /// Largest shift in pixels, in all directions.
+        pad: usize = 4,
     }
 }
 
 impl Distractor for RandomShift {
     const NAME: &'static str = "random_shift";
     const SUMMARY: &'static str = "a shift by a few pixels, another at every step";
-    const SETTINGS: &'static [Setting] =
-        &[Setting { name: "pad", doc: "largest shift in pixels, in all directions", default: "4" }];
 
     fn check(&self) -> Result<(), String> {
         within("pad", self.pad as f64, 1.0, 1000.0)

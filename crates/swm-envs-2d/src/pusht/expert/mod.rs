@@ -30,7 +30,7 @@ use std::sync::Arc;
 
 use swm_core::{
     Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, RowView,
-    SliceMut,
+    Settings as _, SliceMut,
 };
 use swm_fov::FovSpace;
 
@@ -87,7 +87,7 @@ fn make<E: Engine>(
         (false, false) => ActionKind::Absolute,
     };
     let factors = factors_with(env, &env_settings.init_value)?;
-    let description = settings.describe(&args.name);
+    let description = settings.describe_as(&args.name);
     let expert =
         Arc::new(Expert { env, factors, env_settings, kind, frame_skip: context.frame_skip, settings });
     Ok(Box::new(PerEpisode::new(description, move |view: &RowView<'_>| {

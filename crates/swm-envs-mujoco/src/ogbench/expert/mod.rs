@@ -6,12 +6,11 @@ mod plan;
 mod sight;
 
 use rand::RngExt as _;
-use serde::{Deserialize, Serialize};
 use swm_core::policy::write_action;
 use swm_core::seed::Stream;
 use swm_core::{
     Actor, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, RowView, Setting,
-    SliceMut,
+    Settings as _, SliceMut,
 };
 
 use self::markov::Markov;
@@ -37,33 +36,22 @@ pub(super) const POLICIES: &[PolicyEntry] = &[
     },
 ];
 
-/// The arguments for help, one per field of `Arguments`.
-const SETTINGS: &[Setting] = &[
-    Setting { name: "noise", doc: "how noisy the plan or the actions are; 0: not at all", default: "0.1" },
-    Setting { name: "p_random_action", doc: "probability of a random action at a step", default: "0" },
-    Setting {
-        name: "noise_smoothing",
-        doc: "how many steps noise of a plan is smoothed over",
-        default: "0.5",
-    },
-    Setting { name: "min_norm", doc: "m that `markov-expert` moves towards at least", default: "0.4" },
-];
-
-/// Arguments of the policies. Unknown names are refused.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Arguments {
-    noise: f64,
-    p_random_action: f64,
-    noise_smoothing: f64,
-    min_norm: f64,
-}
-
-impl Default for Arguments {
-    fn default() -> Self {
-        Self { noise: 0.1, p_random_action: 0.0, noise_smoothing: 0.5, min_norm: 0.4 }
+swm_core::settings! {
+    /// Arguments of the policies. Unknown names are refused.
+    #[derive(Copy)]
+    struct Arguments {
+        /// Amplitude of the noise of the plan or the actions; 0: none.
+        noise: f64 = 0.1,
+        /// Probability of a random action at a step.
+        p_random_action: f64 = 0.0,
+        /// Steps over which the noise of a plan is smoothed.
+        noise_smoothing: f64 = 0.5,
+        /// Shortest motion command of `markov-expert`, in m.
+        min_norm: f64 = 0.4,
     }
 }
+
+const SETTINGS: &[Setting] = Arguments::SETTINGS;
 
 /// How it decides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
