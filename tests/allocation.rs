@@ -5,8 +5,7 @@ use std::alloc::System;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use swm::core::error::BoxError;
 use swm::core::{
-    EnvConfig, EnvEntry, EpisodeEnd, ImageSize, LiveRow, Recorder, ResetOptions, Rollout, Scenario, World,
-    WorldOptions, policy,
+    EnvConfig, EnvEntry, EpisodeEnd, ImageSize, LiveRow, Recorder, Rollout, World, WorldOptions, policies,
 };
 
 #[global_allocator]
@@ -70,11 +69,10 @@ fn allocations_of_80_steps(entry: &EnvEntry, num_envs: usize, render: &str) -> O
     if entry.settings.iter().any(|setting| setting.name == "render") {
         env.settings.insert("render".to_owned(), render.into());
     }
-    let options = WorldOptions { num_envs, env, threads: Some(1), ..WorldOptions::default() };
+    let options = WorldOptions::new(num_envs).env(env).threads(1);
     let mut world = World::new(entry, options).expect("the table's environments exist");
-    world.set_policy(policy::random());
-    let reset = ResetOptions::default();
-    let rollout = Rollout { episodes: 0..num_envs as u64, seed: 3, scenario: Scenario::Same(&reset) };
+    world.set_policy(policies::random());
+    let rollout = Rollout::new(0..num_envs as u64).seed(3);
     let mut counter = Counter::default();
     world.run(&rollout, &mut counter).expect("random episodes run");
     counter.allocations

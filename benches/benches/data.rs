@@ -6,7 +6,7 @@ use std::sync::Arc;
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use swm_benches::{Actions, EPISODE_STEPS, Image, world};
 use swm_core::error::BoxError;
-use swm_core::{Batch, EpisodeSink, Metadata, ResetOptions, Rollout, Scenario, Schema};
+use swm_core::{Batch, EpisodeSink, Metadata, Rollout, Schema};
 use swm_data::WriteMode;
 use swm_data::loader::{BatchOptions, ClipOptions, Loader};
 
@@ -39,9 +39,8 @@ fn recorded(side: usize, episodes: u64) -> Memory {
     let mut memory = Memory::default();
     let mut world = world(Image { side, style: "fast" }, Actions::Weak, 1, 1).expect("the options are valid");
     world.set_max_episode_steps(Some(EPISODE_STEPS as u64));
-    let reset = ResetOptions::default();
-    let rollout = Rollout { episodes: 0..episodes, seed: 0, scenario: Scenario::Same(&reset) };
-    world.record_dataset(&rollout, &mut memory, &mut ()).expect("memory takes everything");
+    let rollout = Rollout::new(0..episodes);
+    world.record_dataset(&rollout, &mut memory).expect("memory takes everything");
     memory
 }
 

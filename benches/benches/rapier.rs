@@ -23,7 +23,7 @@ fn world_step(c: &mut Criterion) {
         let context = PolicyContext { env: entry, config: &env, frame_skip: 1 };
         let args = PolicyArgs::parse(policy).expect("the name is valid");
         let policy = Registry::new().with_envs(ENVS).policy(&context, &args).expect("it exists");
-        let options = WorldOptions { max_episode_steps: None, threads: Some(1), ..WorldOptions::default() };
+        let options = WorldOptions::default().max_episode_steps(None).threads(1);
         let mut world = World::new(entry, options).expect("the options are valid");
         world.set_policy(policy);
         let mut steps = 0;

@@ -4,7 +4,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use swm_benches::{Actions, BareEnv, EPISODE_STEPS, Image, world};
-use swm_core::{ResetOptions, Rollout, Scenario};
+use swm_core::{ResetOptions, Rollout};
 
 /// `Env::step` and `Env::observe` through whole episodes, without images.
 fn bare_step(c: &mut Criterion) {
@@ -66,8 +66,7 @@ fn world_run(c: &mut Criterion) {
         for (num_envs, threads) in [(1, 1), (8, 1), (8, 2)] {
             let mut world = world(image, Actions::Weak, num_envs, threads).expect("the options are valid");
             world.set_max_episode_steps(Some(EPISODE_STEPS as u64));
-            let reset = ResetOptions::default();
-            let rollout = Rollout { episodes: 0..EPISODES, seed: 0, scenario: Scenario::Same(&reset) };
+            let rollout = Rollout::new(0..EPISODES);
             let name = format!("{}/weak/envs={num_envs}/threads={threads}", image.name());
             group.bench_function(name, |b| {
                 b.iter(|| world.run(&rollout, &mut ()).expect("nothing can fail"));

@@ -94,7 +94,7 @@ pub fn world_of(
     let (env, threads) = (image.config(), Some(threads));
     let context = PolicyContext { env: entry, config: &env, frame_skip: 1 };
     let policy = Registry::new().with_envs(ENVS).policy(&context, &PolicyArgs::parse(policy)?)?;
-    let options = WorldOptions { num_envs, env, threads, max_episode_steps: None, ..WorldOptions::default() };
+    let options = WorldOptions::new(num_envs).env(env).threads(threads).max_episode_steps(None);
     let mut world = World::new(entry, options)?;
     world.set_policy(policy);
     Ok(world)

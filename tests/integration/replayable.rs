@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use swm::core::env::PIXELS;
 use swm::core::{
-    Batch, EnvConfig, EnvEntry, ImageSize, ResetOptions, Rollout, Scenario, Schema, SliceMut, Value, World,
-    WorldError, WorldOptions, policy,
+    Batch, EnvConfig, EnvEntry, ImageSize, Rollout, Schema, SliceMut, Value, World, WorldError, WorldOptions,
+    policies,
 };
 use swm::data::loader::{BatchOptions, ClipOptions, Loader};
 use swm::data::{Dataset, MemoryDataset, RenderOptions, Rendered, ReplayBuffer, Steps};
@@ -17,21 +17,17 @@ const EVERY: u32 = 8;
 
 /// Two episodes of random actions under the default factors drawn; with images, or with checkpoints.
 pub(crate) fn record(entry: &EnvEntry, images: bool, frame_skip: u32) -> Result<MemoryDataset, WorldError> {
-    let options = WorldOptions {
-        num_envs: 2,
-        env: EnvConfig { image: images.then_some(IMAGE), ..EnvConfig::default() },
-        max_episode_steps: Some(28),
-        frame_skip,
-        threads: Some(1),
-        checkpoints: (!images).then_some(EVERY),
-        ..WorldOptions::default()
-    };
+    let options = WorldOptions::new(2)
+        .env(EnvConfig { image: images.then_some(IMAGE), ..EnvConfig::default() })
+        .max_episode_steps(28)
+        .frame_skip(frame_skip)
+        .threads(1)
+        .checkpoints((!images).then_some(EVERY));
     let mut world = World::new(entry, options)?;
-    world.set_policy(policy::random());
-    let reset = ResetOptions::default();
-    let rollout = Rollout { episodes: 0..2, seed: 5, scenario: Scenario::Same(&reset) };
+    world.set_policy(policies::random());
+    let rollout = Rollout::new(0..2).seed(5);
     let mut buffer = ReplayBuffer::new(1000);
-    world.record_dataset(&rollout, &mut buffer, &mut ())?;
+    world.record_dataset(&rollout, &mut buffer)?;
     Ok(buffer.dataset().expect("it was recorded"))
 }
 

@@ -5,7 +5,7 @@ use anyhow::{Context as _, Result, bail};
 use swm_benches::{EPISODE_STEPS, Measurement, print, seconds};
 use swm_core::{
     Batch, Env, EnvConfig, EnvEntry, Episode, EpisodeSeed, ImageSize, ResetOptions, Schema, Slice, Value,
-    World, WorldOptions, policy,
+    World, WorldOptions, policies,
 };
 use swm_envs_mujoco::{CHEETAH, ENVS, HUMANOID};
 
@@ -91,10 +91,9 @@ fn threads(seconds: f64) -> Result<Vec<Measurement>> {
 }
 
 fn world(entry: &'static EnvEntry, num_envs: usize, threads: usize) -> Result<World> {
-    let options =
-        WorldOptions { num_envs, threads: Some(threads), max_episode_steps: None, ..WorldOptions::default() };
+    let options = WorldOptions::new(num_envs).threads(threads).max_episode_steps(None);
     let mut world = World::new(entry, options)?;
-    world.set_policy(policy::random());
+    world.set_policy(policies::random());
     Ok(world)
 }
 

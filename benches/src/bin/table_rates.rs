@@ -3,7 +3,9 @@
 
 use anyhow::{Context as _, Result};
 use swm_benches::{Measurement, print, seconds};
-use swm_core::{EnvConfig, EnvEntry, ImageSize, Registry, ResetOptions, Value, World, WorldOptions, policy};
+use swm_core::{
+    EnvConfig, EnvEntry, ImageSize, Registry, ResetOptions, Value, World, WorldOptions, policies,
+};
 use swm_envs_mujoco::ENVS;
 
 fn main() -> Result<()> {
@@ -61,13 +63,11 @@ fn scenarios() -> [(&'static str, Scenario); 4] {
 
 fn world_of_one(entry: &'static EnvEntry, side: Option<usize>) -> Result<World> {
     let image = side.map(|side| ImageSize { height: side, width: side });
-    let options = WorldOptions {
-        env: EnvConfig { image, ..EnvConfig::default() },
-        max_episode_steps: None,
-        threads: Some(1),
-        ..WorldOptions::default()
-    };
+    let options = WorldOptions::default()
+        .env(EnvConfig { image, ..EnvConfig::default() })
+        .max_episode_steps(None)
+        .threads(1);
     let mut world = World::new(entry, options)?;
-    world.set_policy(policy::random());
+    world.set_policy(policies::random());
     Ok(world)
 }

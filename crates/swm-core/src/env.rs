@@ -12,8 +12,8 @@ use crate::space::Space;
 
 /// An environment: one simulated world, its observations and its images.
 ///
-/// Advancing and observing are apart, so that frame skip and planning pay for neither rows nor images. All
-/// four ways to change it (`reset`, `step`, `restore`, nothing else) are deterministic.
+/// Advancing and observing are apart, so that frame skip and planning pay for neither observations nor images. Only
+/// `reset`, `step` and `restore` change it, and all three are deterministic.
 pub trait Env: Send + Sync {
     /// What it is and what it writes. Constant over its life.
     fn spec(&self) -> &EnvSpec;
@@ -254,6 +254,11 @@ impl ResetOptions {
         self.variation_values.insert(name.to_owned(), value);
         self
     }
+}
+
+/// Whether `asked` (a factor's name, a group's name, or `all`) selects the factor `name`.
+pub fn selects(asked: &str, name: &str) -> bool {
+    asked == "all" || asked == name || name.strip_prefix(asked).is_some_and(|rest| rest.starts_with('.'))
 }
 
 /// One episode, as its environment sees it at reset.

@@ -1,4 +1,4 @@
-//! What can go wrong. Every message names the object, the reason and the way out.
+//! What can go wrong. Every message names the object, the reason and the fix.
 
 use thiserror::Error;
 
@@ -130,11 +130,17 @@ pub enum WorldError {
     /// A policy is needed and none is set.
     #[error("the world has no policy; call `set_policy` first")]
     NoPolicy,
+    /// A step of a run has no actions yet.
+    #[error("this step has no actions; call `act` or `set_actions` before `advance`")]
+    NoActions,
+    /// The run was asked to stop. Committed episodes stay.
+    #[error("cancelled")]
+    Cancelled,
     /// Actions have a wrong shape or value.
-    #[error("environment {row} (episode {episode}, step {step}): {reason}")]
+    #[error("environment {slot} (episode {episode}, step {step}): {reason}")]
     Action {
-        /// Row of the world.
-        row: usize,
+        /// Slot of the world.
+        slot: usize,
         /// Episode index.
         episode: u64,
         /// Step of the episode.
@@ -143,10 +149,10 @@ pub enum WorldError {
         reason: String,
     },
     /// An environment failed.
-    #[error("environment {row}, episode {episode}: {source}")]
+    #[error("environment {slot}, episode {episode}: {source}")]
     Env {
-        /// Row of the world.
-        row: usize,
+        /// Slot of the world.
+        slot: usize,
         /// Episode index.
         episode: u64,
         /// The failure.
@@ -167,6 +173,19 @@ pub enum WorldError {
     /// A field or value is wrong.
     #[error(transparent)]
     Batch(#[from] BatchError),
+}
+
+impl WorldError {
+    /// The error of a policy, recorder or dataset, whole: `source` skips it, because the message is passed on as it is.
+    /// A driver finds its own error again by `downcast_ref`.
+    pub fn foreign(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Record(error) | Self::Dataset(error) | Self::Policy(PolicyError::Other(error)) => {
+                Some(&**error)
+            }
+            _ => None,
+        }
+    }
 }
 
 /// A name that no table has.

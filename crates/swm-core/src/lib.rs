@@ -3,7 +3,8 @@
 //! * [`batch`]: typed columns and tables, the one shape that all data has;
 //! * [`space`], [`seed`]: what values may be, and where randomness comes from;
 //! * [`env`](mod@env), [`policy`]: the two traits that a user implements;
-//! * [`smooth`]: random actions that change little from step to step;
+//! * [`policies`]: those that fit every environment;
+//! * [`run`]: which episodes run, and how;
 //! * [`world`]: many environments in parallel, one `infos` table, one rollout loop;
 //! * [`recorder`], [`dataset`], [`evaluate`]: what watches the loop;
 //! * [`view`]: how images are shown: distractors;
@@ -14,19 +15,22 @@
 //! This crate knows no file format, no image format, no physics and no tensor.
 
 pub mod batch;
+pub mod checkpoint;
 pub mod dataset;
 pub mod env;
 pub mod error;
 pub mod evaluate;
-mod pace;
+pub mod policies;
 pub mod policy;
 pub mod recorder;
 pub mod registry;
+pub mod run;
 pub mod seed;
 pub mod settings;
-pub mod smooth;
 pub mod space;
+pub mod success;
 pub mod testing;
+mod threads;
 pub mod view;
 pub mod world;
 
@@ -36,11 +40,13 @@ pub use env::{
     Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, ImageSize, Outcome, Place, ResetOptions,
 };
 pub use error::{BatchError, BoxError, EnvError, PolicyError, UnknownName, WorldError};
-pub use evaluate::{EvalOptions, Evaluation, Manifest, SuccessRule};
-pub use policy::{Actions, Actor, LiveEpisode, PerEpisode, Policy, RowView, View};
-pub use recorder::{EpisodeEnd, LiveRow, Margins, Recorder, RunInfo};
+pub use evaluate::{EvalOptions, Evaluation, Manifest};
+pub use policy::{Actions, Actor, PerEpisode, Policy, RowView, View};
+pub use recorder::{LiveRow, Recorder};
 pub use registry::{EnvEntry, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};
+pub use run::{Cancel, EpisodeEnd, LiveEpisode, MAX_FRAME_SKIP, Margins, Rollout, RunInfo, WorldOptions};
 pub use seed::EpisodeSeed;
 pub use settings::Settings;
 pub use space::Space;
-pub use world::{MAX_FRAME_SKIP, Rollout, Scenario, World, WorldOptions};
+pub use success::SuccessRule;
+pub use world::{Run, World};

@@ -3,9 +3,10 @@
 use crate::batch::{Batch, Column, Element, Field, Row, SliceMut};
 use crate::env::{Env, EnvSpec, EnvState};
 use crate::error::{EnvError, PolicyError};
-use crate::pace::Pace;
+use crate::run::{Cancel, LiveEpisode, Slot};
 use crate::seed::EpisodeSeed;
 use crate::space::Space;
+use crate::threads::{Pace, Threads};
 
 /// Chooses one action per live environment.
 pub trait Policy: Send {
@@ -24,6 +25,30 @@ pub trait Policy: Send {
     ///
     /// [`PolicyError::Unsupported`]: the view lacks what the policy needs. Whatever else it may meet ends the run.
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError>;
+
+    /// Whether `act` divides its work by rayon, as planners do: it is then called on the world's threads, else on the
+    /// caller's.
+    fn is_parallel(&self) -> bool {
+        true
+    }
+}
+
+impl Policy for Box<dyn Policy> {
+    fn describe(&self) -> String {
+        (**self).describe()
+    }
+
+    fn fields(&self) -> Vec<Field> {
+        (**self).fields()
+    }
+
+    fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
+        (**self).act(view, actions)
+    }
+
+    fn is_parallel(&self) -> bool {
+        (**self).is_parallel()
+    }
 }
 
 /// What a policy sees: the infos of every environment, and which episode each is in.
@@ -31,9 +56,11 @@ pub trait Policy: Send {
 pub struct View<'a> {
     pub(crate) infos: &'a Batch,
     pub(crate) spec: &'a EnvSpec,
-    pub(crate) slots: &'a [crate::world::Slot],
+    pub(crate) slots: &'a [Slot],
     /// Seed of the policy's own noise; 0: that of the episodes.
     pub(crate) seed: u64,
+    pub(crate) threads: &'a Threads,
+    pub(crate) cancel: Option<&'a Cancel>,
 }
 
 impl<'a> View<'a> {
@@ -55,6 +82,11 @@ impl<'a> View<'a> {
     /// The rows that need an action.
     pub fn live(&self) -> impl Iterator<Item = usize> + 'a {
         self.slots.iter().enumerate().filter(|(_, slot)| slot.is_live()).map(|(row, _)| row)
+    }
+
+    /// What ends the run early, for policies that think for long: they stop with any error once it is set.
+    pub fn cancel(&self) -> Option<&'a Cancel> {
+        self.cancel
     }
 
     /// One live row; `None` for an idle one.
@@ -89,17 +121,6 @@ impl RowView<'_> {
     pub fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
         self.env.snapshot(state)
     }
-}
-
-/// The episode that a row is in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LiveEpisode {
-    /// Its index in the run.
-    pub index: u64,
-    /// Its seed.
-    pub seed: EpisodeSeed,
-    /// Steps taken so far: 0 at the first action.
-    pub step: u64,
 }
 
 /// The actions of all rows, to be written: `[N, …action shape]` of the action space's type.
@@ -182,16 +203,20 @@ where
         self.actors.resize_with(view.rows(), || None);
         let Self { make, actors, pace, .. } = self;
         let actions = actions.column.as_slice_mut();
-        pace.learn(actors.len(), |leaf| act_all(actors, actions, 0, leaf, view, make))
+        pace.learn(actors.len(), view.threads, |part| act_all(actors, actions, 0, part, view, make))
+    }
+
+    fn is_parallel(&self) -> bool {
+        false
     }
 }
 
-/// Halves the rows until at most `leaf` are left, in parallel where threads are free: no allocation, no locks.
+/// Halves the slots until at most `part` are left, in parallel where threads are free: no allocation, no locks.
 fn act_all<F>(
     actors: &mut [Option<(u64, Box<dyn Actor>)>],
     mut actions: SliceMut<'_>,
     first: usize,
-    leaf: usize,
+    part: usize,
     view: &View<'_>,
     make: &F,
 ) -> Result<(), PolicyError>
@@ -199,7 +224,7 @@ where
     F: Fn(&RowView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
 {
     let width = view.spec.action.width();
-    if actors.len() <= leaf.max(1) {
+    if actors.len() <= part.max(1) {
         for (offset, slot) in actors.iter_mut().enumerate() {
             let Some(row) = view.row(first + offset) else { continue };
             if row.episode.step == 0 || slot.as_ref().is_none_or(|(index, _)| *index != row.episode.index) {
@@ -215,67 +240,10 @@ where
     let (left, right) = actors.split_at_mut(middle);
     let (left_actions, right_actions) = actions.split_at(middle * width);
     let (a, b) = rayon::join(
-        || act_all(left, left_actions, first, leaf, view, make),
-        || act_all(right, right_actions, first + middle, leaf, view, make),
+        || act_all(left, left_actions, first, part, view, make),
+        || act_all(right, right_actions, first + middle, part, view, make),
     );
     a.and(b)
-}
-
-/// Draws every action uniformly from the action space.
-pub fn random() -> impl Policy {
-    PerEpisode::new("random", |_: &RowView<'_>| Ok(Box::new(Random) as Box<dyn Actor>))
-}
-
-struct Random;
-
-impl Actor for Random {
-    fn act(&mut self, view: &RowView<'_>, action: SliceMut<'_>) -> Result<(), PolicyError> {
-        let mut rng = view.episode.seed.indexed("policy random", [view.episode.step, 0]);
-        view.spec.action.sample_into(&mut rng, action);
-        Ok(())
-    }
-}
-
-/// Repeats one action: `constant:0.5,0`; doing nothing is `constant` without values (zeros).
-pub fn constant(values: Vec<f32>) -> impl Policy {
-    let description = match values.as_slice() {
-        [] => "constant".to_owned(),
-        values => format!("constant:{}", values.iter().map(f32::to_string).collect::<Vec<_>>().join(",")),
-    };
-    scripted(description, move |view, action| {
-        let width = view.spec.action.width();
-        let wrong = |reason: String| PolicyError::Argument { policy: "constant".to_owned(), reason };
-        if values.is_empty() {
-            do_nothing(&view.spec.action, action);
-            return Ok(());
-        }
-        if values.len() != width {
-            let reason =
-                format!("{} value(s) given, the action of {} has {width}", values.len(), view.spec.id);
-            return Err(wrong(reason));
-        }
-        if let (SliceMut::I64(_), Some(value)) = (&*action, values.iter().find(|value| value.fract() != 0.0))
-        {
-            return Err(wrong(format!("{value} is no integer, as the actions of {} are", view.spec.id)));
-        }
-        write_action(action, &values);
-        Ok(())
-    })
-}
-
-/// Zeros; for integers, the allowed values nearest to zero.
-fn do_nothing(space: &Space, action: &mut SliceMut<'_>) {
-    match (space, action) {
-        (_, SliceMut::F32(out)) => out.fill(0.0),
-        (_, SliceMut::F64(out)) => out.fill(0.0),
-        (Space::Discrete { n, start }, SliceMut::I64(out)) => out.fill(0.clamp(*start, start + n - 1)),
-        (Space::MultiDiscrete { n, start }, SliceMut::I64(out)) => {
-            for (out, (n, start)) in out.iter_mut().zip(n.iter().zip(start)) {
-                *out = 0.clamp(*start, start + n - 1);
-            }
-        }
-        _ => unreachable!("action spaces are boxes or integers"),
-    }
 }
 
 /// A policy from a function of one environment's view: for scripts and tests.

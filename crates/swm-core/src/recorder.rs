@@ -3,18 +3,16 @@
 
 use std::fmt;
 
-use crate::batch::{Row, Schema};
-use crate::env::{Env, EnvSpec};
+use crate::batch::Row;
+use crate::env::Env;
 use crate::error::BoxError;
-use crate::policy::LiveEpisode;
-use crate::seed::EpisodeSeed;
-use crate::world::{Rollout, WorldOptions};
+use crate::run::{EpisodeEnd, LiveEpisode, RunInfo};
 
 /// Watches a run. Every row of the data is shown exactly once, in the order of steps within an episode: first
 /// observation with its action, …, last observation without an action; then the episode's end.
 /// ```
 /// use swm_core::testing::TOY;
-/// use swm_core::{BoxError, EpisodeEnd, LiveRow, Recorder, ResetOptions, Rollout, Scenario, World, WorldOptions, policy};
+/// use swm_core::{BoxError, EpisodeEnd, LiveRow, Recorder, Rollout, World, WorldOptions, policies};
 ///
 /// /// Counts the rows in which the point is right of the middle.
 /// #[derive(Default)]
@@ -30,20 +28,20 @@ use crate::world::{Rollout, WorldOptions};
 ///     }
 /// }
 ///
-/// let mut world = World::new(&TOY, WorldOptions { max_episode_steps: Some(20), ..WorldOptions::default() })?;
-/// world.set_policy(policy::random());
-/// let options = ResetOptions::default();
+/// let mut world = World::new(&TOY, WorldOptions::new(1).max_episode_steps(20))?;
+/// world.set_policy(policies::random());
 /// let mut right = Right::default();
-/// world.run(&Rollout { episodes: 0..4, seed: 42, scenario: Scenario::Same(&options) }, &mut right)?;
+/// world.run(&Rollout::new(0..4).seed(42), &mut right)?;
 /// assert!(right.0 > 0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub trait Recorder: Send {
-    /// Before the first reset.
+    /// Once the first episodes are reset and have their first actions, so that a request that cannot be met leaves no
+    /// file behind.
     ///
     /// # Errors
     ///
-    /// Any ends the run, as [`WorldError::Record`](crate::WorldError::Record).
+    /// Any ends the run, as [`WorldError::Record`](crate::error::WorldError::Record).
     fn start(&mut self, _run: &RunInfo<'_>) -> Result<(), BoxError> {
         Ok(())
     }
@@ -70,23 +68,6 @@ pub trait Recorder: Send {
     fn finish(&mut self) -> Result<(), BoxError> {
         Ok(())
     }
-}
-
-/// What is known before a run starts.
-#[derive(Clone, Copy, Debug)]
-pub struct RunInfo<'a> {
-    /// The environment.
-    pub spec: &'a EnvSpec,
-    /// The fields of every row.
-    pub schema: &'a Schema,
-    /// How the world was built.
-    pub options: &'a WorldOptions,
-    /// Which episodes run.
-    pub rollout: &'a Rollout<'a>,
-    /// The policy, in words.
-    pub policy: &'a str,
-    /// What draws images, in words: see [`crate::Env::renderer`].
-    pub renderer: Option<&'a str>,
 }
 
 /// One row of data, while it is true.
@@ -117,41 +98,6 @@ impl fmt::Debug for LiveRow<'_> {
             .field("success", success)
             .finish_non_exhaustive()
     }
-}
-
-/// How an episode went.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EpisodeEnd {
-    /// Its index in the run.
-    pub index: u64,
-    /// Its seed.
-    pub seed: EpisodeSeed,
-    /// Actions taken; the episode has one row more.
-    pub steps: u64,
-    /// Sum of rewards.
-    pub total_reward: f64,
-    /// Whether the goal was reached at any moment; `None` where the task has no success.
-    pub success: Option<bool>,
-    /// Whether it was reached before the first action.
-    pub success_at_start: Option<bool>,
-    /// The first step at which it was reached (0: at the start).
-    pub first_success_step: Option<u64>,
-    /// Under a [`Judge`](crate::evaluate::Judge): how near the goal was at its nearest, and at the end, as a part of
-    /// what is allowed: below 1 is reached.
-    pub margins: Option<Margins>,
-    /// The task ended it.
-    pub terminated: bool,
-    /// The time limit ended it.
-    pub truncated: bool,
-}
-
-/// How near a goal was, as a part of what is allowed: below 1 is reached.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Margins {
-    /// At its nearest.
-    pub best: f64,
-    /// At the end.
-    pub last: f64,
 }
 
 /// Watches nothing.

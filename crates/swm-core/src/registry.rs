@@ -4,11 +4,10 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 
-use crate::batch::Field;
 use crate::env::{Env, EnvConfig};
 use crate::error::{EnvError, PolicyError, UnknownName, nearest};
-use crate::policy::{self, Policy};
-use crate::smooth;
+use crate::policies::BASIC_POLICIES;
+use crate::policy::Policy;
 
 /// One environment of a table.
 #[derive(Clone, Copy, Debug)]
@@ -273,50 +272,10 @@ impl Registry {
     }
 }
 
-/// Policies that fit every environment.
-pub const BASIC_POLICIES: &[PolicyEntry] = &[
-    PolicyEntry {
-        name: "random",
-        summary: "every action uniform over the action space",
-        settings: &[],
-        make: |_, args| {
-            args.parse_as::<NoArgs>()?;
-            Ok(Box::new(policy::random()))
-        },
-    },
-    smooth::ENTRIES[0],
-    smooth::ENTRIES[1],
-    PolicyEntry {
-        name: "constant",
-        summary: "one action for ever (`constant:0.5,0`); without values all zeros: do nothing",
-        settings: &[],
-        make: |_, args| {
-            let numbers = args.positional.iter().map(|value| value.as_f64().map(|number| number as f32));
-            let values: Option<Vec<f32>> = numbers.collect();
-            let values = values.ok_or_else(|| args.wrong("the values of the action must be numbers"))?;
-            Ok(Box::new(policy::constant(values)))
-        },
-    },
-];
-
 /// For policies without arguments.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NoArgs {}
-
-impl Policy for Box<dyn Policy> {
-    fn describe(&self) -> String {
-        (**self).describe()
-    }
-
-    fn fields(&self) -> Vec<Field> {
-        (**self).fields()
-    }
-
-    fn act(&mut self, view: &policy::View<'_>, actions: &mut policy::Actions<'_>) -> Result<(), PolicyError> {
-        (**self).act(view, actions)
-    }
-}
 
 #[cfg(test)]
 mod tests {

@@ -5,7 +5,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use crate::batch::{Dtype, FieldKind, RowsMut, Schema};
-use crate::policy::LiveEpisode;
+use crate::run::LiveEpisode;
 use crate::seed::{EpisodeSeed, Stream};
 
 /// Changes images. A pure function of the image, the episode, the step and the view.

@@ -7,10 +7,7 @@ use swm_core::evaluate::{Condition, Measure, SuccessRule};
 use swm_core::policy::{self, write_action};
 use swm_core::testing::TOY;
 use swm_core::view::{Frame, Transform};
-use swm_core::{
-    EnvConfig, EpisodeEnd, ImageSize, LiveRow, Recorder, ResetOptions, Rollout, Scenario, Value, World,
-    WorldOptions,
-};
+use swm_core::{EpisodeEnd, LiveRow, Recorder, ResetOptions, Rollout, Value, World, WorldOptions, policies};
 
 /// The point is nearer to its goal than `below`, in `hold` rows on end.
 fn near(below: f64, hold: u64) -> SuccessRule {
@@ -36,8 +33,7 @@ impl Recorder for Ends {
 
 /// Walks from 0 towards 10 by one per step, for up to 14 steps, and never stops by itself.
 fn walk(rule: &SuccessRule) -> EpisodeEnd {
-    let mut world = World::new(&TOY, WorldOptions { max_episode_steps: Some(14), ..WorldOptions::default() })
-        .expect("the toy runs");
+    let mut world = World::new(&TOY, WorldOptions::default().max_episode_steps(14)).expect("the toy runs");
     world.set_policy(policy::scripted("walk", |_, action| {
         write_action(action, &[1.0]);
         Ok(())
@@ -46,7 +42,7 @@ fn walk(rule: &SuccessRule) -> EpisodeEnd {
     let row = |state: f64| Some([("state".to_owned(), Value::vector(&[state]))].into_iter().collect());
     let options = ResetOptions { start: row(0.0), goal: row(10.0), ..ResetOptions::default() };
     let mut ends = Ends::default();
-    let rollout = Rollout { episodes: 0..1, seed: 1, scenario: Scenario::Same(&options) };
+    let rollout = Rollout::new(0..1).seed(1).options(options);
     world.run(&rollout, &mut ends).expect("the toy runs");
     ends.0[0]
 }
@@ -78,18 +74,11 @@ fn a_rule_decides_in_place_of_the_environment() {
 #[test]
 fn the_noise_of_a_policy_has_a_seed_of_its_own() {
     let run = |seed: u64, num_envs: usize| {
-        let mut world = World::new(
-            &TOY,
-            WorldOptions { num_envs, max_episode_steps: Some(5), ..WorldOptions::default() },
-        )
-        .unwrap();
-        world.set_policy(policy::random());
+        let mut world = World::new(&TOY, WorldOptions::new(num_envs).max_episode_steps(5)).unwrap();
+        world.set_policy(policies::random());
         world.set_policy_seed(seed);
-        let options = ResetOptions::default();
         let mut log = Log::default();
-        world
-            .run(&Rollout { episodes: 0..6, seed: 3, scenario: Scenario::Same(&options) }, &mut log)
-            .unwrap();
+        world.run(&Rollout::new(0..6).seed(3), &mut log).unwrap();
         log.0.sort_by_key(|row| (row.0, row.1));
         log.0
     };
@@ -150,13 +139,11 @@ fn images_are_shown_through_a_transform_everywhere() {
             Ok(())
         }
     }
-    let env = EnvConfig { image: Some(ImageSize { height: 8, width: 6 }), ..EnvConfig::default() };
-    let options = WorldOptions { num_envs: 3, max_episode_steps: Some(4), env, ..WorldOptions::default() };
-    let mut world = World::new(&TOY, options).unwrap();
-    world.set_policy(policy::random());
+    let mut world = World::new(&TOY, WorldOptions::new(3).max_episode_steps(4).image(8, 6)).unwrap();
+    world.set_policy(policies::random());
     world.set_transform(Some(Arc::new(Stamp)));
-    let (reset, mut seen) = (ResetOptions::default(), Seen(Vec::new()));
-    world.run(&Rollout { episodes: 0..5, seed: 3, scenario: Scenario::Same(&reset) }, &mut seen).unwrap();
+    let mut seen = Seen(Vec::new());
+    world.run(&Rollout::new(0..5).seed(3), &mut seen).unwrap();
     assert!(seen.0.len() >= 10);
     assert!(seen.0.iter().all(|[step, height, live]| step == live && *height == 8), "{:?}", seen.0);
 }

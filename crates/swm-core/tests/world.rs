@@ -4,12 +4,12 @@ use swm_core::error::BoxError;
 use swm_core::policy::write_action;
 use swm_core::testing::TOY;
 use swm_core::{
-    Actions, Dtype, EpisodeEnd, Field, LiveRow, Policy, PolicyError, Recorder, ResetOptions, Rollout,
-    Scenario, Slice, Value, View, World, WorldError, WorldOptions, policy,
+    Actions, Dtype, EpisodeEnd, Field, LiveRow, Policy, PolicyError, Recorder, ResetOptions, Rollout, Slice,
+    Value, View, World, WorldError, WorldOptions, policies, policy,
 };
 
 fn world(num_envs: usize, max_steps: u64) -> World {
-    let options = WorldOptions { num_envs, max_episode_steps: Some(max_steps), ..WorldOptions::default() };
+    let options = WorldOptions::new(num_envs).max_episode_steps(max_steps);
     World::new(&TOY, options).expect("valid options")
 }
 
@@ -35,9 +35,8 @@ impl Recorder for Log {
 }
 
 fn run(world: &mut World, episodes: std::ops::Range<u64>) -> Log {
-    let options = ResetOptions::default();
     let mut log = Log::default();
-    let rollout = Rollout { episodes, seed: 5, scenario: Scenario::Same(&options) };
+    let rollout = Rollout::new(episodes).seed(5);
     world.run(&rollout, &mut log).expect("the toy runs");
     log.rows.sort_by_key(|row| (row.0, row.1));
     log.ends.sort_unstable();
@@ -48,7 +47,7 @@ fn run(world: &mut World, episodes: std::ops::Range<u64>) -> Log {
 fn a_run_shows_the_named_episodes_whatever_the_number_of_environments() {
     let of = |num_envs| {
         let mut world = world(num_envs, 9);
-        world.set_policy(policy::random());
+        world.set_policy(policies::random());
         run(&mut world, 3..10)
     };
     let one = of(1);
@@ -60,7 +59,7 @@ fn a_run_shows_the_named_episodes_whatever_the_number_of_environments() {
 #[test]
 fn only_the_last_row_of_an_episode_has_no_action() {
     let mut world = world(2, 6);
-    world.set_policy(policy::random());
+    world.set_policy(policies::random());
     let log = run(&mut world, 0..5);
     for &(index, steps, _) in &log.ends {
         let rows: Vec<_> = log.rows.iter().filter(|row| row.0 == index).collect();
@@ -107,15 +106,14 @@ fn an_evaluation_is_indexed_by_episode() {
     });
     let mut world = world(4, 40);
     world.set_policy(towards_goal);
-    let options = ResetOptions::default();
-    let rollout = Rollout { episodes: 0..25, seed: 9, scenario: Scenario::Same(&options) };
-    let result = world.evaluate(&rollout, &mut ()).unwrap();
+    let rollout = Rollout::new(0..25).seed(9);
+    let result = world.evaluate(&rollout).unwrap();
     assert_eq!((result.success_rate, result.episodes), (100.0, 25));
     assert!(result.ci95[0] > 80.0 && result.ci95[1] == 100.0, "{:?}", result.ci95);
     assert_eq!(result.seeds.len(), 25);
     assert_eq!(result.setup.policy, "towards the goal");
-    world.set_policy(policy::constant(Vec::new()));
-    let idle = world.evaluate(&rollout, &mut ()).unwrap();
+    world.set_policy(policies::constant(Vec::new()));
+    let idle = world.evaluate(&rollout).unwrap();
     let at_start = idle.first_success_steps.iter().filter(|step| **step == Some(0)).count();
     assert_eq!(idle.episode_successes.iter().filter(|success| **success).count(), at_start);
     assert_eq!(idle.solved_at_start, at_start);
@@ -171,7 +169,7 @@ fn a_policy_adds_fields_of_its_own() {
         }
     }
     let mut said = Said(Vec::new());
-    let rollout = Rollout { episodes: 0..5, seed: 5, scenario: Scenario::Same(&options) };
+    let rollout = Rollout::new(0..5).seed(5).options(options);
     world.run(&rollout, &mut said).unwrap();
     assert_eq!(said.0.len(), 5 * 5);
     for (step, so_far, twice) in said.0 {
@@ -182,7 +180,7 @@ fn a_policy_adds_fields_of_its_own() {
             assert!(so_far.is_nan() && twice == [-1, -1], "step {step}: {so_far} {twice:?}");
         }
     }
-    world.set_policy(policy::random());
+    world.set_policy(policies::random());
     assert!(world.infos().schema().index("steps.so_far").is_none(), "the fields go with the policy");
     world.run(&rollout, &mut ()).unwrap();
 }

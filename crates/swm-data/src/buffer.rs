@@ -26,15 +26,14 @@ const NAME: &str = "replay buffer";
 ///
 /// ```
 /// use swm_core::testing::TOY;
-/// use swm_core::{Batch, ResetOptions, Rollout, Scenario, World, WorldOptions, policy};
+/// use swm_core::{Batch, Rollout, World, WorldOptions, policies};
 /// use swm_data::{ClipOptions, ReplayBuffer, Sampler};
 ///
-/// let mut world = World::new(&TOY, WorldOptions { max_episode_steps: Some(20), ..WorldOptions::default() })?;
-/// world.set_policy(policy::random());
-/// let options = ResetOptions::default();
+/// let mut world = World::new(&TOY, WorldOptions::default().max_episode_steps(20))?;
+/// world.set_policy(policies::random());
 /// let mut buffer = ReplayBuffer::new(1000); // rows
-/// let rollout = Rollout { episodes: 0..8, seed: 0, scenario: Scenario::Same(&options) };
-/// world.record_dataset(&rollout, &mut buffer, &mut ())?;
+/// let rollout = Rollout::new(0..8);
+/// world.record_dataset(&rollout, &mut buffer)?;
 ///
 /// let mut sampler = Sampler::new(ClipOptions { num_steps: 3, ..ClipOptions::default() }, 42);
 /// let mut batch = Batch::new(Default::default(), 0);

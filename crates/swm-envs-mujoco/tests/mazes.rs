@@ -7,7 +7,7 @@ use serde_json::json;
 use swm_core::testing::assert_conforms_with;
 use swm_core::{
     Batch, EnvConfig, EnvEntry, Episode, EpisodeSeed, Evaluation, ImageSize, PolicyArgs, PolicyContext,
-    ResetOptions, Rollout, Scenario, Schema, Slice, Value, World, WorldOptions,
+    ResetOptions, Rollout, Schema, Slice, Value, World, WorldOptions,
 };
 use swm_envs_mujoco::{OGB_ANT_MAZE, OGB_POINT_MAZE};
 
@@ -71,17 +71,11 @@ fn evaluate(entry: &'static EnvEntry, settings: &serde_json::Value, episodes: u6
     let expert = entry.policies.iter().find(|policy| policy.name == "expert").expect("one");
     let policy =
         (expert.make)(&context, &PolicyArgs::parse("expert").expect("a name")).expect("no arguments");
-    let options = WorldOptions {
-        num_envs: 4,
-        max_episode_steps: Some(steps),
-        env: config.clone(),
-        ..WorldOptions::default()
-    };
+    let options = WorldOptions::new(4).max_episode_steps(steps).env(config.clone());
     let mut world = World::new(entry, options).expect("it was set up");
     world.set_policy(policy);
-    let same = ResetOptions::default();
-    let rollout = Rollout { episodes: 0..episodes, seed: 7, scenario: Scenario::Same(&same) };
-    let evaluation = world.evaluate(&rollout, &mut ()).expect("it runs");
+    let rollout = Rollout::new(0..episodes).seed(7);
+    let evaluation = world.evaluate(&rollout).expect("it runs");
     println!(
         "{} {settings}: {} % of {episodes}, {:?} steps",
         entry.id, evaluation.success_rate, evaluation.mean_success_steps

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::json;
 use swm_core::{
     Batch, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Evaluation, Outcome, PolicyArgs,
-    PolicyContext, ResetOptions, Rollout, Scenario, Schema, Slice, Value, World, WorldOptions,
+    PolicyContext, ResetOptions, Rollout, Schema, Slice, Value, World, WorldOptions,
 };
 use swm_envs_mujoco::{OGB_CUBE, OGB_SCENE};
 
@@ -34,17 +34,11 @@ fn evaluate_for(
     let context = PolicyContext { env: entry, config: &config, frame_skip: 1 };
     let known = entry.policies.iter().find(|known| known.name == args.name).expect("a policy");
     let policy = (known.make)(&context, &args).expect("its arguments are sound");
-    let options = WorldOptions {
-        num_envs: 4,
-        max_episode_steps: Some(steps),
-        env: config.clone(),
-        ..WorldOptions::default()
-    };
+    let options = WorldOptions::new(4).max_episode_steps(steps).env(config.clone());
     let mut world = World::new(entry, options).expect("a world");
     world.set_policy(policy);
-    let same = ResetOptions::default();
-    let rollout = Rollout { episodes: 0..episodes, seed: 7, scenario: Scenario::Same(&same) };
-    let evaluation = world.evaluate(&rollout, &mut ()).expect("it runs");
+    let rollout = Rollout::new(0..episodes).seed(7);
+    let evaluation = world.evaluate(&rollout).expect("it runs");
     println!(
         "{} {settings} {}: {} % of {episodes}, {} solved at the start, {:?} steps",
         entry.id,

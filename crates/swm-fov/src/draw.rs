@@ -1,8 +1,8 @@
 //! Drawing an assignment: selection, explicit values, rejection under constraints.
 
 use serde::{Deserialize, Serialize};
-use swm_core::dataset::selects;
 use swm_core::env::Episode;
+use swm_core::env::selects;
 use swm_core::error::{did_you_mean, nearest};
 use swm_core::{BatchError, EnvError, RowsMut, Slice, Value};
 use thiserror::Error;

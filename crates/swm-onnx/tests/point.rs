@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value as Json;
 use swm_core::{
     Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, PolicyArgs,
-    ResetOptions, Rollout, RowsMut, Scenario, Slice, Space, World, WorldOptions,
+    Rollout, RowsMut, Slice, Space, World, WorldOptions,
 };
 use swm_onnx::{OnnxCost, find_library, onnx_policy};
 use swm_solvers::testing::Probe;
@@ -98,7 +98,7 @@ fn is_there() -> bool {
 
 fn world(num_envs: usize) -> World {
     let env = EnvConfig::default();
-    let options = WorldOptions { num_envs, env, max_episode_steps: Some(25), ..WorldOptions::default() };
+    let options = WorldOptions::new(num_envs).env(env).max_episode_steps(25);
     World::new(&POINT, options).expect("sound in this test")
 }
 
@@ -119,9 +119,8 @@ fn costs_and_gradients_are_those_of_pytorch() {
     let cost = Box::new(OnnxCost::load(&folder()).unwrap());
     let mut world = world(1);
     world.set_policy(MpcPolicy::new(Box::new(probe), cost, PlanConfig::default()).unwrap());
-    let reset = ResetOptions::default();
-    let rollout = Rollout { episodes: 0..1, seed: 1, scenario: Scenario::Same(&reset) };
-    world.evaluate(&rollout, &mut ()).unwrap();
+    let rollout = Rollout::new(0..1).seed(1);
+    world.evaluate(&rollout).unwrap();
     let heard = heard.lock().unwrap();
     let gradient = heard.gradient.iter().copied().map(f64::from).collect();
     let found = [heard.costs.clone(), heard.costs_with_gradient.clone(), gradient].concat();
@@ -140,9 +139,8 @@ fn plans_on_an_exported_model_lead_to_the_goal() {
         let args = PolicyArgs::parse(&format!("onnx:{},{settings}", folder().display())).unwrap();
         let mut world = world(num_envs);
         world.set_policy(onnx_policy(&args).unwrap());
-        let reset = ResetOptions::default();
-        let rollout = Rollout { episodes: 0..3, seed: 1, scenario: Scenario::Same(&reset) };
-        world.evaluate(&rollout, &mut ()).unwrap()
+        let rollout = Rollout::new(0..3).seed(1);
+        world.evaluate(&rollout).unwrap()
     };
     for settings in ["samples=200,iterations=20,elites=20", "solver=adam,samples=1,iterations=60"] {
         let one = run(settings, 1);
@@ -165,9 +163,8 @@ fn what_does_not_fit_is_said() {
         PolicyArgs::parse(&format!("onnx:{},horizon=2,receding_horizon=2", folder().display())).unwrap();
     let mut world = world(1);
     world.set_policy(onnx_policy(&args).unwrap());
-    let reset = ResetOptions::default();
-    let rollout = Rollout { episodes: 0..1, seed: 1, scenario: Scenario::Same(&reset) };
-    let mut error: &dyn std::error::Error = &world.evaluate(&rollout, &mut ()).unwrap_err();
+    let rollout = Rollout::new(0..1).seed(1);
+    let mut error: &dyn std::error::Error = &world.evaluate(&rollout).unwrap_err();
     let mut text = error.to_string();
     while let Some(source) = error.source() {
         error = source;

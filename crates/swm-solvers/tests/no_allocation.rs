@@ -131,7 +131,7 @@ fn later_plans_allocate_nothing() {
                 Some((toy, registry.policy(&context, &args).ok()?))
             })
             .unwrap();
-        let options = WorldOptions { threads: Some(1), ..WorldOptions::default() };
+        let options = WorldOptions::default().threads(1);
         let mut world = World::new(&toy, options).unwrap();
         world.set_policy(policy);
         // So far away that the episode, and with it the planning, does not end.

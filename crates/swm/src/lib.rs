@@ -5,14 +5,13 @@
 //! command `swm` (feature `cli`). Depend on the single crates where that is enough.
 //!
 //! ```
-//! use swm::core::{ResetOptions, Rollout, Scenario, World, WorldOptions, policy};
+//! use swm::core::{Rollout, World, WorldOptions, policies};
 //!
 //! let registry = swm::registry();
-//! let mut world = World::new(registry.env("swm/PushT-v1")?, WorldOptions { num_envs: 2, ..WorldOptions::default() })?;
-//! world.set_policy(policy::random());
-//! let options = ResetOptions::default();
-//! let rollout = Rollout { episodes: 0..4, seed: 42, scenario: Scenario::Same(&options) };
-//! let result = world.evaluate(&rollout, &mut ())?;
+//! let mut world = World::new(registry.env("swm/PushT-v1")?, WorldOptions::new(2))?;
+//! world.set_policy(policies::random());
+//! let rollout = Rollout::new(0..4).seed(42);
+//! let result = world.evaluate(&rollout)?;
 //! assert_eq!(result.episodes, 4);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

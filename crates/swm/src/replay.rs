@@ -78,7 +78,7 @@ pub fn replay(
         checkpoints_differ: 0,
     };
     let saved = metadata.as_ref().filter(|_| overrides.is_empty());
-    let saved = saved.and_then(|metadata| Checkpoints::of(source.schema(), metadata));
+    let saved = saved.and_then(|metadata| Checkpoints::of(source.schema(), metadata.checkpoints));
     let mut pieces = Batch::new(Schema::new(saved.map(|saved| saved.field()).into_iter().collect())?, 0);
     let mut state = EnvState::new();
     for &episode in episodes {

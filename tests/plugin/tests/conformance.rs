@@ -2,7 +2,7 @@
 
 use ice_rink::{ICE_RINK, registry};
 use swm_core::testing::assert_conforms;
-use swm_core::{EnvConfig, PolicyArgs, PolicyContext, ResetOptions, Rollout, Scenario, World, WorldOptions};
+use swm_core::{EnvConfig, PolicyArgs, PolicyContext, Rollout, World, WorldOptions};
 
 #[test]
 fn it_conforms() {
@@ -13,12 +13,11 @@ fn it_conforms() {
 fn its_expert_brings_every_puck_to_its_mark() {
     let registry = registry();
     let env = registry.env("demo/IceRink-v0").unwrap();
-    let options = WorldOptions { num_envs: 4, max_episode_steps: Some(200), ..WorldOptions::default() };
+    let options = WorldOptions::new(4).max_episode_steps(200);
     let mut world = World::new(env, options).unwrap();
     let context = PolicyContext { env, config: &EnvConfig::default(), frame_skip: 1 };
     world.set_policy(registry.policy(&context, &PolicyArgs::parse("expert").unwrap()).unwrap());
-    let reset = ResetOptions::default().vary(&["all"]);
-    let rollout = Rollout { episodes: 0..100, seed: 7, scenario: Scenario::Same(&reset) };
-    let result = world.evaluate(&rollout, &mut ()).unwrap();
+    let rollout = Rollout::new(0..100).seed(7).vary(["all"]);
+    let result = world.evaluate(&rollout).unwrap();
     assert_eq!((result.episodes, result.success_rate), (100, 100.0));
 }

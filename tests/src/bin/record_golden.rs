@@ -10,10 +10,8 @@ use ndarray::{Array1, Array2};
 use ndarray_npy::NpzWriter;
 use serde_json::{Map, Value as Json, json};
 use swm::core::error::BoxError;
-use swm::core::recorder::EpisodeEnd;
-use swm::core::world::{Rollout, Scenario};
 use swm::core::{
-    EnvConfig, ImageSize, LiveRow, PolicyArgs, PolicyContext, Recorder, ResetOptions, Value, World,
+    EnvConfig, EpisodeEnd, ImageSize, LiveRow, PolicyArgs, PolicyContext, Recorder, Rollout, Value, World,
     WorldOptions,
 };
 
@@ -43,14 +41,12 @@ fn main() -> Result<()> {
     let env = EnvConfig { image: Some(size), ..EnvConfig::default() };
     let context = PolicyContext { env: entry, config: &env, frame_skip: 1 };
     let policy = registry.policy(&context, &PolicyArgs::parse(&args.policy)?)?;
-    let max_episode_steps = Some(args.steps);
-    let options = WorldOptions { env: env.clone(), max_episode_steps, ..WorldOptions::default() };
+    let options = WorldOptions::default().env(env.clone()).max_episode_steps(args.steps);
     let mut world = World::new(entry, options)?;
     world.set_policy(policy);
-    let reset = ResetOptions::default().vary(&["all"]);
     let mut tape =
         Tape { names: world.spec().factors.iter().map(|f| f.name.clone()).collect(), ..Tape::default() };
-    let rollout = Rollout { episodes: 0..1, seed: args.seed, scenario: Scenario::Same(&reset) };
+    let rollout = Rollout::new(0..1).seed(args.seed).vary(["all"]);
     world.run(&rollout, &mut tape)?;
     tape.write(&args)
 }

@@ -12,12 +12,12 @@ use swm_baselines::train::{FitSettings, MetricSink, NewRun, Record, RunFolder, S
 use swm_baselines::{BaselineError, device};
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
 use swm_core::evaluate::random_episodes;
-use swm_core::policy;
 use swm_core::{
     Batch, Dtype, EnvConfig, EnvEntry, Field, ImageSize, LiveRow, PolicyArgs, PolicyContext, Recorder,
-    ResetOptions, Rollout, Scenario, Schema, World, WorldOptions,
+    Rollout, Schema, World, WorldOptions,
 };
 use swm_core::{BoxError, EpisodeEnd};
+use swm_core::{policies, policy};
 use swm_data::ReplayBuffer;
 use swm_data::{Dataset, WriteMode};
 
@@ -25,13 +25,7 @@ use dot::{DOT, IMAGE, SIDE};
 
 fn world(env: &EnvEntry, num_envs: usize, image: Option<ImageSize>) -> World {
     let config = EnvConfig { image, ..EnvConfig::default() };
-    let options = WorldOptions {
-        num_envs,
-        env: config,
-        max_episode_steps: Some(24),
-        threads: Some(1),
-        ..WorldOptions::default()
-    };
+    let options = WorldOptions::new(num_envs).env(config).max_episode_steps(24).threads(1);
     World::new(env, options).expect("sound in this test")
 }
 
@@ -43,11 +37,10 @@ fn record(folder: &Path) -> Box<dyn Dataset> {
 /// Records random episodes with such images and of this seed.
 fn record_as(path: &Path, image: Option<ImageSize>, seed: u64) -> Box<dyn Dataset> {
     let mut world = world(&DOT, 1, image);
-    world.set_policy(policy::random());
-    let reset = ResetOptions::default();
-    let rollout = Rollout { episodes: 0..12, seed, scenario: Scenario::Same(&reset) };
+    world.set_policy(policies::random());
+    let rollout = Rollout::new(0..12).seed(seed);
     let mut buffer = ReplayBuffer::new(1000);
-    world.record_dataset(&rollout, &mut buffer, &mut ()).expect("sound in this test");
+    world.record_dataset(&rollout, &mut buffer).expect("sound in this test");
     buffer.dump(path, WriteMode::Error, None).expect("sound in this test");
     swm_data::open(path).expect("sound in this test")
 }
@@ -122,8 +115,7 @@ fn paths_in(
 ) -> Result<States, String> {
     let mut world = world(env, num_envs, image);
     world.set_policy(made_for(env, policy)?);
-    let reset = ResetOptions::default();
-    let rollout = Rollout { episodes: 0..4, seed: 9, scenario: Scenario::Same(&reset) };
+    let rollout = Rollout::new(0..4).seed(9);
     let mut states = States::default();
     world.run(&rollout, &mut states).map_err(|error| chain(&error))?;
     Ok(states)

@@ -1,7 +1,6 @@
 //! Datasets as the core sees them: a sink of whole episodes, a source of rows, and what is written about them.
 //! No file format is known here.
 
-mod checkpoint;
 mod restore;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -11,12 +10,13 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::batch::{Batch, Field, Schema};
-use crate::env::{ImageSize, VARIATION_PREFIX};
+use crate::env::{ImageSize, ResetOptions, VARIATION_PREFIX, selects};
 use crate::error::{BoxError, WorldError};
-use crate::recorder::{EpisodeEnd, LiveRow, Recorder, RunInfo};
-use crate::world::{Rollout, Scenario, World};
+use crate::recorder::{LiveRow, Recorder};
+use crate::run::{EpisodeEnd, Rollout, RunInfo};
+use crate::world::World;
 
-pub use checkpoint::{CHECKPOINT, Checkpoints};
+pub use crate::checkpoint::{CHECKPOINT, Checkpoints};
 pub use restore::{read_known, read_row, recorded_moment, whole_episode};
 
 /// Takes whole episodes, in the order of their index.
@@ -155,26 +155,17 @@ pub const METADATA_VERSION: u32 = 1;
 impl Metadata {
     /// What can be said of a run.
     pub fn of(run: &RunInfo<'_>) -> Self {
-        let (variation, variation_values) = match run.rollout.scenario {
-            Scenario::Same(options) => (
-                options.variation.clone(),
-                options
-                    .variation_values
-                    .iter()
-                    .map(|(name, value)| (name.clone(), value.to_json()))
-                    .collect(),
-            ),
-            Scenario::Each(_) => (None, BTreeMap::new()),
-        };
+        let shared = run.rollout.shared_options();
+        let values = shared.iter().flat_map(|options| &options.variation_values);
         Self {
             version: METADATA_VERSION,
             env: run.spec.id.clone(),
             settings: run.options.env.settings.clone(),
             seed: run.rollout.seed,
             policy: run.policy.to_owned(),
-            variation,
-            variation_values,
-            from_recorded_rows: matches!(run.rollout.scenario, Scenario::Each(_)),
+            variation: shared.and_then(|options| options.variation.clone()),
+            variation_values: values.map(|(name, value)| (name.clone(), value.to_json())).collect(),
+            from_recorded_rows: shared.is_none(),
             image: run.options.env.image,
             renderer: run.renderer.map(str::to_owned),
             max_episode_steps: run.options.max_episode_steps,
@@ -231,7 +222,7 @@ impl<'a> DatasetRecorder<'a> {
 /// The factors that a run draws or sets.
 fn varied_factors(run: &RunInfo<'_>) -> BTreeSet<String> {
     let mut names = BTreeSet::new();
-    let mut add = |options: &crate::env::ResetOptions| {
+    let mut add = |options: &ResetOptions| {
         for factor in &run.spec.factors {
             let drawn = match &options.variation {
                 None => factor.drawn_by_default,
@@ -242,16 +233,8 @@ fn varied_factors(run: &RunInfo<'_>) -> BTreeSet<String> {
             }
         }
     };
-    match run.rollout.scenario {
-        Scenario::Same(options) => add(options),
-        Scenario::Each(all) => all.iter().for_each(add),
-    }
+    run.rollout.all_options().iter().for_each(&mut add);
     names
-}
-
-/// Whether `asked` (a factor's name, a group's name, or `all`) selects the factor `name`.
-pub fn selects(asked: &str, name: &str) -> bool {
-    asked == "all" || asked == name || name.strip_prefix(asked).is_some_and(|rest| rest.starts_with('.'))
 }
 
 impl Recorder for DatasetRecorder<'_> {
@@ -296,17 +279,30 @@ impl Recorder for DatasetRecorder<'_> {
 }
 
 impl World {
-    /// Records the episodes of `rollout` into `sink`, in their order, watched by `watcher` too (`&mut ()` for none).
+    /// Records the episodes of `rollout` into `sink`, in the order of their index.
     ///
     /// # Errors
     ///
     /// As [`World::run`], and what writing meets; episodes that were committed before are safe.
     pub fn record_dataset(
         &mut self,
-        rollout: &Rollout<'_>,
+        rollout: &Rollout,
         sink: &mut dyn EpisodeSink,
-        watcher: &mut dyn Recorder,
     ) -> Result<(), WorldError> {
-        self.run(rollout, &mut (DatasetRecorder::new(sink), watcher))
+        self.run(rollout, &mut DatasetRecorder::new(sink))
+    }
+
+    /// As [`World::record_dataset`], watched by another recorder too.
+    ///
+    /// # Errors
+    ///
+    /// As [`World::record_dataset`], and whatever `recorder` meets.
+    pub fn record_dataset_with(
+        &mut self,
+        rollout: &Rollout,
+        sink: &mut dyn EpisodeSink,
+        recorder: &mut dyn Recorder,
+    ) -> Result<(), WorldError> {
+        self.run(rollout, &mut (DatasetRecorder::new(sink), recorder))
     }
 }

@@ -10,13 +10,13 @@ use serde_json::Value as Json;
 
 use super::from_dataset::choose_starts;
 use super::manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, witness};
-use super::{Condition, Judge, SuccessRule};
 use crate::batch::{Batch, Schema, Value};
-use crate::dataset::{EpisodeSource, read_known, recorded_moment, selects};
-use crate::env::{Env, EnvConfig, Episode, ImageSize, ResetOptions};
+use crate::dataset::{EpisodeSource, read_known, recorded_moment};
+use crate::env::{Env, EnvConfig, Episode, ImageSize, ResetOptions, selects};
 use crate::error::{BoxError, WorldError};
 use crate::registry::EnvEntry;
 use crate::seed::{EpisodeSeed, keyed};
+use crate::success::{Condition, Judge, SuccessRule};
 
 /// What a manifest is made of, apart from its pairs.
 #[derive(Clone, Debug, PartialEq)]

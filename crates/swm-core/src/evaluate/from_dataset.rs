@@ -8,15 +8,16 @@ use rand::seq::index;
 
 use super::{DatasetProtocol, Evaluation};
 use crate::batch::Value;
-use crate::dataset::{EpisodeSource, read_known, recorded_moment, selects};
-use crate::env::{EnvSpec, ResetOptions};
+use crate::dataset::{EpisodeSource, read_known, recorded_moment};
+use crate::env::{EnvSpec, ResetOptions, selects};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::Recorder;
+use crate::run::{Cancel, Rollout};
 use crate::seed::{EpisodeSeed, keyed};
-use crate::world::{Rollout, Scenario, World};
+use crate::world::World;
 
 /// The protocol of an evaluation from a dataset.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct EvalOptions {
     /// How many start rows are drawn, uniformly over all valid rows, without repetition.
     pub episodes: usize,
@@ -30,6 +31,8 @@ pub struct EvalOptions {
     pub variation: Vec<String>,
     /// Factors to set instead.
     pub variation_values: BTreeMap<String, Value>,
+    /// What ends the run early; see [`Rollout::cancel`].
+    pub cancel: Option<Cancel>,
 }
 
 impl Default for EvalOptions {
@@ -42,6 +45,7 @@ impl Default for EvalOptions {
             seed: 42,
             variation: Vec::new(),
             variation_values: BTreeMap::new(),
+            cancel: None,
         }
     }
 }
@@ -58,7 +62,20 @@ impl World {
         &mut self,
         source: &mut dyn EpisodeSource,
         options: &EvalOptions,
-        watcher: &mut dyn Recorder,
+    ) -> Result<Evaluation, WorldError> {
+        self.evaluate_from_dataset_with(source, options, &mut ())
+    }
+
+    /// As [`World::evaluate_from_dataset`], watched by another recorder too.
+    ///
+    /// # Errors
+    ///
+    /// As [`World::evaluate_from_dataset`].
+    pub fn evaluate_from_dataset_with(
+        &mut self,
+        source: &mut dyn EpisodeSource,
+        options: &EvalOptions,
+        recorder: &mut dyn Recorder,
     ) -> Result<Evaluation, WorldError> {
         if options.budget == 0 {
             return Err(WorldError::Option {
@@ -89,13 +106,12 @@ impl World {
             .map(|&start| reset_options(&self.spec, source, start, options))
             .collect::<Result<Vec<_>, _>>()
             .map_err(WorldError::Dataset)?;
-        let rollout = Rollout {
-            episodes: 0..starts.len() as u64,
-            seed: options.seed,
-            scenario: Scenario::Each(&resets),
-        };
+        let mut rollout = Rollout::new(0..starts.len() as u64).seed(options.seed).each(resets);
+        if let Some(cancel) = &options.cancel {
+            rollout = rollout.cancel(cancel);
+        }
         let limit = self.set_max_episode_steps(Some(options.budget));
-        let result = self.evaluate(&rollout, watcher);
+        let result = self.evaluate_with(&rollout, recorder);
         self.set_max_episode_steps(limit);
         let mut evaluation = result?;
         evaluation.setup.variation = Some(options.variation.clone());

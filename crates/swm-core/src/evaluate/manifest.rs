@@ -2,16 +2,18 @@
 //! values of starts, goals and factors themselves: no dataset is needed to repeat it.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 use sha2::{Digest as _, Sha256};
 
-use super::SuccessRule;
 use crate::batch::{Dtype, Row, Slice, Value};
 use crate::env::{EnvSpec, ImageSize, ResetOptions};
 use crate::error::{BatchError, WorldError};
+use crate::run::Rollout;
 use crate::seed::EpisodeSeed;
+use crate::success::SuccessRule;
 
 /// The version of [`Manifest`] that is written and read.
 pub const MANIFEST_VERSION: u32 = 1;
@@ -208,6 +210,15 @@ impl Manifest {
     /// A value that is no number, text or list of numbers.
     pub fn resets(&self) -> Result<Vec<ResetOptions>, WorldError> {
         self.pairs.iter().map(|pair| Ok(pair.reset()?)).collect()
+    }
+
+    /// The rollout of these pairs, each from its own start.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Manifest::resets`].
+    pub fn rollout(&self, pairs: Range<u64>) -> Result<Rollout, WorldError> {
+        Ok(Rollout::new(pairs).seed(self.seed).each(self.resets()?))
     }
 
     /// Refuses versions that this program does not know, and what can be no evaluation.

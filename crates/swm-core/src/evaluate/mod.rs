@@ -9,7 +9,6 @@ mod manifest;
 mod outcome;
 pub mod quality;
 mod ranking;
-mod rule;
 mod runs;
 mod state_model;
 pub mod stats;
@@ -23,15 +22,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::dataset::Metadata;
 use crate::error::{BoxError, WorldError};
-use crate::recorder::{EpisodeEnd, LiveRow, Recorder, RunInfo};
-use crate::world::{Rollout, World};
+use crate::recorder::{LiveRow, Recorder};
+use crate::run::{EpisodeEnd, Rollout, RunInfo};
+use crate::world::World;
 
+pub use crate::success::{Condition, Judge, Measure, SuccessRule};
 pub use draw::{ManifestOptions, RecordedPairs, is_held_out, make_manifest};
 pub use from_dataset::EvalOptions;
 pub use manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, sha256, sorted, witness};
 pub use outcome::{EpisodeResult, OutcomeRecorder, Summary};
 pub use ranking::{RankingOptions, action_ranking};
-pub use rule::{Condition, Judge, Measure, SuccessRule};
 pub use runs::{PairedRuns, sign_flip_exact};
 pub use state_model::StateModel;
 pub use stats::{PairedTest, wilson95};
@@ -152,19 +152,27 @@ impl Recorder for EvaluationRecorder {
 }
 
 impl World {
-    /// Runs the episodes of `rollout` under the attached policy and counts successes. `watcher` sees the run too
-    /// (`&mut ()` for none).
+    /// Runs the episodes of `rollout` under the attached policy and counts successes.
     ///
     /// # Errors
     ///
     /// As [`World::run`].
-    pub fn evaluate(
+    pub fn evaluate(&mut self, rollout: &Rollout) -> Result<Evaluation, WorldError> {
+        self.evaluate_with(rollout, &mut ())
+    }
+
+    /// As [`World::evaluate`], watched by another recorder too.
+    ///
+    /// # Errors
+    ///
+    /// As [`World::run`].
+    pub fn evaluate_with(
         &mut self,
-        rollout: &Rollout<'_>,
-        watcher: &mut dyn Recorder,
+        rollout: &Rollout,
+        recorder: &mut dyn Recorder,
     ) -> Result<Evaluation, WorldError> {
-        let mut recorder = EvaluationRecorder::default();
-        self.run(rollout, &mut (&mut recorder, watcher))?;
-        Ok(recorder.result())
+        let mut evaluation = EvaluationRecorder::default();
+        self.run(rollout, &mut (&mut evaluation, recorder))?;
+        Ok(evaluation.result())
     }
 }

@@ -1,17 +1,17 @@
 //! What each episode of a manifest came to: a recorder, and the run that it watches.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
 use super::manifest::{Fnv, Manifest, witness};
 use super::wilson95;
 use crate::batch::Dtype;
-use crate::env::{EnvConfig, EnvSpec, ResetOptions};
+use crate::env::{EnvConfig, EnvSpec};
 use crate::error::{BoxError, WorldError};
-use crate::recorder::{EpisodeEnd, LiveRow, Recorder, RunInfo};
-use crate::world::{Rollout, Scenario, World, WorldOptions};
+use crate::recorder::{LiveRow, Recorder};
+use crate::run::{EpisodeEnd, Rollout, RunInfo, WorldOptions};
+use crate::world::World;
 
 /// What one episode came to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -208,20 +208,17 @@ impl Recorder for OutcomeRecorder<'_> {
 impl Manifest {
     /// How a world for it is built.
     pub fn world(&self, num_envs: usize, threads: Option<usize>) -> WorldOptions {
-        WorldOptions {
-            num_envs,
-            env: EnvConfig { image: self.image, settings: self.settings.clone() },
-            max_episode_steps: Some(self.budget),
-            frame_skip: self.frame_skip,
-            threads,
-            ..WorldOptions::default()
-        }
+        WorldOptions::new(num_envs)
+            .env(EnvConfig { image: self.image, settings: self.settings.clone() })
+            .max_episode_steps(self.budget)
+            .frame_skip(self.frame_skip)
+            .threads(threads)
     }
 }
 
 impl World {
-    /// Runs pairs `episodes` of a manifest under the attached policy, judged by its test and within its budget. `resets`
-    /// are the manifest's own ([`Manifest::resets`]), or changed ones.
+    /// Runs pairs of a manifest under the attached policy, judged by its test and within its budget: the episodes of
+    /// `rollout`, whose reset options are the manifest's own ([`Manifest::rollout`]) or changed ones.
     ///
     /// # Errors
     ///
@@ -230,8 +227,7 @@ impl World {
     pub fn run_pairs(
         &mut self,
         manifest: &Manifest,
-        resets: &[ResetOptions],
-        episodes: Range<u64>,
+        rollout: &Rollout,
         recorder: &mut dyn Recorder,
     ) -> Result<(), WorldError> {
         manifest.check()?;
@@ -243,9 +239,11 @@ impl World {
             let found = self.options().frame_skip;
             return refuse(format!("has frame skip {}, this world {found}", manifest.frame_skip));
         }
+        if rollout.seed != manifest.seed {
+            return refuse(format!("has seed {}, this rollout {}", manifest.seed, rollout.seed));
+        }
         self.set_success(&manifest.success)?;
         self.set_max_episode_steps(Some(manifest.budget));
-        let rollout = Rollout { episodes, seed: manifest.seed, scenario: Scenario::Each(resets) };
-        self.run(&rollout, recorder)
+        self.run(rollout, recorder)
     }
 }

@@ -4,8 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::batch::{Dtype, Field, RowsMut, Slice, Value};
-use crate::dataset::selects;
-use crate::env::{Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, Outcome};
+use crate::env::{Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, Outcome, selects};
 use crate::error::EnvError;
 use crate::registry::EnvEntry;
 use crate::space::Space;

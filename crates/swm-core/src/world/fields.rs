@@ -1,12 +1,10 @@
-//! The fields that `World` itself writes beside those of the environment. Those of the policy come last.
+//! The fields that `World` itself writes, behind those of the environment. Those of the policy come last.
 
 use crate::batch::{Dtype, Field, RowsMut};
-use crate::dataset::Checkpoints;
+use crate::checkpoint::Checkpoints;
 use crate::env::{Env, EnvSpec, EnvState, Outcome};
 use crate::error::EnvError;
-use crate::policy::LiveEpisode;
-
-use super::slot::Progress;
+use crate::run::{LiveEpisode, Progress};
 
 /// Positions of the common fields in the infos: they stand behind the environment's own, in this order, and
 /// those of the policy behind them.
@@ -52,19 +50,19 @@ impl CommonFields {
         self.seed + 1 + usize::from(self.checkpoints.is_some())
     }
 
-    /// Writes the row's piece of a saved state, if states are saved. `saved` is the last one.
+    /// Writes the step's piece of a saved state, if states are saved. `saved` is the last one.
     pub(super) fn write_checkpoint(
         &self,
         env: &dyn Env,
-        row: u64,
+        step: u64,
         saved: &mut EnvState,
         out: &mut RowsMut<'_>,
     ) -> Result<(), EnvError> {
         let Some(checkpoints) = self.checkpoints else { return Ok(()) };
-        if checkpoints.is_at(row) {
+        if checkpoints.is_at(step) {
             env.snapshot(saved)?;
         }
-        checkpoints.write(saved, row, out.at(self.seed + 1));
+        checkpoints.write(saved, step, out.at(self.seed + 1));
         Ok(())
     }
 
@@ -86,7 +84,7 @@ impl CommonFields {
     }
 
     /// After a step, the row holds the new observation, which has no action yet: it is filled in when the policy
-    /// has chosen one, and stays missing in the last row of an episode.
+    /// has chosen one, and stays missing in the last step of an episode.
     pub(super) fn write_step(&self, out: &mut RowsMut<'_>, outcome: &Outcome, progress: &Progress) {
         self.forget_policy(out);
         out.write(self.reward, &[outcome.reward]);

@@ -3,39 +3,34 @@
 //! There is one rollout loop, [`World::run`]; collecting, evaluating and recording are recorders that watch it.
 
 mod fields;
-mod options;
-mod rollout;
-mod slot;
+mod phases;
+mod run;
 
 use std::sync::Arc;
-
-use rayon::ThreadPool;
 
 use crate::batch::{Batch, Column, Field, Schema, Slice};
 use crate::env::{EnvSpec, ResetOptions, VARIATION_PREFIX};
 use crate::error::{BatchError, PolicyError, WorldError};
-use crate::evaluate::{Judge, SuccessRule};
-use crate::pace::Pace;
-use crate::policy::{Actions, LiveEpisode, Policy, View};
+use crate::policy::{Actions, Policy, View};
 use crate::registry::EnvEntry;
-use crate::seed::EpisodeSeed;
+use crate::run::{Cancel, EpisodeEnd, LiveEpisode, Progress, Slot, WorldOptions};
+use crate::success::{Judge, SuccessRule};
+use crate::threads::{Pace, Threads};
 use crate::view::{Frames, Transform};
 
-pub use options::{MAX_FRAME_SKIP, WorldOptions};
-pub use rollout::{Rollout, Scenario};
-pub(crate) use slot::Slot;
+pub use run::Run;
 
 use fields::CommonFields;
-use slot::{ResetRules, StepRules};
+use phases::{OptionsOf, ResetRules, StepRules};
 
 /// Many environments of one kind, and everything they say in one table.
 ///
 /// ```
 /// use swm_core::testing::TOY;
-/// use swm_core::{ResetOptions, Rollout, Scenario, World, WorldOptions, policy};
+/// use swm_core::{ResetOptions, Rollout, World, WorldOptions, policies};
 ///
-/// let mut world = World::new(&TOY, WorldOptions { num_envs: 4, ..WorldOptions::default() })?;
-/// world.set_policy(policy::random());
+/// let mut world = World::new(&TOY, WorldOptions::new(4))?;
+/// world.set_policy(policies::random());
 ///
 /// // By hand: every environment at once.
 /// world.reset(42, &ResetOptions::default())?;
@@ -43,13 +38,12 @@ use slot::{ResetRules, StepRules};
 /// assert_eq!(world.infos().rows(), 4);
 ///
 /// // Or whole episodes: these ten, whatever the number of environments and threads.
-/// let options = ResetOptions::default();
-/// let rollout = Rollout { episodes: 0..10, seed: 42, scenario: Scenario::Same(&options) };
-/// let evaluation = world.evaluate(&rollout, &mut ())?;
+/// let evaluation = world.evaluate(&Rollout::new(0..10).seed(42))?;
 /// assert_eq!(evaluation.episodes, 10);
 /// # Ok::<(), swm_core::WorldError>(())
 /// ```
 pub struct World {
+    entry: EnvEntry,
     options: WorldOptions,
     pub(crate) spec: EnvSpec,
     slots: Vec<Slot>,
@@ -65,7 +59,7 @@ pub struct World {
     frames: Option<Frames>,
     policy_seed: u64,
     pace: Pace,
-    pool: Arc<ThreadPool>,
+    threads: Threads,
 }
 
 impl World {
@@ -78,10 +72,8 @@ impl World {
     pub fn new(entry: &EnvEntry, options: WorldOptions) -> Result<Self, WorldError> {
         options.check()?;
         let wrong = |option, reason: String| Err(WorldError::Option { option, reason });
-        // rayon takes 0 for "one per core".
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0));
-        let pool = match pool.thread_name(|i| format!("swm-{i}")).build() {
-            Ok(pool) => Arc::new(pool),
+        let threads = match Threads::new(options.threads) {
+            Ok(threads) => threads,
             Err(error) => return wrong("threads", error.to_string()),
         };
         let mut slots = (0..options.num_envs)
@@ -89,7 +81,7 @@ impl World {
             .collect::<Result<Vec<_>, _>>()?;
         let spec = slots[0].env().spec().clone();
         let every = options.checkpoints.map(|every| every as usize);
-        let checkpoints = every.map(|every| slots[0].checkpoints(every)).transpose()?;
+        let checkpoints = every.map(|every| phases::checkpoints(&mut slots[0], every)).transpose()?;
         let (columns, fields) = CommonFields::append(&spec, checkpoints);
         let infos = Batch::new(Schema::new(columns)?, options.num_envs);
         if let Some(name) = options.unrecorded.iter().find(|name| name.starts_with(VARIATION_PREFIX)) {
@@ -101,6 +93,7 @@ impl World {
         let actions = infos.column(fields.action).to_column();
         let (report, pace) = (Batch::new(Arc::default(), options.num_envs), Pace::default());
         Ok(Self {
+            entry: *entry,
             options,
             spec,
             slots,
@@ -114,8 +107,13 @@ impl World {
             frames: None,
             policy_seed: 0,
             pace,
-            pool,
+            threads,
         })
+    }
+
+    /// The table entry that the environments were made from.
+    pub fn entry(&self) -> &EnvEntry {
+        &self.entry
     }
 
     /// The environments' description.
@@ -128,7 +126,7 @@ impl World {
         &self.options
     }
 
-    /// The table of everything: row = environment. Holds the last reset's or step's values.
+    /// The table of everything: row `i` is environment `i`. Holds the last reset's or step's values.
     pub fn infos(&self) -> &Batch {
         &self.infos
     }
@@ -138,31 +136,55 @@ impl World {
         std::mem::replace(&mut self.options.max_episode_steps, limit)
     }
 
-    /// Attaches the policy that `step` and `run` ask for actions. Its own fields, if it has any, become the last of
-    /// the infos; should another field have the same name, `step` and `run` say so.
-    pub fn set_policy(&mut self, policy: impl Policy + 'static) {
-        self.unfit = self.make_room(policy.fields()).err().map(|error| error.to_string());
-        self.policy = Some(Box::new(policy));
+    /// What a policy sees.
+    pub fn view(&self) -> View<'_> {
+        View {
+            infos: &self.infos,
+            spec: &self.spec,
+            slots: &self.slots,
+            seed: self.policy_seed,
+            threads: &self.threads,
+            cancel: None,
+        }
     }
 
-    /// Replaces the last policy's fields of the infos by `fields`; all others keep their values.
-    fn make_room(&mut self, fields: Vec<Field>) -> Result<(), BatchError> {
+    /// The episode of one slot so far: live, or over since the last step.
+    ///
+    /// # Panics
+    /// If there is no such slot.
+    pub fn episode(&self, slot: usize) -> Option<EpisodeEnd> {
+        self.slots[slot].progress.as_ref().map(Progress::summary)
+    }
+
+    /// Attaches the policy that `step` and `run` ask for actions. Its own fields, if it has any, become the last of
+    /// the infos; should another field have the same name, `step` and `run` say so.
+    ///
+    /// Where the fields change, the infos become another table. The replaced one is handed back: whoever holds addresses
+    /// of its columns keeps it for as long.
+    pub fn set_policy(&mut self, policy: impl Policy + 'static) -> Option<Batch> {
+        let replaced = self.make_room(policy.fields());
+        self.unfit = replaced.as_ref().err().map(ToString::to_string);
+        self.policy = Some(Box::new(policy));
+        replaced.unwrap_or_default()
+    }
+
+    /// Replaces the last policy's fields of the infos by `fields`; all others keep their values. Gives the replaced table.
+    fn make_room(&mut self, fields: Vec<Field>) -> Result<Option<Batch>, BatchError> {
         let kept = self.fields.of_policy();
         let old = self.infos.schema().fields();
         if fields == old[kept..] {
-            return Ok(());
+            return Ok(None);
         }
         let all: Vec<Field> = old[..kept].iter().chain(&fields).cloned().collect();
         let mut infos = Batch::new(Schema::new(all)?, self.slots.len());
         for index in 0..kept {
             assert!(infos.column_mut(index).copy_from(self.infos.column(index)), "the field is the same");
         }
-        self.infos = infos;
         self.report = Batch::new(Schema::new(fields)?, self.slots.len());
-        Ok(())
+        Ok(Some(std::mem::replace(&mut self.infos, infos)))
     }
 
-    /// Lets `rule` decide what success is, in every row from the start on, in place of the environment: its own success
+    /// Lets `rule` decide what success is, at every step from the start on, in place of the environment: its own success
     /// then neither counts nor ends an episode. The environment's own rule gives it back.
     ///
     /// # Errors
@@ -189,29 +211,47 @@ impl World {
         self.policy.as_ref().map(Policy::describe)
     }
 
-    /// Resets every environment: row `i` begins episode `i` of the run with seed `seed`.
+    /// Resets every environment: slot `i` begins episode `i` of the run with seed `seed`.
     ///
     /// # Errors
     ///
     /// Unknown factors, values out of bounds or that break a constraint, start or goal columns that the environment does not take.
     pub fn reset(&mut self, seed: u64, options: &ResetOptions) -> Result<(), WorldError> {
-        for (row, slot) in self.slots.iter_mut().enumerate() {
-            let index = row as u64;
-            slot.next = Some(LiveEpisode { index, seed: EpisodeSeed::of(seed, index), step: 0 });
+        for (index, slot) in (0..).zip(&mut self.slots) {
+            slot.next = Some(LiveEpisode::of(seed, index));
         }
-        self.on_threads(|world| world.reset_phase(&Scenario::Same(options)))
+        self.reset_phase(&|_, _| options)
+    }
+
+    /// Resets chosen slots, each to an episode of its own with options of its own; the others keep their episodes. For
+    /// auto-reset and vector environments.
+    ///
+    /// # Errors
+    ///
+    /// No such slot, or one twice: nothing has been reset then. As [`World::reset`].
+    pub fn reset_slots(&mut self, resets: &[(usize, LiveEpisode, &ResetOptions)]) -> Result<(), WorldError> {
+        let mut options: Vec<Option<&ResetOptions>> = vec![None; self.slots.len()];
+        for &(slot, _, given) in resets {
+            let taken = options.get_mut(slot).is_none_or(|place| place.replace(given).is_some());
+            if taken {
+                let reason = format!("slot {slot} of {} is not there, or named twice", self.slots.len());
+                return Err(WorldError::Option { option: "reset_slots", reason });
+            }
+        }
+        for &(slot, episode, _) in resets {
+            self.slots[slot].next = Some(episode);
+        }
+        self.reset_phase(&|slot, _| options[slot].expect("only slots with options have a next episode"))
     }
 
     /// Asks the policy for actions and steps every environment whose episode is not over.
     ///
     /// # Errors
     ///
-    /// No policy is attached, the policy fails, or an action is outside of the space (NaN, say). The lowest row's error is given.
+    /// No policy is attached, the policy fails, or an action is outside of the space (NaN, say). The lowest slot's error is given.
     pub fn step(&mut self) -> Result<(), WorldError> {
-        self.on_threads(|world| {
-            world.act()?;
-            world.step_phase()
-        })
+        self.act(None)?;
+        self.step_phase(None)
     }
 
     /// Steps with given actions, `[N, …action shape]` of the action space's type.
@@ -220,62 +260,88 @@ impl World {
     ///
     /// Another number or type of values, or an action outside of the space; nothing has been stepped then.
     pub fn step_with(&mut self, actions: Slice<'_>) -> Result<(), WorldError> {
+        self.take_actions(actions, None)?;
+        self.step_phase(None)
+    }
+
+    /// Steps the slots that `mask` (`[N]`) chooses, as far as they are live, with given actions: see
+    /// [`World::step_with`]. The others stay as they are.
+    ///
+    /// # Errors
+    ///
+    /// A mask of another length. As [`World::step_with`].
+    pub fn step_slots(&mut self, mask: &[bool], actions: Slice<'_>) -> Result<(), WorldError> {
+        if mask.len() != self.slots.len() {
+            let reason = format!("{} values for {} environments", mask.len(), self.slots.len());
+            return Err(WorldError::Option { option: "mask", reason });
+        }
+        self.take_actions(actions, Some(mask))?;
+        self.step_phase(Some(mask))
+    }
+
+    /// Takes the actions of the next step, checked.
+    fn take_actions(&mut self, actions: Slice<'_>, mask: Option<&[bool]>) -> Result<(), WorldError> {
         let expected = self.actions.as_slice();
         if actions.dtype() != expected.dtype() || actions.len() != expected.len() {
-            let width = self.spec.action.width();
+            let dim = self.spec.action.width();
             let reason = format!(
-                "actions must be {} values of {} ({} environments × {width}), found {} of {}",
+                "actions must be {} values of {} ({} environments × {dim}), found {} of {}",
                 expected.len(),
                 expected.dtype(),
                 self.slots.len(),
                 actions.len(),
                 actions.dtype(),
             );
-            return Err(WorldError::Action { row: 0, episode: 0, step: 0, reason });
+            return Err(WorldError::Action { slot: 0, episode: 0, step: 0, reason });
         }
         assert!(self.actions.as_slice_mut().copy_from(actions), "checked above");
-        self.check_actions()?;
-        self.on_threads(Self::step_phase)
+        self.check_actions(mask)
     }
 
-    fn act(&mut self) -> Result<(), WorldError> {
-        let policy = self.policy.as_mut().ok_or(WorldError::NoPolicy)?;
+    fn act(&mut self, cancel: Option<&Cancel>) -> Result<(), WorldError> {
+        let Self { policy, infos, spec, slots, policy_seed, threads, actions, report, .. } = self;
+        let policy = policy.as_mut().ok_or(WorldError::NoPolicy)?;
         if let Some(reason) = &self.unfit {
             let (policy, reason) = (policy.describe(), reason.clone());
             return Err(PolicyError::Unsupported { policy, reason }.into());
         }
-        let report = &mut self.report;
         let fields = report.schema().fields().len();
         (0..fields).for_each(|index| report.column_mut(index).fill_missing());
-        let view = View { infos: &self.infos, spec: &self.spec, slots: &self.slots, seed: self.policy_seed };
-        policy.act(&view, &mut Actions { space: &self.spec.action, column: &mut self.actions, report })?;
-        self.check_actions()?;
+        let view = View { infos, spec, slots, seed: *policy_seed, threads, cancel };
+        let mut actions = Actions { space: &spec.action, column: actions, report };
+        if policy.is_parallel() && slots.len() > 1 {
+            threads.install(|| policy.act(&view, &mut actions))?;
+        } else {
+            policy.act(&view, &mut actions)?;
+        }
+        self.check_actions(None)?;
         self.copy_report();
         Ok(())
     }
 
-    /// Copies what the policy said of live rows into the infos.
+    /// Copies what the policy reported of live slots into the infos.
     fn copy_report(&mut self) {
         let first = self.fields.of_policy();
         for index in 0..self.report.schema().fields().len() {
-            let width = self.report.schema().width(index);
-            for row in (0..self.slots.len()).filter(|&row| self.slots[row].is_live()) {
-                let (_, rest) = self.infos.column_mut(first + index).split_at(row * width);
-                let said = self.report.column(index).range(row * width, width);
-                assert!(rest.split_at(width).0.copy_from(said), "one schema made both");
+            let size = self.report.schema().width(index);
+            for slot in (0..self.slots.len()).filter(|&slot| self.slots[slot].is_live()) {
+                let (_, rest) = self.infos.column_mut(first + index).split_at(slot * size);
+                let said = self.report.column(index).range(slot * size, size);
+                assert!(rest.split_at(size).0.copy_from(said), "one schema made both");
             }
         }
     }
 
-    /// Refuses actions that are not finite, and copies the others into the infos.
-    fn check_actions(&mut self) -> Result<(), WorldError> {
-        let width = self.spec.action.width();
+    /// Refuses actions outside of the space, and copies the others into the infos.
+    fn check_actions(&mut self, mask: Option<&[bool]>) -> Result<(), WorldError> {
+        let dim = self.spec.action.width();
         let actions = self.actions.as_slice();
-        for (row, slot) in self.slots.iter().enumerate() {
-            let Some(episode) = slot.live_episode() else { continue };
-            let action = actions.range(row * width, width);
+        for (index, slot) in self.slots.iter().enumerate() {
+            let live = slot.live_episode().filter(|_| mask.is_none_or(|mask| mask[index]));
+            let Some(episode) = live else { continue };
+            let action = actions.range(index * dim, dim);
             let refuse = |reason: String| {
-                Err(WorldError::Action { row, episode: episode.index, step: episode.step, reason })
+                Err(WorldError::Action { slot: index, episode: episode.index, step: episode.step, reason })
             };
             if !action.is_finite() {
                 return refuse(format!("the action {action:?} is not finite"));
@@ -284,36 +350,26 @@ impl World {
                 let (low, high) = self.spec.action.bounds();
                 return refuse(format!("the action {action:?} is not between {low:?} and {high:?}"));
             }
-            let infos = self.infos.column_mut(self.fields.action);
-            let (_, rest) = infos.split_at(row * width);
-            assert!(rest.split_at(width).0.copy_from(action), "one schema made both");
+            let (_, rest) = self.infos.column_mut(self.fields.action).split_at(index * dim);
+            assert!(rest.split_at(dim).0.copy_from(action), "one schema made both");
         }
         Ok(())
     }
 
-    fn reset_phase(&mut self, scenario: &Scenario<'_>) -> Result<(), WorldError> {
-        let Self { slots, infos, fields, judge, frames, .. } = self;
+    fn reset_phase(&mut self, options: OptionsOf<'_>) -> Result<(), WorldError> {
+        let Self { slots, infos, fields, judge, frames, threads, .. } = self;
         let rules = ResetRules { fields: *fields, judge: judge.as_ref(), frames: frames.as_ref() };
-        slot::reset_all(slots, infos.rows_mut(), scenario, &rules)
+        phases::reset_all(slots, infos.rows_mut(), options, &rules, threads)
     }
 
-    fn step_phase(&mut self) -> Result<(), WorldError> {
-        let Self { options, slots, infos, actions, fields, judge, frames, pace, .. } = self;
+    fn step_phase(&mut self, mask: Option<&[bool]>) -> Result<(), WorldError> {
+        let Self { options, slots, infos, actions, fields, judge, frames, pace, threads, .. } = self;
         let rules = StepRules {
             frame_skip: options.frame_skip,
             max_steps: options.max_episode_steps,
+            mask,
             reset: ResetRules { fields: *fields, judge: judge.as_ref(), frames: frames.as_ref() },
         };
-        slot::step_all(slots, infos.rows_mut(), actions.as_slice(), &rules, pace)
-    }
-
-    /// Does `work` on the world's own threads. A single environment has nothing to share, and stays on the
-    /// caller's thread, which saves the hand-over.
-    fn on_threads<R: Send>(&mut self, work: impl FnOnce(&mut Self) -> R + Send) -> R {
-        if self.slots.len() == 1 {
-            return work(self);
-        }
-        let pool = Arc::clone(&self.pool);
-        pool.install(|| work(self))
+        phases::step_all(slots, infos.rows_mut(), actions.as_slice(), &rules, pace, threads)
     }
 }

@@ -32,16 +32,15 @@ use reader::Reader;
 /// [`Loader::batches`].
 /// ```
 /// use swm_core::testing::TOY;
-/// use swm_core::{ResetOptions, Rollout, Scenario, World, WorldOptions, policy};
+/// use swm_core::{Rollout, World, WorldOptions, policies};
 /// use swm_data::{BatchOptions, ClipOptions, Loader, ReplayBuffer};
 ///
 /// // Any dataset will do: `swm_data::open` opens files, a buffer lends its episodes.
-/// let mut world = World::new(&TOY, WorldOptions { max_episode_steps: Some(20), ..WorldOptions::default() })?;
-/// world.set_policy(policy::random());
-/// let options = ResetOptions::default();
+/// let mut world = World::new(&TOY, WorldOptions::default().max_episode_steps(20))?;
+/// world.set_policy(policies::random());
 /// let mut buffer = ReplayBuffer::new(1000);
-/// let rollout = Rollout { episodes: 0..8, seed: 0, scenario: Scenario::Same(&options) };
-/// world.record_dataset(&rollout, &mut buffer, &mut ())?;
+/// let rollout = Rollout::new(0..8);
+/// world.record_dataset(&rollout, &mut buffer)?;
 ///
 /// let clips = ClipOptions { num_steps: 3, frameskip: 2, ..ClipOptions::default() };
 /// let loader = Loader::new(Box::new(buffer.dataset()?), &clips)?;

@@ -141,7 +141,7 @@ impl Rendered {
             painter,
             factors,
             frame_skip: metadata.frame_skip.max(1),
-            checkpoints: Checkpoints::of(dataset.schema(), metadata),
+            checkpoints: Checkpoints::of(dataset.schema(), metadata.checkpoints),
             verify: options.verify,
         };
         let about = dataset.about().with_schema(schema);

@@ -1,10 +1,9 @@
 //! PointMaze as its users meet it: wrong input, goals, policies.
 
 use serde_json::json;
-use swm_core::world::{Rollout, Scenario};
 use swm_core::{
-    Env, EnvConfig, Episode, EpisodeSeed, PolicyArgs, PolicyContext, Registry, ResetOptions, Slice, Value,
-    World, WorldOptions,
+    Env, EnvConfig, Episode, EpisodeSeed, PolicyArgs, PolicyContext, Registry, ResetOptions, Rollout, Slice,
+    Value, World, WorldOptions,
 };
 
 use super::{POINT_MAZE, PointMaze};
@@ -25,12 +24,11 @@ fn evaluate(policy: &str, options: &ResetOptions, episodes: u64, budget: u64) ->
     let context = PolicyContext { env: &POINT_MAZE, config: &config, frame_skip: 1 };
     let policy =
         Registry::new().with_envs(ENVS).policy(&context, &PolicyArgs::parse(policy).unwrap()).unwrap();
-    let options_of_world =
-        WorldOptions { num_envs: 4, max_episode_steps: Some(budget), ..WorldOptions::default() };
+    let options_of_world = WorldOptions::new(4).max_episode_steps(budget);
     let mut world = World::new(&POINT_MAZE, options_of_world).unwrap();
     world.set_policy(policy);
-    let rollout = Rollout { episodes: 0..episodes, seed: 5, scenario: Scenario::Same(options) };
-    let result = world.evaluate(&rollout, &mut ()).unwrap();
+    let rollout = Rollout::new(0..episodes).seed(5).options(options.clone());
+    let result = world.evaluate(&rollout).unwrap();
     (result.success_rate, result.mean_success_steps.unwrap_or(f64::NAN))
 }
 

@@ -6,7 +6,7 @@ use ndarray::{Array1, Array2};
 use ndarray_npy::NpzReader;
 use swm_core::{
     Batch, Env as _, EnvConfig, EnvEntry, Episode, EpisodeSeed, Evaluation, ImageSize, PolicyArgs,
-    PolicyContext, Registry, ResetOptions, Rollout, Scenario, Schema, Slice, Value, World, WorldOptions,
+    PolicyContext, Registry, ResetOptions, Rollout, Schema, Slice, Value, World, WorldOptions,
 };
 
 use super::factors::setup;
@@ -340,17 +340,11 @@ fn evaluate(policy: &str, solid: bool, options: &ResetOptions) -> Evaluation {
     let context = PolicyContext { env: &TWO_ROOM, config: &config, frame_skip: 1 };
     let policy =
         Registry::new().with_envs(ENVS).policy(&context, &PolicyArgs::parse(policy).unwrap()).unwrap();
-    let world_options = WorldOptions {
-        num_envs: 4,
-        env: config.clone(),
-        threads: Some(1),
-        max_episode_steps: Some(200),
-        ..WorldOptions::default()
-    };
+    let world_options = WorldOptions::new(4).env(config.clone()).threads(1).max_episode_steps(200);
     let mut world = World::new(&TWO_ROOM, world_options).unwrap();
     world.set_policy(policy);
-    let rollout = Rollout { episodes: 0..100, seed: 42, scenario: Scenario::Same(options) };
-    world.evaluate(&rollout, &mut ()).unwrap()
+    let rollout = Rollout::new(0..100).seed(42).options(options.clone());
+    world.evaluate(&rollout).unwrap()
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use proptest::prelude::*;
 use swm_core::{
     Batch, Env, EnvConfig, EnvError, Episode, EpisodeSeed, Evaluation, ImageSize, PolicyArgs, PolicyContext,
-    ResetOptions, Rollout, Scenario, Schema, Slice, Value, World, WorldOptions,
+    ResetOptions, Rollout, Schema, Slice, Value, World, WorldOptions,
 };
 
 use super::dot::Dot;
@@ -272,12 +272,11 @@ fn evaluate(policy: &str, options: &ResetOptions, episodes: u64, budget: u64) ->
     let args = PolicyArgs::parse(policy).unwrap();
     let entry = TWO_ROOM_V2.policies.iter().find(|entry| entry.name == args.name).unwrap();
     let policy = (entry.make)(&context, &args).unwrap();
-    let options_of_world =
-        WorldOptions { num_envs: 4, max_episode_steps: Some(budget), ..WorldOptions::default() };
+    let options_of_world = WorldOptions::new(4).max_episode_steps(budget);
     let mut world = World::new(&TWO_ROOM_V2, options_of_world).unwrap();
     world.set_policy(policy);
-    let rollout = Rollout { episodes: 0..episodes, seed: SEED, scenario: Scenario::Same(options) };
-    world.evaluate(&rollout, &mut ()).unwrap()
+    let rollout = Rollout::new(0..episodes).seed(SEED).options(options.clone());
+    world.evaluate(&rollout).unwrap()
 }
 
 #[test]

@@ -25,19 +25,18 @@ use crate::workspace::Workspace;
 /// ended the last one. Environments whose episode is over are never planned for.
 /// ```
 /// use swm_core::testing::TOY;
-/// use swm_core::{EnvConfig, ResetOptions, Rollout, Scenario, World, WorldOptions};
+/// use swm_core::{EnvConfig, Rollout, World, WorldOptions};
 /// use swm_solvers::{Cem, MpcPolicy, PlanConfig, SimulatorCost, SimulatorOptions};
 ///
 /// // Plans on the environment's own dynamics; any other `Cost` would stand in its place.
 /// let cost = SimulatorCost::new(&TOY, &EnvConfig::default(), SimulatorOptions::default())?;
 /// let solver = Cem { samples: 30, iterations: 5, elites: 5, ..Cem::default() };
 /// let config = PlanConfig { horizon: 5, receding_horizon: 1, action_block: 1, ..PlanConfig::default() };
-/// let mut world = World::new(&TOY, WorldOptions { max_episode_steps: Some(20), ..WorldOptions::default() })?;
+/// let mut world = World::new(&TOY, WorldOptions::default().max_episode_steps(20))?;
 /// world.set_policy(MpcPolicy::new(Box::new(solver), Box::new(cost), config)?);
 ///
-/// let options = ResetOptions::default();
-/// let rollout = Rollout { episodes: 0..4, seed: 42, scenario: Scenario::Same(&options) };
-/// assert_eq!(world.evaluate(&rollout, &mut ())?.success_rate, 100.0);
+/// let rollout = Rollout::new(0..4).seed(42);
+/// assert_eq!(world.evaluate(&rollout)?.success_rate, 100.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct MpcPolicy {

@@ -2,8 +2,8 @@
 
 use swm_core::testing::{DISCRETE_TOY, TOY};
 use swm_core::{
-    BoxError, EnvConfig, EpisodeEnd, LiveRow, PolicyArgs, PolicyContext, Recorder, Registry, ResetOptions,
-    Rollout, Scenario, World, WorldOptions,
+    BoxError, EnvConfig, EpisodeEnd, LiveRow, PolicyArgs, PolicyContext, Recorder, Registry, Rollout, World,
+    WorldOptions,
 };
 use swm_solvers::{ActionScale, Cem, MpcPolicy, PLANNERS, PlanConfig, SimulatorCost, SimulatorOptions};
 
@@ -84,14 +84,13 @@ impl Recorder for Said {
 }
 
 fn said(policy: &str) -> Result<Vec<SaidRow>, Box<dyn std::error::Error>> {
-    let options = WorldOptions { max_episode_steps: Some(8), ..WorldOptions::default() };
+    let options = WorldOptions::default().max_episode_steps(8);
     let context = PolicyContext { env: &TOY, config: &options.env.clone(), frame_skip: 1 };
     let registry = Registry::new().with_policies(PLANNERS);
     let mut world = World::new(&TOY, options)?;
     world.set_policy(registry.policy(&context, &PolicyArgs::parse(policy)?)?);
-    let reset: ResetOptions = toward(1000.0);
     let mut said = Said::default();
-    world.run(&Rollout { episodes: 0..1, seed: 1, scenario: Scenario::Same(&reset) }, &mut said)?;
+    world.run(&Rollout::new(0..1).seed(1).options(toward(1000.0)), &mut said)?;
     Ok(said.0)
 }
 

@@ -6,7 +6,7 @@ use swm_core::env::{EnvConfig, EnvSpec, EnvState, Episode, Outcome};
 use swm_core::testing::TOY;
 use swm_core::{
     BoxError, Env, EnvEntry, EnvError, EpisodeEnd, LiveRow, Policy, Recorder, ResetOptions, Rollout, RowsMut,
-    Scenario, Slice, Value, World, WorldError, WorldOptions,
+    Slice, Value, World, WorldError, WorldOptions,
 };
 
 /// The toy environment, changed.
@@ -137,20 +137,16 @@ pub(super) fn toward(goal: f64) -> ResetOptions {
 }
 
 pub(super) fn run(setting: &Setting, policy: impl Policy + 'static) -> Result<Vec<Story>, WorldError> {
-    let options = WorldOptions {
-        num_envs: setting.num_envs,
-        max_episode_steps: Some(setting.max_steps),
-        threads: Some(setting.threads),
-        ..WorldOptions::default()
-    };
+    let options =
+        WorldOptions::new(setting.num_envs).max_episode_steps(setting.max_steps).threads(setting.threads);
     let mut world = World::new(&setting.entry, options)?;
     world.set_policy(policy);
     let mut stories = Stories::default();
-    let scenario = match setting.each.as_slice() {
-        [] => Scenario::Same(&setting.reset),
-        each => Scenario::Each(each),
+    let rollout = Rollout::new(0..setting.episodes).seed(7);
+    let rollout = match setting.each.as_slice() {
+        [] => rollout.options(setting.reset.clone()),
+        each => rollout.each(each),
     };
-    let rollout = Rollout { episodes: 0..setting.episodes, seed: 7, scenario };
     world.run(&rollout, &mut stories)?;
     Ok(stories.0.into_values().collect())
 }

@@ -137,14 +137,8 @@ impl WorldArgs {
     }
 
     pub(super) fn options(&self, env: EnvConfig, max_steps: u64) -> WorldOptions {
-        WorldOptions {
-            num_envs: self.num_envs,
-            env,
-            max_episode_steps: Some(max_steps),
-            frame_skip: self.frame_skip.unwrap_or(1),
-            threads: self.threads,
-            ..WorldOptions::default()
-        }
+        let options = WorldOptions::new(self.num_envs).env(env).max_episode_steps(max_steps);
+        options.frame_skip(self.frame_skip.unwrap_or(1)).threads(self.threads)
     }
 }
 

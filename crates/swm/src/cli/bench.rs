@@ -5,9 +5,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde::Serialize;
 use swm_core::error::BoxError;
-use swm_core::{
-    EpisodeEnd, ImageSize, LiveRow, Recorder, Registry, ResetOptions, Rollout, Scenario, World, WorldOptions,
-};
+use swm_core::{EpisodeEnd, ImageSize, LiveRow, Recorder, Registry, Rollout, World, WorldOptions};
 
 use super::args::EnvArgs;
 use super::output::table;
@@ -86,14 +84,11 @@ impl Bench {
             config.settings.insert("render".to_owned(), style.into());
         }
         let policy = policies::make(registry, entry, &config, 1, &self.policy)?;
-        let threads_option = Some(threads);
-        let options =
-            WorldOptions { num_envs, env: config, threads: threads_option, ..WorldOptions::default() };
+        let options = WorldOptions::new(num_envs).env(config).threads(threads);
         let mut world = World::new(entry, options)?;
         world.set_policy(policy);
-        let reset = ResetOptions::default();
         let mut watch = Stopwatch::new(Duration::from_secs_f64(self.seconds));
-        let rollout = Rollout { episodes: 0..u64::MAX, seed: 0, scenario: Scenario::Same(&reset) };
+        let rollout = Rollout::new(0..u64::MAX);
         if let Err(error) = world.run(&rollout, &mut watch)
             && !watch.finished()
         {

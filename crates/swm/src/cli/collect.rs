@@ -9,8 +9,7 @@ use indicatif::ProgressBar;
 use serde_json::json;
 use swm_core::error::BoxError;
 use swm_core::{
-    Batch, EpisodeEnd, EpisodeSink, LiveRow, Metadata, Recorder, Registry, Rollout, Scenario, Schema, World,
-    WorldOptions,
+    Batch, EpisodeEnd, EpisodeSink, LiveRow, Metadata, Recorder, Registry, Rollout, Schema, World,
 };
 use swm_data::{DatasetWriter, WriteMode, WriteOptions};
 
@@ -85,11 +84,8 @@ impl Collect {
         let config = self.env.config(self.image_size.0.filter(|_| self.replayable.is_none()))?;
         let policy =
             policies::make(registry, entry, &config, self.world.frame_skip.unwrap_or(1), &self.policy)?;
-        let world = WorldOptions {
-            unrecorded: self.without,
-            checkpoints: self.replayable,
-            ..self.world.options(config, self.max_steps)
-        };
+        let world = self.world.options(config, self.max_steps);
+        let world = world.unrecorded(self.without).checkpoints(self.replayable);
         let mut world = World::new(entry, world)?;
         world.set_policy(policy);
         let options = self.scenario.options()?;
@@ -107,7 +103,7 @@ impl Collect {
                 .ok_or_else(|| usage(format!("{more} more episodes than {first} are too many to count")))?,
             (None, total) => total.unwrap_or(first).max(first),
         };
-        let rollout = Rollout { episodes: first..last, seed: self.seed, scenario: Scenario::Same(&options) };
+        let rollout = Rollout::new(first..last).seed(self.seed).options(options);
         let started = Instant::now();
         let bar = output.bar(last - first, "episodes");
         let mut sink = Committed {
@@ -119,7 +115,7 @@ impl Collect {
             offset,
         };
         let mut count = Count::default();
-        world.record_dataset(&rollout, &mut sink, &mut count)?;
+        world.record_dataset_with(&rollout, &mut sink, &mut count)?;
         bar.finish_and_clear();
         let seconds = started.elapsed().as_secs_f64();
         let result = json!({

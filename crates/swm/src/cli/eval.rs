@@ -4,10 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use swm_core::error::BoxError;
-use swm_core::{
-    EpisodeEnd, EvalOptions, Evaluation, ImageSize, LiveRow, Recorder, Registry, Rollout, Scenario, World,
-    WorldOptions,
-};
+use swm_core::{EpisodeEnd, EvalOptions, Evaluation, ImageSize, LiveRow, Recorder, Registry, Rollout, World};
 use swm_media::Format;
 
 use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, ScenarioArgs, WorldArgs};
@@ -127,19 +124,15 @@ impl Eval {
                 .and_then(|()| std::fs::remove_file(&probe))
                 .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
         }
-        let mut world = World::new(entry, WorldOptions { frame_skip, ..self.world.options(config, budget) })?;
+        let mut world = World::new(entry, self.world.options(config, budget).frame_skip(frame_skip))?;
         world.set_policy(policy);
         let bar = output.bar(self.episodes, "episodes");
         let mut video = Video::first(if self.out.is_some() { self.videos } else { 0 });
         let mut watch = (&mut video, Progress { bar: bar.clone(), successes: 0 });
         let evaluation = match &mut dataset {
             None => {
-                let options = self.scenario.options()?;
-                let scenario = Scenario::Same(&options);
-                world.evaluate(
-                    &Rollout { episodes: 0..self.episodes, seed: self.seed, scenario },
-                    &mut watch,
-                )?
+                let rollout = Rollout::new(0..self.episodes).seed(self.seed);
+                world.evaluate_with(&rollout.options(self.scenario.options()?), &mut watch)?
             }
             Some(dataset) => {
                 let options = EvalOptions {
@@ -149,8 +142,9 @@ impl Eval {
                     seed: self.seed,
                     variation: self.scenario.variation()?.unwrap_or_default(),
                     variation_values: self.scenario.values()?,
+                    ..EvalOptions::default()
                 };
-                world.evaluate_from_dataset(dataset, &options, &mut watch)?
+                world.evaluate_from_dataset_with(dataset, &options, &mut watch)?
             }
         };
         bar.finish_and_clear();

@@ -8,9 +8,7 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use swm_core::error::{BoxError, did_you_mean, nearest};
-use swm_core::{
-    EnvConfig, EnvEntry, EpisodeEnd, LiveRow, PolicyContext, Recorder, Registry, Rollout, Scenario, World,
-};
+use swm_core::{EnvConfig, EnvEntry, EpisodeEnd, LiveRow, PolicyContext, Recorder, Registry, Rollout, World};
 use swm_media::Format;
 use swm_solvers::{
     ActionMap, Detail, EXPERT, JsonLines, MpcPolicy, NoTrace, SOLVERS, SolverEntry, Trace, expert_args,
@@ -107,12 +105,12 @@ impl Plan {
         let format = video_format(self.video_format.as_deref())?;
         let config = self.env.config(image.or_else(|| policies::image_of(&self.policy)))?;
         let planner = self.planner(registry, entry, &config)?;
-        let options = self.scenario.options()?;
         let budget = if self.plan_only { 1 } else { self.budget };
         let args = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: Some(self.frame_skip) };
         let mut world = World::new(entry, args.options(config.clone(), budget))?;
         let actions = planner.actions(&world.spec().action)?;
         // A scenario that cannot be is found out before the folder is made.
+        let options = self.scenario.options()?;
         world.reset(self.seed, &options)?;
         let lines = self.open_trace()?.map(|lines| Arc::new(Mutex::new(lines)));
         let trace: Box<dyn Trace> = match &lines {
@@ -124,8 +122,7 @@ impl Plan {
         let bar = output.bar(self.episodes * budget, "steps");
         let mut video = Video::first(if image.is_some() { self.episodes } else { 0 });
         let mut watch = (&mut video, Episodes { bar: bar.clone(), list: Vec::new() });
-        let rollout =
-            Rollout { episodes: 0..self.episodes, seed: self.seed, scenario: Scenario::Same(&options) };
+        let rollout = Rollout::new(0..self.episodes).seed(self.seed).options(options);
         let started = Instant::now();
         let ran = world.run(&rollout, &mut watch);
         bar.finish_and_clear();

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
-use swm_core::{Registry, Rollout, Scenario, World};
+use swm_core::{Registry, Rollout, World};
 use swm_media::{Clip, Format};
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
@@ -52,9 +52,8 @@ impl Render {
         let policy = policies::make(registry, entry, &config, 1, &self.policy)?;
         let mut world = World::new(entry, world.options(config, self.steps.max(1)))?;
         world.set_policy(policy);
-        let options = self.scenario.options()?;
         let mut video = Video::first(1);
-        let rollout = Rollout { episodes: 0..1, seed: self.seed, scenario: Scenario::Same(&options) };
+        let rollout = Rollout::new(0..1).seed(self.seed).options(self.scenario.options()?);
         world.run(&rollout, &mut video)?;
         let (_, scene) = video.scenes().next().ok_or("the episode has no images")?;
         let wanted = usize::try_from(self.steps)?.saturating_add(1);

@@ -9,7 +9,7 @@ use serde_json::Value as Json;
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, OutcomeRecorder};
 use swm_core::{
-    EnvConfig, EnvEntry, Manifest, Policy, PolicyArgs, PolicyContext, Registry, ResetOptions, World,
+    EnvConfig, EnvEntry, Manifest, Policy, PolicyArgs, PolicyContext, Registry, ResetOptions, Rollout, World,
 };
 
 use swm_solvers::{EXPERT, PLANNERS};
@@ -138,14 +138,16 @@ pub fn run_pairs(
         world.set_policy(candidate.make(registry, entry, manifest)?);
         world.set_policy_seed(candidate.seed);
         world.set_transform(distractors::parse_all(&manifest.distractors)?);
+        let mut rollout = Rollout::new(0..0).seed(manifest.seed).each(resets);
         for range in missing {
+            rollout.episodes = range;
             let mut recorder =
                 OutcomeRecorder::new(steps_per_plan, checked.then_some(manifest), |pair, result| {
                     each(pair, &result)?;
                     results.insert(pair, result);
                     Ok(())
                 });
-            world.run_pairs(manifest, resets, range, &mut recorder)?;
+            world.run_pairs(manifest, &rollout, &mut recorder)?;
         }
     }
     Ok(results.into_values().collect())

@@ -100,7 +100,9 @@ fn episode(
         SOLVERS.iter().find(|solver| solver.name == candidate.policy.name && solver.plans_on_simulator);
     let mut watched = None;
     match solver.filter(|_| drawn > 0) {
-        None => world.set_policy(candidate.make(registry, entry, manifest)?),
+        None => {
+            world.set_policy(candidate.make(registry, entry, manifest)?);
+        }
         Some(solver) => {
             let blind = EnvConfig { image: None, ..config.clone() };
             let context = PolicyContext { env: entry, config: &blind, frame_skip: manifest.frame_skip };
@@ -117,9 +119,9 @@ fn episode(
         Ok(())
     };
     let mut outcome = OutcomeRecorder::new(receipt.plan_steps, None, keep);
-    let resets = manifest.resets()?;
     let index = pair as u64;
-    world.run_pairs(manifest, &resets, index..index + 1, &mut (&mut video, &mut outcome))?;
+    let rollout = manifest.rollout(index..index + 1)?;
+    world.run_pairs(manifest, &rollout, &mut (&mut video, &mut outcome))?;
     drop(outcome);
     let result = found.ok_or("the episode did not end")?;
     let figures = match watched {

@@ -3,7 +3,7 @@
 use serde_json::json;
 use swm_core::{
     EnvConfig, EnvEntry, Evaluation, LiveRow, PolicyArgs, PolicyContext, Recorder, ResetOptions, Rollout,
-    Scenario, Slice, Value, World, WorldOptions,
+    Slice, Value, World, WorldOptions,
 };
 
 use crate::pusht::{PUSHT, PUSHT_DISCRETE};
@@ -46,18 +46,14 @@ impl Run {
         let args = PolicyArgs::parse(self.policy).unwrap();
         let entry = self.entry.policies.iter().find(|policy| policy.name == args.name).unwrap();
         let policy = (entry.make)(&context, &args).unwrap();
-        let options = WorldOptions {
-            num_envs: self.num_envs,
-            env: config.clone(),
-            max_episode_steps: Some(200),
-            frame_skip: self.frame_skip,
-            ..WorldOptions::default()
-        };
+        let options = WorldOptions::new(self.num_envs)
+            .env(config.clone())
+            .max_episode_steps(200)
+            .frame_skip(self.frame_skip);
         let mut world = World::new(self.entry, options).unwrap();
         world.set_policy(policy);
-        let rollout =
-            Rollout { episodes: self.episodes.clone(), seed: 7, scenario: Scenario::Same(&self.options) };
-        world.evaluate(&rollout, watcher).unwrap()
+        let rollout = Rollout::new(self.episodes.clone()).seed(7).options(self.options.clone());
+        world.evaluate_with(&rollout, watcher).unwrap()
     }
 }
 

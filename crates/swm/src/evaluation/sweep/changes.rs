@@ -2,8 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use swm_core::dataset::selects;
 use swm_core::env::FactorSpec;
+use swm_core::env::selects;
 use swm_core::{ResetOptions, Space, Value};
 
 use super::{Scope, Values};

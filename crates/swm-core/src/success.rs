@@ -1,5 +1,5 @@
-//! What success is, as data: conditions on the columns of a row, outside of any environment, so that every policy is judged
-//! by the same test from the first row on.
+//! What success is, as data: conditions on the columns of a step, outside of any environment, so that every policy is
+//! judged by the same test from the first step on.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! Saved states among the rows of a dataset, so that a recording without images can be drawn from any row on.
+//! Saved states among the rows of a dataset, so that images can be rendered from any row on without having been recorded.
 //!
 //! The state saved at row `r`, a multiple of `every`, is cut into `every` pieces, and row `r + i` holds piece `i` in the
 //! column `checkpoint`. So the column is narrow, every row of it is used, and any format can hold it. The pieces
@@ -6,8 +6,6 @@
 
 use crate::batch::{Dtype, Field, Schema};
 use crate::env::EnvState;
-
-use super::Metadata;
 
 /// The column of the pieces.
 pub const CHECKPOINT: &str = "checkpoint";
@@ -31,11 +29,11 @@ impl Checkpoints {
         Self { every, piece: (LENGTH + state + state / 8 + 64).div_ceil(every) }
     }
 
-    /// Those of a dataset; `None` if it has none.
-    pub fn of(schema: &Schema, metadata: &Metadata) -> Option<Self> {
+    /// Those of a dataset that saved a state every `every` rows; `None` if it has none.
+    pub fn of(schema: &Schema, every: Option<u32>) -> Option<Self> {
         let field = &schema.fields()[schema.index(CHECKPOINT)?];
         let (&[piece], Dtype::U8) = (&field.shape[..], field.dtype) else { return None };
-        let every = usize::try_from(metadata.checkpoints?).ok()?;
+        let every = usize::try_from(every?).ok()?;
         (every > 0 && piece > 0).then_some(Self { every, piece })
     }
 

@@ -15,7 +15,7 @@ use crate::settings::Settings as _;
 use crate::space::Space;
 
 /// The smooth random policies, for the registry.
-pub(crate) const ENTRIES: [PolicyEntry; 2] = [
+pub(super) const ENTRIES: [PolicyEntry; 2] = [
     PolicyEntry {
         name: "ou",
         summary: "smooth random actions: an Ornstein-Uhlenbeck process per element",
@@ -211,11 +211,12 @@ fn sine_of_turns(turns: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::registry::{BASIC_POLICIES, PolicyArgs, PolicyContext};
+    use crate::policies::BASIC_POLICIES;
+    use crate::registry::{PolicyArgs, PolicyContext};
     use crate::testing::{DISCRETE_TOY, TOY, assert_documented_defaults};
     use crate::{
-        BoxError, EnvConfig, EnvEntry, EpisodeEnd, LiveRow, Recorder, ResetOptions, Rollout, Scenario, World,
-        WorldError, WorldOptions,
+        BoxError, EnvConfig, EnvEntry, EpisodeEnd, LiveRow, Recorder, Rollout, World, WorldError,
+        WorldOptions,
     };
 
     /// The actions of each episode.
@@ -236,15 +237,14 @@ mod tests {
 
     fn actions(env: &'static EnvEntry, policy: &str, num_envs: usize) -> Result<Vec<Vec<f32>>, WorldError> {
         const STEPS: u64 = 400;
-        let options = WorldOptions { num_envs, max_episode_steps: Some(STEPS), ..WorldOptions::default() };
+        let options = WorldOptions::new(num_envs).max_episode_steps(STEPS);
         let mut world = World::new(env, options)?;
         let args = PolicyArgs::parse(policy)?;
         let entry = BASIC_POLICIES.iter().find(|entry| entry.name == args.name).expect("a basic policy");
         let config = EnvConfig::default();
         world.set_policy((entry.make)(&PolicyContext { env, config: &config, frame_skip: 1 }, &args)?);
-        let scenario = ResetOptions::default();
         let mut log = Log::default();
-        world.run(&Rollout { episodes: 0..6, seed: 7, scenario: Scenario::Same(&scenario) }, &mut log)?;
+        world.run(&Rollout::new(0..6).seed(7), &mut log)?;
         log.0.sort_by_key(|row| (row.0, row.1));
         let mut episodes = vec![Vec::new(); 6];
         log.0.iter().filter(|row| !row.2.is_nan()).for_each(|row| episodes[row.0 as usize].push(row.2));

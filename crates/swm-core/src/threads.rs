@@ -1,0 +1,111 @@
+//! The threads of a world, and how finely work is divided among them: not at all where a hand-over costs more than the
+//! work, which then stays on the caller's thread.
+//!
+//! The cost of a slot is learned from the clock. It decides who works, never what comes out.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
+
+/// Work below this many nanoseconds is not worth handing to another thread.
+const WORTH_NANOS: f64 = 15_000.0;
+/// Weight of the newest measurement.
+const LEARNING: f64 = 0.2;
+
+/// The threads that a world divides its work among.
+#[derive(Clone, Debug)]
+pub(crate) struct Threads(Arc<ThreadPool>);
+
+impl Threads {
+    /// Starts them; `None`: one per core.
+    pub(crate) fn new(count: Option<usize>) -> Result<Self, ThreadPoolBuildError> {
+        // rayon takes 0 for "one per core".
+        let pool = ThreadPoolBuilder::new().num_threads(count.unwrap_or(0));
+        Ok(Self(Arc::new(pool.thread_name(|i| format!("swm-{i}")).build()?)))
+    }
+
+    /// With one thread nothing is divided, and all work stays on the caller's thread.
+    pub(crate) fn is_one(&self) -> bool {
+        self.0.current_num_threads() == 1
+    }
+
+    /// Does `work` on the threads, so that what it divides is divided among them.
+    pub(crate) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+        self.0.install(work)
+    }
+}
+
+/// The learned cost of one slot in one phase.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pace {
+    nanos_per_slot: f64,
+}
+
+impl Default for Pace {
+    /// Takes slots for expensive until it knows better.
+    fn default() -> Self {
+        Self { nanos_per_slot: WORTH_NANOS }
+    }
+}
+
+impl Pace {
+    /// Does `work` on `slots` slots, divided into parts of at most the given number of slots, and learns from how long
+    /// it took. Work that is not divided stays on the caller's thread.
+    pub(crate) fn learn<R: Send>(
+        &mut self,
+        slots: usize,
+        threads: &Threads,
+        work: impl FnOnce(usize) -> R + Send,
+    ) -> R {
+        if slots <= 1 || threads.is_one() {
+            return work(slots);
+        }
+        let part = ((WORTH_NANOS / self.nanos_per_slot).ceil() as usize).clamp(1, slots);
+        // The hand-over is no cost of a slot: the clock starts behind it.
+        let timed = || {
+            let started = Instant::now();
+            (work(part), started.elapsed())
+        };
+        let (result, elapsed) = if part == slots { timed() } else { threads.install(timed) };
+        self.note(slots, part, threads.0.current_num_threads(), elapsed);
+        result
+    }
+
+    fn note(&mut self, slots: usize, part: usize, threads: usize, elapsed: Duration) {
+        let busy = threads.min(slots.div_ceil(part));
+        let nanos = elapsed.as_nanos() as f64 * busy as f64 / slots as f64;
+        self.nanos_per_slot += LEARNING * (nanos.max(1.0) - self.nanos_per_slot);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::thread::{self, ThreadId};
+
+    use super::*;
+
+    fn part(pace: &mut Pace, threads: &Threads, pause: Duration) -> (usize, ThreadId) {
+        pace.learn(8, threads, |part| {
+            thread::sleep(pause);
+            (part, thread::current().id())
+        })
+    }
+
+    #[test]
+    fn cheap_slots_stay_together_on_the_callers_thread_and_expensive_ones_part() {
+        let (threads, mut pace) = (Threads::new(Some(2)).unwrap(), Pace::default());
+        let here = thread::current().id();
+        (0..100).for_each(|_| _ = part(&mut pace, &threads, Duration::ZERO));
+        assert_eq!(part(&mut pace, &threads, Duration::ZERO), (8, here));
+        (0..40).for_each(|_| _ = part(&mut pace, &threads, Duration::from_millis(1)));
+        let (part, there) = part(&mut pace, &threads, Duration::ZERO);
+        assert!(part == 1 && there != here);
+    }
+
+    #[test]
+    fn one_thread_is_the_callers() {
+        let (threads, mut pace) = (Threads::new(Some(1)).unwrap(), Pace::default());
+        assert_eq!(part(&mut pace, &threads, Duration::ZERO), (8, thread::current().id()));
+    }
+}
