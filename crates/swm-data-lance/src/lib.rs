@@ -22,12 +22,12 @@ mod writer;
 
 use std::path::Path;
 
-use swm_data::recording::Recorder;
+use swm_data::recording::BackendWriter;
 use swm_data::{DataError, Format};
 
 use crate::reader::LanceDataset;
 use crate::table::Table;
-use crate::writer::LanceStorage;
+use crate::writer::LanceBackend;
 
 /// Images in the rows.
 pub const LANCE: Format = Format {
@@ -36,7 +36,7 @@ pub const LANCE: Format = Format {
     about: "a folder of columns, the reference's own format; lossy images (JPEG)",
     detect: |path| Table::exists(path) && !Table::exists(&videos::folder(path)),
     open: |path| Ok(Box::new(LanceDataset::open(path, LANCE.name)?)),
-    create: |path, options| Ok(Box::new(Recorder::new(path, options, LanceStorage::images())?)),
+    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, LanceBackend::images())?)),
     repair: |path, apply| writer::repair(path, LANCE.name, apply),
 };
 
@@ -47,7 +47,7 @@ pub const LANCE_VIDEO: Format = Format {
     about: "two folders of columns, with videos for images; small, lossy images (H.264)",
     detect: |path| Table::exists(path) && Table::exists(&videos::folder(path)),
     open: |path| Ok(Box::new(LanceDataset::open(path, LANCE_VIDEO.name)?)),
-    create: |path, options| Ok(Box::new(Recorder::new(path, options, LanceStorage::videos())?)),
+    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, LanceBackend::videos())?)),
     repair: |path, apply| writer::repair(path, LANCE_VIDEO.name, apply),
 };
 

@@ -11,7 +11,7 @@ use arrow_array::types::Int32Type;
 use arrow_schema::DataType;
 use crc32fast::Hasher;
 use swm_core::{Dtype, Field, Schema, SliceMut};
-use swm_data::dataset::{About, CHANGED};
+use swm_data::dataset::{CHANGED, DatasetInfo};
 use swm_data::recording::EP_IDX;
 use swm_data::video::{self, VideoReader};
 use swm_data::{DataError, Dataset, Steps};
@@ -37,7 +37,7 @@ pub(crate) struct LanceDataset {
 
 #[derive(Debug)]
 struct Shared {
-    about: About,
+    info: DatasetInfo,
     columns: Vec<Source>,
     /// Rows of the table.
     episodes: Vec<Range<usize>>,
@@ -88,17 +88,17 @@ impl Shared {
         let reader = DataReader::new(table)?;
         let (episodes, numbers) = episodes(&reader, ours.is_some())?;
         let lengths = episodes.iter().map(Range::len).collect();
-        let mut about = About::new(path, format, Arc::new(Schema::default()), lengths);
-        about.contents.runs = ours.as_ref().map(|ours| ours.runs.clone().into()).unwrap_or_default();
-        about.has_checksums = ours.is_some();
-        let mut shared = Self { about, columns: Vec::new(), episodes, numbers, reader, videos, ours };
+        let mut info = DatasetInfo::new(path, format, Arc::new(Schema::default()), lengths);
+        info.runs = ours.as_ref().map(|ours| ours.runs.clone().into()).unwrap_or_default();
+        info.has_checksums = ours.is_some();
+        let mut shared = Self { info, columns: Vec::new(), episodes, numbers, reader, videos, ours };
         let mut fields = match &shared.ours {
             Some(ours) => shared.own_columns(ours)?,
             None => shared.foreign_columns()?,
         };
         fields.push((Field::step(EP_IDX, Dtype::I32, &[]), Source::Episode));
         let (fields, columns): (Vec<Field>, Vec<Source>) = fields.into_iter().unzip();
-        shared.about.contents.schema = Schema::new(fields).map_err(|error| error.to_string())?;
+        shared.info.schema = Schema::new(fields).map_err(|error| error.to_string())?;
         shared.columns = columns;
         Ok(shared)
     }
@@ -138,7 +138,7 @@ impl Shared {
             let (height, width) = self.video(0, &key)?.size();
             columns.push((Field::step(&key, Dtype::U8, &[height, width, 3]), Source::Video(key)));
         }
-        self.about.skipped = skipped.into();
+        self.info.skipped = skipped.into();
         Ok(columns)
     }
 
@@ -195,8 +195,8 @@ fn episodes(reader: &DataReader, is_ours: bool) -> Result<(Vec<Range<usize>>, Ve
 }
 
 impl Dataset for LanceDataset {
-    fn about(&self) -> &About {
-        &self.shared.about
+    fn info(&self) -> &DatasetInfo {
+        &self.shared.info
     }
 
     fn rows(
@@ -210,7 +210,7 @@ impl Dataset for LanceDataset {
             return Ok(());
         }
         let shared = self.shared.clone();
-        let field = shared.about.field(column);
+        let field = shared.info.field(column);
         let read = match (&shared.columns[column], out) {
             (Source::Episode, SliceMut::I32(out)) => {
                 out.fill(episode as i32);
@@ -237,7 +237,7 @@ impl Dataset for LanceDataset {
             }
             _ => Err("it holds another type".to_owned()),
         };
-        read.map_err(|reason| shared.about.damaged(column, episode, reason))
+        read.map_err(|reason| shared.info.damaged(column, episode, reason))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
@@ -273,7 +273,7 @@ impl Dataset for LanceDataset {
             }
             Ok(())
         };
-        check().map_err(|reason: String| shared.about.damaged_episode(episode, reason))
+        check().map_err(|reason: String| shared.info.damaged_episode(episode, reason))
     }
 }
 

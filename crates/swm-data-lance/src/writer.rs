@@ -10,7 +10,7 @@ use arrow_array::{ArrayRef, Int32Array};
 use crc32fast::Hasher;
 use rayon::prelude::*;
 use swm_core::{Batch, Field, Schema, Slice};
-use swm_data::recording::{self, Place, Recording, Start, Storage, There, WriterLock};
+use swm_data::recording::{self, Backend, Existing, Session, SessionStart, StepIndex, WriterLock};
 use swm_data::video::{FRAMES_PER_SECOND, VideoWriter, encoding, takes};
 use swm_data::{DataError, Dataset};
 use swm_media::jpeg;
@@ -29,13 +29,13 @@ use crate::{LANCE, LANCE_VIDEO};
 const JPEG_QUALITY: u8 = 95;
 
 /// How tables are recorded.
-pub(crate) struct LanceStorage {
+pub(crate) struct LanceBackend {
     format: &'static str,
     has_videos: bool,
 }
 
 /// A table that is being recorded.
-pub(crate) struct LanceRecording {
+pub(crate) struct LanceSession {
     table: Table,
     /// The table of videos, if images are.
     videos: Option<Table>,
@@ -56,7 +56,7 @@ struct OpenEpisode {
     last: HashMap<String, (Vec<u8>, Arc<[u8]>)>,
 }
 
-impl LanceStorage {
+impl LanceBackend {
     pub(crate) fn images() -> Self {
         Self { format: LANCE.name, has_videos: false }
     }
@@ -66,8 +66,8 @@ impl LanceStorage {
     }
 }
 
-impl Storage for LanceStorage {
-    type Recording = LanceRecording;
+impl Backend for LanceBackend {
+    type Session = LanceSession;
 
     fn name(&self) -> &'static str {
         self.format
@@ -94,22 +94,22 @@ impl Storage for LanceStorage {
         name.is_empty().then_some("no empty name")
     }
 
-    fn start(&self, start: &Start<'_>) -> Result<LanceRecording, DataError> {
-        let &Start { path, options, fields, metadata, .. } = start;
+    fn start(&self, start: &SessionStart<'_>) -> Result<LanceSession, DataError> {
+        let &SessionStart { path, options, fields, metadata, .. } = start;
         let failed = |source| DataError::io(path, "clear", source);
         let damaged = |reason| DataError::damaged(path, reason);
         let rate = options.frames_per_second.unwrap_or(FRAMES_PER_SECOND);
         let mut manifest = Manifest::new(fields.to_vec(), rate);
         let beside = videos::folder(path);
-        if start.there == There::Replaced {
+        if start.existing == Existing::Replaced {
             Table::remove(path).map_err(failed)?;
         }
-        if start.there != There::Continued {
+        if start.existing != Existing::Continued {
             // Videos without a table are no dataset.
             Table::remove(&beside).map_err(failed)?;
         }
-        let table = match start.there {
-            There::Continued => {
+        let table = match start.existing {
+            Existing::Continued => {
                 if Table::exists(&beside) != self.has_videos {
                     let format = if self.has_videos { LANCE.name } else { LANCE_VIDEO.name };
                     let reason = format!("it is of the format `{format}`; name that with `--format`");
@@ -127,7 +127,7 @@ impl Storage for LanceStorage {
                 manifest = there;
                 Some(table)
             }
-            There::Nothing | There::Replaced => None,
+            Existing::None | Existing::Replaced => None,
         };
         manifest.runs = recording::with_run(&manifest.runs, start.episodes, metadata);
         let open = || {
@@ -148,7 +148,7 @@ impl Storage for LanceStorage {
         let (table, videos) = open().map_err(|reason: String| DataError::record(path, reason))?;
         let encoding = Mp4Options { frames_per_second: manifest.frames_per_second, ..encoding(options) };
         let quality = options.quality.unwrap_or(JPEG_QUALITY);
-        Ok(LanceRecording {
+        Ok(LanceSession {
             table,
             videos,
             schema: start.schema.clone(),
@@ -182,13 +182,13 @@ fn forget(table: &Table) -> Result<(), String> {
     table.leftovers().into_iter().try_for_each(remove)
 }
 
-impl Recording for LanceRecording {
-    fn append(&mut self, at: Place, batch: &Batch) -> Result<(), String> {
+impl Session for LanceSession {
+    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<(), String> {
         let mut open = match self.open.take() {
             Some(open) => open,
             None => self.begin(at.episode)?,
         };
-        let (first, rows) = (at.row as i32, batch.rows() as i32);
+        let (first, rows) = (at.step as i32, batch.rows() as i32);
         let mut arrays: Vec<ArrayRef> = vec![
             Arc::new(Int32Array::from(vec![at.episode; batch.rows()])),
             Arc::new(Int32Array::from_iter_values(first..first + rows)),
@@ -217,7 +217,7 @@ impl Recording for LanceRecording {
         Ok(())
     }
 
-    fn commit(&mut self, end: Place) -> Result<(), String> {
+    fn commit(&mut self, end: StepIndex) -> Result<(), String> {
         let OpenEpisode { rows, checksums, videos, .. } =
             self.open.take().ok_or("an episode without rows")?;
         if let Some(table) = self.videos.as_mut().filter(|_| !videos.is_empty()) {
@@ -239,7 +239,7 @@ impl Recording for LanceRecording {
     }
 }
 
-impl LanceRecording {
+impl LanceSession {
     /// The columns of the table, in its order.
     fn stored(&self) -> impl Iterator<Item = &Field> {
         self.manifest.columns.iter().filter(|field| self.videos.is_none() || !takes(field))

@@ -35,7 +35,7 @@ fn every_type_comes_back() {
         let path = path_in(&folder, "data", format);
         assert_eq!(record(&path, WriteMode::Error, 0..3).unwrap(), 0);
         let mut dataset = open(&path).unwrap();
-        assert_eq!((dataset.format(), dataset.metadata()), (format.name, Some(&metadata())));
+        assert_eq!((dataset.info().format, dataset.metadata()), (format.name, Some(&metadata())));
         let own = dataset.schema().index("ep_idx").unwrap();
         assert_eq!(dataset.schema().fields()[own].dtype, Dtype::I32);
         for field in schema().fields() {
@@ -206,7 +206,7 @@ fn the_references_table_is_read() {
     let golden =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/datasets/pusht_up_64_lance.lance");
     let mut dataset = open(&golden).unwrap();
-    assert_eq!((dataset.format(), dataset.num_episodes()), ("lance", 4));
+    assert_eq!((dataset.info().format, dataset.num_episodes()), ("lance", 4));
     let rows: usize = (0..4).map(|episode| dataset.episode_len(episode)).sum();
     assert_eq!(rows, 84);
     let shape = |name: &str| {
@@ -216,7 +216,7 @@ fn the_references_table_is_read() {
     assert_eq!(shape("pixels"), (Dtype::U8, vec![64, 64, 3]));
     assert_eq!(shape("action"), (Dtype::F32, vec![2]));
     assert_eq!(shape("reward"), (Dtype::F32, vec![]));
-    assert!(dataset.metadata().is_none() && dataset.skipped().is_empty());
+    assert!(dataset.metadata().is_none() && dataset.info().skipped.is_empty());
     // The same recording as HDF5: equal up to JPEG and `float32`.
     let copy_path = folder.path().join("copy.h5");
     let mut sources = vec![dataset.share()];

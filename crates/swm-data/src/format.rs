@@ -87,7 +87,8 @@ pub fn by_name(name: &str) -> Result<&'static Format, DataError> {
     let called = |format: &&Format| format.name == name || format.extensions.contains(&name);
     all().find(called).ok_or_else(|| {
         let names = all().flat_map(|format| format.extensions.iter().copied().chain([format.name]));
-        DataError::UnknownFormat { name: name.to_owned(), nearest: nearest(name, names), known: known() }
+        let (name, nearest) = (name.to_owned(), nearest(name, names));
+        DataError::UnknownFormat { hint: built_without(&name), name, nearest, known: known() }
     })
 }
 
@@ -149,6 +150,20 @@ fn known() -> String {
         format!("{} ({})", format.name, extensions.join(", "))
     };
     all().map(one).collect::<Vec<_>>().join(", ")
+}
+
+/// Formats that not every build has, and the feature that brings them.
+const OPTIONAL: [(&str, &str); 4] =
+    [("lance", "lance"), ("lance-video", "lance"), ("lerobot", "lerobot"), ("video", "mp4")];
+
+/// What is said of a format that exists, to whom it is unknown.
+fn built_without(name: &str) -> String {
+    let feature = OPTIONAL.iter().find(|(known, _)| *known == name).map(|(_, feature)| feature);
+    feature
+        .map(|feature| {
+            format!("; this program was built without `{name}`, which the feature `{feature}` brings")
+        })
+        .unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -50,7 +50,7 @@ pub mod tools;
 pub mod video;
 
 pub use buffer::{ReplayBuffer, Sampler};
-pub use dataset::{About, Dataset, DatasetWriter, Steps, WriteMode, WriteOptions};
+pub use dataset::{Dataset, DatasetInfo, DatasetWriter, Steps, WriteMode, WriteOptions};
 pub use error::DataError;
 pub use format::{FORMATS, Format, create, create_with, open};
 pub use loader::{BatchOptions, ClipOptions, Loader};

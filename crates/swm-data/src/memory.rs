@@ -6,13 +6,13 @@ use std::sync::Arc;
 
 use swm_core::{Batch, Metadata, Schema, SliceMut};
 
-use crate::dataset::{About, Dataset, Steps, copy_rows};
+use crate::dataset::{Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::DataError;
 
 /// Episodes in memory. Handles share them.
 #[derive(Clone, Debug)]
 pub struct MemoryDataset {
-    about: About,
+    info: DatasetInfo,
     episodes: Arc<[Arc<Batch>]>,
 }
 
@@ -36,15 +36,15 @@ impl MemoryDataset {
             ));
         }
         let lengths = episodes.iter().map(|episode| episode.rows()).collect();
-        let mut about = About::new(Path::new(name), "memory", schema, lengths);
-        about.contents.runs = metadata.map(|metadata| (0, metadata)).into_iter().collect();
-        Ok(Self { about, episodes })
+        let mut info = DatasetInfo::new(Path::new(name), "memory", schema, lengths);
+        info.runs = metadata.map(|metadata| (0, metadata)).into_iter().collect();
+        Ok(Self { info, episodes })
     }
 }
 
 impl Dataset for MemoryDataset {
-    fn about(&self) -> &About {
-        &self.about
+    fn info(&self) -> &DatasetInfo {
+        &self.info
     }
 
     fn rows(
@@ -54,7 +54,7 @@ impl Dataset for MemoryDataset {
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        copy_rows(self.episodes[episode].column(column), self.about.field(column).width(), steps, out);
+        copy_rows(self.episodes[episode].column(column), self.info.field(column).width(), steps, out);
         Ok(())
     }
 

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 use swm_core::batch::FieldKind;
-use swm_core::dataset::{self, CHECKPOINT, Checkpoints, EpisodeSource};
+use swm_core::dataset::{self, CHECKPOINT, Checkpoints, Dataset};
 use swm_core::env::step_times;
 use swm_core::error::BoxError;
 use swm_core::{
@@ -52,7 +52,7 @@ pub struct Deviation {
 /// be made or reset. Differences are no errors.
 pub fn replay(
     entry: &EnvEntry,
-    source: &mut dyn EpisodeSource,
+    source: &mut dyn Dataset,
     episodes: &[usize],
     overrides: &BTreeMap<String, Value>,
     tolerance: f64,
@@ -131,7 +131,7 @@ struct Columns {
 }
 
 impl Columns {
-    fn shared(env: &dyn Env, source: &dyn EpisodeSource) -> Result<Self, BoxError> {
+    fn shared(env: &dyn Env, source: &dyn Dataset) -> Result<Self, BoxError> {
         let schema = source.schema();
         let (mut read, mut live) = (Vec::new(), Vec::new());
         for (index, field) in env.spec().fields.iter().enumerate() {

@@ -12,8 +12,8 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use swm::data::recording::{self, EP_IDX, Place, Recorder, Recording, Start, Storage, There};
-use swm::data::{About, DataError, Dataset, Format, MemoryDataset, Steps};
+use swm::data::recording::{self, EP_IDX, StepIndex, BackendWriter, Session, SessionStart, Backend, Existing};
+use swm::data::{DatasetInfo, DataError, Dataset, Format, MemoryDataset, Steps};
 use swm_core::{Batch, Column, Dtype, Field, Metadata, Schema, Slice, SliceMut};
 
 /// `swm_data::format::register(&JSONL)` makes it known.
@@ -23,7 +23,7 @@ pub static JSONL: Format = Format {
     about: "one line of text per episode: to look at",
     detect: |path| begins(path).is_ok_and(|bytes| bytes == BEGIN),
     open: |path| Ok(Box::new(Lines::open(path)?)),
-    create: |path, options| Ok(Box::new(Recorder::new(path, options, Jsonl)?)),
+    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, Jsonl)?)),
     repair,
 };
 
@@ -51,7 +51,7 @@ enum Line {
 /// An open dataset: its episodes in memory, and what is known of them.
 #[derive(Clone)]
 struct Lines {
-    about: About,
+    info: DatasetInfo,
     episodes: MemoryDataset,
     /// Where the line of the last episode ends, or that of the columns: what a recording that goes on leaves as it is.
     end: u64,
@@ -86,10 +86,10 @@ impl Lines {
         }
         let schema = schema.ok_or_else(|| DataError::not_a_dataset(path, "it has no whole line"))?;
         let lengths = episodes.iter().map(|episode| episode.rows()).collect();
-        let mut about = About::new(path, JSONL.name, Arc::clone(&schema), lengths);
-        about.contents.runs = runs.into();
+        let mut info = DatasetInfo::new(path, JSONL.name, Arc::clone(&schema), lengths);
+        info.runs = runs.into();
         let episodes = MemoryDataset::new(&path.to_string_lossy(), schema, None, episodes)?;
-        Ok(Self { about, episodes, end: end as u64 })
+        Ok(Self { info, episodes, end: end as u64 })
     }
 
     /// The columns of the file.
@@ -174,8 +174,8 @@ fn values(slice: Slice<'_>) -> Vec<Value> {
 // Reading: what is in memory already.
 
 impl Dataset for Lines {
-    fn about(&self) -> &About {
-        &self.about
+    fn info(&self) -> &DatasetInfo {
+        &self.info
     }
 
     fn rows(
@@ -195,11 +195,11 @@ impl Dataset for Lines {
 
 // Recording: one line per episode, safe once it is whole and on the disk.
 
-/// How datasets are stored: what `Recorder` asks for.
+/// How datasets are stored: what `BackendWriter` asks for.
 struct Jsonl;
 
-impl Storage for Jsonl {
-    type Recording = OpenFile;
+impl Backend for Jsonl {
+    type Session = OpenFile;
 
     fn name(&self) -> &'static str {
         JSONL.name
@@ -224,18 +224,18 @@ impl Storage for Jsonl {
         None
     }
 
-    fn start(&self, start: &Start<'_>) -> Result<OpenFile, DataError> {
-        let &Start { path, there, fields, metadata, episodes, .. } = start;
+    fn start(&self, start: &SessionStart<'_>) -> Result<OpenFile, DataError> {
+        let &SessionStart { path, existing, fields, metadata, episodes, .. } = start;
         let failed = |source| DataError::io(path, "open", source);
         let (mut lines, mut stored, mut runs) = (Vec::new(), fields.to_vec(), Vec::new());
-        let file = if there == There::Continued {
+        let file = if existing == Existing::Continued {
             let old = Lines::open(path)?;
             let first = old.metadata().unwrap_or(metadata);
             recording::check_fit(path, old.stored(), first, fields, metadata)?;
             // What a kill left of a line, and a run that was killed before its first episode.
             cut(path, old.end)?;
             stored = old.stored().to_vec();
-            runs = old.runs().to_vec();
+            runs = old.info().runs.to_vec();
             OpenOptions::new().append(true).open(path)
         } else {
             lines.push(Line::Columns(stored.clone()));
@@ -269,9 +269,9 @@ impl OpenFile {
     }
 }
 
-impl Recording for OpenFile {
-    fn append(&mut self, at: Place, rows: &Batch) -> Result<(), String> {
-        if at.row == 0 {
+impl Session for OpenFile {
+    fn append(&mut self, at: StepIndex, rows: &Batch) -> Result<(), String> {
+        if at.step == 0 {
             self.episode = vec![Vec::new(); self.fields.len()];
         }
         for (field, column) in self.fields.iter().zip(&mut self.episode) {
@@ -281,7 +281,7 @@ impl Recording for OpenFile {
         Ok(())
     }
 
-    fn commit(&mut self, _end: Place) -> Result<(), String> {
+    fn commit(&mut self, _end: StepIndex) -> Result<(), String> {
         let episode = std::mem::take(&mut self.episode);
         self.write(&Line::Episode(episode))
     }

@@ -31,7 +31,7 @@ fn every_type_comes_back_and_recordings_go_on() {
     assert_eq!(record(&path, WriteMode::Append, 2..3).unwrap(), 2);
     check(&path, 3);
     let dataset = open(&path).unwrap();
-    assert_eq!((dataset.format(), dataset.runs()), ("jsonl", &[(0, metadata())][..]));
+    assert_eq!((dataset.info().format, &*dataset.info().runs), ("jsonl", &[(0, metadata())][..]));
     assert!(record(&path, WriteMode::Error, 0..1).unwrap_err().to_string().contains("exists already"));
     record(&path, WriteMode::Overwrite, 0..1).unwrap();
     check(&path, 1);
@@ -70,7 +70,7 @@ fn a_run_that_was_killed_before_its_first_episode_leaves_nothing() {
     let begin = |metadata: &Metadata| {
         create(&path, WriteMode::Append, None).unwrap().begin(&schema(), metadata).unwrap()
     };
-    let runs = || open(&path).unwrap().runs().to_vec();
+    let runs = || open(&path).unwrap().info().runs.to_vec();
     let other = Metadata { seed: 8, ..metadata() };
     assert_eq!(begin(&other), 0);
     assert_eq!(runs(), [(0, other.clone())]);

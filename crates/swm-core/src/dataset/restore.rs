@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::EpisodeSource;
+use super::Dataset;
 use crate::batch::{Batch, Field, Schema, Value};
 use crate::env::{EnvSpec, ResetOptions, VARIATION_PREFIX};
 use crate::error::{BatchError, BoxError};
@@ -16,7 +16,7 @@ use crate::seed::EpisodeSeed;
 /// No such episode or row, or what is stored cannot be read.
 pub fn recorded_moment(
     spec: &EnvSpec,
-    source: &mut dyn EpisodeSource,
+    source: &mut dyn Dataset,
     episode: usize,
     row: usize,
 ) -> Result<ResetOptions, BoxError> {
@@ -39,7 +39,7 @@ pub fn recorded_moment(
 /// As of [`recorded_moment`].
 pub fn whole_episode(
     spec: &EnvSpec,
-    source: &mut dyn EpisodeSource,
+    source: &mut dyn Dataset,
     episode: usize,
 ) -> Result<ResetOptions, BoxError> {
     let mut options = recorded_moment(spec, source, episode, 0)?;
@@ -75,7 +75,7 @@ pub fn whole_episode(
 /// `[T]` or `[T, 1]`; both hold one number.
 fn recorded_factors(
     spec: &EnvSpec,
-    source: &mut dyn EpisodeSource,
+    source: &mut dyn Dataset,
     episode: usize,
 ) -> Result<BTreeMap<String, Value>, BoxError> {
     let mut values = BTreeMap::new();
@@ -98,7 +98,7 @@ fn recorded_factors(
 ///
 /// No such episode or row, or what is stored cannot be read.
 pub fn read_known(
-    source: &mut dyn EpisodeSource,
+    source: &mut dyn Dataset,
     episode: usize,
     row: usize,
     columns: &[&str],
@@ -114,7 +114,7 @@ pub fn read_known(
 ///
 /// No such column, episode or row, or what is stored cannot be read.
 pub fn read_row(
-    source: &mut dyn EpisodeSource,
+    source: &mut dyn Dataset,
     episode: usize,
     row: usize,
     columns: &[&str],

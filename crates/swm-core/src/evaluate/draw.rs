@@ -11,7 +11,7 @@ use serde_json::Value as Json;
 use super::from_dataset::choose_starts;
 use super::manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, witness};
 use crate::batch::{Batch, Schema, Value};
-use crate::dataset::{EpisodeSource, read_known, recorded_moment};
+use crate::dataset::{Dataset, read_known, recorded_moment};
 use crate::env::{Env, EnvConfig, Episode, ImageSize, ResetOptions, selects};
 use crate::error::{BoxError, WorldError};
 use crate::registry::EnvEntry;
@@ -50,7 +50,7 @@ pub struct ManifestOptions {
 /// Recorded rows to draw pairs from.
 pub struct RecordedPairs<'a> {
     /// The episodes.
-    pub source: &'a mut dyn EpisodeSource,
+    pub source: &'a mut dyn Dataset,
     /// File name, for people.
     pub name: String,
     /// SHA-256 of the file.

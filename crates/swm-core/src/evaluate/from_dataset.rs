@@ -8,7 +8,7 @@ use rand::seq::index;
 
 use super::{DatasetProtocol, Evaluation};
 use crate::batch::Value;
-use crate::dataset::{EpisodeSource, read_known, recorded_moment};
+use crate::dataset::{Dataset, read_known, recorded_moment};
 use crate::env::{EnvSpec, ResetOptions, selects};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::Recorder;
@@ -60,7 +60,7 @@ impl World {
     /// [`World::run`].
     pub fn evaluate_from_dataset(
         &mut self,
-        source: &mut dyn EpisodeSource,
+        source: &mut dyn Dataset,
         options: &EvalOptions,
     ) -> Result<Evaluation, WorldError> {
         self.evaluate_from_dataset_with(source, options, &mut ())
@@ -73,7 +73,7 @@ impl World {
     /// As [`World::evaluate_from_dataset`].
     pub fn evaluate_from_dataset_with(
         &mut self,
-        source: &mut dyn EpisodeSource,
+        source: &mut dyn Dataset,
         options: &EvalOptions,
         recorder: &mut dyn Recorder,
     ) -> Result<Evaluation, WorldError> {
@@ -129,7 +129,7 @@ impl World {
 
 /// Rows `[episode, row]` that have a goal row in the same episode, drawn uniformly over rows, sorted.
 pub(super) fn choose_starts(
-    source: &dyn EpisodeSource,
+    source: &dyn Dataset,
     count: usize,
     goal_offset: usize,
     seed: u64,
@@ -166,7 +166,7 @@ pub(super) fn choose_starts(
 /// What a reset needs to stand at a recorded row with a recorded goal.
 fn reset_options(
     spec: &EnvSpec,
-    source: &mut dyn EpisodeSource,
+    source: &mut dyn Dataset,
     [episode, row]: [usize; 2],
     options: &EvalOptions,
 ) -> Result<ResetOptions, BoxError> {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use swm_core::{Column, SliceMut};
 
-use crate::dataset::{About, Dataset, Steps, copy_rows};
+use crate::dataset::{Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::DataError;
 
 /// A dataset some of whose columns are held in memory.
@@ -27,7 +27,7 @@ impl Cached {
     ///
     /// No such column, or reading fails.
     pub fn new(mut inner: Box<dyn Dataset>, keys: &[&str]) -> Result<Self, DataError> {
-        let lengths = inner.contents().lengths.clone();
+        let lengths = inner.info().lengths.clone();
         let first: Vec<usize> = lengths
             .iter()
             .scan(0, |end, len| {
@@ -57,8 +57,8 @@ impl Cached {
 }
 
 impl Dataset for Cached {
-    fn about(&self) -> &About {
-        self.inner.about()
+    fn info(&self) -> &DatasetInfo {
+        self.inner.info()
     }
 
     fn rows(
@@ -72,7 +72,7 @@ impl Dataset for Cached {
             return self.inner.rows(column, episode, steps, out);
         };
         let steps = Steps { first: self.held.first[episode] + steps.first, ..steps };
-        copy_rows(values.as_slice(), self.about().field(column).width(), steps, out);
+        copy_rows(values.as_slice(), self.info().field(column).width(), steps, out);
         Ok(())
     }
 

@@ -4,14 +4,14 @@ use std::sync::Arc;
 
 use swm_core::{Schema, SliceMut};
 
-use crate::dataset::{About, Dataset, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 
 /// The columns of two datasets as one. Where both have a column, the first one's is taken.
 pub struct Columns {
     first: Box<dyn Dataset>,
     second: Box<dyn Dataset>,
-    about: About,
+    info: DatasetInfo,
     /// For every column behind those of the first dataset, its position in the second.
     added: Arc<[usize]>,
 }
@@ -42,14 +42,14 @@ impl Columns {
         let (added, fields): (Vec<_>, Vec<_>) = new.map(|(column, field)| (column, field.clone())).unzip();
         let all = first.schema().fields().iter().cloned().chain(fields).collect();
         let schema = Schema::new(all).map_err(|error| DataError::request(first.path(), error.to_string()))?;
-        let about = first.about().with_schema(schema);
-        Ok(Self { first, second, about, added: added.into() })
+        let info = first.info().with_schema(schema);
+        Ok(Self { first, second, info, added: added.into() })
     }
 }
 
 impl Dataset for Columns {
-    fn about(&self) -> &About {
-        &self.about
+    fn info(&self) -> &DatasetInfo {
+        &self.info
     }
 
     fn rows(
@@ -67,8 +67,8 @@ impl Dataset for Columns {
     }
 
     fn share(&self) -> Box<dyn Dataset> {
-        let Self { first, second, about, added } = self;
-        let (about, added) = (about.clone(), added.clone());
-        Box::new(Self { first: first.share(), second: second.share(), about, added })
+        let Self { first, second, info, added } = self;
+        let (info, added) = (info.clone(), added.clone());
+        Box::new(Self { first: first.share(), second: second.share(), info, added })
     }
 }

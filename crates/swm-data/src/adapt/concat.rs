@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use swm_core::{Schema, SliceMut};
 
-use crate::dataset::{About, Dataset, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 
 /// Several datasets as one.
 pub struct Concat {
     parts: Vec<Part>,
-    about: About,
+    info: DatasetInfo,
 }
 
 struct Part {
@@ -42,7 +42,7 @@ impl Concat {
         }
         let schema =
             Schema::new(shared).map_err(|error| DataError::request(head.path(), error.to_string()))?;
-        let (path, format) = (head.path().to_owned(), head.format());
+        let (path, format) = (head.path().to_owned(), head.info().format);
         let (mut parts, mut runs, mut lengths) = (Vec::with_capacity(datasets.len()), Vec::new(), Vec::new());
         for dataset in datasets {
             let mut columns = Vec::with_capacity(schema.fields().len());
@@ -59,13 +59,13 @@ impl Concat {
                 columns.push(column);
             }
             let first = lengths.len();
-            runs.extend(dataset.runs().iter().map(|(at, run)| (at + first as u64, run.clone())));
-            lengths.extend(dataset.contents().lengths.iter());
+            runs.extend(dataset.info().runs.iter().map(|(at, run)| (at + first as u64, run.clone())));
+            lengths.extend(dataset.info().lengths.iter());
             parts.push(Part { dataset, first, columns: columns.into() });
         }
-        let mut about = About::new(&path, format, schema, lengths);
-        about.contents.runs = runs.into();
-        Ok(Self { parts, about })
+        let mut info = DatasetInfo::new(&path, format, schema, lengths);
+        info.runs = runs.into();
+        Ok(Self { parts, info })
     }
 
     /// The part that holds an episode, and its number there.
@@ -77,8 +77,8 @@ impl Concat {
 }
 
 impl Dataset for Concat {
-    fn about(&self) -> &About {
-        &self.about
+    fn info(&self) -> &DatasetInfo {
+        &self.info
     }
 
     fn rows(
@@ -99,6 +99,6 @@ impl Dataset for Concat {
             first: part.first,
             columns: part.columns.clone(),
         };
-        Box::new(Self { parts: self.parts.iter().map(share).collect(), about: self.about.clone() })
+        Box::new(Self { parts: self.parts.iter().map(share).collect(), info: self.info.clone() })
     }
 }

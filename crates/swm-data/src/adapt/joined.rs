@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use swm_core::{Column, Field, FieldKind, Schema, SliceMut};
 
-use crate::dataset::{About, Dataset, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 
 /// A dataset with one more column, which is made of others.
 pub struct Joined {
     inner: Box<dyn Dataset>,
-    about: About,
+    info: DatasetInfo,
     parts: Arc<[Part]>,
     /// One column per part, between reading and interleaving.
     scratch: Vec<Column>,
@@ -79,8 +79,8 @@ impl Joined {
             Err(error) => return wrong(error.to_string()),
         };
         let scratch = scratch(&schema, &parts);
-        let about = inner.about().with_schema(schema);
-        Ok(Self { inner, about, parts, scratch })
+        let info = inner.info().with_schema(schema);
+        Ok(Self { inner, info, parts, scratch })
     }
 }
 
@@ -89,8 +89,8 @@ fn scratch(schema: &Schema, parts: &[Part]) -> Vec<Column> {
 }
 
 impl Dataset for Joined {
-    fn about(&self) -> &About {
-        &self.about
+    fn info(&self) -> &DatasetInfo {
+        &self.info
     }
 
     fn rows(
@@ -104,7 +104,7 @@ impl Dataset for Joined {
             return self.inner.rows(column, episode, steps, out);
         }
         for (part, values) in self.parts.iter().zip(&mut self.scratch) {
-            values.resize(steps.count * self.about.contents.schema.width(part.column));
+            values.resize(steps.count * self.info.schema.width(part.column));
             self.inner.rows(part.column, episode, steps, values.as_slice_mut())?;
         }
         let (mut rest, mut at) = (out, 0);
@@ -121,8 +121,8 @@ impl Dataset for Joined {
     }
 
     fn share(&self) -> Box<dyn Dataset> {
-        let (about, parts) = (self.about.clone(), self.parts.clone());
-        let scratch = scratch(&about.contents.schema, &parts);
-        Box::new(Self { inner: self.inner.share(), about, parts, scratch })
+        let (info, parts) = (self.info.clone(), self.parts.clone());
+        let scratch = scratch(&info.schema, &parts);
+        Box::new(Self { inner: self.inner.share(), info, parts, scratch })
     }
 }

@@ -7,14 +7,14 @@ use rand::seq::SliceRandom;
 use swm_core::seed::keyed;
 use swm_core::{Metadata, SliceMut};
 
-use crate::dataset::{About, Dataset, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 
 /// The chosen episodes of a dataset, in the chosen order.
 pub struct Subset {
     inner: Box<dyn Dataset>,
     episodes: Arc<[usize]>,
-    about: About,
+    info: DatasetInfo,
 }
 
 impl Subset {
@@ -30,17 +30,17 @@ impl Subset {
             return Err(DataError::request(inner.path(), reason));
         }
         let mut runs: Vec<(u64, Metadata)> = Vec::new();
-        let run_of = |episode: usize| inner.runs().iter().rfind(|(first, _)| *first <= episode as u64);
+        let run_of = |episode: usize| inner.info().runs.iter().rfind(|(first, _)| *first <= episode as u64);
         for (at, &episode) in episodes.iter().enumerate() {
             let Some((_, run)) = run_of(episode) else { continue };
             if runs.last().is_none_or(|(_, last)| last != run) {
                 runs.push((at as u64, run.clone()));
             }
         }
-        let mut about = inner.about().clone();
-        about.contents.lengths = episodes.iter().map(|&episode| inner.episode_len(episode)).collect();
-        about.contents.runs = runs.into();
-        Ok(Self { inner, episodes: episodes.into(), about })
+        let mut info = inner.info().clone();
+        info.lengths = episodes.iter().map(|&episode| inner.episode_len(episode)).collect();
+        info.runs = runs.into();
+        Ok(Self { inner, episodes: episodes.into(), info })
     }
 
     /// The episode of the underlying dataset that stands at `episode` here; `None` behind the end.
@@ -80,8 +80,8 @@ pub fn split_episodes(count: usize, fractions: &[f64], seed: u64) -> Result<Vec<
 }
 
 impl Dataset for Subset {
-    fn about(&self) -> &About {
-        &self.about
+    fn info(&self) -> &DatasetInfo {
+        &self.info
     }
 
     fn rows(
@@ -95,7 +95,7 @@ impl Dataset for Subset {
     }
 
     fn share(&self) -> Box<dyn Dataset> {
-        let Self { inner, episodes, about } = self;
-        Box::new(Self { inner: inner.share(), episodes: episodes.clone(), about: about.clone() })
+        let Self { inner, episodes, info } = self;
+        Box::new(Self { inner: inner.share(), episodes: episodes.clone(), info: info.clone() })
     }
 }

@@ -1,6 +1,6 @@
 //! Recording, as far as it is alike in every format: one writer at a time, what to do about a dataset that exists, which
-//! call may follow which, and episodes that come in pieces. A format adds how rows are stored ([`Storage`]) and a
-//! recording of its own ([`Recording`]); [`Recorder`] makes a [`DatasetWriter`] of them.
+//! call may follow which, and episodes that come in pieces. A format adds how rows are stored ([`Backend`]) and a
+//! [`Session`] that writes them; [`BackendWriter`] makes a [`DatasetWriter`] of them.
 //!
 //! What no format may do otherwise: nothing changes before `begin`; an episode whose end was committed survives a kill at
 //! any later moment; of one that was not committed nothing is seen.
@@ -25,9 +25,9 @@ pub use self::fit::{check_fit, foreign, with_run};
 pub const EP_IDX: &str = "ep_idx";
 
 /// How a format stores datasets.
-pub trait Storage: Send + 'static {
+pub trait Backend: Send + 'static {
     /// An open recording.
-    type Recording: Recording;
+    type Session: Session;
 
     /// The format's name.
     fn name(&self) -> &'static str;
@@ -59,18 +59,18 @@ pub trait Storage: Send + 'static {
     /// # Errors
     ///
     /// It cannot be made, or what is there does not fit.
-    fn start(&self, start: &Start<'_>) -> Result<Self::Recording, DataError>;
+    fn start(&self, start: &SessionStart<'_>) -> Result<Self::Session, DataError>;
 }
 
 /// What a recording begins with.
 #[derive(Clone, Copy, Debug)]
-pub struct Start<'a> {
+pub struct SessionStart<'a> {
     /// The file or folder.
     pub path: &'a Path,
     /// How it is written.
     pub options: &'a WriteOptions,
-    /// What is there.
-    pub there: There,
+    /// What is at the path.
+    pub existing: Existing,
     /// The columns of the tables that will come.
     pub schema: &'a Arc<Schema>,
     /// Those of them that are to be stored: all but [`EP_IDX`].
@@ -81,38 +81,38 @@ pub struct Start<'a> {
     pub episodes: u64,
 }
 
-/// What a recording finds at its place.
+/// What a recording finds at its path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum There {
+pub enum Existing {
     /// No dataset.
-    Nothing,
+    None,
     /// One that is to be continued.
     Continued,
     /// One that is to be replaced.
     Replaced,
 }
 
-/// The files of a dataset that is being recorded.
-pub trait Recording: Send {
+/// The open files of a dataset that is being recorded.
+pub trait Session: Send {
     /// Appends rows to the open episode.
     ///
     /// # Errors
     ///
     /// A sentence; the recording takes no more after it.
-    fn append(&mut self, at: Place, rows: &Batch) -> Result<(), String>;
+    fn append(&mut self, at: StepIndex, rows: &Batch) -> Result<(), String>;
 
     /// Commits the open episode, which ends at `end`: when this returns, no kill can lose it.
     ///
     /// # Errors
     ///
-    /// As of [`Recording::append`].
-    fn commit(&mut self, end: Place) -> Result<(), String>;
+    /// As of [`Session::append`].
+    fn commit(&mut self, end: StepIndex) -> Result<(), String>;
 
     /// Ends the recording. No episode is open.
     ///
     /// # Errors
     ///
-    /// As of [`Recording::append`].
+    /// As of [`Session::append`].
     fn close(self) -> Result<(), String>;
 
     /// Ends the recording amid an episode, of which nothing may be seen. As a kill would, if nothing better is known.
@@ -131,21 +131,21 @@ pub trait Recording: Send {
     }
 }
 
-/// A row of the open episode.
+/// A step of the open episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Place {
+pub struct StepIndex {
     /// The episode's number.
     pub episode: i32,
-    /// The row of the episode.
-    pub row: usize,
+    /// The step of the episode.
+    pub step: usize,
 }
 
-/// Writes one dataset.
-pub struct Recorder<S: Storage> {
+/// The [`DatasetWriter`] over a [`Backend`].
+pub struct BackendWriter<S: Backend> {
     path: PathBuf,
-    storage: S,
+    backend: S,
     options: WriteOptions,
-    state: State<S::Recording>,
+    state: State<S::Session>,
     episodes: u64,
     /// Rows of the open episode; 0: none is open.
     open: usize,
@@ -161,33 +161,33 @@ enum State<R> {
     Closed,
 }
 
-impl<S: Storage> Recorder<S> {
+impl<S: Backend> BackendWriter<S> {
     /// Takes the dataset at `path` for itself. Nothing of it is changed before `begin`.
     ///
     /// # Errors
     ///
     /// Something is there that the mode does not allow for or that is no dataset, another writer has it, or it cannot
     /// be opened.
-    pub fn new(path: &Path, options: &WriteOptions, storage: S) -> Result<Self, DataError> {
+    pub fn new(path: &Path, options: &WriteOptions, backend: S) -> Result<Self, DataError> {
         let path = resolve(path)?;
         let lock = WriterLock::take(&path)?;
         let exists = path.exists();
         if exists && options.mode == WriteMode::Error {
             return Err(DataError::Exists { path });
         }
-        if exists && path.is_dir() != storage.is_folder() {
-            let reason = match storage.is_folder() {
-                true => format!("it is a file, the format `{}` is a folder", storage.name()),
+        if exists && path.is_dir() != backend.is_folder() {
+            let reason = match backend.is_folder() {
+                true => format!("it is a file, the format `{}` is a folder", backend.name()),
                 false => "it is a folder".to_owned(),
             };
             return Err(DataError::record(&path, reason));
         }
         let episodes = match options.mode {
-            _ if storage.is_new(&path)? => 0,
-            WriteMode::Append => storage.open(&path)?.num_episodes() as u64,
+            _ if backend.is_new(&path)? => 0,
+            WriteMode::Append => backend.open(&path)?.num_episodes() as u64,
             // A folder that is to be replaced must be a dataset: more would be lost with it than one file.
-            _ if storage.is_folder() => {
-                storage.open(&path).map_err(|error| {
+            _ if backend.is_folder() => {
+                backend.open(&path).map_err(|error| {
                     DataError::record(&path, format!("it is a folder, but no dataset to replace: {error}"))
                 })?;
                 0
@@ -195,10 +195,10 @@ impl<S: Storage> Recorder<S> {
             _ => 0,
         };
         let options = options.clone();
-        Ok(Self { path, storage, options, state: State::Waiting, episodes, open: 0, _lock: lock })
+        Ok(Self { path, backend, options, state: State::Waiting, episodes, open: 0, _lock: lock })
     }
 
-    fn start(&self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<S::Recording, DataError> {
+    fn start(&self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<S::Session, DataError> {
         let path = &self.path;
         let fields: Vec<Field> =
             schema.fields().iter().filter(|field| field.name != EP_IDX).cloned().collect();
@@ -207,33 +207,33 @@ impl<S: Storage> Recorder<S> {
             return refuse("there are no columns".to_owned());
         }
         for Field { name, shape, .. } in &fields {
-            if let Some(reason) = self.storage.refuses(name) {
+            if let Some(reason) = self.backend.refuses(name) {
                 return refuse(format!("`{name}` cannot name a column: {reason}"));
             }
             if shape.contains(&0) {
                 return refuse(format!("column `{name}` has the shape {shape:?}, which holds no values"));
             }
         }
-        let there = match self.options.mode {
-            _ if self.storage.is_new(path)? => There::Nothing,
-            WriteMode::Append => There::Continued,
-            _ => There::Replaced,
+        let existing = match self.options.mode {
+            _ if self.backend.is_new(path)? => Existing::None,
+            WriteMode::Append => Existing::Continued,
+            _ => Existing::Replaced,
         };
         let (options, fields, episodes) = (&self.options, &fields[..], self.episodes);
-        self.storage.start(&Start { path, options, there, schema, fields, metadata, episodes })
+        self.backend.start(&SessionStart { path, options, existing, schema, fields, metadata, episodes })
     }
 
     /// Does something with the recording. After an error nothing more is written.
     fn record(
         &mut self,
-        work: impl FnOnce(&mut S::Recording, Place) -> Result<(), String>,
+        work: impl FnOnce(&mut S::Session, StepIndex) -> Result<(), String>,
     ) -> Result<(), DataError> {
         let State::Recording(recording, _) = &mut self.state else {
             return Err(DataError::record(&self.path, "no recording is going on"));
         };
         let written = i32::try_from(self.episodes)
             .map_err(|_| "too many episodes for the format".to_owned())
-            .and_then(|episode| work(recording, Place { episode, row: self.open }));
+            .and_then(|episode| work(recording, StepIndex { episode, step: self.open }));
         written.map_err(|reason| {
             if let State::Recording(recording, _) = std::mem::replace(&mut self.state, State::Closed) {
                 recording.abandon();
@@ -258,7 +258,7 @@ impl<S: Storage> Recorder<S> {
     }
 }
 
-impl<S: Storage> EpisodeSink for Recorder<S> {
+impl<S: Backend> EpisodeSink for BackendWriter<S> {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
         if !matches!(self.state, State::Waiting) {
             return Err(DataError::record(&self.path, "the recording has begun already").into());
@@ -280,7 +280,7 @@ impl<S: Storage> EpisodeSink for Recorder<S> {
     }
 }
 
-impl<S: Storage> DatasetWriter for Recorder<S> {
+impl<S: Backend> DatasetWriter for BackendWriter<S> {
     fn num_episodes(&self) -> u64 {
         self.episodes
     }
@@ -296,7 +296,7 @@ impl<S: Storage> DatasetWriter for Recorder<S> {
             return Ok(());
         }
         let more = rows.rows();
-        self.record(|recording, at| match i32::try_from(at.row.saturating_add(more)) {
+        self.record(|recording, at| match i32::try_from(at.step.saturating_add(more)) {
             Ok(_) => recording.append(at, rows),
             Err(_) => Err("too many rows in an episode for the format".to_owned()),
         })?;
@@ -308,24 +308,24 @@ impl<S: Storage> DatasetWriter for Recorder<S> {
         if self.open == 0 && matches!(self.state, State::Recording(..)) {
             return Err(DataError::record(&self.path, "an episode without rows").into());
         }
-        self.record(Recording::commit)?;
+        self.record(Session::commit)?;
         self.open = 0;
         self.episodes += 1;
         Ok(())
     }
 }
 
-impl<S: Storage> Drop for Recorder<S> {
+impl<S: Backend> Drop for BackendWriter<S> {
     fn drop(&mut self) {
         // A caller who wants to know calls `finish`.
         let _ = self.close();
     }
 }
 
-impl<S: Storage> fmt::Debug for Recorder<S> {
+impl<S: Backend> fmt::Debug for BackendWriter<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { path, episodes, open, .. } = self;
-        f.debug_struct("Recorder")
+        f.debug_struct("BackendWriter")
             .field("path", path)
             .field("episodes", episodes)
             .field("open", open)

@@ -21,7 +21,7 @@ use swm_core::{
     SliceMut, Value,
 };
 
-use crate::dataset::{About, Dataset, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 
 use stage::Stage;
@@ -53,7 +53,7 @@ impl Default for RenderOptions {
 pub struct Rendered {
     inner: Box<dyn Dataset>,
     script: Arc<Script>,
-    about: About,
+    info: DatasetInfo,
     /// For every column, where its values come from.
     columns: Arc<[Origin]>,
     /// Made at the first image.
@@ -144,8 +144,8 @@ impl Rendered {
             checkpoints: Checkpoints::of(dataset.schema(), metadata.checkpoints),
             verify: options.verify,
         };
-        let about = dataset.about().with_schema(schema);
-        Ok(Self { about, columns: columns.into(), script: Arc::new(script), stage: None, inner: dataset })
+        let info = dataset.info().with_schema(schema);
+        Ok(Self { info, columns: columns.into(), script: Arc::new(script), stage: None, inner: dataset })
     }
 
     /// Replays a whole episode and compares it with all of its checkpoints; how many there were.
@@ -213,8 +213,8 @@ fn factors(spec: &EnvSpec, wanted: &BTreeMap<String, Value>) -> Result<BTreeMap<
 }
 
 impl Dataset for Rendered {
-    fn about(&self) -> &About {
-        &self.about
+    fn info(&self) -> &DatasetInfo {
+        &self.info
     }
 
     fn rows(
@@ -228,7 +228,7 @@ impl Dataset for Rendered {
             Origin::Stored(stored) => return self.inner.rows(stored, episode, steps, out),
             Origin::Drawn(index) => index,
         };
-        let field = self.about.field(column);
+        let field = self.info.field(column);
         let (kind, width) = (field.kind, field.width());
         let SliceMut::U8(out) = out else { return Ok(()) };
         let stage = stage(&mut self.stage, self.inner.as_ref(), &self.script)?;
@@ -247,8 +247,8 @@ impl Dataset for Rendered {
     }
 
     fn share(&self) -> Box<dyn Dataset> {
-        let Self { inner, script, about, columns, .. } = self;
-        let (script, about, columns) = (script.clone(), about.clone(), columns.clone());
-        Box::new(Self { inner: inner.share(), script, about, columns, stage: None })
+        let Self { inner, script, info, columns, .. } = self;
+        let (script, info, columns) = (script.clone(), info.clone(), columns.clone());
+        Box::new(Self { inner: inner.share(), script, info, columns, stage: None })
     }
 }

@@ -215,7 +215,7 @@ impl Stage {
     ) -> Result<(), DataError> {
         self.at = None;
         self.forget_actions();
-        let options = whole_episode(self.sim.spec(), &mut &mut *dataset, episode);
+        let options = whole_episode(self.sim.spec(), dataset, episode);
         let mut options = options.map_err(|error| replay_error(dataset, episode, 0, error.to_string()))?;
         options.variation_values.extend(script.factors.clone());
         let seed = options.seed.unwrap_or(EpisodeSeed::new(0));

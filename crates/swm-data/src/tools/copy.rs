@@ -221,7 +221,7 @@ fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError>
 /// The record of the run that an episode comes from. Files of other programs have none; then nothing is claimed but
 /// that episodes stand at recorded rows.
 fn metadata_of(sources: &[Box<dyn Dataset>], (source, episode): Piece) -> Metadata {
-    let runs = sources[source].runs();
+    let runs = &sources[source].info().runs;
     match runs.iter().rfind(|&&(first, _)| first <= episode as u64) {
         Some((_, metadata)) => metadata.clone(),
         None => Metadata {

@@ -46,7 +46,7 @@ fn a_concatenation_has_all_episodes_and_runs() {
     assert_eq!(both.num_episodes(), 4);
     assert_same(&whole(&mut both, 1), &whole(&mut first, 1));
     assert_same(&whole(both.share().as_mut(), 2), &whole(&mut second, 0));
-    let firsts: Vec<u64> = both.runs().iter().map(|(first, _)| *first).collect();
+    let firsts: Vec<u64> = both.info().runs.iter().map(|(first, _)| *first).collect();
     assert_eq!(firsts, [0, 0, 2, 2]);
     assert!(Concat::new(Vec::new()).is_err());
 

@@ -66,7 +66,7 @@ fn columns_of_unknown_types_are_left_out_by_name() {
     let dataset = open(&path).unwrap();
     let names: Vec<_> = dataset.schema().fields().iter().map(|field| field.name.as_str()).collect();
     assert_eq!(names, ["pairs", "small"]);
-    let skipped: Vec<_> = dataset.skipped().iter().map(|(name, _)| name.as_str()).collect();
+    let skipped: Vec<_> = dataset.info().skipped.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(skipped, ["lists", "scalar"]);
     assert_eq!(contents(&path)[0].get::<i32>("small").unwrap(), [1, -2]);
     assert_eq!(contents(&path)[0].get::<i32>("pairs").unwrap(), [1, 2, 3, 65535]);

@@ -31,14 +31,14 @@ fn episodes_come_back_as_they_were() {
             assert!(batch.get::<i32>("ep_idx").unwrap().iter().all(|&value| value == index as i32));
         }
         let dataset = open(&path).unwrap();
-        assert_eq!((dataset.format(), dataset.metadata()), (name, Some(&metadata())));
+        assert_eq!((dataset.info().format, dataset.metadata()), (name, Some(&metadata())));
         let goal = &dataset.schema().fields()[dataset.schema().index("goal").unwrap()];
         assert_eq!((goal.kind, &goal.shape[..]), (FieldKind::Episode, &[40, 40, 3][..]));
         // Only the dataset is left, and it opens under any name.
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
         let renamed = folder.path().join("renamed");
         fs::rename(&path, &renamed).unwrap();
-        assert_eq!(open(&renamed).unwrap().format(), name);
+        assert_eq!(open(&renamed).unwrap().info().format, name);
         assert_eq!(record(&renamed, WriteMode::Append, 0..1).unwrap(), 5);
     }
 }
@@ -190,8 +190,8 @@ fn folders_of_the_reference() {
         let path = golden(&format!("pusht_up_64_{name}"));
         let facts = &expected[format!("pusht_up_64_{name}")];
         let dataset = open(&path).unwrap();
-        assert_eq!((dataset.format(), dataset.num_episodes(), dataset.metadata()), (name, 4, None));
-        assert!(dataset.skipped().is_empty(), "{:?}", dataset.skipped());
+        assert_eq!((dataset.info().format, dataset.num_episodes(), dataset.metadata()), (name, 4, None));
+        assert!(dataset.info().skipped.is_empty(), "{:?}", dataset.info().skipped);
         let episodes = contents(&path);
         let mut columns = 0;
         for (at, field) in dataset.schema().fields().iter().enumerate() {

@@ -70,7 +70,7 @@ fn every_column_of_every_file_has_the_reference_values() {
             assert_eq!(sha256(&bytes), fact["sha256"].as_str().unwrap(), "{name}: {column}");
         }
         assert_eq!(columns, dataset.schema().fields().len(), "{name}");
-        assert!(dataset.skipped().is_empty() && dataset.metadata().is_none());
+        assert!(dataset.info().skipped.is_empty() && dataset.metadata().is_none());
     }
 }
 

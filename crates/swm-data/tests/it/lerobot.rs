@@ -31,7 +31,10 @@ fn both_versions_hold_the_values_that_were_written() {
     for version in ["v2.1", "v3.0"] {
         let path = golden(&format!("lerobot_{version}"));
         let mut dataset = open(&path).unwrap();
-        assert_eq!((dataset.format(), dataset.num_episodes(), dataset.skipped()), ("lerobot", 2, &[][..]));
+        assert_eq!(
+            (dataset.info().format, dataset.num_episodes(), dataset.info().skipped.len()),
+            ("lerobot", 2, 0)
+        );
         assert_eq!([dataset.episode_len(0), dataset.episode_len(1)], [4, 6]);
         let episodes = contents(&path);
         let all = |name: &str| -> Vec<u8> {
@@ -129,7 +132,7 @@ fn a_video_that_cannot_be_decoded_is_left_out_by_name() {
     fs::write(&video, bytes).unwrap();
     let dataset = open(&path).unwrap();
     assert!(dataset.schema().index("pixels").is_none() && dataset.schema().index("proprio").is_some());
-    let (name, reason) = &dataset.skipped()[0];
+    let (name, reason) = &dataset.info().skipped[0];
     assert!(name == "observation.images.top" && reason.contains("`vp09`"), "{name}: {reason}");
 }
 
@@ -151,7 +154,7 @@ fn what_is_written_is_read_again_and_continued() {
     assert!(record(&path, WriteMode::Error, 0..1).unwrap_err().to_string().contains("exists already"));
     assert_eq!(record(&path, WriteMode::Append, 3..5).unwrap(), 3);
     let dataset = open(&path).unwrap();
-    assert_eq!((dataset.format(), dataset.metadata()), ("lerobot", Some(&metadata())));
+    assert_eq!((dataset.info().format, dataset.metadata()), ("lerobot", Some(&metadata())));
     assert_eq!(dataset.schema().fields()[..10], *schema().fields());
     let read = contents(&path);
     assert_eq!(read.len(), 5);
@@ -240,7 +243,7 @@ fn repair_counts_again_and_bit_flips_are_found() {
         bytes[middle] ^= 4;
         fs::write(&file, &bytes).unwrap();
         let mut dataset = open(&path).unwrap();
-        assert!(dataset.has_checksums() && dataset.check_episode(0).is_ok());
+        assert!(dataset.info().has_checksums && dataset.check_episode(0).is_ok());
         assert!(dataset.check_episode(1).unwrap_err().to_string().contains("checksum"));
         bytes[middle] ^= 4;
         fs::write(&file, bytes).unwrap();

@@ -26,7 +26,7 @@ fn no_reader_of_other_programs_folders_trips_over_foreign_bytes() {
             fs::remove_file(path.join(ours)).unwrap();
         }
         if format.name == "video" {
-            assert_eq!(open(&path).unwrap().format(), "video");
+            assert_eq!(open(&path).unwrap().info().format, "video");
         }
         mutate(&format!("foreign {}", format.name), &path);
     }

@@ -27,7 +27,7 @@ fn the_file_says_what_it_is() {
     let path = folder.path().join("data.h5");
     record(&path, WriteMode::Append, 0..1).unwrap();
     let dataset = open(&path).unwrap();
-    assert_eq!(dataset.format(), "hdf5");
+    assert_eq!(dataset.info().format, "hdf5");
     assert_eq!(dataset.metadata(), Some(&metadata()));
     let names: Vec<_> = dataset.schema().fields().iter().map(|field| field.name.as_str()).collect();
     let given = schema();

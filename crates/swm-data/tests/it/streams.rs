@@ -5,7 +5,7 @@ use std::process::Command;
 
 use swm_core::{Batch, Dtype, Field, Schema, SliceMut};
 use swm_data::tools::copy::{all, copy};
-use swm_data::{About, DataError, Dataset, FORMATS, Steps, WriteMode, WriteOptions, create, open};
+use swm_data::{DataError, Dataset, DatasetInfo, FORMATS, Steps, WriteMode, WriteOptions, create, open};
 
 use crate::support::{assert_same, contents, episode, metadata, schema};
 
@@ -17,20 +17,22 @@ const SIDES: [usize; 3] = [128, 128, 3];
 /// One long episode whose rows are made up when they are read: few different images, for the sake of time.
 #[derive(Clone)]
 struct Long {
-    about: About,
+    info: DatasetInfo,
 }
 
 impl Long {
     fn new() -> Self {
         let fields = vec![Field::step("pixels", Dtype::U8, &SIDES), Field::step("state", Dtype::F64, &[4])];
         let rows = EPISODE_BYTES / SIDES.iter().product::<usize>();
-        Self { about: About::new(Path::new("long"), "made up", Schema::new(fields).unwrap(), vec![rows]) }
+        Self {
+            info: DatasetInfo::new(Path::new("long"), "made up", Schema::new(fields).unwrap(), vec![rows]),
+        }
     }
 }
 
 impl Dataset for Long {
-    fn about(&self) -> &About {
-        &self.about
+    fn info(&self) -> &DatasetInfo {
+        &self.info
     }
 
     fn rows(
@@ -40,7 +42,7 @@ impl Dataset for Long {
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        let width = self.about.field(column).width();
+        let width = self.info.field(column).width();
         match out {
             SliceMut::U8(out) => {
                 for (at, frame) in out.chunks_exact_mut(width).enumerate() {

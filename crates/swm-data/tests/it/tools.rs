@@ -26,7 +26,7 @@ fn any_format_becomes_any_other() {
         let back = folder.path().join(format!("back-{}.h5", format.name));
         assert_eq!(convert(&source, &there).unwrap(), Copied { resumed: 0, episodes: 4, rows: 323 });
         assert_eq!(convert(&there, &back).unwrap().episodes, 4, "{}", format.name);
-        assert_eq!(open(&there).unwrap().format(), format.name);
+        assert_eq!(open(&there).unwrap().info().format, format.name);
         assert_eq!(open(&back).unwrap().metadata(), Some(&metadata()));
         for (a, b) in contents(&source).iter().zip(&contents(&back)) {
             assert_alike(a, b);

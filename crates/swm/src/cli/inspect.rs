@@ -28,7 +28,7 @@ impl Inspect {
             .map(|field| (field.name.clone(), json!({"dtype": field.dtype.name(), "shape": field.shape})))
             .collect();
         let result = json!({
-            "format": dataset.format(),
+            "format": dataset.info().format,
             "episodes": lengths.len(),
             "steps": steps,
             "columns": columns,
@@ -37,8 +37,8 @@ impl Inspect {
                 "max": lengths.iter().max(),
             },
             "metadata": dataset.metadata(),
-            "runs": dataset.runs().iter().map(|(first, run)| json!({"first_episode": first, "metadata": run})).collect::<Vec<_>>(),
-            "skipped": dataset.skipped(),
+            "runs": dataset.info().runs.iter().map(|(first, run)| json!({"first_episode": first, "metadata": run})).collect::<Vec<_>>(),
+            "skipped": *dataset.info().skipped,
             "checkpoint_rows": dataset.metadata().and_then(|metadata| metadata.checkpoints),
         });
         output.result(&result, || {
@@ -53,15 +53,15 @@ impl Inspect {
             let mut text = format!(
                 "{}: {}, {} episodes{range}, {steps} rows\n\n{}",
                 self.file.display(),
-                dataset.format(),
+                dataset.info().format,
                 lengths.len(),
                 table(&["column", "dtype", "shape"], &rows),
             );
-            for (name, reason) in dataset.skipped() {
+            for (name, reason) in &*dataset.info().skipped {
                 text += &format!("skipped `{name}`: {reason}\n");
             }
             text.push('\n');
-            for (first, run) in dataset.runs() {
+            for (first, run) in &*dataset.info().runs {
                 let Metadata { env, policy, seed, .. } = run;
                 text += &format!("from episode {first} on: {env}, policy `{policy}`, seed {seed}");
                 if let Some(names) = &run.variation {
@@ -73,7 +73,7 @@ impl Inspect {
                 text +=
                     &format!("replayable: states every {rows} rows, from which images are drawn when read\n");
             }
-            if dataset.runs().is_empty() {
+            if dataset.info().runs.is_empty() {
                 text += "no metadata: not recorded by this program\n";
             }
             text

@@ -2,7 +2,7 @@
 //! were recorded.
 
 use serde::Serialize;
-use swm_core::dataset::EpisodeSource;
+use swm_core::dataset::Dataset;
 use swm_core::error::BoxError;
 use swm_core::evaluate::quality::{WorldModel, open_loop_error, surprise, violation_accuracy};
 use swm_core::evaluate::{RankingOptions, Violation, ViolationOptions, action_ranking, violation_pairs};
@@ -133,7 +133,7 @@ fn surprised(
 /// The dataset has no column `action`, or cannot be read.
 pub fn recorded_episodes(
     env: &dyn Env,
-    source: &mut dyn EpisodeSource,
+    source: &mut dyn Dataset,
     episodes: usize,
     rows: usize,
 ) -> Result<Vec<Batch>, BoxError> {

@@ -5,11 +5,10 @@ use std::io::ErrorKind;
 use std::path::PathBuf;
 
 #[cfg(feature = "video")]
-#[cfg(feature = "video")]
 use super::images::video_path;
 use super::images::{Store, jpeg_path};
 use crate::dataset::WriteOptions;
-use crate::recording::Place;
+use crate::recording::StepIndex;
 #[cfg(feature = "video")]
 use crate::video::{VideoWriter, encoding};
 use crc32fast::Hasher;
@@ -59,11 +58,11 @@ impl ImageWriter {
     }
 
     /// Appends rows to the open episode, `[T, H, W, C]`.
-    pub(super) fn append(&mut self, at: Place, rows: &[u8]) -> Result<(), String> {
+    pub(super) fn append(&mut self, at: StepIndex, rows: &[u8]) -> Result<(), String> {
         self.episode = at.episode as u64;
         match self.store {
             Store::Jpeg => {
-                self.append_jpegs(at.row, &rows.chunks_exact(self.field.width()).collect::<Vec<_>>())
+                self.append_jpegs(at.step, &rows.chunks_exact(self.field.width()).collect::<Vec<_>>())
             }
             #[cfg(feature = "video")]
             Store::Video => {

@@ -12,9 +12,9 @@ mod writer;
 use std::path::Path;
 
 use crate::format::Format;
-use crate::recording::Recorder;
+use crate::recording::BackendWriter;
 use images::Store;
-use writer::FolderStorage;
+use writer::FolderBackend;
 
 /// The entry of single images in the table of formats.
 pub(crate) const FOLDER: Format = Format {
@@ -23,7 +23,7 @@ pub(crate) const FOLDER: Format = Format {
     about: "a folder of numpy arrays and JPEG images; any tool opens it; lossy images",
     detect: |path| is_dataset(path) && !has_videos(path),
     open: |path| Ok(Box::new(reader::FolderDataset::open(path, FOLDER.name, Store::Jpeg)?)),
-    create: |path, options| Ok(Box::new(Recorder::new(path, options, storage(&FOLDER, Store::Jpeg))?)),
+    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, storage(&FOLDER, Store::Jpeg))?)),
     repair: |path, apply| repair::repair(path, FOLDER.name, Store::Jpeg, apply),
 };
 
@@ -35,12 +35,12 @@ pub(crate) const VIDEO: Format = Format {
     about: "a folder of numpy arrays and H.264 videos; the smallest, plays in any player; lossy images",
     detect: |path| is_dataset(path) && has_videos(path),
     open: |path| Ok(Box::new(reader::FolderDataset::open(path, VIDEO.name, Store::Video)?)),
-    create: |path, options| Ok(Box::new(Recorder::new(path, options, storage(&VIDEO, Store::Video))?)),
+    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, storage(&VIDEO, Store::Video))?)),
     repair: |path, apply| repair::repair(path, VIDEO.name, Store::Video, apply),
 };
 
-fn storage(format: &Format, store: Store) -> FolderStorage {
-    FolderStorage { format: format.name, store }
+fn storage(format: &Format, store: Store) -> FolderBackend {
+    FolderBackend { format: format.name, store }
 }
 
 fn is_dataset(path: &Path) -> bool {

@@ -10,7 +10,7 @@ use swm_core::{Field, FieldKind, Schema, SliceMut};
 
 use super::images::{ImageReader, Store};
 use super::layout::{self, EP_LEN, EP_OFFSET, Entry, Manifest};
-use crate::dataset::{About, CHANGED, Dataset, Steps};
+use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 use crate::formats::npz::Array;
 
@@ -26,7 +26,7 @@ pub(super) struct FolderDataset {
 /// What all handles share; never changed after opening.
 #[derive(Debug)]
 struct Shared {
-    about: About,
+    info: DatasetInfo,
     store: Store,
     columns: Vec<Source>,
     /// First rows, by episode.
@@ -86,10 +86,10 @@ impl Shared {
             }
             columns.push(Source::Array(array));
         }
-        let mut about = About::new(path, format, schema, lengths);
-        about.contents.runs = manifest.runs.clone().into();
-        about.has_checksums = true;
-        Ok(Self { about, store, columns, first, manifest: Some(manifest), entries })
+        let mut info = DatasetInfo::new(path, format, schema, lengths);
+        info.runs = manifest.runs.clone().into();
+        info.has_checksums = true;
+        Ok(Self { info, store, columns, first, manifest: Some(manifest), entries })
     }
 
     fn foreign(path: &Path, format: &'static str, store: Store) -> Result<Self, DataError> {
@@ -141,9 +141,9 @@ impl Shared {
         }
         let schema = Schema::new(fields).map_err(|error| DataError::damaged(path, error.to_string()))?;
         let (first, lengths) = episodes.into_iter().unzip();
-        let mut about = About::new(path, format, schema, lengths);
-        about.skipped = skipped.into();
-        Ok(Self { about, store, columns, first, manifest: None, entries: Vec::new() })
+        let mut info = DatasetInfo::new(path, format, schema, lengths);
+        info.skipped = skipped.into();
+        Ok(Self { info, store, columns, first, manifest: None, entries: Vec::new() })
     }
 }
 
@@ -184,8 +184,8 @@ fn spans(
 }
 
 impl Dataset for FolderDataset {
-    fn about(&self) -> &About {
-        &self.shared.about
+    fn info(&self) -> &DatasetInfo {
+        &self.shared.info
     }
 
     fn rows(
@@ -196,7 +196,7 @@ impl Dataset for FolderDataset {
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
         let shared = &*self.shared;
-        let field = shared.about.field(column);
+        let field = shared.info.field(column);
         let read = match (&shared.columns[column], out) {
             (Source::Array(array), out) => {
                 let first = shared.first[episode] + steps.first;
@@ -210,7 +210,7 @@ impl Dataset for FolderDataset {
             }
             (Source::Images(_), out) => Err(format!("images were asked for as {}", out.dtype())),
         };
-        read.map_err(|reason| shared.about.damaged(column, episode, reason))
+        read.map_err(|reason| shared.info.damaged(column, episode, reason))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
@@ -228,8 +228,8 @@ impl Dataset for FolderDataset {
             };
             match found {
                 Ok(found) if found == expected => {}
-                Ok(_) => return Err(shared.about.damaged(column, episode, CHANGED)),
-                Err(reason) => return Err(shared.about.damaged(column, episode, reason)),
+                Ok(_) => return Err(shared.info.damaged(column, episode, CHANGED)),
+                Err(reason) => return Err(shared.info.damaged(column, episode, reason)),
             }
         }
         Ok(())

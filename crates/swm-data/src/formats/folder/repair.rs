@@ -6,7 +6,7 @@ use std::path::Path;
 use super::images::Store;
 use super::layout::{self, Manifest};
 use super::reader::FolderDataset;
-use super::writer::FolderRecording;
+use super::writer::FolderSession;
 use crate::dataset::{Dataset as _, WriteOptions};
 use crate::error::DataError;
 use crate::formats::npz::Array;
@@ -50,7 +50,7 @@ pub(super) fn repair(
         let schema = dataset.schema().clone();
         drop(dataset);
         let options = WriteOptions::default();
-        drop(FolderRecording::open(path, store, &manifest, &schema, episodes, &options)?);
+        drop(FolderSession::open(path, store, &manifest, &schema, episodes, &options)?);
     }
     drop(lock);
     Ok(steps)

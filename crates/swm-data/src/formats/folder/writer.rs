@@ -17,16 +17,16 @@ use crate::dataset::{Dataset, WriteOptions};
 use crate::error::DataError;
 use crate::formats::disk::is_plain_name;
 use crate::formats::npz::GrowingArray;
-use crate::recording::{self, EP_IDX, Place, Recording, Start, Storage, There, check_fit};
+use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex, check_fit};
 
 /// How folders are recorded.
-pub(super) struct FolderStorage {
+pub(super) struct FolderBackend {
     pub(super) format: &'static str,
     pub(super) store: Store,
 }
 
 /// The files of a folder that is being recorded.
-pub(super) struct FolderRecording {
+pub(super) struct FolderSession {
     columns: Vec<Target>,
     ep_len: GrowingArray,
     ep_offset: GrowingArray,
@@ -49,8 +49,8 @@ enum Files {
     Images(Box<ImageWriter>),
 }
 
-impl Storage for FolderStorage {
-    type Recording = FolderRecording;
+impl Backend for FolderBackend {
+    type Session = FolderSession;
 
     fn name(&self) -> &'static str {
         self.format
@@ -79,12 +79,12 @@ impl Storage for FolderStorage {
         (!is_plain_name(name)).then_some("no empty name, no `/`, `\\` or `:`")
     }
 
-    fn start(&self, start: &Start<'_>) -> Result<FolderRecording, DataError> {
-        let &Start { path, fields, metadata, .. } = start;
+    fn start(&self, start: &SessionStart<'_>) -> Result<FolderSession, DataError> {
+        let &SessionStart { path, fields, metadata, .. } = start;
         let mut columns = fields.to_vec();
         columns.push(Field::step(EP_IDX, Dtype::I32, &[]));
         let mut manifest = Manifest::new(self.format, columns);
-        if start.there == There::Continued {
+        if start.existing == Existing::Continued {
             let old = FolderDataset::open(path, self.format, self.store)?;
             let there = old.manifest().ok_or_else(|| recording::foreign(path))?;
             let stored: Vec<Field> =
@@ -92,7 +92,7 @@ impl Storage for FolderStorage {
             let first = there.runs.first().map_or(metadata, |(_, first)| first);
             check_fit(path, &stored, first, fields, metadata)?;
             manifest = there.clone();
-        } else if start.there == There::Replaced {
+        } else if start.existing == Existing::Replaced {
             let old = FolderDataset::open(path, self.format, self.store)?;
             let names: Vec<String> = old.schema().fields().iter().map(|field| field.name.clone()).collect();
             drop(old);
@@ -104,7 +104,7 @@ impl Storage for FolderStorage {
         manifest.runs = runs;
         let episodes = start.episodes as usize;
         let recording =
-            FolderRecording::open(path, self.store, &manifest, start.schema, episodes, start.options)?;
+            FolderSession::open(path, self.store, &manifest, start.schema, episodes, start.options)?;
         // Last: with it, the folder is a dataset.
         if changed {
             manifest.write(path)?;
@@ -113,8 +113,8 @@ impl Storage for FolderStorage {
     }
 }
 
-impl Recording for FolderRecording {
-    fn append(&mut self, at: Place, batch: &Batch) -> Result<(), String> {
+impl Session for FolderSession {
+    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<(), String> {
         let ep_idx = vec![at.episode; batch.rows()];
         // Compression is most of the work, and columns do not know of each other.
         self.columns.par_iter_mut().try_for_each(|target| {
@@ -131,7 +131,7 @@ impl Recording for FolderRecording {
     }
 
     /// Columns, the reference's index, ours.
-    fn commit(&mut self, end: Place) -> Result<(), String> {
+    fn commit(&mut self, end: StepIndex) -> Result<(), String> {
         let finish = |target: &mut Target| match &mut target.files {
             Files::Array(_, checksum) => Ok(std::mem::take(checksum).finalize()),
             Files::Images(images) => {
@@ -140,9 +140,9 @@ impl Recording for FolderRecording {
         };
         let checksums = self.columns.iter_mut().map(finish).collect::<Result<_, String>>()?;
         self.ep_offset.append(1, Slice::I64(&[self.rows as i64]))?;
-        self.ep_len.append(1, Slice::I32(&[end.row as i32]))?;
-        self.index.push(&Entry { rows: end.row as u32, checksums })?;
-        self.rows += end.row;
+        self.ep_len.append(1, Slice::I32(&[end.step as i32]))?;
+        self.index.push(&Entry { rows: end.step as u32, checksums })?;
+        self.rows += end.step;
         Ok(())
     }
 
@@ -151,7 +151,7 @@ impl Recording for FolderRecording {
     }
 }
 
-impl FolderRecording {
+impl FolderSession {
     /// Opens the files of a folder whose index commits `episodes` episodes; what lies behind them is removed.
     pub(super) fn open(
         path: &Path,

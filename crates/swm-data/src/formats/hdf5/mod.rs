@@ -18,7 +18,7 @@ mod superblock;
 mod writer;
 
 use crate::format::Format;
-use crate::recording::Recorder;
+use crate::recording::BackendWriter;
 
 pub(super) use layout::Element;
 
@@ -29,6 +29,6 @@ pub(crate) const FORMAT: Format = Format {
     about: "one file, compressed frame by frame; random access, crash-safe, readable by the Python package",
     detect: superblock::detect,
     open: |path| Ok(Box::new(reader::Hdf5Dataset::open(path)?)),
-    create: |path, options| Ok(Box::new(Recorder::new(path, options, writer::Hdf5Storage)?)),
+    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, writer::Hdf5Backend)?)),
     repair: repair::repair,
 };

@@ -13,7 +13,7 @@ use super::attributes::Attributes;
 use super::layout::{EP_LEN, EP_OFFSET, Element};
 use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
-use crate::dataset::{About, Dataset, Steps};
+use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 
 /// How often the library may re-read metadata that a live writer is changing. Its own default of 100 doubles its
@@ -34,7 +34,7 @@ pub(super) struct Hdf5Dataset {
 /// What all handles on one file share; never changed after opening.
 #[derive(Debug)]
 struct Shared {
-    about: About,
+    info: DatasetInfo,
     file: File,
     columns: Vec<ColumnStorage>,
     /// First rows, by episode.
@@ -112,12 +112,12 @@ impl Hdf5Dataset {
         }
         let schema = Schema::new(fields).map_err(|error| DataError::damaged(path, error.to_string()))?;
         let lengths = episodes.iter().map(|span| span.len).collect();
-        let mut about = About::new(path, super::FORMAT.name, schema, lengths);
-        about.contents.runs = attributes.runs.clone().into();
-        about.skipped = skipped.into();
-        about.has_checksums = columns.iter().any(ColumnStorage::is_checksummed);
+        let mut info = DatasetInfo::new(path, super::FORMAT.name, schema, lengths);
+        info.runs = attributes.runs.clone().into();
+        info.skipped = skipped.into();
+        info.has_checksums = columns.iter().any(ColumnStorage::is_checksummed);
         let first = episodes.iter().map(|span| span.first).collect();
-        let shared = Shared { about, file, columns, first, attributes, chunks_end };
+        let shared = Shared { info, file, columns, first, attributes, chunks_end };
         Ok(Self { shared: Arc::new(shared), scratch: Scratch::default() })
     }
 
@@ -128,7 +128,7 @@ impl Hdf5Dataset {
 
     /// Rows of all episodes, which lie end to end in our own files.
     pub(super) fn total_rows(&self) -> usize {
-        let last = self.shared.first.last().zip(self.contents().lengths.last());
+        let last = self.shared.first.last().zip(self.info().lengths.last());
         last.map_or(0, |(first, len)| first + len)
     }
 
@@ -139,8 +139,8 @@ impl Hdf5Dataset {
 }
 
 impl Dataset for Hdf5Dataset {
-    fn about(&self) -> &About {
-        &self.shared.about
+    fn info(&self) -> &DatasetInfo {
+        &self.shared.info
     }
 
     fn rows(
@@ -151,9 +151,9 @@ impl Dataset for Hdf5Dataset {
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
         let rows = Steps { first: self.shared.first[episode] + steps.first, ..steps };
-        let Shared { about, file, columns, .. } = &*self.shared;
-        let read = columns[column].read(file, about.field(column), rows, out, &mut self.scratch);
-        read.map_err(|reason| about.damaged(column, episode, reason))
+        let Shared { info, file, columns, .. } = &*self.shared;
+        let read = columns[column].read(file, info.field(column), rows, out, &mut self.scratch);
+        read.map_err(|reason| info.damaged(column, episode, reason))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
@@ -161,12 +161,12 @@ impl Dataset for Hdf5Dataset {
     }
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
-        let Shared { about, file, columns, first, .. } = &*self.shared;
+        let Shared { info, file, columns, first, .. } = &*self.shared;
         let Some(&first) = first.get(episode) else { return Ok(()) };
         let mut buffer = Vec::new();
         for (column, storage) in columns.iter().enumerate() {
-            let checked = storage.check(file, first..first + about.contents.lengths[episode], &mut buffer);
-            checked.map_err(|reason| about.damaged(column, episode, reason))?;
+            let checked = storage.check(file, first..first + info.lengths[episode], &mut buffer);
+            checked.map_err(|reason| info.damaged(column, episode, reason))?;
         }
         Ok(())
     }

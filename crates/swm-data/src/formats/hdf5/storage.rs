@@ -22,11 +22,11 @@ use crate::formats::disk::read_exact_at;
 #[derive(Debug)]
 pub(super) struct ColumnStorage {
     element: Element,
-    place: Place,
+    access: Access,
 }
 
 #[derive(Debug)]
-enum Place {
+enum Access {
     /// In chunks of whole rows (one chunk for all rows, if the dataset is not chunked).
     Chunks { rows_per_chunk: usize, row_bytes: usize, codec: Codec, checksummed: bool, chunks: Vec<Chunk> },
     /// Wherever the library finds it.
@@ -74,16 +74,16 @@ impl ColumnStorage {
         rows: usize,
         file_length: u64,
     ) -> hdf5_metno::Result<Self> {
-        let place = match direct(&dataset, field, element, rows, file_length)? {
-            Some(place) => place,
-            None => Place::Library(dataset),
+        let access = match direct(&dataset, field, element, rows, file_length)? {
+            Some(access) => access,
+            None => Access::Library(dataset),
         };
-        Ok(Self { element, place })
+        Ok(Self { element, access })
     }
 
     /// The first row that would lie behind the end of a file of this length.
     pub(super) fn first_row_behind(&self, file_length: u64) -> Option<usize> {
-        let Place::Chunks { rows_per_chunk, codec, row_bytes, chunks, .. } = &self.place else {
+        let Access::Chunks { rows_per_chunk, codec, row_bytes, chunks, .. } = &self.access else {
             return None;
         };
         let cut = |chunk: &Chunk| chunk.address.checked_add(chunk.size).is_none_or(|end| end > file_length);
@@ -106,8 +106,8 @@ impl ColumnStorage {
         if out.is_empty() {
             return Ok(());
         }
-        let Place::Chunks { row_bytes, .. } = &self.place else {
-            let Place::Library(dataset) = &self.place else { return Ok(()) };
+        let Access::Chunks { row_bytes, .. } = &self.access else {
+            let Access::Library(dataset) = &self.access else { return Ok(()) };
             return library::read(dataset, self.element, field, rows, out);
         };
         match out {
@@ -131,7 +131,7 @@ impl ColumnStorage {
         out: &mut [u8],
         scratch: &mut Scratch,
     ) -> Result<(), String> {
-        let Place::Chunks { rows_per_chunk, row_bytes, codec, chunks, .. } = &self.place else {
+        let Access::Chunks { rows_per_chunk, row_bytes, codec, chunks, .. } = &self.access else {
             return Ok(());
         };
         scratch.fetched.forget();
@@ -170,12 +170,12 @@ impl ColumnStorage {
 
     /// Whether chunks have checksums that [`ColumnStorage::check`] compares.
     pub(super) fn is_checksummed(&self) -> bool {
-        matches!(self.place, Place::Chunks { checksummed: true, .. })
+        matches!(self.access, Access::Chunks { checksummed: true, .. })
     }
 
     /// Compares the checksums of the chunks that hold these rows, `first..end` over the whole file.
     pub(super) fn check(&self, file: &File, rows: Range<usize>, buffer: &mut Vec<u8>) -> Result<(), String> {
-        let Place::Chunks { rows_per_chunk, checksummed: true, chunks, .. } = &self.place else {
+        let Access::Chunks { rows_per_chunk, checksummed: true, chunks, .. } = &self.access else {
             return Ok(());
         };
         if rows.is_empty() {
@@ -294,7 +294,7 @@ fn direct(
     element: Element,
     rows: usize,
     file_length: u64,
-) -> hdf5_metno::Result<Option<Place>> {
+) -> hdf5_metno::Result<Option<Access>> {
     let (Some(size), ByteOrder::LittleEndian | ByteOrder::None) =
         (element.size(), dataset.dtype()?.byte_order())
     else {
@@ -315,9 +315,9 @@ fn direct(
     };
     let checksum_bytes = if checksummed { CHECKSUM_BYTES as u64 } else { 0 };
     if dataset.layout() == Layout::Contiguous {
-        let place = dataset.offset().map(|address| {
+        let access = dataset.offset().map(|address| {
             let chunks = vec![Chunk { address, size: (rows * row_bytes) as u64 }];
-            Place::Chunks {
+            Access::Chunks {
                 rows_per_chunk: usize::MAX,
                 row_bytes,
                 codec: Codec::Plain,
@@ -325,7 +325,7 @@ fn direct(
                 chunks,
             }
         });
-        return Ok(place);
+        return Ok(access);
     }
     let rows_per_chunk = match dataset.chunk() {
         Some(chunk) if chunk.first().is_some_and(|&rows| rows > 0) && chunk[1..] == field.shape => chunk[0],
@@ -354,8 +354,8 @@ fn direct(
         0
     })?;
     let complete = chunks.iter().all(|chunk| chunk.size > 0);
-    let place = Place::Chunks { rows_per_chunk, row_bytes, codec, checksummed, chunks };
-    Ok((plain && complete).then_some(place))
+    let access = Access::Chunks { rows_per_chunk, row_bytes, codec, checksummed, chunks };
+    Ok((plain && complete).then_some(access))
 }
 
 /// How many bytes from the start of the first chunk on belong to chunks that follow each other in the file.

@@ -15,14 +15,14 @@ use super::library;
 use super::reader::Hdf5Dataset;
 use crate::dataset::Dataset;
 use crate::error::DataError;
-use crate::recording::{self, EP_IDX, Place, Recording, Start, Storage, There};
+use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex};
 
 /// How files of HDF5 are recorded.
-pub(super) struct Hdf5Storage;
+pub(super) struct Hdf5Backend;
 
 /// A file that is being recorded.
 #[derive(Debug)]
-pub(super) struct Hdf5Recording {
+pub(super) struct Hdf5Session {
     handles: Handles,
     schema: Arc<Schema>,
     /// Positions in the schema of the columns that are stored as they are given (all but `ep_idx`).
@@ -32,8 +32,8 @@ pub(super) struct Hdf5Recording {
     ep_idx: Vec<i32>,
 }
 
-impl Storage for Hdf5Storage {
-    type Recording = Hdf5Recording;
+impl Backend for Hdf5Backend {
+    type Session = Hdf5Session;
 
     fn name(&self) -> &'static str {
         FORMAT.name
@@ -56,11 +56,11 @@ impl Storage for Hdf5Storage {
         }
     }
 
-    fn start(&self, start: &Start<'_>) -> Result<Hdf5Recording, DataError> {
-        let &Start { path, schema, fields, metadata, .. } = start;
-        let (handles, rows) = match start.there {
-            There::Nothing | There::Replaced => (create::create(path, fields, metadata)?, 0),
-            There::Continued => {
+    fn start(&self, start: &SessionStart<'_>) -> Result<Hdf5Session, DataError> {
+        let &SessionStart { path, schema, fields, metadata, .. } = start;
+        let (handles, rows) = match start.existing {
+            Existing::None | Existing::Replaced => (create::create(path, fields, metadata)?, 0),
+            Existing::Continued => {
                 // Closed again before the library opens the file for writing.
                 let end = {
                     let old = Hdf5Dataset::open(path)?;
@@ -76,7 +76,7 @@ impl Storage for Hdf5Storage {
             }
         };
         let stored = (0..schema.fields().len()).filter(|&index| schema.fields()[index].name != EP_IDX);
-        Ok(Hdf5Recording {
+        Ok(Hdf5Session {
             handles,
             schema: schema.clone(),
             stored: stored.collect(),
@@ -86,9 +86,9 @@ impl Storage for Hdf5Storage {
     }
 }
 
-impl Recording for Hdf5Recording {
-    fn append(&mut self, at: Place, batch: &Batch) -> Result<(), String> {
-        let first = self.rows + at.row;
+impl Session for Hdf5Session {
+    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<(), String> {
+        let first = self.rows + at.step;
         let end = first + batch.rows();
         for (dataset, &column) in self.handles.columns.iter().zip(&self.stored) {
             let field = &self.schema.fields()[column];
@@ -103,15 +103,15 @@ impl Recording for Hdf5Recording {
     }
 
     /// Columns, then offset, then length, each on its way to the disk before the next.
-    fn commit(&mut self, end: Place) -> Result<(), String> {
+    fn commit(&mut self, end: StepIndex) -> Result<(), String> {
         let Handles { file, ep_len, ep_offset, .. } = &self.handles;
         let flush = || file.flush().map_err(|error| reason(&error));
         flush()?;
         append(ep_offset, end.episode as usize, Slice::I64(&[self.rows as i64]))?;
         flush()?;
-        append(ep_len, end.episode as usize, Slice::I32(&[end.row as i32]))?;
+        append(ep_len, end.episode as usize, Slice::I32(&[end.step as i32]))?;
         flush()?;
-        self.rows += end.row;
+        self.rows += end.step;
         Ok(())
     }
 

@@ -9,19 +9,19 @@ use serde_json::Value as Json;
 use swm_core::{Dtype, Field, Schema};
 use swm_media::mp4::Mp4Reader;
 
+use super::episode_files::{EpisodeFiles, second, third};
 use super::episodes;
 use super::info::{Info, Version};
 use super::manifest::{Manifest, is_video};
-use super::places::{Place, second, third};
 use super::table::Table;
-use crate::dataset::About;
+use crate::dataset::DatasetInfo;
 
 /// What all handles on a folder share; never changed after opening.
 pub(super) struct Shared {
-    pub(super) about: About,
+    pub(super) info: DatasetInfo,
     pub(super) columns: Vec<Source>,
     /// By episode.
-    pub(super) places: Vec<Place>,
+    pub(super) episodes: Vec<EpisodeFiles>,
 }
 
 /// Where the values of a column come from.
@@ -47,17 +47,22 @@ impl Shared {
             .filter(|(_, feature)| feature["dtype"] == "video")
             .map(|(name, _)| name.clone())
             .collect();
-        let places = match info.version()? {
+        let episodes = match info.version()? {
             Version::V2 => second(path, &info, &cameras)?,
             Version::V3 => third(path, &info, &cameras)?,
         };
-        Self::foreign(path, &info, &cameras, places)
+        Self::foreign(path, &info, &cameras, episodes)
     }
 
     /// A folder of another program, by what its tables and videos hold.
-    fn foreign(path: &Path, info: &Info, cameras: &[String], places: Vec<Place>) -> Result<Self, String> {
+    fn foreign(
+        path: &Path,
+        info: &Info,
+        cameras: &[String],
+        episodes: Vec<EpisodeFiles>,
+    ) -> Result<Self, String> {
         let (mut fields, mut columns, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
-        let Some(first) = places.first() else { return Err("it holds no episode".to_owned()) };
+        let Some(first) = episodes.first() else { return Err("it holds no episode".to_owned()) };
         let table = Table::open(&first.data)?;
         let mut add = |name: &str, dtype, shape: &[usize], source| {
             fields.push(Field::step(name, dtype, shape));
@@ -94,24 +99,24 @@ impl Shared {
         add("ep_idx", Dtype::I32, &[], Source::Episode);
         add("step_idx", Dtype::I64, &[], Source::Step);
         let schema = Schema::new(fields).map_err(|error| error.to_string())?;
-        let mut about = about(path, schema, &places);
-        about.skipped = skipped.into();
-        Ok(Self { about, columns, places })
+        let mut info = dataset_info(path, schema, &episodes);
+        info.skipped = skipped.into();
+        Ok(Self { info, columns, episodes })
     }
 
     /// A folder that this program wrote.
     fn ours(path: &Path, manifest: Manifest) -> Result<Self, String> {
         let cameras: Vec<String> = manifest.cameras().map(|(_, camera)| camera).collect();
-        let mut places = Vec::new();
+        let mut episodes = Vec::new();
         for (episode, entry) in episodes::read(path, cameras.len())?.into_iter().enumerate() {
             let data = path.join(episodes::data_path(episode));
-            let mut place = Place { rows: entry.rows, data: data.clone(), ..Place::default() };
+            let mut files = EpisodeFiles { rows: entry.rows, data: data.clone(), ..EpisodeFiles::default() };
             let videos = cameras.iter().map(|camera| path.join(episodes::video_path(camera, episode)));
             for (camera, video) in cameras.iter().zip(videos.clone()) {
-                place.videos.insert(camera.clone(), (video, 0));
+                files.videos.insert(camera.clone(), (video, 0));
             }
-            place.checksums = std::iter::once(data).chain(videos).zip(entry.checksums).collect();
-            places.push(place);
+            files.checksums = std::iter::once(data).chain(videos).zip(entry.checksums).collect();
+            episodes.push(files);
         }
         let source = |field: &Field| match manifest.feature(&field.name) {
             camera if is_video(field) => Source::Video(camera),
@@ -122,15 +127,15 @@ impl Shared {
         fields.push(Field::step("ep_idx", Dtype::I32, &[]));
         columns.push(Source::Episode);
         let schema = Schema::new(fields).map_err(|error| error.to_string())?;
-        let mut about = about(path, schema, &places);
-        about.contents.runs = manifest.runs.into();
-        about.has_checksums = places.iter().any(|place| !place.checksums.is_empty());
-        Ok(Self { about, columns, places })
+        let mut info = dataset_info(path, schema, &episodes);
+        info.runs = manifest.runs.into();
+        info.has_checksums = episodes.iter().any(|files| !files.checksums.is_empty());
+        Ok(Self { info, columns, episodes })
     }
 }
 
-fn about(path: &Path, schema: Arc<Schema>, places: &[Place]) -> About {
-    About::new(path, super::FORMAT.name, schema, places.iter().map(|place| place.rows).collect())
+fn dataset_info(path: &Path, schema: Arc<Schema>, episodes: &[EpisodeFiles]) -> DatasetInfo {
+    DatasetInfo::new(path, super::FORMAT.name, schema, episodes.iter().map(|files| files.rows).collect())
 }
 
 /// The shape of a row; one value is a scalar.

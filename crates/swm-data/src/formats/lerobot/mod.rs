@@ -4,19 +4,19 @@
 //! H.264 and in AV1, LeRobot's default codec; columns in others are left out by name.
 
 mod contents;
+mod episode_files;
 mod episodes;
 mod info;
 mod manifest;
 mod open_episode;
 mod parquet_file;
-mod places;
 mod reader;
 mod statistics;
 mod table;
 mod writer;
 
 use crate::format::Format;
-use crate::recording::Recorder;
+use crate::recording::BackendWriter;
 
 /// The entry in the table of formats.
 pub(crate) const FORMAT: Format = Format {
@@ -25,6 +25,6 @@ pub(crate) const FORMAT: Format = Format {
     about: "a folder of Parquet tables and H.264 videos that LeRobot opens; lossy images",
     detect: |path| path.join(info::INFO).is_file(),
     open: |path| Ok(Box::new(reader::LeRobotDataset::open(path)?)),
-    create: |path, options| Ok(Box::new(Recorder::new(path, options, writer::LeRobotStorage)?)),
+    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, writer::LeRobotBackend)?)),
     repair: writer::repair,
 };

@@ -10,9 +10,9 @@ use swm_core::{Column, Dtype, SliceMut};
 use swm_media::mp4::Mp4Reader;
 
 use super::contents::{Shared, Source, video};
-use super::places::Place;
+use super::episode_files::EpisodeFiles;
 use super::table::Table;
-use crate::dataset::{About, CHANGED, Dataset, Steps, copy_rows};
+use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::DataError;
 
 /// An open folder.
@@ -38,9 +38,9 @@ impl LeRobotDataset {
         out: SliceMut<'_>,
     ) -> Result<(), String> {
         let shared = self.shared.clone();
-        let place = &shared.places[episode];
-        if self.table.as_ref().is_none_or(|(path, _)| *path != place.data) {
-            self.table = Some((place.data.clone(), BTreeMap::new()));
+        let files = &shared.episodes[episode];
+        if self.table.as_ref().is_none_or(|(path, _)| *path != files.data) {
+            self.table = Some((files.data.clone(), BTreeMap::new()));
         }
         let Some((path, columns)) = &mut self.table else { return Ok(()) };
         if !columns.contains_key(name) {
@@ -53,7 +53,7 @@ impl LeRobotDataset {
             columns.insert(name.to_owned(), column);
         }
         let values = columns[name].as_slice();
-        let (start, size) = (place.first.checked_mul(width), place.rows.checked_mul(width));
+        let (start, size) = (files.first.checked_mul(width), files.rows.checked_mul(width));
         let fits = start
             .zip(size)
             .and_then(|(start, size)| start.checked_add(size))
@@ -62,11 +62,11 @@ impl LeRobotDataset {
             return Err(format!(
                 "{} does not hold rows {} to {}",
                 path.display(),
-                place.first,
-                place.first.saturating_add(place.rows)
+                files.first,
+                files.first.saturating_add(files.rows)
             ));
         }
-        copy_rows(values.range(place.first * width, place.rows * width), width, steps, out);
+        copy_rows(values.range(files.first * width, files.rows * width), width, steps, out);
         Ok(())
     }
 
@@ -79,15 +79,15 @@ impl LeRobotDataset {
         out: &mut [u8],
     ) -> Result<(), String> {
         let shared = self.shared.clone();
-        let (path, first) = shared.places[episode].videos.get(camera).ok_or("there is no video")?;
+        let (path, first) = shared.episodes[episode].videos.get(camera).ok_or("there is no video")?;
         if self.videos.get(&column).is_none_or(|(open, _)| open != path) {
             // The decoder of damaged videos is the least robust part of all.
-            check(path, &shared.places[episode])?;
+            check(path, &shared.episodes[episode])?;
             self.videos.insert(column, (path.clone(), video(path)?));
         }
         let Some((_, video)) = self.videos.get_mut(&column) else { return Ok(()) };
         let (height, width) = video.size();
-        if shared.about.field(column).shape != [height, width, 3] {
+        if shared.info.field(column).shape != [height, width, 3] {
             return Err(format!("{}: it has images of {height} x {width}", path.display()));
         }
         let first = first.checked_add(steps.first).ok_or("it begins nowhere")?;
@@ -96,8 +96,8 @@ impl LeRobotDataset {
 }
 
 /// Compares a file of an episode with its checksum, if there is one.
-fn check(path: &Path, place: &Place) -> Result<(), String> {
-    let Some(&checksum) = place.checksums.get(path) else { return Ok(()) };
+fn check(path: &Path, files: &EpisodeFiles) -> Result<(), String> {
+    let Some(&checksum) = files.checksums.get(path) else { return Ok(()) };
     let bytes = fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
     match crc32fast::hash(&bytes) == checksum {
         true => Ok(()),
@@ -106,8 +106,8 @@ fn check(path: &Path, place: &Place) -> Result<(), String> {
 }
 
 impl Dataset for LeRobotDataset {
-    fn about(&self) -> &About {
-        &self.shared.about
+    fn info(&self) -> &DatasetInfo {
+        &self.shared.info
     }
 
     fn rows(
@@ -118,7 +118,7 @@ impl Dataset for LeRobotDataset {
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
         let shared = self.shared.clone();
-        let width = shared.about.field(column).width();
+        let width = shared.info.field(column).width();
         let read = match (&shared.columns[column], out) {
             (Source::Table(name), out) => self.table_rows(name, episode, width, steps, out),
             (Source::Video(camera), SliceMut::U8(out)) => {
@@ -136,7 +136,7 @@ impl Dataset for LeRobotDataset {
             }
             (_, out) => Err(format!("it was asked for as {}", out.dtype())),
         };
-        read.map_err(|reason| shared.about.damaged(column, episode, reason))
+        read.map_err(|reason| shared.info.damaged(column, episode, reason))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
@@ -144,8 +144,8 @@ impl Dataset for LeRobotDataset {
     }
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
-        let Some(place) = self.shared.places.get(episode) else { return Ok(()) };
-        let checked = place.checksums.keys().try_for_each(|path| check(path, place));
-        checked.map_err(|reason| self.about().damaged_episode(episode, reason))
+        let Some(files) = self.shared.episodes.get(episode) else { return Ok(()) };
+        let checked = files.checksums.keys().try_for_each(|path| check(path, files));
+        checked.map_err(|reason| self.info().damaged_episode(episode, reason))
     }
 }

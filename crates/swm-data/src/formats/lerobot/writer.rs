@@ -20,14 +20,14 @@ use crate::dataset::{Dataset, WriteOptions};
 use crate::error::DataError;
 use crate::formats::disk::is_plain_name;
 use crate::lock::WriterLock;
-use crate::recording::{self, Place, Recording, Start, Storage, There, check_fit};
+use crate::recording::{self, Backend, Existing, Session, SessionStart, StepIndex, check_fit};
 use crate::video::{FRAMES_PER_SECOND, encoding};
 
 /// How folders of LeRobot are recorded.
-pub(super) struct LeRobotStorage;
+pub(super) struct LeRobotBackend;
 
 /// A folder that is being recorded.
-pub(super) struct LeRobotRecording {
+pub(super) struct LeRobotSession {
     path: PathBuf,
     schema: Arc<Schema>,
     manifest: Manifest,
@@ -39,8 +39,8 @@ pub(super) struct LeRobotRecording {
     open: Option<OpenEpisode>,
 }
 
-impl Storage for LeRobotStorage {
-    type Recording = LeRobotRecording;
+impl Backend for LeRobotBackend {
+    type Session = LeRobotSession;
 
     fn name(&self) -> &'static str {
         FORMAT.name
@@ -70,18 +70,18 @@ impl Storage for LeRobotStorage {
         (!is_plain_name(name)).then_some("no empty name, no `/`, `\\` or `:`")
     }
 
-    fn start(&self, start: &Start<'_>) -> Result<LeRobotRecording, DataError> {
-        let &Start { path, options, fields, metadata, .. } = start;
+    fn start(&self, start: &SessionStart<'_>) -> Result<LeRobotSession, DataError> {
+        let &SessionStart { path, options, fields, metadata, .. } = start;
         let rate = options.frames_per_second.unwrap_or(FRAMES_PER_SECOND);
         let mut manifest = Manifest::new(fields.to_vec(), rate);
         check_columns(path, &manifest)?;
-        if start.there == There::Continued {
+        if start.existing == Existing::Continued {
             let there = Manifest::read(path).map_err(|reason| DataError::damaged(path, reason))?;
             let there = there.ok_or_else(|| recording::foreign(path))?;
             let first = there.runs.first().map_or(metadata, |(_, first)| first);
             check_fit(path, &there.columns, first, &manifest.columns, metadata)?;
             manifest = there;
-        } else if start.there == There::Replaced {
+        } else if start.existing == Existing::Replaced {
             clear(path)?;
         }
         let runs = recording::with_run(&manifest.runs, start.episodes, metadata);
@@ -94,12 +94,12 @@ impl Storage for LeRobotStorage {
             episodes::write_tasks(path, &manifest)?;
         }
         let encoding = Mp4Options { frames_per_second: manifest.frames_per_second, ..encoding(options) };
-        LeRobotRecording::open(path, start.schema, manifest, encoding)
+        LeRobotSession::open(path, start.schema, manifest, encoding)
     }
 }
 
-impl Recording for LeRobotRecording {
-    fn append(&mut self, at: Place, batch: &Batch) -> Result<(), String> {
+impl Session for LeRobotSession {
+    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<(), String> {
         let open = match &mut self.open {
             Some(open) => open,
             None => {
@@ -108,18 +108,18 @@ impl Recording for LeRobotRecording {
             }
         };
         open.append(self.manifest.frames_per_second, &self.schema, batch)?;
-        self.statistics.add(&self.manifest, at.row, batch);
+        self.statistics.add(&self.manifest, at.step, batch);
         Ok(())
     }
 
     /// Its table and videos, the list, the summary.
-    fn commit(&mut self, end: Place) -> Result<(), String> {
+    fn commit(&mut self, end: StepIndex) -> Result<(), String> {
         let open = self.open.take().ok_or("an episode without rows")?;
         let checksums = open.finish(&self.path, self.manifest.frames_per_second)?;
-        self.entries.push(Entry { rows: end.row, checksums });
+        self.entries.push(Entry { rows: end.step, checksums });
         let said = |error: DataError| error.to_string();
         episodes::commit(&self.path, &self.manifest, &self.entries).map_err(said)?;
-        self.rows += end.row;
+        self.rows += end.step;
         self.statistics.end_episode();
         info::write(&self.path, &self.manifest, self.entries.len(), self.rows).map_err(said)
     }
@@ -129,7 +129,7 @@ impl Recording for LeRobotRecording {
     }
 }
 
-impl LeRobotRecording {
+impl LeRobotSession {
     /// Continues behind the committed episodes; what lies behind them is removed.
     fn open(
         path: &Path,
@@ -183,7 +183,7 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     }
     if apply && !steps.is_empty() {
         let schema = LeRobotDataset::open(path)?.schema().clone();
-        let recording = LeRobotRecording::open(path, &schema, manifest, encoding(&WriteOptions::default()))?;
+        let recording = LeRobotSession::open(path, &schema, manifest, encoding(&WriteOptions::default()))?;
         recording.statistics.write(path, &recording.manifest)?;
     }
     Ok(steps)

@@ -35,7 +35,7 @@ pub(super) fn is_image(field: &Field) -> bool {
 
 /// A message: its row in the episode, its chunk, and where in that its record begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Place {
+pub(super) struct MessageAt {
     pub(super) row: u32,
     pub(super) chunk: u32,
     pub(super) offset: u64,
@@ -48,7 +48,7 @@ pub(super) struct Episode {
     /// Its chunks in [`Index::chunks`].
     pub(super) chunks: std::ops::Range<usize>,
     /// By channel: its messages, in the order of rows.
-    pub(super) messages: Vec<Vec<Place>>,
+    pub(super) messages: Vec<Vec<MessageAt>>,
 }
 
 /// What a file holds.
@@ -235,7 +235,7 @@ impl Index {
             let Some(row) = row.filter(|_| offset < size) else {
                 return Err("a message lies outside its episode".to_owned());
             };
-            open.messages[position].push(Place { row, chunk: index as u32, offset });
+            open.messages[position].push(MessageAt { row, chunk: index as u32, offset });
         }
         Ok(())
     }

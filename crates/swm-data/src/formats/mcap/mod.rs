@@ -20,7 +20,7 @@ use std::fs::File;
 use std::io::Read;
 
 use crate::format::Format;
-use crate::recording::Recorder;
+use crate::recording::BackendWriter;
 
 /// The entry in the table of formats.
 pub(crate) const FORMAT: Format = Format {
@@ -33,6 +33,6 @@ pub(crate) const FORMAT: Format = Format {
         read.is_ok() && &magic == records::MAGIC
     },
     open: |path| Ok(Box::new(reader::McapDataset::open(path)?)),
-    create: |path, options| Ok(Box::new(Recorder::new(path, options, writer::McapStorage)?)),
+    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, writer::McapBackend)?)),
     repair: writer::repair,
 };

@@ -1,4 +1,4 @@
-//! Reading an MCAP dataset: any row of any column, by the places that the walk over the file found.
+//! Reading an MCAP dataset: any row of any column, by the positions that the walk over the file found.
 
 use std::fs::File;
 use std::path::Path;
@@ -9,10 +9,10 @@ use swm_media::png;
 
 use super::chunks::Messages;
 use super::foxglove;
-use super::index::{Index, Place, STEP_TOPIC, is_image, topic};
+use super::index::{Index, MessageAt, STEP_TOPIC, is_image, topic};
 use super::records::{MESSAGE, MESSAGE_HEAD};
 use super::rows::from_json;
-use crate::dataset::{About, CHANGED, Dataset, Steps, copy_rows};
+use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::DataError;
 
 /// So many rows are decoded and held at once: all of most episodes, a bounded part of the longest.
@@ -37,7 +37,7 @@ struct Rows {
 
 #[derive(Debug)]
 struct Shared {
-    about: About,
+    info: DatasetInfo,
     file: File,
     index: Index,
     /// Of each column, the position of its channel.
@@ -61,10 +61,10 @@ impl McapDataset {
             })
             .collect::<Result<_, _>>()?;
         let lengths = index.episodes.iter().map(|episode| episode.rows).collect();
-        let mut about = About::new(path, super::FORMAT.name, schema, lengths);
-        about.contents.runs = index.runs.clone().into();
-        about.has_checksums = true;
-        let shared = Shared { about, file, index, channels };
+        let mut info = DatasetInfo::new(path, super::FORMAT.name, schema, lengths);
+        info.runs = index.runs.clone().into();
+        info.has_checksums = true;
+        let shared = Shared { info, file, index, channels };
         Ok(Self { shared: Arc::new(shared), rows: None, messages: Messages::default() })
     }
 
@@ -75,11 +75,11 @@ impl McapDataset {
     /// Reads rows of images. A row without a message shows what the one before it shows.
     fn images(&mut self, column: usize, episode: usize, steps: Steps, out: &mut [u8]) -> Result<(), String> {
         let shared = self.shared.clone();
-        let field = shared.about.field(column);
+        let field = shared.info.field(column);
         let &[height, width, channels] = &field.shape[..] else { return Err("no images".to_owned()) };
         let places = &shared.index.episodes[episode].messages[shared.channels[column]];
         let size = height * width * channels;
-        let mut last: Option<(Place, usize)> = None;
+        let mut last: Option<(MessageAt, usize)> = None;
         for at in 0..steps.count {
             let row = steps.first + at * steps.stride;
             let behind = places.partition_point(|place| place.row as usize <= row);
@@ -136,7 +136,7 @@ impl McapDataset {
             self.rows = None;
             let shared = self.shared.clone();
             let fields: Vec<&Field> =
-                shared.about.contents.schema.fields().iter().filter(|field| !is_image(field)).collect();
+                shared.info.schema.fields().iter().filter(|field| !is_image(field)).collect();
             let mut columns: Vec<Column> = fields.iter().map(|field| Column::zeros(field.dtype, 0)).collect();
             let channel = shared.index.channels.iter().position(|(_, topic)| topic == STEP_TOPIC);
             let found = &shared.index.episodes[episode];
@@ -150,7 +150,7 @@ impl McapDataset {
                     .map_err(|reason| format!("row {}: {reason}", place.row))?;
             }
             let mut decoded = columns.into_iter();
-            let all = shared.about.contents.schema.fields().iter().map(|field| match is_image(field) {
+            let all = shared.info.schema.fields().iter().map(|field| match is_image(field) {
                 true => Column::zeros(field.dtype, 0),
                 false => decoded.next().unwrap_or(Column::zeros(field.dtype, 0)),
             });
@@ -162,7 +162,7 @@ impl McapDataset {
 
 impl Shared {
     /// The data of a message.
-    fn message<'a>(&self, place: Place, messages: &'a mut Messages) -> Result<&'a [u8], String> {
+    fn message<'a>(&self, place: MessageAt, messages: &'a mut Messages) -> Result<&'a [u8], String> {
         let at = (place.chunk as usize, place.offset);
         match messages.record(&self.file, &self.index.chunks, at)? {
             (MESSAGE, content) if content.len() >= MESSAGE_HEAD => Ok(&content[MESSAGE_HEAD..]),
@@ -172,8 +172,8 @@ impl Shared {
 }
 
 impl Dataset for McapDataset {
-    fn about(&self) -> &About {
-        &self.shared.about
+    fn info(&self) -> &DatasetInfo {
+        &self.shared.info
     }
 
     fn rows(
@@ -183,11 +183,11 @@ impl Dataset for McapDataset {
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        let read = match (is_image(self.shared.about.field(column)), out) {
+        let read = match (is_image(self.shared.info.field(column)), out) {
             (true, SliceMut::U8(out)) => self.images(column, episode, steps, out),
             (_, out) => self.values(column, episode, steps, out),
         };
-        read.map_err(|reason| self.shared.about.damaged(column, episode, reason))
+        read.map_err(|reason| self.shared.info.damaged(column, episode, reason))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
@@ -195,14 +195,14 @@ impl Dataset for McapDataset {
     }
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
-        let Shared { about, file, index, .. } = &*self.shared;
+        let Shared { info, file, index, .. } = &*self.shared;
         let Some(found) = index.episodes.get(episode) else { return Ok(()) };
         let mut messages = Vec::new();
         for chunk in &index.chunks[found.chunks.clone()] {
             let read = chunk.messages(file, &mut messages);
-            read.map_err(|reason| about.damaged_episode(episode, reason))?;
+            read.map_err(|reason| info.damaged_episode(episode, reason))?;
             if chunk.checksum != 0 && crc32fast::hash(&messages) != chunk.checksum {
-                return Err(about.damaged_episode(episode, CHANGED));
+                return Err(info.damaged_episode(episode, CHANGED));
             }
         }
         Ok(())

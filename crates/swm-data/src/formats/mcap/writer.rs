@@ -21,7 +21,7 @@ use crate::dataset::Dataset;
 use crate::error::DataError;
 use crate::formats::disk::write_all_at;
 use crate::lock::{WriterLock, beside};
-use crate::recording::{self, EP_IDX, Place, Recording, Start, Storage, There, check_fit};
+use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex, check_fit};
 
 /// Messages of so many bytes make a chunk.
 const CHUNK_BYTES: usize = 4 << 20;
@@ -31,11 +31,11 @@ const ROWS_PER_SECOND: f64 = 10.0;
 const MAX_COLUMNS: usize = 1000;
 
 /// How files of MCAP are recorded.
-pub(super) struct McapStorage;
+pub(super) struct McapBackend;
 
 /// A file that is being recorded.
 #[derive(Debug)]
-pub(super) struct McapRecording {
+pub(super) struct McapSession {
     file: File,
     schema: Arc<Schema>,
     index: Index,
@@ -50,8 +50,8 @@ pub(super) struct McapRecording {
 /// A message: channel, time, record.
 type Message = (u16, u64, Vec<u8>);
 
-impl Storage for McapStorage {
-    type Recording = McapRecording;
+impl Backend for McapBackend {
+    type Session = McapSession;
 
     fn name(&self) -> &'static str {
         FORMAT.name
@@ -73,13 +73,13 @@ impl Storage for McapStorage {
         }
     }
 
-    fn start(&self, start: &Start<'_>) -> Result<McapRecording, DataError> {
-        let &Start { path, options, schema, fields, metadata, .. } = start;
+    fn start(&self, start: &SessionStart<'_>) -> Result<McapSession, DataError> {
+        let &SessionStart { path, options, schema, fields, metadata, .. } = start;
         if fields.len() > MAX_COLUMNS {
             return Err(DataError::record(path, format!("{} columns are too many", fields.len())));
         }
         let failed = |source| DataError::io(path, "write", source);
-        if start.there != There::Continued {
+        if start.existing != Existing::Continued {
             let rate = options.frames_per_second.unwrap_or(ROWS_PER_SECOND);
             if !(rate.is_finite() && rate > 0.0) {
                 return Err(DataError::record(path, format!("{rate} frames per second are no rate")));
@@ -97,7 +97,7 @@ impl Storage for McapStorage {
         // What belongs to no committed episode, and the old summary.
         file.set_len(index.end).map_err(failed)?;
         let runs = recording::with_run(&index.runs, start.episodes, metadata);
-        let mut recording = McapRecording::new(file, schema, index);
+        let mut recording = McapSession::new(file, schema, index);
         if runs != recording.index.runs {
             let text = serde_json::to_string(metadata)
                 .map_err(|error| DataError::record(path, error.to_string()))?;
@@ -114,8 +114,8 @@ impl Storage for McapStorage {
     }
 }
 
-impl Recording for McapRecording {
-    fn append(&mut self, at: Place, batch: &Batch) -> Result<(), String> {
+impl Session for McapSession {
+    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<(), String> {
         let rows: Vec<usize> = (0..batch.rows()).collect();
         // So many rows that their messages fill a chunk or two, made in parallel.
         let row_bytes: usize = batch.schema().fields().iter().map(Field::width).sum();
@@ -142,17 +142,17 @@ impl Recording for McapRecording {
         Ok(())
     }
 
-    fn commit(&mut self, end: Place) -> Result<(), String> {
+    fn commit(&mut self, end: StepIndex) -> Result<(), String> {
         let values = [
             ("index", end.episode.to_string()),
             ("first_row", self.rows.to_string()),
-            ("rows", end.row.to_string()),
+            ("rows", end.step.to_string()),
         ];
         self.metadata(EPISODE, &values)?;
-        self.rows += end.row as u64;
+        self.rows += end.step as u64;
         let chunks = self.chunks..self.index.chunks.len();
         self.chunks = chunks.end;
-        self.index.episodes.push(Episode { rows: end.row, chunks, messages: Vec::new() });
+        self.index.episodes.push(Episode { rows: end.step, chunks, messages: Vec::new() });
         Ok(())
     }
 
@@ -161,7 +161,7 @@ impl Recording for McapRecording {
     }
 }
 
-impl McapRecording {
+impl McapSession {
     /// Continues behind the committed episodes.
     fn new(file: File, schema: &Arc<Schema>, index: Index) -> Self {
         let rows = index.episodes.iter().map(|episode| episode.rows as u64).sum();
@@ -170,9 +170,9 @@ impl McapRecording {
     }
 
     /// The messages of a row of a piece that begins at a place. An image that equals the one before is left out.
-    fn messages(&self, batch: &Batch, row: usize, at: Place) -> Result<Vec<Message>, String> {
+    fn messages(&self, batch: &Batch, row: usize, at: StepIndex) -> Result<Vec<Message>, String> {
         let schema = &self.schema;
-        let (place, index) = (at.row + row, [at.episode]);
+        let (place, index) = (at.step + row, [at.episode]);
         let time = (self.rows + place as u64) * self.index.row_ns;
         let message = |channel: u16, data: &[u8]| {
             let head = Content::default().u16(channel).u32(place as u32).u64(time).u64(time);

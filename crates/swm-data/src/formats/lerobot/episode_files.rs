@@ -16,7 +16,7 @@ const MAX_LIST: u64 = 1 << 30;
 
 /// Where an episode lies.
 #[derive(Debug, Default)]
-pub(super) struct Place {
+pub(super) struct EpisodeFiles {
     pub(super) rows: usize,
     pub(super) data: PathBuf,
     /// Its first row in the table.
@@ -36,14 +36,14 @@ fn bounded(rows: usize) -> Result<usize, String> {
 }
 
 /// Version 2: a table and a video per episode, and a list of lengths.
-pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<Place>, String> {
+pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<EpisodeFiles>, String> {
     let list = path.join("meta/episodes.jsonl");
     let failed = |error: std::io::Error| format!("{}: {error}", list.display());
     if fs::metadata(&list).map_err(failed)?.len() > MAX_LIST {
         return Err("its list of episodes is too long".to_owned());
     }
     let text = fs::read_to_string(&list).map_err(failed)?;
-    let mut places = Vec::new();
+    let mut episodes = Vec::new();
     for line in text.lines().filter(|line| !line.trim().is_empty()) {
         let entry: Json =
             serde_json::from_str(line).map_err(|error| format!("{}: {error}", list.display()))?;
@@ -53,18 +53,18 @@ pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec
         };
         let rows = bounded(rows)?;
         let numbers = [("episode_chunk", episode / info.chunks_size), ("episode_index", episode)];
-        let mut place = Place { rows, data: info.data(path, &numbers)?, ..Place::default() };
+        let mut found = EpisodeFiles { rows, data: info.data(path, &numbers)?, ..EpisodeFiles::default() };
         for camera in cameras {
-            place.videos.insert(camera.clone(), (info.video(path, camera, &numbers)?, 0));
+            found.videos.insert(camera.clone(), (info.video(path, camera, &numbers)?, 0));
         }
-        places.push(place);
+        episodes.push(found);
     }
-    Ok(places)
+    Ok(episodes)
 }
 
 /// Version 3: tables that say in which file each episode lies, and where.
-pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<Place>, String> {
-    let mut places: Vec<Place> = Vec::new();
+pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<EpisodeFiles>, String> {
+    let mut episodes: Vec<EpisodeFiles> = Vec::new();
     // Rows of a table are counted over all tables: its first episode tells where it begins.
     let mut begins: BTreeMap<PathBuf, usize> = BTreeMap::new();
     for chunk in 0.. {
@@ -100,8 +100,12 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
                 let start = size(starts[row])?;
                 let begin = *begins.entry(data.clone()).or_insert(start);
                 let first = start.checked_sub(begin).ok_or("episodes are out of order")?;
-                let mut place =
-                    Place { rows: bounded(size(lengths[row])?)?, data, first, ..Place::default() };
+                let mut found = EpisodeFiles {
+                    rows: bounded(size(lengths[row])?)?,
+                    data,
+                    first,
+                    ..EpisodeFiles::default()
+                };
                 for (camera, chunks, files, times) in &videos {
                     let numbers = [("chunk_index", size(chunks[row])?), ("file_index", size(files[row])?)];
                     let video = info.video(path, camera, &numbers)?;
@@ -109,14 +113,14 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
                     if !(0.0..1e9).contains(&time) {
                         return Err(format!("a video begins at {time} s"));
                     }
-                    place.videos.insert((*camera).clone(), (video, (time * info.fps).round() as usize));
+                    found.videos.insert((*camera).clone(), (video, (time * info.fps).round() as usize));
                 }
-                places.push(place);
+                episodes.push(found);
             }
         }
     }
-    match places.len() == info.total_episodes {
-        true => Ok(places),
-        false => Err(format!("{} of {} episodes are listed", places.len(), info.total_episodes)),
+    match episodes.len() == info.total_episodes {
+        true => Ok(episodes),
+        false => Err(format!("{} of {} episodes are listed", episodes.len(), info.total_episodes)),
     }
 }

@@ -1,0 +1,83 @@
+//! How recorded episodes were made: the metadata that stands in every dataset and in results of evaluations.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::env::ImageSize;
+use crate::run::RunInfo;
+
+/// How the episodes of a dataset were made, so that they can be repeated and checked. It holds nothing that does not
+/// change the content: no time, host, thread count or number of environments.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Metadata {
+    /// The version of this record.
+    pub version: u32,
+    /// The environment's id.
+    pub env: String,
+    /// The environment's settings that differ from the defaults.
+    #[serde(default)]
+    pub settings: serde_json::Map<String, serde_json::Value>,
+    /// The run's seed.
+    pub seed: u64,
+    /// The policy's description.
+    pub policy: String,
+    /// The factors that were asked to be sampled; `None`: the environment's default list.
+    #[serde(default)]
+    pub variation: Option<Vec<String>>,
+    /// The factors that were set.
+    #[serde(default)]
+    pub variation_values: BTreeMap<String, serde_json::Value>,
+    /// The episodes were started at recorded rows (an evaluation from a dataset), with options of their own each.
+    #[serde(default)]
+    pub from_recorded_rows: bool,
+    /// Image size.
+    #[serde(default)]
+    pub image: Option<ImageSize>,
+    /// The renderer's description, where there is a choice.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub renderer: Option<String>,
+    /// Time limit of an episode.
+    #[serde(default)]
+    pub max_episode_steps: Option<u64>,
+    /// Environment steps per row.
+    #[serde(default = "one")]
+    pub frame_skip: u32,
+    /// Rows from one checkpoint to the next in the column `checkpoint`; `None`: it has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub checkpoints: Option<u32>,
+    /// Versions of the packages that made it.
+    #[serde(default)]
+    pub packages: BTreeMap<String, String>,
+}
+
+fn one() -> u32 {
+    1
+}
+
+/// The version of [`Metadata`] that is written.
+pub const METADATA_VERSION: u32 = 1;
+
+impl Metadata {
+    /// The metadata of a run.
+    pub fn of(run: &RunInfo<'_>) -> Self {
+        let shared = run.rollout.shared_options();
+        let values = shared.iter().flat_map(|options| &options.variation_values);
+        Self {
+            version: METADATA_VERSION,
+            env: run.spec.id.clone(),
+            settings: run.options.env.settings.clone(),
+            seed: run.rollout.seed,
+            policy: run.policy.to_owned(),
+            variation: shared.and_then(|options| options.variation.clone()),
+            variation_values: values.map(|(name, value)| (name.clone(), value.to_json())).collect(),
+            from_recorded_rows: shared.is_none(),
+            image: run.options.env.image,
+            renderer: run.renderer.map(str::to_owned),
+            max_episode_steps: run.options.max_episode_steps,
+            frame_skip: run.options.frame_skip,
+            checkpoints: run.options.checkpoints,
+            packages: BTreeMap::from([("swm-core".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! Reading recorded episodes: what an open dataset holds, and single columns of it at a stride.
+
+use std::fmt;
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use super::{DataError, Metadata};
+use crate::batch::{Batch, Field, Schema, SliceMut};
+
+/// Rows of one episode: `first`, `first + stride`, …, `count` of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Steps {
+    /// The first row, counted from the start of the episode.
+    pub first: usize,
+    /// How many rows.
+    pub count: usize,
+    /// Distance between two rows, at least 1.
+    pub stride: usize,
+}
+
+impl Steps {
+    /// The row after the last one that is read; `None` if it does not fit a `usize`.
+    pub fn end(&self) -> Option<usize> {
+        match self.count {
+            0 => Some(self.first),
+            count => (count - 1).checked_mul(self.stride)?.checked_add(self.first)?.checked_add(1),
+        }
+    }
+}
+
+/// What an open dataset holds: known once it is open, the same for all of its handles. Cheap to clone.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct DatasetInfo {
+    /// The file or folder; a name for datasets in memory.
+    pub path: Arc<Path>,
+    /// The name of its format.
+    pub format: &'static str,
+    /// The columns.
+    pub schema: Arc<Schema>,
+    /// The number of rows, by episode.
+    pub lengths: Arc<[usize]>,
+    /// The runs that recorded it, each with its first episode; empty for files without metadata.
+    pub runs: Arc<[(u64, Metadata)]>,
+    /// Columns that this program cannot represent, with the reason.
+    pub skipped: Arc<[(String, String)]>,
+    /// Whether it holds checksums, which [`Dataset::check_episode`] compares.
+    pub has_checksums: bool,
+}
+
+impl DatasetInfo {
+    /// A dataset without runs, skipped columns or checksums.
+    pub fn new(path: &Path, format: &'static str, schema: Arc<Schema>, lengths: Vec<usize>) -> Self {
+        Self {
+            path: path.into(),
+            format,
+            schema,
+            lengths: lengths.into(),
+            runs: Arc::default(),
+            skipped: Arc::default(),
+            has_checksums: false,
+        }
+    }
+
+    /// The same with other columns.
+    pub fn with_schema(&self, schema: Arc<Schema>) -> Self {
+        Self { schema, ..self.clone() }
+    }
+
+    /// A column, by its position; the caller knows that it exists.
+    pub fn field(&self, column: usize) -> &Field {
+        &self.schema.fields()[column]
+    }
+
+    /// The error for damage in one column of an episode.
+    pub fn damaged(&self, column: usize, episode: usize, reason: impl fmt::Display) -> DataError {
+        let name = self.schema.fields().get(column).map_or("?", |field| &field.name);
+        DataError::damaged(&self.path, format!("column `{name}`, episode {episode}: {reason}"))
+    }
+
+    /// The error for damage in an episode.
+    pub fn damaged_episode(&self, episode: usize, reason: impl fmt::Display) -> DataError {
+        DataError::damaged(&self.path, format!("episode {episode}: {reason}"))
+    }
+}
+
+/// An open dataset: rows of recorded episodes.
+///
+/// A new kind of dataset has a [`DatasetInfo`], reads rows of its columns, and shares itself; everything else follows
+/// from these.
+pub trait Dataset: Send {
+    /// What it holds.
+    fn info(&self) -> &DatasetInfo;
+
+    /// Reads rows of column `column` (its position in the schema) into `out`, `[steps.count, …shape]` values of the
+    /// column's type. Column, episode and rows exist, and `out` fits: [`Dataset::read_column`] has checked it.
+    ///
+    /// # Errors
+    ///
+    /// What is stored is damaged or cannot be read.
+    fn rows(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError>;
+
+    /// A second handle on the same open dataset, for another thread. Costs scratch memory only.
+    fn share(&self) -> Box<dyn Dataset>;
+
+    /// Compares what is stored of an episode with its checksums, if there are any.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Damaged`] at the first difference, or it cannot be read.
+    fn check_episode(&mut self, _episode: usize) -> Result<(), DataError> {
+        Ok(())
+    }
+
+    /// As [`Dataset::rows`], for unchecked requests.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Request`] for what does not exist or does not fit, and those of [`Dataset::rows`].
+    fn read_column(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        check_request(self.info(), column, episode, steps, &out)?;
+        self.rows(column, episode, steps, out)
+    }
+
+    /// Reads rows of one episode into `out`, whose schema names the wanted columns; its old rows are replaced.
+    ///
+    /// # Errors
+    ///
+    /// No such column, one of another type or shape, and those of [`Dataset::read_column`].
+    fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), DataError> {
+        let steps = Steps { first: rows.start, count: rows.len(), stride: 1 };
+        out.resize(steps.count);
+        let wanted = out.schema().clone();
+        for (target, field) in wanted.fields().iter().enumerate() {
+            let column = find_column(self.info(), field)?;
+            self.read_column(column, episode, steps, out.column_mut(target))?;
+        }
+        Ok(())
+    }
+
+    /// The file or folder.
+    fn path(&self) -> &Path {
+        &self.info().path
+    }
+
+    /// The columns.
+    fn schema(&self) -> &Arc<Schema> {
+        &self.info().schema
+    }
+
+    /// The number of episodes.
+    fn num_episodes(&self) -> usize {
+        self.info().lengths.len()
+    }
+
+    /// The number of rows of one episode; 0 for one that does not exist.
+    fn episode_len(&self, episode: usize) -> usize {
+        self.info().lengths.get(episode).copied().unwrap_or(0)
+    }
+
+    /// The metadata of the first run; `None` for files without metadata.
+    fn metadata(&self) -> Option<&Metadata> {
+        self.info().runs.first().map(|(_, metadata)| metadata)
+    }
+}
+
+impl<D: Dataset + ?Sized> Dataset for Box<D> {
+    fn info(&self) -> &DatasetInfo {
+        (**self).info()
+    }
+
+    fn rows(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        (**self).rows(column, episode, steps, out)
+    }
+
+    fn share(&self) -> Box<dyn Dataset> {
+        (**self).share()
+    }
+
+    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
+        (**self).check_episode(episode)
+    }
+}
+
+/// Refuses columns, episodes and rows that do not exist, and an `out` of another size or type than they need.
+fn check_request(
+    info: &DatasetInfo,
+    column: usize,
+    episode: usize,
+    steps: Steps,
+    out: &SliceMut<'_>,
+) -> Result<(), DataError> {
+    let refuse = |reason| Err(DataError::request(&info.path, reason));
+    let DatasetInfo { schema, lengths, .. } = info;
+    let Some(field) = schema.fields().get(column) else {
+        return refuse(format!("column {column} of {} does not exist", schema.fields().len()));
+    };
+    let Some(&len) = lengths.get(episode) else {
+        return refuse(format!("episode {episode} of {} does not exist", lengths.len()));
+    };
+    if steps.stride == 0 || steps.end().is_none_or(|end| end > len) {
+        let Steps { first, count, stride } = steps;
+        return refuse(format!(
+            "episode {episode} has {len} rows, too few for {count} from row {first} on at a stride of {stride}"
+        ));
+    }
+    if out.dtype() != field.dtype || out.len() != steps.count * field.width() {
+        return refuse(format!(
+            "{} values of {} cannot hold {} rows of column `{}`, {} {:?}",
+            out.len(),
+            out.dtype(),
+            steps.count,
+            field.name,
+            field.dtype,
+            field.shape
+        ));
+    }
+    Ok(())
+}
+
+/// The column that has the name, type and shape of `wanted`.
+fn find_column(info: &DatasetInfo, wanted: &Field) -> Result<usize, DataError> {
+    let refused = |reason| DataError::request(&info.path, reason);
+    let column = info.schema.require(&wanted.name).map_err(|error| refused(error.to_string()))?;
+    let stored = &info.schema.fields()[column];
+    if stored.dtype != wanted.dtype || stored.shape != wanted.shape {
+        return Err(refused(format!(
+            "column `{}` holds {} {:?}, not {} {:?}",
+            wanted.name, stored.dtype, stored.shape, wanted.dtype, wanted.shape
+        )));
+    }
+    Ok(column)
+}

@@ -1,0 +1,169 @@
+//! Recording: a sink of whole episodes, and the recorder that hands them over in the order of their index.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use super::Metadata;
+use crate::batch::{Batch, Field, Schema};
+use crate::env::{ResetOptions, VARIATION_PREFIX, selects};
+use crate::error::{BoxError, WorldError};
+use crate::recorder::{LiveRow, Recorder};
+use crate::run::{EpisodeEnd, Rollout, RunInfo};
+use crate::world::World;
+
+/// Takes whole episodes, in the order of their index.
+pub trait EpisodeSink: Send {
+    /// Called once, before the first episode: the columns (kind tells step from episode columns) and what is
+    /// known of the data. Returns how many episodes the dataset holds already.
+    ///
+    /// # Errors
+    ///
+    /// What is there has other columns or settings, or cannot be written.
+    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError>;
+
+    /// Appends one episode; row = step. When it returns, the episode is safe: a crash cannot lose it.
+    ///
+    /// # Errors
+    ///
+    /// The rows have other columns than were committed, or cannot be written. The episode is then not part of the
+    /// dataset.
+    fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError>;
+
+    /// Ends the dataset cleanly.
+    ///
+    /// # Errors
+    ///
+    /// The rest cannot be written.
+    fn finish(&mut self) -> Result<(), BoxError>;
+}
+
+/// A recorder that hands whole episodes to a sink, in the order of their index, whatever the order in which they
+/// end.
+pub struct DatasetRecorder<'a> {
+    sink: &'a mut dyn EpisodeSink,
+    schema: Arc<Schema>,
+    /// For every column of the dataset, its position in the infos.
+    from: Vec<usize>,
+    /// Episodes that run or wait for an earlier one.
+    open: BTreeMap<u64, Buffered>,
+    spare: Vec<Batch>,
+    next: u64,
+}
+
+struct Buffered {
+    rows: Batch,
+    complete: bool,
+}
+
+impl<'a> DatasetRecorder<'a> {
+    /// Records into `sink`.
+    pub fn new(sink: &'a mut dyn EpisodeSink) -> Self {
+        let schema = Arc::new(Schema::default());
+        Self { sink, schema, from: Vec::new(), open: BTreeMap::new(), spare: Vec::new(), next: 0 }
+    }
+
+    /// The columns of the dataset: all infos, except those that the world was told to leave out, and factors that
+    /// were neither sampled nor set.
+    fn choose_columns(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
+        let varied = varied_factors(run);
+        let unrecorded = &run.options.unrecorded;
+        let wanted = |field: &Field| match field.name.strip_prefix(VARIATION_PREFIX) {
+            _ if unrecorded.contains(&field.name) => false,
+            Some(factor) => varied.contains(factor),
+            None => true,
+        };
+        let fields = run.schema.fields().iter().enumerate().filter(|(_, field)| wanted(field));
+        let (from, fields): (Vec<_>, Vec<_>) = fields.map(|(index, field)| (index, field.clone())).unzip();
+        self.schema = Schema::new(fields)?;
+        self.from = from;
+        Ok(())
+    }
+}
+
+/// The factors that a run samples or sets.
+fn varied_factors(run: &RunInfo<'_>) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    let mut add = |options: &ResetOptions| {
+        for factor in &run.spec.factors {
+            let drawn = match &options.variation {
+                None => factor.drawn_by_default,
+                Some(list) => list.iter().any(|asked| selects(asked, &factor.name)),
+            };
+            if drawn || options.variation_values.contains_key(&factor.name) {
+                names.insert(factor.name.clone());
+            }
+        }
+    };
+    run.rollout.all_options().iter().for_each(&mut add);
+    names
+}
+
+impl Recorder for DatasetRecorder<'_> {
+    fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
+        self.choose_columns(run)?;
+        self.next = run.rollout.episodes.start;
+        let held = self.sink.begin(&self.schema, &Metadata::of(run))?;
+        if held != self.next {
+            let next = self.next;
+            return Err(
+                format!("the dataset holds {held} episodes, so {held} must come next, not {next}").into()
+            );
+        }
+        Ok(())
+    }
+
+    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+        let buffered = self.open.entry(row.episode.index).or_insert_with(|| {
+            let mut rows = self.spare.pop().unwrap_or_else(|| Batch::new(self.schema.clone(), 0));
+            rows.clear();
+            Buffered { rows, complete: false }
+        });
+        Ok(buffered.rows.push_row(row.values, &self.from)?)
+    }
+
+    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
+        if let Some(buffered) = self.open.get_mut(&end.index) {
+            buffered.complete = true;
+        }
+        while self.open.get(&self.next).is_some_and(|buffered| buffered.complete) {
+            let Some(buffered) = self.open.remove(&self.next) else { break };
+            self.sink.write_episode(&buffered.rows)?;
+            self.spare.push(buffered.rows);
+            self.next += 1;
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), BoxError> {
+        self.sink.finish()
+    }
+}
+
+impl World {
+    /// Records the episodes of `rollout` into `sink`, in the order of their index.
+    ///
+    /// # Errors
+    ///
+    /// As [`World::run`], and what writing meets; episodes that were committed before are safe.
+    pub fn record_dataset(
+        &mut self,
+        rollout: &Rollout,
+        sink: &mut dyn EpisodeSink,
+    ) -> Result<(), WorldError> {
+        self.run(rollout, &mut DatasetRecorder::new(sink))
+    }
+
+    /// As [`World::record_dataset`], watched by another recorder too.
+    ///
+    /// # Errors
+    ///
+    /// As [`World::record_dataset`], and whatever `recorder` meets.
+    pub fn record_dataset_with(
+        &mut self,
+        rollout: &Rollout,
+        sink: &mut dyn EpisodeSink,
+        recorder: &mut dyn Recorder,
+    ) -> Result<(), WorldError> {
+        self.run(rollout, &mut (DatasetRecorder::new(sink), recorder))
+    }
+}
