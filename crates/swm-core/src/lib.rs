@@ -7,7 +7,7 @@
 //! * [`world`]: many environments in parallel, one `infos` table, one rollout loop;
 //! * [`recorder`], [`dataset`], [`evaluate`]: what watches the loop;
 //! * [`view`]: how images are shown: distractors;
-//! * [`registry`]: tables of environments and policies;
+//! * [`registry`]: tables of environments, policies, and whatever else has a name;
 //! * [`testing`]: conformance checks that any environment can run.
 //!
 //! This crate knows no file format, no image format, no physics and no tensor.
@@ -37,7 +37,7 @@ pub use error::{BatchError, BoxError, EnvError, PolicyError, UnknownName, WorldE
 pub use evaluate::{EvalOptions, Evaluation, Manifest, SuccessRule};
 pub use policy::{Actions, Actor, LiveEpisode, PerEpisode, Policy, RowView, View};
 pub use recorder::{EpisodeEnd, LiveRow, Margins, Recorder, RunInfo};
-pub use registry::{EnvEntry, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};
+pub use registry::{Entry, EnvEntry, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};
 pub use seed::EpisodeSeed;
 pub use space::Space;
 pub use world::{MAX_FRAME_SKIP, Rollout, Scenario, World, WorldOptions};

@@ -1,5 +1,7 @@
 //! Policies: what chooses actions. A policy sees all rows at once; an actor, wrapped in [`PerEpisode`], sees one.
 
+use std::any::Any;
+
 use crate::batch::{Batch, Column, Element, Field, Row, SliceMut};
 use crate::env::{Env, EnvSpec, EnvState};
 use crate::error::{EnvError, PolicyError};
@@ -24,6 +26,30 @@ pub trait Policy: Send {
     ///
     /// [`PolicyError::Unsupported`]: the view lacks what the policy needs. Whatever else it may meet ends the run.
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError>;
+
+    /// The policy as what it is, for callers that do more with a kind that they know: planners show how their plans come
+    /// about. A policy that wraps a planner gives the planner.
+    fn as_any(&mut self) -> Option<&mut dyn Any> {
+        None
+    }
+}
+
+impl Policy for Box<dyn Policy> {
+    fn describe(&self) -> String {
+        (**self).describe()
+    }
+
+    fn fields(&self) -> Vec<Field> {
+        (**self).fields()
+    }
+
+    fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
+        (**self).act(view, actions)
+    }
+
+    fn as_any(&mut self) -> Option<&mut dyn Any> {
+        (**self).as_any()
+    }
 }
 
 /// What a policy sees: the infos of every environment, and which episode each is in.

@@ -15,18 +15,16 @@ use crate::space::Space;
 
 /// The smooth random policies, for the registry.
 pub(crate) const ENTRIES: [PolicyEntry; 2] = [
-    PolicyEntry {
-        name: "ou",
-        summary: "smooth random actions: an Ornstein-Uhlenbeck process per number",
-        settings: OrnsteinUhlenbeck::SETTINGS,
-        make: |_, args| Ok(Box::new(ornstein_uhlenbeck(args.parse_as()?)?)),
-    },
-    PolicyEntry {
-        name: "sine",
-        summary: "smooth random actions: sums of sines with random frequencies and phases",
-        settings: Sines::SETTINGS,
-        make: |_, args| Ok(Box::new(sines(args.parse_as()?)?)),
-    },
+    PolicyEntry::new("ou", "smooth random actions: an Ornstein-Uhlenbeck process per number", |_, args| {
+        Ok(Box::new(ornstein_uhlenbeck(args.parse_as()?)?))
+    })
+    .settings(OrnsteinUhlenbeck::SETTINGS),
+    PolicyEntry::new(
+        "sine",
+        "smooth random actions: sums of sines with random frequencies and phases",
+        |_, args| Ok(Box::new(sines(args.parse_as()?)?)),
+    )
+    .settings(Sines::SETTINGS),
 ];
 
 /// An Ornstein-Uhlenbeck process per number of the action: `x += -theta x + sigma n` with standard normal n, from where the
@@ -249,10 +247,10 @@ fn sine_of_turns(turns: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::registry::{BASIC_POLICIES, PolicyArgs, PolicyContext};
+    use crate::registry::{PolicyArgs, Registry};
     use crate::testing::{DISCRETE_TOY, TOY};
     use crate::{
-        BoxError, EnvConfig, EnvEntry, EpisodeEnd, LiveRow, Recorder, ResetOptions, Rollout, Scenario, World,
+        BoxError, EnvEntry, EpisodeEnd, LiveRow, Recorder, ResetOptions, Rollout, Scenario, World,
         WorldError, WorldOptions,
     };
 
@@ -276,10 +274,7 @@ mod tests {
         const STEPS: u64 = 400;
         let options = WorldOptions { num_envs, max_episode_steps: Some(STEPS), ..WorldOptions::default() };
         let mut world = World::new(env, options)?;
-        let args = PolicyArgs::parse(policy)?;
-        let entry = BASIC_POLICIES.iter().find(|entry| entry.name == args.name).expect("a basic policy");
-        let config = EnvConfig::default();
-        world.set_policy((entry.make)(&PolicyContext { env, config: &config, frame_skip: 1 }, &args)?);
+        world.set_policy(Registry::new().policy(policy, &world)?);
         let scenario = ResetOptions::default();
         let mut log = Log::default();
         world.run(&Rollout { episodes: 0..6, seed: 7, scenario: Scenario::Same(&scenario) }, &mut log)?;

@@ -60,16 +60,6 @@ pub enum DataError {
         /// All of them, with their extensions.
         known: String,
     },
-    /// A format was to be registered under a name that another one has.
-    #[error(
-        "the dataset format `{name}` cannot be registered: `{known}` has its name or file extension already"
-    )]
-    FormatTaken {
-        /// The new one.
-        name: &'static str,
-        /// The one that is there.
-        known: &'static str,
-    },
     /// The file is there and the mode is `error`.
     #[error("{} exists already; use mode `append` to continue it or `overwrite` to replace it", .path.display())]
     Exists {

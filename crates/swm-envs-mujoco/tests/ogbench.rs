@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde_json::json;
 use swm_core::{
-    Batch, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Evaluation, Outcome, PolicyArgs,
-    PolicyContext, ResetOptions, Rollout, Scenario, Schema, Slice, Value, World, WorldOptions,
+    Batch, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Evaluation, Outcome, Registry,
+    ResetOptions, Rollout, Scenario, Schema, Slice, Value, World, WorldOptions,
 };
 use swm_envs_mujoco::{OGB_CUBE, OGB_SCENE};
 
@@ -29,29 +29,20 @@ fn evaluate_for(
     episodes: u64,
     steps: u64,
 ) -> Evaluation {
-    let config = config(settings);
-    let args = PolicyArgs::parse(policy).expect("a policy");
-    let context = PolicyContext { env: entry, config: &config, frame_skip: 1 };
-    let known = entry.policies.iter().find(|known| known.name == args.name).expect("a policy");
-    let policy = (known.make)(&context, &args).expect("its arguments are sound");
     let options = WorldOptions {
         num_envs: 4,
         max_episode_steps: Some(steps),
-        env: config.clone(),
+        env: config(settings),
         ..WorldOptions::default()
     };
     let mut world = World::new(entry, options).expect("a world");
-    world.set_policy(policy);
+    world.set_policy(Registry::new().policy(policy, &world).expect("a policy with sound arguments"));
     let same = ResetOptions::default();
     let rollout = Rollout { episodes: 0..episodes, seed: 7, scenario: Scenario::Same(&same) };
     let evaluation = world.evaluate(&rollout, &mut ()).expect("it runs");
     println!(
-        "{} {settings} {}: {} % of {episodes}, {} solved at the start, {:?} steps",
-        entry.id,
-        args.name,
-        evaluation.success_rate,
-        evaluation.solved_at_start,
-        evaluation.mean_success_steps
+        "{} {settings} {policy}: {} % of {episodes}, {} solved at the start, {:?} steps",
+        entry.id, evaluation.success_rate, evaluation.solved_at_start, evaluation.mean_success_steps
     );
     evaluation
 }
@@ -104,7 +95,7 @@ struct Bench {
 
 impl Bench {
     fn new(entry: &EnvEntry, settings: &serde_json::Value) -> Self {
-        let env = (entry.make)(&config(settings)).expect("an environment");
+        let env = entry.make(&config(settings)).expect("an environment");
         let row = Batch::new(Schema::new(env.spec().fields.clone()).expect("names are unique"), 1);
         Self { env, row }
     }
@@ -328,7 +319,7 @@ fn a_pressed_button_locks_and_frees() {
 #[test]
 fn bad_settings_say_what_is_allowed() {
     let says = |entry: &EnvEntry, settings: serde_json::Value, parts: &[&str]| {
-        let message = (entry.make)(&config(&settings)).err().expect("an error").to_string();
+        let message = entry.make(&config(&settings)).err().expect("an error").to_string();
         assert!(parts.iter().all(|part| message.contains(part)), "{message}");
     };
     says(&OGB_CUBE, json!({"env_type": "octuple"}), &["octuple", "quadruple"]);

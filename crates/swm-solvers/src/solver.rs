@@ -2,11 +2,10 @@
 
 use serde_json::{Map, Value as Json};
 use swm_core::registry::Setting;
-use swm_core::{EpisodeSeed, LiveEpisode, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Space};
+use swm_core::{Entry, EpisodeSeed, LiveEpisode, PolicyEntry, Space};
 
 use crate::cost::{Candidates, Cost};
 use crate::error::PlanError;
-use crate::mpc::MpcPolicy;
 use crate::planners;
 use crate::settings::Settings;
 use crate::space::plan_width;
@@ -235,8 +234,9 @@ pub trait SolverConfig: Solver + Settings + 'static {
     const NEEDS_CONTROL_MODEL: bool = false;
 }
 
-/// One solver of [`crate::SOLVERS`].
+/// One solver of a table, such as [`crate::SOLVERS`].
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct SolverEntry {
     /// Its name: `cem`.
     pub name: &'static str,
@@ -244,18 +244,12 @@ pub struct SolverEntry {
     pub summary: &'static str,
     /// Its settings.
     pub settings: &'static [Setting],
-    /// Makes one from settings by name.
-    pub make: MakeSolver,
     /// The policy that plans with it on the true simulator.
     pub on_simulator: PolicyEntry,
     /// Whether that policy is of use: not for solvers that need a [`crate::models::ControlModel`].
     pub plans_on_simulator: bool,
-    /// Makes that policy as what it is, so that a trace can be given to it.
-    pub planner: MakePlanner,
+    make: MakeSolver,
 }
-
-/// Makes a policy that plans on the true simulator, from the arguments of [`SolverEntry::on_simulator`].
-pub type MakePlanner = fn(&PolicyContext<'_>, &PolicyArgs) -> Result<MpcPolicy, PolicyError>;
 
 /// Makes a solver from settings by name.
 pub type MakeSolver = fn(Map<String, Json>) -> Result<Box<dyn Solver>, PlanError>;
@@ -267,10 +261,27 @@ impl SolverEntry {
             name: S::NAME,
             summary: S::SUMMARY,
             settings: S::SETTINGS,
-            make: |given| Ok(Box::new(S::from_settings(given)?)),
             on_simulator: planners::on_simulator::<S>(),
             plans_on_simulator: !S::NEEDS_CONTROL_MODEL,
-            planner: planners::planner::<S>,
+            make: |given| Ok(Box::new(S::from_settings(given)?)),
         }
+    }
+
+    /// Makes one from settings by name.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Setting`]: unknown, of another type, or out of range.
+    pub fn make(&self, given: Map<String, Json>) -> Result<Box<dyn Solver>, PlanError> {
+        (self.make)(given)
+    }
+}
+
+impl Entry for SolverEntry {
+    const KIND: &'static str = "solver";
+    const COMMAND: &'static str = "solvers";
+
+    fn name(&self) -> &'static str {
+        self.name
     }
 }

@@ -1,9 +1,14 @@
-//! A solver of our own: many plans at random, the cheapest is taken.
+//! A custom solver: random plans, of which the cheapest is taken.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 use swm::core::{Setting, Space};
-use swm::solvers::{Cost, Noise, Plan, PlanError, Problem, Settings, Solver, SolverConfig, Trace, Workspace};
+use swm::solvers::{
+    Cost, Noise, Plan, PlanError, Problem, Settings, Solver, SolverConfig, SolverEntry, Trace, Workspace,
+};
+
+/// `shotgun`.
+pub const SHOTGUN: SolverEntry = SolverEntry::of::<Shotgun>();
 
 /// Draws S plans around the initial one, once.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,8 +25,7 @@ impl Default for Shotgun {
 }
 
 impl Settings for Shotgun {
-    const SETTINGS: &'static [Setting] =
-        &[Setting { name: "pellets", doc: "how many plans are tried", default: "500" }];
+    const SETTINGS: &'static [Setting] = &[Setting::new("pellets", "how many plans are tried", "500")];
 
     fn validate(&self) -> Result<(), PlanError> {
         match self.pellets {

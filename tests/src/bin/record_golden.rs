@@ -12,10 +12,7 @@ use serde_json::{Map, Value as Json, json};
 use swm::core::error::BoxError;
 use swm::core::recorder::EpisodeEnd;
 use swm::core::world::{Rollout, Scenario};
-use swm::core::{
-    EnvConfig, ImageSize, LiveRow, PolicyArgs, PolicyContext, Recorder, ResetOptions, Value, World,
-    WorldOptions,
-};
+use swm::core::{EnvConfig, ImageSize, LiveRow, Recorder, ResetOptions, Value, World, WorldOptions};
 
 /// Side of the recorded images, pixels.
 const SIDE: usize = 64;
@@ -41,12 +38,10 @@ fn main() -> Result<()> {
     let entry = registry.env(&args.env)?;
     let size = ImageSize { height: SIDE, width: SIDE };
     let env = EnvConfig { image: Some(size), ..EnvConfig::default() };
-    let context = PolicyContext { env: entry, config: &env, frame_skip: 1 };
-    let policy = registry.policy(&context, &PolicyArgs::parse(&args.policy)?)?;
     let max_episode_steps = Some(args.steps);
-    let options = WorldOptions { env: env.clone(), max_episode_steps, ..WorldOptions::default() };
+    let options = WorldOptions { env, max_episode_steps, ..WorldOptions::default() };
     let mut world = World::new(entry, options)?;
-    world.set_policy(policy);
+    world.set_policy(registry.policy(&args.policy, &world)?);
     let reset = ResetOptions::default().vary(&["all"]);
     let mut tape =
         Tape { names: world.spec().factors.iter().map(|f| f.name.clone()).collect(), ..Tape::default() };

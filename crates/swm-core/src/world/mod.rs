@@ -17,7 +17,7 @@ use crate::error::{BatchError, PolicyError, WorldError};
 use crate::evaluate::{Judge, SuccessRule};
 use crate::pace::Pace;
 use crate::policy::{Actions, LiveEpisode, Policy, View};
-use crate::registry::EnvEntry;
+use crate::registry::{EnvEntry, PolicyContext};
 use crate::seed::EpisodeSeed;
 use crate::view::{Frames, Transform};
 
@@ -50,6 +50,7 @@ use slot::{ResetRules, StepRules};
 /// # Ok::<(), swm_core::WorldError>(())
 /// ```
 pub struct World {
+    entry: EnvEntry,
     options: WorldOptions,
     pub(crate) spec: EnvSpec,
     slots: Vec<Slot>,
@@ -85,7 +86,7 @@ impl World {
             Err(error) => return wrong("threads", error.to_string()),
         };
         let mut slots = (0..options.num_envs)
-            .map(|_| (entry.make)(&options.env).map(Slot::new))
+            .map(|_| entry.make(&options.env).map(Slot::new))
             .collect::<Result<Vec<_>, _>>()?;
         let spec = slots[0].env().spec().clone();
         let every = options.checkpoints.map(|every| every as usize);
@@ -101,6 +102,7 @@ impl World {
         let actions = infos.column(fields.action).to_column();
         let (report, pace) = (Batch::new(Arc::default(), options.num_envs), Pace::default());
         Ok(Self {
+            entry: *entry,
             options,
             spec,
             slots,
@@ -116,6 +118,11 @@ impl World {
             pace,
             pool,
         })
+    }
+
+    /// The entry that its environments are made by.
+    pub fn entry(&self) -> &EnvEntry {
+        &self.entry
     }
 
     /// The environments' description.
@@ -315,5 +322,12 @@ impl World {
         }
         let pool = Arc::clone(&self.pool);
         pool.install(|| work(self))
+    }
+}
+
+/// What a policy for the environments of a world is made for.
+impl<'a> From<&'a World> for PolicyContext<'a> {
+    fn from(world: &'a World) -> Self {
+        Self::new(&world.entry, &world.options.env).frame_skip(world.options.frame_skip)
     }
 }

@@ -2,8 +2,8 @@
 
 use swm_core::testing::{DISCRETE_TOY, TOY};
 use swm_core::{
-    BoxError, EnvConfig, EpisodeEnd, LiveRow, PolicyArgs, PolicyContext, Recorder, Registry, ResetOptions,
-    Rollout, Scenario, World, WorldOptions,
+    BoxError, EnvConfig, EpisodeEnd, LiveRow, Recorder, Registry, ResetOptions, Rollout, Scenario, World,
+    WorldOptions,
 };
 use swm_solvers::{ActionScale, Cem, MpcPolicy, PLANNERS, PlanConfig, SimulatorCost, SimulatorOptions};
 
@@ -85,10 +85,9 @@ impl Recorder for Said {
 
 fn said(policy: &str) -> Result<Vec<SaidRow>, Box<dyn std::error::Error>> {
     let options = WorldOptions { max_episode_steps: Some(8), ..WorldOptions::default() };
-    let context = PolicyContext { env: &TOY, config: &options.env.clone(), frame_skip: 1 };
-    let registry = Registry::new().with_policies(PLANNERS);
+    let registry = Registry::new().with(PLANNERS);
     let mut world = World::new(&TOY, options)?;
-    world.set_policy(registry.policy(&context, &PolicyArgs::parse(policy)?)?);
+    world.set_policy(registry.policy(policy, &world)?);
     let reset: ResetOptions = toward(1000.0);
     let mut said = Said::default();
     world.run(&Rollout { episodes: 0..1, seed: 1, scenario: Scenario::Same(&reset) }, &mut said)?;

@@ -9,9 +9,9 @@ use swm_core::{
     EpisodeEnd, ImageSize, LiveRow, Recorder, Registry, ResetOptions, Rollout, Scenario, World, WorldOptions,
 };
 
-use super::args::EnvArgs;
+use super::args::{EnvArgs, policy};
 use super::output::table;
-use super::{Failure, Output, policies, usage};
+use super::{Failure, Output, usage};
 
 /// Measure steps per second, with and without images, by number of threads.
 #[derive(Args)]
@@ -85,12 +85,11 @@ impl Bench {
         if let Some((_, style)) = image.filter(|_| has_styles) {
             config.settings.insert("render".to_owned(), style.into());
         }
-        let policy = policies::make(registry, entry, &config, 1, &self.policy)?;
         let threads_option = Some(threads);
         let options =
             WorldOptions { num_envs, env: config, threads: threads_option, ..WorldOptions::default() };
         let mut world = World::new(entry, options)?;
-        world.set_policy(policy);
+        world.set_policy(policy(registry, &self.policy, &world)?);
         let reset = ResetOptions::default();
         let mut watch = Stopwatch::new(Duration::from_secs_f64(self.seconds));
         let rollout = Rollout { episodes: 0..u64::MAX, seed: 0, scenario: Scenario::Same(&reset) };
