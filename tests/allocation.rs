@@ -46,7 +46,7 @@ const ATTEMPTS: usize = 3;
 fn steps_do_not_allocate() {
     let registry = swm::registry();
     let mut offenders = Vec::new();
-    for entry in registry.envs().iter().filter(|entry| !RAPIER.contains(&entry.id)) {
+    for entry in registry.envs().filter(|entry| !RAPIER.contains(&entry.id)) {
         for (num_envs, render) in [(1, "exact"), (1, "fast"), (4, "exact")] {
             let counts: Vec<_> =
                 (0..ATTEMPTS).map(|_| allocations_of_80_steps(entry, num_envs, render)).collect();

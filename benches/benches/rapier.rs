@@ -4,8 +4,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use swm_core::{
-    EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, PolicyArgs, PolicyContext, Registry, ResetOptions,
-    Slice, World, WorldOptions,
+    EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Registry, ResetOptions, Slice, World, WorldOptions,
 };
 use swm_envs_2d::ENVS;
 use swm_envs_2d::point_maze::POINT_MAZE;
@@ -19,13 +18,9 @@ const CASES: [(&str, &EnvEntry, &str); 2] =
 fn world_step(c: &mut Criterion) {
     let mut group = c.benchmark_group("rapier_world_step");
     for (name, entry, policy) in CASES {
-        let env = EnvConfig::default();
-        let context = PolicyContext { env: entry, config: &env, frame_skip: 1 };
-        let args = PolicyArgs::parse(policy).expect("the name is valid");
-        let policy = Registry::new().with_envs(ENVS).policy(&context, &args).expect("it exists");
         let options = WorldOptions::default().max_episode_steps(None).threads(1);
         let mut world = World::new(entry, options).expect("the options are valid");
-        world.set_policy(policy);
+        world.set_policy(Registry::new().with(ENVS).policy(policy, &world).expect("it exists"));
         let mut steps = 0;
         group.bench_function(name, |b| {
             b.iter(|| {
@@ -44,7 +39,7 @@ fn world_step(c: &mut Criterion) {
 fn saved_states(c: &mut Criterion) {
     let mut group = c.benchmark_group("rapier_state");
     for (name, entry, _) in CASES {
-        let mut env = (entry.make)(&EnvConfig::default()).expect("the defaults are valid");
+        let mut env = entry.make(&EnvConfig::default()).expect("the defaults are valid");
         let options = ResetOptions::default();
         env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("the defaults are valid");
         env.step(Slice::F32(&[0.3, -0.2])).expect("the action is valid");

@@ -77,7 +77,7 @@ impl SolveCase {
             let wanted = [("samples", json!(300)), ("iterations", json!(iterations))];
             let known = wanted.into_iter().filter(|(name, _)| entry.settings.iter().any(|s| s.name == *name));
             let settings: Map<_, _> = known.map(|(name, value)| (name.to_owned(), value)).collect();
-            let solver = (entry.make)(settings).with_context(|| format!("settings of {}", entry.name))?;
+            let solver = entry.make(settings).with_context(|| format!("settings of {}", entry.name))?;
             let spaces =
                 [Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), Space::Discrete { n: 5, start: 0 }];
             let Some(action) = spaces.into_iter().find(|space| solver.check(space).is_ok()) else {

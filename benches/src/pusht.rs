@@ -3,8 +3,8 @@
 use anyhow::{Context as _, Result};
 use rand::RngExt as _;
 use swm_core::{
-    Batch, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, ImageSize, PolicyArgs, PolicyContext,
-    Registry, ResetOptions, Schema, Slice, World, WorldOptions, seed,
+    Batch, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, ImageSize, Registry, ResetOptions,
+    Schema, Slice, World, WorldOptions, seed,
 };
 use swm_envs_2d::ENVS;
 use swm_envs_2d::pusht::physics::BodyId;
@@ -92,11 +92,9 @@ pub fn world_of(
     threads: usize,
 ) -> Result<World> {
     let (env, threads) = (image.config(), Some(threads));
-    let context = PolicyContext { env: entry, config: &env, frame_skip: 1 };
-    let policy = Registry::new().with_envs(ENVS).policy(&context, &PolicyArgs::parse(policy)?)?;
     let options = WorldOptions::new(num_envs).env(env).threads(threads).max_episode_steps(None);
     let mut world = World::new(entry, options)?;
-    world.set_policy(policy);
+    world.set_policy(Registry::new().with(ENVS).policy(policy, &world)?);
     Ok(world)
 }
 

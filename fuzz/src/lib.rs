@@ -6,6 +6,8 @@ use std::cell::RefCell;
 use std::fs;
 use std::path::PathBuf;
 
+use swm_core::Registry;
+use swm_data::Format;
 use swm_data::testing::mutations;
 use tempfile::TempDir;
 
@@ -22,6 +24,13 @@ pub const FORMATS: &[&str] = &[
     "lance-video",
 ];
 
+fn registry() -> Registry {
+    let registry = Registry::new().with(swm_data::FORMATS);
+    #[cfg(feature = "lance")]
+    let registry = registry.with(swm_data_lance::FORMATS);
+    registry
+}
+
 /// A dataset, and what its files held.
 pub struct Seed {
     _folder: TempDir,
@@ -32,12 +41,10 @@ pub struct Seed {
 impl Seed {
     /// Records one.
     pub fn new(format: &str) -> Self {
-        #[cfg(feature = "lance")]
-        swm_data_lance::register().expect("their names are free");
         let folder = TempDir::new().expect("there is room for temporary files");
-        let extension = swm_data::format::by_name(format).expect("a format").extensions[0];
+        let extension = registry().find::<Format>(format).expect("a format").extensions[0];
         let path = folder.path().join("seed").with_extension(extension);
-        mutations::seed(&path);
+        mutations::seed_in(&registry(), &path);
         let files = mutations::files(folder.path()).into_iter();
         let files = files.map(|file| (file.clone(), fs::read(&file).expect("it was just written"))).collect();
         Self { _folder: folder, path, files }
@@ -55,7 +62,7 @@ impl Seed {
         // A new file, for images may be links to one another.
         let replace = |bytes: &[u8]| fs::remove_file(file).and_then(|()| fs::write(file, bytes));
         replace(content).expect("it can be replaced");
-        mutations::play(&self.path);
+        mutations::play_in(&registry(), &self.path);
         replace(original).expect("it can be replaced");
     }
 }

@@ -3,7 +3,7 @@
 A world model is two modules:
 
 * ``encode(**fields) -> dict[str, Tensor]``: looks once per plan at the fields of one environment, each ``[1, ...]``: images
-  as uint8 ``[1, H, W, 3]`` (``pixels`` and ``goal``), numbers as float32 (``proprio``). Normalize images inside.
+  as uint8 ``[1, H, W, 3]`` (``pixels`` and ``goal``), vectors as float32 (``proprio``). Normalize images inside.
 * ``cost(actions, **encoded) -> Tensor``: the costs ``[S]`` of S candidate plans ``[S, H, D]``, from what was encoded. A
   candidate's cost must not depend on its neighbors: no batch norm in training mode.
 
@@ -26,7 +26,7 @@ def export(
     *,
     samples,
     horizon,
-    width,
+    dim,
     name,
     action_block,
     action_mean=None,
@@ -35,8 +35,8 @@ def export(
 ):
     """Writes model.json, encode.onnx, cost.onnx and (with `gradient`) cost_grad.onnx.
 
-    `fields` are examples of what `encode` looks at, by name. `samples`, `horizon` and `width` are the fixed sizes S, H and D
-    of a batch of candidates; D is `action_block` times the numbers of an action. `action_mean` and `action_std` are the
+    `fields` are examples of what `encode` looks at, by name. `samples`, `horizon` and `dim` are the fixed sizes S, H and D
+    of a batch of candidates; D is `action_block` times the action dim. `action_mean` and `action_std` are the
     statistics that actions were scaled with in training.
     """
     folder = Path(folder)
@@ -44,13 +44,13 @@ def export(
     encode, cost = encode.eval(), cost.eval()
     if (action_mean is None) != (action_std is None):
         raise ValueError("action_mean and action_std go together: give both, or neither")
-    if width % action_block:
-        raise ValueError(f"width {width} is no multiple of action_block {action_block}")
+    if dim % action_block:
+        raise ValueError(f"dim {dim} is not a multiple of action_block {action_block}")
     with torch.no_grad():
         encoded = encode(**fields)
     if not isinstance(encoded, dict):
         raise TypeError("encode must return a dict of tensors, by the names under which cost takes them")
-    actions = torch.zeros(samples, horizon, width)
+    actions = torch.zeros(samples, horizon, dim)
     with torch.no_grad():
         costs = cost(actions, **encoded)
     if tuple(costs.shape) != (samples,):

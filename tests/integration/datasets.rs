@@ -7,7 +7,9 @@ use crate::support::{Folder, PUSHT, content, root, swm, swm_fails, swm_json, swm
 
 /// The formats of this build that are folders.
 fn folders() -> impl Iterator<Item = &'static str> {
-    ["folder", "video", "lerobot"].into_iter().filter(|name| swm::data::format::by_name(name).is_ok())
+    ["folder", "video", "lerobot"]
+        .into_iter()
+        .filter(|name| swm::registry().find::<swm::data::Format>(name).is_ok())
 }
 
 /// The smallest of them, and the file of an episode's images in it.
@@ -251,7 +253,7 @@ fn there_is_a_recipe_for_every_environment_and_it_records() {
         Some(line.strip_prefix(key)?.strip_prefix(" = \"")?.strip_suffix('"')?.to_owned())
     };
     let folder = Folder::new();
-    let (mut missing, mut env) = (swm::registry().envs().to_vec(), String::new());
+    let (mut missing, mut env) = (swm::registry().envs().collect::<Vec<_>>(), String::new());
     for line in recipes.lines() {
         if let Some(id) = value(line, "env") {
             missing.retain(|entry| entry.id != id);

@@ -10,7 +10,7 @@ use crate::support::root;
 
 /// The Markdown table of an environment's factors.
 fn factor_table(registry: &Registry, id: &str) -> String {
-    let env = (registry.env(id).expect("it exists").make)(&EnvConfig::default()).expect("defaults are valid");
+    let env = registry.env(id).expect("it exists").make(&EnvConfig::default()).expect("defaults are valid");
     swm::fov::markdown(&env.spec().factors)
 }
 

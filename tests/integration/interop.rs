@@ -89,7 +89,7 @@ fn numpy_pillow_pyav_mcap_and_pyarrow_read_our_files() {
     let Some(python) = python() else { return };
     let folder = Folder::new();
     for format in ["folder", "video", "mcap", "lerobot"] {
-        if swm::data::format::by_name(format).is_err() {
+        if swm::registry().find::<swm::data::Format>(format).is_err() {
             eprintln!("skipped: built without the format `{format}`");
             continue;
         }
@@ -159,7 +159,7 @@ fn our_reader_sees_what_the_mcap_package_wrote() {
 #[test]
 fn our_reader_sees_what_pyarrow_and_svt_av1_wrote_for_lerobot() {
     let Some(python) = python() else { return };
-    if swm::data::format::by_name("lerobot").is_err() {
+    if swm::registry().find::<swm::data::Format>("lerobot").is_err() {
         eprintln!("skipped: built without the format `lerobot`");
         return;
     }

@@ -32,7 +32,7 @@ export(
     fields,
     samples=32,
     horizon=5,
-    width=10,
+    dim=10,
     name="point",
     action_block=5,
     action_mean=[0.0, 0.0],

@@ -10,7 +10,7 @@ fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
     let id = arguments.next().context("usage: env-rates ENV [SECONDS]")?;
     let seconds = seconds(arguments.next())?;
-    let entry = Registry::new().with_envs(ENVS).env(&id)?;
+    let entry = Registry::new().with(ENVS).env(&id)?;
     let mut measurements = Vec::new();
     for style in ["exact", "fast"] {
         let image = Image { side: 64, style };

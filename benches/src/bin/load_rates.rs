@@ -29,7 +29,7 @@ fn open(path: &Path, draw: Option<usize>) -> Result<Box<dyn Dataset>> {
     let Some(side) = draw else { return Ok(dataset) };
     let image = ImageSize { height: side, width: side };
     let options = RenderOptions { image, ..RenderOptions::default() };
-    Ok(Box::new(Rendered::new(dataset, &Registry::new().with_envs(ENVS), &options)?))
+    Ok(Box::new(Rendered::new(dataset, &Registry::new().with(ENVS), &options)?))
 }
 
 fn main() -> Result<()> {

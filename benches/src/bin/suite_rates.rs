@@ -118,7 +118,7 @@ impl Bare {
         image: Option<ImageSize>,
     ) -> Result<Self> {
         let settings = settings.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
-        let env = (entry.make)(&EnvConfig { image, settings })?;
+        let env = entry.make(&EnvConfig { image, settings })?;
         let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
         let width = env.spec().action.width();
         Ok(Self { env, row, width })

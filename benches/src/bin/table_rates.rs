@@ -13,7 +13,7 @@ fn main() -> Result<()> {
     let id = arguments.next().context("usage: table-rates ENV [SECONDS] [CASE]")?;
     let seconds = seconds(arguments.next())?;
     let wanted = arguments.next().unwrap_or_default();
-    let entry = Registry::new().with_envs(ENVS).env(&id)?;
+    let entry = Registry::new().with(ENVS).env(&id)?;
     let mut measurements = Vec::new();
     for side in [None, Some(64), Some(224)] {
         let mut world = world_of_one(entry, side)?;

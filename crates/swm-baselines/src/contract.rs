@@ -124,7 +124,7 @@ fn the_documentation_lists_all() {
     let page = std::fs::read_to_string(page).unwrap();
     let (_, rest) = page.split_once("<!-- baselines -->\n").unwrap();
     let (listed, _) = rest.split_once("<!-- /baselines -->").unwrap();
-    let mut table = "| name | what it is | trained numbers of `small` |\n|---|---|---|\n".to_owned();
+    let mut table = "| name | what it is | trainable parameters of `small` |\n|---|---|---|\n".to_owned();
     for entry in BASELINES {
         let millions = make(entry.name, &options("small", Json::Null)).unwrap().parameters() as f64 / 1e6;
         table += &format!("| `{}` | {} | {millions:.2} million |\n", entry.name, entry.about);

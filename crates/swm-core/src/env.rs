@@ -123,7 +123,19 @@ pub struct Outcome {
 }
 
 /// A description of an environment. Field indices are positions in `fields`.
+///
+/// ```
+/// use swm_core::{Dtype, EnvSpec, Field, Space};
+///
+/// let action = Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0);
+/// let spec = EnvSpec::new("demo/Point-v0", action, vec![Field::step("state", Dtype::F64, &[2])])
+///     .time_step_s(0.1)
+///     .start_columns(&["state"])
+///     .goal_columns(&["state"]);
+/// assert_eq!(spec.factors.len(), 0);
+/// ```
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct EnvSpec {
     /// The registered name: `swm/PushT-v1`.
     pub id: String,
@@ -142,6 +154,50 @@ pub struct EnvSpec {
     pub goal_columns: &'static [&'static str],
 }
 
+impl EnvSpec {
+    /// An environment with control steps of 1 s, without factors, and without columns to start from.
+    pub fn new(id: impl Into<String>, action: Space, fields: Vec<Field>) -> Self {
+        let factors = Vec::new();
+        Self {
+            id: id.into(),
+            action,
+            fields,
+            factors,
+            time_step_s: 1.0,
+            start_columns: &[],
+            goal_columns: &[],
+        }
+    }
+
+    /// The factors of variation.
+    #[must_use]
+    pub fn factors(mut self, factors: Vec<FactorSpec>) -> Self {
+        self.factors = factors;
+        self
+    }
+
+    /// Simulated seconds per control step.
+    #[must_use]
+    pub fn time_step_s(mut self, seconds: f64) -> Self {
+        self.time_step_s = seconds;
+        self
+    }
+
+    /// Step columns that a reset can start from.
+    #[must_use]
+    pub fn start_columns(mut self, columns: &'static [&'static str]) -> Self {
+        self.start_columns = columns;
+        self
+    }
+
+    /// Step columns that a goal can be set from.
+    #[must_use]
+    pub fn goal_columns(mut self, columns: &'static [&'static str]) -> Self {
+        self.goal_columns = columns;
+        self
+    }
+}
+
 /// The name of the pixel field.
 pub const PIXELS: &str = "pixels";
 /// What stands before a factor's name in tables.
@@ -149,6 +205,7 @@ pub const VARIATION_PREFIX: &str = "variation.";
 
 /// One factor of variation, as data.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct FactorSpec {
     /// Dotted name: `block.color`.
     pub name: String,
@@ -164,6 +221,35 @@ pub struct FactorSpec {
     pub constraint: Option<String>,
     /// Values of other factors without which it changes nothing: a disc has no angle.
     pub shows_with: Vec<(String, serde_json::Value)>,
+}
+
+impl FactorSpec {
+    /// A factor that is set only where a reset names it, without a constraint.
+    pub fn new(name: impl Into<String>, space: Space, default: impl Into<serde_json::Value>) -> Self {
+        Self {
+            name: name.into(),
+            doc: String::new(),
+            space,
+            default: default.into(),
+            drawn_by_default: false,
+            constraint: None,
+            shows_with: Vec::new(),
+        }
+    }
+
+    /// What it does, in a few words.
+    #[must_use]
+    pub fn doc(mut self, doc: &str) -> Self {
+        doc.clone_into(&mut self.doc);
+        self
+    }
+
+    /// Whether it is sampled when a reset names no factors.
+    #[must_use]
+    pub fn drawn_by_default(mut self, drawn: bool) -> Self {
+        self.drawn_by_default = drawn;
+        self
+    }
 }
 
 /// The pixels that an environment draws: height and width.

@@ -8,7 +8,7 @@
 //! * [`world`]: many environments in parallel, one `infos` table, one rollout loop;
 //! * [`recorder`], [`dataset`], [`evaluate`]: what watches the loop;
 //! * [`view`]: how images are shown: distractors;
-//! * [`registry`]: tables of environments and policies;
+//! * [`registry`]: tables of environments, policies, and whatever else has a name;
 //! * [`settings`](mod@settings): settings with their defaults and help, declared once;
 //! * [`testing`]: conformance checks that any environment can run.
 //!
@@ -43,7 +43,7 @@ pub use error::{BatchError, BoxError, EnvError, PolicyError, UnknownName, WorldE
 pub use evaluate::{EvalOptions, Evaluation, Manifest};
 pub use policy::{Actions, Actor, PerEpisode, Policy, RowView, View};
 pub use recorder::{LiveRow, Recorder};
-pub use registry::{EnvEntry, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};
+pub use registry::{Entry, EnvEntry, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};
 pub use run::{Cancel, EpisodeEnd, LiveEpisode, MAX_FRAME_SKIP, Margins, Rollout, RunInfo, WorldOptions};
 pub use seed::EpisodeSeed;
 pub use settings::Settings;

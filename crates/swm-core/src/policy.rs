@@ -1,5 +1,7 @@
 //! Policies: what chooses actions. A policy sees all rows at once; an actor, wrapped in [`PerEpisode`], sees one.
 
+use std::any::Any;
+
 use crate::batch::{Batch, Column, Element, Field, Row, SliceMut};
 use crate::env::{Env, EnvSpec, EnvState};
 use crate::error::{EnvError, PolicyError};
@@ -31,6 +33,12 @@ pub trait Policy: Send {
     fn is_parallel(&self) -> bool {
         true
     }
+
+    /// The policy as what it is, for callers that do more with a kind that they know: planners show how their plans come
+    /// about. A policy that wraps a planner gives the planner.
+    fn as_any(&mut self) -> Option<&mut dyn Any> {
+        None
+    }
 }
 
 impl Policy for Box<dyn Policy> {
@@ -48,6 +56,10 @@ impl Policy for Box<dyn Policy> {
 
     fn is_parallel(&self) -> bool {
         (**self).is_parallel()
+    }
+
+    fn as_any(&mut self) -> Option<&mut dyn Any> {
+        (**self).as_any()
     }
 }
 

@@ -2,13 +2,14 @@
 //! here: `lance`, with images as JPEG in the rows, and `lance-video`, with a video per episode in a table beside it.
 //!
 //! A crate of its own, for the crates of Lance take many minutes to build. It stands on those that read and write files
-//! and manifests; Lance's query engine is deliberately absent. Its formats are known to `swm_data` once they are
-//! registered:
+//! and manifests; Lance's query engine is deliberately absent. Its formats stand in a registry
+//! beside those of `swm_data`:
 //!
 //! ```
-//! swm_data_lance::register()?;
-//! assert!(swm_data::format::by_name("lance").is_ok());
-//! # Ok::<(), swm_data::DataError>(())
+//! use swm_core::Registry;
+//!
+//! let registry = Registry::new().with(swm_data::FORMATS).with(swm_data_lance::FORMATS);
+//! assert!(registry.find::<swm_data::Format>("lance").is_ok());
 //! ```
 
 mod arrays;
@@ -22,46 +23,37 @@ mod writer;
 
 use std::path::Path;
 
+use swm_data::Format;
 use swm_data::recording::BackendWriter;
-use swm_data::{DataError, Format};
 
 use crate::reader::LanceDataset;
 use crate::table::Table;
 use crate::writer::LanceBackend;
 
 /// Images in the rows.
-pub const LANCE: Format = Format {
-    name: "lance",
-    extensions: &["lance"],
-    about: "a folder of columns, the reference's own format; lossy images (JPEG)",
-    detect: |path| Table::exists(path) && !Table::exists(&videos::folder(path)),
-    open: |path| Ok(Box::new(LanceDataset::open(path, LANCE.name)?)),
-    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, LanceBackend::images())?)),
-    repair: |path, apply| writer::repair(path, LANCE.name, apply),
-};
+pub const LANCE: Format = Format::new(
+    "lance",
+    "a folder of columns, the reference's own format; lossy images (JPEG)",
+    |path| Table::exists(path) && !Table::exists(&videos::folder(path)),
+    |path| Ok(Box::new(LanceDataset::open(path, LANCE.name)?)),
+)
+.extensions(&["lance"])
+.writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, LanceBackend::images())?)))
+.repairer(|path, apply| writer::repair(path, LANCE.name, apply));
 
 /// A video per episode in a table beside the rows, `name_videos.lance`.
-pub const LANCE_VIDEO: Format = Format {
-    name: "lance-video",
-    extensions: &["lance-video"],
-    about: "two folders of columns, with videos for images; small, lossy images (H.264)",
-    detect: |path| Table::exists(path) && Table::exists(&videos::folder(path)),
-    open: |path| Ok(Box::new(LanceDataset::open(path, LANCE_VIDEO.name)?)),
-    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, LanceBackend::videos())?)),
-    repair: |path, apply| writer::repair(path, LANCE_VIDEO.name, apply),
-};
+pub const LANCE_VIDEO: Format = Format::new(
+    "lance-video",
+    "two folders of columns, with videos for images; small, lossy images (H.264)",
+    |path| Table::exists(path) && Table::exists(&videos::folder(path)),
+    |path| Ok(Box::new(LanceDataset::open(path, LANCE_VIDEO.name)?)),
+)
+.extensions(&["lance-video"])
+.writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, LanceBackend::videos())?)))
+.repairer(|path, apply| writer::repair(path, LANCE_VIDEO.name, apply));
 
 /// The formats of this crate.
-pub static FORMATS: [Format; 2] = [LANCE, LANCE_VIDEO];
-
-/// Makes the formats of this crate known to `swm_data`; more than once is as good as once.
-///
-/// # Errors
-///
-/// Another crate has registered a format of the same name.
-pub fn register() -> Result<(), DataError> {
-    FORMATS.iter().try_for_each(swm_data::format::register)
-}
+pub const FORMATS: &[Format] = &[LANCE, LANCE_VIDEO];
 
 /// What a table is called: its folder without `.lance`.
 fn stem(path: &Path) -> String {

@@ -279,8 +279,9 @@ impl Dataset for LanceDataset {
 
 #[cfg(test)]
 mod tests {
-    use swm_data::testing::{contents, episode, record, rows_of, schema};
-    use swm_data::{WriteMode, create};
+    use swm_core::Registry;
+    use swm_data::WriteMode;
+    use swm_data::testing::{contents_in, episode, record_in, rows_of, schema};
 
     use super::*;
     use crate::LANCE;
@@ -288,10 +289,10 @@ mod tests {
     /// Rows by their numbers, in one list and in one that is so long that it is stored as a bitmap.
     #[test]
     fn deleted_rows_are_not_there_and_such_a_table_is_not_continued() {
-        crate::register().unwrap();
+        let registry = Registry::new().with(crate::FORMATS);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("data.lance");
-        record(&path, WriteMode::Error, 0..3).unwrap();
+        record_in(&registry, &path, WriteMode::Error, 0..3).unwrap();
         let mut table = committed::open(&path).unwrap();
         table.delete(0, [0, 3].into_iter()).unwrap();
         table.delete(1, 0..1).unwrap();
@@ -299,7 +300,7 @@ mod tests {
         let left = [vec![1, 2, 4], (0..300).filter(|row| row % 3 != 1).collect()];
         let mut dataset = LanceDataset::open(&path, LANCE.name).unwrap();
         assert_eq!((dataset.num_episodes(), dataset.episode_len(0), dataset.episode_len(1)), (2, 3, 200));
-        for (at, (read, original)) in contents(&path).iter().zip([0, 2]).enumerate() {
+        for (at, (read, original)) in contents_in(&registry, &path).iter().zip([0, 2]).enumerate() {
             let original = episode(&schema(), original, rows_of(original));
             let (read, original) = (read.get::<f64>("state").unwrap(), original.get::<f64>("state").unwrap());
             let expected: Vec<f64> =
@@ -312,7 +313,7 @@ mod tests {
             assert_eq!(some, [&expected[..7], &expected[14..21]].concat());
             dataset.check_episode(at).unwrap();
         }
-        let mut writer = create(&path, WriteMode::Append, None).unwrap();
+        let mut writer = LANCE.create(&path, &WriteMode::Append.into()).unwrap();
         let message = writer.begin(&schema(), &swm_data::testing::metadata()).unwrap_err().to_string();
         assert!(message.contains("deleted rows"), "{message}");
     }

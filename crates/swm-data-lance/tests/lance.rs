@@ -4,23 +4,44 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests panic as tests do")]
 
 use std::fs;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::LazyLock;
 
-use swm_core::Dtype;
-use swm_data::testing::kills::{self, kill};
-use swm_data::testing::mutations::{mutate, seed};
-use swm_data::testing::{assert_alike, assert_same, contents, episode, metadata, record, rows_of, schema};
-use swm_data::tools::copy::{all, copy};
+use swm_core::{Batch, BoxError, Dtype, Registry};
+use swm_data::testing::kills::{kill_in, record_until_stopped_in};
+use swm_data::testing::mutations::{mutate_for, play_in, seed_in};
+use swm_data::testing::{
+    assert_alike, assert_same, contents_in, episode, metadata, record_in, rows_of, schema,
+};
+use swm_data::tools::copy::{all, copy_in};
 use swm_data::tools::verify::verify;
-use swm_data::{Format, Steps, WriteMode, WriteOptions, create, open};
+use swm_data::{DataError, Dataset, DatasetWriter, Format, Steps, WriteMode, WriteOptions};
 use swm_data_lance::FORMATS;
 
 /// The test that is the recording process.
 const TEST: &str = "record_until_stopped";
 
+static REGISTRY: LazyLock<Registry> = LazyLock::new(|| Registry::new().with(swm_data::FORMATS).with(FORMATS));
+
+fn open(path: &Path) -> Result<Box<dyn Dataset>, DataError> {
+    swm_data::open_in(&REGISTRY, path)
+}
+
+fn create(path: &Path, mode: WriteMode, format: Option<&str>) -> Result<Box<dyn DatasetWriter>, DataError> {
+    swm_data::create_in(&REGISTRY, path, &mode.into(), format)
+}
+
+fn record(path: &Path, mode: WriteMode, episodes: Range<usize>) -> Result<u64, BoxError> {
+    record_in(&REGISTRY, path, mode, episodes)
+}
+
+fn contents(path: &Path) -> Vec<Batch> {
+    contents_in(&REGISTRY, path)
+}
+
 fn folder() -> tempfile::TempDir {
-    swm_data_lance::register().unwrap();
     tempfile::tempdir().unwrap()
 }
 
@@ -31,7 +52,7 @@ fn path_in(folder: &tempfile::TempDir, name: &str, format: &Format) -> PathBuf {
 #[test]
 fn every_type_comes_back() {
     let folder = folder();
-    for format in &FORMATS {
+    for format in FORMATS {
         let path = path_in(&folder, "data", format);
         assert_eq!(record(&path, WriteMode::Error, 0..3).unwrap(), 0);
         let mut dataset = open(&path).unwrap();
@@ -66,7 +87,7 @@ fn every_type_comes_back() {
 #[test]
 fn recordings_are_continued_replaced_or_refused() {
     let folder = folder();
-    for format in &FORMATS {
+    for format in FORMATS {
         let path = path_in(&folder, "data", format);
         record(&path, WriteMode::Append, 0..2).unwrap();
         assert_eq!(record(&path, WriteMode::Append, 2..4).unwrap(), 2);
@@ -91,7 +112,7 @@ fn recordings_are_continued_replaced_or_refused() {
 #[test]
 fn what_was_not_ended_is_not_seen_and_is_cleared_away() {
     let folder = folder();
-    for format in &FORMATS {
+    for format in FORMATS {
         let path = path_in(&folder, "data", format);
         record(&path, WriteMode::Append, 0..1).unwrap();
         let mut writer = create(&path, WriteMode::Append, None).unwrap();
@@ -100,10 +121,10 @@ fn what_was_not_ended_is_not_seen_and_is_cleared_away() {
         drop(writer);
         fs::write(path.join("data/.tmpleft"), "what a kill leaves").unwrap();
         assert_eq!(contents(&path).len(), 1, "{}", format.name);
-        let steps = (format.repair)(&path, true).unwrap();
+        let steps = format.repair(&path, true).unwrap();
         let said = |what: &str| steps.iter().any(|step| step.contains(what));
         assert!(said("remove 1 files of an unfinished episode") && said("list all 1 episodes"), "{steps:?}");
-        assert!((format.repair)(&path, true).unwrap().is_empty());
+        assert!(format.repair(&path, true).unwrap().is_empty());
         assert_eq!(record(&path, WriteMode::Append, 1..2).unwrap(), 1);
         assert_alike(&episode(&schema(), 1, rows_of(1)), &contents(&path)[1]);
     }
@@ -115,7 +136,7 @@ fn episodes_that_no_manifest_lists_yet_are_there() {
     const EPISODES: usize = 66;
     let folder = folder();
     let schema = swm_core::Schema::new(vec![swm_core::Field::step("state", Dtype::F64, &[7])]).unwrap();
-    for format in &FORMATS {
+    for format in FORMATS {
         let path = path_in(&folder, "data", format);
         let mut writer = create(&path, WriteMode::Append, None).unwrap();
         writer.begin(&schema, &metadata()).unwrap();
@@ -131,12 +152,12 @@ fn episodes_that_no_manifest_lists_yet_are_there() {
             read.iter().enumerate().for_each(|(at, read)| assert_alike(&episode(&schema, at, 2), read));
         };
         check(EPISODES);
-        let steps = (format.repair)(&path, true).unwrap();
+        let steps = format.repair(&path, true).unwrap();
         assert!(
             steps.iter().all(|step| step.contains("list all 66 episodes")) && !steps.is_empty(),
             "{steps:?}"
         );
-        assert!((format.repair)(&path, true).unwrap().is_empty());
+        assert!(format.repair(&path, true).unwrap().is_empty());
         check(EPISODES);
         let mut writer = create(&path, WriteMode::Append, None).unwrap();
         assert_eq!(writer.begin(&schema, &metadata()).unwrap(), EPISODES as u64);
@@ -144,7 +165,7 @@ fn episodes_that_no_manifest_lists_yet_are_there() {
         writer.finish().unwrap();
         drop(writer);
         check(EPISODES + 1);
-        assert!((format.repair)(&path, true).unwrap().is_empty());
+        assert!(format.repair(&path, true).unwrap().is_empty());
     }
 }
 
@@ -156,9 +177,9 @@ fn tables_are_converted_both_ways() {
     let convert = |from: &Path, to: &Path| {
         let mut sources = vec![open(from).unwrap()];
         let pieces = all(&sources);
-        copy(&mut sources, &pieces, to, (None, &WriteOptions::default()), &mut |_| {}).unwrap()
+        copy_in(&REGISTRY, &mut sources, &pieces, to, (None, &WriteOptions::default()), &mut |_| {}).unwrap()
     };
-    for format in &FORMATS {
+    for format in FORMATS {
         let there = path_in(&folder, "there", format);
         assert_eq!(convert(&source, &there).episodes, 3);
         let back = folder.path().join(format!("back-{}.h5", format.name));
@@ -171,19 +192,18 @@ fn tables_are_converted_both_ways() {
 
 #[test]
 fn record_until_stopped() {
-    swm_data_lance::register().unwrap();
-    kills::record_until_stopped();
+    record_until_stopped_in(&REGISTRY);
 }
 
 #[test]
 fn killed_tables_keep_what_they_committed_and_can_be_continued() {
-    for format in &FORMATS {
+    for format in FORMATS {
         let folder = folder();
         // A folder of its own: nothing else may be left there.
         let inner = folder.path().join(format.name);
         fs::create_dir(&inner).unwrap();
         let path = inner.join("data").with_extension(format.extensions[0]);
-        let episodes = kill(&path, TEST, 20);
+        let episodes = kill_in(&REGISTRY, &path, TEST, 20);
         let mut dataset = open(&path).unwrap();
         (0..episodes).for_each(|episode| dataset.check_episode(episode).unwrap());
     }
@@ -191,11 +211,11 @@ fn killed_tables_keep_what_they_committed_and_can_be_continued() {
 
 #[test]
 fn no_reader_trips_over_foreign_bytes() {
-    for format in &FORMATS {
+    for format in FORMATS {
         let folder = folder();
         let path = path_in(&folder, "seed", format);
-        seed(&path);
-        mutate(format.name, &path);
+        seed_in(&REGISTRY, &path);
+        mutate_for(format.name, &path, &mut |path| play_in(&REGISTRY, path));
     }
 }
 
@@ -221,7 +241,8 @@ fn the_references_table_is_read() {
     let copy_path = folder.path().join("copy.h5");
     let mut sources = vec![dataset.share()];
     let pieces = all(&sources);
-    copy(&mut sources, &pieces, &copy_path, (None, &WriteOptions::default()), &mut |_| {}).unwrap();
+    copy_in(&REGISTRY, &mut sources, &pieces, &copy_path, (None, &WriteOptions::default()), &mut |_| {})
+        .unwrap();
     for (a, b) in contents(&golden).iter().zip(&contents(&copy_path)) {
         assert_same(a, b);
     }
@@ -244,7 +265,7 @@ fn pylance_reads_our_tables() {
     let Some(python) = python() else { return };
     let folder = folder();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/interop/read_lance.py");
-    for format in &FORMATS {
+    for format in FORMATS {
         let path = path_in(&folder, "ours", format);
         record(&path, WriteMode::Append, 0..3).unwrap();
         let output = Command::new(&python).arg(&script).arg(&path).output().unwrap();

@@ -1,22 +1,23 @@
 //! The table of dataset formats: how a file is recognized, opened and created. A new format is one folder below
-//! `formats/` that exports one [`Format`], and one line in [`FORMATS`]. A format of another crate is registered by
-//! whoever wants it, with one line in its program:
+//! `formats/` that exports one [`Format`], and one line in [`FORMATS`]. Formats of other crates stand in a [`Registry`]
+//! beside them:
 //!
 //! ```text
-//! swm_data::format::register(&my_crate::FORMAT)?;
+//! let registry = swm::registry().with(&[my_crate::FORMAT]);
+//! let dataset = swm_data::open_in(&registry, path)?;
 //! ```
 
 use std::fs;
 use std::path::Path;
-use std::sync::{PoisonError, RwLock};
+use std::sync::LazyLock;
 
-use swm_core::error::nearest;
+use swm_core::{Entry, Registry};
 
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::formats;
 
-/// Every format that this crate knows.
+/// Every format of this crate.
 pub const FORMATS: &[Format] = &[
     formats::hdf5::FORMAT,
     formats::folder::FOLDER,
@@ -30,52 +31,112 @@ pub const FORMATS: &[Format] = &[
 /// What opening gives: a reader or a writer of whatever format.
 pub type Opened<T> = Result<Box<T>, DataError>;
 
+/// Whether the content of an existing file or folder is of a format.
+pub type Detect = fn(&Path) -> bool;
+/// Opens a dataset for reading.
+pub type Open = fn(&Path) -> Opened<dyn Dataset>;
+/// Opens a dataset for recording. Takes the file for itself until the writer is dropped; changes nothing before `begin`.
+pub type Create = fn(&Path, &WriteOptions) -> Opened<dyn DatasetWriter>;
+/// Says what has to be done about a dataset whose recording was interrupted, one line each, and does it if told to.
+pub type Repair = fn(&Path, bool) -> Result<Vec<String>, DataError>;
+
 /// One way of storing a dataset.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct Format {
     /// Its name, as on the command line.
     pub name: &'static str,
-    /// File extensions without the dot, the preferred one first.
-    pub extensions: &'static [&'static str],
     /// One line on what it is good for.
     pub about: &'static str,
+    /// File extensions without the dot, the preferred one first.
+    pub extensions: &'static [&'static str],
+    detect: Detect,
+    open: Open,
+    create: Create,
+    repair: Repair,
+}
+
+impl Format {
+    /// A format that is read and not written, without file extensions.
+    pub const fn new(name: &'static str, about: &'static str, detect: Detect, open: Open) -> Self {
+        let create: Create =
+            |path, _| Err(DataError::request(path, "datasets of this format are read, not written"));
+        Self { name, about, extensions: &[], detect, open, create, repair: |_, _| Ok(Vec::new()) }
+    }
+
+    /// Its file extensions without the dot, the preferred one first.
+    #[must_use]
+    pub const fn extensions(mut self, extensions: &'static [&'static str]) -> Self {
+        self.extensions = extensions;
+        self
+    }
+
+    /// How it is recorded.
+    #[must_use]
+    pub const fn writer(mut self, create: Create) -> Self {
+        self.create = create;
+        self
+    }
+
+    /// What an interrupted recording needs.
+    #[must_use]
+    pub const fn repairer(mut self, repair: Repair) -> Self {
+        self.repair = repair;
+        self
+    }
+
     /// Whether the content of an existing file or folder is of this format.
-    pub detect: fn(&Path) -> bool,
-    /// Opens for reading.
-    pub open: fn(&Path) -> Opened<dyn Dataset>,
-    /// Opens for recording. Takes the file for itself until the writer is dropped; changes nothing before `begin`.
-    pub create: fn(&Path, &WriteOptions) -> Opened<dyn DatasetWriter>,
-    /// Says what has to be done about a dataset whose recording was interrupted, one line each, and does it if told to.
-    pub repair: fn(&Path, bool) -> Result<Vec<String>, DataError>,
+    pub fn detect(&self, path: &Path) -> bool {
+        (self.detect)(path)
+    }
+
+    /// Opens a dataset of this format for reading.
+    ///
+    /// # Errors
+    ///
+    /// Nothing is there, or it is damaged, of another format, or from a newer version.
+    pub fn open(&self, path: &Path) -> Opened<dyn Dataset> {
+        (self.open)(path)
+    }
+
+    /// Opens a dataset of this format for recording. Takes the file for itself until the writer is dropped; changes
+    /// nothing before `begin`.
+    ///
+    /// # Errors
+    ///
+    /// Something is there that the mode does not allow for, another writer has it, or the place cannot be written to.
+    pub fn create(&self, path: &Path, options: &WriteOptions) -> Opened<dyn DatasetWriter> {
+        (self.create)(path, options)
+    }
+
+    /// Says what has to be done about a dataset whose recording was interrupted, one line each, and does it if told to
+    /// `apply`.
+    ///
+    /// # Errors
+    ///
+    /// The dataset is being written, cannot be read, or cannot be repaired.
+    pub fn repair(&self, path: &Path, apply: bool) -> Result<Vec<String>, DataError> {
+        (self.repair)(path, apply)
+    }
 }
 
-/// Formats of other crates.
-static REGISTERED: RwLock<Vec<&'static Format>> = RwLock::new(Vec::new());
+impl Entry for Format {
+    const KIND: &'static str = "dataset format";
+    const COMMAND: &'static str = "convert --help";
 
-/// Makes a format of another crate known to this process: from then on it is opened, created, converted and verified
-/// like those of this crate. Registering it again changes nothing.
-///
-/// # Errors
-///
-/// Another format has its name or one of its file extensions.
-pub fn register(format: &'static Format) -> Result<(), DataError> {
-    let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
-    if registered.iter().any(|known| std::ptr::eq(*known, format)) {
-        return Ok(());
+    fn name(&self) -> &'static str {
+        self.name
     }
-    let names = |format: &Format| format.extensions.iter().copied().chain([format.name]).collect::<Vec<_>>();
-    let mut all = FORMATS.iter().chain(registered.iter().copied());
-    if let Some(known) = all.find(|known| names(known).iter().any(|name| names(format).contains(name))) {
-        return Err(DataError::FormatTaken { name: format.name, known: known.name });
+
+    fn aliases(&self) -> &'static [&'static str] {
+        self.extensions
     }
-    registered.push(format);
-    Ok(())
 }
 
-/// Every known format: those of this crate, then those that were registered.
-pub fn all() -> impl Iterator<Item = &'static Format> {
-    let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner).clone();
-    FORMATS.iter().chain(registered)
+/// The formats of this crate, as a registry.
+pub fn built_in() -> &'static Registry {
+    static BUILT_IN: LazyLock<Registry> = LazyLock::new(|| Registry::new().with(FORMATS));
+    &BUILT_IN
 }
 
 /// The format called `name`; names and file extensions both count.
@@ -83,50 +144,61 @@ pub fn all() -> impl Iterator<Item = &'static Format> {
 /// # Errors
 ///
 /// [`DataError::UnknownFormat`], with the nearest name and all that there are.
-pub fn by_name(name: &str) -> Result<&'static Format, DataError> {
-    let called = |format: &&Format| format.name == name || format.extensions.contains(&name);
-    all().find(called).ok_or_else(|| {
-        let names = all().flat_map(|format| format.extensions.iter().copied().chain([format.name]));
-        let (name, nearest) = (name.to_owned(), nearest(name, names));
-        DataError::UnknownFormat { hint: built_without(&name), name, nearest, known: known() }
+pub fn by_name(registry: &Registry, name: &str) -> Result<&'static Format, DataError> {
+    registry.find::<Format>(name).map_err(|unknown| DataError::UnknownFormat {
+        hint: built_without(&unknown.name),
+        name: unknown.name,
+        nearest: unknown.nearest,
+        known: known(registry),
     })
 }
 
-/// Opens a dataset of any format, which its content tells.
+/// Opens a dataset of any format of this crate, which its content tells. For formats of other crates: [`open_in`].
 ///
 /// # Errors
 ///
 /// Nothing is there, it is of no known format, or it is damaged or from a newer version.
 pub fn open(path: &Path) -> Opened<dyn Dataset> {
+    open_in(built_in(), path)
+}
+
+/// Opens a dataset of any format of a registry, which its content tells.
+///
+/// # Errors
+///
+/// As of [`open`].
+pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
     let metadata = fs::metadata(path).map_err(|source| DataError::io(path, "open", source))?;
     if metadata.is_file() && metadata.len() == 0 {
         return Err(DataError::not_a_dataset(path, "the file is empty"));
     }
-    match detect(path) {
-        Some(format) => (format.open)(path),
+    match detect(registry, path) {
+        Some(format) => format.open(path),
         None if path.join("_versions").is_dir() => {
             let reason = "it is a Lance table; this program was built without the feature `lance`";
             Err(DataError::not_a_dataset(path, reason))
         }
         None => {
-            Err(DataError::not_a_dataset(path, format!("its content is of no known format ({})", known())))
+            let reason = format!("its content is of no known format ({})", known(registry));
+            Err(DataError::not_a_dataset(path, reason))
         }
     }
 }
 
 /// The format of an existing dataset, by its content.
-pub fn detect(path: &Path) -> Option<&'static Format> {
-    all().find(|format| (format.detect)(path))
+pub fn detect(registry: &Registry, path: &Path) -> Option<&'static Format> {
+    registry.all::<Format>().find(|format| format.detect(path))
 }
 
-/// Opens a dataset for recording. `format: None` goes by the file extension, or by the content where it has none.
+/// Opens a dataset for recording in a format of this crate. `format: None` goes by the file extension, or by the content
+/// where it has none. For formats of other crates, and all options: [`create_in`].
 ///
 /// # Errors
 ///
 /// No format has this name or extension, something is there that `mode` does not allow for, another writer has it, or
 /// the place cannot be written to.
 pub fn create(path: &Path, mode: WriteMode, format: Option<&str>) -> Opened<dyn DatasetWriter> {
-    create_with(path, &mode.into(), format)
+    create_in(built_in(), path, &mode.into(), format)
 }
 
 /// As [`create`], with all options.
@@ -135,21 +207,35 @@ pub fn create(path: &Path, mode: WriteMode, format: Option<&str>) -> Opened<dyn 
 ///
 /// As of [`create`].
 pub fn create_with(path: &Path, options: &WriteOptions, format: Option<&str>) -> Opened<dyn DatasetWriter> {
+    create_in(built_in(), path, options, format)
+}
+
+/// As [`create_with`], in any format of a registry.
+///
+/// # Errors
+///
+/// As of [`create`].
+pub fn create_in(
+    registry: &Registry,
+    path: &Path,
+    options: &WriteOptions,
+    format: Option<&str>,
+) -> Opened<dyn DatasetWriter> {
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
-    let format = match (by_name(format.unwrap_or(extension)), detect(path)) {
+    let format = match (by_name(registry, format.unwrap_or(extension)), detect(registry, path)) {
         (Err(_), Some(there)) if format.is_none() => there,
         (named, _) => named?,
     };
-    (format.create)(path, options)
+    format.create(path, options)
 }
 
 /// `hdf5 (.h5, .hdf5)`, …
-fn known() -> String {
+fn known(registry: &Registry) -> String {
     let one = |format: &Format| {
         let extensions: Vec<_> = format.extensions.iter().map(|extension| format!(".{extension}")).collect();
         format!("{} ({})", format.name, extensions.join(", "))
     };
-    all().map(one).collect::<Vec<_>>().join(", ")
+    registry.all::<Format>().map(one).collect::<Vec<_>>().join(", ")
 }
 
 /// Formats that not every build has, and the feature that brings them.
@@ -173,33 +259,41 @@ mod tests {
     #[test]
     fn formats_are_found_by_name_and_by_extension() {
         for format in FORMATS {
-            assert_eq!(by_name(format.name).unwrap().name, format.name);
+            assert_eq!(by_name(built_in(), format.name).unwrap().name, format.name);
             for extension in format.extensions {
-                assert_eq!(by_name(extension).unwrap().name, format.name);
+                assert_eq!(by_name(built_in(), extension).unwrap().name, format.name);
             }
         }
     }
 
     #[test]
-    fn formats_of_other_crates_are_registered_once_and_under_names_of_their_own() {
-        const MORE: Format = Format { name: "more", extensions: &["more"], detect: |_| false, ..FORMATS[0] };
-        static OTHER: Format = MORE;
-        static SAME: Format = Format { name: "else", ..MORE };
-        register(&OTHER).unwrap();
-        register(&OTHER).unwrap();
-        assert_eq!(by_name("more").unwrap().name, "more");
-        assert_eq!(all().filter(|format| format.name == "more").count(), 1);
-        let message = register(&SAME).unwrap_err().to_string();
-        assert!(message.contains("`else`") && message.contains("`more`"), "{message}");
-        assert!(register(&FORMATS[0]).is_err());
+    fn formats_of_other_crates_stand_in_the_registry() {
+        const MORE: &[Format] =
+            &[Format::new("more", "for this test", |_| true, |path| Err(DataError::request(path, "opened")))
+                .extensions(&["more", "mr"])];
+        let registry = Registry::new().with(MORE).with(FORMATS);
+        assert_eq!(by_name(&registry, "mr").unwrap().name, "more");
+        assert!(by_name(built_in(), "mr").is_err());
+        let folder = tempfile::tempdir().unwrap();
+        assert!(open_in(&registry, folder.path()).err().unwrap().to_string().contains("opened"));
+        let message = create_in(&registry, Path::new("a.mr"), &WriteMode::Error.into(), None).err().unwrap();
+        assert!(message.to_string().contains("read, not written"), "{message}");
+    }
+
+    #[test]
+    #[should_panic(expected = "`else`: `hdf5` has its name already")]
+    fn file_extensions_are_names() {
+        const SAME: &[Format] =
+            &[Format::new("else", "", |_| false, |path| Err(DataError::request(path, "")))
+                .extensions(&["h5"])];
+        let _ = Registry::new().with(FORMATS).with(SAME);
     }
 
     #[test]
     fn an_unknown_format_names_the_nearest() {
-        let message = by_name("hdf").unwrap_err().to_string();
-        assert!(message.contains("`hdf`") && message.contains("did you mean `hdf5`"), "{message}");
-        let message = by_name("lance").unwrap_err().to_string();
-        assert!(message.contains("the feature `lance`"), "{message}");
+        let message = |name| by_name(built_in(), name).unwrap_err().to_string();
+        assert!(message("hdf").contains("`hdf`") && message("hdf").contains("did you mean `hdf5`"));
+        assert!(message("lance").contains("the feature `lance`"), "{}", message("lance"));
         let message = create(Path::new("data.xyz"), WriteMode::Append, None).err().unwrap().to_string();
         assert!(message.contains("`xyz`") && message.contains("hdf5 (.h5, .hdf5)"), "{message}");
     }

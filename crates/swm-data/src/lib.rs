@@ -1,6 +1,7 @@
 //! Datasets: formats, readers, writers, and the windowed loader.
 //!
-//! * [`mod@format`]: the table of formats; [`open`] and [`create`] choose by content and by extension;
+//! * [`mod@format`]: the table of formats; [`open`] and [`create`] choose by content and by extension, [`open_in`] and
+//!   [`create_in`] among the formats of a registry;
 //! * [`dataset`]: what an open dataset offers (random rows and strided windows of single columns), write modes;
 //! * [`adapt`]: datasets made of datasets: subsets and splits, concatenation, columns merged, joined or cached;
 //! * [`recording`]: what all formats do alike when they record, for formats of other crates;
@@ -52,7 +53,7 @@ pub mod video;
 pub use buffer::{ReplayBuffer, Sampler};
 pub use dataset::{Dataset, DatasetInfo, DatasetWriter, Steps, WriteMode, WriteOptions};
 pub use error::DataError;
-pub use format::{FORMATS, Format, create, create_with, open};
+pub use format::{FORMATS, Format, create, create_in, create_with, open, open_in};
 pub use loader::{BatchOptions, ClipOptions, Loader};
 pub use memory::MemoryDataset;
 pub use rendered::{RenderOptions, Rendered};

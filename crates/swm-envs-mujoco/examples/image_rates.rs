@@ -33,7 +33,7 @@ fn video(entry: &EnvEntry, side: usize, frames: u32, seed: u64) -> Result<(), Bo
     if entry.settings.iter().any(|setting| setting.name == "action_repeat") {
         config.settings.insert("action_repeat".to_owned(), 1.into());
     }
-    let mut env = (entry.make)(&config)?;
+    let mut env = entry.make(&config)?;
     let mut row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
     let options = ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() };
     let episode = Episode { seed: EpisodeSeed::new(seed), options: &options };

@@ -97,7 +97,7 @@ impl Stage {
         for name in off {
             config.settings.insert((*name).to_owned(), false.into());
         }
-        let env = (entry.make)(&config).expect("it was set up");
+        let env = entry.make(&config).expect("it was set up");
         let row = Batch::new(Schema::new(env.spec().fields.clone()).expect("distinct names"), 1);
         Self { env, row, start }
     }

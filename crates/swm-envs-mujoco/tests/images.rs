@@ -49,7 +49,7 @@ fn has_gl() -> bool {
 fn make(settings: &[(&str, serde_json::Value)]) -> Result<Box<dyn Env>, EnvError> {
     let settings = settings.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
     let config = EnvConfig { image: Some(ImageSize { height: SIDE, width: SIDE }), settings };
-    (swm_envs_mujoco::CHEETAH.make)(&config)
+    swm_envs_mujoco::CHEETAH.make(&config)
 }
 
 fn cheetah() -> (Box<dyn Env>, Batch) {

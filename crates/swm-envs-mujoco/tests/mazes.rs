@@ -6,8 +6,8 @@ use serde::Deserialize;
 use serde_json::json;
 use swm_core::testing::assert_conforms_with;
 use swm_core::{
-    Batch, EnvConfig, EnvEntry, Episode, EpisodeSeed, Evaluation, ImageSize, PolicyArgs, PolicyContext,
-    ResetOptions, Rollout, Schema, Slice, Value, World, WorldOptions,
+    Batch, EnvConfig, EnvEntry, Episode, EpisodeSeed, Evaluation, ImageSize, Registry, ResetOptions, Rollout,
+    Schema, Slice, Value, World, WorldOptions,
 };
 use swm_envs_mujoco::{OGB_ANT_MAZE, OGB_POINT_MAZE};
 
@@ -37,7 +37,7 @@ fn steps_are_the_references() {
         let path = format!("{}/../../tests/golden/mazes/{file}.json", env!("CARGO_MANIFEST_DIR"));
         let recorded: Recorded = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
         let settings = json!({"maze_type": recorded.maze, "terminate_at_goal": false});
-        let mut env = (entry.make)(&config(&settings)).unwrap();
+        let mut env = entry.make(&config(&settings)).unwrap();
         let mut goal = recorded.qpos[0].clone();
         goal[..2].copy_from_slice(&recorded.goal);
         let (qpos, qvel) = (&recorded.qpos[0], &recorded.qvel[0]);
@@ -67,13 +67,9 @@ fn steps_are_the_references() {
 
 fn evaluate(entry: &'static EnvEntry, settings: &serde_json::Value, episodes: u64, steps: u64) -> Evaluation {
     let config = config(settings);
-    let context = PolicyContext { env: entry, config: &config, frame_skip: 1 };
-    let expert = entry.policies.iter().find(|policy| policy.name == "expert").expect("one");
-    let policy =
-        (expert.make)(&context, &PolicyArgs::parse("expert").expect("a name")).expect("no arguments");
     let options = WorldOptions::new(4).max_episode_steps(steps).env(config.clone());
     let mut world = World::new(entry, options).expect("it was set up");
-    world.set_policy(policy);
+    world.set_policy(Registry::new().policy("expert", &world).expect("one"));
     let rollout = Rollout::new(0..episodes).seed(7);
     let evaluation = world.evaluate(&rollout).expect("it runs");
     println!(
@@ -116,7 +112,7 @@ fn mazes_in_other_settings_conform() {
 #[test]
 fn a_teleporter_leads_to_one_of_three_ways_out_by_chance() {
     let settings = json!({"maze_type": "teleport", "terminate_at_goal": false});
-    let mut env = (OGB_POINT_MAZE.make)(&config(&settings)).unwrap();
+    let mut env = OGB_POINT_MAZE.make(&config(&settings)).unwrap();
     let mut outs = BTreeMap::new();
     for seed in 0..24 {
         // Cell (5, 1), from 2 m above it.
@@ -142,12 +138,12 @@ fn a_teleporter_leads_to_one_of_three_ways_out_by_chance() {
 #[test]
 fn wrong_settings_and_goals_are_told() {
     let message = |settings: serde_json::Value| {
-        (OGB_ANT_MAZE.make)(&config(&settings)).err().expect("refused").to_string()
+        OGB_ANT_MAZE.make(&config(&settings)).err().expect("refused").to_string()
     };
     assert!(message(json!({"maze_type": "huge"})).contains("huge"));
     assert!(message(json!({"mode": "task", "task": 6})).contains("1 to 5"));
     assert!(message(json!({"maze": "large"})).contains("maze_type"));
-    let mut env = (OGB_ANT_MAZE.make)(&EnvConfig::default()).unwrap();
+    let mut env = OGB_ANT_MAZE.make(&EnvConfig::default()).unwrap();
     let options = ResetOptions { goal: row(&[("qvel", &[0.0; 14])]), ..ResetOptions::default() };
     let error = env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap_err();
     assert!(error.to_string().contains("`qvel` is no goal"), "{error}");

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde_json::json;
 use swm_core::{
-    Batch, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Evaluation, Outcome, PolicyArgs,
-    PolicyContext, ResetOptions, Rollout, Schema, Slice, Value, World, WorldOptions,
+    Batch, Env, EnvConfig, EnvEntry, EnvState, Episode, EpisodeSeed, Evaluation, Outcome, Registry,
+    ResetOptions, Rollout, Schema, Slice, Value, World, WorldOptions,
 };
 use swm_envs_mujoco::{OGB_CUBE, OGB_SCENE};
 
@@ -30,22 +30,14 @@ fn evaluate_for(
     steps: u64,
 ) -> Evaluation {
     let config = config(settings);
-    let args = PolicyArgs::parse(policy).expect("a policy");
-    let context = PolicyContext { env: entry, config: &config, frame_skip: 1 };
-    let known = entry.policies.iter().find(|known| known.name == args.name).expect("a policy");
-    let policy = (known.make)(&context, &args).expect("its arguments are sound");
     let options = WorldOptions::new(4).max_episode_steps(steps).env(config.clone());
     let mut world = World::new(entry, options).expect("a world");
-    world.set_policy(policy);
+    world.set_policy(Registry::new().policy(policy, &world).expect("a policy with sound arguments"));
     let rollout = Rollout::new(0..episodes).seed(7);
     let evaluation = world.evaluate(&rollout).expect("it runs");
     println!(
-        "{} {settings} {}: {} % of {episodes}, {} solved at the start, {:?} steps",
-        entry.id,
-        args.name,
-        evaluation.success_rate,
-        evaluation.solved_at_start,
-        evaluation.mean_success_steps
+        "{} {settings} {policy}: {} % of {episodes}, {} solved at the start, {:?} steps",
+        entry.id, evaluation.success_rate, evaluation.solved_at_start, evaluation.mean_success_steps
     );
     evaluation
 }
@@ -98,7 +90,7 @@ struct Bench {
 
 impl Bench {
     fn new(entry: &EnvEntry, settings: &serde_json::Value) -> Self {
-        let env = (entry.make)(&config(settings)).expect("an environment");
+        let env = entry.make(&config(settings)).expect("an environment");
         let row = Batch::new(Schema::new(env.spec().fields.clone()).expect("names are unique"), 1);
         Self { env, row }
     }
@@ -322,7 +314,7 @@ fn a_pressed_button_locks_and_frees() {
 #[test]
 fn bad_settings_say_what_is_allowed() {
     let says = |entry: &EnvEntry, settings: serde_json::Value, parts: &[&str]| {
-        let message = (entry.make)(&config(&settings)).err().expect("an error").to_string();
+        let message = entry.make(&config(&settings)).err().expect("an error").to_string();
         assert!(parts.iter().all(|part| message.contains(part)), "{message}");
     };
     says(&OGB_CUBE, json!({"env_type": "octuple"}), &["octuple", "quadruple"]);

@@ -36,7 +36,7 @@ fn moments() -> BTreeMap<String, Moment> {
 fn make(moment: &Moment) -> (Box<dyn Env>, Batch) {
     let entry = ENVS.iter().find(|entry| entry.id == moment.env).expect("an environment");
     let image = Some(ImageSize { height: SIDE, width: SIDE });
-    let env = (entry.make)(&EnvConfig { image, settings: moment.settings.clone() });
+    let env = entry.make(&EnvConfig { image, settings: moment.settings.clone() });
     let env = env.expect("it needs no OpenGL");
     let row = Batch::new(Schema::new(env.spec().fields.clone()).expect("distinct names"), 1);
     (env, row)

@@ -10,7 +10,7 @@ use swm_envs_mujoco::{CHEETAH, FINGER};
 
 fn make(settings: &serde_json::Value) -> Result<Box<dyn Env>, String> {
     let settings = settings.as_object().cloned().unwrap_or_default();
-    (CHEETAH.make)(&EnvConfig { image: None, settings }).map_err(|error| error.to_string())
+    CHEETAH.make(&EnvConfig { image: None, settings }).map_err(|error| error.to_string())
 }
 
 fn reset(env: &mut dyn Env, seed: u64, options: &ResetOptions) -> Result<Outcome, String> {
@@ -224,7 +224,7 @@ fn a_spinner_slows_down_by_its_friction_and_against_its_mass() {
         ("qvel".to_owned(), Value::vector(&[0.0, 0.0, 8.0])),
     ]);
     let speed_after = |name: &str, value: f32| {
-        let mut env = (FINGER.make)(&EnvConfig::default()).unwrap();
+        let mut env = FINGER.make(&EnvConfig::default()).unwrap();
         let options = ResetOptions { start: Some(turning.clone()), ..fixed(name, Value::vector(&[value])) };
         reset(env.as_mut(), 0, &options).unwrap();
         // One step: the hinge is damped so much that it soon stands still whatever it weighs.

@@ -17,7 +17,7 @@ fn make(settings: Json) -> Result<Box<dyn Env>, EnvError> {
 
 fn make_of(entry: &EnvEntry, settings: Json) -> Result<Box<dyn Env>, EnvError> {
     let Json::Object(settings) = settings else { panic!("settings are an object") };
-    (entry.make)(&EnvConfig { image: Some(ImageSize { height: HEIGHT, width: WIDTH }), settings })
+    entry.make(&EnvConfig { image: Some(ImageSize { height: HEIGHT, width: WIDTH }), settings })
 }
 
 fn row(settings: Json) -> Batch {
@@ -143,6 +143,6 @@ fn the_renderer_is_named() {
         make(json!({})).expect("it was set up").renderer().as_deref(),
         Some("swm-render 0.1.0 (software)")
     );
-    let blind = (CHEETAH.make)(&EnvConfig::default()).expect("it was set up");
+    let blind = CHEETAH.make(&EnvConfig::default()).expect("it was set up");
     assert_eq!(blind.renderer(), None);
 }

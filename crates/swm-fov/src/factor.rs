@@ -18,15 +18,7 @@ pub struct Factor {
 impl Factor {
     /// A factor with any space; `default` must lie in it (checked by [`FovSpace::new`]).
     pub fn new(name: &str, space: Space, default: Value) -> Self {
-        let spec = FactorSpec {
-            name: name.to_owned(),
-            doc: String::new(),
-            space,
-            default: default.to_json(),
-            drawn_by_default: false,
-            constraint: None,
-            shows_with: Vec::new(),
-        };
+        let spec = FactorSpec::new(name, space, default.to_json());
         Self { spec, default }
     }
 

@@ -20,5 +20,5 @@ mod runtime;
 
 pub use cost::{ModelSettings, OnnxCost};
 pub use error::OnnxError;
-pub use policy::{POLICIES, image_side, onnx_policy};
+pub use policy::POLICIES;
 pub use runtime::{ORT_DYLIB_PATH, find_library};

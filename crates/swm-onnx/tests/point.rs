@@ -7,35 +7,29 @@ use std::path::{Path, PathBuf};
 use serde_json::Value as Json;
 use swm_core::{
     Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, PolicyArgs,
-    Rollout, RowsMut, Slice, Space, World, WorldOptions,
+    PolicyContext, Registry, Rollout, RowsMut, Slice, Space, World, WorldOptions,
 };
-use swm_onnx::{OnnxCost, find_library, onnx_policy};
+use swm_onnx::{OnnxCost, POLICIES, find_library};
 use swm_solvers::testing::Probe;
 use swm_solvers::{MpcPolicy, PlanConfig};
 
 /// A point that moves five times the action; start and goal are those of `make_model.py`.
-const POINT: EnvEntry = EnvEntry {
-    id: "swm/Point-v0",
-    summary: "a point on a plane (for tests)",
-    settings: &[],
-    policies: &[],
-    planner: None,
-    make: |_| Ok(Box::new(Point { spec: spec(), at: START })),
-};
+const POINT: EnvEntry = EnvEntry::new("swm/Point-v0", "a point on a plane (for tests)", |_| {
+    Ok(Box::new(Point { spec: spec(), at: START }))
+});
 
 const START: [f32; 2] = [60.0, 110.0];
 const GOAL: [f32; 2] = [90.0, 80.0];
 
 fn spec() -> EnvSpec {
-    EnvSpec {
-        id: POINT.id.to_owned(),
-        action: Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0),
-        fields: vec![Field::step("state", Dtype::F32, &[2]), Field::episode("goal_state", Dtype::F32, &[2])],
-        factors: Vec::new(),
-        time_step_s: 0.1,
-        start_columns: &["state"],
-        goal_columns: &["state"],
-    }
+    EnvSpec::new(
+        POINT.id,
+        Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0),
+        vec![Field::step("state", Dtype::F32, &[2]), Field::episode("goal_state", Dtype::F32, &[2])],
+    )
+    .time_step_s(0.1)
+    .start_columns(&["state"])
+    .goal_columns(&["state"])
 }
 
 struct Point {
@@ -136,9 +130,9 @@ fn plans_on_an_exported_model_lead_to_the_goal() {
         return;
     }
     let run = |settings: &str, num_envs| {
-        let args = PolicyArgs::parse(&format!("onnx:{},{settings}", folder().display())).unwrap();
+        let text = format!("onnx:{},{settings}", folder().display());
         let mut world = world(num_envs);
-        world.set_policy(onnx_policy(&args).unwrap());
+        world.set_policy(Registry::new().with(POLICIES).policy(&text, &world).unwrap());
         let rollout = Rollout::new(0..3).seed(1);
         world.evaluate(&rollout).unwrap()
     };
@@ -154,15 +148,15 @@ fn what_does_not_fit_is_said() {
     if !is_there() {
         return;
     }
-    let fails = |text: &str| onnx_policy(&PolicyArgs::parse(text).unwrap()).err().unwrap().to_string();
+    let registry = Registry::new().with(POLICIES);
+    let fails = |text: &str| registry.policy(text, &world(1)).err().unwrap().to_string();
     let missing = fails("onnx:nowhere");
     assert!(missing.contains("nowhere/model.json: ") && missing.contains("`swm_export`"), "{missing}");
     assert!(fails("onnx").contains("onnx:DIR"));
     assert!(fails(&format!("onnx:{},action_block=3", folder().display())).contains("blocks of 5"));
-    let args =
-        PolicyArgs::parse(&format!("onnx:{},horizon=2,receding_horizon=2", folder().display())).unwrap();
+    let text = format!("onnx:{},horizon=2,receding_horizon=2", folder().display());
     let mut world = world(1);
-    world.set_policy(onnx_policy(&args).unwrap());
+    world.set_policy(registry.policy(&text, &world).unwrap());
     let rollout = Rollout::new(0..1).seed(1);
     let mut error: &dyn std::error::Error = &world.evaluate(&rollout).unwrap_err();
     let mut text = error.to_string();
@@ -171,4 +165,21 @@ fn what_does_not_fit_is_said() {
         text = format!("{text}: {error}");
     }
     assert!(text.contains("horizon=5"), "{text}");
+}
+
+/// What commands ask of a model: the oracle is its own planner on the true dynamics, and it can be traced.
+#[test]
+fn it_names_its_oracle_and_its_files_and_shows_its_planner() {
+    let args = |text: &str| PolicyArgs::parse(text).unwrap();
+    let (entry, config) = (&POLICIES[0], EnvConfig::default());
+    let context = PolicyContext::new(&POINT, &config);
+    let model = format!("onnx:{}", folder().display());
+    let named = args(&format!("{model},solver=icem,samples=7"));
+    assert_eq!(entry.oracle_args(&context, &named), Some(args("icem:samples=7,action_block=5")));
+    assert_eq!(entry.oracle_args(&context, &args("onnx:nowhere")), None);
+    assert_eq!(entry.model_files(&named).unwrap(), [folder()]);
+    if is_there() {
+        let mut policy = entry.make(&context, &args(&model)).unwrap();
+        assert!(policy.as_any().is_some_and(|policy| policy.is::<MpcPolicy>()));
+    }
 }

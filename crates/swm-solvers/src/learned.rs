@@ -3,7 +3,7 @@
 
 use serde_json::{Map, Value as Json};
 use swm_core::error::{did_you_mean, nearest};
-use swm_core::{Setting, Settings as _};
+use swm_core::{PolicyArgs, PolicyContext, Registry, Setting, Settings as _};
 
 use crate::cost::Cost;
 use crate::error::PlanError;
@@ -28,16 +28,17 @@ pub struct LearnedCost {
     pub settings: &'static [Setting],
 }
 
-/// Takes [`SOLVER_SETTING`] out of `given`: the solver that it names, or `cem`.
-///
-/// # Errors
-///
-/// [`PlanError::Setting`]: there is no such solver.
-pub fn take_solver(given: &mut Map<String, Json>) -> Result<&'static SolverEntry, PlanError> {
+/// Takes [`SOLVER_SETTING`] out of `given`: the solver that it names, or `cem`; of the registry that the policy is made
+/// in, or of [`SOLVERS`].
+fn take_solver(
+    context: &PolicyContext<'_>,
+    given: &mut Map<String, Json>,
+) -> Result<&'static SolverEntry, PlanError> {
     let name = given.shift_remove(SOLVER_SETTING.name).unwrap_or_else(|| SOLVER_SETTING.default.into());
     let name = name.as_str().map_or_else(|| name.to_string(), str::to_owned);
-    SOLVERS.iter().find(|solver| solver.name == name).ok_or_else(|| {
-        let meant = did_you_mean(nearest(&name, SOLVERS.iter().map(|solver| solver.name)).as_deref());
+    let all = || context.registry.into_iter().flat_map(Registry::all).chain(SOLVERS);
+    all().find(|solver: &&SolverEntry| solver.name == name).ok_or_else(|| {
+        let meant = did_you_mean(nearest(&name, all().map(|solver| solver.name)).as_deref());
         let reason = format!("unknown `{name}`{meant}; `swm solvers` lists them");
         PlanError::setting(SOLVER_SETTING.name, reason)
     })
@@ -50,8 +51,12 @@ pub fn take_solver(given: &mut Map<String, Json>) -> Result<&'static SolverEntry
 ///
 /// [`PlanError::Setting`]: an unknown solver, an unknown or misfit setting, or another `action_block` than the
 /// model's.
-pub fn plan_on(learned: LearnedCost, mut given: Map<String, Json>) -> Result<MpcPolicy, PlanError> {
-    let solver = take_solver(&mut given)?;
+pub fn plan_on(
+    context: &PolicyContext<'_>,
+    learned: LearnedCost,
+    mut given: Map<String, Json>,
+) -> Result<MpcPolicy, PlanError> {
+    let solver = take_solver(context, &mut given)?;
     let own = take_named(&mut given, solver.settings, solver.renamed)?;
     let block = learned.action_block;
     if given.get("action_block").is_some_and(|asked| asked.as_u64() != Some(block as u64)) {
@@ -64,9 +69,16 @@ pub fn plan_on(learned: LearnedCost, mut given: Map<String, Json>) -> Result<Mpc
         &given,
         &[solver.settings, PlanConfig::SETTINGS, &[SOLVER_SETTING], learned.settings].concat(),
     )?;
-    let policy = MpcPolicy::new((solver.make)(own)?, learned.cost, config)?;
+    let policy = MpcPolicy::new(solver.make(own)?, learned.cost, config)?;
     Ok(match learned.scale {
         Some(scale) => policy.with_scale(scale),
         None => policy,
     })
+}
+
+/// The arguments of the same planner on the true dynamics, the oracle of a policy that [`plan_on`] makes: the solver and
+/// the settings of `given`. `None` where the solver cannot plan on the true dynamics.
+pub fn on_true_dynamics(context: &PolicyContext<'_>, mut given: Map<String, Json>) -> Option<PolicyArgs> {
+    let solver = take_solver(context, &mut given).ok().filter(|solver| solver.plans_on_simulator)?;
+    Some(PolicyArgs::new(solver.name, given))
 }

@@ -77,13 +77,13 @@ pub use colored::Normalize;
 pub use cost::{Candidates, ConstrainedCost, Cost, DifferentiableCost, Weigh};
 pub use descent::{Descent, GradClip};
 pub use error::PlanError;
-pub use learned::{LearnedCost, SOLVER_SETTING, plan_on, take_solver};
+pub use learned::{LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 pub use mpc::{ActionMap, ActionScale, HistoryView, Moment, MpcPolicy, PlanConfig, Report};
-pub use planners::{EXPERT, PLANNERS, expert_args};
+pub use planners::{EXPERT, PLANNERS};
 pub use sampling::{Noise, cheapest, clip, count_non_finite};
 pub use settings::Validate;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
-pub use solver::{MakePlanner, MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
+pub use solver::{MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
 pub use solvers::{
     Adam, AdamW, CategoricalCem, Cem, Icem, Lagrangian, Mppi, Optimizer, Penalty, Pgd, PredictiveSampling,
     SOLVERS, Select, Sgd, TemperatureMode,

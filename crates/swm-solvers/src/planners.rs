@@ -3,14 +3,14 @@
 use serde_json::{Map, Value as Json};
 use swm_core::settings::Table;
 use swm_core::{
-    EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Setting, Settings as _,
+    EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Registry, Setting, Settings as _,
 };
 
 use crate::error::PlanError;
 use crate::mpc::{MpcPolicy, PlanConfig};
 use crate::settings::{refuse_rest, take};
 use crate::simulator::{SimulatorCost, SimulatorOptions};
-use crate::solver::{SolverConfig, SolverEntry};
+use crate::solver::SolverConfig;
 use crate::solvers::SOLVERS;
 
 /// Every solver of [`SOLVERS`] that can plan on the true simulator as a policy that does, under the solver's name. Its arguments
@@ -32,22 +32,31 @@ pub const PLANNERS: &[PolicyEntry] = &{
 /// override single settings.
 ///
 /// [`EnvEntry::planner`]: swm_core::EnvEntry::planner
-pub const EXPERT: PolicyEntry = PolicyEntry {
-    name: "expert",
-    summary: "plans on the true dynamics with the settings of the environment; settings of its planner override",
-    settings: &[],
-    make: |context, args| {
+pub const EXPERT: PolicyEntry = PolicyEntry::new(
+    "expert",
+    "plans on the true dynamics with the settings of the environment; settings of its planner override",
+    |context, args| {
         let args = expert_args(context.env, args)?;
-        (planner_named(&args.name)?.on_simulator.make)(context, &args)
+        let known = context.registry.into_iter().flat_map(Registry::all::<PolicyEntry>).chain(PLANNERS);
+        let mut planners = known.filter(|entry| entry.on_true_dynamics && entry.name != EXPERT.name);
+        let planner = planners.find(|entry| entry.name == args.name);
+        planner
+            .ok_or_else(|| PolicyError::Argument {
+                policy: EXPERT.name.to_owned(),
+                reason: format!("there is no planner `{}`", args.name),
+            })?
+            .make(context, &args)
     },
-};
+)
+.on_true_dynamics()
+.only_for(|env| env.planner.is_some());
 
 /// The planner and its settings that [`EXPERT`] with `args` stands for.
 ///
 /// # Errors
 ///
 /// [`PolicyError::Argument`]: the environment names no planner.
-pub fn expert_args(env: &EnvEntry, args: &PolicyArgs) -> Result<PolicyArgs, PolicyError> {
+fn expert_args(env: &EnvEntry, args: &PolicyArgs) -> Result<PolicyArgs, PolicyError> {
     let Some(planner) = env.planner else {
         return Err(args.wrong(format!("{} names no planner; use one by its name", env.id)));
     };
@@ -55,14 +64,6 @@ pub fn expert_args(env: &EnvEntry, args: &PolicyArgs) -> Result<PolicyArgs, Poli
     all.positional.extend(args.positional.iter().cloned());
     all.named.extend(args.named.clone());
     Ok(all)
-}
-
-fn planner_named(name: &str) -> Result<&'static SolverEntry, PolicyError> {
-    let found = SOLVERS.iter().find(|solver| solver.name == name && solver.plans_on_simulator);
-    found.ok_or_else(|| PolicyError::Argument {
-        policy: EXPERT.name.to_owned(),
-        reason: format!("there is no planner `{name}`"),
-    })
 }
 
 const COUNT: usize = {
@@ -75,7 +76,10 @@ const COUNT: usize = {
 };
 
 pub(crate) const fn on_simulator<S: SolverConfig>() -> PolicyEntry {
-    PolicyEntry { name: S::NAME, summary: S::SUMMARY, settings: AllSettings::<S>::TABLE, make: make::<S> }
+    PolicyEntry::new(S::NAME, S::SUMMARY, make::<S>)
+        .settings(AllSettings::<S>::TABLE)
+        .on_true_dynamics()
+        .oracle(|_, args| Some(args.clone()))
 }
 
 /// All arguments of the policy of one solver.
@@ -91,18 +95,12 @@ fn make<S: SolverConfig>(
     context: &PolicyContext<'_>,
     args: &PolicyArgs,
 ) -> Result<Box<dyn Policy>, PolicyError> {
-    Ok(Box::new(planner::<S>(context, args)?))
-}
-
-pub(crate) fn planner<S: SolverConfig>(
-    context: &PolicyContext<'_>,
-    args: &PolicyArgs,
-) -> Result<MpcPolicy, PolicyError> {
     let given = args.parse_as::<Map<String, Json>>()?;
-    assemble::<S>(context, given).map_err(|error| match error {
+    let policy = assemble::<S>(context, given).map_err(|error| match error {
         PlanError::Env(error) => PolicyError::Env(error),
         error => args.wrong(error.to_string()),
-    })
+    })?;
+    Ok(Box::new(policy))
 }
 
 fn assemble<S: SolverConfig>(
@@ -121,16 +119,14 @@ fn assemble<S: SolverConfig>(
 
 #[cfg(test)]
 mod tests {
+    use swm_core::EnvConfig;
     use swm_core::testing::{DISCRETE_TOY, TOY};
-    use swm_core::{EnvConfig, EnvEntry, Registry};
 
     use super::*;
 
     fn describe_in(env: &EnvEntry, text: &str) -> Result<String, PolicyError> {
-        let args = PolicyArgs::parse(text)?;
-        let entry = PLANNERS.iter().find(|entry| entry.name == args.name).expect("a planner of the table");
-        let context = PolicyContext { env, config: &EnvConfig::default(), frame_skip: 1 };
-        Ok((entry.make)(&context, &args)?.describe())
+        let registry = Registry::new().with(PLANNERS);
+        Ok(registry.policy(text, PolicyContext::new(env, &EnvConfig::default()))?.describe())
     }
 
     fn describe(text: &str) -> Result<String, PolicyError> {
@@ -164,18 +160,22 @@ mod tests {
 
     #[test]
     fn an_expert_is_the_planner_of_its_environment() {
-        const ENV: EnvEntry = EnvEntry { planner: Some("icem:horizon=7,samples=40"), ..TOY };
-        let registry = Registry::new().with_policies(PLANNERS).with_expert(&EXPERT);
+        const ENV: EnvEntry = EnvEntry::new(TOY.id, TOY.summary, |config| TOY.make(config));
+        const PLANNED: EnvEntry = ENV.planner("icem:horizon=7,samples=40");
+        let registry = Registry::new().with(PLANNERS).with(&[EXPERT]);
         let describe = |env: &EnvEntry, text: &str| {
-            let context = PolicyContext { env, config: &EnvConfig::default(), frame_skip: 1 };
-            Ok::<_, PolicyError>(registry.policy(&context, &PolicyArgs::parse(text)?)?.describe())
+            let config = EnvConfig::default();
+            Ok::<_, PolicyError>(registry.policy(text, PolicyContext::new(env, &config))?.describe())
         };
-        assert_eq!(describe(&ENV, "expert").unwrap(), "icem:samples=40,horizon=7");
-        assert_eq!(describe(&ENV, "expert:samples=50").unwrap(), "icem:samples=50,horizon=7");
+        assert_eq!(describe(&PLANNED, "expert").unwrap(), "icem:samples=40,horizon=7");
+        assert_eq!(describe(&PLANNED, "expert:samples=50").unwrap(), "icem:samples=50,horizon=7");
         assert!(
-            describe(&ENV, "expert:sample=50").unwrap_err().to_string().contains("did you mean `samples`")
+            describe(&PLANNED, "expert:sample=50")
+                .unwrap_err()
+                .to_string()
+                .contains("did you mean `samples`")
         );
-        assert!(describe(&TOY, "expert").unwrap_err().to_string().contains("unknown policy `expert`"));
+        assert!(describe(&ENV, "expert").unwrap_err().to_string().contains("unknown policy `expert`"));
     }
 
     #[test]

@@ -1,13 +1,10 @@
 //! What every solver takes and gives. The solvers themselves stand in `solvers/`.
 
 use serde_json::{Map, Value as Json};
-use swm_core::{
-    EpisodeSeed, LiveEpisode, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Setting, Space,
-};
+use swm_core::{Entry, EpisodeSeed, LiveEpisode, PolicyEntry, Setting, Space};
 
 use crate::cost::{Candidates, Cost};
 use crate::error::PlanError;
-use crate::mpc::MpcPolicy;
 use crate::planners;
 use crate::settings::Validate;
 use crate::space::plan_width;
@@ -236,8 +233,9 @@ pub trait SolverConfig: Solver + Validate + 'static {
     const NEEDS_CONTROL_MODEL: bool = false;
 }
 
-/// One solver of [`crate::SOLVERS`].
+/// One solver of a table, such as [`crate::SOLVERS`].
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct SolverEntry {
     /// Its name: `cem`.
     pub name: &'static str,
@@ -247,18 +245,12 @@ pub struct SolverEntry {
     pub settings: &'static [Setting],
     /// Former names of settings: `(old, new)`.
     pub renamed: &'static [(&'static str, &'static str)],
-    /// Makes one from settings by name.
-    pub make: MakeSolver,
     /// The policy that plans with it on the true simulator.
     pub on_simulator: PolicyEntry,
     /// Whether that policy is of use: not for solvers that need a [`crate::models::ControlModel`].
     pub plans_on_simulator: bool,
-    /// Makes that policy as what it is, so that a trace can be given to it.
-    pub planner: MakePlanner,
+    make: MakeSolver,
 }
-
-/// Makes a policy that plans on the true simulator, from the arguments of [`SolverEntry::on_simulator`].
-pub type MakePlanner = fn(&PolicyContext<'_>, &PolicyArgs) -> Result<MpcPolicy, PolicyError>;
 
 /// Makes a solver from settings by name.
 pub type MakeSolver = fn(Map<String, Json>) -> Result<Box<dyn Solver>, PlanError>;
@@ -271,10 +263,27 @@ impl SolverEntry {
             summary: S::SUMMARY,
             settings: S::SETTINGS,
             renamed: S::RENAMED,
-            make: |given| Ok(Box::new(S::from_settings(given)?)),
             on_simulator: planners::on_simulator::<S>(),
             plans_on_simulator: !S::NEEDS_CONTROL_MODEL,
-            planner: planners::planner::<S>,
+            make: |given| Ok(Box::new(S::from_settings(given)?)),
         }
+    }
+
+    /// Makes one from settings by name.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Setting`]: unknown, of another type, or out of range.
+    pub fn make(&self, given: Map<String, Json>) -> Result<Box<dyn Solver>, PlanError> {
+        (self.make)(given)
+    }
+}
+
+impl Entry for SolverEntry {
+    const KIND: &'static str = "solver";
+    const COMMAND: &'static str = "solvers";
+
+    fn name(&self) -> &'static str {
+        self.name
     }
 }

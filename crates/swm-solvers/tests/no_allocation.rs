@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use swm_core::testing::{DISCRETE_TOY, TOY};
-use swm_core::{Dtype, EnvConfig, EpisodeSeed, PolicyArgs, PolicyContext, Registry, ResetOptions, Space};
+use swm_core::{Dtype, EnvConfig, EpisodeSeed, PolicyContext, Registry, ResetOptions, Space};
 use swm_core::{Value, World, WorldOptions};
 use swm_solvers::models::{ControlModel, Stage};
 use swm_solvers::{
@@ -96,7 +96,7 @@ fn later_plans_allocate_nothing() {
     // One thread: what rayon needs to wake others is not ours. One test: others would be counted.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     for entry in SOLVERS {
-        let solver = (entry.make)(serde_json::Map::new()).unwrap();
+        let solver = entry.make(serde_json::Map::new()).unwrap();
         let key = |episode| PlanKey { episode, seed: EpisodeSeed::new(episode), plan: 0 };
         let keys: Vec<PlanKey> = (0..4).map(key).collect();
         let spaces = [Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), Space::Discrete { n: 5, start: 0 }];
@@ -122,14 +122,11 @@ fn later_plans_allocate_nothing() {
     for planner in PLANNERS {
         let config = EnvConfig::default();
         let text = format!("{}:horizon=2,receding_horizon=1,action_block=1,history_len=2", planner.name);
-        let (registry, args) = (Registry::new().with_policies(PLANNERS), PolicyArgs::parse(&text).unwrap());
+        let registry = Registry::new().with(PLANNERS);
         // The toy environment with real actions, or that with integers: whichever the planner can plan for.
         let (toy, policy) = [TOY, DISCRETE_TOY]
             .into_iter()
-            .find_map(|toy| {
-                let context = PolicyContext { env: &toy, config: &config, frame_skip: 1 };
-                Some((toy, registry.policy(&context, &args).ok()?))
-            })
+            .find_map(|toy| Some((toy, registry.policy(&text, PolicyContext::new(&toy, &config)).ok()?)))
             .unwrap();
         let options = WorldOptions::default().threads(1);
         let mut world = World::new(&toy, options).unwrap();

@@ -45,26 +45,18 @@ pub use swm_solvers as solvers;
 
 use swm_core::Registry;
 
-/// Every environment and policy of this workspace.
+/// Every environment, policy, solver and dataset format of this workspace.
 pub fn registry() -> Registry {
-    let registry = Registry::new().with_envs(swm_envs_2d::ENVS);
+    let registry = Registry::new().with(swm_envs_2d::ENVS);
     #[cfg(feature = "mujoco")]
-    let registry = registry.with_envs(swm_envs_mujoco::ENVS);
+    let registry = registry.with(swm_envs_mujoco::ENVS);
     #[cfg(feature = "baselines")]
-    let registry = registry.with_policies(swm_baselines::acting::POLICIES);
+    let registry = registry.with(swm_baselines::acting::POLICIES).with(swm_baselines::acting::MODELS);
     #[cfg(feature = "onnx")]
-    let registry = registry.with_policies(swm_onnx::POLICIES);
-    registry.with_policies(swm_solvers::PLANNERS).with_expert(&swm_solvers::EXPERT)
-}
-
-/// Makes dataset formats known that are crates of their own: those of the feature `lance`. The command `swm` does it
-/// itself; a program that opens datasets by the library does it once.
-///
-/// # Errors
-///
-/// The program has registered another format of the same name.
-pub fn register_formats() -> Result<(), swm_data::DataError> {
+    let registry = registry.with(swm_onnx::POLICIES);
+    let registry = registry.with(swm_data::FORMATS);
     #[cfg(feature = "lance")]
-    swm_data_lance::register()?;
-    Ok(())
+    let registry = registry.with(swm_data_lance::FORMATS);
+    let registry = registry.with(swm_solvers::SOLVERS).with(swm_solvers::PLANNERS);
+    registry.with(&[swm_solvers::EXPERT])
 }

@@ -64,7 +64,7 @@ pub fn replay(
     if frame_skip > MAX_FRAME_SKIP {
         return Err(format!("its frame skip of {frame_skip} is more than {MAX_FRAME_SKIP}").into());
     }
-    let mut env = (entry.make)(&EnvConfig { image: None, settings })?;
+    let mut env = entry.make(&EnvConfig { image: None, settings })?;
     let mut live = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
     let columns = Columns::shared(env.as_ref(), source)?;
     let mut recorded = Batch::new(Schema::new(columns.read.clone())?, 0);

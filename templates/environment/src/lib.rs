@@ -8,17 +8,10 @@ use swm_core::{
 use swm_fov::{Factor, Fov, FovSpace, SavedFov};
 
 /// The environment as tables and command lines know it.
-pub const POINT: EnvEntry = EnvEntry {
-    id: "demo/Point-v0",
-    summary: "a point on a line that must reach a goal",
-    settings: &[],
-    policies: &[],
-    planner: None,
-    make: |config| Ok(Box::new(Point::new(config)?)),
-};
-
-/// Everything that this crate adds.
-pub const ENVS: &[EnvEntry] = &[POINT];
+pub const POINT: EnvEntry =
+    EnvEntry::new("demo/Point-v0", "a point on a line that must reach a goal", |config| {
+        Ok(Box::new(Point::new(config)?))
+    });
 
 // Field indices, in the order of `fields`.
 const STATE: usize = 0;
@@ -66,15 +59,11 @@ impl Point {
             vec![Field::step("state", Dtype::F64, &[1]), Field::episode("goal_state", Dtype::F64, &[1])];
         fields.extend(space.fields());
         fields.extend(config.image.map(|size| size.field("pixels")));
-        let spec = EnvSpec {
-            id: POINT.id.to_owned(),
-            action: Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0),
-            fields,
-            factors: space.specs(),
-            time_step_s: 0.1,
-            start_columns: &["state"],
-            goal_columns: &["state"],
-        };
+        let spec = EnvSpec::new(POINT.id, Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0), fields)
+            .factors(space.specs())
+            .time_step_s(0.1)
+            .start_columns(&["state"])
+            .goal_columns(&["state"]);
         let fov = space.defaults();
         Ok(Self { spec, space, fov, position: 0.0, goal: 0.0 })
     }

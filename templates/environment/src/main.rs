@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    swm::cli::main(&swm::registry().with_envs({{crate_name}}::ENVS))
+    swm::cli::main(&swm::registry().with(&[{{crate_name}}::POINT]))
 }

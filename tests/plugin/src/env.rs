@@ -164,13 +164,9 @@ fn spec(image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
         vec![Field::step("state", Dtype::F64, &[4]), Field::episode("goal_state", Dtype::F64, &[4])];
     fields.extend(space.fields());
     fields.extend(image.map(|size| size.field(PIXELS)));
-    EnvSpec {
-        id: ICE_RINK.id.to_owned(),
-        action: Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0),
-        fields,
-        factors: space.specs(),
-        time_step_s: STEP_S,
-        start_columns: &["state"],
-        goal_columns: &["state"],
-    }
+    EnvSpec::new(ICE_RINK.id, Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), fields)
+        .factors(space.specs())
+        .time_step_s(STEP_S)
+        .start_columns(&["state"])
+        .goal_columns(&["state"])
 }

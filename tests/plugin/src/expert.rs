@@ -1,24 +1,17 @@
 //! The expert: it pushes towards the mark, and against the puck's speed.
 
 use swm_core::policy::write_action;
+use swm_core::registry::NoArgs;
 use swm_core::{Actor, PerEpisode, PolicyEntry, PolicyError, RowView, SliceMut};
 
 /// `expert`.
-pub(crate) const EXPERT: PolicyEntry = PolicyEntry {
-    name: "expert",
-    summary: "pushes towards the mark, and brakes in time",
-    settings: &[],
-    make: |_, args| {
-        args.parse_as::<NoArguments>()?;
+pub(crate) const EXPERT: PolicyEntry =
+    PolicyEntry::new("expert", "pushes towards the mark, and brakes in time", |_, args| {
+        args.parse_as::<NoArgs>()?;
         Ok(Box::new(PerEpisode::new("expert".to_owned(), |_: &RowView<'_>| {
             Ok(Box::new(Expert) as Box<dyn Actor>)
         })))
-    },
-};
-
-#[derive(serde::Deserialize)]
-#[serde(deny_unknown_fields)]
-struct NoArguments {}
+    });
 
 struct Expert;
 

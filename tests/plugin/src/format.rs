@@ -16,16 +16,16 @@ use swm::data::recording::{self, EP_IDX, StepIndex, BackendWriter, Session, Sess
 use swm::data::{DatasetInfo, DataError, Dataset, Format, MemoryDataset, Steps};
 use swm_core::{Batch, Column, Dtype, Field, Metadata, Schema, Slice, SliceMut};
 
-/// `swm_data::format::register(&JSONL)` makes it known.
-pub static JSONL: Format = Format {
-    name: "jsonl",
-    extensions: &["jsonl"],
-    about: "one line of text per episode: to look at",
-    detect: |path| begins(path).is_ok_and(|bytes| bytes == BEGIN),
-    open: |path| Ok(Box::new(Lines::open(path)?)),
-    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, Jsonl)?)),
-    repair,
-};
+/// `jsonl`.
+pub const JSONL: Format = Format::new(
+    "jsonl",
+    "one line of text per episode: to look at",
+    |path| begins(path).is_ok_and(|bytes| bytes == BEGIN),
+    |path| Ok(Box::new(Lines::open(path)?)),
+)
+.extensions(&["jsonl"])
+.writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, Jsonl)?)))
+.repairer(repair);
 
 /// What every file begins with.
 const BEGIN: &[u8] = b"{\"columns\":";
@@ -210,7 +210,7 @@ impl Backend for Jsonl {
     }
 
     fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {
-        (JSONL.open)(path)
+        JSONL.open(path)
     }
 
     /// Also where a recording was killed amid its first line.

@@ -8,9 +8,9 @@ mod expert;
 mod factors;
 #[cfg(feature = "cli")]
 mod format;
+mod image;
 #[cfg(feature = "cli")]
 mod model;
-mod image;
 #[cfg(feature = "cli")]
 mod solver;
 
@@ -19,39 +19,26 @@ use swm_core::{EnvEntry, Registry};
 pub use env::Rink;
 pub use factors::factors;
 #[cfg(feature = "cli")]
-pub use format::JSONL;
-#[cfg(feature = "cli")]
-pub use model::FITTED_MODEL;
-#[cfg(feature = "cli")]
-pub use solver::Shotgun;
+pub use {format::JSONL, model::FITTED_MODEL, solver::SHOTGUN};
 
 /// `demo/IceRink-v0`.
-pub const ICE_RINK: EnvEntry = EnvEntry {
-    id: "demo/IceRink-v0",
-    summary: "push a puck over ice until it lies on a mark; two-dimensional continuous actions",
-    settings: &[],
-    policies: &[expert::EXPERT],
-    planner: None,
-    make: |config| Ok(Box::new(Rink::new(config)?)),
-};
+pub const ICE_RINK: EnvEntry = EnvEntry::new(
+    "demo/IceRink-v0",
+    "push a puck over ice until it lies on a mark; two-dimensional continuous actions",
+    |config| Ok(Box::new(Rink::new(config)?)),
+)
+.policies(&[expert::EXPERT]);
 
-/// Everything that this crate adds to others.
-pub const ENVS: &[EnvEntry] = &[ICE_RINK];
-
-/// The environments and policies of stable-worldmodel, and those of this crate.
+/// Everything of stable-worldmodel, and the environment, solver, model and format of this crate. The solver plans on the true
+/// dynamics of any environment, too.
 #[cfg(feature = "cli")]
 pub fn registry() -> Registry {
-    swm::registry().with_envs(ENVS).with_policies(POLICIES)
+    let registry = swm::registry().with(&[ICE_RINK]).with(&[JSONL]).with(&[SHOTGUN]);
+    registry.with(&[SHOTGUN.on_simulator, FITTED_MODEL])
 }
 
-/// The environments of this crate alone.
+/// The environment of this crate alone.
 #[cfg(not(feature = "cli"))]
 pub fn registry() -> Registry {
-    Registry::new().with_envs(ENVS)
+    Registry::new().with(&[ICE_RINK])
 }
-
-/// Policies that work on more than one environment: planning with our solver on the true dynamics of any, and planning with our
-/// model, which is fitted to a dataset.
-#[cfg(feature = "cli")]
-pub const POLICIES: &[swm_core::PolicyEntry] =
-    &[swm::solvers::SolverEntry::of::<Shotgun>().on_simulator, FITTED_MODEL];

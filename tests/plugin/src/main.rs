@@ -3,9 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    if let Err(error) = swm::data::format::register(&ice_rink::JSONL) {
-        eprintln!("{error}");
-        return ExitCode::FAILURE;
-    }
     swm::cli::main(&ice_rink::registry())
 }

@@ -1,44 +1,52 @@
-//! A world model of our own: the next state is a linear function of state and action, fitted to a dataset by least squares. The
-//! policy `fitted-model:FILE` plans in it.
+//! A custom world model: the next state is a linear function of state and action, fitted to a dataset by least squares. The
+//! policy `fitted-model:FILE` plans on it.
 
 use std::path::Path;
 
-use serde::Deserialize;
-use swm::core::{Batch, BoxError, PolicyEntry, Schema, Setting};
+use serde_json::{Map, Value as Json};
+use swm::core::{Batch, BoxError, PolicyArgs, PolicyEntry, Schema, Setting};
 use swm::solvers::models::{Dynamics, GoalMse, Part, Reduction, ShootingCost, Steps};
-use swm::solvers::{Candidates, Cem, Moment, MpcPolicy, PlanConfig, PlanError};
-
-/// `fitted-model`.
-pub const FITTED_MODEL: PolicyEntry = PolicyEntry {
-    name: "fitted-model",
-    summary: "plans with `cem` in a linear model that is fitted to a dataset (`fitted-model:FILE`)",
-    settings: &[Setting {
-        name: "data",
-        doc: "a dataset with the columns state and action",
-        default: "none",
-    }],
-    make: |_, args| {
-        let Arguments { data } = args.parse_with("data")?;
-        let policy = make(Path::new(&data)).map_err(|error| args.wrong(error.to_string()))?;
-        Ok(Box::new(policy))
-    },
+use swm::solvers::{
+    Candidates, LearnedCost, Moment, PlanError, SOLVER_SETTING, on_true_dynamics, plan_on,
 };
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Arguments {
-    data: String,
+/// `fitted-model`. What a command asks of the model behind it is said here too: the images that it was trained on (those of
+/// its dataset), the file that it depends on, and its oracle, the same planner on the true dynamics.
+pub const FITTED_MODEL: PolicyEntry = PolicyEntry::new(
+    "fitted-model",
+    "plans on a linear model that is fitted to a dataset (`fitted-model:FILE`), with the settings of solver and plan",
+    |context, args| {
+        let (file, given) = split(args).ok_or_else(|| args.wrong("name one dataset: `fitted-model:FILE`"))?;
+        let cost = fit(file.as_ref()).map_err(|error| args.wrong(error.to_string()))?;
+        let learned = LearnedCost { cost: Box::new(cost), action_block: BLOCK, scale: None, settings: &[] };
+        Ok(Box::new(plan_on(context, learned, given).map_err(|error| args.wrong(error.to_string()))?))
+    },
+)
+.settings(&[Setting::new("FILE", "a dataset with the columns state and action", "required"), SOLVER_SETTING])
+.image(|args| swm::data::open(split(args)?.0.as_ref()).ok()?.metadata()?.image)
+.files(|args| Ok(split(args).into_iter().map(|(file, _)| file.into()).collect()))
+.oracle(|context, args| {
+    let (_, mut given) = split(args)?;
+    given.insert("action_block".to_owned(), BLOCK.into());
+    on_true_dynamics(context, given)
+});
+
+/// The dataset, and the settings of solver and plan; plans are short if nothing else is said.
+fn split(args: &PolicyArgs) -> Option<(&str, Map<String, Json>)> {
+    let [file] = &args.positional[..] else { return None };
+    let mut given = args.named.clone();
+    given.entry("horizon").or_insert(10.into());
+    given.entry("receding_horizon").or_insert(2.into());
+    Some((file.as_str()?, given))
 }
 
-fn make(data: &Path) -> Result<MpcPolicy, BoxError> {
-    let model = LinearModel::fit(data)?;
-    let state = ["state"];
-    let cost =
-        ShootingCost::new(model, Box::new(GoalMse::new(&state, Steps::All, Reduction::Mean)), Vec::new())?;
-    let config = PlanConfig { horizon: 10, receding_horizon: 2, action_block: 2, ..PlanConfig::default() };
-    Ok(MpcPolicy::new(Box::new(Cem::default()), Box::new(cost), config)?)
+fn fit(data: &Path) -> Result<ShootingCost<LinearModel>, BoxError> {
+    let objective = GoalMse::new(&["state"], Steps::All, Reduction::Mean);
+    Ok(ShootingCost::new(LinearModel::fit(data)?, Box::new(objective), Vec::new())?)
 }
 
+/// Actions of a block.
+const BLOCK: usize = 2;
 /// Numbers of a state, and of an action.
 const STATE: usize = 4;
 const ACTION: usize = 2;

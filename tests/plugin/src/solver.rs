@@ -2,7 +2,12 @@
 
 use serde_json::{Map, Value as Json};
 use swm::core::{Settings as _, Space};
-use swm::solvers::{Cost, Noise, Plan, PlanError, Problem, Solver, SolverConfig, Trace, Validate, Workspace};
+use swm::solvers::{
+    Cost, Noise, Plan, PlanError, Problem, Solver, SolverConfig, SolverEntry, Trace, Validate, Workspace,
+};
+
+/// `shotgun`.
+pub const SHOTGUN: SolverEntry = SolverEntry::of::<Shotgun>();
 
 swm::core::settings! {
     /// Samples S plans around the initial one, once.

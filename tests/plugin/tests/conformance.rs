@@ -2,7 +2,7 @@
 
 use ice_rink::{ICE_RINK, registry};
 use swm_core::testing::assert_conforms;
-use swm_core::{EnvConfig, PolicyArgs, PolicyContext, Rollout, World, WorldOptions};
+use swm_core::{Rollout, World, WorldOptions};
 
 #[test]
 fn it_conforms() {
@@ -15,8 +15,7 @@ fn its_expert_brings_every_puck_to_its_mark() {
     let env = registry.env("demo/IceRink-v0").unwrap();
     let options = WorldOptions::new(4).max_episode_steps(200);
     let mut world = World::new(env, options).unwrap();
-    let context = PolicyContext { env, config: &EnvConfig::default(), frame_skip: 1 };
-    world.set_policy(registry.policy(&context, &PolicyArgs::parse("expert").unwrap()).unwrap());
+    world.set_policy(registry.policy("expert", &world).unwrap());
     let rollout = Rollout::new(0..100).seed(7).vary(["all"]);
     let result = world.evaluate(&rollout).unwrap();
     assert_eq!((result.episodes, result.success_rate), (100, 100.0));

@@ -59,7 +59,7 @@ fn image(entry: &EnvEntry, vary: &[String], settings: &[(&str, &str)]) -> Result
     for (name, value) in settings {
         config.settings.insert((*name).to_owned(), (*value).into());
     }
-    let mut env = (entry.make)(&config)?;
+    let mut env = entry.make(&config)?;
     let mut row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
     let options = ResetOptions { variation: Some(vary.to_vec()), ..ResetOptions::default() };
     env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options })?;

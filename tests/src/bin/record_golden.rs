@@ -10,10 +10,7 @@ use ndarray::{Array1, Array2};
 use ndarray_npy::NpzWriter;
 use serde_json::{Map, Value as Json, json};
 use swm::core::error::BoxError;
-use swm::core::{
-    EnvConfig, EpisodeEnd, ImageSize, LiveRow, PolicyArgs, PolicyContext, Recorder, Rollout, Value, World,
-    WorldOptions,
-};
+use swm::core::{EnvConfig, EpisodeEnd, ImageSize, LiveRow, Recorder, Rollout, Value, World, WorldOptions};
 
 /// Side of the recorded images, pixels.
 const SIDE: usize = 64;
@@ -39,11 +36,9 @@ fn main() -> Result<()> {
     let entry = registry.env(&args.env)?;
     let size = ImageSize { height: SIDE, width: SIDE };
     let env = EnvConfig { image: Some(size), ..EnvConfig::default() };
-    let context = PolicyContext { env: entry, config: &env, frame_skip: 1 };
-    let policy = registry.policy(&context, &PolicyArgs::parse(&args.policy)?)?;
-    let options = WorldOptions::default().env(env.clone()).max_episode_steps(args.steps);
+    let options = WorldOptions::default().env(env).max_episode_steps(args.steps);
     let mut world = World::new(entry, options)?;
-    world.set_policy(policy);
+    world.set_policy(registry.policy(&args.policy, &world)?);
     let mut tape =
         Tape { names: world.spec().factors.iter().map(|f| f.name.clone()).collect(), ..Tape::default() };
     let rollout = Rollout::new(0..1).seed(args.seed).vary(["all"]);

@@ -206,7 +206,7 @@ impl Run {
             ..EnvConfig::default()
         };
         (rules.settings)(&mut config.settings);
-        let env = (registry.env(rules.env_id)?.make)(&config)?;
+        let env = registry.env(rules.env_id)?.make(&config)?;
         let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
         Ok(Self { env, row })
     }

@@ -51,7 +51,7 @@ fn path() -> PathBuf {
 const PROGRAMS: &[(&str, &str)] = &[
     (
         "swm",
-        "fn main() { let registry = swm::registry(); println!(\"{}\", registry.envs().iter().filter(|env| (env.make)(&Default::default()).is_ok()).count()); }",
+        "fn main() { let registry = swm::registry(); println!(\"{}\", registry.envs().filter(|env| env.make(&Default::default()).is_ok()).count()); }",
     ),
     ("swm-core", "fn main() { println!(\"{:?}\", swm_core::Registry::new().env(\"none\").err()); }"),
     (
@@ -60,11 +60,11 @@ const PROGRAMS: &[(&str, &str)] = &[
     ),
     (
         "swm-envs-2d",
-        "fn main() { println!(\"{}\", swm_envs_2d::ENVS.iter().filter(|env| (env.make)(&Default::default()).is_ok()).count()); }",
+        "fn main() { println!(\"{}\", swm_envs_2d::ENVS.iter().filter(|env| env.make(&Default::default()).is_ok()).count()); }",
     ),
     (
         "swm-envs-mujoco",
-        "fn main() { println!(\"{}\", swm_envs_mujoco::ENVS.iter().filter(|env| (env.make)(&Default::default()).is_ok()).count()); }",
+        "fn main() { println!(\"{}\", swm_envs_mujoco::ENVS.iter().filter(|env| env.make(&Default::default()).is_ok()).count()); }",
     ),
     (
         "swm-fov",

@@ -5,19 +5,27 @@
 //! where an episode begins: what a history of more frames would add is not measured.
 
 use swm_core::env::PIXELS;
+use swm_core::evaluate::ModelEntry;
 use swm_core::evaluate::quality::WorldModel;
 use swm_core::{Batch, BoxError, PolicyArgs, PolicyError, Row};
 
-use super::policies::Given;
+use super::policies::{Given, image_size};
 use super::scenes::{bytes, numbers, scaled, size_of};
 use crate::baseline::PlanModel;
 use crate::data::{Images, Numbers, Observations};
-use crate::models::table::BASELINES;
 use crate::train::{ACTION, PROPRIO, Scale, TrainedModel};
 
-/// Whether arguments name a trained model: `lewm:RUN`, or `model:RUN` for any.
-pub fn is_model(args: &PolicyArgs) -> bool {
-    args.name == ANY || BASELINES.iter().any(|entry| entry.name == args.name)
+/// Trained models whose quality is measured: `lewm:RUN`, or `model:RUN` for any.
+pub const MODELS: &[ModelEntry] = &[
+    model(ANY, "any trained world model"),
+    model("lewm", "a trained LeWM"),
+    model("pldm", "a trained PLDM"),
+    model("dino-wm", "a trained DINO-WM"),
+];
+
+const fn model(name: &'static str, summary: &'static str) -> ModelEntry {
+    ModelEntry::new(name, summary, |context, args| Ok(Box::new(LatentModel::new(args, context.env.id)?)))
+        .image(image_size)
 }
 
 const ANY: &str = "model";
@@ -26,7 +34,6 @@ const ANY: &str = "model";
 pub struct LatentModel {
     network: Box<dyn PlanModel>,
     frameskip: usize,
-    side: usize,
     action: Scale,
     proprio: Option<Scale>,
     latents: Vec<f32>,
@@ -58,13 +65,8 @@ impl LatentModel {
         let scale = |column: &str| config.data.scales.get(column).cloned();
         let action = scale(ACTION).ok_or_else(|| args.wrong("the run has no scale of actions".to_owned()))?;
         let proprio = needs.proprio.then(|| scale(PROPRIO)).flatten();
-        let (frameskip, side) = (needs.frameskip, config.data.image);
-        Ok(Self { network, frameskip, side, action, proprio, latents: Vec::new(), actions: Vec::new() })
-    }
-
-    /// The side of the images that the model was trained on.
-    pub fn image_side(&self) -> usize {
-        self.side
+        let frameskip = needs.frameskip;
+        Ok(Self { network, frameskip, action, proprio, latents: Vec::new(), actions: Vec::new() })
     }
 
     fn encode_seen(

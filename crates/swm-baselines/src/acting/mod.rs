@@ -16,5 +16,5 @@ mod scenes;
 
 pub use cost::ModelCost;
 pub use goal_policy::ModelPolicy;
-pub use latents::{LatentModel, is_model};
-pub use policies::{MPC, POLICIES, ceiling, image_side, model_files, mpc_policy};
+pub use latents::{LatentModel, MODELS};
+pub use policies::POLICIES;

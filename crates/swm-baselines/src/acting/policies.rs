@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value as Json};
 use swm_core::error::{did_you_mean, nearest};
-use swm_core::registry::Setting;
-use swm_core::{Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
-use swm_solvers::{LearnedCost, MpcPolicy, SOLVER_SETTING, plan_on, take_solver};
+use swm_core::registry::{MakePolicy, Setting};
+use swm_core::{ImageSize, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
+use swm_solvers::{LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 
 use super::cost::ModelCost;
 use super::goal_policy::ModelPolicy;
@@ -17,29 +17,34 @@ use crate::train::{RunConfig, RunFolder, TrainedModel, Which};
 
 /// Policies for every environment that shows images.
 pub const POLICIES: &[PolicyEntry] = &[
-    MPC,
-    PolicyEntry {
-        name: "policy",
-        summary: "acts as a trained goal-conditioned policy says (`policy:RUN`)",
-        settings: POLICY_SETTINGS,
-        make: |context, args| model_policy(context, args, None),
-    },
-    named("gcbc", "a trained GCBC (`gcbc:RUN`)", |context, args| model_policy(context, args, Some("gcbc"))),
-    named("gcivl", "a trained GCIVL (`gcivl:RUN`)", |context, args| {
+    PolicyEntry::new(
+        "mpc",
+        "plans on a trained world model (`mpc:RUN,solver=cem`), with the settings of the solver and of the plan",
+        |context, args| {
+            let given = Given::of(args)?;
+            let model = given.model(args, context.env.id)?;
+            let cost = ModelCost::new(model).map_err(|error| given.wrong(args, error))?;
+            let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
+            let learned = LearnedCost { cost: Box::new(cost), action_block, scale, settings: OF_MODELS };
+            let policy = plan_on(context, learned, given.rest);
+            Ok(Box::new(policy.map_err(|error| args.wrong(error.to_string()))?))
+        },
+    )
+    .settings(&[RUN, CHECKPOINT, DEVICE, TRANSFER, SOLVER_SETTING])
+    .image(image_size)
+    .files(model_files)
+    .oracle(|context, args| on_true_dynamics(context, Given::of(args).ok()?.rest)),
+    acting("policy", "acts as a trained goal-conditioned policy says (`policy:RUN`)", |context, args| {
+        model_policy(context, args, None)
+    }),
+    acting("gcbc", "a trained GCBC (`gcbc:RUN`)", |context, args| model_policy(context, args, Some("gcbc"))),
+    acting("gcivl", "a trained GCIVL (`gcivl:RUN`)", |context, args| {
         model_policy(context, args, Some("gcivl"))
     }),
-    named("gciql", "a trained GCIQL (`gciql:RUN`)", |context, args| {
+    acting("gciql", "a trained GCIQL (`gciql:RUN`)", |context, args| {
         model_policy(context, args, Some("gciql"))
     }),
 ];
-
-/// Plans on a trained world model.
-pub const MPC: PolicyEntry = PolicyEntry {
-    name: "mpc",
-    summary: "plans on a trained world model (`mpc:RUN,solver=cem`), with the settings of the solver and of the plan",
-    settings: &[RUN, CHECKPOINT, DEVICE, TRANSFER, SOLVER_SETTING],
-    make: |context, args| Ok(Box::new(mpc_policy(args, context.env.id)?)),
-};
 
 const RUN: Setting = Setting { name: "RUN", doc: "folder of a training run", default: "required" };
 const CHECKPOINT: Setting =
@@ -50,14 +55,12 @@ const TRANSFER: Setting =
     Setting { name: "transfer", doc: "whether a run of another environment is taken", default: "false" };
 /// What all policies of trained models know by name.
 const OF_MODELS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER];
-const POLICY_SETTINGS: &[Setting] = &[RUN, CHECKPOINT, DEVICE, TRANSFER];
 
-const fn named(
-    name: &'static str,
-    summary: &'static str,
-    make: swm_core::registry::MakePolicy,
-) -> PolicyEntry {
-    PolicyEntry { name, summary, settings: POLICY_SETTINGS, make }
+const fn acting(name: &'static str, summary: &'static str, make: MakePolicy) -> PolicyEntry {
+    PolicyEntry::new(name, summary, make)
+        .settings(&[RUN, CHECKPOINT, DEVICE, TRANSFER])
+        .image(image_size)
+        .files(model_files)
 }
 
 fn model_policy(
@@ -79,44 +82,17 @@ fn model_policy(
     }
 }
 
-/// The policy of [`MPC`] in the environment `env` as what it is, so that a trace can be given to it.
-///
-/// # Errors
-///
-/// [`PolicyError::Argument`]: no run, one that cannot be read, one of another environment, a model that predicts nothing, or
-/// an unknown or misfit setting.
-pub fn mpc_policy(args: &PolicyArgs, env: &str) -> Result<MpcPolicy, PolicyError> {
+/// The size of the images that the model of these arguments was trained on; `None` for runs that are not there.
+pub(super) fn image_size(args: &PolicyArgs) -> Option<ImageSize> {
+    let run = RunFolder::open(&Given::of(args).ok()?.run).ok()?;
+    let side = RunConfig::read(&run).ok()?.data.image;
+    Some(ImageSize { height: side, width: side })
+}
+
+/// Of a run, the files that a policy depends on: the others change as training goes on.
+fn model_files(args: &PolicyArgs) -> Result<Vec<PathBuf>, PolicyError> {
     let given = Given::of(args)?;
-    let cost = ModelCost::new(given.model(args, env)?).map_err(|error| given.wrong(args, error))?;
-    let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
-    let learned = LearnedCost { cost: Box::new(cost), action_block, scale, settings: OF_MODELS };
-    plan_on(learned, given.rest).map_err(|error| args.wrong(error.to_string()))
-}
-
-/// The planner on the true dynamics that a policy of [`MPC`] is held against: the same solver with the same settings.
-pub fn ceiling(args: &PolicyArgs) -> Option<PolicyArgs> {
-    let mut given = Given::of(args).ok().filter(|_| args.name == MPC.name)?;
-    let solver = take_solver(&mut given.rest).ok().filter(|solver| solver.plans_on_simulator)?;
-    Some(PolicyArgs { name: solver.name.to_owned(), positional: Vec::new(), named: given.rest })
-}
-
-/// The side of the images that the model of these arguments was trained on; `None` for other policies, and for runs
-/// that are not there.
-pub fn image_side(args: &PolicyArgs) -> Option<usize> {
-    let given = of_table(args)?;
-    let run = RunFolder::open(&given.run).ok()?;
-    Some(RunConfig::read(&run).ok()?.data.image)
-}
-
-/// The files that a policy of [`POLICIES`] depends on; `None` for other policies.
-pub fn model_files(args: &PolicyArgs) -> Option<Result<Vec<PathBuf>, BaselineError>> {
-    let given = of_table(args)?;
-    Some(TrainedModel::files(&given.run, given.which))
-}
-
-fn of_table(args: &PolicyArgs) -> Option<Given> {
-    POLICIES.iter().find(|entry| entry.name == args.name)?;
-    Given::of(args).ok()
+    TrainedModel::files(&given.run, given.which).map_err(|error| given.wrong(args, error))
 }
 
 /// Arguments, as far as all policies of trained models share them.
@@ -142,7 +118,7 @@ impl Given {
                 .map_err(|reason| args.wrong(format!("setting `checkpoint`: {reason}")))?,
             None => Which::default(),
         };
-        let CPU = match rest.shift_remove("device") {
+        let device = match rest.shift_remove("device") {
             Some(name) => {
                 text(&name).parse().map_err(|error: BaselineError| args.wrong(error.to_string()))?
             }

@@ -61,12 +61,12 @@ const PRESETS: &[&str] = &["paper", "small"];
 
 /// All baselines.
 pub const BASELINES: &[BaselineEntry] = &[
-    entry!(dino_wm, DinoWmConfig, "tokens of a frozen DINOv2, predicted frame by frame; plans"),
-    entry!(gcbc, GcbcConfig, "goal-conditioned behavioral cloning; acts"),
-    entry!(gciql, GciqlConfig, "goal-conditioned implicit Q-learning; acts"),
-    entry!(gcivl, GcivlConfig, "goal-conditioned implicit value learning; acts"),
-    entry!(lewm, LewmConfig, "joint embedding, kept normal by SIGReg; plans"),
-    entry!(pldm, PldmConfig, "joint embedding, kept apart by VICReg; plans"),
+    entry!(dino_wm, DinoWmConfig, "world model: predicts the patch tokens of a frozen DINOv2"),
+    entry!(gcbc, GcbcConfig, "policy: goal-conditioned behavioral cloning"),
+    entry!(gciql, GciqlConfig, "policy: goal-conditioned implicit Q-learning"),
+    entry!(gcivl, GcivlConfig, "policy: goal-conditioned implicit value learning"),
+    entry!(lewm, LewmConfig, "world model: joint embedding, regularized by SIGReg"),
+    entry!(pldm, PldmConfig, "world model: joint embedding, regularized by VICReg"),
 ];
 
 /// What a model is made from.

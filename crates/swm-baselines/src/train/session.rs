@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use serde_json::Value as Json;
+use swm_core::Registry;
 use swm_data::{Dataset, Loader};
 
 use super::data::{DataFacts, Split, TrainData};
@@ -83,7 +84,7 @@ impl Training {
         Ok(Self { _lock: run.lock()?, run, model, data, config })
     }
 
-    /// Goes on with the run in `folder`, on the dataset that it was begun with, which may have `moved` to another place. `change`
+    /// Goes on with the run in `folder`, on the dataset that it was begun with, which may have `moved` to another place and is of a format of `registry`. `change`
     /// may alter how long it shall go on; what it has learnt so far stays.
     ///
     /// # Errors
@@ -91,6 +92,7 @@ impl Training {
     /// There is no run, another process trains in it, its dataset is gone or another, or `change` altered what must
     /// stay.
     pub fn resume(
+        registry: &Registry,
         folder: &Path,
         device: Device,
         moved: Option<&Path>,
@@ -111,7 +113,7 @@ impl Training {
         if let Some(moved) = moved {
             config.data.path = moved.to_owned();
         }
-        let dataset = swm_data::open(&config.data.path).map_err(|error| {
+        let dataset = swm_data::open_in(registry, &config.data.path).map_err(|error| {
             run.wrong(format!(
                 "its dataset is not there: {error}; bring it back, or name its place with --data"
             ))

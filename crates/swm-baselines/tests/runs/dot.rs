@@ -6,21 +6,15 @@ use swm_core::{
 };
 
 /// A dot that is pushed over a square.
-pub(crate) const DOT: EnvEntry = EnvEntry {
-    id: "swm/Dot-v0",
-    summary: "a dot on a square (for tests)",
-    settings: &[],
-    policies: &[],
-    planner: None,
-    make: |config| Ok(Box::new(Dot::new(config, 2))),
-};
+pub(crate) const DOT: EnvEntry =
+    EnvEntry::new("swm/Dot-v0", "a dot on a square (for tests)", |config| Ok(Box::new(Dot::new(config, 2))));
 
 /// The same in all but its name.
-pub(crate) const TWIN: EnvEntry = EnvEntry { id: "swm/Dot-v1", ..DOT };
+pub(crate) const TWIN: EnvEntry = EnvEntry::new("swm/Dot-v1", DOT.summary, |config| DOT.make(config));
 
 /// The same with a third number in its actions, which does nothing.
 pub(crate) const WIDE: EnvEntry =
-    EnvEntry { id: "swm/DotWide-v0", make: |config| Ok(Box::new(Dot::new(config, 3))), ..DOT };
+    EnvEntry::new("swm/DotWide-v0", DOT.summary, |config| Ok(Box::new(Dot::new(config, 3))));
 
 pub(crate) const SIDE: usize = 16;
 pub(crate) const IMAGE: ImageSize = ImageSize { height: SIDE, width: SIDE };
@@ -39,15 +33,10 @@ impl Dot {
             fields.push(size.field("pixels"));
             fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
         }
-        let spec = EnvSpec {
-            id: DOT.id.to_owned(),
-            action: Space::uniform_box(Dtype::F32, &[pushes], -1.0, 1.0),
-            fields,
-            factors: Vec::new(),
-            time_step_s: 0.1,
-            start_columns: &["state"],
-            goal_columns: &["state"],
-        };
+        let spec = EnvSpec::new(DOT.id, Space::uniform_box(Dtype::F32, &[pushes], -1.0, 1.0), fields)
+            .time_step_s(0.1)
+            .start_columns(&["state"])
+            .goal_columns(&["state"]);
         Self { spec, at: [0.0; 2], goal: [0.0; 2] }
     }
 

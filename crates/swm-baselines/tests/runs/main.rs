@@ -7,19 +7,21 @@ mod refusals;
 use std::path::Path;
 
 use serde_json::json;
-use swm_baselines::acting::{LatentModel, POLICIES, ceiling, image_side, is_model, model_files};
+use swm_baselines::acting::{LatentModel, MODELS, POLICIES};
 use swm_baselines::train::{FitSettings, MetricSink, NewRun, Record, RunFolder, Split, State, Training};
 use swm_baselines::{BaselineError, device};
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
 use swm_core::evaluate::random_episodes;
 use swm_core::{
-    Batch, Dtype, EnvConfig, EnvEntry, Field, ImageSize, LiveRow, PolicyArgs, PolicyContext, Recorder,
-    Rollout, Schema, World, WorldOptions,
+    Batch, Dtype, EnvConfig, EnvEntry, Field, ImageSize, LiveRow, Policy, PolicyArgs, PolicyContext,
+    Recorder, Registry, Rollout, Schema, World, WorldOptions,
 };
 use swm_core::{BoxError, EpisodeEnd};
 use swm_core::{policies, policy};
 use swm_data::ReplayBuffer;
+use swm_data::format::built_in;
 use swm_data::{Dataset, WriteMode};
+use swm_solvers::MpcPolicy;
 
 use dot::{DOT, IMAGE, SIDE};
 
@@ -80,11 +82,8 @@ fn made(text: &str) -> Result<Box<dyn policy::Policy>, String> {
 }
 
 fn made_for(env: &EnvEntry, text: &str) -> Result<Box<dyn policy::Policy>, String> {
-    let args = PolicyArgs::parse(text).expect("sound in this test");
-    let entry = POLICIES.iter().find(|entry| entry.name == args.name).expect("sound in this test");
-    let config = EnvConfig::default();
-    let context = PolicyContext { env, config: &config, frame_skip: 1 };
-    (entry.make)(&context, &args).map_err(|error| error.to_string())
+    let (registry, config) = (Registry::new().with(POLICIES), EnvConfig::default());
+    registry.policy(text, PolicyContext::new(env, &config)).map_err(|error| error.to_string())
 }
 
 /// Every state that four episodes went through.
@@ -153,7 +152,7 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     let path = folder.path().join("broken");
     let mut training = Training::create(&path, dataset.as_ref(), &new_run("lewm")).unwrap();
     assert!(
-        Training::resume(&path, Device::Cpu, None, |_| ())
+        Training::resume(built_in(), &path, Device::Cpu, None, |_| ())
             .err()
             .unwrap()
             .to_string()
@@ -163,7 +162,8 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     assert!(error.contains("broken off"), "{error}");
     drop(training);
 
-    let state = Training::resume(&path, Device::Cpu, None, |_| ()).unwrap().run(Vec::new()).unwrap();
+    let state =
+        Training::resume(built_in(), &path, Device::Cpu, None, |_| ()).unwrap().run(Vec::new()).unwrap();
     assert_eq!(state, whole);
     let weights = |name: &str| {
         let run = RunFolder::open(&folder.path().join(name)).unwrap();
@@ -173,7 +173,8 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     assert!(weights("whole") == weights("broken"), "the weights differ");
     let error = Training::create(&path, dataset.as_ref(), &new_run("lewm")).err().unwrap().to_string();
     assert!(error.contains("--resume"), "{error}");
-    let error = Training::resume(&path, Device::Cpu, None, |fit| fit.seed = 1).err().unwrap().to_string();
+    let error =
+        Training::resume(built_in(), &path, Device::Cpu, None, |fit| fit.seed = 1).err().unwrap().to_string();
     assert!(error.contains("make a new run"), "{error}");
 }
 
@@ -205,12 +206,14 @@ fn plans_do_not_depend_on_what_else_is_planned() {
     assert!(paths(&format!("mpc:{run}"), 1, None).err().unwrap().contains("--image-size"));
 
     let args = |text: &str| PolicyArgs::parse(text).unwrap();
-    assert_eq!(image_side(&args(&format!("mpc:{run}"))), Some(SIDE));
+    let (mpc, config) = (&POLICIES[0], EnvConfig::default());
+    assert_eq!(mpc.image_size(&args(&format!("mpc:{run}"))), Some(IMAGE));
     let named = args(&format!("mpc:{run},solver=icem,samples=7,checkpoint=best"));
-    assert_eq!(ceiling(&named), Some(args("icem:samples=7")));
-    let files = model_files(&named).unwrap().unwrap();
+    let oracle = mpc.oracle_args(&PolicyContext::new(&DOT, &config), &named);
+    assert_eq!(oracle, Some(args("icem:samples=7")));
+    let files = mpc.model_files(&named).unwrap();
     assert_eq!(files[0], Path::new(&run).join("config.json"));
-    assert_eq!(model_files(&args("random")).is_none(), image_side(&args("random")).is_none());
+    assert!(made(&format!("mpc:{run}")).unwrap().as_any().is_some_and(|policy| policy.is::<MpcPolicy>()));
 }
 
 #[test]
@@ -237,12 +240,13 @@ fn a_trained_model_is_measured_without_control() {
     trained(folder.path(), "lewm", "run");
     let run = folder.path().join("run").display().to_string();
     let args = |text: String| PolicyArgs::parse(&text).unwrap();
-    assert!(is_model(&args(format!("lewm:{run}"))) && !is_model(&args("constant".to_owned())));
+    let lewm = MODELS.iter().find(|entry| entry.name == "lewm").unwrap();
+    assert_eq!(lewm.image_size(&args(format!("lewm:{run}"))), Some(IMAGE));
     let mut model = LatentModel::new(&args(format!("lewm:{run}")), DOT.id).unwrap();
-    assert_eq!((model.latent_width(), model.stride(), model.image_side()), (8, 2, SIDE));
+    assert_eq!((model.latent_width(), model.stride()), (8, 2));
 
     let config = EnvConfig { image: Some(IMAGE), ..EnvConfig::default() };
-    let mut env = (DOT.make)(&config).unwrap();
+    let mut env = DOT.make(&config).unwrap();
     let episodes = random_episodes(env.as_mut(), 3, 12, 5).unwrap();
     let errors = open_loop_error(&mut model, &episodes, 6).unwrap().unwrap();
     assert!(errors.len() == 3 && errors.iter().all(|error| error.is_finite() && *error > 0.0), "{errors:?}");

@@ -9,6 +9,7 @@ use swm_baselines::acting::LatentModel;
 use swm_baselines::train::{NewRun, RunFolder, Training};
 use swm_baselines::{BaselineError, device};
 use swm_core::{ImageSize, PolicyArgs};
+use swm_data::format::built_in;
 
 use super::dot::{IMAGE, TWIN, WIDE};
 use super::{made, made_for, new_run, paths_in, record, record_as, trained};
@@ -22,7 +23,7 @@ fn refused(folder: &Path, dataset: &dyn swm_data::Dataset, new: &NewRun<'_>) -> 
 }
 
 fn resumed(run: &Path) -> Result<Training, BaselineError> {
-    Training::resume(run, Device::Cpu, None, |_| ())
+    Training::resume(built_in(), run, Device::Cpu, None, |_| ())
 }
 
 fn says(message: &str, parts: &[&str]) {
@@ -133,7 +134,7 @@ fn a_dataset_that_moved_is_asked_for() {
     let away = folder.path().join("away.h5");
     fs::rename(&data, &away).unwrap();
     says(&resumed(&run).err().unwrap().to_string(), &["its dataset is not there", "data.h5", "--data"]);
-    let moved = |path: &Path| Training::resume(&run, Device::Cpu, Some(path), |_| ());
+    let moved = |path: &Path| Training::resume(built_in(), &run, Device::Cpu, Some(path), |_| ());
     assert!(moved(&away).is_ok() && resumed(&run).is_ok(), "its new place is remembered");
     assert!(moved(&data).is_err());
 

@@ -86,7 +86,7 @@ pub fn make_manifest(
     if options.pairs == 0 {
         return Err(wrong("0 pairs asked for; use 1 or more"));
     }
-    let env = (entry.make)(&EnvConfig { image: None, ..config.clone() })?;
+    let env = entry.make(&EnvConfig { image: None, ..config.clone() })?;
     let mut draw = Draw::new(env, options)?;
     let (source, pairs) = match recorded {
         None => (PairSource::Online, draw.online()?),

@@ -6,6 +6,7 @@
 mod draw;
 mod from_dataset;
 mod manifest;
+mod model_entry;
 mod outcome;
 pub mod quality;
 mod ranking;
@@ -30,6 +31,7 @@ pub use crate::success::{Condition, Judge, Measure, SuccessRule};
 pub use draw::{ManifestOptions, RecordedPairs, is_held_out, make_manifest};
 pub use from_dataset::EvalOptions;
 pub use manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, sha256, sorted, witness};
+pub use model_entry::{MakeModel, ModelEntry};
 pub use outcome::{EpisodeResult, OutcomeRecorder, Summary};
 pub use ranking::{RankingOptions, action_ranking};
 pub use runs::{PairedRuns, sign_flip_exact};

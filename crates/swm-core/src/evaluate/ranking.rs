@@ -143,7 +143,7 @@ mod tests {
 
     fn ranked(gain: Option<f64>, plans: usize) -> Result<Vec<Option<f64>>, BoxError> {
         let mut model = StateModel::new(&TOY, &EnvConfig::default(), gain)?;
-        let mut env = (TOY.make)(&EnvConfig::default())?;
+        let mut env = TOY.make(&EnvConfig::default())?;
         let options = RankingOptions { starts: 8, plans, horizon: 6, seed: 3 };
         action_ranking(&mut model, env.as_mut(), &options)
     }

@@ -34,7 +34,7 @@ impl StateModel {
     ///
     /// The environment cannot be made, or cannot be reset to a moment.
     pub fn new(entry: &EnvEntry, config: &EnvConfig, gain: Option<f64>) -> Result<Self, BoxError> {
-        let env = (entry.make)(&EnvConfig { image: None, settings: config.settings.clone() })?;
+        let env = entry.make(&EnvConfig { image: None, settings: config.settings.clone() })?;
         if env.spec().start_columns.is_empty() {
             return Err(format!("{} cannot be reset to a moment: it names no start columns", entry.id).into());
         }

@@ -232,7 +232,7 @@ mod tests {
     const OPTIONS: ViolationOptions = ViolationOptions { pairs: 6, rows: 9, at: 4, seed: 1 };
 
     fn pairs(violation: &Violation) -> Result<Vec<[Batch; 2]>, BoxError> {
-        let mut env = (TOY.make)(&EnvConfig::default())?;
+        let mut env = TOY.make(&EnvConfig::default())?;
         violation_pairs(env.as_mut(), violation, &OPTIONS)
     }
 
@@ -301,7 +301,7 @@ mod tests {
         };
         assert!(message(&set("state", 1)).contains("start columns are `state`"));
         assert!(message(&set("goal_state", 0)).contains("start columns are `state`"));
-        let mut env = (TOY.make)(&EnvConfig::default()).unwrap();
+        let mut env = TOY.make(&EnvConfig::default()).unwrap();
         let late = ViolationOptions { at: 9, ..OPTIONS };
         assert!(violation_pairs(env.as_mut(), &Violation::Teleport, &late).is_err());
     }

@@ -9,26 +9,9 @@ use rand_distr::{Distribution as _, StandardNormal};
 use crate::batch::SliceMut;
 use crate::error::PolicyError;
 use crate::policy::{Actor, PerEpisode, Policy, RowView};
-use crate::registry::PolicyEntry;
 use crate::settings;
 use crate::settings::Settings as _;
 use crate::space::Space;
-
-/// The smooth random policies, for the registry.
-pub(super) const ENTRIES: [PolicyEntry; 2] = [
-    PolicyEntry {
-        name: "ou",
-        summary: "smooth random actions: an Ornstein-Uhlenbeck process per element",
-        settings: OrnsteinUhlenbeck::SETTINGS,
-        make: |_, args| Ok(Box::new(ornstein_uhlenbeck(args.parse_as()?)?)),
-    },
-    PolicyEntry {
-        name: "sine",
-        summary: "smooth random actions: sums of sines with random frequencies and phases",
-        settings: Sines::SETTINGS,
-        make: |_, args| Ok(Box::new(sines(args.parse_as()?)?)),
-    },
-];
 
 settings! {
     /// An Ornstein-Uhlenbeck process per element of the action: `x += -theta x + sigma n` with standard normal n, starting in
@@ -211,12 +194,10 @@ fn sine_of_turns(turns: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::policies::BASIC_POLICIES;
-    use crate::registry::{PolicyArgs, PolicyContext};
+    use crate::registry::{PolicyArgs, Registry};
     use crate::testing::{DISCRETE_TOY, TOY, assert_documented_defaults};
     use crate::{
-        BoxError, EnvConfig, EnvEntry, EpisodeEnd, LiveRow, Recorder, Rollout, World, WorldError,
-        WorldOptions,
+        BoxError, EnvEntry, EpisodeEnd, LiveRow, Recorder, Rollout, World, WorldError, WorldOptions,
     };
 
     /// The actions of each episode.
@@ -239,10 +220,7 @@ mod tests {
         const STEPS: u64 = 400;
         let options = WorldOptions::new(num_envs).max_episode_steps(STEPS);
         let mut world = World::new(env, options)?;
-        let args = PolicyArgs::parse(policy)?;
-        let entry = BASIC_POLICIES.iter().find(|entry| entry.name == args.name).expect("a basic policy");
-        let config = EnvConfig::default();
-        world.set_policy((entry.make)(&PolicyContext { env, config: &config, frame_skip: 1 }, &args)?);
+        world.set_policy(Registry::new().policy(policy, &world)?);
         let mut log = Log::default();
         world.run(&Rollout::new(0..6).seed(7), &mut log)?;
         log.0.sort_by_key(|row| (row.0, row.1));

@@ -21,7 +21,7 @@ struct Bench {
 
 impl Bench {
     fn new(entry: &EnvEntry, config: &EnvConfig) -> Result<Self, String> {
-        let env = (entry.make)(config).map_err(|e| format!("cannot be made: {e}"))?;
+        let env = entry.make(config).map_err(|e| format!("cannot be made: {e}"))?;
         let schema = Schema::new(env.spec().fields.clone()).map_err(|e| e.to_string())?;
         Ok(Self { env, row: Batch::new(schema, 1) })
     }
@@ -106,7 +106,7 @@ pub fn spec_is_sound(entry: &EnvEntry, config: &EnvConfig) -> Result<(), String>
     }
     let mut config = config.clone();
     config.settings.insert("no such setting".to_owned(), true.into());
-    match (entry.make)(&config) {
+    match entry.make(&config) {
         Ok(_) => Err("an unknown setting is accepted".to_owned()),
         Err(_) => Ok(()),
     }

@@ -10,22 +10,17 @@ use crate::registry::EnvEntry;
 use crate::space::Space;
 
 /// The table entry of the toy environment.
-pub const TOY: EnvEntry = EnvEntry {
-    id: "swm/Toy-v0",
-    summary: "a point on a line that must reach a goal (for tests)",
-    settings: &[],
-    policies: &[],
-    planner: None,
-    make: |config| Ok(Box::new(Toy::new(TOY.id, Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0), config)?)),
-};
+pub const TOY: EnvEntry =
+    EnvEntry::new("swm/Toy-v0", "a point on a line that must reach a goal (for tests)", |config| {
+        Ok(Box::new(Toy::new(TOY.id, Space::uniform_box(Dtype::F32, &[1], -1.0, 1.0), config)?))
+    });
 
 /// The toy environment whose point can go one left, stay or go one right.
-pub const DISCRETE_TOY: EnvEntry = EnvEntry {
-    id: "swm/DiscreteToy-v0",
-    summary: "a point on a line that must reach a goal by whole steps (for tests)",
-    make: |config| Ok(Box::new(Toy::new(DISCRETE_TOY.id, Space::Discrete { n: 3, start: -1 }, config)?)),
-    ..TOY
-};
+pub const DISCRETE_TOY: EnvEntry = EnvEntry::new(
+    "swm/DiscreteToy-v0",
+    "a point on a line that must reach a goal by whole steps (for tests)",
+    |config| Ok(Box::new(Toy::new(DISCRETE_TOY.id, Space::Discrete { n: 3, start: -1 }, config)?)),
+);
 
 const STATE: usize = 0;
 const GOAL_STATE: usize = 1;
@@ -59,23 +54,11 @@ impl Toy {
             Field::episode("variation.point.gain", Dtype::F64, &[]),
         ];
         fields.extend(config.image.map(|size| size.field("pixels")));
-        let spec = EnvSpec {
-            id: id.to_owned(),
-            action,
-            fields,
-            factors: vec![FactorSpec {
-                name: "point.gain".to_owned(),
-                doc: "distance per unit of action".to_owned(),
-                space: gain,
-                default: 1.0.into(),
-                drawn_by_default: false,
-                constraint: None,
-                shows_with: Vec::new(),
-            }],
-            time_step_s: 0.1,
-            start_columns: &["state"],
-            goal_columns: &["state"],
-        };
+        let spec = EnvSpec::new(id, action, fields)
+            .factors(vec![FactorSpec::new("point.gain", gain, 1.0).doc("distance per unit of action")])
+            .time_step_s(0.1)
+            .start_columns(&["state"])
+            .goal_columns(&["state"]);
         Ok(Self { spec, state: State::default(), draws: config.image.is_some() })
     }
 

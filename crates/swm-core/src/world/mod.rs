@@ -12,7 +12,7 @@ use crate::batch::{Batch, Column, Field, Schema, Slice};
 use crate::env::{EnvSpec, ResetOptions, VARIATION_PREFIX};
 use crate::error::{BatchError, PolicyError, WorldError};
 use crate::policy::{Actions, Policy, View};
-use crate::registry::EnvEntry;
+use crate::registry::{EnvEntry, PolicyContext};
 use crate::run::{Cancel, EpisodeEnd, LiveEpisode, Progress, Slot, WorldOptions};
 use crate::success::{Judge, SuccessRule};
 use crate::threads::{Pace, Threads};
@@ -77,7 +77,7 @@ impl World {
             Err(error) => return wrong("threads", error.to_string()),
         };
         let mut slots = (0..options.num_envs)
-            .map(|_| (entry.make)(&options.env).map(Slot::new))
+            .map(|_| entry.make(&options.env).map(Slot::new))
             .collect::<Result<Vec<_>, _>>()?;
         let spec = slots[0].env().spec().clone();
         let every = options.checkpoints.map(|every| every as usize);
@@ -371,5 +371,12 @@ impl World {
             reset: ResetRules { fields: *fields, judge: judge.as_ref(), frames: frames.as_ref() },
         };
         phases::step_all(slots, infos.rows_mut(), actions.as_slice(), &rules, pace, threads)
+    }
+}
+
+/// What a policy for the environments of a world is made for.
+impl<'a> From<&'a World> for PolicyContext<'a> {
+    fn from(world: &'a World) -> Self {
+        Self::new(&world.entry, &world.options.env).frame_skip(world.options.frame_skip)
     }
 }

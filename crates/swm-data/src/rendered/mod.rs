@@ -117,7 +117,7 @@ impl Rendered {
         let mut settings = metadata.settings.clone();
         settings.extend(options.settings.clone());
         let painter = EnvConfig { image: Some(options.image), settings: settings.clone() };
-        let spec = (entry.make)(&painter).map_err(|error| refuse(error.to_string()))?.spec().clone();
+        let spec = entry.make(&painter).map_err(|error| refuse(error.to_string()))?.spec().clone();
         let factors = factors(&spec, &options.factors).map_err(refuse)?;
         let drawn = images(&spec, options.image);
         if drawn.is_empty() {

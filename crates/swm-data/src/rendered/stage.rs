@@ -42,7 +42,7 @@ struct Recorded {
 impl Stage {
     pub(super) fn new(dataset: &dyn Dataset, script: &Script) -> Result<Self, DataError> {
         let refuse = |reason: String| DataError::request(dataset.path(), reason);
-        let make = |config| (script.entry.make)(config).map_err(|error| refuse(error.to_string()));
+        let make = |config| script.entry.make(config).map_err(|error| refuse(error.to_string()));
         let (sim, painter) = (make(&script.sim)?, make(&script.painter)?);
         let row = |env: &dyn Env| {
             let schema = Schema::new(env.spec().fields.clone()).map_err(|error| refuse(error.to_string()))?;

@@ -6,17 +6,25 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use super::{assert_alike, contents, episode, metadata, record, rows_of, schema};
-use crate::{WriteMode, create, open};
+use swm_core::Registry;
+
+use super::{assert_alike, contents_in, episode, metadata, record_in, rows_of, schema};
+use crate::format::built_in;
+use crate::{WriteMode, create_in, open_in};
 
 /// Names the dataset to the process that records.
 pub const TARGET: &str = "SWM_DATA_TEST_RECORD_TO";
 
 /// Where [`TARGET`] is set: records until it is stopped, and says so after every episode.
 pub fn record_until_stopped() {
+    record_until_stopped_in(built_in());
+}
+
+/// As [`record_until_stopped`], in a format of a registry.
+pub fn record_until_stopped_in(registry: &Registry) {
     let Some(path) = std::env::var_os(TARGET) else { return };
     let schema = schema();
-    let mut writer = create(Path::new(&path), WriteMode::Append, None).unwrap();
+    let mut writer = create_in(registry, Path::new(&path), &WriteMode::Append.into(), None).unwrap();
     let there = writer.begin(&schema, &metadata()).unwrap() as usize;
     println!("\nbegun {there}");
     for index in there..2000 {
@@ -46,6 +54,11 @@ pub fn last(lines: &[String], word: &str) -> Option<usize> {
 /// Kills a recording again and again, at different moments; what it committed must be there each time. The number of
 /// episodes at the end, after it was continued.
 pub fn kill(path: &Path, test: &str, rounds: u64) -> usize {
+    kill_in(built_in(), path, test, rounds)
+}
+
+/// As [`kill`], in a format of a registry.
+pub fn kill_in(registry: &Registry, path: &Path, test: &str, rounds: u64) -> usize {
     let mut committed = 0;
     for round in 0..rounds {
         let mut process = child(path, test, "").spawn().unwrap();
@@ -64,11 +77,11 @@ pub fn kill(path: &Path, test: &str, rounds: u64) -> usize {
         lines.extend(output);
         process.wait().unwrap();
         committed = last(&lines, "written ").unwrap_or(committed);
-        if !path.exists() || open(path).is_err() && committed == 0 {
+        if !path.exists() || open_in(registry, path).is_err() && committed == 0 {
             assert_eq!(committed, 0, "the file is gone");
             continue;
         }
-        let read = contents(path);
+        let read = contents_in(registry, path);
         assert!(read.len() >= committed, "{} episodes of {committed} committed", read.len());
         assert!(read.len() <= committed + 1);
         if let Some(there) = last(&lines, "begun ") {
@@ -82,8 +95,8 @@ pub fn kill(path: &Path, test: &str, rounds: u64) -> usize {
     assert!(committed > 0, "no round lived long enough to write an episode");
 
     let end = committed + 3;
-    assert_eq!(record(path, WriteMode::Append, committed..end).unwrap(), committed as u64);
-    let read = contents(path);
+    assert_eq!(record_in(registry, path, WriteMode::Append, committed..end).unwrap(), committed as u64);
+    let read = contents_in(registry, path);
     assert_eq!(read.len(), end);
     for (index, batch) in read.iter().enumerate() {
         assert_alike(&episode(&schema(), index, rows_of(index)), batch);

@@ -10,9 +10,10 @@ pub mod mutations;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::{WriteMode, create, open};
+use crate::format::built_in;
+use crate::{WriteMode, create_in, open_in};
 use swm_core::error::BoxError;
-use swm_core::{Batch, Column, Dtype, Field, Metadata, Schema, SliceMut};
+use swm_core::{Batch, Column, Dtype, Field, Metadata, Registry, Schema, SliceMut};
 
 /// A schema with every type, images, and an episode column.
 pub fn schema() -> Arc<Schema> {
@@ -78,8 +79,22 @@ pub fn rows_of(episode: usize) -> usize {
 ///
 /// Whatever writing may meet.
 pub fn record(path: &Path, mode: WriteMode, episodes: std::ops::Range<usize>) -> Result<u64, BoxError> {
+    record_in(built_in(), path, mode, episodes)
+}
+
+/// As [`record`], in a format of a registry.
+///
+/// # Errors
+///
+/// As of [`record`].
+pub fn record_in(
+    registry: &Registry,
+    path: &Path,
+    mode: WriteMode,
+    episodes: std::ops::Range<usize>,
+) -> Result<u64, BoxError> {
     let schema = schema();
-    let mut writer = create(path, mode, None)?;
+    let mut writer = create_in(registry, path, &mode.into(), None)?;
     let there = writer.begin(&schema, &metadata())?;
     for index in episodes {
         writer.write_episode(&episode(&schema, index, rows_of(index)))?;
@@ -90,7 +105,12 @@ pub fn record(path: &Path, mode: WriteMode, episodes: std::ops::Range<usize>) ->
 
 /// Every column of every episode.
 pub fn contents(path: &Path) -> Vec<Batch> {
-    let mut dataset = open(path).unwrap();
+    contents_in(built_in(), path)
+}
+
+/// As [`contents`], in a format of a registry.
+pub fn contents_in(registry: &Registry, path: &Path) -> Vec<Batch> {
+    let mut dataset = open_in(registry, path).unwrap();
     let schema = dataset.schema().clone();
     (0..dataset.num_episodes())
         .map(|episode| {

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::{episode, metadata};
-use crate::{ReplayBuffer, WriteMode, create, open};
-use swm_core::{Batch, Dtype, Field, Schema};
+use crate::format::built_in;
+use crate::{ReplayBuffer, WriteMode, create_in, open_in};
+use swm_core::{Batch, Dtype, Field, Registry, Schema};
 
 /// Numbers that sizes, counts and offsets are overwritten with.
 const WORDS: [u32; 6] = [0, 1, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x0100_0000];
@@ -18,6 +19,11 @@ const MAX_GROWTH_KIB: u64 = 3 << 20;
 
 /// Records a small dataset to change.
 pub fn seed(path: &Path) {
+    seed_in(built_in(), path);
+}
+
+/// As [`seed`], in a format of a registry.
+pub fn seed_in(registry: &Registry, path: &Path) {
     let fields = vec![
         Field::step("pixels", Dtype::U8, &[16, 16, 3]),
         Field::step("state", Dtype::F64, &[3]),
@@ -25,7 +31,7 @@ pub fn seed(path: &Path) {
         Field::episode("variation.x", Dtype::I64, &[]),
     ];
     let schema = Schema::new(fields).unwrap();
-    let mut writer = create(path, WriteMode::Error, None).unwrap();
+    let mut writer = create_in(registry, path, &WriteMode::Error.into(), None).unwrap();
     writer.begin(&schema, &metadata()).unwrap();
     for (index, rows) in [3, 5].into_iter().enumerate() {
         writer.write_episode(&episode(&schema, index, rows)).unwrap();
@@ -75,7 +81,12 @@ pub fn mutated(bytes: &[u8], number: usize) -> Vec<u8> {
 
 /// Opens and reads everything, also into a replay buffer; whether there was no error.
 pub fn play(path: &Path) -> bool {
-    let Ok(mut dataset) = open(path) else { return false };
+    play_in(built_in(), path)
+}
+
+/// As [`play`], in a format of a registry.
+pub fn play_in(registry: &Registry, path: &Path) -> bool {
+    let Ok(mut dataset) = open_in(registry, path) else { return false };
     let mut sound = true;
     let mut batch = Batch::new(dataset.schema().clone(), 0);
     for episode in 0..dataset.num_episodes().min(20) {

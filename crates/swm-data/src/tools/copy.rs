@@ -10,7 +10,7 @@ use std::thread;
 
 use swm_core::dataset::METADATA_VERSION;
 use swm_core::error::BoxError;
-use swm_core::{Batch, Column, Metadata, Schema};
+use swm_core::{Batch, Column, Metadata, Registry, Schema};
 
 use crate::dataset::{self, Dataset, Steps, WriteMode, WriteOptions};
 use crate::error::DataError;
@@ -43,6 +43,22 @@ pub fn copy(
     sources: &mut [Box<dyn Dataset>],
     pieces: &[Piece],
     to: &Path,
+    how: (Option<&str>, &WriteOptions),
+    watch: &mut dyn FnMut(usize),
+) -> Result<Copied, DataError> {
+    copy_in(format::built_in(), sources, pieces, to, how, watch)
+}
+
+/// As [`copy`], to any format of a registry.
+///
+/// # Errors
+///
+/// As of [`copy`].
+pub fn copy_in(
+    registry: &Registry,
+    sources: &mut [Box<dyn Dataset>],
+    pieces: &[Piece],
+    to: &Path,
     (format, options): (Option<&str>, &WriteOptions),
     watch: &mut dyn FnMut(usize),
 ) -> Result<Copied, DataError> {
@@ -54,7 +70,7 @@ pub fn copy(
             return Err(DataError::record(to, "it is one of the sources"));
         }
     }
-    let resumed = if options.mode == WriteMode::Append { held(sources, pieces, to)? } else { 0 };
+    let resumed = if options.mode == WriteMode::Append { held(registry, sources, pieces, to)? } else { 0 };
     let mut copied = Copied { resumed, ..Copied::default() };
     let mut options = options.clone();
     let mut start = resumed;
@@ -73,7 +89,7 @@ pub fn copy(
         thread::scope(|scope| {
             let sources = &mut *sources;
             scope.spawn(move || read(sources, run, &from_writer, &to_writer));
-            let mut writer = format::create_with(to, &options, format)?;
+            let mut writer = format::create_in(registry, to, &options, format)?;
             let failed = |error: BoxError| match error.downcast::<DataError>() {
                 Ok(error) => *error,
                 Err(error) => DataError::request(to, error.to_string()),
@@ -132,12 +148,17 @@ fn read(
 }
 
 /// How many of `pieces` the target holds already; an error if it holds something else.
-fn held(sources: &mut [Box<dyn Dataset>], pieces: &[Piece], to: &Path) -> Result<usize, DataError> {
+fn held(
+    registry: &Registry,
+    sources: &mut [Box<dyn Dataset>],
+    pieces: &[Piece],
+    to: &Path,
+) -> Result<usize, DataError> {
     if !to.exists() || to.is_dir() && std::fs::read_dir(to).is_ok_and(|mut entries| entries.next().is_none())
     {
         return Ok(0);
     }
-    let mut there = format::open(to)?;
+    let mut there = format::open_in(registry, to)?;
     let count = there.num_episodes();
     let differs =
         |what: String| Err(DataError::mismatch(to, format!("it is not the beginning of this copy: {what}")));

@@ -4,13 +4,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use swm_core::{Column, Field, FieldKind, Metadata};
-use swm_data::{DataError, Steps, WriteMode, WriteOptions, create, create_with, format, open};
+use swm_data::format::{built_in, by_name};
+use swm_data::{DataError, Steps, WriteMode, WriteOptions, create, create_with, open};
 
 use crate::support::{assert_alike, bits, contents, episode, metadata, psnr, record, rows_of, schema};
 
 /// The formats of this build that are folders.
 fn formats() -> Vec<&'static str> {
-    ["folder", "video"].into_iter().filter(|name| format::by_name(name).is_ok()).collect()
+    ["folder", "video"].into_iter().filter(|name| by_name(built_in(), name).is_ok()).collect()
 }
 
 fn golden(name: &str) -> PathBuf {
@@ -245,7 +246,7 @@ fn an_interrupted_folder_is_repaired_on_request() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("data").with_extension(name);
         record(&path, WriteMode::Append, 0..2).unwrap();
-        let repair = |apply| (format::by_name(name).unwrap().repair)(&path, apply).unwrap();
+        let repair = |apply| by_name(built_in(), name).unwrap().repair(&path, apply).unwrap();
         assert!(repair(false).is_empty());
         let array = path.join("state.npz");
         let bytes = fs::read(&array).unwrap();

@@ -216,7 +216,7 @@ fn repair_counts_again_and_bit_flips_are_found() {
     let path = folder.path().join("data.lerobot");
     record(&path, WriteMode::Error, 0..2).unwrap();
     let format = FORMATS.iter().find(|format| format.name == "lerobot").unwrap();
-    let repair = |apply| (format.repair)(&path, apply).unwrap();
+    let repair = |apply| format.repair(&path, apply).unwrap();
     assert!(repair(true).is_empty());
     // A kill between the list and what follows it, and in the middle of the next episode.
     let info = path.join("meta/info.json");

@@ -287,13 +287,9 @@ fn spec(image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
         fields.push(size.field(PIXELS));
         fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
     }
-    EnvSpec {
-        id: POINT_MAZE.id.to_owned(),
-        action: Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0),
-        fields,
-        factors: space.specs(),
-        time_step_s: STEP_S,
-        start_columns: &["state"],
-        goal_columns: &["state"],
-    }
+    EnvSpec::new(POINT_MAZE.id, Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), fields)
+        .factors(space.specs())
+        .time_step_s(STEP_S)
+        .start_columns(&["state"])
+        .goal_columns(&["state"])
 }

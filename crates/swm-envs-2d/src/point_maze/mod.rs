@@ -20,11 +20,10 @@ pub use env::PointMaze;
 pub use factors::factors;
 
 /// `swm/PointMaze-v0`.
-pub const POINT_MAZE: EnvEntry = EnvEntry {
-    id: "swm/PointMaze-v0",
-    summary: "drive a disc through a maze to a goal by a force; two-dimensional continuous actions",
-    settings: settings::SETTINGS,
-    policies: policies::POLICIES,
-    planner: None,
-    make: |config| Ok(Box::new(PointMaze::new(config)?)),
-};
+pub const POINT_MAZE: EnvEntry = EnvEntry::new(
+    "swm/PointMaze-v0",
+    "drive a disc through a maze to a goal by a force; two-dimensional continuous actions",
+    |config| Ok(Box::new(PointMaze::new(config)?)),
+)
+.settings(settings::SETTINGS)
+.policies(policies::POLICIES);

@@ -16,28 +16,23 @@ use super::ways::{Ways, distance};
 
 /// The policies of the maze.
 pub(super) const POLICIES: &[PolicyEntry] = &[
-    PolicyEntry {
-        name: "expert",
-        summary: "takes the shortest way to the goal",
-        settings: &[],
-        make: |_, args| {
-            args.parse_as::<swm_core::registry::NoArgs>()?;
-            Ok(navigator("expert".to_owned(), 0.0, Errand::Goal))
-        },
-    },
-    PolicyEntry {
-        name: "noisy-expert",
-        summary: "the expert with normal noise on its actions (`noisy-expert:STD`)",
-        settings: &[NOISE],
-        make: |_, args| noisy(args, Errand::Goal),
-    },
-    PolicyEntry {
-        name: "explorer",
-        summary: "wanders from one random cell to the next, whatever the goal, with noise on its actions \
+    PolicyEntry::new("expert", "takes the shortest way to the goal", |_, args| {
+        args.parse_as::<swm_core::registry::NoArgs>()?;
+        Ok(navigator("expert".to_owned(), 0.0, Errand::Goal))
+    }),
+    PolicyEntry::new(
+        "noisy-expert",
+        "the expert with normal noise on its actions (`noisy-expert:STD`)",
+        |_, args| noisy(args, Errand::Goal),
+    )
+    .settings(&[NOISE]),
+    PolicyEntry::new(
+        "explorer",
+        "wanders from one random cell to the next, whatever the goal, with noise on its actions \
                   (`explorer:STD`): diverse data, best with terminate_at_goal=false",
-        settings: &[NOISE],
-        make: |_, args| noisy(args, Errand::Cells),
-    },
+        |_, args| noisy(args, Errand::Cells),
+    )
+    .settings(&[NOISE]),
 ];
 
 const NOISE: Setting =

@@ -2,12 +2,11 @@
 
 use serde_json::json;
 use swm_core::{
-    Env, EnvConfig, Episode, EpisodeSeed, PolicyArgs, PolicyContext, Registry, ResetOptions, Rollout, Slice,
-    Value, World, WorldOptions,
+    Env, EnvConfig, Episode, EpisodeSeed, PolicyContext, Registry, ResetOptions, Rollout, Slice, Value,
+    World, WorldOptions,
 };
 
 use super::{POINT_MAZE, PointMaze};
-use crate::ENVS;
 
 fn reset(env: &mut PointMaze, options: &ResetOptions) -> Result<(), String> {
     let episode = Episode { seed: EpisodeSeed::new(3), options };
@@ -21,12 +20,9 @@ fn row(state: [f64; 4]) -> Option<std::collections::BTreeMap<String, Value>> {
 /// Success rate in percent and mean steps of a policy over `episodes`.
 fn evaluate(policy: &str, options: &ResetOptions, episodes: u64, budget: u64) -> (f64, f64) {
     let config = EnvConfig::default();
-    let context = PolicyContext { env: &POINT_MAZE, config: &config, frame_skip: 1 };
-    let policy =
-        Registry::new().with_envs(ENVS).policy(&context, &PolicyArgs::parse(policy).unwrap()).unwrap();
     let options_of_world = WorldOptions::new(4).max_episode_steps(budget);
     let mut world = World::new(&POINT_MAZE, options_of_world).unwrap();
-    world.set_policy(policy);
+    world.set_policy(Registry::new().policy(policy, &world).unwrap());
     let rollout = Rollout::new(0..episodes).seed(5).options(options.clone());
     let result = world.evaluate(&rollout).unwrap();
     (result.success_rate, result.mean_success_steps.unwrap_or(f64::NAN))
@@ -117,12 +113,11 @@ fn explorers_wander_and_wrong_arguments_are_refused() {
     let (random, _) = evaluate("random", &ResetOptions::default(), 30, 100);
     assert!(explorer > random, "{explorer} % find the goal by wandering, {random} % by chance");
     let config = EnvConfig::default();
-    let context = PolicyContext { env: &POINT_MAZE, config: &config, frame_skip: 1 };
-    let registry = Registry::new().with_envs(ENVS);
+    let context = PolicyContext::new(&POINT_MAZE, &config);
     for (policy, part) in
         [("explorer:-1", "std -1"), ("expert:std=1", "std"), ("noisy-expert:1,2", "second value")]
     {
-        let made = registry.policy(&context, &PolicyArgs::parse(policy).unwrap());
+        let made = Registry::new().policy(policy, context);
         let message = made.err().expect("it is wrong").to_string();
         assert!(message.contains(part), "{policy}: {message}");
     }

@@ -388,13 +388,9 @@ fn spec(id: &str, discrete: bool, image: Option<ImageSize>, space: &FovSpace) ->
         fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
     }
     let action = if discrete { discrete::space() } else { Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0) };
-    EnvSpec {
-        id: id.to_owned(),
-        action,
-        fields,
-        factors: space.specs(),
-        time_step_s: 0.1,
-        start_columns: &["state", "block_pose"],
-        goal_columns: &["state"],
-    }
+    EnvSpec::new(id, action, fields)
+        .factors(space.specs())
+        .time_step_s(0.1)
+        .start_columns(&["state", "block_pose"])
+        .goal_columns(&["state"])
 }

@@ -25,50 +25,41 @@ pub use factors::factors;
 pub use goal::{PushTState, angle_error, is_success, observed_state, reward, task_cost};
 
 /// `swm/PushT-v1`.
-pub const PUSHT: EnvEntry = EnvEntry {
-    id: "swm/PushT-v1",
-    summary: "push a block to a goal pose with a disc or polygon; two-dimensional continuous actions",
-    settings: settings::SETTINGS,
-    policies: policies::<Sim>(),
-    planner: None,
-    make: |config| Ok(Box::new(PushT::<Sim>::new(PUSHT.id, false, config)?)),
-};
+pub const PUSHT: EnvEntry = EnvEntry::new(
+    "swm/PushT-v1",
+    "push a block to a goal pose with a disc or polygon; two-dimensional continuous actions",
+    |config| Ok(Box::new(PushT::<Sim>::new(PUSHT.id, false, config)?)),
+)
+.settings(settings::SETTINGS)
+.policies(policies::<Sim>());
 
 /// `swm/PushT-Discrete-v1`.
-pub const PUSHT_DISCRETE: EnvEntry = EnvEntry {
-    id: "swm/PushT-Discrete-v1",
-    summary: "PushT with 16 × 16 polar actions",
-    settings: settings::SETTINGS,
-    policies: policies::<Sim>(),
-    planner: None,
-    make: |config| Ok(Box::new(PushT::<Sim>::new(PUSHT_DISCRETE.id, true, config)?)),
-};
+pub const PUSHT_DISCRETE: EnvEntry =
+    EnvEntry::new("swm/PushT-Discrete-v1", "PushT with 16 × 16 polar actions", |config| {
+        Ok(Box::new(PushT::<Sim>::new(PUSHT_DISCRETE.id, true, config)?))
+    })
+    .settings(settings::SETTINGS)
+    .policies(policies::<Sim>());
 
 /// `swm/PushTRapier-v0`.
 #[cfg(feature = "rapier")]
-pub const PUSHT_RAPIER: EnvEntry = EnvEntry {
-    id: "swm/PushTRapier-v0",
-    summary: "PushT on rapier2d, with friction and solid walls: to test robustness across physics engines",
-    settings: settings::RAPIER_SETTINGS,
-    policies: policies::<physics::RapierSim>(),
-    planner: None,
-    make: |config| Ok(Box::new(PushT::<physics::RapierSim>::new(PUSHT_RAPIER.id, false, config)?)),
-};
+pub const PUSHT_RAPIER: EnvEntry = EnvEntry::new(
+    "swm/PushTRapier-v0",
+    "PushT on rapier2d, with friction and solid walls: to test robustness across physics engines",
+    |config| Ok(Box::new(PushT::<physics::RapierSim>::new(PUSHT_RAPIER.id, false, config)?)),
+)
+.settings(settings::RAPIER_SETTINGS)
+.policies(policies::<physics::RapierSim>());
 
 /// Policies that know PushT; the experts plan on the environment's own engine.
 const fn policies<E: Engine>() -> &'static [PolicyEntry] {
     const { &[expert::expert::<E>(), expert::noisy_expert::<E>(), WEAK] }
 }
 
-const WEAK: PolicyEntry = PolicyEntry {
-    name: "weak",
-    summary: "random pushes that stay near the block (the reference's WeakPolicy)",
-    settings: &[Setting {
-        name: "dist_constraint",
-        doc: "largest distance of the target from the block, px per axis",
-        default: "100",
-    }],
-    make: |context, args| {
+const WEAK: PolicyEntry = PolicyEntry::new(
+    "weak",
+    "random pushes that stay near the block (the reference's WeakPolicy)",
+    |context, args| {
         #[derive(Deserialize)]
         #[serde(deny_unknown_fields, default)]
         struct Config {
@@ -87,4 +78,9 @@ const WEAK: PolicyEntry = PolicyEntry {
         let make = move |_: &RowView<'_>| Ok(Box::new(weak::Weak { reach_px, relative }) as Box<dyn Actor>);
         Ok(Box::new(PerEpisode::new(format!("weak:dist_constraint={reach_px}"), make)))
     },
-};
+)
+.settings(&[Setting {
+    name: "dist_constraint",
+    doc: "largest distance of the target from the block, px per axis",
+    default: "100",
+}]);

@@ -339,13 +339,9 @@ fn spec(id: &str, image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
         fields.push(size.field(PIXELS));
         fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
     }
-    EnvSpec {
-        id: id.to_owned(),
-        action: Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0),
-        fields,
-        factors: space.specs(),
-        time_step_s: 0.1,
-        start_columns: &["state", "pos_agent"],
-        goal_columns: &["pos_agent"],
-    }
+    EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), fields)
+        .factors(space.specs())
+        .time_step_s(0.1)
+        .start_columns(&["state", "pos_agent"])
+        .goal_columns(&["pos_agent"])
 }

@@ -14,20 +14,20 @@ use swm_core::{
 use super::physics::{Axis, FloorPlan, MAX_ACTION_NORM, Opening, Vec2, WALL_AT_PX};
 
 /// `expert`.
-pub(super) const EXPERT: PolicyEntry = PolicyEntry {
-    name: "expert",
-    summary: "goes through the nearest door that is wide enough, then to the goal",
-    settings: &[Setting { name: "std", doc: STD_DOC, default: "0" }],
-    make: |_, args| make(args, 0.0),
-};
+pub(super) const EXPERT: PolicyEntry = PolicyEntry::new(
+    "expert",
+    "goes through the nearest door that is wide enough, then to the goal",
+    |_, args| make(args, 0.0),
+)
+.settings(&[Setting { name: "std", doc: STD_DOC, default: "0" }]);
 
 /// `noisy-expert`.
-pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry {
-    name: "noisy-expert",
-    summary: "the expert with normal noise on its actions (`noisy-expert:STD`), as the reference collects its data",
-    settings: &[Setting { name: "std", doc: STD_DOC, default: "1.3" }],
-    make: |_, args| make(args, NOISY_STD),
-};
+pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry::new(
+    "noisy-expert",
+    "the expert with normal noise on its actions (`noisy-expert:STD`), as the reference collects its data",
+    |_, args| make(args, NOISY_STD),
+)
+.settings(&[Setting { name: "std", doc: STD_DOC, default: "1.3" }]);
 
 const STD_DOC: &str = "standard deviation of the noise on each component of the action";
 const NOISY_STD: f64 = 1.3;

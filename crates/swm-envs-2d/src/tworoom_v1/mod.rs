@@ -21,11 +21,10 @@ pub use factors::factors;
 pub use goal::Overlap;
 
 /// `swm/TwoRoom-v1`.
-pub const TWO_ROOM: EnvEntry = EnvEntry {
-    id: "swm/TwoRoom-v1",
-    summary: "steer a disc through the door of a wall to a goal in the other room, before its energy is spent",
-    settings: settings::SETTINGS,
-    policies: &[expert::EXPERT, expert::NOISY_EXPERT],
-    planner: None,
-    make: |config| Ok(Box::new(TwoRoom::new(TWO_ROOM.id, config)?)),
-};
+pub const TWO_ROOM: EnvEntry = EnvEntry::new(
+    "swm/TwoRoom-v1",
+    "steer a disc through the door of a wall to a goal in the other room, before its energy is spent",
+    |config| Ok(Box::new(TwoRoom::new(TWO_ROOM.id, config)?)),
+)
+.settings(settings::SETTINGS)
+.policies(&[expert::EXPERT, expert::NOISY_EXPERT]);

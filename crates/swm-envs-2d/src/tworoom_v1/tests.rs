@@ -5,8 +5,8 @@ use std::fs::File;
 use ndarray::{Array1, Array2};
 use ndarray_npy::NpzReader;
 use swm_core::{
-    Batch, Env as _, EnvConfig, EnvEntry, Episode, EpisodeSeed, Evaluation, ImageSize, PolicyArgs,
-    PolicyContext, Registry, ResetOptions, Rollout, Schema, Slice, Value, World, WorldOptions,
+    Batch, Env as _, EnvConfig, Episode, EpisodeSeed, Evaluation, ImageSize, Registry, ResetOptions, Rollout,
+    Schema, Slice, Value, World, WorldOptions,
 };
 
 use super::factors::setup;
@@ -334,15 +334,11 @@ fn recorded_rows_restore_moments_and_goals() {
 }
 
 fn evaluate(policy: &str, solid: bool, options: &ResetOptions) -> Evaluation {
-    const ENVS: &[EnvEntry] = &[TWO_ROOM];
     let settings = serde_json::Map::from_iter([("solid_walls".to_owned(), solid.into())]);
     let config = EnvConfig { image: None, settings };
-    let context = PolicyContext { env: &TWO_ROOM, config: &config, frame_skip: 1 };
-    let policy =
-        Registry::new().with_envs(ENVS).policy(&context, &PolicyArgs::parse(policy).unwrap()).unwrap();
     let world_options = WorldOptions::new(4).env(config.clone()).threads(1).max_episode_steps(200);
     let mut world = World::new(&TWO_ROOM, world_options).unwrap();
-    world.set_policy(policy);
+    world.set_policy(Registry::new().policy(policy, &world).unwrap());
     let rollout = Rollout::new(0..100).seed(42).options(options.clone());
     world.evaluate(&rollout).unwrap()
 }

@@ -305,13 +305,9 @@ fn spec(image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
         fields.push(size.field(PIXELS));
         fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
     }
-    EnvSpec {
-        id: TWO_ROOM_V2.id.to_owned(),
-        action: Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0),
-        fields,
-        factors: space.specs(),
-        time_step_s: 0.1,
-        start_columns: &["state", "proprio"],
-        goal_columns: &["state", "proprio"],
-    }
+    EnvSpec::new(TWO_ROOM_V2.id, Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), fields)
+        .factors(space.specs())
+        .time_step_s(0.1)
+        .start_columns(&["state", "proprio"])
+        .goal_columns(&["state", "proprio"])
 }

@@ -33,26 +33,25 @@ macro_rules! settings {
 }
 
 /// `expert`.
-pub(super) const EXPERT: PolicyEntry = PolicyEntry {
-    name: "expert",
-    summary: "walks the shortest way to the target",
-    settings: settings!("0"),
-    make: |context, args| make(context, args, args.parse_as::<Arguments>()?),
-};
+pub(super) const EXPERT: PolicyEntry =
+    PolicyEntry::new("expert", "walks the shortest way to the target", |context, args| {
+        make(context, args, args.parse_as::<Arguments>()?)
+    })
+    .settings(settings!("0"));
 
 /// `noisy-expert`.
-pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry {
-    name: "noisy-expert",
-    summary: "the expert with normal noise on its actions (`noisy-expert:NOISE`; the reference collects with 2)",
-    settings: settings!("2"),
-    make: |context, args| {
+pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry::new(
+    "noisy-expert",
+    "the expert with normal noise on its actions (`noisy-expert:NOISE`; the reference collects with 2)",
+    |context, args| {
         let mut noisy = args.clone();
         if noisy.positional.is_empty() {
             noisy.named.entry("noise").or_insert(REFERENCE_NOISE.into());
         }
         make(context, args, noisy.parse_with::<Arguments>("noise")?)
     },
-};
+)
+.settings(settings!("2"));
 
 /// The noise of the published datasets.
 const REFERENCE_NOISE: f64 = 2.0;

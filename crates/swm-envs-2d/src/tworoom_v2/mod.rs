@@ -29,11 +29,10 @@ pub use env::TwoRoom;
 pub use factors::factors;
 
 /// `swm/TwoRoom-v2`.
-pub const TWO_ROOM_V2: EnvEntry = EnvEntry {
-    id: "swm/TwoRoom-v2",
-    summary: "walk to a target in one of two rooms, through a door if need be; two-dimensional continuous actions",
-    settings: settings::SETTINGS,
-    policies: &[expert::EXPERT, expert::NOISY_EXPERT],
-    planner: None,
-    make: |config| Ok(Box::new(TwoRoom::new(config)?)),
-};
+pub const TWO_ROOM_V2: EnvEntry = EnvEntry::new(
+    "swm/TwoRoom-v2",
+    "walk to a target in one of two rooms, through a door if need be; two-dimensional continuous actions",
+    |config| Ok(Box::new(TwoRoom::new(config)?)),
+)
+.settings(settings::SETTINGS)
+.policies(&[expert::EXPERT, expert::NOISY_EXPERT]);

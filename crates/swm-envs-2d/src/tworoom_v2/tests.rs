@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use proptest::prelude::*;
 use swm_core::{
-    Batch, Env, EnvConfig, EnvError, Episode, EpisodeSeed, Evaluation, ImageSize, PolicyArgs, PolicyContext,
+    Batch, Env, EnvConfig, EnvError, Episode, EpisodeSeed, Evaluation, ImageSize, PolicyContext, Registry,
     ResetOptions, Rollout, Schema, Slice, Value, World, WorldOptions,
 };
 
@@ -268,13 +268,9 @@ const SEED: u64 = 7;
 
 fn evaluate(policy: &str, options: &ResetOptions, episodes: u64, budget: u64) -> Evaluation {
     let config = EnvConfig::default();
-    let context = PolicyContext { env: &TWO_ROOM_V2, config: &config, frame_skip: 1 };
-    let args = PolicyArgs::parse(policy).unwrap();
-    let entry = TWO_ROOM_V2.policies.iter().find(|entry| entry.name == args.name).unwrap();
-    let policy = (entry.make)(&context, &args).unwrap();
     let options_of_world = WorldOptions::new(4).max_episode_steps(budget);
     let mut world = World::new(&TWO_ROOM_V2, options_of_world).unwrap();
-    world.set_policy(policy);
+    world.set_policy(Registry::new().policy(policy, &world).unwrap());
     let rollout = Rollout::new(0..episodes).seed(SEED).options(options.clone());
     world.evaluate(&rollout).unwrap()
 }
@@ -319,10 +315,9 @@ fn repeated_actions_stay_reproducible_and_arguments_are_checked() {
         ("expert:action_repeat_prob=2", "action_repeat_prob 2 must be 0 to 1"),
         ("expert:nois=1", "unknown field `nois`"),
     ] {
-        let args = PolicyArgs::parse(policy).unwrap();
         let config = EnvConfig::default();
-        let context = PolicyContext { env: &TWO_ROOM_V2, config: &config, frame_skip: 1 };
-        let made = (TWO_ROOM_V2.policies[0].make)(&context, &args);
+        let context = PolicyContext::new(&TWO_ROOM_V2, &config);
+        let made = Registry::new().policy(policy, context);
         let message = made.err().expect("it is wrong").to_string();
         assert!(message.contains(part), "{message}");
     }

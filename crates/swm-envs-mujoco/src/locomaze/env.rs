@@ -92,15 +92,11 @@ impl MazeEnv {
             Ok(Drawn { images: Images::new(views, &full)?, floor, goal: (vec![0; size], true) })
         };
         let images = views.map(drawn).transpose()?;
-        let spec = EnvSpec {
-            id: id.to_owned(),
-            action: Space::uniform_box(Dtype::F32, &[sim.model().nu()], -1.0, 1.0),
-            fields: columns,
-            factors: space.specs(),
-            time_step_s: sim.model().timestep_s() * f64::from(SUBSTEPS),
-            start_columns: START_COLUMNS,
-            goal_columns: &["qpos"],
-        };
+        let spec = EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[sim.model().nu()], -1.0, 1.0), columns)
+            .factors(space.specs())
+            .time_step_s(sim.model().timestep_s() * f64::from(SUBSTEPS))
+            .start_columns(START_COLUMNS)
+            .goal_columns(&["qpos"]);
         let target = models.light().id(Object::Geom, TARGET)?;
         let moment = Moment::new(0, nq, nv);
         let ways = ([0, 0], Vec::new());

@@ -16,20 +16,20 @@ use crate::suite::{normal, uniform};
 use crate::views::settings;
 
 /// The policies of the point's mazes.
-pub(super) const POINT_POLICIES: &[PolicyEntry] = &[PolicyEntry {
-    name: "expert",
-    summary: "follows the shortest way over the middles of cells, with noise on its actions",
-    settings: SETTINGS,
-    make: |context, args| make(context, args, Body::Point),
-}];
+pub(super) const POINT_POLICIES: &[PolicyEntry] = &[PolicyEntry::new(
+    "expert",
+    "follows the shortest way over the middles of cells, with noise on its actions",
+    |context, args| make(context, args, Body::Point),
+)
+.settings(SETTINGS)];
 
 /// The policies of the ant's mazes.
-pub(super) const ANT_POLICIES: &[PolicyEntry] = &[PolicyEntry {
-    name: "expert",
-    summary: "walks the shortest way over the middles of cells in a trot, with noise on its actions",
-    settings: SETTINGS,
-    make: |context, args| make(context, args, Body::Ant),
-}];
+pub(super) const ANT_POLICIES: &[PolicyEntry] = &[PolicyEntry::new(
+    "expert",
+    "walks the shortest way over the middles of cells in a trot, with noise on its actions",
+    |context, args| make(context, args, Body::Ant),
+)
+.settings(SETTINGS)];
 
 swm_core::settings! {
     /// Arguments of the policies. Unknown names are refused.

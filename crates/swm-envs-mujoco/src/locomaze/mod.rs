@@ -50,21 +50,17 @@ const POINT_ID: &str = "swm/OGBPointMaze-v0";
 const ANT_ID: &str = "swm/OGBAntMaze-v0";
 
 /// `swm/OGBPointMaze-v0`.
-pub const OGB_POINT_MAZE: EnvEntry = EnvEntry {
-    id: POINT_ID,
-    summary: "a ball in one of five mazes, moved by what an action says",
-    settings: settings::SETTINGS,
-    policies: expert::POINT_POLICIES,
-    planner: None,
-    make: |config| Ok(Box::new(MazeEnv::new(POINT_ID, Body::Point, config)?)),
-};
+pub const OGB_POINT_MAZE: EnvEntry =
+    EnvEntry::new(POINT_ID, "a ball in one of five mazes, moved by what an action says", |config| {
+        Ok(Box::new(MazeEnv::new(POINT_ID, Body::Point, config)?))
+    })
+    .settings(settings::SETTINGS)
+    .policies(expert::POINT_POLICIES);
 
 /// `swm/OGBAntMaze-v0`.
-pub const OGB_ANT_MAZE: EnvEntry = EnvEntry {
-    id: ANT_ID,
-    summary: "an ant of four legs in one of five mazes; torques of eight joints",
-    settings: settings::SETTINGS,
-    policies: expert::ANT_POLICIES,
-    planner: None,
-    make: |config| Ok(Box::new(MazeEnv::new(ANT_ID, Body::Ant, config)?)),
-};
+pub const OGB_ANT_MAZE: EnvEntry =
+    EnvEntry::new(ANT_ID, "an ant of four legs in one of five mazes; torques of eight joints", |config| {
+        Ok(Box::new(MazeEnv::new(ANT_ID, Body::Ant, config)?))
+    })
+    .settings(settings::SETTINGS)
+    .policies(expert::ANT_POLICIES);

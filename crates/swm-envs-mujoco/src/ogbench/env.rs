@@ -105,15 +105,11 @@ impl TableEnv {
         let views = Views::new(&settings.images, &camera, &full, image)?;
         fields.extend(views.iter().flat_map(Views::fields));
         let is_scene = kind == Kind::Scene;
-        let spec = EnvSpec {
-            id: id.to_owned(),
-            action: Space::uniform_box(Dtype::F32, &[5], -1.0, 1.0),
-            fields,
-            factors: space.specs(),
-            time_step_s: sim.model().timestep_s() * f64::from(SUBSTEPS),
-            start_columns: if is_scene { SCENE_START_COLUMNS } else { START_COLUMNS },
-            goal_columns: if is_scene { &["qpos", "button_states"] } else { &["qpos"] },
-        };
+        let spec = EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[5], -1.0, 1.0), fields)
+            .factors(space.specs())
+            .time_step_s(sim.model().timestep_s() * f64::from(SUBSTEPS))
+            .start_columns(if is_scene { SCENE_START_COLUMNS } else { START_COLUMNS })
+            .goal_columns(if is_scene { &["qpos", "button_states"] } else { &["qpos"] });
         let images = views.map(|views| Images::new(views, &full)).transpose()?;
         let goal_image = (vec![0; image.map_or(0, |size| size.shape().iter().product())], true);
         let fov = space.defaults();

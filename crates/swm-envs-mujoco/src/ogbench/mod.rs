@@ -35,21 +35,19 @@ const CUBE_ID: &str = "swm/OGBCube-v0";
 const SCENE_ID: &str = "swm/OGBScene-v0";
 
 /// `swm/OGBCube-v0`.
-pub const OGB_CUBE: EnvEntry = EnvEntry {
-    id: CUBE_ID,
-    summary: "a robot arm that picks up one to four cubes and places them; effector and gripper commands",
-    settings: settings::CUBE_SETTINGS,
-    policies: expert::POLICIES,
-    planner: None,
-    make: |config| Ok(Box::new(TableEnv::new(CUBE_ID, false, config)?)),
-};
+pub const OGB_CUBE: EnvEntry = EnvEntry::new(
+    CUBE_ID,
+    "a robot arm that picks up one to four cubes and places them; effector and gripper commands",
+    |config| Ok(Box::new(TableEnv::new(CUBE_ID, false, config)?)),
+)
+.settings(settings::CUBE_SETTINGS)
+.policies(expert::POLICIES);
 
 /// `swm/OGBScene-v0`.
-pub const OGB_SCENE: EnvEntry = EnvEntry {
-    id: SCENE_ID,
-    summary: "a robot arm with a cube, and a drawer and a window that buttons lock",
-    settings: settings::SCENE_SETTINGS,
-    policies: expert::POLICIES,
-    planner: None,
-    make: |config| Ok(Box::new(TableEnv::new(SCENE_ID, true, config)?)),
-};
+pub const OGB_SCENE: EnvEntry = EnvEntry::new(
+    SCENE_ID,
+    "a robot arm with a cube, and a drawer and a window that buttons lock",
+    |config| Ok(Box::new(TableEnv::new(SCENE_ID, true, config)?)),
+)
+.settings(settings::SCENE_SETTINGS)
+.policies(expert::POLICIES);

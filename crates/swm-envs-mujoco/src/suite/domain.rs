@@ -98,8 +98,7 @@ pub trait Task: Send + Sync {
 
 /// The table entry of a domain.
 pub const fn entry(domain: &'static Domain, make: MakeEnv) -> EnvEntry {
-    let planner = Some(domain.planner);
-    EnvEntry { id: domain.id, summary: domain.summary, settings: SETTINGS, policies: &[], planner, make }
+    EnvEntry::new(domain.id, domain.summary, make).settings(SETTINGS).planner(domain.planner)
 }
 
 /// iCEM with these settings, as [`Domain::planner`], and what all domains share: plan at every action, go on from the last

@@ -90,15 +90,12 @@ impl SuiteEnv {
         let camera = CameraName::Index(domain.camera);
         let views = Views::new(&settings.images, &camera, stage.sim.model(), image)?;
         let (fields, columns) = fields(domain, &stage, scratch.len(), &space, views.as_ref());
-        let spec = EnvSpec {
-            id: domain.id.to_owned(),
-            action: Space::uniform_box(Dtype::F64, &[ranges.len()], -1.0, 1.0),
-            fields,
-            factors: space.specs(),
-            time_step_s: control_step_s * f64::from(settings.action_repeat),
-            start_columns: domain.start_columns,
-            goal_columns: entry.goal_columns,
-        };
+        let spec =
+            EnvSpec::new(domain.id, Space::uniform_box(Dtype::F64, &[ranges.len()], -1.0, 1.0), fields)
+                .factors(space.specs())
+                .time_step_s(control_step_s * f64::from(settings.action_repeat))
+                .start_columns(domain.start_columns)
+                .goal_columns(entry.goal_columns);
         let image = views.map(|views| Image::new(&models, views, &space.defaults())).transpose()?;
         Ok(Self {
             spec,

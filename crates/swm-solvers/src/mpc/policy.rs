@@ -1,5 +1,6 @@
 //! The policy: queues of planned actions, one per environment, refilled by the solver when they are empty.
 
+use std::any::Any;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -138,8 +139,13 @@ impl MpcPolicy {
     /// Shows every plan to `trace`. It changes none.
     #[must_use]
     pub fn with_trace(mut self, trace: impl Trace + 'static) -> Self {
-        self.tools.trace = Box::new(trace);
+        self.set_trace(trace);
         self
+    }
+
+    /// As [`MpcPolicy::with_trace`], of a policy that is in use.
+    pub fn set_trace(&mut self, trace: impl Trace + 'static) {
+        self.tools.trace = Box::new(trace);
     }
 
     /// How long plans are and how much of each is carried out.
@@ -190,6 +196,10 @@ impl Policy for MpcPolicy {
 
     fn fields(&self) -> Vec<Field> {
         self.config.report.fields()
+    }
+
+    fn as_any(&mut self) -> Option<&mut dyn Any> {
+        Some(self)
     }
 
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {

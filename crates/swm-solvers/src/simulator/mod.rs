@@ -66,7 +66,7 @@ impl SimulatorCost {
     /// Makes environments until there are `count`.
     fn hire(&mut self, count: usize) -> Result<(), PlanError> {
         while self.workers.len() < count {
-            self.workers.push(Worker::new((self.entry.make)(&self.config)?));
+            self.workers.push(Worker::new(self.entry.make(&self.config)?));
         }
         Ok(())
     }

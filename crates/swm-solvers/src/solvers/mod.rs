@@ -66,7 +66,7 @@ mod tests {
     fn every_solver_is_made_from_its_documented_defaults() {
         for entry in SOLVERS {
             assert!(!entry.summary.is_empty() && !entry.settings.is_empty());
-            let solver = (entry.make)(Map::new()).unwrap();
+            let solver = entry.make(Map::new()).unwrap();
             assert_eq!(solver.name(), entry.name);
             assert!(solver.changed_settings().is_empty());
         }

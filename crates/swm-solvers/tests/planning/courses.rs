@@ -278,7 +278,7 @@ fn every_solver_of_real_actions_solves_95_of_100_courses() {
         (keys(0..COURSES as u64), Courses::space(), vec![0.0; COURSES * STEPS * WIDTH]);
     let problem = Problem { horizon: STEPS, ..problem(&keys, &space, &initial) };
     for entry in SOLVERS {
-        let solver = (entry.make)(settings(entry.name)).expect("valid settings");
+        let solver = entry.make(settings(entry.name)).expect("valid settings");
         if solver.check(&space).is_err() {
             continue;
         }

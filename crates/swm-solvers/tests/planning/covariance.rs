@@ -63,7 +63,7 @@ fn a_flat_cost_and_a_search_that_collapses_leave_finite_plans() {
         if entry.name == "full-cem" {
             given.insert("elites".to_owned(), 4.into());
         }
-        let solver = (entry.make)(given).expect("valid settings");
+        let solver = entry.make(given).expect("valid settings");
         for cost in [first as PlanCost, |_, _| 1.0] {
             let plan = plan(solver.as_ref(), cost);
             assert!(plan.actions.iter().chain(&plan.spread).all(|value| value.is_finite()), "{}", entry.name);

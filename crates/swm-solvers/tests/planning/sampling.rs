@@ -187,7 +187,7 @@ fn every_solver_of_real_actions_comes_near_the_linear_quadratic_optimum() {
     let (keys, wide) = (keys(0..4), Space::uniform_box(Dtype::F32, &[2], -5.0, 5.0));
     let problem = problem(&keys, &wide, &[0.0; 80]);
     for entry in SOLVERS {
-        let solver = (entry.make)(thorough(entry.name)).expect("valid settings");
+        let solver = entry.make(thorough(entry.name)).expect("valid settings");
         if solver.check(&wide).is_err() {
             continue;
         }
@@ -310,7 +310,7 @@ fn settings_out_of_range_are_named() {
     ] {
         let entry = SOLVERS.iter().find(|entry| entry.name == solver).unwrap();
         let settings = settings.as_object().unwrap().clone();
-        let error = (entry.make)(settings).err().expect(part).to_string();
+        let error = entry.make(settings).err().expect(part).to_string();
         assert!(error.starts_with(&format!("setting {part}")), "{solver}: {error}");
     }
 }

@@ -1,15 +1,14 @@
 //! Planning on the true simulator: exact costs, goals reached, results that depend on nothing but the seed.
 
 use swm_core::testing::{DISCRETE_TOY, TOY};
-use swm_core::{EnvConfig, EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyError, Registry};
+use swm_core::{EnvConfig, EnvEntry, Policy, PolicyContext, PolicyError, Registry};
 use swm_solvers::testing::{Heard, Probe};
 use swm_solvers::{Aggregate, MpcPolicy, PLANNERS, PlanConfig, SimulatorCost, SimulatorOptions};
 
 use crate::worlds::{FRAGILE, NO_TASK_COST, Setting, run, toward};
 
 fn planner(entry: &EnvEntry, text: &str) -> Result<Box<dyn Policy>, PolicyError> {
-    let context = PolicyContext { env: entry, config: &EnvConfig::default(), frame_skip: 1 };
-    Registry::new().with_policies(PLANNERS).policy(&context, &PolicyArgs::parse(text)?)
+    Registry::new().with(PLANNERS).policy(text, PolicyContext::new(entry, &EnvConfig::default()))
 }
 
 const SMALL: &str = "cem:samples=32,iterations=4,elites=6,horizon=3,receding_horizon=2,action_block=2";

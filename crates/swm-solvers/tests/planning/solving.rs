@@ -40,7 +40,7 @@ fn the_plan_of_an_episode_is_the_same_alone_and_among_64_on_1_and_2_threads() {
         // Descent takes many evaluations per iteration here: fewer iterations show the same.
         let descends = entry.settings.iter().any(|setting| setting.name == "action_noise");
         let settings = if descends { json!({"iterations": 5}) } else { json!({}) };
-        let solver = (entry.make)(settings.as_object().unwrap().clone()).unwrap();
+        let solver = entry.make(settings.as_object().unwrap().clone()).unwrap();
         let trial = Trial::accepted_by(solver.as_ref());
         let plans = |cost: PlanCost, episodes: &[u64]| {
             solve_trial(&trial, solver.as_ref(), &mut Analytic::new(cost, 30), episodes).unwrap()

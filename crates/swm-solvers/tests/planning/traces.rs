@@ -26,7 +26,7 @@ fn solve(solver: &dyn Solver, trace: &mut dyn Trace) -> (Plan, Analytic) {
 #[test]
 fn watching_changes_no_plan_of_any_solver() {
     for entry in SOLVERS {
-        let solver = (entry.make)(Map::new()).unwrap();
+        let solver = entry.make(Map::new()).unwrap();
         let (alone, _) = solve(solver.as_ref(), &mut NoTrace);
         let mut memory = Memory::new(5);
         let mut both = (&mut memory, JsonLines::new(Vec::new(), Detail::Candidates));

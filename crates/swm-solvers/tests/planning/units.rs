@@ -1,10 +1,7 @@
 //! The units that plans are made in, what a model is told of the past in them, and what the policy says of its plans.
 
 use swm_core::testing::{DISCRETE_TOY, TOY};
-use swm_core::{
-    BoxError, EnvConfig, EpisodeEnd, LiveRow, PolicyArgs, PolicyContext, Recorder, Registry, Rollout, World,
-    WorldOptions,
-};
+use swm_core::{BoxError, EnvConfig, EpisodeEnd, LiveRow, Recorder, Registry, Rollout, World, WorldOptions};
 use swm_solvers::{ActionScale, Cem, MpcPolicy, PLANNERS, PlanConfig, SimulatorCost, SimulatorOptions};
 
 use crate::mpc::{Outcome, act_in_units, config, far_goal, stair};
@@ -85,10 +82,9 @@ impl Recorder for Said {
 
 fn said(policy: &str) -> Result<Vec<SaidRow>, Box<dyn std::error::Error>> {
     let options = WorldOptions::default().max_episode_steps(8);
-    let context = PolicyContext { env: &TOY, config: &options.env.clone(), frame_skip: 1 };
-    let registry = Registry::new().with_policies(PLANNERS);
+    let registry = Registry::new().with(PLANNERS);
     let mut world = World::new(&TOY, options)?;
-    world.set_policy(registry.policy(&context, &PolicyArgs::parse(policy)?)?);
+    world.set_policy(registry.policy(policy, &world)?);
     let mut said = Said::default();
     world.run(&Rollout::new(0..1).seed(1).options(toward(1000.0)), &mut said)?;
     Ok(said.0)

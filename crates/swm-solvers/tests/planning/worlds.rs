@@ -18,12 +18,12 @@ enum Change {
 }
 
 pub(super) const NO_TASK_COST: EnvEntry =
-    EnvEntry { make: |config| changed(config, Change::NoTaskCost), ..TOY };
+    EnvEntry::new(TOY.id, TOY.summary, |config| changed(config, Change::NoTaskCost));
 pub(super) const FRAGILE: EnvEntry =
-    EnvEntry { id: "swm/Fragile-v0", make: |config| changed(config, Change::Fragile), ..TOY };
+    EnvEntry::new("swm/Fragile-v0", TOY.summary, |config| changed(config, Change::Fragile));
 
 fn changed(config: &EnvConfig, change: Change) -> Result<Box<dyn Env>, EnvError> {
-    let inner = (TOY.make)(config)?;
+    let inner = TOY.make(config)?;
     let mut spec = inner.spec().clone();
     match change {
         Change::NoTaskCost => {}

@@ -5,7 +5,9 @@ use std::path::Path;
 
 use clap::Args;
 use serde_json::{Map, Value as Json};
-use swm_core::{EnvConfig, EnvEntry, ImageSize, PolicyArgs, Registry, ResetOptions, Value, WorldOptions};
+use swm_core::{
+    EnvConfig, EnvEntry, ImageSize, Policy, PolicyArgs, Registry, ResetOptions, Value, World, WorldOptions,
+};
 
 use super::{Failure, usage};
 use crate::evaluation::RunOptions;
@@ -187,6 +189,17 @@ impl std::str::FromStr for Shard {
             _ => Err("write I/N with I of 1..=N, such as 3/16".to_owned()),
         }
     }
+}
+
+/// The policy of `--policy NAME:ARGS` for a world.
+pub(super) fn policy(registry: &Registry, text: &str, world: &World) -> Result<Box<dyn Policy>, Failure> {
+    Ok(registry.policy_from(&policy_args(text)?, world)?)
+}
+
+/// The image size that the model behind a policy was trained on, for worlds that no image size is asked for.
+pub(super) fn model_image(registry: &Registry, env: &EnvEntry, text: &str) -> Option<ImageSize> {
+    let args = policy_args(text).ok()?;
+    registry.policy_entry(env, &args.name).ok()?.image_size(&args)
 }
 
 /// Reads `--policy NAME:ARGS`; `NAME:@FILE` takes the arguments from a TOML or JSON file, and further `key=value`

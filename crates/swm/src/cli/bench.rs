@@ -7,9 +7,9 @@ use serde::Serialize;
 use swm_core::error::BoxError;
 use swm_core::{EpisodeEnd, ImageSize, LiveRow, Recorder, Registry, Rollout, World, WorldOptions};
 
-use super::args::EnvArgs;
+use super::args::{EnvArgs, policy};
 use super::output::table;
-use super::{Failure, Output, policies, usage};
+use super::{Failure, Output, usage};
 
 /// Measure steps per second, with and without images, by number of threads.
 #[derive(Args)]
@@ -83,10 +83,9 @@ impl Bench {
         if let Some((_, style)) = image.filter(|_| has_styles) {
             config.settings.insert("render".to_owned(), style.into());
         }
-        let policy = policies::make(registry, entry, &config, 1, &self.policy)?;
         let options = WorldOptions::new(num_envs).env(config).threads(threads);
         let mut world = World::new(entry, options)?;
-        world.set_policy(policy);
+        world.set_policy(policy(registry, &self.policy, &world)?);
         let mut watch = Stopwatch::new(Duration::from_secs_f64(self.seconds));
         let rollout = Rollout::new(0..u64::MAX);
         if let Err(error) = world.run(&rollout, &mut watch)

@@ -13,8 +13,8 @@ use swm_core::{
 };
 use swm_data::{DatasetWriter, WriteMode, WriteOptions};
 
-use super::args::{EnvArgs, ImageArg, ScenarioArgs, Shard, WorldArgs};
-use super::{Failure, Output, policies, usage};
+use super::args::{EnvArgs, ImageArg, ScenarioArgs, Shard, WorldArgs, policy};
+use super::{Failure, Output, usage};
 
 /// Record episodes of a policy to a dataset.
 #[derive(Args)]
@@ -82,15 +82,13 @@ impl Collect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let entry = self.env.entry(registry)?;
         let config = self.env.config(self.image_size.0.filter(|_| self.replayable.is_none()))?;
-        let policy =
-            policies::make(registry, entry, &config, self.world.frame_skip.unwrap_or(1), &self.policy)?;
         let world = self.world.options(config, self.max_steps);
         let world = world.unrecorded(self.without).checkpoints(self.replayable);
         let mut world = World::new(entry, world)?;
-        world.set_policy(policy);
+        world.set_policy(policy(registry, &self.policy, &world)?);
         let options = self.scenario.options()?;
         let how = WriteOptions { mode: self.mode, quality: self.quality, ..WriteOptions::default() };
-        let mut writer = swm_data::create_with(&self.out, &how, self.format.as_deref())?;
+        let mut writer = swm_data::create_in(registry, &self.out, &how, self.format.as_deref())?;
         let held = writer.num_episodes();
         let part = self.shard.map(|shard| shard.of(self.episodes.or(self.total).unwrap_or(0)));
         let offset = part.as_ref().map_or(0, |part| part.start);

@@ -5,8 +5,9 @@ use std::time::Instant;
 
 use clap::Args;
 use serde_json::{Value as Json, json};
+use swm_core::Registry;
 use swm_data::adapt::split_episodes;
-use swm_data::tools::copy::{Copied, Piece, all, copy};
+use swm_data::tools::copy::{Copied, Piece, all, copy_in};
 use swm_data::{Dataset, WriteMode, WriteOptions};
 
 use super::{Failure, Output, usage};
@@ -42,6 +43,7 @@ impl TargetArgs {
     /// Copies, with a bar.
     fn copy(
         &self,
+        registry: &Registry,
         sources: &mut [Box<dyn Dataset>],
         pieces: &[Piece],
         to: &Path,
@@ -53,7 +55,7 @@ impl TargetArgs {
         bar.set_message(to.display().to_string());
         let mut watch = |rows: usize| bar.inc(rows as u64);
         let Copied { resumed, episodes, rows } =
-            copy(sources, pieces, to, (self.format.as_deref(), &self.options()), &mut watch)?;
+            copy_in(registry, sources, pieces, to, (self.format.as_deref(), &self.options()), &mut watch)?;
         bar.finish_and_clear();
         if resumed > 0 {
             output.note(format!("{}: {resumed} episodes were there already", to.display()));
@@ -112,10 +114,10 @@ pub(super) struct Convert {
 }
 
 impl Convert {
-    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
-        let mut sources = vec![swm_data::open(&self.source)?];
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let mut sources = vec![swm_data::open_in(registry, &self.source)?];
         let pieces = all(&sources);
-        let result = self.to.copy(&mut sources, &pieces, &self.target, output)?;
+        let result = self.to.copy(registry, &mut sources, &pieces, &self.target, output)?;
         output.result(&result, || line(&result))
     }
 }
@@ -141,13 +143,13 @@ pub(super) struct Merge {
 }
 
 impl Merge {
-    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let mut sources = Vec::with_capacity(self.sources.len());
         for source in &self.sources {
-            sources.push(swm_data::open(source)?);
+            sources.push(swm_data::open_in(registry, source)?);
         }
         let pieces = all(&sources);
-        let result = self.to.copy(&mut sources, &pieces, &self.out, output)?;
+        let result = self.to.copy(registry, &mut sources, &pieces, &self.out, output)?;
         output.result(&result, || line(&result))
     }
 }
@@ -189,7 +191,7 @@ pub(super) struct Split {
 }
 
 impl Split {
-    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let Unit::Episode = self.by;
         let (names, fractions) = parts(&self.parts)?;
         if !self.out.contains("{}") {
@@ -198,7 +200,7 @@ impl Split {
                 self.out
             )));
         }
-        let mut sources = vec![swm_data::open(&self.source)?];
+        let mut sources = vec![swm_data::open_in(registry, &self.source)?];
         let divided = split_episodes(sources[0].num_episodes(), &fractions, self.seed).map_err(usage)?;
         if let Some((name, _)) = names.iter().zip(&divided).find(|(_, episodes)| episodes.is_empty()) {
             let count = sources[0].num_episodes();
@@ -208,7 +210,7 @@ impl Split {
         for (name, episodes) in names.iter().zip(divided) {
             let to = PathBuf::from(self.out.replace("{}", name));
             let pieces: Vec<Piece> = episodes.into_iter().map(|episode| (0, episode)).collect();
-            results.push(self.to.copy(&mut sources, &pieces, &to, output)?);
+            results.push(self.to.copy(registry, &mut sources, &pieces, &to, output)?);
         }
         output.result(&results, || results.iter().map(line).collect::<Vec<_>>().join("\n"))
     }

@@ -106,13 +106,14 @@ fn threads() -> Check {
 
 /// Makes every environment once.
 fn environments(registry: &Registry) -> Check {
-    let all = registry.envs();
-    let failures: Vec<_> = all.iter().filter_map(|entry| (entry.make)(&EnvConfig::default()).err()).collect();
+    let count = registry.envs().count();
+    let failures: Vec<_> =
+        registry.envs().filter_map(|entry| entry.make(&EnvConfig::default()).err()).collect();
     match failures.first() {
-        None => Check::works("environments", format!("all {} can be made", all.len())),
+        None => Check::works("environments", format!("all {count} can be made")),
         Some(first) => Check::missing(
             "environments",
-            format!("{} of {} cannot be made; the first: {first}", failures.len(), all.len()),
+            format!("{} of {count} cannot be made; the first: {first}", failures.len()),
             "see above, or `swm envs`",
         ),
     }

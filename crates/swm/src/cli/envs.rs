@@ -25,7 +25,7 @@ impl Envs {
 }
 
 fn spec_of(entry: &EnvEntry) -> Result<EnvSpec, Failure> {
-    Ok((entry.make)(&EnvConfig::default())?.spec().clone())
+    Ok(entry.make(&EnvConfig::default())?.spec().clone())
 }
 
 fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
@@ -34,7 +34,7 @@ fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
     let mut failures: Vec<String> = Vec::new();
     for entry in registry.envs() {
         let row = |factors: String| vec![entry.id.to_owned(), factors, entry.summary.to_owned()];
-        match (entry.make)(&EnvConfig::default()) {
+        match entry.make(&EnvConfig::default()) {
             Ok(env) => {
                 rows.push(row(env.spec().factors.len().to_string()));
                 list.push(describe(registry, entry, env.spec()));

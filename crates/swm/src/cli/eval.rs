@@ -7,10 +7,10 @@ use swm_core::error::BoxError;
 use swm_core::{EpisodeEnd, EvalOptions, Evaluation, ImageSize, LiveRow, Recorder, Registry, Rollout, World};
 use swm_media::Format;
 
-use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, ScenarioArgs, WorldArgs};
+use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, ScenarioArgs, WorldArgs, model_image, policy};
 use super::eval_manifest::EvalManifest;
 use super::output::facts;
-use super::{Failure, Output, policies, usage};
+use super::{Failure, Output, usage};
 use crate::report::write_report;
 use crate::video::Video;
 
@@ -106,14 +106,14 @@ impl Eval {
         }
         let entry = env.entry(registry)?;
         let recorded = self.out.as_ref().map(|_| ImageSize { height: 128, width: 128 });
-        let image =
-            self.image_size.map_or(recorded.or_else(|| policies::image_of(&self.policy)), |size| size.0);
+        let of_model = || model_image(registry, entry, &self.policy);
+        let image = self.image_size.map_or_else(|| recorded.or_else(of_model), |size| size.0);
         let format = self.video_format(image)?;
-        let mut dataset = self.dataset.as_deref().map(swm_data::open).transpose()?;
+        let mut dataset =
+            self.dataset.as_deref().map(|path| swm_data::open_in(registry, path)).transpose()?;
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
         let config = env.config_like(recorded.settings, image)?;
         let frame_skip = self.world.frame_skip.unwrap_or(recorded.frame_skip.max(1));
-        let policy = policies::make(registry, entry, &config, frame_skip, &self.policy)?;
         let budget =
             self.budget.unwrap_or(if self.dataset.is_some() { BUDGET_DATASET } else { BUDGET_ONLINE });
         if let Some(dir) = &self.out {
@@ -125,7 +125,7 @@ impl Eval {
                 .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
         }
         let mut world = World::new(entry, self.world.options(config, budget).frame_skip(frame_skip))?;
-        world.set_policy(policy);
+        world.set_policy(policy(registry, &self.policy, &world)?);
         let bar = output.bar(self.episodes, "episodes");
         let mut video = Video::first(if self.out.is_some() { self.videos } else { 0 });
         let mut watch = (&mut video, Progress { bar: bar.clone(), successes: 0 });

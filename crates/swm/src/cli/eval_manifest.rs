@@ -31,9 +31,9 @@ impl EvalManifest<'_> {
         let manifest = read_manifest(self.manifest).map_err(usage)?;
         let entry = registry.env(&manifest.env)?;
         let candidate = Candidate { policy: policy_args(self.policy)?, seed: self.policy_seed };
-        let candidate = candidate.on(entry, &manifest);
+        let candidate = candidate.on(registry, entry, &manifest);
         let policy = candidate.make(registry, entry, &manifest)?.describe();
-        let wanted = self.wanted(entry, &manifest, &candidate)?;
+        let wanted = self.wanted(registry, entry, &manifest, &candidate)?;
         if let Some(dir) = self.out {
             std::fs::create_dir_all(dir)
                 .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
@@ -65,7 +65,7 @@ impl EvalManifest<'_> {
         let receipt = Receipt {
             receipt: RECEIPT_VERSION,
             manifest_hash: manifest.hash(),
-            files: candidate.files()?,
+            files: candidate.files(registry, entry)?,
             candidate,
             policy,
             fingerprints,
@@ -93,15 +93,16 @@ impl EvalManifest<'_> {
     /// What runs beside the policy.
     fn wanted(
         &self,
+        registry: &Registry,
         entry: &EnvEntry,
         manifest: &Manifest,
         candidate: &Candidate,
     ) -> Result<Vec<(Role, Candidate)>, Failure> {
-        let mut all = roles(entry, manifest, candidate);
+        let mut all = roles(registry, entry, manifest, candidate);
         if let Some(text) = self.ceiling {
             all.retain(|(role, _)| *role != Role::Ceiling);
             let ceiling = Candidate { policy: policy_args(text)?, seed: candidate.seed };
-            all.push((Role::Ceiling, ceiling.on(entry, manifest)));
+            all.push((Role::Ceiling, ceiling.on(registry, entry, manifest)));
         }
         let file = |role: &Role| role_file(*role);
         if let Some(unknown) = self

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::{Map, json};
 use swm_core::Metadata;
+use swm_core::Registry;
 
 use super::output::table;
 use super::{Failure, Output};
@@ -18,8 +19,8 @@ pub(super) struct Inspect {
 }
 
 impl Inspect {
-    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
-        let dataset = swm_data::open(&self.file)?;
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let dataset = swm_data::open_in(registry, &self.file)?;
         let lengths: Vec<usize> = (0..dataset.num_episodes()).map(|e| dataset.episode_len(e)).collect();
         let steps: usize = lengths.iter().sum();
         let fields = dataset.schema().fields();

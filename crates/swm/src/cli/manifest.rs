@@ -126,7 +126,8 @@ impl Make {
     fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let tier = Tier::from(self.tier);
         let entry = self.env.entry(registry)?;
-        let mut dataset = self.dataset.as_deref().map(swm_data::open).transpose()?;
+        let mut dataset =
+            self.dataset.as_deref().map(|path| swm_data::open_in(registry, path)).transpose()?;
         let recorded = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned();
         let settings = recorded.as_ref().map_or_else(Map::new, |recorded| recorded.settings.clone());
         let config = self.env.config_like(settings, self.image_size.0)?;

@@ -17,7 +17,6 @@ mod man;
 mod manifest;
 mod output;
 mod plan;
-mod policies;
 mod preview;
 mod quality;
 mod render;
@@ -37,8 +36,6 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use swm_core::Registry;
-
-use crate::register_formats;
 
 pub(crate) use output::{Failure, Output, usage};
 
@@ -124,8 +121,7 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         }
     };
     let output = Output::new(cli.json, cli.quiet);
-    match register_formats().map_err(Failure::from).and_then(|()| run_command(registry, cli.command, &output))
-    {
+    match run_command(registry, cli.command, &output) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("{failure}");
@@ -139,14 +135,14 @@ fn run_command(registry: &Registry, command: Command, output: &Output) -> Result
         Command::Envs(command) => command.run(registry, output),
         Command::Fovs(command) => command.run(registry, output),
         Command::Collect(command) => command.run(registry, output),
-        Command::Inspect(command) => command.run(output),
-        Command::Preview(command) => command.run(output),
-        Command::Stats(command) => command.run(output),
-        Command::Verify(command) => command.run(output),
-        Command::Diff(command) => command.run(output),
-        Command::Convert(command) => command.run(output),
-        Command::Merge(command) => command.run(output),
-        Command::Split(command) => command.run(output),
+        Command::Inspect(command) => command.run(registry, output),
+        Command::Preview(command) => command.run(registry, output),
+        Command::Stats(command) => command.run(registry, output),
+        Command::Verify(command) => command.run(registry, output),
+        Command::Diff(command) => command.run(registry, output),
+        Command::Convert(command) => command.run(registry, output),
+        Command::Merge(command) => command.run(registry, output),
+        Command::Split(command) => command.run(registry, output),
         Command::Replay(command) => command.run(registry, output),
         Command::Manifest(command) => command.run(registry, output),
         Command::Eval(command) => command.run(registry, output),
@@ -155,10 +151,10 @@ fn run_command(registry: &Registry, command: Command, output: &Output) -> Result
         Command::Sweep(command) => command.run(registry, output),
         Command::Report(command) => command.run(registry, output),
         Command::Quality(command) => command.run(registry, output),
-        Command::Train(command) => command.run(output),
+        Command::Train(command) => command.run(registry, output),
         Command::Checkpoints(command) => command.run(output),
         Command::Plan(command) => command.run(registry, output),
-        Command::Solvers(command) => command.run(output),
+        Command::Solvers(command) => command.run(registry, output),
         Command::Render(command) => command.run(registry, output),
         Command::Bench(command) => command.run(registry, output),
         Command::Doctor(command) => command.run(registry, output),

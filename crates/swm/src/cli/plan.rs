@@ -8,17 +8,15 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use swm_core::error::{BoxError, did_you_mean, nearest};
-use swm_core::{EnvConfig, EnvEntry, EpisodeEnd, LiveRow, PolicyContext, Recorder, Registry, Rollout, World};
+use swm_core::{EpisodeEnd, LiveRow, Policy, Recorder, Registry, Rollout, World};
 use swm_media::Format;
-use swm_solvers::{
-    ActionMap, Detail, EXPERT, JsonLines, MpcPolicy, NoTrace, SOLVERS, SolverEntry, Trace, expert_args,
-};
+use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace};
 
-use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs, policy_args};
+use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs, model_image, policy_args};
 use super::output::table;
-use super::{Failure, Output, policies, usage};
+use super::{Failure, Output, usage};
 use crate::plan::{
-    EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, stops_at_success, write_report,
+    EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, planner_of, stops_at_success, write_report,
 };
 use crate::video::Video;
 
@@ -103,11 +101,13 @@ impl Plan {
         let entry = self.env.entry(registry)?;
         let image = self.trace.as_ref().and(self.image_size.0);
         let format = video_format(self.video_format.as_deref())?;
-        let config = self.env.config(image.or_else(|| policies::image_of(&self.policy)))?;
-        let planner = self.planner(registry, entry, &config)?;
+        let of_model = || model_image(registry, entry, &self.policy);
+        let config = self.env.config(image.or_else(of_model))?;
         let budget = if self.plan_only { 1 } else { self.budget };
         let args = WorldArgs { num_envs: 1, threads: self.threads, frame_skip: Some(self.frame_skip) };
         let mut world = World::new(entry, args.options(config.clone(), budget))?;
+        let mut policy = self.planner(registry, &world)?;
+        let planner = planner_of(policy.as_mut()).ok_or_else(|| makes_no_plans(registry, &self.policy))?;
         let actions = planner.actions(&world.spec().action)?;
         // A scenario that cannot be is found out before the folder is made.
         let options = self.scenario.options()?;
@@ -117,7 +117,8 @@ impl Plan {
             Some(lines) => Box::new(Arc::clone(lines)),
             None => Box::new(NoTrace),
         };
-        let (policy, session) = Watched::new(planner, DRAWN_ELITES, trace);
+        let watched = Watched::new(policy, DRAWN_ELITES, trace);
+        let (policy, session) = watched.map_err(|_| makes_no_plans(registry, &self.policy))?;
         world.set_policy(policy);
         let bar = output.bar(self.episodes * budget, "steps");
         let mut video = Video::first(if image.is_some() { self.episodes } else { 0 });
@@ -167,23 +168,21 @@ impl Plan {
         written.map(drop).map_err(Failure::from)
     }
 
-    fn planner(&self, registry: &Registry, env: &EnvEntry, config: &EnvConfig) -> Result<MpcPolicy, Failure> {
-        let mut args = policy_args(&self.policy)?;
-        #[cfg(feature = "baselines")]
-        if args.name == swm_baselines::acting::MPC.name {
-            return Ok(swm_baselines::acting::mpc_policy(&args, env.id)?);
+    /// The policy, or why there is none that plans.
+    fn planner(&self, registry: &Registry, world: &World) -> Result<Box<dyn Policy>, Failure> {
+        let args = policy_args(&self.policy)?;
+        let name = &args.name;
+        if registry.policy_entry(world.entry(), name).is_ok() {
+            return Ok(registry.policy_from(&args, world)?);
         }
-        #[cfg(feature = "onnx")]
-        if swm_onnx::POLICIES.iter().any(|policy| policy.name == args.name) {
-            return Ok(swm_onnx::onnx_policy(&args)?);
+        if registry.find::<SolverEntry>(name).is_ok() {
+            let reason = format!(
+                "the solver `{name}` cannot plan on the true simulator, it needs a model of the dynamics"
+            );
+            return Err(usage(format!("{reason}; solvers that can are {}", planners(registry).join(", "))));
         }
-        let has_own = env.policies.iter().any(|policy| policy.name == args.name);
-        if args.name == EXPERT.name && env.planner.is_some() && !has_own {
-            args = expert_args(env, &args)?;
-        }
-        let solver = find_planner(registry, env, &args.name)?;
-        let config = EnvConfig { image: None, ..config.clone() };
-        Ok((solver.planner)(&PolicyContext { env, config: &config, frame_skip: self.frame_skip }, &args)?)
+        let meant = did_you_mean(nearest(name, planners(registry)).as_deref());
+        Err(usage(format!("unknown solver `{name}`{meant}; `swm solvers` lists them")))
     }
 
     /// Where the lines of the trace go; nowhere without `--trace`. Makes the folder.
@@ -201,25 +200,21 @@ impl Plan {
     }
 }
 
-/// The solver `name`, if it can plan on the true simulator.
-fn find_planner(registry: &Registry, env: &EnvEntry, name: &str) -> Result<&'static SolverEntry, Failure> {
-    let able = || SOLVERS.iter().filter(|solver| solver.plans_on_simulator);
-    if let Some(solver) = able().find(|solver| solver.name == name) {
-        return Ok(solver);
-    }
-    let all = able().map(|solver| solver.name).collect::<Vec<_>>().join(", ");
-    if SOLVERS.iter().any(|solver| solver.name == name) {
-        let reason = format!(
-            "the solver `{name}` cannot plan on the true simulator, it needs a model of the dynamics"
-        );
-        return Err(usage(format!("{reason}; solvers that can are {all}")));
-    }
-    if registry.policies(env).any(|policy| policy.name == name) {
-        return Err(usage(format!("the policy `{name}` makes no plans; solvers that do are {all}")));
-    }
-    let near = nearest(name, able().map(|solver| solver.name));
-    let meant = did_you_mean(near.as_deref());
-    Err(usage(format!("unknown solver `{name}`{meant}; `swm solvers` lists them")))
+/// The solvers that plan on the true simulator.
+fn planners(registry: &Registry) -> Vec<&'static str> {
+    registry
+        .all::<SolverEntry>()
+        .filter(|solver| solver.plans_on_simulator)
+        .map(|solver| solver.name)
+        .collect()
+}
+
+fn makes_no_plans(registry: &Registry, policy: &str) -> Failure {
+    let name = policy.split(':').next().unwrap_or_default();
+    usage(format!(
+        "the policy `{name}` makes no plans; solvers that do are {}",
+        planners(registry).join(", ")
+    ))
 }
 
 /// Makes the folder, or empties it of an earlier report: of nothing else.

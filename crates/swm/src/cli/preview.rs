@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
+use swm_core::Registry;
 use swm_core::{Dtype, SliceMut};
 use swm_data::{Dataset, Steps};
 use swm_media::{Clip, Format, contact_sheet, png};
@@ -42,9 +43,9 @@ pub(super) struct Preview {
 }
 
 impl Preview {
-    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let format = Format::from_path(&self.out).map_err(usage)?;
-        let mut dataset = swm_data::open(&self.file)?;
+        let mut dataset = swm_data::open_in(registry, &self.file)?;
         let column = dataset.schema().require(&self.column).map_err(usage)?;
         let field = dataset.schema().fields()[column].clone();
         let (&[height, width, channels @ (1 | 3)], Dtype::U8) = (&field.shape[..], field.dtype) else {

@@ -5,12 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::Map;
 use swm_core::evaluate::quality::WorldModel;
-use swm_core::evaluate::{StateModel, Violation, random_episodes};
-use swm_core::{EnvConfig, EnvEntry, ImageSize, Registry};
+use swm_core::evaluate::{ModelEntry, StateModel, Violation, random_episodes};
+use swm_core::{EnvConfig, EnvEntry, PolicyArgs, PolicyContext, Registry};
 
-#[cfg(feature = "baselines")]
-use super::args::policy_args;
-use super::args::{EnvArgs, ImageArg};
+use super::args::{EnvArgs, ImageArg, policy_args};
 use super::output::table;
 use super::{Failure, Output, usage};
 use crate::evaluation::{ImageModel, ProbeScore, Quality, QualityOptions, quality, recorded_episodes};
@@ -77,13 +75,15 @@ impl QualityCommand {
             ));
         }
         let entry = self.env.entry(registry)?;
-        let mut dataset = self.dataset.as_deref().map(swm_data::open).transpose()?;
+        let mut dataset =
+            self.dataset.as_deref().map(|path| swm_data::open_in(registry, path)).transpose()?;
         let metadata = dataset.as_ref().and_then(|dataset| dataset.metadata()).cloned().unwrap_or_default();
         if !metadata.env.is_empty() && metadata.env != entry.id {
             return Err(usage(format!("the dataset was recorded in {}, not in {}", metadata.env, entry.id)));
         }
-        let trained = Trained::of(&self.model, entry)?;
-        let image = self.image_size.map_or(trained.image.or(metadata.image), |size| size.0);
+        let trained = trained(registry, &self.model)?;
+        let of_model = || trained.as_ref().and_then(|(entry, args)| entry.image_size(args));
+        let image = self.image_size.map_or_else(|| of_model().or(metadata.image), |size| size.0);
         let config =
             self.env.config_like(if dataset.is_some() { metadata.settings } else { Map::new() }, image)?;
         let violations: Vec<(String, Violation)> = self
@@ -91,11 +91,11 @@ impl QualityCommand {
             .iter()
             .map(|text| Ok((text.clone(), violation(text)?)))
             .collect::<Result<_, Failure>>()?;
-        let mut model = match trained.model {
-            Some(model) => model,
-            None => model(&self.model, entry, &config)?,
+        let mut model = match &trained {
+            Some((model, args)) => model.make(&PolicyContext::new(entry, &config).within(registry), args)?,
+            None => yardstick(&self.model, entry, &config)?,
         };
-        let mut env = (entry.make)(&config)?;
+        let mut env = entry.make(&config)?;
         let recorded = match &mut dataset {
             Some(dataset) => recorded_episodes(env.as_ref(), dataset, episodes, rows)?,
             None => random_episodes(env.as_mut(), episodes, rows, seed)?,
@@ -113,36 +113,24 @@ impl QualityCommand {
     }
 }
 
-/// A trained model, where `--model` names one, and the size of the images that it was trained on.
-#[derive(Default)]
-struct Trained {
-    model: Option<Box<dyn WorldModel>>,
-    image: Option<ImageSize>,
-}
-
-impl Trained {
-    #[cfg(feature = "baselines")]
-    fn of(name: &str, env: &EnvEntry) -> Result<Self, Failure> {
-        use swm_baselines::acting::{LatentModel, is_model};
-
-        let Some(args) = policy_args(name).ok().filter(is_model) else { return Ok(Self::default()) };
-        let model = LatentModel::new(&args, env.id)?;
-        let side = model.image_side();
-        Ok(Self { image: Some(ImageSize { height: side, width: side }), model: Some(Box::new(model)) })
+/// A model of the registry, where `--model` names one: `lewm:RUN`.
+fn trained(registry: &Registry, name: &str) -> Result<Option<(&'static ModelEntry, PolicyArgs)>, Failure> {
+    if !name.contains(':') {
+        return Ok(None);
     }
-
-    #[cfg(not(feature = "baselines"))]
-    fn of(name: &str, _env: &EnvEntry) -> Result<Self, Failure> {
-        match name.split_once(':') {
-            Some((trained, _)) => Err(usage(format!(
-                "--model {name}: trained models such as {trained} need a build with the feature `baselines`"
-            ))),
-            None => Ok(Self::default()),
-        }
+    let args = policy_args(name)?;
+    match registry.find::<ModelEntry>(&args.name) {
+        Ok(entry) => Ok(Some((entry, args))),
+        Err(_) if registry.all::<ModelEntry>().next().is_none() => Err(usage(format!(
+            "--model {name}: trained models such as {} need a build with the feature `baselines`",
+            args.name
+        ))),
+        Err(unknown) => Err(unknown.into()),
     }
 }
 
-fn model(name: &str, entry: &EnvEntry, config: &EnvConfig) -> Result<Box<dyn WorldModel>, Failure> {
+/// A model that needs no training.
+fn yardstick(name: &str, entry: &EnvEntry, config: &EnvConfig) -> Result<Box<dyn WorldModel>, Failure> {
     let cells = name.strip_prefix("pixels=").map(str::parse::<usize>);
     match cells {
         Some(Ok(cells)) if cells > 0 && config.image.is_none() => Err(usage(format!(

@@ -7,8 +7,8 @@ use serde_json::json;
 use swm_core::{Registry, Rollout, World};
 use swm_media::{Clip, Format};
 
-use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs};
-use super::{Failure, Output, policies, usage};
+use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs, policy};
+use super::{Failure, Output, usage};
 use crate::video::Video;
 
 /// Draw an episode: `.png` shows its last moment, `.gif` and `.mp4` all of it.
@@ -49,9 +49,8 @@ impl Render {
         let entry = self.env.entry(registry)?;
         let config = self.env.config(Some(size))?;
         let world = WorldArgs { num_envs: 1, threads: None, frame_skip: None };
-        let policy = policies::make(registry, entry, &config, 1, &self.policy)?;
         let mut world = World::new(entry, world.options(config, self.steps.max(1)))?;
-        world.set_policy(policy);
+        world.set_policy(policy(registry, &self.policy, &world)?);
         let mut video = Video::first(1);
         let rollout = Rollout::new(0..1).seed(self.seed).options(self.scenario.options()?);
         world.run(&rollout, &mut video)?;

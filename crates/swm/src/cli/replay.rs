@@ -39,7 +39,7 @@ pub(super) struct Replay {
 
 impl Replay {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut dataset = swm_data::open(&self.file)?;
+        let mut dataset = swm_data::open_in(registry, &self.file)?;
         let named = dataset.metadata().map(|metadata| metadata.env.clone());
         let env = self.env.or(named).ok_or_else(|| {
             usage(format!("{} does not name its environment; say --env ID", self.file.display()))

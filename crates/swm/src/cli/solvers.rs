@@ -2,12 +2,11 @@
 
 use clap::Args;
 use serde_json::{Value as Json, json};
-use swm_core::error::{did_you_mean, nearest};
-use swm_core::{Setting, Settings as _};
-use swm_solvers::{PlanConfig, SOLVERS, SimulatorOptions, SolverEntry};
+use swm_core::{Registry, Setting, Settings as _};
+use swm_solvers::{PlanConfig, SimulatorOptions, SolverEntry};
 
 use super::output::table;
-use super::{Failure, Output, usage};
+use super::{Failure, Output};
 
 /// List planning solvers and their settings.
 #[derive(Args)]
@@ -18,18 +17,14 @@ pub(super) struct Solvers {
 }
 
 impl Solvers {
-    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let Some(name) = self.solver else {
-            let list: Vec<Json> = SOLVERS.iter().map(describe).collect();
+            let list: Vec<Json> = registry.all::<SolverEntry>().map(describe).collect();
             let row = |solver: &SolverEntry| vec![solver.name.to_owned(), solver.summary.to_owned()];
-            let rows: Vec<_> = SOLVERS.iter().map(row).collect();
+            let rows: Vec<_> = registry.all::<SolverEntry>().map(row).collect();
             return output.result(&list, || table(&["solver", "what it does"], &rows));
         };
-        let Some(solver) = SOLVERS.iter().find(|solver| solver.name == name) else {
-            let near = nearest(&name, SOLVERS.iter().map(|solver| solver.name));
-            let meant = did_you_mean(near.as_deref());
-            return Err(usage(format!("unknown solver `{name}`{meant}; `swm solvers` lists them")));
-        };
+        let solver = registry.find::<SolverEntry>(&name)?;
         output.result(&describe(solver), || one(solver))
     }
 }

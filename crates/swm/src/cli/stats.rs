@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use swm_core::Registry;
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions, side_file};
 
 use super::output::table;
@@ -34,8 +35,8 @@ pub(super) struct Stats {
 }
 
 impl Stats {
-    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
-        let mut dataset = swm_data::open(&self.file)?;
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let mut dataset = swm_data::open_in(registry, &self.file)?;
         let default = StatisticsOptions::default();
         let options = StatisticsOptions {
             keys: self.columns,

@@ -46,7 +46,7 @@ impl Stream {
             let reason = format!("the phases have {total} episodes, the manifest {}", manifest.pairs.len());
             return Err(usage(format!("{reason}; give --episodes {total}")));
         }
-        let mut env = (entry.make)(&EnvConfig { image: None, settings: manifest.settings.clone() })?;
+        let mut env = entry.make(&EnvConfig { image: None, settings: manifest.settings.clone() })?;
         let spec = env.spec().clone();
         let drawn: Vec<String> =
             spec.factors.iter().filter(|factor| factor.drawn_by_default).map(|f| f.name.clone()).collect();

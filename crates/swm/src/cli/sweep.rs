@@ -67,7 +67,7 @@ impl SweepCommand {
         }
         let entry = registry.env(&manifest.env)?;
         let candidate = Candidate { policy: policy_args(&self.policy)?, seed: self.policy_seed };
-        let candidate = candidate.on(entry, &manifest);
+        let candidate = candidate.on(registry, entry, &manifest);
         let values = match self.values {
             ValuesArg::Sampled => Values::Sampled,
             ValuesArg::Extremes => Values::Extremes,
@@ -75,7 +75,7 @@ impl SweepCommand {
         };
         candidate.make(registry, entry, &manifest)?;
         let config = swm_core::EnvConfig { image: None, settings: manifest.settings.clone() };
-        let factors = (entry.make)(&config)?.spec().factors.clone();
+        let factors = entry.make(&config)?.spec().factors.clone();
         let count = changes(&factors, &self.factors, values).map_err(usage)?.len() + 1;
         if let Some(dir) = &self.out {
             std::fs::create_dir_all(dir)

@@ -87,13 +87,15 @@ pub(super) struct Checkpoints {
 
 #[cfg(not(feature = "baselines"))]
 mod work {
+    use swm_core::Registry;
+
     use super::{Checkpoints, Train};
     use crate::cli::{Failure, Output, usage};
 
     const NOT_BUILT: &str = "this build has no baselines; build it with them: cargo install --path crates/swm --features baselines";
 
     impl Train {
-        pub(in crate::cli) fn run(self, _output: &Output) -> Result<(), Failure> {
+        pub(in crate::cli) fn run(self, _registry: &Registry, _output: &Output) -> Result<(), Failure> {
             let Self {
                 baseline: _,
                 list: _,

@@ -7,6 +7,7 @@ use swm_baselines::train::{
     Training,
 };
 use swm_baselines::{BASELINES, BaselineEntry, BaselineError};
+use swm_core::Registry;
 
 use super::{Checkpoints, Train};
 use crate::cli::args::{assignment, json_value};
@@ -14,14 +15,15 @@ use crate::cli::output::{facts, table};
 use crate::cli::{Failure, Output, usage};
 
 impl Train {
-    pub(in crate::cli) fn run(self, output: &Output) -> Result<(), Failure> {
+    pub(in crate::cli) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         if self.list {
             return list(output);
         }
         let out = self.out.as_deref().ok_or_else(|| usage("--out: name the run's folder"))?;
         let device = self.device.parse().map_err(failure)?;
         let mut training = if self.resume {
-            Training::resume(out, device, self.data.as_deref(), |fit| self.apply(fit)).map_err(failure)?
+            Training::resume(registry, out, device, self.data.as_deref(), |fit| self.apply(fit))
+                .map_err(failure)?
         } else {
             let (Some(baseline), Some(data)) = (self.baseline.as_deref(), &self.data) else {
                 return Err(usage("name a baseline and give --data"));
@@ -31,7 +33,7 @@ impl Train {
             let split = Split { train: self.split, held_out: self.held_out, seed: fit.seed };
             let (changes, encoder) = (changes(&self.set)?, self.encoder.as_deref());
             let new = NewRun { baseline, preset: &self.preset, changes, encoder, split, fit, device };
-            Training::create(out, swm_data::open(data)?.as_ref(), &new).map_err(failure)?
+            Training::create(out, swm_data::open_in(registry, data)?.as_ref(), &new).map_err(failure)?
         };
         output.note(beginning(&training));
         let bar = output.bar(0, "steps");

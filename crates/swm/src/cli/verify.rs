@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
+use swm_core::Registry;
 use swm_data::format;
 use swm_data::tools::compare::compare;
 use swm_data::tools::verify::verify;
@@ -40,10 +41,10 @@ pub(super) struct Verify {
 }
 
 impl Verify {
-    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
-        let steps = match format::detect(&self.file) {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let steps = match format::detect(registry, &self.file) {
             Some(format) if self.fix => {
-                let plan = (format.repair)(&self.file, false)?;
+                let plan = format.repair(&self.file, false)?;
                 let verb = if self.dry_run { "would" } else { "will" };
                 for step in &plan {
                     output.note(format!("{verb} {step}"));
@@ -51,22 +52,20 @@ impl Verify {
                 if plan.is_empty() {
                     output.note("nothing to fix");
                 } else if !self.dry_run {
-                    (format.repair)(&self.file, true)?;
+                    format.repair(&self.file, true)?;
                 }
                 plan
             }
             _ => Vec::new(),
         };
-        let mut dataset = swm_data::open(&self.file)?;
+        let mut dataset = swm_data::open_in(registry, &self.file)?;
         let rows: usize = (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode)).sum();
         let bar = output.bar(rows as u64, "rows");
         let report = verify(dataset.as_mut(), &mut |rows| bar.inc(rows as u64));
         bar.finish_and_clear();
-        let pending = match format::detect(&self.file) {
+        let pending = match format::detect(registry, &self.file) {
             // A recording may be going on: then there is nothing to fix.
-            Some(format) if !self.fix || self.dry_run => {
-                (format.repair)(&self.file, false).unwrap_or_default()
-            }
+            Some(format) if !self.fix || self.dry_run => format.repair(&self.file, false).unwrap_or_default(),
             _ => Vec::new(),
         };
         let sound = report.problems.is_empty();
@@ -133,11 +132,12 @@ pub(super) struct Diff {
 }
 
 impl Diff {
-    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         if self.tolerance.is_nan() || self.tolerance < 0.0 {
             return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
         }
-        let [mut first, mut second] = [swm_data::open(&self.first)?, swm_data::open(&self.second)?];
+        let [mut first, mut second] =
+            [swm_data::open_in(registry, &self.first)?, swm_data::open_in(registry, &self.second)?];
         for name in self.columns.iter().chain(&self.ignore) {
             if first.schema().index(name).is_none() && second.schema().index(name).is_none() {
                 return Err(usage(

@@ -120,7 +120,7 @@ impl Transform for Chain {
 ///
 /// No such distractor, or an unknown or misfit setting of it.
 pub fn parse(text: &str) -> Result<Box<dyn Transform>, BoxError> {
-    let PolicyArgs { name, positional, named } = PolicyArgs::parse(text)?;
+    let PolicyArgs { name, positional, named, .. } = PolicyArgs::parse(text)?;
     let Some(entry) = DISTRACTORS.iter().find(|entry| entry.name == name) else {
         let names: Vec<&str> = DISTRACTORS.iter().map(|entry| entry.name).chain([ON_GOALS]).collect();
         let near = nearest(&name, names.iter().copied());

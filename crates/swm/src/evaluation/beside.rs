@@ -1,9 +1,9 @@
 //! What stands beside every result: floors that need no skill, and the ceiling of the same planner on the true dynamics.
 
 use serde::{Deserialize, Serialize};
+use serde_json::Map;
 use swm_core::evaluate::{EpisodeResult, PairedTest, Summary};
-use swm_core::{EnvConfig, EnvEntry, Manifest, PolicyArgs};
-use swm_solvers::PLANNERS;
+use swm_core::{EnvConfig, EnvEntry, Manifest, PolicyArgs, Registry};
 
 use super::run::Candidate;
 
@@ -122,32 +122,21 @@ impl Beside {
     }
 }
 
-/// The policies that belong beside a candidate. The ceiling is the same planner where the policy is one, else `cem`, with the
-/// candidate's seed; none where the environment has no task cost. A planner on the true dynamics is its own ceiling.
-pub fn roles(entry: &EnvEntry, manifest: &Manifest, candidate: &Candidate) -> Vec<(Role, Candidate)> {
-    let named = |name: &str| Candidate::new(PolicyArgs { name: name.to_owned(), ..PolicyArgs::default() });
+/// The reference policies of a candidate: random, no-op, and the oracle (see [`Candidate::oracle`]) where the environment
+/// has a task cost.
+pub fn roles(
+    registry: &Registry,
+    entry: &EnvEntry,
+    manifest: &Manifest,
+    candidate: &Candidate,
+) -> Vec<(Role, Candidate)> {
+    let named = |name: &str| Candidate::new(PolicyArgs::new(name, Map::new()));
     let mut roles = vec![(Role::Random, named("random")), (Role::DoNothing, named("constant"))];
     let config = EnvConfig { image: None, settings: manifest.settings.clone() };
-    let has_cost = (entry.make)(&config).is_ok_and(|env| env.task_cost().is_some());
-    if has_cost {
-        let Candidate { policy, seed } = candidate;
-        let is_planner = PLANNERS.iter().any(|planner| planner.name == policy.name);
-        let ceiling = match (is_planner, planner_behind(policy)) {
-            (true, _) => Candidate::new(policy.clone()),
-            (false, Some(planner)) => Candidate::new(planner),
-            (false, None) => named("cem"),
-        };
-        roles.push((Role::Ceiling, Candidate { seed: *seed, ..ceiling }.on(entry, manifest)));
+    if entry.make(&config).is_ok_and(|env| env.task_cost().is_some()) {
+        roles.push((Role::Ceiling, candidate.oracle(registry, entry, manifest)));
     }
     roles
-}
-
-/// For a policy that plans on a trained model: the same planner on the true dynamics.
-fn planner_behind(policy: &PolicyArgs) -> Option<PolicyArgs> {
-    #[cfg(feature = "baselines")]
-    return swm_baselines::acting::ceiling(policy);
-    #[cfg(not(feature = "baselines"))]
-    return Some(policy).and(None);
 }
 
 #[cfg(test)]

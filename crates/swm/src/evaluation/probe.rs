@@ -36,7 +36,7 @@ pub fn fingerprints(
     policy_seed: u64,
 ) -> Result<Fingerprints, BoxError> {
     let config = EnvConfig { image: manifest.image, settings: manifest.settings.clone() };
-    let mut env = (entry.make)(&config)?;
+    let mut env = entry.make(&config)?;
     let spec = env.spec().clone();
     let settings: Vec<_> = entry.settings.iter().map(|setting| [setting.name, setting.default]).collect();
     let tables = json!({

@@ -2,17 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value as Json;
+use serde_json::{Map, Value as Json};
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, OutcomeRecorder};
 use swm_core::{
     EnvConfig, EnvEntry, Manifest, Policy, PolicyArgs, PolicyContext, Registry, ResetOptions, Rollout, World,
 };
-
-use swm_solvers::{EXPERT, PLANNERS};
 
 use super::files::file_hash;
 use crate::distractors;
@@ -36,11 +33,14 @@ impl Candidate {
     /// The policy as it is run on `manifest`. A planner on the true dynamics is told to look past the environment's own
     /// success where the manifest judges by another test: a plan must neither stop at the easier success nor be paid for it.
     /// Settings that are given stay.
-    pub fn on(mut self, entry: &EnvEntry, manifest: &Manifest) -> Self {
-        let planned = PLANNERS.iter().any(|planner| planner.name == self.policy.name)
-            || (self.policy.name == EXPERT.name && !has_own_expert(entry) && entry.planner.is_some());
+    #[must_use]
+    pub fn on(mut self, registry: &Registry, entry: &EnvEntry, manifest: &Manifest) -> Self {
+        let known = registry.policy_entry(entry, &self.policy.name);
         let given = |name: &str| self.policy.named.contains_key(name);
-        if planned && !manifest.success.is_environment() && !given("success_bonus") {
+        if known.is_ok_and(|policy| policy.on_true_dynamics)
+            && !manifest.success.is_environment()
+            && !given("success_bonus")
+        {
             self.policy.named.entry("stop_at_success".to_owned()).or_insert(false.into());
         }
         self
@@ -57,33 +57,37 @@ impl Candidate {
         entry: &EnvEntry,
         manifest: &Manifest,
     ) -> Result<Box<dyn Policy>, BoxError> {
-        let config = EnvConfig { image: None, settings: manifest.settings.clone() };
-        let context = PolicyContext { env: entry, config: &config, frame_skip: manifest.frame_skip };
-        Ok(registry.policy(&context, &self.policy)?)
+        let config = manifest_config(manifest);
+        let context = PolicyContext::new(entry, &config).frame_skip(manifest.frame_skip);
+        Ok(registry.policy_from(&self.policy, context)?)
     }
 
-    /// SHA-256 of every file that its arguments name: models and normalizers.
+    /// The planner on the true dynamics that it is compared with, with the candidate's seed: the same planner where the
+    /// policy is one, else `cem`. A planner on the true dynamics is its own oracle.
+    #[must_use]
+    pub fn oracle(&self, registry: &Registry, entry: &EnvEntry, manifest: &Manifest) -> Self {
+        let config = manifest_config(manifest);
+        let context = PolicyContext::new(entry, &config).frame_skip(manifest.frame_skip).within(registry);
+        let known = registry.policy_entry(entry, &self.policy.name).ok();
+        let policy = known.and_then(|policy| policy.oracle_args(&context, &self.policy));
+        let policy = policy.unwrap_or_else(|| PolicyArgs::new("cem", Map::new()));
+        Self { policy, seed: self.seed }.on(registry, entry, manifest)
+    }
+
+    /// SHA-256 of every file that the policy depends on: models and normalizers.
     ///
     /// # Errors
     ///
-    /// A file cannot be read.
-    pub fn files(&self) -> Result<BTreeMap<String, String>, BoxError> {
-        #[cfg(feature = "baselines")]
-        if let Some(files) = swm_baselines::acting::model_files(&self.policy) {
-            // Of a run, what the policy depends on: its other files change as training goes on.
-            return files?.iter().map(|path| Ok((path.display().to_string(), file_hash(path)?))).collect();
-        }
-        let texts = self.policy.named.values().chain(&self.policy.positional).filter_map(Json::as_str);
-        texts
-            .map(Path::new)
-            .filter(|path| path.exists())
-            .map(|path| Ok((path.display().to_string(), file_hash(path)?)))
-            .collect()
+    /// No such policy, or a file cannot be read.
+    pub fn files(&self, registry: &Registry, entry: &EnvEntry) -> Result<BTreeMap<String, String>, BoxError> {
+        let files = registry.policy_entry(entry, &self.policy.name)?.model_files(&self.policy)?;
+        files.iter().map(|path| Ok((path.display().to_string(), file_hash(path)?))).collect()
     }
 }
 
-fn has_own_expert(entry: &EnvEntry) -> bool {
-    entry.policies.iter().any(|policy| policy.name == EXPERT.name)
+/// How policies on a manifest make environments: without images.
+fn manifest_config(manifest: &Manifest) -> EnvConfig {
+    EnvConfig { image: None, settings: manifest.settings.clone() }
 }
 
 /// How a run is spread. Results do not depend on it.

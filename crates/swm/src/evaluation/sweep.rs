@@ -179,7 +179,7 @@ struct Trial {
 
 impl Trial {
     fn new(entry: &EnvEntry, manifest: &Manifest) -> Result<Self, BoxError> {
-        let env = (entry.make)(&EnvConfig { image: None, settings: manifest.settings.clone() })?;
+        let env = entry.make(&EnvConfig { image: None, settings: manifest.settings.clone() })?;
         Ok(Self { factors: env.spec().factors.clone(), env })
     }
 

@@ -217,7 +217,7 @@ mod tests {
                 let entry = registry.env(id).unwrap();
                 let config = EnvConfig { image: None, settings: settings.clone() };
                 // What cannot run here, for want of a library say, is tested elsewhere.
-                let Ok(env) = (entry.make)(&config) else { continue };
+                let Ok(env) = entry.make(&config) else { continue };
                 let schema = Schema::new(env.spec().fields.clone()).unwrap();
                 for tier in [Tier::Moderate, Tier::Strict] {
                     let rules = tier_rules(id, &settings, tier).unwrap();

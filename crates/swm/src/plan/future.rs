@@ -26,7 +26,7 @@ impl<'a> Future<'a> {
         stops_at_success: bool,
     ) -> Result<Self, BoxError> {
         let size = config.image.map(|image| [image.height, image.width]);
-        let env = (entry.make)(&EnvConfig { image: None, ..config.clone() })?;
+        let env = entry.make(&EnvConfig { image: None, ..config.clone() })?;
         let space = &env.spec().action;
         let action = Column::zeros(space.dtype().unwrap_or(Dtype::F32), space.width());
         Ok(Self { env, actions, action, frame_skip, stops_at_success, size })

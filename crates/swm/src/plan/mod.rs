@@ -24,7 +24,7 @@ use crate::video::Video;
 use future::Future;
 pub(crate) use page::{Figures, PlanFigure};
 
-pub use watched::{PlanStart, Session, Watched};
+pub use watched::{PlanStart, Session, Watched, planner_of};
 
 /// What a run of a planner came to.
 #[derive(Clone, Debug, Serialize)]

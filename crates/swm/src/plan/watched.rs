@@ -7,9 +7,9 @@ use swm_core::env::PIXELS;
 use swm_core::{Actions, EnvState, Field, Policy, PolicyError, View};
 use swm_solvers::{Memory, MpcPolicy, Trace};
 
-/// A planner whose plans are kept with the moments they were made at. For a world of one environment.
+/// A planner whose plans are kept with the simulator states they were made in. For a world of one environment.
 pub struct Watched {
-    planner: MpcPolicy,
+    policy: Box<dyn Policy>,
     session: Arc<Mutex<Session>>,
 }
 
@@ -56,32 +56,39 @@ fn lock(session: &Mutex<Session>) -> MutexGuard<'_, Session> {
     session.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// The planner of a policy that plans: on the true dynamics, or on a model of any crate.
+pub fn planner_of(policy: &mut dyn Policy) -> Option<&mut MpcPolicy> {
+    policy.as_any()?.downcast_mut()
+}
+
 impl Watched {
-    /// Watches `planner`; of every iteration up to `elites` elites are kept. `trace` sees everything too.
+    /// Watches the planner of `policy`; of every iteration up to `elites` elites are kept. `trace` sees everything too.
+    /// A policy that does not plan comes back.
     pub fn new(
-        planner: MpcPolicy,
+        mut policy: Box<dyn Policy>,
         elites: usize,
         trace: impl Trace + 'static,
-    ) -> (Self, Arc<Mutex<Session>>) {
+    ) -> Result<(Self, Arc<Mutex<Session>>), Box<dyn Policy>> {
+        let Some(planner) = planner_of(policy.as_mut()) else { return Err(policy) };
         let session = Session { memory: Memory::new(elites), starts: Vec::new() };
         let session = Arc::new(Mutex::new(session));
-        let planner = planner.with_trace((IntoSession(Arc::clone(&session)), trace));
-        (Self { planner, session: Arc::clone(&session) }, session)
+        planner.set_trace((IntoSession(Arc::clone(&session)), trace));
+        Ok((Self { policy, session: Arc::clone(&session) }, session))
     }
 }
 
 impl Policy for Watched {
     fn describe(&self) -> String {
-        self.planner.describe()
+        self.policy.describe()
     }
 
     fn fields(&self) -> Vec<Field> {
-        self.planner.fields()
+        self.policy.fields()
     }
 
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
         let started = Instant::now();
-        self.planner.act(view, actions)?;
+        self.policy.act(view, actions)?;
         let wall_time_s = started.elapsed().as_secs_f64();
         let mut session = lock(&self.session);
         if session.memory.plans().len() > session.starts.len()

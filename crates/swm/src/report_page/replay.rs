@@ -5,15 +5,15 @@ use std::sync::PoisonError;
 
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, OutcomeRecorder};
-use swm_core::{EnvConfig, EnvEntry, ImageSize, PolicyContext, Registry, World};
+use swm_core::{EnvConfig, EnvEntry, ImageSize, Registry, World};
 use swm_media::{Format, png};
-use swm_solvers::SOLVERS;
 
 use super::PageOptions;
 use crate::distractors;
 use crate::evaluation::Receipt;
 use crate::plan::{
-    EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, draw_figures, stops_at_success,
+    EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, draw_figures, planner_of,
+    stops_at_success,
 };
 use crate::svg::base64;
 use crate::video::{Scene, Video};
@@ -96,22 +96,23 @@ fn episode(
     let mut world = World::new(entry, options)?;
     world.set_policy_seed(candidate.seed);
     world.set_transform(distractors::parse_all(&manifest.distractors)?);
-    let solver =
-        SOLVERS.iter().find(|solver| solver.name == candidate.policy.name && solver.plans_on_simulator);
+    let mut policy = candidate.make(registry, entry, manifest)?;
+    let planner = planner_of(policy.as_mut()).filter(|_| drawn > 0);
+    let actions = planner.map(|planner| planner.actions(&world.spec().action)).transpose()?;
     let mut watched = None;
-    match solver.filter(|_| drawn > 0) {
+    match actions {
         None => {
-            world.set_policy(candidate.make(registry, entry, manifest)?);
-        }
-        Some(solver) => {
-            let blind = EnvConfig { image: None, ..config.clone() };
-            let context = PolicyContext { env: entry, config: &blind, frame_skip: manifest.frame_skip };
-            let planner = (solver.planner)(&context, &candidate.policy)?;
-            let actions = planner.actions(&world.spec().action)?;
-            let (policy, session) = Watched::new(planner, DRAWN_ELITES, swm_solvers::NoTrace);
             world.set_policy(policy);
-            watched = Some((session, actions));
         }
+        Some(actions) => match Watched::new(policy, DRAWN_ELITES, swm_solvers::NoTrace) {
+            Ok((policy, session)) => {
+                world.set_policy(policy);
+                watched = Some((session, actions));
+            }
+            Err(policy) => {
+                world.set_policy(policy);
+            }
+        },
     }
     let (mut video, mut found) = (Video::first(1), None);
     let keep = |_, result: EpisodeResult| {

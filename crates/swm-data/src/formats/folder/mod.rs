@@ -17,27 +17,27 @@ use images::Store;
 use writer::FolderBackend;
 
 /// The entry of single images in the table of formats.
-pub(crate) const FOLDER: Format = Format {
-    name: "folder",
-    extensions: &["folder"],
-    about: "a folder of numpy arrays and JPEG images; any tool opens it; lossy images",
-    detect: |path| is_dataset(path) && !has_videos(path),
-    open: |path| Ok(Box::new(reader::FolderDataset::open(path, FOLDER.name, Store::Jpeg)?)),
-    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, storage(&FOLDER, Store::Jpeg))?)),
-    repair: |path, apply| repair::repair(path, FOLDER.name, Store::Jpeg, apply),
-};
+pub(crate) const FOLDER: Format = Format::new(
+    "folder",
+    "a folder of numpy arrays and JPEG images; any tool opens it; lossy images",
+    |path| is_dataset(path) && !has_videos(path),
+    |path| Ok(Box::new(reader::FolderDataset::open(path, FOLDER.name, Store::Jpeg)?)),
+)
+.extensions(&["folder"])
+.writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, storage(&FOLDER, Store::Jpeg))?)))
+.repairer(|path, apply| repair::repair(path, FOLDER.name, Store::Jpeg, apply));
 
 /// The entry of videos in the table of formats.
 #[cfg(feature = "video")]
-pub(crate) const VIDEO: Format = Format {
-    name: "video",
-    extensions: &["video"],
-    about: "a folder of numpy arrays and H.264 videos; the smallest, plays in any player; lossy images",
-    detect: |path| is_dataset(path) && has_videos(path),
-    open: |path| Ok(Box::new(reader::FolderDataset::open(path, VIDEO.name, Store::Video)?)),
-    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, storage(&VIDEO, Store::Video))?)),
-    repair: |path, apply| repair::repair(path, VIDEO.name, Store::Video, apply),
-};
+pub(crate) const VIDEO: Format = Format::new(
+    "video",
+    "a folder of numpy arrays and H.264 videos; the smallest, plays in any player; lossy images",
+    |path| is_dataset(path) && has_videos(path),
+    |path| Ok(Box::new(reader::FolderDataset::open(path, VIDEO.name, Store::Video)?)),
+)
+.extensions(&["video"])
+.writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, storage(&VIDEO, Store::Video))?)))
+.repairer(|path, apply| repair::repair(path, VIDEO.name, Store::Video, apply));
 
 fn storage(format: &Format, store: Store) -> FolderBackend {
     FolderBackend { format: format.name, store }

@@ -23,12 +23,12 @@ use crate::recording::BackendWriter;
 pub(super) use layout::Element;
 
 /// The entry in the table of formats.
-pub(crate) const FORMAT: Format = Format {
-    name: "hdf5",
-    extensions: &["h5", "hdf5"],
-    about: "one file, compressed frame by frame; random access, crash-safe, readable by the Python package",
-    detect: superblock::detect,
-    open: |path| Ok(Box::new(reader::Hdf5Dataset::open(path)?)),
-    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, writer::Hdf5Backend)?)),
-    repair: repair::repair,
-};
+pub(crate) const FORMAT: Format = Format::new(
+    "hdf5",
+    "one file, compressed frame by frame; random access, crash-safe, readable by the Python package",
+    superblock::detect,
+    |path| Ok(Box::new(reader::Hdf5Dataset::open(path)?)),
+)
+.extensions(&["h5", "hdf5"])
+.writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, writer::Hdf5Backend)?)))
+.repairer(repair::repair);

@@ -19,12 +19,12 @@ use crate::format::Format;
 use crate::recording::BackendWriter;
 
 /// The entry in the table of formats.
-pub(crate) const FORMAT: Format = Format {
-    name: "lerobot",
-    extensions: &["lerobot"],
-    about: "a folder of Parquet tables and H.264 videos that LeRobot opens; lossy images",
-    detect: |path| path.join(info::INFO).is_file(),
-    open: |path| Ok(Box::new(reader::LeRobotDataset::open(path)?)),
-    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, writer::LeRobotBackend)?)),
-    repair: writer::repair,
-};
+pub(crate) const FORMAT: Format = Format::new(
+    "lerobot",
+    "a folder of Parquet tables and H.264 videos that LeRobot opens; lossy images",
+    |path| path.join(info::INFO).is_file(),
+    |path| Ok(Box::new(reader::LeRobotDataset::open(path)?)),
+)
+.extensions(&["lerobot"])
+.writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, writer::LeRobotBackend)?)))
+.repairer(writer::repair);

@@ -23,16 +23,16 @@ use crate::format::Format;
 use crate::recording::BackendWriter;
 
 /// The entry in the table of formats.
-pub(crate) const FORMAT: Format = Format {
-    name: "mcap",
-    extensions: &["mcap"],
-    about: "one log file that opens in Foxglove: images and plots; exact; slow at random numbers",
-    detect: |path| {
+pub(crate) const FORMAT: Format = Format::new(
+    "mcap",
+    "one log file that opens in Foxglove: images and plots; exact; slow at random numbers",
+    |path| {
         let mut magic = [0; records::MAGIC.len()];
         let read = File::open(path).and_then(|mut file| file.read_exact(&mut magic));
         read.is_ok() && &magic == records::MAGIC
     },
-    open: |path| Ok(Box::new(reader::McapDataset::open(path)?)),
-    create: |path, options| Ok(Box::new(BackendWriter::new(path, options, writer::McapBackend)?)),
-    repair: writer::repair,
-};
+    |path| Ok(Box::new(reader::McapDataset::open(path)?)),
+)
+.extensions(&["mcap"])
+.writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, writer::McapBackend)?)))
+.repairer(writer::repair);

@@ -46,22 +46,20 @@ use super::settings::Settings;
 
 /// `expert`.
 pub(super) const fn expert<E: Engine>() -> PolicyEntry {
-    PolicyEntry {
-        name: "expert",
-        summary: "searches over pushes on the true simulator",
-        settings: settings::SETTINGS,
-        make: |context, args| make::<E>(context, args, ExpertSettings::parse(args)?),
-    }
+    PolicyEntry::new("expert", "searches over pushes on the true simulator", |context, args| {
+        make::<E>(context, args, ExpertSettings::parse(args)?)
+    })
+    .settings(settings::SETTINGS)
 }
 
 /// `noisy-expert`.
 pub(super) const fn noisy_expert<E: Engine>() -> PolicyEntry {
-    PolicyEntry {
-        name: "noisy-expert",
-        summary: "the expert with normal noise on its actions (`noisy-expert:STD`), which plans anew every few steps",
-        settings: settings::NOISY_SETTINGS,
-        make: |context, args| make::<E>(context, args, ExpertSettings::parse_noisy(args)?),
-    }
+    PolicyEntry::new(
+        "noisy-expert",
+        "the expert with normal noise on its actions (`noisy-expert:STD`), which plans anew every few steps",
+        |context, args| make::<E>(context, args, ExpertSettings::parse_noisy(args)?),
+    )
+    .settings(settings::NOISY_SETTINGS)
 }
 
 /// What all episodes share.

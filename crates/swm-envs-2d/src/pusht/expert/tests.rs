@@ -2,8 +2,8 @@
 
 use serde_json::json;
 use swm_core::{
-    EnvConfig, EnvEntry, Evaluation, LiveRow, PolicyArgs, PolicyContext, Recorder, ResetOptions, Rollout,
-    Slice, Value, World, WorldOptions,
+    EnvConfig, EnvEntry, Evaluation, LiveRow, Policy, PolicyContext, PolicyError, Recorder, Registry,
+    ResetOptions, Rollout, Slice, Value, World, WorldOptions,
 };
 
 use crate::pusht::{PUSHT, PUSHT_DISCRETE};
@@ -42,16 +42,12 @@ impl Run {
     fn watched(&self, watcher: &mut dyn Recorder) -> Evaluation {
         let config =
             EnvConfig { settings: self.settings.as_object().unwrap().clone(), ..EnvConfig::default() };
-        let context = PolicyContext { env: self.entry, config: &config, frame_skip: self.frame_skip };
-        let args = PolicyArgs::parse(self.policy).unwrap();
-        let entry = self.entry.policies.iter().find(|policy| policy.name == args.name).unwrap();
-        let policy = (entry.make)(&context, &args).unwrap();
         let options = WorldOptions::new(self.num_envs)
             .env(config.clone())
             .max_episode_steps(200)
             .frame_skip(self.frame_skip);
         let mut world = World::new(self.entry, options).unwrap();
-        world.set_policy(policy);
+        world.set_policy(Registry::new().policy(self.policy, &world).unwrap());
         let rollout = Rollout::new(self.episodes.clone()).seed(7).options(self.options.clone());
         world.evaluate_with(&rollout, watcher).unwrap()
     }
@@ -149,15 +145,13 @@ fn actions_do_not_depend_on_company() {
     }
 }
 
+fn made(text: &str) -> Result<Box<dyn Policy>, PolicyError> {
+    Registry::new().policy(text, PolicyContext::new(&PUSHT, &EnvConfig::default()))
+}
+
 #[test]
 fn wrong_arguments_are_refused_with_the_way_out() {
-    let config = EnvConfig::default();
-    let context = PolicyContext { env: &PUSHT, config: &config, frame_skip: 1 };
-    let error = |text: &str| {
-        let args = PolicyArgs::parse(text).unwrap();
-        let entry = PUSHT.policies.iter().find(|policy| policy.name == args.name).unwrap();
-        (entry.make)(&context, &args).err().unwrap().to_string()
-    };
+    let error = |text: &str| made(text).err().unwrap().to_string();
     assert!(error("expert:sample=3").contains("expected one of `samples`"), "{}", error("expert:sample=3"));
     assert!(error("expert:samples=0").contains("samples 0 must be 1 to 100000"));
     assert!(error("expert:5").contains("write key=value"));
@@ -168,15 +162,11 @@ fn wrong_arguments_are_refused_with_the_way_out() {
 
 #[test]
 fn descriptions_name_what_was_changed() {
-    let config = EnvConfig::default();
-    let context = PolicyContext { env: &PUSHT, config: &config, frame_skip: 1 };
     for (text, description) in [
         ("expert", "expert"),
         ("expert:temperature=2.5,samples=100", "expert:temperature=2.5"),
         ("noisy-expert:0.2", "noisy-expert:std=0.2,replan=4"),
     ] {
-        let args = PolicyArgs::parse(text).unwrap();
-        let entry = PUSHT.policies.iter().find(|policy| policy.name == args.name).unwrap();
-        assert_eq!((entry.make)(&context, &args).unwrap().describe(), description);
+        assert_eq!(made(text).unwrap().describe(), description);
     }
 }

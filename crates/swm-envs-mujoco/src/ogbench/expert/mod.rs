@@ -22,18 +22,18 @@ use crate::suite::{normal, uniform};
 
 /// The policies of both environments.
 pub(super) const POLICIES: &[PolicyEntry] = &[
-    PolicyEntry {
-        name: "expert",
-        summary: "follows plans of poses to one target after the other, with noise on the plan",
-        settings: SETTINGS,
-        make: |context, args| make(context, args, Method::Plan),
-    },
-    PolicyEntry {
-        name: "markov-expert",
-        summary: "decides by the present observation alone, with noise on its actions",
-        settings: SETTINGS,
-        make: |context, args| make(context, args, Method::Markov),
-    },
+    PolicyEntry::new(
+        "expert",
+        "follows plans of poses to one target after the other, with noise on the plan",
+        |context, args| make(context, args, Method::Plan),
+    )
+    .settings(SETTINGS),
+    PolicyEntry::new(
+        "markov-expert",
+        "decides by the present observation alone, with noise on its actions",
+        |context, args| make(context, args, Method::Markov),
+    )
+    .settings(SETTINGS),
 ];
 
 swm_core::settings! {

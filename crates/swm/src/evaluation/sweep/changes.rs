@@ -109,15 +109,7 @@ mod tests {
     use super::*;
 
     fn factor(name: &str, space: Space, drawn_by_default: bool) -> FactorSpec {
-        FactorSpec {
-            name: name.to_owned(),
-            doc: String::new(),
-            default: Json::Null,
-            space,
-            drawn_by_default,
-            constraint: None,
-            shows_with: Vec::new(),
-        }
+        FactorSpec::new(name, space, Json::Null).drawn_by_default(drawn_by_default)
     }
 
     fn factors() -> Vec<FactorSpec> {

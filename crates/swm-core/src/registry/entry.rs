@@ -1,0 +1,118 @@
+//! What every entry of a table is, and the entry of an environment.
+
+use crate::env::{Env, EnvConfig};
+use crate::error::EnvError;
+
+use super::PolicyEntry;
+
+/// Something that a [`Registry`](super::Registry) finds by name: an environment, a policy, a solver, a dataset format,
+/// a kind that another crate defines.
+pub trait Entry: Send + Sync + 'static {
+    /// What it is, in messages: `environment`.
+    const KIND: &'static str;
+    /// The command that lists all of them: `envs`, for `swm envs`.
+    const COMMAND: &'static str;
+
+    /// The name that it is found by. No other entry of the kind has it.
+    fn name(&self) -> &'static str;
+
+    /// Further names that it is found by.
+    fn aliases(&self) -> &'static [&'static str] {
+        &[]
+    }
+}
+
+/// Makes an environment.
+pub type MakeEnv = fn(&EnvConfig) -> Result<Box<dyn Env>, EnvError>;
+
+/// One environment of a table.
+///
+/// ```
+/// # use swm_core::testing::TOY;
+/// use swm_core::{EnvEntry, Setting};
+///
+/// const POINT: EnvEntry = EnvEntry::new("demo/Point-v0", "a point that must reach a goal", |config| TOY.make(config))
+///     .settings(&[Setting::new("speed", "distance per step", "0.1")])
+///     .planner("cem:horizon=5");
+/// assert_eq!((POINT.id, POINT.policies.len()), ("demo/Point-v0", 0));
+/// ```
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct EnvEntry {
+    /// The registered name: `swm/PushT-v1`.
+    pub id: &'static str,
+    /// What it is, in one line.
+    pub summary: &'static str,
+    /// What [`EnvConfig::settings`] may hold.
+    pub settings: &'static [Setting],
+    /// Policies that know this environment.
+    pub policies: &'static [PolicyEntry],
+    /// A planner that solves its task, as on a command line (`icem:horizon=20`): the policy `expert` of an environment
+    /// that has no expert of its own.
+    pub planner: Option<&'static str>,
+    make: MakeEnv,
+}
+
+impl EnvEntry {
+    /// An environment without settings, policies and a planner.
+    pub const fn new(id: &'static str, summary: &'static str, make: MakeEnv) -> Self {
+        Self { id, summary, settings: &[], policies: &[], planner: None, make }
+    }
+
+    /// What its configuration may hold.
+    #[must_use]
+    pub const fn settings(mut self, settings: &'static [Setting]) -> Self {
+        self.settings = settings;
+        self
+    }
+
+    /// Policies that know it.
+    #[must_use]
+    pub const fn policies(mut self, policies: &'static [PolicyEntry]) -> Self {
+        self.policies = policies;
+        self
+    }
+
+    /// A planner that solves its task: see [`EnvEntry::planner`].
+    #[must_use]
+    pub const fn planner(mut self, planner: &'static str) -> Self {
+        self.planner = Some(planner);
+        self
+    }
+
+    /// Makes one.
+    ///
+    /// # Errors
+    ///
+    /// [`EnvError::Setting`], and whatever the environment needs and does not find: a library, a model.
+    pub fn make(&self, config: &EnvConfig) -> Result<Box<dyn Env>, EnvError> {
+        (self.make)(config)
+    }
+}
+
+impl Entry for EnvEntry {
+    const KIND: &'static str = "environment";
+    const COMMAND: &'static str = "envs";
+
+    fn name(&self) -> &'static str {
+        self.id
+    }
+}
+
+/// One setting of an environment, a policy or a solver, for help and docs.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting {
+    /// Its name.
+    pub name: &'static str,
+    /// What it does.
+    pub doc: &'static str,
+    /// The default, in words.
+    pub default: &'static str,
+}
+
+impl Setting {
+    /// A setting: its name, what it does, its default in words.
+    pub const fn new(name: &'static str, doc: &'static str, default: &'static str) -> Self {
+        Self { name, doc, default }
+    }
+}

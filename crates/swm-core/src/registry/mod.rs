@@ -1,0 +1,26 @@
+//! Registries: explicit tables of environments, policies, solvers, dataset formats and whatever else has a name. A
+//! downstream crate adds its own with one line.
+//!
+//! | file | duty |
+//! |---|---|
+//! | `entry` | what every entry is; environments and settings |
+//! | `policy` | policies, and what is asked of the models behind them |
+//! | `arguments` | `name:key=value,…` |
+//! | `context` | what a policy is made for |
+//! | `store` | tables of several crates, merged |
+//! | `basic` | policies that fit every environment |
+
+mod arguments;
+mod basic;
+mod context;
+mod entry;
+mod policy;
+mod store;
+
+pub(crate) use arguments::literal;
+pub use arguments::{NoArgs, PolicyArgs};
+pub use basic::BASIC_POLICIES;
+pub use context::PolicyContext;
+pub use entry::{Entry, EnvEntry, MakeEnv, Setting};
+pub use policy::{FilesOf, ImageOf, MakePolicy, OracleOf, PolicyEntry};
+pub use store::Registry;
