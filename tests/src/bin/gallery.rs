@@ -17,9 +17,9 @@ const GAP: usize = 4;
 const HEAD: &str = "\
 # Gallery
 
-Every environment at the start of an episode: as it is by default, and with all factors of variation drawn. Where two images
-of a kind stand side by side, the left one is ours (no OpenGL), the right one MuJoCo's of the same moment. Made by
-`cargo xtask gallery`; all images are of seed 1, 112 px.
+Every environment at the start of an episode, with default factors and with all factors of variation sampled. Of two images side by side,
+the left one is by this renderer (no OpenGL), the right one by MuJoCo's, of the same state. `cargo xtask gallery` makes this page; all images
+use seed 1 and 112 px.
 
 | environment | default | all factors varied |
 |---|---|---|
