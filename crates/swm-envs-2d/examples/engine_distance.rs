@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             sequences.iter().filter(|s| (s.setup.agent.shape == Shape::Disc) == wanted).collect();
         println!("{name}, {} sequences", chosen.len());
         println!(
-            "| friction | steps | sequences | block way, px | median, px | 90 %, px | median, deg | 90 %, deg |"
+            "| friction | steps | sequences | block path, px | median, px | 90 %, px | median, deg | 90 %, deg |"
         );
         println!("|---|---|---|---|---|---|---|---|");
         for friction in [RapierSim::FRICTION, 0.0] {
