@@ -194,7 +194,7 @@ fn sine_of_turns(turns: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::registry::{PolicyArgs, Registry};
+    use crate::registry::Registry;
     use crate::testing::{DISCRETE_TOY, TOY, assert_documented_defaults};
     use crate::{
         BoxError, EnvEntry, EpisodeEnd, LiveRow, Recorder, Rollout, World, WorldError, WorldOptions,

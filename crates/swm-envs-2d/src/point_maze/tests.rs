@@ -19,7 +19,6 @@ fn row(state: [f64; 4]) -> Option<std::collections::BTreeMap<String, Value>> {
 
 /// Success rate in percent and mean steps of a policy over `episodes`.
 fn evaluate(policy: &str, options: &ResetOptions, episodes: u64, budget: u64) -> (f64, f64) {
-    let config = EnvConfig::default();
     let options_of_world = WorldOptions::new(4).max_episode_steps(budget);
     let mut world = World::new(&POINT_MAZE, options_of_world).unwrap();
     world.set_policy(Registry::new().policy(policy, &world).unwrap());

@@ -267,7 +267,6 @@ fn border_lines_have_a_color_of_their_own_on_request() {
 const SEED: u64 = 7;
 
 fn evaluate(policy: &str, options: &ResetOptions, episodes: u64, budget: u64) -> Evaluation {
-    let config = EnvConfig::default();
     let options_of_world = WorldOptions::new(4).max_episode_steps(budget);
     let mut world = World::new(&TWO_ROOM_V2, options_of_world).unwrap();
     world.set_policy(Registry::new().policy(policy, &world).unwrap());
