@@ -68,7 +68,7 @@ const DM_CONTROL: Package = Package {
 };
 
 /// Arm, gripper and scenes of OGBench's manipulation environments, and the bodies of its mazes; MIT. The arm's and the gripper's meshes are under the
-/// BSD licenses beside them; those of the furniture (`metaworld`) carry none, so they are fetched and never passed on.
+/// BSD licenses next to them; those of the furniture (`metaworld`) carry none, so they are fetched and never passed on.
 const OGBENCH: Package = Package {
     name: "ogbench",
     version: "1.2.2",

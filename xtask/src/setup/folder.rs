@@ -41,13 +41,13 @@ fn replace(folder: &Path, partial: &Path) -> Result<()> {
     fs::rename(partial, folder).with_context(|| format!("failed to create {}", folder.display()))
 }
 
-/// A name beside the folder that no other running process uses.
+/// A name next to the folder that no other running process uses.
 fn partial_name(folder: &Path) -> PathBuf {
     let name = folder.file_name().unwrap_or_default().to_string_lossy();
     folder.with_file_name(format!("{name}.partial-{}", std::process::id()))
 }
 
-/// Removes what interrupted runs left beside a whole folder, unless another process is at work.
+/// Removes what interrupted runs left next to a whole folder, unless another process is at work.
 pub(super) fn tidy(home: &Path, folder: &Path) {
     if left_overs(folder).next().is_some()
         && let Ok(file) = File::open(home.join(LOCK))

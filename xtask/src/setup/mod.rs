@@ -78,7 +78,7 @@ fn ensure_data(source: &Source) -> Result<()> {
             Err(error) if data::is_about_the_place(&error) => {
                 return Err(error.context(
                     "the data folder cannot be used\n\
-                     way out: set SWM_HOME to a folder with space that you may write to, now and for later runs",
+                     to fix it, set SWM_HOME to a folder with space that you may write to, now and for later runs",
                 ));
             }
             Err(error) => return Err(error),

@@ -127,7 +127,7 @@ impl Package {
 }
 
 const WITHOUT_NETWORK: &str = "; it needs the network, or a mirror in its settings\n\
-    way out without network: `cargo xtask setup --bundle FILE` on a machine of the same kind that has it, \
+    without network: `cargo xtask setup --bundle FILE` on a machine of the same kind that has it, \
     then `cargo xtask setup --from FILE` here";
 
 /// How pip puts it.
