@@ -60,10 +60,6 @@ pub(crate) struct Target {
 #[derive(Debug, Default, Deserialize)]
 pub(crate) struct Dependency {
     pub name: String,
-    /// The versions that will do; `*` for any.
-    pub req: String,
-    /// The folder, for one of this workspace.
-    pub path: Option<PathBuf>,
 }
 
 /// The resolved graph.
@@ -116,11 +112,6 @@ impl Metadata {
         self.packages.iter().filter(|package| self.workspace_members.contains(&package.id))
     }
 
-    /// The crates from elsewhere.
-    pub(crate) fn foreign(&self) -> impl Iterator<Item = &Package> {
-        self.packages.iter().filter(|package| !self.workspace_members.contains(&package.id))
-    }
-
     /// Names of all crates that end up in a build of `package` (development dependencies do not), without itself.
     pub(crate) fn built_into(&self, package: &Package) -> BTreeSet<&str> {
         let nodes: BTreeMap<&str, &Node> =
@@ -164,7 +155,7 @@ pub(crate) fn fixture(text: &str) -> Metadata {
             source: (!is_member).then(|| "registry+https://github.com/rust-lang/crates.io-index".into()),
             dependencies: dependencies
                 .iter()
-                .map(|name| Dependency { name: name.trim_start_matches('~').into(), ..Dependency::default() })
+                .map(|name| Dependency { name: name.trim_start_matches('~').into() })
                 .collect(),
             ..Package::default()
         });
@@ -186,7 +177,6 @@ mod tests {
         let metadata = fixture("a: b ~c\n-b: d\n-c: e\n-d:\n-e:");
         let a = metadata.members().next().unwrap();
         assert_eq!(metadata.built_into(a), BTreeSet::from(["b", "d"]));
-        assert_eq!(metadata.foreign().count(), 4);
     }
 
     #[test]
@@ -196,6 +186,8 @@ mod tests {
         assert!(xtask.dependencies.iter().any(|dependency| dependency.name == "clap"));
         assert!(metadata.built_into(xtask).contains("clap_builder"));
         assert!(!xtask.has_library());
-        assert!(metadata.foreign().find(|package| package.name == "clap_builder").unwrap().has_library());
+        assert!(
+            metadata.packages.iter().find(|package| package.name == "clap_builder").unwrap().has_library()
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! Archives whose bytes depend on their contents alone: no times, no users, sorted names. And checksums beside them.
+//! Archives whose bytes depend on their contents alone: no times, no users, sorted names. And their checksums.
 
 use std::fs;
 use std::io::Write as _;
@@ -6,7 +6,8 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 use flate2::{Compression, GzBuilder};
-use sha2::{Digest as _, Sha256};
+
+use crate::setup::wheel::sha256;
 
 /// A file of an archive.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -24,53 +25,43 @@ impl Entry {
 
     /// Of a file.
     pub(super) fn file(path: impl Into<String>, file: &Path) -> Result<Self> {
-        let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+        let bytes = fs::read(file).with_context(|| format!("failed to read {}", file.display()))?;
         Ok(Self::text(path, bytes))
     }
 }
 
-/// A tar archive of files in the folder `root`.
-pub(super) fn tar(root: &str, mut entries: Vec<Entry>) -> Result<Vec<u8>> {
+/// A compressed tar archive of files in the folder `root`.
+pub(super) fn tar_gz(root: &str, mut entries: Vec<Entry>, level: Compression) -> Result<Vec<u8>> {
     entries.sort();
-    let mut builder = tar::Builder::new(Vec::new());
+    let gzip = GzBuilder::new().mtime(0).operating_system(255).write(Vec::new(), level);
+    let mut builder = tar::Builder::new(gzip);
     for entry in &entries {
+        // A new header has no time, no user and no group.
         let mut header = tar::Header::new_gnu();
         header.set_size(entry.bytes.len() as u64);
         header.set_mode(if entry.is_program { 0o755 } else { 0o644 });
-        // A new header has no time, no user and no group.
-        header.set_entry_type(tar::EntryType::Regular);
         builder
             .append_data(&mut header, format!("{root}/{}", entry.path), entry.bytes.as_slice())
-            .with_context(|| format!("{} does not fit into an archive", entry.path))?;
+            .with_context(|| format!("failed to archive {}", entry.path))?;
     }
-    Ok(builder.into_inner()?)
-}
-
-/// The same, compressed: no name and no time in its head.
-pub(super) fn gzip(bytes: &[u8], level: Compression) -> Result<Vec<u8>> {
-    let mut writer = GzBuilder::new().mtime(0).operating_system(255).write(Vec::new(), level);
-    writer.write_all(bytes)?;
-    Ok(writer.finish()?)
+    let mut gzip = builder.into_inner()?;
+    gzip.flush()?;
+    Ok(gzip.finish()?)
 }
 
 /// Writes `SHA256SUMS` for everything else in a folder, as `sha256sum --check` reads it.
 pub(super) fn write_checksums(folder: &Path) -> Result<()> {
     const NAME: &str = "SHA256SUMS";
     let mut lines = Vec::new();
-    for file in fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))? {
-        let file = file?;
-        let name = file.file_name().to_string_lossy().into_owned();
-        if name != NAME && file.file_type()?.is_file() {
-            lines.push((name, sha256(&fs::read(file.path())?)));
+    for file in fs::read_dir(folder).with_context(|| format!("failed to list {}", folder.display()))? {
+        let (path, name) = file.map(|file| (file.path(), file.file_name().to_string_lossy().into_owned()))?;
+        if name != NAME && path.is_file() {
+            lines.push((name, sha256(&path)?));
         }
     }
     lines.sort();
     let text: String = lines.into_iter().map(|(name, sum)| format!("{sum}  {name}\n")).collect();
-    fs::write(folder.join(NAME), text).with_context(|| format!("cannot write into {}", folder.display()))
-}
-
-pub(super) fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+    fs::write(folder.join(NAME), text).with_context(|| format!("failed to write into {}", folder.display()))
 }
 
 #[cfg(test)]
@@ -81,25 +72,19 @@ mod tests {
     fn the_order_of_entries_and_the_clock_do_not_show() {
         let program = Entry { is_program: true, ..Entry::text("bin/swm", "elf") };
         let long = Entry::text(format!("share/{}", "x".repeat(150)), "long names fit");
-        let entries = [program, Entry::text("README.md", "# hello"), long];
-        let one = tar("swm-1", entries.to_vec()).unwrap();
-        let other = tar("swm-1", entries.iter().rev().cloned().collect()).unwrap();
-        assert_eq!(one, other);
-
-        let gz = gzip(&one, Compression::fast()).unwrap();
-        assert_eq!(gz, gzip(&other, Compression::fast()).unwrap());
-        assert_eq!(gz[4..8], [0; 4], "no time in the head");
+        let mut entries = vec![program, Entry::text("README.md", "# hello"), long];
+        let gz = tar_gz("swm-1", entries.clone(), Compression::fast()).unwrap();
+        entries.reverse();
+        assert_eq!(gz, tar_gz("swm-1", entries, Compression::fast()).unwrap());
+        assert_eq!(gz[4..8], [0; 4], "no time in the header");
 
         let mut archive = tar::Archive::new(flate2::read::GzDecoder::new(gz.as_slice()));
-        let read: Vec<(String, u32, u64)> = archive
-            .entries()
-            .unwrap()
-            .map(|entry| {
-                let entry = entry.unwrap();
-                let path = entry.path().unwrap().display().to_string();
-                (path, entry.header().mode().unwrap(), entry.header().mtime().unwrap())
-            })
-            .collect();
+        let entries = archive.entries().unwrap().map(|entry| {
+            let entry = entry.unwrap();
+            let (path, header) = (entry.path().unwrap().display().to_string(), entry.header());
+            (path, header.mode().unwrap(), header.mtime().unwrap())
+        });
+        let read: Vec<(String, u32, u64)> = entries.collect();
         assert_eq!(read[0], ("swm-1/README.md".into(), 0o644, 0));
         assert_eq!(read[1], ("swm-1/bin/swm".into(), 0o755, 0));
         assert!(read[2].0.len() > 150);
@@ -112,9 +97,8 @@ mod tests {
         fs::write(folder.path().join("a"), "").unwrap();
         for _ in 0..2 {
             write_checksums(folder.path()).unwrap();
-            let text = fs::read_to_string(folder.path().join("SHA256SUMS")).unwrap();
             assert_eq!(
-                text,
+                fs::read_to_string(folder.path().join("SHA256SUMS")).unwrap(),
                 "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855  a\n\
                  ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad  b\n"
             );

@@ -1,264 +1,176 @@
-//! The crates as a registry gets them: which go there and in which order, what each manifest must say, and a workspace made of
-//! nothing but their packaged files, to be built.
+//! The crates as a registry gets them: what each manifest must say, and a workspace of nothing but their packaged files.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::io::Read as _;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, ensure};
 use flate2::read::GzDecoder;
 use toml::{Table, Value};
 
 use crate::metadata::{Metadata, Package};
 use crate::process;
 
-/// The crates that are published, each after those that it depends on.
-pub(super) fn order(metadata: &Metadata) -> Result<Vec<&Package>> {
-    let mut waiting: BTreeMap<&str, &Package> = metadata
-        .members()
-        .filter(|package| package.is_published())
-        .map(|package| (package.name.as_str(), package))
-        .collect();
-    let mut order: Vec<&Package> = Vec::new();
-    while !waiting.is_empty() {
-        // A registry wants to know what tests depend on, too.
-        let is_ready =
-            |package: &Package| !package.dependencies.iter().any(|on| waiting.contains_key(&*on.name));
-        let Some(next) = waiting.values().copied().find(|package| is_ready(package)) else {
-            bail!(
-                "these crates depend on each other in a circle: {}",
-                waiting.into_keys().collect::<Vec<_>>().join(", ")
-            );
-        };
-        waiting.remove(next.name.as_str());
-        order.push(next);
-    }
-    Ok(order)
+/// The crates that are published.
+pub(super) fn published(metadata: &Metadata) -> Vec<&Package> {
+    metadata.members().filter(|package| package.is_published()).collect()
 }
 
-/// What keeps a crate from a registry, or from being found and understood there.
-pub(super) fn faults(package: &Package, version: &str) -> Vec<String> {
-    let mut faults = Vec::new();
-    let mut wants = |is_there: bool, what: &str| {
-        if !is_there {
-            faults.push(format!("{}: {what}", package.name));
-        }
-    };
+/// What a crate's manifest lacks to be found and understood on a registry; cargo checks the rest.
+pub(super) fn faults(package: &Package) -> Vec<String> {
     let has = |text: &Option<String>| text.as_deref().is_some_and(|text| !text.trim().is_empty());
-    wants(package.version == version, &format!("its version is {}, not {version}", package.version));
-    wants(has(&package.description), "its Cargo.toml has no `description`");
-    wants(has(&package.license), "its Cargo.toml has no `license`");
-    wants(has(&package.repository), "its Cargo.toml has no `repository`");
-    wants(has(&package.rust_version), "its Cargo.toml has no `rust-version`");
-    wants(package.readme.is_some(), "it has no README.md");
-    wants((1..=5).contains(&package.keywords.len()), "its Cargo.toml has no `keywords`, or more than five");
-    wants(
-        (1..=5).contains(&package.categories.len()),
-        "its Cargo.toml has no `categories`, or more than five",
-    );
-    for dependency in &package.dependencies {
-        let is_pinned = dependency.path.is_none() || dependency.req.contains(version);
-        wants(is_pinned, &format!("it depends on {} without its version, {version}", dependency.name));
-    }
-    faults
+    let checks = [
+        (has(&package.description), "no `description`"),
+        (has(&package.license), "no `license`"),
+        (has(&package.repository), "no `repository`"),
+        (has(&package.rust_version), "no `rust-version`"),
+        (package.readme.is_some(), "no README.md"),
+        ((1..=5).contains(&package.keywords.len()), "no `keywords`, or more than five"),
+        ((1..=5).contains(&package.categories.len()), "no `categories`, or more than five"),
+    ];
+    let missing = checks.into_iter().filter(|(is_there, _)| !is_there);
+    missing.map(|(_, what)| format!("{} has {what}", package.name)).collect()
 }
 
 /// Files that every package holds.
 const WANTED: &[&str] = &["Cargo.toml", "LICENSE-APACHE", "LICENSE-MIT", "README.md", "src/lib.rs"];
 
-/// The workspace of packaged crates. Its place is always the same, and files that did not change are left alone: a second
-/// build is incremental.
+/// The workspace of packaged crates, always at the same place, so that a second build is incremental.
 pub(super) struct Packaged {
     folder: PathBuf,
+    target: PathBuf,
 }
 
 impl Packaged {
     /// Packages the crates and unpacks them. A dry run takes files that are not committed, too.
-    pub(super) fn make(metadata: &Metadata, version: &str, is_dry: bool) -> Result<Self> {
+    pub(super) fn make(metadata: &Metadata, is_dry: bool) -> Result<Self> {
         let mut command = process::cargo(["package", "--quiet", "--no-verify", "--locked", "--offline"]);
-        if is_dry {
-            command.arg("--allow-dirty");
+        let crates = published(metadata);
+        command.args(is_dry.then_some("--allow-dirty"));
+        process::run(command.args(crates.iter().flat_map(|package| ["--package", &package.name])))?;
+        let target = metadata.target_directory.clone();
+        let folder = target.join("packaged");
+        fs::create_dir_all(&folder)?;
+        let mut names = Vec::new();
+        for package in crates {
+            let name = format!("{}-{}", package.name, package.version);
+            let file = target.join("package").join(format!("{name}.crate"));
+            unpack(&file, &folder, &name).with_context(|| format!("failed to unpack {name}"))?;
+            let missing = WANTED.iter().find(|file| !folder.join(&name).join(file).is_file());
+            ensure!(missing.is_none(), "the package {name} lacks {}", missing.unwrap_or(&""));
+            names.push((package.name.as_str(), name));
         }
-        let order = order(metadata)?;
-        for package in &order {
-            command.args(["--package", &package.name]);
-        }
-        process::run(&mut command)?;
-        let folder = metadata.target_directory.join("packaged");
-        for package in &order {
-            let file = format!("{}-{version}.crate", package.name);
-            let files = unpack(&metadata.target_directory.join("package").join(&file))
-                .with_context(|| format!("cannot read {file}"))?;
-            let missing: Vec<&str> =
-                WANTED.iter().copied().filter(|name| !files.contains_key(Path::new(name))).collect();
-            ensure!(missing.is_empty(), "the package of {} lacks {}", package.name, missing.join(", "));
-            write_all(&folder.join("crates").join(&package.name), &files)?;
-        }
-        write_if_changed(&folder.join("Cargo.toml"), manifest(&order)?.as_bytes())?;
+        let ours = fs::read_to_string(process::root().join("Cargo.toml")).context("no Cargo.toml")?;
+        fs::write(folder.join("Cargo.toml"), manifest(&ours, &names)?)?;
         fs::copy(process::root().join("Cargo.lock"), folder.join("Cargo.lock")).context("no Cargo.lock")?;
-        Ok(Self { folder })
+        Ok(Self { folder, target })
     }
 
     /// Runs cargo there, with the workspace's settings and build directory.
-    pub(super) fn cargo(&self, metadata: &Metadata, args: &[&str]) -> std::process::Command {
+    pub(super) fn cargo(&self, args: &[&str]) -> Command {
         let mut command = process::cargo(args);
         command.current_dir(&self.folder).arg("--config").arg(process::root().join(".cargo/config.toml"));
-        command.env("CARGO_TARGET_DIR", &metadata.target_directory);
+        command.env("CARGO_TARGET_DIR", &self.target);
         command
     }
 }
 
-/// The manifest above the packaged crates: they take each other instead of what a registry has, with our profiles.
-fn manifest(order: &[&Package]) -> Result<String> {
-    let ours: Table = fs::read_to_string(process::root().join("Cargo.toml"))
-        .context("no Cargo.toml")?
-        .parse()
-        .context("Cargo.toml cannot be read")?;
-    let mut profiles = ours.get("profile").and_then(Value::as_table).cloned().context("no profiles")?;
-    // Symbols are most of a development build; traces of panics keep the names of functions in a release.
-    for (profile, strip) in [("dev", "symbols"), ("release", "debuginfo")] {
-        let packages = profiles
-            .get_mut(profile)
-            .and_then(Value::as_table_mut)
-            .map(|profile| profile.entry("package").or_insert_with(|| Table::new().into()));
-        let packages = packages.and_then(Value::as_table_mut).context("no profile of packages")?;
-        packages.insert("swm".into(), Table::from_iter([("strip".to_owned(), strip.into())]).into());
-    }
-    let patches = order.iter().map(|package| {
-        let path = format!("crates/{}", package.name);
-        (package.name.clone(), Table::from_iter([("path".to_owned(), path.into())]).into())
-    });
-    let patch = Table::from_iter([("crates-io".to_owned(), Table::from_iter(patches).into())]);
-    let workspace = toml::toml! {
-        resolver = "3"
-        members = ["crates/*"]
-    };
-    let manifest = Table::from_iter([
-        ("workspace".to_owned(), workspace.into()),
-        ("patch".to_owned(), patch.into()),
-        ("profile".to_owned(), profiles.into()),
-    ]);
+/// The manifest above the packaged crates (name and folder of each), with the profiles of ours: they take each other instead
+/// of what a registry has.
+fn manifest(ours: &str, crates: &[(&str, String)]) -> Result<String> {
+    let ours: Table = ours.parse().context("failed to read Cargo.toml")?;
+    let folders: Vec<Value> = crates.iter().map(|(_, folder)| folder.as_str().into()).collect();
+    let workspace =
+        Table::from_iter([("resolver".to_owned(), "3".into()), ("members".to_owned(), folders.into())]);
+    let mut manifest = Table::from_iter([("workspace".to_owned(), workspace.into())]);
+    manifest.insert("profile".into(), ours.get("profile").context("Cargo.toml has no profiles")?.clone());
+    let path = |folder: &str| Value::from(Table::from_iter([("path".to_owned(), folder.into())]));
+    let patch = crates.iter().map(|(name, folder)| ((*name).to_owned(), path(folder)));
+    manifest.insert(
+        "patch".into(),
+        Table::from_iter([("crates-io".to_owned(), Table::from_iter(patch).into())]).into(),
+    );
     Ok(toml::to_string(&manifest)?)
 }
 
-/// The files of a package, by their path below its one folder.
-fn unpack(file: &Path) -> Result<BTreeMap<PathBuf, Vec<u8>>> {
+/// Unpacks a package into its folder `name` of `folder`. Cargo trusts file times: a file whose bytes did not change since the
+/// last time keeps its own.
+fn unpack(file: &Path, folder: &Path, name: &str) -> Result<()> {
+    let (new, old) = (folder.join(name), folder.join("previous"));
+    if old.exists() {
+        fs::remove_dir_all(&old)?;
+    }
+    if new.exists() {
+        fs::rename(&new, &old)?;
+    }
     let mut archive = tar::Archive::new(GzDecoder::new(fs::File::open(file)?));
-    let mut files = BTreeMap::new();
+    archive.set_preserve_mtime(false);
     for entry in archive.entries()? {
         let mut entry = entry?;
-        let path: PathBuf = entry.path()?.components().skip(1).collect();
-        ensure!(
-            path.components().all(|part| matches!(part, Component::Normal(_))),
-            "it holds `{}`, which leads out of it",
-            path.display()
-        );
-        let mut bytes = Vec::new();
-        entry.read_to_end(&mut bytes)?;
-        files.insert(path, bytes);
-    }
-    Ok(files)
-}
-
-/// Makes a folder hold these files and no others.
-fn write_all(folder: &Path, files: &BTreeMap<PathBuf, Vec<u8>>) -> Result<()> {
-    for (path, bytes) in files {
-        write_if_changed(&folder.join(path), bytes)?;
-    }
-    let keep: BTreeSet<PathBuf> = files.keys().map(|path| folder.join(path)).collect();
-    remove_others(folder, &keep)
-}
-
-fn remove_others(folder: &Path, keep: &BTreeSet<PathBuf>) -> Result<()> {
-    for entry in fs::read_dir(folder)? {
-        let entry = entry?;
-        if entry.file_type()?.is_dir() {
-            remove_others(&entry.path(), keep)?;
-        } else if !keep.contains(&entry.path()) {
-            fs::remove_file(entry.path())?;
+        let path = entry.path()?.into_owned();
+        ensure!(path.starts_with(name) && entry.unpack_in(folder)?, "refused: it holds `{}`", path.display());
+        let (new, old) = (folder.join(&path), old.join(path.strip_prefix(name)?));
+        if fs::read(&old).is_ok_and(|bytes| fs::read(&new).is_ok_and(|same| same == bytes)) {
+            fs::rename(old, new)?;
         }
     }
     Ok(())
 }
 
-/// Cargo trusts file times, so that a file gets a new one if, and only if, its bytes are new.
-fn write_if_changed(path: &Path, bytes: &[u8]) -> Result<()> {
-    if fs::read(path).is_ok_and(|old| old == bytes) {
-        return Ok(());
-    }
-    let write = || {
-        path.parent().map_or(Ok(()), fs::create_dir_all)?;
-        fs::write(path, bytes)
-    };
-    write().with_context(|| format!("cannot write {}", path.display()))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metadata::{Dependency, fixture};
-
-    #[test]
-    fn crates_come_after_what_they_depend_on_and_private_ones_not_at_all() {
-        let mut metadata =
-            fixture("swm: swm-data swm-core\nswm-data: ~swm-core png\nswm-core:\ntests: swm\n-png:");
-        metadata.packages[3].publish = Some(Vec::new());
-        let names: Vec<&str> =
-            order(&metadata).unwrap().iter().map(|package| package.name.as_str()).collect();
-        assert_eq!(names, ["swm-core", "swm-data", "swm"]);
-        let circle = order(&fixture("a: b\nb: a")).unwrap_err().to_string();
-        assert!(circle.ends_with("a, b"), "{circle}");
-    }
+    use crate::metadata::fixture;
+    use crate::release::archives::{Entry, tar_gz};
 
     #[test]
     fn a_manifest_that_says_too_little_is_found() {
-        let mut metadata = fixture("swm: swm-core");
+        let mut metadata = fixture("swm: swm-core\ntests: swm");
+        metadata.packages[1].publish = Some(Vec::new());
+        assert_eq!(published(&metadata).len(), 1);
         let package = &mut metadata.packages[0];
-        package.version = "0.1.0".into();
         package.repository = Some("https://example.org".into());
         package.rust_version = Some("1.89".into());
-        package.readme = Some("README.md".into());
-        package.keywords = vec!["one".into()];
-        package.categories = vec!["science".into()];
-        package.dependencies = vec![Dependency {
-            name: "swm-core".into(),
-            req: "^0.1.0".into(),
-            path: Some("../swm-core".into()),
-        }];
-        assert_eq!(faults(package, "0.1.0"), [""; 0]);
-        package.dependencies[0].req = "*".into();
-        package.readme = None;
         package.keywords = vec!["k".into(); 6];
-        let found = faults(package, "0.1.0");
-        assert_eq!(found.len(), 3, "{found:?}");
-        assert!(found[2].contains("without its version, 0.1.0"));
-        assert_eq!(faults(package, "0.2.0").len(), 4);
+        package.categories = vec!["science".into()];
+        assert_eq!(faults(package), ["swm has no README.md", "swm has no `keywords`, or more than five"]);
     }
 
     #[test]
     fn our_crates_can_be_published() {
         let metadata = Metadata::load().unwrap();
-        let order = order(&metadata).unwrap();
-        let version = super::super::version::current().unwrap();
-        let faults: Vec<String> = order.iter().flat_map(|package| faults(package, &version)).collect();
-        assert_eq!(faults, [""; 0]);
-        assert_eq!(order.last().unwrap().name, "swm");
+        let crates = published(&metadata);
+        assert_eq!(crates.iter().flat_map(|package| faults(package)).collect::<Vec<_>>(), [""; 0]);
+        assert!(crates.iter().any(|package| package.name == "swm"));
+    }
+
+    #[test]
+    fn packaged_crates_take_each_other() {
+        let text = manifest("[profile.dev]\nopt-level = 1\n", &[("swm", "swm-1.0.0".into())]).unwrap();
+        let manifest: Table = text.parse().unwrap();
+        assert_eq!(manifest["workspace"]["members"][0].as_str(), Some("swm-1.0.0"));
+        assert_eq!(manifest["patch"]["crates-io"]["swm"]["path"].as_str(), Some("swm-1.0.0"));
+        assert_eq!(manifest["profile"]["dev"]["opt-level"].as_integer(), Some(1));
     }
 
     #[test]
     fn files_that_did_not_change_keep_their_time_and_stale_ones_go() {
         let folder = tempfile::tempdir().unwrap();
-        let files = |list: &[(&str, &str)]| {
-            list.iter().map(|(path, text)| (PathBuf::from(path), text.as_bytes().to_vec())).collect()
+        let file = folder.path().join("a.crate");
+        let write = |list: &[(&str, &str)]| {
+            let entries = list.iter().map(|(path, text)| Entry::text(*path, *text)).collect();
+            fs::write(&file, tar_gz("a-1", entries, flate2::Compression::fast()).unwrap()).unwrap();
+            unpack(&file, folder.path(), "a-1")
         };
-        write_all(folder.path(), &files(&[("src/a.rs", "a"), ("src/b.rs", "b")])).unwrap();
-        let time = |name: &str| fs::metadata(folder.path().join(name)).unwrap().modified().unwrap();
+        write(&[("src/a.rs", "a"), ("src/b.rs", "b")]).unwrap();
+        let time =
+            |name: &str| fs::metadata(folder.path().join("a-1").join(name)).unwrap().modified().unwrap();
         let old = time("src/a.rs");
         std::thread::sleep(std::time::Duration::from_millis(20));
-        write_all(folder.path(), &files(&[("src/a.rs", "a"), ("src/c.rs", "c")])).unwrap();
+        write(&[("src/a.rs", "a"), ("src/c.rs", "c")]).unwrap();
         assert_eq!(time("src/a.rs"), old);
         assert!(time("src/c.rs") > old);
-        assert!(!folder.path().join("src/b.rs").exists());
+        assert!(!folder.path().join("a-1/src/b.rs").exists());
+        assert!(unpack(&file, folder.path(), "other-1").is_err(), "a package holds one folder");
     }
 }

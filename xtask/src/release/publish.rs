@@ -2,95 +2,66 @@
 
 use std::process::Command;
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, ensure};
+use semver::Version;
 
-use super::{packages, version};
-use crate::metadata::Metadata;
 use crate::process;
 
-/// The name of a version's tag.
-pub(super) fn tag(version: &str) -> String {
-    format!("v{version}")
+/// The tag of the newest version before `version` among those before this commit, if there is one.
+pub(super) fn last_tag(version: &Version) -> Result<Option<String>> {
+    Ok(newest_before(version, &git("tag --list v[0-9]* --merged")?))
 }
 
-/// The tag of the newest version but `version` among those before this commit, if there is one.
-pub(super) fn last_tag(version: &str) -> Result<Option<String>> {
-    let tags = process::output(&mut git(&["tag", "--list", "v[0-9]*", "--merged"]))?;
-    Ok(newest_but(version, &String::from_utf8_lossy(&tags)))
-}
-
-/// The newest version among `tags`, one per line, but `version`: a publication that goes on has its own tag already. Git would
-/// put a pre-release behind its release.
-fn newest_but(version: &str, tags: &str) -> Option<String> {
-    let versions = tags.lines().filter_map(|tag| tag.strip_prefix('v')).filter(|found| *found != version);
-    let known = versions.filter_map(|found| Some((version::key(found).ok()?, found)));
-    known.max().map(|(_, newest)| tag(newest))
+/// A publication that goes on has its own tag already. Git would sort a pre-release behind its release.
+fn newest_before(version: &Version, tags: &str) -> Option<String> {
+    let versions = tags.lines().filter_map(|tag| Version::parse(tag.strip_prefix('v')?).ok());
+    versions.filter(|found| found < version).max().map(|newest| format!("v{newest}"))
 }
 
 /// Fails unless the checkout is what will be tagged.
-pub(super) fn check_checkout(version: &str) -> Result<()> {
-    let changed = process::output(&mut git(&["status", "--porcelain"]))?;
-    ensure!(
-        changed.is_empty(),
-        "commit first; not committed:\n{}",
-        String::from_utf8_lossy(&changed).trim_end()
-    );
-    let tag = tag(version);
-    if !process::output(&mut git(&["tag", "--list", &tag]))?.is_empty() {
-        let (tagged, head) = (commit(&format!("{tag}^{{commit}}"))?, commit("HEAD")?);
+pub(super) fn check_checkout(version: &Version) -> Result<()> {
+    let changed = git("status --porcelain")?;
+    ensure!(changed.is_empty(), "commit first; not committed:\n{changed}");
+    if !git(&format!("tag --list v{version}"))?.is_empty() {
         // A publication that failed half-way goes on.
-        ensure!(tagged == head, "the tag {tag} is there already, on another commit: {tagged}");
+        let (tagged, head) = (git(&format!("rev-parse v{version}^{{commit}}"))?, git("rev-parse HEAD")?);
+        ensure!(tagged == head, "the tag v{version} is there already, on another commit: {tagged}");
     }
     Ok(())
 }
 
-/// The commit that a name means.
-pub(super) fn commit(name: &str) -> Result<String> {
-    let printed = process::output(&mut git(&["rev-parse", "--verify", name]))?;
-    Ok(String::from_utf8(printed).context("git printed no UTF-8")?.trim().to_owned())
+/// What git prints, given words without blanks.
+pub(super) fn git(words: &str) -> Result<String> {
+    let printed = process::output(&mut git_command(words))?;
+    Ok(String::from_utf8(printed).context("git printed no UTF-8")?.trim_end().to_owned())
 }
 
 /// `git` in the checkout, which may belong to another user than us.
-pub(super) fn git(args: &[&str]) -> Command {
+pub(super) fn git_command(words: &str) -> Command {
     let mut command = Command::new("git");
-    command.current_dir(process::root()).args(["-c", "safe.directory=*"]).args(args);
+    command.current_dir(process::root()).args(["-c", "safe.directory=*"]).args(words.split(' '));
     command
 }
 
-/// The commands of a publication, word by word. `from` leaves out the crates before it.
-pub(super) fn plan(metadata: &Metadata, version: &str, from: Option<&str>) -> Result<Vec<Vec<String>>> {
-    let words = |line: &str| line.split(' ').map(str::to_owned).collect::<Vec<_>>();
-    let names = packages::order(metadata)?.into_iter().map(|package| package.name.as_str());
-    let names: Vec<&str> = names.skip_while(|name| from.is_some_and(|from| from != *name)).collect();
-    if let (true, Some(from)) = (names.is_empty(), from) {
-        bail!("no crate `{from}` is published");
-    }
-    let mut plan = Vec::new();
-    if from.is_none() {
-        let tag = tag(version);
-        plan.push(words(&format!("git tag --annotate --message {tag} {tag}")));
-    }
-    plan.extend(
-        names.iter().map(|name| words(&format!("cargo publish --locked --no-verify --package {name}"))),
-    );
-    plan.push(words(&format!("git push origin {}", tag(version))));
-    Ok(plan)
+/// The commands of a publication. The crates in `published` are on the registry already; cargo orders the others.
+pub(super) fn plan(version: &Version, published: &[String]) -> Vec<String> {
+    let excluded = published.iter().map(|name| format!(" --exclude {name}"));
+    let publish = format!("cargo publish --workspace --locked --no-verify{}", excluded.collect::<String>());
+    let tag = format!("git tag --annotate --message v{version} v{version}");
+    let push = format!("git push origin v{version}");
+    if published.is_empty() { vec![tag, publish, push] } else { vec![publish, push] }
 }
 
 /// Runs them, one after the other.
-pub(super) fn execute(plan: &[Vec<String>]) -> Result<()> {
-    for words in plan {
-        let args = &words[1..];
-        let mut command = match words[0].as_str() {
-            "cargo" => process::cargo(args),
-            _ => git(&args.iter().map(String::as_str).collect::<Vec<_>>()),
+pub(super) fn execute(plan: &[String]) -> Result<()> {
+    for line in plan {
+        let mut command = match line.split_once(' ').unwrap_or_default() {
+            ("cargo", words) => process::cargo(words.split(' ')),
+            (_, words) => git_command(words),
         };
-        process::run(&mut command).with_context(|| {
-            match words.iter().skip_while(|word| *word != "--package").nth(1) {
-                Some(name) => format!("what came before is published; go on with `--execute --from {name}`"),
-                None => "nothing of this step was done".into(),
-            }
-        })?;
+        process::run(&mut command).context(
+            "what cargo reported above as published stays so; go on with `--execute --published CRATE,…`",
+        )?;
     }
     Ok(())
 }
@@ -98,43 +69,38 @@ pub(super) fn execute(plan: &[Vec<String>]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metadata::fixture;
 
     #[test]
     fn the_tag_comes_first_and_the_push_last() {
-        let metadata = fixture("swm: swm-core\nswm-core:");
-        let lines = |from| -> Vec<String> {
-            plan(&metadata, "0.2.0", from).unwrap().iter().map(|words| words.join(" ")).collect()
-        };
+        let version = Version::new(0, 2, 0);
         assert_eq!(
-            lines(None),
+            plan(&version, &[]),
             [
                 "git tag --annotate --message v0.2.0 v0.2.0",
-                "cargo publish --locked --no-verify --package swm-core",
-                "cargo publish --locked --no-verify --package swm",
+                "cargo publish --workspace --locked --no-verify",
                 "git push origin v0.2.0",
             ]
         );
+        let publish = "cargo publish --workspace --locked --no-verify --exclude swm-fov --exclude swm-core";
         assert_eq!(
-            lines(Some("swm")),
-            ["cargo publish --locked --no-verify --package swm", "git push origin v0.2.0"]
+            plan(&version, &["swm-fov".into(), "swm-core".into()]),
+            [publish, "git push origin v0.2.0"]
         );
-        assert!(plan(&metadata, "0.2.0", Some("none")).is_err());
     }
 
     #[test]
     fn a_release_is_compared_with_the_newest_before_it() {
         let tags = "v0.1.0\nv0.2.0\nv0.2.0-rc.10\nv0.2.0-rc.9\nv2\n";
-        assert_eq!(newest_but("0.3.0", tags).as_deref(), Some("v0.2.0"));
-        assert_eq!(newest_but("0.2.0", tags).as_deref(), Some("v0.2.0-rc.10"));
-        assert_eq!(newest_but("0.1.0", "v0.1.0\n"), None);
+        let newest = |version: &str| newest_before(&version.parse().unwrap(), tags);
+        assert_eq!(newest("0.3.0").as_deref(), Some("v0.2.0"));
+        assert_eq!(newest("0.2.0").as_deref(), Some("v0.2.0-rc.10"));
+        assert_eq!(newest("0.1.0"), None);
     }
 
     #[test]
-    fn a_publication_that_fails_says_where_to_go_on() {
-        let words = |line: &str| line.split(' ').map(str::to_owned).collect::<Vec<_>>();
-        let plan = [words("git --version"), words("cargo no-such-subcommand --package swm-fov")];
+    fn a_publication_that_fails_tells_how_to_go_on() {
+        let plan = ["git --version".to_owned(), "cargo no-such-subcommand".to_owned()];
         let error = execute(&plan).unwrap_err().to_string();
-        assert!(error.contains("--execute --from swm-fov"), "{error}");
+        assert!(error.contains("--execute --published"), "{error}");
     }
 }

@@ -1,132 +1,73 @@
 //! One version for the whole workspace: where it is written, whether all places agree, and changing it.
-//!
-//! Knows nothing of the changelog.
 
 use std::fs;
 
-use anyhow::{Context as _, Result, bail, ensure};
-use toml::{Table, Value};
+use anyhow::{Context as _, Result, ensure};
+use semver::Version;
 
+use crate::metadata::Metadata;
 use crate::process;
 
-/// Files with the version in their lines, beside `Cargo.lock`, which cargo writes.
+/// Files that name the version in their lines; cargo writes `Cargo.lock`.
 const FILES: &[&str] = &["Cargo.toml", "templates/environment/Cargo.toml"];
 
 /// The version of the workspace.
-pub(super) fn current() -> Result<String> {
-    let manifest: Table = read("Cargo.toml")?.parse().context("Cargo.toml cannot be read")?;
-    let version = manifest.get("workspace").and_then(|table| table.get("package"));
-    let version = version.and_then(|package| package.get("version")).and_then(Value::as_str);
-    Ok(version.context("Cargo.toml has no version below [workspace.package]")?.to_owned())
+pub(super) fn current(metadata: &Metadata) -> Result<Version> {
+    let swm = metadata.members().find(|package| package.name == "swm").context("no crate `swm`")?;
+    Ok(Version::parse(&swm.version)?)
 }
 
-/// Fails where a file names another version of one of our crates.
-pub(super) fn check(version: &str) -> Result<()> {
-    let mut wrong = Vec::new();
+/// Fails where a manifest names another version of one of our crates.
+pub(super) fn check(version: &Version, metadata: &Metadata) -> Result<()> {
+    let members = metadata.members().filter(|package| package.version != version.to_string());
+    let mut wrong: Vec<String> =
+        members.map(|member| format!("{} {}", member.name, member.version)).collect();
     for file in FILES {
         wrong.extend(others(&read(file)?, version).into_iter().map(|line| format!("{file}: {line}")));
-    }
-    let lock: Table = read("Cargo.lock")?.parse().context("Cargo.lock cannot be read")?;
-    for package in lock.get("package").and_then(Value::as_array).into_iter().flatten() {
-        let text = |key| package.get(key).and_then(Value::as_str).unwrap_or_default();
-        if package.get("source").is_none() && text("version") != version {
-            wrong.push(format!("Cargo.lock: {} {}", text("name"), text("version")));
-        }
     }
     ensure!(wrong.is_empty(), "the version is {version}, but not everywhere: {}", wrong.join("; "));
     Ok(())
 }
 
-/// Writes a new version wherever the old one stands; cargo brings its lock file up to date.
-pub(super) fn bump(old: &str, new: &str) -> Result<()> {
+/// Writes a later version wherever the old one stands, and lets cargo update its lock file. The first release may have the
+/// version that the files began with.
+pub(super) fn bump(old: &Version, new: &Version) -> Result<()> {
+    ensure!(new >= old, "{new} comes before {old}, the current version");
     for file in FILES {
-        let path = process::root().join(file);
-        fs::write(&path, replaced(&read(file)?, old, new))
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        fs::write(process::root().join(file), replaced(&read(file)?, old, new))
+            .with_context(|| format!("failed to write {file}"))?;
     }
     process::run(&mut process::cargo(["update", "--workspace", "--offline"]))
 }
 
-/// An error unless `new` is three numbers (and perhaps a pre-release), and comes after `old`.
-pub(super) fn check_successor(old: &str, new: &str) -> Result<()> {
-    let (old_key, new_key) = (key(old)?, key(new)?);
-    // The first release may be of the version that the files have from the start.
-    if new_key < old_key {
-        bail!("{new} comes before {old}, which is the version now");
-    }
-    Ok(())
-}
-
-/// A part of a pre-release, in the order that semantic versions have: numbers by their value, and before words.
-#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Part<'a> {
-    Number(u64),
-    Word(&'a str),
-}
-
-/// What versions are ordered by: a pre-release comes before its release.
-#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Key<'a> {
-    numbers: [u64; 3],
-    is_release: bool,
-    pre: Vec<Part<'a>>,
-}
-
-/// That of `version`, such as `0.2.0` or `0.2.0-rc.1`.
-pub(super) fn key(version: &str) -> Result<Key<'_>> {
-    let (numbers, pre) =
-        version.split_once('-').map_or((version, None), |(numbers, pre)| (numbers, Some(pre)));
-    let parts: Vec<u64> = numbers.split('.').map_while(|part| part.parse().ok()).collect();
-    let parts: [u64; 3] = parts
-        .try_into()
-        .ok()
-        .filter(|_| numbers.split('.').count() == 3)
-        .with_context(|| format!("`{version}` is no version such as 0.2.0 or 0.2.0-rc.1"))?;
-    let part = |part| str::parse(part).map_or(Part::Word(part), Part::Number);
-    Ok(Key {
-        numbers: parts,
-        is_release: pre.is_none(),
-        pre: pre.map(|pre| pre.split('.').map(part).collect()).unwrap_or_default(),
-    })
-}
-
 /// Lines that name a version of ours other than `version`.
-fn others(text: &str, version: &str) -> Vec<String> {
-    let ours = lines(text).filter(|(section, line)| names_our_version(section, line));
-    let others = ours.filter(|(_, line)| !line.contains(&format!("\"{version}\"")));
-    others.map(|(_, line)| line.trim_end().to_owned()).collect()
+fn others(text: &str, version: &Version) -> Vec<String> {
+    let ours = lines(text).filter(|(_, is_ours)| *is_ours).map(|(line, _)| line.trim_end());
+    ours.filter(|line| !line.contains(&format!("\"{version}\""))).map(str::to_owned).collect()
 }
 
-fn replaced(text: &str, old: &str, new: &str) -> String {
+fn replaced(text: &str, old: &Version, new: &Version) -> String {
     let (old, new) = (format!("\"{old}\""), format!("\"{new}\""));
-    let changed = |(section, line): (&str, &str)| match names_our_version(section, line) {
-        true => line.replace(&old, &new),
-        false => line.to_owned(),
-    };
-    lines(text).map(changed).collect()
+    lines(text).map(|(line, is_ours)| if is_ours { line.replace(&old, &new) } else { line.into() }).collect()
 }
 
-/// Each line with its end, and the heading that it stands below.
-fn lines(text: &str) -> impl Iterator<Item = (&str, &str)> {
+/// Each line with its end, and whether it names our version: that of the workspace, or of a dependency on one of our crates.
+/// The `version` of a template is that of what is made from it.
+fn lines(text: &str) -> impl Iterator<Item = (&str, bool)> {
     text.split_inclusive('\n').scan("", |section, line| {
         if line.starts_with('[') {
             *section = line.trim_end();
         }
-        Some((*section, line))
+        let (name, value) = line.split_once(" = ").unwrap_or_default();
+        let is_crate = name == "swm" || name.starts_with("swm-");
+        let has_version = value.starts_with('"') || value.contains("version = ");
+        let is_workspace = *section == "[workspace.package]" && name == "version";
+        Some((line, is_workspace || (is_crate && has_version)))
     })
 }
 
-/// The version of the workspace, or a dependency on one of our crates by version. The `version` of a template is that of what
-/// is made from it.
-fn names_our_version(section: &str, line: &str) -> bool {
-    let Some((name, value)) = line.split_once(" = ") else { return false };
-    let is_ours = name == "swm" || name.starts_with("swm-");
-    let has_version = value.starts_with('"') || value.contains("version = ");
-    (is_ours && has_version) || (section == "[workspace.package]" && name == "version")
-}
-
 fn read(file: &str) -> Result<String> {
-    fs::read_to_string(process::root().join(file)).with_context(|| format!("cannot read {file}"))
+    fs::read_to_string(process::root().join(file)).with_context(|| format!("failed to read {file}"))
 }
 
 #[cfg(test)]
@@ -146,37 +87,24 @@ swm-fov = { path = "crates/swm-fov" }
 
     #[test]
     fn our_versions_change_and_those_of_others_stay() {
-        let text = replaced(MANIFEST, "0.1.0", "0.2.0-rc.1");
+        let new: Version = "0.2.0-rc.1".parse().unwrap();
+        let text = replaced(MANIFEST, &Version::new(0, 1, 0), &new);
         assert_eq!(text.matches("0.2.0-rc.1").count(), 3);
         assert!(text.contains("other = \"0.1.0\"") && text.starts_with("[package]\nversion = \"0.1.0\""));
-        assert!(others(&text, "0.2.0-rc.1").is_empty());
-        assert_eq!(
-            others(&text.replace("swm-core = \"0.2.0-rc.1\"", "swm-core = \"0.1\""), "0.2.0-rc.1"),
-            ["swm-core = \"0.1\""]
-        );
+        assert!(others(&text, &new).is_empty());
+        let stale = text.replace("swm-core = \"0.2.0-rc.1\"", "swm-core = \"0.1\"");
+        assert_eq!(others(&stale, &new), ["swm-core = \"0.1\""]);
     }
 
     #[test]
     fn versions_do_not_go_back() {
-        for (old, new, is_good) in [
-            ("0.1.0", "0.1.0", true),
-            ("0.1.0", "0.2.0", true),
-            ("0.9.0", "0.10.0", true),
-            ("0.2.0-rc.1", "0.2.0", true),
-            ("0.2.0-rc.9", "0.2.0-rc.10", true),
-            ("0.2.0-beta", "0.2.0-beta.1", true),
-            ("0.2.0-rc.1", "0.2.0-beta.2", false),
-            ("0.2.0", "0.2.0-rc.1", false),
-            ("0.2.0", "0.1.9", false),
-            ("0.2.0", "0.3", false),
-            ("0.2.0", "0.3.x", false),
-        ] {
-            assert_eq!(check_successor(old, new).is_ok(), is_good, "{old} -> {new}");
-        }
+        let error = bump(&Version::new(0, 2, 0), &"0.2.0-rc.1".parse().unwrap()).unwrap_err().to_string();
+        assert!(error.contains("comes before"), "{error}");
     }
 
     #[test]
     fn this_workspace_has_one_version() {
-        check(&current().unwrap()).unwrap();
+        let metadata = Metadata::load().unwrap();
+        check(&current(&metadata).unwrap(), &metadata).unwrap();
     }
 }
