@@ -57,7 +57,7 @@ const HEAVY: &[&str] = &[
     "rapier", // physics
 ];
 
-/// Crates of the workspace that name one which lies above or beside them.
+/// Crates of the workspace that name one which lies above them or on their layer.
 pub(super) fn arrows(metadata: &Metadata) -> Vec<Violation> {
     let members: Vec<&str> = metadata.members().map(|package| package.name.as_str()).collect();
     let mut violations = Vec::new();

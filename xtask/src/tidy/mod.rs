@@ -10,6 +10,7 @@ mod mask;
 mod sources;
 mod texts;
 mod tree;
+mod words;
 
 use anyhow::{Result, bail};
 
@@ -28,7 +29,7 @@ pub(crate) struct Args {
 struct Violation {
     /// A crate, or `path:line`.
     place: String,
-    /// What is wrong, and the way out.
+    /// What is wrong, and the fix.
     message: String,
 }
 
@@ -61,6 +62,7 @@ const RULES: &[Rule] = &[
     Rule { name: "core-is-light", level: Error, about: "swm-core is built without tensor, file-format, image or physics crates", check: |tree| layers::light_core(&tree.metadata) },
     Rule { name: "unsafe", level: Error, about: "`unsafe` stands only where it is allowed", check: |tree| sources::misplaced_unsafe(&tree.files) },
     Rule { name: "words", level: Error, about: "no unfinished, ignored or silenced code", check: |tree| sources::forbidden_words(&tree.files) },
+    Rule { name: "vocabulary", level: Error, about: "the words of the field, not those that they replaced", check: |tree| words::replaced(&tree.files) },
     Rule { name: "module-docs", level: Error, about: "each source file begins with `//!` documentation", check: |tree| sources::missing_module_docs(&tree.files) },
     Rule { name: "length", level: Error, about: "no source file is over 600 lines", check: |tree| sources::longer_than(&tree.files, 600) },
     Rule { name: "long", level: Note, about: "source files over 400 lines", check: |tree| sources::longer_than(&tree.files, 400) },
