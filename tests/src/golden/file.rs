@@ -21,15 +21,15 @@ pub struct GoldenFile {
     pub factors: Map<String, Json>,
     /// Numeric arrays, as `f64`, `[T, …]` or `[T + 1, …]`.
     pub numbers: BTreeMap<String, ArrayD<f64>>,
-    /// Pictures after some steps, `[H, W, 3]`.
-    pub images: BTreeMap<usize, Picture>,
-    /// The goal picture.
-    pub goal_image: Option<Picture>,
+    /// Images after some steps, `[H, W, 3]`.
+    pub images: BTreeMap<usize, Image>,
+    /// The goal image.
+    pub goal_image: Option<Image>,
 }
 
-/// A decoded picture.
+/// A decoded image.
 #[derive(Debug)]
-pub struct Picture {
+pub struct Image {
     /// Rows.
     pub height: usize,
     /// Columns.
@@ -93,13 +93,13 @@ fn number_array(npz: &mut NpzReader<File>, name: &str) -> Option<ArrayD<f64>> {
     None
 }
 
-fn decode(png: &[u8]) -> Result<Picture> {
+fn decode(png: &[u8]) -> Result<Image> {
     let mut reader = png::Decoder::new(Cursor::new(png)).read_info()?;
-    let mut rgb = vec![0; reader.output_buffer_size().ok_or_else(|| anyhow!("a picture of absurd size"))?];
+    let mut rgb = vec![0; reader.output_buffer_size().ok_or_else(|| anyhow!("an image of absurd size"))?];
     let info = reader.next_frame(&mut rgb)?;
     if info.color_type != png::ColorType::Rgb {
-        bail!("a picture is {:?}, not RGB", info.color_type);
+        bail!("an image is {:?}, not RGB", info.color_type);
     }
     rgb.truncate(info.buffer_size());
-    Ok(Picture { height: info.height as usize, width: info.width as usize, rgb })
+    Ok(Image { height: info.height as usize, width: info.width as usize, rgb })
 }

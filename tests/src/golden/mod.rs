@@ -11,4 +11,4 @@ mod rules;
 
 pub use file::GoldenFile;
 pub use replay::{Comparison, Report, check_file};
-pub use rules::{Pictures, Rules, Tolerance, Unit, rules};
+pub use rules::{ImageTolerance, Rules, Tolerance, Unit, rules};

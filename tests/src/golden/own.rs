@@ -1,7 +1,7 @@
 //! Rules of our own environments that have no reference: recorded by `record_golden` with all factors set, and equal to
 //! the bit.
 
-use super::rules::{Pictures, Rules, Tolerance, Unit};
+use super::rules::{ImageTolerance, Rules, Tolerance, Unit};
 
 const OWN: Rules = Rules {
     reference_id: "",
@@ -9,7 +9,7 @@ const OWN: Rules = Rules {
     settings: |_| {},
     compared: &[],
     tolerance: [Tolerance { px: 0.0, rad: 0.0, px_per_s: 0.0 }; 2],
-    pictures: Pictures { equal_pixels: 0.9999, largest_difference: 0 },
+    images: ImageTolerance { equal_pixels: 0.9999, largest_difference: 0 },
     steps: usize::MAX,
     starts: &[],
     adapt: |_| Vec::new(),

@@ -12,17 +12,17 @@ use swm::core::{
 };
 
 use super::doors;
-use super::file::{GoldenFile, Picture};
-use super::rules::{Pictures, Rules, Tolerance, Unit, placed_in_model};
+use super::file::{GoldenFile, Image};
+use super::rules::{ImageTolerance, Rules, Tolerance, Unit, placed_in_model};
 
 /// How one array compares.
 #[derive(Debug)]
 pub struct Comparison {
-    /// Key of the array, or picture.
+    /// Key of the array, or image.
     pub column: String,
     /// Worst deviation, as a multiple of what is accepted: above 1 it fails.
     pub excess: f64,
-    /// The absolute difference there (of a picture: the share of unequal pixels).
+    /// The absolute difference there (of an image: the share of unequal pixels).
     pub worst: f64,
     /// Row of the worst deviation.
     pub row: usize,
@@ -78,8 +78,8 @@ pub fn check_file(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Resu
     let mut comparisons = Vec::new();
     let actions = file.rows("actions").context("no actions")?;
     run.reset(&options)?;
-    if let Some(goal) = file.goal_image.as_ref().filter(|_| rules.compares_pictures()) {
-        comparisons.push(compare_picture("goal_png", goal, run.row.get("goal")?, rules.pictures, 0));
+    if let Some(goal) = file.goal_image.as_ref().filter(|_| rules.compares_images()) {
+        comparisons.push(compare_image("goal_png", goal, run.row.get("goal")?, rules.images, 0));
     }
     for row in 0..=actions.len().min(rules.steps) {
         for &(key, units) in rules.compared {
@@ -90,9 +90,9 @@ pub fn check_file(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Resu
             let actual = run.field(key)?;
             note_worst(&mut worst, (key, units, tolerance), row, &expected, &actual);
         }
-        if let Some(picture) = file.images.get(&row).filter(|_| rules.compares_pictures()) {
+        if let Some(image) = file.images.get(&row).filter(|_| rules.compares_images()) {
             let name = format!("img_{row}_png");
-            comparisons.push(compare_picture(&name, picture, run.row.get(PIXELS)?, rules.pictures, row));
+            comparisons.push(compare_image(&name, image, run.row.get(PIXELS)?, rules.images, row));
         }
         if let Some(action) = actions.get(row).filter(|_| row < rules.steps) {
             let outcome = run.step(action)?;
@@ -167,12 +167,12 @@ fn note_worst<'a>(
     }
 }
 
-/// Compares pictures: the share of unequal pixels counts, and the largest difference.
-fn compare_picture(
+/// Compares images: the share of unequal pixels counts, and the largest difference.
+fn compare_image(
     name: &str,
-    expected: &Picture,
+    expected: &Image,
     actual: &[u8],
-    accepted: Pictures,
+    accepted: ImageTolerance,
     row: usize,
 ) -> Comparison {
     let column = name.to_owned();
@@ -199,10 +199,10 @@ pub(super) struct Run {
 
 impl Run {
     fn new(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Result<Self> {
-        let picture = file.images.values().next().or(file.goal_image.as_ref());
-        let picture = picture.filter(|_| rules.compares_pictures());
+        let image = file.images.values().next().or(file.goal_image.as_ref());
+        let image = image.filter(|_| rules.compares_images());
         let mut config = EnvConfig {
-            image: picture.map(|p| ImageSize { height: p.height, width: p.width }),
+            image: image.map(|p| ImageSize { height: p.height, width: p.width }),
             ..EnvConfig::default()
         };
         (rules.settings)(&mut config.settings);

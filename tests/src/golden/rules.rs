@@ -17,8 +17,8 @@ pub struct Rules {
     pub compared: &'static [(&'static str, &'static [Unit])],
     /// What is accepted at default factors, and what with any factor set.
     pub tolerance: [Tolerance; 2],
-    /// How far pictures may be off.
-    pub pictures: Pictures,
+    /// How far images may be off.
+    pub images: ImageTolerance,
     /// How many steps are compared: contacts make everything after some number chaotic.
     pub steps: usize,
     /// Step columns that hold the start, with the factor that each sets: `(array, first entry, factor)`.
@@ -31,16 +31,16 @@ pub struct Rules {
 }
 
 impl Rules {
-    /// Whether the recorded pictures are drawn and compared.
-    pub fn compares_pictures(&self) -> bool {
-        self.pictures.equal_pixels > 0.0
+    /// Whether the recorded images are drawn and compared.
+    pub fn compares_images(&self) -> bool {
+        self.images.equal_pixels > 0.0
     }
 }
 
-/// Accepted differences of pictures.
+/// Accepted differences of images.
 #[derive(Clone, Copy, Debug)]
-pub struct Pictures {
-    /// Share of pixels that must be equal; 0: pictures are not compared.
+pub struct ImageTolerance {
+    /// Share of pixels that must be equal; 0: images are not compared.
     pub equal_pixels: f64,
     /// Largest accepted difference of the others, in levels of 255.
     pub largest_difference: u8,
@@ -137,7 +137,7 @@ const SUITE: Rules = Rules {
     compared: &[],
     // Rewards contain exponentials, whose last bit depends on the mathematical library.
     tolerance: [Tolerance { px: 1e-12, rad: 0.0, px_per_s: 0.0 }; 2],
-    pictures: Pictures { equal_pixels: 0.0, largest_difference: 255 },
+    images: ImageTolerance { equal_pixels: 0.0, largest_difference: 255 },
     steps: usize::MAX,
     starts: &[],
     adapt: |_| Vec::new(),
@@ -301,7 +301,7 @@ const PUSHT: Rules = Rules {
         Tolerance { px: 1e-6, rad: 1e-8, px_per_s: 1e-5 },
         Tolerance { px: 0.5, rad: 0.01, px_per_s: 5.0 },
     ],
-    pictures: Pictures { equal_pixels: 0.995, largest_difference: 255 },
+    images: ImageTolerance { equal_pixels: 0.995, largest_difference: 255 },
     steps: usize::MAX,
     starts: &[
         ("obs_state", 0, "agent.start_position"),
@@ -331,7 +331,7 @@ const TWO_ROOM: Rules = Rules {
     ],
     tolerance: [Tolerance { px: 1e-9, rad: 0.0, px_per_s: 0.0 }; 2],
     // Not one pixel may differ.
-    pictures: Pictures { equal_pixels: 1.0 - 1e-9, largest_difference: 0 },
+    images: ImageTolerance { equal_pixels: 1.0 - 1e-9, largest_difference: 0 },
     steps: usize::MAX,
     starts: &[("obs_state", 0, "agent.position"), ("obs_state", 2, "goal.position")],
     adapt: |_| Vec::new(),
@@ -339,7 +339,7 @@ const TWO_ROOM: Rules = Rules {
 };
 
 /// The recorded version (January 2026): the T ignores `block.scale` and has scale 30, other shapes default to 40;
-/// the drawn goal ignores `goal.scale`; the Z is built off-centre.
+/// the drawn goal ignores `goal.scale`; the Z is built off-center.
 fn adapt_pusht(factors: &mut Map<String, Json>) -> Vec<&'static str> {
     let mut differences = Vec::new();
     let shape = factors.get("block.shape").and_then(Json::as_i64).unwrap_or(2);
@@ -354,7 +354,7 @@ fn adapt_pusht(factors: &mut Map<String, Json>) -> Vec<&'static str> {
         differences.push("goal.scale: the recorded version ignores it; replayed without");
     }
     if shape == 3 || factors.get("agent.shape").and_then(Json::as_i64) == Some(3) {
-        differences.push("shape Z: the recorded version builds it off-centre; trajectories differ");
+        differences.push("shape Z: the recorded version builds it off-center; trajectories differ");
     }
     differences
 }
@@ -374,7 +374,7 @@ const TWO_ROOM_V2: Rules = Rules {
     ],
     tolerance: [Tolerance { px: 0.0, rad: 0.0, px_per_s: 0.0 }; 2],
     // One byte in 10,000 is asked for; a frame has 50,176 pixels.
-    pictures: Pictures { equal_pixels: 0.9999, largest_difference: 1 },
+    images: ImageTolerance { equal_pixels: 0.9999, largest_difference: 1 },
     steps: usize::MAX,
     starts: &[("obs_state", 0, "agent.position")],
     adapt: |factors| match factors.remove("wall.border_color") {
