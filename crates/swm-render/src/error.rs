@@ -45,7 +45,7 @@ pub enum RenderError {
         expected: usize,
     },
     /// A mesh contradicts itself.
-    #[error("a mesh cannot be drawn: {reason}")]
+    #[error("a mesh cannot be rendered: {reason}")]
     Mesh {
         /// What is wrong with it.
         reason: String,
@@ -57,7 +57,7 @@ pub enum RenderError {
         what: String,
     },
     /// A scene names a mesh or texture that the assets lack, or more instances than can be told apart.
-    #[error("a scene cannot be drawn: {reason}")]
+    #[error("a scene cannot be rendered: {reason}")]
     Scene {
         /// What is wrong with it.
         reason: String,

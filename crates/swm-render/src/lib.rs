@@ -1,13 +1,13 @@
 //! Software renderers: 2D raster, resampling, frames.
 //!
-//! An environment writes its drawing once, against [`Painter`], in world coordinates; a [`Renderer`] turns it into
+//! An environment describes its image once, against [`Painter`], in world coordinates; a [`Renderer`] turns it into
 //! `[H, W, 3]` u8 RGB frames in one of two styles:
 //!
 //! - [`Style::Exact`] follows the reference's image pipeline to the byte: drawn without anti-aliasing on a 512-px
 //!   canvas, resized to 224 px by a fixed-point bilinear filter, then to the asked size by an antialiased one;
-//! - [`Style::Fast`] draws at the asked size with analytic coverage.
+//! - [`Style::Fast`] renders at the asked size with analytic coverage.
 //!
-//! Both keep what they drew last and redraw only where the drawing differs, with the same bytes as a full redraw.
+//! Both keep the last frame and redraw only where the primitives differ, with the same bytes as a full redraw.
 //!
 //! ```
 //! use swm_render::{Geometry, Painter, Renderer, Style};

@@ -1,4 +1,4 @@
-//! The fast style: frames drawn at the asked size with analytic coverage, redrawn only where the drawing changed.
+//! The fast style: frames rendered at the asked size with analytic coverage, redrawn only where the drawing changed.
 //!
 //! Coverage is that of the pixel's filter, not of its square: see `coverage.rs`. So a frame looks as if the exact one
 //! had been made at infinite resolution.
@@ -15,7 +15,7 @@ use crate::rect::Rect;
 use coverage::{Lens, Video};
 use shapes::{Capsule, ConvexPolygon, Disc, Polygon};
 
-/// Draws frames at the asked size. See [`Renderer`](crate::Renderer) for the calls.
+/// Renders frames at the asked size. See [`Renderer`](crate::Renderer) for the calls.
 #[derive(Debug, Clone)]
 pub struct FastRenderer {
     geometry: Geometry,
@@ -75,7 +75,7 @@ impl FastRenderer {
     /// See [`Renderer::render`](crate::Renderer::render).
     ///
     /// # Errors
-    /// If `out` has the wrong length; nothing is drawn then.
+    /// If `out` has the wrong length; nothing is rendered then.
     pub fn render(&mut self, out: &mut [u8], draw: impl FnOnce(&mut dyn Painter)) -> Result<(), RenderError> {
         let Geometry { height, width, .. } = self.geometry;
         check_len("the frame to write", out.len(), height, width)?;

@@ -3,7 +3,7 @@
 /// The segment of what has none: the background, and instances that opt out.
 pub const NO_SEGMENT: i32 = -1;
 
-/// Everything that is visible at one moment, apart from [`super::Assets`].
+/// Everything that is visible in one frame, apart from [`super::Assets`].
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     /// The eye.
@@ -65,7 +65,7 @@ pub struct Projection {
 /// One light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Light {
-    /// How it spreads.
+    /// The shape of its beam.
     pub kind: LightKind,
     /// Direction of its light, of length 1.
     pub direction: [f64; 3],
@@ -82,7 +82,7 @@ pub struct Light {
     pub shadow: Option<f64>,
 }
 
-/// How a light spreads.
+/// The shape of the beam of a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LightKind {
     /// Parallel, from infinitely far away.

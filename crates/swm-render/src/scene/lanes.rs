@@ -1,4 +1,4 @@
-//! Eight numbers at a time. Only operations that IEEE rounds exactly, so that lanes are the same on every CPU.
+//! Eight values at a time (SIMD). Only operations that IEEE rounds exactly, so that lanes are the same on every CPU.
 
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -9,14 +9,14 @@ use super::vector::Vector;
 /// Numbers per lane group.
 pub(super) const LANES: usize = 8;
 
-/// Eight numbers.
+/// Eight values.
 pub(super) type Lanes = f32x8;
 
 pub(super) fn splat(value: f32) -> Lanes {
     Lanes::splat(value)
 }
 
-/// Up to eight numbers from a slice; what is missing is `fill`.
+/// Up to eight values from a slice; what is missing is `fill`.
 #[inline]
 pub(super) fn load(values: &[f32], fill: f32) -> Lanes {
     match values.first_chunk::<LANES>() {
@@ -52,7 +52,7 @@ impl Lanes3 {
         Self { x: self.x * by, y: self.y * by, z: self.z * by }
     }
 
-    /// The numbers of x, of y and of z.
+    /// The values of x, of y and of z.
     #[inline]
     pub(super) fn to_arrays(self) -> [[f32; LANES]; 3] {
         [self.x.to_array(), self.y.to_array(), self.z.to_array()]
@@ -109,13 +109,13 @@ impl Neg for Lanes3 {
 
 /// `base` to the power of `exponent`, for bases from 0 to 1 and exponents from 0 to 128; within 3e-5.
 ///
-/// A polynomial of our own, because the system's `pow` differs from machine to machine.
+/// A custom polynomial, because the system's `pow` differs from machine to machine.
 #[inline]
 pub(super) fn power(base: Lanes, exponent: f32) -> Lanes {
     exp2(log2(base.max(splat(1e-30))) * splat(exponent))
 }
 
-/// Base-2 logarithm of positive numbers: the exponent, and a series in (m - 1) / (m + 1) for the mantissa.
+/// Base-2 logarithm of positive values: the exponent, and a series in (m - 1) / (m + 1) for the mantissa.
 #[inline]
 fn log2(value: Lanes) -> Lanes {
     let bits = i32x8::new(value.to_array().map(|number| number.to_bits() as i32));
@@ -136,11 +136,11 @@ fn log2(value: Lanes) -> Lanes {
     exponent + s * series
 }
 
-/// 2 to the power of numbers up to 0; below -126 it is 0.
+/// 2 to the power of values up to 0; below -126 it is 0.
 #[inline]
 fn exp2(value: Lanes) -> Lanes {
     let value = value.max(splat(-127.0));
-    // Rounded down: numbers here are not above 0.
+    // Rounded down: values here are at most 0.
     let whole = Lanes::from_i32x8(value.fast_trunc_int());
     let whole = whole - whole.simd_gt(value).select(splat(1.0), splat(0.0));
     let part = (value - whole) * splat(std::f32::consts::LN_2);

@@ -51,8 +51,8 @@ impl Mesh {
         if let Some(index) = triangles.iter().flatten().find(|&&index| index as usize >= points.len()) {
             return refuse(format!("a triangle names point {index} of {}", points.len()));
         }
-        let numbers = points.iter().flatten().chain(normals.iter().flatten().flatten());
-        if !numbers.into_iter().all(|number| number.is_finite()) {
+        let values = points.iter().flatten().chain(normals.iter().flatten().flatten());
+        if !values.into_iter().all(|value| value.is_finite()) {
             return refuse("a point or normal is not finite".to_owned());
         }
         let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);

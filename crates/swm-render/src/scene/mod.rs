@@ -1,6 +1,6 @@
 //! Images of 3D scenes without OpenGL. Knows shapes, lights and cameras; not where they come from.
 //!
-//! A [`Scene`] says what there is at one moment, [`Assets`] hold what many moments share (meshes and textures), and a
+//! A [`Scene`] describes one frame, [`Assets`] hold what many frames share (meshes and textures), and a
 //! [`SceneRenderer`] turns both into frames. Lighting follows the fixed-function pipeline that MuJoCo's own renderer
 //! drives (Segal & Akeley, *The OpenGL Graphics System*, version 1.5, section 2.14), so that images look alike: the
 //! rules are in [`lighting`](self), the passes in the renderer.

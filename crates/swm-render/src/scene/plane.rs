@@ -177,7 +177,7 @@ impl Corners {
         for (layer, color) in out.iter_mut().enumerate() {
             let mut parts = [[0.0; LANES]; 3];
             let mut known = (usize::MAX, false);
-            let (mut from, mut slopes) = ([0.0; 3], [[0.0; 3]; 2]);
+            let (mut from, mut edges) = ([0.0; 3], [[0.0; 3]; 2]);
             for lane in 0..LANES {
                 let (corner, u, v) = cells[lane];
                 // A cell is two triangles, which meet in the diagonal from its x end to its y end.
@@ -192,11 +192,11 @@ impl Corners {
                         (at(stride as usize + 1), [across, along])
                     };
                     from = opposite;
-                    slopes = ends.map(|end| [0, 1, 2].map(|k| end[k] - opposite[k]));
+                    edges = ends.map(|end| [0, 1, 2].map(|k| end[k] - opposite[k]));
                 }
                 let [u, v] = if is_lower { [u, v] } else { [1.0 - u, 1.0 - v] };
                 for k in 0..3 {
-                    parts[k][lane] = from[k] + u * slopes[0][k] + v * slopes[1][k];
+                    parts[k][lane] = from[k] + u * edges[0][k] + v * edges[1][k];
                 }
             }
             let [x, y, z] = parts.map(|part| load(&part, 0.0));

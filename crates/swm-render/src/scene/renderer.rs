@@ -298,7 +298,7 @@ fn flag_edges(row: &[u16], above: &[u16], below: &[u16], flags: &mut [u8]) {
     }
 }
 
-/// A color from 0 to 1 as a byte. Above 2^23 numbers have no fraction: adding it rounds, and the byte is in the lowest
+/// A color from 0 to 1 as a byte. Above 2^23 values have no fraction: adding it rounds, and the byte is in the lowest
 /// bits.
 #[inline]
 fn to_byte(value: f32) -> u8 {

@@ -103,7 +103,7 @@ impl Shading<'_> {
                 self.light(&target, local, outward, layers);
             }
             let paint = instance.material.texture.as_ref().map(|mapping| {
-                let steps = target.rays.slopes((x, y), depth, outward);
+                let steps = target.rays.gradients((x, y), depth, outward);
                 self.painted(mapping, local, steps, count)
             });
             let painted = |color: Lanes3| limited(paint.map_or(color, |paint| color * paint));

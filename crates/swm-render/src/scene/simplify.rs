@@ -156,7 +156,7 @@ impl Shrinking {
         // Of edges that cost alike, as in a flat part, the shortest first: long ones make points with many neighbors.
         let way = sub(self.points[q as usize], self.points[p as usize]);
         let error = self.meeting(p, q).1 + PATIENCE * dot(way, way);
-        // Positive numbers are ordered as their bits are.
+        // Positive values are ordered as their bits are.
         let changes = [p, q].map(|end| self.changes[end as usize]);
         self.candidates.push(Reverse((error.to_bits(), p, q, changes[0], changes[1])));
     }

@@ -156,7 +156,7 @@ impl Texture {
     }
 }
 
-/// What is left of numbers when their whole part is gone, from 0 to 1. Numbers beyond a thousand million have lost it.
+/// The fractional part of values, from 0 to 1. Values beyond 1e9 have none.
 #[inline]
 fn fractions(value: Lanes) -> Lanes {
     let value = value.max(splat(-1e9)).min(splat(1e9));

@@ -195,18 +195,18 @@ fn fill<T: Target>(
             continue;
         }
         // Most triangles meet no point at all: what follows is computed where it is needed.
-        let (edges, slopes) = plane.get_or_insert_with(|| {
+        let (edges, gradients) = plane.get_or_insert_with(|| {
             // Nearness is linear across the image.
             let inverse = 1.0 / area;
-            let slope_x = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) * inverse;
-            let slope_y = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) * inverse;
-            ([edge(b, c), edge(c, a), edge(a, b)], [slope_x, slope_y])
+            let gradient_x = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) * inverse;
+            let gradient_y = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) * inverse;
+            ([edge(b, c), edge(c, a), edge(a, b)], [gradient_x, gradient_y])
         });
         if range.len() <= FEW {
             for at in range {
                 let (x, y) = target.point(row, at);
                 if edges.iter().all(|edge| edge.keeps(x, y)) {
-                    let nearness = a[2] + (x - a[0]) * slopes[0] + (y - a[1]) * slopes[1];
+                    let nearness = a[2] + (x - a[0]) * gradients[0] + (y - a[1]) * gradients[1];
                     target.offer_one(at, nearness, owner, facet);
                 }
             }
@@ -218,8 +218,9 @@ fn fill<T: Target>(
             let inside = edges[0].keep(x, y) & edges[1].keep(x, y) & edges[2].keep(x, y);
             let mask = inside.to_bitmask() & first(range.end - at);
             if mask != 0 {
-                let nearness =
-                    splat(a[2]) + (x - splat(a[0])) * splat(slopes[0]) + (y - splat(a[1])) * splat(slopes[1]);
+                let nearness = splat(a[2])
+                    + (x - splat(a[0])) * splat(gradients[0])
+                    + (y - splat(a[1])) * splat(gradients[1]);
                 target.offer(at, mask, nearness, owner, Some(facet));
             }
             at += LANES;
@@ -227,7 +228,7 @@ fn fill<T: Target>(
     }
 }
 
-/// The smaller of two numbers: one instruction, as no care is taken of what is none.
+/// The smaller of two values in one instruction, which does not handle NaN.
 #[inline]
 fn smaller(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }

@@ -168,7 +168,7 @@ impl View {
         let offset = sub(instance.position, self.origin);
         let depth = dot(offset, self.forward).max(self.near);
         // Counted from the pixel where the instance's center is, and from the depth of that center: differences
-        // between large numbers are taken here, in f64.
+        // between large values are computed here, in f64.
         let [x, y, _] = self.project(instance.position).unwrap_or([
             0.5 * self.width as f64,
             0.5 * self.height as f64,
@@ -280,7 +280,7 @@ impl Rays {
     /// How far points of surfaces with the directions `outward` move from pixel to pixel, along x and along y: the rays
     /// move, and stay on the surface.
     #[inline]
-    pub(super) fn slopes(&self, (x, y): (Lanes, Lanes), depth: Lanes, outward: Lanes3) -> [Lanes3; 2] {
+    pub(super) fn gradients(&self, (x, y): (Lanes, Lanes), depth: Lanes, outward: Lanes3) -> [Lanes3; 2] {
         let (_, direction) = self.at(x, y);
         let across = outward.dot(direction);
         [1, 2].map(|step| {

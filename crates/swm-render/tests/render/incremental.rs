@@ -143,17 +143,17 @@ proptest! {
     #[test]
     fn wild_coordinates_do_no_harm(
         style in prop_oneof![Just(Style::Exact), Just(Style::Fast)],
-        numbers in prop::collection::vec(
+        values in prop::collection::vec(
             prop_oneof![any::<f64>(), -1e7..1e7, Just(f64::NAN), Just(f64::INFINITY), 0.0..512.0], 13
         ),
     ) {
         let mut renderer = Renderer::new(style, Geometry::new(32, 32)).expect("sizes are fine");
         let mut frame = vec![0; 32 * 32 * 3];
-        let at = |i: usize| [numbers[i], numbers[i + 1]];
+        let at = |i: usize| [values[i], values[i + 1]];
         for _ in 0..2 {
             renderer.render(&mut frame, |p| {
                 p.polygon(&[at(0), at(2), at(4), at(6)], [9; 3]);
-                p.disc(at(3), numbers[12], [8; 3]);
+                p.disc(at(3), values[12], [8; 3]);
                 p.fat_segment(at(5), at(7), [7; 3]);
                 p.aa_line(at(8), at(10), [6; 3]);
             }).expect("the length fits");

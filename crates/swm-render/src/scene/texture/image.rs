@@ -21,7 +21,7 @@ pub(super) fn texel([r, g, b]: [u8; 3]) -> Texel {
     u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32
 }
 
-/// The lowest byte of each of the three numbers.
+/// The lowest byte of each of the three values.
 const BYTES: Texel = 0x00ff_00ff_00ff;
 
 /// Between `a` and `b`: `share` of 256 parts of `b`.
