@@ -204,7 +204,7 @@ fn check_seal(present: &str) -> Result<()> {
     } else {
         "was made of other headers, by other options or by another generator"
     };
-    bail!("{BINDINGS} {what}\nway out: cargo xtask bindgen")
+    bail!("{BINDINGS} {what}\nfix: cargo xtask bindgen")
 }
 
 /// Names the first line that differs.
@@ -221,14 +221,14 @@ fn compare(present: &str, generated: &str) -> Result<()> {
             let text =
                 |line: Option<&str>| line.map_or("nothing".to_owned(), |line| format!("`{}`", line.trim()));
             bail!(
-                "{BINDINGS}:{number} has {}, the headers of MuJoCo {} give {}\nway out: cargo xtask bindgen",
+                "{BINDINGS}:{number} has {}, the headers of MuJoCo {} give {}\nfix: cargo xtask bindgen",
                 text(ours),
                 MUJOCO.version,
                 text(theirs)
             );
         }
     }
-    bail!("{BINDINGS} differs in its line ends from what the generator gives\nway out: cargo xtask bindgen")
+    bail!("{BINDINGS} differs in its line ends from what the generator gives\nfix: cargo xtask bindgen")
 }
 
 #[cfg(test)]

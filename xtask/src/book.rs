@@ -1,6 +1,6 @@
 //! `cargo xtask book`: the book in `docs/` as pages for a browser, by mdBook, into `target/book`; every link in them is followed.
 //!
-//! mdBook is built once, pinned by version, beside the build directory. That code on the pages runs is another test
+//! mdBook is built once, pinned by version, next to the build directory. That code on the pages runs is another test
 //! (`tests/integration/book`); that their sources link well, a rule of `tidy`.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -19,7 +19,7 @@ pub(crate) struct Args {}
 
 const VERSION: &str = "0.5.4";
 
-/// Pages that mdBook makes beside ours: all in one, the table of contents alone, and one for links from anywhere.
+/// Pages that mdBook adds to ours: all in one, the table of contents alone, and one for links from anywhere.
 const NOT_OURS: &[&str] = &["print.html", "toc.html", "404.html"];
 
 /// Builds the book, and fails on a warning or a link that leads nowhere.

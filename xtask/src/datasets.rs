@@ -178,15 +178,15 @@ fn write_card(swm: &Swm, out: &Path, name: &str, recipe: &Recipe, file: &Path) -
     let image = out.join(format!("{name}.png"));
     swm.run(&["preview", text(file)?, "--out", text(&image)?])?;
     let about = swm.run(&["inspect", text(file)?])?;
-    let numbers = swm.run(&["stats", text(file)?, "--columns", "action"])?;
+    let statistics = swm.run(&["stats", text(file)?, "--columns", "action"])?;
     let card = out.join(format!("{name}.md"));
-    fs::write(&card, card_text(name, recipe, &about, &numbers))
+    fs::write(&card, card_text(name, recipe, &about, &statistics))
         .with_context(|| format!("cannot write {}", card.display()))
 }
 
-fn card_text(name: &str, recipe: &Recipe, about: &Json, numbers: &Json) -> String {
+fn card_text(name: &str, recipe: &Recipe, about: &Json, statistics: &Json) -> String {
     let mut text = format!(
-        "# {name}\n\n{}.\n\n![the first episodes](./{name}.png)\n\n{} episodes of {} to {} rows, {} rows.\n\n```sh\nswm collect {} \
+        "# {name}\n\n{}.\n\n![the first episodes](./{name}.png)\n\n{} episodes of {} to {} steps, {} steps.\n\n```sh\nswm collect {} \
          --episodes {} {} --out {name}.h5\n```\n\n| column | type | shape |\n|---|---|---|\n",
         recipe.about,
         about["episodes"],
@@ -201,7 +201,7 @@ fn card_text(name: &str, recipe: &Recipe, about: &Json, numbers: &Json) -> Strin
         let kind = field["dtype"].as_str().unwrap_or_default();
         text += &format!("| `{column}` | {kind} | {} |\n", field["shape"]);
     }
-    text + &format!("\nStatistics of the actions:\n\n```json\n{numbers:#}\n```\n")
+    text + &format!("\nStatistics of the actions:\n\n```json\n{statistics:#}\n```\n")
 }
 
 fn add_to_manifest(out: &Path, file: &Path) -> Result<()> {
@@ -213,7 +213,7 @@ fn add_to_manifest(out: &Path, file: &Path) -> Result<()> {
         Err(_) => Manifest::default(),
     };
     manifest.files.insert(file_name(file), checksum(file)?);
-    // Beside it first: an interruption leaves the old one or the new one.
+    // Under another name first: an interruption leaves the old one or the new one.
     let new = out.join("manifest.json.new");
     fs::write(&new, serde_json::to_vec_pretty(&manifest)?)?;
     fs::rename(&new, &path).with_context(|| format!("cannot write {}", path.display()))
@@ -267,7 +267,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_recipe_says_what_it_is_and_has_a_seed_of_its_own() {
+    fn every_recipe_says_what_it_is_and_has_its_own_seed() {
         let recipes = recipes().unwrap();
         let mut seeds: Vec<&str> = Vec::new();
         for (name, recipe) in &recipes {

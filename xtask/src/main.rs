@@ -60,9 +60,9 @@ enum Command {
     Test(test::Args),
     /// Run every check that a change must pass, and print a table of them
     Ci(ci::Args),
-    /// Replay recorded trajectories of the reference and print the deviations
+    /// Replay recorded trajectories of the reference and print the differences
     Golden(golden::Args),
-    /// Draw every environment for the page docs/gallery.md
+    /// Render every environment for the page docs/gallery.md
     Gallery(gallery::Args),
     /// Run the tests of the `unsafe` code under valgrind
     Memcheck(memcheck::Args),

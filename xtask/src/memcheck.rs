@@ -38,7 +38,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     if process::output(Command::new("valgrind").arg("--version")).is_err() {
         bail!(
             "valgrind was not found on PATH\n\
-             way out: install your system's package `valgrind` (Linux; there is none for macOS on ARM or Windows)"
+             to fix it, install your system's package `valgrind` (Linux; there is none for macOS on ARM or Windows)"
         );
     }
     setup::run(&setup::Args::default())?;

@@ -1,5 +1,5 @@
 //! `cargo xtask proof`: does the whole work? Records TwoRoom and PushT, trains small baselines on the CPU, plans and acts
-//! with them on manifests, and prints tables with floors and ceiling: those of docs/proof.md.
+//! with them on manifests, and prints tables with baseline policies and the oracle: those of docs/proof.md.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -30,7 +30,7 @@ pub(crate) struct Args {
 struct Task {
     name: &'static str,
     env: &'static str,
-    /// What is recorded: a file, and how. Pairs are drawn from the first.
+    /// What is recorded: a file, and how. Pairs are sampled from the first.
     data: &'static [(&'static str, &'static [&'static str])],
     trials: &'static [Trial],
 }
@@ -154,7 +154,7 @@ fn table(task: &Task, trials: &[&Trial], out: &Path, given: Option<&Path>) -> Re
         for other in receipt["beside"].as_array().into_iter().flatten() {
             line(&mut table, other["role"].as_str().unwrap_or_default(), &other["summary"], "–");
         }
-        // Floors and ceiling are the same for all.
+        // Baseline policies and the oracle are the same for all.
         beside = "none";
     }
     Ok(table)

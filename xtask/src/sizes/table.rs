@@ -15,7 +15,7 @@ pub(super) struct Row {
     package: String,
     called: String,
     default_features: bool,
-    /// Packages in it beside itself, and how many of them are ours.
+    /// Packages in it besides itself, and how many of them are ours.
     packages: usize,
     ours: usize,
     /// The newest compiler that one of them asks for, and who does.
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn versions_of_rust_are_compared_as_numbers() {
+    fn versions_of_rust_are_compared_by_value() {
         assert!(Compiler::new("1.100", "a") > Compiler::new("1.89.0", "b"));
         assert_eq!(Compiler::new("1.89.0", "a").number(), "1.89");
         // Of two that ask for the same, the first by name.
