@@ -71,10 +71,10 @@ fn receipts_are_bit_equal_for_any_number_of_environments_and_threads() {
     };
     let first = run("a", "1", "1");
     assert_eq!(first["episodes"].as_array().unwrap().len(), 5);
-    assert_eq!(first["beside"].as_array().unwrap().len(), 3, "two floors and a ceiling");
+    assert_eq!(first["references"].as_array().unwrap().len(), 3, "random, no-op, oracle");
     let settings = &first["candidate"]["policy"]["named"];
     assert_eq!(settings["stop_at_success"], false, "the manifest has a test of its own: {settings}");
-    assert_eq!(first["beside"][2]["candidate"]["policy"]["named"], *settings);
+    assert_eq!(first["references"][2]["candidate"]["policy"]["named"], *settings);
     assert_eq!(first, run("b", "5", "1"));
     assert_eq!(first, run("c", "2", "2"));
     for (num_envs, threads) in [("1", "1"), ("4", "2")] {
@@ -96,8 +96,8 @@ fn what_differs_is_named() {
         &manifest,
         "--policy",
         QUICK,
-        "--beside",
-        "random,do_nothing",
+        "--reference",
+        "random,no-op",
         "--out",
         &out,
         "--quiet",
@@ -123,32 +123,32 @@ fn what_differs_is_named() {
     assert_eq!(differs(&|r| r["episodes"][2]["digest"] = "0".into()), ["physics"]);
     assert_eq!(differs(&|r| r["episodes"][2]["steps"] = 1.into()), ["outcomes"]);
     assert_eq!(differs(&|r| r["summary"]["successes"] = 400.into()), ["outcomes"]);
-    assert_eq!(differs(&|r| r["beside"][0]["episodes"][3]["digest"] = "0".into()), ["beside"]);
+    assert_eq!(differs(&|r| r["references"][0]["episodes"][3]["digest"] = "0".into()), ["references"]);
     // Older receipts say nothing of the plans after the first.
     std::fs::write(&changed, without_plan_costs(receipt.clone()).to_string()).unwrap();
     assert_eq!(swm_json(&["verify-result", &changed, "--quiet"])["equal"], true);
 }
 
 #[test]
-fn a_planner_on_the_true_dynamics_is_its_own_ceiling() {
+fn a_planner_on_the_true_dynamics_is_its_own_oracle() {
     let folder = Folder::new();
     let manifest = manifest(&folder, "historic", "m.toml", &[]);
     for seed in ["0", "3"] {
         let out = folder.path(seed);
-        // Whoever ran the ceiling would write its episodes here, and could not.
-        std::fs::create_dir_all(format!("{out}/episodes-ceiling.jsonl")).unwrap();
+        // Whoever ran the oracle would write its episodes here, and could not.
+        std::fs::create_dir_all(format!("{out}/episodes-oracle.jsonl")).unwrap();
         let args = ["eval", "--manifest", &manifest, "--policy", QUICK, "--policy-seed", seed, "--quiet"];
-        let receipt = swm_json(&[&args[..], &["--beside", "ceiling", "--out", &out]].concat());
-        let ceiling = &receipt["beside"][0];
-        assert_eq!(ceiling["candidate"], receipt["candidate"]);
-        assert_eq!(ceiling["episodes"], receipt["episodes"]);
-        assert_eq!(ceiling["regret"]["at_end"], 0.0);
+        let receipt = swm_json(&[&args[..], &["--reference", "oracle", "--out", &out]].concat());
+        let oracle = &receipt["references"][0];
+        assert_eq!(oracle["candidate"], receipt["candidate"]);
+        assert_eq!(oracle["episodes"], receipt["episodes"]);
+        assert_eq!(oracle["regret"]["at_end"], 0.0);
     }
     let out = folder.path("other");
-    std::fs::create_dir_all(format!("{out}/episodes-ceiling.jsonl")).unwrap();
-    let args = ["eval", "--manifest", &manifest, "--policy", "random", "--ceiling", QUICK, "--quiet"];
-    let message = swm_fails(1, &[&args[..], &["--beside", "ceiling", "--out", &out]].concat());
-    assert!(message.contains("episodes-ceiling.jsonl"), "{message}");
+    std::fs::create_dir_all(format!("{out}/episodes-oracle.jsonl")).unwrap();
+    let args = ["eval", "--manifest", &manifest, "--policy", "random", "--oracle", QUICK, "--quiet"];
+    let message = swm_fails(1, &[&args[..], &["--reference", "oracle", "--out", &out]].concat());
+    assert!(message.contains("episodes-oracle.jsonl"), "{message}");
 }
 
 fn without_plan_costs(mut receipt: Json) -> Json {
@@ -172,7 +172,7 @@ fn an_interrupted_evaluation_goes_on() {
             &manifest,
             "--policy",
             policy,
-            "--beside",
+            "--reference",
             "none",
             "--num-envs",
             "1",
@@ -234,7 +234,7 @@ fn results_on_one_manifest_are_compared_pair_by_pair() {
     let manifest = manifest(&folder, "moderate", "m.toml", &["--held-out", "1"]);
     let eval = |out: &str, policy: &str, seed: &str| {
         let out = folder.path(out);
-        let args = ["eval", "--manifest", &manifest, "--policy", policy, "--beside", "none", "--quiet"];
+        let args = ["eval", "--manifest", &manifest, "--policy", policy, "--reference", "none", "--quiet"];
         swm_ok(&[&args[..], &["--out", &out, "--policy-seed", seed]].concat());
         out
     };
@@ -286,7 +286,7 @@ fn streams_say_what_carries_over() {
                 &out,
                 "--policy",
                 policy,
-                "--beside",
+                "--reference",
                 "none",
                 "--out",
                 &dir,
@@ -330,7 +330,7 @@ fn wrong_requests_are_refused() {
     swm_ok(&[&make(PUSHT, "moderate")[..], &["--episodes", "2", "--budget", "4"]].concat());
     says(&["eval", PUSHT, "--manifest", &out, "--policy", "random"], &["cannot be used with"]);
     says(&["eval", "--manifest", &out, "--policy", "randon"], &["did you mean `random`?"]);
-    says(&["eval", "--manifest", &out, "--policy", "random", "--beside", "me"], &["do_nothing"]);
+    says(&["eval", "--manifest", &out, "--policy", "random", "--reference", "me"], &["no-op"]);
     std::fs::write(&out, "version = 2\n").unwrap();
     says(&["eval", "--manifest", &out, "--policy", "random"], &["m.toml"]);
 
@@ -385,4 +385,35 @@ fn factors_are_swept_alone_in_groups_and_together() {
     let message =
         swm_fails(2, &["sweep", "--manifest", &manifest, "--policy", "weak", "--factors", "agent.color"]);
     assert!(message.contains("did you mean `agent.color`?"), "{message}");
+}
+
+/// Of version 1: `beside` for `references`, with the roles `do_nothing` and `ceiling`, and a hash of tables over help texts.
+#[test]
+fn old_receipts_verify_and_old_flags_work() {
+    let old = concat!(env!("CARGO_MANIFEST_DIR"), "/integration/receipt-v1.json");
+    let result = swm_json(&["verify-result", old, "--ceiling", "--quiet"]);
+    assert_eq!((&result["equal"], &result["differences"]), (&true.into(), &Json::Object(Default::default())));
+    assert!(result["notes"][0].as_str().unwrap().contains("version 1"), "{result}");
+    // Everything but that hash is compared, the reference policies included.
+    let folder = Folder::new();
+    let changed = folder.path("changed.json");
+    let mut receipt = read(old);
+    receipt["fingerprints"]["tables"] = "0".into();
+    std::fs::write(&changed, receipt.to_string()).unwrap();
+    assert_eq!(swm_json(&["verify-result", &changed, "--quiet"])["equal"], true);
+    receipt["beside"][1]["episodes"][0]["digest"] = "0".into();
+    std::fs::write(&changed, receipt.to_string()).unwrap();
+    assert!(swm_fails(1, &["verify-result", &changed, "--quiet"]).contains("not equal"));
+
+    let task = folder.path("task.json");
+    std::fs::write(&task, receipt["manifest"].to_string()).unwrap();
+    let args = ["eval", "--manifest", &task, "--policy", "random", "--ceiling", QUICK, "--quiet"];
+    let written = swm_json(&[&args[..], &["--beside", "do_nothing,ceiling"]].concat());
+    let references = written["references"].as_array().unwrap().iter();
+    assert_eq!(
+        references.map(|known| known["role"].as_str().unwrap()).collect::<Vec<_>>(),
+        ["no_op", "oracle"]
+    );
+    assert_eq!(written["receipt"], 2);
+    assert_eq!(written["manifest_hash"], receipt["manifest_hash"], "a task keeps its hash");
 }

@@ -1,5 +1,5 @@
 //! `cargo xtask proof`: does the whole work? Records TwoRoom and PushT, trains small baselines on the CPU, plans and acts
-//! with them on manifests, and prints tables with baseline policies and the oracle: those of docs/proof.md.
+//! with them on manifests, and prints tables with reference policies: those of docs/proof.md.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -135,7 +135,7 @@ fn table(task: &Task, trials: &[&Trial], out: &Path, given: Option<&Path>) -> Re
     }
     let mut table =
         format!("\n{}\n\n| policy | success | 95 % interval | training |\n|---|---|---|---|\n", task.env);
-    let mut beside = "all";
+    let mut references = "all";
     for trial in trials {
         let run = out.join(trial.baseline);
         let started = Instant::now();
@@ -148,14 +148,14 @@ fn table(task: &Task, trials: &[&Trial], out: &Path, given: Option<&Path>) -> Re
         let minutes = started.elapsed().as_secs_f64() / 60.0;
         let policy = format!("{}:{}{}", trial.policy, run.display(), trial.settings);
         let result = out.join(format!("{}-result", trial.baseline));
-        let words = ["eval", "--policy", &policy, "--beside", beside];
+        let words = ["eval", "--policy", &policy, "--reference", references];
         let receipt = swm(&words, &[("--manifest", &manifest), ("--out", &result)])?;
         line(&mut table, trial.baseline, &receipt["summary"], &format!("{minutes:.1} min"));
-        for other in receipt["beside"].as_array().into_iter().flatten() {
+        for other in receipt["references"].as_array().into_iter().flatten() {
             line(&mut table, other["role"].as_str().unwrap_or_default(), &other["summary"], "–");
         }
-        // Baseline policies and the oracle are the same for all.
-        beside = "none";
+        // The reference policies are the same for all.
+        references = "none";
     }
     Ok(table)
 }

@@ -37,7 +37,7 @@ fn it_is_listed_collected_replayed_planned_on_and_evaluated() {
     json(folder, &format!("{collect} --episodes 2 --image-size 32x32 --vary all --out images.h5"));
     assert!(run(folder, "verify images.h5").status.success());
 
-    // Our own format by its extension, there and back without a difference.
+    // The custom format by its extension, there and back without a difference.
     json(folder, "convert data.h5 data.jsonl");
     assert_eq!(json(folder, "inspect data.jsonl")["episodes"], 30);
     assert!(run(folder, "diff data.h5 data.jsonl").status.success());
@@ -50,12 +50,51 @@ fn it_is_listed_collected_replayed_planned_on_and_evaluated() {
         json(folder, &format!("{eval} --policy {policy}"))["success_rate"].as_f64().unwrap()
     };
     assert_eq!(success("expert"), 100.0);
-    // Planning on the true dynamics with a solver of the workspace, and with our own.
+    // Planning on the true dynamics with a solver of the workspace, and with the custom one.
     assert!(success("cem:samples=64,elites=8,iterations=5,receding_horizon=2") >= 90.0);
     assert!(success("shotgun:receding_horizon=1") >= 70.0);
-    // Planning in the model that was fitted to what the random policy did.
+    // Planning on the model that was fitted to what the random policy did.
     assert!(success("fitted-model:data.h5") >= 90.0);
     assert!(success("random") <= 20.0);
+}
+
+#[test]
+fn its_model_has_an_oracle_hashed_files_an_image_size_and_traces() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let collect = "collect demo/IceRink-v0 --policy random --seed 3 --max-steps 40 --image-size 24x32";
+    json(folder, &format!("{collect} --episodes 12 --out data.h5"));
+    json(folder, "manifest make demo/IceRink-v0 --tier historic --episodes 2 --budget 12 --out task.toml");
+
+    // The oracle is the same planner on the true dynamics: of a solver of the workspace, or of this crate.
+    let eval = |solver: &str| {
+        json(folder, &format!("eval --manifest task.toml --reference oracle --policy fitted-model:data.h5,{solver}"))
+    };
+    let receipt = eval("samples=32,elites=8,iterations=3");
+    let oracle = &receipt["references"][0]["candidate"]["policy"];
+    assert_eq!(oracle["name"], "cem");
+    let settings = &oracle["named"];
+    assert_eq!([&settings["samples"], &settings["action_block"], &settings["receding_horizon"]], [32, 2, 2]);
+    assert!(receipt["references"][0]["regret"]["first_plan"].is_f64(), "{receipt}");
+    assert_eq!(receipt["plan_steps"], 4, "2 blocks of 2 actions");
+    assert_eq!(eval("solver=shotgun,pellets=50")["references"][0]["candidate"]["policy"]["name"], "shotgun");
+
+    // The file that the model depends on is hashed, and that file alone.
+    let files = receipt["files"].as_object().unwrap();
+    assert_eq!(files.keys().collect::<Vec<_>>(), ["data.h5"]);
+    assert_eq!(files["data.h5"].as_str().map(str::len), Some(64));
+
+    // Worlds get images of the size that the model was trained on.
+    let result = json(folder, "eval demo/IceRink-v0 --policy fitted-model:data.h5 --episodes 1 --budget 4");
+    assert_eq!(result["setup"]["image"], serde_json::json!({ "height": 24, "width": 32 }));
+
+    // Its plans are traced and drawn.
+    let plan = "plan demo/IceRink-v0 --budget 6 --policy fitted-model:data.h5,samples=32,elites=8,iterations=3";
+    let plans = json(folder, &format!("{plan} --trace trace --video-format gif"));
+    assert_eq!(plans["plans"].as_array().unwrap().len(), 2);
+    for file in ["index.html", "costs.svg", "trace.jsonl", "episode_000_plan_001_elites.svg"] {
+        assert!(folder.join("trace").join(file).is_file(), "{file} is missing");
+    }
 }
 
 #[test]

@@ -67,7 +67,7 @@ impl OptionalEnvArgs {
 /// Which factors vary, which are set.
 #[derive(Args, Clone)]
 pub(super) struct ScenarioArgs {
-    /// Factors to draw per episode: names, groups, `all` or `none`, separated by commas. Without it, the
+    /// Factors to sample per episode: names, groups, `all` or `none`, separated by commas. Without it, the
     /// environment's default list.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub vary: Option<Vec<String>>,
@@ -121,7 +121,7 @@ pub(super) fn factor_values(options: &[String]) -> Result<BTreeMap<String, Value
 /// How many environments run at once.
 #[derive(Args, Clone)]
 pub(super) struct WorldArgs {
-    /// Environments stepped side by side; results do not depend on it.
+    /// Environments stepped in parallel; results do not depend on it.
     #[arg(long, default_value_t = 8, value_name = "K")]
     pub num_envs: usize,
     /// Threads; results do not depend on it. Default: one per core.

@@ -17,7 +17,7 @@ use super::{Failure, Output, usage};
 pub(super) struct Bench {
     #[command(flatten)]
     env: EnvArgs,
-    /// The policy that acts; its cost counts.
+    /// The policy; its time counts.
     #[arg(long, default_value = "random")]
     policy: String,
     /// Seconds per measurement.
@@ -31,7 +31,7 @@ struct Measurement {
     env: String,
     threads: usize,
     num_envs: usize,
-    /// Whether images were drawn.
+    /// Whether images were rendered.
     pixels: bool,
     /// Their size and style, `64x64 exact`; empty without images.
     image: String,

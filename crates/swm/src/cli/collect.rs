@@ -22,12 +22,12 @@ use super::{Failure, Output, usage};
 Examples:
   swm collect swm/PushT-v1 --policy expert --episodes 100 --seed 1 --out pusht.h5
   swm collect swm/PushT-v1 --policy weak --episodes 50 --vary agent,block.color --set background.color=0,0,0 --out weak.h5
-  swm collect swm/PushT-v1 --policy expert --episodes 1000 --replayable --out small.h5   (images are drawn when read)
+  swm collect swm/PushT-v1 --policy expert --episodes 1000 --replayable --out small.h5   (images are rendered when read)
   swm collect swm/PushT-v1 --policy expert --episodes 100 --quality 95 --out pusht.video   (videos)
   swm collect swm/PushT-v1 --policy expert --total 1000 --seed 1 --mode append --out pusht.h5   (continue up to 1000)
   swm collect swm/PushT-v1 --policy expert --episodes 1000 --shard 3/16 --out pusht.3.h5   (on one of 16 machines; then swm merge)
 
-An episode is safe on disk once it is committed as written: a crash or kill loses at most what came after.")]
+A committed episode survives a crash or kill.")]
 pub(super) struct Collect {
     #[command(flatten)]
     env: EnvArgs,
@@ -40,18 +40,18 @@ pub(super) struct Collect {
     /// Record until the dataset holds this many episodes.
     #[arg(long, value_name = "N", conflicts_with = "episodes")]
     total: Option<u64>,
-    /// Record the I-th of N parts of the episodes. The parts, merged in order, are the whole to the byte. A part that is there
+    /// Record the I-th of N parts of the episodes. The parts, merged in order, equal one recording byte for byte. An existing part
     /// is continued with `--mode append`.
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
-    /// Seed of the run; episode i depends on the seed and i alone.
+    /// Seed of the run; episode i depends only on the seed and i.
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Image size, HEIGHTxWIDTH, or `none`.
     #[arg(long, default_value = "64x64")]
     image_size: ImageArg,
-    /// Record no images but what they can be drawn from, and the state every N rows: loaders then draw them in any size,
-    /// with any colors.
+    /// Record no images, and the simulator state every N steps: loaders then render images of any size and with any
+    /// colors.
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16", conflicts_with = "image_size")]
     replayable: Option<u32>,
     /// Steps after which an episode ends.
@@ -61,7 +61,7 @@ pub(super) struct Collect {
     world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Columns to leave out, separated by commas: `goal`, say, an image per row.
+    /// Columns to leave out, separated by commas, such as `goal` (one image per episode).
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     without: Vec<String>,
     /// The file to write.
@@ -70,7 +70,7 @@ pub(super) struct Collect {
     /// The format; default: by the file extension.
     #[arg(long)]
     format: Option<String>,
-    /// Quality of images, 1 to 100, in the formats that lose some (`folder`: default 95; `video`, `lerobot`: 85).
+    /// Quality of images, 1 to 100, in lossy formats (`folder`: default 95; `video`, `lerobot`: 85).
     #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
     quality: Option<u8>,
     /// If the file exists: `append`, `overwrite` or `error`.
@@ -166,7 +166,7 @@ impl Recorder for Count {
     }
 }
 
-/// Says of every episode that it is written, once it is: by the bar, or by a line where nobody watches a bar.
+/// Reports every committed episode: on the progress bar, or by a line where there is none.
 struct Committed<'a> {
     writer: &'a mut dyn DatasetWriter,
     bar: ProgressBar,

@@ -22,12 +22,12 @@ Examples:
 
 Runs of one policy with several seeds, joined by commas, are one side: the difference is that of the means of all runs, its interval
 a bootstrap over pairs and runs, its p-value that of an exact sign-flip test over pairs (for one run each: McNemar's).
---stream takes results of one policy on one stream, after training on each of its phases, and says what carried over.")]
+--stream takes results of one policy on one stream, after training on each of its phases, and reports forward and backward transfer.")]
 pub(super) struct Compare {
     /// Receipts, or the folders that hold them; several seeds of one policy joined by commas.
     #[arg(required = true, value_name = "RESULT")]
     results: Vec<String>,
-    /// The results are one policy's after each phase of a stream: forward and backward transfer.
+    /// The results are those of one policy after each phase of a stream: report forward and backward transfer.
     #[arg(long)]
     stream: bool,
     /// With --stream: the result before any training.
@@ -50,7 +50,7 @@ struct Compared {
     success_rate: f64,
     /// Wilson for one run, bootstrap over pairs for several.
     ci95: [f64; 2],
-    /// Sample deviation of the runs' success rates, in percentage points.
+    /// Sample standard deviation of the runs' success rates, in percentage points.
     deviation: Option<f64>,
     /// The first side against this one, all runs of both.
     #[serde(skip_serializing_if = "Option::is_none")]

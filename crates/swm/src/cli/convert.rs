@@ -18,13 +18,13 @@ pub(super) struct TargetArgs {
     /// The format; default: by the file extension (`swm convert --help` lists them).
     #[arg(long)]
     format: Option<String>,
-    /// Quality of images, 1 to 100, in the formats that lose some (`folder`: default 95; `video`, `lerobot`: 85).
+    /// Quality of images, 1 to 100, in lossy formats (`folder`: default 95; `video`, `lerobot`: 85).
     #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
     quality: Option<u8>,
-    /// Frames from one key frame of a video to the next; more is smaller, and slower to read at random. Default: 10.
+    /// Frames between key frames of a video; larger values give smaller files and slower random access. Default: 10.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     key_frames: Option<u32>,
-    /// Replace a dataset that is there. Without it, a copy of the same source is continued, and anything else refused.
+    /// Replace an existing dataset. Without it, an interrupted copy of the same source is continued, and anything else is refused.
     #[arg(long)]
     overwrite: bool,
 }
@@ -96,14 +96,14 @@ Examples:
   swm convert from_the_reference.h5 pusht.folder
   swm convert pusht.video again.h5 --overwrite
 
-The source's format is told by its content, the target's by its extension or --format:
+The source's format is detected by its content, the target's by its extension or --format:
   hdf5    .h5, .hdf5   one file, exact, fast at random; the format to train from
   folder  .folder      numpy arrays and JPEG images
   video   .video       numpy arrays and H.264 videos
   mcap    .mcap        one log file that opens in Foxglove, exact
   lerobot .lerobot     Parquet tables and H.264 videos that LeRobot opens (where it is built in)
 
-Episodes flow in pieces: little is in memory at a time, however long they are. Interrupted, the same command goes on where it ended.")]
+Episodes are copied in pieces, so memory use does not depend on their length. After an interruption, the same command continues.")]
 pub(super) struct Convert {
     /// The dataset to copy.
     source: PathBuf,
@@ -130,7 +130,7 @@ Examples:
   swm merge expert.h5 weak.video --out both.h5
 
 Episodes come in the order of the sources. The sources may be of different formats, but must have the same columns, and
-be recordings of the same environment under the same settings. Interrupted, the same command goes on.")]
+be recordings of the same environment under the same settings. After an interruption, the same command continues.")]
 pub(super) struct Merge {
     /// The datasets to join.
     #[arg(required = true, num_args = 2..)]

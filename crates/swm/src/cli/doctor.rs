@@ -7,7 +7,7 @@ use swm_media::Format;
 
 use super::{Failure, Output};
 
-/// Say what is installed, what is missing, and which command fixes it.
+/// Show what is installed, what is missing, and which command fixes it.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:

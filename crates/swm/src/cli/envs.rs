@@ -117,7 +117,7 @@ impl Fovs {
         output.result(&list, || {
             let rows: Vec<_> = spec.factors.iter().map(factor_row).collect();
             let table = table(&["factor", "kind", "shape", "low", "high", "default", "what it does"], &rows);
-            format!("{table}* drawn when no factors are named\n")
+            format!("{table}* sampled when no factors are named\n")
         })
     }
 }

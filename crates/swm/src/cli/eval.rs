@@ -1,4 +1,4 @@
-//! `swm eval`: how often does a policy reach the goal?
+//! `swm eval`: the success rate of a policy.
 
 use std::path::{Path, PathBuf};
 
@@ -8,8 +8,8 @@ use swm_core::{EpisodeEnd, EvalOptions, Evaluation, ImageSize, LiveRow, Recorder
 use swm_media::Format;
 
 use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, ScenarioArgs, WorldArgs, model_image, policy};
-use super::eval_manifest::EvalManifest;
-use super::output::facts;
+use super::eval_manifest::{EvalManifest, ReferenceArg};
+use super::output::key_values;
 use super::{Failure, Output, usage};
 use crate::report::write_report;
 use crate::video::Video;
@@ -29,23 +29,31 @@ Examples:
   swm eval swm/PushT-v1 --policy expert --episodes 50 --vary all --json
   swm eval --manifest pusht-strict.toml --policy cem --out results
 
-With --manifest, the manifest says all about the task; floors and a ceiling are run beside the policy; --out gets receipt.json,
-and an interrupted evaluation goes on where it stopped. Without, with --out, the folder gets result.json, a contact sheet (episodes.png) and a video per recorded episode.")]
+With --manifest, the task is that of the manifest, reference policies are evaluated on the same pairs (--reference), --out gets
+receipt.json, and an interrupted evaluation continues where it stopped. Without --manifest, --out gets result.json, a contact sheet
+(episodes.png) and videos (--videos).")]
 pub(super) struct Eval {
     #[command(flatten)]
     env: OptionalEnvArgs,
     /// Evaluate on this manifest; `swm manifest make` makes one.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["env", "env_options", "episodes", "seed", "dataset", "goal_offset", "budget", "frame_skip", "vary", "set", "videos", "video_format", "image_size"])]
     manifest: Option<PathBuf>,
-    /// With --manifest: seed of the policy's own noise, for repetitions on the same pairs. 0: noise comes from the pairs.
+    /// With --manifest: seed of the policy's noise, for repetitions on the same pairs. 0: noise is seeded by the pairs.
     #[arg(long, default_value_t = 0, requires = "manifest", value_name = "SEED")]
     policy_seed: u64,
-    /// With --manifest: what runs beside the policy: random, do_nothing, ceiling, all, or none.
-    #[arg(long, default_value = "all", requires = "manifest", value_delimiter = ',', value_name = "NAMES")]
-    beside: Vec<String>,
-    /// With --manifest: the planner that is the ceiling. Default: the policy's own on the true dynamics, or `cem`.
-    #[arg(long, requires = "manifest", value_name = "POLICY")]
-    ceiling: Option<String>,
+    /// With --manifest: reference policies to evaluate on the same pairs, separated by commas.
+    #[arg(
+        long,
+        alias = "beside",
+        value_enum,
+        default_value = "all",
+        requires = "manifest",
+        value_delimiter = ','
+    )]
+    reference: Vec<ReferenceArg>,
+    /// With --manifest: the planner to use as the oracle. Default: the policy's own planner on the true dynamics, or `cem`.
+    #[arg(long, alias = "ceiling", requires = "manifest", value_name = "POLICY")]
+    oracle: Option<String>,
     /// The policy: NAME, NAME:VALUE, NAME:KEY=VALUE,… or NAME:@FILE; `swm envs ENV` lists them.
     #[arg(long)]
     policy: String,
@@ -58,7 +66,7 @@ pub(super) struct Eval {
     /// Take starts and goals from this dataset.
     #[arg(long, value_name = "FILE")]
     dataset: Option<PathBuf>,
-    /// With --dataset: the goal is this many rows after the start.
+    /// With --dataset: the goal is this many steps after the start.
     #[arg(long, default_value_t = 25, requires = "dataset")]
     goal_offset: usize,
     /// Actions allowed per episode. Default: 200, or 50 with --dataset.
@@ -71,7 +79,7 @@ pub(super) struct Eval {
     /// A folder for result.json, images and videos.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// With --out: episodes to video.
+    /// With --out: episodes to record as videos.
     #[arg(long, alias = "films", default_value_t = 4)]
     videos: u64,
     /// With --out: kind of video. Default: mp4 where this build can make it.
@@ -89,8 +97,8 @@ impl Eval {
                 manifest,
                 policy: &self.policy,
                 policy_seed: self.policy_seed,
-                beside: &self.beside,
-                ceiling: self.ceiling.as_deref(),
+                reference: &self.reference,
+                oracle: self.oracle.as_deref(),
                 out: self.out.as_deref(),
                 options: self.world.run_options(),
             };
@@ -152,7 +160,7 @@ impl Eval {
             Some(dir) => write_report(dir, &evaluation, &video, format),
             None => Ok(Vec::new()),
         };
-        // The figures first: a video that fails does not take them along.
+        // The figures first: they are printed even where a video fails.
         let files = written.as_deref().unwrap_or_default();
         output.result(&evaluation, || text(&evaluation, files))?;
         written.map(drop).map_err(Failure::from)
@@ -195,7 +203,7 @@ fn text(evaluation: &Evaluation, written: &[PathBuf]) -> String {
             ("success", success),
             ("95 % interval", format!("{low:.1} to {high:.1} %")),
             ("mean steps to success", steps),
-            ("solved at the start", evaluation.solved_at_start.to_string()),
+            ("success at reset", evaluation.solved_at_start.to_string()),
         ],
         false => vec![("success", "the task has none, only rewards".to_owned())],
     };
@@ -206,7 +214,7 @@ fn text(evaluation: &Evaluation, written: &[PathBuf]) -> String {
         ("wall time", format!("{:.1} s", evaluation.wall_time_s)),
     ]);
     let files = written.iter().map(|path| format!("{}\n", Path::display(path)));
-    format!("{}{}", facts(&rows), files.collect::<String>())
+    format!("{}{}", key_values(&rows), files.collect::<String>())
 }
 
 /// Mean, its standard error, and the range.

@@ -1,9 +1,10 @@
-//! `swm eval --manifest`: a policy on a manifest, floors and ceiling beside it, and a receipt.
+//! `swm eval --manifest`: a policy and the reference policies on a manifest, and a receipt.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use clap::ValueEnum;
 use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{EnvEntry, Manifest, Registry};
 
@@ -11,17 +12,34 @@ use super::args::policy_args;
 use super::output::table;
 use super::{Failure, Output, usage};
 use crate::evaluation::{
-    Beside, Candidate, Code, Ledger, RECEIPT_VERSION, Receipt, Role, RunOptions, fingerprints, plan_steps,
+    Candidate, Code, Ledger, RECEIPT_VERSION, Receipt, Reference, Role, RunOptions, fingerprints,
     read_manifest, roles, run_pairs,
 };
+
+/// A choice of reference policies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum ReferenceArg {
+    /// Actions sampled uniformly.
+    Random,
+    /// Zeros.
+    #[value(alias = "do_nothing")]
+    NoOp,
+    /// The same planner on the true dynamics.
+    #[value(alias = "ceiling")]
+    Oracle,
+    /// All of them.
+    All,
+    /// None of them.
+    None,
+}
 
 /// What is asked for.
 pub(super) struct EvalManifest<'a> {
     pub(super) manifest: &'a Path,
     pub(super) policy: &'a str,
     pub(super) policy_seed: u64,
-    pub(super) beside: &'a [String],
-    pub(super) ceiling: Option<&'a str>,
+    pub(super) reference: &'a [ReferenceArg],
+    pub(super) oracle: Option<&'a str>,
     pub(super) out: Option<&'a Path>,
     pub(super) options: RunOptions,
 }
@@ -40,27 +58,23 @@ impl EvalManifest<'_> {
         }
         let run = Run { registry, manifest: &manifest, output, out: self.out, options: self.options };
         let fingerprints = fingerprints(entry, &manifest, candidate.seed)?;
-        let steps = plan_steps(&candidate.policy);
+        let steps = candidate.plan_steps(registry, entry, &manifest);
         let identity =
             |candidate: &Candidate| (manifest.hash(), candidate.clone(), fingerprints.clone(), steps);
         let started = Instant::now();
         let episodes = run.policy("episodes", &candidate, steps, &identity(&candidate), "")?;
         let wall_time_s = started.elapsed().as_secs_f64();
-        let mut beside = Vec::new();
+        let mut references = Vec::new();
         for (role, other) in wanted {
-            // A planner on the true dynamics is its own ceiling: nothing to run again.
-            let same = other == candidate;
-            let others = match same {
+            // A planner on the true dynamics is its own oracle: nothing to run again.
+            let others = match other == candidate {
                 true => episodes.clone(),
-                false => run.policy(
-                    &format!("episodes-{}", role_file(role)),
-                    &other,
-                    steps,
-                    &identity(&other),
-                    role.name(),
-                )?,
+                false => {
+                    let file = format!("episodes-{}", role.name());
+                    run.policy(&file, &other, steps, &identity(&other), role.name())?
+                }
             };
-            beside.push(Beside::new(role, other, others, &episodes));
+            references.push(Reference::new(role, other, others, &episodes));
         }
         let receipt = Receipt {
             receipt: RECEIPT_VERSION,
@@ -72,7 +86,7 @@ impl EvalManifest<'_> {
             code: Code::this(),
             summary: Summary::of(&episodes),
             phases: Receipt::by_phase(&manifest, &episodes),
-            beside,
+            references,
             plan_steps: steps,
             episodes,
             manifest,
@@ -90,7 +104,7 @@ impl EvalManifest<'_> {
         output.result(&receipt, || text(&receipt, path.as_deref()))
     }
 
-    /// What runs beside the policy.
+    /// The reference policies to run.
     fn wanted(
         &self,
         registry: &Registry,
@@ -99,33 +113,21 @@ impl EvalManifest<'_> {
         candidate: &Candidate,
     ) -> Result<Vec<(Role, Candidate)>, Failure> {
         let mut all = roles(registry, entry, manifest, candidate);
-        if let Some(text) = self.ceiling {
-            all.retain(|(role, _)| *role != Role::Ceiling);
-            let ceiling = Candidate { policy: policy_args(text)?, seed: candidate.seed };
-            all.push((Role::Ceiling, ceiling.on(registry, entry, manifest)));
+        if let Some(text) = self.oracle {
+            all.retain(|(role, _)| *role != Role::Oracle);
+            let oracle = Candidate { policy: policy_args(text)?, seed: candidate.seed };
+            all.push((Role::Oracle, oracle.on(registry, entry, manifest)));
         }
-        let file = |role: &Role| role_file(*role);
-        if let Some(unknown) = self
-            .beside
-            .iter()
-            .find(|name| !["all", "none", "random", "do_nothing", "ceiling"].contains(&name.as_str()))
-        {
-            return Err(usage(format!(
-                "--beside {unknown}: unknown; there are random, do_nothing, ceiling, all, none"
-            )));
-        }
-        if !self.beside.iter().any(|name| name == "all") {
-            all.retain(|(role, _)| self.beside.contains(&file(role).to_owned()));
-        }
+        let is_wanted = |role: &Role| {
+            let arg = match role {
+                Role::Random => ReferenceArg::Random,
+                Role::NoOp => ReferenceArg::NoOp,
+                Role::Oracle => ReferenceArg::Oracle,
+            };
+            self.reference.iter().any(|wanted| [arg, ReferenceArg::All].contains(wanted))
+        };
+        all.retain(|(role, _)| is_wanted(role));
         Ok(all)
-    }
-}
-
-fn role_file(role: Role) -> &'static str {
-    match role {
-        Role::Random => "random",
-        Role::DoNothing => "do_nothing",
-        Role::Ceiling => "ceiling",
     }
 }
 
@@ -152,7 +154,7 @@ impl Run<'_> {
         let mut ledger = path.as_deref().map(|path| Ledger::open(path, identity)).transpose()?;
         let known = ledger.as_ref().map(|ledger| ledger.known.clone()).unwrap_or_default();
         if !known.is_empty() {
-            output.note(format!("{} of {} episodes are known; going on", known.len(), manifest.pairs.len()));
+            output.note(format!("{} of {} episodes are done already", known.len(), manifest.pairs.len()));
         }
         let known: BTreeMap<u64, EpisodeResult> = known;
         let bar = output.bar(manifest.pairs.len() as u64, "episodes");
@@ -204,7 +206,7 @@ fn text(receipt: &Receipt, path: Option<&Path>) -> String {
         String::new(),
         String::new(),
     ]];
-    for other in &receipt.beside {
+    for other in &receipt.references {
         let [low, high] = other.test.interval95;
         rows.push(vec![
             other.role.name().to_owned(),
@@ -215,24 +217,24 @@ fn text(receipt: &Receipt, path: Option<&Path>) -> String {
         ]);
     }
     let mut text = format!(
-        "{}, {} tier, {} pairs ({} solved at the start)\n\n{}",
+        "{}, {} tier, {} pairs ({} with success at reset)\n\n{}",
         receipt.manifest.env,
         receipt.manifest.tier.name(),
         receipt.summary.episodes,
         receipt.summary.solved_at_start,
-        table(&["policy", "success (95 %)", "steps", "policy minus it", "McNemar"], &rows),
+        table(&["policy", "success (95 %)", "steps", "difference (95 %)", "McNemar"], &rows),
     );
     for (phase, summary) in receipt.phases.iter().enumerate() {
         text += &format!("phase {phase}: {}, {} episodes\n", rate(summary), summary.episodes);
     }
-    if let Some(regret) = receipt.beside.iter().find_map(|other| other.regret.as_ref()) {
+    if let Some(regret) = receipt.references.iter().find_map(|other| other.regret.as_ref()) {
         text += &format!(
-            "\nplanner regret: {:.3} after the first plan (median {:.3}), {:.3} at the end, in task cost\n",
+            "\nregret against the oracle, in task cost: mean {:.3} (median {:.3}) after the first plan, {:.3} at the end\n",
             regret.first_plan, regret.first_plan_median, regret.at_end
         );
         if regret.by_plan.len() > 1 {
             let plans: Vec<String> = regret.by_plan.iter().map(|lost| format!("{lost:.3}")).collect();
-            text += &format!("after each plan: {}\n", plans.join(", "));
+            text += &format!("mean regret after each plan: {}\n", plans.join(", "));
         }
     }
     text += &format!("manifest {}\n{:.1} s\n", receipt.manifest_hash, receipt.wall_time_s);

@@ -1,4 +1,4 @@
-//! `swm manifest`: fix what is evaluated, once, as a file.
+//! `swm manifest`: an evaluation task as a file.
 
 use std::path::{Path, PathBuf};
 
@@ -18,7 +18,7 @@ use crate::evaluation::{file_hash, read_manifest, tier_rules, write_manifest};
 const BUDGET_ONLINE: u64 = 200;
 const BUDGET_DATASET: u64 = 50;
 
-/// Fix what is evaluated: pairs of start and goal, budget, success test.
+/// Define an evaluation task as a file: pairs of start and goal, budget, success rule.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -33,12 +33,12 @@ pub(super) struct ManifestCommand {
 
 #[derive(Subcommand)]
 enum Action {
-    /// Draw pairs and write a manifest: TOML, or JSON if the name ends so.
+    /// Sample pairs and write a manifest: JSON if the name ends in .json, else TOML.
     #[command(
         after_help = "Example:\n  swm manifest make swm/PushT-v1 --dataset pusht.h5 --tier strict --episodes 100 --out strict.toml"
     )]
     Make(Box<Make>),
-    /// Say what a manifest asks for.
+    /// Show a manifest.
     #[command(after_help = "Example:\n  swm manifest show pusht-strict.toml")]
     Show {
         /// The manifest.
@@ -50,25 +50,25 @@ enum Action {
 struct Make {
     #[command(flatten)]
     env: EnvArgs,
-    /// How pairs are chosen and judged.
+    /// How pairs are chosen, and what counts as success.
     #[arg(long, value_enum)]
     tier: TierArg,
     /// The manifest to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Pairs.
+    /// Number of pairs.
     #[arg(long, default_value_t = 100)]
     episodes: usize,
-    /// Seed of the choice.
+    /// Seed of the pairs.
     #[arg(long, default_value_t = 42)]
     seed: u64,
-    /// Take starts and goals from this dataset. Without it, the environment draws them.
+    /// Take starts and goals from this dataset. Without it, the environment samples them.
     #[arg(long, value_name = "FILE")]
     dataset: Option<PathBuf>,
-    /// With --dataset: the goal is this many rows after the start.
+    /// With --dataset: the goal is this many steps after the start.
     #[arg(long, default_value_t = 25, requires = "dataset")]
     goal_offset: usize,
-    /// With --dataset, above historic: the share of episodes that is held out from training. 1: all.
+    /// With --dataset and --tier moderate or strict: the fraction of episodes that is held out from training. 1: all.
     #[arg(long, default_value_t = 0.2, requires = "dataset", value_name = "SHARE")]
     held_out: f64,
     /// Actions allowed per episode. Default: 200, or 50 with --dataset.
@@ -83,7 +83,7 @@ struct Make {
     /// A distractor that changes those images: NAME or NAME:KEY=VALUE,…; may be repeated.
     #[arg(long = "distractor", value_name = "NAME:ARGS")]
     distractors: Vec<String>,
-    /// A TOML file with the phases of a stream: each a number of episodes with factors of its own.
+    /// A TOML file with the phases of a stream: a number of episodes each, with the factors of the phase.
     #[arg(long, value_name = "FILE")]
     stream: Option<PathBuf>,
     #[command(flatten)]
@@ -92,11 +92,11 @@ struct Make {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum TierArg {
-    /// As published: rows drawn uniformly, pairs solved at the start included.
+    /// As published: steps sampled uniformly, pairs with success at reset included.
     Historic,
-    /// Held-out episodes, none solved at the start, some motion, starts at rest.
+    /// Held-out episodes, no success at reset, some motion, starts at rest.
     Moderate,
-    /// More motion, and a tighter test of what the task is about.
+    /// More motion, and a tighter success rule.
     Strict,
 }
 
@@ -186,7 +186,7 @@ fn show(manifest: &Manifest, path: &Path, output: &Output) -> Result<(), Failure
         ["environment", &manifest.env].map(str::to_owned),
         ["tier".to_owned(), manifest.tier.name().to_owned()],
         ["pairs".to_owned(), manifest.pairs.len().to_string()],
-        ["solved at the start".to_owned(), manifest.solved_at_start.to_string()],
+        ["success at reset".to_owned(), manifest.solved_at_start.to_string()],
         ["left out".to_owned(), excluded.describe()],
         ["source".to_owned(), manifest.source.describe()],
         ["actions allowed".to_owned(), manifest.budget.to_string()],

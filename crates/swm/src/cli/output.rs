@@ -159,7 +159,7 @@ pub(crate) fn table(header: &[&str], rows: &[Vec<String>]) -> String {
 }
 
 /// Names and values below each other, both from the left: for values of any length.
-pub(crate) fn facts(rows: &[(&str, String)]) -> String {
+pub(crate) fn key_values(rows: &[(&str, String)]) -> String {
     let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     rows.iter().map(|(name, value)| format!("{name:width$}  {value}\n")).collect()
 }
@@ -169,8 +169,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn facts_align() {
-        assert_eq!(facts(&[("a", "1 of 2".into()), ("long", "x".into())]), "a     1 of 2\nlong  x\n");
+    fn keys_and_values_align() {
+        assert_eq!(key_values(&[("a", "1 of 2".into()), ("long", "x".into())]), "a     1 of 2\nlong  x\n");
     }
 
     #[test]

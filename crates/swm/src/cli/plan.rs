@@ -1,4 +1,4 @@
-//! `swm plan`: watch a planner at work.
+//! `swm plan`: trace a planner.
 
 use std::fs::{self, File};
 use std::io::BufWriter;
@@ -20,7 +20,7 @@ use crate::plan::{
 };
 use crate::video::Video;
 
-/// Plan with a solver on the true simulator, carry the plans out, and show how they came about.
+/// Plan with a solver on the true simulator or a model, carry the plans out, and show the search.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -33,7 +33,7 @@ result.json, and trace.jsonl: a line per iteration of every plan. `swm solvers` 
 pub(super) struct Plan {
     #[command(flatten)]
     env: EnvArgs,
-    /// The solver with its settings: NAME, NAME:KEY=VALUE,… or NAME:@FILE; `swm solvers NAME` lists them.
+    /// A policy that plans: a solver with its settings (NAME, NAME:KEY=VALUE,… or NAME:@FILE; `swm solvers NAME` lists them), or a model.
     #[arg(long)]
     policy: String,
     /// Episodes to plan for, one after the other.
@@ -45,19 +45,19 @@ pub(super) struct Plan {
     /// Actions allowed per episode.
     #[arg(long, default_value_t = 100)]
     budget: u64,
-    /// Make the first plan of each episode only, and take no more than its first action.
+    /// Only make the first plan of each episode, and take its first action.
     #[arg(long, conflicts_with = "budget")]
     plan_only: bool,
     /// A new folder for the trace, figures, videos and a page that shows them.
     #[arg(long, value_name = "DIR")]
     trace: Option<PathBuf>,
-    /// With --trace: replace what is in the folder.
+    /// With --trace: replace an earlier trace in the folder.
     #[arg(long, requires = "trace")]
     overwrite: bool,
     /// With --trace: what trace.jsonl holds of each iteration.
     #[arg(long, value_enum, default_value_t, requires = "trace")]
     details: DetailArg,
-    /// With --trace: plans to draw, the first ones.
+    /// With --trace: how many plans get figures, from the first on.
     #[arg(long, default_value_t = 6)]
     drawn: usize,
     /// With --trace: kind of video. Default: mp4 where this build can make it.

@@ -12,7 +12,7 @@ use swm_media::{Clip, Format, contact_sheet, png};
 use super::replay::selection;
 use super::{Failure, Output, usage};
 
-/// White between the tiles.
+/// White space between the tiles, in pixels.
 const GAP: usize = 2;
 
 /// Show episodes of a dataset as a sheet of images or a video.
@@ -24,7 +24,7 @@ Examples:
   swm preview pusht.h5 --column goal --out goals.png
 
 A sheet (.png) has one row per episode, with --frames images from its first to its last. A video (.mp4, .gif) plays the
-episodes in a grid; those that end early stand still.")]
+episodes in a grid; those that end early show their last frame.")]
 pub(super) struct Preview {
     /// The dataset.
     file: PathBuf,
@@ -34,7 +34,7 @@ pub(super) struct Preview {
     /// The column of images.
     #[arg(long, default_value = "pixels")]
     column: String,
-    /// Images per episode: of a sheet 8, of a video at most 300, if not said otherwise.
+    /// Images per episode. Default: 8 for a sheet, at most 300 for a video.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
     /// The file to write: .png, .mp4 or .gif.

@@ -1,4 +1,4 @@
-//! `swm quality`: how good is a world model, without control?
+//! `swm quality`: a world model, evaluated without control.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ use super::output::table;
 use super::{Failure, Output, usage};
 use crate::evaluation::{ImageModel, ProbeScore, Quality, QualityOptions, quality, recorded_episodes};
 
-/// Measure a world model without control: prediction, probes of the state, ranking of plans, surprise.
+/// Evaluate a world model without control: open-loop prediction, probes of the state, ranking of plans, violation of expectation.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -23,45 +23,45 @@ Examples:
   swm quality swm/PushT-v1 --dataset pusht.h5 --episodes 200 --rows 100 --model constant --json
   swm quality swm/TwoRoom-v1 --dataset two-room.h5 --model lewm:runs/lewm   (of `swm train`, in builds with baselines)
 
-Models that need no training are the yardsticks: `true` (the environment in its state space), `gain=G` (the same with actions
+Models that need no training are for comparison: `true` (the environment in its state space), `gain=G` (the same with actions
 multiplied by G), `constant` (nothing ever changes), and `pixels=C` (the image in C × C cells, and nothing ever changes).
-Trained ones are `lewm:RUN`, `pldm:RUN`, `dino-wm:RUN` (`checkpoint=best` behind a comma), which predict as many rows at a
-time as they were trained to skip.
-Probes tell columns of the true state from latents: a linear one and a small network, fitted to four fifths of the episodes and
+Trained ones are `lewm:RUN`, `pldm:RUN`, `dino-wm:RUN` (`checkpoint=best` behind a comma), which predict as many steps at a
+time as the frame skip that they were trained with.
+Probes predict columns of the true state from latents: a linear one and a small MLP, fitted to four fifths of the episodes and
 scored on the others. A violation is `teleport`, COLUMN[ELEMENTS]=VALUES for something that
-jumps or vanishes, or the name of a factor, which changes. 0.5 of a violation is chance.")]
+jumps or vanishes, or the name of a factor, which changes. An accuracy of 0.5 is chance.")]
 pub(super) struct QualityCommand {
     #[command(flatten)]
     env: EnvArgs,
     /// The model: true, constant, gain=G, pixels=C, or a trained one: lewm:RUN.
     #[arg(long, default_value = "true")]
     model: String,
-    /// Take the episodes of prediction and probes from this dataset. Without it, they are made of random actions.
+    /// Take the episodes for prediction and probes from this dataset. Without it, they are simulated with random actions.
     #[arg(long, value_name = "FILE")]
     dataset: Option<PathBuf>,
     /// Size of the images that the model sees, or `none`. Default: that of its training, the dataset's, or none.
     #[arg(long)]
     image_size: Option<ImageArg>,
-    /// A column of the true state to be told from latents; may be repeated. Default: the environment's start columns;
+    /// A column of the true state to probe latents for; may be repeated. Default: the environment's start columns;
     /// `none`: no probes.
     #[arg(long = "probe", value_name = "COLUMN")]
     probes: Vec<String>,
-    /// Something that cannot happen; may be repeated.
+    /// An impossible event; may be repeated.
     #[arg(long = "violation", value_name = "WHAT", default_value = "teleport")]
     violations: Vec<String>,
     /// Episodes, pairs per violation, and starts of the ranking.
     #[arg(long, default_value_t = 20)]
     episodes: usize,
-    /// Rows of an episode; of recorded ones the first.
+    /// Steps per episode; of recorded ones the first.
     #[arg(long, default_value_t = 30)]
     rows: usize,
-    /// Rows of open-loop prediction, and actions of a plan.
+    /// Steps of open-loop prediction, and actions of a plan.
     #[arg(long, default_value_t = 10)]
     horizon: usize,
     /// Random plans per start.
     #[arg(long, default_value_t = 64)]
     plans: usize,
-    /// Seed of everything.
+    /// Seed of episodes, plans and probes.
     #[arg(long, default_value_t = 42)]
     seed: u64,
 }
@@ -178,7 +178,7 @@ fn text(env: &str, model: &str, found: &Quality) -> String {
         .zip(&found.open_loop_error)
         .map(|(step, error): (usize, _)| vec![(step * found.stride).to_string(), format!("{error:.4e}")])
         .collect();
-    text += &table(&["rows ahead", "squared error"], &errors);
+    text += &table(&["steps ahead", "squared error"], &errors);
     let probes: Vec<Vec<String>> = found
         .probes
         .iter()
@@ -190,13 +190,8 @@ fn text(env: &str, model: &str, found: &Quality) -> String {
         })
         .collect();
     if !probes.is_empty() {
-        let head = [
-            "told from latents",
-            "linear: unexplained",
-            "correlation",
-            "network: unexplained",
-            "correlation",
-        ];
+        let head =
+            ["probed column", "linear: unexplained", "correlation", "network: unexplained", "correlation"];
         text += "\n";
         text += &table(&head, &probes);
     }
@@ -213,7 +208,7 @@ fn text(env: &str, model: &str, found: &Quality) -> String {
             vec![violation.name.clone(), accuracy, possible, impossible]
         })
         .collect();
-    text + "\n" + &table(&["violation", "told apart", "surprise if possible", "if not"], &rows)
+    text + "\n" + &table(&["violation", "accuracy", "surprise if possible", "if impossible"], &rows)
 }
 
 /// Unexplained share of the variance, and mean correlation.

@@ -11,7 +11,7 @@ use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs, policy};
 use super::{Failure, Output, usage};
 use crate::video::Video;
 
-/// Draw an episode: `.png` shows its last moment, `.gif` and `.mp4` all of it.
+/// Render an episode: `.png` its last frame, `.gif` and `.mp4` all of it.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -21,13 +21,13 @@ Examples:
 pub(super) struct Render {
     #[command(flatten)]
     env: EnvArgs,
-    /// The policy that acts.
+    /// The policy.
     #[arg(long, default_value = "random")]
     policy: String,
     /// Seed of the run.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Steps to take; 0 shows the start.
+    /// Steps to take; 0 shows the state after reset.
     #[arg(long, default_value_t = 50)]
     steps: u64,
     /// Image size, HEIGHTxWIDTH.

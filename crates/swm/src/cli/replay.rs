@@ -18,21 +18,21 @@ Examples:
   swm replay pusht.h5 --episodes 0..10 --tolerance 1e-9 --json
   swm replay from_the_reference.h5 --env swm/PushT-v1 --tolerance 0.5
 
-Exit status 1 if a column deviates by more than the tolerance.")]
+Exit status 1 if a column differs by more than the tolerance.")]
 pub(super) struct Replay {
     /// The dataset.
     file: PathBuf,
-    /// The environment; needed for files that do not name it.
+    /// The environment; required for files that do not name it.
     #[arg(long)]
     env: Option<String>,
     /// Episodes to replay: `5`, `0..10` or `0,3,7`. Default: all.
     #[arg(long)]
     episodes: Option<String>,
-    /// A factor to set in place of the recorded one, `NAME=VALUE`; may be repeated. For files whose simulator read
-    /// it otherwise.
+    /// A factor to set in place of the recorded one, `NAME=VALUE`; may be repeated. For files whose simulator interpreted
+    /// it differently.
     #[arg(long = "set", value_name = "NAME=VALUE")]
     set: Vec<String>,
-    /// Largest accepted deviation of any number.
+    /// Largest accepted absolute error of any value.
     #[arg(long, default_value_t = 1e-6)]
     tolerance: f64,
 }

@@ -9,14 +9,14 @@ use swm_media::Format;
 use super::{Failure, Output, usage};
 use crate::report_page::{Item, PageOptions, write_page};
 
-/// Show results on one page that needs no network.
+/// Write results as one self-contained HTML page.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   swm report results/cem results/mppi sweep --out report.html
   swm report results/cem/receipt.json --videos 0 --out report.html
 
-RESULT is what `swm eval --manifest … --out` and `swm sweep --out` write. Some episodes are run again for their videos.")]
+RESULT is what `swm eval --manifest … --out` and `swm sweep --out` write. Some episodes are run again to record videos.")]
 pub(super) struct ReportCommand {
     /// Receipts and sweeps, or the folders that hold them.
     #[arg(required = true, value_name = "RESULT")]
@@ -30,7 +30,7 @@ pub(super) struct ReportCommand {
     /// Kind of video. Default: mp4 where this build can make it.
     #[arg(long, alias = "film-format", value_parser = ["mp4", "gif"])]
     video_format: Option<String>,
-    /// Plans drawn of the first success and the first failure of a planner.
+    /// Plans shown of the first success and the first failure of a planner.
     #[arg(long, default_value_t = 2)]
     plans: usize,
 }

@@ -9,7 +9,7 @@ use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions, side_file
 use super::output::table;
 use super::{Failure, Output};
 
-/// Show mean, spread, extremes and quantiles of columns; keep them with the dataset.
+/// Show mean, std, extremes and quantiles of columns; store them next to the dataset.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -29,7 +29,7 @@ pub(super) struct Stats {
     /// Quantiles, each from 0 to 1.
     #[arg(long, value_name = "NUMBERS", value_delimiter = ',')]
     quantiles: Option<Vec<f64>>,
-    /// Do not keep them with the dataset.
+    /// Do not store them next to the dataset.
     #[arg(long)]
     no_store: bool,
 }

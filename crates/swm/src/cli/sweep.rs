@@ -1,4 +1,4 @@
-//! `swm sweep`: how far does a policy carry when the environment changes?
+//! `swm sweep`: does a policy generalize to changed factors of variation?
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use super::{Failure, Output, usage};
 use crate::evaluation::{Candidate, Sweep, Values, changes, read_manifest, sweep};
 use crate::report_page::sweep_figure;
 
-/// Evaluate a policy under every factor of variation, alone and together.
+/// Evaluate a policy under every factor of variation, one by one, by group and together.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -21,7 +21,7 @@ Examples:
   swm sweep --manifest pusht-strict.toml --policy weak --factors agent.scale --values grid --points 7
 
 Each factor alone, each group, and all together, on the pairs of the manifest, against the unchanged environment. With --out,
-the folder gets sweep.json, sweep.csv and sweep.svg; `swm report` shows it beside other results.")]
+the folder gets sweep.json, sweep.csv and sweep.svg; `swm report` shows it with other results.")]
 pub(super) struct SweepCommand {
     /// The manifest; `swm manifest make` makes one.
     #[arg(long, value_name = "FILE")]
@@ -29,7 +29,7 @@ pub(super) struct SweepCommand {
     /// The policy: NAME, NAME:VALUE, NAME:KEY=VALUE,… or NAME:@FILE.
     #[arg(long)]
     policy: String,
-    /// Seed of the policy's own noise.
+    /// Seed of the policy's noise.
     #[arg(long, default_value_t = 0, value_name = "SEED")]
     policy_seed: u64,
     /// Factors: names, groups, or `all`, separated by commas.
@@ -50,7 +50,7 @@ pub(super) struct SweepCommand {
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
 enum ValuesArg {
-    /// Drawn anew for every episode.
+    /// Sampled for every episode.
     #[default]
     Sampled,
     /// The smallest, then the largest.

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-/// Train a baseline on a dataset, or go on with a run.
+/// Train a baseline on a dataset, or resume a run.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -15,8 +15,8 @@ Examples:
   swm train pldm --data tworoom.h5 --preset small --out runs/pldm --steps 2000 --set optim.lr=0.001
   swm train --resume --out runs/lewm
 
-RUN gets config.json, checkpoints, metrics.jsonl and an event file for TensorBoard. A run that was killed goes on with --resume
-from its last checkpoint, with the losses of one that was not. Use it: `swm eval … --policy mpc:RUN`.")]
+RUN gets config.json, checkpoints, metrics.jsonl and an event file for TensorBoard. --resume continues an interrupted run from its
+last checkpoint, with the same losses as without the interruption. Evaluate it: `swm eval … --policy mpc:RUN`.")]
 pub(super) struct Train {
     /// The baseline; `--list` names them.
     #[arg(required_unless_present_any = ["list", "resume"])]
@@ -24,25 +24,25 @@ pub(super) struct Train {
     /// List baselines and their presets.
     #[arg(long, conflicts_with_all = ["data", "out", "resume"])]
     list: bool,
-    /// The dataset; with --resume only where it has moved.
+    /// The dataset; with --resume only if it has moved.
     #[arg(long, value_name = "FILE", required_unless_present_any = ["list", "resume"])]
     data: Option<PathBuf>,
     /// The run's folder.
     #[arg(long, short, value_name = "RUN", required_unless_present = "list")]
     out: Option<PathBuf>,
-    /// Settings to begin with: paper or small.
+    /// Preset: paper or small.
     #[arg(long, default_value = "paper", conflicts_with = "resume")]
     preset: String,
     /// A setting of the baseline, `NAME=VALUE`, such as `optim.lr=0.001`; may be repeated.
     #[arg(long = "set", value_name = "NAME=VALUE", conflicts_with = "resume")]
     set: Vec<String>,
-    /// Weights of a vision transformer to begin with (.safetensors, .pt, .ckpt): a frozen DINOv2, say.
+    /// Initial weights of a vision transformer (.safetensors, .pt, .ckpt), such as a frozen DINOv2.
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     encoder: Option<PathBuf>,
-    /// Go on with the run in --out; it may be given more epochs or steps.
+    /// Resume the run in --out, possibly with more epochs or steps.
     #[arg(long, conflicts_with = "baseline")]
     resume: bool,
-    /// Passes over the clips, in each phase. Default: 10.
+    /// Epochs over the clips, in each phase. Default: 10.
     #[arg(long, conflicts_with = "steps")]
     epochs: Option<u64>,
     /// Optimizer steps, in each phase.
@@ -51,28 +51,28 @@ pub(super) struct Train {
     /// Clips per step. Default: the preset's.
     #[arg(long, conflicts_with = "resume")]
     batch: Option<usize>,
-    /// What it is computed on: cpu; in builds with the feature `cuda` also cuda, cuda:1 …
+    /// Device: cpu; in builds with the feature `cuda` also cuda, cuda:1 …
     #[arg(long, default_value = "cpu")]
     device: String,
     /// Seed of weights, order and noise. Default: 42.
     #[arg(long, conflicts_with = "resume")]
     seed: Option<u64>,
-    /// The share of episodes that is learnt from; the others validate.
+    /// Fraction of episodes for training; the others are for validation.
     #[arg(long, default_value_t = 0.9, conflicts_with = "resume")]
     split: f64,
-    /// The share of episodes that is left out of both, for `swm manifest make --held-out` of the same share.
+    /// Fraction of episodes that is held out from both, for `swm manifest make --held-out` of the same share.
     #[arg(long, default_value_t = 0.0, conflicts_with = "resume", value_name = "SHARE")]
     held_out: f64,
-    /// Steps from one record to the next. Default: 20.
+    /// Steps between logged metrics. Default: 20.
     #[arg(long, value_name = "STEPS")]
     log_every: Option<u64>,
-    /// Steps from one validation and checkpoint to the next. Default: an epoch.
+    /// Steps between validations and checkpoints. Default: an epoch.
     #[arg(long, value_name = "STEPS")]
     checkpoint_every: Option<u64>,
-    /// Checkpoints to keep beside the best. Default: 3.
+    /// Checkpoints to keep in addition to the best. Default: 3.
     #[arg(long)]
     keep: Option<usize>,
-    /// Stop when so many validations in a row were no better than the best.
+    /// Early stopping: validations without improvement after which training stops.
     #[arg(long, value_name = "VALIDATIONS")]
     patience: Option<u64>,
 }

@@ -11,7 +11,7 @@ use swm_core::Registry;
 
 use super::{Checkpoints, Train};
 use crate::cli::args::{assignment, json_value};
-use crate::cli::output::{facts, table};
+use crate::cli::output::{key_values, table};
 use crate::cli::{Failure, Output, usage};
 
 impl Train {
@@ -187,7 +187,7 @@ fn text(state: &State, run: &str) -> String {
         _ => "",
     };
     let best = state.best.map_or("–".to_owned(), |(step, loss)| format!("{} at step {step}", short(loss)));
-    facts(&[
+    key_values(&[
         ("steps", format!("{}{why}", state.step)),
         ("loss", value(&state.train)),
         ("validation", value(&state.validation)),

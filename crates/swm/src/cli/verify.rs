@@ -12,30 +12,30 @@ use swm_data::tools::verify::verify;
 use super::output::table;
 use super::{Failure, Output, usage};
 
-/// Read all of a dataset and say what is wrong with it.
+/// Read all of a dataset and report what is wrong with it.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   swm verify pusht.h5
   swm verify pusht.h5 --json
-  swm verify pusht.video --fix --dry-run     (say what an interrupted recording needs)
+  swm verify pusht.video --fix --dry-run     (print what an interrupted recording needs)
   swm verify pusht.video --fix
 
 Checked: the index of episodes; that every row of every column can be read and decoded; checksums, where the format has
 them (images in HDF5, everything in `folder` and `video`); lengths; columns that must not change in an episode; NaN and
 infinite numbers. NaN is expected in the last action of an episode, and in first and last rows.
 
---fix fixes a dataset whose recording was interrupted: no finished episode is touched. It says what it does. Continuing
+--fix repairs a dataset whose recording was interrupted and prints each step; committed episodes are not touched. Continuing
 the recording with `--mode append` does the same. Damaged images cannot be fixed; record or copy them again.
 
 Exit status 1 if anything is wrong.")]
 pub(super) struct Verify {
     /// The dataset.
     file: PathBuf,
-    /// Fix what an interrupted recording left, then check.
+    /// Repair what an interrupted recording left, then check.
     #[arg(long)]
     fix: bool,
-    /// With --fix: only say what would be done.
+    /// With --fix: only print what would be done.
     #[arg(long, requires = "fix")]
     dry_run: bool,
 }
@@ -112,15 +112,15 @@ Examples:
   swm diff here.h5 there.h5 --tolerance 1e-9 --json
 
 Shows columns that one of them lacks, episodes of different lengths, and for each column the number of rows that differ,
-by how much, and where first; for images also how alike they are (PSNR, in dB; above 35 differences are hard to see).
+by how much, and where first; for images also the PSNR in dB (differences above 35 dB are hard to see).
 
 Exit status 1 if they differ.")]
 pub(super) struct Diff {
-    /// The one.
+    /// The first dataset.
     first: PathBuf,
-    /// The other.
+    /// The second dataset.
     second: PathBuf,
-    /// Numbers may differ by so much.
+    /// Largest accepted absolute difference of values.
     #[arg(long, default_value_t = 0.0)]
     tolerance: f64,
     /// Only these columns.

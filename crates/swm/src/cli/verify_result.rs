@@ -1,4 +1,4 @@
-//! `swm verify-result`: run a result again, and say whether it is the same.
+//! `swm verify-result`: repeat an evaluation and compare its result with the receipt.
 
 use std::path::PathBuf;
 
@@ -9,36 +9,37 @@ use super::eval_manifest::rate;
 use super::{Failure, Output, usage};
 use crate::evaluation::{Role, RunOptions, Verification, read_receipt, verify};
 
-/// Run a result again: equal to the last bit, or which part of it differs.
+/// Repeat an evaluation: is the result equal bit for bit, and if not, which part differs?
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   swm verify-result results/receipt.json
   swm verify-result results --threads 1 --num-envs 3
 
-Exit status 0: equal. 1: protocol, physics, images, model, seed, solver, outcomes or the floors beside them differ.")]
+Exit status 0: equal. 1: protocol, physics, images, model, seed, solver, outcomes or reference policies differ.
+Of receipts of version 1, the hash of the environment's tables is not compared: it counted help texts, too.")]
 pub(super) struct VerifyResult {
     /// The receipt, or the folder that holds it.
     receipt: PathBuf,
-    /// Environments side by side; results do not depend on it.
+    /// Environments stepped in parallel; results do not depend on it.
     #[arg(long, default_value_t = RunOptions::default().num_envs, value_name = "N")]
     num_envs: usize,
     /// Threads; results do not depend on it. Default: one per core.
     #[arg(long, value_name = "T")]
     threads: Option<usize>,
-    /// Run the ceiling again, too: it can take as long as the policy itself.
-    #[arg(long)]
-    ceiling: bool,
+    /// Run the oracle again, too: it can take as long as the policy itself.
+    #[arg(long, alias = "ceiling")]
+    oracle: bool,
 }
 
 impl VerifyResult {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let receipt = read_receipt(&self.receipt).map_err(usage)?;
-        let beside = receipt.beside.iter().filter(|beside| self.ceiling || beside.role != Role::Ceiling);
-        let episodes = receipt.episodes.len() + beside.map(|beside| beside.episodes.len()).sum::<usize>();
+        let references = receipt.references.iter().filter(|known| self.oracle || known.role != Role::Oracle);
+        let episodes = receipt.episodes.len() + references.map(|known| known.episodes.len()).sum::<usize>();
         let bar = output.bar(episodes as u64, "episodes");
         let options = RunOptions { num_envs: self.num_envs, threads: self.threads };
-        let verification = verify(registry, &receipt, options, self.ceiling, || bar.inc(1));
+        let verification = verify(registry, &receipt, options, self.oracle, || bar.inc(1));
         bar.finish_and_clear();
         let verification = verification?;
         output.result(&verification, || text(&verification))?;
@@ -47,11 +48,12 @@ impl VerifyResult {
 }
 
 fn text(verification: &Verification) -> String {
-    let Verification { equal, differences, episodes, summary, recorded } = verification;
+    let Verification { equal, differences, episodes, notes, summary, recorded } = verification;
+    let notes: String = notes.iter().map(|note| format!("note: {note}\n")).collect();
     if *equal {
-        return format!("equal: {} episodes, {}\n", summary.episodes, rate(summary));
+        return format!("equal: {} episodes, {}\n{notes}", summary.episodes, rate(summary));
     }
-    let mut text = format!("recorded {}, now {}\n", rate(recorded), rate(summary));
+    let mut text = format!("recorded {}, now {}\n{notes}", rate(recorded), rate(summary));
     for (part, reason) in differences {
         let part = serde_json::to_value(part).unwrap_or_default();
         text += &format!("{} differs: {reason}\n", part.as_str().unwrap_or_default());

@@ -1,13 +1,12 @@
 //! Manifests and receipts on disk.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use swm_core::Manifest;
 use swm_core::error::BoxError;
-use swm_core::evaluate::sha256;
 
 use super::receipt::{RECEIPT_VERSION, Receipt};
 
@@ -30,9 +29,9 @@ pub fn read_manifest(path: &Path) -> Result<Manifest, BoxError> {
     if seal.is_some_and(|seal| seal != hash) {
         let reason =
             "was changed after it was written, and is another task now: its hash differs from the one in it";
-        let way_out =
-            format!("if that is meant, take the line `{SEAL} = …` out of it; otherwise make it again");
-        return Err(wrong(format!("{reason}; {way_out}")).into());
+        let fix =
+            format!("if that is intended, remove the line `{SEAL} = …` from it; otherwise make it again");
+        return Err(wrong(format!("{reason}; {fix}")).into());
     }
     Ok(manifest)
 }
@@ -61,9 +60,9 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
     let wrong = |reason: String| format!("receipt {}: {reason}", path.display());
     let json: Json = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
     match json.get("receipt").and_then(Json::as_u64) {
-        Some(version) if version == u64::from(RECEIPT_VERSION) => {}
+        Some(version) if (1..=u64::from(RECEIPT_VERSION)).contains(&version) => {}
         Some(version) => {
-            let reason = format!("has version {version}, this program reads {RECEIPT_VERSION}");
+            let reason = format!("has version {version}, this program reads 1 to {RECEIPT_VERSION}");
             return Err(wrong(reason).into());
         }
         None => {
@@ -73,28 +72,6 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
         }
     }
     Ok(serde_json::from_value(json).map_err(|error| wrong(error.to_string()))?)
-}
-
-/// SHA-256 of a file; of a folder, that of its files' names and hashes in order.
-///
-/// # Errors
-///
-/// A file or folder cannot be read.
-pub fn file_hash(path: &Path) -> Result<String, BoxError> {
-    let failed = |error: std::io::Error| format!("cannot read {}: {error}", path.display());
-    if !path.is_dir() {
-        return Ok(sha256(&fs::read(path).map_err(failed)?));
-    }
-    let mut files: Vec<PathBuf> = fs::read_dir(path)
-        .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect())
-        .map_err(failed)?;
-    files.sort();
-    let mut all = String::new();
-    for file in files {
-        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        all += &format!("{name} {}\n", file_hash(&file)?);
-    }
-    Ok(sha256(all.as_bytes()))
 }
 
 fn read(path: &Path, what: &str) -> Result<String, BoxError> {

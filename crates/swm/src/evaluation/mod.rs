@@ -1,21 +1,22 @@
-//! Evaluations that can be compared and repeated: manifests on disk, the tests of the tiers, floors and ceilings beside every
-//! result, receipts, and their verification. Statistics and manifests themselves are `swm_core::evaluate`.
+//! Evaluations that can be compared and repeated: manifests on disk, the success rules of the tiers, reference policies,
+//! receipts, and their verification. Statistics and manifests themselves are `swm_core::evaluate`.
 
-mod beside;
 mod files;
+mod hash;
 mod image_model;
 mod probe;
 mod probes;
 mod quality;
 mod receipt;
+mod reference;
 mod resume;
 mod run;
 mod sweep;
 mod tiers;
 mod verify;
 
-pub use beside::{Beside, Regret, Role, roles};
-pub use files::{file_hash, read_manifest, read_receipt, write_manifest};
+pub use files::{read_manifest, read_receipt, write_manifest};
+pub use hash::file_hash;
 pub use image_model::ImageModel;
 pub use probe::{Fingerprints, fingerprints};
 #[cfg(feature = "faer")]
@@ -23,8 +24,9 @@ pub use probes::LinearProbe;
 pub use probes::{NetworkProbe, ProbeScore, Probed, Samples, probe};
 pub use quality::{Quality, QualityOptions, Ranking, Surprised, quality, recorded_episodes};
 pub use receipt::{Code, RECEIPT_VERSION, Receipt};
+pub use reference::{Reference, Regret, Role, roles};
 pub use resume::Ledger;
-pub use run::{Candidate, RunOptions, plan_steps, run_pairs};
+pub use run::{Candidate, RunOptions, run_pairs};
 pub use sweep::{Cell, Change, SWEEP_VERSION, Scope, Sweep, Values, changes, is_sweep, sweep};
 pub use tiers::{TierRules, tier_rules};
 pub use verify::{Part, Verification, verify};

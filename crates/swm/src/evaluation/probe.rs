@@ -1,21 +1,25 @@
-//! Fingerprints of everything that a result depends on, each taken by trying it: so that a difference can be named.
+//! Fingerprints of everything that a result depends on, measured one by one, so that a difference can be named.
 
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value as Json, json};
 use swm_core::error::BoxError;
-use swm_core::evaluate::{sha256, sorted, witness};
+use swm_core::evaluate::{sha256, witness};
 use swm_core::seed::keyed;
-use swm_core::{Batch, Column, Dtype, EnvConfig, EnvEntry, EnvError, Episode, EpisodeSeed, Manifest, Schema};
+use swm_core::{
+    Batch, Column, Dtype, EnvConfig, EnvEntry, EnvError, EnvSpec, Episode, EpisodeSeed, FieldKind, Manifest,
+    Schema, Space,
+};
 
-/// Actions of the try.
+/// Actions of the probe.
 const STEPS: u64 = 25;
 
 /// What a result depends on, apart from the policy.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fingerprints {
-    /// The environment's fields, actions, settings and factor table.
+    /// What changes results of the environment's tables: names, types, shapes, spaces and default values of fields, actions,
+    /// settings and factors, in order. Help texts do not count. Receipts of version 1 hold a hash over those texts, too.
     pub tables: String,
-    /// What random actions lead to in the first pair, row by row.
+    /// The states that random actions lead to in the first pair, step by step.
     pub physics: String,
     /// The images of the same; none where the manifest has no images.
     #[serde(default, alias = "pictures", skip_serializing_if = "Option::is_none")]
@@ -38,12 +42,6 @@ pub fn fingerprints(
     let config = EnvConfig { image: manifest.image, settings: manifest.settings.clone() };
     let mut env = entry.make(&config)?;
     let spec = env.spec().clone();
-    let settings: Vec<_> = entry.settings.iter().map(|setting| [setting.name, setting.default]).collect();
-    let tables = json!({
-        "id": spec.id, "action": spec.action, "factors": spec.factors, "time_step_s": spec.time_step_s,
-        "fields": spec.fields.iter().filter(|field| field.shape.len() != 3).collect::<Vec<_>>(),
-        "start": spec.start_columns, "goal": spec.goal_columns, "settings": settings,
-    });
     let mut row = Batch::new(Schema::new(spec.fields.clone())?, 1);
     let pixels = row.schema().index("pixels");
     let reset = manifest.pairs.first().ok_or("the manifest holds no pairs")?.reset()?;
@@ -73,9 +71,96 @@ pub fn fingerprints(
         policy_seed => EpisodeSeed::of(policy_seed, seed.value() as u64),
     };
     Ok(Fingerprints {
-        tables: sha256(sorted(tables).to_string().as_bytes()),
+        tables: sha256(tables(entry, &spec).to_string().as_bytes()),
         physics: sha256(rows.as_bytes()),
         images: manifest.image.map(|_| sha256(&images)),
         noise: sha256(&noise_seed.value().to_le_bytes()),
     })
+}
+
+/// What [`Fingerprints::tables`] is the hash of. Keys are fixed here, so that renamed fields of structs change nothing.
+fn tables(entry: &EnvEntry, spec: &EnvSpec) -> Json {
+    let fields = spec.fields.iter().filter(|field| field.shape.len() != 3);
+    let fields: Vec<Json> = fields
+        .map(|field| json!([field.name, field.kind == FieldKind::Episode, field.dtype.name(), field.shape]))
+        .collect();
+    let factors: Vec<Json> = spec
+        .factors
+        .iter()
+        .map(|factor| {
+            let shows_with: Vec<Json> =
+                factor.shows_with.iter().map(|(name, value)| json!([name, numbers(value)])).collect();
+            json!([
+                factor.name,
+                space(&factor.space),
+                numbers(&factor.default),
+                factor.drawn_by_default,
+                shows_with
+            ])
+        })
+        .collect();
+    // A default that is a value, such as `0.10` or `[1, 2]`, counts as that value, any other as its text.
+    let value = |text: &str| serde_json::from_str(text).map_or_else(|_| text.into(), |value| numbers(&value));
+    let settings: Vec<Json> =
+        entry.settings.iter().map(|setting| json!([setting.name, value(setting.default)])).collect();
+    json!([
+        spec.id,
+        space(&spec.action),
+        fields,
+        factors,
+        spec.time_step_s,
+        spec.start_columns,
+        spec.goal_columns,
+        settings
+    ])
+}
+
+/// Kind, type, shape and bounds of a space; of a dictionary, those of its parts.
+fn space(space: &Space) -> Json {
+    if let Space::Dict { spaces } = space {
+        return spaces.iter().map(|(name, part)| json!([name, self::space(part)])).collect();
+    }
+    let (low, high) = space.bounds();
+    // JSON has no infinity.
+    let texts = |values: Vec<f64>| values.iter().map(f64::to_string).collect::<Vec<_>>();
+    json!([space.kind(), space.dtype().map(Dtype::name), space.shape(), texts(low), texts(high)])
+}
+
+/// A value with all its numbers as `f64`: `1` and `1.0` are the same.
+fn numbers(value: &Json) -> Json {
+    match value {
+        Json::Number(number) => number.as_f64().into(),
+        Json::Array(values) => values.iter().map(numbers).collect(),
+        Json::Object(values) => values.iter().map(|(name, value)| json!([name, numbers(value)])).collect(),
+        other => other.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use swm_core::testing::TOY;
+    use swm_core::{FactorSpec, Field, Setting};
+
+    use super::*;
+
+    #[test]
+    fn help_texts_do_not_count_and_default_values_do() {
+        const OLD: EnvEntry = TOY.settings(&[Setting::new("speed", "how fast", "0.1")]);
+        const REWORDED: EnvEntry = TOY.settings(&[Setting::new("speed", "distance per step", "0.10")]);
+        const OTHER: EnvEntry = TOY.settings(&[Setting::new("speed", "how fast", "0.2")]);
+        let spec = |doc: &str, default: Json| {
+            let factor =
+                FactorSpec::new("point.gain", Space::uniform_box(Dtype::F64, &[], 0.0, 2.0), default);
+            EnvSpec::new(
+                "x",
+                Space::Discrete { n: 3, start: 0 },
+                vec![Field::step("state", Dtype::F64, &[2])],
+            )
+            .factors(vec![factor.doc(doc)])
+        };
+        let first = tables(&OLD, &spec("a gain", json!(1)));
+        assert_eq!(first, tables(&REWORDED, &spec("distance per unit of action", json!(1.0))));
+        assert_ne!(first, tables(&OTHER, &spec("a gain", json!(1))));
+        assert_ne!(first, tables(&OLD, &spec("a gain", json!(1.5))));
+    }
 }

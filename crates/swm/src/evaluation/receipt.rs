@@ -6,24 +6,25 @@ use serde::{Deserialize, Serialize};
 use swm_core::Manifest;
 use swm_core::evaluate::{EpisodeResult, Summary};
 
-use super::beside::Beside;
 use super::probe::Fingerprints;
+use super::reference::Reference;
 use super::run::Candidate;
 
-/// The version of [`Receipt`] that is written and read.
-pub const RECEIPT_VERSION: u32 = 1;
+/// The version of [`Receipt`] that is written. Version 1 is read: its `fingerprints.tables` is a hash over help texts, too, and
+/// is not compared.
+pub const RECEIPT_VERSION: u32 = 2;
 
 /// The result of a policy on a manifest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Receipt {
-    /// [`RECEIPT_VERSION`].
+    /// Its version, [`RECEIPT_VERSION`] or an older one.
     pub receipt: u32,
     /// [`Manifest::hash`] of the manifest.
     pub manifest_hash: String,
     /// What was evaluated.
     pub candidate: Candidate,
-    /// The policy in its own words.
+    /// The policy with its settings.
     pub policy: String,
     /// SHA-256 of every file that the policy's arguments name: its models.
     #[serde(default)]
@@ -32,21 +33,21 @@ pub struct Receipt {
     pub fingerprints: Fingerprints,
     /// What made it.
     pub code: Code,
-    /// What it came to.
+    /// The results over all pairs.
     pub summary: Summary,
     /// The same, phase by phase, where the manifest is a stream.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub phases: Vec<Summary>,
-    /// Floors and ceiling on the same pairs.
-    #[serde(default)]
-    pub beside: Vec<Beside>,
+    /// The reference policies on the same pairs.
+    #[serde(default, alias = "beside")]
+    pub references: Vec<Reference>,
     /// Actions of one plan: where `plan_cost` of each episode is taken.
     pub plan_steps: u64,
     /// Every pair's episode, in order.
     pub episodes: Vec<EpisodeResult>,
     /// The manifest itself.
     pub manifest: Manifest,
-    /// Seconds that the policy took, floors and ceiling apart. The only entry that differs between repetitions.
+    /// Seconds that the policy took, without the reference policies. The only entry that differs between repetitions.
     pub wall_time_s: f64,
 }
 

@@ -11,7 +11,7 @@ use swm_core::{
     EnvConfig, EnvEntry, Manifest, Policy, PolicyArgs, PolicyContext, Registry, ResetOptions, Rollout, World,
 };
 
-use super::files::file_hash;
+use super::hash::file_hash;
 use crate::distractors;
 
 /// A policy, and the seed of its noise.
@@ -66,12 +66,22 @@ impl Candidate {
     /// policy is one, else `cem`. A planner on the true dynamics is its own oracle.
     #[must_use]
     pub fn oracle(&self, registry: &Registry, entry: &EnvEntry, manifest: &Manifest) -> Self {
-        let config = manifest_config(manifest);
-        let context = PolicyContext::new(entry, &config).frame_skip(manifest.frame_skip).within(registry);
-        let known = registry.policy_entry(entry, &self.policy.name).ok();
-        let policy = known.and_then(|policy| policy.oracle_args(&context, &self.policy));
+        let policy = self.own_oracle(registry, entry, manifest);
         let policy = policy.unwrap_or_else(|| PolicyArgs::new("cem", Map::new()));
         Self { policy, seed: self.seed }.on(registry, entry, manifest)
+    }
+
+    fn own_oracle(&self, registry: &Registry, entry: &EnvEntry, manifest: &Manifest) -> Option<PolicyArgs> {
+        let config = manifest_config(manifest);
+        let context = PolicyContext::new(entry, &config).frame_skip(manifest.frame_skip).within(registry);
+        registry.policy_entry(entry, &self.policy.name).ok()?.oracle_args(&context, &self.policy)
+    }
+
+    /// Actions of one plan: blocks carried out × actions per block, by the settings of its own planner.
+    pub fn plan_steps(&self, registry: &Registry, entry: &EnvEntry, manifest: &Manifest) -> u64 {
+        let policy = self.own_oracle(registry, entry, manifest).unwrap_or_else(|| self.policy.clone());
+        let number = |name: &str| policy.named.get(name).and_then(Json::as_u64).unwrap_or(5);
+        number("receding_horizon") * number("action_block")
     }
 
     /// SHA-256 of every file that the policy depends on: models and normalizers.
@@ -103,12 +113,6 @@ impl Default for RunOptions {
     fn default() -> Self {
         Self { num_envs: 16, threads: None }
     }
-}
-
-/// Actions of one plan of a policy that plans as the table of planners says: blocks carried out × actions per block.
-pub fn plan_steps(policy: &PolicyArgs) -> u64 {
-    let number = |name: &str, default: u64| policy.named.get(name).and_then(Json::as_u64).unwrap_or(default);
-    number("receding_horizon", 5) * number("action_block", 5)
 }
 
 /// Runs the pairs of `manifest` that are not in `known`, from `resets` (the manifest's own or changed ones), and calls

@@ -14,23 +14,11 @@ use swm_core::evaluate::{EpisodeResult, PairedTest, Summary};
 use swm_core::{Env, EnvConfig, EnvEntry, EnvError, Episode, EpisodeSeed, Manifest, Registry, ResetOptions};
 
 use super::receipt::Code;
-use super::run::{Candidate, RunOptions, plan_steps, run_pairs};
-pub use changes::{Change, changes};
+use super::run::{Candidate, RunOptions, run_pairs};
+pub use changes::{Change, Scope, Values, changes};
 
 /// The version of [`Sweep`] that is written and read.
 pub const SWEEP_VERSION: u32 = 1;
-
-/// Which values factors get.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Values {
-    /// Drawn for every episode, by its seed.
-    Sampled,
-    /// The smallest, then the largest.
-    Extremes,
-    /// So many, evenly from the smallest to the largest.
-    Grid(usize),
-}
 
 /// A policy under changed factors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,20 +41,6 @@ pub struct Sweep {
     pub code: Code,
     /// The unchanged environment first, then factors in the order of their table, groups, all.
     pub cells: Vec<Cell>,
-}
-
-/// What is changed in a cell.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Scope {
-    /// Nothing.
-    Unchanged,
-    /// One factor.
-    Factor,
-    /// All factors of a group.
-    Group,
-    /// All factors.
-    All,
 }
 
 /// One evaluation of a sweep.
@@ -109,7 +83,7 @@ pub fn sweep(
     let changes = changes(&trial.factors, asked, values)?;
     let count = changes.len() + 1;
     let policy = candidate.make(registry, entry, manifest)?.describe();
-    let (none, steps) = (BTreeMap::new(), plan_steps(&candidate.policy));
+    let (none, steps) = (BTreeMap::new(), candidate.plan_steps(registry, entry, manifest));
     let run = |resets: &[ResetOptions], checked: bool| {
         run_pairs(registry, manifest, resets, candidate, steps, options, &none, checked, |_, _| Ok(()))
     };

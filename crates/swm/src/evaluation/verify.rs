@@ -7,9 +7,10 @@ use swm_core::Registry;
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, Summary};
 
-use super::beside::Role;
+use super::hash::file_hash;
 use super::probe::fingerprints;
 use super::receipt::Receipt;
+use super::reference::Role;
 use super::run::{RunOptions, run_pairs};
 
 /// A part of a result that can differ.
@@ -18,20 +19,20 @@ use super::run::{RunOptions, run_pairs};
 pub enum Part {
     /// The manifest, or the environment's tables.
     Protocol,
-    /// What actions lead to.
+    /// The states that actions lead to.
     Physics,
-    /// What is seen.
+    /// The images.
     Images,
     /// A file that the policy reads.
     Model,
     /// The policy's noise.
     Seed,
-    /// What the policy makes of the same input: its configuration or its code.
+    /// The policy's configuration or its code.
     Solver,
     /// What the receipt says came out, where all of the above agree.
     Outcomes,
-    /// What stands beside the result: floors and ceiling.
-    Beside,
+    /// The reference policies.
+    References,
 }
 
 /// What a repetition showed.
@@ -43,13 +44,16 @@ pub struct Verification {
     pub differences: BTreeMap<Part, String>,
     /// Episodes that came out otherwise.
     pub episodes: Vec<usize>,
-    /// What the repetition came to.
+    /// What is not compared, and why.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<&'static str>,
+    /// The results of the repetition.
     pub summary: Summary,
     /// What the receipt says.
     pub recorded: Summary,
 }
 
-/// Runs `receipt` again and compares: the policy, the floors beside it, and with `ceiling` that too, which can cost as much as
+/// Runs `receipt` again and compares: the policy, the baseline policies, and with `oracle` that too, which can cost as much as
 /// the policy. `each` is called after every episode.
 ///
 /// # Errors
@@ -60,7 +64,7 @@ pub fn verify(
     registry: &Registry,
     receipt: &Receipt,
     options: RunOptions,
-    ceiling: bool,
+    oracle: bool,
     mut each: impl FnMut() + Send,
 ) -> Result<Verification, BoxError> {
     let Receipt { manifest, candidate, .. } = receipt;
@@ -78,14 +82,18 @@ pub fn verify(
     };
     let (then, now) = (&receipt.fingerprints, fingerprints(entry, manifest, candidate.seed)?);
     differ(Part::Protocol, &receipt.manifest_hash, &manifest.hash(), "manifest");
-    differ(Part::Protocol, &then.tables, &now.tables, "tables of the environment");
+    let mut notes = Vec::new();
+    if receipt.receipt < 2 {
+        notes.push("a receipt of version 1: the environment's tables, whose hash counted help texts, are not compared");
+    } else {
+        differ(Part::Protocol, &then.tables, &now.tables, "tables of the environment");
+    }
     differ(Part::Physics, &then.physics, &now.physics, "probe of 25 random actions");
     let (a, b) = (then.images.as_deref().unwrap_or("none"), now.images.as_deref().unwrap_or("none"));
     differ(Part::Images, a, b, "images of the probe");
     differ(Part::Seed, &then.noise, &now.noise, "noise of the first pair");
     for (file, hash) in &receipt.files {
-        let now =
-            super::files::file_hash(std::path::Path::new(file)).unwrap_or_else(|error| error.to_string());
+        let now = file_hash(std::path::Path::new(file)).unwrap_or_else(|error| error.to_string());
         differ(Part::Model, hash, &now, file);
     }
     let described = candidate.make(registry, entry, manifest)?.describe();
@@ -120,12 +128,12 @@ pub fn verify(
             differences.insert(part, format!("{count} episode(s) differ, the first is {first}: {what}"));
         }
     }
-    for beside in receipt.beside.iter().filter(|beside| ceiling || beside.role != Role::Ceiling) {
+    for reference in receipt.references.iter().filter(|known| oracle || known.role != Role::Oracle) {
         let again = run_pairs(
             registry,
             manifest,
             &resets,
-            &beside.candidate,
+            &reference.candidate,
             receipt.plan_steps,
             options,
             &none,
@@ -136,15 +144,15 @@ pub fn verify(
             },
         )?;
         let differing =
-            again.iter().zip(&beside.episodes).filter(|(now, then)| !then.is_repeated_by(now)).count();
-        // Another task, or another world, explains other floors.
+            again.iter().zip(&reference.episodes).filter(|(now, then)| !then.is_repeated_by(now)).count();
+        // Another task, or other physics, explains other results of the reference policies.
         let explained = [Part::Protocol, Part::Physics].iter().any(|part| differences.contains_key(part));
-        if !explained && (differing > 0 || again.len() != beside.episodes.len()) {
-            let entry: &mut String = differences.entry(Part::Beside).or_default();
+        if !explained && (differing > 0 || again.len() != reference.episodes.len()) {
+            let entry: &mut String = differences.entry(Part::References).or_default();
             let separator = if entry.is_empty() { "" } else { "; " };
             *entry += &format!(
                 "{separator}{}: {differing} of {} episode(s) differ",
-                beside.role.name(),
+                reference.role.name(),
                 again.len()
             );
         }
@@ -157,6 +165,7 @@ pub fn verify(
         equal: differences.is_empty() && episodes.is_empty(),
         differences,
         episodes,
+        notes,
         summary,
         recorded: receipt.summary.clone(),
     })

@@ -9,8 +9,8 @@ pub(super) struct Bar {
     /// In percent, with its interval.
     pub(super) rate: f64,
     pub(super) interval: [f64; 2],
-    /// Whether it is a floor or ceiling rather than what was evaluated.
-    pub(super) beside: bool,
+    /// Whether it is a reference policy rather than the evaluated one.
+    pub(super) reference: bool,
 }
 
 const LABEL: f64 = 250.0;
@@ -30,7 +30,7 @@ pub(super) fn bars(bars: &[Bar]) -> String {
     }
     for (index, bar) in bars.iter().enumerate() {
         let y = top + ROW * (index as f64 + 0.5);
-        let (fill, weight) = if bar.beside { ("fc", "soft") } else { ("fa", "strong") };
+        let (fill, weight) = if bar.reference { ("fc", "soft") } else { ("fa", "strong") };
         svg.text([LABEL - 12.0, y + 4.0], Anchor::End, weight, &shortened(&bar.name, 32));
         let [x, _] = frame.place(bar.rate, 0.0);
         svg.rect([LABEL, y - 9.0], [(x - LABEL).max(1.5), 18.0], fill, "rx=\"3\" fill-opacity=\".82\"");
@@ -105,7 +105,7 @@ pub(super) fn episode_map(strips: &[Strip]) -> String {
     let mut svg = Svg::new(size[0].max(620.0), size[1], "Outcome of every pair");
     let mut x = LABEL;
     for (class, style, text) in
-        [("fa", "", "success"), ("fb", "", "solved at the start"), ("fc", "fill-opacity=\".22\"", "failure")]
+        [("fa", "", "success"), ("fb", "", "success at reset"), ("fc", "fill-opacity=\".22\"", "failure")]
     {
         svg.rect([x, 8.0], [10.0, 10.0], class, &format!("rx=\"2\" {style}"));
         svg.text([x + 16.0, 17.0], Anchor::Start, "soft", text);

@@ -57,19 +57,19 @@ pub(super) fn name(receipt: &Receipt) -> String {
     }
 }
 
-/// Every policy of a manifest, what stands beside them once.
+/// Every policy of a manifest, reference policies once.
 fn policies<'a>(group: &[&'a Receipt]) -> Vec<(String, &'a Summary, &'a [EpisodeResult], bool)> {
     let mut all: Vec<_> =
         group.iter().map(|receipt| (name(receipt), &receipt.summary, &receipt.episodes[..], false)).collect();
     for receipt in group {
-        for beside in &receipt.beside {
-            let own = beside.candidate == receipt.candidate;
-            let label = match beside.role {
-                Role::Ceiling => format!("ceiling: {}", beside.candidate.policy.name),
+        for reference in &receipt.references {
+            let own = reference.candidate == receipt.candidate;
+            let label = match reference.role {
+                Role::Oracle => format!("oracle: {}", reference.candidate.policy.name),
                 role => role.name().to_owned(),
             };
             if !own && !all.iter().any(|(known, ..)| *known == label) {
-                all.push((label, &beside.summary, &beside.episodes[..], true));
+                all.push((label, &reference.summary, &reference.episodes[..], true));
             }
         }
     }
@@ -89,13 +89,13 @@ pub(super) fn overview(receipts: &[Shown<'_>]) -> String {
         for receipt in group {
             let [low, high] = receipt.summary.ci95;
             let mut lines = vec![format!("{low:.1} to {high:.1} % (95 %)")];
-            let floor = receipt.beside.iter().filter(|other| other.role != Role::Ceiling);
-            let floor = floor.max_by(|a, b| a.summary.success_rate.total_cmp(&b.summary.success_rate));
-            if let Some(floor) = floor {
-                let over = receipt.summary.success_rate - floor.summary.success_rate;
-                lines.push(format!("{over:+.1} points over {}", floor.role.name()));
+            let baseline = receipt.references.iter().filter(|other| other.role != Role::Oracle);
+            let baseline = baseline.max_by(|a, b| a.summary.success_rate.total_cmp(&b.summary.success_rate));
+            if let Some(baseline) = baseline {
+                let over = receipt.summary.success_rate - baseline.summary.success_rate;
+                lines.push(format!("{over:+.1} points over {}", baseline.role.name()));
             }
-            if let Some(regret) = receipt.beside.iter().find_map(|other| other.regret.as_ref()) {
+            if let Some(regret) = receipt.references.iter().find_map(|other| other.regret.as_ref()) {
                 let plans: Vec<String> = regret.by_plan.iter().map(|lost| number(*lost)).collect();
                 let plans = if plans.is_empty() { number(regret.first_plan) } else { plans.join(", ") };
                 lines.push(format!("planner regret {plans} (after each plan)"));
@@ -111,15 +111,15 @@ pub(super) fn overview(receipts: &[Shown<'_>]) -> String {
                 receipt.summary.success_rate
             );
         }
-        html += "</div>\n<h2>Success</h2>\n<p>Bars with 95 % Wilson intervals; gray bars are floors and ceiling on the same pairs.</p>\n";
+        html += "</div>\n<h2>Success</h2>\n<p>Bars with 95 % Wilson intervals; gray bars are the reference policies on the same pairs.</p>\n";
         let all = policies(group);
         let bars: Vec<Bar> = all
             .iter()
-            .map(|(name, summary, _, beside)| Bar {
+            .map(|(name, summary, _, reference)| Bar {
                 name: name.clone(),
                 rate: summary.success_rate,
                 interval: summary.ci95,
-                beside: *beside,
+                reference: *reference,
             })
             .collect();
         let rows: Vec<Vec<String>> = all
@@ -134,7 +134,7 @@ pub(super) fn overview(receipts: &[Shown<'_>]) -> String {
                 ]
             })
             .collect();
-        let head = ["policy", "success, %", "95 % interval", "episodes", "solved at the start"];
+        let head = ["policy", "success, %", "95 % interval", "episodes", "success at reset"];
         html += &chart(&charts::bars(&bars), &head, &rows);
         html += &differences(group);
     }
@@ -158,8 +158,8 @@ fn differences(group: &[&Receipt]) -> String {
         .iter()
         .map(|other| row(name(other), &PairedTest::of(&first.successes(), &other.successes())))
         .collect();
-    let beside = first.beside.iter().filter(|other| other.candidate != first.candidate);
-    rows.extend(beside.map(|other| row(other.role.name().to_owned(), &other.test)));
+    let references = first.references.iter().filter(|other| other.candidate != first.candidate);
+    rows.extend(references.map(|other| row(other.role.name().to_owned(), &other.test)));
     if rows.is_empty() {
         return String::new();
     }
@@ -213,7 +213,7 @@ pub(super) fn episodes(receipts: &[Shown<'_>]) -> String {
         let names: Vec<&str> =
             std::iter::once("pair").chain(strips.iter().map(|strip| strip.name.as_str())).collect();
         let outcome = |strip: &Strip, pair: usize| match strip.episodes.get(pair) {
-            Some([true, true]) => "solved at the start",
+            Some([true, true]) => "success at reset",
             Some([true, false]) => "success",
             Some([false, _]) => "failure",
             None => "–",

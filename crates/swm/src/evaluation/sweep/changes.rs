@@ -2,11 +2,36 @@
 
 use std::collections::BTreeSet;
 
+use serde::{Deserialize, Serialize};
 use swm_core::env::FactorSpec;
 use swm_core::env::selects;
 use swm_core::{ResetOptions, Space, Value};
 
-use super::{Scope, Values};
+/// Which values factors get.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Values {
+    /// Drawn for every episode, by its seed.
+    Sampled,
+    /// The smallest, then the largest.
+    Extremes,
+    /// So many, evenly from the smallest to the largest.
+    Grid(usize),
+}
+
+/// What is changed in a cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Scope {
+    /// Nothing.
+    Unchanged,
+    /// One factor.
+    Factor,
+    /// All factors of a group.
+    Group,
+    /// All factors.
+    All,
+}
 
 /// A change to be evaluated.
 #[derive(Clone, Debug)]

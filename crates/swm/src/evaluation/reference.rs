@@ -1,4 +1,5 @@
-//! What stands beside every result: floors that need no skill, and the ceiling of the same planner on the true dynamics.
+//! The reference policies that every result is compared with: random, no-op, and the oracle, which is the same planner on the
+//! true dynamics.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Map;
@@ -7,58 +8,60 @@ use swm_core::{EnvConfig, EnvEntry, Manifest, PolicyArgs, Registry};
 
 use super::run::Candidate;
 
-/// What another policy is there for.
+/// What a reference policy is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
-    /// Actions drawn uniformly.
+    /// Actions sampled uniformly.
     Random,
     /// Zeros.
-    DoNothing,
+    #[serde(alias = "do_nothing")]
+    NoOp,
     /// A planner on the true dynamics.
-    Ceiling,
+    #[serde(alias = "ceiling")]
+    Oracle,
 }
 
 impl Role {
-    /// In words.
+    /// As on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Role::Random => "random",
-            Role::DoNothing => "do nothing",
-            Role::Ceiling => "planner on the true dynamics",
+            Role::NoOp => "no-op",
+            Role::Oracle => "oracle",
         }
     }
 }
 
-/// Another policy on the same pairs.
+/// A reference policy on the same pairs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Beside {
-    /// What it is there for.
+pub struct Reference {
+    /// Which of them it is.
     pub role: Role,
-    /// What it is.
+    /// The policy.
     pub candidate: Candidate,
-    /// What it came to.
+    /// Its results over all pairs.
     pub summary: Summary,
     /// The evaluated policy against it.
     pub test: PairedTest,
-    /// For a ceiling: what the evaluated policy's plans cost more than its.
+    /// For an oracle: how much more the evaluated policy's plans cost.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub regret: Option<Regret>,
     /// Its episodes, in order.
     pub episodes: Vec<EpisodeResult>,
 }
 
-/// True cost of the evaluated policy minus that of the ceiling, in the environment's task cost: positive is worse.
+/// True cost of the evaluated policy minus that of the oracle, in the environment's task cost: positive is worse.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Regret {
     /// Pairs in which both costs are known.
     pub pairs: usize,
-    /// Mean after the first plan: both begin at the same start, so this is what the first plan itself lost.
+    /// Mean after the first plan. Both begin at the same start, so this is the regret of the first plan alone.
     pub first_plan: f64,
     /// Median of the same.
     pub first_plan_median: f64,
-    /// Mean after each plan, as far as either plans on: what the plans up to it lost together. Where one of the two is at its
-    /// end before, what was left there counts.
+    /// Mean after each plan, up to the longer of the two episodes: the regret that the plans up to it add up to. Where one of
+    /// the two has ended, its final cost counts.
     #[serde(default)]
     pub by_plan: Vec<f64>,
     /// Mean at the end of the episode.
@@ -66,11 +69,11 @@ pub struct Regret {
 }
 
 impl Regret {
-    /// From episodes of the evaluated policy and of the ceiling; `None` if no cost is known.
-    pub fn of(policy: &[EpisodeResult], ceiling: &[EpisodeResult]) -> Option<Self> {
-        let pairs = || policy.iter().zip(ceiling);
+    /// From episodes of the evaluated policy and of the oracle; `None` if no cost is known.
+    pub fn of(policy: &[EpisodeResult], oracle: &[EpisodeResult]) -> Option<Self> {
+        let pairs = || policy.iter().zip(oracle);
         let lost = |cost: fn(&EpisodeResult) -> Option<f64>| -> Vec<f64> {
-            pairs().filter_map(|(policy, ceiling)| Some(cost(policy)? - cost(ceiling)?)).collect()
+            pairs().filter_map(|(policy, oracle)| Some(cost(policy)? - cost(oracle)?)).collect()
         };
         let (mut plans, ends) = (lost(|episode| episode.plan_cost), lost(|episode| episode.final_cost));
         if plans.is_empty() || ends.is_empty() {
@@ -85,14 +88,14 @@ impl Regret {
             None => episode.final_cost,
         };
         let count =
-            pairs().map(|(policy, ceiling)| policy.plan_costs.len().max(ceiling.plan_costs.len())).max();
+            pairs().map(|(policy, oracle)| policy.plan_costs.len().max(oracle.plan_costs.len())).max();
         let by_plan = (0..count.unwrap_or(0))
             .map(|plan| {
-                let lost = pairs()
-                    .filter_map(|(policy, ceiling)| Some(after(policy, plan)? - after(ceiling, plan)?));
+                let lost =
+                    pairs().filter_map(|(policy, oracle)| Some(after(policy, plan)? - after(oracle, plan)?));
                 mean(&lost.collect::<Vec<f64>>())
             })
-            // Pairs whose costs are all unknown say nothing of this plan and the next.
+            // Where no pair has a known cost, this plan and the next have no regret.
             .take_while(|lost| lost.is_finite())
             .collect();
         let (first_plan, at_end) = (mean(&plans), mean(&ends));
@@ -100,8 +103,8 @@ impl Regret {
     }
 }
 
-impl Beside {
-    /// Puts a policy's episodes beside those of the evaluated one.
+impl Reference {
+    /// Compares the episodes of a reference policy with those of the evaluated one.
     pub fn new(
         role: Role,
         candidate: Candidate,
@@ -116,7 +119,7 @@ impl Beside {
             candidate,
             summary: Summary::of(&episodes),
             test: PairedTest::of(&successes(evaluated), &successes(&episodes)),
-            regret: if role == Role::Ceiling { Regret::of(evaluated, &episodes) } else { None },
+            regret: if role == Role::Oracle { Regret::of(evaluated, &episodes) } else { None },
             episodes,
         }
     }
@@ -131,10 +134,10 @@ pub fn roles(
     candidate: &Candidate,
 ) -> Vec<(Role, Candidate)> {
     let named = |name: &str| Candidate::new(PolicyArgs::new(name, Map::new()));
-    let mut roles = vec![(Role::Random, named("random")), (Role::DoNothing, named("constant"))];
+    let mut roles = vec![(Role::Random, named("random")), (Role::NoOp, named("constant"))];
     let config = EnvConfig { image: None, settings: manifest.settings.clone() };
     if entry.make(&config).is_ok_and(|env| env.task_cost().is_some()) {
-        roles.push((Role::Ceiling, candidate.oracle(registry, entry, manifest)));
+        roles.push((Role::Oracle, candidate.oracle(registry, entry, manifest)));
     }
     roles
 }
@@ -161,10 +164,17 @@ mod tests {
     }
 
     #[test]
+    fn roles_of_old_receipts_are_read() {
+        let read = |role: &str| serde_json::from_str::<Role>(role).unwrap();
+        assert_eq!([read("\"do_nothing\""), read("\"ceiling\"")], [Role::NoOp, Role::Oracle]);
+        assert_eq!(serde_json::to_string(&Role::NoOp).unwrap(), "\"no_op\"");
+    }
+
+    #[test]
     fn regret_is_known_after_every_plan() {
         let policy = [episode(&[5.0, 3.0, 2.0], 2.0), episode(&[4.0, 4.0], 4.0)];
-        let ceiling = [episode(&[4.0, 0.0], 0.0), episode(&[2.0, 1.0], 1.0)];
-        let regret = Regret::of(&policy, &ceiling).unwrap();
+        let oracle = [episode(&[4.0, 0.0], 0.0), episode(&[2.0, 1.0], 1.0)];
+        let regret = Regret::of(&policy, &oracle).unwrap();
         assert_eq!((regret.pairs, regret.first_plan, regret.at_end), (2, 1.5, 2.5));
         // In the last column three of the four are at their end.
         assert_eq!(regret.by_plan, [1.5, 3.0, 2.5]);
