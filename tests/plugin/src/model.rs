@@ -6,9 +6,7 @@ use std::path::Path;
 use serde_json::{Map, Value as Json};
 use swm::core::{Batch, BoxError, PolicyArgs, PolicyEntry, Schema, Setting};
 use swm::solvers::models::{Dynamics, GoalMse, Part, Reduction, ShootingCost, Steps};
-use swm::solvers::{
-    Candidates, LearnedCost, Moment, PlanError, SOLVER_SETTING, on_true_dynamics, plan_on,
-};
+use swm::solvers::{Candidates, LearnedCost, Moment, PlanError, SOLVER_SETTING, on_true_dynamics, plan_on};
 
 /// `fitted-model`. What a command asks of the model behind it is said here too: the images that it was trained on (those of
 /// its dataset), the file that it depends on, and its oracle, the same planner on the true dynamics.

@@ -68,7 +68,10 @@ fn its_model_has_an_oracle_hashed_files_an_image_size_and_traces() {
 
     // The oracle is the same planner on the true dynamics: of a solver of the workspace, or of this crate.
     let eval = |solver: &str| {
-        json(folder, &format!("eval --manifest task.toml --reference oracle --policy fitted-model:data.h5,{solver}"))
+        json(
+            folder,
+            &format!("eval --manifest task.toml --reference oracle --policy fitted-model:data.h5,{solver}"),
+        )
     };
     let receipt = eval("samples=32,elites=8,iterations=3");
     let oracle = &receipt["references"][0]["candidate"]["policy"];
@@ -89,7 +92,8 @@ fn its_model_has_an_oracle_hashed_files_an_image_size_and_traces() {
     assert_eq!(result["setup"]["image"], serde_json::json!({ "height": 24, "width": 32 }));
 
     // Its plans are traced and drawn.
-    let plan = "plan demo/IceRink-v0 --budget 6 --policy fitted-model:data.h5,samples=32,elites=8,iterations=3";
+    let plan =
+        "plan demo/IceRink-v0 --budget 6 --policy fitted-model:data.h5,samples=32,elites=8,iterations=3";
     let plans = json(folder, &format!("{plan} --trace trace --video-format gif"));
     assert_eq!(plans["plans"].as_array().unwrap().len(), 2);
     for file in ["index.html", "costs.svg", "trace.jsonl", "episode_000_plan_001_elites.svg"] {

@@ -5,7 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use ice_rink::{JSONL, registry};
-use swm::data::testing::{assert_same, contents_in, episode, metadata, mutations, record_in, rows_of, schema};
+use swm::data::testing::{
+    assert_same, contents_in, episode, metadata, mutations, record_in, rows_of, schema,
+};
 use swm::data::{DataError, DatasetWriter, WriteMode};
 use swm_core::{BoxError, Metadata};
 
@@ -74,9 +76,7 @@ fn a_recording_that_was_killed_goes_on() {
 fn a_run_that_was_killed_before_its_first_episode_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let path = dataset(&folder);
-    let begin = |metadata: &Metadata| {
-        append(&path).unwrap().begin(&schema(), metadata).unwrap()
-    };
+    let begin = |metadata: &Metadata| append(&path).unwrap().begin(&schema(), metadata).unwrap();
     let runs = || JSONL.open(&path).unwrap().info().runs.to_vec();
     let other = Metadata { seed: 8, ..metadata() };
     assert_eq!(begin(&other), 0);
