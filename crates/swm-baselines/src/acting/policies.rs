@@ -46,13 +46,10 @@ pub const POLICIES: &[PolicyEntry] = &[
     }),
 ];
 
-const RUN: Setting = Setting { name: "RUN", doc: "folder of a training run", default: "required" };
-const CHECKPOINT: Setting =
-    Setting { name: "checkpoint", doc: "which checkpoint: last, best, or a step", default: "last" };
-const DEVICE: Setting =
-    Setting { name: "device", doc: "what it is computed on: cpu, cuda, cuda:1 …", default: "cpu" };
-const TRANSFER: Setting =
-    Setting { name: "transfer", doc: "whether a run of another environment is taken", default: "false" };
+const RUN: Setting = Setting::new("RUN", "folder of a training run", "required");
+const CHECKPOINT: Setting = Setting::new("checkpoint", "which checkpoint: last, best, or a step", "last");
+const DEVICE: Setting = Setting::new("device", "what it is computed on: cpu, cuda, cuda:1 …", "cpu");
+const TRANSFER: Setting = Setting::new("transfer", "whether a run of another environment is taken", "false");
 /// What all policies of trained models know by name.
 const OF_MODELS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER];
 

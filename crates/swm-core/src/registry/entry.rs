@@ -101,6 +101,7 @@ impl Entry for EnvEntry {
 
 /// One setting of an environment, a policy or a solver, for help and docs.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct Setting {
     /// Its name.
     pub name: &'static str,

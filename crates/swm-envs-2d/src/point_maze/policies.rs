@@ -35,8 +35,7 @@ pub(super) const POLICIES: &[PolicyEntry] = &[
     .settings(&[NOISE]),
 ];
 
-const NOISE: Setting =
-    Setting { name: "std", doc: "standard deviation of the noise on each component", default: "0.5" };
+const NOISE: Setting = Setting::new("std", "standard deviation of the noise on each component", "0.5");
 
 /// Where to go.
 #[derive(Clone, Copy, Debug, PartialEq)]

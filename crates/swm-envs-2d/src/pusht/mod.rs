@@ -79,8 +79,8 @@ const WEAK: PolicyEntry = PolicyEntry::new(
         Ok(Box::new(PerEpisode::new(format!("weak:dist_constraint={reach_px}"), make)))
     },
 )
-.settings(&[Setting {
-    name: "dist_constraint",
-    doc: "largest distance of the target from the block, px per axis",
-    default: "100",
-}]);
+.settings(&[Setting::new(
+    "dist_constraint",
+    "largest distance of the target from the block, px per axis",
+    "100",
+)]);

@@ -19,7 +19,7 @@ pub(super) const EXPERT: PolicyEntry = PolicyEntry::new(
     "goes through the nearest door that is wide enough, then to the goal",
     |_, args| make(args, 0.0),
 )
-.settings(&[Setting { name: "std", doc: STD_DOC, default: "0" }]);
+.settings(&[Setting::new("std", STD_DOC, "0")]);
 
 /// `noisy-expert`.
 pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry::new(
@@ -27,7 +27,7 @@ pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry::new(
     "the expert with normal noise on its actions (`noisy-expert:STD`), as the reference collects its data",
     |_, args| make(args, NOISY_STD),
 )
-.settings(&[Setting { name: "std", doc: STD_DOC, default: "1.3" }]);
+.settings(&[Setting::new("std", STD_DOC, "1.3")]);
 
 const STD_DOC: &str = "standard deviation of the noise on each component of the action";
 const NOISY_STD: f64 = 1.3;

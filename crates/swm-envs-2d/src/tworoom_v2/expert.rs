@@ -18,16 +18,8 @@ use super::settings::Settings;
 macro_rules! settings {
     ($noise:literal) => {
         &[
-            Setting {
-                name: "noise",
-                doc: "standard deviation of the noise on each component of the action, which is then clipped to -1..1",
-                default: $noise,
-            },
-            Setting {
-                name: "action_repeat_prob",
-                doc: "probability that an action is the last one once more",
-                default: "0",
-            },
+            Setting::new("noise", "standard deviation of the noise on each component of the action, which is then clipped to -1..1", $noise),
+            Setting::new("action_repeat_prob", "probability that an action is the last one once more", "0"),
         ]
     };
 }
