@@ -3,6 +3,7 @@
 //! Not part of the product: the command that researchers use is `swm`.
 
 mod apart;
+mod api;
 mod bindgen;
 mod book;
 mod cargo_tree;
@@ -80,6 +81,8 @@ enum Command {
     Release(release::Args),
     /// Check the rules of the architecture and of the sources
     Tidy(tidy::Args),
+    /// List the public types that break a downstream crate when they get a field or a variant
+    Api(api::Args),
     /// Check the licenses and origins of all dependencies against deny.toml
     Deny(deny::Args),
 }
@@ -101,6 +104,7 @@ fn main() -> ExitCode {
         Command::Sizes(args) => sizes::run(&args),
         Command::Release(args) => release::run(&args),
         Command::Tidy(args) => tidy::run(&args),
+        Command::Api(args) => api::run(&args),
         Command::Deny(args) => deny::run(&args),
     };
     match result {

@@ -304,10 +304,10 @@ impl Tool {
 struct Version(u32, u32);
 
 impl Version {
-    /// Reads the first two numbers of `3.31.10`, `1.13.0.git.kitware` and their like.
+    /// Reads major and minor of `3.31.10`, `1.13.0.git.kitware` and their like.
     fn parse(text: &str) -> Option<Self> {
-        let mut numbers = text.trim().split('.').map(str::parse);
-        Some(Self(numbers.next()?.ok()?, numbers.next()?.ok()?))
+        let mut parts = text.trim().split('.').map(str::parse);
+        Some(Self(parts.next()?.ok()?, parts.next()?.ok()?))
     }
 
     /// Finds the version in what `--version` prints: on the first line, alone or as its last word.

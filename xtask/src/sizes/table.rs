@@ -32,9 +32,9 @@ pub(super) struct Compiler {
 
 impl Compiler {
     fn new(version: &str, package: &str) -> Self {
-        let mut numbers: Vec<u32> = version.split('.').filter_map(|part| part.parse().ok()).collect();
-        numbers.resize(2, 0);
-        Self { version: numbers, package: Reverse(package.into()) }
+        let mut parts: Vec<u32> = version.split('.').filter_map(|part| part.parse().ok()).collect();
+        parts.resize(2, 0);
+        Self { version: parts, package: Reverse(package.into()) }
     }
 
     fn number(&self) -> String {
