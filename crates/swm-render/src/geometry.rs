@@ -4,6 +4,7 @@ use crate::error::{RenderError, check_size};
 
 /// Sizes of the stages of an image, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Geometry {
     /// Side of the square canvas; world coordinates are in its pixels.
     pub canvas: usize,

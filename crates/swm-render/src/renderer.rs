@@ -18,6 +18,7 @@ pub enum Style {
 
 /// Draws frames of `[H, W, 3]` bytes in either style. See the crate's example.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub enum Renderer {
     /// [`Style::Exact`].
     Exact(Box<ExactRenderer>),

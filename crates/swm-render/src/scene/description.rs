@@ -84,6 +84,7 @@ pub struct Light {
 
 /// The shape of the beam of a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum LightKind {
     /// Parallel, from infinitely far away.
     Sun,
@@ -117,6 +118,7 @@ pub struct Instance {
 
 /// What an instance is, in its own frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Shape {
     /// The plane z = 0, seen from above. `half`: half lengths along x and y, 0 for endless.
     Plane {
@@ -186,6 +188,7 @@ impl Default for Material {
 
 /// How a texture lies on a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Mapping {
     /// A flat texture, by index: (u, v) = scale × (x, y) + offset in the instance's own frame.
     Flat {
