@@ -14,7 +14,7 @@ fn control_step(c: &mut Criterion) {
 
     let mut free = Sim::new(&Setup::default()).expect("the defaults are valid");
     let apart = Placement::from([100.0, 100.0, 350.0, 300.0, 0.0]);
-    free.place_exactly(&apart).expect("the numbers are finite");
+    free.place_exactly(&apart).expect("the values are finite");
     let circle: Vec<[f32; 2]> = (0..EPISODE_STEPS)
         .map(|step| (step as f32 * 0.3).sin_cos().into())
         .map(|[x, y]: [f32; 2]| [0.2 * x, 0.2 * y])

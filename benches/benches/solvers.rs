@@ -3,7 +3,7 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use swm_benches::SolveCase;
 
-/// 300 candidates of 10 blocks of 2 numbers, 30 iterations: the reference's defaults.
+/// 300 candidates of 10 blocks of 2 values, 30 iterations: the reference's defaults.
 fn solvers(c: &mut Criterion) {
     for (episodes, threads) in [(1, 1), (8, 1), (8, 2)] {
         let pool =

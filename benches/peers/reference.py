@@ -124,7 +124,7 @@ def bare(policy):
 
 
 def make_world(side, policy, limit):
-    # The package's first release numbers the same TwoRoom as v0.
+    # The package's first release calls the same TwoRoom v0.
     name = {"swm/TwoRoom-v1": "swm/TwoRoom-v0"}.get(ENV_ID, ENV_ID)
     world = swm.World(name, 1, (side, side), max_episode_steps=limit, verbose=0)
     world.set_policy(WeakPolicy() if policy == "weak" else RandomPolicy(seed=0))

@@ -1,4 +1,4 @@
-"""Steps an environment and draws every moment with MuJoCo's own renderer, through OpenGL; for render3d.py.
+"""Steps an environment and renders every step with MuJoCo's own renderer, through OpenGL; for render3d.py.
 
     render3d_reference.py ENV SIDE FRAMES
 

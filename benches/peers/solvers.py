@@ -5,7 +5,7 @@
 
 As world.py does for PushT: installs the reference (stable-worldmodel 0.1.1, with torch: gigabytes) into a virtual environment
 of its own, builds `solve-times`, and measures both in turns. One episode, one thread, 300 candidates of 10 blocks of 2
-numbers, 30 iterations. What is compared is the CPU time of the quickest plan of all rounds: that which other
+values, 30 iterations. What is compared is the CPU time of the quickest plan of all rounds: that which other
 programs disturbed least. Solvers that the reference lacks stand in the table alone.
 """
 
@@ -76,9 +76,9 @@ def report(rows):
 
     for row in rows:
         ratio, target = row["ratio"], row["target"]
-        numbers = [f"{ratio[key]:.1f}" if ratio else "-" for key in ("best_s", "median_s")]
+        ratios = [f"{ratio[key]:.1f}" if ratio else "-" for key in ("best_s", "median_s")]
         wanted = f"  >= {target} {'met' if row['met'] else 'MISSED'}" if target else ""
-        cells = f"{cell(row['reference']):>20}{cell(row['here']):>20}{numbers[0]:>9}{numbers[1]:>12}"
+        cells = f"{cell(row['reference']):>20}{cell(row['here']):>20}{ratios[0]:>9}{ratios[1]:>12}"
         lines.append(f"{row['solver']:22}{cells}{wanted}")
     lines.append(f"load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores")
     return "\n".join(lines)

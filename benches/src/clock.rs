@@ -1,4 +1,4 @@
-//! Time: that of the wall, and that which the CPU spent on this process. Beside other programs only the second
+//! Time: that of the wall, and that which the CPU spent on this process. On a busy machine only the second
 //! says something about the code.
 
 use std::time::{Duration, Instant};

@@ -1,6 +1,6 @@
 //! What the benchmarks share: worlds and scenes of PushT, and clocks that do not count what other programs do.
 //!
-//! No benchmark stands here; they are in `benches/` (criterion) and `peers/` (beside the reference).
+//! No benchmark stands here; they are in `benches/` (criterion) and `peers/` (compared with the reference).
 
 mod clock;
 mod measurement;

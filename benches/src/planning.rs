@@ -50,7 +50,7 @@ impl DifferentiableCost for FreeCost {
 }
 
 /// One solver with the settings of the comparison (300 candidates, 30 iterations, where it has such settings), and what
-/// it needs to plan 10 blocks of 2 real numbers, or of one of 5 categories.
+/// it needs to plan 10 blocks of 2 real values, or of one of 5 categories.
 pub struct SolveCase {
     /// The solver's name.
     pub name: &'static str,

@@ -163,7 +163,7 @@ impl BareEnv {
         (0..EPISODE_STEPS).map(next).collect::<Result<_>>().context("acting in PushT")
     }
 
-    /// The present moment.
+    /// The current state.
     ///
     /// # Errors
     ///
@@ -174,7 +174,7 @@ impl BareEnv {
         Ok(state)
     }
 
-    /// Returns to a saved moment.
+    /// Restores a saved state.
     ///
     /// # Errors
     ///

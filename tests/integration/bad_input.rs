@@ -1,4 +1,4 @@
-//! Wrong requests and damaged files: a message that names the object, the reason and the way out, and nothing lost.
+//! Wrong requests and damaged files: a message that names the object, the reason and the fix, and nothing lost.
 
 use crate::support::{Folder, PUSHT, content, swm_fails, swm_ok};
 

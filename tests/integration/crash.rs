@@ -1,4 +1,4 @@
-//! A kill at any moment loses no committed episode, and appending continues to what an undisturbed run gives.
+//! A kill at any time loses no committed episode, and appending continues to what an undisturbed run gives.
 
 use std::io::{BufRead as _, BufReader};
 use std::process::{Child, Stdio};
@@ -22,7 +22,7 @@ fn collect<'a>(out: &'a str, extra: &[&'a str]) -> Vec<&'a str> {
 fn killed_after(args: &[&str], delay: Duration) -> u64 {
     let mut child: Child = swm(args).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("it starts");
     let stderr = BufReader::new(child.stderr.take().expect("piped"));
-    // The count starts with the first episode, so that the kills spread over the writing and not over the start.
+    // The count starts with the first episode, so that the kills hit the writing and not over the start.
     let reader = std::thread::spawn(move || {
         stderr.lines().map_while(Result::ok).filter(|line| is_commit(line)).count()
     });
@@ -62,5 +62,5 @@ fn kills_lose_nothing_that_was_committed() {
         swm_ok(&collect(&out, &["--total", &total, "--mode", "append", "--quiet"]));
         assert_eq!(content(&out), expected, "kill {kill} after {delay:?}");
     }
-    assert!(partial > 0, "no kill hit the writing; the moments are badly chosen");
+    assert!(partial > 0, "no kill hit the writing; the times are badly chosen");
 }

@@ -86,7 +86,7 @@ fn changed_states_are_refused_or_drawn() {
     }
 }
 
-/// Overwrites 8 bytes: with numbers no simulator meets, or at random.
+/// Overwrites 8 bytes: with values no simulator meets, or at random.
 fn overwrite(states: &mut [u8], number: usize) {
     let random = (number as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let odd = [f64::NAN, f64::INFINITY, -1e300, 1e18, 0.0, f64::MIN_POSITIVE];
@@ -102,7 +102,7 @@ fn overwrite(states: &mut [u8], number: usize) {
 }
 
 #[test]
-fn what_no_recording_says_of_itself_is_refused() {
+fn what_no_recording_states_is_refused() {
     let entry = swm::registry().env(PUSHT).unwrap();
     let small = record(entry, false, 1).unwrap();
     let mut rows = Batch::new(small.schema().clone(), 0);

@@ -183,7 +183,7 @@ fn damage_is_found_and_an_interruption_fixed() {
 }
 
 #[test]
-fn statistics_are_shown_and_kept_beside_the_dataset() {
+fn statistics_are_shown_and_kept_next_to_the_dataset() {
     let folder = Folder::new();
     for name in ["a.h5", "b.folder"] {
         let source = recorded(&folder, name, "6", "2");

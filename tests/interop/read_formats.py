@@ -1,5 +1,5 @@
 """Opens one of our folders, videos, logs or LeRobot datasets with the programs that others use, and prints what it sees as JSON: a digest
-per column of numbers, the mean of every frame per column of images, and of logs a digest of the images too."""
+per numeric column, the mean of every frame per column of images, and of logs a digest of the images too."""
 
 import io
 import json

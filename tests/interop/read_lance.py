@@ -1,5 +1,5 @@
 """Opens one of our Lance tables with pylance, and prints what it sees as JSON: lengths of episodes, the sum of every column
-of numbers, the first of every column of texts, the mean of every column of images."""
+of values, the first of every column of texts, the mean of every column of images."""
 
 import io
 import json
@@ -24,8 +24,8 @@ seen = {"lengths": lengths, "sums": {}, "texts": {}, "means": {}}
 for field in table.schema:
     values = table[field.name]
     if pa.types.is_fixed_size_list(field.type):
-        numbers = values.combine_chunks().flatten().to_numpy(zero_copy_only=False).astype(float)
-        seen["sums"][field.name] = float(numbers[np.isfinite(numbers)].sum())
+        flat = values.combine_chunks().flatten().to_numpy(zero_copy_only=False).astype(float)
+        seen["sums"][field.name] = float(flat[np.isfinite(flat)].sum())
     elif pa.types.is_string(field.type):
         seen["texts"][field.name] = values[0].as_py()
     elif pa.types.is_binary(field.type):

@@ -1,5 +1,5 @@
 """Writes a LeRobot dataset of version 3.0 as LeRobot itself does, with pyarrow and PyAV: two episodes in one table and one video,
-the video in AV1 by SVT-AV1 at LeRobot's own settings. Prints a digest per column of numbers, and the mean of every frame in the
+the video in AV1 by SVT-AV1 at LeRobot's own settings. Prints a digest per numeric column, and the mean of every frame in the
 planes that dav1d decodes."""
 
 import json
@@ -17,12 +17,12 @@ root = Path(sys.argv[1])
 rng = np.random.default_rng(0)
 lengths = [7, 12]
 steps = sum(lengths)
-numbers = np.concatenate([np.arange(n) for n in lengths])
+steps = np.concatenate([np.arange(n) for n in lengths])
 columns = {
     "observation.state": rng.normal(size=(steps, 3)).astype(np.float32),
     "action": rng.normal(size=(steps, 2)).astype(np.float32),
-    "timestamp": (numbers / FPS).astype(np.float32),
-    "frame_index": numbers.astype(np.int64),
+    "timestamp": (steps / FPS).astype(np.float32),
+    "frame_index": steps.astype(np.int64),
     "episode_index": np.repeat(np.arange(len(lengths)), lengths).astype(np.int64),
     "index": np.arange(steps, dtype=np.int64),
     "task_index": np.zeros(steps, np.int64),

@@ -107,7 +107,7 @@ fn short(entry: &EnvEntry) -> String {
 struct Bare {
     env: Box<dyn Env>,
     row: Batch,
-    /// Numbers of an action.
+    /// Dimension of an action.
     width: usize,
 }
 

@@ -120,7 +120,7 @@ impl Machine {
             if is_empty(&runs) {
                 continue;
             }
-            // What a terminal shows beside results is progress, or the message of a failure.
+            // What a terminal shows next to results is progress, or the message of a failure.
             let quiet = if index == last && status != 0 { "" } else { "exec 2>.stderr\n" };
             let (printed, found) = self.bash(&format!("{quiet}{runs}"), folder)?;
             let wanted = if index == last { status } else { 0 };

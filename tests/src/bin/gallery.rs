@@ -1,5 +1,5 @@
-//! `gallery DIR`: an image of every environment, as it is by default and with all factors varied, beside MuJoCo's own
-//! image of the same moment where there is one; and the page that shows them, `DIR/gallery.md`. For `cargo xtask gallery`.
+//! `gallery DIR`: an image of every environment, as it is by default and with all factors varied, next to MuJoCo's own
+//! image of the same state where there is one; and the page that shows them, `DIR/gallery.md`. For `cargo xtask gallery`.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -52,7 +52,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// The first moment of an episode, `[SIDE, SIDE, 3]`.
+/// The first image of an episode, `[SIDE, SIDE, 3]`.
 fn image(entry: &EnvEntry, vary: &[String], settings: &[(&str, &str)]) -> Result<Vec<u8>> {
     let mut config =
         EnvConfig { image: Some(ImageSize { height: SIDE, width: SIDE }), ..EnvConfig::default() };

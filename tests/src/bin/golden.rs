@@ -1,5 +1,5 @@
 //! `cargo xtask golden --check [DIR]`: replays recorded trajectories of the reference and prints, per file and
-//! column, the worst deviation. Exit status 1 above the stated tolerance.
+//! column, the worst difference. Exit status 1 above the stated tolerance.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

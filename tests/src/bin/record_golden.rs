@@ -1,4 +1,4 @@
-//! Records an episode of one of our own environments as a golden file, for those that have no reference to record from:
+//! Records an episode of an in-house environment as a golden file, for those that have no reference to record from:
 //! `cargo run --release -p swm-tests --bin record_golden -- ENV POLICY SEED STEPS OUT.npz`. All factors are varied;
 //! replay must then agree to the bit. To be run again only when an environment changes on purpose.
 
@@ -15,7 +15,7 @@ use swm::core::{EnvConfig, EpisodeEnd, ImageSize, LiveRow, Recorder, Rollout, Va
 /// Side of the recorded images, pixels.
 const SIDE: usize = 64;
 
-/// Record a golden episode of one of our own environments.
+/// Record a golden episode of an in-house environment.
 #[derive(Parser)]
 struct Args {
     /// Environment id.

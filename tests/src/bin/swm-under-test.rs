@@ -1,4 +1,4 @@
-//! The command `swm`, built beside the tests that start it.
+//! The command `swm`, built next to the tests that start it.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! Rules of our own environments that have no reference: recorded by `record_golden` with all factors set, and equal to
+//! Rules of in-house environments, which have no reference: recorded by `record_golden` with all factors set, and equal to
 //! the bit.
 
 use super::rules::{ImageTolerance, Rules, Tolerance, Unit};

@@ -20,11 +20,11 @@ use super::rules::{ImageTolerance, Rules, Tolerance, Unit, placed_in_model};
 pub struct Comparison {
     /// Key of the array, or image.
     pub column: String,
-    /// Worst deviation, as a multiple of what is accepted: above 1 it fails.
+    /// Worst difference, as a multiple of what is accepted: above 1 it fails.
     pub excess: f64,
     /// The absolute difference there (of an image: the share of unequal pixels).
     pub worst: f64,
-    /// Row of the worst deviation.
+    /// Step of the worst difference.
     pub row: usize,
     /// What is accepted there; `None`: a difference is expected.
     pub tolerance: Option<f64>,
@@ -33,7 +33,7 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Whether the deviation is accepted.
+    /// Whether the difference is accepted.
     pub fn passes(&self) -> bool {
         self.tolerance.is_none() || self.excess <= 1.0
     }
@@ -148,7 +148,7 @@ fn note_worst<'a>(
     });
     if expected.len() != actual.len() || units.len() != actual.len() {
         entry.excess = f64::INFINITY;
-        entry.note = format!("{} numbers recorded, {} here", expected.len(), actual.len());
+        entry.note = format!("{} values recorded, {} here", expected.len(), actual.len());
         return;
     }
     for ((&a, &b), &unit) in expected.iter().zip(actual).zip(units) {

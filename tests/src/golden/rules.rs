@@ -146,7 +146,7 @@ const SUITE: Rules = Rules {
 
 const NO_SUCCESS: (&str, &str) = ("info_success", "the recorded version has no success: always NaN");
 
-/// Rules of a domain by the numbers in its positions, velocities and observation; then how its factors are adapted.
+/// Rules of a domain by the number of values in its positions, velocities and observation; then how its factors are adapted.
 macro_rules! suite {
     ($name:ident, $id:literal, $nq:literal, $nv:literal, $observation:literal) => {
         suite!($name, $id, $nq, $nv, $observation, |_| Vec::new());
