@@ -41,7 +41,7 @@ pub(super) fn guarded<R>(call: impl FnOnce() -> R) -> Result<R, MujocoError> {
     GUARDS.set(GUARDS.get() - 1);
     result.map_err(|payload| match payload.downcast::<Raised>() {
         Ok(raised) => MujocoError::Raised(raised.0),
-        // A panic of our own, which no call here should cause: it goes on as it came.
+        // A Rust panic, which no call here should cause, is passed on unchanged.
         Err(payload) => resume_unwind(payload),
     })
 }

@@ -1,4 +1,4 @@
-//! MP4 files: the boxes, read by a small reader of our own, and the images, read by OpenH264's decoder.
+//! MP4 files: the boxes, read by a small in-house reader, and the images, read by OpenH264's decoder.
 
 use std::ops::Range;
 

@@ -14,7 +14,7 @@
 //! 4. **Transparency.** Surfaces that let light through are blended over the result.
 //!
 //! Everything is IEEE addition, multiplication, division and square root, in an order that does not depend on the
-//! processor: the same scene gives the same bytes everywhere.
+//! CPU: the same scene gives the same bytes everywhere.
 
 mod assets;
 mod description;

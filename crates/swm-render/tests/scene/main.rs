@@ -28,7 +28,7 @@ fn hash(bytes: &[u8]) -> u64 {
         .fold(0xcbf2_9ce4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Every shape, light, mapping and pass is in this image. Its bytes are the same on every processor: where this fails on
+/// Every shape, light, mapping and pass is in this image. Its bytes are the same on every CPU: where this fails on
 /// one and nowhere else, something depends on the machine. Where images are meant to change, so does this number.
 #[test]
 fn a_image_has_the_same_bytes_on_every_machine() {

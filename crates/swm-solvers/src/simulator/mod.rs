@@ -1,4 +1,4 @@
-//! Planning on the true dynamics: candidates are rolled out on copies of the environment itself. The ceiling that
+//! Planning on the true dynamics: candidates are rolled out on copies of the environment itself. The oracle that
 //! learned models are compared with.
 
 mod options;

@@ -70,7 +70,7 @@ impl DinoWmConfig {
         }
     }
 
-    /// Settings for a processor: the same encoder on images of 70 pixels, 25 tokens each, and a smaller predictor
+    /// Settings for a CPU: the same encoder on images of 70 pixels, 25 tokens each, and a smaller predictor
     /// without proprioception.
     pub fn small() -> Self {
         Self {

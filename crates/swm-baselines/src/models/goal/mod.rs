@@ -56,7 +56,7 @@ impl GoalConfig {
         }
     }
 
-    /// For a processor: convolutions that are trained, on images of 64 pixels.
+    /// For a CPU: convolutions that are trained, on images of 64 pixels.
     pub fn small() -> Self {
         Self {
             image: 64,

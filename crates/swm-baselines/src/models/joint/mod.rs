@@ -57,7 +57,7 @@ impl JointConfig {
         }
     }
 
-    /// For a processor: convolutions on images of 64 pixels.
+    /// For a CPU: convolutions on images of 64 pixels.
     pub fn small() -> Self {
         let predictor = PredictorConfig { depth: 4, heads: 4, head_width: 32, hidden: 512, dropout: 0.1 };
         Self {

@@ -73,7 +73,7 @@ fn load() -> Result<Box<dyn Driver>, String> {
     Err("nothing: on this system the way to OpenGL is not known".to_owned())
 }
 
-/// An OpenGL context of our own.
+/// A private OpenGL context.
 pub struct GlContext {
     driver: &'static dyn Driver,
     raw: NonNull<c_void>,
