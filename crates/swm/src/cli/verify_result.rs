@@ -37,7 +37,7 @@ impl VerifyResult {
         let beside = receipt.beside.iter().filter(|beside| self.ceiling || beside.role != Role::Ceiling);
         let episodes = receipt.episodes.len() + beside.map(|beside| beside.episodes.len()).sum::<usize>();
         let bar = output.bar(episodes as u64, "episodes");
-        let options = RunOptions { num_envs: self.num_envs, threads: self.threads };
+        let options = RunOptions { num_envs: self.num_envs, threads: self.threads, cancel: None };
         let verification = verify(registry, &receipt, options, self.ceiling, || bar.inc(1));
         bar.finish_and_clear();
         let verification = verification?;
