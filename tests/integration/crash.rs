@@ -64,3 +64,49 @@ fn kills_lose_nothing_that_was_committed() {
     }
     assert!(partial > 0, "no kill hit the writing; the times are badly chosen");
 }
+
+#[cfg(unix)]
+#[test]
+fn an_interrupt_keeps_what_was_committed_and_says_how_to_continue() {
+    let folder = Folder::new();
+    for signal in ["-INT", "-TERM"] {
+        let out = folder.path(&format!("interrupted{signal}.h5"));
+        let mut child: Child = swm(&collect(&out, &["--episodes", "1000000"]))
+            .stderr(Stdio::piped())
+            .stdout(Stdio::null())
+            .spawn()
+            .expect("it starts");
+        let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
+        let mut committed = lines.by_ref().take(3).filter(|line| is_commit(line)).count();
+        assert_eq!(committed, 3);
+        let kill = std::process::Command::new("kill").args([signal, &child.id().to_string()]).status();
+        assert!(kill.expect("kill is there").success());
+        let rest: Vec<String> = lines.collect();
+        assert_eq!(child.wait().expect("it ends").code(), Some(130), "{rest:?}");
+        committed += rest.iter().filter(|line| is_commit(line)).count();
+        let held = swm::data::open(out.as_ref()).expect("the file opens").num_episodes();
+        assert_eq!(held, committed);
+        let said = rest.last().expect("it says what is safe");
+        let expected =
+            format!("interrupted: {held} episodes are safe in {out}; to continue, repeat the command");
+        assert!(said.starts_with(&expected) && said.contains("--mode append --total 1000000"), "{said}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_evaluation_ends_with_its_own_status() {
+    let args = ["eval", PUSHT, "--policy", "weak", "--episodes", "1000000"];
+    let mut child = swm(&args).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("it starts");
+    std::thread::sleep(Duration::from_secs(1));
+    let kill = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    assert!(kill.expect("kill is there").success());
+    let said: Vec<String> =
+        BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok).collect();
+    assert_eq!(child.wait().expect("it ends").code(), Some(130), "{said:?}");
+    assert_eq!(
+        said.last().map(|line| line.starts_with("interrupted: nothing is kept")),
+        Some(true),
+        "{said:?}"
+    );
+}

@@ -104,6 +104,9 @@ pub enum PolicyError {
         /// What is missing.
         reason: String,
     },
+    /// The run was asked to stop.
+    #[error("cancelled")]
+    Cancelled,
     /// An environment failed while the policy simulated it.
     #[error(transparent)]
     Env(#[from] EnvError),

@@ -239,6 +239,9 @@ where
     if actors.len() <= part.max(1) {
         for (offset, slot) in actors.iter_mut().enumerate() {
             let Some(row) = view.row(first + offset) else { continue };
+            if view.cancel.is_some_and(Cancel::is_cancelled) {
+                return Err(PolicyError::Cancelled);
+            }
             if row.episode.step == 0 || slot.as_ref().is_none_or(|(index, _)| *index != row.episode.index) {
                 *slot = Some((row.episode.index, make(&row)?));
             }

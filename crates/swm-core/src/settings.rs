@@ -5,7 +5,23 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value as Json};
 
-use crate::registry::Setting;
+/// One setting of an environment, a policy or a solver, for help and docs.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting {
+    /// Its name.
+    pub name: &'static str,
+    /// What it does.
+    pub doc: &'static str,
+    /// The default, in words.
+    pub default: &'static str,
+}
+
+impl Setting {
+    /// A setting: its name, what it does, its default in words.
+    pub const fn new(name: &'static str, doc: &'static str, default: &'static str) -> Self {
+        Self { name, doc, default }
+    }
+}
 
 /// A flat struct of settings, declared by [`settings!`](crate::settings!).
 pub trait Settings: Default + Serialize + DeserializeOwned {
@@ -124,10 +140,10 @@ macro_rules! settings {
         }
 
         impl $crate::settings::Settings for $Name {
-            const SETTINGS: &'static [$crate::registry::Setting] = {
+            const SETTINGS: &'static [$crate::settings::Setting] = {
                 const TABLE: &$crate::settings::Table = &$crate::settings::Table::of(&[
                     $(<$First as $crate::settings::Settings>::SETTINGS,)?
-                    &[$($crate::registry::Setting::new(
+                    &[$($crate::settings::Setting::new(
                         stringify!($name),
                         $crate::settings::help(&[$($doc),*], concat!($($doc),*)),
                         $crate::settings!(@text $default $(=> $text)?),

@@ -82,6 +82,9 @@ pub enum PlanError {
         /// The environment that asks for an action.
         world: String,
     },
+    /// The run was asked to stop.
+    #[error("cancelled")]
+    Cancelled,
     /// An environment failed while it was simulated.
     #[error(transparent)]
     Env(#[from] EnvError),
@@ -97,10 +100,21 @@ impl PlanError {
     }
 }
 
+impl PlanError {
+    /// The error of a cost, whole, so that a driver finds its own error again by `downcast_ref`.
+    pub fn foreign(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Cost(error) => Some(&**error),
+            _ => None,
+        }
+    }
+}
+
 impl From<PlanError> for PolicyError {
     fn from(error: PlanError) -> Self {
         match error {
             PlanError::Env(error) => PolicyError::Env(error),
+            PlanError::Cancelled => PolicyError::Cancelled,
             error => PolicyError::Other(Box::new(error)),
         }
     }

@@ -54,6 +54,34 @@ pub struct RowsMut<'a> {
 }
 
 impl<'a> RowsMut<'a> {
+    /// `rows` rows over memory of any owner: for every field of `schema`, its `[rows, …shape]` values.
+    ///
+    /// # Errors
+    ///
+    /// [`BatchError::WrongValue`]: a slice is missing, left over, or of another type or length than its field.
+    pub fn over(
+        schema: &'a Schema,
+        rows: usize,
+        slices: impl IntoIterator<Item = SliceMut<'a>>,
+    ) -> Result<Self, BatchError> {
+        let columns: SmallVec<_> = slices.into_iter().collect();
+        let wrong = |name: &str, expected: String, found: String| {
+            Err(BatchError::WrongValue { name: name.to_owned(), expected, found })
+        };
+        if columns.len() != schema.fields().len() {
+            let (expected, found) = (schema.fields().len(), columns.len());
+            return wrong("slices", format!("{expected}, one per field"), found.to_string());
+        }
+        for (index, field) in schema.fields().iter().enumerate() {
+            let (column, len): (&SliceMut<'_>, _) = (&columns[index], rows * schema.width(index));
+            if column.dtype() != field.dtype || column.len() != len {
+                let found = format!("{} values of {}", column.len(), column.dtype());
+                return wrong(&field.name, format!("{len} values of {}", field.dtype), found);
+            }
+        }
+        Ok(Self { schema, rows, selected: 0, columns })
+    }
+
     /// The fields.
     pub fn schema(&self) -> &'a Schema {
         self.schema

@@ -105,6 +105,11 @@ impl Batch {
         self.rows = 0;
     }
 
+    /// The columns, one per field, `[rows, …shape]` values each.
+    pub fn into_columns(self) -> Vec<Column> {
+        self.columns
+    }
+
     fn wrong_type(&self, index: usize, wanted: super::Dtype) -> BatchError {
         let field = &self.schema.fields()[index];
         BatchError::WrongValue {

@@ -1,6 +1,7 @@
 //! What every entry of a table is, and the entry of an environment.
 
 use crate::env::{Env, EnvConfig};
+use crate::settings::Setting;
 use crate::error::EnvError;
 
 use super::PolicyEntry;
@@ -96,24 +97,5 @@ impl Entry for EnvEntry {
 
     fn name(&self) -> &'static str {
         self.id
-    }
-}
-
-/// One setting of an environment, a policy or a solver, for help and docs.
-#[derive(Clone, Copy, Debug)]
-#[non_exhaustive]
-pub struct Setting {
-    /// Its name.
-    pub name: &'static str,
-    /// What it does.
-    pub doc: &'static str,
-    /// The default, in words.
-    pub default: &'static str,
-}
-
-impl Setting {
-    /// A setting: its name, what it does, its default in words.
-    pub const fn new(name: &'static str, doc: &'static str, default: &'static str) -> Self {
-        Self { name, doc, default }
     }
 }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde_json::{Map, Value as Json};
-use swm_core::{EnvConfig, EnvEntry, EnvState, Settings as _, Space};
+use swm_core::{Cancel, EnvConfig, EnvEntry, EnvState, Settings as _, Space};
 
 use self::share::share;
 use self::worker::{Simulation, Worker};
@@ -40,6 +40,8 @@ pub struct SimulatorCost {
     map: Option<Arc<ActionMap>>,
     /// Bits of costs or slopes, so that any thread can write any of them.
     results: Vec<AtomicU64>,
+    /// Looked at before each iteration.
+    cancel: Option<Cancel>,
 }
 
 impl SimulatorCost {
@@ -52,8 +54,16 @@ impl SimulatorCost {
         options.validate()?;
         let config = EnvConfig { image: None, settings: config.settings.clone() };
         let (starts, results) = (Vec::new(), Vec::new());
-        let mut cost =
-            Self { entry: *entry, config, options, workers: Vec::new(), starts, map: None, results };
+        let mut cost = Self {
+            entry: *entry,
+            config,
+            options,
+            workers: Vec::new(),
+            starts,
+            map: None,
+            results,
+            cancel: None,
+        };
         cost.hire(1)?;
         Ok(cost)
     }
@@ -86,10 +96,14 @@ impl Cost for SimulatorCost {
             moment.row(index).snapshot(start)?;
         }
         self.map = Some(Arc::clone(moment.actions()));
+        self.cancel = moment.view().cancel().cloned();
         Ok(())
     }
 
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+        if self.cancel.as_ref().is_some_and(Cancel::is_cancelled) {
+            return Err(PlanError::Cancelled);
+        }
         let Self { entry, options, workers, starts, map, results, .. } = self;
         let simulation = simulation(entry, options, map.as_deref(), starts, candidates)?;
         let results = results_for(results, costs.len());

@@ -1,8 +1,13 @@
 //! The units that plans are made in, what a model is told of the past in them, and what the policy says of its plans.
 
 use swm_core::testing::{DISCRETE_TOY, TOY};
-use swm_core::{BoxError, EnvConfig, EpisodeEnd, LiveRow, Recorder, Registry, Rollout, World, WorldOptions};
-use swm_solvers::{ActionScale, Cem, MpcPolicy, PLANNERS, PlanConfig, SimulatorCost, SimulatorOptions};
+use swm_core::{
+    BoxError, Cancel, EnvConfig, EpisodeEnd, LiveRow, Recorder, Registry, Rollout, World, WorldError,
+    WorldOptions,
+};
+use swm_solvers::{
+    ActionScale, Cem, MpcPolicy, PLANNERS, PlanConfig, PlanError, SimulatorCost, SimulatorOptions,
+};
 
 use crate::mpc::{Outcome, act_in_units, config, far_goal, stair};
 use crate::worlds::{Setting, run, toward};
@@ -113,4 +118,29 @@ fn columns_about_plans_stand_where_plans_were_made() {
     assert_eq!(bits(&plain), bits(&timed), "what is said changes nothing");
     let error = said(&format!("{policy}off")).err().unwrap().to_string();
     assert!(error.contains("plan.cost"), "{error}");
+}
+
+#[test]
+fn planning_stops_within_a_plan_when_the_run_is_cancelled() {
+    let cancel = Cancel::new();
+    let mut world = World::new(&TOY, WorldOptions::new(2).threads(1)).unwrap();
+    // A plan that would take hours.
+    let policy =
+        Registry::new().with(PLANNERS).policy("cem:iterations=100000,samples=10000", &world).unwrap();
+    world.set_policy(policy);
+    let rollout = Rollout::new(0..2).options(toward(1000.0)).cancel(&cancel);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            std::thread::sleep(std::time::Duration::from_millis(50));
+            cancel.cancel();
+        });
+        assert!(matches!(world.run(&rollout, &mut ()), Err(WorldError::Cancelled)));
+    });
+}
+
+#[test]
+fn the_error_of_a_cost_stays_whole() {
+    let error = PlanError::Cost("no such model".into());
+    assert_eq!(error.foreign().map(ToString::to_string).as_deref(), Some("no such model"));
+    assert!(PlanError::Cancelled.foreign().is_none());
 }

@@ -135,7 +135,7 @@ pub(super) struct WorldArgs {
 impl WorldArgs {
     /// How a run on a manifest is spread.
     pub(super) fn run_options(&self) -> RunOptions {
-        RunOptions { num_envs: self.num_envs, threads: self.threads }
+        RunOptions { num_envs: self.num_envs, threads: self.threads, cancel: None }
     }
 
     pub(super) fn options(&self, env: EnvConfig, max_steps: u64) -> WorldOptions {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use clap::Args;
@@ -9,12 +10,12 @@ use indicatif::ProgressBar;
 use serde_json::json;
 use swm_core::error::BoxError;
 use swm_core::{
-    Batch, EpisodeEnd, EpisodeSink, LiveRow, Metadata, Recorder, Registry, Rollout, Schema, World,
+    Batch, Cancel, EpisodeEnd, EpisodeSink, LiveRow, Metadata, Recorder, Registry, Rollout, Schema, World,
 };
 use swm_data::{DatasetWriter, WriteMode, WriteOptions};
 
 use super::args::{EnvArgs, ImageArg, ScenarioArgs, Shard, WorldArgs, policy};
-use super::{Failure, Output, usage};
+use super::{Failure, Output, interrupt, usage};
 
 /// Record episodes of a policy to a dataset.
 #[derive(Args)]
@@ -83,7 +84,7 @@ impl Collect {
         let entry = self.env.entry(registry)?;
         let config = self.env.config(self.image_size.0.filter(|_| self.replayable.is_none()))?;
         let world = self.world.options(config, self.max_steps);
-        let world = world.unrecorded(self.without).checkpoints(self.replayable);
+        let world = world.unrecorded(&self.without).checkpoints(self.replayable);
         let mut world = World::new(entry, world)?;
         world.set_policy(policy(registry, &self.policy, &world)?);
         let options = self.scenario.options()?;
@@ -101,7 +102,9 @@ impl Collect {
                 .ok_or_else(|| usage(format!("{more} more episodes than {first} are too many to count")))?,
             (None, total) => total.unwrap_or(first).max(first),
         };
-        let rollout = Rollout::new(first..last).seed(self.seed).options(options);
+        let committed = Arc::new(AtomicU64::new(held));
+        let cancel = self.watch(&committed, last - offset);
+        let rollout = Rollout::new(first..last).seed(self.seed).options(options).cancel(cancel);
         let started = Instant::now();
         let bar = output.bar(last - first, "episodes");
         let mut sink = Committed {
@@ -109,12 +112,13 @@ impl Collect {
             bar: bar.clone(),
             output,
             path: &self.out,
-            next: first,
+            committed: &committed,
             offset,
         };
         let mut count = Count::default();
-        world.record_dataset_with(&rollout, &mut sink, &mut count)?;
+        let recorded = world.record_dataset_with(&rollout, &mut sink, &mut count);
         bar.finish_and_clear();
+        recorded?;
         let seconds = started.elapsed().as_secs_f64();
         let result = json!({
             "out": self.out,
@@ -135,6 +139,21 @@ impl Collect {
                 self.out.display(),
                 last - offset,
             )
+        })
+    }
+}
+
+impl Collect {
+    /// What ends the recording when the command is interrupted.
+    fn watch(&self, committed: &Arc<AtomicU64>, total: u64) -> &'static Cancel {
+        let (out, committed) = (self.out.display().to_string(), Arc::clone(committed));
+        let rest = match (self.shard, self.total) {
+            (None, None) => format!("--mode append --total {total} in place of --episodes"),
+            _ => "--mode append".to_owned(),
+        };
+        interrupt::watch(move || {
+            let held = committed.load(Ordering::Relaxed);
+            format!("{held} episodes are safe in {out}; to continue, repeat the command with {rest}")
         })
     }
 }
@@ -172,7 +191,8 @@ struct Committed<'a> {
     bar: ProgressBar,
     output: &'a Output,
     path: &'a std::path::Path,
-    next: u64,
+    /// Episodes that the file holds.
+    committed: &'a AtomicU64,
     /// Episodes of other parts, before this one's.
     offset: u64,
 }
@@ -188,12 +208,12 @@ impl EpisodeSink for Committed<'_> {
         if !self.output.shows_bars() {
             self.output.note(format_args!(
                 "episode {} written to {} ({} rows)",
-                self.next,
+                self.offset + self.committed.load(Ordering::Relaxed),
                 self.path.display(),
                 rows.rows()
             ));
         }
-        self.next += 1;
+        self.committed.fetch_add(1, Ordering::Relaxed);
         Ok(())
     }
 

@@ -4,13 +4,16 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use swm_core::error::BoxError;
-use swm_core::{EpisodeEnd, EvalOptions, Evaluation, ImageSize, LiveRow, Recorder, Registry, Rollout, World};
+use swm_core::{
+    Cancel, EpisodeEnd, EvalOptions, Evaluation, ImageSize, LiveRow, Recorder, Registry, Rollout, World,
+};
 use swm_media::Format;
 
 use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, ScenarioArgs, WorldArgs, model_image, policy};
 use super::eval_manifest::{EvalManifest, ReferenceArg};
 use super::output::key_values;
-use super::{Failure, Output, usage};
+use super::{Failure, Output, interrupt, usage};
+use crate::evaluation::RunOptions;
 use crate::report::write_report;
 use crate::video::Video;
 
@@ -100,7 +103,7 @@ impl Eval {
                 reference: &self.reference,
                 oracle: self.oracle.as_deref(),
                 out: self.out.as_deref(),
-                options: self.world.run_options(),
+                options: RunOptions { cancel: Some(self.watch()), ..self.world.run_options() },
             };
             return on_manifest.run(registry, output);
         }
@@ -137,10 +140,11 @@ impl Eval {
         let bar = output.bar(self.episodes, "episodes");
         let mut video = Video::first(if self.out.is_some() { self.videos } else { 0 });
         let mut watch = (&mut video, Progress { bar: bar.clone(), successes: 0 });
-        let evaluation = match &mut dataset {
+        let cancel = interrupt::watch(|| "nothing is kept of this evaluation; run it again".to_owned());
+        let evaluated = match &mut dataset {
             None => {
-                let rollout = Rollout::new(0..self.episodes).seed(self.seed);
-                world.evaluate_with(&rollout.options(self.scenario.options()?), &mut watch)?
+                let rollout = Rollout::new(0..self.episodes).seed(self.seed).cancel(cancel);
+                world.evaluate_with(&rollout.options(self.scenario.options()?), &mut watch)
             }
             Some(dataset) => {
                 let options = EvalOptions {
@@ -150,12 +154,13 @@ impl Eval {
                     seed: self.seed,
                     variation: self.scenario.variation()?.unwrap_or_default(),
                     variation_values: self.scenario.values()?,
-                    ..EvalOptions::default()
+                    cancel: Some(cancel.clone()),
                 };
-                world.evaluate_from_dataset_with(dataset, &options, &mut watch)?
+                world.evaluate_from_dataset_with(dataset, &options, &mut watch)
             }
         };
         bar.finish_and_clear();
+        let evaluation = evaluated?;
         let written = match &self.out {
             Some(dir) => write_report(dir, &evaluation, &video, format),
             None => Ok(Vec::new()),
@@ -164,6 +169,15 @@ impl Eval {
         let files = written.as_deref().unwrap_or_default();
         output.result(&evaluation, || text(&evaluation, files))?;
         written.map(drop).map_err(Failure::from)
+    }
+
+    /// What ends an evaluation on a manifest when the command is interrupted.
+    fn watch(&self) -> &'static Cancel {
+        let out = self.out.as_ref().map(|dir| dir.display().to_string());
+        interrupt::watch(move || match &out {
+            Some(dir) => format!("finished episodes are safe in {dir}; to continue, repeat the command"),
+            None => "nothing is kept of this evaluation; with --out DIR it can be continued".to_owned(),
+        })
     }
 
     /// The format of videos, checked before anything runs.

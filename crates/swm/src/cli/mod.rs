@@ -1,7 +1,7 @@
 //! The command line of `swm`. A downstream crate gives it its own registry: `swm::cli::main(&registry)`.
 //!
 //! Results go to stdout (tables, or JSON with `--json`), everything else to stderr. Exit status: 0 done, 1 the work
-//! failed or found a difference, 2 the request itself is wrong.
+//! failed or found a difference, 2 the request itself is wrong, 130 interrupted.
 
 mod args;
 mod bench;
@@ -13,6 +13,7 @@ mod envs;
 mod eval;
 mod eval_manifest;
 mod inspect;
+mod interrupt;
 mod man;
 mod manifest;
 mod output;
@@ -47,7 +48,7 @@ pub(crate) use output::{Failure, Output, usage};
     propagate_version = true,
     arg_required_else_help = true,
     after_help = "\
-Exit status: 0 done, 1 the work failed or found a difference, 2 the request itself is wrong.
+Exit status: 0 done, 1 the work failed or found a difference, 2 the request itself is wrong, 130 interrupted.
 
 Results go to the standard output, progress and messages to the standard error. Every command explains itself: `swm eval --help`."
 )]
@@ -123,6 +124,10 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
     let output = Output::new(cli.json, cli.quiet);
     match run_command(registry, cli.command, &output) {
         Ok(()) => ExitCode::SUCCESS,
+        Err(failure) if failure.is_cancelled() => {
+            interrupt::say();
+            ExitCode::from(interrupt::STATUS)
+        }
         Err(failure) => {
             eprintln!("{failure}");
             ExitCode::from(failure.exit_code())

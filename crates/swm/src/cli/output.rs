@@ -18,6 +18,11 @@ pub(crate) struct Failure {
 }
 
 impl Failure {
+    /// Whether the command was asked to stop.
+    pub(crate) fn is_cancelled(&self) -> bool {
+        matches!(self.source.downcast_ref(), Some(WorldError::Cancelled))
+    }
+
     pub(crate) fn exit_code(&self) -> u8 {
         if self.usage { 2 } else { 1 }
     }

@@ -12,7 +12,7 @@ use swm_core::Registry;
 use super::{Checkpoints, Train};
 use crate::cli::args::{assignment, json_value};
 use crate::cli::output::{key_values, table};
-use crate::cli::{Failure, Output, usage};
+use crate::cli::{Failure, Output, interrupt, usage};
 
 impl Train {
     pub(in crate::cli) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
@@ -40,6 +40,11 @@ impl Train {
         let (lines, has_phases) = (!output.shows_bars(), training.model().phases().len() > 1);
         let begun_at = training.done().map_err(failure)?;
         let shown = Shown { bar: bar.clone(), output, lines, has_phases, begun_at };
+        // Checkpoints survive a kill, so nothing has to be ended by hand.
+        let run = out.display().to_string();
+        interrupt::watch(move || {
+            format!("the last checkpoint is safe in {run}; to continue: swm train --resume --out {run}")
+        });
         let state = training.run(vec![Box::new(shown)]).map_err(failure)?;
         bar.finish_and_clear();
         if state.step == begun_at {

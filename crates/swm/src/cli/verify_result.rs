@@ -38,7 +38,7 @@ impl VerifyResult {
         let references = receipt.references.iter().filter(|known| self.oracle || known.role != Role::Oracle);
         let episodes = receipt.episodes.len() + references.map(|known| known.episodes.len()).sum::<usize>();
         let bar = output.bar(episodes as u64, "episodes");
-        let options = RunOptions { num_envs: self.num_envs, threads: self.threads };
+        let options = RunOptions { num_envs: self.num_envs, threads: self.threads, cancel: None };
         let verification = verify(registry, &receipt, options, self.oracle, || bar.inc(1));
         bar.finish_and_clear();
         let verification = verification?;

@@ -8,7 +8,8 @@ use serde_json::{Map, Value as Json};
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, OutcomeRecorder};
 use swm_core::{
-    EnvConfig, EnvEntry, Manifest, Policy, PolicyArgs, PolicyContext, Registry, ResetOptions, Rollout, World,
+    Cancel, EnvConfig, EnvEntry, Manifest, Policy, PolicyArgs, PolicyContext, Registry, ResetOptions,
+    Rollout, World,
 };
 
 use super::hash::file_hash;
@@ -107,11 +108,13 @@ pub struct RunOptions {
     pub num_envs: usize,
     /// Threads; `None`: one per core.
     pub threads: Option<usize>,
+    /// What ends the run early; results that were handed on stay.
+    pub cancel: Option<&'static Cancel>,
 }
 
 impl Default for RunOptions {
     fn default() -> Self {
-        Self { num_envs: 16, threads: None }
+        Self { num_envs: 16, threads: None, cancel: None }
     }
 }
 
@@ -147,6 +150,9 @@ pub fn run_pairs(
         world.set_policy_seed(candidate.seed);
         world.set_transform(distractors::parse_all(&manifest.distractors)?);
         let mut rollout = Rollout::new(0..0).seed(manifest.seed).each(resets);
+        if let Some(cancel) = options.cancel {
+            rollout = rollout.cancel(cancel);
+        }
         for range in missing {
             rollout.episodes = range;
             let mut recorder =
