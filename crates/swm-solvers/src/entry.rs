@@ -6,7 +6,7 @@ use swm_core::{Entry, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyErro
 
 use crate::error::PlanError;
 use crate::mpc::{MpcPolicy, PlanConfig};
-use crate::settings::{Validate as _, refuse_rest, take};
+use crate::settings::{refuse_rest, take};
 use crate::simulator::{SimulatorCost, SimulatorOptions};
 use crate::solver::{Solver, SolverConfig};
 

@@ -47,7 +47,7 @@ impl Sampler for PredictiveSampling {
         }
     }
 
-    /// The best plan known, then that + spread × noise.
+    /// The best plan known, then that + std × noise.
     fn sample(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
         let noise = Noise { purpose: Self::NAME, seed: self.seed };
         episode.sample_around_mean(candidates, &noise);
