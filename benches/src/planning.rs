@@ -1,22 +1,22 @@
-//! A planning problem whose cost is next to nothing, for every solver: what is left is the solver itself.
+//! A planning problem with a negligible cost, for every solver: it measures the solver itself.
 
 use anyhow::{Context as _, Result};
 use serde_json::{Map, json};
 use swm_core::{Dtype, EpisodeSeed, Space};
 use swm_solvers::{
-    Candidates, Cost, DifferentiableCost, Moment, NoTrace, Plan, PlanError, PlanKey, PredictiveSampling,
-    Problem, SOLVERS, Solver, SolverConfig as _, Workspace, plan_width,
+    Candidates, Cost, DifferentiableCost, NoTrace, Plan, PlanError, PlanKey, PlanningContext,
+    PredictiveSampling, Problem, SOLVERS, Solver, SolverConfig as _, Workspace, plan_dim,
 };
 
 /// H: blocks of a plan.
 const HORIZON: usize = 10;
 
-/// The distance of a plan's first number from a half.
+/// The distance of a plan's first value from a half.
 #[derive(Clone, Copy, Debug)]
 pub struct FreeCost;
 
 impl Cost for FreeCost {
-    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
 
@@ -40,7 +40,7 @@ impl DifferentiableCost for FreeCost {
         gradient: &mut [f32],
     ) -> Result<(), PlanError> {
         gradient.fill(0.0);
-        let gradients = gradient.chunks_exact_mut(candidates.horizon * candidates.width);
+        let gradients = gradient.chunks_exact_mut(candidates.horizon * candidates.dim);
         for ((plan, cost), gradient) in candidates.plans().zip(costs).zip(gradients) {
             *cost = f64::from((plan[0] - 0.5).abs());
             gradient[0] = (plan[0] - 0.5).signum();
@@ -88,7 +88,7 @@ impl SolveCase {
                 name: entry.name,
                 solver,
                 keys: (0..episodes as u64).map(key).collect(),
-                initial: vec![0.0; episodes * HORIZON * plan_width(&action)],
+                initial: vec![0.0; episodes * HORIZON * plan_dim(&action)],
                 action,
                 workspace: Workspace::new(),
                 plan: Plan::new(),

@@ -83,7 +83,7 @@ fn plan(
         goal_proprio: Some(proprio),
     })?;
     let actions: Vec<f32> = (0..samples * HORIZON * width).map(|i| (i as f32).sin()).collect();
-    let candidates = Candidates { actions: &actions, rows: 1, samples, horizon: HORIZON, width };
+    let candidates = Candidates { actions: &actions, episodes: 1, samples, horizon: HORIZON, dim: width };
     let (mut costs, mut gradient) = (vec![0.0; samples], vec![0.0; actions.len()]);
     quickest(seconds, |_| {
         if with_gradient {

@@ -257,17 +257,18 @@ fn plans_and_decisions_do_not_depend_on_their_neighbors() {
             let width = planner.block_width();
             let plans: Vec<f32> = (0..40 * 3 * width).map(|i| (i as f32).cos()).collect();
             let actions = [plans.clone(), plans.clone()].concat();
-            let candidates = Candidates { actions: &actions, rows: 2, samples: 40, horizon: 3, width };
+            let candidates =
+                Candidates { actions: &actions, episodes: 2, samples: 40, horizon: 3, dim: width };
             let mut costs = vec![0.0; 80];
             planner.prepare(&clips.scenes(0..2)).unwrap();
             planner.evaluate(&candidates, &mut costs).unwrap();
             planner.prepare(&clips.scenes(0..1)).unwrap();
-            let few = Candidates { actions: &plans[..5 * 3 * width], rows: 1, samples: 5, ..candidates };
+            let few = Candidates { actions: &plans[..5 * 3 * width], episodes: 1, samples: 5, ..candidates };
             let mut some = vec![0.0; 5];
             planner.evaluate(&few, &mut some).unwrap();
             assert_eq!(costs[..5], some, "{}", model.name());
             assert!(some.iter().any(|cost| *cost != some[0]), "plans make a difference: {some:?}");
-            let wide = Candidates { width: width + 1, ..few };
+            let wide = Candidates { dim: width + 1, ..few };
             assert!(planner.evaluate(&wide, &mut some).is_err());
         }
     });

@@ -166,9 +166,9 @@ impl<'a> Groups<'a> {
         size: usize,
     ) -> Result<Self, BaselineError> {
         let shape = candidates.shape();
-        if candidates.width != width {
+        if candidates.dim != width {
             let reason =
-                format!("blocks of {} numbers, and this model was trained on {width}", candidates.width);
+                format!("blocks of {} numbers, and this model was trained on {width}", candidates.dim);
             return Err(BaselineError::data("candidates", reason));
         }
         if candidates.rows != scenes
@@ -186,7 +186,7 @@ impl<'a> Groups<'a> {
 
     /// The groups, each with its costs of `[B, S]`.
     fn of_costs(&self, costs: &'a mut [f64]) -> Vec<Group<'a>> {
-        let Candidates { actions, samples, horizon, width, .. } = self.candidates;
+        let Candidates { actions, samples, horizon, dim: width, .. } = self.candidates;
         let of_one = horizon * width;
         let rows = costs.chunks_mut(samples).zip(actions.chunks(samples * of_one)).enumerate();
         rows.flat_map(|(row, (costs, plans))| {
@@ -205,7 +205,7 @@ impl<'a> Groups<'a> {
 
     /// The groups, each with its costs of `[B, S]` and gradients of `[B, S, H, D]`.
     fn of_gradients(&self, costs: &'a mut [f64], gradient: &'a mut [f32]) -> Vec<Group<'a>> {
-        let Candidates { samples, horizon, width, .. } = self.candidates;
+        let Candidates { samples, horizon, dim: width, .. } = self.candidates;
         let of_one = horizon * width;
         let gradients =
             gradient.chunks_mut(samples * of_one).flat_map(|row| row.chunks_mut(self.size * of_one));

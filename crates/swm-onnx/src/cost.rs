@@ -7,7 +7,7 @@ use ort::value::{DynValue, Tensor, TensorElementType, ValueType};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 use swm_core::{Row, Slice};
-use swm_solvers::{ActionScale, Candidates, Cost, DifferentiableCost, Moment, PlanError};
+use swm_solvers::{ActionScale, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext};
 
 use crate::error::OnnxError;
 use crate::runtime::session;
@@ -122,8 +122,8 @@ impl Model {
         let fixed: Vec<usize> =
             shape.iter().filter_map(|&size| usize::try_from(size).ok()).filter(|&size| size > 0).collect();
         match fixed[..] {
-            [samples, horizon, width] if shape.len() == 3 => {
-                Ok(Self { session, shape: [samples, horizon, width], actions: Vec::new() })
+            [samples, horizon, dim] if shape.len() == 3 => {
+                Ok(Self { session, shape: [samples, horizon, dim], actions: Vec::new() })
             }
             _ => Err(wrong(format!("input `{ACTIONS}` is {shape:?}; export it with fixed S, H and D"))),
         }
@@ -137,15 +137,15 @@ impl Model {
         costs: &mut [f64],
         mut gradient: Option<&mut [f32]>,
     ) -> Result<(), OnnxError> {
-        let Self { session, shape: [samples, horizon, width], actions } = self;
-        let size = *horizon * *width;
+        let Self { session, shape: [samples, horizon, dim], actions } = self;
+        let size = *horizon * *dim;
         for (part, (plans, costs)) in
             plans.chunks(*samples * size).zip(costs.chunks_mut(*samples)).enumerate()
         {
             actions.clear();
             actions.extend_from_slice(plans);
             actions.resize(*samples * size, 0.0);
-            let shape = [*samples, *horizon, *width];
+            let shape = [*samples, *horizon, *dim];
             let tensor = Tensor::from_array((shape, actions.clone())).map_err(OnnxError::Run)?;
             let mut inputs: Vec<(&str, SessionInputValue<'_>)> =
                 scene.iter().map(|(name, value)| (name.as_str(), value.into())).collect();
@@ -166,15 +166,15 @@ impl Model {
     }
 
     fn check(&self, candidates: &Candidates<'_>) -> Result<(), OnnxError> {
-        let [_, horizon, width] = self.shape;
-        let way_out = match (candidates.horizon == horizon, candidates.width == width) {
+        let [_, horizon, dim] = self.shape;
+        let way_out = match (candidates.horizon == horizon, candidates.dim == dim) {
             (true, true) => return Ok(()),
             (false, true) => format!("set horizon={horizon}"),
             (_, false) => "take a model of this environment, or fix `action_block` of model.json".to_owned(),
         };
         let reason = format!(
-            "plans are {} blocks of {} numbers, and the model was exported for {horizon} of {width}; {way_out}",
-            candidates.horizon, candidates.width
+            "plans are {} blocks of {} values, and the model was exported for {horizon} of {dim}; {way_out}",
+            candidates.horizon, candidates.dim
         );
         Err(OnnxError::Input { name: ACTIONS.to_owned(), reason })
     }
@@ -232,7 +232,7 @@ impl OnnxCost {
             _ => &mut self.cost,
         };
         model.check(candidates)?;
-        let size = candidates.samples * candidates.horizon * candidates.width;
+        let size = candidates.samples * candidates.horizon * candidates.dim;
         for (row, scene) in self.scenes.iter().enumerate() {
             let plans = &candidates.actions[row * size..][..size];
             let costs = &mut costs[row * candidates.samples..][..candidates.samples];
@@ -244,10 +244,10 @@ impl OnnxCost {
 }
 
 impl Cost for OnnxCost {
-    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
         self.scenes.clear();
-        for index in 0..moment.len() {
-            let row = moment.row(index).row;
+        for index in 0..context.len() {
+            let row = context.env(index).row;
             let inputs = self.fields.iter().map(|field| Ok((field.name.as_str(), field.tensor(row)?.into())));
             let inputs: Vec<(&str, SessionInputValue<'_>)> = inputs.collect::<Result<_, OnnxError>>()?;
             let outputs = self.encode.run(inputs).map_err(OnnxError::Run)?;

@@ -20,7 +20,7 @@ pub const POLICIES: &[PolicyEntry] = &[PolicyEntry::new(
         Ok(Box::new(plan_on(context, learned, given).map_err(|error| args.wrong(error.to_string()))?))
     },
 )
-.settings(&[Setting::new("DIR", "folder of the model", "required"), SOLVER_SETTING])
+.settings(&[Setting::new("DIR", "Folder of the model", "required"), SOLVER_SETTING])
 .image(|args| {
     let side = settings(args)?.image?;
     ImageSize::new(side, side).ok()

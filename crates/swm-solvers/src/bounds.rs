@@ -1,11 +1,11 @@
-//! Bounds of the numbers of a plan, for solvers of real actions.
+//! Bounds of the values of a plan, for solvers of real actions.
 
 use swm_core::Space;
 
 use crate::error::PlanError;
 use crate::sampling::clip;
 
-/// Bounds of every number of a plan, each action's repeated; none at all if nothing is clipped.
+/// Bounds of every value of a plan, each action's repeated; none at all if nothing is clipped.
 pub(crate) fn fill_bounds((low, high): (&[f64], &[f64]), clip: bool, lows: &mut [f32], highs: &mut [f32]) {
     lows.fill(f32::NEG_INFINITY);
     highs.fill(f32::INFINITY);
@@ -15,7 +15,7 @@ pub(crate) fn fill_bounds((low, high): (&[f64], &[f64]), clip: bool, lows: &mut 
     }
 }
 
-/// Clips every number to its bounds.
+/// Clips every value to its bounds.
 pub(crate) fn clamp(values: &mut [f32], low: &[f32], high: &[f32]) {
     for ((value, low), high) in values.iter_mut().zip(low).zip(high) {
         *value = clip(*value, *low, *high);

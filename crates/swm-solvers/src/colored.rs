@@ -1,21 +1,21 @@
 //! Noise that is correlated in time: white noise, filtered so that its power falls with frequency.
 //!
 //! Source: Timmer & König, *On generating power law noise* (1995), in the variant of the reference's iCEM: white noise
-//! is filtered, and not drawn in the frequency domain. The filter multiplies frequency j/H by (j/H)^(-beta/2), and the
+//! is filtered, and not sampled in the frequency domain. The filter multiplies frequency j/H by (j/H)^(-beta/2), and the
 //! constant part like the lowest frequency. That is a circular convolution over the horizon, done as such: horizons
 //! are short.
 
 use serde::{Deserialize, Serialize};
 
-/// What the amplitude of colored noise is made to be.
+/// Normalization of colored noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Normalize {
-    /// Every sequence is divided by its own standard deviation over time, as in the reference: a sequence that hardly
-    /// changes becomes large.
+    /// Every sequence is divided by its own standard deviation over time, as in the reference: a nearly constant
+    /// sequence becomes large.
     #[default]
     PerSequence,
-    /// All are divided by the standard deviation that the filter gives to each number.
+    /// All are divided by the standard deviation that the filter gives to each value.
     Analytic,
 }
 
@@ -45,21 +45,21 @@ pub(crate) fn color(kernel: &[f32], normalize: Normalize, white: &[f32], out: &m
         out.copy_from_slice(white);
         return;
     }
-    let width = white.len() / horizon;
+    let dim = white.len() / horizon;
     out.fill(0.0);
-    for (h, out) in out.chunks_exact_mut(width).enumerate() {
-        for (g, white) in white.chunks_exact(width).enumerate() {
+    for (h, out) in out.chunks_exact_mut(dim).enumerate() {
+        for (g, white) in white.chunks_exact(dim).enumerate() {
             let weight = kernel[if h < g { h + horizon - g } else { h - g }];
             out.iter_mut().zip(white).for_each(|(sum, value)| *sum += weight * value);
         }
     }
     if normalize == Normalize::PerSequence {
-        for d in 0..width {
-            let sequence = || out[d..].iter().step_by(width);
+        for d in 0..dim {
+            let sequence = || out[d..].iter().step_by(dim);
             let mean = sequence().sum::<f32>() / horizon as f32;
             let squares: f32 = sequence().map(|value| (value - mean) * (value - mean)).sum();
             let std = (squares / (horizon - 1) as f32).sqrt().max(1e-8);
-            out[d..].iter_mut().step_by(width).for_each(|value| *value /= std);
+            out[d..].iter_mut().step_by(dim).for_each(|value| *value /= std);
         }
     }
 }
@@ -73,7 +73,7 @@ mod tests {
 
     const COUNT: usize = 4000;
 
-    /// `COUNT` sequences of `horizon` numbers, two by two.
+    /// `COUNT` sequences of `horizon` values, two by two.
     fn sequences(horizon: usize, beta: f64, normalize: Normalize) -> Vec<Vec<f64>> {
         let mut kernel = vec![0.0; horizon];
         fill_kernel(&mut kernel, beta, normalize);
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn every_sequence_has_unit_spread_over_time() {
+    fn every_sequence_has_unit_std_over_time() {
         for (horizon, beta) in [(4, 2.0), (5, 0.0), (10, 2.0), (10, 0.5), (11, 3.0)] {
             for sequence in sequences(horizon, beta, Normalize::PerSequence) {
                 let mean = mean(&sequence);
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn white_sequences_of_unit_spread_have_means_as_expected() {
+    fn white_sequences_of_unit_std_have_means_as_expected() {
         // E[mean²] = (1/H) (H-1)/(H-3): a scaled t distribution.
         let squares: Vec<f64> =
             sequences(10, 0.0, Normalize::PerSequence).iter().map(|s| mean(s).powi(2)).collect();

@@ -1,35 +1,36 @@
-//! What a planner minimizes. Knows slices of numbers, not what computes them.
+//! What a planner minimizes.
 
 use serde_json::{Map, Value as Json};
 
+use crate::context::PlanningContext;
+use crate::control::ControlModel;
 use crate::error::PlanError;
-use crate::models::ControlModel;
-use crate::mpc::Moment;
+use crate::problem::Candidates;
 
 /// How good candidate plans are; lower is better.
 ///
-/// Costs are `f64`: simulators and analytic problems add up in it, and models that compute in `f32` lose nothing.
-/// The cost of a candidate may depend on its episode and its own numbers only, never on its neighbors, on
-/// earlier calls or on threads; that is what keeps plans independent of how many are made together.
+/// Costs are `f64`: simulators and analytic problems sum in it, and models that compute in `f32` lose nothing.
+/// The cost of a candidate depends on its episode and its own actions only, never on other candidates, on
+/// earlier calls or on threads: this keeps plans independent of how many are made together.
 pub trait Cost: Send {
-    /// Once per plan: learns the moment that all candidates start from. Encode observations and goals here.
-    /// [`crate::MpcPolicy`] calls it; a solver that is called directly works on whatever was prepared last.
+    /// Once per plan: reads where all candidates start. Encode observations and goals here.
+    /// [`crate::MpcPolicy`] calls it; a solver that is called directly works on what was prepared last.
     ///
     /// # Errors
     ///
-    /// The moment lacks a column that the cost needs, or its model fails.
-    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError>;
+    /// The context lacks a column that the cost needs, or its model fails.
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError>;
 
-    /// Fills `costs`, `[B, S]`, with the costs of `candidates`, `[B, S, H, D]`. Row `b` belongs to row `b` of
-    /// the prepared moment. A cost that is not finite marks a candidate as unusable: solvers count it as
-    /// infinite and say how many there were.
+    /// Fills `costs`, `[B, S]`, with the costs of `candidates`, `[B, S, H, D]`. Episode `b` is environment `b` of
+    /// the prepared context. A cost that is not finite marks a candidate as unusable: solvers treat it as
+    /// infinite and report how many there were.
     ///
     /// # Errors
     ///
-    /// The model fails. A candidate that is merely bad is none.
+    /// The model fails. A bad candidate is no error.
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError>;
 
-    /// This cost with gradients, if it has them: what [`crate::SOLVERS`] of the gradient kind need.
+    /// This cost with gradients, if it has them: gradient solvers need it.
     fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
         None
     }
@@ -39,12 +40,12 @@ pub trait Cost: Send {
         None
     }
 
-    /// The problem behind this cost step by step, if it is one that can be known so: what iLQR needs.
+    /// The step-by-step model behind this cost, if there is one: iLQR needs it.
     fn control(&self) -> Option<&dyn ControlModel> {
         None
     }
 
-    /// The step fields whose past [`Moment::history`] shall hold; read once, when the policy is made.
+    /// The step fields that [`PlanningContext::history`] holds; read once, when the policy is made.
     fn history_fields(&self) -> Vec<String> {
         Vec::new()
     }
@@ -55,10 +56,10 @@ pub trait Cost: Send {
     }
 }
 
-/// A cost that knows how it changes with the actions.
+/// A cost with a gradient with respect to the actions.
 pub trait DifferentiableCost: Cost {
     /// Fills `costs`, `[B, S]`, and `gradient`, `[B, S, H, D]`: the derivative of each candidate's cost with respect
-    /// to its own numbers. Candidates do not interact. Costs are those of [`Cost::evaluate`].
+    /// to its own actions. Costs are those of [`Cost::evaluate`].
     ///
     /// # Errors
     ///
@@ -73,10 +74,10 @@ pub trait DifferentiableCost: Cost {
 
 /// A cost with C inequality constraints g: a plan is feasible when every g is 0 or less. An equality is two of them.
 pub trait ConstrainedCost: Cost {
-    /// C, for plans of H = `horizon` blocks of D = `width` numbers.
-    fn constraints(&self, horizon: usize, width: usize) -> usize;
+    /// C, for plans of H = `horizon` blocks of D = `dim` values.
+    fn constraints(&self, horizon: usize, dim: usize) -> usize;
 
-    /// Fills `costs`, `[B, S]`, and `values`, `[B, S, C]`, in one roll-out.
+    /// Fills `costs`, `[B, S]`, and `values`, `[B, S, C]`, in one rollout.
     ///
     /// # Errors
     ///
@@ -89,8 +90,8 @@ pub trait ConstrainedCost: Cost {
     ) -> Result<(), PlanError>;
 
     /// As [`ConstrainedCost::evaluate_constrained`], and fills `gradient`, `[B, S, H, D]`, with the derivative of
-    /// cost + Σ w g, where `weigh` chooses the weights w once the values g of a candidate are known. One roll-out
-    /// forward and one back, whatever C is.
+    /// cost + Σ w g, where `weights_of` computes the weights w from the values g of a candidate. One rollout
+    /// forward and one backward, whatever C is.
     ///
     /// # Errors
     ///
@@ -98,7 +99,7 @@ pub trait ConstrainedCost: Cost {
     fn evaluate_constrained_with_gradient(
         &mut self,
         candidates: &Candidates<'_>,
-        weigh: &Weigh<'_>,
+        weights_of: &WeightFn<'_>,
         costs: &mut [f64],
         values: &mut [f64],
         gradient: &mut [f32],
@@ -106,38 +107,5 @@ pub trait ConstrainedCost: Cost {
 }
 
 /// Writes the weights `[C]` of the constraints of candidate `index` of `0..B × S` from their values `[C]`:
-/// `weigh(index, values, weights)`.
-pub type Weigh<'a> = dyn Fn(usize, &[f64], &mut [f64]) + Sync + 'a;
-
-/// A batch of candidate plans: `[B, S, H, D]`, row-major.
-#[derive(Clone, Copy, Debug)]
-pub struct Candidates<'a> {
-    /// The numbers.
-    pub actions: &'a [f32],
-    /// B: episodes.
-    pub rows: usize,
-    /// S: candidates of each episode.
-    pub samples: usize,
-    /// H: blocks of each candidate.
-    pub horizon: usize,
-    /// D: numbers of each block.
-    pub width: usize,
-}
-
-impl<'a> Candidates<'a> {
-    /// `[B, S, H, D]`.
-    pub fn shape(&self) -> [usize; 4] {
-        [self.rows, self.samples, self.horizon, self.width]
-    }
-
-    /// All plans, `[H, D]` each, in the order of the costs.
-    pub fn plans(&self) -> std::slice::ChunksExact<'a, f32> {
-        self.actions.chunks_exact(self.horizon * self.width)
-    }
-
-    /// Plan `index` of `0..B × S`: `[H, D]`.
-    pub fn plan(&self, index: usize) -> &'a [f32] {
-        let size = self.horizon * self.width;
-        &self.actions[index * size..][..size]
-    }
-}
+/// `weights_of(index, values, weights)`.
+pub type WeightFn<'a> = dyn Fn(usize, &[f64], &mut [f64]) + Sync + 'a;

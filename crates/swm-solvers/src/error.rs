@@ -15,7 +15,7 @@ pub enum PlanError {
         /// What is wrong, and what is allowed.
         reason: String,
     },
-    /// The solver does not know this kind of actions.
+    /// The solver does not support this action space.
     #[error("{solver} cannot plan these actions: {reason}")]
     Space {
         /// Name of the solver.
@@ -33,7 +33,7 @@ pub enum PlanError {
         /// How many it holds.
         found: usize,
     },
-    /// No candidate can be told from any other.
+    /// No candidate has a finite cost.
     #[error(
         "episode {episode}, plan {plan}, iteration {iteration}: all {samples} candidates have a cost that is not \
          finite; check the model, or search in a smaller range (sigma, clip)"
@@ -50,8 +50,8 @@ pub enum PlanError {
     },
     /// The solver needs gradients and the cost has none.
     #[error(
-        "{solver} needs the derivative of the cost, and this cost has none; use a cost with gradients, or a solver \
-         that samples"
+        "{solver} needs a gradient of the cost, and this cost has none; use a cost with gradients, or a sampling \
+         solver"
     )]
     NoGradient {
         /// Name of the solver.

@@ -1,36 +1,36 @@
-//! From settings by name to a policy that plans on a learned model: which solver, its settings, those of the plan.
-//! What the model is, and where it comes from, is its owner's business.
+//! Policies that plan on learned models, from settings by name: the solver, its settings, and those of the plan.
 
 use serde_json::{Map, Value as Json};
 use swm_core::error::{did_you_mean, nearest};
 use swm_core::{PolicyArgs, PolicyContext, Registry, Setting, Settings as _};
 
+use crate::context::ActionScale;
 use crate::cost::Cost;
+use crate::entry::SolverEntry;
 use crate::error::PlanError;
-use crate::mpc::{ActionScale, MpcPolicy, PlanConfig};
+use crate::mpc::{MpcPolicy, PlanConfig};
 use crate::settings::{refuse_rest, take, take_named};
-use crate::solver::SolverEntry;
 use crate::solvers::SOLVERS;
 
-/// Which solver plans on a learned model.
+/// The setting that names the solver.
 pub const SOLVER_SETTING: Setting =
     Setting::new("solver", "A solver of `swm solvers`; its settings follow", "cem");
 
-/// A model's cost, and what plans on it must be like.
+/// The cost of a learned model, with its requirements on plans.
 pub struct LearnedCost {
-    /// How good plans are.
+    /// The cost.
     pub cost: Box<dyn Cost>,
     /// k: actions of a block, as the model was trained.
     pub action_block: usize,
-    /// The units of the actions that it was trained with; `None`: the environment's.
+    /// Normalization of the actions that it was trained with; `None`: none.
     pub scale: Option<ActionScale>,
-    /// The model's own settings, which its owner has taken before: they are offered beside the others where one is misspelt.
+    /// Settings of the model, which the caller has taken already: for suggestions where one is misspelled.
     pub settings: &'static [Setting],
 }
 
-/// Takes [`SOLVER_SETTING`] out of `given`: the solver that it names, or `cem`; of the registry that the policy is made
-/// in, or of [`SOLVERS`].
-fn take_solver(
+/// Takes [`SOLVER_SETTING`] out of `given` and returns the solver that it names, or `cem`: of the registry of `context`, or
+/// of [`SOLVERS`].
+fn solver_setting(
     context: &PolicyContext<'_>,
     given: &mut Map<String, Json>,
 ) -> Result<&'static SolverEntry, PlanError> {
@@ -56,7 +56,7 @@ pub fn plan_on(
     learned: LearnedCost,
     mut given: Map<String, Json>,
 ) -> Result<MpcPolicy, PlanError> {
-    let solver = take_solver(context, &mut given)?;
+    let solver = solver_setting(context, &mut given)?;
     let own = take_named(&mut given, solver.settings, solver.renamed)?;
     let block = learned.action_block;
     if given.get("action_block").is_some_and(|asked| asked.as_u64() != Some(block as u64)) {
@@ -79,6 +79,6 @@ pub fn plan_on(
 /// The arguments of the same planner on the true dynamics, the oracle of a policy that [`plan_on`] makes: the solver and
 /// the settings of `given`. `None` where the solver cannot plan on the true dynamics.
 pub fn on_true_dynamics(context: &PolicyContext<'_>, mut given: Map<String, Json>) -> Option<PolicyArgs> {
-    let solver = take_solver(context, &mut given).ok().filter(|solver| solver.plans_on_simulator)?;
+    let solver = solver_setting(context, &mut given).ok().filter(|solver| solver.plans_on_simulator)?;
     Some(PolicyArgs::new(solver.name, given))
 }

@@ -1,28 +1,28 @@
-//! Planning: choose actions by asking a model what they would lead to.
+//! Planning: choose actions by predicting their outcome with a model.
 //!
-//! Three parts, which know each other only by plain slices of numbers (no tensors, no environment crates):
+//! Three parts, which exchange plain slices (no tensors, no environment crates):
 //!
-//! * a [`Cost`] says how good candidate plans are: a learned model or an analytic problem ([`models`] puts them
+//! * a [`Cost`] rates candidate plans: a learned model or an analytic problem ([`models`] puts them
 //!   together), or the true simulator ([`SimulatorCost`]);
 //! * a [`Solver`] searches for the cheapest plan: configuration data with a pure `solve` ([`SOLVERS`] lists
 //!   them; a new one is one file in `solvers/` and one line in that table);
-//! * [`MpcPolicy`] carries plans out: it plans, acts for a while, and plans again.
+//! * [`MpcPolicy`] executes plans: it plans, acts for some steps, and plans again.
 //!
 //! [`PLANNERS`] joins the three into policies for any environment: `cem:samples=300,horizon=10`.
 //!
-//! A plan is `[H, D]`: H blocks of D = k × A numbers, which are k consecutive actions of A numbers each, in the
-//! order in which they are carried out; integers are one-hot. [`Trace`] watches a solver work. Noise is keyed by (episode seed, plan, iteration, sample), so the plan of
-//! an episode has the same bits alone or among many, on one thread or several.
+//! A plan is `[H, D]`: H blocks of D = k × A values, which are k consecutive actions of A values each, in the
+//! order in which they are executed; integers are one-hot. [`Trace`] observes a solver. Noise is keyed by (episode seed,
+//! plan, iteration, sample), so the plan of an episode has the same bits alone or among many, on one thread or several.
 //!
 //! ```
 //! use swm_core::{Dtype, EpisodeSeed, Space};
-//! use swm_solvers::{Candidates, Cem, Cost, Moment, NoTrace, Plan, PlanError, PlanKey, Problem, Solver, Workspace};
+//! use swm_solvers::{Candidates, Cem, Cost, NoTrace, Plan, PlanError, PlanKey, PlanningContext, Problem, Solver, Workspace};
 //!
-//! /// Three numbers that should add up to 2.
+//! /// Three values that should add up to 2.
 //! struct Sum;
 //!
 //! impl Cost for Sum {
-//!     fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+//!     fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
 //!         Ok(())
 //!     }
 //!     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
@@ -50,8 +50,11 @@
 
 mod bounds;
 mod colored;
+mod context;
+mod control;
 mod cost;
 mod descent;
+mod entry;
 mod error;
 mod learned;
 #[cfg(feature = "faer")]
@@ -59,11 +62,12 @@ mod matrix;
 pub mod models;
 mod mpc;
 mod planners;
+mod problem;
 mod ranges;
 #[cfg(feature = "faer")]
 mod riccati;
+mod sampler;
 mod sampling;
-mod search;
 mod settings;
 mod simulator;
 mod solver;
@@ -74,23 +78,26 @@ mod trace;
 mod workspace;
 
 pub use colored::Normalize;
-pub use cost::{Candidates, ConstrainedCost, Cost, DifferentiableCost, Weigh};
+pub use context::{ActionMap, ActionScale, HistoryView, PlanningContext};
+pub use cost::{ConstrainedCost, Cost, DifferentiableCost, WeightFn};
 pub use descent::{Descent, GradClip};
+pub use entry::{MakeSolver, SolverEntry};
 pub use error::PlanError;
 pub use learned::{LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
-pub use mpc::{ActionMap, ActionScale, HistoryView, Moment, MpcPolicy, PlanConfig, Report};
+pub use mpc::{MpcPolicy, PlanConfig, Report};
 pub use planners::{EXPERT, PLANNERS};
+pub use problem::{Candidates, Plan, PlanKey, Problem};
 pub use sampling::{Noise, cheapest, clip, count_non_finite};
 pub use settings::Validate;
 pub use simulator::{Aggregate, SimulatorCost, SimulatorOptions};
-pub use solver::{MakeSolver, Plan, PlanKey, Problem, Solver, SolverConfig, SolverEntry};
+pub use solver::{Solver, SolverConfig};
 pub use solvers::{
     Adam, AdamW, CategoricalCem, Cem, Icem, Lagrangian, Mppi, Optimizer, Penalty, Pgd, PredictiveSampling,
     SOLVERS, Select, Sgd, TemperatureMode,
 };
 #[cfg(feature = "faer")]
 pub use solvers::{CmaEs, FullCem, Ilqr};
-pub use space::{categories, largest, plan_width};
+pub use space::{categories, largest, plan_dim};
 pub use trace::{
     Detail, Elite, Iteration, IterationRecord, JsonLines, Memory, NoTrace, PlanRecord, Records, Trace,
     TracedIteration, TracedPlan,

@@ -1,5 +1,5 @@
 //! The factorizations of symmetric matrices that some solvers need, by faer. On one thread, and on copies that lie in
-//! memory in the same way every time: so the same numbers always give the same bits.
+//! memory in the same way every time: so the same values always give the same bits.
 
 use std::mem::MaybeUninit;
 
@@ -12,17 +12,17 @@ use faer::mat::{AsMatMut as _, MatMut, MatRef};
 use faer::{Par, Spec};
 
 use crate::error::PlanError;
-use crate::solver::Problem;
+use crate::problem::Problem;
 
-/// The longest plan whose covariance is worth the memory and the time.
-const MOST_NUMBERS: usize = 1000;
+/// The longest plan whose covariance is affordable.
+const MAX_SIZE: usize = 1000;
 
-/// Refuses plans so long that matrices of their size cannot be meant.
+/// Refuses plans whose covariance would be too large.
 pub(crate) fn check_size(problem: &Problem<'_>) -> Result<(), PlanError> {
     let size = problem.plan_size();
-    if size > MOST_NUMBERS {
+    if size > MAX_SIZE {
         let reason = format!(
-            "plans of {size} numbers have a covariance of {size} × {size}, which is too large (at most {MOST_NUMBERS}); \
+            "plans of {size} values have a covariance of {size} × {size}, which is too large (at most {MAX_SIZE}); \
              use a shorter horizon, or `cem`"
         );
         return Err(PlanError::setting("horizon", reason));
@@ -30,7 +30,7 @@ pub(crate) fn check_size(problem: &Problem<'_>) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// How many numbers of stack [`cholesky`] and [`eigen`] need for matrices of `size` × `size`.
+/// Values of stack that [`cholesky`] and [`eigen`] need for matrices of `size` × `size`.
 pub(crate) fn stack_len(size: usize) -> usize {
     let square = temp_mat_scratch::<f64>(size, size);
     let cholesky = cholesky_in_place_scratch::<f64>(size, Par::Seq, Spec::default());
@@ -55,7 +55,7 @@ pub(crate) fn cholesky(matrix: &mut [f64], size: usize, stack: &mut [MaybeUninit
 }
 
 /// Eigenvalues `[n]`, ascending, and eigenvectors `[n, n]`, one after the other, of a symmetric `matrix`, `[n, n]`.
-/// False if they cannot be found, which takes numbers that are not finite.
+/// False if they cannot be found, which takes values that are not finite.
 pub(crate) fn eigen(
     matrix: &[f64],
     values: &mut [f64],
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn eigenvectors_are_what_the_matrix_only_stretches() {
+    fn eigenvectors_are_scaled_by_the_matrix() {
         for size in [1, 2, 7, 40, 130] {
             let (matrix, mut stack) = (random(size), vec![MaybeUninit::uninit(); stack_len(size)]);
             let (mut values, mut vectors) = (vec![0.0; size], vec![0.0; size * size]);
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn bits_do_not_depend_on_where_the_numbers_lie() {
+    fn bits_do_not_depend_on_the_address() {
         let size = 21;
         let matrix = random(size);
         let mut results = Vec::new();

@@ -1,20 +1,11 @@
-//! Solvers as policies: MPC on the true simulator, for any environment that has a task cost.
+//! Policies that plan on the true simulator, for any environment that has a task cost.
 
-use serde_json::{Map, Value as Json};
-use swm_core::settings::Table;
-use swm_core::{
-    EnvEntry, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Registry, Setting, Settings as _,
-};
+use swm_core::{EnvEntry, PolicyArgs, PolicyEntry, PolicyError, Registry};
 
-use crate::error::PlanError;
-use crate::mpc::{MpcPolicy, PlanConfig};
-use crate::settings::{refuse_rest, take};
-use crate::simulator::{SimulatorCost, SimulatorOptions};
-use crate::solver::SolverConfig;
 use crate::solvers::SOLVERS;
 
-/// Every solver of [`SOLVERS`] that can plan on the true simulator as a policy that does, under the solver's name. Its arguments
-/// are the settings of the solver, of [`PlanConfig`] and of [`SimulatorOptions`], in one flat list.
+/// A policy for every solver of [`SOLVERS`] that can plan on the true simulator, under the solver's name. Its arguments are
+/// the settings of the solver, of [`crate::PlanConfig`] and of [`crate::SimulatorOptions`], in one flat list.
 pub const PLANNERS: &[PolicyEntry] = &{
     let mut all = [SOLVERS[0].on_simulator; COUNT];
     let (mut count, mut index) = (0, 0);
@@ -28,7 +19,7 @@ pub const PLANNERS: &[PolicyEntry] = &{
     all
 };
 
-/// The policy `expert` of environments without an own one: the planner that [`EnvEntry::planner`] names. Its arguments
+/// The policy `expert` of environments without a scripted one: the planner that [`EnvEntry::planner`] names. Its arguments
 /// override single settings.
 ///
 /// [`EnvEntry::planner`]: swm_core::EnvEntry::planner
@@ -75,52 +66,10 @@ const COUNT: usize = {
     count
 };
 
-pub(crate) const fn on_simulator<S: SolverConfig>() -> PolicyEntry {
-    PolicyEntry::new(S::NAME, S::SUMMARY, make::<S>)
-        .settings(AllSettings::<S>::TABLE)
-        .on_true_dynamics()
-        .oracle(|_, args| Some(args.clone()))
-}
-
-/// All arguments of the policy of one solver.
-struct AllSettings<S>(std::marker::PhantomData<S>);
-
-impl<S: SolverConfig> AllSettings<S> {
-    const JOINED: &'static Table =
-        &Table::of(&[S::SETTINGS, PlanConfig::SETTINGS, SimulatorOptions::SETTINGS]);
-    const TABLE: &'static [Setting] = Self::JOINED.as_slice();
-}
-
-fn make<S: SolverConfig>(
-    context: &PolicyContext<'_>,
-    args: &PolicyArgs,
-) -> Result<Box<dyn Policy>, PolicyError> {
-    let given = args.parse_as::<Map<String, Json>>()?;
-    let policy = assemble::<S>(context, given).map_err(|error| match error {
-        PlanError::Env(error) => PolicyError::Env(error),
-        error => args.wrong(error.to_string()),
-    })?;
-    Ok(Box::new(policy))
-}
-
-fn assemble<S: SolverConfig>(
-    context: &PolicyContext<'_>,
-    mut given: Map<String, Json>,
-) -> Result<MpcPolicy, PlanError> {
-    given.entry("frame_skip").or_insert(context.frame_skip.into());
-    let solver = take::<S>(&mut given)?;
-    let config = take::<PlanConfig>(&mut given)?;
-    let options = take::<SimulatorOptions>(&mut given)?;
-    refuse_rest(&given, AllSettings::<S>::TABLE)?;
-    let cost = SimulatorCost::new(context.env, context.config, options)?;
-    solver.check(cost.action_space())?;
-    MpcPolicy::new(Box::new(solver), Box::new(cost), config)
-}
-
 #[cfg(test)]
 mod tests {
-    use swm_core::EnvConfig;
     use swm_core::testing::{DISCRETE_TOY, TOY};
+    use swm_core::{EnvConfig, PolicyContext};
 
     use super::*;
 

@@ -1,26 +1,31 @@
-//! Ranges that settings of solvers have in common, with errors that say what is allowed.
+//! Checks of ranges that settings have in common, with errors that say what is allowed.
 
 use crate::error::PlanError;
-use crate::solver::at_least_one;
 
 /// More samples or iterations are a typing error (and would not fit the keys of the noise).
 const MAX_COUNT: usize = 10_000_000;
 
+/// 1 or more.
+pub(crate) fn at_least_one(name: &str, value: usize) -> Result<(), PlanError> {
+    if value == 0 { Err(PlanError::setting(name, "0 is too small; use 1 or more")) } else { Ok(()) }
+}
+
+/// At most `most`.
+pub(crate) fn check_at_most(name: &str, value: usize, most: usize) -> Result<(), PlanError> {
+    if value > most { Err(PlanError::setting(name, format!("{value} is more than {most}"))) } else { Ok(()) }
+}
+
 /// How many candidates and iterations: 1 or more of the first, 0 or more of the second.
 pub(crate) fn check_counts(samples: usize, iterations: usize) -> Result<(), PlanError> {
     at_least_one("samples", samples)?;
-    for (name, value) in [("samples", samples), ("iterations", iterations)] {
-        if value > MAX_COUNT {
-            return Err(PlanError::setting(name, format!("{value} is more than {MAX_COUNT}")));
-        }
-    }
-    Ok(())
+    check_at_most("samples", samples, MAX_COUNT)?;
+    check_at_most("iterations", iterations, MAX_COUNT)
 }
 
-/// How many of `samples` are elites: 2 or more, because a spread is learned from them.
+/// How many of `samples` are elites: 2 or more, because a standard deviation is fitted to them.
 pub(crate) fn check_elites(elites: usize, samples: usize) -> Result<(), PlanError> {
     if elites < 2 {
-        let reason = format!("{elites} is too few; a spread needs 2 or more");
+        let reason = format!("{elites} is too few; a standard deviation needs 2 or more");
         return Err(PlanError::setting("elites", reason));
     }
     check_at_most_samples(elites, samples)
@@ -43,7 +48,7 @@ pub(crate) fn check_positive(name: &str, value: f64) -> Result<(), PlanError> {
     Err(PlanError::setting(name, format!("{value} is not a positive number")))
 }
 
-/// A number from 0 on that plans can hold.
+/// 0 or more, and such that plans can hold it.
 pub(crate) fn check_not_negative(name: &str, value: f64) -> Result<(), PlanError> {
     if (0.0..=f64::from(f32::MAX)).contains(&value) {
         return Ok(());
@@ -51,10 +56,18 @@ pub(crate) fn check_not_negative(name: &str, value: f64) -> Result<(), PlanError
     Err(PlanError::setting(name, format!("{value} is not a number from 0 on")))
 }
 
-/// A share: from 0 to 1, 1 itself excluded.
+/// From 0 to 1, 1 itself excluded.
 pub(crate) fn check_below_one(name: &str, value: f64) -> Result<(), PlanError> {
     if (0.0..1.0).contains(&value) {
         return Ok(());
     }
     Err(PlanError::setting(name, format!("{value} is not a number from 0 to 1 (excluded)")))
+}
+
+/// From 0 to 1, both included.
+pub(crate) fn check_fraction(name: &str, value: f64) -> Result<(), PlanError> {
+    if (0.0..=1.0).contains(&value) {
+        return Ok(());
+    }
+    Err(PlanError::setting(name, format!("{value} is not a number from 0 to 1")))
 }

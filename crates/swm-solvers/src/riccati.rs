@@ -1,5 +1,5 @@
 //! One step of iterative LQR on one plan: expansion of the problem around it, Riccati recursion backward, line search
-//! forward. What is done with the result is the solver's part.
+//! forward.
 
 use std::mem::MaybeUninit;
 
@@ -8,22 +8,23 @@ use faer::linalg::cholesky::llt::{factor, solve};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Conj, MatMut, MatRef, Par};
 
-use crate::models::{ControlModel, Differentiator, Stage};
+use crate::control::{ControlModel, Stage};
+use crate::models::{Differentiator, symmetrize};
 
-/// How regularization changes.
-pub(crate) struct Weights;
+/// Constants of the regularization.
+pub(crate) struct Regularization;
 
-impl Weights {
+impl Regularization {
     /// It is multiplied by this when a step fails, and divided when one succeeds.
     pub(crate) const FACTOR: f64 = 10.0;
-    /// With more of it there is no step to speak of.
+    /// With more of it, steps are negligible.
     pub(crate) const LARGEST: f64 = 1e10;
 }
 
-/// Room for one plan of T actions of A numbers, through states of W numbers, and what is known of it.
-pub(crate) struct Tile<'s> {
+/// One plan of T actions of A values through states of W values, its derivatives, and scratch.
+pub(crate) struct Trajectory<'s> {
     model: &'s dyn ControlModel,
-    row: usize,
+    episode: usize,
     steps: usize,
     w: usize,
     a: usize,
@@ -41,16 +42,16 @@ pub(crate) struct Tile<'s> {
     gradients: &'s mut [f64],
     /// `[T + 1, W + A, W + A]`: second ones; the last holds `[W, W]`.
     hessians: &'s mut [f64],
-    /// `[T, A, W + 1]`: how actions answer to states, and in the last column their change.
+    /// `[T, A, W + 1]`: feedback gains, and in the last column the feedforward step.
     gains: &'s mut [f64],
     /// `[W, W]` and `[W]`: value of a state, by its second and first derivatives.
     value: &'s mut [f64],
-    slope: &'s mut [f64],
+    value_gradient: &'s mut [f64],
     /// `[W, W + A]`.
     product: &'s mut [f64],
     /// `[W + A, W + A]` and `[W + A]`: the same of state and action together.
     q: &'s mut [f64],
-    q_slope: &'s mut [f64],
+    q_gradient: &'s mut [f64],
     /// `[A, A]`: curvature of the actions, to be factorized.
     factor: &'s mut [f64],
     /// `[A, W + 1]`: curvature times gains.
@@ -61,7 +62,7 @@ pub(crate) struct Tile<'s> {
 /// Bytes of stack that a factorization may take.
 const STACK: usize = 8192;
 
-impl<'s> Tile<'s> {
+impl<'s> Trajectory<'s> {
     /// The widest action whose factorization fits into its stack.
     pub(crate) const MOST_ACTIONS: usize = 512;
 
@@ -86,15 +87,15 @@ impl<'s> Tile<'s> {
         ]
     }
 
-    /// How many numbers of scratch a tile needs.
+    /// Values of scratch that it needs.
     pub(crate) fn scratch_size(steps: usize, w: usize, a: usize) -> usize {
         Self::lengths(steps, w, a).iter().sum()
     }
 
-    /// A tile for a plan of episode `row`, with bounds `[T, A]`.
+    /// For a plan of `episode`, with bounds `[T, A]`.
     pub(crate) fn new(
         scratch: &'s mut [f64],
-        (model, row): (&'s dyn ControlModel, usize),
+        (model, episode): (&'s dyn ControlModel, usize),
         (steps, w, a): (usize, usize, usize),
         [low, high]: [&'s [f32]; 2],
     ) -> Self {
@@ -108,10 +109,10 @@ impl<'s> Tile<'s> {
             hessians,
             gains,
             value,
-            slope,
+            value_gradient,
             product,
             q,
-            q_slope,
+            q_gradient,
             factor,
             curved,
             differences,
@@ -122,7 +123,7 @@ impl<'s> Tile<'s> {
         });
         Self {
             model,
-            row,
+            episode,
             steps,
             w,
             a,
@@ -136,25 +137,25 @@ impl<'s> Tile<'s> {
             hessians,
             gains,
             value,
-            slope,
+            value_gradient,
             product,
             q,
-            q_slope,
+            q_gradient,
             factor,
             curved,
             differences,
         }
     }
 
-    /// The cost of `actions`, `[T, A]`; remembers the states on the way.
+    /// The cost of `actions`, `[T, A]`; stores its states.
     pub(crate) fn roll_out(&mut self, actions: &[f64]) -> f64 {
-        let Self { model, row, steps, w, a, states, .. } = self;
-        model.start(*row, &mut states[..*w]);
+        let Self { model, episode, steps, w, a, states, .. } = self;
+        model.start(*episode, &mut states[..*w]);
         let mut sum = 0.0;
         for step in 0..=*steps {
             let (past, future) = states.split_at_mut((step + 1) * *w);
             let action = actions.get(step * *a..(step + 1) * *a).unwrap_or(&[]);
-            let at = Stage { row: *row, step, state: &past[step * *w..], action };
+            let at = Stage { episode: *episode, step, state: &past[step * *w..], action };
             sum += model.cost(&at);
             if step < *steps {
                 model.step(&at, &mut future[..*w]);
@@ -163,19 +164,19 @@ impl<'s> Tile<'s> {
         sum
     }
 
-    /// Derivatives of everything along the last roll-out, which was that of `actions`.
+    /// Derivatives of everything along the last rollout, which was that of `actions`.
     pub(crate) fn expand(&mut self, actions: &[f64]) {
         let (steps, w, a) = (self.steps, self.w, self.a);
         let n = w + a;
         let mut differentiator = Differentiator::new(self.differences);
         for step in 0..=steps {
             let action = actions.get(step * a..(step + 1) * a).unwrap_or(&[]);
-            let at = Stage { row: self.row, step, state: &self.states[step * w..][..w], action };
-            let numbers = w + action.len();
-            let gradient = &mut self.gradients[step * n..][..numbers];
+            let at = Stage { episode: self.episode, step, state: &self.states[step * w..][..w], action };
+            let size = w + action.len();
+            let gradient = &mut self.gradients[step * n..][..size];
             let (by_state, by_action) = gradient.split_at_mut(w);
             differentiator.cost(self.model, &at, by_state, by_action);
-            differentiator.hessian(self.model, &at, &mut self.hessians[step * n * n..][..numbers * numbers]);
+            differentiator.hessian(self.model, &at, &mut self.hessians[step * n * n..][..size * size]);
             if step == steps {
                 break;
             }
@@ -197,7 +198,7 @@ impl<'s> Tile<'s> {
         let (steps, w, a) = (self.steps, self.w, self.a);
         let n = w + a;
         self.value.copy_from_slice(&self.hessians[steps * n * n..][..w * w]);
-        self.slope.copy_from_slice(&self.gradients[steps * n..][..w]);
+        self.value_gradient.copy_from_slice(&self.gradients[steps * n..][..w]);
         for step in (0..steps).rev() {
             self.expand_value(step);
             let gains = &mut self.gains[step * a * (w + 1)..][..a * (w + 1)];
@@ -208,11 +209,11 @@ impl<'s> Tile<'s> {
                 }
                 self.factor[i * a + i] += weight;
                 gains[i * (w + 1)..][..w].iter_mut().zip(&self.q[(w + i) * n..]).for_each(|(g, q)| *g = -q);
-                gains[i * (w + 1) + w] = -self.q_slope[w + i];
+                gains[i * (w + 1) + w] = -self.q_gradient[w + i];
             }
             for i in 0..a {
                 // An action that is at its bound and pushes beyond stays there, whatever the others do.
-                let (action, push) = (actions[step * a + i], -self.q_slope[w + i]);
+                let (action, push) = (actions[step * a + i], -self.q_gradient[w + i]);
                 let (low, high) = limits(i);
                 if (action <= low.into() && push < 0.0) || (action >= high.into() && push > 0.0) {
                     for j in 0..a {
@@ -226,7 +227,7 @@ impl<'s> Tile<'s> {
             if !solve_positive(self.factor, gains, a, w + 1) {
                 return false;
             }
-            self.add_answer(step);
+            self.update_value(step);
         }
         true
     }
@@ -236,7 +237,7 @@ impl<'s> Tile<'s> {
         let (w, n) = (self.w, self.w + self.a);
         let jacobian = MatRef::from_row_major_slice(&self.jacobians[step * w * n..][..w * n], w, n);
         self.q.copy_from_slice(&self.hessians[step * n * n..][..n * n]);
-        self.q_slope.copy_from_slice(&self.gradients[step * n..][..n]);
+        self.q_gradient.copy_from_slice(&self.gradients[step * n..][..n]);
         multiply(
             matrix(self.product, w, n),
             Accum::Replace,
@@ -245,13 +246,13 @@ impl<'s> Tile<'s> {
         );
         let product = MatRef::from_row_major_slice(self.product, w, n);
         multiply(matrix(self.q, n, n), Accum::Add, jacobian.transpose(), product);
-        let slope = MatRef::from_row_major_slice(self.slope, w, 1);
-        multiply(matrix(self.q_slope, n, 1), Accum::Add, jacobian.transpose(), slope);
+        let gradient = MatRef::from_row_major_slice(self.value_gradient, w, 1);
+        multiply(matrix(self.q_gradient, n, 1), Accum::Add, jacobian.transpose(), gradient);
     }
 
-    /// The value of the state at `step` when the action answers by its gains: with G = [K k],
-    /// V = Qxx + Kᵀ Quu K + Kᵀ Qux + Quxᵀ K, and the same with k for the slope.
-    fn add_answer(&mut self, step: usize) {
+    /// The value of the state at `step` under the gains: with G = [K k],
+    /// V = Qxx + Kᵀ Quu K + Kᵀ Qux + Quxᵀ K, and the same with k for the gradient.
+    fn update_value(&mut self, step: usize) {
         let (w, a) = (self.w, self.a);
         let (n, g) = (w + a, w + 1);
         let gains = MatRef::from_row_major_slice(&self.gains[step * a * g..][..a * g], a, g);
@@ -263,21 +264,25 @@ impl<'s> Tile<'s> {
         for i in 0..w {
             self.value[i * w..][..w].copy_from_slice(&self.q[i * n..][..w]);
         }
-        self.slope.copy_from_slice(&self.q_slope[..w]);
+        self.value_gradient.copy_from_slice(&self.q_gradient[..w]);
         multiply(matrix(self.value, w, w), Accum::Add, by_state.transpose(), curved.submatrix(0, 0, a, w));
         multiply(matrix(self.value, w, w), Accum::Add, by_state.transpose(), q_ux);
         multiply(matrix(self.value, w, w), Accum::Add, q_ux.transpose(), by_state);
-        let q_u = MatRef::from_row_major_slice(&self.q_slope[w..], a, 1);
-        multiply(matrix(self.slope, w, 1), Accum::Add, by_state.transpose(), curved.submatrix(0, w, a, 1));
-        multiply(matrix(self.slope, w, 1), Accum::Add, by_state.transpose(), q_u);
-        multiply(matrix(self.slope, w, 1), Accum::Add, q_ux.transpose(), gains.submatrix(0, w, a, 1));
-        for i in 0..w {
-            for j in 0..i {
-                let mean = 0.5 * (self.value[i * w + j] + self.value[j * w + i]);
-                self.value[i * w + j] = mean;
-                self.value[j * w + i] = mean;
-            }
-        }
+        let q_u = MatRef::from_row_major_slice(&self.q_gradient[w..], a, 1);
+        multiply(
+            matrix(self.value_gradient, w, 1),
+            Accum::Add,
+            by_state.transpose(),
+            curved.submatrix(0, w, a, 1),
+        );
+        multiply(matrix(self.value_gradient, w, 1), Accum::Add, by_state.transpose(), q_u);
+        multiply(
+            matrix(self.value_gradient, w, 1),
+            Accum::Add,
+            q_ux.transpose(),
+            gains.submatrix(0, w, a, 1),
+        );
+        symmetrize(self.value, w);
     }
 
     /// The cheapest of shorter and shorter steps that is cheaper than `cost`, if any is: replaces `actions` and returns
@@ -285,7 +290,7 @@ impl<'s> Tile<'s> {
     pub(crate) fn search(&mut self, actions: &mut [f64], cost: f64) -> Option<f64> {
         let mut length = 1.0;
         for _ in 0..HALVINGS {
-            let found = self.answer(actions, length);
+            let found = self.line_step(actions, length);
             if found < cost {
                 actions.copy_from_slice(self.other_actions);
                 return Some(found);
@@ -295,11 +300,12 @@ impl<'s> Tile<'s> {
         None
     }
 
-    /// The cost of the plan that the gains make of `actions`, with a step of `length`.
-    fn answer(&mut self, actions: &[f64], length: f64) -> f64 {
-        let Self { model, row, steps, w, a, low, high, states, other_states, other_actions, gains, .. } =
-            self;
-        let (w, a, row) = (*w, *a, *row);
+    /// The cost of `actions` changed by the gains, with a step of `length`.
+    fn line_step(&mut self, actions: &[f64], length: f64) -> f64 {
+        let Self {
+            model, episode, steps, w, a, low, high, states, other_states, other_actions, gains, ..
+        } = self;
+        let (w, a, episode) = (*w, *a, *episode);
         other_states[..w].copy_from_slice(&states[..w]);
         let mut sum = 0.0;
         for step in 0..*steps {
@@ -308,18 +314,17 @@ impl<'s> Tile<'s> {
             let changed = &mut other_actions[step * a..][..a];
             let gains = gains[step * a * (w + 1)..].chunks_exact(w + 1);
             for (index, (changed, gains)) in changed.iter_mut().zip(gains).enumerate() {
-                let deviations = state.iter().zip(&states[step * w..]).map(|(new, old)| new - old);
-                let answer: f64 =
-                    gains.iter().zip(deviations).map(|(gain, deviation)| gain * deviation).sum();
-                let number = step * a + index;
-                let value = actions[number] + length * gains[w] + answer;
-                *changed = value.max(low[number].into()).min(high[number].into());
+                let differences = state.iter().zip(&states[step * w..]).map(|(new, old)| new - old);
+                let feedback: f64 = gains.iter().zip(differences).map(|(gain, x)| gain * x).sum();
+                let at = step * a + index;
+                let value = actions[at] + length * gains[w] + feedback;
+                *changed = value.max(low[at].into()).min(high[at].into());
             }
-            let at = Stage { row, step, state, action: changed };
+            let at = Stage { episode, step, state, action: changed };
             sum += model.cost(&at);
             model.step(&at, &mut future[..w]);
         }
-        sum + model.cost(&Stage { row, step: *steps, state: &other_states[*steps * w..], action: &[] })
+        sum + model.cost(&Stage { episode, step: *steps, state: &other_states[*steps * w..], action: &[] })
     }
 }
 

@@ -1,27 +1,27 @@
-//! What solvers that sample have in common: keyed noise, and picking the cheapest samples.
+//! Keyed noise, and the selection of the cheapest samples.
 
 use rand_distr::{Distribution as _, StandardNormal};
 use swm_core::seed::Stream;
 
-use crate::solver::PlanKey;
+use crate::problem::PlanKey;
 
-/// Noise, keyed by what it is for: no number depends on which others were drawn.
+/// Noise, keyed by its purpose: no value depends on which others were sampled.
 #[derive(Clone, Copy, Debug)]
 pub struct Noise {
-    /// What it is for, usually the solver's name: two solvers see different noise.
+    /// Its purpose, usually the solver's name: two solvers see different noise.
     pub purpose: &'static str,
     /// The planner's own seed, to repeat an experiment with other noise on the same episodes.
     pub seed: u32,
 }
 
 impl Noise {
-    /// The generator of one iteration of one plan: what one thread draws from first to last candidate, so that the numbers of
-    /// a candidate do not depend on how many follow it. A generator for each candidate would cost more than the numbers.
+    /// The generator of one iteration of one plan: one thread samples from it from first to last candidate, so that the values
+    /// of a candidate do not depend on how many follow it. A generator for each candidate would cost more than the values.
     pub fn stream(&self, key: &PlanKey, iteration: u32) -> Stream {
         self.stream_of(key, iteration, 0)
     }
 
-    /// Fills `out` with the normal noise of one sample of one iteration of one plan, for samples that are drawn side by side.
+    /// Fills `out` with the normal noise of one sample of one iteration of one plan, for samples that are generated in parallel.
     pub fn fill(&self, key: &PlanKey, iteration: u32, sample: u32, out: &mut [f32]) {
         fill_normal(&mut self.stream_of(key, iteration, sample), out);
     }
@@ -29,8 +29,8 @@ impl Noise {
     fn stream_of(&self, key: &PlanKey, iteration: u32, sample: u32) -> Stream {
         // Plans are counted from 0 per episode, far below 2^32; seed and count share a word of the key.
         let plan = u64::from(self.seed) << 32 | key.plan;
-        let draw = u64::from(iteration) << 32 | u64::from(sample);
-        key.seed.indexed(self.purpose, [plan, draw])
+        let sample = u64::from(iteration) << 32 | u64::from(sample);
+        key.seed.indexed(self.purpose, [plan, sample])
     }
 }
 
@@ -82,8 +82,8 @@ pub fn cheapest<'a>(costs: &[f64], count: usize, order: &'a mut [u32]) -> &'a [u
 }
 
 /// Mean and unbiased standard deviation, `[H, D]` each, of the candidates `elites` (1 or more); a single one leaves
-/// `spread` as it is.
-pub(crate) fn fit_gaussian(candidates: &[f32], elites: &[u32], mean: &mut [f32], spread: &mut [f32]) {
+/// `std` as it is.
+pub(crate) fn fit_gaussian(candidates: &[f32], elites: &[u32], mean: &mut [f32], std: &mut [f32]) {
     let size = mean.len();
     let plans = || elites.iter().map(|&elite| &candidates[elite as usize * size..][..size]);
     mean.fill(0.0);
@@ -95,13 +95,13 @@ pub(crate) fn fit_gaussian(candidates: &[f32], elites: &[u32], mean: &mut [f32],
     if elites.len() < 2 {
         return;
     }
-    spread.fill(0.0);
+    std.fill(0.0);
     for plan in plans() {
-        for ((sum, value), mean) in spread.iter_mut().zip(plan).zip(&*mean) {
+        for ((sum, value), mean) in std.iter_mut().zip(plan).zip(&*mean) {
             *sum += (value - mean) * (value - mean);
         }
     }
-    spread.iter_mut().for_each(|sum| *sum = (*sum / (count - 1.0)).sqrt());
+    std.iter_mut().for_each(|sum| *sum = (*sum / (count - 1.0)).sqrt());
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! A solver for tests of costs: it asks for what it is given, writes down what it hears, and plans nothing.
+//! A solver for tests of costs: it evaluates given plans and records the results.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -7,7 +7,8 @@ use swm_core::Space;
 
 use crate::cost::Cost;
 use crate::error::PlanError;
-use crate::solver::{Plan, Problem, Solver};
+use crate::problem::{Plan, Problem};
+use crate::solver::Solver;
 use crate::trace::Trace;
 use crate::workspace::Workspace;
 
@@ -15,25 +16,25 @@ use crate::workspace::Workspace;
 pub struct Probe {
     plans: Vec<f32>,
     samples: usize,
-    heard: Arc<Mutex<Heard>>,
+    result: Arc<Mutex<ProbeResult>>,
 }
 
-/// What a cost said of the plans of a [`Probe`].
+/// The costs of the plans of a [`Probe`].
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Heard {
+pub struct ProbeResult {
     /// `[S]`: without gradients.
     pub costs: Vec<f64>,
-    /// `[S]`: with them; both are the same numbers, or the cost contradicts itself.
+    /// `[S]`: with them; they must equal `costs`.
     pub costs_with_gradient: Vec<f64>,
     /// `[S, H, D]`.
     pub gradient: Vec<f32>,
 }
 
 impl Probe {
-    /// For plans `[S, H, D]`, and where the answers to the last question will stand.
-    pub fn new(plans: Vec<f32>, samples: usize) -> (Self, Arc<Mutex<Heard>>) {
-        let heard = Arc::default();
-        (Self { plans, samples, heard: Arc::clone(&heard) }, heard)
+    /// For plans `[S, H, D]`, and the results of the last evaluation.
+    pub fn new(plans: Vec<f32>, samples: usize) -> (Self, Arc<Mutex<ProbeResult>>) {
+        let result = Arc::default();
+        (Self { plans, samples, result: Arc::clone(&result) }, result)
     }
 }
 
@@ -59,20 +60,16 @@ impl Solver for Probe {
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
         let candidates = problem.candidates(&self.plans, self.samples);
-        let mut heard = Heard {
+        let mut result = ProbeResult {
             costs: vec![f64::NAN; self.samples],
             costs_with_gradient: vec![f64::NAN; self.samples],
             gradient: vec![f32::NAN; self.plans.len()],
         };
-        cost.evaluate(&candidates, &mut heard.costs)?;
-        if let Some(slopes) = cost.differentiable() {
-            slopes.evaluate_with_gradient(
-                &candidates,
-                &mut heard.costs_with_gradient,
-                &mut heard.gradient,
-            )?;
+        cost.evaluate(&candidates, &mut result.costs)?;
+        if let Some(cost) = cost.differentiable() {
+            cost.evaluate_with_gradient(&candidates, &mut result.costs_with_gradient, &mut result.gradient)?;
         }
-        *self.heard.lock().unwrap_or_else(PoisonError::into_inner) = heard;
+        *self.result.lock().unwrap_or_else(PoisonError::into_inner) = result;
         plan.begin(problem, 0.0);
         Ok(())
     }

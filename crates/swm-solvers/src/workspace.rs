@@ -1,17 +1,17 @@
-//! Memory that solvers reuse. Holds no state: whatever a solver needs to remember is in its problem.
+//! Buffers that solvers reuse. They hold no state: what a solver keeps from plan to plan is in its problem.
 
 use std::mem::MaybeUninit;
 
 /// Buffers for any solver. The first solve of a size allocates, later ones do not.
 #[derive(Debug, Default)]
 pub struct Workspace {
-    /// Candidates, gradients, moments.
+    /// Candidates, gradients, moments of the optimizer.
     pub floats: Scratch<f32>,
     /// Costs, multipliers.
     pub doubles: Scratch<f64>,
     /// Orders of samples.
     pub indices: Scratch<u32>,
-    /// Room for matrices to be factorized in; holds nothing from use to use.
+    /// Scratch for the factorization of matrices.
     pub stack: Scratch<f64>,
 }
 
@@ -41,7 +41,7 @@ impl<T: Copy + Default> Scratch<T> {
         })
     }
 
-    /// Room for `length` numbers that are not set.
+    /// Room for `length` uninitialized values.
     pub fn spare(&mut self, length: usize) -> &mut [MaybeUninit<T>] {
         self.buffer.clear();
         self.buffer.reserve(length);

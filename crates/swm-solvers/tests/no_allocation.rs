@@ -10,8 +10,8 @@ use swm_core::{Dtype, EnvConfig, EpisodeSeed, PolicyContext, Registry, ResetOpti
 use swm_core::{Value, World, WorldOptions};
 use swm_solvers::models::{ControlModel, Stage};
 use swm_solvers::{
-    Candidates, Cost, DifferentiableCost, Moment, NoTrace, PLANNERS, Plan, PlanError, PlanKey, Problem,
-    SOLVERS, Workspace, plan_width,
+    Candidates, Cost, DifferentiableCost, NoTrace, PLANNERS, Plan, PlanError, PlanKey, PlanningContext,
+    Problem, SOLVERS, Workspace, plan_dim,
 };
 
 #[global_allocator]
@@ -21,7 +21,7 @@ static COUNTED: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 struct Free;
 
 impl Cost for Free {
-    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
 
@@ -42,10 +42,10 @@ impl Cost for Free {
 }
 
 impl ControlModel for Free {
-    fn state_width(&self) -> usize {
+    fn state_dim(&self) -> usize {
         3
     }
-    fn action_width(&self) -> usize {
+    fn action_dim(&self) -> usize {
         2
     }
     fn start(&self, _row: usize, state: &mut [f64]) {
@@ -71,7 +71,7 @@ impl DifferentiableCost for Free {
         gradient: &mut [f32],
     ) -> Result<(), PlanError> {
         gradient.fill(0.0);
-        let size = candidates.horizon * candidates.width;
+        let size = candidates.horizon * candidates.dim;
         for (plan, gradient) in candidates.plans().zip(gradient.chunks_exact_mut(size)) {
             gradient[0] = 2.0 * plan[0];
         }
@@ -101,7 +101,7 @@ fn later_plans_allocate_nothing() {
         let keys: Vec<PlanKey> = (0..4).map(key).collect();
         let spaces = [Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), Space::Discrete { n: 5, start: 0 }];
         let action = spaces.into_iter().find(|space| solver.check(space).is_ok()).unwrap();
-        let initial = vec![0.0; 4 * 10 * plan_width(&action)];
+        let initial = vec![0.0; 4 * 10 * plan_dim(&action)];
         let problem = Problem {
             keys: &keys,
             horizon: 10,

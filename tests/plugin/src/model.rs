@@ -6,7 +6,9 @@ use std::path::Path;
 use serde_json::{Map, Value as Json};
 use swm::core::{Batch, BoxError, PolicyArgs, PolicyEntry, Schema, Setting};
 use swm::solvers::models::{Dynamics, GoalMse, Part, Reduction, ShootingCost, Steps};
-use swm::solvers::{Candidates, LearnedCost, Moment, PlanError, SOLVER_SETTING, on_true_dynamics, plan_on};
+use swm::solvers::{
+    Candidates, LearnedCost, PlanError, PlanningContext, SOLVER_SETTING, on_true_dynamics, plan_on,
+};
 
 /// `fitted-model`. What a command asks of the model behind it is said here too: the images that it was trained on (those of
 /// its dataset), the file that it depends on, and its oracle, the same planner on the true dynamics.
@@ -20,7 +22,7 @@ pub const FITTED_MODEL: PolicyEntry = PolicyEntry::new(
         Ok(Box::new(plan_on(context, learned, given).map_err(|error| args.wrong(error.to_string()))?))
     },
 )
-.settings(&[Setting::new("FILE", "a dataset with the columns state and action", "required"), SOLVER_SETTING])
+.settings(&[Setting::new("FILE", "A dataset with the columns state and action", "required"), SOLVER_SETTING])
 .image(|args| swm::data::open(split(args)?.0.as_ref()).ok()?.metadata()?.image)
 .files(|args| Ok(split(args).into_iter().map(|(file, _)| file.into()).collect()))
 .oracle(|context, args| {
@@ -45,10 +47,10 @@ fn fit(data: &Path) -> Result<ShootingCost<LinearModel>, BoxError> {
 
 /// Actions of a block.
 const BLOCK: usize = 2;
-/// Numbers of a state, and of an action.
+/// Dimensions of a state, and of an action.
 const STATE: usize = 4;
 const ACTION: usize = 2;
-/// What a prediction is made from: state, action, 1.
+/// Input of a prediction: state, action, 1.
 const INPUT: usize = STATE + ACTION + 1;
 
 /// next state = weights × (state, action, 1).
@@ -95,14 +97,14 @@ impl LinearModel {
 
     fn next(&self, state: &[f64], action: &[f32]) -> [f64; STATE] {
         let input = input(state, action);
-        self.weights.map(|row| row.iter().zip(&input).map(|(weight, number)| weight * number).sum())
+        self.weights.map(|row| row.iter().zip(&input).map(|(weight, value)| weight * value).sum())
     }
 }
 
 fn input(state: &[f64], action: &[f32]) -> [f64; INPUT] {
     let mut input = [1.0; INPUT];
     input[..STATE].copy_from_slice(state);
-    input[STATE..INPUT - 1].iter_mut().zip(action).for_each(|(out, &number)| *out = f64::from(number));
+    input[STATE..INPUT - 1].iter_mut().zip(action).for_each(|(out, &value)| *out = f64::from(value));
     input
 }
 
@@ -118,8 +120,8 @@ fn solve(mut left: [[f64; INPUT]; INPUT], mut right: [[f64; STATE]; INPUT]) -> O
         for row in (0..INPUT).filter(|&row| row != pivot) {
             let factor = left[row][pivot] / left[pivot][pivot];
             let (from_left, from_right) = (left[pivot], right[pivot]);
-            left[row].iter_mut().zip(from_left).for_each(|(out, number)| *out -= factor * number);
-            right[row].iter_mut().zip(from_right).for_each(|(out, number)| *out -= factor * number);
+            left[row].iter_mut().zip(from_left).for_each(|(out, value)| *out -= factor * value);
+            right[row].iter_mut().zip(from_right).for_each(|(out, value)| *out -= factor * value);
         }
     }
     for (row, values) in right.iter_mut().enumerate() {
@@ -129,11 +131,11 @@ fn solve(mut left: [[f64; INPUT]; INPUT], mut right: [[f64; STATE]; INPUT]) -> O
 }
 
 impl Dynamics for LinearModel {
-    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
         self.starts.clear();
         self.goals.clear();
-        for index in 0..moment.len() {
-            let row = moment.row(index).row;
+        for index in 0..context.len() {
+            let row = context.env(index).row;
             let column = |name: &str| -> Result<[f64; STATE], PlanError> {
                 let values: &[f64] = row.get(name).map_err(|error| PlanError::Cost(error.into()))?;
                 values.try_into().map_err(|_| PlanError::Size {
@@ -143,7 +145,7 @@ impl Dynamics for LinearModel {
                 })
             };
             self.starts.push(column("state")?);
-            self.goals.push(column("goal_state")?.map(|number| number as f32));
+            self.goals.push(column("goal_state")?.map(|value| value as f32));
         }
         Ok(())
     }
@@ -152,19 +154,19 @@ impl Dynamics for LinearModel {
         &self.parts
     }
 
-    fn goal(&self, row: usize) -> &[f32] {
-        &self.goals[row]
+    fn goal(&self, episode: usize) -> &[f32] {
+        &self.goals[episode]
     }
 
     fn roll_out(&mut self, candidates: &Candidates<'_>, states: &mut [f32]) -> Result<(), PlanError> {
         let paths = states.chunks_exact_mut(candidates.horizon * STATE);
         for (index, (plan, path)) in candidates.plans().zip(paths).enumerate() {
             let mut state = self.starts[index / candidates.samples];
-            for (block, out) in plan.chunks_exact(candidates.width).zip(path.chunks_exact_mut(STATE)) {
+            for (block, out) in plan.chunks_exact(candidates.dim).zip(path.chunks_exact_mut(STATE)) {
                 for action in block.chunks_exact(ACTION) {
                     state = self.next(&state, action);
                 }
-                out.copy_from_slice(&state.map(|number| number as f32));
+                out.copy_from_slice(&state.map(|value| value as f32));
             }
         }
         Ok(())

@@ -1,7 +1,7 @@
 //! A trained world model as the cost of plans: how far from the goal the model says a plan ends.
 
 use serde_json::{Map, Value as Json};
-use swm_solvers::{ActionScale, Candidates, Cost, DifferentiableCost, Moment, PlanError};
+use swm_solvers::{ActionScale, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext};
 
 use super::scenes::SceneTable;
 use crate::baseline::{Baseline, PlanModel};
@@ -22,7 +22,7 @@ pub struct ModelCost {
 struct Copy {
     model: Box<dyn PlanModel>,
     scenes: SceneTable,
-    /// Rows of the moment.
+    /// Environments of the planning context.
     rows: Vec<usize>,
     actions: Vec<f32>,
     costs: Vec<f64>,
@@ -77,7 +77,7 @@ impl ModelCost {
         costs: &mut [f64],
         mut gradient: Option<&mut [f32]>,
     ) -> Result<(), PlanError> {
-        let (samples, size) = (candidates.samples, candidates.horizon * candidates.width);
+        let (samples, size) = (candidates.samples, candidates.horizon * candidates.dim);
         let per_row = samples * size;
         for copy in self.copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {
             // All environments in one group is the rule: nothing is copied then.
@@ -94,7 +94,7 @@ impl ModelCost {
                 actions.extend_from_slice(&candidates.actions[row * per_row..][..per_row]);
             }
             own.resize(rows.len() * samples, 0.0);
-            let group = Candidates { actions, rows: rows.len(), ..*candidates };
+            let group = Candidates { actions, episodes: rows.len(), ..*candidates };
             if let Some(gradient) = gradient.as_deref_mut() {
                 slopes.resize(actions.len(), 0.0);
                 model.evaluate_with_gradient(&group, own, slopes)?;
@@ -113,18 +113,18 @@ impl ModelCost {
 }
 
 impl Cost for ModelCost {
-    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
         let (block, longest) = (self.action_block(), self.copies[0].model.history().max(1));
-        let frames_of = |index| moment.history(index).map_or(1, |past| past.frames().min(longest));
-        self.copies_for((0..moment.len()).map(frames_of).max().unwrap_or(1));
+        let frames_of = |index| context.history(index).map_or(1, |past| past.frames().min(longest));
+        self.copies_for((0..context.len()).map(frames_of).max().unwrap_or(1));
         for (frames, copy) in (1..).zip(&mut self.copies) {
             copy.rows.clear();
             copy.scenes.clear(frames);
         }
-        for index in 0..moment.len() {
+        for index in 0..context.len() {
             let frames = frames_of(index);
             let Copy { scenes, rows, .. } = &mut self.copies[frames - 1];
-            if let Some(past) = moment.history(index) {
+            if let Some(past) = context.history(index) {
                 let skipped = past.frames() - frames;
                 for frame in skipped..past.frames() - 1 {
                     scenes.push_past(|field| past.frame(field, frame))?;
@@ -133,7 +133,7 @@ impl Cost for ModelCost {
                     scenes.push_action(past.action(action));
                 }
             }
-            scenes.push(moment.row(index).row)?;
+            scenes.push(context.env(index).row)?;
             rows.push(index);
         }
         for copy in self.copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {

@@ -96,8 +96,8 @@ impl Policy for ModelPolicy {
         }
         for index in view.live() {
             let queue = &mut rows[index];
-            map.write(&queue.actions[queue.taken..][..map.width()], &mut actions.row(index));
-            queue.taken += map.width();
+            map.write(&queue.actions[queue.taken..][..map.dim()], &mut actions.row(index));
+            queue.taken += map.dim();
         }
         Ok(())
     }

@@ -46,10 +46,10 @@ pub const POLICIES: &[PolicyEntry] = &[
     }),
 ];
 
-const RUN: Setting = Setting::new("RUN", "folder of a training run", "required");
-const CHECKPOINT: Setting = Setting::new("checkpoint", "which checkpoint: last, best, or a step", "last");
-const DEVICE: Setting = Setting::new("device", "what it is computed on: cpu, cuda, cuda:1 …", "cpu");
-const TRANSFER: Setting = Setting::new("transfer", "whether a run of another environment is taken", "false");
+const RUN: Setting = Setting::new("RUN", "Folder of a training run", "required");
+const CHECKPOINT: Setting = Setting::new("checkpoint", "Which checkpoint: last, best, or a step", "last");
+const DEVICE: Setting = Setting::new("device", "Device: cpu, cuda, cuda:1 …", "cpu");
+const TRANSFER: Setting = Setting::new("transfer", "Accept a run of another environment", "false");
 /// What all policies of trained models know by name.
 const OF_MODELS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER];
 

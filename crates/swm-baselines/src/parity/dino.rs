@@ -92,7 +92,7 @@ fn costs_of_plans_and_their_gradients_are_the_references() {
         };
         planner.prepare(&scenes).unwrap();
         let actions = fixture.values(&format!("inputs.candidates{seen}"));
-        let candidates = Candidates { actions, rows: 2, samples: 6, horizon: 4, width: 4 };
+        let candidates = Candidates { actions, episodes: 2, samples: 6, horizon: 4, dim: 4 };
         fixture.check_costs(planner.as_mut(), &candidates, &format!("outputs.costs{seen}"));
     }
 }

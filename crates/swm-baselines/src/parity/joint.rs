@@ -120,7 +120,7 @@ fn costs_of_plans_and_their_gradients_are_the_references() {
         };
         planner.prepare(&scenes).unwrap();
         let actions = fixture.values(&format!("inputs.candidates{seen}"));
-        let candidates = Candidates { actions, rows: 2, samples: 6, horizon: 5, width: 4 };
+        let candidates = Candidates { actions, episodes: 2, samples: 6, horizon: 5, dim: 4 };
         fixture.check_costs(&mut planner, &candidates, &format!("outputs.costs{seen}"));
     }
 }
@@ -146,7 +146,7 @@ fn costs_depend_on_nothing_beside_their_candidate() {
         };
         planner.prepare(&scenes).unwrap();
         let actions = plans[..samples * 20].repeat(rows.len());
-        let candidates = Candidates { actions: &actions, rows: rows.len(), samples, horizon: 5, width: 4 };
+        let candidates = Candidates { actions: &actions, episodes: rows.len(), samples, horizon: 5, dim: 4 };
         let mut costs = vec![0.0; rows.len() * samples];
         planner.evaluate(&candidates, &mut costs).unwrap();
         costs

@@ -3,10 +3,10 @@
 //! Both steer by the velocity that they want: along the way, as fast as the next bend allows.
 
 use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
-use serde::Deserialize;
 use swm_core::policy::write_action;
 use swm_core::{
-    Actor, EpisodeSeed, PerEpisode, Policy, PolicyArgs, PolicyEntry, PolicyError, RowView, Setting, SliceMut,
+    Actor, EpisodeSeed, PerEpisode, Policy, PolicyArgs, PolicyEntry, PolicyError, RowView, Settings as _,
+    SliceMut,
 };
 
 use super::factors::layout_at;
@@ -25,17 +25,23 @@ pub(super) const POLICIES: &[PolicyEntry] = &[
         "the expert with normal noise on its actions (`noisy-expert:STD`)",
         |_, args| noisy(args, Errand::Goal),
     )
-    .settings(&[NOISE]),
+    .settings(Noise::SETTINGS),
     PolicyEntry::new(
         "explorer",
         "wanders from one random cell to the next, whatever the goal, with noise on its actions \
                   (`explorer:STD`): diverse data, best with terminate_at_goal=false",
         |_, args| noisy(args, Errand::Cells),
     )
-    .settings(&[NOISE]),
+    .settings(Noise::SETTINGS),
 ];
 
-const NOISE: Setting = Setting::new("std", "standard deviation of the noise on each component", "0.5");
+swm_core::settings! {
+    /// Arguments of the noisy policies.
+    struct Noise {
+        /// Standard deviation of the noise on each component.
+        std: f64 = 0.5,
+    }
+}
 
 /// Where to go.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,17 +53,7 @@ enum Errand {
 }
 
 fn noisy(args: &PolicyArgs, errand: Errand) -> Result<Box<dyn Policy>, PolicyError> {
-    #[derive(Deserialize)]
-    #[serde(deny_unknown_fields, default)]
-    struct Config {
-        std: f64,
-    }
-    impl Default for Config {
-        fn default() -> Self {
-            Self { std: 0.5 }
-        }
-    }
-    let Config { std } = args.parse_with("std")?;
+    let Noise { std } = args.parse_with("std")?;
     if !(std >= 0.0 && std.is_finite()) {
         return Err(args.wrong(format!("std {std} must be 0 or more, and finite")));
     }

@@ -15,8 +15,7 @@ mod settings;
 mod weak;
 
 use self::physics::Sim;
-use serde::Deserialize;
-use swm_core::{Actor, EnvEntry, PerEpisode, PolicyEntry, RowView, Setting};
+use swm_core::{Actor, EnvEntry, PerEpisode, PolicyEntry, RowView, Settings as _};
 
 pub use discrete::{from_continuous, to_continuous};
 pub use engine::Engine;
@@ -60,17 +59,7 @@ const WEAK: PolicyEntry = PolicyEntry::new(
     "weak",
     "random pushes that stay near the block (the reference's WeakPolicy)",
     |context, args| {
-        #[derive(Deserialize)]
-        #[serde(deny_unknown_fields, default)]
-        struct Config {
-            dist_constraint: f64,
-        }
-        impl Default for Config {
-            fn default() -> Self {
-                Self { dist_constraint: 100.0 }
-            }
-        }
-        let Config { dist_constraint: reach_px } = args.parse_with("dist_constraint")?;
+        let WeakSettings { dist_constraint: reach_px } = args.parse_with("dist_constraint")?;
         if reach_px.is_nan() || reach_px <= 0.0 {
             return Err(args.wrong(format!("dist_constraint {reach_px} must be above 0")));
         }
@@ -79,8 +68,12 @@ const WEAK: PolicyEntry = PolicyEntry::new(
         Ok(Box::new(PerEpisode::new(format!("weak:dist_constraint={reach_px}"), make)))
     },
 )
-.settings(&[Setting::new(
-    "dist_constraint",
-    "largest distance of the target from the block, px per axis",
-    "100",
-)]);
+.settings(WeakSettings::SETTINGS);
+
+swm_core::settings! {
+    /// Arguments of `weak`.
+    struct WeakSettings {
+        /// Largest distance of the target from the block, px per axis.
+        dist_constraint: f64 = 100.0,
+    }
+}

@@ -35,3 +35,11 @@ const WITHOUT_FRICTION: &Table = &Table::of(&[Settings::SETTINGS]).without("fric
 /// The settings of PushT on rapier2d.
 #[cfg(feature = "rapier")]
 pub(super) const RAPIER_SETTINGS: &[Setting] = Settings::SETTINGS;
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn documented_defaults_are_the_defaults() {
+        swm_core::testing::assert_documented_defaults::<super::Settings>();
+    }
+}

@@ -5,10 +5,11 @@
 //! This one lines up in front of a door that it cannot see through, and stops where it wants to be.
 
 use rand_distr::{Distribution as _, StandardNormal};
-use serde::{Deserialize, Serialize};
 use swm_core::policy::write_action;
+use swm_core::settings::Table;
 use swm_core::{
-    Actor, BatchError, PerEpisode, Policy, PolicyArgs, PolicyEntry, PolicyError, RowView, Setting, SliceMut,
+    Actor, BatchError, PerEpisode, Policy, PolicyArgs, PolicyEntry, PolicyError, RowView, Settings as _,
+    SliceMut,
 };
 
 use super::physics::{Axis, FloorPlan, MAX_ACTION_NORM, Opening, Vec2, WALL_AT_PX};
@@ -19,7 +20,7 @@ pub(super) const EXPERT: PolicyEntry = PolicyEntry::new(
     "goes through the nearest door that is wide enough, then to the goal",
     |_, args| make(args, 0.0),
 )
-.settings(&[Setting::new("std", STD_DOC, "0")]);
+.settings(Arguments::SETTINGS);
 
 /// `noisy-expert`.
 pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry::new(
@@ -27,17 +28,19 @@ pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry::new(
     "the expert with normal noise on its actions (`noisy-expert:STD`), as the reference collects its data",
     |_, args| make(args, NOISY_STD),
 )
-.settings(&[Setting::new("std", STD_DOC, "1.3")]);
+.settings(NOISY_SETTINGS.as_slice());
 
-const STD_DOC: &str = "standard deviation of the noise on each component of the action";
 const NOISY_STD: f64 = 1.3;
+const NOISY_SETTINGS: &Table = &Table::of(&[Arguments::SETTINGS]).with_default("std", "1.3");
 /// Rounding of actions leaves the agent this near to where it goes, pixels.
 const CLOSE_PX: f64 = 1e-3;
 
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Config {
-    std: f64,
+swm_core::settings! {
+    /// Arguments of the policy. Unknown names are refused.
+    struct Arguments {
+        /// Standard deviation of the noise on each component of the action.
+        std: f64 = 0.0,
+    }
 }
 
 fn make(args: &PolicyArgs, default_std: f64) -> Result<Box<dyn Policy>, PolicyError> {
@@ -45,7 +48,7 @@ fn make(args: &PolicyArgs, default_std: f64) -> Result<Box<dyn Policy>, PolicyEr
     if args.positional.is_empty() {
         args.named.entry("std").or_insert(default_std.into());
     }
-    let Config { std } = args.parse_with("std")?;
+    let Arguments { std } = args.parse_with("std")?;
     if !(std >= 0.0 && std.is_finite()) {
         return Err(args.wrong(format!("std {std} must be 0 or more, and finite")));
     }

@@ -2,11 +2,11 @@
 //! read from the environment once per episode.
 
 use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
-use serde::{Deserialize, Serialize};
 use swm_core::policy::write_action;
+use swm_core::settings::Table;
 use swm_core::{
     Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, RowView,
-    Setting, SliceMut,
+    Settings as _, SliceMut,
 };
 
 use super::env::{factors_with, saved_room};
@@ -14,22 +14,12 @@ use super::room::{Room, distance};
 use super::route;
 use super::settings::Settings;
 
-/// The arguments for help, one per field of `Arguments`.
-macro_rules! settings {
-    ($noise:literal) => {
-        &[
-            Setting::new("noise", "standard deviation of the noise on each component of the action, which is then clipped to -1..1", $noise),
-            Setting::new("action_repeat_prob", "probability that an action is the last one once more", "0"),
-        ]
-    };
-}
-
 /// `expert`.
 pub(super) const EXPERT: PolicyEntry =
     PolicyEntry::new("expert", "walks the shortest way to the target", |context, args| {
         make(context, args, args.parse_as::<Arguments>()?)
     })
-    .settings(settings!("0"));
+    .settings(Arguments::SETTINGS);
 
 /// `noisy-expert`.
 pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry::new(
@@ -43,17 +33,22 @@ pub(super) const NOISY_EXPERT: PolicyEntry = PolicyEntry::new(
         make(context, args, noisy.parse_with::<Arguments>("noise")?)
     },
 )
-.settings(settings!("2"));
+.settings(NOISY_SETTINGS.as_slice());
 
 /// The noise of the published datasets.
 const REFERENCE_NOISE: f64 = 2.0;
 
-/// Arguments of the policy. Unknown names are refused.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Arguments {
-    noise: f64,
-    action_repeat_prob: f64,
+const NOISY_SETTINGS: &Table = &Table::of(&[Arguments::SETTINGS]).with_default("noise", "2");
+
+swm_core::settings! {
+    /// Arguments of the policy. Unknown names are refused.
+    #[derive(Copy)]
+    struct Arguments {
+        /// Standard deviation of the noise on each component of the action, which is then clipped to -1..1.
+        noise: f64 = 0.0,
+        /// Probability that the previous action is repeated.
+        action_repeat_prob: f64 = 0.0,
+    }
 }
 
 fn make(

@@ -19,3 +19,11 @@ swm_core::settings! {
 
 /// The settings for help and docs.
 pub(super) const SETTINGS: &[Setting] = Settings::SETTINGS;
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn documented_defaults_are_the_defaults() {
+        swm_core::testing::assert_documented_defaults::<super::Settings>();
+    }
+}

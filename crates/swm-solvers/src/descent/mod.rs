@@ -5,6 +5,6 @@ mod search;
 mod settings;
 mod simplex;
 
-pub(crate) use rules::{Rule, WeightDecay, not_negative, positive};
+pub(crate) use rules::{Rule, WeightDecay};
 pub(crate) use search::{Limits, Search, scatter};
 pub use settings::{Descent, GradClip};

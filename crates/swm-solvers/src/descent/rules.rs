@@ -1,20 +1,21 @@
-//! Optimizers: what to do with one gradient of one sequence. They know nothing of costs.
+//! Optimizers: one step of one sequence along its gradient.
 //!
-//! Rules and defaults are those of the usual deep-learning libraries, to the last rounding that matters: Kingma & Ba,
+//! Rules and defaults are PyTorch's, to relevant rounding: Kingma & Ba,
 //! *Adam* (2015); Loshchilov & Hutter, *Decoupled Weight Decay Regularization* (2019).
 
 use crate::error::PlanError;
+use crate::ranges::{check_below_one, check_not_negative, check_positive};
 
-/// How a gradient moves what it is the gradient of.
+/// An update rule.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Rule {
     /// Against the gradient, with momentum.
     Sgd { lr: f64, momentum: f64, nesterov: bool },
-    /// Against its mean, in units of its spread.
+    /// Against its mean, in units of the root of its mean square.
     Adam { lr: f64, betas: [f64; 2], eps: f64, weight_decay: WeightDecay },
 }
 
-/// A pull toward zero.
+/// Weight decay.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum WeightDecay {
     /// Part of the gradient, as in Adam.
@@ -28,22 +29,22 @@ impl Rule {
     pub(crate) fn validate(&self) -> Result<(), PlanError> {
         let lr = match *self {
             Self::Sgd { lr, momentum, .. } => {
-                fraction("momentum", momentum)?;
+                check_below_one("momentum", momentum)?;
                 lr
             }
             Self::Adam { lr, betas, eps, weight_decay } => {
-                fraction("beta1", betas[0])?;
-                fraction("beta2", betas[1])?;
-                not_negative("eps", eps)?;
+                check_below_one("beta1", betas[0])?;
+                check_below_one("beta2", betas[1])?;
+                check_not_negative("eps", eps)?;
                 let (WeightDecay::InGradient(decay) | WeightDecay::Decoupled(decay)) = weight_decay;
-                not_negative("weight_decay", decay)?;
+                check_not_negative("weight_decay", decay)?;
                 lr
             }
         };
-        positive("lr", lr)
+        check_positive("lr", lr)
     }
 
-    /// Step `number`, from 1, of one sequence, whose memories were zero before the first.
+    /// Step `number`, from 1, of one sequence, whose optimizer state was zero before the first.
     pub(crate) fn step(
         &self,
         number: u32,
@@ -83,27 +84,6 @@ impl Rule {
             }
         }
     }
-}
-
-pub(crate) fn positive(name: &str, value: f64) -> Result<(), PlanError> {
-    if value > 0.0 && value <= f64::from(f32::MAX) {
-        return Ok(());
-    }
-    Err(PlanError::setting(name, format!("{value} is not a positive number")))
-}
-
-pub(crate) fn not_negative(name: &str, value: f64) -> Result<(), PlanError> {
-    if (0.0..=f64::from(f32::MAX)).contains(&value) {
-        return Ok(());
-    }
-    Err(PlanError::setting(name, format!("{value} is not a number from 0 on")))
-}
-
-fn fraction(name: &str, value: f64) -> Result<(), PlanError> {
-    if (0.0..1.0).contains(&value) {
-        return Ok(());
-    }
-    Err(PlanError::setting(name, format!("{value} is not from 0 to below 1")))
 }
 
 #[cfg(test)]

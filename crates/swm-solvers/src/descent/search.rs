@@ -7,25 +7,25 @@ use super::rules::Rule;
 use super::settings::{Descent, GradClip};
 use super::simplex::project_to_simplex;
 use crate::bounds::{box_bounds, clamp, fill_bounds};
-use crate::cost::{Candidates, Cost};
+use crate::cost::Cost;
 use crate::error::PlanError;
+use crate::problem::{Candidates, Plan, PlanKey, Problem};
 use crate::sampling::Noise;
-use crate::solver::{Plan, PlanKey, Problem};
-use crate::space::categories;
+use crate::space::groups;
 use crate::trace::{Iteration, Trace};
 use crate::workspace::Workspace;
 
-/// Where plans may go.
+/// The feasible set of plans.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Limits<'a> {
-    /// Between the bounds of real actions, if they count.
+    /// The bounds of real actions, if plans are clipped.
     Box { bounds: (&'a [f64], &'a [f64]), clip: bool },
-    /// Categories of integer actions: their probabilities.
+    /// Probabilities of the categories of integer actions.
     Simplex(&'a Space),
 }
 
 impl<'a> Limits<'a> {
-    /// Those of real actions; other actions are refused.
+    /// Of real actions; other actions are refused.
     pub(crate) fn of_box(solver: &'static str, space: &'a Space, clip: bool) -> Result<Self, PlanError> {
         Ok(Self::Box { bounds: box_bounds(solver, space)?, clip })
     }
@@ -40,9 +40,9 @@ pub(crate) struct Search<'a, 'w> {
     problem: &'a Problem<'a>,
     /// `[B, S, H, D]`: the plans.
     pub(crate) points: &'w mut [f32],
-    /// `[B, S, H, D]`: derivative of what is minimized.
+    /// `[B, S, H, D]`: gradient of the objective.
     pub(crate) gradient: &'w mut [f32],
-    /// `[B, S, H, D]` each: what the rule remembers.
+    /// `[B, S, H, D]` each: state of the optimizer.
     memories: [&'w mut [f32]; 2],
     /// `[B, S]`: costs; infinite where a sequence has stopped.
     pub(crate) costs: &'w mut [f64],
@@ -54,12 +54,12 @@ pub(crate) struct Search<'a, 'w> {
     /// `[B, H, D]` and `[B]`: the cheapest plans so far.
     pub(crate) best: &'w mut [f32],
     pub(crate) best_costs: &'w mut [f64],
-    /// What the solver asked for, beside.
+    /// Additional values of the solver.
     pub(crate) extra: &'w mut [f64],
 }
 
 impl<'a, 'w> Search<'a, 'w> {
-    /// Starts at the initial plan and around it. `extra` numbers are for the solver.
+    /// Starts at the initial plan and around it. `extra` values are for the solver.
     pub(crate) fn begin(
         solver: &'static str,
         (descent, rule, limits): (&'a Descent, Rule, Limits<'a>),
@@ -68,12 +68,12 @@ impl<'a, 'w> Search<'a, 'w> {
         extra: usize,
     ) -> Result<Self, PlanError> {
         problem.check_samples(descent.samples)?;
-        let (rows, size, samples) = (problem.keys.len(), problem.plan_size(), descent.samples);
-        let all = rows * samples * size;
+        let (episodes, size, samples) = (problem.keys.len(), problem.plan_size(), descent.samples);
+        let all = episodes * samples * size;
         let [points, gradient, first, second, low, high, best] =
-            workspace.floats.cut([all, all, all, all, size, size, rows * size]);
-        let [costs, best_costs, extra] = workspace.doubles.cut([rows * samples, rows, extra]);
-        let [stopped] = workspace.indices.cut([rows * samples]);
+            workspace.floats.cut([all, all, all, all, size, size, episodes * size]);
+        let [costs, best_costs, extra] = workspace.doubles.cut([episodes * samples, episodes, extra]);
+        let [stopped] = workspace.indices.cut([episodes * samples]);
         let memories = [first, second];
         low.fill(f32::NEG_INFINITY);
         high.fill(f32::INFINITY);
@@ -102,7 +102,7 @@ impl<'a, 'w> Search<'a, 'w> {
         })
     }
 
-    /// Says that the search begins.
+    /// Begins the search.
     pub(crate) fn open(&self, trace: &mut dyn Trace, plan: &mut Plan) {
         plan.begin(self.problem, 0.0);
         plan.iterations.fill(self.descent.iterations as u32);
@@ -123,8 +123,8 @@ impl<'a, 'w> Search<'a, 'w> {
         self.problem.candidates(self.points, self.descent.samples)
     }
 
-    /// Stops the sequences whose cost or, if there is one, gradient is not finite. If none of an episode goes on and
-    /// none had a finite cost that is remembered, that is an error.
+    /// Stops the sequences whose cost or, if there is one, gradient is not finite. If all sequences of an episode are stopped
+    /// and none had a finite cost before, that is an error.
     pub(crate) fn screen(
         &mut self,
         iteration: usize,
@@ -134,54 +134,54 @@ impl<'a, 'w> Search<'a, 'w> {
         let (size, samples) = (self.size(), self.descent.samples);
         let stopped = self.stopped.chunks_exact_mut(samples).zip(self.costs.chunks_exact_mut(samples));
         let gradients = self.gradient.chunks_exact_mut(samples * size);
-        for (row, ((stopped, costs), gradients)) in stopped.zip(gradients).enumerate() {
+        for (episode, ((stopped, costs), gradients)) in stopped.zip(gradients).enumerate() {
             let sequences = stopped.iter_mut().zip(costs).zip(gradients.chunks_exact_mut(size));
             for ((stopped, cost), gradient) in sequences {
                 let usable = cost.is_finite() && !(with_gradient && gradient.iter().any(|g| !g.is_finite()));
                 if *stopped == 0 && !usable {
                     *stopped = 1;
-                    non_finite[row] += 1;
+                    non_finite[episode] += 1;
                 }
                 if *stopped == 1 {
                     *cost = f64::INFINITY;
                     gradient.fill(0.0);
                 }
             }
-            if stopped.iter().all(|&stopped| stopped == 1) && self.best_costs[row].is_infinite() {
-                let PlanKey { episode, plan, .. } = self.problem.keys[row];
+            if stopped.iter().all(|&stopped| stopped == 1) && self.best_costs[episode].is_infinite() {
+                let PlanKey { episode, plan, .. } = self.problem.keys[episode];
                 return Err(PlanError::NoFiniteCost { episode, plan, iteration, samples });
             }
         }
         Ok(())
     }
 
-    /// The cheapest sequence of episode `row`, the first of equals.
-    pub(crate) fn cheapest(&self, row: usize) -> usize {
+    /// The cheapest sequence of episode `episode`, the first of equals.
+    pub(crate) fn cheapest(&self, episode: usize) -> usize {
         let samples = self.descent.samples;
-        let costs = &self.costs[row * samples..][..samples];
+        let costs = &self.costs[episode * samples..][..samples];
         (0..samples).fold(0, |best, index| if costs[index] < costs[best] { index } else { best })
     }
 
-    /// Sequence `sample` of episode `row`: `[H, D]`.
-    pub(crate) fn point(&self, row: usize, sample: usize) -> &[f32] {
+    /// Sequence `sample` of episode `episode`: `[H, D]`.
+    pub(crate) fn point(&self, episode: usize, sample: usize) -> &[f32] {
         let size = self.size();
-        &self.points[(row * self.descent.samples + sample) * size..][..size]
+        &self.points[(episode * self.descent.samples + sample) * size..][..size]
     }
 
     /// Keeps the cheapest plans so far.
     fn remember(&mut self) {
         let size = self.size();
-        for row in 0..self.problem.keys.len() {
-            let sample = self.cheapest(row);
-            let index = row * self.descent.samples + sample;
-            if self.costs[index] < self.best_costs[row] {
-                self.best_costs[row] = self.costs[index];
-                self.best[row * size..][..size].copy_from_slice(&self.points[index * size..][..size]);
+        for episode in 0..self.problem.keys.len() {
+            let sample = self.cheapest(episode);
+            let index = episode * self.descent.samples + sample;
+            if self.costs[index] < self.best_costs[episode] {
+                self.best_costs[episode] = self.costs[index];
+                self.best[episode * size..][..size].copy_from_slice(&self.points[index * size..][..size]);
             }
         }
     }
 
-    /// Shows iteration `number`.
+    /// Reports iteration `number`.
     pub(crate) fn show(&self, number: usize, trace: &mut dyn Trace) {
         trace.iteration(&Iteration {
             number,
@@ -190,17 +190,17 @@ impl<'a, 'w> Search<'a, 'w> {
             costs: self.costs,
             elites: 0,
             mean: &[],
-            spread: &[],
+            std: &[],
             gradient: self.gradient,
         });
     }
 
-    /// Forgets what the rule remembers.
+    /// Resets the optimizer.
     pub(crate) fn restart(&mut self) {
         self.memories.iter_mut().for_each(|memory| memory.fill(0.0));
     }
 
-    /// One step of every sequence that goes on: step `number`, from 1, since the rule began; noise is that of
+    /// One step of every sequence that is not stopped: step `number`, from 1, since the optimizer began; noise is that of
     /// `iteration`, from 0.
     pub(crate) fn step(&mut self, number: usize, iteration: usize) {
         let (noise, size, samples) = (self.noise(), self.size(), self.descent.samples);
@@ -208,7 +208,7 @@ impl<'a, 'w> Search<'a, 'w> {
             self;
         let (limits, low, high, keys) = (&*limits, &**low, &**high, problem.keys);
         let shared = (descent.grad_clip_mode == GradClip::Global && descent.grad_clip > 0.0)
-            .then(|| shortening(gradient, descent.grad_clip));
+            .then(|| clip_factor(gradient, descent.grad_clip));
         let [first, second] = memories;
         let sequences = (
             points.par_chunks_exact_mut(size),
@@ -223,11 +223,11 @@ impl<'a, 'w> Search<'a, 'w> {
                 return;
             }
             if descent.grad_clip > 0.0 {
-                let factor = shared.unwrap_or_else(|| shortening(gradient, descent.grad_clip));
+                let factor = shared.unwrap_or_else(|| clip_factor(gradient, descent.grad_clip));
                 gradient.iter_mut().for_each(|g| *g *= factor);
             }
             rule.step(number as u32, point, gradient, [first, second]);
-            // The gradient has done its work: its memory is free.
+            // The gradient is used up: its memory is free.
             if descent.action_noise > 0.0 {
                 let (key, sample) = (&keys[index / samples], (index % samples) as u32);
                 noise.fill(key, 1 + iteration as u32, sample, gradient);
@@ -241,13 +241,14 @@ impl<'a, 'w> Search<'a, 'w> {
         });
     }
 
-    /// Descends from the starts, evaluates where that led, and leaves the costs in place.
-    pub(crate) fn descend(
+    /// Descends from the starts and writes the cheapest sequence of every episode to `plan`.
+    pub(crate) fn run(
         &mut self,
         cost: &mut dyn Cost,
         trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
+        self.open(trace, plan);
         let cost = cost.differentiable().ok_or(PlanError::NoGradient { solver: self.solver })?;
         let iterations = self.descent.iterations;
         for iteration in 0..iterations {
@@ -261,23 +262,20 @@ impl<'a, 'w> Search<'a, 'w> {
             self.step(iteration + 1, iteration);
         }
         cost.evaluate(&self.problem.candidates(self.points, self.descent.samples), self.costs)?;
-        self.screen(iterations, false, &mut plan.non_finite)
-    }
-
-    /// Writes the cheapest sequence of every episode to `plan`, and its cost also where others report their elites': it is
-    /// what the reference reports.
-    pub(crate) fn take_cheapest(&self, plan: &mut Plan) {
+        self.screen(iterations, false, &mut plan.non_finite)?;
         self.write_cheapest(plan);
+        // Where other solvers report the cost of their elites, the reference reports this.
         plan.elite_mean_last.copy_from_slice(&plan.cost_of_returned);
+        Ok(())
     }
 
     /// Writes the cheapest sequence of every episode to `plan`.
     pub(crate) fn write_cheapest(&self, plan: &mut Plan) {
         let size = self.size();
-        for (row, actions) in plan.actions.chunks_exact_mut(size).enumerate() {
-            let sample = self.cheapest(row);
-            actions.copy_from_slice(self.point(row, sample));
-            plan.cost_of_returned[row] = self.costs[row * self.descent.samples + sample];
+        for (episode, actions) in plan.actions.chunks_exact_mut(size).enumerate() {
+            let sample = self.cheapest(episode);
+            actions.copy_from_slice(self.point(episode, sample));
+            plan.cost_of_returned[episode] = self.costs[episode * self.descent.samples + sample];
         }
         if self.descent.track_best {
             plan.replace_by_cheaper(self.best, self.best_costs);
@@ -295,32 +293,28 @@ pub(crate) fn scatter(
 ) {
     let (size, sigma) = (problem.plan_size(), sigma as f32);
     points.par_chunks_exact_mut(size).with_min_len(16).enumerate().for_each(|(index, point)| {
-        let (row, sample) = (index / samples, index % samples);
-        let initial = &problem.initial[row * size..][..size];
+        let (episode, sample) = (index / samples, index % samples);
+        let initial = &problem.initial[episode * size..][..size];
         if sample == 0 {
             point.copy_from_slice(initial);
         } else {
-            noise.fill(&problem.keys[row], 0, sample as u32, point);
+            noise.fill(&problem.keys[episode], 0, sample as u32, point);
             point.iter_mut().zip(initial).for_each(|(value, start)| *value = start + sigma * *value);
         }
         clamp(point, low, high);
     });
 }
 
-/// What a gradient must be multiplied with to be no longer than `longest`. The constant is the reference's.
-fn shortening(gradient: &[f32], longest: f64) -> f32 {
+/// The factor that scales a gradient to a norm of at most `longest`. The constant is the reference's.
+fn clip_factor(gradient: &[f32], longest: f64) -> f32 {
     let length = gradient.iter().map(|&g| f64::from(g) * f64::from(g)).sum::<f64>().sqrt();
     (longest / (length + 1e-6)).min(1.0) as f32
 }
 
 /// Projects every group of categories of a plan onto its simplex. `scratch` is as long as the plan.
 pub(crate) fn project_groups(space: &Space, plan: &mut [f32], scratch: &mut [f32]) {
-    let mut rest = plan;
-    while !rest.is_empty() {
-        for count in categories(space) {
-            let (group, others) = rest.split_at_mut(count);
-            project_to_simplex(group, &mut scratch[..count]);
-            rest = others;
-        }
+    for group in groups(space, plan) {
+        let scratch = &mut scratch[..group.len()];
+        project_to_simplex(group, scratch);
     }
 }

@@ -1,11 +1,10 @@
-//! What all solvers that follow gradients can be told.
+//! Settings that all gradient solvers share.
 
 use serde::{Deserialize, Serialize};
 
-use super::rules::{not_negative, positive};
 use crate::error::PlanError;
+use crate::ranges::{check_counts, check_not_negative, check_positive};
 use crate::settings::Validate;
-use crate::solver::at_least_one;
 
 swm_core::settings! {
     /// Settings of gradient descent from several starts, whatever the optimizer.
@@ -44,22 +43,14 @@ pub enum GradClip {
     Global,
 }
 
-/// More samples or iterations are a typing error (and would not fit the keys of the noise).
-const MAX_COUNT: usize = 10_000_000;
-
 impl Validate for Descent {
     fn validate(&self) -> Result<(), PlanError> {
-        at_least_one("samples", self.samples)?;
-        for (name, value) in [("samples", self.samples), ("iterations", self.iterations)] {
-            if value > MAX_COUNT {
-                return Err(PlanError::setting(name, format!("{value} is more than {MAX_COUNT}")));
-            }
-        }
+        check_counts(self.samples, self.iterations)?;
         if self.samples > 1 {
-            positive("sigma", self.sigma)?;
+            check_positive("sigma", self.sigma)?;
         }
-        not_negative("sigma", self.sigma)?;
-        not_negative("action_noise", self.action_noise)?;
-        not_negative("grad_clip", self.grad_clip)
+        check_not_negative("sigma", self.sigma)?;
+        check_not_negative("action_noise", self.action_noise)?;
+        check_not_negative("grad_clip", self.grad_clip)
     }
 }

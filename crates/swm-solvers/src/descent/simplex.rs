@@ -1,10 +1,10 @@
 //! The nearest point of the probability simplex.
 
-/// Replaces `values`, `[C]`, by the nearest point (in the Euclidean sense) whose numbers are 0 or more and add up to 1.
+/// Replaces `values`, `[C]`, by the nearest point (in the Euclidean sense) whose values are 0 or more and add up to 1.
 /// `scratch` is as long. Values that are not finite stay as they are.
 ///
-/// Source: Held, Wolfe & Crowder, *Validation of subgradient optimization* (1974): all numbers sink by one level, at
-/// which what is left above 0 adds up to 1; the level follows from the numbers in descending order.
+/// Source: Held, Wolfe & Crowder, *Validation of subgradient optimization* (1974): all values are reduced by one
+/// level and cut at 0, such that the rest adds up to 1; the level follows from the values in descending order.
 pub(crate) fn project_to_simplex(values: &mut [f32], scratch: &mut [f32]) {
     if values.iter().any(|value| !value.is_finite()) {
         return;

@@ -1,15 +1,16 @@
-//! A control model as a cost: roll-outs in parallel, gradients by the adjoint recursion, constraints in the same
-//! roll-out.
+//! A control model as a cost: rollouts in parallel, gradients by the adjoint recursion, constraints in the same
+//! rollout.
 
-use super::control::{ControlModel, Stage};
 use super::differences::Differentiator;
 use super::outputs::{Outputs, for_each, scratch_for};
-use crate::cost::{Candidates, ConstrainedCost, Cost, DifferentiableCost, Weigh};
+use crate::context::PlanningContext;
+use crate::control::{ControlModel, Stage};
+use crate::cost::{ConstrainedCost, Cost, DifferentiableCost, WeightFn};
 use crate::error::PlanError;
-use crate::mpc::Moment;
+use crate::problem::Candidates;
 
 /// The cost of plans for a [`ControlModel`]: the sum of its stages. A plan `[H, D]` is T = H × D / A actions of A
-/// numbers.
+/// values.
 pub struct ControlCost<M> {
     /// The model.
     pub model: M,
@@ -26,49 +27,49 @@ impl<M: ControlModel> ControlCost<M> {
     fn run(
         &mut self,
         candidates: &Candidates<'_>,
-        weigh: Option<&Weigh<'_>>,
+        weights_of: Option<&WeightFn<'_>>,
         outputs: Outputs<'_>,
     ) -> Result<(), PlanError> {
         let Self { model, tapes } = self;
-        let steps = check_width(model, candidates)?;
+        let steps = steps_of(model, candidates)?;
         let tapes = scratch_for(tapes, outputs.costs.len());
         for_each(tapes, 0, outputs, &|tape: &mut Tape, index, outputs| {
-            let row = index / candidates.samples;
+            let episode = index / candidates.samples;
             for cost in outputs.costs {
-                *cost = tape.forward(model, row, steps, candidates.plan(index));
+                *cost = tape.forward(model, episode, steps, candidates.plan(index));
             }
             tape.weights.clear();
             if !outputs.values.is_empty() {
-                tape.constrain(model, row, outputs.values);
-                if let Some(weigh) = weigh {
+                tape.constrain(model, episode, outputs.values);
+                if let Some(weights_of) = weights_of {
                     tape.weights.resize(outputs.values.len(), 0.0);
-                    weigh(index, outputs.values, &mut tape.weights);
+                    weights_of(index, outputs.values, &mut tape.weights);
                 }
             }
             if !outputs.gradient.is_empty() {
                 outputs.gradient.fill(0.0);
-                tape.add_backward(model, row, outputs.gradient);
+                tape.add_backward(model, episode, outputs.gradient);
             }
         });
         Ok(())
     }
 }
 
-/// T, the actions of a plan; an error if a plan is not made of actions that `model` knows.
-pub(crate) fn check_width(
+/// T, the actions of a plan; an error if a plan does not consist of actions of `model`.
+pub(crate) fn steps_of(
     model: &(impl ControlModel + ?Sized),
     candidates: &Candidates<'_>,
 ) -> Result<usize, PlanError> {
-    let (width, action) = (candidates.width, model.action_width());
-    if action == 0 || !width.is_multiple_of(action) || width == 0 {
-        return Err(PlanError::Size { name: "numbers per block", expected: action, found: width });
+    let (dim, action) = (candidates.dim, model.action_dim());
+    if action == 0 || !dim.is_multiple_of(action) || dim == 0 {
+        return Err(PlanError::Size { name: "values per block", expected: action, found: dim });
     }
-    Ok(candidates.horizon * (width / action))
+    Ok(candidates.horizon * (dim / action))
 }
 
 impl<M: ControlModel> Cost for ControlCost<M> {
-    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
-        self.model.prepare(moment)
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
+        self.model.prepare(context)
     }
 
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
@@ -100,8 +101,8 @@ impl<M: ControlModel> DifferentiableCost for ControlCost<M> {
 }
 
 impl<M: ControlModel> ConstrainedCost for ControlCost<M> {
-    fn constraints(&self, horizon: usize, width: usize) -> usize {
-        horizon * (width / self.model.action_width().max(1)) * self.model.constraints()
+    fn constraints(&self, horizon: usize, dim: usize) -> usize {
+        horizon * (dim / self.model.action_dim().max(1)) * self.model.constraints()
     }
 
     fn evaluate_constrained(
@@ -116,16 +117,16 @@ impl<M: ControlModel> ConstrainedCost for ControlCost<M> {
     fn evaluate_constrained_with_gradient(
         &mut self,
         candidates: &Candidates<'_>,
-        weigh: &Weigh<'_>,
+        weights_of: &WeightFn<'_>,
         costs: &mut [f64],
         values: &mut [f64],
         gradient: &mut [f32],
     ) -> Result<(), PlanError> {
-        self.run(candidates, Some(weigh), Outputs { costs, values, gradient, ..Outputs::default() })
+        self.run(candidates, Some(weights_of), Outputs { costs, values, gradient, ..Outputs::default() })
     }
 }
 
-/// The roll-out of one candidate, and room for its derivatives.
+/// The rollout of one candidate, and scratch for its derivatives.
 #[derive(Debug, Default)]
 pub(super) struct Tape {
     /// `[T + 1, W]`.
@@ -147,48 +148,48 @@ pub(super) struct Tape {
 }
 
 impl Tape {
-    /// The cost of carrying `plan`, `[T, A]`, out in episode `row`.
+    /// The cost of executing `plan`, `[T, A]`, in `episode`.
     pub(super) fn forward(
         &mut self,
         model: &dyn ControlModel,
-        row: usize,
+        episode: usize,
         steps: usize,
         plan: &[f32],
     ) -> f64 {
-        let (w, a) = (model.state_width(), model.action_width());
+        let (w, a) = (model.state_dim(), model.action_dim());
         self.states.resize((steps + 1) * w, 0.0);
         self.actions.clear();
         self.actions.extend(plan.iter().map(|&value| f64::from(value)));
-        model.start(row, &mut self.states[..w]);
+        model.start(episode, &mut self.states[..w]);
         let mut sum = 0.0;
         for (step, action) in self.actions.chunks_exact(a).enumerate() {
             let (past, future) = self.states.split_at_mut((step + 1) * w);
-            let at = Stage { row, step, state: &past[step * w..], action };
+            let at = Stage { episode, step, state: &past[step * w..], action };
             sum += model.cost(&at);
             model.step(&at, &mut future[..w]);
         }
-        sum + model.cost(&self.stage(model, row, steps))
+        sum + model.cost(&self.stage(model, episode, steps))
     }
 
-    /// Stage `step` of `0..=T` of the last roll-out.
-    pub(super) fn stage(&self, model: &dyn ControlModel, row: usize, step: usize) -> Stage<'_> {
-        let (w, a) = (model.state_width(), model.action_width());
+    /// Stage `step` of `0..=T` of the last rollout.
+    pub(super) fn stage(&self, model: &dyn ControlModel, episode: usize, step: usize) -> Stage<'_> {
+        let (w, a) = (model.state_dim(), model.action_dim());
         let action = self.actions.get(step * a..(step + 1) * a).unwrap_or(&[]);
-        Stage { row, step, state: &self.states[step * w..][..w], action }
+        Stage { episode, step, state: &self.states[step * w..][..w], action }
     }
 
-    /// The constraints of the last roll-out: `[C]`.
-    fn constrain(&self, model: &dyn ControlModel, row: usize, values: &mut [f64]) {
-        let (w, a) = (model.state_width(), model.action_width());
+    /// The constraints of the last rollout: `[C]`.
+    fn constrain(&self, model: &dyn ControlModel, episode: usize, values: &mut [f64]) {
+        let (w, a) = (model.state_dim(), model.action_dim());
         let moves = self.actions.chunks_exact(a).zip(self.states.chunks_exact(w).skip(1));
         for ((action, next), values) in moves.zip(values.chunks_exact_mut(model.constraints())) {
-            model.constrain(row, action, next, values);
+            model.constrain(episode, action, next, values);
         }
     }
 
-    /// Adds the gradient of the last roll-out to `gradient`, `[T, A]`.
-    pub(super) fn add_backward(&mut self, model: &dyn ControlModel, row: usize, gradient: &mut [f32]) {
-        let (w, a, c) = (model.state_width(), model.action_width(), model.constraints());
+    /// Adds the gradient of the last rollout to `gradient`, `[T, A]`.
+    pub(super) fn add_backward(&mut self, model: &dyn ControlModel, episode: usize, gradient: &mut [f32]) {
+        let (w, a, c) = (model.state_dim(), model.action_dim(), model.constraints());
         self.step_by_state.resize(w * w, 0.0);
         self.step_by_action.resize(w * a, 0.0);
         self.adjoint.resize(w, 0.0);
@@ -199,15 +200,15 @@ impl Tape {
         differences.resize(Differentiator::scratch_size(w + a), 0.0);
         let mut differentiator = Differentiator::new(differences);
         let steps = actions.len() / a;
-        let end = Stage { row, step: steps, state: &states[steps * w..], action: &[] };
+        let end = Stage { episode, step: steps, state: &states[steps * w..], action: &[] };
         differentiator.cost(model, &end, adjoint, &mut []);
         for step in (0..steps).rev() {
             let (state, next) = states[step * w..][..2 * w].split_at(w);
-            let at = Stage { row, step, state, action: &actions[step * a..][..a] };
+            let at = Stage { episode, step, state, action: &actions[step * a..][..a] };
             differentiator.cost(model, &at, earlier, by_action);
             if !weights.is_empty() {
                 let weights = &weights[step * c..][..c];
-                model.add_constraint_derivatives(row, at.action, next, weights, adjoint, by_action);
+                model.add_constraint_derivatives(episode, at.action, next, weights, adjoint, by_action);
             }
             differentiator.step(model, &at, step_by_state, step_by_action);
             for (adjoint, (by_state, with_action)) in

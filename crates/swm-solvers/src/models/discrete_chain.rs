@@ -1,7 +1,7 @@
 //! A walk by categories: every step is one of a few given moves. Small enough to try all plans.
 
-use super::control::{ControlModel, Stage};
 use super::navigation::WAYS;
+use crate::control::{ControlModel, Stage};
 
 /// p' = p + Σ a_c × move_c, where a is one-hot, or a mixture of categories while a solver relaxes them.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,7 +12,7 @@ pub struct DiscreteChain {
     pub distance: f64,
     /// What is added to that weight at the end.
     pub end_distance: f64,
-    /// `[n][2]`: start and goal of episodes; row `b` of a problem is `b % n`.
+    /// `[n][2]`: start and goal of episodes; episode `b` of a problem is `b % n`.
     pub ways: Vec<[[f64; 2]; 2]>,
 }
 
@@ -27,16 +27,16 @@ impl DiscreteChain {
         }
     }
 
-    /// The best plan of `horizon` categories for episode `row`, the first of equals, and its cost: found by trying all
+    /// The best plan of `horizon` categories for `episode`, the first of equals, and its cost: found by trying all
     /// C^H plans.
-    pub fn enumerate(&self, row: usize, horizon: usize) -> (Vec<usize>, f64) {
+    pub fn enumerate(&self, episode: usize, horizon: usize) -> (Vec<usize>, f64) {
         let mut plan = vec![0; horizon];
         let mut best = (plan.clone(), f64::INFINITY);
         if self.moves.is_empty() {
             return best;
         }
         loop {
-            let cost = self.cost_of(row, &plan);
+            let cost = self.cost_of(episode, &plan);
             if cost < best.1 {
                 best = (plan.clone(), cost);
             }
@@ -49,9 +49,9 @@ impl DiscreteChain {
         }
     }
 
-    /// The cost of a plan of categories, `[H]`, in episode `row`.
-    pub fn cost_of(&self, row: usize, plan: &[usize]) -> f64 {
-        let [mut place, goal] = self.ways[row % self.ways.len()];
+    /// The cost of a plan of categories, `[H]`, in `episode`.
+    pub fn cost_of(&self, episode: usize, plan: &[usize]) -> f64 {
+        let [mut place, goal] = self.ways[episode % self.ways.len()];
         let mut cost = 0.0;
         for (step, &category) in plan.iter().enumerate() {
             place = [place[0] + self.moves[category][0], place[1] + self.moves[category][1]];
@@ -76,16 +76,16 @@ fn square(p: [f64; 2], q: [f64; 2]) -> f64 {
 }
 
 impl ControlModel for DiscreteChain {
-    fn state_width(&self) -> usize {
+    fn state_dim(&self) -> usize {
         2
     }
 
-    fn action_width(&self) -> usize {
+    fn action_dim(&self) -> usize {
         self.moves.len()
     }
 
-    fn start(&self, row: usize, state: &mut [f64]) {
-        state.copy_from_slice(&self.ways[row % self.ways.len()][0]);
+    fn start(&self, episode: usize, state: &mut [f64]) {
+        state.copy_from_slice(&self.ways[episode % self.ways.len()][0]);
     }
 
     fn step(&self, at: &Stage<'_>, next: &mut [f64]) {
@@ -96,20 +96,20 @@ impl ControlModel for DiscreteChain {
     }
 
     fn cost(&self, at: &Stage<'_>) -> f64 {
-        let goal = self.ways[at.row % self.ways.len()][1];
+        let goal = self.ways[at.episode % self.ways.len()][1];
         self.weight(at) * square([at.state[0], at.state[1]], goal)
     }
 
     fn step_derivatives(&self, _at: &Stage<'_>, by_state: &mut [f64], by_action: &mut [f64]) -> bool {
         by_state.copy_from_slice(&[1.0, 0.0, 0.0, 1.0]);
-        for (axis, row) in by_action.chunks_exact_mut(self.moves.len()).enumerate() {
-            row.iter_mut().zip(&self.moves).for_each(|(out, step)| *out = step[axis]);
+        for (axis, values) in by_action.chunks_exact_mut(self.moves.len()).enumerate() {
+            values.iter_mut().zip(&self.moves).for_each(|(out, step)| *out = step[axis]);
         }
         true
     }
 
     fn cost_derivatives(&self, at: &Stage<'_>, by_state: &mut [f64], by_action: &mut [f64]) -> bool {
-        let goal = self.ways[at.row % self.ways.len()][1];
+        let goal = self.ways[at.episode % self.ways.len()][1];
         for ((out, place), goal) in by_state.iter_mut().zip(at.state).zip(goal) {
             *out = 2.0 * self.weight(at) * (place - goal);
         }
@@ -118,10 +118,10 @@ impl ControlModel for DiscreteChain {
     }
 
     fn cost_hessian(&self, at: &Stage<'_>, hessian: &mut [f64]) -> bool {
-        let numbers = at.state.len() + at.action.len();
+        let size = at.state.len() + at.action.len();
         hessian.fill(0.0);
         for index in 0..2 {
-            hessian[index * (numbers + 1)] = 2.0 * self.weight(at);
+            hessian[index * (size + 1)] = 2.0 * self.weight(at);
         }
         true
     }

@@ -1,30 +1,29 @@
-//! Models that roll out whole batches of plans, on plain slices: what a learned world model implements.
+//! Models that roll out whole batches of plans: what a learned world model implements.
 
 use std::ops::Range;
 
-use super::control::{ControlModel, Stage};
-use super::control_cost::{Tape, check_width};
-use crate::cost::Candidates;
+use super::control_cost::{Tape, steps_of};
+use crate::context::PlanningContext;
+use crate::control::{ControlModel, Stage};
 use crate::error::PlanError;
-use crate::mpc::Moment;
+use crate::problem::Candidates;
 
-/// A model of what plans lead to: states (usually embeddings) of W numbers, one after every block of a plan.
+/// A model that predicts states (usually embeddings) of W values, one after every block of a plan.
 ///
-/// A prediction depends on its own row and plan only, never on its neighbors in the batch.
+/// A prediction depends on its own episode and plan only, never on others in the batch.
 pub trait Dynamics: Send + Sync {
-    /// Once per plan: encodes the observations of the moment, and their goals. Neither changes while a plan is made,
-    /// so neither is encoded again.
+    /// Once per plan: encodes observations and goals. Neither changes while a plan is made, so neither is encoded again.
     ///
     /// # Errors
     ///
-    /// The moment lacks a column that the model needs, or the model fails.
-    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError>;
+    /// The context lacks a column that the model needs, or the model fails.
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError>;
 
     /// The named parts of a state, in ascending order and without gaps; W is where the last one ends.
     fn parts(&self) -> &[Part];
 
-    /// `[W]`: the goal of row `row`, as a state.
-    fn goal(&self, row: usize) -> &[f32];
+    /// `[W]`: the goal of `episode`, as a state.
+    fn goal(&self, episode: usize) -> &[f32];
 
     /// Fills `states`, `[B, S, H, W]`: what is predicted after each block of `candidates`, `[B, S, H, D]`.
     ///
@@ -39,7 +38,7 @@ pub trait Dynamics: Send + Sync {
     }
 
     /// Adds to `gradient`, `[B, S, H, D]`, the vector-Jacobian product of `by_state`, `[B, S, H, W]`: the derivative of
-    /// Σ by_state × state with respect to the plans. `candidates` and `states` are those of the last roll-out.
+    /// Σ by_state × state with respect to the plans. `candidates` and `states` are those of the last rollout.
     ///
     /// # Errors
     ///
@@ -61,12 +60,12 @@ pub trait Dynamics: Send + Sync {
 pub struct Part {
     /// Its name.
     pub name: String,
-    /// Which numbers of the state it is.
+    /// Its range in the state.
     pub range: Range<usize>,
 }
 
-/// W: numbers of a state with these parts.
-pub(super) fn state_width(parts: &[Part]) -> usize {
+/// W: values of a state with these parts.
+pub(super) fn state_dim(parts: &[Part]) -> usize {
     parts.last().map_or(0, |part| part.range.end)
 }
 
@@ -81,51 +80,51 @@ pub struct Stepwise<M> {
 }
 
 impl<M: ControlModel> Stepwise<M> {
-    /// The states of `model`, in one part named `state`; row `b` shall reach `goals[b % n]`.
+    /// The states of `model`, in one part named `state`; episode `b` has the goal `goals[b % n]`.
     ///
     /// # Errors
     ///
-    /// [`PlanError::Size`]: no goals, or one that is not as wide as a state.
+    /// [`PlanError::Size`]: no goals, or one of another dimension than a state.
     pub fn new(model: M, goals: Vec<Vec<f32>>) -> Result<Self, PlanError> {
-        let width = model.state_width();
+        let dim = model.state_dim();
         if goals.is_empty() {
             return Err(PlanError::Size { name: "goals", expected: 1, found: 0 });
         }
-        if let Some(goal) = goals.iter().find(|goal| goal.len() != width) {
-            return Err(PlanError::Size { name: "goal", expected: width, found: goal.len() });
+        if let Some(goal) = goals.iter().find(|goal| goal.len() != dim) {
+            return Err(PlanError::Size { name: "goal", expected: dim, found: goal.len() });
         }
         Ok(Self {
             model,
             goals,
-            parts: [Part { name: "state".to_owned(), range: 0..width }],
+            parts: [Part { name: "state".to_owned(), range: 0..dim }],
             tape: Tape::default(),
         })
     }
 }
 
 impl<M: ControlModel> Dynamics for Stepwise<M> {
-    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
-        self.model.prepare(moment)
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
+        self.model.prepare(context)
     }
 
     fn parts(&self) -> &[Part] {
         &self.parts
     }
 
-    fn goal(&self, row: usize) -> &[f32] {
-        &self.goals[row % self.goals.len()]
+    fn goal(&self, episode: usize) -> &[f32] {
+        &self.goals[episode % self.goals.len()]
     }
 
     fn roll_out(&mut self, candidates: &Candidates<'_>, states: &mut [f32]) -> Result<(), PlanError> {
         let Self { model, tape, .. } = self;
-        let steps = check_width(model, candidates)?;
-        let (width, block) = (model.state_width(), candidates.width / model.action_width());
-        let paths = states.chunks_exact_mut(candidates.horizon * width);
+        let steps = steps_of(model, candidates)?;
+        let (dim, block) = (model.state_dim(), candidates.dim / model.action_dim());
+        let paths = states.chunks_exact_mut(candidates.horizon * dim);
         for (index, (plan, path)) in candidates.plans().zip(paths).enumerate() {
-            let row = index / candidates.samples;
-            tape.forward(model, row, steps, plan);
-            for (number, state) in (1..).zip(path.chunks_exact_mut(width)) {
-                let predicted = tape.stage(model, row, number * block).state;
+            let episode = index / candidates.samples;
+            tape.forward(model, episode, steps, plan);
+            for (count, state) in (1..).zip(path.chunks_exact_mut(dim)) {
+                let predicted = tape.stage(model, episode, count * block).state;
                 state.iter_mut().zip(predicted).for_each(|(out, &value)| *out = value as f32);
             }
         }
@@ -144,16 +143,16 @@ impl<M: ControlModel> Dynamics for Stepwise<M> {
         gradient: &mut [f32],
     ) -> Result<(), PlanError> {
         let Self { model, tape, .. } = self;
-        let steps = check_width(model, candidates)?;
-        let (width, block) = (model.state_width(), candidates.width / model.action_width());
-        let paths = by_state.chunks_exact(candidates.horizon * width);
-        let gradients = gradient.chunks_exact_mut(candidates.horizon * candidates.width);
+        let steps = steps_of(model, candidates)?;
+        let (dim, block) = (model.state_dim(), candidates.dim / model.action_dim());
+        let paths = by_state.chunks_exact(candidates.horizon * dim);
+        let gradients = gradient.chunks_exact_mut(candidates.horizon * candidates.dim);
         for (index, ((plan, by_state), gradient)) in candidates.plans().zip(paths).zip(gradients).enumerate()
         {
             let linear = Linear { model, by_state, block };
-            let row = index / candidates.samples;
-            tape.forward(&linear, row, steps, plan);
-            tape.add_backward(&linear, row, gradient);
+            let episode = index / candidates.samples;
+            tape.forward(&linear, episode, steps, plan);
+            tape.add_backward(&linear, episode, gradient);
         }
         Ok(())
     }
@@ -170,16 +169,16 @@ struct Linear<'a, M> {
 }
 
 impl<M: ControlModel> ControlModel for Linear<'_, M> {
-    fn state_width(&self) -> usize {
-        self.model.state_width()
+    fn state_dim(&self) -> usize {
+        self.model.state_dim()
     }
 
-    fn action_width(&self) -> usize {
-        self.model.action_width()
+    fn action_dim(&self) -> usize {
+        self.model.action_dim()
     }
 
-    fn start(&self, row: usize, state: &mut [f64]) {
-        self.model.start(row, state);
+    fn start(&self, episode: usize, state: &mut [f64]) {
+        self.model.start(episode, state);
     }
 
     fn step(&self, at: &Stage<'_>, next: &mut [f64]) {

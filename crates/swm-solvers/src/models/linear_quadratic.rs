@@ -1,7 +1,7 @@
 //! Linear-quadratic control: a linear system, a cost that is a sum of squares. The one problem whose best plan is known
 //! in closed form.
 
-use super::control::{ControlModel, Stage};
+use crate::control::{ControlModel, Stage};
 
 /// x' = M x + B u at a cost of Σ q x² + r u² over the steps and Σ q_end x² at the end.
 #[derive(Clone, Debug, PartialEq)]
@@ -10,13 +10,13 @@ pub struct LinearQuadratic {
     pub transition: Vec<f64>,
     /// B: `[W, A]`.
     pub input: Vec<f64>,
-    /// q: `[W]`: what the square of each state number costs at every step, the first included, the end not.
+    /// q: `[W]`: what the square of each state value costs at every step, the first included, the end not.
     pub state_weights: Vec<f64>,
     /// q_end: `[W]`: what it costs at the end.
     pub end_weights: Vec<f64>,
-    /// r: `[A]`: what the square of each action number costs.
+    /// r: `[A]`: what the square of each action value costs.
     pub action_weights: Vec<f64>,
-    /// `[n][W]`: where episodes start; row `b` of a problem starts at `b % n`.
+    /// `[n][W]`: where episodes start; episode `b` of a problem starts at `b % n`.
     pub starts: Vec<Vec<f64>>,
 }
 
@@ -53,16 +53,16 @@ fn weighted_square(values: &[f64], weights: &[f64]) -> f64 {
 }
 
 impl ControlModel for LinearQuadratic {
-    fn state_width(&self) -> usize {
+    fn state_dim(&self) -> usize {
         self.state_weights.len()
     }
 
-    fn action_width(&self) -> usize {
+    fn action_dim(&self) -> usize {
         self.action_weights.len()
     }
 
-    fn start(&self, row: usize, state: &mut [f64]) {
-        state.copy_from_slice(&self.starts[row % self.starts.len()]);
+    fn start(&self, episode: usize, state: &mut [f64]) {
+        state.copy_from_slice(&self.starts[episode % self.starts.len()]);
     }
 
     fn step(&self, at: &Stage<'_>, next: &mut [f64]) {
@@ -93,11 +93,11 @@ impl ControlModel for LinearQuadratic {
     }
 
     fn cost_hessian(&self, at: &Stage<'_>, hessian: &mut [f64]) -> bool {
-        let numbers = at.state.len() + at.action.len();
+        let size = at.state.len() + at.action.len();
         hessian.fill(0.0);
-        let weights = self.weights(at).iter().chain(&self.action_weights).take(numbers);
+        let weights = self.weights(at).iter().chain(&self.action_weights).take(size);
         for (index, weight) in weights.enumerate() {
-            hessian[index * (numbers + 1)] = 2.0 * weight;
+            hessian[index * (size + 1)] = 2.0 * weight;
         }
         true
     }

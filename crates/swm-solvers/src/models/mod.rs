@@ -1,14 +1,13 @@
-//! What plans lead to, and what that costs. No solver is known here.
+//! Models of the dynamics, and their costs.
 //!
-//! Two ways to write a problem down:
+//! There are two kinds of model:
 //!
-//! * a [`ControlModel`] is known step by step: state, action, next state, cost. [`ControlCost`] makes a cost of it, with
+//! * a [`ControlModel`] is known step by step: state, action, next state, cost. [`ControlCost`] makes it a cost with
 //!   gradients and constraints, and iLQR plans on it. [`LinearQuadratic`], [`Navigation`] and [`DiscreteChain`] are
 //!   such models, to test with and to learn from;
 //! * [`Dynamics`] roll out whole batches of plans, as learned models do. [`ShootingCost`] joins them with an
 //!   [`Objective`] (how far from the goal) and [`Constraint`]s (what must not happen).
 
-mod control;
 mod control_cost;
 mod differences;
 mod discrete_chain;
@@ -19,10 +18,10 @@ mod objective;
 mod outputs;
 mod shooting;
 
-pub use control::{ControlModel, Stage};
+pub use crate::control::{ControlModel, Stage};
 pub use control_cost::ControlCost;
-pub(crate) use control_cost::check_width;
-pub(crate) use differences::Differentiator;
+pub(crate) use control_cost::steps_of;
+pub(crate) use differences::{Differentiator, symmetrize};
 pub use discrete_chain::DiscreteChain;
 pub use dynamics::{Dynamics, Part, Stepwise};
 pub use linear_quadratic::LinearQuadratic;

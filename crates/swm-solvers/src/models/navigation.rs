@@ -1,11 +1,11 @@
 //! A point that walks in the plane to a goal, past round obstacles. Ways left and right of an obstacle are local minima.
 
-use super::control::{ControlModel, Stage};
+use crate::control::{ControlModel, Stage};
 
 /// p' = p + stride × tanh(u).
 ///
 /// A walk costs the squared distance to the goal after every step, more at the end, a little for every action, and
-/// what its obstacles say.
+/// its obstacles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Navigation {
     /// The longest step along each axis.
@@ -20,7 +20,7 @@ pub struct Navigation {
     pub obstacles: Vec<Obstacle>,
     /// How obstacles count.
     pub obstacles_are: Obstacles,
-    /// `[n][2]`: start and goal of episodes; row `b` of a problem is `b % n`.
+    /// `[n][2]`: start and goal of episodes; episode `b` of a problem is `b % n`.
     pub ways: Vec<[[f64; 2]; 2]>,
 }
 
@@ -59,8 +59,8 @@ impl Navigation {
         }
     }
 
-    fn goal(&self, row: usize) -> [f64; 2] {
-        self.ways[row % self.ways.len()][1]
+    fn goal(&self, episode: usize) -> [f64; 2] {
+        self.ways[episode % self.ways.len()][1]
     }
 
     /// Weight of the squared distance to the goal at a stage; the start is free.
@@ -100,32 +100,32 @@ fn square([x, y]: [f64; 2]) -> f64 {
 }
 
 impl Obstacle {
-    /// Height, slope and curvature of a hill of height 1.
+    /// Height, gradient and curvature of a hill of height 1.
     fn hill(&self, place: &[f64]) -> (f64, [f64; 2], [[f64; 2]; 2]) {
         let [x, y] = away(place, &self.center);
         let scale = 1.0 / (self.radius * self.radius);
         let height = (-0.5 * scale * square([x, y])).exp();
         let curvature = |a: f64, b: f64, same: f64| height * scale * (scale * a * b - same);
-        let slope = [-scale * x * height, -scale * y * height];
+        let gradient = [-scale * x * height, -scale * y * height];
         (
             height,
-            slope,
+            gradient,
             [[curvature(x, x, 1.0), curvature(x, y, 0.0)], [curvature(y, x, 0.0), curvature(y, y, 1.0)]],
         )
     }
 }
 
 impl ControlModel for Navigation {
-    fn state_width(&self) -> usize {
+    fn state_dim(&self) -> usize {
         2
     }
 
-    fn action_width(&self) -> usize {
+    fn action_dim(&self) -> usize {
         2
     }
 
-    fn start(&self, row: usize, state: &mut [f64]) {
-        state.copy_from_slice(&self.ways[row % self.ways.len()][0]);
+    fn start(&self, episode: usize, state: &mut [f64]) {
+        state.copy_from_slice(&self.ways[episode % self.ways.len()][0]);
     }
 
     fn step(&self, at: &Stage<'_>, next: &mut [f64]) {
@@ -135,7 +135,7 @@ impl ControlModel for Navigation {
     }
 
     fn cost(&self, at: &Stage<'_>) -> f64 {
-        let mut cost = self.distance_at(at) * square(away(at.state, &self.goal(at.row)));
+        let mut cost = self.distance_at(at) * square(away(at.state, &self.goal(at.episode)));
         if let Some(weight) = self.hill_at(at) {
             cost += self.obstacles.iter().map(|o| weight * o.hill(at.state).0).sum::<f64>();
         }
@@ -153,12 +153,12 @@ impl ControlModel for Navigation {
     }
 
     fn cost_derivatives(&self, at: &Stage<'_>, by_state: &mut [f64], by_action: &mut [f64]) -> bool {
-        let distance = away(at.state, &self.goal(at.row));
+        let distance = away(at.state, &self.goal(at.episode));
         by_state.copy_from_slice(&distance.map(|d| 2.0 * self.distance_at(at) * d));
         if let Some(weight) = self.hill_at(at) {
             for obstacle in &self.obstacles {
-                let (_, slope, _) = obstacle.hill(at.state);
-                by_state.iter_mut().zip(slope).for_each(|(sum, slope)| *sum += weight * slope);
+                let (_, gradient, _) = obstacle.hill(at.state);
+                by_state.iter_mut().zip(gradient).for_each(|(sum, gradient)| *sum += weight * gradient);
             }
         }
         by_action.iter_mut().zip(at.action).for_each(|(out, u)| *out = 2.0 * self.effort * u);
@@ -166,17 +166,17 @@ impl ControlModel for Navigation {
     }
 
     fn cost_hessian(&self, at: &Stage<'_>, hessian: &mut [f64]) -> bool {
-        let numbers = at.state.len() + at.action.len();
+        let size = at.state.len() + at.action.len();
         hessian.fill(0.0);
-        for index in 0..numbers {
+        for index in 0..size {
             let weight = if index < 2 { self.distance_at(at) } else { self.effort };
-            hessian[index * (numbers + 1)] = 2.0 * weight;
+            hessian[index * (size + 1)] = 2.0 * weight;
         }
         if let Some(weight) = self.hill_at(at) {
             for obstacle in &self.obstacles {
                 let (_, _, curvature) = obstacle.hill(at.state);
-                for (row, curvature) in hessian.chunks_exact_mut(numbers).zip(curvature) {
-                    row.iter_mut().zip(curvature).for_each(|(sum, value)| *sum += weight * value);
+                for (out, curvature) in hessian.chunks_exact_mut(size).zip(curvature) {
+                    out.iter_mut().zip(curvature).for_each(|(sum, value)| *sum += weight * value);
                 }
             }
         }
@@ -187,7 +187,7 @@ impl ControlModel for Navigation {
         if self.obstacles_are == Obstacles::Constraints { self.obstacles.len() } else { 0 }
     }
 
-    fn constrain(&self, _row: usize, _action: &[f64], next: &[f64], values: &mut [f64]) {
+    fn constrain(&self, _episode: usize, _action: &[f64], next: &[f64], values: &mut [f64]) {
         for (value, obstacle) in values.iter_mut().zip(&self.obstacles) {
             *value = obstacle.radius * obstacle.radius - square(away(next, &obstacle.center));
         }
@@ -195,7 +195,7 @@ impl ControlModel for Navigation {
 
     fn add_constraint_derivatives(
         &self,
-        _row: usize,
+        _episode: usize,
         _action: &[f64],
         next: &[f64],
         weights: &[f64],

@@ -1,4 +1,4 @@
-//! What is wanted of predicted states, and what must not happen. How states are predicted is the part of [`Dynamics`].
+//! Objectives and constraints on predicted states. How states are predicted is the part of [`Dynamics`].
 //!
 //! [`Dynamics`]: super::Dynamics
 
@@ -7,11 +7,11 @@ use std::ops::Range;
 use super::dynamics::Part;
 use crate::error::PlanError;
 
-/// What a plan leads to.
+/// A plan and its predicted states.
 #[derive(Clone, Copy, Debug)]
 pub struct Path<'a> {
-    /// W: numbers of a state.
-    pub width: usize,
+    /// W: values of a state.
+    pub dim: usize,
     /// `[H, W]`: the state after each block.
     pub states: &'a [f32],
     /// `[H, D]`: the plan.
@@ -39,7 +39,7 @@ pub trait Objective: Send + Sync {
     fn add_derivatives(&self, path: &Path<'_>, weight: f64, by_state: &mut [f32], by_action: &mut [f32]);
 }
 
-/// Requirements on a path: numbers that must be 0 or less.
+/// Constraints on a path: values that must be 0 or less.
 pub trait Constraint: Send + Sync {
     /// As [`Objective::bind`].
     ///
@@ -51,8 +51,8 @@ pub trait Constraint: Send + Sync {
         Ok(())
     }
 
-    /// How many numbers a path of H = `horizon` blocks of D = `width` numbers has.
-    fn count(&self, horizon: usize, width: usize) -> usize;
+    /// How many values a path of H = `horizon` blocks of D = `dim` values has.
+    fn count(&self, horizon: usize, dim: usize) -> usize;
 
     /// Writes them.
     fn values(&self, path: &Path<'_>, values: &mut [f64]);
@@ -71,7 +71,7 @@ pub enum Steps {
     All,
 }
 
-/// How many squares become one cost. Solvers that weigh costs by a temperature notice the difference.
+/// How many squares become one cost. Solvers that weight costs by a temperature notice the difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Reduction {
     /// Their sum.
@@ -97,25 +97,25 @@ impl GoalMse {
         Self { parts, steps, reduction, ranges: Vec::new() }
     }
 
-    /// Calls `visit(position in the states, goal)` for every number that counts.
+    /// Calls `visit(position in the states, goal)` for every value that counts.
     fn for_each(&self, path: &Path<'_>, mut visit: impl FnMut(usize, f32)) {
-        let horizon = path.states.len() / path.width;
+        let horizon = path.states.len() / path.dim;
         let first = if self.steps == Steps::Last { horizon.saturating_sub(1) } else { 0 };
         for step in first..horizon {
             for range in &self.ranges {
                 for index in range.clone() {
-                    visit(step * path.width + index, path.goal[index]);
+                    visit(step * path.dim + index, path.goal[index]);
                 }
             }
         }
     }
 
     fn scale(&self, path: &Path<'_>) -> f64 {
-        let states = if self.steps == Steps::Last { 1 } else { path.states.len() / path.width };
-        let numbers: usize = self.ranges.iter().map(ExactSizeIterator::len).sum();
+        let states = if self.steps == Steps::Last { 1 } else { path.states.len() / path.dim };
+        let values: usize = self.ranges.iter().map(ExactSizeIterator::len).sum();
         match self.reduction {
             Reduction::Sum => 1.0,
-            Reduction::Mean => 1.0 / (states * numbers) as f64,
+            Reduction::Mean => 1.0 / (states * values) as f64,
         }
     }
 }
@@ -206,7 +206,7 @@ impl Objective for WeightedSum {
     }
 }
 
-/// A ball that a part of the state must stay out of: radius² - distance² at every step.
+/// A ball that a part of the state must avoid: radius² - distance² at every step.
 #[derive(Clone, Debug)]
 pub struct KeepAway {
     part: String,
@@ -216,7 +216,7 @@ pub struct KeepAway {
 }
 
 impl KeepAway {
-    /// The ball around `center`, which is as wide as the part.
+    /// The ball around `center`, which has the dimension of the part.
     pub fn new(part: &str, center: &[f32], radius: f64) -> Self {
         Self { part: part.to_owned(), center: center.to_vec(), radius, range: 0..0 }
     }
@@ -233,12 +233,12 @@ impl Constraint for KeepAway {
         if expected == found { Ok(()) } else { Err(PlanError::Size { name: "center", expected, found }) }
     }
 
-    fn count(&self, horizon: usize, _width: usize) -> usize {
+    fn count(&self, horizon: usize, _dim: usize) -> usize {
         horizon
     }
 
     fn values(&self, path: &Path<'_>, values: &mut [f64]) {
-        for (value, state) in values.iter_mut().zip(path.states.chunks_exact(path.width)) {
+        for (value, state) in values.iter_mut().zip(path.states.chunks_exact(path.dim)) {
             let squares = self.part_of(state).iter().zip(&self.center).map(|(a, b)| f64::from(a - b).powi(2));
             *value = self.radius * self.radius - squares.sum::<f64>();
         }
@@ -251,7 +251,7 @@ impl Constraint for KeepAway {
         by_state: &mut [f32],
         _by_action: &mut [f32],
     ) {
-        let states = path.states.chunks_exact(path.width).zip(by_state.chunks_exact_mut(path.width));
+        let states = path.states.chunks_exact(path.dim).zip(by_state.chunks_exact_mut(path.dim));
         for ((state, by_state), weight) in states.zip(weights) {
             let pairs = self.part_of(state).iter().zip(&self.center);
             for (sum, (a, b)) in by_state[self.range.clone()].iter_mut().zip(pairs) {

@@ -1,4 +1,4 @@
-//! What is computed of candidates, cut up among threads. Nothing depends on where the cuts are.
+//! Results of candidates, divided among threads. Results do not depend on the division.
 
 /// Results of some candidates: their costs and, unless empty, constraints `[.., C]`, gradients `[.., H, D]` and
 /// derivatives with respect to predicted states `[.., H, W]`.

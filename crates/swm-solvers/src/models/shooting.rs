@@ -1,16 +1,17 @@
-//! Dynamics, objective and constraints together: one roll-out of the candidates, then what it costs.
+//! Dynamics, objective and constraints together: one rollout of the candidates, then its cost.
 
-use super::dynamics::{Dynamics, state_width};
+use super::dynamics::{Dynamics, state_dim};
 use super::objective::{Constraint, Objective, Path};
 use super::outputs::{Outputs, for_each, scratch_for};
-use crate::cost::{Candidates, ConstrainedCost, Cost, DifferentiableCost, Weigh};
+use crate::context::PlanningContext;
+use crate::cost::{ConstrainedCost, Cost, DifferentiableCost, WeightFn};
 use crate::error::PlanError;
-use crate::mpc::Moment;
+use crate::problem::Candidates;
 
-/// What plans cost by the prediction of a model.
+/// The cost of plans by the prediction of a model.
 ///
 /// Observation and goal are encoded once per plan. Costs, constraints and the seed of the gradient come from one
-/// roll-out of all candidates, whose states, `[B, S, H, W]`, are kept in memory meanwhile.
+/// rollout of all candidates, whose states, `[B, S, H, W]`, are kept in memory meanwhile.
 pub struct ShootingCost<D> {
     dynamics: D,
     objective: Box<dyn Objective>,
@@ -47,13 +48,13 @@ impl<D: Dynamics> ShootingCost<D> {
     fn run(
         &mut self,
         candidates: &Candidates<'_>,
-        weigh: Option<&Weigh<'_>>,
+        weights_of: Option<&WeightFn<'_>>,
         outputs: Outputs<'_>,
     ) -> Result<(), PlanError> {
         let Self { dynamics, objective, constraints, states, by_state, weights } = self;
         let Outputs { costs, values, gradient, .. } = outputs;
-        let (width, count) = (state_width(dynamics.parts()), costs.len());
-        states.resize(count * candidates.horizon * width, 0.0);
+        let (dim, count) = (state_dim(dynamics.parts()), costs.len());
+        states.resize(count * candidates.horizon * dim, 0.0);
         dynamics.roll_out(candidates, states)?;
         by_state.clear();
         if !gradient.is_empty() {
@@ -61,17 +62,17 @@ impl<D: Dynamics> ShootingCost<D> {
             gradient.fill(0.0);
         }
         {
-            let (dynamics, size) = (&*dynamics, candidates.horizon * width);
+            let (dynamics, size) = (&*dynamics, candidates.horizon * dim);
             let outputs = Outputs { costs, values, gradient: &mut *gradient, by_state };
             for_each(scratch_for(weights, count), 0, outputs, &|weights: &mut Vec<f64>, index, outputs| {
                 let path = Path {
-                    width,
+                    dim,
                     states: &states[index * size..][..size],
                     actions: candidates.plan(index),
                     goal: dynamics.goal(index / candidates.samples),
                 };
                 let terms = Terms { objective: objective.as_ref(), constraints, candidates };
-                terms.write(index, &path, weigh, weights, outputs);
+                terms.write(index, &path, weights_of, weights, outputs);
             });
         }
         if !gradient.is_empty() {
@@ -81,7 +82,7 @@ impl<D: Dynamics> ShootingCost<D> {
     }
 }
 
-/// What a path is judged by.
+/// Objective and constraints of a path.
 struct Terms<'a> {
     objective: &'a dyn Objective,
     constraints: &'a [Box<dyn Constraint>],
@@ -89,12 +90,12 @@ struct Terms<'a> {
 }
 
 impl Terms<'_> {
-    /// Writes what is wanted of candidate `index`.
+    /// Writes the requested outputs of candidate `index`.
     fn write(
         &self,
         index: usize,
         path: &Path<'_>,
-        weigh: Option<&Weigh<'_>>,
+        weights_of: Option<&WeightFn<'_>>,
         weights: &mut Vec<f64>,
         outputs: Outputs<'_>,
     ) {
@@ -112,9 +113,9 @@ impl Terms<'_> {
             return;
         }
         self.objective.add_derivatives(path, 1.0, by_state, gradient);
-        if let (Some(weigh), false) = (weigh, values.is_empty()) {
+        if let (Some(weights_of), false) = (weights_of, values.is_empty()) {
             weights.resize(values.len(), 0.0);
-            weigh(index, values, weights);
+            weights_of(index, values, weights);
             let mut rest = weights.as_slice();
             for constraint in self.constraints {
                 let (own, others) = rest.split_at(self.count(constraint.as_ref()));
@@ -125,13 +126,13 @@ impl Terms<'_> {
     }
 
     fn count(&self, constraint: &dyn Constraint) -> usize {
-        constraint.count(self.candidates.horizon, self.candidates.width)
+        constraint.count(self.candidates.horizon, self.candidates.dim)
     }
 }
 
 impl<D: Dynamics> Cost for ShootingCost<D> {
-    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
-        self.dynamics.prepare(moment)
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
+        self.dynamics.prepare(context)
     }
 
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
@@ -159,8 +160,8 @@ impl<D: Dynamics> DifferentiableCost for ShootingCost<D> {
 }
 
 impl<D: Dynamics> ConstrainedCost for ShootingCost<D> {
-    fn constraints(&self, horizon: usize, width: usize) -> usize {
-        self.constraints.iter().map(|constraint| constraint.count(horizon, width)).sum()
+    fn constraints(&self, horizon: usize, dim: usize) -> usize {
+        self.constraints.iter().map(|constraint| constraint.count(horizon, dim)).sum()
     }
 
     fn evaluate_constrained(
@@ -175,11 +176,11 @@ impl<D: Dynamics> ConstrainedCost for ShootingCost<D> {
     fn evaluate_constrained_with_gradient(
         &mut self,
         candidates: &Candidates<'_>,
-        weigh: &Weigh<'_>,
+        weights_of: &WeightFn<'_>,
         costs: &mut [f64],
         values: &mut [f64],
         gradient: &mut [f32],
     ) -> Result<(), PlanError> {
-        self.run(candidates, Some(weigh), Outputs { costs, values, gradient, ..Outputs::default() })
+        self.run(candidates, Some(weights_of), Outputs { costs, values, gradient, ..Outputs::default() })
     }
 }

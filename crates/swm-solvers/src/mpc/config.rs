@@ -1,9 +1,9 @@
-//! How long plans are and how much of each is carried out.
+//! How long plans are and how much of each is executed.
 
 use super::report::Report;
 use crate::error::PlanError;
+use crate::ranges::{at_least_one, check_at_most};
 use crate::settings::Validate;
-use crate::solver::at_least_one;
 
 swm_core::settings! {
     /// Settings of [`crate::MpcPolicy`]; names and meanings are the reference's `PlanConfig`.
@@ -42,13 +42,11 @@ impl Validate for PlanConfig {
             ("action_block", self.action_block),
         ] {
             at_least_one(name, value)?;
-            if value > MAX_LENGTH {
-                return Err(PlanError::setting(name, format!("{value} is more than {MAX_LENGTH}")));
-            }
+            check_at_most(name, value, MAX_LENGTH)?;
         }
         if self.receding_horizon > self.horizon {
             let reason = format!(
-                "{} blocks of a plan of {} cannot be carried out; lower it or raise horizon",
+                "{} blocks of a plan of {} cannot be executed; lower it or raise horizon",
                 self.receding_horizon, self.horizon
             );
             return Err(PlanError::setting("receding_horizon", reason));

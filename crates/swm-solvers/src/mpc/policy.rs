@@ -8,28 +8,26 @@ use serde_json::Map;
 use swm_core::settings::describe;
 use swm_core::{Actions, Field, LiveEpisode, Policy, PolicyError, Schema, Settings as _, Space, View};
 
-use super::actions::ActionMap;
 use super::config::PlanConfig;
-use super::history::History;
-use super::moment::Moment;
-use super::scale::ActionScale;
+use crate::context::{ActionMap, ActionScale, History, PlanningContext};
 use crate::cost::Cost;
 use crate::error::PlanError;
+use crate::problem::{Plan, PlanKey, Problem};
 use crate::settings::Validate as _;
-use crate::solver::{Plan, PlanKey, Problem, Solver};
+use crate::solver::Solver;
 use crate::trace::{NoTrace, Trace};
 use crate::workspace::Workspace;
 
-/// Plans with a solver and a cost, carries out R blocks, and plans again.
+/// Plans with a solver and a cost, executes R blocks, and plans again.
 ///
-/// Everything it remembers of an environment belongs to the episode: a new episode starts with nothing, whatever
-/// ended the last one. Environments whose episode is over are never planned for.
+/// All its state belongs to an episode and is cleared when the next one begins. Environments whose episode is over are
+/// never planned for.
 /// ```
 /// use swm_core::testing::TOY;
 /// use swm_core::{EnvConfig, Rollout, World, WorldOptions};
 /// use swm_solvers::{Cem, MpcPolicy, PlanConfig, SimulatorCost, SimulatorOptions};
 ///
-/// // Plans on the environment's own dynamics; any other `Cost` would stand in its place.
+/// // Plans on the environment's true dynamics; any other `Cost` can replace it.
 /// let cost = SimulatorCost::new(&TOY, &EnvConfig::default(), SimulatorOptions::default())?;
 /// let solver = Cem { samples: 30, iterations: 5, elites: 5, ..Cem::default() };
 /// let config = PlanConfig { horizon: 5, receding_horizon: 1, action_block: 1, ..PlanConfig::default() };
@@ -47,7 +45,9 @@ pub struct MpcPolicy {
     history_fields: Vec<String>,
     /// What depends on the environment, found at the first action.
     setup: Option<Setup>,
-    rows: Vec<Row>,
+    /// `[N]` each.
+    slots: Vec<Slot>,
+    histories: Vec<Option<History>>,
     search: Search,
 }
 
@@ -67,22 +67,21 @@ struct Setup {
     history: Vec<usize>,
 }
 
-/// What the policy remembers of one environment.
+/// The state of one environment's episode.
 #[derive(Default)]
-pub(super) struct Row {
+struct Slot {
     episode: Option<u64>,
     plans: u64,
-    /// `[R × k, A]`: actions to carry out, `taken` of them are done.
+    /// `[R × k, A]`: actions to execute; the first `taken` values are done.
     queue: Vec<f32>,
     taken: usize,
-    /// `[H - R, D]`: what is left of the last plan.
+    /// `[H - R, D]`: the unexecuted rest of the last plan.
     rest: Vec<f32>,
-    /// What the solver remembers of the episode.
+    /// The solver's state of the episode.
     memory: Vec<f64>,
-    pub(super) history: Option<History>,
 }
 
-impl Row {
+impl Slot {
     fn begin(&mut self, episode: LiveEpisode) {
         self.episode = Some(episode.index);
         self.plans = 0;
@@ -90,16 +89,13 @@ impl Row {
         self.taken = 0;
         self.rest.clear();
         self.memory.clear();
-        if let Some(history) = &mut self.history {
-            history.clear();
-        }
     }
 }
 
 /// Buffers of one round of planning.
 #[derive(Default)]
 struct Search {
-    rows: Vec<usize>,
+    slots: Vec<usize>,
     keys: Vec<PlanKey>,
     initial: Vec<f32>,
     memory: Vec<Vec<f64>>,
@@ -108,12 +104,12 @@ struct Search {
 }
 
 impl MpcPolicy {
-    /// A policy that plans with `solver` for what `cost` says: `config.horizon` blocks of `config.action_block` actions, of which
-    /// `config.receding_horizon` are carried out before it plans again.
+    /// A policy that minimizes `cost` with `solver`: `config.horizon` blocks of `config.action_block` actions, of which
+    /// `config.receding_horizon` are executed before it plans again.
     ///
     /// # Errors
     ///
-    /// A number of `config` is 0, or more blocks would be carried out than are planned.
+    /// A setting of `config` is 0, or more blocks would be executed than are planned.
     pub fn new(solver: Box<dyn Solver>, cost: Box<dyn Cost>, config: PlanConfig) -> Result<Self, PlanError> {
         config.validate()?;
         let history_fields = cost.history_fields();
@@ -123,12 +119,13 @@ impl MpcPolicy {
             scale: None,
             history_fields,
             setup: None,
-            rows: Vec::new(),
+            slots: Vec::new(),
+            histories: Vec::new(),
             search: Search::default(),
         })
     }
 
-    /// Plans in units of `scale`: what the model behind the cost was trained with. Without it, plans are in the units
+    /// Plans in units of `scale`: those that the model of the cost was trained with. Without it, plans are in the units
     /// of the environment.
     #[must_use]
     pub fn with_scale(mut self, scale: ActionScale) -> Self {
@@ -136,7 +133,7 @@ impl MpcPolicy {
         self
     }
 
-    /// Shows every plan to `trace`. It changes none.
+    /// Reports every plan to `trace`. Plans do not change.
     #[must_use]
     pub fn with_trace(mut self, trace: impl Trace + 'static) -> Self {
         self.set_trace(trace);
@@ -148,12 +145,12 @@ impl MpcPolicy {
         self.tools.trace = Box::new(trace);
     }
 
-    /// How long plans are and how much of each is carried out.
+    /// How long plans are and how much of each is executed.
     pub fn config(&self) -> &PlanConfig {
         &self.config
     }
 
-    /// How numbers of its plans become actions of `space`.
+    /// The map from values of its plans to actions of `space`.
     ///
     /// # Errors
     ///
@@ -177,9 +174,11 @@ impl MpcPolicy {
             let history = wanted.iter().map(|name| schema.require(name));
             let history = history.collect::<Result<_, _>>()?;
             self.setup = Some(Setup { space: space.clone(), schema: Arc::clone(schema), map, history });
-            self.rows.clear();
+            self.slots.clear();
+            self.histories.clear();
         }
-        self.rows.resize_with(view.rows(), Row::default);
+        self.slots.resize_with(view.rows(), Slot::default);
+        self.histories.resize_with(view.rows(), || None);
         Ok(())
     }
 }
@@ -204,69 +203,72 @@ impl Policy for MpcPolicy {
 
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
         self.prepare(view, actions.space())?;
-        let Self { config, tools, setup, rows, search, .. } = self;
+        let Self { config, tools, setup, slots, histories, search, .. } = self;
         let setup = setup.as_ref().expect("prepared above");
-        let width = setup.map.width();
-        search.rows.clear();
+        let dim = setup.map.dim();
+        search.slots.clear();
         for index in view.live() {
             let Some(live) = view.row(index) else { continue };
-            let row = &mut rows[index];
-            if live.episode.step == 0 || row.episode != Some(live.episode.index) {
-                row.begin(live.episode);
+            let (slot, history) = (&mut slots[index], &mut histories[index]);
+            if live.episode.step == 0 || slot.episode != Some(live.episode.index) {
+                slot.begin(live.episode);
+                history.iter_mut().for_each(History::clear);
             }
             if config.history_len > 1 {
-                let history = row.history.get_or_insert_with(|| {
-                    History::new(config.history_len, config.action_block, width, view.infos(), &setup.history)
+                let history = history.get_or_insert_with(|| {
+                    History::new(config.history_len, config.action_block, dim, view.infos(), &setup.history)
                 });
                 history.observe(live.row, &setup.history);
             }
-            if row.taken == row.queue.len() {
-                search.rows.push(index);
+            if slot.taken == slot.queue.len() {
+                search.slots.push(index);
             }
         }
-        if !search.rows.is_empty() {
+        if !search.slots.is_empty() {
             let started = Instant::now();
-            search.run(config, tools, setup, view, rows)?;
-            config.report.write(&search.rows, &search.plan, started.elapsed(), actions);
+            search.run(config, tools, setup, view, slots, histories)?;
+            config.report.write(&search.slots, &search.plan, started.elapsed(), actions);
         }
         for index in view.live() {
-            let row = &mut rows[index];
-            let planned = &row.queue[row.taken..][..width];
+            let slot = &mut slots[index];
+            let planned = &slot.queue[slot.taken..][..dim];
             setup.map.write(planned, &mut actions.row(index));
-            if let Some(history) = &mut row.history {
+            if let Some(history) = &mut histories[index] {
                 history.acted(planned, &setup.map);
             }
-            row.taken += width;
+            slot.taken += dim;
         }
         Ok(())
     }
 }
 
 impl Search {
-    /// Plans for all chosen rows together and refills their queues.
+    /// Plans for all chosen slots together and refills their queues.
     fn run(
         &mut self,
         config: &PlanConfig,
         tools: &mut Tools,
         setup: &Setup,
         view: &View<'_>,
-        states: &mut [Row],
+        all: &mut [Slot],
+        histories: &[Option<History>],
     ) -> Result<(), PlanError> {
-        let Self { rows, keys, initial, memory, workspace, plan } = self;
-        let width = config.action_block * setup.map.width();
-        let size = config.horizon * width;
+        let Self { slots, keys, initial, memory, workspace, plan } = self;
+        let dim = config.action_block * setup.map.dim();
+        let size = config.horizon * dim;
         keys.clear();
         initial.clear();
-        initial.resize(rows.len() * size, 0.0);
-        memory.resize_with(rows.len(), Vec::new);
-        for ((&index, initial), memory) in rows.iter().zip(initial.chunks_exact_mut(size)).zip(&mut *memory) {
-            let episode = view.row(index).expect("only live rows are planned for").episode;
-            let state = &states[index];
-            keys.push(PlanKey::of(episode, state.plans));
-            initial[..state.rest.len()].copy_from_slice(&state.rest);
-            memory.clone_from(&state.memory);
+        initial.resize(slots.len() * size, 0.0);
+        memory.resize_with(slots.len(), Vec::new);
+        for ((&index, initial), memory) in slots.iter().zip(initial.chunks_exact_mut(size)).zip(&mut *memory)
+        {
+            let episode = view.row(index).expect("only live environments are planned for").episode;
+            let slot = &all[index];
+            keys.push(PlanKey::of(episode, slot.plans));
+            initial[..slot.rest.len()].copy_from_slice(&slot.rest);
+            memory.clone_from(&slot.memory);
         }
-        tools.cost.prepare(&Moment { view: *view, rows, states, actions: &setup.map })?;
+        tools.cost.prepare(&PlanningContext { view: *view, slots, histories, actions: &setup.map })?;
         let problem = Problem {
             keys,
             horizon: config.horizon,
@@ -277,18 +279,18 @@ impl Search {
         };
         let Tools { solver, cost, trace } = tools;
         solver.solve(&problem, cost.as_mut(), workspace, trace.as_mut(), plan)?;
-        for ((&index, actions), memory) in rows.iter().zip(plan.actions.chunks_exact(size)).zip(&plan.memory)
-        {
-            let row = &mut states[index];
-            row.memory.clone_from(memory);
-            let (now, later) = actions.split_at(config.receding_horizon * width);
-            row.plans += 1;
-            row.taken = 0;
-            row.queue.clear();
-            row.queue.extend_from_slice(now);
-            row.rest.clear();
+        let plans = plan.actions.chunks_exact(size).zip(&plan.memory);
+        for (&index, (actions, memory)) in slots.iter().zip(plans) {
+            let slot = &mut all[index];
+            slot.memory.clone_from(memory);
+            let (now, later) = actions.split_at(config.receding_horizon * dim);
+            slot.plans += 1;
+            slot.taken = 0;
+            slot.queue.clear();
+            slot.queue.extend_from_slice(now);
+            slot.rest.clear();
             if config.warm_start {
-                row.rest.extend_from_slice(later);
+                slot.rest.extend_from_slice(later);
             }
         }
         Ok(())

@@ -1,8 +1,8 @@
-//! Planning on the true dynamics: candidates are rolled out on copies of the environment itself. The oracle that
-//! learned models are compared with.
+//! Planning on the true dynamics: candidates are rolled out on copies of the environment. It is the oracle that learned
+//! models are compared with.
 
 mod options;
-mod share;
+mod parallel;
 mod worker;
 
 use std::sync::Arc;
@@ -11,34 +11,35 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use serde_json::{Map, Value as Json};
 use swm_core::{Cancel, EnvConfig, EnvEntry, EnvState, Settings as _, Space};
 
-use self::share::share;
+use self::parallel::for_each;
 use self::worker::{Simulation, Worker};
-use crate::cost::{Candidates, Cost, DifferentiableCost};
+use crate::context::{ActionMap, PlanningContext};
+use crate::cost::{Cost, DifferentiableCost};
 use crate::error::PlanError;
-use crate::mpc::{ActionMap, Moment};
+use crate::problem::Candidates;
 use crate::settings::Validate as _;
 
 pub use self::options::{Aggregate, SimulatorOptions};
 
-/// Candidates that a thread takes at a time: few, so that threads end together, but not one, which short roll-outs
-/// would spend on taking.
+/// Candidates that a thread takes at a time: few, so that threads end together, but not one, whose overhead would show in
+/// short rollouts.
 const TAKE: usize = 4;
-/// Actions of one plan whose slopes a thread finds at a time: the way to them is simulated once.
+/// Actions of one plan whose finite differences a thread computes at a time: the steps before them are simulated once.
 const RUN: usize = 4;
 
-/// The task cost of an environment after carrying a plan out in it, by the environment's own simulation.
+/// The task cost of an environment after executing a plan in it, by the environment's own simulation.
 ///
-/// It forks the environment through `snapshot` and `restore` into instances of its own, one per thread, that draw no
-/// images. A roll-out that diverges costs infinity.
+/// It forks the environment through `snapshot` and `restore` into its own instances, one per thread, that render no
+/// images. A rollout that diverges costs infinity.
 pub struct SimulatorCost {
     entry: EnvEntry,
     config: EnvConfig,
     options: SimulatorOptions,
     workers: Vec<Worker>,
-    /// `[B]`: where each row starts.
+    /// `[B]`: where each episode starts.
     starts: Vec<EnvState>,
     map: Option<Arc<ActionMap>>,
-    /// Bits of costs or slopes, so that any thread can write any of them.
+    /// Bits of costs or gradients, so that any thread can write any of them.
     results: Vec<AtomicU64>,
     /// Looked at before each iteration.
     cancel: Option<Cancel>,
@@ -64,17 +65,17 @@ impl SimulatorCost {
             results,
             cancel: None,
         };
-        cost.hire(1)?;
+        cost.add_workers(1)?;
         Ok(cost)
     }
 
-    /// What one action may be.
+    /// The action space.
     pub fn action_space(&self) -> &Space {
         self.workers[0].action_space()
     }
 
     /// Makes environments until there are `count`.
-    fn hire(&mut self, count: usize) -> Result<(), PlanError> {
+    fn add_workers(&mut self, count: usize) -> Result<(), PlanError> {
         while self.workers.len() < count {
             self.workers.push(Worker::new(self.entry.make(&self.config)?));
         }
@@ -83,20 +84,20 @@ impl SimulatorCost {
 }
 
 impl Cost for SimulatorCost {
-    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
-        if moment.view().spec().id != self.entry.id {
-            let (planner, world) = (self.entry.id.to_owned(), moment.view().spec().id.clone());
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
+        if context.view().spec().id != self.entry.id {
+            let (planner, world) = (self.entry.id.to_owned(), context.view().spec().id.clone());
             return Err(PlanError::OtherEnv { planner, world });
         }
-        self.hire(rayon::current_num_threads())?;
-        if self.starts.len() < moment.len() {
-            self.starts.resize_with(moment.len(), EnvState::new);
+        self.add_workers(rayon::current_num_threads())?;
+        if self.starts.len() < context.len() {
+            self.starts.resize_with(context.len(), EnvState::new);
         }
-        for (index, start) in self.starts.iter_mut().take(moment.len()).enumerate() {
-            moment.row(index).snapshot(start)?;
+        for (index, start) in self.starts.iter_mut().take(context.len()).enumerate() {
+            context.env(index).snapshot(start)?;
         }
-        self.map = Some(Arc::clone(moment.actions()));
-        self.cancel = moment.view().cancel().cloned();
+        self.map = Some(Arc::clone(context.actions()));
+        self.cancel = context.view().cancel().cloned();
         Ok(())
     }
 
@@ -107,7 +108,7 @@ impl Cost for SimulatorCost {
         let Self { entry, options, workers, starts, map, results, .. } = self;
         let simulation = simulation(entry, options, map.as_deref(), starts, candidates)?;
         let results = results_for(results, costs.len());
-        share(workers, costs.len(), TAKE, |worker, index| {
+        for_each(workers, costs.len(), TAKE, |worker, index| {
             let start = &starts[index / candidates.samples];
             let cost = worker.roll_out(&simulation, start, candidates.plan(index))?;
             results[index].store(cost.to_bits(), Ordering::Relaxed);
@@ -128,7 +129,7 @@ impl Cost for SimulatorCost {
 
 impl DifferentiableCost for SimulatorCost {
     /// Gradients by central differences (for integers: by trying every other category), of the cost without its success
-    /// bonus. All moved actions of all candidates are rolled out in parallel, from where they begin to differ.
+    /// bonus. All perturbed actions of all candidates are rolled out in parallel, from where they begin to differ.
     fn evaluate_with_gradient(
         &mut self,
         candidates: &Candidates<'_>,
@@ -139,26 +140,26 @@ impl DifferentiableCost for SimulatorCost {
         let Self { entry, options, workers, starts, map, results, .. } = self;
         let simulation = simulation(entry, options, map.as_deref(), starts, candidates)?;
         let results = results_for(results, gradient.len());
-        let size = candidates.horizon * candidates.width;
-        let steps = size / simulation.map.width();
+        let size = candidates.horizon * candidates.dim;
+        let steps = size / simulation.map.dim();
         let runs = steps.div_ceil(RUN);
-        share(workers, costs.len() * runs, 1, |worker, index| {
+        for_each(workers, costs.len() * runs, 1, |worker, index| {
             let (candidate, run) = (index / runs, index % runs);
             let steps = run * RUN..steps.min((run + 1) * RUN);
             let (start, plan) = (&starts[candidate / candidates.samples], candidates.plan(candidate));
             let results = &results[candidate * size..][..size];
-            worker.slopes(&simulation, start, plan, steps, |number, slope| {
-                results[number].store(slope.to_bits(), Ordering::Relaxed);
+            worker.differences(&simulation, start, plan, steps, |index, value| {
+                results[index].store(value.to_bits(), Ordering::Relaxed);
             })
         })?;
-        for (slope, bits) in gradient.iter_mut().zip(results) {
-            *slope = f64::from_bits(*bits.get_mut()) as f32;
+        for (value, bits) in gradient.iter_mut().zip(results) {
+            *value = f64::from_bits(*bits.get_mut()) as f32;
         }
         Ok(())
     }
 }
 
-/// What roll-outs of `candidates` need to know; an error if their moment was not prepared.
+/// What rollouts of `candidates` share; an error if their context was not prepared.
 fn simulation<'a>(
     entry: &'a EnvEntry,
     options: &'a SimulatorOptions,
@@ -166,9 +167,9 @@ fn simulation<'a>(
     starts: &[EnvState],
     candidates: &Candidates<'_>,
 ) -> Result<Simulation<'a>, PlanError> {
-    let (expected, found) = (candidates.rows, starts.len());
+    let (expected, found) = (candidates.episodes, starts.len());
     let map = map.filter(|_| found >= expected);
-    let map = map.ok_or(PlanError::Size { name: "prepared rows", expected, found })?;
+    let map = map.ok_or(PlanError::Size { name: "prepared episodes", expected, found })?;
     Ok(Simulation { env: entry.id, options, map })
 }
 

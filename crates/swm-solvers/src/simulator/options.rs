@@ -1,20 +1,19 @@
-//! What can be set about planning on the true simulator.
+//! Settings of planning on the true simulator.
 
 use serde::{Deserialize, Serialize};
 
-use crate::descent::positive;
 use crate::error::PlanError;
+use crate::ranges::{at_least_one, check_not_negative, check_positive};
 use crate::settings::Validate;
-use crate::solver::at_least_one;
 
-/// What of a roll-out counts.
+/// How the task costs of a rollout become its cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Aggregate {
     /// The task cost at the end.
     #[default]
     Last,
-    /// The mean over all steps: rewards being near the goal early.
+    /// The mean over all steps: it rewards reaching the goal early.
     Mean,
     /// The lowest of all steps.
     Best,
@@ -53,11 +52,8 @@ impl SimulatorOptions {
 
 impl Validate for SimulatorOptions {
     fn validate(&self) -> Result<(), PlanError> {
-        if !(self.success_bonus.is_finite() && self.success_bonus >= 0.0) {
-            let reason = format!("{} is not a number from 0 on", self.success_bonus);
-            return Err(PlanError::setting("success_bonus", reason));
-        }
-        positive("gradient_step", self.gradient_step)?;
+        check_not_negative("success_bonus", self.success_bonus)?;
+        check_positive("gradient_step", self.gradient_step)?;
         at_least_one("frame_skip", self.frame_skip as usize)
     }
 }

@@ -1,4 +1,4 @@
-//! One environment that carries plans out, and moves their actions to see what that changes.
+//! One environment that rolls plans out, and computes finite differences of their costs.
 
 use std::ops::Range;
 
@@ -6,11 +6,11 @@ use swm_core::env::step_times;
 use swm_core::{Column, Dtype, Env, EnvError, EnvState, Space};
 
 use super::options::{Aggregate, SimulatorOptions};
+use crate::context::ActionMap;
 use crate::error::PlanError;
-use crate::mpc::ActionMap;
 use crate::space::{categories, largest};
 
-/// What all roll-outs share.
+/// What all rollouts share.
 pub(super) struct Simulation<'a> {
     /// Id of the environment.
     pub(super) env: &'a str,
@@ -23,19 +23,19 @@ pub(super) struct Worker {
     env: Box<dyn Env>,
     /// The action that it is given.
     action: Column,
-    /// `[A]`: an action of a plan, moved.
+    /// `[A]`: an action of a plan, perturbed.
     moved: Vec<f32>,
-    /// Where moved actions begin.
+    /// The state in which perturbed actions begin.
     fork: EnvState,
 }
 
-/// What a roll-out has seen so far.
+/// Accumulated costs of a rollout.
 #[derive(Clone, Copy)]
 struct Tally {
     sum: f64,
     best: f64,
     taken: usize,
-    /// Whether success counts.
+    /// Whether success gives a bonus.
     bonus: bool,
 }
 
@@ -56,7 +56,7 @@ impl Worker {
         &self.env.spec().action
     }
 
-    /// The cost of carrying `plan`, `[T, A]`, out from `start`.
+    /// The cost of executing `plan`, `[T, A]`, from `start`.
     pub(super) fn roll_out(
         &mut self,
         simulation: &Simulation<'_>,
@@ -64,11 +64,11 @@ impl Worker {
         plan: &[f32],
     ) -> Result<f64, PlanError> {
         self.env.restore(start)?;
-        self.go_on(simulation, Tally::new(simulation.options.gives_bonus()), plan, 0)
+        self.finish(simulation, Tally::new(simulation.options.gives_bonus()), plan, 0)
     }
 
-    /// Calls `write(number, slope)` for all numbers of the actions `steps` of `plan`, `[T, A]`.
-    pub(super) fn slopes(
+    /// Calls `write(index, difference)` for all values of the actions `steps` of `plan`, `[T, A]`.
+    pub(super) fn differences(
         &mut self,
         simulation: &Simulation<'_>,
         start: &EnvState,
@@ -76,30 +76,31 @@ impl Worker {
         steps: Range<usize>,
         mut write: impl FnMut(usize, f64),
     ) -> Result<(), PlanError> {
-        let (width, count) = (simulation.map.width(), plan.len() / simulation.map.width());
+        let dim = simulation.map.dim();
+        let count = plan.len() / dim;
         let mut tally = Tally::new(false);
         let mut end = None;
         self.env.restore(start)?;
         for step in 0..steps.end {
             if end.is_some() {
-                // The roll-out is over: what would follow changes nothing.
+                // The rollout is over: later actions change nothing.
                 (step.max(steps.start)..steps.end).for_each(|step| {
-                    (step * width..(step + 1) * width).for_each(|number| write(number, 0.0));
+                    (step * dim..(step + 1) * dim).for_each(|index| write(index, 0.0));
                 });
                 return Ok(());
             }
             if step >= steps.start {
                 self.env.snapshot(&mut self.fork)?;
-                self.slopes_of(simulation, tally, plan, step, &mut write)?;
+                self.differences_of(simulation, tally, plan, step, &mut write)?;
                 self.env.restore(&self.fork)?;
             }
-            end = self.act(simulation, &mut tally, &plan[step * width..][..width], step + 1 == count)?;
+            end = self.act(simulation, &mut tally, &plan[step * dim..][..dim], step + 1 == count)?;
         }
         Ok(())
     }
 
-    /// The slopes of action `step`, which is taken from the fork.
-    fn slopes_of(
+    /// The finite differences of action `step`, which is taken from the fork.
+    fn differences_of(
         &mut self,
         simulation: &Simulation<'_>,
         tally: Tally,
@@ -107,9 +108,9 @@ impl Worker {
         step: usize,
         write: &mut impl FnMut(usize, f64),
     ) -> Result<(), PlanError> {
-        let width = simulation.map.width();
-        let first = step * width;
-        let action = &plan[first..][..width];
+        let dim = simulation.map.dim();
+        let first = step * dim;
+        let action = &plan[first..][..dim];
         let mut moved = std::mem::take(&mut self.moved);
         moved.clear();
         moved.extend_from_slice(action);
@@ -131,7 +132,7 @@ impl Worker {
             offset += count;
         }
         let distance = simulation.options.gradient_step as f32;
-        for index in offset..width {
+        for index in offset..dim {
             let (low, high) = (action[index] - distance, action[index] + distance);
             moved[index] = low;
             let behind = self.fork_with(simulation, tally, &moved, plan, step)?;
@@ -154,23 +155,24 @@ impl Worker {
         step: usize,
     ) -> Result<f64, PlanError> {
         self.env.restore(&self.fork)?;
-        let last = (step + 1) * simulation.map.width() == plan.len();
+        let last = (step + 1) * simulation.map.dim() == plan.len();
         match self.act(simulation, &mut tally, action, last)? {
             Some(cost) => Ok(cost),
-            None => self.go_on(simulation, tally, plan, step + 1),
+            None => self.finish(simulation, tally, plan, step + 1),
         }
     }
 
-    /// The cost of carrying the rest of `plan` out, from action `first` on.
-    fn go_on(
+    /// The cost of executing the rest of `plan`, from action `first` on.
+    fn finish(
         &mut self,
         simulation: &Simulation<'_>,
         mut tally: Tally,
         plan: &[f32],
         first: usize,
     ) -> Result<f64, PlanError> {
-        let (width, count) = (simulation.map.width(), plan.len() / simulation.map.width());
-        for (step, action) in plan.chunks_exact(width).enumerate().skip(first) {
+        let dim = simulation.map.dim();
+        let count = plan.len() / dim;
+        for (step, action) in plan.chunks_exact(dim).enumerate().skip(first) {
             if let Some(cost) = self.act(simulation, &mut tally, action, step + 1 == count)? {
                 return Ok(cost);
             }
@@ -178,7 +180,7 @@ impl Worker {
         Ok(f64::INFINITY)
     }
 
-    /// Takes one action. If the roll-out ends with it, what it cost: infinity if it diverged.
+    /// Takes one action. If the rollout ends with it, returns its cost: infinity if it diverged.
     fn act(
         &mut self,
         simulation: &Simulation<'_>,

@@ -1,16 +1,16 @@
-//! Adam on the plan itself: steps of about one length, whatever the scale of the cost.
+//! Adam on the plan itself: step sizes independent of the scale of the cost.
 //!
 //! Source: Kingma & Ba, *Adam: A Method for Stochastic Optimization* (2015).
 
-use serde_json::{Map, Value as Json};
-use swm_core::{Settings as _, Space};
+use swm_core::Space;
 
 use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search, WeightDecay};
 use crate::error::PlanError;
+use crate::problem::{Plan, Problem};
 use crate::settings::Validate;
-use crate::solver::{Plan, Problem, Solver, SolverConfig};
+use crate::solver::SolverConfig;
 use crate::trace::Trace;
 use crate::workspace::Workspace;
 
@@ -54,23 +54,12 @@ impl Validate for Adam {
 impl SolverConfig for Adam {
     const NAME: &'static str = "adam";
     const SUMMARY: &'static str = "Adam with restarts";
-}
 
-impl Solver for Adam {
-    fn name(&self) -> &'static str {
-        Self::NAME
-    }
-
-    fn changed_settings(&self) -> Map<String, Json> {
-        self.changed()
-    }
-
-    fn check(&self, space: &Space) -> Result<(), PlanError> {
-        self.validate()?;
+    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
         box_bounds(Self::NAME, space).map(|_| ())
     }
 
-    fn solve(
+    fn solve_checked(
         &self,
         problem: &Problem<'_>,
         cost: &mut dyn Cost,
@@ -78,14 +67,10 @@ impl Solver for Adam {
         trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
-        self.validate()?;
-        problem.check()?;
         let limits = Limits::of_box(Self::NAME, problem.action, self.clip)?;
         let mut search =
             Search::begin(Self::NAME, (&self.descent, self.rule(), limits), problem, workspace, 0)?;
-        search.open(trace, plan);
-        search.descend(cost, trace, plan)?;
-        search.take_cheapest(plan);
+        search.run(cost, trace, plan)?;
         trace.end(problem, plan);
         Ok(())
     }

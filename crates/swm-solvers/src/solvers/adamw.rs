@@ -1,16 +1,16 @@
-//! AdamW on the plan itself: Adam with a pull toward zero that does not depend on the gradients.
+//! AdamW on the plan itself: Adam with decoupled weight decay.
 //!
 //! Source: Loshchilov & Hutter, *Decoupled Weight Decay Regularization* (2019).
 
-use serde_json::{Map, Value as Json};
-use swm_core::{Settings as _, Space};
+use swm_core::Space;
 
 use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search, WeightDecay};
 use crate::error::PlanError;
+use crate::problem::{Plan, Problem};
 use crate::settings::Validate;
-use crate::solver::{Plan, Problem, Solver, SolverConfig};
+use crate::solver::SolverConfig;
 use crate::trace::Trace;
 use crate::workspace::Workspace;
 
@@ -54,23 +54,12 @@ impl Validate for AdamW {
 impl SolverConfig for AdamW {
     const NAME: &'static str = "adamw";
     const SUMMARY: &'static str = "AdamW (Adam with decoupled weight decay) with restarts";
-}
 
-impl Solver for AdamW {
-    fn name(&self) -> &'static str {
-        Self::NAME
-    }
-
-    fn changed_settings(&self) -> Map<String, Json> {
-        self.changed()
-    }
-
-    fn check(&self, space: &Space) -> Result<(), PlanError> {
-        self.validate()?;
+    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
         box_bounds(Self::NAME, space).map(|_| ())
     }
 
-    fn solve(
+    fn solve_checked(
         &self,
         problem: &Problem<'_>,
         cost: &mut dyn Cost,
@@ -78,14 +67,10 @@ impl Solver for AdamW {
         trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
-        self.validate()?;
-        problem.check()?;
         let limits = Limits::of_box(Self::NAME, problem.action, self.clip)?;
         let mut search =
             Search::begin(Self::NAME, (&self.descent, self.rule(), limits), problem, workspace, 0)?;
-        search.open(trace, plan);
-        search.descend(cost, trace, plan)?;
-        search.take_cheapest(plan);
+        search.run(cost, trace, plan)?;
         trace.end(problem, plan);
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! The cross-entropy method for integers: draw plans from independent categories, refit their probabilities to the
+//! The cross-entropy method for integers: sample plans from independent categories, refit their probabilities to the
 //! cheapest ones, repeat.
 //!
 //! Source: Rubinstein & Kroese, *The Cross-Entropy Method* (2004), in the variant of the reference's
@@ -8,12 +8,14 @@ use rand_distr::{Distribution as _, Open01};
 use swm_core::Space;
 
 use crate::error::PlanError;
-use crate::ranges::{check_at_most_samples, check_below_one, check_counts, check_not_negative};
+use crate::problem::Problem;
+use crate::ranges::{
+    at_least_one, check_at_most_samples, check_below_one, check_counts, check_fraction, check_not_negative,
+};
+use crate::sampler::{Episode, Sampler, Search, StateSizes};
 use crate::sampling::Noise;
-use crate::search::{Carried, Episode, Sampler, Search};
 use crate::settings::Validate;
-use crate::solver::{Problem, SolverConfig, at_least_one};
-use crate::space::{categories, check_categories, largest};
+use crate::space::{check_categories, groups, largest, round};
 
 swm_core::settings! {
     /// Settings of the categorical cross-entropy method. Defaults are the reference's.
@@ -46,24 +48,18 @@ impl Validate for CategoricalCem {
         check_at_most_samples(self.elites, self.samples)?;
         check_not_negative("smoothing", self.smoothing)?;
         check_below_one("alpha", self.alpha)?;
-        if !(0.0..=1.0).contains(&self.warm_start_epsilon) {
-            let reason = format!("{} is not a number from 0 to 1", self.warm_start_epsilon);
-            return Err(PlanError::setting("warm_start_epsilon", reason));
-        }
-        Ok(())
+        check_fraction("warm_start_epsilon", self.warm_start_epsilon)
     }
 }
 
-impl SolverConfig for CategoricalCem {
-    const NAME: &'static str = "categorical-cem";
-    const SUMMARY: &'static str =
-        "cross-entropy method for integers: refit probabilities to the cheapest samples";
-}
-
-/// Categories that died out are still drawn this often, as in the reference.
+/// Categories that died out are still sampled with this probability, as in the reference.
 const LEAST_PROBABILITY: f32 = 1e-10;
 
 impl Sampler for CategoricalCem {
+    const NAME: &'static str = "categorical-cem";
+    const SUMMARY: &'static str =
+        "cross-entropy method for integers: refit probabilities to the cheapest samples";
+
     fn bounds<'a>(&self, space: &'a Space) -> Result<(&'a [f64], &'a [f64]), PlanError> {
         check_categories(Self::NAME, space)?;
         Ok((&[], &[]))
@@ -80,11 +76,11 @@ impl Sampler for CategoricalCem {
         }
     }
 
-    fn carried(&self, problem: &Problem<'_>) -> Carried {
-        Carried { floats: problem.plan_size(), ..Carried::default() }
+    fn state_sizes(&self, problem: &Problem<'_>) -> StateSizes {
+        StateSizes { floats: problem.plan_size(), ..StateSizes::default() }
     }
 
-    /// From here on `mean` holds probabilities, and `spread` the standard deviations of the numbers drawn with them.
+    /// From here on `mean` holds probabilities, and `std` the standard deviations of the values sampled with them.
     fn begin(&self, episode: &mut Episode<'_>) {
         let epsilon = self.warm_start_epsilon as f32;
         for group in groups(episode.problem.action, episode.mean) {
@@ -97,11 +93,11 @@ impl Sampler for CategoricalCem {
                 group[choice] += 1.0 - epsilon;
             }
         }
-        update_spread(episode);
+        update_std(episode);
     }
 
-    /// The most probable plan, then plans drawn by probability.
-    fn draw(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
+    /// The most probable plan, then plans sampled by probability.
+    fn sample(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
         let noise = Noise { purpose: Self::NAME, seed: self.seed };
         let (action, mean) = (episode.problem.action, &*episode.mean);
         candidates.fill(0.0);
@@ -117,7 +113,7 @@ impl Sampler for CategoricalCem {
         }
     }
 
-    fn learn(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
+    fn update(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
         let (size, shares) = (episode.mean.len(), &mut *episode.floats);
         shares.fill(0.0);
         for &elite in elites {
@@ -131,15 +127,11 @@ impl Sampler for CategoricalCem {
                 *probability = alpha * *probability + (1.0 - alpha) * (share / count + smoothing) / total;
             }
         }
-        update_spread(episode);
+        update_std(episode);
     }
 
     fn end(&self, episode: &mut Episode<'_>, _memory: &mut Vec<f64>) {
-        for group in groups(episode.problem.action, episode.mean) {
-            let choice = largest(group);
-            group.fill(0.0);
-            group[choice] = 1.0;
-        }
+        round(episode.problem.action, episode.mean);
     }
 }
 
@@ -156,24 +148,14 @@ fn pick(probabilities: &[f32], quantile: f32) -> usize {
     largest(probabilities)
 }
 
-/// A number that is 1 with probability p and 0 otherwise has the standard deviation √(p (1 - p)).
-fn update_spread(episode: &mut Episode<'_>) {
-    for (spread, &p) in episode.spread.iter_mut().zip(&*episode.mean) {
-        *spread = (p * (1.0 - p)).max(0.0).sqrt();
+/// A value that is 1 with probability p and 0 otherwise has the standard deviation √(p (1 - p)).
+fn update_std(episode: &mut Episode<'_>) {
+    for (std, &p) in episode.std.iter_mut().zip(&*episode.mean) {
+        *std = (p * (1.0 - p)).max(0.0).sqrt();
     }
 }
 
-/// The numbers of `plan`, category by category of one integer.
-fn groups<'a>(action: &Space, plan: &'a mut [f32]) -> impl Iterator<Item = &'a mut [f32]> {
-    let mut rest = plan;
-    categories(action).cycle().map_while(move |count| {
-        let (group, tail) = std::mem::take(&mut rest).split_at_mut_checked(count)?;
-        rest = tail;
-        Some(group)
-    })
-}
-
-/// The same of two plans at once.
+/// The groups of two plans at once.
 fn pairs<'a>(
     action: &Space,
     plan: &'a mut [f32],

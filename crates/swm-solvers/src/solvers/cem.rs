@@ -1,15 +1,14 @@
-//! The cross-entropy method: draw plans around a mean, refit mean and spread to the cheapest ones, repeat.
-//! Without momentum, correlated noise or kept elites: those belong to its relatives.
+//! The cross-entropy method: sample plans around a mean, refit mean and standard deviation to the cheapest
+//! ones, repeat. Without momentum, correlated noise or kept elites: iCEM has those.
 //!
 //! Source: Rubinstein & Kroese, *The Cross-Entropy Method* (2004), in the variant of the reference's
-//! `CEMSolver`: sample 0 is the mean itself, and spread is the unbiased standard deviation of the elites.
+//! `CEMSolver`: sample 0 is the mean itself, and the standard deviation of the elites is the unbiased one.
 
 use crate::error::PlanError;
 use crate::ranges::{check_counts, check_elites, check_not_negative, check_positive};
+use crate::sampler::{Episode, Sampler, Search};
 use crate::sampling::{Noise, fit_gaussian};
-use crate::search::{Episode, Sampler, Search};
 use crate::settings::Validate;
-use crate::solver::SolverConfig;
 
 swm_core::settings! {
     /// Settings of the cross-entropy method. Defaults are the reference's.
@@ -44,12 +43,10 @@ impl Validate for Cem {
     }
 }
 
-impl SolverConfig for Cem {
+impl Sampler for Cem {
     const NAME: &'static str = "cem";
     const SUMMARY: &'static str = "cross-entropy method: refit a Gaussian to the cheapest of its samples";
-}
 
-impl Sampler for Cem {
     fn search(&self) -> Search {
         Search {
             samples: self.samples,
@@ -61,15 +58,15 @@ impl Sampler for Cem {
         }
     }
 
-    /// The mean, then mean + spread × noise.
-    fn draw(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
+    /// The mean, then mean + std × noise.
+    fn sample(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
         let noise = Noise { purpose: Self::NAME, seed: self.seed };
-        episode.draw_around_mean(candidates, &noise);
+        episode.sample_around_mean(candidates, &noise);
     }
 
-    fn learn(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
-        fit_gaussian(candidates, elites, episode.mean, episode.spread);
-        let floor = self.sigma_min as f32;
-        episode.spread.iter_mut().for_each(|sigma| *sigma = sigma.max(floor));
+    fn update(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
+        fit_gaussian(candidates, elites, episode.mean, episode.std);
+        let least = self.sigma_min as f32;
+        episode.std.iter_mut().for_each(|sigma| *sigma = sigma.max(least));
     }
 }

@@ -1,16 +1,16 @@
-//! CMA-ES: a Gaussian whose covariance grows along the steps that paid, and whose size follows the length of the path
-//! that its mean has taken. Positive weights only, no restarts. Not in the reference.
+//! CMA-ES: an evolution strategy that adapts the covariance to successful steps and the step size to the length of the
+//! evolution path. Positive weights only, no restarts. Not in the reference.
 //!
-//! Source: Hansen, *The CMA Evolution Strategy: A Tutorial* (2016, arXiv 1604.00772), whose default rates are used; the
-//! numbers of its equations stand in the code.
+//! Source: Hansen, *The CMA Evolution Strategy: A Tutorial* (2016, arXiv 1604.00772), whose default rates are used; its
+//! equation numbers are given in the code.
 
 use crate::error::PlanError;
 use crate::matrix::{check_size, eigen, stack_len};
+use crate::problem::Problem;
 use crate::ranges::{check_counts, check_positive};
+use crate::sampler::{Episode, Sampler, Search, StateSizes};
 use crate::sampling::{Noise, fill_normal};
-use crate::search::{Carried, Episode, Sampler, Search};
 use crate::settings::Validate;
-use crate::solver::{Problem, SolverConfig};
 
 swm_core::settings! {
     /// Settings of CMA-ES. Its defaults evaluate as many plans as those of [`crate::Cem`], in more and smaller iterations:
@@ -42,12 +42,10 @@ impl Validate for CmaEs {
     }
 }
 
-impl SolverConfig for CmaEs {
+impl Sampler for CmaEs {
     const NAME: &'static str = "cma-es";
     const SUMMARY: &'static str = "evolution strategy that adapts covariance and step size (CMA-ES)";
-}
 
-impl Sampler for CmaEs {
     fn search(&self) -> Search {
         Search {
             samples: self.samples,
@@ -63,9 +61,9 @@ impl Sampler for CmaEs {
         check_size(problem)
     }
 
-    fn carried(&self, problem: &Problem<'_>) -> Carried {
+    fn state_sizes(&self, problem: &Problem<'_>) -> StateSizes {
         let size = problem.plan_size();
-        Carried { floats: size, doubles: 2 * size * size + 6 * size + 2, stack: stack_len(size) }
+        StateSizes { floats: size, doubles: 2 * size * size + 6 * size + 2, stack: stack_len(size) }
     }
 
     fn begin(&self, episode: &mut Episode<'_>) {
@@ -81,7 +79,7 @@ impl Sampler for CmaEs {
     }
 
     /// Mean + σ × axes × lengths × noise (38 to 40). The mean itself is no candidate.
-    fn draw(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
+    fn sample(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
         let noise = Noise { purpose: Self::NAME, seed: self.seed };
         let (size, key) = (episode.mean.len(), *episode.key());
         let State { mean, axes, lengths, step, sigma, .. } = State::of(size, episode.doubles);
@@ -99,13 +97,13 @@ impl Sampler for CmaEs {
         }
     }
 
-    fn learn(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
+    fn update(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
         let size = episode.mean.len();
         let rates = Rates::new(size, self.samples);
         let state = State::of(size, episode.doubles);
         let sigma = *state.sigma;
         let plans = || elites.iter().map(|&elite| &candidates[elite as usize * size..][..size]);
-        // Fewer than half of the candidates may be usable: what weights are left add up to 1 all the same.
+        // Fewer than half of the candidates may be usable: the remaining weights still add up to 1.
         let total: f64 = (0..elites.len()).map(|rank| rates.weight(rank)).sum();
         let weight = |rank: usize| rates.weight(rank) / total;
 
@@ -129,7 +127,7 @@ impl Sampler for CmaEs {
         let generations = f64::from(episode.iteration) + 1.0;
         let settled = (1.0 - keep.powf(2.0 * generations)).sqrt();
         let steady = length / settled < (1.4 + 2.0 / (size as f64 + 1.0)) * rates.expected_length;
-        // The path of the covariance (45); it waits while sigma grows fast.
+        // The path of the covariance (45); it is held while sigma grows fast.
         let keep = 1.0 - rates.path;
         let grow = if steady { (rates.path * (2.0 - rates.path) * rates.mass).sqrt() } else { 0.0 };
         for (path, step) in state.path.iter_mut().zip(&*state.step) {
@@ -170,8 +168,8 @@ impl Sampler for CmaEs {
             factorize(state.covariance, state.lengths, state.axes, episode.stack);
         }
         episode.mean.iter_mut().zip(&*state.mean).for_each(|(out, &value)| *out = value as f32);
-        for (j, spread) in episode.spread.iter_mut().enumerate() {
-            *spread = (*state.sigma * state.covariance[j + j * size].sqrt()) as f32;
+        for (j, std) in episode.std.iter_mut().enumerate() {
+            *std = (*state.sigma * state.covariance[j + j * size].sqrt()) as f32;
         }
     }
 }
@@ -179,7 +177,7 @@ impl Sampler for CmaEs {
 /// Sigma stays within what plans can hold.
 const SIGMA: (f64, f64) = (1e-12, 1e12);
 
-/// Eigenvectors and roots of the eigenvalues of the covariance. If it cannot be factorized, the search forgets its form.
+/// Eigenvectors and roots of the eigenvalues of the covariance. If it cannot be factorized, it becomes the identity.
 fn factorize(
     covariance: &mut [f64],
     lengths: &mut [f64],
@@ -190,8 +188,8 @@ fn factorize(
     let largest = |lengths: &[f64]| lengths[size - 1];
     if eigen(covariance, lengths, axes, stack) && largest(lengths) > 0.0 && largest(lengths).is_finite() {
         // Rounding may leave the smallest at or below 0.
-        let floor = 1e-14 * largest(lengths);
-        lengths.iter_mut().for_each(|value| *value = value.max(floor).sqrt());
+        let least = 1e-14 * largest(lengths);
+        lengths.iter_mut().for_each(|value| *value = value.max(least).sqrt());
         return;
     }
     covariance.fill(0.0);
@@ -203,11 +201,11 @@ fn factorize(
     }
 }
 
-/// How fast everything is learned: the defaults of the tutorial, for n numbers and λ candidates.
+/// Learning rates: the defaults of the tutorial, for n values and λ candidates.
 struct Rates {
     /// λ.
     samples: f64,
-    /// μ_eff (8): how many candidates the weights stand for.
+    /// μ_eff (8): effective number of weighted candidates.
     mass: f64,
     /// c_σ (55).
     sigma: f64,
@@ -219,7 +217,7 @@ struct Rates {
     one: f64,
     /// c_μ (58).
     many: f64,
-    /// Mean length of a vector of n standard normal numbers.
+    /// Mean length of a vector of n standard normal values.
     expected_length: f64,
 }
 
@@ -256,9 +254,9 @@ impl Rates {
     }
 }
 
-/// What an episode carries from iteration to iteration, and room to work. Matrices are stored column by column.
+/// State that an episode keeps from iteration to iteration, and scratch. Matrices are stored column by column.
 struct State<'a> {
-    /// `[n]`: the mean, more exactly than the plan has it.
+    /// `[n]`: the mean in double precision.
     mean: &'a mut [f64],
     /// `[n, n]`: the lower triangle.
     covariance: &'a mut [f64],

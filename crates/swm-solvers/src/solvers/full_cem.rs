@@ -1,16 +1,18 @@
-//! The cross-entropy method with a full covariance: it learns which numbers of cheap plans go together, across time and
-//! actions, where [`crate::Cem`] learns how wide each is alone. Not in the reference.
+//! The cross-entropy method with a full covariance: it fits the correlations of cheap plans across time and actions,
+//! where [`crate::Cem`] fits a standard deviation per value. Not in the reference.
 //!
 //! Source: Rubinstein & Kroese, *The Cross-Entropy Method* (2004), for Gaussians with covariance; shrinkage toward the
 //! diagonal as of Ledoit & Wolf, *A well-conditioned estimator* (2004), with a fixed weight.
 
 use crate::error::PlanError;
 use crate::matrix::{check_size, cholesky, stack_len};
-use crate::ranges::{check_below_one, check_counts, check_elites, check_not_negative, check_positive};
+use crate::problem::Problem;
+use crate::ranges::{
+    check_below_one, check_counts, check_elites, check_fraction, check_not_negative, check_positive,
+};
+use crate::sampler::{Episode, Sampler, Search, StateSizes};
 use crate::sampling::{Noise, fill_normal};
-use crate::search::{Carried, Episode, Sampler, Search};
 use crate::settings::Validate;
-use crate::solver::{Problem, SolverConfig};
 
 swm_core::settings! {
     /// Settings of the cross-entropy method with a full covariance.
@@ -49,20 +51,14 @@ impl Validate for FullCem {
         check_positive("sigma", self.sigma)?;
         check_not_negative("sigma_min", self.sigma_min)?;
         check_below_one("alpha", self.alpha)?;
-        if !(0.0..=1.0).contains(&self.shrinkage) {
-            let reason = format!("{} is not a number from 0 to 1", self.shrinkage);
-            return Err(PlanError::setting("shrinkage", reason));
-        }
-        Ok(())
+        check_fraction("shrinkage", self.shrinkage)
     }
 }
 
-impl SolverConfig for FullCem {
+impl Sampler for FullCem {
     const NAME: &'static str = "full-cem";
     const SUMMARY: &'static str = "cross-entropy method with a full covariance over time and actions";
-}
 
-impl Sampler for FullCem {
     fn search(&self) -> Search {
         Search {
             samples: self.samples,
@@ -78,14 +74,14 @@ impl Sampler for FullCem {
         check_size(problem)
     }
 
-    fn carried(&self, problem: &Problem<'_>) -> Carried {
+    fn state_sizes(&self, problem: &Problem<'_>) -> StateSizes {
         let size = problem.plan_size();
-        Carried { floats: size, doubles: 2 * size * size + 2 * size, stack: stack_len(size) }
+        StateSizes { floats: size, doubles: 2 * size * size + 2 * size, stack: stack_len(size) }
     }
 
     fn begin(&self, episode: &mut Episode<'_>) {
         let size = episode.mean.len();
-        let Parts { covariance, factor, .. } = Parts::of(size, episode.doubles);
+        let State { covariance, factor, .. } = State::of(size, episode.doubles);
         for i in 0..size {
             covariance[i + i * size] = self.sigma * self.sigma;
             factor[i + i * size] = self.sigma;
@@ -93,10 +89,10 @@ impl Sampler for FullCem {
     }
 
     /// The mean, then mean + factor × noise.
-    fn draw(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
+    fn sample(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
         let noise = Noise { purpose: Self::NAME, seed: self.seed };
         let (size, key) = (episode.mean.len(), *episode.key());
-        let Parts { factor, sum, .. } = Parts::of(size, episode.doubles);
+        let State { factor, sum, .. } = State::of(size, episode.doubles);
         let mut stream = noise.stream(&key, episode.iteration);
         let (first, others) = candidates.split_at_mut(size);
         first.copy_from_slice(episode.mean);
@@ -111,9 +107,9 @@ impl Sampler for FullCem {
         }
     }
 
-    fn learn(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
+    fn update(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
         let size = episode.mean.len();
-        let Parts { covariance, factor, sum, offset } = Parts::of(size, episode.doubles);
+        let State { covariance, factor, sum, offset } = State::of(size, episode.doubles);
         let plans = || elites.iter().map(|&elite| &candidates[elite as usize * size..][..size]);
         let count = elites.len() as f64;
         sum.fill(0.0);
@@ -143,21 +139,21 @@ impl Sampler for FullCem {
             }
             let variance = &mut covariance[j + j * size];
             *variance = variance.max(self.sigma_min * self.sigma_min);
-            episode.spread[j] = variance.sqrt() as f32;
+            episode.std[j] = variance.sqrt() as f32;
         }
         factor.copy_from_slice(covariance);
-        // Rounding makes elites that lie in fewer dimensions than the plan has look as if they lay in none.
+        // The covariance of fewer elites than dimensions is singular; rounding may make it indefinite.
         (0..size)
             .for_each(|j| factor[j + j * size] = factor[j + j * size] * (1.0 + 1e-9) + f64::MIN_POSITIVE);
         if !cholesky(factor, size, episode.stack) {
             factor.fill(0.0);
-            (0..size).for_each(|j| factor[j + j * size] = f64::from(episode.spread[j]));
+            (0..size).for_each(|j| factor[j + j * size] = f64::from(episode.std[j]));
         }
     }
 }
 
-/// What an episode carries from iteration to iteration, and room to work. Matrices are stored column by column.
-struct Parts<'a> {
+/// State that an episode keeps from iteration to iteration, and scratch. Matrices are stored column by column.
+struct State<'a> {
     /// `[H × D, H × D]`, the lower triangle.
     covariance: &'a mut [f64],
     /// Its Cholesky factor.
@@ -168,7 +164,7 @@ struct Parts<'a> {
     offset: &'a mut [f64],
 }
 
-impl<'a> Parts<'a> {
+impl<'a> State<'a> {
     fn of(size: usize, doubles: &'a mut [f64]) -> Self {
         let (covariance, rest) = doubles.split_at_mut(size * size);
         let (factor, rest) = rest.split_at_mut(size * size);

@@ -6,11 +6,11 @@
 
 use crate::colored::{Normalize, color, fill_kernel};
 use crate::error::PlanError;
+use crate::problem::Problem;
 use crate::ranges::{check_below_one, check_counts, check_elites, check_not_negative, check_positive};
+use crate::sampler::{Episode, Sampler, Search, StateSizes, scale};
 use crate::sampling::{Noise, fill_normal, fit_gaussian};
-use crate::search::{Carried, Episode, Sampler, Search, scale};
 use crate::settings::Validate;
-use crate::solver::{Problem, SolverConfig};
 
 swm_core::settings! {
     /// Settings of iCEM. Defaults are the reference's.
@@ -79,12 +79,10 @@ impl Validate for Icem {
     }
 }
 
-impl SolverConfig for Icem {
+impl Sampler for Icem {
     const NAME: &'static str = "icem";
     const SUMMARY: &'static str = "cross-entropy method with colored noise, kept elites and momentum";
-}
 
-impl Sampler for Icem {
     fn search(&self) -> Search {
         Search {
             samples: self.samples,
@@ -96,9 +94,9 @@ impl Sampler for Icem {
         }
     }
 
-    fn carried(&self, problem: &Problem<'_>) -> Carried {
+    fn state_sizes(&self, problem: &Problem<'_>) -> StateSizes {
         let floats = problem.horizon + (self.kept() + 2) * problem.plan_size();
-        Carried { floats, doubles: 1, ..Carried::default() }
+        StateSizes { floats, doubles: 1, ..StateSizes::default() }
     }
 
     fn samples_in(&self, iteration: usize) -> usize {
@@ -107,48 +105,48 @@ impl Sampler for Icem {
     }
 
     fn begin(&self, episode: &mut Episode<'_>) {
-        let (problem, remembered) = (episode.problem, episode.problem.remembered(episode.row));
-        let carried = self.parts(episode);
-        fill_kernel(carried.kernel, self.noise_beta, self.normalize);
-        let (size, skipped) = (problem.plan_size(), self.elite_shift * problem.width());
-        if (1..size).contains(&skipped) && remembered.len() <= carried.elites.len() {
-            let elites = carried.elites.chunks_exact_mut(size).zip(remembered.chunks_exact(size));
+        let (problem, remembered) = (episode.problem, episode.problem.remembered(episode.index));
+        let state = self.parts(episode);
+        fill_kernel(state.kernel, self.noise_beta, self.normalize);
+        let (size, skipped) = (problem.plan_size(), self.elite_shift * problem.dim());
+        if (1..size).contains(&skipped) && remembered.len() <= state.elites.len() {
+            let elites = state.elites.chunks_exact_mut(size).zip(remembered.chunks_exact(size));
             for (elite, remembered) in elites {
                 let shifted = elite.iter_mut().zip(&remembered[skipped..]);
                 shifted.for_each(|(value, &remembered)| *value = remembered as f32);
-                *carried.count += 1.0;
+                *state.count += 1.0;
             }
         }
     }
 
-    /// The mean, kept elites, then mean + spread × noise.
-    fn draw(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
+    /// The mean, kept elites, then mean + std × noise.
+    fn sample(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
         let noise = Noise { purpose: Self::NAME, seed: self.seed };
         let (key, iteration) = (*episode.key(), episode.iteration);
         let tries_mean = !self.mean_at_last || iteration as usize + 1 == self.iterations;
-        // An elite of the last plan covers its first blocks; what follows is drawn.
+        // An elite of the last plan covers its first blocks; the rest is sampled.
         let covered = match iteration {
             0 => {
                 (episode.problem.horizon - self.elite_shift.min(episode.problem.horizon))
-                    * episode.problem.width()
+                    * episode.problem.dim()
             }
             _ => episode.mean.len(),
         };
-        let carried = self.parts(episode);
-        let (size, kept) = (carried.mean.len(), *carried.count as usize);
-        let white = carried.scratch;
+        let state = self.parts(episode);
+        let (size, kept) = (state.mean.len(), *state.count as usize);
+        let white = state.scratch;
         let mut stream = noise.stream(&key, iteration);
         for (sample, candidate) in candidates.chunks_exact_mut(size).enumerate() {
-            // Also for those that need none: what a candidate is does not change the noise of the next.
+            // Also for candidates that need none: the noise of the next ones does not depend on it.
             fill_normal(&mut stream, white);
             if sample == 0 && tries_mean {
-                candidate.copy_from_slice(carried.mean);
+                candidate.copy_from_slice(state.mean);
                 continue;
             }
-            let elite = (1..=kept).contains(&sample).then(|| &carried.elites[(sample - 1) * size..][..size]);
+            let elite = (1..=kept).contains(&sample).then(|| &state.elites[(sample - 1) * size..][..size]);
             if elite.is_none() || covered < size {
-                color(carried.kernel, self.normalize, white, candidate);
-                scale(candidate, carried.mean, carried.spread);
+                color(state.kernel, self.normalize, white, candidate);
+                scale(candidate, state.mean, state.std);
             }
             if let Some(elite) = elite {
                 candidate[..covered].copy_from_slice(&elite[..covered]);
@@ -156,39 +154,39 @@ impl Sampler for Icem {
         }
     }
 
-    fn learn(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
-        let carried = self.parts(episode);
-        let size = carried.mean.len();
-        let (mean, spread) = (carried.scratch, carried.fitted_spread);
-        spread.copy_from_slice(carried.spread);
-        fit_gaussian(candidates, elites, mean, spread);
-        let (alpha, floor) = (self.alpha as f32, self.sigma_min as f32);
-        for (value, fitted) in carried.mean.iter_mut().zip(mean) {
+    fn update(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
+        let state = self.parts(episode);
+        let size = state.mean.len();
+        let (mean, std) = (state.scratch, state.fitted_std);
+        std.copy_from_slice(state.std);
+        fit_gaussian(candidates, elites, mean, std);
+        let (alpha, least) = (self.alpha as f32, self.sigma_min as f32);
+        for (value, fitted) in state.mean.iter_mut().zip(mean) {
             *value = alpha * *value + (1.0 - alpha) * *fitted;
         }
-        for (value, fitted) in carried.spread.iter_mut().zip(spread) {
-            *value = (alpha * *value + (1.0 - alpha) * *fitted).max(floor);
+        for (value, fitted) in state.std.iter_mut().zip(std) {
+            *value = (alpha * *value + (1.0 - alpha) * *fitted).max(least);
         }
         let kept = elites.len().min(self.kept());
-        for (kept, &elite) in carried.elites.chunks_exact_mut(size).zip(&elites[..kept]) {
+        for (kept, &elite) in state.elites.chunks_exact_mut(size).zip(&elites[..kept]) {
             kept.copy_from_slice(&candidates[elite as usize * size..][..size]);
         }
-        *carried.count = kept as f64;
+        *state.count = kept as f64;
     }
 
     fn end(&self, episode: &mut Episode<'_>, memory: &mut Vec<f64>) {
         if self.elite_shift > 0 {
-            let carried = self.parts(episode);
-            let numbers = *carried.count as usize * carried.mean.len();
-            memory.extend(carried.elites[..numbers].iter().map(|&value| f64::from(value)));
+            let state = self.parts(episode);
+            let values = *state.count as usize * state.mean.len();
+            memory.extend(state.elites[..values].iter().map(|&value| f64::from(value)));
         }
     }
 }
 
-/// What an episode carries from iteration to iteration, and room to work.
-struct Parts<'a> {
+/// State that an episode keeps from iteration to iteration, and scratch.
+struct State<'a> {
     mean: &'a mut [f32],
-    spread: &'a mut [f32],
+    std: &'a mut [f32],
     /// `[H]`: the filter of the noise.
     kernel: &'a mut [f32],
     /// `[elites_kept, H, D]`, cheapest first.
@@ -198,7 +196,7 @@ struct Parts<'a> {
     /// `[H, D]`.
     scratch: &'a mut [f32],
     /// `[H, D]`.
-    fitted_spread: &'a mut [f32],
+    fitted_std: &'a mut [f32],
 }
 
 impl Icem {
@@ -206,12 +204,12 @@ impl Icem {
         self.elites_kept.min(self.elites)
     }
 
-    fn parts<'a>(&self, episode: &'a mut Episode<'_>) -> Parts<'a> {
+    fn parts<'a>(&self, episode: &'a mut Episode<'_>) -> State<'a> {
         let (horizon, size) = (episode.problem.horizon, episode.mean.len());
         let (kernel, rest) = episode.floats.split_at_mut(horizon);
         let (elites, rest) = rest.split_at_mut(self.kept() * size);
-        let (scratch, fitted_spread) = rest.split_at_mut(size);
-        let (mean, spread, count) = (&mut *episode.mean, &mut *episode.spread, &mut episode.doubles[0]);
-        Parts { mean, spread, kernel, elites, count, scratch, fitted_spread }
+        let (scratch, fitted_std) = rest.split_at_mut(size);
+        let (mean, std, count) = (&mut *episode.mean, &mut *episode.std, &mut episode.doubles[0]);
+        State { mean, std, kernel, elites, count, scratch, fitted_std }
     }
 }

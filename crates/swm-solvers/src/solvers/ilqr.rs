@@ -1,5 +1,5 @@
-//! Iterative LQR: the problem is approximated around the present plan by linear dynamics and a quadratic cost, whose best
-//! plan is known in closed form; a line search along it makes the next plan. Needs a [`crate::models::ControlModel`].
+//! Iterative LQR: the problem is approximated around the current plan by linear dynamics and a quadratic cost, whose
+//! optimum has a closed form; a line search toward it gives the next plan. Needs a [`crate::models::ControlModel`].
 //!
 //! Source: Tassa, Erez & Todorov, *Synthesis and stabilization of complex behaviors through online trajectory
 //! optimization* (2012), for regularization and line search, with first derivatives of the dynamics only; bounds by holding
@@ -7,18 +7,19 @@
 //! 2014).
 
 use rayon::prelude::*;
-use serde_json::{Map, Value as Json};
-use swm_core::{Settings as _, Space};
+use swm_core::Space;
 
 use crate::bounds::{box_bounds, fill_bounds};
 use crate::cost::Cost;
-use crate::descent::{not_negative, positive, scatter};
+use crate::descent::scatter;
 use crate::error::PlanError;
-use crate::models::check_width;
-use crate::riccati::{Tile, Weights};
+use crate::models::steps_of;
+use crate::problem::{Plan, PlanKey, Problem};
+use crate::ranges::{check_counts, check_not_negative, check_positive};
+use crate::riccati::{Regularization, Trajectory};
 use crate::sampling::{Noise, count_non_finite};
 use crate::settings::Validate;
-use crate::solver::{Plan, PlanKey, Problem, Solver, SolverConfig, at_least_one};
+use crate::solver::SolverConfig;
 use crate::trace::{Iteration, Trace};
 use crate::workspace::Workspace;
 
@@ -46,20 +47,12 @@ swm_core::settings! {
     }
 }
 
-/// More samples or iterations are a typing error.
-const MAX_COUNT: usize = 10_000_000;
-
 impl Validate for Ilqr {
     fn validate(&self) -> Result<(), PlanError> {
-        at_least_one("samples", self.samples)?;
-        for (name, value) in [("samples", self.samples), ("iterations", self.iterations)] {
-            if value > MAX_COUNT {
-                return Err(PlanError::setting(name, format!("{value} is more than {MAX_COUNT}")));
-            }
-        }
-        not_negative("sigma", self.sigma)?;
-        positive("regularization", self.regularization)?;
-        not_negative("tolerance", self.tolerance)
+        check_counts(self.samples, self.iterations)?;
+        check_not_negative("sigma", self.sigma)?;
+        check_positive("regularization", self.regularization)?;
+        check_not_negative("tolerance", self.tolerance)
     }
 }
 
@@ -67,23 +60,12 @@ impl SolverConfig for Ilqr {
     const NAME: &'static str = "ilqr";
     const SUMMARY: &'static str = "iterative LQR: second-order planning on a model of states and steps";
     const NEEDS_CONTROL_MODEL: bool = true;
-}
 
-impl Solver for Ilqr {
-    fn name(&self) -> &'static str {
-        Self::NAME
-    }
-
-    fn changed_settings(&self) -> Map<String, Json> {
-        self.changed()
-    }
-
-    fn check(&self, space: &Space) -> Result<(), PlanError> {
-        self.validate()?;
+    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
         box_bounds(Self::NAME, space).map(|_| ())
     }
 
-    fn solve(
+    fn solve_checked(
         &self,
         problem: &Problem<'_>,
         cost: &mut dyn Cost,
@@ -91,24 +73,22 @@ impl Solver for Ilqr {
         trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
-        self.validate()?;
-        problem.check()?;
         let bounds = box_bounds(Self::NAME, problem.action)?;
         problem.check_samples(self.samples)?;
-        let (rows, size, samples) = (problem.keys.len(), problem.plan_size(), self.samples);
-        let count = rows * samples;
+        let (episodes, size, samples) = (problem.keys.len(), problem.plan_size(), self.samples);
+        let count = episodes * samples;
         let model = cost.control().ok_or(PlanError::NoControlModel { solver: Self::NAME })?;
-        let steps = check_width(model, &problem.candidates(&[], samples))?;
-        let (w, a) = (model.state_width(), model.action_width());
-        if a > Tile::MOST_ACTIONS {
-            let reason = format!("actions of {a} numbers are more than {}", Tile::MOST_ACTIONS);
+        let steps = steps_of(model, &problem.candidates(&[], samples))?;
+        let (w, a) = (model.state_dim(), model.action_dim());
+        if a > Trajectory::MOST_ACTIONS {
+            let reason = format!("actions of {a} values are more than {}", Trajectory::MOST_ACTIONS);
             return Err(PlanError::Space { solver: Self::NAME, reason });
         }
-        let tiles = count.min(4 * rayon::current_num_threads()).max(1);
-        let tile = Tile::scratch_size(steps, w, a);
+        let parts = count.min(4 * rayon::current_num_threads()).max(1);
+        let scratch_size = Trajectory::scratch_size(steps, w, a);
         let [points, low, high] = workspace.floats.cut([count * size, size, size]);
         let [costs, weights, actions, scratch] =
-            workspace.doubles.cut([count, count, count * size, tiles * tile]);
+            workspace.doubles.cut([count, count, count * size, parts * scratch_size]);
         let [done] = workspace.indices.cut([count]);
         fill_bounds(bounds, self.clip, low, high);
         let noise = Noise { purpose: Self::NAME, seed: self.seed };
@@ -119,11 +99,11 @@ impl Solver for Ilqr {
         plan.begin(problem, 0.0);
         trace.begin(Self::NAME, problem);
 
-        let share = count.div_ceil(tiles).max(1);
+        let share = count.div_ceil(parts).max(1);
         for iteration in 0..self.iterations {
             let model = cost.control().ok_or(PlanError::NoControlModel { solver: Self::NAME })?;
             let sequences = (
-                scratch.par_chunks_exact_mut(tile),
+                scratch.par_chunks_exact_mut(scratch_size),
                 costs.par_chunks_mut(share),
                 weights.par_chunks_mut(share),
                 actions.par_chunks_mut(share * size),
@@ -136,10 +116,10 @@ impl Solver for Ilqr {
                     let sequences = costs.iter_mut().zip(weights).zip(actions.chunks_exact_mut(size));
                     let sequences = sequences.zip(points.chunks_exact_mut(size)).zip(done);
                     for (offset, ((((cost, weight), actions), points), done)) in sequences.enumerate() {
-                        let row = (part * share + offset) / samples;
-                        let tile = Tile::new(scratch, (model, row), (steps, w, a), bounds);
+                        let episode = (part * share + offset) / samples;
+                        let trajectory = Trajectory::new(scratch, (model, episode), (steps, w, a), bounds);
                         if *done == 0 {
-                            *done = u32::from(!self.improve(tile, cost, weight, actions));
+                            *done = u32::from(!self.improve(trajectory, cost, weight, actions));
                             points.iter_mut().zip(&*actions).for_each(|(out, &value)| *out = value as f32);
                         }
                     }
@@ -155,7 +135,7 @@ impl Solver for Ilqr {
                 costs,
                 elites: 0,
                 mean: &[],
-                spread: &[],
+                std: &[],
                 gradient: &[],
             });
             if !done.contains(&0) {
@@ -171,25 +151,31 @@ impl Solver for Ilqr {
 
 impl Ilqr {
     /// Improves one plan, `[T, A]`, once; whether to go on.
-    fn improve(&self, mut tile: Tile<'_>, cost: &mut f64, weight: &mut f64, actions: &mut [f64]) -> bool {
-        *cost = tile.roll_out(actions);
+    fn improve(
+        &self,
+        mut trajectory: Trajectory<'_>,
+        cost: &mut f64,
+        weight: &mut f64,
+        actions: &mut [f64],
+    ) -> bool {
+        *cost = trajectory.roll_out(actions);
         if !cost.is_finite() {
             *cost = f64::INFINITY;
             return false;
         }
-        tile.expand(actions);
+        trajectory.expand(actions);
         loop {
-            if tile.solve_backward(actions, *weight)
-                && let Some(better) = tile.search(actions, *cost)
+            if trajectory.solve_backward(actions, *weight)
+                && let Some(better) = trajectory.search(actions, *cost)
             {
                 let gain = *cost - better;
-                *weight = (*weight / Weights::FACTOR).max(self.regularization);
+                *weight = (*weight / Regularization::FACTOR).max(self.regularization);
                 let enough = gain > self.tolerance * cost.abs();
                 *cost = better;
                 return enough;
             }
-            *weight *= Weights::FACTOR;
-            if *weight > Weights::LARGEST {
+            *weight *= Regularization::FACTOR;
+            if *weight > Regularization::LARGEST {
                 return false;
             }
         }
@@ -204,18 +190,18 @@ impl Ilqr {
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
         let (size, samples) = (problem.plan_size(), self.samples);
-        for (row, costs) in costs.chunks_exact_mut(samples).enumerate() {
-            plan.non_finite[row] += count_non_finite(costs);
+        for (episode, costs) in costs.chunks_exact_mut(samples).enumerate() {
+            plan.non_finite[episode] += count_non_finite(costs);
             let best =
                 (0..samples).fold(0, |best, index| if costs[index] < costs[best] { index } else { best });
             if costs[best].is_infinite() {
-                let PlanKey { episode, plan, .. } = problem.keys[row];
+                let PlanKey { episode, plan, .. } = problem.keys[episode];
                 return Err(PlanError::NoFiniteCost { episode, plan, iteration: self.iterations, samples });
             }
-            plan.actions[row * size..][..size]
-                .copy_from_slice(&points[(row * samples + best) * size..][..size]);
-            plan.cost_of_returned[row] = costs[best];
-            plan.elite_mean_last[row] = costs[best];
+            plan.actions[episode * size..][..size]
+                .copy_from_slice(&points[(episode * samples + best) * size..][..size]);
+            plan.cost_of_returned[episode] = costs[best];
+            plan.elite_mean_last[episode] = costs[best];
         }
         Ok(())
     }

@@ -1,19 +1,20 @@
-//! Augmented Lagrangian: gradient descent on cost plus what violated constraints cost, at prices that rise until they
-//! are kept. Without constraints it is descent whose rule restarts every round.
+//! Augmented Lagrangian: gradient descent on the cost plus a penalty for violated constraints that grows every round.
+//! Without constraints it is gradient descent whose optimizer restarts every round.
 //!
 //! Source: Nocedal & Wright, *Numerical Optimization* (2006), section 17.4; and the reference's `LagrangianSolver`, whose
 //! form of the penalty is an option.
 
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value as Json};
-use swm_core::{Settings as _, Space};
+use swm_core::Space;
 
 use crate::bounds::box_bounds;
 use crate::cost::Cost;
-use crate::descent::{Descent, Limits, Rule, Search, WeightDecay, not_negative, positive};
+use crate::descent::{Descent, Limits, Rule, Search, WeightDecay};
 use crate::error::PlanError;
+use crate::problem::{Plan, Problem};
+use crate::ranges::{at_least_one, check_at_most, check_not_negative, check_positive};
 use crate::settings::Validate;
-use crate::solver::{Plan, Problem, Solver, SolverConfig, at_least_one};
+use crate::solver::SolverConfig;
 use crate::trace::Trace;
 use crate::workspace::Workspace;
 
@@ -46,7 +47,7 @@ swm_core::settings! {
     }
 }
 
-/// The rule of the descent.
+/// Optimizer of the descent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Optimizer {
@@ -59,15 +60,15 @@ pub enum Optimizer {
     Adamw,
 }
 
-/// What violations cost, given multipliers λ and penalty ρ. Either way λ becomes max(0, λ + ρ g) after a round.
+/// Penalty of violations, given multipliers λ and ρ. Either way λ becomes max(0, λ + ρ g) after a round.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Penalty {
-    /// Σ (max(0, λ + ρ g)² - λ²) / 2ρ, with multipliers of every candidate's own.
+    /// Σ (max(0, λ + ρ g)² - λ²) / 2ρ, with separate multipliers for every candidate.
     #[default]
     Standard,
     /// Σ λ g + ρ max(0, g)², with multipliers that the candidates of an episode share, by their mean g: the reference's.
-    /// It goes on paying for slack, and its multipliers grow more slowly than its penalty.
+    /// Slack still has a cost, and the multipliers grow more slowly than the penalty.
     Reference,
 }
 
@@ -80,38 +81,25 @@ impl Validate for Lagrangian {
         self.rule().validate()?;
         at_least_one("iterations", self.descent.iterations)?;
         at_least_one("rounds", self.rounds)?;
-        if self.rounds > MAX_ROUNDS {
-            return Err(PlanError::setting("rounds", format!("{} is more than {MAX_ROUNDS}", self.rounds)));
-        }
+        check_at_most("rounds", self.rounds, MAX_ROUNDS)?;
         for (name, value) in
             [("rho_init", self.rho_init), ("rho_scale", self.rho_scale), ("rho_max", self.rho_max)]
         {
-            positive(name, value)?;
+            check_positive(name, value)?;
         }
-        not_negative("tolerance", self.tolerance)
+        check_not_negative("tolerance", self.tolerance)
     }
 }
 
 impl SolverConfig for Lagrangian {
     const NAME: &'static str = "lagrangian";
-    const SUMMARY: &'static str = "augmented Lagrangian: gradient descent that keeps constraints";
-}
+    const SUMMARY: &'static str = "augmented Lagrangian: gradient descent under constraints";
 
-impl Solver for Lagrangian {
-    fn name(&self) -> &'static str {
-        Self::NAME
-    }
-
-    fn changed_settings(&self) -> Map<String, Json> {
-        self.changed()
-    }
-
-    fn check(&self, space: &Space) -> Result<(), PlanError> {
-        self.validate()?;
+    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
         box_bounds(Self::NAME, space).map(|_| ())
     }
 
-    fn solve(
+    fn solve_checked(
         &self,
         problem: &Problem<'_>,
         cost: &mut dyn Cost,
@@ -119,28 +107,26 @@ impl Solver for Lagrangian {
         trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
-        self.validate()?;
-        problem.check()?;
         let limits = Limits::of_box(Self::NAME, problem.action, self.clip)?;
         if cost.differentiable().is_none() {
             return Err(PlanError::NoGradient { solver: Self::NAME });
         }
-        let constraints = cost.constrained().map_or(0, |c| c.constraints(problem.horizon, problem.width()));
-        let (rows, samples) = (problem.keys.len(), self.descent.samples);
-        let all = (rows * samples).checked_mul(constraints).filter(|&all| all <= MAX_VALUES);
+        let constraints = cost.constrained().map_or(0, |c| c.constraints(problem.horizon, problem.dim()));
+        let (episodes, samples) = (problem.keys.len(), self.descent.samples);
+        let all = (episodes * samples).checked_mul(constraints).filter(|&all| all <= MAX_VALUES);
         let all = all.ok_or_else(|| {
             let reason =
-                format!("{constraints} constraints of {samples} plans of {rows} episodes are too many");
+                format!("{constraints} constraints of {samples} plans of {episodes} episodes are too many");
             PlanError::setting("samples", reason)
         })?;
         let how = (&self.descent, self.rule(), limits);
-        let mut search = Search::begin(Self::NAME, how, problem, workspace, 2 * all + rows)?;
+        let mut search = Search::begin(Self::NAME, how, problem, workspace, 2 * all + episodes)?;
         let (multipliers, extra) = std::mem::take(&mut search.extra).split_at_mut(all);
         let (values, best_violations) = extra.split_at_mut(all);
-        for row in 0..rows {
-            let remembered = problem.remembered(row);
+        for episode in 0..episodes {
+            let remembered = problem.remembered(episode);
             if self.persist && remembered.len() == constraints {
-                let own = multipliers[row * samples * constraints..][..samples * constraints]
+                let own = multipliers[episode * samples * constraints..][..samples * constraints]
                     .chunks_exact_mut(constraints.max(1));
                 own.for_each(|multipliers| multipliers.copy_from_slice(remembered));
             }
@@ -165,7 +151,7 @@ impl Lagrangian {
     }
 }
 
-/// A solve at work.
+/// A solve in progress.
 struct Run<'a, 'w> {
     settings: &'a Lagrangian,
     search: Search<'a, 'w>,
@@ -210,21 +196,21 @@ impl Run<'_, '_> {
             self.rho = (self.rho * rho_scale).min(*rho_max);
         }
         let (size, count) = (problem.plan_size(), self.constraints);
-        for (row, actions) in plan.actions.chunks_exact_mut(size).enumerate() {
-            let index = row * descent.samples + self.cheapest_feasible(row);
+        for (episode, actions) in plan.actions.chunks_exact_mut(size).enumerate() {
+            let index = episode * descent.samples + self.cheapest_feasible(episode);
             let found = (self.search.costs[index], self.violation(index));
-            let best = (self.search.best_costs[row], self.best_violations[row]);
+            let best = (self.search.best_costs[episode], self.best_violations[episode]);
             let (point, (cost, violation)) = if descent.track_best && self.is_better(best, found) {
-                (&self.search.best[row * size..][..size], best)
+                (&self.search.best[episode * size..][..size], best)
             } else {
                 (&self.search.points[index * size..][..size], found)
             };
             actions.copy_from_slice(point);
-            plan.cost_of_returned[row] = cost;
-            plan.elite_mean_last[row] = cost;
-            plan.violation[row] = violation;
+            plan.cost_of_returned[episode] = cost;
+            plan.elite_mean_last[episode] = cost;
+            plan.violation[episode] = violation;
             if *persist {
-                plan.memory[row].extend_from_slice(&self.multipliers[index * count..][..count]);
+                plan.memory[episode].extend_from_slice(&self.multipliers[index * count..][..count]);
             }
         }
         trace.end(problem, plan);
@@ -253,7 +239,7 @@ impl Run<'_, '_> {
             return constrained.evaluate_constrained(&candidates, costs, values);
         }
         let multipliers = &**multipliers;
-        let weigh = |index: usize, values: &[f64], weights: &mut [f64]| {
+        let weights_of = |index: usize, values: &[f64], weights: &mut [f64]| {
             let multipliers = &multipliers[index * count..][..count];
             for ((weight, value), multiplier) in weights.iter_mut().zip(values).zip(multipliers) {
                 *weight = match form {
@@ -262,7 +248,7 @@ impl Run<'_, '_> {
                 };
             }
         };
-        constrained.evaluate_constrained_with_gradient(&candidates, &weigh, costs, values, gradient)
+        constrained.evaluate_constrained_with_gradient(&candidates, &weights_of, costs, values, gradient)
     }
 
     /// Stops sequences with a cost, constraint or gradient that is not finite.
@@ -280,8 +266,8 @@ impl Run<'_, '_> {
     fn raise_multipliers(&mut self) {
         let (count, samples, rho) = (self.constraints, self.settings.descent.samples, self.rho);
         let size = (samples * count).max(1);
-        let rows = self.multipliers.chunks_exact_mut(size).zip(self.values.chunks_exact(size));
-        for ((multipliers, values), costs) in rows.zip(self.search.costs.chunks_exact(samples)) {
+        let episodes = self.multipliers.chunks_exact_mut(size).zip(self.values.chunks_exact(size));
+        for ((multipliers, values), costs) in episodes.zip(self.search.costs.chunks_exact(samples)) {
             for (index, multiplier) in multipliers.iter_mut().enumerate() {
                 let value = match self.settings.form {
                     Penalty::Standard => values[index],
@@ -313,11 +299,11 @@ impl Run<'_, '_> {
         }
     }
 
-    /// The best sequence of episode `row`, the first of equals.
-    fn cheapest_feasible(&self, row: usize) -> usize {
+    /// The best sequence of episode `episode`, the first of equals.
+    fn cheapest_feasible(&self, episode: usize) -> usize {
         let samples = self.settings.descent.samples;
         let of = |sample: usize| {
-            let index = row * samples + sample;
+            let index = episode * samples + sample;
             (self.search.costs[index], self.violation(index))
         };
         (0..samples).fold(0, |best, sample| if self.is_better(of(sample), of(best)) { sample } else { best })
@@ -326,12 +312,12 @@ impl Run<'_, '_> {
     /// Keeps the best plans so far.
     fn remember(&mut self, problem: &Problem<'_>) {
         let (size, samples) = (problem.plan_size(), self.settings.descent.samples);
-        for row in 0..problem.keys.len() {
-            let index = row * samples + self.cheapest_feasible(row);
+        for episode in 0..problem.keys.len() {
+            let index = episode * samples + self.cheapest_feasible(episode);
             let found = (self.search.costs[index], self.violation(index));
-            if self.is_better(found, (self.search.best_costs[row], self.best_violations[row])) {
-                (self.search.best_costs[row], self.best_violations[row]) = found;
-                self.search.best[row * size..][..size]
+            if self.is_better(found, (self.search.best_costs[episode], self.best_violations[episode])) {
+                (self.search.best_costs[episode], self.best_violations[episode]) = found;
+                self.search.best[episode * size..][..size]
                     .copy_from_slice(&self.search.points[index * size..][..size]);
             }
         }

@@ -17,7 +17,7 @@ mod pgd;
 mod predictive_sampling;
 mod sgd;
 
-use crate::solver::SolverEntry;
+use crate::entry::SolverEntry;
 
 pub use adam::Adam;
 pub use adamw::AdamW;

@@ -1,5 +1,5 @@
-//! MPPI, model-predictive path integral control: the plan is the mean of its samples, weighted by how cheap they are.
-//! The spread of the samples never changes, and control itself costs nothing.
+//! MPPI, model-predictive path integral control: the plan is the mean of its samples, weighted by their costs.
+//! The standard deviation of the samples is constant, and there is no control cost.
 //!
 //! Source: Williams et al., *Information-Theoretic Model Predictive Control* (2018), in the variant of the reference's
 //! `MPPISolver`: weights are a softmax of minus cost over temperature, of the cheapest samples only.
@@ -7,11 +7,11 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::PlanError;
+use crate::problem::Problem;
 use crate::ranges::{check_at_most_samples, check_counts, check_positive};
+use crate::sampler::{Episode, Sampler, Search, StateSizes};
 use crate::sampling::Noise;
-use crate::search::{Carried, Episode, Sampler, Search};
 use crate::settings::Validate;
-use crate::solver::{Problem, SolverConfig};
 
 swm_core::settings! {
     /// Settings of MPPI. Defaults are the reference's.
@@ -37,7 +37,7 @@ swm_core::settings! {
     }
 }
 
-/// In what a temperature counts.
+/// Unit of the temperature.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TemperatureMode {
@@ -57,12 +57,11 @@ impl Validate for Mppi {
     }
 }
 
-impl SolverConfig for Mppi {
-    const NAME: &'static str = "mppi";
-    const SUMMARY: &'static str = "path integral control: average samples, the cheaper the heavier";
-}
-
 impl Sampler for Mppi {
+    const NAME: &'static str = "mppi";
+    const SUMMARY: &'static str =
+        "path integral control: average samples, weighted by a softmax of their costs";
+
     fn search(&self) -> Search {
         Search {
             samples: self.samples,
@@ -74,24 +73,22 @@ impl Sampler for Mppi {
         }
     }
 
-    fn carried(&self, problem: &Problem<'_>) -> Carried {
-        Carried { doubles: problem.plan_size(), ..Carried::default() }
+    fn state_sizes(&self, problem: &Problem<'_>) -> StateSizes {
+        StateSizes { doubles: problem.plan_size(), ..StateSizes::default() }
     }
 
-    /// The mean, then mean + spread × noise.
-    fn draw(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
+    /// The mean, then mean + std × noise.
+    fn sample(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
         let noise = Noise { purpose: Self::NAME, seed: self.seed };
-        episode.draw_around_mean(candidates, &noise);
+        episode.sample_around_mean(candidates, &noise);
     }
 
-    fn learn(&self, episode: &mut Episode<'_>, candidates: &[f32], costs: &[f64], elites: &[u32]) {
+    fn update(&self, episode: &mut Episode<'_>, candidates: &[f32], costs: &[f64], elites: &[u32]) {
         let cost = |elite: u32| costs[elite as usize];
         let least = cost(elites[0]);
         let temperature = match self.temperature_mode {
             TemperatureMode::Absolute => self.temperature,
-            TemperatureMode::Relative => {
-                self.temperature * deviation(elites.iter().map(|&elite| cost(elite)))
-            }
+            TemperatureMode::Relative => self.temperature * std_of(elites.iter().map(|&elite| cost(elite))),
         };
         let (size, sums) = (episode.mean.len(), &mut *episode.doubles);
         sums.fill(0.0);
@@ -111,7 +108,7 @@ impl Sampler for Mppi {
 }
 
 /// Standard deviation (dividing by the count).
-fn deviation(values: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {
+fn std_of(values: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {
     let count = values.len() as f64;
     let mean = values.clone().sum::<f64>() / count;
     (values.map(|value| (value - mean) * (value - mean)).sum::<f64>() / count).sqrt()

@@ -1,21 +1,21 @@
-//! Projected gradient descent: after every step a plan is put back where plans may be. Real actions are clipped to
-//! their bounds; the categories of integer actions are relaxed to probabilities, and rounded at the end.
+//! Projected gradient descent: after every step a plan is projected onto the feasible set. Real actions are
+//! clipped to their bounds; the categories of integer actions are relaxed to probabilities, and rounded at the end.
 //!
-//! Source: the reference's `PGDSolver`, which knows single integers only and returns the rounding of the best relaxed
+//! Source: the reference's `PGDSolver`, which supports single integers only and returns the rounding of the best relaxed
 //! plan; here the rounded plans themselves are compared.
 
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value as Json};
-use swm_core::{Settings as _, Space};
+use swm_core::Space;
 
 use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search};
 use crate::error::PlanError;
+use crate::problem::{Plan, Problem};
 use crate::sampling::count_non_finite;
 use crate::settings::Validate;
-use crate::solver::{Plan, Problem, Solver, SolverConfig};
-use crate::space::{categories, largest};
+use crate::solver::SolverConfig;
+use crate::space::{categories, round};
 use crate::trace::Trace;
 use crate::workspace::Workspace;
 
@@ -32,14 +32,14 @@ swm_core::settings! {
     }
 }
 
-/// By what relaxed plans of integers are chosen.
+/// How relaxed plans of integers are compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Select {
-    /// By what they cost once they are rounded.
+    /// By their cost after rounding.
     #[default]
     Rounded,
-    /// By what they cost before, as in the reference: the best mixture may round to a bad plan.
+    /// By their cost before rounding, as in the reference: the best mixture may round to a bad plan.
     Relaxed,
 }
 
@@ -53,23 +53,12 @@ impl Validate for Pgd {
 impl SolverConfig for Pgd {
     const NAME: &'static str = "pgd";
     const SUMMARY: &'static str = "projected gradient descent, for bounded real actions and for integers";
-}
 
-impl Solver for Pgd {
-    fn name(&self) -> &'static str {
-        Self::NAME
-    }
-
-    fn changed_settings(&self) -> Map<String, Json> {
-        self.changed()
-    }
-
-    fn check(&self, space: &Space) -> Result<(), PlanError> {
-        self.validate()?;
+    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
         limits(space).map(|_| ())
     }
 
-    fn solve(
+    fn solve_checked(
         &self,
         problem: &Problem<'_>,
         cost: &mut dyn Cost,
@@ -77,14 +66,10 @@ impl Solver for Pgd {
         trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
-        self.validate()?;
         let limits = limits(problem.action)?;
-        problem.check()?;
         let how = (&self.descent, self.rule(), limits);
         let mut search = Search::begin(Self::NAME, how, problem, workspace, 0)?;
-        search.open(trace, plan);
-        search.descend(cost, trace, plan)?;
-        search.take_cheapest(plan);
+        search.run(cost, trace, plan)?;
         if let Limits::Simplex(space) = limits {
             match self.select {
                 Select::Relaxed => {
@@ -133,20 +118,6 @@ fn limits(space: &Space) -> Result<Limits<'_>, PlanError> {
 
 fn refuse<T>(reason: String) -> Result<T, PlanError> {
     Err(PlanError::Space { solver: Pgd::NAME, reason })
-}
-
-/// Makes every group of categories one-hot.
-fn round(space: &Space, plans: &mut [f32]) {
-    let mut rest = plans;
-    while !rest.is_empty() {
-        for count in categories(space) {
-            let (group, others) = rest.split_at_mut(count);
-            let chosen = largest(group);
-            group.fill(0.0);
-            group[chosen] = 1.0;
-            rest = others;
-        }
-    }
 }
 
 /// Evaluates the plans themselves.

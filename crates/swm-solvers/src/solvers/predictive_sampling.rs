@@ -1,14 +1,13 @@
-//! Predictive sampling: draw plans around the best one known, take the cheapest. Nothing is fitted.
+//! Predictive sampling: sample plans around the best one known, take the cheapest. Nothing is fitted.
 //!
 //! Source: Howell et al., *Predictive Sampling: Real-time Behavior Synthesis with MuJoCo* (2022), in the variant of the
 //! reference's `PredictiveSamplingSolver`: noise on every block, no splines.
 
 use crate::error::PlanError;
 use crate::ranges::{check_counts, check_positive};
+use crate::sampler::{Episode, Sampler, Search};
 use crate::sampling::Noise;
-use crate::search::{Episode, Sampler, Search};
 use crate::settings::Validate;
-use crate::solver::SolverConfig;
 
 swm_core::settings! {
     /// Settings of predictive sampling. Defaults are the reference's.
@@ -33,12 +32,10 @@ impl Validate for PredictiveSampling {
     }
 }
 
-impl SolverConfig for PredictiveSampling {
+impl Sampler for PredictiveSampling {
     const NAME: &'static str = "predictive-sampling";
     const SUMMARY: &'static str = "take the cheapest of samples around the last plan";
-}
 
-impl Sampler for PredictiveSampling {
     fn search(&self) -> Search {
         Search {
             samples: self.samples,
@@ -50,13 +47,13 @@ impl Sampler for PredictiveSampling {
         }
     }
 
-    /// The best plan known, then that + spread × noise.
-    fn draw(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
+    /// The best plan known, then that + std × noise.
+    fn sample(&self, episode: &mut Episode<'_>, candidates: &mut [f32]) {
         let noise = Noise { purpose: Self::NAME, seed: self.seed };
-        episode.draw_around_mean(candidates, &noise);
+        episode.sample_around_mean(candidates, &noise);
     }
 
-    fn learn(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
+    fn update(&self, episode: &mut Episode<'_>, candidates: &[f32], _costs: &[f64], elites: &[u32]) {
         let size = episode.mean.len();
         episode.mean.copy_from_slice(&candidates[elites[0] as usize * size..][..size]);
     }

@@ -1,17 +1,17 @@
-//! Gradient descent on the plan itself, with momentum if wanted.
+//! Gradient descent on the plan itself, with optional momentum.
 //!
 //! Source: the reference's `GradientSolver` with its SGD; momentum as in Sutskever et al., *On the importance of
-//! initialization and momentum in deep learning* (2013), in the form of the usual deep-learning libraries.
+//! initialization and momentum in deep learning* (2013), in PyTorch's form.
 
-use serde_json::{Map, Value as Json};
-use swm_core::{Settings as _, Space};
+use swm_core::Space;
 
 use crate::bounds::box_bounds;
 use crate::cost::Cost;
 use crate::descent::{Descent, Limits, Rule, Search};
 use crate::error::PlanError;
+use crate::problem::{Plan, Problem};
 use crate::settings::Validate;
-use crate::solver::{Plan, Problem, Solver, SolverConfig};
+use crate::solver::SolverConfig;
 use crate::trace::Trace;
 use crate::workspace::Workspace;
 
@@ -48,23 +48,12 @@ impl Validate for Sgd {
 impl SolverConfig for Sgd {
     const NAME: &'static str = "sgd";
     const SUMMARY: &'static str = "gradient descent with restarts and momentum";
-}
 
-impl Solver for Sgd {
-    fn name(&self) -> &'static str {
-        Self::NAME
-    }
-
-    fn changed_settings(&self) -> Map<String, Json> {
-        self.changed()
-    }
-
-    fn check(&self, space: &Space) -> Result<(), PlanError> {
-        self.validate()?;
+    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
         box_bounds(Self::NAME, space).map(|_| ())
     }
 
-    fn solve(
+    fn solve_checked(
         &self,
         problem: &Problem<'_>,
         cost: &mut dyn Cost,
@@ -72,14 +61,10 @@ impl Solver for Sgd {
         trace: &mut dyn Trace,
         plan: &mut Plan,
     ) -> Result<(), PlanError> {
-        self.validate()?;
-        problem.check()?;
         let limits = Limits::of_box(Self::NAME, problem.action, self.clip)?;
         let mut search =
             Search::begin(Self::NAME, (&self.descent, self.rule(), limits), problem, workspace, 0)?;
-        search.open(trace, plan);
-        search.descend(cost, trace, plan)?;
-        search.take_cheapest(plan);
+        search.run(cost, trace, plan)?;
         trace.end(problem, plan);
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! A trace written down: JSON lines, one record per line. `docs/solvers.md` describes them for readers.
+//! A trace as JSON lines, one record per line. `docs/solvers.md` describes them for readers.
 
 use std::io::{self, Write};
 
@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::records::{IterationRecord, PlanRecord, Records};
 use super::{Iteration, Trace};
-use crate::solver::{Plan, Problem};
+use crate::problem::{Plan, Problem};
 
 /// How much of each iteration is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -33,7 +33,7 @@ pub struct JsonLines<W> {
     failure: Option<io::Error>,
 }
 
-/// What is known when a solve begins.
+/// The beginning of a solve.
 #[derive(Serialize)]
 struct BeginLine<'a> {
     record: &'static str,
@@ -43,11 +43,11 @@ struct BeginLine<'a> {
     solver: &'a str,
     horizon: usize,
     action_block: usize,
-    action_width: usize,
+    action_dim: usize,
     initial: &'a [f32],
 }
 
-/// An iteration; what the detail does not ask for is left out.
+/// An iteration, with as much detail as requested.
 #[derive(Serialize)]
 struct IterationLine<'a> {
     record: &'static str,
@@ -58,7 +58,7 @@ struct IterationLine<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     mean: Option<&'a [f32]>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    spread: Option<&'a [f32]>,
+    std: Option<&'a [f32]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     costs: Option<&'a [f64]>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -71,7 +71,7 @@ struct EliteLine<'a> {
     actions: &'a [f32],
 }
 
-/// What the solve came to.
+/// The result of a solve.
 #[derive(Serialize)]
 struct PlanLine<'a> {
     record: &'static str,
@@ -113,22 +113,22 @@ impl<W: Write> JsonLines<W> {
 }
 
 impl<'a> IterationLine<'a> {
-    /// Episode `row` of `iteration`, whose figures are `figures`.
-    fn of(figures: IterationRecord, iteration: &'a Iteration<'a>, row: usize, detail: Detail) -> Self {
+    /// `episode` of `iteration`, whose figures are `figures`.
+    fn of(figures: IterationRecord, iteration: &'a Iteration<'a>, episode: usize, detail: Detail) -> Self {
         let candidates = iteration.candidates;
-        let size = (candidates.horizon * candidates.width).max(1);
-        let costs = iteration.costs_of(row);
-        let plan = |index: usize| candidates.plan(row * candidates.samples + index);
+        let size = (candidates.horizon * candidates.dim).max(1);
+        let costs = iteration.costs_of(episode);
+        let plan = |index: usize| candidates.plan(episode * candidates.samples + index);
         let elite = |elite: u32| EliteLine { cost: costs[elite as usize], actions: plan(elite as usize) };
-        let elites = || iteration.elites_of(row).into_iter().map(elite).collect();
+        let elites = || iteration.elites_of(episode).into_iter().map(elite).collect();
         let (with_elites, with_candidates) = (detail >= Detail::Elites, detail >= Detail::Candidates);
-        let of = |values: &'a [f32]| values.chunks_exact(size).nth(row).filter(|_| with_elites);
+        let of = |values: &'a [f32]| values.chunks_exact(size).nth(episode).filter(|_| with_elites);
         Self {
             record: "iteration",
             figures,
             elites: with_elites.then(elites),
             mean: of(iteration.mean),
-            spread: of(iteration.spread),
+            std: of(iteration.std),
             costs: with_candidates.then_some(costs),
             candidates: with_candidates.then(|| (0..candidates.samples).map(plan).collect()),
         }
@@ -149,22 +149,22 @@ impl<W: Write + Send> Trace for JsonLines<W> {
                 solver,
                 horizon: problem.horizon,
                 action_block: problem.action_block,
-                action_width: problem.width() / problem.action_block.max(1),
+                action_dim: problem.dim() / problem.action_block.max(1),
                 initial,
             });
         }
     }
 
     fn iteration(&mut self, iteration: &Iteration<'_>) {
-        for (row, figures) in self.records.of(iteration).into_iter().enumerate() {
-            self.line(&IterationLine::of(figures, iteration, row, self.detail));
+        for (episode, figures) in self.records.of(iteration).into_iter().enumerate() {
+            self.line(&IterationLine::of(figures, iteration, episode, self.detail));
         }
     }
 
     fn end(&mut self, problem: &Problem<'_>, plan: &Plan) {
-        for (row, key) in problem.keys.iter().enumerate() {
-            let figures = PlanRecord::of(key, plan, row);
-            self.line(&PlanLine { record: "plan", figures, actions: plan.row(row) });
+        for (episode, key) in problem.keys.iter().enumerate() {
+            let figures = PlanRecord::of(key, plan, episode);
+            self.line(&PlanLine { record: "plan", figures, actions: plan.of(episode) });
         }
         self.attempt(W::flush);
     }

@@ -2,7 +2,7 @@
 
 use super::records::{IterationRecord, PlanRecord, Records};
 use super::{Iteration, Trace};
-use crate::solver::{Plan, PlanKey, Problem};
+use crate::problem::{Plan, PlanKey, Problem};
 
 /// Keeps every figure, and of each iteration the cheapest elites.
 #[derive(Clone, Debug, Default)]
@@ -10,12 +10,12 @@ pub struct Memory {
     keep: usize,
     records: Records,
     solver: &'static str,
-    /// Of the solve that is under way: where its first plan stands in `plans`.
+    /// Index in `plans` of the first plan of the current solve.
     first: usize,
     plans: Vec<TracedPlan>,
 }
 
-/// One plan of one episode, and how it came about.
+/// One plan of one episode, with its iterations.
 #[derive(Clone, Debug)]
 pub struct TracedPlan {
     /// Which plan of which episode.
@@ -26,7 +26,7 @@ pub struct TracedPlan {
     pub shape: [usize; 2],
     /// Its iterations, in order.
     pub iterations: Vec<TracedIteration>,
-    /// What it came to; `None` if the solve failed.
+    /// Its result; `None` if the solve failed.
     pub result: Option<PlanRecord>,
     /// `[H, D]`: the plan; empty if the solve failed.
     pub actions: Vec<f32>,
@@ -69,7 +69,7 @@ impl Trace for Memory {
         self.records.begin(problem);
         self.solver = solver;
         self.first = self.plans.len();
-        let shape = [problem.horizon, problem.width()];
+        let shape = [problem.horizon, problem.dim()];
         self.plans.extend(problem.keys.iter().map(|&key| TracedPlan {
             key,
             solver,
@@ -82,28 +82,28 @@ impl Trace for Memory {
 
     fn iteration(&mut self, iteration: &Iteration<'_>) {
         let samples = iteration.candidates.samples;
-        let size = iteration.candidates.horizon * iteration.candidates.width;
+        let size = iteration.candidates.horizon * iteration.candidates.dim;
         let records = self.records.of(iteration);
-        for ((row, record), plan) in records.into_iter().enumerate().zip(&mut self.plans[self.first..]) {
+        for ((episode, record), plan) in records.into_iter().enumerate().zip(&mut self.plans[self.first..]) {
             let elites = if iteration.elites == 0 { self.keep } else { iteration.elites };
-            let ranked = Iteration { elites, ..*iteration }.elites_of(row);
+            let ranked = Iteration { elites, ..*iteration }.elites_of(episode);
             let elite = |&index: &u32| Elite {
-                cost: iteration.costs_of(row)[index as usize],
-                actions: iteration.candidates.plan(row * samples + index as usize).to_vec(),
+                cost: iteration.costs_of(episode)[index as usize],
+                actions: iteration.candidates.plan(episode * samples + index as usize).to_vec(),
             };
             plan.iterations.push(TracedIteration {
                 record,
                 elites: ranked.iter().take(self.keep).map(elite).collect(),
-                mean: iteration.mean.chunks_exact(size.max(1)).nth(row).unwrap_or_default().to_vec(),
+                mean: iteration.mean.chunks_exact(size.max(1)).nth(episode).unwrap_or_default().to_vec(),
             });
         }
     }
 
     fn end(&mut self, problem: &Problem<'_>, plan: &Plan) {
         let own = self.plans[self.first..].iter_mut().zip(problem.keys).enumerate();
-        for (row, (traced, key)) in own {
-            traced.result = Some(PlanRecord::of(key, plan, row));
-            traced.actions = plan.row(row).to_vec();
+        for (episode, (traced, key)) in own {
+            traced.result = Some(PlanRecord::of(key, plan, episode));
+            traced.actions = plan.of(episode).to_vec();
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Watching a solver work. What is kept of it, and in which form, is up to whoever watches: [`JsonLines`] writes it
-//! down, [`Memory`] keeps it for plots and tests, and a downstream crate has its own [`Trace`].
+//! Observing a solver. [`JsonLines`] writes its iterations to a file, [`Memory`] keeps them for plots and tests, and a
+//! downstream crate can add its own [`Trace`].
 
 mod json_lines;
 mod memory;
@@ -7,17 +7,16 @@ mod records;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::cost::Candidates;
+use crate::problem::{Candidates, Plan, PlanKey, Problem};
 use crate::sampling::cheapest;
-use crate::solver::{Plan, PlanKey, Problem};
 
 pub use json_lines::{Detail, JsonLines};
 pub use memory::{Elite, Memory, TracedIteration, TracedPlan};
 pub use records::{IterationRecord, PlanRecord, Records};
 
-/// Sees every iteration of every solve. It can change nothing.
+/// Observes every iteration of every solve. It cannot change them.
 pub trait Trace: Send {
-    /// Whether it wants to see anything; a solver makes nothing only for a trace that does not.
+    /// Whether it observes anything; where it does not, solvers compute nothing for it.
     fn is_on(&self) -> bool {
         true
     }
@@ -43,33 +42,33 @@ pub struct Iteration<'a> {
     pub candidates: Candidates<'a>,
     /// `[B, S]`: what it cost; infinite where the cost was not finite.
     pub costs: &'a [f64],
-    /// K: how many of the cheapest candidates the solver went on with; 0 for solvers that have no elites.
+    /// K: how many of the cheapest candidates the solver used; 0 for solvers that have no elites.
     pub elites: usize,
     /// `[B, H, D]`: the mean of the search distribution after this iteration; empty for solvers without one.
     pub mean: &'a [f32],
     /// `[B, H, D]`: its standard deviation; empty for solvers without one.
-    pub spread: &'a [f32],
+    pub std: &'a [f32],
     /// `[B, S, H, D]`: derivative of the costs; empty for solvers that use none.
     pub gradient: &'a [f32],
 }
 
 impl Iteration<'_> {
-    /// The costs of episode `row`: `[S]`.
-    pub fn costs_of(&self, row: usize) -> &[f64] {
+    /// The costs of `episode`: `[S]`.
+    pub fn costs_of(&self, episode: usize) -> &[f64] {
         let samples = self.candidates.samples;
-        &self.costs[row * samples..][..samples]
+        &self.costs[episode * samples..][..samples]
     }
 
-    /// The candidates of episode `row`, `[H, D]` each.
-    pub fn candidates_of(&self, row: usize) -> impl ExactSizeIterator<Item = &[f32]> {
+    /// The candidates of `episode`, `[H, D]` each.
+    pub fn candidates_of(&self, episode: usize) -> impl ExactSizeIterator<Item = &[f32]> {
         let samples = self.candidates.samples;
-        (row * samples..(row + 1) * samples).map(|index| self.candidates.plan(index))
+        (episode * samples..(episode + 1) * samples).map(|index| self.candidates.plan(index))
     }
 
-    /// The elites of episode `row`, cheapest first, as indices into its candidates.
-    pub fn elites_of(&self, row: usize) -> Vec<u32> {
+    /// The elites of `episode`, cheapest first, as indices into its candidates.
+    pub fn elites_of(&self, episode: usize) -> Vec<u32> {
         let samples = self.candidates.samples;
-        let costs = self.costs_of(row);
+        let costs = self.costs_of(episode);
         let mut order = vec![0; samples];
         let elites = cheapest(costs, self.elites.min(samples), &mut order);
         elites.iter().copied().filter(|&elite| costs[elite as usize].is_finite()).collect()
@@ -101,7 +100,7 @@ impl<T: Trace + ?Sized> Trace for Box<T> {
     forward!();
 }
 
-/// Two that see the same.
+/// Two traces of the same solves.
 impl<A: Trace, B: Trace> Trace for (A, B) {
     fn is_on(&self) -> bool {
         self.0.is_on() || self.1.is_on()
@@ -123,7 +122,7 @@ impl<A: Trace, B: Trace> Trace for (A, B) {
     }
 }
 
-/// One that somebody else reads while a policy owns it.
+/// A trace that is read elsewhere while a policy owns it.
 impl<T: Trace> Trace for Arc<Mutex<T>> {
     fn is_on(&self) -> bool {
         lock(self).is_on()
@@ -142,12 +141,12 @@ impl<T: Trace> Trace for Arc<Mutex<T>> {
     }
 }
 
-/// What a thread that panicked has left of a trace is still the trace.
+/// A trace stays usable after a panic.
 fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Sees nothing.
+/// Observes nothing.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoTrace;
 

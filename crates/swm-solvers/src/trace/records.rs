@@ -1,5 +1,4 @@
-//! The figures of a trace: one record per episode, plan and iteration, and one per plan. How they are kept is not
-//! known here.
+//! The figures of a trace: one record per episode, plan and iteration, and one per plan.
 //!
 //! Definitions follow the reference's callbacks, but records have fixed names, and one line is one episode: nothing is
 //! reduced over episodes.
@@ -7,9 +6,9 @@
 use serde::Serialize;
 
 use super::Iteration;
-use crate::solver::{Plan, PlanKey, Problem};
+use crate::problem::{Plan, PlanKey, Problem};
 
-/// What one iteration of one plan of one episode came to. `None` where the solver has no such thing.
+/// Figures of one iteration of one plan of one episode. `None` where the solver has no such figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct IterationRecord {
     /// Index of the episode in its run.
@@ -32,8 +31,8 @@ pub struct IterationRecord {
     /// search was given.
     pub mean_shift: Option<f64>,
     /// Mean over H and D of the elites' unbiased standard deviation; `None` for fewer than two elites.
-    pub elite_spread: Option<f64>,
-    /// Fraction of all numbers of all candidates that lie on a bound of the action space or beyond; `None` for
+    pub elite_std: Option<f64>,
+    /// Fraction of all values of all candidates that lie on a bound of the action space or beyond; `None` for
     /// integers.
     pub clipped: Option<f64>,
     /// Mean over the candidates of the gradient's Euclidean norm over H and D, as evaluated.
@@ -42,7 +41,7 @@ pub struct IterationRecord {
     pub action_norm: f64,
 }
 
-/// What a plan came to.
+/// The result of a plan.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PlanRecord {
     /// Index of the episode in its run.
@@ -62,21 +61,21 @@ pub struct PlanRecord {
 }
 
 impl PlanRecord {
-    /// The record of episode `row` of a solve.
-    pub fn of(key: &PlanKey, plan: &Plan, row: usize) -> Self {
+    /// The record of `episode` of a solve.
+    pub fn of(key: &PlanKey, plan: &Plan, episode: usize) -> Self {
         Self {
             episode: key.episode,
             plan: key.plan,
-            iterations: plan.iterations[row],
-            cost: finite(plan.cost_of_returned[row]),
-            elite_mean: finite(plan.elite_mean_last[row]),
-            non_finite: plan.non_finite[row],
-            violation: finite(plan.violation[row]),
+            iterations: plan.iterations[episode],
+            cost: finite(plan.cost_of_returned[episode]),
+            elite_mean: finite(plan.elite_mean_last[episode]),
+            non_finite: plan.non_finite[episode],
+            violation: finite(plan.violation[episode]),
         }
     }
 }
 
-/// Computes [`IterationRecord`]s: knows the bounds of the actions and the mean of the iteration before.
+/// Computes [`IterationRecord`]s, from the bounds of the actions and the mean of the iteration before.
 #[derive(Clone, Debug, Default)]
 pub struct Records {
     /// `[B, H, D]`.
@@ -98,8 +97,8 @@ impl Records {
 
     /// The records of an iteration: `[B]`, in the order of its episodes.
     pub fn of(&mut self, iteration: &Iteration<'_>) -> Vec<IterationRecord> {
-        let rows = 0..iteration.keys.len();
-        let records = rows.map(|row| self.one(iteration, row)).collect();
+        let episodes = 0..iteration.keys.len();
+        let records = episodes.map(|episode| self.one(iteration, episode)).collect();
         if !iteration.mean.is_empty() {
             self.previous.clear();
             self.previous.extend_from_slice(iteration.mean);
@@ -107,28 +106,29 @@ impl Records {
         records
     }
 
-    fn one(&self, iteration: &Iteration<'_>, row: usize) -> IterationRecord {
-        let Iteration { candidates, keys, mean, spread, gradient, .. } = *iteration;
-        let size = candidates.horizon * candidates.width;
-        let of = |values| part(values, row, size);
-        let costs = iteration.costs_of(row);
+    fn one(&self, iteration: &Iteration<'_>, episode: usize) -> IterationRecord {
+        let Iteration { candidates, keys, mean, std, gradient, .. } = *iteration;
+        let size = candidates.horizon * candidates.dim;
+        let of = |values| part(values, episode, size);
+        let costs = iteration.costs_of(episode);
         let usable = || costs.iter().copied().filter(|cost| cost.is_finite());
-        let elites = iteration.elites_of(row);
+        let elites = iteration.elites_of(episode);
         let cost_of = |&elite: &u32| costs[elite as usize];
-        let plans: Vec<&[f32]> = iteration.candidates_of(row).collect();
+        let plans: Vec<&[f32]> = iteration.candidates_of(episode).collect();
         let elite_plans: Vec<&[f32]> = elites.iter().map(|&elite| plans[elite as usize]).collect();
-        let gradients = gradient.chunks_exact(size.max(1)).skip(row * candidates.samples).take(plans.len());
+        let gradients =
+            gradient.chunks_exact(size.max(1)).skip(episode * candidates.samples).take(plans.len());
         IterationRecord {
-            episode: keys[row].episode,
-            plan: keys[row].plan,
+            episode: keys[episode].episode,
+            plan: keys[episode].plan,
             iteration: iteration.number,
             best: usable().min_by(f64::total_cmp),
             elite_mean: average(elites.iter().map(cost_of)),
             sample_mean: average(usable()),
             non_finite: costs.len() - usable().count(),
-            mean_sigma: average(of(spread).iter().map(|&sigma| f64::from(sigma))),
+            mean_sigma: average(of(std).iter().map(|&sigma| f64::from(sigma))),
             mean_shift: (!mean.is_empty()).then(|| distance(of(mean), of(&self.previous))),
-            elite_spread: average_deviation(&elite_plans),
+            elite_std: average_std(&elite_plans),
             clipped: self.clipped(&plans),
             gradient_norm: average(gradients.map(norm)),
             action_norm: average(plans.iter().copied().map(norm)).unwrap_or(0.0),
@@ -145,9 +145,9 @@ impl Records {
     }
 }
 
-/// The numbers of `row` of `[rows, size]`; none if there are none at all.
-fn part(values: &[f32], row: usize, size: usize) -> &[f32] {
-    if values.is_empty() { values } else { &values[row * size..][..size] }
+/// The values of `episode` of `[B, size]`; empty if there are none at all.
+fn part(values: &[f32], episode: usize, size: usize) -> &[f32] {
+    if values.is_empty() { values } else { &values[episode * size..][..size] }
 }
 
 fn finite(value: f64) -> Option<f64> {
@@ -167,17 +167,17 @@ fn distance(a: &[f32], b: &[f32]) -> f64 {
     a.iter().zip(b).map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum::<f64>().sqrt()
 }
 
-/// The mean over the numbers of plans of their unbiased standard deviation over the plans.
-fn average_deviation(plans: &[&[f32]]) -> Option<f64> {
+/// The mean over H and D of the unbiased standard deviation of plans.
+fn average_std(plans: &[&[f32]]) -> Option<f64> {
     if plans.len() < 2 {
         return None;
     }
-    let deviation = |index: usize| {
+    let std = |index: usize| {
         let values = || plans.iter().map(|plan| f64::from(plan[index]));
         let mean = values().sum::<f64>() / plans.len() as f64;
         (values().map(|value| (value - mean).powi(2)).sum::<f64>() / (plans.len() - 1) as f64).sqrt()
     };
-    average((0..plans[0].len()).map(deviation))
+    average((0..plans[0].len()).map(std))
 }
 
 #[cfg(test)]
@@ -186,7 +186,7 @@ mod tests {
 
     use super::*;
 
-    /// Two episodes, three candidates each of one block of two numbers.
+    /// Two episodes, three candidates each of one block of two values.
     #[test]
     fn figures_are_those_of_each_episode() {
         let key = |episode| PlanKey { episode, seed: EpisodeSeed::new(0), plan: 4 };
@@ -207,7 +207,7 @@ mod tests {
             costs: &[5.0, 1.0, 2.0, f64::INFINITY, 7.0, f64::INFINITY],
             elites: 2,
             mean: &[0.0, 2.0, 3.0, 4.0],
-            spread: &[0.5, 1.5, 1.0, 1.0],
+            std: &[0.5, 1.5, 1.0, 1.0],
             gradient: &[3.0, 4.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
         };
         let mut records = Records::default();
@@ -223,8 +223,8 @@ mod tests {
             non_finite: 0,
             mean_sigma: Some(1.0),
             mean_shift: Some(2.0),
-            // Elites (0, 0) and (0.5, -1): half of the distance times the square root of two, in each number.
-            elite_spread: Some((0.125_f64.sqrt() + 0.5_f64.sqrt()) / 2.0),
+            // Elites (0, 0) and (0.5, -1): half of the distance times the square root of two, in each value.
+            elite_std: Some((0.125_f64.sqrt() + 0.5_f64.sqrt()) / 2.0),
             clipped: Some(0.5),
             gradient_norm: Some(2.0),
             action_norm: (5.0 + 1.25_f64.sqrt()) / 3.0,
@@ -232,10 +232,10 @@ mod tests {
         assert_eq!(found[0], first);
         let second = &found[1];
         assert_eq!((second.episode, second.best, second.elite_mean), (8, Some(7.0), Some(7.0)));
-        assert_eq!((second.sample_mean, second.non_finite, second.elite_spread), (Some(7.0), 2, None));
+        assert_eq!((second.sample_mean, second.non_finite, second.elite_std), (Some(7.0), 2, None));
         assert_eq!((second.mean_shift, second.clipped), (Some(0.0), Some(0.0)));
 
-        let again = records.of(&Iteration { mean: &[], spread: &[], gradient: &[], elites: 0, ..iteration });
+        let again = records.of(&Iteration { mean: &[], std: &[], gradient: &[], elites: 0, ..iteration });
         assert_eq!((again[0].mean_shift, again[0].mean_sigma, again[0].gradient_norm), (None, None, None));
         let same = records.of(&iteration);
         assert_eq!(same[0].mean_shift, Some(0.0), "measured from the mean of the iteration before");

@@ -3,8 +3,8 @@
 use swm_core::{Dtype, Space};
 use swm_solvers::models::{ControlCost, Navigation, Obstacle, Obstacles};
 use swm_solvers::{
-    Adam, Candidates, ConstrainedCost, Cost, Descent, DifferentiableCost, Lagrangian, Moment, NoTrace,
-    Optimizer, Penalty, Plan, PlanError, Problem, Solver as _, Weigh, Workspace,
+    Adam, Candidates, ConstrainedCost, Cost, Descent, DifferentiableCost, Lagrangian, NoTrace, Optimizer,
+    Penalty, Plan, PlanError, PlanningContext, Problem, Solver as _, WeightFn, Workspace,
 };
 
 use crate::gradients::solve;
@@ -17,7 +17,7 @@ const LIMITS: [f32; 4] = [1.0, 1.0, -2.0, 1.2];
 struct Capped;
 
 impl Cost for Capped {
-    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
@@ -49,8 +49,8 @@ impl DifferentiableCost for Capped {
 }
 
 impl ConstrainedCost for Capped {
-    fn constraints(&self, horizon: usize, width: usize) -> usize {
-        horizon * width
+    fn constraints(&self, horizon: usize, dim: usize) -> usize {
+        horizon * dim
     }
     fn evaluate_constrained(
         &mut self,
@@ -66,7 +66,7 @@ impl ConstrainedCost for Capped {
     fn evaluate_constrained_with_gradient(
         &mut self,
         candidates: &Candidates<'_>,
-        weigh: &Weigh<'_>,
+        weights_of: &WeightFn<'_>,
         costs: &mut [f64],
         values: &mut [f64],
         gradient: &mut [f32],
@@ -75,7 +75,7 @@ impl ConstrainedCost for Capped {
         self.evaluate_with_gradient(candidates, costs, gradient)?;
         let mut weights = [0.0; 4];
         for (index, values) in values.chunks_exact(4).enumerate() {
-            weigh(index, values, &mut weights);
+            weights_of(index, values, &mut weights);
             let gradient = &mut gradient[4 * index..][..4];
             gradient.iter_mut().zip(weights).for_each(|(g, weight)| *g += weight as f32);
         }
@@ -176,14 +176,20 @@ fn ways_lead_around_obstacles() {
     let solver = Lagrangian { descent, rounds: 8, lr: 0.05, ..Lagrangian::default() };
     let plan = solve(&solver, &mut cost, (&space(), 10, 2), 2).unwrap();
     let free = solve(&solver, &mut unconstrained(&model), (&space(), 10, 2), 2).unwrap();
-    for row in 0..8 {
-        let (clearance, end) = walk(&model, row, plan.row(row));
-        assert!(clearance >= -5e-3, "way {row} touches an obstacle by {clearance}");
-        assert!(end < 0.4, "way {row} ends {end} from the goal");
-        assert!(plan.violation[row] <= solver.tolerance);
-        assert!(plan.cost_of_returned[row] >= free.cost_of_returned[row] - 1e-2, "obstacles are no help");
+    for episode in 0..8 {
+        let (clearance, end) = walk(&model, episode, plan.of(episode));
+        assert!(clearance >= -5e-3, "way {episode} touches an obstacle by {clearance}");
+        assert!(end < 0.4, "way {episode} ends {end} from the goal");
+        assert!(plan.violation[episode] <= solver.tolerance);
+        assert!(
+            plan.cost_of_returned[episode] >= free.cost_of_returned[episode] - 1e-2,
+            "obstacles are no help"
+        );
     }
-    assert!((0..4).any(|row| walk(&model, row, free.row(row)).0 < 0.0), "they do stand in the way");
+    assert!(
+        (0..4).any(|episode| walk(&model, episode, free.of(episode)).0 < 0.0),
+        "they do stand in the way"
+    );
 }
 
 fn unconstrained(model: &Navigation) -> ControlCost<Navigation> {
@@ -191,8 +197,8 @@ fn unconstrained(model: &Navigation) -> ControlCost<Navigation> {
 }
 
 /// Distance of the places of a walk from the nearest obstacle, and of its end from the goal.
-fn walk(model: &Navigation, row: usize, plan: &[f32]) -> (f64, f64) {
-    let [mut place, goal] = model.ways[row % 4];
+fn walk(model: &Navigation, episode: usize, plan: &[f32]) -> (f64, f64) {
+    let [mut place, goal] = model.ways[episode % 4];
     let mut clearance = f64::INFINITY;
     for action in plan.chunks_exact(2) {
         for (place, &u) in place.iter_mut().zip(action) {
@@ -217,8 +223,8 @@ fn a_feasible_plan_comes_before_a_cheaper_one() {
     let solver = Lagrangian { descent, rounds: 1, lr: 1e-6, ..Lagrangian::default() };
     let mut plan = Plan::new();
     solver.solve(&problem, &mut Capped, &mut Workspace::new(), &mut NoTrace, &mut plan).unwrap();
-    for row in 0..8 {
-        assert!(plan.violation[row] <= solver.tolerance, "{:?}", plan.violation);
+    for episode in 0..8 {
+        assert!(plan.violation[episode] <= solver.tolerance, "{:?}", plan.violation);
     }
     let strict = Lagrangian { tolerance: 0.0, ..solver };
     strict.solve(&problem, &mut Capped, &mut Workspace::new(), &mut NoTrace, &mut plan).unwrap();

@@ -7,7 +7,8 @@ use swm_core::seed::{Stream, keyed};
 use swm_core::{Dtype, Space};
 use swm_solvers::models::{ControlModel, Stage};
 use swm_solvers::{
-    Candidates, Cost, DifferentiableCost, Moment, NoTrace, Plan, PlanError, Problem, SOLVERS, Workspace,
+    Candidates, Cost, DifferentiableCost, NoTrace, Plan, PlanError, PlanningContext, Problem, SOLVERS,
+    Workspace,
 };
 
 use crate::problems::{keys, problem};
@@ -46,14 +47,14 @@ impl Course {
         let mut stream = keyed(number as u64, "obstacle course", [0, 0]);
         let obstacles = stream.random_range(3..=5);
         loop {
-            let course = Self::draw(&mut stream, obstacles);
+            let course = Self::sample(&mut stream, obstacles);
             if course.is_fair() {
                 return course;
             }
         }
     }
 
-    fn draw(stream: &mut Stream, obstacles: usize) -> Self {
+    fn sample(stream: &mut Stream, obstacles: usize) -> Self {
         let mut near = |x: f64| [x + stream.random_range(-0.2..0.2), stream.random_range(-0.5..0.5)];
         let (start, goal) = (near(-1.0), near(1.0));
         let obstacle = |_| {
@@ -106,10 +107,10 @@ impl Course {
         let mut cost = plan.iter().map(|&u| EFFORT_WEIGHT * f64::from(u).powi(2)).sum::<f64>();
         let mut gradient = [[0.0; 2]; STEPS + 1];
         for t in 0..STEPS {
-            let (step, slopes) = self.step_cost(t, [places[t], places[t + 1]]);
+            let (step, by_place) = self.step_cost(t, [places[t], places[t + 1]]);
             cost += step;
-            add(&mut gradient[t], slopes[0], 1.0);
-            add(&mut gradient[t + 1], slopes[1], 1.0);
+            add(&mut gradient[t], by_place[0], 1.0);
+            add(&mut gradient[t + 1], by_place[1], 1.0);
         }
         let [_, rest @ ..] = gradient;
         (cost, rest)
@@ -120,8 +121,8 @@ impl Course {
         let weight = if t + 1 == STEPS { GOAL_WEIGHT } else { STAGE_WEIGHT };
         let away = minus(way[1], self.goal);
         let mut cost = weight * (away[0] * away[0] + away[1] * away[1]);
-        let mut slopes = [[0.0; 2]; 2];
-        add(&mut slopes[1], away, 2.0 * weight);
+        let mut gradient = [[0.0; 2]; 2];
+        add(&mut gradient[1], away, 2.0 * weight);
         for &(center, radius) in &self.obstacles {
             let (part, away) = nearest(way, center);
             let distance = (away[0] * away[0] + away[1] * away[1]).sqrt();
@@ -129,11 +130,11 @@ impl Course {
             if depth > 0.0 && distance > 0.0 {
                 cost += OBSTACLE_WEIGHT * depth * depth;
                 let slope = -2.0 * OBSTACLE_WEIGHT * depth / distance;
-                add(&mut slopes[0], away, slope * (1.0 - part));
-                add(&mut slopes[1], away, slope * part);
+                add(&mut gradient[0], away, slope * (1.0 - part));
+                add(&mut gradient[1], away, slope * part);
             }
         }
-        (cost, slopes)
+        (cost, gradient)
     }
 
     /// The cost of `plan`, `[H, A]`, and its derivative, written to `gradient`.
@@ -180,7 +181,7 @@ fn add(sum: &mut Point, p: Point, factor: f64) {
     *sum = [sum[0] + factor * p[0], sum[1] + factor * p[1]];
 }
 
-/// All courses as one cost: row `b` is course `b`.
+/// All courses as one cost: episode `b` is course `b`.
 pub(super) struct Courses(pub(super) Vec<Course>);
 
 impl Courses {
@@ -201,7 +202,7 @@ impl Courses {
 }
 
 impl Cost for Courses {
-    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
 
@@ -223,14 +224,14 @@ impl Cost for Courses {
 
 /// The same cost step by step; a stage costs what the step from it does.
 impl ControlModel for Courses {
-    fn state_width(&self) -> usize {
+    fn state_dim(&self) -> usize {
         2
     }
-    fn action_width(&self) -> usize {
+    fn action_dim(&self) -> usize {
         WIDTH
     }
-    fn start(&self, row: usize, state: &mut [f64]) {
-        state.copy_from_slice(&self.0[row].start);
+    fn start(&self, episode: usize, state: &mut [f64]) {
+        state.copy_from_slice(&self.0[episode].start);
     }
     fn step(&self, at: &Stage<'_>, next: &mut [f64]) {
         next.copy_from_slice(&step([at.state[0], at.state[1]], [at.action[0], at.action[1]]));
@@ -238,7 +239,7 @@ impl ControlModel for Courses {
     fn cost(&self, at: &Stage<'_>) -> f64 {
         let &[x, y] = at.action else { return 0.0 };
         let (place, effort) = ([at.state[0], at.state[1]], EFFORT_WEIGHT * (x * x + y * y));
-        effort + self.0[at.row].step_cost(at.step, [place, step(place, [x, y])]).0
+        effort + self.0[at.episode].step_cost(at.step, [place, step(place, [x, y])]).0
     }
 }
 
@@ -257,7 +258,7 @@ impl DifferentiableCost for Courses {
     }
 }
 
-/// Settings that a solver needs for a problem of 40 numbers with several valleys; the defaults of the rest will do.
+/// Settings that a solver needs for a problem of 40 values with several local minima; the others keep their defaults.
 fn settings(solver: &str) -> Map<String, Json> {
     let settings = match solver {
         "sgd" | "pgd" => json!({"iterations": 100, "samples": 40, "lr": 0.03}),

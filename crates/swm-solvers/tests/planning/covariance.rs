@@ -17,7 +17,7 @@ fn plan(solver: &dyn Solver, cost: PlanCost) -> Plan {
     plan
 }
 
-/// A narrow valley across all numbers of a plan: they must be nearly equal to each other, and come near to 2.
+/// A narrow valley across all values of a plan: they must be nearly equal to each other, and come near to 2.
 fn valley(_: usize, plan: &[f32]) -> f32 {
     let steps: f32 = plan.windows(2).map(|pair| (pair[0] - pair[1]).powi(2)).sum();
     steps * 100.0 + plan.iter().map(|value| (value - 2.0).powi(2)).sum::<f32>()
@@ -66,7 +66,7 @@ fn a_flat_cost_and_a_search_that_collapses_leave_finite_plans() {
         let solver = entry.make(given).expect("valid settings");
         for cost in [first as PlanCost, |_, _| 1.0] {
             let plan = plan(solver.as_ref(), cost);
-            assert!(plan.actions.iter().chain(&plan.spread).all(|value| value.is_finite()), "{}", entry.name);
+            assert!(plan.actions.iter().chain(&plan.std).all(|value| value.is_finite()), "{}", entry.name);
         }
         let found = plan(solver.as_ref(), first);
         assert!(found.cost_of_returned.iter().all(|&cost| cost < 1e-3), "{}: {found:?}", entry.name);
@@ -82,7 +82,7 @@ fn plans_that_are_too_long_for_a_covariance_are_refused() {
         let error = solver
             .solve(&problem, &mut cost, &mut Workspace::new(), &mut NoTrace, &mut Plan::new())
             .unwrap_err();
-        let expected = "setting `horizon`: plans of 1010 numbers have a covariance of 1010 × 1010";
+        let expected = "setting `horizon`: plans of 1010 values have a covariance of 1010 × 1010";
         assert!(error.to_string().starts_with(expected), "{error}");
     }
 }

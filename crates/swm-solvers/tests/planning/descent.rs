@@ -4,8 +4,8 @@
 use swm_core::{Dtype, Space};
 use swm_solvers::models::{ControlCost, LinearQuadratic, Navigation};
 use swm_solvers::{
-    Adam, AdamW, Candidates, Cost, Descent, DifferentiableCost, GradClip, Ilqr, Lagrangian, Moment, Pgd,
-    Plan, PlanError, Sgd, Solver,
+    Adam, AdamW, Candidates, Cost, Descent, DifferentiableCost, GradClip, Ilqr, Lagrangian, Pgd, Plan,
+    PlanError, PlanningContext, Sgd, Solver,
 };
 
 use crate::gradients::solve;
@@ -52,11 +52,11 @@ fn a_longest_gradient_bounds_the_step() {
     };
     let length = |plan: &[f32]| plan.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>().sqrt();
     let each = step(GradClip::Sequence, 1);
-    assert!((0..4).all(|row| (length(each.row(row)) - 0.1).abs() < 1e-6));
-    assert_eq!(each.row(0), step(GradClip::Sequence, 3).row(0));
+    assert!((0..4).all(|episode| (length(each.of(episode)) - 0.1).abs() < 1e-6));
+    assert_eq!(each.of(0), step(GradClip::Sequence, 3).of(0));
     let all = step(GradClip::Global, 1);
     assert!((length(&all.actions) - 0.1).abs() < 1e-6);
-    assert_ne!(all.row(0), step(GradClip::Global, 3).row(0), "as in the reference, neighbors matter");
+    assert_ne!(all.of(0), step(GradClip::Global, 3).of(0), "as in the reference, neighbors matter");
 }
 
 #[test]
@@ -67,12 +67,12 @@ fn the_best_of_all_steps_is_kept_on_request() {
         on_lq(&Adam { descent, lr: 1.0, ..Adam::default() })
     };
     let (last, best) = (wild(false), wild(true));
-    for row in 0..4 {
-        assert!(best.cost_of_returned[row] <= last.cost_of_returned[row]);
+    for episode in 0..4 {
+        assert!(best.cost_of_returned[episode] <= last.cost_of_returned[episode]);
     }
-    assert!((0..4).any(|row| best.cost_of_returned[row] < last.cost_of_returned[row]));
+    assert!((0..4).any(|episode| best.cost_of_returned[episode] < last.cost_of_returned[episode]));
     let mut cost = ControlCost::new(LinearQuadratic::point_mass());
-    let candidates = Candidates { actions: &best.actions, rows: 4, samples: 1, horizon: 10, width: 2 };
+    let candidates = Candidates { actions: &best.actions, episodes: 4, samples: 1, horizon: 10, dim: 2 };
     let mut costs = [0.0; 4];
     cost.evaluate(&candidates, &mut costs).unwrap();
     assert_eq!(costs, *best.cost_of_returned, "the cost is that of the plan");
@@ -96,7 +96,7 @@ struct Trap {
 }
 
 impl Cost for Trap {
-    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
@@ -141,7 +141,7 @@ fn what_is_not_finite_stops_and_is_counted() {
             let mut trap = Trap { limit: 0.5, in_gradient };
             let plan = solve(solver, &mut trap, (&space(), 10, 2), 1).unwrap();
             assert!(plan.non_finite.iter().all(|&count| count > 5 && count < 60), "{:?}", plan.non_finite);
-            assert!(plan.actions.iter().all(|value| value.is_finite()) && plan.row(0)[0] <= 0.5);
+            assert!(plan.actions.iter().all(|value| value.is_finite()) && plan.of(0)[0] <= 0.5);
             let mut everywhere = Trap { limit: f32::NEG_INFINITY, in_gradient };
             let error = solve(solver, &mut everywhere, (&space(), 10, 2), 1).unwrap_err();
             assert!(
@@ -156,7 +156,7 @@ fn what_is_not_finite_stops_and_is_counted() {
 struct Flat;
 
 impl Cost for Flat {
-    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
     fn evaluate(&mut self, _candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
@@ -172,7 +172,7 @@ fn costs_that_lack_what_a_solver_needs_are_refused() {
     let solvers: [&dyn Solver; 5] =
         [&Sgd::default(), &Adam::default(), &AdamW::default(), &Pgd::default(), &Lagrangian::default()];
     for solver in solvers {
-        let expected = format!("{} needs the derivative of the cost, and this cost has none", solver.name());
+        let expected = format!("{} needs a gradient of the cost, and this cost has none", solver.name());
         assert!(message(solver).starts_with(&expected), "{}", message(solver));
     }
     assert!(message(&Ilqr::default()).starts_with("ilqr needs a model of states and steps"));
@@ -188,7 +188,10 @@ fn bad_settings_and_problems_are_named() {
     for (message, part) in [
         (message(&Sgd { lr: f64::NAN, ..Sgd::default() }), "setting `lr`: NaN is not a positive number"),
         (message(&Adam { lr: f64::INFINITY, ..Adam::default() }), "setting `lr`: inf is not"),
-        (message(&Sgd { momentum: 1.0, ..Sgd::default() }), "setting `momentum`: 1 is not from 0 to below 1"),
+        (
+            message(&Sgd { momentum: 1.0, ..Sgd::default() }),
+            "setting `momentum`: 1 is not a number from 0 to 1 (excluded)",
+        ),
         (message(&Adam { beta2: -0.1, ..Adam::default() }), "setting `beta2`: -0.1 is not from 0"),
         (message(&Adam { eps: -1.0, ..Adam::default() }), "setting `eps`: -1 is not a number from 0 on"),
         (message(&AdamW { weight_decay: -1.0, ..AdamW::default() }), "setting `weight_decay`: -1"),
@@ -211,7 +214,7 @@ fn bad_settings_and_problems_are_named() {
         assert!(error.ends_with("element 0 of the action has the bounds low 1 and high -1"), "{error}");
         let wide = Space::uniform_box(Dtype::F32, &[3], -1.0, 1.0);
         let error = solve(solver, &mut cost, (&wide, 10, 3), 1).unwrap_err().to_string();
-        assert_eq!(error, "planning problem: `numbers per block` must hold 2 values, found 3");
+        assert_eq!(error, "planning problem: `values per block` must hold 2 values, found 3");
         let error = solve(solver, &mut cost, (&space(), 0, 2), 1).unwrap_err().to_string();
         assert_eq!(error, "setting `horizon`: 0 is too small; use 1 or more");
     }

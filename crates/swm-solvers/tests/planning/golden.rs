@@ -26,7 +26,7 @@ pub(super) struct Run {
 
 /// Row `b` is instance `b % 4` with seed `b / 4`.
 pub(super) fn run(solver: &dyn Solver, trial: &Trial, elites: usize) -> Run {
-    let keys = keys((0..4 * SEEDS).map(|row| row / 4));
+    let keys = keys((0..4 * SEEDS).map(|episode| episode / 4));
     let initial = vec![0.0; keys.len() * trial.size];
     let mut run = Run { plan: Plan::new(), cost: Analytic::new(trial.cost, elites), size: trial.size };
     let problem = trial.problem(&keys, &initial);
@@ -64,25 +64,28 @@ pub(super) fn check_costs(name: &str, costs: &[f64], golden: &Golden) {
 
 pub(super) fn check(name: &str, run: &Run, golden: &Golden) {
     check_costs(name, &run.plan.cost_of_returned, golden);
-    for (row, plan) in run.plan.actions.chunks_exact(run.size).enumerate() {
-        let cost = f64::from((run.cost.cost)(row % 4, plan));
-        assert_eq!(cost, run.plan.cost_of_returned[row], "the reported cost is that of the returned plan");
+    for (episode, plan) in run.plan.actions.chunks_exact(run.size).enumerate() {
+        let cost = f64::from((run.cost.cost)(episode % 4, plan));
+        assert_eq!(
+            cost, run.plan.cost_of_returned[episode],
+            "the reported cost is that of the returned plan"
+        );
     }
 }
 
-/// Mean of the smallest, of the elite and of all costs of iteration `number` (from 1), by instance. The golden spread
+/// Mean of the smallest, of the elite and of all costs of iteration `number` (from 1), by instance. The golden std
 /// is not known and taken as ours.
 pub(super) fn check_iteration(name: &str, run: &Run, number: usize, golden: [[f64; 4]; 3]) {
-    check_iteration_of_spread(name, run, number, golden, [0.0; 4]);
+    check_iteration_of_std(name, run, number, golden, [0.0; 4]);
 }
 
-/// The same, where the golden spread is known to be no less than `spread`.
-pub(super) fn check_iteration_of_spread(
+/// The same, where the golden std is known to be no less than `std`.
+pub(super) fn check_iteration_of_std(
     name: &str,
     run: &Run,
     number: usize,
     golden: [[f64; 4]; 3],
-    spread: [f64; 4],
+    std: [f64; 4],
 ) {
     let seen = &run.cost.iterations[number - 1];
     let columns: [Vec<f64>; 3] = [
@@ -92,9 +95,9 @@ pub(super) fn check_iteration_of_spread(
     ];
     for (column, golden) in columns.iter().zip(golden) {
         for (i, golden) in golden.into_iter().enumerate() {
-            let (_, std, _) = mean_and_std(instance(column, i));
+            let (_, own, _) = mean_and_std(instance(column, i));
             let what = format!("{name}, iteration {number}, instance {i}");
-            assert_near(&what, (golden, std.max(spread[i])), instance(column, i));
+            assert_near(&what, (golden, own.max(std[i])), instance(column, i));
         }
     }
 }
@@ -137,9 +140,9 @@ fn cem_on_the_linear_quadratic_problem() {
             [4.6804, 4.0325, 6.75145, 19.8896],
         ],
     );
-    for (row, &cost) in run.plan.cost_of_returned.iter().enumerate() {
-        assert!(cost >= LQ_OPTIMA[row % 4] - 1e-4, "{cost} is below the optimum");
-        assert_eq!(run.plan.elite_mean_last[row], run.cost.iterations[29][row].elite);
+    for (episode, &cost) in run.plan.cost_of_returned.iter().enumerate() {
+        assert!(cost >= LQ_OPTIMA[episode % 4] - 1e-4, "{cost} is below the optimum");
+        assert_eq!(run.plan.elite_mean_last[episode], run.cost.iterations[29][episode].elite);
     }
 }
 

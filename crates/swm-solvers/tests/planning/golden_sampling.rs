@@ -2,7 +2,7 @@
 
 use swm_solvers::{CategoricalCem, Icem, Mppi, PredictiveSampling};
 
-use crate::golden::{Golden, check, check_iteration, check_iteration_of_spread, run};
+use crate::golden::{Golden, check, check_iteration, check_iteration_of_std, run};
 use crate::problems::{LQ_OPTIMA, Trial};
 
 const MPPI_LQ: Golden =
@@ -41,9 +41,9 @@ fn mppi_on_the_linear_quadratic_problem() {
     for (number, min, elite, mean) in columns {
         check_iteration("mppi_lq", &run, number, [min, elite, mean]);
     }
-    for (row, &cost) in run.plan.cost_of_returned.iter().enumerate() {
-        assert!(cost >= LQ_OPTIMA[row % 4] - 1e-4, "{cost} is below the optimum");
-        assert!((run.plan.elite_mean_last[row] - run.cost.iterations[29][row].elite).abs() < 1e-9);
+    for (episode, &cost) in run.plan.cost_of_returned.iter().enumerate() {
+        assert!(cost >= LQ_OPTIMA[episode % 4] - 1e-4, "{cost} is below the optimum");
+        assert!((run.plan.elite_mean_last[episode] - run.cost.iterations[29][episode].elite).abs() < 1e-9);
     }
 }
 
@@ -55,7 +55,7 @@ fn mppi_with_all_samples_on_the_linear_quadratic_problem() {
 #[test]
 fn mppi_on_the_navigation_problem() {
     // Instance 0 has two valleys, and the 20 golden seeds fell into the lower one more often than chance has it: their
-    // mean lies 3 standard errors below that of 1,000 runs, 600 of ours and 400 of another implementation. Its spread,
+    // mean lies 3 standard errors below that of 1,000 runs, 600 of ours and 400 of another implementation. Its std,
     // 0.147431, is taken half as wide again. Of the dozens of comparisons below at three standard errors, solver seeds 0 and
     // 2 miss one by a hair.
     let run_05 = run(&Mppi { seed: 1, ..Mppi::default() }, &Trial::nav(), 30);
@@ -99,9 +99,9 @@ fn predictive_sampling_on_the_linear_quadratic_problem() {
     let golden =
         Golden { mean: [8.86144, 8.2511, 11.1612, 27.4931], std: [1.07111, 1.6695, 1.55474, 1.88203] };
     check("predsamp_lq", &run, &golden);
-    for (row, &cost) in run.plan.cost_of_returned.iter().enumerate() {
-        assert_eq!(cost, run.cost.iterations[0][row].min, "the cheapest sample is returned");
-        assert_eq!(cost, run.plan.elite_mean_last[row]);
+    for (episode, &cost) in run.plan.cost_of_returned.iter().enumerate() {
+        assert_eq!(cost, run.cost.iterations[0][episode].min, "the cheapest sample is returned");
+        assert_eq!(cost, run.plan.elite_mean_last[episode]);
     }
 }
 
@@ -230,7 +230,7 @@ fn categorical_cem_on_the_problem_of_categories() {
         ),
     ];
     for (number, min, elite, mean) in columns {
-        // Seeds that end in the second best plan are rare, and make most of the spread.
-        check_iteration_of_spread("catcem_disc", &run, number, [min, elite, mean], golden.std);
+        // Seeds that end in the second best plan are rare, and make most of the std.
+        check_iteration_of_std("catcem_disc", &run, number, [min, elite, mean], golden.std);
     }
 }

@@ -4,8 +4,8 @@
 use swm_core::Space;
 use swm_solvers::models::{ControlCost, ControlModel, LinearQuadratic, Navigation};
 use swm_solvers::{
-    Adam, AdamW, Candidates, Cost, Descent, DifferentiableCost, IterationRecord, Memory, Moment, NoTrace,
-    Pgd, Plan, PlanError, Problem, Select, Sgd, Solver, Trace, Workspace,
+    Adam, AdamW, Candidates, Cost, Descent, DifferentiableCost, IterationRecord, Memory, NoTrace, Pgd, Plan,
+    PlanError, PlanningContext, Problem, Select, Sgd, Solver, Trace, Workspace,
 };
 
 use crate::golden::{Golden, check_costs};
@@ -28,9 +28,9 @@ fn traced(
     seeds: u64,
     trace: &mut dyn Trace,
 ) -> Result<Plan, PlanError> {
-    let (space, horizon, width) = shape;
-    let keys = keys((0..4 * seeds).map(|row| row / 4));
-    let initial = vec![0.0; keys.len() * horizon * width];
+    let (space, horizon, dim) = shape;
+    let keys = keys((0..4 * seeds).map(|episode| episode / 4));
+    let initial = vec![0.0; keys.len() * horizon * dim];
     let mut plan = Plan::new();
     let problem = Problem { horizon, ..problem(&keys, space, &initial) };
     solver.solve(&problem, cost, &mut Workspace::new(), trace, &mut plan)?;
@@ -59,7 +59,7 @@ fn on_disc(solver: &dyn Solver, seeds: u64) -> Plan {
 struct SingleDisc;
 
 impl Cost for SingleDisc {
-    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
@@ -112,8 +112,8 @@ fn assert_plan(name: &str, plan: &[f32], golden: [f64; 20]) {
 }
 
 fn assert_costs(name: &str, plan: &Plan, golden: [f64; 4]) {
-    for (row, (&found, expected)) in plan.cost_of_returned.iter().zip(golden).enumerate() {
-        assert!((found - expected).abs() <= 1e-4 * expected, "{name}, {row}: {found} is not {expected}");
+    for (episode, (&found, expected)) in plan.cost_of_returned.iter().zip(golden).enumerate() {
+        assert!((found - expected).abs() <= 1e-4 * expected, "{name}, {episode}: {found} is not {expected}");
     }
 }
 
@@ -122,11 +122,11 @@ fn assert_costs(name: &str, plan: &Plan, golden: [f64; 4]) {
 fn plans_of_one_start_are_the_references() {
     let plan = on_lq(&sgd(1, 0.02, 0.0), 1);
     assert_costs("sgd, lq", &plan, [4.65255, 4.01963, 6.73009, 20.0355]);
-    assert_plan("sgd, lq", plan.row(0), [
+    assert_plan("sgd, lq", plan.of(0), [
         -1.150212, 0.0, -0.523929, 0.0, -0.136675, 0.0, 0.080878, 0.0, 0.184831, 0.0,
         0.219331, 0.0, 0.218462, 0.0, 0.208381, 0.0, 0.209400, 0.0, 0.237847, 0.0,
     ]);
-    assert_plan("sgd, lq", plan.row(3), [
+    assert_plan("sgd, lq", plan.of(3), [
         -1.164704, -1.725318, -0.456245, -0.785893, -0.032682, -0.205013, 0.192923, 0.121317, 0.289377, 0.277246,
         0.309744, 0.328996, 0.294221, 0.327694, 0.273096, 0.312571, 0.269503, 0.314099, 0.301779, 0.356770,
     ]);
@@ -134,22 +134,22 @@ fn plans_of_one_start_are_the_references() {
 
     let plan = on_lq(&adam(1), 1);
     assert_costs("adam, lq", &plan, [4.74767, 3.97852, 6.71198, 20.5938]);
-    assert_plan("adam, lq", plan.row(0), [
+    assert_plan("adam, lq", plan.of(0), [
         -1.027975, 0.0, -0.573166, 0.0, -0.218966, 0.0, 0.030784, 0.0, 0.182910, 0.0,
         0.249046, 0.0, 0.243859, 0.0, 0.188815, 0.0, 0.127217, 0.0, 0.168284, 0.0,
     ]);
-    assert_plan("adam, lq", plan.row(3), [
+    assert_plan("adam, lq", plan.of(3), [
         -1.279369, -1.247700, -0.566602, -0.780367, -0.047585, -0.385498, 0.271136, -0.078470, 0.418905, 0.137142,
         0.434181, 0.265613, 0.357792, 0.317738, 0.238892, 0.316237, 0.143248, 0.316874, 0.262024, 0.468586,
     ]);
 
     let plan = on_lq(&adamw(1), 1);
     assert_costs("adamw, lq", &plan, [4.75371, 3.98244, 6.71767, 20.6265]);
-    assert_plan("adamw, lq", plan.row(0), [
+    assert_plan("adamw, lq", plan.of(0), [
         -1.017184, 0.0, -0.570030, 0.0, -0.220918, 0.0, 0.025939, 0.0, 0.177096, 0.0,
         0.244016, 0.0, 0.241229, 0.0, 0.189905, 0.0, 0.132342, 0.0, 0.174388, 0.0,
     ]);
-    assert_plan("adamw, lq", plan.row(3), [
+    assert_plan("adamw, lq", plan.of(3), [
         -1.263370, -1.234514, -0.563267, -0.775587, -0.051881, -0.386655, 0.263101, -0.083339, 0.410234, 0.130542,
         0.427428, 0.259106, 0.354930, 0.313016, 0.240928, 0.314594, 0.149668, 0.318108, 0.264930, 0.467455,
     ]);
@@ -157,22 +157,22 @@ fn plans_of_one_start_are_the_references() {
     assert_costs("sgd, nav", &on_nav(&sgd(1, 0.02, 0.0), 1), [12.567, 4.79249, 9.29177, 6.16011]);
     let plan = on_nav(&sgd(1, 0.01, 0.9), 1);
     assert_costs("momentum, nav", &plan, [10.2396, 4.11138, 7.96244, 5.72149]);
-    assert_plan("momentum, nav", plan.row(0), [
+    assert_plan("momentum, nav", plan.of(0), [
         0.341081, 2.236906, -0.367075, 2.146663, 0.325025, 2.109349, 1.282402, 1.922985, 1.891439, 1.408235,
         2.035165, 0.520014, 1.941151, -0.340369, 1.794042, -0.520994, 1.702164, -0.133158, 1.819440, 0.498209,
     ]);
-    assert_plan("momentum, nav", plan.row(3), [
+    assert_plan("momentum, nav", plan.of(3), [
         -3.975965, -2.651312, -3.447951, -2.441228, -2.997677, -2.169175, -2.560612, -1.851803, -2.089909, -1.475759,
         -1.538066, -1.028106, -0.853354, -0.519353, -0.075956, -0.023235, 0.560697, 0.335526, 0.870768, 0.488243,
     ]);
 
     let plan = on_nav(&adam(1), 1);
     assert_costs("adam, nav", &plan, [10.2451, 4.24266, 11.3294, 5.72847]);
-    assert_plan("adam, nav", plan.row(0), [
+    assert_plan("adam, nav", plan.of(0), [
         0.206152, 1.965884, -0.046407, 1.912639, 0.237003, 1.889671, 0.809156, 1.778215, 1.216539, 1.439613,
         1.370054, 0.778046, 1.418829, -0.038199, 1.482726, -0.490863, 1.655343, -0.361787, 2.031487, 0.149538,
     ]);
-    assert_plan("adam, nav", plan.row(3), [
+    assert_plan("adam, nav", plan.of(3), [
         -1.617363, -1.837713, -1.401441, -1.669451, -1.258136, -1.471696, -1.129702, -1.256143, -0.992789, -1.010558,
         -0.839974, -0.734881, -0.667325, -0.444633, -0.473628, -0.173718, -0.263036, 0.034251, -0.051542, 0.139594,
     ]);
@@ -189,9 +189,9 @@ fn several_starts_have_the_references_distribution() {
         &plan.cost_of_returned,
         &golden([4.65255, 4.01963, 6.73009, 20.0183], [tiny, 0.0, 0.0, 0.0640516]),
     );
-    for (row, cost) in plan.cost_of_returned.iter().enumerate() {
-        assert!(*cost <= single.cost_of_returned[row % 4] + 1e-4, "the first start is among the others");
-        assert!(*cost >= LQ_OPTIMA[row % 4] - 1e-4);
+    for (episode, cost) in plan.cost_of_returned.iter().enumerate() {
+        assert!(*cost <= single.cost_of_returned[episode % 4] + 1e-4, "the first start is among the others");
+        assert!(*cost >= LQ_OPTIMA[episode % 4] - 1e-4);
     }
     check_costs(
         "momentum, lq, 8",
@@ -282,9 +282,9 @@ fn categories_are_planned_as_the_reference_does_and_better() {
     for select in [Select::Relaxed, Select::Rounded] {
         let plan = on_disc(&pgd(1, select), 1);
         assert_costs("pgd", &plan, [1.28525, 1.26725, 0.91975, 1.17925]);
-        for (row, golden) in golden.iter().enumerate() {
-            let chosen: Vec<usize> = plan.row(row).chunks(5).map(one).collect();
-            assert_eq!(chosen, golden, "instance {row}");
+        for (episode, golden) in golden.iter().enumerate() {
+            let chosen: Vec<usize> = plan.of(episode).chunks(5).map(one).collect();
+            assert_eq!(chosen, golden, "instance {episode}");
         }
     }
     let relaxed = on_disc(&pgd(16, Select::Relaxed), 100);
@@ -294,14 +294,15 @@ fn categories_are_planned_as_the_reference_does_and_better() {
         &Golden { mean: [1.11775, 1.26725, 0.742625, 1.17925], std: [0.196917, 0.0, 0.0484176, 1.22306e-07] },
     );
     let rounded = on_disc(&pgd(16, Select::Rounded), 100);
-    for (row, (&better, &cost)) in rounded.cost_of_returned.iter().zip(&relaxed.cost_of_returned).enumerate()
+    for (episode, (&better, &cost)) in
+        rounded.cost_of_returned.iter().zip(&relaxed.cost_of_returned).enumerate()
     {
-        assert!(better <= cost && better >= DISC_OPTIMA[row % 4] - 1e-6);
+        assert!(better <= cost && better >= DISC_OPTIMA[episode % 4] - 1e-6);
         assert!(
-            (f64::from(disc(row % 4, rounded.row(row))) - better).abs() < 1e-6,
+            (f64::from(disc(episode % 4, rounded.of(episode))) - better).abs() < 1e-6,
             "its own cost is reported"
         );
-        assert!(rounded.elite_mean_last[row] <= better, "mixtures are cheaper than plans");
+        assert!(rounded.elite_mean_last[episode] <= better, "mixtures are cheaper than plans");
     }
 }
 
@@ -309,8 +310,8 @@ fn categories_are_planned_as_the_reference_does_and_better() {
 fn with_many_starts_the_best_plan_by_categories_is_found() {
     let solver = Pgd { descent: descent(500, 10), ..Pgd::default() };
     let plan = on_disc(&solver, 25);
-    for (row, cost) in plan.cost_of_returned.iter().enumerate() {
-        assert!((cost - DISC_OPTIMA[row % 4]).abs() < 1e-5, "row {row}: {cost}");
+    for (episode, cost) in plan.cost_of_returned.iter().enumerate() {
+        assert!((cost - DISC_OPTIMA[episode % 4]).abs() < 1e-5, "episode {episode}: {cost}");
     }
 }
 

@@ -35,11 +35,11 @@ fn navigation_ends_where_the_gradient_is_zero() {
     let plan = on_nav(&Ilqr { samples: 8, iterations: 300, ..Ilqr::default() }, 2);
     let descent = Descent { samples: 8, iterations: 400, ..Descent::default() };
     let slow = on_nav(&Sgd { descent, momentum: 0.9, ..Sgd::default() }, 2);
-    for (row, (fast, slow)) in plan.cost_of_returned.iter().zip(&slow.cost_of_returned).enumerate() {
-        assert!(*fast <= 1.05 * slow, "{row}: {fast} where descent finds {slow}");
-        assert!((f64::from(nav(row % 4, plan.row(row))) - fast).abs() < 1e-4 * fast);
+    for (episode, (fast, slow)) in plan.cost_of_returned.iter().zip(&slow.cost_of_returned).enumerate() {
+        assert!(*fast <= 1.05 * slow, "{episode}: {fast} where descent finds {slow}");
+        assert!((f64::from(nav(episode % 4, plan.of(episode))) - fast).abs() < 1e-4 * fast);
     }
-    let candidates = Candidates { actions: &plan.actions, rows: 8, samples: 1, horizon: 10, width: 2 };
+    let candidates = Candidates { actions: &plan.actions, episodes: 8, samples: 1, horizon: 10, dim: 2 };
     let (mut costs, mut gradient) = ([0.0; 8], [0.0; 160]);
     let mut cost = ControlCost::new(Navigation::past_one_obstacle());
     cost.evaluate_with_gradient(&candidates, &mut costs, &mut gradient).unwrap();

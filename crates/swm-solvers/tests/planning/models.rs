@@ -11,20 +11,20 @@ use swm_solvers::{Candidates, ConstrainedCost, Cost, DifferentiableCost, PlanErr
 use crate::problems::{self, PlanCost, disc, lq, nav};
 
 /// The same plan for each of the four instances.
-fn four(plan: &[f32], width: usize) -> Candidates<'_> {
-    Candidates { actions: plan, rows: 4, samples: 1, horizon: plan.len() / 4 / width, width }
+fn four(plan: &[f32], dim: usize) -> Candidates<'_> {
+    Candidates { actions: plan, episodes: 4, samples: 1, horizon: plan.len() / 4 / dim, dim }
 }
 
 fn evaluate(cost: &mut dyn Cost, candidates: &Candidates<'_>) -> Vec<f64> {
-    let mut costs = vec![f64::NAN; candidates.rows * candidates.samples];
-    cost.evaluate(candidates, &mut costs).expect("plans of the right width");
+    let mut costs = vec![f64::NAN; candidates.episodes * candidates.samples];
+    cost.evaluate(candidates, &mut costs).expect("plans of the right dimension");
     costs
 }
 
 fn gradient(cost: &mut dyn DifferentiableCost, candidates: &Candidates<'_>) -> Vec<f32> {
-    let mut costs = vec![f64::NAN; candidates.rows * candidates.samples];
+    let mut costs = vec![f64::NAN; candidates.episodes * candidates.samples];
     let mut gradient = vec![f32::NAN; candidates.actions.len()];
-    cost.evaluate_with_gradient(candidates, &mut costs, &mut gradient).expect("plans of the right width");
+    cost.evaluate_with_gradient(candidates, &mut costs, &mut gradient).expect("plans of the right dimension");
     assert_eq!(costs, evaluate(cost, candidates), "costs are the same with gradients and without");
     gradient
 }
@@ -32,18 +32,18 @@ fn gradient(cost: &mut dyn DifferentiableCost, candidates: &Candidates<'_>) -> V
 /// Central differences of the sum of all costs.
 fn differences(cost: &mut dyn Cost, candidates: &Candidates<'_>, step: f32) -> Vec<f64> {
     let mut moved = candidates.actions.to_vec();
-    let mut slopes = Vec::new();
+    let mut gradient = Vec::new();
     for (index, &value) in candidates.actions.iter().enumerate() {
         let mut at = |place: f32| {
             moved[index] = place;
-            let row = index / (candidates.horizon * candidates.width);
-            evaluate(cost, &Candidates { actions: &moved, ..*candidates })[row]
+            let episode = index / (candidates.horizon * candidates.dim);
+            evaluate(cost, &Candidates { actions: &moved, ..*candidates })[episode]
         };
         let (low, high) = (value - step, value + step);
-        slopes.push((at(high) - at(low)) / f64::from(high - low));
+        gradient.push((at(high) - at(low)) / f64::from(high - low));
         moved[index] = value;
     }
-    slopes
+    gradient
 }
 
 fn assert_near(found: &[f32], expected: &[f64], relative: f64) {
@@ -66,14 +66,14 @@ fn between_obstacles(obstacles_are: Obstacles) -> Navigation {
 pub(super) struct Hidden<M>(pub(super) M, pub(super) bool);
 
 impl<M: ControlModel> ControlModel for Hidden<M> {
-    fn state_width(&self) -> usize {
-        self.0.state_width()
+    fn state_dim(&self) -> usize {
+        self.0.state_dim()
     }
-    fn action_width(&self) -> usize {
-        self.0.action_width()
+    fn action_dim(&self) -> usize {
+        self.0.action_dim()
     }
-    fn start(&self, row: usize, state: &mut [f64]) {
-        self.0.start(row, state);
+    fn start(&self, episode: usize, state: &mut [f64]) {
+        self.0.start(episode, state);
     }
     fn step(&self, at: &Stage<'_>, next: &mut [f64]) {
         self.0.step(at, next);
@@ -95,10 +95,10 @@ proptest! {
 
     #[test]
     fn costs_are_those_of_the_golden_problems(real in plans(20), mixed in plans(30)) {
-        let check = |cost: &mut dyn Cost, plans: &[f32], width, golden: PlanCost| {
-            let costs = evaluate(cost, &four(plans, width));
-            for (row, (plan, cost)) in plans.chunks_exact(plans.len() / 4).zip(costs).enumerate() {
-                let golden = f64::from(golden(row, plan));
+        let check = |cost: &mut dyn Cost, plans: &[f32], dim, golden: PlanCost| {
+            let costs = evaluate(cost, &four(plans, dim));
+            for (episode, (plan, cost)) in plans.chunks_exact(plans.len() / 4).zip(costs).enumerate() {
+                let golden = f64::from(golden(episode, plan));
                 assert!((cost - golden).abs() <= 1e-5 * golden.abs().max(1.0), "{cost} is not {golden}");
             }
         };
@@ -140,7 +140,7 @@ proptest! {
         let (mut whole, mut parts) = (ControlCost::new(whole), composed().expect("known parts"));
         for candidates in [four(&real, 2), four(&real, 4)] {
             let (expected, found) = (evaluate(&mut whole, &candidates), evaluate(&mut parts, &candidates));
-            if candidates.width == 2 {
+            if candidates.dim == 2 {
                 for (found, expected) in found.iter().zip(&expected) {
                     assert!((found - expected).abs() <= 1e-5 * expected.abs().max(1.0));
                 }
@@ -150,8 +150,8 @@ proptest! {
             } else {
                 // The parts see a state per block, the whole one per action; the gradient is still that of the cost.
                 assert!(found.iter().zip(&expected).all(|(found, expected)| found < expected));
-                let slopes = differences(&mut parts, &candidates, 1e-2);
-                assert_near(&gradient(&mut parts, &candidates), &slopes, 5e-3);
+                let expected = differences(&mut parts, &candidates, 1e-2);
+                assert_near(&gradient(&mut parts, &candidates), &expected, 5e-3);
             }
         }
     }
@@ -165,21 +165,21 @@ fn check_constraints(
     weights: &[f64],
     step: f32,
 ) {
-    assert_eq!(cost.constraints(candidates.horizon, candidates.width), count);
+    assert_eq!(cost.constraints(candidates.horizon, candidates.dim), count);
     let mut costs = vec![0.0; 4];
     let (mut values, mut again) = (vec![f64::NAN; 4 * count], vec![f64::NAN; 4 * count]);
     let mut gradient = vec![f32::NAN; candidates.actions.len()];
-    let weigh = |index: usize, values: &[f64], out: &mut [f64]| {
+    let weights_of = |index: usize, values: &[f64], out: &mut [f64]| {
         assert_eq!(values.len(), count);
         out.iter_mut().zip(weights).for_each(|(out, weight)| *out = weight * (1.0 + index as f64));
     };
-    cost.evaluate_constrained_with_gradient(candidates, &weigh, &mut costs, &mut values, &mut gradient)
-        .expect("plans of the right width");
+    cost.evaluate_constrained_with_gradient(candidates, &weights_of, &mut costs, &mut values, &mut gradient)
+        .expect("plans of the right dimension");
     assert_eq!(costs, evaluate(cost, candidates));
-    cost.evaluate_constrained(candidates, &mut costs, &mut again).expect("plans of the right width");
+    cost.evaluate_constrained(candidates, &mut costs, &mut again).expect("plans of the right dimension");
     assert_eq!(values, again);
-    let slopes = differences(&mut Weighted { cost, count, weights }, candidates, step);
-    assert_near(&gradient, &slopes, 5e-3);
+    let expected = differences(&mut Weighted { cost, count, weights }, candidates, step);
+    assert_near(&gradient, &expected, 5e-3);
 }
 
 /// cost + Σ w g.
@@ -190,7 +190,7 @@ struct Weighted<'a> {
 }
 
 impl Cost for Weighted<'_> {
-    fn prepare(&mut self, _moment: &swm_solvers::Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &swm_solvers::PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
@@ -209,7 +209,7 @@ fn composed() -> Result<ShootingCost<Stepwise<Navigation>>, PlanError> {
     let model = between_obstacles(Obstacles::Constraints);
     let goals = model.ways.iter().map(|[_, goal]| goal.iter().map(|&x| x as f32).collect()).collect();
     let all = GoalMse::new(&["state"], Steps::All, Reduction::Sum);
-    // A mean over two numbers: twice the weight makes it a sum.
+    // A mean over two values: twice the weight makes it a sum.
     let end = GoalMse::new(&[], Steps::Last, Reduction::Mean);
     let objective = WeightedSum::new(vec![
         (1.0, Box::new(all)),
@@ -227,20 +227,20 @@ fn composed() -> Result<ShootingCost<Stepwise<Navigation>>, PlanError> {
 #[test]
 fn the_best_plans_of_the_chain_are_found_by_trying_all() {
     let chain = DiscreteChain::quarter_steps();
-    for (row, optimum) in problems::DISC_OPTIMA.into_iter().enumerate() {
-        let (plan, cost) = chain.enumerate(row, problems::DISC_HORIZON);
+    for (episode, optimum) in problems::DISC_OPTIMA.into_iter().enumerate() {
+        let (plan, cost) = chain.enumerate(episode, problems::DISC_HORIZON);
         assert!((cost - optimum).abs() < 1e-9, "{cost} is not {optimum}");
         let one_hot: Vec<f32> =
             plan.iter().flat_map(|&c| (0..5).map(move |i| f32::from(u8::from(i == c)))).collect();
-        assert!((f64::from(disc(row, &one_hot)) - cost).abs() < 1e-6);
-        assert_eq!(chain.cost_of(row, &plan), cost);
+        assert!((f64::from(disc(episode, &one_hot)) - cost).abs() < 1e-6);
+        assert_eq!(chain.cost_of(episode, &plan), cost);
     }
 }
 
 #[test]
 fn results_do_not_depend_on_threads() {
     let plans: Vec<f32> = (0..37 * 20).map(|i| (i as f32 * 0.7).sin()).collect();
-    let candidates = Candidates { actions: &plans, rows: 37, samples: 1, horizon: 10, width: 2 };
+    let candidates = Candidates { actions: &plans, episodes: 37, samples: 1, horizon: 10, dim: 2 };
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be made");
         pool.install(|| gradient(&mut ControlCost::new(Navigation::past_one_obstacle()), &candidates))
@@ -249,8 +249,8 @@ fn results_do_not_depend_on_threads() {
 }
 
 #[test]
-fn wrong_parts_and_widths_are_named() {
-    let model = || Stepwise::new(Navigation::past_one_obstacle(), vec![vec![0.0; 2]]).expect("two numbers");
+fn wrong_parts_and_dimensions_are_named() {
+    let model = || Stepwise::new(Navigation::past_one_obstacle(), vec![vec![0.0; 2]]).expect("two values");
     let error = |objective: GoalMse| {
         ShootingCost::new(model(), Box::new(objective), Vec::new()).err().expect("refused").to_string()
     };
@@ -266,7 +266,7 @@ fn wrong_parts_and_widths_are_named() {
     );
     assert!(WeightedSum::new(Vec::new()).is_err());
     assert!(WeightedSum::new(vec![(f64::NAN, Box::new(ControlPenalty))]).is_err());
-    let odd = Candidates { actions: &[0.0; 3], rows: 1, samples: 1, horizon: 1, width: 3 };
+    let odd = Candidates { actions: &[0.0; 3], episodes: 1, samples: 1, horizon: 1, dim: 3 };
     let error = ControlCost::new(Navigation::past_one_obstacle()).evaluate(&odd, &mut [0.0]).unwrap_err();
-    assert_eq!(error.to_string(), "planning problem: `numbers per block` must hold 2 values, found 3");
+    assert_eq!(error.to_string(), "planning problem: `values per block` must hold 2 values, found 3");
 }

@@ -6,7 +6,7 @@ use serde_json::{Map, Value as Json};
 use swm_core::testing::TOY;
 use swm_core::{EnvConfig, EpisodeSeed, ResetOptions, Space};
 use swm_solvers::{
-    ActionScale, Candidates, Cem, Cost, Moment, MpcPolicy, Plan, PlanConfig, PlanError, Problem,
+    ActionScale, Candidates, Cem, Cost, MpcPolicy, Plan, PlanConfig, PlanError, PlanningContext, Problem,
     SimulatorCost, SimulatorOptions, Solver, Trace, Workspace,
 };
 
@@ -20,7 +20,7 @@ struct Asked {
     initial: Vec<f32>,
 }
 
-/// A solver without a search: block `h` of plan `p` is `0.1 × p + 0.01 × (h + 1)` in all its numbers.
+/// A solver without a search: block `h` of plan `p` is `0.1 × p + 0.01 × (h + 1)` in all its values.
 struct Staircase {
     asked: Arc<Mutex<Vec<Asked>>>,
     scale: f32,
@@ -56,7 +56,7 @@ impl Solver for Staircase {
         });
         plan.begin(problem, 0.0);
         for (key, actions) in problem.keys.iter().zip(plan.actions.chunks_exact_mut(problem.plan_size())) {
-            for (block, values) in actions.chunks_exact_mut(problem.width()).enumerate() {
+            for (block, values) in actions.chunks_exact_mut(problem.dim()).enumerate() {
                 values.fill(self.scale * stair(key.plan, block));
             }
         }
@@ -64,7 +64,7 @@ impl Solver for Staircase {
     }
 }
 
-/// What a cost was shown of the past, per plan: states of the frames and numbers of the actions between them.
+/// What a cost was shown of the past, per plan: states of the frames and values of the actions between them.
 pub(super) type Past = Vec<(Vec<f64>, Vec<f32>)>;
 
 /// A cost that only looks.
@@ -73,8 +73,8 @@ struct Watcher {
 }
 
 impl Cost for Watcher {
-    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
-        let Some(history) = moment.history(0) else { return Ok(()) };
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
+        let Some(history) = context.history(0) else { return Ok(()) };
         let frames = (0..history.frames()).map(|frame| history.frame(0, frame).number(0).unwrap_or(f64::NAN));
         let count = (history.frames() - 1) * 2;
         let actions = (0..count).flat_map(|index| history.action(index));

@@ -3,7 +3,9 @@
 
 use swm_core::{Dtype, EpisodeSeed, Space};
 use swm_solvers::models::{ControlModel, LinearQuadratic, Navigation};
-use swm_solvers::{Candidates, Cost, DifferentiableCost, Moment, PlanError, PlanKey, Problem, Solver};
+use swm_solvers::{
+    Candidates, Cost, DifferentiableCost, PlanError, PlanKey, PlanningContext, Problem, Solver,
+};
 
 /// H of the problems with real actions.
 pub(super) const HORIZON: usize = 10;
@@ -146,7 +148,7 @@ pub(super) struct Iteration {
     pub(super) first: f64,
 }
 
-/// A [`PlanCost`] as a [`Cost`] whose row `b` is instance `b % 4`; remembers what each iteration saw.
+/// A [`PlanCost`] as a [`Cost`] whose episode `b` is instance `b % 4`; remembers what each iteration saw.
 pub(super) struct Analytic {
     pub(super) cost: PlanCost,
     /// How many elites the statistics use.
@@ -178,7 +180,7 @@ impl Analytic {
 }
 
 impl Cost for Analytic {
-    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
 
@@ -209,7 +211,7 @@ impl DifferentiableCost for Analytic {
         gradient: &mut [f32],
     ) -> Result<(), PlanError> {
         self.evaluate(candidates, costs)?;
-        let size = candidates.horizon * candidates.width;
+        let size = candidates.horizon * candidates.dim;
         for (index, (plan, gradient)) in candidates.plans().zip(gradient.chunks_exact_mut(size)).enumerate() {
             let (mut moved, instance) = (plan.to_vec(), index / candidates.samples % 4);
             for number in 0..size {

@@ -3,8 +3,8 @@
 use serde_json::{Map, Value as Json, json};
 use swm_core::{Dtype, Space};
 use swm_solvers::{
-    Candidates, CategoricalCem, Cost, Icem, Moment, Mppi, NoTrace, Plan, PlanError, PredictiveSampling,
-    Problem, SOLVERS, Solver, TemperatureMode, Workspace,
+    Candidates, CategoricalCem, Cost, Icem, Mppi, NoTrace, Plan, PlanError, PlanningContext,
+    PredictiveSampling, Problem, SOLVERS, Solver, TemperatureMode, Workspace,
 };
 
 use crate::problems::{Analytic, DISC_OPTIMA, LQ_OPTIMA, Trial, keys, lq, problem, space};
@@ -25,7 +25,7 @@ struct Seen {
 }
 
 impl Cost for Seen {
-    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
 
@@ -124,7 +124,7 @@ fn icem_tries_elites_again_in_the_next_iteration_and_in_the_next_plan() {
         let elite = candidate(&seen.candidates[1], elite);
         let reused = candidate(&next.candidates[0], kept + 1);
         assert_eq!(reused[..14], elite[6..], "without the three blocks that were carried out");
-        assert_eq!(reused[14..], candidate(&fresh.candidates[0], kept + 1)[14..], "the rest is drawn");
+        assert_eq!(reused[14..], candidate(&fresh.candidates[0], kept + 1)[14..], "the rest is sampled");
     }
     assert_eq!(next.candidates[0][6 * 20..], fresh.candidates[0][6 * 20..]);
     let (plan, _) = watch(&Icem::default(), &[0.0; 20], &[]);
@@ -132,7 +132,7 @@ fn icem_tries_elites_again_in_the_next_iteration_and_in_the_next_plan() {
 }
 
 #[test]
-fn icem_draws_correlated_noise_within_bounds() {
+fn icem_samples_correlated_noise_within_bounds() {
     let (_, seen) = watch(&Icem::default(), &[0.0; 20], &[]);
     assert!(seen.candidates.iter().flatten().all(|value| value.abs() <= 1.0));
     // Neighbors in time, with the noise as it is: red noise is near itself.
@@ -164,7 +164,7 @@ fn icem_draws_correlated_noise_within_bounds() {
 /// Settings with which a solver comes within 1 % of the linear-quadratic optimum.
 fn thorough(solver: &str) -> Map<String, Json> {
     let settings = match solver {
-        // A floor under the spread keeps the search from freezing before it has arrived.
+        // A floor under the std keeps the search from freezing before it has arrived.
         "cem" => json!({"iterations": 100, "sigma_min": 0.05}),
         "icem" => json!({
             "samples": 1000, "iterations": 60, "sigma_min": 0.05, "noise_beta": 0.5, "normalize": "analytic"
@@ -207,10 +207,10 @@ fn categorical_cem_finds_the_optimum_that_enumeration_finds() {
         CategoricalCem { smoothing: 0.05, alpha: 0.5, return_best: true, ..CategoricalCem::default() };
     let initial = vec![0.0; 100 * trial.size];
     let plan = solve(&solver, &trial.problem(&keys, &initial), &mut Analytic::new(trial.cost, 30)).unwrap();
-    for (row, cost) in plan.cost_of_returned.iter().enumerate() {
-        assert!((cost - DISC_OPTIMA[row % 4]).abs() < 1e-5, "row {row}: {cost}");
-        assert!(plan.row(row).chunks_exact(5).all(|group| group.iter().sum::<f32>() == 1.0));
-        assert!(plan.row(row).iter().all(|&value| value == 0.0 || value == 1.0));
+    for (episode, cost) in plan.cost_of_returned.iter().enumerate() {
+        assert!((cost - DISC_OPTIMA[episode % 4]).abs() < 1e-5, "episode {episode}: {cost}");
+        assert!(plan.of(episode).chunks_exact(5).all(|group| group.iter().sum::<f32>() == 1.0));
+        assert!(plan.of(episode).iter().all(|&value| value == 0.0 || value == 1.0));
     }
 }
 
@@ -232,7 +232,7 @@ fn categorical_cem_plans_several_integers_of_different_sizes() {
     let plan = solve(&even, &problem, &mut Analytic::new(wanted, 30)).unwrap();
     let half = (0.5_f32 * 0.5).sqrt();
     let third = ((1.0 / 3.0_f32) * (2.0 / 3.0)).sqrt();
-    for group in plan.spread.chunks_exact(5) {
+    for group in plan.std.chunks_exact(5) {
         assert!(group.iter().zip([half, half, third, third, third]).all(|(a, b)| (a - b).abs() < 1e-6));
     }
 }
@@ -265,14 +265,14 @@ fn categorical_cem_starts_from_the_last_plan_if_so_asked() {
 struct Counts(Vec<f32>);
 
 impl Cost for Counts {
-    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
 
     fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
         costs.fill(0.0);
         if self.0.is_empty() {
-            self.0.resize(candidates.horizon * candidates.width, 0.0);
+            self.0.resize(candidates.horizon * candidates.dim, 0.0);
             for plan in candidates.plans() {
                 self.0.iter_mut().zip(plan).for_each(|(sum, value)| *sum += value);
             }

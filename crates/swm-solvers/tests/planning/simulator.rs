@@ -2,7 +2,7 @@
 
 use swm_core::testing::{DISCRETE_TOY, TOY};
 use swm_core::{EnvConfig, EnvEntry, Policy, PolicyContext, PolicyError, Registry};
-use swm_solvers::testing::{Heard, Probe};
+use swm_solvers::testing::{Probe, ProbeResult};
 use swm_solvers::{Aggregate, MpcPolicy, PLANNERS, PlanConfig, SimulatorCost, SimulatorOptions};
 
 use crate::worlds::{FRAGILE, NO_TASK_COST, Setting, run, toward};
@@ -42,15 +42,15 @@ fn costs(
     probe(entry, goal, options, clip_actions, &plans).costs
 }
 
-/// What is heard of plans of 4 actions, from 0 with the goal at `goal`.
+/// What is result of plans of 4 actions, from 0 with the goal at `goal`.
 fn probe(
     entry: EnvEntry,
     goal: f64,
     options: SimulatorOptions,
     clip_actions: bool,
     plans: &[Vec<f32>],
-) -> Heard {
-    let (probe, heard) = Probe::new(plans.concat(), plans.len());
+) -> ProbeResult {
+    let (probe, result) = Probe::new(plans.concat(), plans.len());
     let simulator = SimulatorCost::new(&entry, &EnvConfig::default(), options).expect("valid options");
     let config = PlanConfig {
         horizon: 4,
@@ -62,9 +62,9 @@ fn probe(
     let policy = MpcPolicy::new(Box::new(probe), Box::new(simulator), config).expect("a valid configuration");
     let setting = Setting { entry, max_steps: 1, threads: 2, reset: toward(goal), ..Setting::default() };
     run(&setting, policy).expect("a run without failures");
-    let heard = heard.lock().expect("one thread").clone();
-    assert_eq!(heard.costs, heard.costs_with_gradient);
-    heard
+    let result = result.lock().expect("one thread").clone();
+    assert_eq!(result.costs, result.costs_with_gradient);
+    result
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use serde_json::json;
 use swm_core::{Dtype, Settings as _, Space};
 use swm_solvers::{
-    Candidates, Cem, Cost, Moment, NoTrace, Plan, PlanError, SOLVERS, Solver, Validate, Workspace,
+    Candidates, Cem, Cost, NoTrace, Plan, PlanError, PlanningContext, SOLVERS, Solver, Validate, Workspace,
 };
 
 use crate::problems::{Analytic, LQ_OPTIMA, PlanCost, Trial, keys, lq, nav, problem, space};
@@ -51,15 +51,19 @@ fn the_plan_of_an_episode_is_the_same_alone_and_among_64_on_1_and_2_threads() {
         assert_eq!(together, one_thread, "{}", entry.name);
         for episode in [0, 4, 60] {
             // Row 0 is instance 0, as rows 4 and 60 are.
-            let (alone, row) = (plans(trial.cost, &[episode]), episode as usize);
-            assert_eq!(alone.row(0), together.row(row), "{}", entry.name);
-            assert_eq!(alone.cost_of_returned[0], together.cost_of_returned[row]);
-            assert_eq!(alone.memory[0], together.memory[row]);
+            let (alone, episode) = (plans(trial.cost, &[episode]), episode as usize);
+            assert_eq!(alone.of(0), together.of(episode), "{}", entry.name);
+            assert_eq!(alone.cost_of_returned[0], together.cost_of_returned[episode]);
+            assert_eq!(alone.memory[0], together.memory[episode]);
         }
         // By four rows, so that every episode keeps its instance.
         let moved: Vec<u64> = (4..64).chain(0..4).collect();
         let moved = plans(trial.cost, &moved);
-        assert!((0..64).all(|row| moved.row(row) == together.row((row + 4) % 64)), "{}", entry.name);
+        assert!(
+            (0..64).all(|episode| moved.of(episode) == together.of((episode + 4) % 64)),
+            "{}",
+            entry.name
+        );
     }
 }
 
@@ -68,7 +72,7 @@ fn every_episode_has_noise_of_its_own() {
     let all: Vec<u64> = (0..64).collect();
     let plan = solve(&Cem::default(), &mut Analytic::new(nav, 30), &all).unwrap();
     let distinct: HashSet<Vec<u32>> =
-        (0..16).map(|i| plan.row(4 * i).iter().map(|x| x.to_bits()).collect()).collect();
+        (0..16).map(|i| plan.of(4 * i).iter().map(|x| x.to_bits()).collect()).collect();
     assert_eq!(distinct.len(), 16, "all are of instance 0");
 }
 
@@ -107,11 +111,11 @@ fn options_do_what_they_say() {
     let plain = solve(&Cem::default(), &mut Analytic::new(lq, 30), &episodes).unwrap();
     let best = Cem { return_best: true, ..Cem::default() };
     let best = solve(&best, &mut Analytic::new(lq, 30), &episodes).unwrap();
-    for (row, optimum) in LQ_OPTIMA.iter().enumerate() {
-        assert!(best.cost_of_returned[row] <= plain.cost_of_returned[row]);
-        assert!(best.cost_of_returned[row] <= plain.elite_mean_last[row]);
-        assert!(best.cost_of_returned[row] >= optimum - 1e-4);
-        assert_eq!(best.cost_of_returned[row], f64::from(lq(row, best.row(row))));
+    for (episode, optimum) in LQ_OPTIMA.iter().enumerate() {
+        assert!(best.cost_of_returned[episode] <= plain.cost_of_returned[episode]);
+        assert!(best.cost_of_returned[episode] <= plain.elite_mean_last[episode]);
+        assert!(best.cost_of_returned[episode] >= optimum - 1e-4);
+        assert_eq!(best.cost_of_returned[episode], f64::from(lq(episode, best.of(episode))));
     }
 
     assert!(plain.actions.iter().any(|value| value.abs() > 1.0), "the optimum lies outside of the bounds");
@@ -122,14 +126,14 @@ fn options_do_what_they_say() {
 
     let floor =
         solve(&Cem { sigma_min: 0.3, ..Cem::default() }, &mut Analytic::new(lq, 30), &episodes).unwrap();
-    assert!(floor.spread.iter().all(|&sigma| sigma >= 0.3));
-    assert!(plain.spread.iter().all(|&sigma| sigma < 0.3));
+    assert!(floor.std.iter().all(|&sigma| sigma >= 0.3));
+    assert!(plain.std.iter().all(|&sigma| sigma < 0.3));
 
     let none =
         solve(&Cem { iterations: 0, ..Cem::default() }, &mut Analytic::new(lq, 30), &episodes).unwrap();
     assert_eq!(none.actions, vec![0.0; 4 * SIZE]);
     assert!(none.elite_mean_last.iter().all(|mean| mean.is_nan()));
-    assert_eq!(none.cost_of_returned[1], f64::from(lq(1, none.row(1))));
+    assert_eq!(none.cost_of_returned[1], f64::from(lq(1, none.of(1))));
 }
 
 /// Remembers the range of the candidates.
@@ -139,7 +143,7 @@ struct Bounded {
 }
 
 impl Cost for Bounded {
-    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
 
@@ -159,7 +163,7 @@ struct Broken {
 }
 
 impl Cost for Broken {
-    fn prepare(&mut self, _moment: &Moment<'_>) -> Result<(), PlanError> {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
         Ok(())
     }
 
@@ -175,7 +179,7 @@ impl Cost for Broken {
 fn costs_that_are_not_finite_are_worst_counted_and_never_elite() {
     let plan = solve(&Cem::default(), &mut Broken { limit: 0.5 }, &[0]).unwrap();
     assert!(plan.non_finite[0] > 0 && plan.cost_of_returned[0].is_finite());
-    assert!(plan.row(0)[0] <= 0.5);
+    assert!(plan.of(0)[0] <= 0.5);
     // So few are usable in the first iteration that the elites would have to include unusable ones.
     let plan = solve(&Cem::default(), &mut Broken { limit: -1.8 }, &[0]).unwrap();
     assert!(plan.non_finite[0] > 270 && plan.elite_mean_last[0].is_finite());
@@ -234,7 +238,7 @@ fn wrong_problems_are_refused() {
     for (solver, part) in [
         (Cem { elites: 301, ..Cem::default() }, "setting `elites`: 301 of 300 samples"),
         (Cem { elites: 1, ..Cem::default() }, "setting `elites`: 1 is too few"),
-        (Cem { samples: 10_000_000, ..cem.clone() }, "setting `samples`: 10000000 plans of 20 numbers"),
+        (Cem { samples: 10_000_000, ..cem.clone() }, "setting `samples`: 10000000 plans of 20 values"),
         (Cem { samples: 0, ..Cem::default() }, "setting `samples`: 0 is too small"),
         (Cem { sigma: f64::NAN, ..Cem::default() }, "setting `sigma`: NaN is not a positive number"),
         (Cem { sigma_min: -0.1, ..Cem::default() }, "setting `sigma_min`: -0.1 is not a number from 0 on"),

@@ -35,11 +35,11 @@ fn watching_changes_no_plan_of_any_solver() {
         assert_eq!(format!("{watched:?}"), format!("{alone:?}"), "{}", entry.name);
 
         assert_eq!(memory.plans().len(), 3, "{}", entry.name);
-        for (row, traced) in memory.plans().iter().enumerate() {
-            assert_eq!((traced.solver, traced.key.episode), (entry.name, 3 + row as u64));
-            assert_eq!(traced.actions, alone.row(row));
+        for (episode, traced) in memory.plans().iter().enumerate() {
+            assert_eq!((traced.solver, traced.key.episode), (entry.name, 3 + episode as u64));
+            assert_eq!(traced.actions, alone.of(episode));
             let result = traced.result.as_ref().expect("the solve has an end");
-            assert_eq!(result.cost, Some(alone.cost_of_returned[row]), "{}", entry.name);
+            assert_eq!(result.cost, Some(alone.cost_of_returned[episode]), "{}", entry.name);
             assert!(!traced.iterations.is_empty(), "{} shows no iteration", entry.name);
             for (number, iteration) in traced.iterations.iter().enumerate() {
                 assert_eq!(iteration.record.iteration, number, "{}", entry.name);
@@ -55,23 +55,25 @@ fn watching_changes_no_plan_of_any_solver() {
 fn figures_of_a_search_are_those_of_its_costs() {
     let mut memory = Memory::new(3);
     let (plan, seen) = solve(&Cem::default(), &mut memory);
-    for (row, traced) in memory.plans().iter().enumerate() {
+    for (episode, traced) in memory.plans().iter().enumerate() {
         assert_eq!(traced.iterations.len(), 30);
         let near = |a: Option<f64>, b: f64| (a.expect("known") - b).abs() <= 1e-9 * b.abs();
         for (iteration, seen) in traced.iterations.iter().zip(&seen.iterations) {
             let record = &iteration.record;
-            assert_eq!(record.best, Some(seen[row].min));
-            assert!(near(record.elite_mean, seen[row].elite) && near(record.sample_mean, seen[row].mean));
+            assert_eq!(record.best, Some(seen[episode].min));
+            assert!(
+                near(record.elite_mean, seen[episode].elite) && near(record.sample_mean, seen[episode].mean)
+            );
             assert_eq!((record.gradient_norm, record.non_finite, iteration.elites.len()), (None, 0, 3));
-            let cost = f64::from((Trial::nav().cost)(row, &iteration.elites[2].actions));
+            let cost = f64::from((Trial::nav().cost)(episode, &iteration.elites[2].actions));
             assert_eq!(iteration.elites[2].cost, cost, "an elite's cost is its own");
         }
         let [first, last] = [0, 29].map(|number| &traced.iterations[number].record);
         assert!(last.mean_sigma < first.mean_sigma && last.mean_shift < first.mean_shift);
-        assert_eq!(traced.iterations[29].mean, plan.row(row), "the last mean is the plan");
-        // The spread of the elites is what the distribution is refitted to.
-        assert!((last.mean_sigma.unwrap() - last.elite_spread.unwrap()).abs() < 1e-6);
-        assert!(first.clipped.unwrap() > 0.2, "a third of normal numbers is beyond 1");
+        assert_eq!(traced.iterations[29].mean, plan.of(episode), "the last mean is the plan");
+        // The std of the elites is what the distribution is refitted to.
+        assert!((last.mean_sigma.unwrap() - last.elite_std.unwrap()).abs() < 1e-6);
+        assert!(first.clipped.unwrap() > 0.2, "a third of normal samples is beyond 1");
     }
 }
 
@@ -124,7 +126,7 @@ fn lines_hold_what_the_detail_asks_for() {
         let length = |name: &str| iteration[name].as_array().map(Vec::len);
         let (elites, candidates) = (detail >= Detail::Elites, detail >= Detail::Candidates);
         assert_eq!(length("elites"), elites.then_some(4));
-        assert_eq!((length("mean"), length("spread")), (elites.then_some(20), elites.then_some(20)));
+        assert_eq!((length("mean"), length("std")), (elites.then_some(20), elites.then_some(20)));
         assert_eq!(
             (length("costs"), length("candidates")),
             (candidates.then_some(16), candidates.then_some(16))

@@ -16,17 +16,17 @@ use crate::worlds::{Setting, run, toward};
 fn plans_are_normalized_actions_are_not_and_the_past_is() {
     let units = ActionScale::MeanStd { mean: vec![0.25], std: vec![0.5] };
     let config = PlanConfig { history_len: 3, ..config(2, 1, 2) };
-    // Plan numbers 0.5, 1.5, 2.5, …; the bound 1 of the action is 1.5 in them.
+    // Plan values 0.5, 1.5, 2.5, …; the bound 1 of the action is 1.5 in them.
     let Outcome { past, stories, .. } = act_in_units(config, &far_goal(), 50.0, Some(units));
     let planned = |step: usize| 50.0 * stair(step as u64 / 2, 0);
     for (step, &action) in stories[0].actions.iter().enumerate() {
         assert_eq!(action, (planned(step) * 0.5 + 0.25).min(1.0), "step {step}");
     }
     assert!(stories[0].actions.contains(&1.0) && stories[0].actions[0] == 0.5);
-    for (plan, (_, numbers)) in past.iter().enumerate() {
+    for (plan, (_, values)) in past.iter().enumerate() {
         let now = 2 * plan;
         let executed: Vec<f32> = (now.saturating_sub(4)..now).map(|step| planned(step).min(1.5)).collect();
-        assert_eq!(*numbers, executed, "at step {now}");
+        assert_eq!(*values, executed, "at step {now}");
     }
 }
 
@@ -52,7 +52,7 @@ fn integers_of_the_past_are_one_hot() {
 
 /// The columns about plans, and the action, of a row.
 struct SaidRow {
-    /// Cost, elite cost, spread.
+    /// Cost, elite cost, std.
     figures: [f64; 3],
     /// Iterations, costs that are not finite.
     counts: [i64; 2],
@@ -71,7 +71,7 @@ impl Recorder for Said {
         let action = row.values.get::<f32>("action")?[0];
         if !action.is_nan() {
             self.0.push(SaidRow {
-                figures: [real("plan.cost")?, real("plan.elite_cost")?, real("plan.spread")?],
+                figures: [real("plan.cost")?, real("plan.elite_cost")?, real("plan.std")?],
                 counts: [count("plan.iterations")?, count("plan.non_finite")?],
                 wall_time: real("plan.wall_time_s").ok(),
                 action,
@@ -100,13 +100,13 @@ fn columns_about_plans_stand_where_plans_were_made() {
     let policy = "cem:samples=16,elites=4,iterations=3,horizon=3,receding_horizon=2,action_block=2,report=";
     let timed = said(&format!("{policy}timed")).unwrap();
     for (step, row) in timed.iter().enumerate() {
-        let ([cost, elite, spread], time) = (row.figures, row.wall_time.unwrap());
+        let ([cost, elite, std], time) = (row.figures, row.wall_time.unwrap());
         if step % 4 == 0 {
-            assert!((900.0..1000.0).contains(&cost) && elite.is_finite() && spread > 0.0, "step {step}");
+            assert!((900.0..1000.0).contains(&cost) && elite.is_finite() && std > 0.0, "step {step}");
             assert_eq!(row.counts, [3, 0]);
             assert!(time > 0.0);
         } else {
-            assert!([cost, elite, spread, time].iter().all(|value| value.is_nan()), "step {step}");
+            assert!([cost, elite, std, time].iter().all(|value| value.is_nan()), "step {step}");
             assert_eq!(row.counts, [-1, -1]);
         }
     }

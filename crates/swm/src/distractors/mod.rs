@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_drawn_per_episode_stays_and_what_is_drawn_per_step_changes() {
+    fn episode_samples_stay_and_step_samples_change() {
         for (text, stays) in [
             ("noise", false),
             ("cutout", false),
@@ -267,7 +267,7 @@ mod tests {
         let coarse = shown("resolution:scale=0.5", 0, 0);
         let pixel = |y: usize, x: usize| &coarse[(y * SIDE + x) * 3..][..3];
         assert!((0..SIDE).all(|y| (0..SIDE).all(|x| pixel(y, x) == pixel(y & !1, x & !1))));
-        // Noise of deviation 10 has about that deviation where nothing is clipped.
+        // Noise of std 10 has about that std where nothing is clipped.
         let (noisy, plain) = (shown("noise:std=10", 3, 1), image());
         let differences: Vec<f64> = plain
             .iter()

@@ -93,7 +93,7 @@ impl<'a> Window<'a> {
 
     /// Number `row` of every action of a plan.
     fn over_time(&mut self, plan: &[f32], row: usize) -> Vec<f64> {
-        let width = self.actions.width();
+        let width = self.actions.dim();
         plan.chunks_exact(width).map(|numbers| self.carried_out(numbers)[row]).collect()
     }
 

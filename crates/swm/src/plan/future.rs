@@ -44,7 +44,7 @@ impl<'a> Future<'a> {
     pub(super) fn places(&mut self, start: &EnvState, plan: &[f32]) -> Result<Vec<Vec<Place>>, BoxError> {
         self.env.restore(start)?;
         let mut all = vec![self.env.places()];
-        for numbers in plan.chunks_exact(self.actions.width()) {
+        for numbers in plan.chunks_exact(self.actions.dim()) {
             self.actions.write(numbers, &mut self.action.as_slice_mut());
             if !self.action.as_slice().is_finite() {
                 break;

@@ -90,7 +90,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn noisy_defaults_are_documented() {
+    fn documented_defaults_are_the_defaults() {
+        swm_core::testing::assert_documented_defaults::<ExpertSettings>();
         let args = PolicyArgs::parse("noisy-expert").unwrap();
         let settings = ExpertSettings::parse_noisy(&args).unwrap();
         let found = [("std", settings.std.to_string()), ("replan", settings.replan.to_string())];

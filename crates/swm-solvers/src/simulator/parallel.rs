@@ -1,4 +1,4 @@
-//! Work on many things at once, one worker per thread. Which worker does what cannot be seen in the results.
+//! Work divided among workers, one per thread. Results do not depend on the division.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -9,7 +9,7 @@ use crate::error::PlanError;
 
 /// Calls `work(worker, index)` for all of `0..count`. Workers take `take` at a time, whenever they are free. Of several
 /// failures that of the lowest index is returned, whichever thread was faster.
-pub(super) fn share<W: Send>(
+pub(super) fn for_each<W: Send>(
     workers: &mut [W],
     count: usize,
     take: usize,

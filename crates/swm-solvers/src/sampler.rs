@@ -1,28 +1,34 @@
-//! The loop that all sampling solvers share: draw candidates, evaluate them, learn from the cheapest, repeat. How
-//! candidates are drawn and what is learned from them is each solver's own ([`Sampler`]).
+//! The loop that all sampling solvers share: sample candidates, evaluate them, update from the cheapest, repeat. How
+//! candidates are sampled and what is updated is the part of each solver ([`Sampler`]).
 
 use std::mem::MaybeUninit;
 
 use rayon::prelude::*;
-use serde_json::{Map, Value as Json};
 use swm_core::Space;
 
 use crate::bounds::{box_bounds, clamp, fill_bounds};
 use crate::cost::Cost;
 use crate::error::PlanError;
+use crate::problem::{Plan, PlanKey, Problem};
 use crate::sampling::{Noise, cheapest, count_non_finite, fill_normal};
-use crate::solver::{Plan, PlanKey, Problem, Solver, SolverConfig};
+use crate::settings::Validate;
+use crate::solver::SolverConfig;
 use crate::trace::{Iteration, Trace};
 use crate::workspace::Workspace;
 
-/// What tells one sampling solver from another. Episodes never meet: all methods see one at a time, on any thread.
-pub(crate) trait Sampler: SolverConfig {
-    /// The bounds of one action; an error for actions of a kind that the solver does not know.
+/// What differs between sampling solvers. Episodes do not interact: all methods get one at a time, on any thread.
+pub(crate) trait Sampler: Validate + Send + Sync + 'static {
+    /// As [`SolverConfig::NAME`].
+    const NAME: &'static str;
+    /// As [`SolverConfig::SUMMARY`].
+    const SUMMARY: &'static str;
+
+    /// The bounds of one action; an error for action spaces that the solver does not support.
     fn bounds<'a>(&self, space: &'a Space) -> Result<(&'a [f64], &'a [f64]), PlanError> {
-        box_bounds(Self::NAME, space)
+        box_bounds(<Self as Sampler>::NAME, space)
     }
 
-    /// The course of the search.
+    /// Sizes and options of the search.
     fn search(&self) -> Search;
 
     /// Whether it can plan for `problem`, whose sizes are sound.
@@ -30,9 +36,9 @@ pub(crate) trait Sampler: SolverConfig {
         Ok(())
     }
 
-    /// What an episode carries from one iteration to the next, for plans of `problem`'s size.
-    fn carried(&self, _problem: &Problem<'_>) -> Carried {
-        Carried::default()
+    /// The state that an episode keeps from one iteration to the next, for plans of `problem`'s size.
+    fn state_sizes(&self, _problem: &Problem<'_>) -> StateSizes {
+        StateSizes::default()
     }
 
     /// How many candidates iteration `iteration` has: at most [`Search::samples`].
@@ -40,30 +46,30 @@ pub(crate) trait Sampler: SolverConfig {
         self.search().samples
     }
 
-    /// Before the first iteration. `mean` is the initial plan, `spread` is [`Search::sigma`], all carried numbers are 0.
+    /// Before the first iteration. `mean` is the initial plan, `std` is [`Search::sigma`], the kept state is 0.
     fn begin(&self, _episode: &mut Episode<'_>) {}
 
     /// Fills `candidates`, `[S, H, D]`. They are clipped afterwards, if the solver clips.
-    fn draw(&self, episode: &mut Episode<'_>, candidates: &mut [f32]);
+    fn sample(&self, episode: &mut Episode<'_>, candidates: &mut [f32]);
 
-    /// Learns from `candidates`, `[S, H, D]`: `elites` are the cheapest of them, 1 or more, in ascending order of
-    /// their `costs`, `[S]`, all finite.
-    fn learn(&self, episode: &mut Episode<'_>, candidates: &[f32], costs: &[f64], elites: &[u32]);
+    /// Updates the search distribution from `candidates`, `[S, H, D]`: `elites` are the cheapest of them, 1 or more, in
+    /// ascending order of their `costs`, `[S]`, all finite.
+    fn update(&self, episode: &mut Episode<'_>, candidates: &[f32], costs: &[f64], elites: &[u32]);
 
     /// After the last iteration: makes `mean` the plan to return, and fills `memory` for the episode's next plan.
     fn end(&self, _episode: &mut Episode<'_>, _memory: &mut Vec<f64>) {}
 }
 
-/// The course of a search.
+/// Sizes and options of a search.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Search {
     /// S: candidates per iteration, at most.
     pub(crate) samples: usize,
     /// How many iterations to make.
     pub(crate) iterations: usize,
-    /// K: how many of the cheapest candidates to learn from.
+    /// K: how many of the cheapest candidates the update uses.
     pub(crate) elites: usize,
-    /// Spread at the start.
+    /// Standard deviation at the start.
     pub(crate) sigma: f32,
     /// Whether candidates are clipped to the bounds of the actions.
     pub(crate) clip: bool,
@@ -71,17 +77,17 @@ pub(crate) struct Search {
     pub(crate) return_best: bool,
 }
 
-/// How many numbers an episode carries from iteration to iteration.
+/// Lengths of the state that an episode keeps from iteration to iteration.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Carried {
+pub(crate) struct StateSizes {
     pub(crate) floats: usize,
     pub(crate) doubles: usize,
-    /// Numbers that hold nothing from call to call: room for matrices to be factorized in.
+    /// Scratch for the factorization of matrices; not kept.
     pub(crate) stack: usize,
 }
 
-impl Carried {
-    /// Not nothing, because slices are cut into chunks by these lengths.
+impl StateSizes {
+    /// At least 1 each, because slices are cut into chunks of these lengths.
     fn or_one(self) -> Self {
         let Self { floats, doubles, stack } = self;
         Self { floats: floats.max(1), doubles: doubles.max(1), stack: stack.max(1) }
@@ -91,17 +97,17 @@ impl Carried {
 /// One episode in the search.
 pub(crate) struct Episode<'a> {
     pub(crate) problem: &'a Problem<'a>,
-    /// Its row in the problem.
-    pub(crate) row: usize,
+    /// Its index in the problem.
+    pub(crate) index: usize,
     /// Iteration, from 0.
     pub(crate) iteration: u32,
-    /// `[H, D]`: where the search is; the plan to return in the end.
+    /// `[H, D]`: mean of the search distribution; the plan to return in the end.
     pub(crate) mean: &'a mut [f32],
-    /// `[H, D]`: how wide it is.
-    pub(crate) spread: &'a mut [f32],
-    /// What the solver carries from iteration to iteration.
+    /// `[H, D]`: its standard deviation.
+    pub(crate) std: &'a mut [f32],
+    /// State that the solver keeps from iteration to iteration.
     pub(crate) floats: &'a mut [f32],
-    /// What the solver carries from iteration to iteration.
+    /// State that the solver keeps from iteration to iteration.
     pub(crate) doubles: &'a mut [f64],
     /// Scratch.
     pub(crate) stack: &'a mut [MaybeUninit<f64>],
@@ -109,43 +115,37 @@ pub(crate) struct Episode<'a> {
 
 impl Episode<'_> {
     pub(crate) fn key(&self) -> &PlanKey {
-        &self.problem.keys[self.row]
+        &self.problem.keys[self.index]
     }
 
-    /// Fills `candidates`, `[S, H, D]`: the mean itself, then mean + spread × noise.
-    pub(crate) fn draw_around_mean(&self, candidates: &mut [f32], noise: &Noise) {
+    /// Fills `candidates`, `[S, H, D]`: the mean itself, then mean + std × noise.
+    pub(crate) fn sample_around_mean(&self, candidates: &mut [f32], noise: &Noise) {
         let (first, others) = candidates.split_at_mut(self.mean.len());
         first.copy_from_slice(self.mean);
         let mut stream = noise.stream(self.key(), self.iteration);
         for candidate in others.chunks_exact_mut(self.mean.len()) {
             fill_normal(&mut stream, candidate);
-            scale(candidate, self.mean, self.spread);
+            scale(candidate, self.mean, self.std);
         }
     }
 }
 
-/// Turns `noise`, `[H, D]`, into mean + spread × noise.
-pub(crate) fn scale(noise: &mut [f32], mean: &[f32], spread: &[f32]) {
-    for ((value, mean), spread) in noise.iter_mut().zip(mean).zip(spread) {
-        *value = mean + spread * *value;
+/// Turns `noise`, `[H, D]`, into mean + std × noise.
+pub(crate) fn scale(noise: &mut [f32], mean: &[f32], std: &[f32]) {
+    for ((value, mean), std) in noise.iter_mut().zip(mean).zip(std) {
+        *value = mean + std * *value;
     }
 }
 
-impl<S: Sampler> Solver for S {
-    fn name(&self) -> &'static str {
-        S::NAME
-    }
+impl<S: Sampler> SolverConfig for S {
+    const NAME: &'static str = <S as Sampler>::NAME;
+    const SUMMARY: &'static str = <S as Sampler>::SUMMARY;
 
-    fn changed_settings(&self) -> Map<String, Json> {
-        self.changed()
-    }
-
-    fn check(&self, space: &Space) -> Result<(), PlanError> {
-        self.validate()?;
+    fn check_space(&self, space: &Space) -> Result<(), PlanError> {
         self.bounds(space).map(|_| ())
     }
 
-    fn solve(
+    fn solve_checked(
         &self,
         problem: &Problem<'_>,
         cost: &mut dyn Cost,
@@ -165,44 +165,42 @@ fn run<S: Sampler>(
     trace: &mut dyn Trace,
     plan: &mut Plan,
 ) -> Result<(), PlanError> {
-    sampler.validate()?;
-    problem.check()?;
     let bounds = sampler.bounds(problem.action)?;
     let search = sampler.search();
     problem.check_samples(search.samples)?;
     sampler.check_problem(problem)?;
-    let (rows, size) = (problem.keys.len(), problem.plan_size());
-    let carried = sampler.carried(problem).or_one();
+    let (count, size) = (problem.keys.len(), problem.plan_size());
+    let sizes = sampler.state_sizes(problem).or_one();
     let [candidates, low, high, best, floats] = workspace.floats.cut([
-        rows * search.samples * size,
+        count * search.samples * size,
         size,
         size,
-        if search.return_best { rows * size } else { 0 },
-        rows * carried.floats,
+        if search.return_best { count * size } else { 0 },
+        count * sizes.floats,
     ]);
     let [costs, best_costs, doubles] =
-        workspace.doubles.cut([rows * search.samples, rows, rows * carried.doubles]);
-    let [order] = workspace.indices.cut([rows * search.samples]);
-    let stack = workspace.stack.spare(rows * carried.stack);
+        workspace.doubles.cut([count * search.samples, count, count * sizes.doubles]);
+    let [order] = workspace.indices.cut([count * search.samples]);
+    let stack = workspace.stack.spare(count * sizes.stack);
     fill_bounds(bounds, search.clip, low, high);
     best_costs.fill(f64::INFINITY);
     plan.begin(problem, search.sigma);
     plan.iterations.fill(search.iterations as u32);
-    trace.begin(S::NAME, problem);
-    let Plan { actions, spread, elite_mean_last, non_finite, memory, .. } = plan;
-    let mut rows = Rows { problem, means: actions, spreads: spread, carried, floats, doubles, stack };
+    trace.begin(<S as Sampler>::NAME, problem);
+    let Plan { actions, std, elite_mean_last, non_finite, memory, .. } = plan;
+    let mut episodes = Episodes { problem, means: actions, stds: std, sizes, floats, doubles, stack };
 
-    rows.episodes(0).for_each(|mut episode| {
+    episodes.at(0).for_each(|mut episode| {
         clamp(episode.mean, low, high);
         sampler.begin(&mut episode);
     });
     for iteration in 0..search.iterations {
         let samples = sampler.samples_in(iteration);
-        let candidates = &mut candidates[..rows.count() * samples * size];
-        let costs = &mut costs[..rows.count() * samples];
-        let drawn = rows.episodes(iteration as u32).zip(candidates.par_chunks_exact_mut(samples * size));
-        drawn.for_each(|(mut episode, candidates)| {
-            sampler.draw(&mut episode, candidates);
+        let candidates = &mut candidates[..count * samples * size];
+        let costs = &mut costs[..count * samples];
+        let sampled = episodes.at(iteration as u32).zip(candidates.par_chunks_exact_mut(samples * size));
+        sampled.for_each(|(mut episode, candidates)| {
+            sampler.sample(&mut episode, candidates);
             if search.clip {
                 candidates.chunks_exact_mut(size).for_each(|candidate| clamp(candidate, low, high));
             }
@@ -210,7 +208,7 @@ fn run<S: Sampler>(
         cost.evaluate(&problem.candidates(candidates, samples), costs)?;
         screen(problem.keys, iteration, costs, non_finite)?;
         let evaluated = (
-            rows.episodes(iteration as u32),
+            episodes.at(iteration as u32),
             candidates.par_chunks_exact(samples * size),
             costs.par_chunks_exact(samples),
             order.par_chunks_exact_mut(search.samples),
@@ -220,7 +218,7 @@ fn run<S: Sampler>(
             let elites = finite(costs, cheapest(costs, search.elites.min(samples), &mut order[..samples]));
             let sum: f64 = elites.iter().map(|&elite| costs[elite as usize]).sum();
             *elite_mean = sum / elites.len() as f64;
-            sampler.learn(&mut episode, candidates, costs, elites);
+            sampler.update(&mut episode, candidates, costs, elites);
         });
         if search.return_best {
             keep_best(candidates, costs, best, best_costs);
@@ -231,13 +229,13 @@ fn run<S: Sampler>(
             candidates: problem.candidates(candidates, samples),
             costs,
             elites: search.elites,
-            mean: rows.means,
-            spread: rows.spreads,
+            mean: episodes.means,
+            std: episodes.stds,
             gradient: &[],
         });
     }
 
-    let ended = rows.episodes(search.iterations as u32).zip(memory);
+    let ended = episodes.at(search.iterations as u32).zip(memory);
     ended.for_each(|(mut episode, memory)| {
         sampler.end(&mut episode, memory);
         clamp(episode.mean, low, high);
@@ -254,36 +252,32 @@ fn run<S: Sampler>(
 }
 
 /// All episodes of a search.
-struct Rows<'a> {
+struct Episodes<'a> {
     problem: &'a Problem<'a>,
     means: &'a mut [f32],
-    spreads: &'a mut [f32],
-    carried: Carried,
+    stds: &'a mut [f32],
+    sizes: StateSizes,
     floats: &'a mut [f32],
     doubles: &'a mut [f64],
     stack: &'a mut [MaybeUninit<f64>],
 }
 
-impl Rows<'_> {
-    fn count(&self) -> usize {
-        self.problem.keys.len()
-    }
-
-    fn episodes(&mut self, iteration: u32) -> impl IndexedParallelIterator<Item = Episode<'_>> {
+impl Episodes<'_> {
+    fn at(&mut self, iteration: u32) -> impl IndexedParallelIterator<Item = Episode<'_>> {
         let (problem, size) = (self.problem, self.problem.plan_size());
         let parts = (
             self.means.par_chunks_exact_mut(size),
-            self.spreads.par_chunks_exact_mut(size),
-            self.floats.par_chunks_exact_mut(self.carried.floats),
-            self.doubles.par_chunks_exact_mut(self.carried.doubles),
-            self.stack.par_chunks_exact_mut(self.carried.stack),
+            self.stds.par_chunks_exact_mut(size),
+            self.floats.par_chunks_exact_mut(self.sizes.floats),
+            self.doubles.par_chunks_exact_mut(self.sizes.doubles),
+            self.stack.par_chunks_exact_mut(self.sizes.stack),
         );
-        parts.into_par_iter().enumerate().map(move |(row, (mean, spread, floats, doubles, stack))| Episode {
+        parts.into_par_iter().enumerate().map(move |(index, (mean, std, floats, doubles, stack))| Episode {
             problem,
-            row,
+            index,
             iteration,
             mean,
-            spread,
+            std,
             floats,
             doubles,
             stack,
@@ -316,17 +310,17 @@ fn finite<'a>(costs: &[f64], elites: &'a [u32]) -> &'a [u32] {
     &elites[..count]
 }
 
-/// Remembers each episode's cheapest candidate, `[B, H, D]`, if it is cheaper than all before.
+/// Keeps each episode's cheapest candidate, `[B, H, D]`, if it is cheaper than all before.
 fn keep_best(candidates: &[f32], costs: &[f64], best: &mut [f32], best_costs: &mut [f64]) {
-    let rows = best_costs.len().max(1);
-    let (samples, size) = (costs.len() / rows, best.len() / rows);
-    for (row, best_cost) in best_costs.iter_mut().enumerate() {
-        let costs = &costs[row * samples..][..samples];
+    let episodes = best_costs.len().max(1);
+    let (samples, size) = (costs.len() / episodes, best.len() / episodes);
+    for (episode, best_cost) in best_costs.iter_mut().enumerate() {
+        let costs = &costs[episode * samples..][..samples];
         for (sample, &cost) in costs.iter().enumerate() {
             if cost < *best_cost {
                 *best_cost = cost;
-                let candidate = &candidates[(row * samples + sample) * size..][..size];
-                best[row * size..][..size].copy_from_slice(candidate);
+                let candidate = &candidates[(episode * samples + sample) * size..][..size];
+                best[episode * size..][..size].copy_from_slice(candidate);
             }
         }
     }

@@ -1,14 +1,14 @@
-//! Systems that are known step by step: state, action, next state, cost. Not learned models, which roll out whole
-//! batches of plans ([`super::Dynamics`]).
+//! Systems that are known step by step: state, action, next state, cost. Learned models, which roll out whole batches of
+//! plans, are [`crate::models::Dynamics`].
 
+use crate::context::PlanningContext;
 use crate::error::PlanError;
-use crate::mpc::Moment;
 
-/// A moment of a roll-out of T actions.
+/// One stage of a rollout of T actions.
 #[derive(Clone, Copy, Debug)]
 pub struct Stage<'a> {
-    /// The episode: row `b` of the problem.
-    pub row: usize,
+    /// The episode: `b` of `0..B`.
+    pub episode: usize,
     /// t of `0..=T`.
     pub step: usize,
     /// `[W]`: the state.
@@ -18,35 +18,35 @@ pub struct Stage<'a> {
 }
 
 impl Stage<'_> {
-    /// Whether the roll-out ends here: no action is taken any more.
+    /// Whether the rollout ends here: no action is taken.
     pub fn is_last(&self) -> bool {
         self.action.is_empty()
     }
 }
 
-/// A system with states of W numbers, actions of A numbers, and a cost that is a sum over its stages.
+/// A system with states of W values, actions of A values, and a cost that is a sum over its stages.
 ///
-/// Derivatives are optional, one by one: a method that returns `false` has written nothing, and
-/// [`super::ControlCost`] and iLQR take finite differences instead.
+/// Derivatives are optional, each of them: where a method returns `false`, [`crate::models::ControlCost`] and iLQR use
+/// finite differences instead.
 pub trait ControlModel: Send + Sync {
     /// W.
-    fn state_width(&self) -> usize;
+    fn state_dim(&self) -> usize;
 
     /// A.
-    fn action_width(&self) -> usize;
+    fn action_dim(&self) -> usize;
 
-    /// Once per plan: learns where every row starts. Problems that stand for themselves need nothing.
+    /// Once per plan: reads where every episode starts. By default it does nothing.
     ///
     /// # Errors
     ///
-    /// The moment lacks a column that the model needs, or the model fails.
-    fn prepare(&mut self, moment: &Moment<'_>) -> Result<(), PlanError> {
-        let _ = moment;
+    /// The context lacks a column that the model needs, or the model fails.
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
+        let _ = context;
         Ok(())
     }
 
-    /// Writes the state, `[W]`, in which episode `row` starts.
-    fn start(&self, row: usize, state: &mut [f64]);
+    /// Writes the state, `[W]`, in which `episode` starts.
+    fn start(&self, episode: usize, state: &mut [f64]);
 
     /// Writes the state, `[W]`, after the action of `at`.
     fn step(&self, at: &Stage<'_>, next: &mut [f64]);
@@ -74,28 +74,28 @@ pub trait ControlModel: Send + Sync {
         false
     }
 
-    /// How many constraints every step has; a roll-out of T actions has T times as many.
+    /// How many constraints every step has; a rollout of T actions has T times as many.
     fn constraints(&self) -> usize {
         0
     }
 
-    /// Writes the constraints of a step: functions of its action and of the state `next` that it led to, 0 or less
+    /// Writes the constraints of a step: functions of its action and of the state `next` that it leads to, 0 or less
     /// where they are met.
-    fn constrain(&self, row: usize, action: &[f64], next: &[f64], values: &mut [f64]) {
-        let _ = (row, action, next, values);
+    fn constrain(&self, episode: usize, action: &[f64], next: &[f64], values: &mut [f64]) {
+        let _ = (episode, action, next, values);
     }
 
-    /// Adds the derivatives of Σ weight × constraint to `by_next`, `[W]`, and `by_action`, `[A]`. Must be there if
+    /// Adds the derivatives of Σ weight × constraint to `by_next`, `[W]`, and `by_action`, `[A]`. Required if
     /// there are constraints.
     fn add_constraint_derivatives(
         &self,
-        row: usize,
+        episode: usize,
         action: &[f64],
         next: &[f64],
         weights: &[f64],
         by_next: &mut [f64],
         by_action: &mut [f64],
     ) {
-        let _ = (row, action, next, weights, by_next, by_action);
+        let _ = (episode, action, next, weights, by_next, by_action);
     }
 }

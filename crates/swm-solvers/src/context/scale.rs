@@ -1,14 +1,14 @@
-//! How action numbers of an environment become numbers of a plan: the units that a model was trained with. Statistics
-//! belong to the model, and are stored with it; nothing here is fitted to an evaluation.
+//! Normalization of actions: the units that a model was trained with. Statistics belong to the model and are stored with
+//! it; nothing here is fitted to an evaluation.
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::PlanError;
 
-/// Normalization of actions, a number per action number `[A]`. It acts on single actions, not on blocks.
+/// Normalization of actions, one statistic per element `[A]`. It acts on single actions, not on blocks.
 ///
-/// Source of the formulas: the reference's `ZScoreScaler` and `PercentileScaler`. Where an action number does not vary
-/// (a width below 1e-8) the reference has three rules; here its width counts as 1, in both directions.
+/// Source of the formulas: the reference's `ZScoreScaler` and `PercentileScaler`. Where an element does not vary
+/// (a range below 1e-8) the reference has three rules; here its range counts as 1, in both directions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum ActionScale {
@@ -19,7 +19,7 @@ pub enum ActionScale {
         /// `[A]`: standard deviations.
         std: Vec<f64>,
     },
-    /// `2 (x - low) / (high - low) - 1`, cut to -1..1.
+    /// `2 (x - low) / (high - low) - 1`, clipped to -1..1.
     Percentile {
         /// `[A]`: 1st percentiles.
         low: Vec<f64>,
@@ -28,118 +28,123 @@ pub enum ActionScale {
     },
 }
 
-/// Numbers that vary less than this do not vary.
-const NO_WIDTH: f64 = 1e-8;
+/// Elements that vary less than this are constant.
+const CONSTANT: f64 = 1e-8;
 
 impl ActionScale {
-    /// Means and standard deviations (divided by n) of `actions`, `[rows, width]`. Rows with a NaN, such as the last of
-    /// an episode, do not count.
+    /// Means and standard deviations (divided by n) of `actions`, `[N, A]` with A = `dim`. Actions with a NaN, such as the
+    /// last of an episode, are ignored.
     ///
     /// # Errors
     ///
-    /// `actions` are no rows of `width`, or none of them counts.
-    pub fn fit_mean_std(actions: &[f32], width: usize) -> Result<Self, PlanError> {
-        let columns = columns(actions, width)?;
+    /// `actions` are not a multiple of `dim` values, or all of them are ignored.
+    pub fn fit_mean_std(actions: &[f32], dim: usize) -> Result<Self, PlanError> {
+        let columns = columns(actions, dim)?;
         let mean: Vec<f64> = columns.iter().map(|column| average(column.iter().copied())).collect();
-        let deviation = |(column, mean): (&Vec<f64>, &f64)| {
+        let std = |(column, mean): (&Vec<f64>, &f64)| {
             average(column.iter().map(|value| (value - mean) * (value - mean))).sqrt()
         };
-        let std = columns.iter().zip(&mean).map(deviation).collect();
+        let std = columns.iter().zip(&mean).map(std).collect();
         Ok(ActionScale::MeanStd { mean, std })
     }
 
-    /// 1st and 99th percentiles (interpolated linearly) of `actions`, `[rows, width]`. Rows with a NaN do not count.
+    /// 1st and 99th percentiles (interpolated linearly) of `actions`, `[N, A]`. Actions with a NaN are ignored.
     ///
     /// # Errors
     ///
     /// As of [`ActionScale::fit_mean_std`].
-    pub fn fit_percentile(actions: &[f32], width: usize) -> Result<Self, PlanError> {
-        let mut columns = columns(actions, width)?;
+    pub fn fit_percentile(actions: &[f32], dim: usize) -> Result<Self, PlanError> {
+        let mut columns = columns(actions, dim)?;
         columns.iter_mut().for_each(|column| column.sort_unstable_by(f64::total_cmp));
         let all = |fraction: f64| columns.iter().map(|column| quantile(column, fraction)).collect();
         Ok(ActionScale::Percentile { low: all(0.01), high: all(0.99) })
     }
 
-    /// A: numbers per action.
-    pub fn width(&self) -> usize {
+    /// A: elements of an action.
+    pub fn dim(&self) -> usize {
         let (ActionScale::MeanStd { mean: first, .. } | ActionScale::Percentile { low: first, .. }) = self;
         first.len()
     }
 
-    /// Refuses numbers that cannot be divided by, and lists of unequal length.
+    /// Refuses statistics that cannot be divided by, and lists of unequal length.
     ///
     /// # Errors
     ///
-    /// [`PlanError::Setting`], which names the first bad number.
+    /// [`PlanError::Setting`], which names the first bad element.
     pub fn check(&self) -> Result<(), PlanError> {
         let (one, other) = match self {
             ActionScale::MeanStd { mean, std } => (mean, std),
             ActionScale::Percentile { low, high } => (low, high),
         };
         if one.len() != other.len() {
-            let reason =
-                format!("lists of {} and {} numbers; one of each per action number", one.len(), other.len());
+            let reason = format!(
+                "lists of {} and {} values; one of each per element of the action",
+                one.len(),
+                other.len()
+            );
             return Err(PlanError::setting(NAME, reason));
         }
         let wrong = |index: &usize| {
-            let widths = match self {
+            let range = match self {
                 ActionScale::MeanStd { .. } => other[*index],
                 ActionScale::Percentile { .. } => other[*index] - one[*index],
             };
-            !one[*index].is_finite() || !widths.is_finite() || widths < 0.0
+            !one[*index].is_finite() || !range.is_finite() || range < 0.0
         };
         match (0..one.len()).find(wrong) {
             Some(index) => {
-                let reason =
-                    format!("{} and {} for action number {index} scale nothing", one[index], other[index]);
+                let reason = format!(
+                    "{} and {} are no scale for element {index} of the action",
+                    one[index], other[index]
+                );
                 Err(PlanError::setting(NAME, reason))
             }
             None => Ok(()),
         }
     }
 
-    /// The center and width of action number `index`: `plan = (action - center) / width`.
-    pub(super) fn line(&self, index: usize) -> (f64, f64) {
-        let (center, width) = match self {
+    /// The center and scale of element `index`: `plan = (action - center) / scale`.
+    fn line(&self, index: usize) -> (f64, f64) {
+        let (center, scale) = match self {
             ActionScale::MeanStd { mean, std } => (mean[index], std[index]),
             ActionScale::Percentile { low, high } => {
                 ((low[index] + high[index]) / 2.0, (high[index] - low[index]) / 2.0)
             }
         };
-        (center, if width < NO_WIDTH { 1.0 } else { width })
+        (center, if scale < CONSTANT { 1.0 } else { scale })
     }
 
-    /// The plan number of action number `index` at `value`.
+    /// The plan value of element `index` of an action.
     pub fn to_plan(&self, index: usize, value: f64) -> f64 {
-        let (center, width) = self.line(index);
-        let scaled = (value - center) / width;
+        let (center, scale) = self.line(index);
+        let scaled = (value - center) / scale;
         match self {
             ActionScale::MeanStd { .. } => scaled,
             ActionScale::Percentile { .. } => scaled.clamp(-1.0, 1.0),
         }
     }
 
-    /// The value of action number `index` at plan number `number`.
-    pub fn to_action(&self, index: usize, number: f64) -> f64 {
-        let (center, width) = self.line(index);
-        number * width + center
+    /// Element `index` of the action from its plan value.
+    pub fn to_action(&self, index: usize, value: f64) -> f64 {
+        let (center, scale) = self.line(index);
+        value * scale + center
     }
 }
 
-/// What errors call it.
+/// Its name in errors.
 pub(super) const NAME: &str = "action_scale";
 
-/// The usable rows of `[rows, width]`, column by column; at least one row.
-fn columns(actions: &[f32], width: usize) -> Result<Vec<Vec<f64>>, PlanError> {
-    if width == 0 || !actions.len().is_multiple_of(width) {
-        let reason = format!("{} numbers are no rows of {width}", actions.len());
+/// The elements of the usable actions of `[N, A]`: A lists, none of them empty.
+fn columns(actions: &[f32], dim: usize) -> Result<Vec<Vec<f64>>, PlanError> {
+    if dim == 0 || !actions.len().is_multiple_of(dim) {
+        let reason = format!("{} values are not a multiple of {dim}", actions.len());
         return Err(PlanError::setting(NAME, reason));
     }
-    let usable = || actions.chunks_exact(width).filter(|row| row.iter().all(|value| !value.is_nan()));
+    let usable = || actions.chunks_exact(dim).filter(|action| action.iter().all(|value| !value.is_nan()));
     if usable().next().is_none() {
         return Err(PlanError::setting(NAME, "no action to fit it to; give actions that are not NaN"));
     }
-    Ok((0..width).map(|column| usable().map(|row| f64::from(row[column])).collect()).collect())
+    Ok((0..dim).map(|index| usable().map(|action| f64::from(action[index])).collect()).collect())
 }
 
 fn average(values: impl ExactSizeIterator<Item = f64>) -> f64 {
@@ -161,15 +166,15 @@ mod tests {
     const NAN: f32 = f32::NAN;
 
     #[test]
-    fn there_and_back() {
+    fn scaling_round_trips() {
         for scale in [
             ActionScale::MeanStd { mean: vec![1.0, -2.0], std: vec![0.5, 3.0] },
             ActionScale::Percentile { low: vec![-1.0, 2.0], high: vec![3.0, 2.5] },
         ] {
             for index in 0..2 {
-                let (center, width) = scale.line(index);
+                let (center, factor) = scale.line(index);
                 for step in [-0.9, 0.0, 0.4] {
-                    let value = center + step * width;
+                    let value = center + step * factor;
                     assert!((scale.to_plan(index, value) - step).abs() < 1e-12);
                     assert!((scale.to_action(index, step) - value).abs() < 1e-12);
                 }
@@ -178,13 +183,13 @@ mod tests {
     }
 
     #[test]
-    fn percentiles_cut_what_a_model_has_not_seen() {
+    fn percentiles_clip_what_a_model_has_not_seen() {
         let scale = ActionScale::Percentile { low: vec![-1.0], high: vec![3.0] };
         assert_eq!((scale.to_plan(0, 9.0), scale.to_plan(0, -9.0), scale.to_plan(0, 2.0)), (1.0, -1.0, 0.5));
     }
 
     #[test]
-    fn what_does_not_vary_has_width_one_in_both_directions() {
+    fn constant_elements_have_scale_one_in_both_directions() {
         for scale in [
             ActionScale::MeanStd { mean: vec![2.0], std: vec![1e-9] },
             ActionScale::Percentile { low: vec![2.0], high: vec![2.0] },
@@ -194,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn fits_rows_without_nan() {
+    fn fits_actions_without_nan() {
         let actions = [1.0, 10.0, 3.0, 30.0, NAN, 5.0, 7.0, NAN];
         let scale = ActionScale::fit_mean_std(&actions, 2).unwrap();
         assert_eq!(scale, ActionScale::MeanStd { mean: vec![2.0, 20.0], std: vec![1.0, 10.0] });
@@ -204,10 +209,9 @@ mod tests {
         let scale = ActionScale::fit_percentile(&[0.0, 10.0], 1).unwrap();
         assert_eq!(scale, ActionScale::Percentile { low: vec![0.1], high: vec![9.9] });
 
-        let message =
-            |actions: &[f32], width| ActionScale::fit_mean_std(actions, width).unwrap_err().to_string();
+        let message = |actions: &[f32], dim| ActionScale::fit_mean_std(actions, dim).unwrap_err().to_string();
         assert!(message(&[NAN, NAN], 2).contains("no action to fit"));
-        assert!(message(&[1.0, 2.0, 3.0], 2).contains("3 numbers are no rows of 2"));
+        assert!(message(&[1.0, 2.0, 3.0], 2).contains("3 values are not a multiple of 2"));
     }
 
     #[test]
@@ -216,9 +220,9 @@ mod tests {
         let mean = vec![0.0, 0.0];
         assert!(message(ActionScale::MeanStd { mean: mean.clone(), std: vec![1.0] }).contains("2 and 1"));
         let negative = ActionScale::MeanStd { mean: mean.clone(), std: vec![1.0, -1.0] };
-        assert!(message(negative).contains("action number 1"));
+        assert!(message(negative).contains("element 1"));
         assert!(message(ActionScale::MeanStd { mean: vec![f64::NAN], std: vec![1.0] }).contains("NaN"));
         let crossed = ActionScale::Percentile { low: vec![1.0], high: vec![0.0] };
-        assert!(message(crossed).contains("1 and 0 for action number 0"));
+        assert!(message(crossed).contains("1 and 0 are no scale for element 0"));
     }
 }

@@ -5,37 +5,37 @@ use swm_core::{Batch, Column, Row, Slice};
 use super::actions::ActionMap;
 
 /// A ring of the last steps of one episode. Frames are k steps apart, counted back from the present; an
-/// episode that is younger than the history wanted has fewer frames: none is invented.
+/// episode that is younger than the history has fewer frames; none is made up.
 #[derive(Debug)]
-pub(super) struct History {
+pub(crate) struct History {
     frames: usize,
     block: usize,
-    width: usize,
+    dim: usize,
     steps: u64,
     fields: Vec<Column>,
     actions: Vec<f32>,
 }
 
 impl History {
-    /// Room for `frames` frames, `block` steps apart, of the fields `indices` of `infos`, and actions of `width` plan
-    /// numbers.
-    pub(super) fn new(frames: usize, block: usize, width: usize, infos: &Batch, indices: &[usize]) -> Self {
+    /// Room for `frames` frames, `block` steps apart, of the fields `indices` of `infos`, and actions of `dim` plan
+    /// values.
+    pub(crate) fn new(frames: usize, block: usize, dim: usize, infos: &Batch, indices: &[usize]) -> Self {
         let capacity = (frames - 1) * block + 1;
         let column = |&index: &usize| {
             let field = &infos.schema().fields()[index];
             Column::zeros(field.dtype, capacity * field.width())
         };
         let fields = indices.iter().map(column).collect();
-        Self { frames, block, width, steps: 0, fields, actions: vec![0.0; capacity * width] }
+        Self { frames, block, dim, steps: 0, fields, actions: vec![0.0; capacity * dim] }
     }
 
     /// Forgets everything: a new episode begins.
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.steps = 0;
     }
 
-    /// Remembers the observation of the present moment.
-    pub(super) fn observe(&mut self, row: Row<'_>, indices: &[usize]) {
+    /// Stores the present observation.
+    pub(crate) fn observe(&mut self, row: Row<'_>, indices: &[usize]) {
         self.steps += 1;
         let slot = self.slot(0);
         for (column, &index) in self.fields.iter_mut().zip(indices) {
@@ -45,10 +45,10 @@ impl History {
         }
     }
 
-    /// Remembers the action taken from the present moment, which `planned` asked for.
-    pub(super) fn acted(&mut self, planned: &[f32], map: &ActionMap) {
-        let start = self.slot(0) * self.width;
-        map.executed(planned, &mut self.actions[start..][..self.width]);
+    /// Stores the action taken from the present observation; `planned` are its values in the plan.
+    pub(crate) fn acted(&mut self, planned: &[f32], map: &ActionMap) {
+        let start = self.slot(0) * self.dim;
+        map.executed(planned, &mut self.actions[start..][..self.dim]);
     }
 
     /// The position in the ring of the step `back` steps before the present.
@@ -61,10 +61,14 @@ impl History {
 /// What a cost sees of an episode's recent past.
 #[derive(Clone, Copy, Debug)]
 pub struct HistoryView<'a> {
-    pub(super) history: &'a History,
+    history: &'a History,
 }
 
 impl<'a> HistoryView<'a> {
+    pub(super) fn of(history: &'a History) -> Self {
+        Self { history }
+    }
+
     /// n: frames that the episode really has, the present one included; at most `history_len`.
     pub fn frames(&self) -> usize {
         let History { frames, block, steps, .. } = *self.history;
@@ -76,9 +80,9 @@ impl<'a> HistoryView<'a> {
     pub fn frame(&self, field: usize, frame: usize) -> Slice<'a> {
         let history = self.history;
         let values = history.fields[field].as_slice();
-        let width = values.len() / ((history.frames - 1) * history.block + 1);
+        let dim = values.len() / ((history.frames - 1) * history.block + 1);
         let back = (self.frames() - 1 - frame) * history.block;
-        values.range(history.slot(back) * width, width)
+        values.range(history.slot(back) * dim, dim)
     }
 
     /// Action `index` of `0..(n - 1) × k`, oldest first: `[A]`, as carried out, in the units of plans (normalized, if
@@ -86,6 +90,6 @@ impl<'a> HistoryView<'a> {
     pub fn action(&self, index: usize) -> &'a [f32] {
         let history = self.history;
         let back = (self.frames() - 1) * history.block - index;
-        &history.actions[history.slot(back) * history.width..][..history.width]
+        &history.actions[history.slot(back) * history.dim..][..history.dim]
     }
 }

@@ -1,19 +1,19 @@
-//! From the numbers of a plan to actions of an environment.
+//! From the values of a plan to actions of an environment.
 
 use swm_core::{SliceMut, Space};
 
 use super::scale::{ActionScale, NAME};
 use crate::error::PlanError;
 use crate::sampling::clip;
-use crate::space::{categories, largest, plan_width};
+use crate::space::{categories, largest, plan_dim};
 
-/// Turns A numbers of a plan into one action: clipped to the action space (if wanted), freed of the normalization (if
-/// there is one), in its type. Integers are the category with the largest number.
+/// Turns A values of a plan into one action: clipped to the action space (if enabled), denormalized (if plans are
+/// normalized), in its type. Integers are the category with the largest value.
 ///
-/// The policy and the costs that simulate use the same map, so that what is planned is what is done.
+/// The policy and the simulator costs use the same map, so that what is planned is what is executed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ActionMap {
-    /// `[A]`: bounds of plan numbers; infinite where nothing is clipped.
+    /// `[A]`: bounds of plan values; infinite where nothing is clipped.
     low: Vec<f32>,
     high: Vec<f32>,
     scaling: Option<Scaling>,
@@ -23,11 +23,11 @@ pub struct ActionMap {
     space: Space,
 }
 
-/// The way back from plan units.
+/// Denormalization of plan values.
 #[derive(Clone, Debug, PartialEq)]
 struct Scaling {
     scale: ActionScale,
-    /// `[A]`: bounds of actions; rounding on the way back must not leave them.
+    /// `[A]`: bounds of actions; rounding must not leave them.
     low: Vec<f32>,
     high: Vec<f32>,
 }
@@ -40,8 +40,8 @@ impl ActionMap {
         let [low, high] = if clips && groups.is_empty() {
             inner_bounds(space)
         } else {
-            let width = plan_width(space);
-            [vec![f32::NEG_INFINITY; width], vec![f32::INFINITY; width]]
+            let dim = plan_dim(space);
+            [vec![f32::NEG_INFINITY; dim], vec![f32::INFINITY; dim]]
         };
         Self { low, high, scaling: None, groups, space: space.clone() }
     }
@@ -51,7 +51,7 @@ impl ActionMap {
     ///
     /// # Errors
     ///
-    /// [`PlanError::Setting`]: the space is not of real numbers, or the scale is not of its width or fails
+    /// [`PlanError::Setting`]: the space is not of real numbers, or the scale has another dimension or fails
     /// [`ActionScale::check`].
     pub fn scaled(space: &Space, scale: &ActionScale, clips: bool) -> Result<Self, PlanError> {
         let Space::Box { dtype, shape, low, high } = space else {
@@ -59,11 +59,10 @@ impl ActionMap {
             return Err(PlanError::setting(NAME, reason));
         };
         scale.check()?;
-        if scale.width() != low.len() {
-            let (found, expected) = (scale.width(), low.len());
-            let reason = format!(
-                "is of {found} numbers, and the action has {expected}; take a model of this environment"
-            );
+        if scale.dim() != low.len() {
+            let (found, expected) = (scale.dim(), low.len());
+            let reason =
+                format!("has {found} values, and the action has {expected}; use a model of this environment");
             return Err(PlanError::setting(NAME, reason));
         }
         let planned = |bounds: &[f64]| -> Vec<f64> {
@@ -80,12 +79,12 @@ impl ActionMap {
         [self.low, self.high]
     }
 
-    /// A: numbers per action.
-    pub fn width(&self) -> usize {
+    /// A: plan values per action.
+    pub fn dim(&self) -> usize {
         self.low.len()
     }
 
-    /// What one action may be, in the units of the plan: the space that solvers search.
+    /// The action space in the units of the plan: what solvers search.
     pub fn space(&self) -> &Space {
         &self.space
     }
@@ -94,12 +93,12 @@ impl ActionMap {
     pub fn write(&self, values: &[f32], action: &mut SliceMut<'_>) {
         match action {
             SliceMut::F32(out) => {
-                out.iter_mut().enumerate().for_each(|(index, out)| *out = self.number(index, values[index]));
+                out.iter_mut().enumerate().for_each(|(index, out)| *out = self.value(index, values[index]));
             }
             SliceMut::F64(out) => out
                 .iter_mut()
                 .enumerate()
-                .for_each(|(index, out)| *out = self.number(index, values[index]).into()),
+                .for_each(|(index, out)| *out = self.value(index, values[index]).into()),
             SliceMut::I64(out) => {
                 for (out, (group, first)) in out.iter_mut().zip(self.groups_of(values)) {
                     *out = first + largest(group) as i64;
@@ -109,8 +108,8 @@ impl ActionMap {
         }
     }
 
-    /// Action number `index` from its plan number.
-    fn number(&self, index: usize, value: f32) -> f32 {
+    /// Element `index` of the action from its plan value.
+    fn value(&self, index: usize, value: f32) -> f32 {
         let clipped = clip(value, self.low[index], self.high[index]);
         match &self.scaling {
             None => clipped,
@@ -121,8 +120,8 @@ impl ActionMap {
         }
     }
 
-    /// Writes what is carried out when `values`, `[A]`, are planned, in plan units: clipped, or one-hot. What a model
-    /// is to be told of the past.
+    /// Writes what is executed when `values`, `[A]`, are planned, in plan units: clipped, or one-hot. This is what a model
+    /// gets as its past actions.
     pub fn executed(&self, values: &[f32], out: &mut [f32]) {
         let bounds = self.low.iter().zip(&self.high);
         for ((out, &value), (&low, &high)) in out.iter_mut().zip(values).zip(bounds) {
@@ -139,7 +138,7 @@ impl ActionMap {
         }
     }
 
-    /// The numbers of each integer, and its first category.
+    /// The values of each integer, and its first category.
     fn groups_of<'a>(&'a self, values: &'a [f32]) -> impl Iterator<Item = (&'a [f32], i64)> {
         let mut rest = values;
         self.groups.iter().map(move |&(count, first)| {
@@ -210,17 +209,17 @@ mod tests {
         let scale = ActionScale::MeanStd { mean: vec![0.0], std: vec![1.0] };
         let message = |space: &Space| ActionMap::scaled(space, &scale, true).unwrap_err().to_string();
         let two = Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0);
-        assert!(message(&two).contains("is of 1 numbers, and the action has 2"));
+        assert!(message(&two).contains("has 1 values, and the action has 2"));
         assert!(message(&Space::Discrete { n: 3, start: 0 }).contains("the action space is discrete"));
     }
 
     #[test]
-    fn integers_are_read_from_groups_of_numbers() {
+    fn integers_are_read_from_groups_of_values() {
         let space = Space::MultiDiscrete { n: vec![2, 3], start: vec![0, -1] };
         let (map, mut action) = (ActionMap::new(&space, true), Column::zeros(Dtype::I64, 2));
         let planned = [0.2, 0.8, 0.0, 0.0, 1.0];
         map.write(&planned, &mut action.as_slice_mut());
-        assert_eq!((map.width(), action), (5, Column::I64(vec![1, 1])));
+        assert_eq!((map.dim(), action), (5, Column::I64(vec![1, 1])));
         let mut executed = [9.0; 5];
         map.executed(&planned, &mut executed);
         assert_eq!(executed, [0.0, 1.0, 0.0, 0.0, 1.0]);
