@@ -52,7 +52,7 @@ fn folder(path: &Path) -> PathBuf {
     }
 }
 
-/// Values without a key, then settings that not all results share, then the seed.
+/// Values without a key, then settings in which results differ (all of them for a single result), then the seed.
 fn settings(candidate: &Candidate, results: &[(&Path, &Candidate)]) -> Vec<String> {
     let plain = |value: &Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
     let shared = |key: &str, value: &Json| {
