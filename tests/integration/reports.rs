@@ -46,6 +46,16 @@ fn a_report_is_one_page_that_a_browser_shows() {
     let charts = html.matches("<figure><svg").count();
     assert!(charts >= 6, "{charts} charts");
     assert!(html.matches("As a table").count() >= 5, "every chart of results is also a table");
+    // Results are named by their folders, then by the settings in which they differ.
+    assert!(
+        html.contains("<span class=\"name\">a</span> <small>cem: samples=20, "),
+        "no label of the planner"
+    );
+    assert!(
+        html.contains("<span class=\"name\">b</span> <small>weak</small>"),
+        "no label of the other policy"
+    );
+    assert!(html.contains("class=\"bars\"") && html.matches("title=\"pair 0: ").count() >= 5, "bars and map");
     // The letters of videos may spell anything.
     let mut parts = html.split("base64,");
     let words: String =
@@ -110,6 +120,11 @@ fn a_report_is_one_page_that_a_browser_shows() {
     for (tab, seen) in tabs {
         assert_eq!(seen["shown"], true, "{tab}");
         assert_eq!(seen["wide"], false, "{tab} is wider than the window");
+        assert_eq!(
+            seen["cropped"],
+            Json::Array(Vec::new()),
+            "{tab}: figures that scroll sideways, or cropped labels"
+        );
         for video in seen["videos"].as_array().unwrap() {
             assert!(video["error"].is_null() && video["seconds"].as_f64() > Some(0.0), "{tab}: {video}");
         }
@@ -118,7 +133,8 @@ fn a_report_is_one_page_that_a_browser_shows() {
     assert!(videos > 0 || !cfg!(feature = "mp4"), "{found}");
 }
 
-/// Clicks every tab, and says whether it shows, how far its videos have played, and whether the page is wider than the window.
+/// Clicks every tab, and says whether it shows, how far its videos have played, whether the page is wider than the window, and
+/// which figures scroll sideways or crop their text.
 const VISIT: &str = r#"<script>
 addEventListener("load", async () => {
   const seen = {};
@@ -131,7 +147,13 @@ addEventListener("load", async () => {
     const videos = [...panel.querySelectorAll("video")].map((video) => ({
       seconds: video.currentTime, error: video.error && video.error.message }));
     const wide = document.documentElement.scrollWidth > innerWidth;
-    seen[tab.id] = { shown: !panel.hidden, videos, wide };
+    const outside = (text, box) => text.left < box.left - 1 || text.right > box.right + 1;
+    const cropped = [...panel.querySelectorAll("figure")].filter((figure) => figure.scrollWidth > figure.clientWidth + 1)
+      .map((figure) => figure.className);
+    for (const svg of panel.querySelectorAll("figure svg"))
+      for (const text of svg.querySelectorAll("text"))
+        if (outside(text.getBoundingClientRect(), svg.getBoundingClientRect())) cropped.push(text.textContent);
+    seen[tab.id] = { shown: !panel.hidden, videos, wide, cropped };
   }
   const note = document.createElement("pre");
   note.id = "visit";

@@ -1,13 +1,12 @@
 //! `cargo xtask demo`: the main job from end to end. Records PushT episodes, evaluates an expert, a random policy and a
 //! planner from goals of that dataset, prints a table, and leaves a folder with images and videos.
 
-use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context as _, Result, anyhow};
-use serde_json::Value as Json;
+use anyhow::{Context as _, Result};
+use serde_json::{Value as Json, json};
 
 use crate::{process, setup};
 
@@ -130,76 +129,86 @@ fn swm(size: &Size, args: &[&str], paths: &[(&str, &Path)]) -> Result<Json> {
     serde_json::from_slice(&printed).with_context(|| format!("`swm {}` printed no JSON", args.join(" ")))
 }
 
-fn number(result: &Json, pointer: &str) -> f64 {
-    result.pointer(pointer).and_then(Json::as_f64).unwrap_or(f64::NAN)
+const HEAD: [&str; 6] = ["policy", "success", "95 % interval", "episodes", "steps to success", "wall time"];
+
+/// A row of the table of results: goals 25 steps ahead in the recorded episodes, 50 actions.
+fn cells(name: &str, result: &Json) -> [String; 6] {
+    let number = |pointer: &str| result.pointer(pointer).and_then(Json::as_f64).unwrap_or(f64::NAN);
+    let cells = [
+        name.to_owned(),
+        format!("{:.0} %", number("/success_rate")),
+        format!("{:.0} to {:.0} %", number("/ci95/0"), number("/ci95/1")),
+        number("/episodes").to_string(),
+        format!("{:.1}", number("/mean_success_steps")),
+        format!("{:.1} s", number("/wall_time_s")),
+    ];
+    cells.map(|cell| cell.replace("NaN", "–"))
 }
 
-/// The table of results: goals 25 rows ahead in the recorded episodes, 50 actions.
 fn markdown(results: &[(&str, PathBuf, Json)]) -> String {
-    let mut text =
-        String::from("| policy | success | 95 % interval | episodes | steps to success | wall time |\n");
-    text += "|---|---|---|---|---|---|\n";
-    for (name, _, result) in results {
-        let _ = writeln!(
-            text,
-            "| {name} | {:.0} % | {:.0} to {:.0} % | {} | {:.1} | {:.1} s |",
-            number(result, "/success_rate"),
-            number(result, "/ci95/0"),
-            number(result, "/ci95/1"),
-            number(result, "/episodes"),
-            number(result, "/mean_success_steps"),
-            number(result, "/wall_time_s"),
-        );
-    }
-    text.replace("NaN", "–")
+    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+    let rows: String = results.iter().map(|(name, _, result)| line(&cells(name, result))).collect();
+    format!("{}|---|---|---|---|---|---|\n{rows}", line(&HEAD.map(str::to_owned)))
 }
 
 /// One page: the table, then images and videos per policy.
 fn html(recorded: &Json, results: &[(&str, PathBuf, Json)], out: &Path) -> Result<String> {
-    let mut page = String::from(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
-         <title>PushT demo</title><style>:root{color-scheme:light dark}body{font:16px system-ui;max-width:70rem;\
-         margin:2rem auto;padding:0 1rem}td,th{padding:.3rem .8rem;text-align:left}img,video{max-width:100%;\
-         margin:.2rem}</style><h1>PushT: expert, random, planner</h1>",
-    );
-    let _ = write!(
-        page,
-        "<p>{} recorded expert episodes, {} rows. Each policy starts at a recorded row and must reach what was \
-         recorded 25 rows later, within 50 actions.</p><table>",
-        number(recorded, "/episodes"),
-        number(recorded, "/rows"),
-    );
-    for (index, line) in markdown(results).lines().enumerate().filter(|(index, _)| *index != 1) {
-        let tag = if index == 0 { "th" } else { "td" };
-        let cells = line.trim_matches('|').split('|').map(|cell| format!("<{tag}>{}</{tag}>", cell.trim()));
-        let _ = write!(page, "<tr>{}</tr>", cells.collect::<String>());
-    }
-    page += "</table>";
-    for (name, folder, _) in results {
-        let _ = write!(
-            page,
-            "<h2>{name}</h2><p>One row per episode: the goal in an orange frame, then moments from first to last. The green shape is a decoration that the reference draws, \
-             not the goal.</p>"
-        );
-        let mut files: Vec<PathBuf> =
+    let shown = results.iter().map(|(name, folder, result)| {
+        let mut paths: Vec<PathBuf> =
             fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<Result<_>>()?;
-        files.sort();
-        for file in files {
-            let relative =
-                file.strip_prefix(out).map_err(|_| anyhow!("a file outside of the report"))?.display();
-            let caption = file.file_stem().unwrap_or_default().to_string_lossy().replace('_', " ");
-            let extension = file.extension().and_then(|extension| extension.to_str());
-            let element = match extension {
-                Some("png" | "gif") => format!("<img src=\"{relative}\" alt=\"{caption}\"><br>"),
-                Some("mp4") => {
-                    format!(
-                        "<video src=\"{relative}\" title=\"{caption}\" controls autoplay loop muted playsinline></video>"
-                    )
-                }
-                _ => continue,
-            };
-            page += &element;
+        paths.sort();
+        let mut files = Vec::new();
+        for path in paths {
+            let kind = path.extension().unwrap_or_default().to_string_lossy();
+            let caption = path.file_stem().unwrap_or_default().to_string_lossy().replace('_', " ");
+            if ["png", "gif", "mp4"].contains(&kind.as_ref()) {
+                let path = path.strip_prefix(out).context("a file outside of the report")?;
+                files.push(json!({ "kind": kind, "caption": caption, "path": path }));
+            }
         }
+        Ok(json!({ "cells": cells(name, result), "files": files }))
+    });
+    let page = json!({
+        "style": include_str!("../../crates/swm/templates/style.css"),
+        "recorded": recorded,
+        "head": HEAD,
+        "results": shown.collect::<Result<Vec<_>>>()?,
+    });
+    let mut engine = minijinja::Environment::new();
+    engine.set_undefined_behavior(minijinja::UndefinedBehavior::SemiStrict);
+    Ok(engine.render_named_str("demo.html", include_str!("demo.html"), minijinja::value::Serde(&page))?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_shows_the_table_and_every_file() {
+        let out = tempfile::tempdir().unwrap();
+        let folder = out.path().join("expert");
+        fs::create_dir(&folder).unwrap();
+        for name in ["episode_000_success.mp4", "episodes.png", "result.json"] {
+            fs::write(folder.join(name), "").unwrap();
+        }
+        let result =
+            json!({ "success_rate": 75.0, "ci95": [30.0, 95.0], "episodes": 4, "wall_time_s": 1.25 });
+        let results = [("a < b", folder, result)];
+        let page = html(&json!({ "episodes": 6, "rows": 300 }), &results, out.path()).unwrap();
+        assert!(
+            page.contains(
+                "<td>a &lt; b</td><td>75 %</td><td>30 to 95 %</td><td>4</td><td>–</td><td>1.2 s</td>"
+            ),
+            "{page}"
+        );
+        assert!(
+            page.contains("title=\"episode 000 success\"") && page.contains("alt=\"episodes\""),
+            "{page}"
+        );
+        assert!(
+            !page.contains("result.json") && page.contains("<p>6 recorded expert episodes, 300 steps."),
+            "{page}"
+        );
+        assert_eq!(markdown(&results).lines().last(), Some("| a < b | 75 % | 30 to 95 % | 4 | – | 1.2 s |"));
     }
-    Ok(page + "</html>\n")
 }

@@ -99,11 +99,11 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
 fn read(name: &str, count: usize) -> Result<Vec<Sequence>, Box<dyn Error>> {
     let path = format!("{}/../../tests/golden/pusht/{name}.npz", env!("CARGO_MANIFEST_DIR"));
     let mut file = NpzReader::new(File::open(path)?)?;
-    let body = |numbers: &[f64]| BodySetup {
-        shape: Shape::from_index(numbers[0] as usize).unwrap_or(Shape::T),
-        scale: numbers[1] as f32,
-        position: [numbers[2], numbers[3]],
-        angle: numbers[4],
+    let body = |values: &[f64]| BodySetup {
+        shape: Shape::from_index(values[0] as usize).unwrap_or(Shape::T),
+        scale: values[1] as f32,
+        position: [values[2], values[3]],
+        angle: values[4],
     };
     (0..count)
         .map(|index| {
@@ -113,7 +113,7 @@ fn read(name: &str, count: usize) -> Result<Vec<Sequence>, Box<dyn Error>> {
             let setup = setup.to_vec();
             Ok(Sequence {
                 setup: Setup { agent: body(&setup[..5]), block: body(&setup[5..]), ..Setup::default() },
-                start: start.to_vec().try_into().map_err(|_| "a start has seven numbers")?,
+                start: start.to_vec().try_into().map_err(|_| "a start has seven values")?,
                 actions: actions.rows().into_iter().map(|row| [row[0], row[1]]).collect(),
             })
         })

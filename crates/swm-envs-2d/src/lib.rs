@@ -1,6 +1,6 @@
 //! Two-dimensional environments.
 //!
-//! Each environment is one module and one line in [`ENVS`]. It brings its physics, its drawing, its factors of
+//! Each environment is one module and one line in [`ENVS`]. It brings its physics, its rendering, its factors of
 //! variation, its policies; rendering comes from `swm-render`. No solver, dataset or model is known here.
 
 #[cfg(feature = "rapier")]

@@ -3,7 +3,7 @@
 //! Rapier keeps more than that between steps: contacts with the impulses to warm-start from, islands, a tree of boxes,
 //! and the order in which all of it came about. A saved world would have to hold it to the bit. So a [`Stage`] forgets:
 //! [`Stage::begin`] puts the bodies of a [`Blueprint`] at given [`Motion`]s as if the world had just been built, and
-//! what happens between two calls of it is a function of them. States are then a few numbers, exact by construction,
+//! what happens between two calls of it is a function of them. States are then a few values, exact by construction,
 //! and a stage is scratch memory that any copy may do without. Not here: what bodies mean, controllers, images.
 
 use rapier2d_f64::na::{ComplexField, RealField};
@@ -51,20 +51,20 @@ impl Blueprint {
         self.colliders.insert(collider);
     }
 
-    /// Adds a body with its center of gravity at the origin of its coordinates; it gets the next index. `moment` is
+    /// Adds a body with its center of gravity at the origin of its coordinates; it gets the next index. `inertia` is
     /// its moment of inertia; `None`: it does not turn.
     pub(crate) fn add_moving(
         &mut self,
         mass: f64,
-        moment: Option<f64>,
+        inertia: Option<f64>,
         parts: impl IntoIterator<Item = ColliderBuilder>,
     ) {
-        let properties = MassProperties::new(Vector::ZERO, mass, moment.unwrap_or_default());
+        let properties = MassProperties::new(Vector::ZERO, mass, inertia.unwrap_or_default());
         let mut body = RigidBodyBuilder::dynamic()
             .can_sleep(false)
             .soft_ccd_prediction(self.parameters.length_unit)
             .additional_mass_properties(properties);
-        if moment.is_none() {
+        if inertia.is_none() {
             body = body.lock_rotations();
         }
         let handle = self.bodies.insert(body);

@@ -1,4 +1,4 @@
-//! Settings that the environments of this crate have in common. Each has a struct of its own that holds them.
+//! Settings that the environments of this crate have in common. Each has its own struct for them.
 
 use std::collections::BTreeMap;
 

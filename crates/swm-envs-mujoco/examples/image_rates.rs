@@ -1,4 +1,4 @@
-//! `image_rates ENV SIDE FRAMES [THREADS]`: steps an environment and draws every moment, `FRAMES` times on each thread.
+//! `image_rates ENV SIDE FRAMES [THREADS]`: steps an environment and renders every state, `FRAMES` times on each thread.
 //!
 //! It prints nothing but what it did; how long that took, the caller measures (`benches/peers/render3d.py`).
 

@@ -1,4 +1,4 @@
-//! `swm/AcrobotDMControl-v0`: two links, driven at the joint between them. Facts: `dm_control`'s `suite/acrobot.py` and
+//! `swm/AcrobotDMControl-v0`: two links, driven at the joint between them. Source: `dm_control`'s `suite/acrobot.py` and
 //! `acrobot.xml`.
 
 use std::f64::consts::PI;

@@ -7,10 +7,12 @@
 //! <data>/ogbench/1.2.2/locomaze/*.xml
 //! ```
 //!
-//! `<data>` is [`data_folder`].
+//! `<data>` is [`data_folder`]. A program that brings its own files says so with [`set_library`], [`set_folder`] and
+//! [`set_fix`], before it makes an environment.
 
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::{PoisonError, RwLock};
 
 use crate::error::MujocoError;
 
@@ -34,11 +36,70 @@ pub const LIBRARY_FILE: &str = if cfg!(target_os = "macos") {
     "libmujoco.so.3.17.0"
 };
 
-/// The data folder: `$SWM_HOME`, else `stable-worldmodel` where the system keeps the data of programs: `$XDG_DATA_HOME`
+/// What the program has set; it goes before environment variables.
+#[derive(Debug)]
+struct Chosen {
+    library: Option<PathBuf>,
+    folder: Option<PathBuf>,
+    fix: Option<String>,
+    /// The library that the process has loaded.
+    loaded: Option<PathBuf>,
+}
+
+static CHOSEN: RwLock<Chosen> = RwLock::new(Chosen { library: None, folder: None, fix: None, loaded: None });
+
+fn chosen<T>(read: impl FnOnce(&Chosen) -> T) -> T {
+    read(&CHOSEN.read().unwrap_or_else(PoisonError::into_inner))
+}
+
+fn choose<T>(write: impl FnOnce(&mut Chosen) -> T) -> T {
+    write(&mut CHOSEN.write().unwrap_or_else(PoisonError::into_inner))
+}
+
+/// Sets the file of the MuJoCo library for this process, instead of `$SWM_MUJOCO_LIB` and the data folder.
+///
+/// # Errors
+///
+/// [`MujocoError::Loaded`]: the process has loaded another library already.
+pub fn set_library(path: impl Into<PathBuf>) -> Result<(), MujocoError> {
+    let path = path.into();
+    choose(|chosen| match &chosen.loaded {
+        Some(loaded) if *loaded != path => Err(MujocoError::Loaded { path: loaded.clone() }),
+        _ => {
+            chosen.library = Some(path);
+            Ok(())
+        }
+    })
+}
+
+/// Sets the data folder for this process, instead of `$SWM_HOME`. Environments that exist keep their models.
+pub fn set_folder(path: impl Into<PathBuf>) {
+    choose(|chosen| chosen.folder = Some(path.into()));
+}
+
+/// Sets what errors tell a user to do about a missing file, instead of running `cargo xtask setup`: an imperative such as
+/// "reinstall the package".
+pub fn set_fix(text: impl Into<String>) {
+    choose(|chosen| chosen.fix = Some(text.into()));
+}
+
+/// The fix for a missing file, for messages.
+pub(crate) fn fix(or: &str) -> String {
+    let default = || format!("run `cargo xtask setup`, which fetches it{or}");
+    chosen(|chosen| chosen.fix.clone()).unwrap_or_else(default)
+}
+
+/// Remembers which library the process has loaded.
+pub(crate) fn set_loaded(path: &Path) {
+    choose(|chosen| chosen.loaded = Some(path.to_owned()));
+}
+
+/// The data folder: what [`set_folder`] says, else `$SWM_HOME`, else `stable-worldmodel` where the system keeps the data of programs: `$XDG_DATA_HOME`
 /// or `~/.local/share`; on macOS `~/Library/Application Support`, on Windows `%LOCALAPPDATA%`. `None`: none of these
 /// variables is set.
 pub fn data_folder() -> Option<PathBuf> {
-    data_folder_from(|name| std::env::var_os(name), std::env::consts::OS)
+    chosen(|chosen| chosen.folder.clone())
+        .or_else(|| data_folder_from(|name| std::env::var_os(name), std::env::consts::OS))
 }
 
 fn data_folder_from(variable: impl Fn(&str) -> Option<OsString>, os: &str) -> Option<PathBuf> {
@@ -56,12 +117,15 @@ fn data_folder_from(variable: impl Fn(&str) -> Option<OsString>, os: &str) -> Op
     Some(user?.join("stable-worldmodel"))
 }
 
-/// Where the library is looked for: `$SWM_MUJOCO_LIB` alone if it is set, else the data folder.
+/// The path of the library: what [`set_library`] says, else `$SWM_MUJOCO_LIB`, else the one in the data folder.
 ///
 /// # Errors
 ///
 /// [`MujocoError::NoLibrary`]: neither a variable nor a home folder says where to look.
 pub fn library_path() -> Result<PathBuf, MujocoError> {
+    if let Some(path) = chosen(|chosen| chosen.library.clone()) {
+        return Ok(path);
+    }
     if let Some(path) = std::env::var_os(LIBRARY_VARIABLE).filter(|value| !value.is_empty()) {
         return Ok(path.into());
     }
@@ -110,8 +174,6 @@ fn known_data_folder() -> Result<PathBuf, MujocoError> {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use super::*;
 
     fn folder(os: &str, variables: &[(&str, &str)]) -> Option<PathBuf> {

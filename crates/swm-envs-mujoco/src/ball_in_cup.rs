@@ -1,4 +1,4 @@
-//! `swm/BallInCupDMControl-v0`: catch a ball on a string with a cup. Facts: `dm_control`'s `suite/ball_in_cup.py` and
+//! `swm/BallInCupDMControl-v0`: catch a ball on a string with a cup. Source: `dm_control`'s `suite/ball_in_cup.py` and
 //! `ball_in_cup.xml`.
 
 use swm_core::EnvEntry;

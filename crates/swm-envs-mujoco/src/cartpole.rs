@@ -1,4 +1,4 @@
-//! `swm/CartpoleDMControl-v0`: a cart on rails that carries a pole. Facts: `dm_control`'s `suite/cartpole.py` and
+//! `swm/CartpoleDMControl-v0`: a cart on rails that carries a pole. Source: `dm_control`'s `suite/cartpole.py` and
 //! `cartpole.xml`, with one pole.
 
 use std::f64::consts::PI;

@@ -1,4 +1,4 @@
-//! `swm/CheetahDMControl-v0`: a planar two-legged runner. Facts: `dm_control`'s `suite/cheetah.py` and `cheetah.xml`;
+//! `swm/CheetahDMControl-v0`: a planar two-legged runner. Source: `dm_control`'s `suite/cheetah.py` and `cheetah.xml`;
 //! tasks beyond `run` are those that the reference added in August 2026.
 
 use swm_core::EnvEntry;

@@ -1,4 +1,4 @@
-//! What can go wrong with MuJoCo. Every message names the object, the reason and the way out.
+//! What can go wrong with MuJoCo. Every message names the object, the reason and the fix.
 
 use std::path::PathBuf;
 
@@ -6,15 +6,17 @@ use swm_core::EnvError;
 use swm_core::error::did_you_mean;
 use thiserror::Error;
 
+use crate::assets::fix;
+
 /// MuJoCo is missing, or a model or simulation is unusable.
 #[derive(Clone, Debug, Error)]
 #[non_exhaustive]
 pub enum MujocoError {
     /// The library could not be loaded.
     #[error(
-        "cannot load MuJoCo {}: tried {tried}; run `cargo xtask setup`, which fetches it, or set SWM_MUJOCO_LIB to the \
-         library file",
-        crate::assets::MUJOCO_VERSION
+        "cannot load MuJoCo {}: tried {tried}; {}",
+        crate::assets::MUJOCO_VERSION,
+        fix(", or set SWM_MUJOCO_LIB to the library file")
     )]
     NoLibrary {
         /// Each path tried, with the reason why it failed.
@@ -22,9 +24,10 @@ pub enum MujocoError {
     },
     /// The library has another version than the bindings.
     #[error(
-        "{} is MuJoCo {found}, this program needs {}; run `cargo xtask setup`, or set SWM_MUJOCO_LIB to a library of \
-         that version",
-        .path.display(), crate::assets::MUJOCO_VERSION
+        "{} is MuJoCo {found}, this program needs {}; {}",
+        .path.display(),
+        crate::assets::MUJOCO_VERSION,
+        fix(", or set SWM_MUJOCO_LIB to a library of that version")
     )]
     WrongVersion {
         /// The library.
@@ -32,11 +35,17 @@ pub enum MujocoError {
         /// Its version.
         found: String,
     },
-    /// A scene could not be drawn without OpenGL.
+    /// Another library is to be used than the one that the process has loaded.
+    #[error("MuJoCo is already loaded from {}; choose the library before any environment is made", .path.display())]
+    Loaded {
+        /// The loaded library.
+        path: PathBuf,
+    },
+    /// The renderer without OpenGL failed.
     #[error(transparent)]
     Image(#[from] swm_render::RenderError),
     /// A file of a model is missing.
-    #[error("the model {} is missing; run `cargo xtask setup`, which fetches it", .path.display())]
+    #[error("the model {} is missing; {}", .path.display(), fix(""))]
     NoAsset {
         /// The file.
         path: PathBuf,
@@ -73,7 +82,7 @@ pub enum MujocoError {
         /// Simulated time of the last state before it.
         time_s: f64,
     },
-    /// There is no OpenGL to draw with.
+    /// There is no OpenGL to render with.
     #[error(
         "images by OpenGL are not possible here: tried {tried}; install EGL or OSMesa with a driver (Debian and \
          Ubuntu: `libegl1 libgl1-mesa-dri`, or `libosmesa6`), or ask for no images (`--image-size none`)"
@@ -104,15 +113,15 @@ pub enum MujocoError {
         /// Why, and what would.
         reason: String,
     },
-    /// A simulation is to be drawn whose model has other objects.
+    /// A simulation is to be rendered whose model has other objects.
     #[error("the simulation's model has other objects than the one that the images were prepared for")]
     Scene,
     /// A saved state belongs to another model.
-    #[error("the state holds {found} numbers, this model needs {expected}")]
+    #[error("the state holds {found} values, this model needs {expected}")]
     StateSize {
-        /// Numbers saved.
+        /// Values saved.
         found: usize,
-        /// Numbers of this model.
+        /// Values of this model.
         expected: usize,
     },
 }

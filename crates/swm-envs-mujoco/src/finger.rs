@@ -1,4 +1,4 @@
-//! `swm/FingerDMControl-v0`: a finger that turns a spinner. Facts: `dm_control`'s `suite/finger.py` and `finger.xml`.
+//! `swm/FingerDMControl-v0`: a finger that turns a spinner. Source: `dm_control`'s `suite/finger.py` and `finger.xml`.
 
 use std::f64::consts::PI;
 

@@ -1,4 +1,4 @@
-//! `swm/HopperDMControl-v0`: a planar one-legged hopper. Facts: `dm_control`'s `suite/hopper.py` and `hopper.xml`; tasks
+//! `swm/HopperDMControl-v0`: a planar one-legged hopper. Source: `dm_control`'s `suite/hopper.py` and `hopper.xml`; tasks
 //! beyond `hop` and `stand` are the reference's of August 2026.
 
 use swm_core::EnvEntry;

@@ -1,4 +1,4 @@
-//! `swm/HumanoidDMControl-v0`: a humanoid with 21 torques. Facts: `dm_control`'s `suite/humanoid.py` and `humanoid.xml`.
+//! `swm/HumanoidDMControl-v0`: a humanoid with 21 torques. Source: `dm_control`'s `suite/humanoid.py` and `humanoid.xml`.
 
 use swm_core::EnvEntry;
 use swm_core::seed::Stream;

@@ -1,4 +1,4 @@
-//! `swm/ManipulatorDMControl-v0`: a planar arm with a hand that brings a ball to a place. Facts: `dm_control`'s
+//! `swm/ManipulatorDMControl-v0`: a planar arm with a hand that brings a ball to a place. Source: `dm_control`'s
 //! `suite/manipulator.py` and `manipulator.xml`, for the task with the ball.
 
 use std::f64::consts::PI;

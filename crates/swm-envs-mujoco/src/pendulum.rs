@@ -1,4 +1,4 @@
-//! `swm/PendulumDMControl-v0`: a pendulum that must swing before it can stand. Facts: `dm_control`'s `suite/pendulum.py`
+//! `swm/PendulumDMControl-v0`: a pendulum that must swing before it can stand. Source: `dm_control`'s `suite/pendulum.py`
 //! and `pendulum.xml`.
 
 use std::f64::consts::PI;

@@ -1,4 +1,4 @@
-//! `swm/QuadrupedDMControl-v0`: a four-legged robot with position servos. Facts: `dm_control`'s `suite/quadruped.py` and
+//! `swm/QuadrupedDMControl-v0`: a four-legged robot with position servos. Source: `dm_control`'s `suite/quadruped.py` and
 //! `quadruped.xml`, for its tasks on flat ground.
 
 use swm_core::EnvEntry;
@@ -87,7 +87,7 @@ struct Move {
     /// Rewarded speed, m/s.
     speed: f64,
     torso: usize,
-    /// Where the hinges' numbers are in positions and velocities.
+    /// Where the hinges' values are in positions and velocities.
     hinges: Vec<(usize, usize)>,
     velocity_sensor: usize,
     imu_sensors: [usize; 2],

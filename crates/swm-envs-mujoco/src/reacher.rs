@@ -1,4 +1,4 @@
-//! `swm/ReacherDMControl-v0`: a planar arm of two links that must reach a point. Facts: `dm_control`'s `suite/reacher.py`
+//! `swm/ReacherDMControl-v0`: a planar arm of two links that must reach a point. Source: `dm_control`'s `suite/reacher.py`
 //! and `reacher.xml`; the task `qpos_match` is the reference's of August 2026.
 
 use std::f64::consts::PI;

@@ -1,4 +1,4 @@
-//! `swm/WalkerDMControl-v0`: a planar walker on two legs. Facts: `dm_control`'s `suite/walker.py` and `walker.xml`; tasks
+//! `swm/WalkerDMControl-v0`: a planar walker on two legs. Source: `dm_control`'s `suite/walker.py` and `walker.xml`; tasks
 //! beyond `walk`, `stand` and `run` are the reference's of August 2026.
 
 use swm_core::seed::Stream;

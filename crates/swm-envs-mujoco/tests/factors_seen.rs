@@ -48,7 +48,7 @@ fn is_among(env: &str, names: &[&str]) -> bool {
 
 /// The geoms that show the floor's checker.
 fn floors(env: &str) -> &'static [i32] {
-    // Two of them are slopes.
+    // Two of them are ramps.
     if is_among(env, &["Manipulator"]) { &[0, 1, 2] } else { &[0] }
 }
 
@@ -73,7 +73,7 @@ fn kind(env: &str, factor: &str) -> Kind {
 }
 
 #[derive(Deserialize)]
-struct Moment {
+struct Recorded {
     env: String,
     start: BTreeMap<String, Vec<f64>>,
 }
@@ -119,10 +119,10 @@ impl Stage {
 
 /// A value far from the default.
 fn other(factor: &FactorSpec) -> Value {
-    let numbers: Vec<f64> = flat(&factor.default);
+    let values: Vec<f64> = flat(&factor.default);
     if factor.name.ends_with("yaw") {
         // A cube looks the same after each quarter of a turn.
-        return Value::vector(&[numbers[0] + 0.7]);
+        return Value::vector(&[values[0] + 0.7]);
     }
     // A little inside of the bounds, which f32 rounds.
     let far = |low: f64, high: f64, value: f64| {
@@ -131,12 +131,12 @@ fn other(factor: &FactorSpec) -> Value {
     };
     match &factor.space {
         Space::Discrete { n, start } => {
-            let value = numbers[0] as i64;
+            let value = values[0] as i64;
             Value::from_json(&factor.name, &(if value == *start { start + *n - 1 } else { *start }).into())
         }
         Space::Box { low, high, shape, .. } => {
             let values: Vec<f64> =
-                numbers.iter().enumerate().map(|(k, &value)| far(low[k], high[k], value)).collect();
+                values.iter().enumerate().map(|(k, &value)| far(low[k], high[k], value)).collect();
             Ok(Value { shape: shape.clone(), ..Value::vector(&values) })
         }
         space => panic!("{}: {space:?}", factor.name),
@@ -151,19 +151,19 @@ fn flat(json: &serde_json::Value) -> Vec<f64> {
     }
 }
 
-fn moments() -> BTreeMap<String, Moment> {
+fn cases() -> BTreeMap<String, Recorded> {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/pictures/suite.json");
-    let text = std::fs::read_to_string(path).expect("the moments are committed");
-    serde_json::from_str(&text).expect("moments")
+    let text = std::fs::read_to_string(path).expect("the cases are committed");
+    serde_json::from_str(&text).expect("cases")
 }
 
 /// Checks all factors of all domains and tables under these switched-off settings; `reaches`: whether mirrors and shadows
 /// count.
 fn check(off: &[&str], reaches: bool) {
     let mut failures = Vec::new();
-    for moment in moments().values().filter(|moment| moment.env.ends_with("DMControl-v0")) {
-        let entry = ENVS.iter().find(|entry| entry.id == moment.env).expect("a domain");
-        let start = moment.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
+    for case in cases().values().filter(|case| case.env.ends_with("DMControl-v0")) {
+        let entry = ENVS.iter().find(|entry| entry.id == case.env).expect("a domain");
+        let start = case.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
         let mut stage = Stage::new(entry, Some(start.collect()), off);
         for factor in stage.env.spec().factors.clone() {
             check_factor(entry, &mut stage, &factor, &BTreeMap::new(), reaches, &mut failures);

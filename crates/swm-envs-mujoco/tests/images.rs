@@ -1,6 +1,6 @@
-//! Images by OpenGL against those of the reference, at the recorded moments.
+//! Images by OpenGL against those of the reference, at the recorded cases.
 //!
-//! The recorded ones were drawn through EGL by Mesa 22.3.6 in software; other drivers round differently, so that what is
+//! The recorded ones were rendered through EGL by Mesa 22.3.6 in software; other drivers round differently, so that what is
 //! asserted leaves room for them. The output says how many pixels are equal. Without OpenGL the tests say so and pass.
 
 use std::collections::BTreeMap;
@@ -14,9 +14,9 @@ use swm_core::{
 };
 use swm_envs_mujoco::ffi::gl::GlContext;
 
-/// A moment in `tests/golden/pictures/scenes.json`; its image has the same name.
+/// A case in `tests/golden/pictures/scenes.json`; its image has the same name.
 #[derive(Deserialize)]
-struct Moment {
+struct Recorded {
     factors: BTreeMap<String, serde_json::Value>,
     start: BTreeMap<String, Vec<f64>>,
 }
@@ -27,16 +27,16 @@ fn golden(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/pictures").join(name)
 }
 
-fn moments() -> BTreeMap<String, Moment> {
-    let text = std::fs::read_to_string(golden("scenes.json")).expect("the moments are committed");
-    serde_json::from_str(&text).expect("moments")
+fn cases() -> BTreeMap<String, Recorded> {
+    let text = std::fs::read_to_string(golden("scenes.json")).expect("the cases are committed");
+    serde_json::from_str(&text).expect("cases")
 }
 
 /// Whether there is OpenGL; prints why not.
 fn has_gl() -> bool {
     match GlContext::new() {
         Ok(context) => {
-            println!("drawn through {}", context.driver_name());
+            println!("rendered through {}", context.driver_name());
             true
         }
         Err(error) => {
@@ -58,14 +58,14 @@ fn cheetah() -> (Box<dyn Env>, Batch) {
     (env, row)
 }
 
-/// The image of a moment, `[224, 224, 3]`.
-fn draw((env, row): &mut (Box<dyn Env>, Batch), moment: &Moment) -> Vec<u8> {
+/// The image of a case, `[224, 224, 3]`.
+fn render((env, row): &mut (Box<dyn Env>, Batch), case: &Recorded) -> Vec<u8> {
     let mut options = ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() };
-    for (name, value) in &moment.factors {
+    for (name, value) in &case.factors {
         let value = Value::from_json(name, value).expect("numbers");
         options.variation_values.insert(name.clone(), value);
     }
-    let start = moment.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
+    let start = case.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
     options.start = Some(start.collect());
     env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("a start");
     env.observe(&mut row.rows_mut());
@@ -86,8 +86,8 @@ fn images_are_those_of_the_reference() {
         return;
     }
     let mut cheetah = cheetah();
-    for (name, moment) in &moments() {
-        let (ours, theirs) = (draw(&mut cheetah, moment), recorded(name));
+    for (name, case) in &cases() {
+        let (ours, theirs) = (render(&mut cheetah, case), recorded(name));
         assert_eq!(ours.len(), theirs.len(), "{name}");
         let differences = || ours.iter().zip(&theirs).map(|(a, b)| a.abs_diff(*b));
         let equal = ours.chunks_exact(3).zip(theirs.chunks_exact(3)).filter(|(a, b)| a == b).count();
@@ -103,16 +103,16 @@ fn images_do_not_depend_on_the_thread_or_on_other_environments() {
     if !has_gl() {
         return;
     }
-    let moments = moments();
-    let moment = &moments["cheetah-0"];
-    let first = draw(&mut cheetah(), moment);
+    let cases = cases();
+    let case = &cases["cheetah-0"];
+    let first = render(&mut cheetah(), case);
     let threads: Vec<_> = (0..3).map(|_| cheetah()).collect();
     std::thread::scope(|scope| {
         for mut own in threads {
-            let (moments, first) = (&moments, &first);
+            let (cases, first) = (&cases, &first);
             scope.spawn(move || {
-                draw(&mut own, &moments["cheetah-floor.color"]);
-                assert!(draw(&mut own, moment) == *first, "another image on another thread");
+                render(&mut own, &cases["cheetah-floor.color"]);
+                assert!(render(&mut own, case) == *first, "another image on another thread");
             });
         }
     });

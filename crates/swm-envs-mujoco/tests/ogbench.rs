@@ -108,7 +108,7 @@ impl Bench {
         outcome
     }
 
-    fn numbers(&self, name: &str) -> Vec<f64> {
+    fn values(&self, name: &str) -> Vec<f64> {
         self.row.get::<f64>(name).expect("a column").to_vec()
     }
 
@@ -136,13 +136,13 @@ fn a_goal_from_a_row_is_reached_where_the_row_was() {
         };
         let start = columns(bench.env.spec().start_columns, &bench);
         let goal = columns(bench.env.spec().goal_columns, &bench);
-        let qpos = bench.numbers("qpos");
+        let qpos = bench.values("qpos");
         let there = ResetOptions { start: Some(start), goal: Some(goal.clone()), ..ResetOptions::default() };
         assert_eq!(bench.reset(4, &there).success, Some(true), "{}", entry.id);
-        assert_eq!(bench.numbers("qpos"), qpos);
+        assert_eq!(bench.values("qpos"), qpos);
         let elsewhere = ResetOptions { goal: Some(goal), ..ResetOptions::default() };
         bench.reset(5, &elsewhere);
-        let cube = &bench.numbers("goal_observation")[19..22];
+        let cube = &bench.values("goal_observation")[19..22];
         let expected: Vec<f64> = (0..3).map(|k| (qpos[14 + k] - [0.425, 0.0, 0.0][k]) * 10.0).collect();
         assert_eq!(cube, expected, "{}", entry.id);
     }
@@ -164,7 +164,7 @@ fn two_three_and_four_cubes_have_their_columns_snapshots_and_starts() {
         ] {
             assert_eq!(bench.value(&format!("variation.cube.{factor}")).shape, shape, "{kind} {factor}");
         }
-        let place = |bench: &Bench, cube: usize| bench.numbers(&format!("privileged.block_{cube}_pos"));
+        let place = |bench: &Bench, cube: usize| bench.values(&format!("privileged.block_{cube}_pos"));
         assert!(bench.row.schema().index(&format!("privileged.block_{count}_pos")).is_none(), "{kind}");
         for (a, b) in (0..count).flat_map(|b| (0..b).map(move |a| (a, b))) {
             let (a, b) = (place(&bench, a), place(&bench, b));
@@ -180,7 +180,7 @@ fn two_three_and_four_cubes_have_their_columns_snapshots_and_starts() {
         fork.env.restore(&state).expect("of its kind");
         for step in 10..20 {
             assert_eq!(bench.step(action(step)), fork.step(action(step)), "{kind}, step {step}");
-            assert_eq!(bench.numbers("qpos"), fork.numbers("qpos"), "{kind}, step {step}");
+            assert_eq!(bench.values("qpos"), fork.values("qpos"), "{kind}, step {step}");
         }
         let columns = |names: &[&str]| -> BTreeMap<String, Value> {
             names.iter().map(|name| ((*name).to_owned(), bench.value(name))).collect()
@@ -189,7 +189,7 @@ fn two_three_and_four_cubes_have_their_columns_snapshots_and_starts() {
         let goal = Some(columns(bench.env.spec().goal_columns));
         let there = ResetOptions { start, goal, ..ResetOptions::default() };
         assert_eq!(fork.reset(4, &there).success, Some(true), "{kind}");
-        assert_eq!(fork.numbers("qpos"), bench.numbers("qpos"), "{kind}");
+        assert_eq!(fork.values("qpos"), bench.values("qpos"), "{kind}");
     }
 }
 
@@ -257,16 +257,16 @@ fn sizes_are_carried_through_to_heights_masses_and_goals() {
     let mut bench = Bench::new(&OGB_CUBE, &json!({}));
     let large = ResetOptions::default().fix("cube.size", Value::vector(&[0.03]));
     bench.reset(1, &large);
-    assert_eq!(bench.numbers("privileged.block_0_pos")[2], 0.03);
-    assert_eq!(bench.numbers("privileged.target_block_pos")[2], 0.03);
-    let rest = bench.numbers("privileged.block_0_pos")[2];
+    assert_eq!(bench.values("privileged.block_0_pos")[2], 0.03);
+    assert_eq!(bench.values("privileged.target_block_pos")[2], 0.03);
+    let rest = bench.values("privileged.block_0_pos")[2];
     for _ in 0..5 {
         bench.step([0.0; 5]);
     }
-    assert!((bench.numbers("privileged.block_0_pos")[2] - rest).abs() < 1e-3, "it starts on the table");
+    assert!((bench.values("privileged.block_0_pos")[2] - rest).abs() < 1e-3, "it starts on the table");
     // And nothing of it stays.
     bench.reset(1, &ResetOptions::default());
-    assert!((bench.numbers("privileged.block_0_pos")[2] - 0.02).abs() < 1e-8);
+    assert!((bench.values("privileged.block_0_pos")[2] - 0.02).abs() < 1e-8);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Images without OpenGL against those of the reference, at recorded moments of all domains: how alike they look, that
+//! Images without OpenGL against those of the reference, at recorded cases of all domains: how alike they look, that
 //! they are the same everywhere, and what else the renderer can show.
 
 use std::collections::BTreeMap;
@@ -13,9 +13,9 @@ use swm_envs_mujoco::ENVS;
 use swm_envs_mujoco::ffi::{Model, Object, Simulation, Spec};
 use swm_envs_mujoco::software::SoftwareRenderer;
 
-/// A moment in `tests/golden/pictures/suite.json`; its image, drawn by MuJoCo's own renderer, has the same name.
+/// A case in `tests/golden/pictures/suite.json`; its image, drawn by MuJoCo's own renderer, has the same name.
 #[derive(Deserialize)]
-struct Moment {
+struct Recorded {
     env: String,
     start: BTreeMap<String, Vec<f64>>,
     #[serde(default)]
@@ -28,22 +28,22 @@ fn golden(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/pictures").join(name)
 }
 
-fn moments() -> BTreeMap<String, Moment> {
-    let text = std::fs::read_to_string(golden("suite.json")).expect("the moments are committed");
-    serde_json::from_str(&text).expect("moments")
+fn cases() -> BTreeMap<String, Recorded> {
+    let text = std::fs::read_to_string(golden("suite.json")).expect("the cases are committed");
+    serde_json::from_str(&text).expect("cases")
 }
 
-fn make(moment: &Moment) -> (Box<dyn Env>, Batch) {
-    let entry = ENVS.iter().find(|entry| entry.id == moment.env).expect("an environment");
+fn make(case: &Recorded) -> (Box<dyn Env>, Batch) {
+    let entry = ENVS.iter().find(|entry| entry.id == case.env).expect("an environment");
     let image = Some(ImageSize { height: SIDE, width: SIDE });
-    let env = entry.make(&EnvConfig { image, settings: moment.settings.clone() });
+    let env = entry.make(&EnvConfig { image, settings: case.settings.clone() });
     let env = env.expect("it needs no OpenGL");
     let row = Batch::new(Schema::new(env.spec().fields.clone()).expect("distinct names"), 1);
     (env, row)
 }
 
-fn draw((env, row): &mut (Box<dyn Env>, Batch), moment: &Moment) -> Vec<u8> {
-    let start = moment.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
+fn render((env, row): &mut (Box<dyn Env>, Batch), case: &Recorded) -> Vec<u8> {
+    let start = case.start.iter().map(|(name, values)| (name.clone(), Value::vector(values)));
     let options =
         ResetOptions { variation: Some(Vec::new()), start: Some(start.collect()), ..ResetOptions::default() };
     env.reset(&Episode { seed: EpisodeSeed::new(0), options: &options }).expect("a start");
@@ -68,16 +68,16 @@ fn similarity(a: &[u8], b: &[u8]) -> f64 {
     for channel in 0..3 {
         for y in 0..=SIDE - WINDOW {
             for x in 0..=SIDE - WINDOW {
-                let mut moments = [0.0; 5];
+                let mut cases = [0.0; 5];
                 for dy in 0..WINDOW {
                     for dx in 0..WINDOW {
                         let at = ((y + dy) * SIDE + x + dx) * 3 + channel;
                         let (p, q) = (f64::from(a[at]), f64::from(b[at]));
                         let terms = [p, q, p * p, q * q, p * q];
-                        moments.iter_mut().zip(terms).for_each(|(moment, term)| *moment += term);
+                        cases.iter_mut().zip(terms).for_each(|(case, term)| *case += term);
                     }
                 }
-                let [p, q, pp, qq, pq] = moments.map(|moment| moment / count);
+                let [p, q, pp, qq, pq] = cases.map(|case| case / count);
                 let unbiased = count / (count - 1.0);
                 let (vp, vq, cov) =
                     ((pp - p * p) * unbiased, (qq - q * q) * unbiased, (pq - p * q) * unbiased);
@@ -91,13 +91,13 @@ fn similarity(a: &[u8], b: &[u8]) -> f64 {
 
 #[test]
 fn images_look_like_those_of_the_reference() {
-    for (name, moment) in &moments() {
-        let (ours, theirs) = (draw(&mut make(moment), moment), recorded(name));
+    for (name, case) in &cases() {
+        let (ours, theirs) = (render(&mut make(case), case), recorded(name));
         let difference: f64 = ours.iter().zip(&theirs).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
         let (difference, likeness) = (difference / ours.len() as f64, similarity(&ours, &theirs));
         println!("{name}: SSIM {likeness:.4}, mean difference {difference:.2} of 255");
         // Meshes have fewer facets here, and the metal of the scene's buttons reflects less.
-        let least = if moment.env.starts_with("swm/OGB") { 0.95 } else { 0.97 };
+        let least = if case.env.starts_with("swm/OGB") { 0.95 } else { 0.97 };
         assert!(likeness > least, "{name}: SSIM {likeness}");
         assert!(difference < 3.0, "{name}: mean difference {difference}");
     }
@@ -105,16 +105,16 @@ fn images_look_like_those_of_the_reference() {
 
 #[test]
 fn images_do_not_depend_on_what_was_drawn_before() {
-    let moments = moments();
-    let moment = &moments["humanoid-50"];
-    let mut env = make(moment);
-    let first = draw(&mut env, moment);
+    let cases = cases();
+    let case = &cases["humanoid-50"];
+    let mut env = make(case);
+    let first = render(&mut env, case);
     env.0
         .reset(&Episode { seed: EpisodeSeed::new(7), options: &ResetOptions::default().vary(&["all"]) })
         .expect("a reset");
     env.0.observe(&mut env.1.rows_mut());
-    assert!(draw(&mut env, moment) == first, "another image after another episode");
-    assert!(draw(&mut make(moment), moment) == first, "another image in another environment");
+    assert!(render(&mut env, case) == first, "another image after another episode");
+    assert!(render(&mut make(case), case) == first, "another image in another environment");
 }
 
 #[test]
@@ -126,8 +126,8 @@ fn segments_and_depths_belong_to_the_image() {
     sim.forward().expect("computed");
     let mut renderer = SoftwareRenderer::new(&model, 0, [64, 64]).expect("a renderer");
     let (mut segments, mut depths) = (vec![0; 64 * 64], vec![0.0; 64 * 64]);
-    renderer.draw_segmentation(&mut sim, &mut segments).expect("segments");
-    renderer.draw_depth(&mut sim, &mut depths).expect("depths");
+    renderer.render_segmentation(&mut sim, &mut segments).expect("segments");
+    renderer.render_depth(&mut sim, &mut depths).expect("depths");
     // Seen from 0.75 m above: the arm lies along x from the middle, the floor is around it.
     let at = |x: usize, y: usize| y * 64 + x;
     assert_eq!(segments[at(38, 32)], geom("arm"));
@@ -157,8 +157,8 @@ fn height_fields_are_ground() {
     let side = 65;
     let mut renderer = SoftwareRenderer::new(&model, 0, [side, side]).expect("a renderer");
     let (mut segments, mut depths) = (vec![0; side * side], vec![0.0; side * side]);
-    renderer.draw_segmentation(&mut sim, &mut segments).expect("segments");
-    renderer.draw_depth(&mut sim, &mut depths).expect("depths");
+    renderer.render_segmentation(&mut sim, &mut segments).expect("segments");
+    renderer.render_depth(&mut sim, &mut depths).expect("depths");
     let middle = side / 2;
     for x in middle - 10..=middle + 10 {
         let (segment, depth) = (segments[middle * side + x], f64::from(depths[middle * side + x]));

@@ -20,6 +20,7 @@
 pub mod cli;
 pub mod distractors;
 pub mod evaluation;
+mod html;
 pub mod plan;
 pub mod replay;
 pub mod report;

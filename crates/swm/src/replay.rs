@@ -1,7 +1,7 @@
-//! Replaying a dataset on the simulator: do the two still agree?
+//! Replays a dataset on the simulator, and compares the two.
 //!
 //! Each recorded episode's factors, goal and start are restored, its actions are run again, and every column of
-//! real numbers that both know is compared row by row.
+//! real values that both have is compared step by step.
 
 use std::collections::BTreeMap;
 
@@ -20,14 +20,14 @@ use swm_core::{
 pub struct ReplayReport {
     /// Whether every column stays within the tolerance.
     pub ok: bool,
-    /// Largest accepted deviation.
+    /// Largest accepted difference.
     pub tolerance: f64,
     /// Episodes replayed.
     pub episodes: usize,
-    /// Rows compared.
+    /// Steps compared.
     pub rows: usize,
-    /// Deviation by column.
-    pub columns: BTreeMap<String, Deviation>,
+    /// Largest differences by column.
+    pub columns: BTreeMap<String, Difference>,
     /// Recorded checkpoints that were compared; none where factors are overridden.
     pub checkpoints: usize,
     /// Those whose state is not the replayed one in every bit.
@@ -36,10 +36,10 @@ pub struct ReplayReport {
 
 /// How far a column of the replay is from the recorded one.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct Deviation {
-    /// Largest absolute difference over all rows.
+pub struct Difference {
+    /// Largest absolute difference over all steps.
     pub max_abs: f64,
-    /// Largest absolute difference over the last rows of episodes.
+    /// Largest absolute difference over the last steps of episodes.
     pub final_abs: f64,
 }
 
@@ -84,32 +84,33 @@ pub fn replay(
     for &episode in episodes {
         let mut options = dataset::whole_episode(env.spec(), source, episode)?;
         options.variation_values.extend(overrides.clone());
-        let rows = source.episode_len(episode);
-        source.read(episode, 0..rows, &mut recorded)?;
+        let steps = source.episode_len(episode);
+        source.read(episode, 0..steps, &mut recorded)?;
         if saved.is_some() {
-            source.read(episode, 0..rows, &mut pieces)?;
+            source.read(episode, 0..steps, &mut pieces)?;
         }
         let seed = options.seed.unwrap_or(EpisodeSeed::new(0));
         env.reset(&Episode { seed, options: &options })?;
-        for row in 0..rows {
+        for step in 0..steps {
             env.observe(&mut live.rows_mut());
-            columns.compare(&recorded, row, &live, row + 1 == rows, &mut report.columns);
+            columns.compare(&recorded, step, &live, step + 1 == steps, &mut report.columns);
             report.rows += 1;
-            if let Some(saved) = saved.filter(|saved| saved.is_at(row as u64) && row + saved.every() <= rows)
+            if let Some(saved) =
+                saved.filter(|saved| saved.is_at(step as u64) && step + saved.every() <= steps)
             {
-                let width = pieces.schema().width(0);
-                let whole = &pieces.get::<u8>(CHECKPOINT)?[row * width..(row + saved.every()) * width];
+                let size = pieces.schema().width(0);
+                let whole = &pieces.get::<u8>(CHECKPOINT)?[step * size..(step + saved.every()) * size];
                 if let Some(recorded) = saved.read(whole) {
                     env.snapshot(&mut state)?;
                     report.checkpoints += 1;
                     report.checkpoints_differ += usize::from(state.bytes() != recorded);
                 }
             }
-            if row + 1 < rows {
-                let action = recorded.row(row).at(columns.action);
+            if step + 1 < steps {
+                let action = recorded.row(step).at(columns.action);
                 if !action.is_finite() {
                     return Err(
-                        format!("episode {episode}, row {row}: the recorded action is not finite").into()
+                        format!("episode {episode}, step {step}: the recorded action is not finite").into()
                     );
                 }
                 step_times(env.as_mut(), action, frame_skip)?;
@@ -117,7 +118,7 @@ pub fn replay(
         }
         watch(episode);
     }
-    report.ok = report.columns.values().all(|deviation| deviation.max_abs <= tolerance);
+    report.ok = report.columns.values().all(|difference| difference.max_abs <= tolerance);
     Ok(report)
 }
 
@@ -148,7 +149,7 @@ impl Columns {
             }
         }
         if read.is_empty() {
-            return Err(format!("the dataset shares no column of real numbers with {}", env.spec().id).into());
+            return Err(format!("the dataset shares no column of real values with {}", env.spec().id).into());
         }
         let action = schema.fields()[schema.require("action")?].clone();
         let wanted = &env.spec().action;
@@ -170,23 +171,23 @@ impl Columns {
     fn compare(
         &self,
         recorded: &Batch,
-        row: usize,
+        step: usize,
         live: &Batch,
         last: bool,
-        deviations: &mut BTreeMap<String, Deviation>,
+        differences: &mut BTreeMap<String, Difference>,
     ) {
         for (position, &index) in self.live.iter().enumerate() {
-            let difference = largest_difference(recorded.row(row).at(position), live.row(0).at(index));
-            let deviation = deviations.entry(self.read[position].name.clone()).or_default();
-            deviation.max_abs = deviation.max_abs.max(difference);
+            let difference = largest_difference(recorded.row(step).at(position), live.row(0).at(index));
+            let largest = differences.entry(self.read[position].name.clone()).or_default();
+            largest.max_abs = largest.max_abs.max(difference);
             if last {
-                deviation.final_abs = deviation.final_abs.max(difference);
+                largest.final_abs = largest.final_abs.max(difference);
             }
         }
     }
 }
 
-/// The largest absolute difference; infinite where only one is a number.
+/// The largest absolute difference; infinite where only one is NaN.
 fn largest_difference(a: Slice<'_>, b: Slice<'_>) -> f64 {
     let value = |slice: Slice<'_>, i| slice.number(i).unwrap_or(f64::NAN);
     (0..a.len()).fold(0.0, |largest: f64, i| {

@@ -8,13 +8,13 @@ use swm_media::{Clip, Format, contact_sheet, png};
 
 use crate::video::{Scene, Video};
 
-/// Images per row of the contact sheet, the goal beside them.
+/// Images per row of the contact sheet, without the goal.
 const SHEET_COLUMNS: usize = 8;
 /// Videos are enlarged to at least this short side, in pixels: players blur smaller ones.
 const MIN_SIDE: usize = 256;
 /// And never beyond this long side.
 const MAX_SIDE: usize = 2160;
-/// Frame around the goal, so that it is not taken for a moment.
+/// Frame around the goal, so that it is not taken for a frame.
 const GOAL_FRAME: usize = 3;
 const GOAL_COLOR: [u8; 3] = [220, 120, 0];
 
@@ -73,7 +73,7 @@ fn enlarged(clip: &Clip) -> Clip {
     clip.upscaled(factor * short)
 }
 
-/// One row per episode: the goal in a frame, then moments from first to last.
+/// One row per episode: the framed goal, then images from first to last.
 fn write_sheet<'a>(path: &Path, scenes: impl Iterator<Item = &'a Scene>) -> Result<(), BoxError> {
     let scenes: Vec<&Scene> = scenes.collect();
     let size = scenes.first().map_or((0, 0), |scene| (scene.clip.height(), scene.clip.width()));
@@ -86,9 +86,9 @@ fn write_sheet<'a>(path: &Path, scenes: impl Iterator<Item = &'a Scene>) -> Resu
             let frames: Vec<&[u8]> = scene.clip.frames().collect();
             let last = frames.len() - 1;
             let count = SHEET_COLUMNS.min(frames.len());
-            let moment = |i: usize| if count == 1 { 0 } else { i * last / (count - 1) };
-            let moments = (0..count).map(|i| frames[moment(i)]);
-            goal.as_deref().into_iter().chain(moments).collect()
+            let index = |i: usize| if count == 1 { 0 } else { i * last / (count - 1) };
+            let chosen = (0..count).map(|i| frames[index(i)]);
+            goal.as_deref().into_iter().chain(chosen).collect()
         })
         .collect();
     let (height, width, rgb) = contact_sheet(&rows, size.0, size.1, 4)?;

@@ -13,10 +13,10 @@ use swm_fov::{Fov, FovSpace, SavedFov};
 use swm_render::{Geometry, Renderer};
 
 use super::POINT_MAZE;
-use super::drawing::{Look, in_image};
 use super::factors::{disc, factors_with, goal, layout, start};
 use super::layout::cell_at;
 use super::physics::{PointSim, STEP_S};
+use super::rendering::{Look, in_image};
 use super::settings::Settings;
 use super::ways::{Ways, distance};
 
@@ -42,7 +42,7 @@ pub struct PointMaze {
     image: Option<Image>,
 }
 
-/// What is needed to draw.
+/// What rendering needs.
 struct Image {
     renderer: Renderer,
     look: Look,
@@ -51,7 +51,7 @@ struct Image {
     goal_is_stale: bool,
 }
 
-/// A saved moment.
+/// A saved state.
 #[derive(Serialize, Deserialize)]
 struct Saved {
     fov: SavedFov,
@@ -95,11 +95,11 @@ impl PointMaze {
     fn recorded(&self, what: &str, row: &BTreeMap<String, Value>) -> Result<[f64; 4], EnvError> {
         let wrong = |reason: String| EnvError::Reset { env: self.spec.id.clone(), reason };
         let value = row.get("state").ok_or_else(|| wrong(format!("a {what} needs the column `state`")))?;
-        let numbers = value.cast("state", Dtype::F64, &[4])?.numbers("state")?;
-        if numbers.iter().any(|number| !number.is_finite()) {
+        let values = value.cast("state", Dtype::F64, &[4])?.numbers("state")?;
+        if values.iter().any(|number| !number.is_finite()) {
             return Err(wrong(format!("the `state` of the recorded {what} is not finite")));
         }
-        let state: [f64; 4] = numbers.try_into().expect("cast to four numbers");
+        let state: [f64; 4] = values.try_into().expect("cast to four values");
         let [x, y, ..] = state;
         let layout = layout(&self.fov);
         if !layout.is_free(cell_at([x, y])) {
@@ -131,7 +131,7 @@ impl PointMaze {
         if let Some(image) = &mut self.image {
             image.look = Look::new(&self.fov, self.settings.with_target.then_some(self.goal));
             let look = &image.look;
-            image.renderer.set_background(|painter| look.draw_background(painter));
+            image.renderer.set_background(|painter| look.render_background(painter));
             image.goal_is_stale = true;
         }
     }
@@ -180,7 +180,7 @@ impl Env for PointMaze {
         self.fov.write(FACTORS, out);
         if let Some(image) = &mut self.image {
             if image.goal_is_stale {
-                image.draw_goal(self.goal);
+                image.render_goal(self.goal);
             }
             out.write(self.spec.fields.len() - 1, &image.goal);
         }
@@ -194,7 +194,7 @@ impl Env for PointMaze {
         out.write(POS_AGENT, &[x, y]);
         out.write(VEL_AGENT, &[vx, vy]);
         if let Some(image) = &mut self.image {
-            image.draw([x, y], out.at(self.spec.fields.len() - 2));
+            image.render([x, y], out.at(self.spec.fields.len() - 2));
         }
     }
 
@@ -213,9 +213,9 @@ impl Env for PointMaze {
         let Saved { fov, goal, position, velocity } = state.load(&self.spec.id)?;
         let fov = self.space.recall(&fov).map_err(|error| foreign(error.to_string()))?;
         if [goal, position, velocity].iter().flatten().any(|number| !number.is_finite()) {
-            return Err(foreign("it holds numbers that are not finite".to_owned()));
+            return Err(foreign("it holds values that are not finite".to_owned()));
         }
-        // Planners return to moments of one episode again and again: what does not change in it stays.
+        // Planners return to states of one episode again and again: what does not change in it stays.
         let is_new = fov != self.fov;
         if is_new {
             self.sim = PointSim::new(layout(&fov), disc(&fov));
@@ -253,27 +253,27 @@ impl Image {
         let mut renderer =
             Renderer::new(settings.render.into(), geometry).map_err(|error| error.to_string())?;
         let look = Look::new(fov, settings.with_target.then(|| goal(fov)));
-        renderer.set_background(|painter| look.draw_background(painter));
+        renderer.set_background(|painter| look.render_background(painter));
         Ok(Self { renderer, look, goal: vec![0; geometry.frame_len()], goal_is_stale: true })
     }
 
-    fn draw(&mut self, position: [f64; 2], out: &mut [u8]) {
+    fn render(&mut self, position: [f64; 2], out: &mut [u8]) {
         let look = &self.look;
-        let drawn = self.renderer.render(out, |painter| look.draw(position, painter));
-        drawn.expect("the pixel field has the renderer's size");
+        let rendered = self.renderer.render(out, |painter| look.render(position, painter));
+        rendered.expect("the pixel field has the renderer's size");
     }
 
-    fn draw_goal(&mut self, position: [f64; 2]) {
+    fn render_goal(&mut self, position: [f64; 2]) {
         let mut goal = std::mem::take(&mut self.goal);
-        self.draw(position, &mut goal);
+        self.render(position, &mut goal);
         self.goal = goal;
         self.goal_is_stale = false;
     }
 }
 
 fn spec(image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
-    let step = |name: &str, width: usize| Field::step(name, Dtype::F64, &[width]);
-    let episode = |name: &str, width: usize| Field::episode(name, Dtype::F64, &[width]);
+    let step = |name: &str, dim: usize| Field::step(name, Dtype::F64, &[dim]);
+    let episode = |name: &str, dim: usize| Field::episode(name, Dtype::F64, &[dim]);
     let mut fields = vec![
         step("state", 4),
         step("proprio", 4),

@@ -17,7 +17,7 @@ fn cell(name: &str, default: Cell) -> Factor {
     Factor::new(name, space, Value::vector(&default))
 }
 
-/// The factor table, in the order of drawing. Lengths are in the maze's unit: a cell is 4 wide.
+/// The factor table, in sampling order. Lengths are in the maze's unit: a cell is 4 wide.
 pub fn factors() -> FovSpace {
     let space = FovSpace::new(vec![
         Factor::integer("maze.layout", 0, LAYOUTS.len() as i64 - 1, 0)

@@ -3,12 +3,12 @@
 //! Mazes, cell size and coordinates are OGBench's; the dynamics are ours: where its point is moved by its action, this
 //! disc has a mass, is driven by a force, and slides along walls that rapier2d stops it at.
 
-mod drawing;
 mod env;
 mod factors;
 mod layout;
 mod physics;
 mod policies;
+mod rendering;
 mod settings;
 #[cfg(test)]
 mod tests;

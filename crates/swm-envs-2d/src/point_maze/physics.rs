@@ -28,20 +28,20 @@ pub(super) struct Disc {
 
 /// A maze in motion. A clone continues exactly as the original does.
 pub(super) struct PointSim {
-    facts: Arc<Facts>,
+    constants: Arc<Constants>,
     motion: Motion,
     /// Scratch, made when first needed.
     stage: Option<Box<Stage>>,
 }
 
-struct Facts {
+struct Constants {
     disc: Disc,
     blueprint: Blueprint,
 }
 
 impl Clone for PointSim {
     fn clone(&self) -> PointSim {
-        PointSim { facts: Arc::clone(&self.facts), motion: self.motion, stage: None }
+        PointSim { constants: Arc::clone(&self.constants), motion: self.motion, stage: None }
     }
 }
 
@@ -56,7 +56,11 @@ impl PointSim {
         blueprint.add_fixed(walls.translation(Vector::new(x, y)).friction(0.0));
         let ball = ColliderBuilder::new(SharedShape::ball(disc.radius)).friction(0.0);
         blueprint.add_moving(disc.mass, None, [ball]);
-        PointSim { facts: Arc::new(Facts { disc, blueprint }), motion: Motion::default(), stage: None }
+        PointSim {
+            constants: Arc::new(Constants { disc, blueprint }),
+            motion: Motion::default(),
+            stage: None,
+        }
     }
 
     /// Puts the disc somewhere.
@@ -66,8 +70,8 @@ impl PointSim {
 
     /// One control step with an action, `[2]`, each component in [-1, 1].
     pub(super) fn control_step(&mut self, action: [f64; 2]) {
-        let PointSim { facts, motion, stage } = self;
-        let Facts { disc, blueprint } = &**facts;
+        let PointSim { constants, motion, stage } = self;
+        let Constants { disc, blueprint } = &**constants;
         let stage = stage.get_or_insert_with(|| Box::new(Stage::new(blueprint)));
         stage.begin(blueprint, std::slice::from_ref(motion));
         for _ in 0..SUBSTEPS {

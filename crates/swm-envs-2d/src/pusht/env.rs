@@ -11,11 +11,11 @@ use swm_fov::{Fov, FovSpace, SavedFov};
 use swm_render::{Geometry, Renderer};
 
 use super::discrete;
-use super::drawing::Look;
 use super::engine::Engine;
 use super::factors::{factors_with, setup};
 use super::goal::{self, PushTState, observed_state};
 use super::physics::{ActionMode, BodyId, Placement, Setup, Sim, contact_count};
+use super::rendering::Look;
 use super::settings::Settings;
 
 // Field indices, in the order of `fields`.
@@ -45,7 +45,7 @@ pub struct PushT<E: Engine = Sim> {
     image: Option<Image>,
 }
 
-/// What is needed to draw.
+/// What rendering needs.
 struct Image {
     renderer: Renderer,
     look: Look,
@@ -54,7 +54,7 @@ struct Image {
     goal_is_stale: bool,
 }
 
-/// A saved moment.
+/// A saved state.
 #[derive(Serialize, Deserialize)]
 struct Saved<S> {
     fov: SavedFov,
@@ -65,7 +65,7 @@ struct Saved<S> {
 }
 
 impl<S: Clone + Serialize + DeserializeOwned> Saved<S> {
-    /// Rebuilds the saved moment's factors and world.
+    /// Rebuilds the saved state's factors and world.
     fn recall<E: Engine<State = S>>(
         env: &str,
         space: &FovSpace,
@@ -82,23 +82,23 @@ impl<S: Clone + Serialize + DeserializeOwned> Saved<S> {
     }
 }
 
-/// A saved moment as planners on the true simulator need it: no images, no episode bookkeeping.
-pub(super) struct Moment<E> {
+/// A saved state as planners on the true simulator need it: no images, no episode bookkeeping.
+pub(super) struct LoadedState<E> {
     pub(super) setup: Setup,
     pub(super) sim: E,
     pub(super) goal: PushTState,
 }
 
-impl<E: Engine> Moment<E> {
+impl<E: Engine> LoadedState<E> {
     /// Reads what [`Env::snapshot`] saved in an environment `env` with these settings.
     pub(super) fn load(
         env: &str,
         space: &FovSpace,
         settings: &Settings,
         state: &EnvState,
-    ) -> Result<Moment<E>, EnvError> {
+    ) -> Result<LoadedState<E>, EnvError> {
         let (saved, _, setup, sim) = Saved::recall(env, space, settings, state)?;
-        Ok(Moment { setup, sim, goal: saved.goal })
+        Ok(LoadedState { setup, sim, goal: saved.goal })
     }
 }
 
@@ -108,7 +108,7 @@ impl<E: Engine> PushT<E> {
     /// # Errors
     ///
     /// [`EnvError::Setting`]: an unknown or misfit setting or default of a factor, absolute discrete actions, or an
-    /// image size that cannot be drawn.
+    /// image size that cannot be rendered.
     pub fn new(id: &str, discrete: bool, config: &EnvConfig) -> Result<Self, EnvError> {
         let settings: Settings = config.parse_settings(id)?;
         let wrong = |reason: String| EnvError::Setting { env: id.to_owned(), reason };
@@ -144,16 +144,16 @@ impl<E: Engine> PushT<E> {
         &self.goal
     }
 
-    /// The goal that an episode draws: fresh samples of the start factors' spaces, and the start velocity.
-    fn drawn_goal(&self, seed: EpisodeSeed) -> Result<PushTState, EnvError> {
-        let draw = |factor: &str| -> Result<Vec<f64>, EnvError> {
+    /// The goal that an episode samples: fresh samples of the start factors' spaces, and the start velocity.
+    fn sampled_goal(&self, seed: EpisodeSeed) -> Result<PushTState, EnvError> {
+        let sample = |factor: &str| -> Result<Vec<f64>, EnvError> {
             let spec =
                 self.spec.factors.iter().find(|spec| spec.name == factor).expect("a factor of the table");
             let mut stream = seed.stream(&format!("goal_state {factor}"));
             Ok(spec.space.sample(&mut stream).numbers(factor)?)
         };
-        let (agent, block) = (draw("agent.start_position")?, draw("block.start_position")?);
-        let angle = draw("block.angle")?;
+        let (agent, block) = (sample("agent.start_position")?, sample("block.start_position")?);
+        let angle = sample("block.angle")?;
         let [vx, vy] = self.fov.vector("agent.velocity");
         Ok([agent[0], agent[1], block[0], block[1], angle[0], vx, vy])
     }
@@ -184,16 +184,16 @@ impl<E: Engine> PushT<E> {
     ) -> Result<PushTState, EnvError> {
         let value =
             row.get("state").ok_or_else(|| self.reset_error("start and goal need the column `state`"))?;
-        let mut numbers = value.numbers("state")?;
-        if numbers.len() == 5 {
+        let mut values = value.numbers("state")?;
+        if values.len() == 5 {
             // Without a velocity the agent rests, as in the reference.
-            numbers.extend([0.0, 0.0]);
+            values.extend([0.0, 0.0]);
         }
-        let numbers = Value::vector(&numbers).cast("state", Dtype::F64, &[7])?.numbers("state")?;
-        if numbers.iter().any(|number| !number.is_finite()) {
+        let values = Value::vector(&values).cast("state", Dtype::F64, &[7])?.numbers("state")?;
+        if values.iter().any(|number| !number.is_finite()) {
             return Err(self.reset_error("the recorded `state` is not finite"));
         }
-        Ok(numbers.try_into().expect("cast to seven numbers"))
+        Ok(values.try_into().expect("cast to seven values"))
     }
 
     /// The reference's order: goal state and one substep, then start state and one substep. What the goal pose
@@ -228,7 +228,7 @@ impl<E: Engine> PushT<E> {
         if let Some(image) = &mut self.image {
             image.look = Look::new(&self.fov, self.sim.shape(BodyId::Block), &self.settings);
             let look = &image.look;
-            image.renderer.set_background(|painter| look.draw_background(painter));
+            image.renderer.set_background(|painter| look.render_background(painter));
             image.goal_is_stale = true;
         }
     }
@@ -243,7 +243,7 @@ impl<E: Engine> Env for PushT<E> {
         self.fov = self.space.draw(&self.spec.id, episode)?;
         self.goal = match &episode.options.goal {
             Some(row) => self.recorded_state(row)?,
-            None => self.drawn_goal(episode.seed)?,
+            None => self.sampled_goal(episode.seed)?,
         };
         self.target = None;
         self.place_bodies(episode.options)?;
@@ -285,7 +285,7 @@ impl<E: Engine> Env for PushT<E> {
         let at_goal = stale.then(|| self.sim_at_goal()).and_then(Result::ok);
         if let Some(image) = &mut self.image {
             if let Some((sim, _)) = at_goal {
-                image.draw_goal(&sim);
+                image.render_goal(&sim);
             }
             out.write(self.spec.fields.len() - 1, &image.goal);
         }
@@ -302,7 +302,7 @@ impl<E: Engine> Env for PushT<E> {
         out.write(N_CONTACTS, &[i64::from(contact_count(self.contact_points))]);
         if let Some(image) = &mut self.image {
             let target = self.target.filter(|_| self.settings.render_action);
-            image.draw(&self.sim, target, out.at(self.spec.fields.len() - 2));
+            image.render(&self.sim, target, out.at(self.spec.fields.len() - 2));
         }
     }
 
@@ -350,27 +350,27 @@ impl Image {
         let mut renderer =
             Renderer::new(settings.render.into(), geometry).map_err(|error| error.to_string())?;
         let look = Look::new(fov, setup.block.shape, settings);
-        renderer.set_background(|painter| look.draw_background(painter));
+        renderer.set_background(|painter| look.render_background(painter));
         Ok(Self { renderer, look, goal: vec![0; geometry.frame_len()], goal_is_stale: true })
     }
 
-    fn draw(&mut self, sim: &impl Engine, target: Option<[f64; 2]>, out: &mut [u8]) {
+    fn render(&mut self, sim: &impl Engine, target: Option<[f64; 2]>, out: &mut [u8]) {
         let look = &self.look;
-        let drawn = self.renderer.render(out, |painter| look.draw(sim, target, painter));
-        drawn.expect("the pixel field has the renderer's size");
+        let rendered = self.renderer.render(out, |painter| look.render(sim, target, painter));
+        rendered.expect("the pixel field has the renderer's size");
     }
 
-    fn draw_goal(&mut self, sim: &impl Engine) {
+    fn render_goal(&mut self, sim: &impl Engine) {
         let mut goal = std::mem::take(&mut self.goal);
-        self.draw(sim, None, &mut goal);
+        self.render(sim, None, &mut goal);
         self.goal = goal;
         self.goal_is_stale = false;
     }
 }
 
 fn spec(id: &str, discrete: bool, image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
-    let step = |name: &str, width: usize| Field::step(name, Dtype::F64, &[width]);
-    let episode = |name: &str, width: usize| Field::episode(name, Dtype::F64, &[width]);
+    let step = |name: &str, dim: usize| Field::step(name, Dtype::F64, &[dim]);
+    let episode = |name: &str, dim: usize| Field::episode(name, Dtype::F64, &[dim]);
     let mut fields = vec![
         step("state", 7),
         step("proprio", 4),

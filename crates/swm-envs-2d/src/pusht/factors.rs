@@ -9,7 +9,7 @@ use super::physics::{BodySetup, Setup, Shape};
 use super::settings::Settings;
 use crate::settings::with_defaults;
 
-/// The factor table, in the order of drawing. Bounds and defaults are the reference's (August 2026; the default
+/// The factor table, in sampling order. Bounds and defaults are the reference's (August 2026; the default
 /// block scale of January was 40, which its T ignored).
 pub fn factors() -> FovSpace {
     let angle = std::f64::consts::TAU;

@@ -1,4 +1,4 @@
-//! The rewarded goal of PushT: seven numbers, a success test, a reward, and a cost for planners.
+//! The rewarded goal of PushT: seven values, a success test, a reward, and a cost for planners.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -43,7 +43,7 @@ pub fn is_success(shape: Shape, goal: &PushTState, state: &PushTState) -> bool {
         && angle_error(shape, goal[4], state[4]) < ANGLE_TOLERANCE
 }
 
-/// The reference's reward: minus the distance over all seven numbers, units mixed.
+/// The reference's reward: minus the distance over all seven values, units mixed.
 pub fn reward(goal: &PushTState, state: &PushTState) -> f64 {
     -distance(goal, state)
 }

@@ -4,13 +4,13 @@
 //! what is kept for parity and what is fixed.
 
 mod discrete;
-mod drawing;
 mod engine;
 mod env;
 mod expert;
 mod factors;
 mod goal;
 pub mod physics;
+mod rendering;
 mod settings;
 mod weak;
 

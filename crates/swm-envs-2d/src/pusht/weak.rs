@@ -6,7 +6,7 @@ use swm_core::{Actor, PolicyError, RowView, Slice, SliceMut, Space};
 
 use super::discrete;
 
-/// Draws a target within 100 px of the agent and moves it to within `reach` px of the block, per axis.
+/// Samples a target within 100 px of the agent and moves it to within `reach` px of the block, per axis.
 pub(super) struct Weak {
     /// Largest distance of the target from the block's origin, per axis, in pixels.
     pub(super) reach_px: f64,
@@ -20,9 +20,9 @@ impl Actor for Weak {
         let block: &[f64] = view.row.get("block_pose")?;
         let mut stream = view.episode.seed.indexed("policy weak", [view.episode.step, 0]);
         let uniform = Space::uniform_box(swm_core::Dtype::F64, &[2], -1.0, 1.0).sample(&mut stream);
-        let Slice::F64(drawn) = uniform.data.as_slice() else { unreachable!("a box of f64") };
+        let Slice::F64(sampled) = uniform.data.as_slice() else { unreachable!("a box of f64") };
         let offset = [0, 1].map(|axis| {
-            let target = agent[axis] + 100.0 * drawn[axis];
+            let target = agent[axis] + 100.0 * sampled[axis];
             let near = target.clamp(block[axis] - self.reach_px, block[axis] + self.reach_px);
             ((near - agent[axis]) / 100.0).clamp(-1.0, 1.0) as f32
         });

@@ -11,10 +11,10 @@ use swm_core::{
 use swm_fov::{Fov, FovSpace, SavedFov};
 use swm_render::{Geometry, Renderer};
 
-use super::drawing::Look;
 use super::factors::{factors_with, goal_radius, position, setup};
 use super::goal::{Overlap, task_cost};
 use super::physics::{Sim, State, Vec2, contact_count};
+use super::rendering::Look;
 use super::settings::Settings;
 
 // Field indices, in the order of `fields`.
@@ -42,13 +42,13 @@ pub struct TwoRoom {
     fov: Fov,
     sim: Sim,
     goal: Vec2,
-    moment: Moment,
+    step_state: StepState,
     image: Option<Image>,
 }
 
 /// What else changes in an episode.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
-struct Moment {
+struct StepState {
     energy: i64,
     /// Contact points counted since the last observation.
     contact_points: u32,
@@ -56,7 +56,7 @@ struct Moment {
     is_start: bool,
 }
 
-/// What is needed to draw.
+/// What rendering needs.
 struct Image {
     renderer: Renderer,
     look: Look,
@@ -65,12 +65,12 @@ struct Image {
     goal_is_stale: bool,
 }
 
-/// A saved moment.
+/// A saved state.
 #[derive(Serialize, Deserialize)]
 struct Saved {
     fov: SavedFov,
     goal: [f64; 2],
-    moment: Moment,
+    step_state: StepState,
     sim: State,
 }
 
@@ -98,7 +98,7 @@ impl TwoRoom {
             fov,
             space,
             sim,
-            moment: Moment::default(),
+            step_state: StepState::default(),
             image,
         })
     }
@@ -107,21 +107,21 @@ impl TwoRoom {
         EnvError::Reset { env: self.spec.id.clone(), reason: reason.into() }
     }
 
-    /// Some finite numbers of a recorded row.
+    /// Some finite values of a recorded row.
     fn recorded<const N: usize>(
         &self,
         row: &BTreeMap<String, Value>,
         column: &str,
     ) -> Result<Option<[f64; N]>, EnvError> {
         let Some(value) = row.get(column) else { return Ok(None) };
-        let numbers = value.cast(column, Dtype::F64, &[N])?.numbers(column)?;
-        if numbers.iter().any(|number| !number.is_finite()) {
+        let values = value.cast(column, Dtype::F64, &[N])?.numbers(column)?;
+        if values.iter().any(|number| !number.is_finite()) {
             return Err(self.reset_error(format!("the recorded `{column}` is not finite")));
         }
-        Ok(numbers.try_into().ok())
+        Ok(values.try_into().ok())
     }
 
-    /// The recorded place of the agent: `pos_agent`, or the first two numbers of `state`.
+    /// The recorded place of the agent: `pos_agent`, or the first two values of `state`.
     fn recorded_agent(&self, row: &BTreeMap<String, Value>) -> Result<Option<Vec2>, EnvError> {
         if let Some(place) = self.recorded::<2>(row, "pos_agent")? {
             return Ok(Some(place.into()));
@@ -136,7 +136,7 @@ impl TwoRoom {
         self.goal = position(&self.fov, "goal");
         self.sim = Sim::new(setup(&self.fov, &self.settings), start);
         let max_energy = self.fov.i64("agent.max_energy");
-        self.moment = Moment { energy: max_energy, contact_points: 0, is_start: true };
+        self.step_state = StepState { energy: max_energy, contact_points: 0, is_start: true };
         let recorded = match &options.start {
             None => None,
             Some(row) => {
@@ -146,7 +146,7 @@ impl TwoRoom {
                 })?;
                 if let Some([_, _, x, y, energy, _]) = state {
                     self.goal = [x, y].into();
-                    self.moment.energy = (energy as i64).clamp(0, max_energy);
+                    self.step_state.energy = (energy as i64).clamp(0, max_energy);
                 }
                 Some(agent)
             }
@@ -157,12 +157,12 @@ impl TwoRoom {
                 .ok_or_else(|| self.reset_error("a recorded goal needs the column `pos_agent` or `state`"))?;
         }
         if let Some(agent) = recorded {
-            self.moment.contact_points = self.sim.place_exactly(agent);
+            self.step_state.contact_points = self.sim.place_exactly(agent);
             return Ok(());
         }
         for place in [self.goal, start] {
             self.sim.place(place);
-            self.moment.contact_points += self.sim.settle();
+            self.step_state.contact_points += self.sim.settle();
         }
         Ok(())
     }
@@ -206,12 +206,12 @@ impl Env for TwoRoom {
         if !self.sim.position().is_finite() {
             return Err(diverged(format!("the agent's place is not finite after the action {:?}", [x, y])));
         }
-        self.moment = Moment { energy: self.moment.energy - 1, contact_points, is_start: false };
+        self.step_state = StepState { energy: self.step_state.energy - 1, contact_points, is_start: false };
         Ok(self.outcome())
     }
 
     fn is_truncated(&self) -> bool {
-        self.moment.energy <= 0
+        self.step_state.energy <= 0
     }
 
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
@@ -222,7 +222,7 @@ impl Env for TwoRoom {
         self.fov.write(FACTORS, out);
         if let Some(image) = &mut self.image {
             if image.goal_is_stale {
-                image.draw_goal(self.goal);
+                image.render_goal(self.goal);
             }
             out.write(self.spec.fields.len() - 1, &image.goal);
         }
@@ -230,7 +230,7 @@ impl Env for TwoRoom {
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
         let ([x, y], [gx, gy]) = (self.sim.position().to_array(), self.goal.to_array());
-        let Moment { energy, contact_points, is_start } = self.moment;
+        let StepState { energy, contact_points, is_start } = self.step_state;
         let overlap = if is_start { Overlap::default() } else { self.overlap() };
         out.write(STATE, &[x, y, gx, gy, energy as f64, f64::from(self.sim.setup().speed)]);
         out.write(PROPRIO, &[x, y]);
@@ -241,7 +241,7 @@ impl Env for TwoRoom {
         out.write(FRACTION_OF_GOAL, &[overlap.of_goal]);
         out.write(FRACTION_OF_AGENT, &[overlap.of_agent]);
         if let Some(image) = &mut self.image {
-            image.draw(self.sim.position(), self.goal, out.at(self.spec.fields.len() - 2));
+            image.render(self.sim.position(), self.goal, out.at(self.spec.fields.len() - 2));
         }
     }
 
@@ -249,7 +249,7 @@ impl Env for TwoRoom {
         let saved = Saved {
             fov: self.fov.save(),
             goal: self.goal.to_array(),
-            moment: self.moment,
+            step_state: self.step_state,
             sim: self.sim.state(),
         };
         state.store(&self.spec.id, &saved)
@@ -266,10 +266,10 @@ impl Env for TwoRoom {
         };
         let goal = Vec2::from(saved.goal);
         if !sim.restore(saved.sim) || !goal.is_finite() {
-            return Err(foreign("it holds numbers that are not finite".to_owned()));
+            return Err(foreign("it holds values that are not finite".to_owned()));
         }
         let same_world = fov == self.fov && goal == self.goal;
-        (self.fov, self.sim, self.goal, self.moment) = (fov, sim, goal, saved.moment);
+        (self.fov, self.sim, self.goal, self.step_state) = (fov, sim, goal, saved.step_state);
         if !same_world {
             self.refresh_look();
         }
@@ -301,19 +301,19 @@ impl Image {
     /// Another episode has begun.
     fn refresh(&mut self) {
         let look = &self.look;
-        self.renderer.set_background(|painter| look.draw_background(painter));
+        self.renderer.set_background(|painter| look.render_background(painter));
         self.goal_is_stale = true;
     }
 
-    fn draw(&mut self, agent: Vec2, goal: Vec2, out: &mut [u8]) {
+    fn render(&mut self, agent: Vec2, goal: Vec2, out: &mut [u8]) {
         let look = &self.look;
-        let drawn = self.renderer.render(out, |painter| look.draw(agent, goal, painter));
-        drawn.expect("the pixel field has the renderer's size");
+        let rendered = self.renderer.render(out, |painter| look.render(agent, goal, painter));
+        rendered.expect("the pixel field has the renderer's size");
     }
 
-    fn draw_goal(&mut self, goal: Vec2) {
+    fn render_goal(&mut self, goal: Vec2) {
         let mut pixels = std::mem::take(&mut self.goal);
-        self.draw(goal, goal, &mut pixels);
+        self.render(goal, goal, &mut pixels);
         self.goal = pixels;
         self.goal_is_stale = false;
     }

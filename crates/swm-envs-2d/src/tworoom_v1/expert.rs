@@ -133,8 +133,8 @@ impl Rooms {
 impl Actor for Expert {
     fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let place = |name: &str| -> Result<Vec2, PolicyError> {
-            let numbers: &[f64] = view.row.get(name)?;
-            Ok(Vec2::from([numbers[0], numbers[1]]))
+            let values: &[f64] = view.row.get(name)?;
+            Ok(Vec2::from([values[0], values[1]]))
         };
         let (agent, goal) = (place("pos_agent")?, place("pos_goal")?);
         let waypoint = self.rooms.waypoint(agent, goal);

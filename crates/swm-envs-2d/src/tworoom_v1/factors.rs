@@ -13,7 +13,7 @@ const PLACES_PX: (f64, f64) = (9.0, 503.0);
 /// A door fits an agent if it is this many times as long as the agent's radius.
 const DOOR_PER_RADIUS: f64 = 2.5;
 
-/// The factor table, in the reference's order of drawing. Bounds, defaults and constraints are the reference's.
+/// The factor table, in the reference's sampling order. Bounds, defaults and constraints are the reference's.
 pub fn factors() -> FovSpace {
     let place =
         |name, at: [f32; 2]| Factor::vector_f32(name, PLACES_PX.0, PLACES_PX.1, &at).drawn_by_default();

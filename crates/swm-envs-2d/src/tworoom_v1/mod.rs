@@ -3,12 +3,12 @@
 //! Observation, factors, goal and reward are the reference's; where it has faults, the page of the environment says
 //! what is kept for parity and what is fixed.
 
-mod drawing;
 mod env;
 mod expert;
 mod factors;
 mod goal;
 mod physics;
+mod rendering;
 mod settings;
 
 #[cfg(test)]

@@ -32,7 +32,7 @@ fn reset(env: &mut TwoRoom, options: &ResetOptions) -> Result<(), String> {
     env.reset(&episode).map(|_| ()).map_err(|error| error.to_string())
 }
 
-fn numbers<const N: usize>(env: &mut TwoRoom, row: &mut Batch, column: &str) -> [f64; N] {
+fn values<const N: usize>(env: &mut TwoRoom, row: &mut Batch, column: &str) -> [f64; N] {
     env.observe(&mut row.rows_mut());
     let values: &[f64] = row.row(0).get(column).unwrap();
     values.try_into().unwrap()
@@ -79,7 +79,7 @@ fn trajectories_with_known_factors_follow_the_reference() {
         let contacts: Array1<f64> = npz.by_name("info_n_contacts").unwrap();
         let rewards: Array1<f64> = npz.by_name("reward").unwrap();
         for step in 0..=actions.nrows() {
-            let state: [f64; 6] = numbers(&mut env, &mut row, "state");
+            let state: [f64; 6] = values(&mut env, &mut row, "state");
             for (column, (ours, theirs)) in state.iter().zip(states.row(step)).enumerate() {
                 assert!(
                     (ours - theirs).abs() < PIXELS,
@@ -137,7 +137,7 @@ fn the_references_expert_is_followed_through_its_doors() {
         reset(&mut env, &options).unwrap();
         for (step, action) in actions.rows().into_iter().enumerate() {
             let outcome = env.step(Slice::F32(action.as_slice().unwrap())).unwrap();
-            let [x, y, .., energy, _]: [f64; 6] = numbers(&mut env, &mut row, "state");
+            let [x, y, .., energy, _]: [f64; 6] = values(&mut env, &mut row, "state");
             for (ours, column) in [(x, 0), (y, 1), (energy, 8)] {
                 let theirs = bodies[[step + 1, column]];
                 assert!((ours - theirs).abs() < PIXELS, "seed {seed}, step {step}: {ours}, not {theirs}");
@@ -284,7 +284,7 @@ fn energy_cuts_the_episode_off() {
         env.step(Slice::F32(&[0.1, 0.0])).unwrap();
     }
     assert!(env.is_truncated());
-    assert_eq!(numbers::<6>(&mut env, &mut row, "state")[4], 0.0);
+    assert_eq!(values::<6>(&mut env, &mut row, "state")[4], 0.0);
 }
 
 #[test]
@@ -295,11 +295,11 @@ fn recorded_rows_restore_moments_and_goals() {
     let mut rows = Vec::new();
     let push = [-0.9_f32, -0.4];
     for _ in 0..30 {
-        rows.push((numbers::<6>(&mut env, &mut row, "state"), numbers::<2>(&mut env, &mut row, "pos_agent")));
+        rows.push((values::<6>(&mut env, &mut row, "state"), values::<2>(&mut env, &mut row, "pos_agent")));
         env.step(Slice::F32(&push)).unwrap();
     }
-    let last: [f64; 6] = numbers(&mut env, &mut row, "state");
-    // Pressed into the border, the correction that is due is part of the moment.
+    let last: [f64; 6] = values(&mut env, &mut row, "state");
+    // Pressed into the border, the correction that is due is part of the state.
     let (state, place) = rows[20];
     let columns = |state: [f64; 6], place: [f64; 2]| {
         Some(
@@ -319,16 +319,16 @@ fn recorded_rows_restore_moments_and_goals() {
         ..ResetOptions::default()
     };
     reset(&mut env, &options).unwrap();
-    assert_eq!(numbers::<6>(&mut env, &mut row, "state"), state);
+    assert_eq!(values::<6>(&mut env, &mut row, "state"), state);
     for _ in 20..30 {
         env.step(Slice::F32(&push)).unwrap();
     }
-    for (ours, theirs) in numbers::<6>(&mut env, &mut row, "state").iter().zip(last) {
+    for (ours, theirs) in values::<6>(&mut env, &mut row, "state").iter().zip(last) {
         assert!((ours - theirs).abs() < 1e-6, "{ours}, not {theirs}");
     }
     let ahead = ResetOptions { goal: columns(rows[25].0, rows[25].1), ..options };
     reset(&mut env, &ahead).unwrap();
-    assert_eq!(numbers::<2>(&mut env, &mut row, "pos_goal"), rows[25].1);
+    assert_eq!(values::<2>(&mut env, &mut row, "pos_goal"), rows[25].1);
     let nan = ResetOptions { start: columns([f64::NAN; 6], [1.0, 1.0]), ..ResetOptions::default() };
     assert!(reset(&mut env, &nan).unwrap_err().contains("not finite"));
 }

@@ -1,5 +1,5 @@
 //! Dots with the profile of a Gaussian, blended over packed RGB bytes: exactly as the reference computes them, or
-//! quickly, at the size of the frame. Which dots there are is `drawing.rs`'s business.
+//! quickly, at the size of the frame. Which dots there are is `rendering.rs`'s business.
 
 use swm_render::{Rect, Rgb};
 
@@ -67,7 +67,7 @@ impl Dot {
         bounds
     }
 
-    /// Blends the dot over a `[height, width, 3]` image of the whole world as if it had been drawn at 224 px and
+    /// Blends the dot over a `[height, width, 3]` image of the whole world as if it had been rendered at 224 px and
     /// resized, and returns the pixels that may have changed.
     ///
     /// The filter of the resize, a triangle, is taken for a Gaussian of its variance, so that the dot stays one: wider, and
@@ -82,7 +82,7 @@ impl Dot {
             let peak = self.radius / variance[axis].sqrt();
             peak * exp_of_minus(distance * distance / (2.0 * variance[axis]))
         };
-        // Wider frames are drawn in strips, so that the table has a fixed size.
+        // Wider frames are rendered in strips, so that the table has a fixed size.
         const STRIP: i32 = 256;
         let (mut across, mut weights) = ([0.0; STRIP as usize], [0.0; STRIP as usize]);
         for left in (bounds.x0..bounds.x1).step_by(STRIP as usize) {

@@ -12,8 +12,8 @@ use swm_fov::{Fov, FovSpace, SavedFov};
 
 use super::TWO_ROOM_V2;
 use super::dot::Dot;
-use super::drawing::{Artist, Look};
 use super::factors::factors;
+use super::rendering::{Artist, Look};
 use super::room::{IMAGE_PX, Room, SUCCESS_PX, distance_f32};
 use super::route;
 use super::settings::Settings;
@@ -27,7 +27,7 @@ const DISTANCE: usize = 3;
 const GOAL_STATE: usize = 4;
 const FACTORS: usize = 5;
 
-/// Draws of a target that is far enough, before the farthest of them is taken.
+/// Samples of a target that is far enough, before the farthest of them is taken.
 const MAX_TARGETS: usize = 1000;
 
 /// Walk from one room to a target in either. See the module's documentation.
@@ -42,7 +42,7 @@ pub struct TwoRoom {
     image: Option<Image>,
 }
 
-/// What is needed to draw.
+/// What rendering needs.
 struct Image {
     artist: Artist,
     agent: Dot,
@@ -51,7 +51,7 @@ struct Image {
     goal_is_stale: bool,
 }
 
-/// A saved moment.
+/// A saved state.
 #[derive(Serialize, Deserialize)]
 struct Saved {
     fov: SavedFov,
@@ -64,7 +64,7 @@ pub(super) fn factors_with(settings: &Settings) -> Result<FovSpace, EnvError> {
     with_defaults(factors(), TWO_ROOM_V2.id, &settings.init_value)
 }
 
-/// The rooms of a moment that [`Env::snapshot`] saved.
+/// The rooms of a state that [`Env::snapshot`] saved.
 pub(super) fn saved_room(space: &FovSpace, state: &EnvState) -> Result<Room, EnvError> {
     let saved: Saved = state.load(TWO_ROOM_V2.id)?;
     Ok(Room::new(&recall(space, &saved)?))
@@ -223,7 +223,7 @@ impl Env for TwoRoom {
         self.fov.write(FACTORS, out);
         if let Some(image) = &mut self.image {
             if image.goal_is_stale {
-                image.draw_goal(self.target);
+                image.render_goal(self.target);
             }
             out.write(self.spec.fields.len() - 1, &image.goal);
         }
@@ -243,7 +243,7 @@ impl Env for TwoRoom {
         out.write(PROPRIO, &self.agent);
         out.write(DISTANCE, &[f64::from(self.distance())]);
         if let Some(image) = &mut self.image {
-            image.draw(self.agent, out.at(self.spec.fields.len() - 2));
+            image.render(self.agent, out.at(self.spec.fields.len() - 2));
         }
     }
 
@@ -279,14 +279,14 @@ impl Image {
         Ok(Self { artist, agent, goal: vec![0; bytes], goal_is_stale: true })
     }
 
-    fn draw(&mut self, agent: [f32; 2], out: &mut [u8]) {
-        let drawn = self.artist.draw(&Dot { center: agent, ..self.agent }, out);
-        drawn.expect("the pixel field has the artist's size");
+    fn render(&mut self, agent: [f32; 2], out: &mut [u8]) {
+        let drawn = self.artist.render(&Dot { center: agent, ..self.agent }, out);
+        rendered.expect("the pixel field has the artist's size");
     }
 
-    fn draw_goal(&mut self, target: [f32; 2]) {
+    fn render_goal(&mut self, target: [f32; 2]) {
         let mut goal = std::mem::take(&mut self.goal);
-        self.draw(target, &mut goal);
+        self.render(target, &mut goal);
         self.goal = goal;
         self.goal_is_stale = false;
     }

@@ -119,8 +119,8 @@ impl Actor for Expert {
             });
         }
         if let Some(last) = self.last.filter(|_| action_repeat_prob > 0.0) {
-            let drawn: f64 = StandardUniform.sample(&mut stream("policy expert repeat"));
-            if drawn < action_repeat_prob {
+            let sampled: f64 = StandardUniform.sample(&mut stream("policy expert repeat"));
+            if sampled < action_repeat_prob {
                 chosen = last;
             }
         }

@@ -1,5 +1,5 @@
 //! The 18 factors of TwoRoom and the two constraints between them. What they mean for the rooms is in `room.rs`, for
-//! images in `drawing.rs`.
+//! images in `rendering.rs`.
 
 use swm_fov::{Constraint, Factor, FovSpace};
 
@@ -9,7 +9,7 @@ use super::room::{IMAGE_PX, Room};
 /// this multiple of the agent's radius.
 const DOOR_FIT: f64 = 1.1;
 
-/// The factor table, in the order of drawing. Bounds, defaults and constraints are the reference's (August 2026).
+/// The factor table, in sampling order. Bounds, defaults and constraints are the reference's (August 2026).
 pub fn factors() -> FovSpace {
     let last_px = (IMAGE_PX - 1) as i64;
     let position = |name: &str, default: [f32; 2]| Factor::vector_f32(name, 14.0, 209.0, &default);

@@ -8,14 +8,14 @@
 //! |---|---|
 //! | `env`, `settings`, `factors` | the environment and its tables |
 //! | `room`, `route` | how an agent moves, and the way to a place |
-//! | `drawing`, `dot` | images |
+//! | `rendering`, `dot` | images |
 //! | `expert` | policies |
 
 mod dot;
-mod drawing;
 mod env;
 mod expert;
 mod factors;
+mod rendering;
 mod room;
 mod route;
 mod settings;

@@ -49,7 +49,7 @@ impl Bench {
     }
 }
 
-/// Nothing drawn; agent and target where they are put.
+/// Nothing sampled; agent and target where they are put.
 fn placed(agent: [f32; 2], target: [f32; 2]) -> ResetOptions {
     ResetOptions::default()
         .vary(&[])

@@ -1,6 +1,6 @@
 //! MuJoCo's error and warning handlers, the border at which an error becomes a `Result`, and warnings in words.
 //!
-//! `mju_error` must not return: the code behind it counts on that. The way out is to unwind, as MuJoCo's own Python
+//! `mju_error` must not return: the code behind it counts on that. The fix is to unwind, as MuJoCo's own Python
 //! package leaves by `longjmp`. It is sound because every function is bound as `C-unwind`, the C frames in between
 //! have unwind tables (the published libraries carry `.eh_frame`) and no destructors, and MuJoCo's C++ parts (parser
 //! and compiler) intercept errors themselves and return them as text. Where Rust itself is built with
@@ -47,7 +47,7 @@ pub(super) fn guarded<R>(call: impl FnOnce() -> R) -> Result<R, MujocoError> {
 }
 
 unsafe extern "C-unwind" fn on_error(message: *const c_char) {
-    // SAFETY: MuJoCo passes a null-terminated text of its own that lives during the call.
+    // SAFETY: MuJoCo passes its own null-terminated text that lives during the call.
     let message = unsafe { CStr::from_ptr(message) }.to_string_lossy().into_owned();
     if cfg!(panic = "unwind") && GUARDS.get() > 0 {
         // No panic message is printed: this is an error on its way to its `Result`.

@@ -21,16 +21,26 @@ unsafe impl Send for Library {}
 unsafe impl Sync for Library {}
 
 impl Library {
-    /// The library of this process, loaded at the first call.
+    /// The library of this process, loaded at the first call that succeeds.
     ///
     /// # Errors
     ///
-    /// [`MujocoError::NoLibrary`] or [`MujocoError::WrongVersion`]; once it has failed, it fails in the same way
-    /// until the process ends.
+    /// [`MujocoError::NoLibrary`] or [`MujocoError::WrongVersion`].
     pub fn get() -> Result<&'static Library, MujocoError> {
-        static LIBRARY: OnceLock<Result<Library, MujocoError>> = OnceLock::new();
-        let loaded = LIBRARY.get_or_init(|| Library::open(&assets::library_path()?));
-        loaded.as_ref().map_err(Clone::clone)
+        static LIBRARY: OnceLock<Library> = OnceLock::new();
+        static LOADING: Mutex<()> = Mutex::new(());
+        if let Some(library) = LIBRARY.get() {
+            return Ok(library);
+        }
+        let _only_one = LOADING.lock().unwrap_or_else(PoisonError::into_inner);
+        // Another thread may have loaded it while this one waited.
+        if let Some(library) = LIBRARY.get() {
+            return Ok(library);
+        }
+        let path = assets::library_path()?;
+        let library = Library::open(&path)?;
+        assets::set_loaded(&path);
+        Ok(LIBRARY.get_or_init(|| library))
     }
 
     fn open(path: &Path) -> Result<Library, MujocoError> {

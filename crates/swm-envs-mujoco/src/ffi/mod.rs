@@ -47,7 +47,7 @@ mod tests;
 mod textures;
 
 /// What is drawn, as plain data.
-pub(crate) mod drawn {
+pub(crate) mod visuals {
     pub(crate) use super::bindings::{
         mjCAT_DECOR, mjGEOM_BOX, mjGEOM_CAPSULE, mjGEOM_CYLINDER, mjGEOM_ELLIPSOID, mjGEOM_HFIELD,
         mjGEOM_MESH, mjGEOM_PLANE, mjGEOM_SPHERE, mjLIGHT_DIRECTIONAL, mjLIGHT_SPOT, mjOBJ_GEOM, mjOBJ_SITE,

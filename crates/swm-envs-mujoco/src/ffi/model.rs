@@ -1,4 +1,4 @@
-//! A compiled model: sizes, names, and numbers as slices.
+//! A compiled model: sizes, names, and values as slices.
 
 use std::ffi::CString;
 use std::ptr::NonNull;
@@ -27,7 +27,7 @@ macro_rules! arrays {
         $(#[$meta])*
         pub fn $name(&self) -> &[$type] {
             let raw = self.header();
-            // SAFETY: MuJoCo allocates `rows × width` numbers here, initialized, for as long as the model lives.
+            // SAFETY: MuJoCo allocates `rows × width` values here, initialized, for as long as the model lives.
             unsafe { slice(raw.$name, raw.$rows, $width) }
         }
         #[doc = concat!("[`Model::", stringify!($name), "`], to be edited.")]
@@ -41,7 +41,7 @@ macro_rules! arrays {
         ///
         /// # Panics
         /// If the other has other objects, a mistake of the caller.
-        pub fn copy_numbers(&mut self, other: &Model) {
+        pub fn copy_values(&mut self, other: &Model) {
             $(self.$name_mut().copy_from_slice(other.$name());)*
         }
     };
@@ -259,10 +259,10 @@ impl Model {
             .collect();
         let (into, from) = (self.header(), other.header());
         assert_eq!((into.ngeom, into.nv), (from.ngeom, from.nv), "models of the same objects");
-        /// Copies `width` numbers of each mesh.
+        /// Copies `width` values of each mesh.
         ///
         /// # Safety
-        /// Both arrays hold `width` numbers for each geom, and nothing else uses the first.
+        /// Both arrays hold `width` values for each geom, and nothing else uses the first.
         unsafe fn copy<T: Copy>(into: *mut T, from: *const T, width: usize, count: i64, meshes: &[usize]) {
             // SAFETY: the caller's promise.
             let (into, from) = unsafe { (slice_mut(into, count, width), slice(from, count, width)) };
@@ -308,7 +308,7 @@ impl Model {
     /// Gives a site another shape. Sites touch nothing, so that nothing else follows.
     pub fn set_site_shape(&mut self, site: usize, shape: Shape) {
         let header = self.header();
-        // SAFETY: the array holds `nsite` numbers, `&mut self` is the only access; the slice checks the index.
+        // SAFETY: the array holds `nsite` values, `&mut self` is the only access; the slice checks the index.
         unsafe { slice_mut(header.site_type, header.nsite, 1)[site] = shape.code() as i32 };
     }
 

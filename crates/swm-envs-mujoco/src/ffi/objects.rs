@@ -102,9 +102,9 @@ impl Shape {
 /// What a joint lets move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointKind {
-    /// Everything: 7 numbers in `qpos`, 6 in `qvel`.
+    /// Everything: 7 values in `qpos`, 6 in `qvel`.
     Free,
-    /// Rotation: a quaternion in `qpos`, 3 numbers in `qvel`.
+    /// Rotation: a quaternion in `qpos`, 3 values in `qvel`.
     Ball,
     /// Translation along an axis.
     Slide,

@@ -58,7 +58,7 @@ impl Scene {
 
     /// Takes up the simulation as it stands computed.
     ///
-    /// Its model may differ in numbers from the one that the scene was made for, colors included.
+    /// Its model may differ in values from the one that the scene was made for, colors included.
     ///
     /// # Errors
     ///
@@ -91,7 +91,7 @@ impl Scene {
         self.raw.ngeom as usize
     }
 
-    /// What there is to draw, in MuJoCo's order.
+    /// What there is to render, in MuJoCo's order.
     pub(crate) fn geoms(&self) -> &[mjvGeom] {
         // SAFETY: MuJoCo has filled `ngeom` of the geoms that it allocated, and they stay while the scene is lent.
         unsafe { slice(self.raw.geoms, self.raw.ngeom.into(), 1) }

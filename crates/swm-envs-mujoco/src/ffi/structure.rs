@@ -1,13 +1,13 @@
-//! How a compiled model is put together: what lies in which body, and where the numbers of what is named are found.
+//! How a compiled model is put together: what lies in which body, and where the values of what is named are found.
 
 use super::JointKind;
 use super::model::{Model, slice};
 
 impl Model {
-    /// Where a joint's numbers begin in `qpos` and in `qvel`.
+    /// Where a joint's values begin in `qpos` and in `qvel`.
     pub fn joint_addresses(&self, joint: usize) -> (usize, usize) {
         let header = self.header();
-        // SAFETY: both arrays hold `njnt` numbers; the slice checks the index.
+        // SAFETY: both arrays hold `njnt` values; the slice checks the index.
         let (qpos, dof) = unsafe {
             (
                 slice(header.jnt_qposadr, header.njnt, 1)[joint],
@@ -20,7 +20,7 @@ impl Model {
     /// The kind of a joint.
     pub fn joint_kind(&self, joint: usize) -> JointKind {
         let header = self.header();
-        // SAFETY: the array holds `njnt` numbers; the slice checks the index.
+        // SAFETY: the array holds `njnt` values; the slice checks the index.
         let code = unsafe { slice(header.jnt_type, header.njnt, 1)[joint] };
         JointKind::of(code)
     }
@@ -36,50 +36,50 @@ impl Model {
     /// The body of each joint, `[njnt]`.
     pub fn joint_body(&self) -> &[i32] {
         let header = self.header();
-        // SAFETY: the array holds `njnt` numbers as long as the model lives.
+        // SAFETY: the array holds `njnt` values as long as the model lives.
         unsafe { slice(header.jnt_bodyid, header.njnt, 1) }
     }
 
     /// The body in which each body lies, `[nbody]`.
     pub fn body_parent(&self) -> &[i32] {
         let header = self.header();
-        // SAFETY: the array holds `nbody` numbers as long as the model lives.
+        // SAFETY: the array holds `nbody` values as long as the model lives.
         unsafe { slice(header.body_parentid, header.nbody, 1) }
     }
 
     /// The body of each geom, `[ngeom]`; 0 is the world.
     pub fn geom_body(&self) -> &[i32] {
         let header = self.header();
-        // SAFETY: the array holds `ngeom` numbers as long as the model lives.
+        // SAFETY: the array holds `ngeom` values as long as the model lives.
         unsafe { slice(header.geom_bodyid, header.ngeom, 1) }
     }
 
     /// The shape of each geom, as MuJoCo numbers them.
     pub(super) fn geom_types(&self) -> &[i32] {
         let header = self.header();
-        // SAFETY: the array holds `ngeom` numbers as long as the model lives.
+        // SAFETY: the array holds `ngeom` values as long as the model lives.
         unsafe { slice(header.geom_type, header.ngeom, 1) }
     }
 
     /// The body of each site, `[nsite]`.
     pub fn site_body(&self) -> &[i32] {
         let header = self.header();
-        // SAFETY: the array holds `nsite` numbers as long as the model lives.
+        // SAFETY: the array holds `nsite` values as long as the model lives.
         unsafe { slice(header.site_bodyid, header.nsite, 1) }
     }
 
     /// Where the pose of a body that is moved by hand lies among those of all such bodies.
     pub fn mocap_index(&self, body: usize) -> Option<usize> {
         let header = self.header();
-        // SAFETY: the array holds `nbody` numbers; the slice checks the index.
+        // SAFETY: the array holds `nbody` values; the slice checks the index.
         let index = unsafe { slice(header.body_mocapid, header.nbody, 1)[body] };
         usize::try_from(index).ok()
     }
 
-    /// Where a sensor's numbers lie in `sensordata`.
+    /// Where a sensor's values lie in `sensordata`.
     pub fn sensor_range(&self, sensor: usize) -> std::ops::Range<usize> {
         let header = self.header();
-        // SAFETY: both arrays hold `nsensor` numbers; the slices check the index.
+        // SAFETY: both arrays hold `nsensor` values; the slices check the index.
         let (start, len) = unsafe {
             (
                 slice(header.sensor_adr, header.nsensor, 1)[sensor],

@@ -19,7 +19,7 @@ impl Model {
     /// The pixels of a texture.
     pub fn texture(&mut self, texture: usize) -> Texture<'_> {
         let header = self.header();
-        // SAFETY: these arrays hold `ntex` numbers, which the compiler made to lie within `tex_data`; the slices check
+        // SAFETY: these arrays hold `ntex` values, which the compiler made to lie within `tex_data`; the slices check
         // the index and the range; `&mut self` is the only access.
         unsafe {
             let of = |array: *mut i32| slice(array, header.ntex, 1)[texture] as usize;
@@ -34,7 +34,7 @@ impl Model {
     /// The pixels of a texture, to be read.
     pub(crate) fn pixels(&self, texture: usize) -> &[u8] {
         let header = self.header();
-        // SAFETY: these arrays hold `ntex` numbers, which the compiler made to lie within `tex_data`; the slices check
+        // SAFETY: these arrays hold `ntex` values, which the compiler made to lie within `tex_data`; the slices check
         // the index and the range.
         unsafe {
             let of = |array: *mut i32| slice(array, header.ntex, 1)[texture] as usize;
@@ -53,7 +53,7 @@ impl Model {
     pub(crate) fn texture_size(&self, texture: usize) -> [usize; 3] {
         let header = self.header();
         [header.tex_width, header.tex_height, header.tex_nchannel].map(|array| {
-            // SAFETY: these arrays hold `ntex` numbers; the slice checks the index.
+            // SAFETY: these arrays hold `ntex` values; the slice checks the index.
             unsafe { slice(array, header.ntex, 1)[texture] as usize }
         })
     }
@@ -61,7 +61,7 @@ impl Model {
     /// Whether a texture is flat, a cube, or the sky, as MuJoCo numbers them.
     pub(crate) fn texture_type(&self, texture: usize) -> i32 {
         let header = self.header();
-        // SAFETY: the array holds `ntex` numbers; the slice checks the index.
+        // SAFETY: the array holds `ntex` values; the slice checks the index.
         unsafe { slice(header.tex_type, header.ntex, 1)[texture] }
     }
 }

@@ -10,12 +10,14 @@ use swm_core::{
 use swm_fov::{Fov, FovSpace, SavedFov};
 
 use super::Body;
-use super::factors::{self, FLOOR_COLOR, SPEED, numbers};
-use super::layout::{Cell, Maze, SPREAD, TELEPORTER_RADIUS, TELEPORTER_REACH, cell_at, distance, place_of};
+use super::factors::{self, FLOOR_COLOR, SPEED, factor_values};
+use super::layout::{
+    Cell, Maze, START_RANGE, TELEPORTER_RADIUS, TELEPORTER_REACH, cell_at, distance, place_of,
+};
 use super::models::{Models, TARGET, TOP};
-use super::moment::Moment;
 use super::rows::{FACTORS, START_COLUMNS, fields};
 use super::settings::{Mode, SETTINGS, Settings};
+use super::state::TaskState;
 use crate::error::MujocoError;
 use crate::ffi::{Object, Simulation};
 use crate::suite::{normal, uniform};
@@ -25,7 +27,7 @@ use crate::views::{CameraName, Images, Views, settings};
 const SUBSTEPS: u32 = 5;
 /// Control steps of random actions that a goal's posture comes from.
 const SETTLING: u64 = 5;
-/// The spread of positions and velocities at a start.
+/// The range of positions and velocities at a start.
 const NOISE: f64 = 0.1;
 
 /// A body in a maze.
@@ -33,7 +35,7 @@ pub(super) struct MazeEnv {
     pub(super) spec: EnvSpec,
     pub(super) body: Body,
     pub(super) sim: Simulation,
-    pub(super) moment: Moment,
+    pub(super) task_state: TaskState,
     settings: Settings,
     space: FovSpace,
     fov: Fov,
@@ -42,11 +44,11 @@ pub(super) struct MazeEnv {
     target: usize,
     /// Cells on the way to the goal, from each cell.
     ways: (Cell, Vec<Option<u32>>),
-    images: Option<Drawn>,
+    images: Option<Rendering>,
 }
 
 /// What images need.
-struct Drawn {
+struct Rendering {
     images: Images,
     /// The colors of the floor that they show.
     floor: Vec<f64>,
@@ -54,11 +56,11 @@ struct Drawn {
     goal: (Vec<u8>, bool),
 }
 
-/// A saved moment.
+/// A saved state.
 #[derive(Serialize, Deserialize)]
 struct Saved {
     fov: SavedFov,
-    moment: Moment,
+    task_state: TaskState,
     simulation: Vec<f64>,
 }
 
@@ -86,21 +88,22 @@ impl MazeEnv {
         let views = Views::new(&settings.images, &camera, &full, image)?;
         columns.extend(views.iter().flat_map(Views::fields));
         let fov = space.defaults();
-        let drawn = |views| -> Result<Drawn, MujocoError> {
+        let rendering = |views| -> Result<Rendering, MujocoError> {
             let size = image.map_or(0, |size| size.shape().iter().product());
-            let floor = numbers(&fov, FLOOR_COLOR);
-            Ok(Drawn { images: Images::new(views, &full)?, floor, goal: (vec![0; size], true) })
+            let floor = factor_values(&fov, FLOOR_COLOR);
+            Ok(Rendering { images: Images::new(views, &full)?, floor, goal: (vec![0; size], true) })
         };
-        let images = views.map(drawn).transpose()?;
+        let images = views.map(rendering).transpose()?;
         let spec = EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[sim.model().nu()], -1.0, 1.0), columns)
             .factors(space.specs())
             .time_step_s(sim.model().timestep_s() * f64::from(SUBSTEPS))
             .start_columns(START_COLUMNS)
             .goal_columns(&["qpos"]);
         let target = models.light().id(Object::Geom, TARGET)?;
-        let moment = Moment::new(0, nq, nv);
+        let task_state = TaskState::new(0, nq, nv);
         let ways = ([0, 0], Vec::new());
-        let mut env = Self { spec, body, sim, moment, settings, space, fov, models, target, ways, images };
+        let mut env =
+            Self { spec, body, sim, task_state, settings, space, fov, models, target, ways, images };
         env.set_model()?;
         Ok(env)
     }
@@ -117,43 +120,43 @@ impl MazeEnv {
     /// Gives the simulation and the images the model of the present factors. The state stays.
     fn set_model(&mut self) -> Result<(), MujocoError> {
         let is_other = self.models.apply(&self.fov, &mut self.sim)?;
-        let floor = numbers(&self.fov, FLOOR_COLOR);
-        let Some(drawn) = &mut self.images else { return Ok(()) };
+        let floor = factor_values(&self.fov, FLOOR_COLOR);
+        let Some(rendering) = &mut self.images else { return Ok(()) };
         let full = self.models.full();
         if is_other {
-            drawn.images.set_model(&full)?;
+            rendering.images.set_model(&full)?;
         }
         let is_encoded = factors::is_encoded(&self.fov);
-        if !is_encoded && (is_other || drawn.floor != floor) {
+        if !is_encoded && (is_other || rendering.floor != floor) {
             let texture = full.id(Object::Texture, "grid")?;
             let colors = factors::floor_colors(&floor);
-            drawn.images.recolor(&full, texture, &|_, color| colors(color))?;
+            rendering.images.recolor(&full, texture, &|_, color| colors(color))?;
         }
-        drawn.floor = floor;
+        rendering.floor = floor;
         Ok(())
     }
 
     /// Shows the marker where the goal is, and finds the ways there.
     fn know_goal(&mut self) {
-        let goal = self.moment.goal;
+        let goal = self.task_state.goal;
         self.sim.model_mut().geom_pos_mut()[3 * self.target..][..2].copy_from_slice(&goal);
         let cell = cell_at(goal);
         if self.ways.0 != cell || self.ways.1.is_empty() {
             self.ways = (cell, self.maze().ways(cell));
         }
-        if let Some(drawn) = &mut self.images {
-            drawn.goal.1 = true;
+        if let Some(rendering) = &mut self.images {
+            rendering.goal.1 = true;
         }
     }
 
     /// Start and goal of the episode.
-    fn draw_cells(&mut self, stream: &mut Stream) -> [Cell; 2] {
+    fn sample_cells(&mut self, stream: &mut Stream) -> [Cell; 2] {
         let maze = self.maze();
         match self.settings.mode {
             Mode::Task => {
                 let tasks = maze.tasks();
                 let task = self.settings.task.unwrap_or_else(|| stream.random_range(1..=tasks.len()));
-                self.moment.task = task as i64;
+                self.task_state.task = task as i64;
                 tasks[task - 1]
             }
             Mode::DataCollection => {
@@ -176,11 +179,12 @@ impl MazeEnv {
 
     fn begin(&mut self, episode: &Episode<'_>) -> Result<(), MujocoError> {
         let (nq, nv) = (self.sim.model().nq(), self.sim.model().nv());
-        self.moment = Moment::new(episode.seed.value(), nq, nv);
+        self.task_state = TaskState::new(episode.seed.value(), nq, nv);
         let mut stream = episode.seed.stream("start");
-        let cells = self.draw_cells(&mut stream);
-        let mut near =
-            |cell: Cell| place_of(cell).map(|middle| middle + uniform(&mut stream, -SPREAD, SPREAD));
+        let cells = self.sample_cells(&mut stream);
+        let mut near = |cell: Cell| {
+            place_of(cell).map(|middle| middle + uniform(&mut stream, -START_RANGE, START_RANGE))
+        };
         let [start, goal] = cells.map(&mut near);
         self.put(goal, &mut stream)?;
         for step in 0..SETTLING {
@@ -190,9 +194,9 @@ impl MazeEnv {
             }
         }
         self.sim.qpos_mut()[..2].copy_from_slice(&goal);
-        self.moment.goal = goal;
-        self.moment.goal_qpos.copy_from_slice(self.sim.qpos());
-        self.moment.goal_qvel.copy_from_slice(self.sim.qvel());
+        self.task_state.goal = goal;
+        self.task_state.goal_qpos.copy_from_slice(self.sim.qpos());
+        self.task_state.goal_qvel.copy_from_slice(self.sim.qvel());
         self.put(start, &mut stream)
     }
 
@@ -223,29 +227,29 @@ impl MazeEnv {
             return Ok(());
         }
         let mut stream =
-            EpisodeSeed::new(self.moment.seed as u64).indexed("teleporter", [self.moment.step, 0]);
+            EpisodeSeed::new(self.task_state.seed as u64).indexed("teleporter", [self.task_state.step, 0]);
         let out = place_of(teleporters.outs[stream.random_range(0..teleporters.outs.len())]);
         self.sim.qpos_mut()[..2].copy_from_slice(&out);
         self.sim.forward()
     }
 
     fn is_at_goal(&self) -> bool {
-        distance(self.place(), self.moment.goal) <= self.body.reach()
+        distance(self.place(), self.task_state.goal) <= self.body.reach()
     }
 
-    /// Draws the goal, and returns to where the episode stands.
-    fn draw_goal(&mut self) -> Result<(), MujocoError> {
-        let Some(mut drawn) = self.images.take() else { return Ok(()) };
+    /// Renders the goal, and returns to where the episode stands.
+    fn render_goal(&mut self) -> Result<(), MujocoError> {
+        let Some(mut rendering) = self.images.take() else { return Ok(()) };
         let mut kept = Vec::new();
         self.sim.save(&mut kept);
-        self.sim.qpos_mut().copy_from_slice(&self.moment.goal_qpos);
-        self.sim.qvel_mut().copy_from_slice(&self.moment.goal_qvel);
+        self.sim.qpos_mut().copy_from_slice(&self.task_state.goal_qpos);
+        self.sim.qvel_mut().copy_from_slice(&self.task_state.goal_qvel);
         let result = self.sim.forward();
         if result.is_ok() {
-            drawn.images.draw(&mut self.sim, &mut drawn.goal.0);
+            rendering.images.render(&mut self.sim, &mut rendering.goal.0);
         }
-        drawn.goal.1 = false;
-        self.images = Some(drawn);
+        rendering.goal.1 = false;
+        self.images = Some(rendering);
         result?;
         self.sim.load(&kept)
     }
@@ -269,35 +273,35 @@ impl Env for MazeEnv {
             self.set_goal(row)?;
         }
         self.know_goal();
-        self.moment.before_qpos.copy_from_slice(self.sim.qpos());
-        self.moment.before_qvel.copy_from_slice(self.sim.qvel());
-        self.moment.success = self.is_at_goal();
-        Ok(Outcome { reward: f64::NAN, terminated: false, success: Some(self.moment.success) })
+        self.task_state.before_qpos.copy_from_slice(self.sim.qpos());
+        self.task_state.before_qvel.copy_from_slice(self.sim.qvel());
+        self.task_state.success = self.is_at_goal();
+        Ok(Outcome { reward: f64::NAN, terminated: false, success: Some(self.task_state.success) })
     }
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
-        let failure = self.images.as_mut().and_then(|drawn| drawn.images.take_failure());
+        let failure = self.images.as_mut().and_then(|rendering| rendering.images.take_failure());
         if let Some(failure) = failure {
             return Err(failure.at_step(&self.spec.id));
         }
-        let width = self.spec.action.width();
+        let dim = self.spec.action.width();
         let values = match action {
-            Slice::F32(values) if values.len() == width && values.iter().all(|value| value.is_finite()) => {
+            Slice::F32(values) if values.len() == dim && values.iter().all(|value| value.is_finite()) => {
                 values
             }
             other => {
-                let expected = format!("{width} finite float32 values");
+                let expected = format!("{dim} finite float32 values");
                 let found = format!("{} values of {}: {other:?}", other.len(), other.dtype());
                 return Err(BatchError::WrongValue { name: "action".to_owned(), expected, found }.into());
             }
         };
-        let Self { sim, moment, .. } = self;
-        moment.before_qpos.copy_from_slice(sim.qpos());
-        moment.before_qvel.copy_from_slice(sim.qvel());
+        let Self { sim, task_state, .. } = self;
+        task_state.before_qpos.copy_from_slice(sim.qpos());
+        task_state.before_qvel.copy_from_slice(sim.qvel());
         self.advance(values).map_err(|error| error.at_step(&self.spec.id))?;
-        self.moment.step += 1;
+        self.task_state.step += 1;
         let success = self.is_at_goal();
-        self.moment.success = success;
+        self.task_state.success = success;
         self.teleport().map_err(|error| error.at_step(&self.spec.id))?;
         let reward = f64::from(u8::from(success)) - f64::from(u8::from(self.settings.task.is_some()));
         Ok(Outcome { reward, terminated: success && self.settings.terminate_at_goal, success: Some(success) })
@@ -306,50 +310,53 @@ impl Env for MazeEnv {
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
         self.write_goal(out);
         self.fov.write(FACTORS, out);
-        if self.images.as_ref().is_some_and(|drawn| drawn.goal.1)
-            && self.draw_goal().is_err()
-            && let Some(drawn) = &mut self.images
+        if self.images.as_ref().is_some_and(|rendering| rendering.goal.1)
+            && self.render_goal().is_err()
+            && let Some(rendering) = &mut self.images
         {
             // The next step finds the simulation unusable, and says so.
-            drawn.goal.0.fill(0);
+            rendering.goal.0.fill(0);
         }
-        if let Some(drawn) = &self.images {
-            out.write(FACTORS + self.spec.factors.len(), &drawn.goal.0);
+        if let Some(rendering) = &self.images {
+            out.write(FACTORS + self.spec.factors.len(), &rendering.goal.0);
         }
     }
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
         self.write_step(out);
         let first = FACTORS + self.spec.factors.len() + 1;
-        if let Some(drawn) = &mut self.images {
-            drawn.images.write(&mut self.sim, first, out);
+        if let Some(rendering) = &mut self.images {
+            rendering.images.write(&mut self.sim, first, out);
         }
     }
 
     fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
         let mut simulation = Vec::new();
         self.sim.save(&mut simulation);
-        state.store(&self.spec.id, &Saved { fov: self.fov.save(), moment: self.moment.clone(), simulation })
+        state.store(
+            &self.spec.id,
+            &Saved { fov: self.fov.save(), task_state: self.task_state.clone(), simulation },
+        )
     }
 
     fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
         let saved: Saved = state.load(&self.spec.id)?;
         let foreign = |reason: String| EnvError::State { env: self.spec.id.clone(), reason };
         let fov = self.space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
-        let Moment { goal_qpos, goal_qvel, before_qpos, before_qvel, .. } = &saved.moment;
-        let widths = [goal_qpos, goal_qvel, before_qpos, before_qvel].map(Vec::len);
+        let TaskState { goal_qpos, goal_qvel, before_qpos, before_qvel, .. } = &saved.task_state;
+        let dims = [goal_qpos, goal_qvel, before_qpos, before_qvel].map(Vec::len);
         let (nq, nv) = (self.sim.model().nq(), self.sim.model().nv());
-        if widths != [nq, nv, nq, nv] {
+        if dims != [nq, nv, nq, nv] {
             return Err(foreign("it belongs to another body".to_owned()));
         }
         if fov != self.fov {
             self.fov = fov;
             self.set_model().map_err(|error| error.at_restore(&self.spec.id))?;
-            self.moment.goal = [f64::NAN; 2];
+            self.task_state.goal = [f64::NAN; 2];
         }
-        let is_same_goal =
-            saved.moment.goal == self.moment.goal && saved.moment.goal_qpos == self.moment.goal_qpos;
-        self.moment = saved.moment;
+        let is_same_goal = saved.task_state.goal == self.task_state.goal
+            && saved.task_state.goal_qpos == self.task_state.goal_qpos;
+        self.task_state = saved.task_state;
         if !is_same_goal {
             self.know_goal();
         }
@@ -357,11 +364,11 @@ impl Env for MazeEnv {
     }
 
     fn renderer(&self) -> Option<String> {
-        self.images.as_ref().map(|drawn| drawn.images.renderer())
+        self.images.as_ref().map(|rendering| rendering.images.renderer())
     }
 
     /// The length of the way that is left, over the middles of cells, m.
     fn task_cost(&self) -> Option<f64> {
-        Some(self.maze().way_left(&self.ways.1, self.place(), self.moment.goal))
+        Some(self.maze().way_left(&self.ways.1, self.place(), self.task_state.goal))
     }
 }

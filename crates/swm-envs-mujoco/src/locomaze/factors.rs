@@ -95,14 +95,14 @@ fn uniform(name: &str, shape: &[usize], [low, high]: [f64; 2], default: &[f64], 
     Factor::new(name, space, Value { shape: shape.to_vec(), ..Value::vector(default) }).doc(doc)
 }
 
-/// The numbers of a factor.
-pub(super) fn numbers(fov: &Fov, name: &str) -> Vec<f64> {
+/// The values of a factor.
+pub(super) fn factor_values(fov: &Fov, name: &str) -> Vec<f64> {
     fov.value(name).numbers(name).expect("factors are numbers")
 }
 
 /// Whether the floor's color says where one is.
 pub(super) fn is_encoded(fov: &Fov) -> bool {
-    numbers(fov, ENCODING)[0] != 0.0
+    factor_values(fov, ENCODING)[0] != 0.0
 }
 
 /// What becomes of the colors of the floor's checker: its own two become these.

@@ -1,5 +1,5 @@
 //! The grids, their tasks, and the way from cell to cell. Cells are (row, column); row i is at y = 4 (i - 1) m, column j at
-//! x = 4 (j - 1) m. Facts: `ogbench/locomaze/maze.py`.
+//! x = 4 (j - 1) m. Source: `ogbench/locomaze/maze.py`.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,7 +11,7 @@ pub(super) const UNIT: f64 = 4.0;
 /// Height of the walls, m.
 pub(super) const HEIGHT: f64 = 2.0;
 /// How far starts and goals lie from the middle of their cell at most, along each axis, m.
-pub(super) const SPREAD: f64 = 1.0;
+pub(super) const START_RANGE: f64 = 1.0;
 
 /// One of OGBench's mazes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]

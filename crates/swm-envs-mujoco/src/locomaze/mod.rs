@@ -1,8 +1,8 @@
-//! OGBench's mazes: a point and an ant that look for a place in a grid of walls. Facts: `ogbench` 1.2.2.
+//! OGBench's mazes: a point and an ant that look for a place in a grid of walls. Source: `ogbench` 1.2.2.
 //!
 //! * `layout`: the grids, their tasks, and the way from cell to cell;
 //! * `models`: the compiled models; `factors`: what varies;
-//! * `env`, `rows`, `moment`: the environment, its rows and its saved states;
+//! * `env`, `rows`, `task_state`: the environment, its rows and its saved states;
 //! * `expert`, `gait`: the policies.
 
 mod env;
@@ -11,9 +11,9 @@ mod factors;
 mod gait;
 mod layout;
 mod models;
-mod moment;
 mod rows;
 mod settings;
+mod state;
 
 use swm_core::EnvEntry;
 

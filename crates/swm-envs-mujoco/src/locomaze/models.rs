@@ -68,7 +68,7 @@ impl Models {
         if is_other || Arc::strong_count(sim.model()) > 1 {
             sim.set_model(self.light())?;
         } else {
-            sim.model_mut().copy_numbers(&self.shared.light);
+            sim.model_mut().copy_values(&self.shared.light);
         }
         edit_in_place(&self.controls, fov, sim.model_mut())?;
         Ok(is_other)

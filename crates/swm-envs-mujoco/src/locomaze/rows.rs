@@ -29,7 +29,7 @@ pub(super) const START_COLUMNS: &[&str] = &["qpos", "qvel", "time", "qacc_warmst
 /// The columns before the factors, for `nq` positions and `nv` velocities.
 pub(super) fn fields(body: Body, [nq, nv]: [usize; 2]) -> Vec<Field> {
     let observed = if body == Body::Point { nq } else { nq + nv };
-    let step = |name: &str, width: usize| Field::step(name, Dtype::F64, &[width]);
+    let step = |name: &str, dim: usize| Field::step(name, Dtype::F64, &[dim]);
     vec![
         step("observation", observed),
         step("qpos", nq),
@@ -48,23 +48,23 @@ pub(super) fn fields(body: Body, [nq, nv]: [usize; 2]) -> Vec<Field> {
 impl MazeEnv {
     /// Writes the step columns, without images.
     pub(super) fn write_step(&self, out: &mut RowsMut<'_>) {
-        let (sim, moment) = (&self.sim, &self.moment);
+        let (sim, task_state) = (&self.sim, &self.task_state);
         write_observation(self.body, out.at(OBSERVATION), sim.qpos(), sim.qvel());
         out.write(QPOS, sim.qpos());
         out.write(QVEL, sim.qvel());
         out.write(TIME, &[sim.time_s()]);
         out.write(QACC_WARMSTART, sim.qacc_warmstart());
-        out.write(PREV_QPOS, &moment.before_qpos);
-        out.write(PREV_QVEL, &moment.before_qvel);
+        out.write(PREV_QPOS, &task_state.before_qpos);
+        out.write(PREV_QVEL, &task_state.before_qvel);
         out.write(XY, &self.place());
     }
 
     /// Writes the columns of the episode, without factors and images.
     pub(super) fn write_goal(&self, out: &mut RowsMut<'_>) {
-        let moment = &self.moment;
-        out.write(TASK_ID, &[moment.task]);
-        out.write(GOAL_XY, &moment.goal);
-        write_observation(self.body, out.at(GOAL_OBSERVATION), &moment.goal_qpos, &moment.goal_qvel);
+        let task_state = &self.task_state;
+        out.write(TASK_ID, &[task_state.task]);
+        out.write(GOAL_XY, &task_state.goal);
+        write_observation(self.body, out.at(GOAL_OBSERVATION), &task_state.goal_qpos, &task_state.goal_qvel);
     }
 
     /// Stands at a recorded row.
@@ -102,10 +102,10 @@ impl MazeEnv {
         }
         let qpos = recorded(id, row, "qpos", self.sim.model().nq())?;
         let qpos = qpos.ok_or_else(|| wrong("a goal needs the column `qpos`".to_owned()))?;
-        let moment = &mut self.moment;
-        moment.goal = [qpos[0], qpos[1]];
-        moment.goal_qpos = qpos;
-        moment.goal_qvel.fill(0.0);
+        let task_state = &mut self.task_state;
+        task_state.goal = [qpos[0], qpos[1]];
+        task_state.goal_qpos = qpos;
+        task_state.goal_qvel.fill(0.0);
         Ok(())
     }
 }

@@ -11,13 +11,13 @@ use swm_core::{
 use swm_fov::{Fov, FovSpace, SavedFov};
 
 use super::columns::{Declare, Write, observation, visit};
-use super::factors::{self, FLOOR_COLOR, LOCK_COLOR, numbers};
+use super::factors::{self, FLOOR_COLOR, LOCK_COLOR, factor_values};
 use super::furniture::Which;
 use super::layout::{CAMERA, FLOOR, Kind};
 use super::models::Models;
-use super::moment::Moment;
 use super::settings::{CUBE_SETTINGS, Mode, Settings};
 use super::standing::{Goal, Standing};
+use super::state::TaskState;
 use super::table::Table;
 use super::{start, targets};
 use crate::error::MujocoError;
@@ -40,7 +40,7 @@ pub(super) struct TableEnv {
     models: Models,
     sim: Simulation,
     table: Table,
-    moment: Moment,
+    task_state: TaskState,
     standing: Standing,
     goal: Goal,
     lock_colors: Vec<f64>,
@@ -56,11 +56,11 @@ pub(super) struct TableEnv {
     floor: Vec<f64>,
 }
 
-/// A saved moment.
+/// A saved state.
 #[derive(Serialize, Deserialize)]
 struct Saved {
     fov: SavedFov,
-    moment: Moment,
+    task_state: TaskState,
     standing: Standing,
     goal: Goal,
 }
@@ -88,11 +88,11 @@ impl TableEnv {
         sim.reset();
         sim.forward()?;
         let table = Table::new(kind, &sim)?;
-        let moment = Moment::new(0, sim.qpos().len(), sim.qvel().len());
+        let task_state = TaskState::new(0, sim.qpos().len(), sim.qvel().len());
         let mut scratch = Vec::new();
-        observation(&table, &sim, &moment, &mut scratch);
+        observation(&table, &sim, &task_state, &mut scratch);
         let mut declared = Declare::default();
-        visit(&table, &sim, &moment, &scratch, &mut declared);
+        visit(&table, &sim, &task_state, &scratch, &mut declared);
         let mut fields = declared.0;
         let episode_columns = fields.len();
         fields.push(Field::episode("task_id", Dtype::I64, &[]));
@@ -116,7 +116,7 @@ impl TableEnv {
         let mut env = Self {
             standing: Standing::at_rest(&sim),
             goal: Goal::default(),
-            lock_colors: if is_scene { numbers(&fov, LOCK_COLOR) } else { Vec::new() },
+            lock_colors: if is_scene { factor_values(&fov, LOCK_COLOR) } else { Vec::new() },
             floor: FLOOR.to_vec(),
             spec,
             settings,
@@ -125,7 +125,7 @@ impl TableEnv {
             models,
             sim,
             table,
-            moment,
+            task_state,
             scratch,
             episode_columns,
             goal_column,
@@ -141,9 +141,9 @@ impl TableEnv {
         self.models.apply(&self.fov, &mut self.sim)?;
         self.show_markers();
         if self.table.furniture.is_some() {
-            self.lock_colors = numbers(&self.fov, LOCK_COLOR);
+            self.lock_colors = factor_values(&self.fov, LOCK_COLOR);
         }
-        let floor = numbers(&self.fov, FLOOR_COLOR);
+        let floor = factor_values(&self.fov, FLOOR_COLOR);
         if let Some(images) = &mut self.images
             && self.floor != floor
         {
@@ -172,20 +172,20 @@ impl TableEnv {
     }
 
     fn begin(&mut self, episode: &Episode<'_>) -> Result<(), MujocoError> {
-        let Self { sim, table, moment, fov, settings, .. } = self;
-        *moment = Moment::new(episode.seed.value(), sim.qpos().len(), sim.qvel().len());
+        let Self { sim, table, task_state, fov, settings, .. } = self;
+        *task_state = TaskState::new(episode.seed.value(), sim.qpos().len(), sim.qvel().len());
         sim.reset();
         sim.forward()?;
         match settings.mode {
             Mode::DataCollection => {
-                start::place_by_factors(table, sim, moment, fov)?;
+                start::place_by_factors(table, sim, task_state, fov)?;
                 targets::show(table, sim, fov);
-                targets::draw(table, sim, moment, fov);
+                targets::sample(table, sim, task_state, fov);
             }
             Mode::Task => {
-                let task = start::Chosen::new(table, settings.task, settings.permute_blocks, moment);
-                task.set_goals(table, sim, moment, fov);
-                task.place(table, sim, moment, fov)?;
+                let task = start::Chosen::new(table, settings.task, settings.permute_blocks, task_state);
+                task.set_goals(table, sim, task_state, fov);
+                task.place(table, sim, task_state, fov)?;
             }
         }
         sim.forward()
@@ -193,37 +193,37 @@ impl TableEnv {
 
     /// Whether a target is reached and done with.
     fn is_done_with_target(&self) -> bool {
-        let Self { settings, moment, table, sim, .. } = self;
+        let Self { settings, task_state, table, sim, .. } = self;
         if settings.mode != Mode::DataCollection
             || !settings.new_targets
-            || moment.goal_is_given
-            || !moment.success
+            || task_state.goal_is_given
+            || !task_state.success
         {
             return false;
         }
         let effector = table.robot.effector(sim).position;
-        let away = super::pose::distance(effector, table.place_of(sim, moment.pursued));
+        let away = super::pose::distance(effector, table.place_of(sim, task_state.pursued));
         effector[2] > RAISED && away > LET_GO && table.robot.gripper_contact(sim) < LOOSE
     }
 
     fn advance(&mut self, action: [f32; 5]) -> Result<(), MujocoError> {
         if self.is_done_with_target() {
-            targets::draw(&self.table, &mut self.sim, &mut self.moment, &self.fov);
+            targets::sample(&self.table, &mut self.sim, &mut self.task_state, &self.fov);
         }
-        let Self { sim, moment, table, standing, .. } = self;
-        moment.before_qpos.copy_from_slice(sim.qpos());
-        moment.before_qvel.copy_from_slice(sim.qvel());
-        moment.before_buttons = moment.buttons;
+        let Self { sim, task_state, table, standing, .. } = self;
+        task_state.before_qpos.copy_from_slice(sim.qpos());
+        task_state.before_qvel.copy_from_slice(sim.qvel());
+        task_state.before_buttons = task_state.buttons;
         table.robot.command(sim, action);
         standing.advance(sim)?;
         if let Some(furniture) = &table.furniture {
-            let pressed = furniture.pressed(&moment.before_qpos, sim);
-            for (state, is_pressed) in moment.buttons.iter_mut().zip(pressed) {
+            let pressed = furniture.pressed(&task_state.before_qpos, sim);
+            for (state, is_pressed) in task_state.buttons.iter_mut().zip(pressed) {
                 *state ^= u8::from(is_pressed);
             }
-            self.apply_buttons(self.moment.buttons)?;
+            self.apply_buttons(self.task_state.buttons)?;
         }
-        self.moment.success = self.table.is_met(&self.sim, &self.moment, self.moment.pursued);
+        self.task_state.success = self.table.is_met(&self.sim, &self.task_state, self.task_state.pursued);
         Ok(())
     }
 }
@@ -257,7 +257,7 @@ const SCENE_START_COLUMNS: &[&str] = &[
     "task_id",
 ];
 
-/// The numbers of an action, if they are five and finite.
+/// The values of an action, if they are five and finite.
 fn five(action: Slice<'_>) -> Option<[f32; 5]> {
     let Slice::F32(values) = action else { return None };
     let values: [f32; 5] = values.try_into().ok()?;
@@ -279,40 +279,40 @@ impl Env for TableEnv {
             self.start_from(row)?;
         }
         let goal = episode.options.goal.as_ref().map(|row| self.set_goal(row)).transpose()?;
-        self.moment.before_qpos.copy_from_slice(self.sim.qpos());
-        self.moment.before_qvel.copy_from_slice(self.sim.qvel());
-        self.moment.before_buttons = self.moment.buttons;
+        self.task_state.before_qpos.copy_from_slice(self.sim.qpos());
+        self.task_state.before_qvel.copy_from_slice(self.sim.qvel());
+        self.task_state.before_buttons = self.task_state.buttons;
         self.visit_goal(goal).map_err(at_reset)?;
-        self.moment.success = self.table.is_met(&self.sim, &self.moment, self.moment.pursued);
-        Ok(Outcome { reward: f64::NAN, terminated: false, success: Some(self.moment.success) })
+        self.task_state.success = self.table.is_met(&self.sim, &self.task_state, self.task_state.pursued);
+        Ok(Outcome { reward: f64::NAN, terminated: false, success: Some(self.task_state.success) })
     }
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
         if let Some(failure) = self.images.as_mut().and_then(Images::take_failure) {
             return Err(failure.at_step(&self.spec.id));
         }
-        let Some(numbers) = five(action) else {
+        let Some(values) = five(action) else {
             let expected = "5 finite float32 values".to_owned();
             let found = format!("{} values of {}: {action:?}", action.len(), action.dtype());
             return Err(BatchError::WrongValue { name: "action".to_owned(), expected, found }.into());
         };
-        self.advance(numbers).map_err(|error| error.at_step(&self.spec.id))?;
-        let success = self.moment.success;
+        self.advance(values).map_err(|error| error.at_step(&self.spec.id))?;
+        let success = self.task_state.success;
         let reward = match self.settings.task {
-            Some(_) => -(self.table.unmet_count(&self.sim, &self.moment) as f64),
+            Some(_) => -(self.table.unmet_count(&self.sim, &self.task_state) as f64),
             None => f64::from(u8::from(success)),
         };
         Ok(Outcome { reward, terminated: success && self.settings.ends_at_goal(), success: Some(success) })
     }
 
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
-        out.write(self.episode_columns, &[self.moment.task]);
+        out.write(self.episode_columns, &[self.task_state.task]);
         out.write(self.episode_columns + 1, &self.goal.observation);
         self.fov.write(self.episode_columns + 2, out);
         if self.images.is_none() {
             return;
         }
-        if self.goal_image.1 && self.draw_goal().is_err() {
+        if self.goal_image.1 && self.render_goal().is_err() {
             // The next step finds the simulation unusable, and says so.
             self.goal_image.0.fill(0);
         }
@@ -320,10 +320,10 @@ impl Env for TableEnv {
     }
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
-        let Self { sim, table, moment, scratch, goal_column, images, .. } = self;
+        let Self { sim, table, task_state, scratch, goal_column, images, .. } = self;
         scratch.clear();
-        observation(table, sim, moment, scratch);
-        visit(table, sim, moment, scratch, &mut Write::new(out));
+        observation(table, sim, task_state, scratch);
+        visit(table, sim, task_state, scratch, &mut Write::new(out));
         if let Some(images) = images {
             images.write(sim, *goal_column + 1, out);
         }
@@ -332,7 +332,7 @@ impl Env for TableEnv {
     fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
         let saved = Saved {
             fov: self.fov.save(),
-            moment: self.moment.clone(),
+            task_state: self.task_state.clone(),
             standing: self.standing.clone(),
             goal: self.goal.clone(),
         };
@@ -343,14 +343,17 @@ impl Env for TableEnv {
         let saved: Saved = state.load(&self.spec.id)?;
         let foreign = |reason: String| EnvError::State { env: self.spec.id.clone(), reason };
         let fov = self.space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
-        let widths =
-            [saved.moment.before_qpos.len(), saved.moment.before_qvel.len(), saved.goal.observation.len()];
-        if widths != [self.sim.qpos().len(), self.sim.qvel().len(), self.goal_width()] {
+        let dims = [
+            saved.task_state.before_qpos.len(),
+            saved.task_state.before_qvel.len(),
+            saved.goal.observation.len(),
+        ];
+        if dims != [self.sim.qpos().len(), self.sim.qvel().len(), self.goal_dim()] {
             return Err(foreign("it belongs to another table".to_owned()));
         }
         let is_same_model = fov == self.fov;
         self.goal_image.1 |= !is_same_model || saved.goal != self.goal;
-        (self.fov, self.moment) = (fov, saved.moment);
+        (self.fov, self.task_state) = (fov, saved.task_state);
         (self.standing, self.goal) = (saved.standing, saved.goal);
         let restored = (|| {
             if !is_same_model {
@@ -358,7 +361,7 @@ impl Env for TableEnv {
             }
             if let Some(furniture) = &self.table.furniture {
                 for which in [Which::Drawer, Which::Window] {
-                    let goal = self.moment.goal_slides[which as usize];
+                    let goal = self.task_state.goal_slides[which as usize];
                     furniture.set_handle_target(self.sim.model_mut(), which, goal);
                 }
             }
@@ -374,12 +377,12 @@ impl Env for TableEnv {
     /// What is left to do, in m: for each cube, drawer and window its distance from where it belongs, 0.1 for a button; and,
     /// at a lower weight, the effector's distance from what is next.
     fn task_cost(&self) -> Option<f64> {
-        Some(self.table.cost(&self.sim, &self.moment))
+        Some(self.table.cost(&self.sim, &self.task_state))
     }
 }
 
 impl TableEnv {
-    fn goal_width(&self) -> usize {
+    fn goal_dim(&self) -> usize {
         self.spec.fields[0].width()
     }
 }

@@ -60,14 +60,14 @@ pub(super) const FLOOR_COLOR: &str = "floor.color";
 /// The colors of locked things.
 pub(super) const LOCK_COLOR: &str = "lock_color";
 
-/// The numbers of a factor.
-pub(super) fn numbers(fov: &Fov, name: &str) -> Vec<f64> {
+/// The values of a factor.
+pub(super) fn factor_values(fov: &Fov, name: &str) -> Vec<f64> {
     fov.value(name).numbers(name).expect("factors are numbers")
 }
 
 /// Whether cubes at these positions overlap in no way of turning them.
 fn are_apart(fov: &Fov, positions: &str) -> bool {
-    let (at, sizes) = (numbers(fov, positions), numbers(fov, SIZE));
+    let (at, sizes) = (factor_values(fov, positions), factor_values(fov, SIZE));
     let places: Vec<[f64; 2]> = at.chunks_exact(2).map(|xy| [xy[0], xy[1]]).collect();
     let overlap = |i: usize, j: usize| {
         pose::distance(places[i], places[j]) <= (sizes[i] + sizes[j]) * std::f64::consts::SQRT_2

@@ -6,7 +6,7 @@ use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Simulation};
 use crate::suite::set_color;
 
-/// Where the furniture's numbers are.
+/// Where the furniture's values are.
 #[derive(Clone, Debug)]
 pub(super) struct Furniture {
     buttons: [Button; 2],

@@ -5,7 +5,7 @@
 //! * `arm`, `robot`: inverse kinematics and the control law;
 //! * `table`, `furniture`: where things are, and whether they are where they belong;
 //! * `start`, `targets`: where episodes begin, and what is wanted;
-//! * `env`, `columns`, `standing`, `moment`: the environment, its rows and its saved states;
+//! * `env`, `columns`, `standing`, `task_state`: the environment, its rows and its saved states;
 //! * `expert`: the policies.
 
 mod arm;
@@ -17,12 +17,12 @@ mod factors;
 mod furniture;
 mod layout;
 mod models;
-mod moment;
 mod pose;
 mod robot;
 mod settings;
 mod standing;
 mod start;
+mod state;
 mod table;
 mod targets;
 mod tasks;

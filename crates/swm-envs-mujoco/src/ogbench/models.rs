@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use swm_fov::Fov;
 
 use super::compose::{description, finish};
-use super::factors::{self, numbers};
+use super::factors::{self, factor_values};
 use super::layout::{HALF_SIZE, Kind};
 use crate::error::MujocoError;
 use crate::ffi::{Model, Simulation, Spec};
@@ -55,12 +55,12 @@ impl Models {
         Arc::clone(&self.shared.full)
     }
 
-    /// Gives the simulation the model for these factors. Its state stays only where nothing but numbers differs.
+    /// Gives the simulation the model for these factors. Its state stays only where nothing but values differs.
     pub(super) fn apply(&mut self, fov: &Fov, sim: &mut Simulation) -> Result<(), MujocoError> {
         let values = self.recompiling_values(fov);
         let base = self.base(fov, &values)?;
         if self.is_own_copy_of(sim, &base) {
-            sim.model_mut().copy_numbers(&base);
+            sim.model_mut().copy_values(&base);
         } else {
             sim.set_model(base)?;
         }
@@ -87,7 +87,7 @@ impl Models {
         };
         if resized.values != values {
             for control in &self.controls {
-                control.effect.edit_spec(&mut resized.spec, &numbers(fov, control.factor.name()))?;
+                control.effect.edit_spec(&mut resized.spec, &factor_values(fov, control.factor.name()))?;
             }
             let mut model = resized.spec.compile()?;
             let light = &self.shared.light;
@@ -102,7 +102,7 @@ impl Models {
 
     fn recompiling_values(&self, fov: &Fov) -> Vec<f64> {
         let recompiling = self.controls.iter().filter(|control| control.effect.recompiles());
-        recompiling.flat_map(|control| numbers(fov, control.factor.name())).collect()
+        recompiling.flat_map(|control| factor_values(fov, control.factor.name())).collect()
     }
 }
 

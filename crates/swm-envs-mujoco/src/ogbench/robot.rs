@@ -7,7 +7,7 @@ use super::pose::{self, Pose};
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Simulation};
 
-/// Where the arm's and the gripper's numbers are.
+/// Where the arm's and the gripper's values are.
 #[derive(Clone, Debug)]
 pub(super) struct Robot {
     arm: Arm,

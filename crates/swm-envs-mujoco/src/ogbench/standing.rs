@@ -1,6 +1,6 @@
 //! Where the simulation stands, as what is needed to stand there again with every bit, images included.
 //!
-//! After a control step OGBench reads and draws what was computed before the last physics step. So the moment is the state
+//! After a control step OGBench reads and renders what was computed before the last physics step. So the task_state is the state
 //! before that step, which is then repeated.
 
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ use crate::ffi::Simulation;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Standing {
     state: Vec<f64>,
-    /// The moment is one physics step after the state.
+    /// The task_state is one physics step after the state.
     has_stepped: bool,
 }
 

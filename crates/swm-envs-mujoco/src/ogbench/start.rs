@@ -6,11 +6,11 @@ use swm_core::EpisodeSeed;
 use swm_core::seed::Stream;
 use swm_fov::Fov;
 
-use super::factors::{EFFECTOR, SIZE, START_POSITION, START_YAW, numbers};
+use super::factors::{EFFECTOR, SIZE, START_POSITION, START_YAW, factor_values};
 use super::furniture::Which;
-use super::moment::{Moment, Pursued};
 use super::pose;
 use super::robot::Effector;
+use super::state::{Pursued, TaskState};
 use super::table::Table;
 use super::tasks::{Arrangement, tasks};
 use crate::error::MujocoError;
@@ -37,12 +37,13 @@ pub(super) fn place_arm(
 pub(super) fn place_by_factors(
     table: &Table,
     sim: &mut Simulation,
-    moment: &mut Moment,
+    task_state: &mut TaskState,
     fov: &Fov,
 ) -> Result<(), MujocoError> {
-    let mut stream = EpisodeSeed::new(moment.seed as u64).stream("start");
+    let mut stream = EpisodeSeed::new(task_state.seed as u64).stream("start");
     place_arm(table, sim, fov, &mut stream)?;
-    let (places, yaws, sizes) = (numbers(fov, START_POSITION), numbers(fov, START_YAW), numbers(fov, SIZE));
+    let (places, yaws, sizes) =
+        (factor_values(fov, START_POSITION), factor_values(fov, START_YAW), factor_values(fov, SIZE));
     for (index, place) in places.chunks_exact(2).enumerate() {
         table.set_cube(sim, index, [place[0], place[1], sizes[index]], pose::about_z(yaws[index]));
     }
@@ -51,11 +52,11 @@ pub(super) fn place_by_factors(
             let [closed, open] = which.range();
             furniture.set_position(sim, which, uniform(&mut stream, closed.min(open), closed.max(open)));
             let [position, _] = furniture.position(sim, which);
-            moment.goal_slides[which as usize] = position;
+            task_state.goal_slides[which as usize] = position;
             furniture.set_handle_target(sim.model_mut(), which, position);
         }
-        moment.buttons = [0, 1].map(|_| stream.random_range(0..2u8));
-        moment.goal_buttons = moment.buttons;
+        task_state.buttons = [0, 1].map(|_| stream.random_range(0..2u8));
+        task_state.goal_buttons = task_state.buttons;
     }
     sim.forward()
 }
@@ -69,29 +70,40 @@ pub(super) struct Chosen {
 
 impl Chosen {
     /// The task `asked` for, or any.
-    pub(super) fn new(table: &Table, asked: Option<usize>, permute: bool, moment: &mut Moment) -> Self {
-        let mut stream = EpisodeSeed::new(moment.seed as u64).stream("task");
+    pub(super) fn new(
+        table: &Table,
+        asked: Option<usize>,
+        permute: bool,
+        task_state: &mut TaskState,
+    ) -> Self {
+        let mut stream = EpisodeSeed::new(task_state.seed as u64).stream("task");
         let number = asked.unwrap_or_else(|| stream.random_range(1..=5));
         let mut order: Vec<usize> = (0..table.kind.cubes()).collect();
         if permute {
             order.shuffle(&mut stream);
         }
-        moment.task = number as i64;
+        task_state.task = number as i64;
         let task = &tasks(table.kind)[number - 1];
         Self { start: task.start, goal: task.goal, order }
     }
 
     /// Says where everything belongs.
-    pub(super) fn set_goals(&self, table: &Table, sim: &mut Simulation, moment: &mut Moment, fov: &Fov) {
-        let sizes = numbers(fov, SIZE);
+    pub(super) fn set_goals(
+        &self,
+        table: &Table,
+        sim: &mut Simulation,
+        task_state: &mut TaskState,
+        fov: &Fov,
+    ) {
+        let sizes = factor_values(fov, SIZE);
         for (index, place) in self.order.iter().enumerate() {
             let spot = self.goal.cubes[*place];
             let [x, y] = spot.at;
             table.set_goal(sim, index, [x, y, spot.height(sizes[index])], pose::IDENTITY);
         }
-        moment.pursued = Pursued::Everything;
-        moment.goal_buttons = self.goal.buttons;
-        moment.goal_slides = [self.goal.drawer, self.goal.window];
+        task_state.pursued = Pursued::Everything;
+        task_state.goal_buttons = self.goal.buttons;
+        task_state.goal_slides = [self.goal.drawer, self.goal.window];
         if let Some(furniture) = &table.furniture {
             furniture.set_handle_target(sim.model_mut(), Which::Drawer, self.goal.drawer);
             furniture.set_handle_target(sim.model_mut(), Which::Window, self.goal.window);
@@ -103,11 +115,11 @@ impl Chosen {
         &self,
         table: &Table,
         sim: &mut Simulation,
-        moment: &mut Moment,
+        task_state: &mut TaskState,
         fov: &Fov,
     ) -> Result<(), MujocoError> {
-        let mut stream = EpisodeSeed::new(moment.seed as u64).stream("start");
-        let sizes = numbers(fov, SIZE);
+        let mut stream = EpisodeSeed::new(task_state.seed as u64).stream("start");
+        let sizes = factor_values(fov, SIZE);
         place_arm(table, sim, fov, &mut stream)?;
         for (index, place) in self.order.iter().enumerate() {
             let spot = self.start.cubes[*place];
@@ -115,7 +127,7 @@ impl Chosen {
             let yaw = uniform(&mut stream, 0.0, std::f64::consts::TAU);
             table.set_cube(sim, index, [x, y, spot.height(sizes[index])], pose::about_z(yaw));
         }
-        moment.buttons = self.start.buttons;
+        task_state.buttons = self.start.buttons;
         if let Some(furniture) = &table.furniture {
             for (which, position) in [(Which::Drawer, self.start.drawer), (Which::Window, self.start.window)]
             {
@@ -128,26 +140,26 @@ impl Chosen {
     }
 }
 
-/// Puts everything where it belongs, at rest, with the arm at a start of its own, and computes everything.
+/// Puts everything where it belongs, at rest, with the arm at its own start, and computes everything.
 pub(super) fn place_at_goal(
     table: &Table,
     sim: &mut Simulation,
-    moment: &mut Moment,
+    task_state: &mut TaskState,
     fov: &Fov,
 ) -> Result<(), MujocoError> {
-    let mut stream = EpisodeSeed::new(moment.seed as u64).stream("goal");
+    let mut stream = EpisodeSeed::new(task_state.seed as u64).stream("goal");
     place_arm(table, sim, fov, &mut stream)?;
     for index in 0..table.kind.cubes() {
-        if [Pursued::Everything, Pursued::Cube(index as u8)].contains(&moment.pursued) {
+        if [Pursued::Everything, Pursued::Cube(index as u8)].contains(&task_state.pursued) {
             let (position, rotation) = table.goal(sim, index);
             table.set_cube(sim, index, position, rotation);
         }
     }
     if let Some(furniture) = &table.furniture {
         for which in [Which::Drawer, Which::Window] {
-            furniture.set_position(sim, which, moment.goal_slides[which as usize]);
+            furniture.set_position(sim, which, task_state.goal_slides[which as usize]);
         }
-        moment.buttons = moment.goal_buttons;
+        task_state.buttons = task_state.goal_buttons;
     }
     sim.forward()
 }

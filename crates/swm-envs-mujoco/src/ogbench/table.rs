@@ -2,9 +2,9 @@
 
 use super::furniture::{Furniture, Which};
 use super::layout::{Kind, REACHED};
-use super::moment::{Moment, Pursued};
 use super::pose::{self, Quaternion};
 use super::robot::Robot;
+use super::state::{Pursued, TaskState};
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Simulation};
 
@@ -16,7 +16,7 @@ pub(super) struct Table {
     pub(super) furniture: Option<Furniture>,
 }
 
-/// Where a cube's numbers are.
+/// Where a cube's values are.
 struct Cube {
     qpos: usize,
     qvel: usize,
@@ -111,54 +111,55 @@ impl Table {
         pose::distance(self.cube(sim, index), self.goal(sim, index).0) <= REACHED
     }
 
-    fn slide_is_home(&self, sim: &Simulation, moment: &Moment, which: Which) -> bool {
+    fn slide_is_home(&self, sim: &Simulation, task_state: &TaskState, which: Which) -> bool {
         self.furniture.as_ref().is_none_or(|furniture| {
             let [position, _] = furniture.position(sim, which);
-            (position - moment.goal_slides[which as usize]).abs() <= REACHED
+            (position - task_state.goal_slides[which as usize]).abs() <= REACHED
         })
     }
 
     /// Whether one thing is where it belongs.
-    pub(super) fn is_met(&self, sim: &Simulation, moment: &Moment, pursued: Pursued) -> bool {
+    pub(super) fn is_met(&self, sim: &Simulation, task_state: &TaskState, pursued: Pursued) -> bool {
         match pursued {
-            Pursued::Everything => self.unmet_count(sim, moment) == 0,
+            Pursued::Everything => self.unmet_count(sim, task_state) == 0,
             Pursued::Cube(index) => self.cube_is_home(sim, index.into()),
             Pursued::Button(index) => {
-                moment.buttons[usize::from(index)] == moment.goal_buttons[usize::from(index)]
+                task_state.buttons[usize::from(index)] == task_state.goal_buttons[usize::from(index)]
             }
-            Pursued::Drawer => self.slide_is_home(sim, moment, Which::Drawer),
-            Pursued::Window => self.slide_is_home(sim, moment, Which::Window),
+            Pursued::Drawer => self.slide_is_home(sim, task_state, Which::Drawer),
+            Pursued::Window => self.slide_is_home(sim, task_state, Which::Window),
         }
     }
 
     /// How many things are not where they belong.
-    pub(super) fn unmet_count(&self, sim: &Simulation, moment: &Moment) -> usize {
-        self.all().filter(|pursued| !self.is_met(sim, moment, *pursued)).count()
+    pub(super) fn unmet_count(&self, sim: &Simulation, task_state: &TaskState) -> usize {
+        self.all().filter(|pursued| !self.is_met(sim, task_state, *pursued)).count()
     }
 
     /// What is to be done now: what is pursued, or of everything the first thing that is left: a button whose slide is
     /// locked and has to move, the cube with the lowest goal, slides, buttons.
-    pub(super) fn next(&self, sim: &Simulation, moment: &Moment) -> Pursued {
-        if moment.pursued != Pursued::Everything {
-            return moment.pursued;
+    pub(super) fn next(&self, sim: &Simulation, task_state: &TaskState) -> Pursued {
+        if task_state.pursued != Pursued::Everything {
+            return task_state.pursued;
         }
         let is_left = |pursued: &Pursued| match *pursued {
             // What lies in the drawer as it should comes home with it.
             Pursued::Cube(index) => {
-                !self.is_met(sim, moment, *pursued)
+                !self.is_met(sim, task_state, *pursued)
                     && pose::distance(
                         self.cube(sim, index.into()),
-                        self.next_place(sim, moment, index.into()),
+                        self.next_place(sim, task_state, index.into()),
                     ) > REACHED
             }
-            _ => !self.is_met(sim, moment, *pursued),
+            _ => !self.is_met(sim, task_state, *pursued),
         };
-        if self.has_to_open_drawer(sim, moment) {
-            return if moment.buttons[0] == 0 { Pursued::Button(0) } else { Pursued::Drawer };
+        if self.has_to_open_drawer(sim, task_state) {
+            return if task_state.buttons[0] == 0 { Pursued::Button(0) } else { Pursued::Drawer };
         }
         if self.furniture.is_some() {
             let slides = [Pursued::Drawer, Pursued::Window].into_iter().enumerate();
-            let mut locked = slides.filter(|(index, slide)| moment.buttons[*index] == 0 && is_left(slide));
+            let mut locked =
+                slides.filter(|(index, slide)| task_state.buttons[*index] == 0 && is_left(slide));
             if let Some((index, _)) = locked.next() {
                 return Pursued::Button(index as u8);
             }
@@ -177,42 +178,42 @@ impl Table {
     }
 
     /// How far the drawer is from where it belongs, along y, if this cube belongs into it, m.
-    fn off_in_drawer(&self, sim: &Simulation, moment: &Moment, index: usize) -> Option<f64> {
+    fn off_in_drawer(&self, sim: &Simulation, task_state: &TaskState, index: usize) -> Option<f64> {
         /// The middle of the closed drawer, m, and how far from it a cube in it is at most.
         const MIDDLE: [f64; 2] = [0.33, -0.356];
         const INSIDE: f64 = 0.08;
         /// Its bottom is higher than the table by more than the smallest cube's half side.
         const BOTTOM: f64 = 0.05;
         let furniture = self.furniture.as_ref()?;
-        let ([x, y, z], goal) = (self.goal(sim, index).0, moment.goal_slides[Which::Drawer as usize]);
+        let ([x, y, z], goal) = (self.goal(sim, index).0, task_state.goal_slides[Which::Drawer as usize]);
         let is_inside = z > BOTTOM && pose::distance([x, y], [MIDDLE[0], MIDDLE[1] - goal]) < INSIDE;
         is_inside.then(|| goal - furniture.position(sim, Which::Drawer)[0])
     }
 
     /// Where a cube is to be put now, m: where it belongs, or to its place in the drawer, wherever that is.
-    pub(super) fn next_place(&self, sim: &Simulation, moment: &Moment, index: usize) -> [f64; 3] {
+    pub(super) fn next_place(&self, sim: &Simulation, task_state: &TaskState, index: usize) -> [f64; 3] {
         let [x, y, z] = self.goal(sim, index).0;
-        let is_next = moment.pursued == Pursued::Everything;
-        let off = if is_next { self.off_in_drawer(sim, moment, index) } else { None };
+        let is_next = task_state.pursued == Pursued::Everything;
+        let off = if is_next { self.off_in_drawer(sim, task_state, index) } else { None };
         [x, y + off.unwrap_or(0.0), z]
     }
 
     /// Whether the drawer has to be opened for a cube that belongs into it.
-    pub(super) fn has_to_open_drawer(&self, sim: &Simulation, moment: &Moment) -> bool {
+    pub(super) fn has_to_open_drawer(&self, sim: &Simulation, task_state: &TaskState) -> bool {
         /// The drawer is open enough.
         const OPEN: f64 = -0.13;
         let Some(furniture) = &self.furniture else { return false };
         let is_outside = |index: usize| {
-            self.off_in_drawer(sim, moment, index).is_some()
-                && pose::distance(self.cube(sim, index), self.next_place(sim, moment, index)) > REACHED
+            self.off_in_drawer(sim, task_state, index).is_some()
+                && pose::distance(self.cube(sim, index), self.next_place(sim, task_state, index)) > REACHED
         };
-        moment.pursued == Pursued::Everything
+        task_state.pursued == Pursued::Everything
             && furniture.position(sim, Which::Drawer)[0] > OPEN
             && (0..self.cubes.len()).any(is_outside)
     }
 
     /// What is left to do, in m; see [`super::env::TableEnv`]'s `task_cost`.
-    pub(super) fn cost(&self, sim: &Simulation, moment: &Moment) -> f64 {
+    pub(super) fn cost(&self, sim: &Simulation, task_state: &TaskState) -> f64 {
         /// Weight of the effector's distance.
         const EFFECTOR: f64 = 0.3;
         /// A button that has to be pressed counts as much as so many m.
@@ -221,20 +222,20 @@ impl Table {
         let off = |pursued: Pursued| match (pursued, &self.furniture) {
             (Pursued::Cube(index), _) => cube(index.into()),
             (Pursued::Drawer, Some(furniture)) => {
-                (furniture.position(sim, Which::Drawer)[0] - moment.goal_slides[0]).abs()
+                (furniture.position(sim, Which::Drawer)[0] - task_state.goal_slides[0]).abs()
             }
             (Pursued::Window, Some(furniture)) => {
-                (furniture.position(sim, Which::Window)[0] - moment.goal_slides[1]).abs()
+                (furniture.position(sim, Which::Window)[0] - task_state.goal_slides[1]).abs()
             }
-            _ => BUTTON * f64::from(u8::from(!self.is_met(sim, moment, pursued))),
+            _ => BUTTON * f64::from(u8::from(!self.is_met(sim, task_state, pursued))),
         };
-        let next = self.next(sim, moment);
-        let wanted: f64 = match moment.pursued {
+        let next = self.next(sim, task_state);
+        let wanted: f64 = match task_state.pursued {
             Pursued::Everything => self.all().map(off).sum(),
             one => off(one),
         };
         let reach = pose::distance(self.robot.effector(sim).position, self.place_of(sim, next));
-        wanted + EFFECTOR * if self.is_met(sim, moment, moment.pursued) { 0.0 } else { reach }
+        wanted + EFFECTOR * if self.is_met(sim, task_state, task_state.pursued) { 0.0 } else { reach }
     }
 
     /// Everything that can be where it belongs.

@@ -1,15 +1,15 @@
-//! Drawing what is wanted next in data collection: OGBench's `set_new_target`.
+//! Sampling what is wanted next in data collection: OGBench's `set_new_target`.
 
 use rand::RngExt as _;
 use swm_core::EpisodeSeed;
 use swm_core::seed::Stream;
 use swm_fov::Fov;
 
-use super::factors::{GOAL_POSITION, GOAL_YAW, SIZE, numbers};
+use super::factors::{GOAL_POSITION, GOAL_YAW, SIZE, factor_values};
 use super::furniture::Which;
 use super::layout::HALF_SIZE;
-use super::moment::{Moment, Pursued};
 use super::pose;
+use super::state::{Pursued, TaskState};
 use super::table::Table;
 use crate::ffi::Simulation;
 use crate::suite::uniform;
@@ -23,20 +23,20 @@ const DRAWER: [f64; 3] = [0.33, -0.24, 0.066];
 /// Where markers are that show nothing, m.
 const ASIDE: [f64; 3] = [0.0, 0.0, -0.3];
 
-/// Draws the next target. The first cube that is one goes to the goal of the factors; later goals are drawn.
-pub(super) fn draw(table: &Table, sim: &mut Simulation, moment: &mut Moment, fov: &Fov) {
-    let seed = EpisodeSeed::new(moment.seed as u64);
-    let mut stream = seed.indexed("target", [moment.targets, 0]);
-    moment.targets += 1;
-    moment.pursued = choose(table, sim, moment, &mut stream);
-    match moment.pursued {
-        Pursued::Cube(_) | Pursued::Everything => draw_cube(table, sim, moment, fov, &mut stream),
+/// Samples the next target. The first cube that is one goes to the goal of the factors; later goals are sampled.
+pub(super) fn sample(table: &Table, sim: &mut Simulation, task_state: &mut TaskState, fov: &Fov) {
+    let seed = EpisodeSeed::new(task_state.seed as u64);
+    let mut stream = seed.indexed("target", [task_state.targets, 0]);
+    task_state.targets += 1;
+    task_state.pursued = choose(table, sim, task_state, &mut stream);
+    match task_state.pursued {
+        Pursued::Cube(_) | Pursued::Everything => sample_cube(table, sim, task_state, fov, &mut stream),
         Pursued::Button(index) => {
             let index = usize::from(index);
-            moment.goal_buttons[index] = 1 - moment.buttons[index];
+            task_state.goal_buttons[index] = 1 - task_state.buttons[index];
         }
-        Pursued::Drawer => other_end(table, sim, moment, Which::Drawer),
-        Pursued::Window => other_end(table, sim, moment, Which::Window),
+        Pursued::Drawer => other_end(table, sim, task_state, Which::Drawer),
+        Pursued::Window => other_end(table, sim, task_state, Which::Window),
     }
 }
 
@@ -50,12 +50,15 @@ pub(super) fn show(table: &Table, sim: &mut Simulation, fov: &Fov) {
 
 /// The goal of a cube by the factors: m, and rad.
 fn by_factors(fov: &Fov, index: usize) -> ([f64; 3], f64) {
-    let all = numbers(fov, GOAL_POSITION);
-    ([all[2 * index], all[2 * index + 1], numbers(fov, SIZE)[index]], numbers(fov, GOAL_YAW)[index])
+    let all = factor_values(fov, GOAL_POSITION);
+    (
+        [all[2 * index], all[2 * index + 1], factor_values(fov, SIZE)[index]],
+        factor_values(fov, GOAL_YAW)[index],
+    )
 }
 
 /// What kind of target is next.
-fn choose(table: &Table, sim: &Simulation, moment: &Moment, stream: &mut Stream) -> Pursued {
+fn choose(table: &Table, sim: &Simulation, task_state: &TaskState, stream: &mut Stream) -> Pursued {
     let Some(furniture) = &table.furniture else { return Pursued::Cube(0) };
     let [x, y, z] = table.cube(sim, 0);
     let handle = furniture.handle(sim, Which::Drawer).0[1];
@@ -63,7 +66,7 @@ fn choose(table: &Table, sim: &Simulation, moment: &Moment, stream: &mut Stream)
         && (handle - 0.27..=handle - 0.07).contains(&y)
         && (0.0..=0.15).contains(&z);
     // The reference asks for locked slides too, at a quarter of the weight: nobody can do that.
-    let slide = |index: usize| f64::from(moment.buttons[index]);
+    let slide = |index: usize| f64::from(task_state.buttons[index]);
     let weights = [if is_in_drawer { 0.0 } else { 1.0 }, 1.0, slide(0), slide(1)];
     let mut left = uniform(stream, 0.0, weights.iter().sum());
     let chosen = weights.iter().position(|weight| {
@@ -79,20 +82,26 @@ fn choose(table: &Table, sim: &Simulation, moment: &Moment, stream: &mut Stream)
 }
 
 /// A slide belongs at the end where it is not.
-fn other_end(table: &Table, sim: &mut Simulation, moment: &mut Moment, which: Which) {
+fn other_end(table: &Table, sim: &mut Simulation, task_state: &mut TaskState, which: Which) {
     let Some(furniture) = &table.furniture else { return };
     let [closed, open] = which.range();
     let [position, _] = furniture.position(sim, which);
     let is_open = (position - closed).abs() > (open - closed).abs() / 2.0;
     let goal = if is_open { closed } else { open };
-    moment.goal_slides[which as usize] = goal;
+    task_state.goal_slides[which as usize] = goal;
     furniture.set_handle_target(sim.model_mut(), which, goal);
 }
 
-fn draw_cube(table: &Table, sim: &mut Simulation, moment: &mut Moment, fov: &Fov, stream: &mut Stream) {
-    let is_first = !std::mem::replace(&mut moment.has_had_cube, true);
+fn sample_cube(
+    table: &Table,
+    sim: &mut Simulation,
+    task_state: &mut TaskState,
+    fov: &Fov,
+    stream: &mut Stream,
+) {
+    let is_first = !std::mem::replace(&mut task_state.has_had_cube, true);
     let count = table.kind.cubes();
-    let sizes = numbers(fov, SIZE);
+    let sizes = factor_values(fov, SIZE);
     let places: Vec<[f64; 3]> = (0..count).map(|index| table.cube(sim, index)).collect();
     let flat = |index: usize| [places[index][0], places[index][1]];
     let is_below = |index: usize, other: usize| {
@@ -101,7 +110,7 @@ fn draw_cube(table: &Table, sim: &mut Simulation, moment: &mut Moment, fov: &Fov
     let tops: Vec<usize> = (0..count).filter(|&i| !(0..count).any(|j| j != i && is_below(i, j))).collect();
     // The highest cube is always free.
     let target = tops[stream.random_range(0..tops.len())];
-    moment.pursued = Pursued::Cube(target as u8);
+    task_state.pursued = Pursued::Cube(target as u8);
     let (position, yaw) = if is_first {
         by_factors(fov, target)
     } else {

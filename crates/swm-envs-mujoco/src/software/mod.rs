@@ -1,4 +1,4 @@
-//! Images without OpenGL: what MuJoCo says there is to draw, drawn by `swm-render`. How an image is made is not known
+//! Images without OpenGL: what MuJoCo says there is to render, rendered by `swm-render`. How an image is made is not known
 //! here.
 
 mod store;
@@ -10,19 +10,19 @@ use swm_render::Geometry;
 use swm_render::scene::{Quality, Scene as Image, SceneRenderer};
 
 use crate::error::MujocoError;
-use crate::ffi::drawn::Looks;
+use crate::ffi::visuals::Looks;
 use crate::ffi::{Model, Scene, Simulation};
 use store::{Slot, Store};
 use translate::{camera, haze, instance, lamp};
 
-/// Draws simulations of one model as one of its cameras sees them.
+/// Renders simulations of one model as one of its cameras sees them.
 ///
 /// Textures and meshes come from the model that it was made with, and are shared by all renderers of it; places, sizes and
-/// colors come from the simulation that is drawn, whose model may be one for physics with the textures left out.
+/// colors come from the simulation that is rendered, whose model may be one for physics with the textures left out.
 pub struct SoftwareRenderer {
     model: Arc<Model>,
     looks: Looks,
-    /// What is drawn with.
+    /// The renderer.
     store: Arc<Store>,
     /// The model's own, kept for other renderers of the model to find.
     shared: Arc<Store>,
@@ -36,7 +36,7 @@ impl SoftwareRenderer {
     ///
     /// # Errors
     ///
-    /// No such camera, a size that is 0 or too large, or meshes and textures that cannot be drawn.
+    /// No such camera, a size that is 0 or too large, or meshes and textures that cannot be rendered.
     pub fn new(model: &Arc<Model>, camera: usize, size: [usize; 2]) -> Result<Self, MujocoError> {
         Self::with_quality(model, camera, size, Quality::default())
     }
@@ -69,7 +69,7 @@ impl SoftwareRenderer {
     ///
     /// # Errors
     ///
-    /// Its meshes or textures cannot be drawn.
+    /// Its meshes or textures cannot be rendered.
     pub fn set_model(&mut self, model: &Arc<Model>) -> Result<(), MujocoError> {
         self.shared = Store::of(model)?;
         self.store = Arc::clone(&self.shared);
@@ -94,7 +94,7 @@ impl SoftwareRenderer {
     /// # Errors
     ///
     /// The simulation is of a model with other objects, or `pixels` has another length.
-    pub fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) -> Result<(), MujocoError> {
+    pub fn render(&mut self, sim: &mut Simulation, pixels: &mut [u8]) -> Result<(), MujocoError> {
         self.describe(sim)?;
         Ok(self.renderer.render(&self.image, &self.store.assets, pixels)?)
     }
@@ -105,7 +105,7 @@ impl SoftwareRenderer {
     /// # Errors
     ///
     /// The simulation is of a model with other objects, or `segments` has another length.
-    pub fn draw_segmentation(
+    pub fn render_segmentation(
         &mut self,
         sim: &mut Simulation,
         segments: &mut [i32],
@@ -119,12 +119,12 @@ impl SoftwareRenderer {
     /// # Errors
     ///
     /// The simulation is of a model with other objects, or `depth` has another length.
-    pub fn draw_depth(&mut self, sim: &mut Simulation, depth: &mut [f32]) -> Result<(), MujocoError> {
+    pub fn render_depth(&mut self, sim: &mut Simulation, depth: &mut [f32]) -> Result<(), MujocoError> {
         self.describe(sim)?;
         Ok(self.renderer.render_depth(&self.image, &self.store.assets, depth)?)
     }
 
-    /// As [`SoftwareRenderer::draw_segmentation`], of the image that was drawn last.
+    /// As [`SoftwareRenderer::render_segmentation`], of the image that was rendered last.
     ///
     /// # Errors
     ///
@@ -133,7 +133,7 @@ impl SoftwareRenderer {
         Ok(self.renderer.segmentation_of_last(&self.image, &self.store.assets, segments)?)
     }
 
-    /// As [`SoftwareRenderer::draw_depth`], of the image that was drawn last.
+    /// As [`SoftwareRenderer::render_depth`], of the image that was rendered last.
     ///
     /// # Errors
     ///

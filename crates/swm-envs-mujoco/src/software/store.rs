@@ -6,7 +6,7 @@ use swm_render::scene::{Assets, CubeTexture, Mesh, Texture};
 
 use crate::error::MujocoError;
 use crate::ffi::Model;
-use crate::ffi::drawn::{GroundData, MeshData, mjTEXTURE_2D, mjTEXTURE_SKYBOX};
+use crate::ffi::visuals::{GroundData, MeshData, mjTEXTURE_2D, mjTEXTURE_SKYBOX};
 
 /// Meshes and textures of a model, and where its textures are among them.
 #[derive(Clone)]
@@ -33,7 +33,7 @@ impl Store {
         if let Some(store) = found.and_then(|(_, store)| store.upgrade()) {
             return Ok(store);
         }
-        // Most textures of an edited model are those of another: a sky box takes longer to read than an image to draw.
+        // Most textures of an edited model are those of another: a sky box takes longer to read than an image to render.
         let others: Vec<(Arc<Model>, Arc<Store>)> =
             known.iter().filter_map(|(model, store)| Some((model.upgrade()?, store.upgrade()?))).collect();
         let store = Arc::new(Self::new(model, &others)?);
@@ -97,7 +97,7 @@ fn rgb(pixels: &[u8], channels: usize) -> Vec<u8> {
         .collect()
 }
 
-/// A mesh as MuJoCo draws it: where a corner's normal is far from that of its face, the face is flat.
+/// A mesh as MuJoCo renders it: where a corner's normal is far from that of its face, the face is flat.
 fn mesh(data: MeshData) -> Result<Arc<Mesh>, MujocoError> {
     let MeshData { points, faces, mut normals } = data;
     for (face, normals) in faces.iter().zip(&mut normals) {

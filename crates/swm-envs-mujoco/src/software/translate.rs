@@ -1,11 +1,11 @@
-//! What MuJoCo says there is to draw, in the renderer's words.
+//! What MuJoCo says there is to render, in the renderer's words.
 #![expect(non_upper_case_globals, reason = "C's names of constants, in patterns")]
 
 use swm_render::scene::{Camera, Haze, Instance, Light, LightKind, Mapping, Material, Projection, Shape};
 
 use super::store::{Slot, Store};
 use crate::ffi::Model;
-use crate::ffi::drawn::*;
+use crate::ffi::visuals::*;
 
 fn wide(v: [f32; 3]) -> [f64; 3] {
     v.map(f64::from)
@@ -54,7 +54,7 @@ pub(super) fn lamp(light: &mjvLight, looks: &Looks) -> Option<Light> {
     })
 }
 
-/// Shapes that MuJoCo draws as lines, arrows or text for people to look at are left out.
+/// Shapes that MuJoCo renders as lines, arrows or text for people to look at are left out.
 pub(super) fn instance(geom: &mjvGeom, model: &Model, store: &Store) -> Option<Instance> {
     let size = geom.size;
     let shape = match geom.type_ as u32 {
@@ -140,7 +140,7 @@ pub(super) fn haze(geom: &mjvGeom, looks: &Looks, camera: &Camera) -> Option<Haz
     }
     let up = [2, 5, 8].map(|k| f64::from(geom.mat[k]));
     let height: f64 = (0..3).map(|k| (camera.position[k] - f64::from(geom.pos[k])) * up[k]).sum();
-    // MuJoCo draws the sky at seven tenths of the farthest distance.
+    // MuJoCo renders the sky at seven tenths of the farthest distance.
     let elevation = (height / (0.7 * camera.far)) as f32;
     (elevation >= 0.0).then_some(Haze { color: looks.haze_color, width: looks.haze, up, elevation })
 }

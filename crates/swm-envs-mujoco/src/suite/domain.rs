@@ -27,7 +27,7 @@ pub struct Domain {
     pub tasks: &'static [TaskEntry],
     /// The planner that is the expert of the first task; see [`EnvEntry::planner`].
     pub planner: &'static str,
-    /// Named numbers beside the observation, written by [`Task::infos`] in this order: name and number of values, 0 for
+    /// Named values next to the observation, written by [`Task::infos`] in this order: name and number of values, 0 for
     /// one number without a dimension.
     pub infos: &'static [(&'static str, usize)],
     /// What a task places by writing into the model at the start of an episode.
@@ -89,7 +89,7 @@ pub trait Task: Send + Sync {
         false
     }
 
-    /// Appends the numbers of [`Domain::infos`].
+    /// Appends the values of [`Domain::infos`].
     fn infos(&self, _stage: &Stage, _out: &mut Vec<f64>) {}
 
     /// Sets the goal from column `column` of a recorded row, one of [`TaskEntry::goal_columns`].

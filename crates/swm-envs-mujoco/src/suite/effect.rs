@@ -18,9 +18,9 @@ pub struct Control {
 
 /// What a factor does. The effects that recompile cost a fraction of a millisecond at a reset, the others microseconds.
 pub enum Effect {
-    /// In place: the color of a material; three numbers, 0..1.
+    /// In place: the color of a material; three values, 0..1.
     Material(&'static str),
-    /// In place: the two colors of a built-in checker texture; six numbers, 0..1.
+    /// In place: the two colors of a built-in checker texture; six values, 0..1.
     Checker(&'static str),
     /// In place: the brightness of a light's diffuse color; one number, 0..1.
     Light(&'static str),

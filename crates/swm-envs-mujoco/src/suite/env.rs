@@ -42,7 +42,7 @@ pub struct SuiteEnv {
     image: Option<Image>,
 }
 
-/// A saved moment.
+/// A saved state.
 #[derive(Serialize, Deserialize)]
 struct Saved {
     fov: SavedFov,
@@ -268,8 +268,8 @@ impl Env for SuiteEnv {
         scratch.clear();
         task.infos(stage, scratch);
         let mut rest = scratch.as_slice();
-        for (offset, (_, width)) in domain.infos.iter().enumerate() {
-            let (values, tail) = rest.split_at((*width).max(1));
+        for (offset, (_, dim)) in domain.infos.iter().enumerate() {
+            let (values, tail) = rest.split_at((*dim).max(1));
             out.write(columns.infos + offset, values);
             rest = tail;
         }
@@ -299,7 +299,7 @@ impl Env for SuiteEnv {
         let foreign = |reason: String| EnvError::State { env: self.spec.id.clone(), reason };
         let fov = self.space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
         if saved.targets.len() != self.stage.targets().len() {
-            return Err(foreign(format!("it has {} numbers of targets", saved.targets.len())));
+            return Err(foreign(format!("it has {} values of targets", saved.targets.len())));
         }
         let same_bits = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
         let same_model = fov == self.fov && same_bits(&saved.targets, self.stage.targets());

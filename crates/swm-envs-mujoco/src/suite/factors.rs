@@ -73,7 +73,7 @@ pub fn show_site(model: &mut Model, name: &str) -> Result<usize, MujocoError> {
     Ok(site)
 }
 
-/// Gives a site a color of its own.
+/// Gives a site its own color.
 pub fn set_site_color(model: &mut Model, site: usize, rgb: &[f64]) {
     set_color(&mut model.site_rgba_mut()[4 * site..], &own_color(rgb));
 }

@@ -16,7 +16,7 @@ use crate::views::CheckerColors;
 pub enum Origin {
     /// All factors are at their defaults: one model for all environments of the process.
     Shared,
-    /// A copy with other numbers in it.
+    /// A copy with other values in it.
     Edited,
     /// Compiled for this episode's factors.
     Recompiled,

@@ -26,17 +26,17 @@ pub enum Place {
     BodyPosition(&'static str),
     /// The orientation of a body in its parent, `[4]`, quaternion w x y z.
     BodyQuaternion(&'static str),
-    /// Nowhere in the model: so many numbers that the task reads itself.
+    /// Nowhere in the model: so many values that the task reads itself.
     Memory(usize),
 }
 
 impl Place {
     /// How many values it takes.
-    pub fn width(self) -> usize {
+    pub fn dim(self) -> usize {
         match self {
             Place::GeomPosition(_) | Place::SitePosition(_) | Place::BodyPosition(_) => 3,
             Place::BodyQuaternion(_) => 4,
-            Place::Memory(width) => width,
+            Place::Memory(dim) => dim,
         }
     }
 }
@@ -66,7 +66,7 @@ impl Stage {
         }
         let mut offsets = vec![0];
         for target in targets {
-            offsets.push(offsets[offsets.len() - 1] + target.place.width());
+            offsets.push(offsets[offsets.len() - 1] + target.place.dim());
         }
         let values = vec![0.0; offsets[targets.len()]];
         let mut stage = Self { sim: Simulation::new(model)?, places, offsets, values };

@@ -20,7 +20,7 @@ pub fn normal(stream: &mut Stream) -> f64 {
     StandardNormal.sample(stream)
 }
 
-/// A vector of the length 1 with the direction of `N` standard normal numbers: uniform over directions.
+/// A vector of the length 1 with the direction of `N` standard normal values: uniform over directions.
 pub fn direction<const N: usize>(stream: &mut Stream) -> [f64; N] {
     normalized(std::array::from_fn(|_| normal(stream)))
 }
@@ -33,7 +33,7 @@ fn normalized<const N: usize>(vector: [f64; N]) -> [f64; N] {
 
 /// Draws every joint, as `dm_control`'s `randomize_limited_and_rotational_joints`: limited joints over their range,
 /// hinges without limits over a full turn, rotations of ball joints uniformly; slides without limits stay. The rotation
-/// of a free joint is four numbers from 0 to 1, normalized: always in the positive orthant, a bias of the suite.
+/// of a free joint is four values from 0 to 1, normalized: always in the positive orthant, a bias of the suite.
 pub fn randomize_joints(sim: &mut Simulation, stream: &mut Stream) {
     for joint in 0..sim.model().njnt() {
         let (kind, limits) = (sim.model().joint_kind(joint), sim.model().joint_limits(joint));

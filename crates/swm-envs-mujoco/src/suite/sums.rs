@@ -1,4 +1,4 @@
-//! Sums over a few numbers, in the order in which the suite's Python adds them up: the last bit depends on it.
+//! Sums over a few values, in the order in which the suite's Python adds them up: the last bit depends on it.
 
 /// The distance of two points.
 pub fn distance<const N: usize>(a: [f64; N], b: [f64; N]) -> f64 {
@@ -6,7 +6,7 @@ pub fn distance<const N: usize>(a: [f64; N], b: [f64; N]) -> f64 {
     squares.sum::<f64>().sqrt()
 }
 
-/// The mean of fewer than 128 numbers: eight sums side by side, which are then added in pairs.
+/// The mean of fewer than 128 values: eight sums side by side, which are then added in pairs.
 pub fn mean(values: &[f64]) -> f64 {
     let (whole, rest) = values.split_at(values.len() / 8 * 8);
     let mut sums = [0.0; 8];

@@ -79,12 +79,12 @@ impl Canvas {
         }
     }
 
-    /// Draws into `pixels`, `[height, width, 3]`; black, and a failure to [take](Canvas::take_failure), where that
+    /// Renders into `pixels`, `[height, width, 3]`; black, and a failure to [take](Canvas::take_failure), where that
     /// fails.
-    pub(super) fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) {
+    pub(super) fn render(&mut self, sim: &mut Simulation, pixels: &mut [u8]) {
         let drawn = match &mut self.drawer {
-            Drawer::Software(renderer) => renderer.draw(sim, pixels),
-            Drawer::Gl(renderer) => renderer.draw(sim, pixels),
+            Drawer::Software(renderer) => renderer.render(sim, pixels),
+            Drawer::Gl(renderer) => renderer.render(sim, pixels),
         };
         if let Err(error) = drawn {
             pixels.fill(0);
@@ -92,7 +92,7 @@ impl Canvas {
         }
     }
 
-    /// Writes the depth of the image that was drawn last, `[height, width]`, m; 0 where that fails.
+    /// Writes the depth of the image that was rendered last, `[height, width]`, m; 0 where that fails.
     pub(super) fn write_depth(&mut self, depth: &mut [f32]) {
         let written = match &mut self.drawer {
             Drawer::Software(renderer) => renderer.depth_of_last(depth),
@@ -104,7 +104,7 @@ impl Canvas {
         }
     }
 
-    /// Writes which geoms the image that was drawn last shows, `[height, width]`; -1 where that fails.
+    /// Writes which geoms the image that was rendered last shows, `[height, width]`; -1 where that fails.
     pub(super) fn write_segmentation(&mut self, segments: &mut [i32]) {
         let written = match &mut self.drawer {
             Drawer::Software(renderer) => renderer.segmentation_of_last(segments),

@@ -10,7 +10,7 @@ pub(crate) struct CheckerColors {
 }
 
 impl CheckerColors {
-    /// From and to two colors each, six numbers in 0..1.
+    /// From and to two colors each, six values in 0..1.
     pub(crate) fn new(from: &[f64], to: &[f64]) -> Self {
         let bytes = |values: &[f64], at: usize| [0, 1, 2].map(|k| (255.0 * values[at + k]) as u8);
         let both = |values: &[f64]| [bytes(values, 0), bytes(values, 3)];

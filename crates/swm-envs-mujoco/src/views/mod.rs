@@ -148,7 +148,7 @@ impl Images {
             column - 1
         };
         for (view, canvas) in self.views.views.iter().zip(&mut self.canvases) {
-            canvas.draw(sim, out.at(next()));
+            canvas.render(sim, out.at(next()));
             if view.depth.is_some() {
                 canvas.write_depth(out.at(next()));
             }
@@ -158,10 +158,10 @@ impl Images {
         }
     }
 
-    /// Draws what the column [`PIXELS`] shows, `[H, W, 3]`.
-    pub(crate) fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) {
+    /// Renders what the column [`PIXELS`] shows, `[H, W, 3]`.
+    pub(crate) fn render(&mut self, sim: &mut Simulation, pixels: &mut [u8]) {
         if let Some(first) = self.canvases.first_mut() {
-            first.draw(sim, pixels);
+            first.render(sim, pixels);
         }
     }
 

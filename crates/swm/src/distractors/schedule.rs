@@ -1,8 +1,8 @@
-//! A number that changes over the steps of an episode.
+//! A value that changes over the steps of an episode.
 
 use serde::{Deserialize, Serialize};
 
-/// How a number changes from `start` to `end`; formulas are the reference's.
+/// How a value changes from `start` to `end`; formulas are the reference's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Schedule {
@@ -20,7 +20,7 @@ pub enum Schedule {
 }
 
 impl Schedule {
-    /// The number at `step`.
+    /// The value at `step`.
     pub fn at(self, step: u64, start: f64, end: f64, horizon: u64, decay: f64) -> f64 {
         use std::f64::consts::{PI, TAU};
         let part = (step as f64 / horizon.max(1) as f64).min(1.0);

@@ -2,49 +2,35 @@
 
 use swm_solvers::TracedPlan;
 
-use crate::svg::{Anchor, Frame, Svg, number, ticks};
+use crate::svg::{Anchor, Frame, Grid, Mark, Svg, number, ticks, whole_ticks};
 
 const COLUMNS: usize = 3;
 const PLOT: [f64; 2] = [270.0, 150.0];
 /// Room around each plot: left, top, right, bottom.
 const MARGIN: [f64; 4] = [58.0, 30.0, 16.0, 42.0];
-const HEAD: f64 = 46.0;
 
-/// Draws the first `drawn` plans.
-pub(super) fn draw(plans: &[TracedPlan], drawn: usize) -> String {
-    let shown = &plans[..plans.len().min(drawn)];
-    let columns = shown.len().clamp(1, COLUMNS);
+/// Renders the figure of `plans`.
+pub(super) fn render(plans: &[TracedPlan]) -> String {
+    let width = "stroke-width=\"2\"";
+    let legend = [
+        (Mark::Line, "a", width, "best candidate"),
+        (Mark::Line, "b", width, "mean of the elites"),
+        (Mark::Line, "c", width, "mean of all candidates"),
+        (Mark::Dot, "fa", "", "the plan"),
+    ];
     let cell = [PLOT[0] + MARGIN[0] + MARGIN[2], PLOT[1] + MARGIN[1] + MARGIN[3]];
-    let rows = shown.len().div_ceil(columns).max(1);
-    let width = (cell[0] * columns as f64).max(520.0);
-    let mut svg = Svg::new(width, HEAD + cell[1] * rows as f64, "Cost of the candidates by iteration");
-    legend(&mut svg);
-    for (index, plan) in shown.iter().enumerate() {
-        let (column, row) = (index % columns, index / columns);
-        let at = [cell[0] * column as f64 + MARGIN[0], HEAD + cell[1] * row as f64 + MARGIN[1]];
-        plot(&mut svg, plan, at);
+    let mut grid = Grid::new("Cost of the candidates by iteration", &legend, cell, COLUMNS, plans.len());
+    for (index, plan) in plans.iter().enumerate() {
+        plot(grid.cell(index), plan);
     }
-    if shown.is_empty() {
-        svg.text([16.0, HEAD + 40.0], Anchor::Start, "soft", "no plan was made");
+    if plans.is_empty() {
+        grid.cell(0).text([16.0, 40.0], Anchor::Start, "soft", "no plan was made");
     }
-    svg.finish()
+    grid.svg.finish()
 }
 
-fn legend(svg: &mut Svg) {
-    let y = 22.0;
-    let mut x = 16.0;
-    for (class, text) in
-        [("a", "best candidate"), ("b", "mean of the elites"), ("c", "mean of all candidates")]
-    {
-        svg.path([[x, y], [x + 22.0, y]].into_iter(), class, "stroke-width=\"2\"");
-        svg.text([x + 28.0, y + 4.0], Anchor::Start, "", text);
-        x += 44.0 + 6.4 * text.len() as f64;
-    }
-    svg.dot([x + 8.0, y], 4.0, "fa", "");
-    svg.text([x + 18.0, y + 4.0], Anchor::Start, "", "the plan");
-}
-
-fn plot(svg: &mut Svg, plan: &TracedPlan, at: [f64; 2]) {
+fn plot(svg: &mut Svg, plan: &TracedPlan) {
+    let at = [MARGIN[0], MARGIN[1]];
     let records: Vec<_> = plan.iterations.iter().map(|iteration| &iteration.record).collect();
     let cost = plan.result.as_ref().and_then(|result| result.cost);
     let series = [
@@ -64,9 +50,7 @@ fn plot(svg: &mut Svg, plan: &TracedPlan, at: [f64; 2]) {
     let pad = 0.06 * (high - low).max(1e-3 * high.abs()).max(1e-9);
     let count = records.len().max(1) as f64;
     let frame = Frame { at, size: PLOT, x: [0.5, count + 0.5 + 0.04 * count], y: [low - pad, high + pad] };
-    let whole = |ticks: Vec<f64>| ticks.into_iter().filter(|tick| tick.fract() == 0.0).collect::<Vec<_>>();
-    let x_ticks = whole(ticks([1.0, count], 6));
-    frame.axes(svg, &x_ticks, &ticks(frame.y, 4), [true, true]);
+    frame.axes(svg, &whole_ticks([1.0, count], 6), &ticks(frame.y, 4));
     for (class, values) in &series {
         let points =
             (1..).zip(values).filter_map(|(i, cost)| cost.map(|cost| frame.place(f64::from(i), cost)));

@@ -3,80 +3,69 @@
 use swm_core::{Column, Dtype, Space};
 use swm_solvers::{ActionMap, TracedIteration, TracedPlan};
 
-use super::spread_out;
-use crate::svg::{Anchor, Frame, Svg, number, ticks};
+use crate::svg::{Anchor, Entry, Frame, Grid, Mark, Svg, evenly, number, ticks, whole_ticks};
 
 /// Iterations shown.
-const COLUMNS: usize = 4;
-/// Numbers of an action that are shown.
-const ROWS: usize = 4;
-const PLOT: [f64; 2] = [205.0, 112.0];
-const LEFT: f64 = 64.0;
-const GAP: f64 = 18.0;
-const HEAD: f64 = 66.0;
-const FOOT: f64 = 46.0;
+const ITERATIONS: usize = 4;
+/// Dimensions of an action that are shown.
+const DIMS: usize = 4;
+const PLOT: [f64; 2] = [190.0, 112.0];
+/// Room to the left of a plot, above it, and below it.
+const MARGIN: [f64; 3] = [56.0, 26.0, 20.0];
+const ELITE: &str = "stroke-width=\"1\" opacity=\".35\"";
+const MEAN: &str = "stroke-width=\"2\"";
 
-/// Draws one plan. Actions are shown as they are carried out, in the environment's units.
-pub(super) fn draw(plan: &TracedPlan, actions: &ActionMap, names: &[String]) -> String {
-    let rows = names.len().min(ROWS);
-    let shown = spread_out(plan.iterations.len(), COLUMNS);
-    let columns = shown.len().max(1);
-    let size =
-        [(LEFT + (PLOT[0] + GAP) * columns as f64).max(520.0), HEAD + (PLOT[1] + GAP) * rows as f64 + FOOT];
-    let mut svg = Svg::new(size[0], size[1], "Actions of the elites over time, by iteration");
-    legend(&mut svg, names.len());
+/// Renders one plan: a column per iteration, with a plot per dimension. Actions are in the environment's units.
+pub(super) fn render(plan: &TracedPlan, actions: &ActionMap, names: &[String]) -> String {
+    let dims = names.len().min(DIMS);
+    let shown = evenly(plan.iterations.len(), ITERATIONS);
+    let note = format!("the first {DIMS} of {} dimensions of an action", names.len());
+    let mut legend: Vec<Entry<'_>> = vec![
+        (Mark::Line, "a", "stroke-width=\"1\" opacity=\".6\"", "an elite"),
+        (Mark::Line, "b", MEAN, "mean of the search"),
+        (Mark::Line, "bound", "", "bound of the action"),
+    ];
+    if names.len() > DIMS {
+        legend.push((Mark::Line, "", "", &note));
+    }
+    let row = PLOT[1] + MARGIN[1] + MARGIN[2];
+    let cell = [PLOT[0] + MARGIN[0] + 16.0, row * dims as f64 + 20.0];
+    let title = "Actions of the elites over time, by iteration";
+    let mut grid = Grid::new(title, &legend, cell, ITERATIONS, shown.len());
     let mut window = Window::new(actions, names.len());
     for (column, &index) in shown.iter().enumerate() {
-        let iteration = &plan.iterations[index];
-        let left = LEFT + (PLOT[0] + GAP) * column as f64;
+        let svg = grid.cell(column);
         let title = format!("iteration {} of {}", index + 1, plan.iterations.len());
-        svg.text([left, HEAD - 12.0], Anchor::Start, "strong", &title);
-        for (row, name) in names.iter().take(rows).enumerate() {
-            let at = [left, HEAD + (PLOT[1] + GAP) * row as f64];
-            let edge = [row + 1 == rows, column == 0];
-            window.plot(&mut svg, iteration, row, at, edge);
-            if column == 0 {
-                svg.upright([16.0, at[1] + PLOT[1] / 2.0], "soft", name);
-            }
+        svg.text([MARGIN[0], MARGIN[1] - 10.0], Anchor::Start, "strong", &title);
+        for (dim, name) in names.iter().take(dims).enumerate() {
+            let at = [MARGIN[0], MARGIN[1] + row * dim as f64];
+            svg.upright([12.0, at[1] + PLOT[1] / 2.0], "soft", name);
+            window.plot(svg, &plan.iterations[index], dim, at);
         }
-        svg.text([left + PLOT[0] / 2.0, size[1] - 10.0], Anchor::Middle, "soft", "step of the plan");
+        svg.text([MARGIN[0] + PLOT[0] / 2.0, cell[1] - 8.0], Anchor::Middle, "soft", "step of the plan");
     }
-    svg.finish()
-}
-
-fn legend(svg: &mut Svg, width: usize) {
-    let y = 22.0;
-    svg.path([[16.0, y], [38.0, y]].into_iter(), "a", "stroke-width=\"1\" opacity=\".6\"");
-    svg.text([44.0, y + 4.0], Anchor::Start, "", "an elite");
-    svg.path([[106.0, y], [128.0, y]].into_iter(), "b", "stroke-width=\"2\"");
-    svg.text([134.0, y + 4.0], Anchor::Start, "", "mean of the search");
-    svg.line([262.0, y], [284.0, y], "bound");
-    svg.text([290.0, y + 4.0], Anchor::Start, "", "bound of the action");
-    if width > ROWS {
-        let note = format!("the first {ROWS} of {width} numbers of an action");
-        svg.text([430.0, y + 4.0], Anchor::Start, "soft", &note);
-    }
+    grid.svg.finish()
 }
 
 /// From plans to plots.
 struct Window<'a> {
     actions: &'a ActionMap,
     action: Column,
-    /// `[width, 2]`: what is shown of each number.
+    /// `[A, 2]`: the range that is shown of each dimension.
     ranges: Vec<[f64; 2]>,
 }
 
 impl<'a> Window<'a> {
-    fn new(actions: &'a ActionMap, width: usize) -> Self {
+    fn new(actions: &'a ActionMap, dim: usize) -> Self {
         let space = actions.space();
         let dtype = space.dtype().unwrap_or(Dtype::F32);
-        let mut window = Self { actions, action: Column::zeros(dtype, width), ranges: Vec::new() };
-        // Bounds are those of the environment's numbers: what the bounds of plans become.
+        let mut window = Self { actions, action: Column::zeros(dtype, dim), ranges: Vec::new() };
+        // Bounds in the environment's units: what the bounds of plans become.
         let (low, high) = space.bounds();
         let [low, high] = match space {
             Space::Box { .. } => [low, high].map(|bound| {
-                let numbers: Vec<f32> = bound.iter().map(|&value| value as f32).collect();
-                window.carried_out(&numbers)
+                let values: Vec<f32> = bound.iter().map(|&value| value as f32).collect();
+                window.to_action(&values)
             }),
             _ => [low, high],
         };
@@ -84,37 +73,28 @@ impl<'a> Window<'a> {
         window
     }
 
-    /// One action `[A]` of a plan, in the environment's numbers.
-    fn carried_out(&mut self, numbers: &[f32]) -> Vec<f64> {
-        self.actions.write(numbers, &mut self.action.as_slice_mut());
+    /// One action `[A]` of a plan, in the environment's units.
+    fn to_action(&mut self, values: &[f32]) -> Vec<f64> {
+        self.actions.write(values, &mut self.action.as_slice_mut());
         let action = self.action.as_slice();
         (0..action.len()).map(|index| action.number(index).unwrap_or(f64::NAN)).collect()
     }
 
-    /// Number `row` of every action of a plan.
-    fn over_time(&mut self, plan: &[f32], row: usize) -> Vec<f64> {
-        let width = self.actions.dim();
-        plan.chunks_exact(width).map(|numbers| self.carried_out(numbers)[row]).collect()
+    /// Dimension `dim` of every action of a plan.
+    fn over_time(&mut self, plan: &[f32], dim: usize) -> Vec<f64> {
+        plan.chunks_exact(self.actions.dim()).map(|values| self.to_action(values)[dim]).collect()
     }
 
-    fn plot(
-        &mut self,
-        svg: &mut Svg,
-        iteration: &TracedIteration,
-        row: usize,
-        at: [f64; 2],
-        [lowest, leftmost]: [bool; 2],
-    ) {
+    fn plot(&mut self, svg: &mut Svg, iteration: &TracedIteration, dim: usize, at: [f64; 2]) {
         let elites: Vec<Vec<f64>> =
-            iteration.elites.iter().map(|elite| self.over_time(&elite.actions, row)).collect();
-        let mean = self.over_time(&iteration.mean, row);
+            iteration.elites.iter().map(|elite| self.over_time(&elite.actions, dim)).collect();
+        let mean = self.over_time(&iteration.mean, dim);
         let steps = elites.first().unwrap_or(&mean).len();
-        let [low, high] = self.range(row, elites.iter().chain([&mean]).flatten().copied());
+        let [low, high] = self.range(dim, elites.iter().chain([&mean]).flatten().copied());
         let pad = 0.06 * (high - low).max(1e-9);
         let frame = Frame { at, size: PLOT, x: [0.0, (steps.max(2) - 1) as f64], y: [low - pad, high + pad] };
-        let x_ticks: Vec<f64> = ticks(frame.x, 5).into_iter().filter(|tick| tick.fract() == 0.0).collect();
-        frame.axes(svg, &x_ticks, &ticks(frame.y, 4), [lowest, leftmost]);
-        for bound in self.ranges[row].into_iter().filter(|bound| bound.is_finite()) {
+        frame.axes(svg, &whole_ticks(frame.x, 5), &ticks(frame.y, 4));
+        for bound in self.ranges[dim].into_iter().filter(|bound| bound.is_finite()) {
             let y = frame.place(0.0, bound)[1];
             svg.line([at[0], y], [at[0] + PLOT[0], y], "bound");
         }
@@ -122,18 +102,18 @@ impl<'a> Window<'a> {
             values.iter().enumerate().map(|(step, &value)| frame.place(step as f64, value)).collect()
         };
         for elite in &elites {
-            svg.path(points(elite).into_iter(), "a", "stroke-width=\"1\" opacity=\".35\"");
+            svg.path(points(elite).into_iter(), "a", ELITE);
         }
-        svg.path(points(&mean).into_iter(), "b", "stroke-width=\"2\"");
-        if let Some(sigma) = iteration.record.mean_sigma.filter(|_| row == 0) {
-            let corner = [at[0] + PLOT[0], at[1] - 12.0];
+        svg.path(points(&mean).into_iter(), "b", MEAN);
+        if let Some(sigma) = iteration.record.mean_sigma.filter(|_| dim == 0) {
+            let corner = [at[0] + PLOT[0], at[1] - 10.0];
             svg.text(corner, Anchor::End, "soft", &format!("σ {}", number(sigma)));
         }
     }
 
-    /// The bounds, or what there is where there are none.
-    fn range(&self, row: usize, values: impl Iterator<Item = f64>) -> [f64; 2] {
-        let [low, high] = self.ranges[row];
+    /// The bounds, or the range of the values where there are none.
+    fn range(&self, dim: usize, values: impl Iterator<Item = f64>) -> [f64; 2] {
+        let [low, high] = self.ranges[dim];
         let finite = [low, high].map(|bound| if bound.is_finite() { Some(bound) } else { None });
         values
             .filter(|value| value.is_finite())

@@ -11,9 +11,9 @@ pub(super) struct Future<'a> {
     actions: &'a ActionMap,
     action: Column,
     frame_skip: u32,
-    /// Whether the planner's own roll-outs end at the environment's success.
+    /// Whether the planner's roll-outs end at the environment's success.
     stops_at_success: bool,
-    /// Height and width of the images that paths are drawn over.
+    /// Height and width of the images that paths are rendered over.
     pub(super) size: Option<[usize; 2]>,
 }
 
@@ -32,20 +32,20 @@ impl<'a> Future<'a> {
         Ok(Self { env, actions, action, frame_skip, stops_at_success, size })
     }
 
-    /// What the numbers of an action are called: `action[0]`.
+    /// Names of the dimensions of an action: `action[0]`.
     pub(super) fn action_names(&self) -> Vec<String> {
         match self.action.len() {
             1 => vec!["action".to_owned()],
-            width => (0..width).map(|index| format!("action[{index}]")).collect(),
+            dim => (0..dim).map(|index| format!("action[{index}]")).collect(),
         }
     }
 
-    /// Where everything is, from `start` on and after every action of `plan`, `[H × k, A]`, as far as the planner's roll-outs went.
+    /// Where objects are, at `start` and after every action of `plan`, `[H × k, A]`, as far as the planner's roll-outs went.
     pub(super) fn places(&mut self, start: &EnvState, plan: &[f32]) -> Result<Vec<Vec<Place>>, BoxError> {
         self.env.restore(start)?;
         let mut all = vec![self.env.places()];
-        for numbers in plan.chunks_exact(self.actions.dim()) {
-            self.actions.write(numbers, &mut self.action.as_slice_mut());
+        for values in plan.chunks_exact(self.actions.dim()) {
+            self.actions.write(values, &mut self.action.as_slice_mut());
             if !self.action.as_slice().is_finite() {
                 break;
             }

@@ -1,5 +1,6 @@
-//! The figure of paths: where the elites would have led, by simulation, over the image of the moment that the plan
-//! was made at.
+//! The figure of paths: where the elites would have led, by simulation, over the image at planning time.
+
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
 use swm_core::Place;
 use swm_core::error::BoxError;
@@ -7,91 +8,93 @@ use swm_media::png;
 use swm_solvers::TracedPlan;
 
 use super::future::Future;
-use super::spread_out;
 use super::watched::PlanStart;
-use crate::svg::{Anchor, Svg};
+use crate::svg::{Anchor, Entry, Grid, Mark, Svg, evenly};
 
-/// Iterations shown, beside the plan itself.
-const COLUMNS: usize = 3;
+/// Iterations shown, before the plan itself.
+const ITERATIONS: usize = 3;
 /// Height of an image.
 const SIDE: f64 = 216.0;
 const MARGIN: f64 = 16.0;
-const HEAD: f64 = 66.0;
+/// Where the image lies in its cell.
+const AT: [f64; 2] = [MARGIN, 26.0];
 
-/// Colors of the things that move, in their order: on images, which are the same on light and dark pages.
+/// Colors of the objects that move, in their order: on images, which are the same on light and dark pages.
 const COLORS: [&str; 4] = ["#d6006c", "#0068d6", "#6b8f00", "#8a3ffc"];
+const START: &str = "fill=\"#fff\" stroke=\"#333\" stroke-width=\"1.5\"";
 
-/// Draws one plan; nothing if there is no image, or if the environment does not say where things are in it.
-pub(super) fn draw(
+/// Renders one plan; nothing if there is no image, or if the environment does not say where objects are in it.
+pub(super) fn render(
     start: &PlanStart,
     plan: &TracedPlan,
     future: &mut Future<'_>,
 ) -> Result<Option<String>, BoxError> {
     let (Some(image), Some([height, width])) = (&start.image, future.size) else { return Ok(None) };
     let expected = future.places(&start.state, &plan.actions)?;
-    let Some(things) = expected.first().filter(|things| !things.is_empty()).cloned() else { return Ok(None) };
-    let shown = spread_out(plan.iterations.len(), COLUMNS);
+    let Some(objects) = expected.first().filter(|objects| !objects.is_empty()).cloned() else {
+        return Ok(None);
+    };
+    let shown = evenly(plan.iterations.len(), ITERATIONS);
     let size = [SIDE * width as f64 / height as f64, SIDE];
-    let left = |column: usize| MARGIN + (size[0] + MARGIN) * column as f64;
-    let full = [(left(shown.len() + 1)).max(520.0), HEAD + SIDE + MARGIN];
-    let mut svg = Svg::new(full[0], full[1], "Simulated paths of the elites, by iteration, and of the plan");
-    legend(&mut svg, &things);
-    let id = format!("start-{}-{}", plan.key.episode, plan.key.plan);
-    svg.define_image(&id, size, &png::encode(height, width, image)?);
-    for (column, &index) in shown.iter().enumerate() {
-        let at = [left(column), HEAD];
-        let iteration = &plan.iterations[index];
-        let title = format!("iteration {} of {}", index + 1, plan.iterations.len());
-        svg.text([at[0], HEAD - 12.0], Anchor::Start, "strong", &title);
-        svg.again(&id, at);
-        // The cheapest last, so that they lie on top.
-        for elite in iteration.elites.iter().rev() {
-            let path = future.places(&start.state, &elite.actions)?;
-            let style = "stroke-width=\"1.2\" opacity=\".45\"";
-            lines(&mut svg, &path, at, size, style);
+    let keys: Vec<(String, String)> = objects
+        .iter()
+        .zip(COLORS.iter().cycle())
+        .map(|(object, color)| {
+            (stroke(color, "stroke-width=\"2.5\""), format!("path of the {}", object.name))
+        })
+        .collect();
+    let mut legend: Vec<Entry<'_>> =
+        keys.iter().map(|(style, text)| (Mark::Line, "", style.as_str(), text.as_str())).collect();
+    legend.push((Mark::Dot, "", START, "position at planning time"));
+    let title = "Simulated paths of the elites, by iteration, and of the plan";
+    let cell = [size[0] + MARGIN, AT[1] + SIDE + MARGIN];
+    let mut grid = Grid::new(title, &legend, cell, ITERATIONS + 1, shown.len() + 1);
+    // Images are known by name on a page: equal names are equal images.
+    let mut hasher = DefaultHasher::new();
+    image.hash(&mut hasher);
+    let id = format!("start-{:016x}", hasher.finish());
+    grid.svg.define_image(&id, size, &png::encode(height, width, image)?);
+    let mut render = |index: usize, title: &str, paths: &[Vec<Vec<Place>>], style: &str| {
+        let svg = grid.cell(index);
+        svg.text([AT[0], AT[1] - 12.0], Anchor::Start, "strong", title);
+        svg.again(&id, AT);
+        for path in paths {
+            lines(svg, path, size, style);
         }
-        start_dots(&mut svg, &things, at, size);
+        for object in &objects {
+            svg.dot(inside(object, size), 4.0, "", START);
+        }
+    };
+    for (column, &index) in shown.iter().enumerate() {
+        // The cheapest last, so that they lie on top.
+        let elites = plan.iterations[index].elites.iter().rev();
+        let paths = elites.map(|elite| future.places(&start.state, &elite.actions));
+        let title = format!("iteration {} of {}", index + 1, plan.iterations.len());
+        render(
+            column,
+            &title,
+            &paths.collect::<Result<Vec<_>, _>>()?,
+            "stroke-width=\"1.2\" opacity=\".45\"",
+        );
     }
-    let at = [left(shown.len()), HEAD];
-    svg.text([at[0], HEAD - 12.0], Anchor::Start, "strong", "the plan");
-    svg.again(&id, at);
-    lines(&mut svg, &expected, at, size, "stroke-width=\"2.5\"");
-    start_dots(&mut svg, &things, at, size);
-    Ok(Some(svg.finish()))
+    render(shown.len(), "the plan", &[expected], "stroke-width=\"2.5\"");
+    Ok(Some(grid.svg.finish()))
 }
 
-fn legend(svg: &mut Svg, things: &[Place]) {
-    let y = 22.0;
-    let mut x = 16.0;
-    for (thing, color) in things.iter().zip(COLORS.iter().cycle()) {
-        let style = format!("stroke=\"{color}\" stroke-width=\"2.5\"");
-        svg.path([[x, y], [x + 22.0, y]].into_iter(), "", &style);
-        let text = format!("path of the {}", thing.name);
-        svg.text([x + 28.0, y + 4.0], Anchor::Start, "", &text);
-        x += 48.0 + 6.4 * text.len() as f64;
-    }
-    svg.dot([x + 8.0, y], 4.0, "", START);
-    svg.text([x + 18.0, y + 4.0], Anchor::Start, "", "where it is now");
+fn stroke(color: &str, style: &str) -> String {
+    format!("stroke=\"{color}\" {style}")
 }
 
-const START: &str = "fill=\"#fff\" stroke=\"#333\" stroke-width=\"1.5\"";
-
-fn inside(place: &Place, at: [f64; 2], size: [f64; 2]) -> [f64; 2] {
+fn inside(place: &Place, size: [f64; 2]) -> [f64; 2] {
     // What leaves the image stays at its edge.
     let [x, y] = place.at.map(|part| part.clamp(0.0, 1.0));
-    [at[0] + x * size[0], at[1] + y * size[1]]
+    [AT[0] + x * size[0], AT[1] + y * size[1]]
 }
 
-fn lines(svg: &mut Svg, path: &[Vec<Place>], at: [f64; 2], size: [f64; 2], style: &str) {
-    let things = path.first().map_or(0, Vec::len);
-    for (thing, color) in (0..things).zip(COLORS.iter().cycle()) {
-        let points = path.iter().map(|places| inside(&places[thing], at, size));
-        svg.path(points, "", &format!("stroke=\"{color}\" {style}"));
-    }
-}
-
-fn start_dots(svg: &mut Svg, things: &[Place], at: [f64; 2], size: [f64; 2]) {
-    for thing in things {
-        svg.dot(inside(thing, at, size), 4.0, "", START);
+fn lines(svg: &mut Svg, path: &[Vec<Place>], size: [f64; 2], style: &str) {
+    let objects = path.first().map_or(0, Vec::len);
+    for (object, color) in (0..objects).zip(COLORS.iter().cycle()) {
+        let points = path.iter().map(|places| inside(&places[object], size));
+        svg.path(points, "", &stroke(color, style));
     }
 }

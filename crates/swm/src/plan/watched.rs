@@ -1,4 +1,4 @@
-//! A planner that is watched: the moments at which it plans are kept, to be simulated again.
+//! A planner that keeps the simulator state at the start of each plan, so that plans can be simulated again.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -13,16 +13,16 @@ pub struct Watched {
     session: Arc<Mutex<Session>>,
 }
 
-/// Everything that a watched planner did.
+/// Everything that a watched planner has planned.
 #[derive(Debug, Default)]
 pub struct Session {
     /// The plans.
     pub memory: Memory,
-    /// Where each began: as many as plans.
+    /// The start of each plan.
     pub starts: Vec<PlanStart>,
 }
 
-/// The moment at which a plan was made.
+/// The state in which a plan was made.
 #[derive(Debug)]
 pub struct PlanStart {
     /// The step of the episode.

@@ -1,39 +1,40 @@
-//! One page that a person wants to look at: results with intervals, outcomes pair by pair, factors, videos beside their goals,
-//! plans, receipts. A single HTML file without scripts or styles from elsewhere; every chart is also a table.
+//! One page for results: success with intervals, outcomes pair by pair, factors, videos beside their goals, plans, receipts.
+//! A single HTML file without scripts or styles from elsewhere; every chart is also a table.
 
 mod charts;
-mod page;
+mod labels;
 mod receipts;
 mod replay;
-mod sections;
+mod results;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use minijinja::value::Serde;
+use minijinja::{Value, context};
 use swm_core::Registry;
 use swm_core::error::BoxError;
-use swm_media::Format;
 
-use crate::evaluation::{Receipt, SWEEP_VERSION, Sweep, is_sweep, read_receipt};
+use crate::evaluation::{Candidate, Code, Receipt, SWEEP_VERSION, Sweep, is_sweep, read_receipt};
+use crate::html;
+use crate::plan::PlanFigure;
+use labels::{Label, labels};
+use replay::{Replayed, VideoCard, replay};
 
 pub use charts::heat_map as sweep_figure;
+pub use replay::PageOptions;
 
-/// What a report shows.
-pub enum Item {
+/// A result that a report shows.
+pub struct Item {
+    /// The path that it was read from.
+    path: PathBuf,
+    content: Content,
+}
+
+enum Content {
     /// A policy on a manifest.
     Receipt(Box<Receipt>),
     /// A policy under changed factors.
     Sweep(Box<Sweep>),
-}
-
-/// What is made for a page beside what its results hold.
-#[derive(Clone, Copy, Debug)]
-pub struct PageOptions {
-    /// Videos of successes, and as many of failures, per result; 0: none is run again.
-    pub videos: usize,
-    /// Their format.
-    pub format: Format,
-    /// Plans drawn per recorded episode.
-    pub plans: usize,
 }
 
 impl Item {
@@ -46,7 +47,7 @@ impl Item {
         let sweep = if path.is_dir() { path.join("sweep.json") } else { path.to_owned() };
         let json: Option<serde_json::Value> =
             std::fs::read_to_string(&sweep).ok().and_then(|text| serde_json::from_str(&text).ok());
-        match json {
+        let content = match json {
             Some(json) if is_sweep(&json) => {
                 let wrong = |reason: String| format!("sweep {}: {reason}", sweep.display());
                 let found: Sweep = serde_json::from_value(json).map_err(|error| wrong(error.to_string()))?;
@@ -54,9 +55,17 @@ impl Item {
                     let reason = format!("has version {}, this program reads {SWEEP_VERSION}", found.sweep);
                     return Err(wrong(reason).into());
                 }
-                Ok(Item::Sweep(Box::new(found)))
+                Content::Sweep(Box::new(found))
             }
-            _ => Ok(Item::Receipt(Box::new(read_receipt(path)?))),
+            _ => Content::Receipt(Box::new(read_receipt(path)?)),
+        };
+        Ok(Self { path: path.to_owned(), content })
+    }
+
+    fn candidate(&self) -> &Candidate {
+        match &self.content {
+            Content::Receipt(receipt) => &receipt.candidate,
+            Content::Sweep(sweep) => &sweep.candidate,
         }
     }
 }
@@ -74,26 +83,98 @@ pub fn write_page(
     options: PageOptions,
     mut each: impl FnMut(&str),
 ) -> Result<Vec<String>, BoxError> {
-    let (mut shown, mut notes) = (Vec::new(), Vec::new());
-    for item in items {
-        if let Item::Receipt(receipt) = item {
-            each(&receipt.policy);
-            let replayed = if options.videos > 0 {
-                replay::replay(registry, receipt, options, &mut notes)?
-            } else {
-                replay::Replayed::default()
-            };
-            shown.push((&**receipt, replayed));
+    let named: Vec<(&Path, &Candidate)> =
+        items.iter().map(|item| (item.path.as_path(), item.candidate())).collect();
+    let labels = labels(&named);
+    let (mut receipts, mut sweeps, mut replayed, mut notes) =
+        (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for (item, label) in items.iter().zip(&labels) {
+        match &item.content {
+            Content::Receipt(receipt) => {
+                each(&label.name);
+                receipts.push((&**receipt, label));
+                if options.videos > 0 {
+                    replayed.push((label, replay(registry, receipt, options, &mut notes)?));
+                }
+            }
+            Content::Sweep(sweep) => sweeps.push((&**sweep, label)),
         }
     }
-    let sweeps: Vec<&Sweep> = items
-        .iter()
-        .filter_map(|item| match item {
-            Item::Sweep(sweep) => Some(&**sweep),
-            Item::Receipt(_) => None,
-        })
-        .collect();
-    let html = page::draw(&shown, &sweeps)?;
+    let mut envs: Vec<&str> = receipts.iter().map(|(receipt, _)| receipt.manifest.env.as_str()).collect();
+    envs.extend(sweeps.iter().map(|(sweep, _)| sweep.env.as_str()));
+    envs.sort_unstable();
+    envs.dedup();
+    let envs = envs.join(", ");
+    let tabs = [
+        ("overview", !receipts.is_empty()),
+        ("episodes", !receipts.is_empty()),
+        ("factors", !sweeps.is_empty()),
+        ("videos", replayed.iter().any(|(_, replayed)| !replayed.videos.is_empty())),
+        ("plans", replayed.iter().any(|(_, replayed)| !replayed.plans.is_empty())),
+        ("receipts", true),
+    ];
+    let page = context! {
+        title => format!("Evaluation: {envs}"),
+        envs,
+        lead => lead(&receipts, !sweeps.is_empty()),
+        version => Code::this().version,
+        tabs => tabs.iter().filter(|(_, shown)| *shown).map(|(tab, _)| *tab).collect::<Vec<_>>(),
+        groups => results::groups(&receipts),
+        sweeps => sweeps.iter().map(sweep_context).collect::<Vec<_>>(),
+        replayed => replayed.iter().map(replayed_context).collect::<Vec<_>>(),
+        saved => receipts::saved(&receipts, &sweeps)?,
+    };
+    let html = html::render("report.html", page)?;
     std::fs::write(path, html).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
     Ok(notes)
+}
+
+/// One sentence on what the page is about.
+fn lead(receipts: &[(&Receipt, &Label)], has_sweeps: bool) -> String {
+    let mut parts = Vec::new();
+    if let Some((first, _)) = receipts.first() {
+        let count = receipts.len();
+        let policies = if count == 1 { "One policy".to_owned() } else { format!("{count} results") };
+        let same = receipts.iter().all(|(receipt, _)| receipt.manifest_hash == first.manifest_hash);
+        parts.push(if same {
+            format!(
+                "{policies} on {} pairs of the {} tier, up to {} actions each. Success: {}.",
+                first.episodes.len(),
+                first.manifest.tier.name(),
+                first.manifest.budget,
+                first.manifest.success.describe(),
+            )
+        } else {
+            format!("{policies} on several manifests: rates of different manifests cannot be compared.")
+        });
+    }
+    if has_sweeps {
+        parts.push("Robustness under changed factors of variation.".to_owned());
+    }
+    parts.join(" ")
+}
+
+fn sweep_context((sweep, label): &(&Sweep, &Label)) -> Value {
+    let cells = sweep.cells.iter().map(|cell| {
+        let (summary, test) = (cell.summary.as_ref(), cell.test.as_ref());
+        context! {
+            name => &cell.name, value => &cell.value, note => cell.note.as_deref(),
+            rate => summary.map(|summary| summary.success_rate),
+            interval => summary.map(|summary| summary.ci95.to_vec()),
+            difference => test.map(|test| test.difference), p_value => test.map(|test| test.p_value),
+        }
+    });
+    let (cells, chart) = (cells.collect::<Vec<_>>(), Value::from_safe_string(sweep_figure(sweep)));
+    context! { cells, chart, ..label.context() }
+}
+
+fn replayed_context((label, replayed): &(&Label, Replayed)) -> Value {
+    let plans = replayed.plans.iter().map(|(pair, success, figures)| {
+        context! {
+            pair, success, costs => Value::from_safe_string(figures.costs.clone()), table => Serde(&figures.table),
+            plans => figures.plans.iter().map(PlanFigure::context).collect::<Vec<_>>(),
+        }
+    });
+    let videos = replayed.videos.iter().map(VideoCard::context).collect::<Vec<_>>();
+    context! { videos, plans => plans.collect::<Vec<_>>(), ..label.context() }
 }

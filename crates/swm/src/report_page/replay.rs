@@ -1,44 +1,66 @@
-//! Some episodes of a receipt, run again for their videos and plans. A receipt repeats to the bit, so the video is of the very
-//! episode that counted.
+//! Some episodes of a receipt, run again for their videos and plans. A receipt repeats bit for bit, so the video shows the
+//! episode that was evaluated.
 
 use std::sync::PoisonError;
 
+use minijinja::{Value, context};
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, OutcomeRecorder};
 use swm_core::{EnvConfig, EnvEntry, ImageSize, Registry, World};
 use swm_media::{Format, png};
 
-use super::PageOptions;
 use crate::distractors;
 use crate::evaluation::Receipt;
 use crate::plan::{
-    EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, draw_figures, planner_of,
+    EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, planner_of, render_figures,
     stops_at_success,
 };
 use crate::svg::base64;
 use crate::video::{Scene, Video};
 
+/// What a page shows besides its results.
+#[derive(Clone, Copy, Debug)]
+pub struct PageOptions {
+    /// Videos of successes, and as many of failures, per result; 0: none is run again.
+    pub videos: usize,
+    /// Their format.
+    pub format: Format,
+    /// Plans with figures, per recorded episode.
+    pub plans: usize,
+}
+
 /// Height and width of videos where the manifest has no images.
 const SIDE: usize = 192;
-/// Elites of an iteration that are drawn.
-const DRAWN_ELITES: usize = 16;
+/// Elites of an iteration in figures.
+const ELITES: usize = 16;
 
 /// What running again gave.
 #[derive(Default)]
 pub(super) struct Replayed {
     pub(super) videos: Vec<VideoCard>,
-    /// The pair, and the figures of its plans.
-    pub(super) plans: Vec<(usize, Figures)>,
+    /// The pair, whether it was a success, and the figures of its plans.
+    pub(super) plans: Vec<(usize, bool, Figures)>,
 }
 
 /// A video, as data addresses.
 pub(super) struct VideoCard {
-    pub(super) pair: usize,
-    pub(super) success: bool,
-    pub(super) steps: u64,
-    pub(super) video: String,
-    pub(super) is_video: bool,
-    pub(super) goal: Option<String>,
+    pair: usize,
+    success: bool,
+    steps: u64,
+    video: String,
+    is_mp4: bool,
+    goal: Option<String>,
+}
+
+impl VideoCard {
+    /// For templates.
+    pub(super) fn context(&self) -> Value {
+        let address = |data: &String| Value::from_safe_string(data.clone());
+        context! {
+            pair => self.pair, success => self.success, steps => self.steps, video => address(&self.video),
+            is_mp4 => self.is_mp4, goal => self.goal.as_ref().map(address),
+        }
+    }
 }
 
 /// Runs the first successes and the first failures again.
@@ -56,15 +78,15 @@ pub(super) fn replay(
     let mut replayed = Replayed::default();
     let (successes, failures): (Vec<usize>, Vec<usize>) = (of(true).collect(), of(false).collect());
     for pair in successes.iter().chain(&failures).copied() {
-        let draws = successes.first() == Some(&pair) || failures.first() == Some(&pair);
-        let drawn = if draws { options.plans } else { 0 };
+        let is_first = successes.first() == Some(&pair) || failures.first() == Some(&pair);
+        let drawn = if is_first { options.plans } else { 0 };
         match episode(registry, entry, receipt, pair, options.format, drawn) {
             Ok((card, figures, same)) => {
                 replayed.videos.extend(card);
-                replayed.plans.extend(figures.map(|figures| (pair, figures)));
+                replayed.plans.extend(figures.map(|figures| (pair, successes.contains(&pair), figures)));
                 if !same {
                     notes.push(format!(
-                        "{}: episode {pair} went otherwise when it was run again; `swm verify-result` says why",
+                        "{}: episode {pair} gave another result when it was run again; `swm verify-result` says why",
                         receipt.policy
                     ));
                 }
@@ -104,7 +126,7 @@ fn episode(
         None => {
             world.set_policy(policy);
         }
-        Some(actions) => match Watched::new(policy, DRAWN_ELITES, swm_solvers::NoTrace) {
+        Some(actions) => match Watched::new(policy, ELITES, swm_solvers::NoTrace) {
             Ok((policy, session)) => {
                 world.set_policy(policy);
                 watched = Some((session, actions));
@@ -147,7 +169,7 @@ fn episode(
             let stops_at_success = stops_at_success(&candidate.policy);
             let report =
                 Report { entry, config, actions, session, summary, video, format, drawn, stops_at_success };
-            Some(draw_figures(&report)?)
+            Some(render_figures(&report)?)
         }
     };
     let scene = video.scenes().next().map(|(_, scene)| scene);
@@ -164,15 +186,15 @@ fn card(
     format: Format,
 ) -> Result<VideoCard, BoxError> {
     let video = base64(&scene.clip.upscaled(SIDE).encode(format)?);
-    let is_video = format == Format::Mp4;
-    let kind = if is_video { "video/mp4" } else { "image/gif" };
+    let is_mp4 = format == Format::Mp4;
+    let kind = if is_mp4 { "video/mp4" } else { "image/gif" };
     let goal = scene.goal.as_ref().map(|goal| png::encode(image.height, image.width, goal)).transpose()?;
     Ok(VideoCard {
         pair,
         success: result.success,
         steps: result.steps,
         video: format!("data:{kind};base64,{video}"),
-        is_video,
+        is_mp4,
         goal: goal.map(|goal| format!("data:image/png;base64,{}", base64(&goal))),
     })
 }

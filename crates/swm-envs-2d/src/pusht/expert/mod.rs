@@ -39,7 +39,7 @@ use self::scene::Scene;
 use self::settings::ExpertSettings;
 use self::steering::{ActionKind, Command};
 use super::engine::Engine;
-use super::env::Moment;
+use super::env::LoadedState;
 use super::factors::factors_with;
 use super::goal::observed_state;
 use super::settings::Settings;
@@ -108,12 +108,12 @@ struct ExpertActor<E> {
 impl<E: Engine> ExpertActor<E> {
     fn new(expert: Arc<Expert>, view: &RowView<'_>) -> Result<Self, PolicyError> {
         let mut saved = EnvState::new();
-        let moment = expert.moment::<E>(view, &mut saved)?;
+        let loaded = expert.loaded::<E>(view, &mut saved)?;
         let motion = (expert.kind, expert.frame_skip);
-        let scene = Scene::new(&expert.settings, motion, &moment).map_err(|error| {
+        let scene = Scene::new(&expert.settings, motion, &loaded).map_err(|error| {
             PolicyError::Unsupported { policy: "expert".to_owned(), reason: error.to_string() }
         })?;
-        Ok(Self { expert, scene, sim: moment.sim, saved, plan: Vec::new(), done: 0 })
+        Ok(Self { expert, scene, sim: loaded.sim, saved, plan: Vec::new(), done: 0 })
     }
 
     /// Whether the environment is not where the plan supposes it: something else acted.
@@ -124,9 +124,13 @@ impl<E: Engine> ExpertActor<E> {
 }
 
 impl Expert {
-    fn moment<E: Engine>(&self, view: &RowView<'_>, saved: &mut EnvState) -> Result<Moment<E>, PolicyError> {
+    fn loaded<E: Engine>(
+        &self,
+        view: &RowView<'_>,
+        saved: &mut EnvState,
+    ) -> Result<LoadedState<E>, PolicyError> {
         view.snapshot(saved)?;
-        Ok(Moment::load(self.env, &self.factors, &self.env_settings, saved)?)
+        Ok(LoadedState::load(self.env, &self.factors, &self.env_settings, saved)?)
     }
 }
 
@@ -134,7 +138,7 @@ impl<E: Engine> Actor for ExpertActor<E> {
     fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let settings = &self.expert.settings;
         if self.done >= self.plan.len().min(settings.replan) || self.is_off_plan(view)? {
-            self.sim = self.expert.moment(view, &mut self.saved)?.sim;
+            self.sim = self.expert.loaded(view, &mut self.saved)?.sim;
             let mut stream = view.episode.seed.indexed("policy expert", [view.episode.step, 0]);
             self.plan = search::decide(&self.scene, settings, &self.sim, &mut stream);
             self.done = 0;

@@ -1,4 +1,4 @@
-//! Push primitives: three numbers that say a whole approach and push, and how they are drawn and varied.
+//! Push primitives: three values that say a whole approach and push, and how they are sampled and varied.
 
 use std::f64::consts::PI;
 
@@ -15,7 +15,7 @@ pub(super) struct Primitive {
     pub(super) turn_rad: f64,
     /// Strength of the push, up to 1.
     pub(super) strength: f64,
-    /// Control steps of the push; `None`: up to the moment when the block is nearest to its goal.
+    /// Control steps of the push; `None`: until the block is nearest to its goal.
     pub(super) duration: Option<u32>,
     /// Whether the push turns with the block and stays at its place of the outline.
     pub(super) follow: bool,
@@ -39,19 +39,19 @@ pub(super) struct Spot {
     pub(super) side: f64,
 }
 
-/// Spread of the direction about the normal, radians.
-const TURN_SPREAD: f64 = 0.5;
+/// Std of the direction about the normal, radians.
+const TURN_STD: f64 = 0.5;
 /// One in so many primitives begins where the agent is.
 const HERE_SHARE: f64 = 0.12;
 /// Share of pushes that turn with the block.
 const FOLLOW_SHARE: f64 = 0.5;
-/// Spread of variations: arc position, direction, strength.
+/// Std of variations: arc position, direction, strength.
 const VARIATION: [f64; 3] = [10.0, 0.2, 0.15];
 const SIDE_VARIATION: f64 = 0.15;
 
 impl Primitive {
-    /// Draws any primitive.
-    pub(super) fn draw(scene: &Scene, stream: &mut Stream) -> Primitive {
+    /// Samples any primitive.
+    pub(super) fn sample(scene: &Scene, stream: &mut Stream) -> Primitive {
         let weakest = scene.limits.weakest;
         let strength = weakest + (1.0 - weakest) * uniform(stream);
         if uniform(stream) < HERE_SHARE {
@@ -61,24 +61,24 @@ impl Primitive {
         let start =
             Start::At(Spot { arc_px: scene.outline.length() * uniform(stream), side: uniform(stream) });
         let follow = uniform(stream) < FOLLOW_SHARE;
-        Primitive { start, turn_rad: TURN_SPREAD * normal(stream), strength, duration: None, follow }
+        Primitive { start, turn_rad: TURN_STD * normal(stream), strength, duration: None, follow }
     }
 
-    /// Draws a primitive that ends at some moment, good or bad: a detour.
-    pub(super) fn draw_detour(scene: &Scene, stream: &mut Stream) -> Primitive {
+    /// Samples a primitive that ends at a random step: a detour.
+    pub(super) fn sample_detour(scene: &Scene, stream: &mut Stream) -> Primitive {
         let longest = f64::from(scene.limits.push);
         let duration = 1 + (longest * uniform(stream)) as u32;
-        Primitive { duration: Some(duration), ..Primitive::draw(scene, stream) }
+        Primitive { duration: Some(duration), ..Primitive::sample(scene, stream) }
     }
 
-    /// Draws a primitive near this one; `width` scales how near.
-    pub(super) fn vary(&self, scene: &Scene, width: f64, stream: &mut Stream) -> Primitive {
-        let [arc, turn, strength] = VARIATION.map(|spread| spread * width);
+    /// Samples a primitive near this one; `scale` says how near.
+    pub(super) fn vary(&self, scene: &Scene, scale: f64, stream: &mut Stream) -> Primitive {
+        let [arc, turn, strength] = VARIATION.map(|std| std * scale);
         let start = match self.start {
             Start::Here => Start::Here,
             Start::At(Spot { arc_px, side }) => Start::At(Spot {
                 arc_px: arc_px + arc * normal(stream),
-                side: (side + SIDE_VARIATION * width * normal(stream)).clamp(0.0, 1.0),
+                side: (side + SIDE_VARIATION * scale * normal(stream)).clamp(0.0, 1.0),
             }),
         };
         Primitive {

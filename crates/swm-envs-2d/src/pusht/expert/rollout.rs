@@ -133,7 +133,7 @@ impl<'a, E: Engine> Rollout<'a, E> {
         }
     }
 
-    /// Repeats a command for a while, or for long, and then returns to the best moment.
+    /// Repeats a command for a while, or for long, and then returns to the best state.
     fn push(&mut self, duration: Option<u32>, command: impl Fn(&Scene, &E) -> Command) {
         if let Some(duration) = duration {
             for _ in 0..duration {

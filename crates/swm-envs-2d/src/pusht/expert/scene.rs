@@ -7,7 +7,7 @@ use super::route::Routes;
 use super::settings::ExpertSettings;
 use super::steering::{ActionKind, Command, Steering};
 use crate::pusht::engine::Engine;
-use crate::pusht::env::Moment;
+use crate::pusht::env::LoadedState;
 use crate::pusht::goal::{PushTState, angle_error, is_success, observed_state};
 use crate::pusht::physics::{BodyId, PhysicsError, Rotation, Shape, Vec2};
 
@@ -67,9 +67,9 @@ impl Scene {
     pub(super) fn new<E: Engine>(
         settings: &ExpertSettings,
         (kind, frame_skip): (ActionKind, u32),
-        moment: &Moment<E>,
+        loaded: &LoadedState<E>,
     ) -> Result<Scene, PhysicsError> {
-        let setup = &moment.setup;
+        let setup = &loaded.setup;
         let steering = Steering::new::<E>(kind, frame_skip, setup)?;
         let rectangles: Vec<_> = setup.block.shape.rectangles(setup.block.scale).collect();
         let slow = setup.agent.shape != Shape::Disc;
@@ -82,7 +82,7 @@ impl Scene {
             weakest: if slow { 0.7 } else { 0.15 },
         };
         let block = Figure::new(setup, BodyId::Block);
-        let [_, _, x, y, angle, ..] = moment.goal;
+        let [_, _, x, y, angle, ..] = loaded.goal;
         let behind = WALL_ROOM * f64::from(setup.agent.scale);
         let at_goal = block.wall_room(Vec2::from([x, y]), Rotation::new(angle));
         Ok(Scene {
@@ -91,7 +91,7 @@ impl Scene {
             block,
             wall_room: (slow || E::WALLS_STOP_DISCS).then(|| at_goal.map(|room| room.clamp(0.0, behind))),
             outline: Outline::new(&rectangles),
-            goal: moment.goal,
+            goal: loaded.goal,
             limits,
             block_shape: setup.block.shape,
             angle_weight: settings.angle_weight * f64::from(setup.block.scale) / USUAL_SCALE,

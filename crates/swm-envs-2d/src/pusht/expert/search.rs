@@ -44,7 +44,7 @@ pub(super) fn decide(
     };
     let mut candidates: Vec<Candidate> = Vec::with_capacity(settings.samples + KEPT);
     for _ in 0..settings.samples {
-        candidates.push(try_out(Primitive::draw(scene, stream)));
+        candidates.push(try_out(Primitive::sample(scene, stream)));
     }
     keep_best(&mut candidates);
     for round in 1..=settings.refinements {
@@ -57,7 +57,7 @@ pub(super) fn decide(
     if !candidates[0].outcome.success && settings.beams > 0 {
         candidates.truncate(settings.beams);
         for _ in 0..settings.detours {
-            candidates.push(try_out(Primitive::draw_detour(scene, stream)));
+            candidates.push(try_out(Primitive::sample_detour(scene, stream)));
         }
         for candidate in &mut candidates {
             candidate.outcome.cost = two_level_cost(scene, settings, sim, &candidate.primitive, stream);
@@ -69,7 +69,7 @@ pub(super) fn decide(
     rollout.perform(&chosen.primitive, &routes);
     // Where nothing helps, anything else is better than standing still: the next decision sees another world.
     while rollout.steps == 0 {
-        rollout.perform(&Primitive::draw_detour(scene, stream), &routes);
+        rollout.perform(&Primitive::sample_detour(scene, stream), &routes);
     }
     rollout.commands.unwrap_or_default()
 }
@@ -86,7 +86,7 @@ fn two_level_cost(
     let own = rollout.perform(first, &scene.routes(sim)).cost;
     let routes = scene.routes(&rollout.sim);
     (0..settings.beam_samples)
-        .map(|_| rollout.clone().perform(&Primitive::draw(scene, stream), &routes).cost)
+        .map(|_| rollout.clone().perform(&Primitive::sample(scene, stream), &routes).cost)
         .fold(own, f64::min)
 }
 
@@ -99,7 +99,7 @@ fn keep_best(candidates: &mut Vec<Candidate>) {
     candidates.truncate(KEPT);
 }
 
-/// The first of the sorted candidates, or, at a temperature, one drawn by the softmax of their costs.
+/// The first of the sorted candidates, or, at a temperature, one sampled by the softmax of their costs.
 fn pick<'a>(candidates: &'a [Candidate], temperature: f64, stream: &mut Stream) -> &'a Candidate {
     let best = &candidates[0];
     if temperature == 0.0 {

@@ -3,7 +3,7 @@
 //! Knows nothing of contacts.
 
 use super::math::{Aabb, Rotation, Vec2};
-use super::world::{BodyFacts, BodyId, MAX_LEAVES, SUBSTEP_SECONDS, World};
+use super::world::{BodyId, BodyProperties, MAX_LEAVES, SUBSTEP_SECONDS, World};
 use serde::{Deserialize, Serialize};
 
 /// State of one body.
@@ -35,13 +35,13 @@ impl Body {
     }
 
     /// World position of the origin of the body's coordinates.
-    pub(super) fn origin(&self, facts: &BodyFacts, rotation: Rotation) -> Vec2 {
-        self.center - rotation.world_from_body(facts.cog)
+    pub(super) fn origin(&self, properties: &BodyProperties, rotation: Rotation) -> Vec2 {
+        self.center - rotation.world_from_body(properties.cog)
     }
 
     /// Puts the origin of the body's coordinates somewhere, at the present angle.
-    pub(super) fn set_origin(&mut self, facts: &BodyFacts, origin: Vec2) {
-        self.center = origin + Rotation::new(self.angle).world_from_body(facts.cog);
+    pub(super) fn set_origin(&mut self, properties: &BodyProperties, origin: Vec2) {
+        self.center = origin + Rotation::new(self.angle).world_from_body(properties.cog);
     }
 }
 

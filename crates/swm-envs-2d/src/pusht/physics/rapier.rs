@@ -27,7 +27,7 @@ const LENGTH_UNIT_PX: f64 = 20.0;
 
 /// A PushT world on rapier2d.
 pub struct RapierSim {
-    facts: Arc<Facts>,
+    constants: Arc<Constants>,
     state: RapierState,
     /// Scratch, made when first needed.
     stage: Option<Box<Stage>>,
@@ -35,7 +35,7 @@ pub struct RapierSim {
 
 /// What stays as it is.
 #[derive(Debug)]
-struct Facts {
+struct Constants {
     world: World,
     blueprint: Blueprint,
 }
@@ -48,18 +48,18 @@ pub struct RapierState {
 
 impl Clone for RapierSim {
     fn clone(&self) -> RapierSim {
-        RapierSim { facts: Arc::clone(&self.facts), state: self.state, stage: None }
+        RapierSim { constants: Arc::clone(&self.constants), state: self.state, stage: None }
     }
 }
 
 impl std::fmt::Debug for RapierSim {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("RapierSim").field("facts", &self.facts).field("state", &self.state).finish()
+        f.debug_struct("RapierSim").field("constants", &self.constants).field("state", &self.state).finish()
     }
 }
 
-impl Facts {
-    fn new(world: World, friction: f64) -> Facts {
+impl Constants {
+    fn new(world: World, friction: f64) -> Constants {
         let mut blueprint = Blueprint::new(SUBSTEP_SECONDS, LENGTH_UNIT_PX);
         for (wall, inward) in WALL_SEGMENTS.iter().zip([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]) {
             let face = Vec2::from(wall.from) + Vec2::from(inward) * WALL_RADIUS;
@@ -80,10 +80,10 @@ impl Facts {
             });
             match is_disc {
                 true => blueprint.add_moving(DISC_MASS, None, parts),
-                false => blueprint.add_moving(1.0 / body.inv_mass, Some(1.0 / body.inv_moment), parts),
+                false => blueprint.add_moving(1.0 / body.inv_mass, Some(1.0 / body.inv_inertia), parts),
             }
         }
-        Facts { world, blueprint }
+        Constants { world, blueprint }
     }
 }
 
@@ -91,8 +91,8 @@ impl RapierSim {
     /// Steps the world; before each substep the agent gets a velocity from `drive`, which knows position and velocity
     /// of its origin. Returns the number of contact points.
     fn advance(&mut self, substeps: u32, drive: impl Fn(Vec2, Vec2) -> Vec2) -> u32 {
-        let RapierSim { facts, state, stage } = self;
-        let Facts { world, blueprint } = &**facts;
+        let RapierSim { constants, state, stage } = self;
+        let Constants { world, blueprint } = &**constants;
         let stage = stage.get_or_insert_with(|| Box::new(Stage::new(blueprint)));
         stage.begin(blueprint, &state.bodies);
         let mut points = 0;
@@ -137,8 +137,8 @@ impl Engine for RapierSim {
         if let Some(cog) = setup.block_cog {
             world.move_block_cog(Vec2::from(cog));
         }
-        let facts = Arc::new(Facts::new(world, setup.friction));
-        let mut sim = RapierSim { facts, state: RapierState::default(), stage: None };
+        let constants = Arc::new(Constants::new(world, setup.friction));
+        let mut sim = RapierSim { constants, state: RapierState::default(), stage: None };
         let ([x, y], [bx, by]) = (setup.agent.position, setup.block.position);
         let placement = Placement::from([x, y, bx, by, setup.block.angle]);
         sim.place(&Placement { agent_angle: Some(setup.agent.angle), ..placement })?;
@@ -148,7 +148,7 @@ impl Engine for RapierSim {
     /// Keeps nothing of the pose before but the agent's angle.
     fn place(&mut self, placement: &Placement) -> Result<(), PhysicsError> {
         placement.check()?;
-        let world = &self.facts.world;
+        let world = &self.constants.world;
         let agent_angle = match world.layout.agent_is_disc {
             true => 0.0,
             false => placement.agent_angle.unwrap_or(self.state.bodies[BodyId::Agent as usize].angle_rad),
@@ -186,11 +186,11 @@ impl Engine for RapierSim {
     }
 
     fn restore(&mut self, state: &RapierState) -> Result<(), PhysicsError> {
-        let numbers = |motion: &Motion| {
+        let values = |motion: &Motion| {
             let Motion { center: [x, y], angle_rad, velocity: [vx, vy], spin_rad_per_s } = *motion;
             [x, y, angle_rad, vx, vy, spin_rad_per_s]
         };
-        if !state.bodies.iter().flat_map(numbers).all(f64::is_finite) {
+        if !state.bodies.iter().flat_map(values).all(f64::is_finite) {
             return Err(PhysicsError::ForeignState);
         }
         self.state = *state;
@@ -198,7 +198,7 @@ impl Engine for RapierSim {
     }
 
     fn position(&self, body: BodyId) -> [f64; 2] {
-        origin(&self.facts.world, body, self.motion(body)).to_array()
+        origin(&self.constants.world, body, self.motion(body)).to_array()
     }
 
     fn center_of_gravity(&self, body: BodyId) -> [f64; 2] {
@@ -214,21 +214,21 @@ impl Engine for RapierSim {
     }
 
     fn shape(&self, body: BodyId) -> Shape {
-        self.facts.world.body(body).shape
+        self.constants.world.body(body).shape
     }
 
     fn scale(&self, body: BodyId) -> f32 {
-        self.facts.world.body(body).scale
+        self.constants.world.body(body).scale
     }
 
     fn corners(&self, body: BodyId) -> impl Iterator<Item = [[f64; 2]; 4]> + '_ {
         let rotation = Rotation::new(self.angle(body));
-        self.facts.world.corners(body, self.motion(body).center.into(), rotation)
+        self.constants.world.corners(body, self.motion(body).center.into(), rotation)
     }
 
     fn contacts(&self) -> impl Iterator<Item = Contact> + '_ {
-        let mut stage = Stage::new(&self.facts.blueprint);
-        stage.begin(&self.facts.blueprint, &self.state.bodies);
+        let mut stage = Stage::new(&self.constants.blueprint);
+        stage.begin(&self.constants.blueprint, &self.state.bodies);
         stage.detect();
         let contacts: Vec<Contact> = stage
             .touches()

@@ -34,63 +34,63 @@ pub enum Shape {
 struct UnitPart {
     min: [f32; 2],
     max: [f32; 2],
-    /// The order in which the reference lists the corners (indices into the hull order), for drawing.
+    /// The order in which the reference lists the corners (indices into the hull order), for rendering.
     listed: [u8; 4],
 }
 
 /// What is known about a shape before its scale.
-struct ShapeFacts {
+struct ShapeData {
     name: &'static str,
     parts: &'static [UnitPart],
-    /// How often the moment of each part counts. The reference adds up parts with the full mass each, and counts the
+    /// How often the inertia of each part counts. The reference adds up parts with the full mass each, and counts the
     /// first part of T and `+` in place of the others.
-    moment_counts: [f64; MAX_PARTS],
+    inertia_counts: [f64; MAX_PARTS],
 }
 
 const fn part(min: [f32; 2], max: [f32; 2], listed: [u8; 4]) -> UnitPart {
     UnitPart { min, max, listed }
 }
 
-const FACTS: [ShapeFacts; 8] = [
-    ShapeFacts { name: "o", parts: &[], moment_counts: [0.0; 3] },
-    ShapeFacts {
+const DATA: [ShapeData; 8] = [
+    ShapeData { name: "o", parts: &[], inertia_counts: [0.0; 3] },
+    ShapeData {
         name: "L",
         parts: &[part([0.0, 0.0], [1.0, 2.0], [0, 3, 2, 1]), part([0.0, -1.0], [2.0, 0.0], [3, 2, 1, 0])],
-        moment_counts: [1.0, 1.0, 0.0],
+        inertia_counts: [1.0, 1.0, 0.0],
     },
-    ShapeFacts {
+    ShapeData {
         name: "T",
         parts: &[part([-2.0, 0.0], [2.0, 1.0], [3, 2, 1, 0]), part([-0.5, 1.0], [0.5, 4.0], [0, 3, 2, 1])],
-        moment_counts: [2.0, 0.0, 0.0],
+        inertia_counts: [2.0, 0.0, 0.0],
     },
-    ShapeFacts {
+    ShapeData {
         name: "Z",
         parts: &[part([-0.5, 0.0], [1.5, 1.0], [0, 3, 2, 1]), part([-1.5, -1.0], [0.5, 0.0], [3, 2, 1, 0])],
-        moment_counts: [1.0, 1.0, 0.0],
+        inertia_counts: [1.0, 1.0, 0.0],
     },
-    ShapeFacts {
+    ShapeData {
         name: "square",
         parts: &[part([-1.0, -1.0], [1.0, 1.0], [0, 3, 2, 1])],
-        moment_counts: [1.0, 0.0, 0.0],
+        inertia_counts: [1.0, 0.0, 0.0],
     },
-    ShapeFacts {
+    ShapeData {
         name: "I",
         parts: &[part([-0.5, -2.0], [0.5, 2.0], [0, 3, 2, 1])],
-        moment_counts: [1.0, 0.0, 0.0],
+        inertia_counts: [1.0, 0.0, 0.0],
     },
-    ShapeFacts {
+    ShapeData {
         name: "small_tee",
         parts: &[part([-1.5, 0.0], [1.5, 1.0], [3, 2, 1, 0]), part([-0.5, 1.0], [0.5, 2.0], [0, 3, 2, 1])],
-        moment_counts: [1.0, 1.0, 0.0],
+        inertia_counts: [1.0, 1.0, 0.0],
     },
-    ShapeFacts {
+    ShapeData {
         name: "+",
         parts: &[
             part([-1.5, -0.5], [1.5, 0.5], [3, 2, 1, 0]),
             part([-0.5, 0.5], [0.5, 1.5], [0, 3, 1, 2]),
             part([-0.5, -1.5], [0.5, -0.5], [3, 0, 2, 1]),
         ],
-        moment_counts: [3.0, 0.0, 0.0],
+        inertia_counts: [3.0, 0.0, 0.0],
     },
 ];
 
@@ -111,15 +111,15 @@ impl Shape {
 
     /// The reference's name: `o`, `L`, `T`, `Z`, `square`, `I`, `small_tee` or `+`.
     pub fn name(self) -> &'static str {
-        self.facts().name
+        self.data().name
     }
 
     /// The rectangles of this shape at a scale (pixels per unit), in the order of their numbers; none for the disc.
     ///
-    /// Coordinates are products in `f32`, then widened: so a scale that was drawn in `f32` gives the reference's
+    /// Coordinates are products in `f32`, then widened: so a scale that was sampled in `f32` gives the reference's
     /// corners.
     pub fn rectangles(self, scale: f32) -> impl ExactSizeIterator<Item = Rectangle> {
-        self.facts().parts.iter().map(move |part| {
+        self.data().parts.iter().map(move |part| {
             let [min, max] = [part.min, part.max].map(|[x, y]| [f64::from(x * scale), f64::from(y * scale)]);
             Rectangle { min, max, listed: part.listed }
         })
@@ -132,27 +132,27 @@ impl Shape {
 
     /// Center of gravity in body coordinates, pixels: the plain mean of the rectangles' centers.
     pub fn center_of_gravity(self, scale: f32) -> [f64; 2] {
-        let count = self.facts().parts.len().max(1) as f64;
+        let count = self.data().parts.len().max(1) as f64;
         let sum = self.rectangles(scale).fold(Vec2::ZERO, |sum, rectangle| sum + rectangle.center());
         vec2(sum.x / count, sum.y / count).to_array()
     }
 
     /// Moment of inertia, in px² (the mass is 1), about the origin of the body's coordinates and not about its center
     /// of gravity: the reference's value, with its way of counting parts. Zero for the disc, which nothing can turn.
-    pub fn moment(self, scale: f32) -> f64 {
+    pub fn inertia(self, scale: f32) -> f64 {
         self.rectangles(scale)
-            .zip(self.facts().moment_counts)
-            .map(|(part, count)| count * part.moment())
+            .zip(self.data().inertia_counts)
+            .map(|(part, count)| count * part.inertia())
             .sum()
     }
 
     /// The number of moving parts: rectangles, or the one disc.
     pub fn part_count(self) -> usize {
-        self.facts().parts.len().max(1)
+        self.data().parts.len().max(1)
     }
 
-    fn facts(self) -> &'static ShapeFacts {
-        &FACTS[self.index()]
+    fn data(self) -> &'static ShapeData {
+        &DATA[self.index()]
     }
 }
 
@@ -187,7 +187,7 @@ impl Rectangle {
     }
 
     /// Moment of inertia about the origin, for mass 1: the means of x² and of y².
-    fn moment(&self) -> f64 {
+    fn inertia(&self) -> f64 {
         let mean_square = |a: f64, b: f64| (a * a + a * b + b * b) / 3.0;
         mean_square(self.min[0], self.max[0]) + mean_square(self.min[1], self.max[1])
     }
@@ -208,8 +208,8 @@ mod tests {
             (Shape::I, 1275.0, [0.0, 0.0]),
             (Shape::Plus, 2250.0, [0.0, 0.0]),
         ];
-        for (shape, moment, cog) in expected {
-            assert!((shape.moment(30.0) - moment).abs() < 1e-9, "{shape:?}: {}", shape.moment(30.0));
+        for (shape, inertia, cog) in expected {
+            assert!((shape.inertia(30.0) - inertia).abs() < 1e-9, "{shape:?}: {}", shape.inertia(30.0));
             assert_eq!(shape.center_of_gravity(30.0), cog, "{shape:?}");
         }
         assert_eq!(Shape::disc_radius(40.0), 15.0);

@@ -83,10 +83,11 @@ impl Sim {
         }
         let mut world = World::new(setup)?;
         let mut bodies = [Body::default(); 2];
-        for (body, setup, facts) in [(0, &setup.agent, &world.bodies[0]), (1, &setup.block, &world.bodies[1])]
+        for (body, setup, properties) in
+            [(0, &setup.agent, &world.bodies[0]), (1, &setup.block, &world.bodies[1])]
         {
-            bodies[body].center = Vec2::from(setup.position) + facts.cog;
-            bodies[body].angle = if facts.shape == Shape::Disc { 0.0 } else { setup.angle };
+            bodies[body].center = Vec2::from(setup.position) + properties.cog;
+            bodies[body].angle = if properties.shape == Shape::Disc { 0.0 } else { setup.angle };
         }
         let broad_phase = BroadPhase::new(&world, &Placed::new(&world, &bodies));
         if let Some(cog) = setup.block_cog {
@@ -105,14 +106,14 @@ impl Sim {
     pub fn place(&mut self, placement: &Placement) -> Result<(), PhysicsError> {
         placement.check()?;
         let [agent, block] = &mut self.state.bodies;
-        let [agent_facts, block_facts] = &self.world.bodies;
+        let [agent_properties, block_properties] = &self.world.bodies;
         agent.motion.linear = Vec2::from(placement.agent_velocity);
         if let (Some(angle), false) = (placement.agent_angle, self.world.layout.agent_is_disc) {
             agent.angle = angle;
         }
-        agent.set_origin(agent_facts, Vec2::from(placement.agent));
+        agent.set_origin(agent_properties, Vec2::from(placement.agent));
         block.angle = placement.block_angle;
-        block.set_origin(block_facts, Vec2::from(placement.block));
+        block.set_origin(block_properties, Vec2::from(placement.block));
         Ok(())
     }
 
@@ -309,8 +310,8 @@ impl State {
             *touches_len += 1;
         }
 
-        for (body, facts) in bodies.iter_mut().zip(&world.bodies) {
-            if facts.inv_mass > 0.0 {
+        for (body, properties) in bodies.iter_mut().zip(&world.bodies) {
+            if properties.inv_mass > 0.0 {
                 body.motion.linear = body.motion.linear * world.velocity_kept;
                 body.motion.angular *= world.velocity_kept;
             }

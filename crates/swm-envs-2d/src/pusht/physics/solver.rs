@@ -12,7 +12,7 @@ use super::bodies::{Body, Motion};
 use super::collide::Point;
 use super::math::{Vec2, positive_part};
 use super::memory::MAX_TOUCHING;
-use super::world::{BodyFacts, BodyId, SUBSTEP_SECONDS};
+use super::world::{BodyId, BodyProperties, SUBSTEP_SECONDS};
 
 /// Gauss-Seidel sweeps per substep.
 const SWEEPS: usize = 10;
@@ -38,13 +38,13 @@ impl Jacobian {
     }
 
     /// The change of this contact's velocity by a unit impulse at another one through a common body.
-    fn effect(self, other: Jacobian, body: &BodyFacts) -> f64 {
-        body.inv_mass * self.linear.dot(other.linear) + body.inv_moment * (self.angular * other.angular)
+    fn effect(self, other: Jacobian, body: &BodyProperties) -> f64 {
+        body.inv_mass * self.linear.dot(other.linear) + body.inv_inertia * (self.angular * other.angular)
     }
 
-    fn push(self, impulse: f64, body: &BodyFacts, motion: &mut Motion) {
+    fn push(self, impulse: f64, body: &BodyProperties, motion: &mut Motion) {
         motion.linear = motion.linear + self.linear * (body.inv_mass * impulse);
-        motion.angular += body.inv_moment * self.angular * impulse;
+        motion.angular += body.inv_inertia * self.angular * impulse;
     }
 }
 
@@ -67,9 +67,9 @@ struct Row {
 }
 
 impl Row {
-    fn effect(&self, other: &Row, facts: &[BodyFacts; 2]) -> f64 {
-        self.jacobians[0].effect(other.jacobians[0], &facts[0])
-            + self.jacobians[1].effect(other.jacobians[1], &facts[1])
+    fn effect(&self, other: &Row, properties: &[BodyProperties; 2]) -> f64 {
+        self.jacobians[0].effect(other.jacobians[0], &properties[0])
+            + self.jacobians[1].effect(other.jacobians[1], &properties[1])
     }
 
     fn velocity(&self, motions: [&Motion; 2]) -> f64 {
@@ -105,7 +105,7 @@ impl Contacts {
     /// Adds a contact between two bodies at their present poses.
     pub(super) fn push(
         &mut self,
-        facts: &[BodyFacts; 2],
+        properties: &[BodyProperties; 2],
         bodies: &[Body; 2],
         pair: BodyPair,
         (normal, point): (Vec2, &Point),
@@ -119,7 +119,7 @@ impl Contacts {
                     Jacobian { linear: normal * sign, angular: arm.cross(normal) * sign };
             }
         }
-        row.effective_mass = 1.0 / row.effect(&row, facts);
+        row.effective_mass = 1.0 / row.effect(&row, properties);
         let gap = (point.on_second - point.on_first).dot(normal);
         row.bias_velocity = positive_part(-(gap + ALLOWED_OVERLAP)) * (OVERLAP_REMOVED / SUBSTEP_SECONDS);
         self.rows[self.len] = row;
@@ -132,14 +132,14 @@ impl Contacts {
     }
 
     /// Sets the velocities of the bodies so that the contacts hold, as far as ten sweeps bring them.
-    pub(super) fn solve(&mut self, facts: &[BodyFacts; 2], bodies: &mut [Body; 2]) {
+    pub(super) fn solve(&mut self, properties: &[BodyProperties; 2], bodies: &mut [Body; 2]) {
         match self.len {
             0 => {}
-            1 => self.solve_dense::<1>(facts, bodies),
-            2 => self.solve_dense::<2>(facts, bodies),
-            3..=4 => self.solve_dense::<4>(facts, bodies),
-            5..=MOST_DENSE => self.solve_dense::<MOST_DENSE>(facts, bodies),
-            _ => self.solve_bodies(facts, bodies),
+            1 => self.solve_dense::<1>(properties, bodies),
+            2 => self.solve_dense::<2>(properties, bodies),
+            3..=4 => self.solve_dense::<4>(properties, bodies),
+            5..=MOST_DENSE => self.solve_dense::<MOST_DENSE>(properties, bodies),
+            _ => self.solve_bodies(properties, bodies),
         }
     }
 
@@ -148,7 +148,7 @@ impl Contacts {
     /// With A the effects of impulses on contact velocities, M = 1 / A_ii and idle impulses s, a visit is
     /// `x_i = max(0, x_i - M (b_i + sum_j A_ij (x_j - s_j)))`. The terms in x_i cancel, and what is left splits into a
     /// constant and the other impulses: `x_i = max(0, c_i - sum_{j != i} M A_ij x_j)`.
-    fn solve_dense<const N: usize>(&mut self, facts: &[BodyFacts; 2], bodies: &mut [Body; 2]) {
+    fn solve_dense<const N: usize>(&mut self, properties: &[BodyProperties; 2], bodies: &mut [Body; 2]) {
         let rows = &mut self.rows[..self.len];
         let mut effects = [[0.0; N]; N];
         let mut constants = [0.0; N];
@@ -160,7 +160,7 @@ impl Contacts {
             let mut approach = row.velocity(motions);
             for (j, other) in rows.iter().enumerate() {
                 if j != i {
-                    let effect = row.effect(other, facts);
+                    let effect = row.effect(other, properties);
                     effects[i][j] = row.effective_mass * effect;
                     approach -= effect * other.idle_impulse();
                 }
@@ -178,21 +178,21 @@ impl Contacts {
 
         for (i, row) in rows.iter_mut().enumerate() {
             row.impulse = impulses[i];
-            for ((jacobian, facts), body) in row.jacobians.iter().zip(facts).zip(&mut *bodies) {
-                jacobian.push(impulses[i] - row.idle_impulse(), facts, &mut body.motion);
-                jacobian.push(bias_impulses[i], facts, &mut body.bias);
+            for ((jacobian, properties), body) in row.jacobians.iter().zip(properties).zip(&mut *bodies) {
+                jacobian.push(impulses[i] - row.idle_impulse(), properties, &mut body.motion);
+                jacobian.push(bias_impulses[i], properties, &mut body.bias);
             }
         }
     }
 
     /// Gauss-Seidel in the space of body velocities, for any number of contacts.
-    fn solve_bodies(&mut self, facts: &[BodyFacts; 2], bodies: &mut [Body; 2]) {
+    fn solve_bodies(&mut self, properties: &[BodyProperties; 2], bodies: &mut [Body; 2]) {
         let rows = &mut self.rows[..self.len];
         let mut bias_impulses = [0.0; MAX_CONTACTS];
         for row in &mut *rows {
             row.impulse = row.inherited;
-            for ((jacobian, facts), body) in row.jacobians.iter().zip(facts).zip(&mut *bodies) {
-                jacobian.push(row.inherited - row.idle_impulse(), facts, &mut body.motion);
+            for ((jacobian, properties), body) in row.jacobians.iter().zip(properties).zip(&mut *bodies) {
+                jacobian.push(row.inherited - row.idle_impulse(), properties, &mut body.motion);
             }
         }
         for _ in 0..SWEEPS {
@@ -201,9 +201,9 @@ impl Contacts {
                 let bias = row.velocity([&bodies[0].bias, &bodies[1].bias]);
                 let new = positive_part(row.impulse - velocity * row.effective_mass);
                 let new_bias = positive_part(*bias_impulse + (row.bias_velocity - bias) * row.effective_mass);
-                for ((jacobian, facts), body) in row.jacobians.iter().zip(facts).zip(&mut *bodies) {
-                    jacobian.push(new - row.impulse, facts, &mut body.motion);
-                    jacobian.push(new_bias - *bias_impulse, facts, &mut body.bias);
+                for ((jacobian, properties), body) in row.jacobians.iter().zip(properties).zip(&mut *bodies) {
+                    jacobian.push(new - row.impulse, properties, &mut body.motion);
+                    jacobian.push(new_bias - *bias_impulse, properties, &mut body.bias);
                 }
                 row.impulse = new;
                 *bias_impulse = new_bias;

@@ -1,6 +1,6 @@
 //! What does not change during an episode: walls, bodies' masses, and the numbered parts they consist of.
 //!
-//! The facts are built once from a [`Setup`]; the moving quantities are in `bodies`, `broad_phase` and `memory`.
+//! Constant properties are built once from a [`Setup`]; the moving quantities are in `bodies`, `broad_phase` and `memory`.
 
 use super::collide::PlacedRectangle;
 use super::math::{Aabb, Rotation, Vec2, vec2};
@@ -174,7 +174,7 @@ pub(super) struct Part {
 
 /// A body's constants.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct BodyFacts {
+pub(super) struct BodyProperties {
     pub(super) shape: Shape,
     pub(super) scale: f32,
     /// Center of gravity in body coordinates.
@@ -182,22 +182,22 @@ pub(super) struct BodyFacts {
     /// 1 / mass: 0 for a body that contacts cannot move.
     pub(super) inv_mass: f64,
     /// 1 / moment of inertia: 0 for a body that contacts cannot turn.
-    pub(super) inv_moment: f64,
+    pub(super) inv_inertia: f64,
 }
 
-impl BodyFacts {
-    fn new(id: BodyId, setup: &BodySetup) -> Result<BodyFacts, PhysicsError> {
+impl BodyProperties {
+    fn new(id: BodyId, setup: &BodySetup) -> Result<BodyProperties, PhysicsError> {
         let BodySetup { shape, scale, .. } = *setup;
         if !(scale > 0.0 && scale <= MAX_SCALE) {
             return Err(PhysicsError::Scale { body: id, scale });
         }
         let dynamic = shape != Shape::Disc;
-        Ok(BodyFacts {
+        Ok(BodyProperties {
             shape,
             scale,
             cog: Vec2::from(shape.center_of_gravity(scale)),
             inv_mass: if dynamic { 1.0 } else { 0.0 },
-            inv_moment: if dynamic { 1.0 / shape.moment(scale) } else { 0.0 },
+            inv_inertia: if dynamic { 1.0 / shape.inertia(scale) } else { 0.0 },
         })
     }
 }
@@ -234,7 +234,7 @@ impl Layout {
 pub(super) struct World {
     pub(super) layout: Layout,
     /// Agent and block, by [`BodyId`].
-    pub(super) bodies: [BodyFacts; 2],
+    pub(super) bodies: [BodyProperties; 2],
     /// The first [`Layout::leaves`] entries are in use.
     pub(super) parts: [Part; MAX_LEAVES],
     /// What each substep multiplies the velocities of dynamic bodies by.
@@ -264,8 +264,8 @@ impl World {
         if let Some((what, _)) = finite.into_iter().find(|(_, finite)| !finite) {
             return Err(PhysicsError::NotFinite { what });
         }
-        let agent = BodyFacts::new(BodyId::Agent, &setup.agent)?;
-        let block = BodyFacts::new(BodyId::Block, &setup.block)?;
+        let agent = BodyProperties::new(BodyId::Agent, &setup.agent)?;
+        let block = BodyProperties::new(BodyId::Block, &setup.block)?;
 
         let mut parts = [Part::default(); MAX_LEAVES];
         let mut leaves = 0;
@@ -303,7 +303,7 @@ impl World {
         }
     }
 
-    pub(super) fn body(&self, id: BodyId) -> &BodyFacts {
+    pub(super) fn body(&self, id: BodyId) -> &BodyProperties {
         &self.bodies[id as usize]
     }
 
@@ -348,7 +348,7 @@ mod tests {
         assert_eq!(world.layout, Layout { agent_parts: 1, leaves: 3, agent_is_disc: true });
         assert_eq!(world.layout.leaves_of(BodyId::Block), 1..3);
         assert_eq!(world.body(BodyId::Block).cog, vec2(0.0, 45.0));
-        assert_eq!(1.0 / world.body(BodyId::Block).inv_moment, 3000.0);
+        assert_eq!(1.0 / world.body(BodyId::Block).inv_inertia, 3000.0);
         assert_eq!(world.velocity_kept, 0.0);
     }
 

@@ -46,7 +46,7 @@ impl Axis {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Piece {
     pub(crate) area: Aabb,
-    /// A door is drawn, and not solid.
+    /// A door is rendered, and not solid.
     pub(crate) is_door: bool,
 }
 

@@ -108,7 +108,7 @@ impl Sim {
         State(self.disc)
     }
 
-    /// Returns to a saved state; `false` and no change if it holds no finite numbers.
+    /// Returns to a saved state; `false` and no change if it holds no finite values.
     pub(crate) fn restore(&mut self, State(disc): State) -> bool {
         let sound = disc.is_sound();
         if sound {

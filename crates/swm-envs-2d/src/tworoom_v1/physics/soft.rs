@@ -105,7 +105,7 @@ impl SoftDisc {
         Aabb::around(self.position, vec2(radius, radius))
     }
 
-    /// True if a foreign state holds numbers.
+    /// True if a foreign state holds finite values.
     pub(super) fn is_sound(&self) -> bool {
         let Aabb { min, max } = self.reach;
         [self.position, self.bias, min, max].into_iter().all(Vec2::is_finite)

@@ -109,7 +109,7 @@ unsafe impl Driver for Egl {
 
     unsafe fn make_current(&self, context: Option<NonNull<c_void>>) -> Result<(), String> {
         let context = context.map_or(null_mut(), NonNull::as_ptr);
-        // SAFETY: the caller's promise; no surface is needed, MuJoCo draws into buffers of its own. The interface that
+        // SAFETY: the caller's promise; no surface is needed, MuJoCo renders into its own buffers. The interface that
         // is bound belongs to the thread.
         let done = unsafe {
             (self.functions.bind_api)(OPENGL_API);

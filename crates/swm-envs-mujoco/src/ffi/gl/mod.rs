@@ -73,7 +73,7 @@ fn load() -> Result<Box<dyn Driver>, String> {
     Err("nothing: on this system the way to OpenGL is not known".to_owned())
 }
 
-/// A private OpenGL context.
+/// An OpenGL context.
 pub struct GlContext {
     driver: &'static dyn Driver,
     raw: NonNull<c_void>,
@@ -101,8 +101,8 @@ impl GlContext {
         self.driver.name()
     }
 
-    /// Calls `draw` while the context is current on this thread.
-    fn draw<R>(&mut self, draw: impl FnOnce() -> R) -> Result<R, MujocoError> {
+    /// Calls `work` while the context is current on this thread.
+    fn with_current<R>(&mut self, work: impl FnOnce() -> R) -> Result<R, MujocoError> {
         struct Current(&'static dyn Driver);
         impl Drop for Current {
             fn drop(&mut self) {
@@ -113,7 +113,7 @@ impl GlContext {
         // SAFETY: `&mut self` is the only access, so that no other thread draws with it.
         unsafe { self.driver.make_current(Some(self.raw)) }.map_err(|reason| failed(self.driver, &reason))?;
         let _current = Current(self.driver);
-        Ok(draw())
+        Ok(work())
     }
 }
 

@@ -1,4 +1,4 @@
-//! OpenGL through OSMesa: Mesa's software renderer as a library of its own. Constants: `GL/osmesa.h`.
+//! OpenGL through OSMesa: Mesa's software renderer as a separate library. Constants: `GL/osmesa.h`.
 
 use std::cell::UnsafeCell;
 use std::ffi::{c_int, c_uint, c_void};
@@ -35,7 +35,7 @@ unsafe impl Send for Osmesa {}
 // SAFETY: as above.
 unsafe impl Sync for Osmesa {}
 
-/// A context and the window that it is current in. MuJoCo draws into buffers of its own, and nothing reads this one.
+/// A context and the window that it is current in. MuJoCo renders into its own buffers, and nothing reads this one.
 struct Context {
     raw: Handle,
     window: UnsafeCell<[u8; SIDE * SIDE * 4]>,

@@ -9,10 +9,10 @@ use crate::ffi::guard::guarded;
 use crate::ffi::scene::{same_objects, zeroed};
 use crate::ffi::{Library, Model, Scene, Simulation};
 
-/// Draws simulations of one model as one of its cameras sees them.
+/// Renders simulations of one model as one of its cameras sees them.
 ///
 /// Textures, meshes and the quality of light come from the model that it was made with; places, sizes and colors from
-/// the simulation that is drawn, whose model may be one for physics with the textures left out.
+/// the simulation that is rendered, whose model may be one for physics with the textures left out.
 pub struct GlRenderer {
     library: &'static Library,
     gl: GlContext,
@@ -85,7 +85,7 @@ impl GlRenderer {
         if textures.is_empty() {
             return Ok(());
         }
-        gl.draw(|| {
+        gl.with_current(|| {
             guarded(|| {
                 for index in textures {
                     // SAFETY: the context is current, and model and resources have a texture of this index.
@@ -108,7 +108,7 @@ impl GlRenderer {
         let mut sized = unsafe { std::ptr::read(model.as_ptr()) };
         (sized.vis.global.offwidth, sized.vis.global.offheight) = (viewport.width, viewport.height);
         let _lock = COUNTING.lock().unwrap_or_else(PoisonError::into_inner);
-        gl.draw(|| {
+        gl.with_current(|| {
             // SAFETY: the context is current, OpenGL is visible to MuJoCo, and what the resources held before is freed
             // by the function itself.
             guarded(|| unsafe {
@@ -118,7 +118,7 @@ impl GlRenderer {
         })?
     }
 
-    /// Draws the simulation as it stands computed into `pixels`: `[height, width, 3]`, red, green and blue.
+    /// Renders the simulation as it stands computed into `pixels`: `[height, width, 3]`, red, green and blue.
     ///
     /// # Errors
     ///
@@ -127,12 +127,12 @@ impl GlRenderer {
     /// # Panics
     ///
     /// If `pixels` has another length, a mistake of the caller.
-    pub fn draw(&mut self, sim: &mut Simulation, pixels: &mut [u8]) -> Result<(), MujocoError> {
+    pub fn render(&mut self, sim: &mut Simulation, pixels: &mut [u8]) -> Result<(), MujocoError> {
         assert_eq!(pixels.len(), self.upside_down.len(), "an image of another size");
         self.scene.update(sim)?;
         let Self { library, gl, resources, scene, viewport, upside_down } = self;
         let api = library.api();
-        gl.draw(|| {
+        gl.with_current(|| {
             // SAFETY: the context is current; the scene's objects are those of the resources; the buffer has room for
             // the viewport's pixels, and MuJoCo packs rows without gaps.
             guarded(|| unsafe {
@@ -170,7 +170,7 @@ impl Drop for GlRenderer {
         let Self { library, gl, resources, .. } = self;
         let _lock = COUNTING.lock().unwrap_or_else(PoisonError::into_inner);
         // Where the context cannot be made current, its resources go with it.
-        let _ = gl.draw(|| {
+        let _ = gl.with_current(|| {
             // SAFETY: the context is current, and the resources are not used again.
             guarded(|| unsafe { (library.api().mjr_freeContext)(&raw mut **resources) })
         });

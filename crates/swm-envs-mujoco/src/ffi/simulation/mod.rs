@@ -34,7 +34,7 @@ macro_rules! arrays {
     ($($(#[$meta:meta])* $name:ident [$rows:ident, $width:literal];)*) => {$(
         $(#[$meta])*
         pub fn $name(&self) -> &[f64] {
-            // SAFETY: MuJoCo allocates `rows × width` numbers here, initialized, for as long as the data lives.
+            // SAFETY: MuJoCo allocates `rows × width` values here, initialized, for as long as the data lives.
             unsafe { slice(self.header().$name, self.model.header().$rows, $width) }
         }
     )*};
@@ -45,7 +45,7 @@ macro_rules! rows {
     ($($(#[$meta:meta])* $name:ident [$rows:ident, $width:literal];)*) => {$(
         $(#[$meta])*
         pub fn $name(&self, index: usize) -> [f64; $width] {
-            // SAFETY: MuJoCo allocates `rows × width` numbers here; the slice checks the index.
+            // SAFETY: MuJoCo allocates `rows × width` values here; the slice checks the index.
             let all = unsafe { slice(self.header().$name, self.model.header().$rows, $width) };
             std::array::from_fn(|column| all[index * $width + column])
         }
@@ -71,7 +71,7 @@ impl Simulation {
         &self.model
     }
 
-    /// The model, to be edited: a copy of its own if it is shared.
+    /// The model, to be edited: copied first if it is shared.
     pub fn model_mut(&mut self) -> &mut Model {
         Arc::make_mut(&mut self.model)
     }
@@ -144,37 +144,37 @@ impl Simulation {
 
     /// Positions, to be set.
     pub fn qpos_mut(&mut self) -> &mut [f64] {
-        // SAFETY: MuJoCo allocates `nq` numbers here, and `&mut self` is the only access.
+        // SAFETY: MuJoCo allocates `nq` values here, and `&mut self` is the only access.
         unsafe { slice_mut(self.header().qpos, self.model.header().nq, 1) }
     }
 
     /// Velocities, to be set.
     pub fn qvel_mut(&mut self) -> &mut [f64] {
-        // SAFETY: MuJoCo allocates `nv` numbers here, and `&mut self` is the only access.
+        // SAFETY: MuJoCo allocates `nv` values here, and `&mut self` is the only access.
         unsafe { slice_mut(self.header().qvel, self.model.header().nv, 1) }
     }
 
     /// Activations, to be set.
     pub fn act_mut(&mut self) -> &mut [f64] {
-        // SAFETY: MuJoCo allocates `na` numbers here, and `&mut self` is the only access.
+        // SAFETY: MuJoCo allocates `na` values here, and `&mut self` is the only access.
         unsafe { slice_mut(self.header().act, self.model.header().na, 1) }
     }
 
     /// Controls, to be set.
     pub fn ctrl_mut(&mut self) -> &mut [f64] {
-        // SAFETY: MuJoCo allocates `nu` numbers here, and `&mut self` is the only access.
+        // SAFETY: MuJoCo allocates `nu` values here, and `&mut self` is the only access.
         unsafe { slice_mut(self.header().ctrl, self.model.header().nu, 1) }
     }
 
     /// The start of the next solution, to be set.
     pub fn qacc_warmstart_mut(&mut self) -> &mut [f64] {
-        // SAFETY: MuJoCo allocates `nv` numbers here, and `&mut self` is the only access.
+        // SAFETY: MuJoCo allocates `nv` values here, and `&mut self` is the only access.
         unsafe { slice_mut(self.header().qacc_warmstart, self.model.header().nv, 1) }
     }
 
     /// Places of bodies that are moved by hand, `[nmocap, 3]`, m.
     pub fn mocap_pos(&self) -> &[f64] {
-        // SAFETY: MuJoCo allocates that many numbers here, initialized, for as long as the data lives.
+        // SAFETY: MuJoCo allocates that many values here, initialized, for as long as the data lives.
         unsafe { slice(self.header().mocap_pos, self.model.header().nmocap, 3) }
     }
 
@@ -186,7 +186,7 @@ impl Simulation {
 
     /// Orientations of bodies that are moved by hand, `[nmocap, 4]`, quaternions w x y z.
     pub fn mocap_quat(&self) -> &[f64] {
-        // SAFETY: MuJoCo allocates that many numbers here, initialized, for as long as the data lives.
+        // SAFETY: MuJoCo allocates that many values here, initialized, for as long as the data lives.
         unsafe { slice(self.header().mocap_quat, self.model.header().nmocap, 4) }
     }
 
@@ -212,7 +212,7 @@ impl Simulation {
         self.header().ncon as usize
     }
 
-    /// The numbers of one sensor, by its index in the model.
+    /// The values of one sensor, by its index in the model.
     pub fn sensor(&self, sensor: usize) -> &[f64] {
         &self.sensordata()[self.model.sensor_range(sensor)]
     }
@@ -289,7 +289,7 @@ impl Simulation {
         self.load_state(state)?;
         // SAFETY: model and data are valid and belong together.
         self.checked(|api, model, data| unsafe { (api.mj_step1)(model, data) })?;
-        // SAFETY: MuJoCo allocates `nsensordata` numbers here, and `&mut self` is the only access.
+        // SAFETY: MuJoCo allocates `nsensordata` values here, and `&mut self` is the only access.
         unsafe { slice_mut(self.header().sensordata, self.model.header().nsensordata, 1) }
             .copy_from_slice(sensordata);
         Ok(())

@@ -54,7 +54,7 @@ impl Simulation {
 
     /// `substeps` physics steps, and the forces of contacts in the last one. Everything that is read afterwards belongs to
     /// the state **before** the last of them, but for `qpos`, `qvel` and the time: how OGBench steps. That state is written
-    /// to `before_last`; [`Simulation::replay_last`] returns to this moment with every bit.
+    /// to `before_last`; [`Simulation::replay_last`] restores this state bit for bit.
     ///
     /// # Errors
     ///
@@ -71,7 +71,7 @@ impl Simulation {
         self.last_step()
     }
 
-    /// Returns to the moment after the [`Simulation::advance`] that left `before_last`, under a model of the same
+    /// Restores the state after the [`Simulation::advance`] that left `before_last`, under a model of the same
     /// structure.
     ///
     /// # Errors

@@ -12,43 +12,43 @@ impl TableEnv {
     /// Finds out what the goal looks like: everything where it belongs, or as it was recorded; then returns to the start.
     pub(super) fn visit_goal(&mut self, recorded: Option<Vec<f64>>) -> Result<(), MujocoError> {
         self.standing = Standing::at_rest(&self.sim);
-        let start = self.moment.clone();
+        let start = self.task_state.clone();
         let has_settled = recorded.is_none();
         match recorded {
             Some(qpos) => {
                 self.sim.qpos_mut().copy_from_slice(&qpos);
                 self.sim.qvel_mut().fill(0.0);
-                self.moment.buttons = self.moment.goal_buttons;
+                self.task_state.buttons = self.task_state.goal_buttons;
             }
-            None => start::place_at_goal(&self.table, &mut self.sim, &mut self.moment, &self.fov)?,
+            None => start::place_at_goal(&self.table, &mut self.sim, &mut self.task_state, &self.fov)?,
         }
         self.sim.forward()?;
-        self.apply_buttons(self.moment.buttons)?;
+        self.apply_buttons(self.task_state.buttons)?;
         let mut goal = Goal { standing: Standing::at_rest(&self.sim), ..Goal::default() };
         if has_settled {
-            let stream = EpisodeSeed::new(self.moment.seed as u64);
+            let stream = EpisodeSeed::new(self.task_state.seed as u64);
             for step in 0..2 {
                 let action = self.spec.action.sample(&mut stream.indexed("goal action", [step, 0]));
                 let action = five(action.data.as_slice()).unwrap_or_default();
                 self.table.robot.command(&mut self.sim, action);
                 goal.standing.advance(&mut self.sim)?;
             }
-            self.apply_buttons(self.moment.buttons)?;
+            self.apply_buttons(self.task_state.buttons)?;
         }
-        goal.buttons = self.moment.buttons;
-        observation(&self.table, &self.sim, &self.moment, &mut goal.observation);
-        (self.goal, self.moment) = (goal, start);
+        goal.buttons = self.task_state.buttons;
+        observation(&self.table, &self.sim, &self.task_state, &mut goal.observation);
+        (self.goal, self.task_state) = (goal, start);
         self.goal_image.1 = true;
         self.stand()
     }
 
     /// Returns the simulation to where the episode stands.
     pub(super) fn stand(&mut self) -> Result<(), MujocoError> {
-        let (standing, before) = (self.standing.clone(), self.moment.before_buttons);
-        self.stand_at(&standing, before, self.moment.buttons)
+        let (standing, before) = (self.standing.clone(), self.task_state.before_buttons);
+        self.stand_at(&standing, before, self.task_state.buttons)
     }
 
-    /// Takes the simulation to a moment: buttons stood `before` its last step, and stand as `buttons` after it.
+    /// Takes the simulation to a task_state: buttons stood `before` its last step, and stand as `buttons` after it.
     fn stand_at(
         &mut self,
         standing: &Standing,
@@ -64,13 +64,13 @@ impl TableEnv {
         Ok(())
     }
 
-    /// Draws the goal, and returns to where the episode stands.
-    pub(super) fn draw_goal(&mut self) -> Result<(), MujocoError> {
+    /// Renders the goal, and returns to where the episode stands.
+    pub(super) fn render_goal(&mut self) -> Result<(), MujocoError> {
         let Some(mut images) = self.images.take() else { return Ok(()) };
         let goal = self.goal.clone();
         let drawn = self.stand_at(&goal.standing, goal.buttons, goal.buttons);
         if drawn.is_ok() {
-            images.draw(&mut self.sim, &mut self.goal_image.0);
+            images.render(&mut self.sim, &mut self.goal_image.0);
         }
         self.goal_image.1 = false;
         self.images = Some(images);

@@ -6,9 +6,9 @@ use swm_core::{EnvError, EnvSpec, Value};
 
 use super::TableEnv;
 use crate::ogbench::furniture::Which;
-use crate::ogbench::moment::Pursued;
 use crate::ogbench::settings::Mode;
 use crate::ogbench::start::Chosen;
+use crate::ogbench::state::Pursued;
 use crate::suite::recorded;
 
 impl TableEnv {
@@ -19,7 +19,7 @@ impl TableEnv {
             env: id.clone(),
             reason: format!("a start needs the column `{name}`"),
         };
-        let Self { sim, table, moment, .. } = self;
+        let Self { sim, table, task_state, .. } = self;
         let (nq, nv, nu) = (sim.model().nq(), sim.model().nv(), sim.model().nu());
         let cubes = table.kind.cubes();
         let qpos = recorded(id, row, "qpos", nq)?.ok_or_else(|| needed("qpos"))?;
@@ -35,7 +35,7 @@ impl TableEnv {
         }
         sim.set_time(recorded(id, row, "time", 1)?.map_or(0.0, |time| time[0]));
         if let Some(states) = recorded(id, row, "button_states", 2)? {
-            moment.buttons = states_of(&states);
+            task_state.buttons = states_of(&states);
         }
         match self.settings.mode {
             Mode::DataCollection => self.want_target(row)?,
@@ -53,7 +53,7 @@ impl TableEnv {
 
     /// Wants what the expert was after in a recorded row. Where the row does not tell, the cube whose goal it shows.
     fn want_target(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
-        let Self { spec: EnvSpec { id, .. }, sim, table, moment, .. } = self;
+        let Self { spec: EnvSpec { id, .. }, sim, table, task_state, .. } = self;
         let cubes = table.kind.cubes();
         let index = |name: &str, below: usize| index_in(id, row, name, below);
         let task = index("privileged.target_task", if table.furniture.is_some() { 4 } else { 1 })?;
@@ -61,36 +61,36 @@ impl TableEnv {
         let shown = goals.and_then(|goals| goals.chunks_exact(3).position(|goal| goal[2] > 0.0));
         let Some(furniture) = &table.furniture else {
             if let Some(cube) = index("privileged.target_block", cubes)?.or(shown) {
-                moment.pursued = Pursued::Cube(cube as u8);
+                task_state.pursued = Pursued::Cube(cube as u8);
             }
             return Ok(());
         };
-        moment.goal_buttons = moment.buttons;
+        task_state.goal_buttons = task_state.buttons;
         for which in [Which::Drawer, Which::Window] {
             let goal = recorded(id, row, which.target_column(), 1)?;
             let goal = goal.map_or(furniture.position(sim, which)[0], |goal| goal[0]);
-            moment.goal_slides[which as usize] = goal;
+            task_state.goal_slides[which as usize] = goal;
             furniture.set_handle_target(sim.model_mut(), which, goal);
         }
-        moment.pursued = match task {
+        task_state.pursued = match task {
             Some(1) => {
                 let button = index("privileged.target_button", 2)?.unwrap_or(0);
-                let opposite = 1 - usize::from(moment.buttons[button]);
+                let opposite = 1 - usize::from(task_state.buttons[button]);
                 let state = index("privileged.target_button_state", 2)?.unwrap_or(opposite);
-                moment.goal_buttons[button] = state as u8;
+                task_state.goal_buttons[button] = state as u8;
                 Pursued::Button(button as u8)
             }
             Some(2) => Pursued::Drawer,
             Some(3) => Pursued::Window,
             _ => Pursued::Cube(0),
         };
-        moment.has_had_cube = matches!(moment.pursued, Pursued::Cube(_));
+        task_state.has_had_cube = matches!(task_state.pursued, Pursued::Cube(_));
         Ok(())
     }
 
     /// Wants what the task of a recorded row asks for, if the row is of a task.
     fn want_task(&mut self, row: &BTreeMap<String, Value>) -> Result<(), EnvError> {
-        let Self { spec: EnvSpec { id, .. }, settings, sim, table, moment, fov, .. } = self;
+        let Self { spec: EnvSpec { id, .. }, settings, sim, table, task_state, fov, .. } = self;
         let Some(task) = index_in(id, row, "task_id", 6)?.filter(|task| *task > 0) else { return Ok(()) };
         if let Some(asked) = settings.task.filter(|asked| *asked != task) {
             let reason = format!(
@@ -98,8 +98,8 @@ impl TableEnv {
             );
             return Err(EnvError::Reset { env: id.clone(), reason });
         }
-        let chosen = Chosen::new(table, Some(task), settings.permute_blocks, moment);
-        chosen.set_goals(table, sim, moment, fov);
+        let chosen = Chosen::new(table, Some(task), settings.permute_blocks, task_state);
+        chosen.set_goals(table, sim, task_state, fov);
         Ok(())
     }
 
@@ -112,9 +112,9 @@ impl TableEnv {
         }
         let qpos = recorded(id, row, "qpos", self.sim.model().nq())?;
         let qpos = qpos.ok_or_else(|| wrong("a goal needs the column `qpos`".to_owned()))?;
-        let Self { sim, table, moment, .. } = self;
-        moment.pursued = Pursued::Everything;
-        moment.goal_is_given = true;
+        let Self { sim, table, task_state, .. } = self;
+        task_state.pursued = Pursued::Everything;
+        task_state.goal_is_given = true;
         for index in 0..table.kind.cubes() {
             let (position, turn) = (table.cube_in(&qpos, index), table.cube_rotation_in(&qpos, index));
             table.set_goal(sim, index, position, turn);
@@ -122,11 +122,11 @@ impl TableEnv {
         if let Some(furniture) = &table.furniture {
             for which in [Which::Drawer, Which::Window] {
                 let position = furniture.position_in(&qpos, which);
-                moment.goal_slides[which as usize] = position;
+                task_state.goal_slides[which as usize] = position;
                 furniture.set_handle_target(sim.model_mut(), which, position);
             }
             if let Some(states) = recorded(id, row, "button_states", 2)? {
-                moment.goal_buttons = states_of(&states);
+                task_state.goal_buttons = states_of(&states);
             }
         }
         Ok(qpos)

@@ -82,8 +82,8 @@ fn make(
     let description = format!("{}:noise={}", args.name, arguments.noise);
     Ok(Box::new(PerEpisode::new(description, move |view: &RowView<'_>| {
         let mut stream = view.episode.seed.stream("policy expert");
-        let spread = uniform(&mut stream, 0.0, arguments.noise);
-        let expert = Expert { arguments, method, kind, spread, attempt: 0, pursuit: None };
+        let std = uniform(&mut stream, 0.0, arguments.noise);
+        let expert = Expert { arguments, method, kind, std, attempt: 0, pursuit: None };
         Ok(Box::new(expert) as Box<dyn Actor>)
     })))
 }
@@ -94,7 +94,7 @@ struct Expert {
     method: Method,
     kind: Kind,
     /// Standard deviation of the noise on actions in this episode.
-    spread: f64,
+    std: f64,
     /// Targets pursued so far, again and again counted.
     attempt: u64,
     pursuit: Option<Pursuit>,
@@ -154,7 +154,7 @@ impl Expert {
             Some(Way::Markov(markov)) => {
                 let mut action = markov.action(sight);
                 for (value, share) in action.iter_mut().zip([1.0, 1.0, 1.0, 3.0, 10.0]) {
-                    *value += self.spread * share * normal(stream);
+                    *value += self.std * share * normal(stream);
                 }
                 action
             }

@@ -2,7 +2,7 @@
 
 use swm_core::{BatchError, PolicyError, RowView};
 
-/// A row, as numbers.
+/// An observation, as values.
 #[derive(Clone, Debug)]
 pub(super) struct Sight {
     /// Simulated seconds.
@@ -44,8 +44,8 @@ pub(super) struct Handle {
 impl Sight {
     /// Reads a row.
     pub(super) fn of(view: &RowView<'_>) -> Result<Self, PolicyError> {
-        let three = |name: &str| numbers::<3>(view, name);
-        let one = |name: &str| Ok::<_, BatchError>(numbers::<1>(view, name)?[0]);
+        let three = |name: &str| values::<3>(view, name);
+        let one = |name: &str| Ok::<_, BatchError>(values::<1>(view, name)?[0]);
         let whole = |name: &str| Ok::<_, BatchError>(view.row.get::<i64>(name)?[0]);
         let handle = |name: &str| {
             Ok::<_, BatchError>(Handle {
@@ -97,7 +97,7 @@ impl Sight {
     }
 }
 
-fn numbers<const N: usize>(view: &RowView<'_>, name: &str) -> Result<[f64; N], BatchError> {
+fn values<const N: usize>(view: &RowView<'_>, name: &str) -> Result<[f64; N], BatchError> {
     let values: &[f64] = view.row.get(name)?;
     Ok(std::array::from_fn(|k| values[k]))
 }

@@ -9,7 +9,7 @@ use super::SuiteEnv;
 use crate::suite::{Domain, Stage};
 use crate::views::Views;
 
-// Field indices, in the order of `fields`; behind them the domain's numbers, its targets and the factors.
+// Field indices, in the order of `fields`; behind them the domain's values, its targets and the factors.
 pub(super) const OBSERVATION: usize = 0;
 pub(super) const QPOS: usize = 1;
 pub(super) const QVEL: usize = 2;
@@ -35,7 +35,7 @@ impl SuiteEnv {
             reason: format!("a start needs the column `{name}`"),
         };
         for (index, target) in self.domain.targets.iter().enumerate() {
-            if let Some(values) = recorded(id, row, target.column, target.place.width())? {
+            if let Some(values) = recorded(id, row, target.column, target.place.dim())? {
                 self.stage.set_target(index, &values);
             }
         }
@@ -63,10 +63,10 @@ pub(crate) fn recorded(
     env: &str,
     row: &BTreeMap<String, Value>,
     name: &str,
-    width: usize,
+    dim: usize,
 ) -> Result<Option<Vec<f64>>, EnvError> {
     let Some(value) = row.get(name) else { return Ok(None) };
-    let values = value.cast(name, Dtype::F64, &[width])?.numbers(name)?;
+    let values = value.cast(name, Dtype::F64, &[dim])?.numbers(name)?;
     if values.iter().any(|value| !value.is_finite()) {
         return Err(EnvError::Reset {
             env: env.to_owned(),
@@ -76,7 +76,7 @@ pub(crate) fn recorded(
     Ok(Some(values))
 }
 
-/// The columns: what all domains have, then the domain's own, factors and images. `observation` is its width.
+/// The columns: what all domains have, then the domain's own, factors and images. `observation` is its dim.
 pub(super) fn fields(
     domain: &Domain,
     stage: &Stage,
@@ -85,24 +85,24 @@ pub(super) fn fields(
     views: Option<&Views>,
 ) -> (Vec<Field>, Columns) {
     let model = stage.sim.model();
-    let numbers = |name: &str, shape: &[usize]| Field::step(name, Dtype::F64, shape);
+    let values = |name: &str, shape: &[usize]| Field::step(name, Dtype::F64, shape);
     let mut fields = vec![
         Field::step("observation", Dtype::F32, &[observation]),
-        numbers("qpos", &[model.nq()]),
-        numbers("qvel", &[model.nv()]),
-        numbers("score", &[]),
-        numbers("time", &[]),
-        numbers("qacc_warmstart", &[model.nv()]),
+        values("qpos", &[model.nq()]),
+        values("qvel", &[model.nv()]),
+        values("score", &[]),
+        values("time", &[]),
+        values("qacc_warmstart", &[model.nv()]),
     ];
     if model.na() > 0 {
-        fields.push(numbers("act", &[model.na()]));
+        fields.push(values("act", &[model.na()]));
     }
     let infos = fields.len();
-    for (name, width) in domain.infos {
-        fields.push(if *width == 0 { numbers(name, &[]) } else { numbers(name, &[*width]) });
+    for (name, dim) in domain.infos {
+        fields.push(if *dim == 0 { values(name, &[]) } else { values(name, &[*dim]) });
     }
     let targets = fields.len();
-    fields.extend(domain.targets.iter().map(|target| numbers(target.column, &[target.place.width()])));
+    fields.extend(domain.targets.iter().map(|target| values(target.column, &[target.place.dim()])));
     let factors = fields.len();
     fields.extend(space.fields());
     let pixels = fields.len();

@@ -1,6 +1,6 @@
-//! Tests of the simulation as a whole: facts that can be checked by hand, recorded trajectories, properties.
+//! Tests of the simulation as a whole: cases that can be checked by hand, recorded trajectories, properties.
 
-mod facts;
+mod by_hand;
 mod golden;
 mod properties;
 #[cfg(feature = "rapier")]

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// The episode as it stands, beside the simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Moment {
+pub(super) struct TaskState {
     pub(super) seed: i64,
     /// Control steps taken.
     pub(super) step: u64,
@@ -22,7 +22,7 @@ pub(super) struct Moment {
     pub(super) success: bool,
 }
 
-impl Moment {
+impl TaskState {
     /// Before anything is known.
     pub(super) fn new(seed: i64, nq: usize, nv: usize) -> Self {
         let (positions, velocities) = (|| vec![0.0; nq], || vec![0.0; nv]);

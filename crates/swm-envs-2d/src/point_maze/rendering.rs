@@ -1,4 +1,4 @@
-//! How a maze is drawn: floor, goal and walls below, the disc on top, all of the maze in one square image.
+//! How a maze is rendered: floor, goal and walls below, the disc on top, all of the maze in one square image.
 
 use swm_fov::Fov;
 use swm_render::{Painter, Rgb, light};
@@ -63,7 +63,7 @@ pub(super) fn in_image(fov: &Fov, place: [f64; 2]) -> [f64; 2] {
 }
 
 impl Look {
-    /// `goal`: where to draw it, if it is to be drawn.
+    /// `goal`: where to render it, if it is to be rendered.
     pub(super) fn new(fov: &Fov, goal: Option<[f64; 2]>) -> Look {
         let layout = layout(fov);
         let [rows, cols] = layout.size();
@@ -86,7 +86,7 @@ impl Look {
     }
 
     /// What does not move in an episode.
-    pub(super) fn draw_background(&self, painter: &mut dyn Painter) {
+    pub(super) fn render_background(&self, painter: &mut dyn Painter) {
         painter.fill(self.wall);
         painter.polygon(&self.inside, self.floor);
         if let Some(goal) = &self.goal {
@@ -98,7 +98,7 @@ impl Look {
     }
 
     /// The disc.
-    pub(super) fn draw(&self, position: [f64; 2], painter: &mut dyn Painter) {
+    pub(super) fn render(&self, position: [f64; 2], painter: &mut dyn Painter) {
         let center = self.scale.place(position);
         painter.disc(center, self.radius_px, self.agent);
         painter.disc(center, INNER * self.radius_px, light(self.agent));

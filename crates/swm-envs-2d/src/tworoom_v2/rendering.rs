@@ -1,4 +1,4 @@
-//! Images of the rooms: what does not move is drawn once per episode, the agent's dot in every frame, over as little as
+//! Images of the rooms: what does not move is rendered once per episode, the agent's dot in every frame, over as little as
 //! possible. How a dot is blended is `dot.rs`.
 
 use swm_core::ImageSize;
@@ -45,8 +45,8 @@ impl Look {
         }
     }
 
-    /// Draws everything but the agent into a `[224, 224, 3]` image.
-    fn draw(&self, image: &mut [u8]) {
+    /// Renders everything but the agent into a `[224, 224, 3]` image.
+    fn render(&self, image: &mut [u8]) {
         let size = IMAGE_PX as i32;
         let (center, half) = (WALL_CENTER_PX as i32, self.room.wall_half as i32);
         let stripe = |from: i32, to: i32| {
@@ -70,7 +70,7 @@ impl Look {
     }
 }
 
-/// Draws frames of one size.
+/// Renders frames of one size.
 pub(super) struct Artist {
     style: Render,
     size: [usize; 2],
@@ -106,12 +106,12 @@ impl Artist {
         })
     }
 
-    /// Draws what does not move, unless it looks as before.
+    /// Renders what does not move, unless it looks as before.
     pub(super) fn set_look(&mut self, look: Look) -> Result<(), RenderError> {
         if self.look.as_ref() == Some(&look) {
             return Ok(());
         }
-        look.draw(&mut self.scene);
+        look.render(&mut self.scene);
         self.look = Some(look);
         self.dotted = Rect::default();
         match (self.style, &mut self.resize) {
@@ -130,8 +130,8 @@ impl Artist {
         }
     }
 
-    /// Draws the agent over the scene and writes the frame, `[H, W, 3]`.
-    pub(super) fn draw(&mut self, agent: &Dot, out: &mut [u8]) -> Result<(), RenderError> {
+    /// Renders the agent over the scene and writes the frame, `[H, W, 3]`.
+    pub(super) fn render(&mut self, agent: &Dot, out: &mut [u8]) -> Result<(), RenderError> {
         let old = self.dotted;
         match self.style {
             Render::Fast => {

@@ -1,8 +1,8 @@
-//! How TwoRoom is drawn: once, against `Painter`, for exact and fast images alike. Floor, goal, borders, wall pieces
-//! and doors below, the agent on top. (The reference draws borders after doors; the two never meet.)
+//! How TwoRoom is rendered: once, against `Painter`, for exact and fast images alike. Floor, goal, borders, wall pieces
+//! and doors below, the agent on top. (The reference renders borders after doors; the two never meet.)
 //!
 //! Only the floor is the renderer's background. The rest differs between episodes in few pixels, and the renderer
-//! redraws what differs.
+//! renders again what differs.
 
 use swm_fov::Fov;
 use swm_render::{Painter, Rgb, light, round_half_even};
@@ -55,23 +55,23 @@ impl Look {
     }
 
     /// What lies under everything.
-    pub(super) fn draw_background(&self, painter: &mut dyn Painter) {
+    pub(super) fn render_background(&self, painter: &mut dyn Painter) {
         painter.fill(self.background);
     }
 
     /// Everything else.
-    pub(super) fn draw(&self, agent: Vec2, goal: Vec2, painter: &mut dyn Painter) {
-        self.goal.draw(goal, painter);
+    pub(super) fn render(&self, agent: Vec2, goal: Vec2, painter: &mut dyn Painter) {
+        self.goal.render(goal, painter);
         for rectangle in &self.rectangles {
             painter.polygon(&rectangle.outer, rectangle.color);
             painter.polygon(&rectangle.inner, light(rectangle.color));
         }
-        self.agent.draw(agent, painter);
+        self.agent.render(agent, painter);
     }
 }
 
 impl Spot {
-    fn draw(&self, center: Vec2, painter: &mut dyn Painter) {
+    fn render(&self, center: Vec2, painter: &mut dyn Painter) {
         painter.disc(center.to_array(), self.radius, self.color);
         painter.disc(center.to_array(), self.radius - RIM_PX, light(self.color));
     }

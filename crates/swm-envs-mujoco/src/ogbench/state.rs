@@ -31,7 +31,7 @@ impl Pursued {
 
 /// The episode as it stands, beside the simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Moment {
+pub(super) struct TaskState {
     /// The episode's seed: targets are drawn on the way.
     pub(super) seed: i64,
     /// Targets that there have been.
@@ -60,7 +60,7 @@ pub(super) struct Moment {
     pub(super) before_buttons: [u8; 2],
 }
 
-impl Moment {
+impl TaskState {
     /// Before anything is known.
     pub(super) fn new(seed: i64, nq: usize, nv: usize) -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! Facts that can be checked by hand.
+//! Cases that can be checked by hand.
 
 use super::super::*;
 
@@ -9,7 +9,7 @@ fn body(shape: Shape, scale: f32) -> BodySetup {
     BodySetup { shape, scale, ..Setup::default().block }
 }
 
-/// A disc of radius 15 and a square of half side 30, moment 600, center of gravity in its middle.
+/// A disc of radius 15 and a square of half side 30, inertia 600, center of gravity in its middle.
 fn disc_and_square(placement: &Placement) -> Sim {
     let mut sim = Sim::new(&Setup { block: body(Shape::Square, 30.0), ..Setup::default() }).unwrap();
     sim.place_exactly(placement).unwrap();
@@ -44,13 +44,13 @@ fn a_push_through_the_center_takes_the_block_along() {
 
 #[test]
 fn a_push_off_the_center_turns_the_block() {
-    let (lever, moment) = (10.0, 600.0);
+    let (lever, inertia) = (10.0, 600.0);
     let start =
         Placement { agent_velocity: [30.0, 0.0], ..Placement::from([254.9, 290.0, 300.0, 300.0, 0.0]) };
     let mut sim = disc_and_square(&start);
     sim.substep();
-    assert_near(sim.velocity(BodyId::Block), [30.0 / (1.0 + lever * lever / moment), 0.0], 1e-12);
-    let turn = 30.0 * lever / (moment + lever * lever);
+    assert_near(sim.velocity(BodyId::Block), [30.0 / (1.0 + lever * lever / inertia), 0.0], 1e-12);
+    let turn = 30.0 * lever / (inertia + lever * lever);
     assert!((sim.angular_velocity(BodyId::Block) - turn).abs() < 1e-12);
     let [contact] = sim.contacts().collect::<Vec<_>>()[..] else { panic!("one contact") };
     assert_near(contact.normal, [1.0, 0.0], 0.0);

@@ -1,4 +1,4 @@
-//! How PushT is drawn: once, against `Painter`, for exact and fast images alike. The order is the reference's:
+//! How PushT is rendered: once, against `Painter`, for exact and fast images alike. The order is the reference's:
 //! table and goal below, then bodies, walls over them, contacts on top.
 
 use swm_fov::Fov;
@@ -22,11 +22,11 @@ pub(super) struct Look {
     background: Rgb,
     agent: Rgb,
     block: Rgb,
-    goal: Option<DrawnGoal>,
+    goal: Option<GoalShape>,
 }
 
 #[derive(Clone, Debug)]
-struct DrawnGoal {
+struct GoalShape {
     color: Rgb,
     parts: Vec<[[f64; 2]; 4]>,
 }
@@ -43,7 +43,7 @@ impl Look {
             let [x0, y0]: [f64; 2] = fov.vector("goal.position");
             let place = |[x, y]: [f64; 2]| [x0 + cos * x - sin * y, y0 + sin * x + cos * y];
             let parts = shape.rectangles(scale).map(|part| part.corners().map(place)).collect();
-            DrawnGoal { color: fov.rgb("goal.color"), parts }
+            GoalShape { color: fov.rgb("goal.color"), parts }
         });
         Self {
             background: fov.rgb("background.color"),
@@ -54,7 +54,7 @@ impl Look {
     }
 
     /// What does not move in an episode.
-    pub(super) fn draw_background(&self, painter: &mut dyn Painter) {
+    pub(super) fn render_background(&self, painter: &mut dyn Painter) {
         painter.fill(self.background);
         if let Some(goal) = &self.goal {
             for corners in &goal.parts {
@@ -64,8 +64,8 @@ impl Look {
     }
 
     /// Everything else. `target` is the controller's, if it is to be marked.
-    pub(super) fn draw(&self, sim: &impl Engine, target: Option<[f64; 2]>, painter: &mut dyn Painter) {
-        self.draw_bodies(sim, painter);
+    pub(super) fn render(&self, sim: &impl Engine, target: Option<[f64; 2]>, painter: &mut dyn Painter) {
+        self.render_bodies(sim, painter);
         for wall in &WALL_SEGMENTS {
             painter.fat_segment(wall.from, wall.to, WALL_COLOR);
         }
@@ -80,20 +80,20 @@ impl Look {
         }
     }
 
-    /// The reference draws shapes in the order of a hash table: with up to four moving parts the first comes
+    /// The reference renders shapes in the order of a hash table: with up to four moving parts the first comes
     /// last, otherwise they come in order.
-    fn draw_bodies(&self, sim: &impl Engine, painter: &mut dyn Painter) {
+    fn render_bodies(&self, sim: &impl Engine, painter: &mut dyn Painter) {
         let count = |body| sim.shape(body).part_count();
         let first_last = count(BodyId::Agent) + count(BodyId::Block) <= 4;
         let skipped = usize::from(first_last);
-        self.draw_parts(sim, BodyId::Agent, skipped.., painter);
-        self.draw_parts(sim, BodyId::Block, 0.., painter);
+        self.render_parts(sim, BodyId::Agent, skipped.., painter);
+        self.render_parts(sim, BodyId::Block, 0.., painter);
         if first_last {
-            self.draw_parts(sim, BodyId::Agent, ..1, painter);
+            self.render_parts(sim, BodyId::Agent, ..1, painter);
         }
     }
 
-    fn draw_parts(
+    fn render_parts(
         &self,
         sim: &impl Engine,
         body: BodyId,
