@@ -9,7 +9,7 @@ use std::path::Path;
 use serde_json::json;
 use swm_baselines::acting::{LatentModel, MODELS, POLICIES};
 use swm_baselines::train::{FitSettings, MetricSink, NewRun, Record, RunFolder, Split, State, Training};
-use swm_baselines::{BaselineError, device};
+use swm_baselines::{BaselineError, Device};
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
 use swm_core::evaluate::random_episodes;
 use swm_core::{

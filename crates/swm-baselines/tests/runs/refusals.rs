@@ -7,7 +7,7 @@ use std::path::Path;
 use serde_json::{Value as Json, json};
 use swm_baselines::acting::LatentModel;
 use swm_baselines::train::{NewRun, RunFolder, Training};
-use swm_baselines::{BaselineError, device};
+use swm_baselines::{BaselineError, Device};
 use swm_core::{ImageSize, PolicyArgs};
 use swm_data::format::built_in;
 
