@@ -9,7 +9,9 @@ use std::time::{Duration, Instant};
 
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::json;
-use swm_baselines::{Baseline, ClipBatch, Device, Facts, Images, MakeOptions, Numbers, Scenes, Step, make};
+use swm_baselines::{
+    Baseline, ClipBatch, DataDims, Device, Images, MakeOptions, PlanningBatch, Step, Vectors, make,
+};
 use swm_solvers::Candidates;
 
 const HORIZON: usize = 5;
@@ -23,9 +25,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let parts: Vec<&str> = case.split(':').collect();
     let [kind, name, preset, count] = parts[..] else { return Err(usage.into()) };
     let count: usize = count.parse()?;
-    let facts = Facts { action_width: ACTION, proprio_width: 4 };
+    let dims = DataDims { action_dim: ACTION, proprio_dim: 4 };
     let changes = serde_json::Value::Null;
-    let model = make(name, &MakeOptions { preset, changes, facts, seed: 1, device: Device::Cpu })?;
+    let model = make(name, &MakeOptions { preset, changes, dims, seed: 1, device: Device::Cpu })?;
     let times = match kind {
         "train" => train(model, count, seconds)?,
         "plan" | "descend" => plan(model.as_ref(), count, kind == "descend", seconds)?,
@@ -41,21 +43,21 @@ fn bytes(count: usize) -> Vec<u8> {
 }
 
 fn train(mut model: Box<dyn Baseline>, clips: usize, seconds: f64) -> Result<(f64, f64), Box<dyn Error>> {
-    let needs = model.needs().clone();
-    let (steps, side, width) = (needs.num_steps, needs.image, needs.frameskip * ACTION);
+    let input_spec = model.input_spec().clone();
+    let (steps, side, dim) = (input_spec.num_steps, input_spec.image, input_spec.frameskip * ACTION);
     let images =
         |values, steps| Images { values, rows: clips, steps, height: side, width: side, channels_last: true };
     let pixels = bytes(clips * steps * 3 * side * side);
     let goals = bytes(clips * 3 * side * side);
-    let action: Vec<f32> = (0..clips * steps * width).map(|i| (i as f32).sin()).collect();
+    let action: Vec<f32> = (0..clips * steps * dim).map(|i| (i as f32).sin()).collect();
     let proprio = vec![0.5; clips * steps * 4];
-    let numbers = |values, steps, width| Numbers { values, rows: clips, steps, width };
+    let vectors = |values, steps, dim| Vectors { values, rows: clips, steps, dim };
     let batch = ClipBatch {
         pixels: images(&pixels, steps),
-        action: numbers(&action, steps, width),
-        proprio: Some(numbers(&proprio, steps, 4)),
+        action: vectors(&action, steps, dim),
+        proprio: Some(vectors(&proprio, steps, 4)),
         goal_pixels: Some(images(&goals, 1)),
-        goal_proprio: Some(numbers(&proprio[..clips * 4], 1, 4)),
+        goal_proprio: Some(vectors(&proprio[..clips * 4], 1, 4)),
     };
     quickest(seconds, |step| {
         model.train_step(&batch, &Step { seed: 1, phase: 0, step, total: 1_000_000 })?;
@@ -70,20 +72,20 @@ fn plan(
     seconds: f64,
 ) -> Result<(f64, f64), Box<dyn Error>> {
     let mut planner = model.planner().ok_or("this model does not plan")?;
-    let side = model.needs().image;
+    let side = model.input_spec().image;
     let pixels = bytes(3 * side * side);
     let image = Images { values: &pixels, rows: 1, steps: 1, height: side, width: side, channels_last: true };
-    let proprio = Numbers { values: &[0.5; 4], rows: 1, steps: 1, width: 4 };
-    let width = planner.block_width();
-    planner.prepare(&Scenes {
+    let proprio = Vectors { values: &[0.5; 4], rows: 1, steps: 1, dim: 4 };
+    let dim = planner.block_dim();
+    planner.prepare(&PlanningBatch {
         pixels: image,
-        action: Numbers { values: &[], rows: 1, steps: 0, width },
+        action: Vectors { values: &[], rows: 1, steps: 0, dim },
         proprio: Some(proprio),
         goal_pixels: image,
         goal_proprio: Some(proprio),
     })?;
-    let actions: Vec<f32> = (0..samples * HORIZON * width).map(|i| (i as f32).sin()).collect();
-    let candidates = Candidates { actions: &actions, episodes: 1, samples, horizon: HORIZON, dim: width };
+    let actions: Vec<f32> = (0..samples * HORIZON * dim).map(|i| (i as f32).sin()).collect();
+    let candidates = Candidates { actions: &actions, episodes: 1, samples, horizon: HORIZON, dim };
     let (mut costs, mut gradient) = (vec![0.0; samples], vec![0.0; actions.len()]);
     quickest(seconds, |_| {
         if with_gradient {

@@ -1,4 +1,4 @@
-//! The boundary of this crate: models that train on slices of numbers and plan or act from them. No tensors.
+//! The interface of this crate: models that train, plan and act on slices of values. No tensors.
 
 use std::path::Path;
 
@@ -7,35 +7,35 @@ use serde_json::Value as Json;
 use swm_data::loader::GoalWeights;
 use swm_solvers::Candidates;
 
-use crate::data::{ClipBatch, Facts, Observations, Scenes};
+use crate::data::{ClipBatch, DataDims, Observations, PlanningBatch};
 use crate::error::BaselineError;
 use crate::optim::OptimConfig;
 
 /// A model that can be trained, saved, and asked for plans or actions.
 ///
-/// Training is a function of settings, facts, seed and batches: the noise of a step is keyed by the seed and the number
-/// of the step. So a training that is saved with [`Baseline::save_training`] and resumed gives the bits of one that
+/// Training is a function of settings, data dimensions, seed and batches: the noise of a step is keyed by the seed and the
+/// index of the step. So a training that is saved with [`Baseline::save_training`] and resumed gives the bits of one that
 /// never stopped.
 pub trait Baseline: Send {
     /// Its line in [`crate::BASELINES`].
     fn name(&self) -> &'static str;
 
-    /// What makes it again: give it to [`crate::restore`].
-    fn recipe(&self) -> &Recipe;
+    /// Its model config, from which [`crate::restore`] makes it again.
+    fn model_config(&self) -> &ModelConfig;
 
-    /// What it must be fed with.
-    fn needs(&self) -> &Needs;
+    /// The input that it takes.
+    fn input_spec(&self) -> &InputSpec;
 
     /// The parts of its training, one after another.
     fn phases(&self) -> &[Phase];
 
-    /// How many numbers are trained.
+    /// Number of trainable parameters.
     fn parameters(&self) -> usize;
 
     /// Whether it has an encoder that no phase trains: its weights are to be given ([`Baseline::load_encoder`]).
     fn has_frozen_encoder(&self) -> bool;
 
-    /// One step of training: loss, gradients, clipping, optimizer, teachers. An error leaves the weights as they were.
+    /// One step of training: loss, gradients, clipping, optimizer, target networks. An error leaves the weights as they were.
     ///
     /// # Errors
     ///
@@ -70,7 +70,7 @@ pub trait Baseline: Send {
     /// As of [`Baseline::load_weights`]; or the model has no encoder of that kind.
     fn load_encoder(&mut self, path: &Path) -> Result<(), BaselineError>;
 
-    /// Writes what a training needs beside the weights to go on: the state of the optimizers.
+    /// Writes what resuming needs in addition to the weights: the state of the optimizers.
     ///
     /// # Errors
     ///
@@ -91,19 +91,18 @@ pub trait Baseline: Send {
     fn policy(&self) -> Option<Box<dyn GoalPolicy>>;
 }
 
-/// A world model at work: encodes observation and goal once per plan, then tells the costs of candidates.
+/// A world model at work: encodes observation and goal once per plan, then computes the costs of candidates.
 ///
-/// The cost of a candidate depends on its own scene and numbers only. The same candidate costs the same bits whatever
-/// stands beside it.
+/// The cost of a candidate depends only on its own values and planning problem: its bits are the same in any batch.
 pub trait PlanModel: Send {
-    /// D = F × A: numbers of a block of a plan, scaled as the model's actions.
-    fn block_width(&self) -> usize;
+    /// D = F × A: values of a block of a plan, scaled as the model's actions.
+    fn block_dim(&self) -> usize;
 
     /// N: how many observations it can make use of.
     fn history(&self) -> usize;
 
-    /// Z: numbers of the latent of an observation.
-    fn latent_width(&self) -> usize;
+    /// Z: values of the latent of an observation.
+    fn latent_dim(&self) -> usize;
 
     /// Fills `latents`, `[B, Z]`, with those of B observations by themselves.
     ///
@@ -119,12 +118,12 @@ pub trait PlanModel: Send {
     /// The network fails.
     fn predict(&mut self, latents: &mut [f32], actions: &[f32]) -> Result<(), BaselineError>;
 
-    /// Once per plan: B scenes.
+    /// Once per plan: takes the planning batch of B problems.
     ///
     /// # Errors
     ///
     /// The network fails.
-    fn prepare(&mut self, scenes: &Scenes<'_>) -> Result<(), BaselineError>;
+    fn prepare(&mut self, batch: &PlanningBatch<'_>) -> Result<(), BaselineError>;
 
     /// Fills `costs`, `[B, S]`: how far the predicted end of each candidate, `[B, S, H, D]`, is from the goal.
     ///
@@ -149,18 +148,18 @@ pub trait PlanModel: Send {
 
 /// A goal-conditioned policy at work.
 pub trait GoalPolicy: Send {
-    /// D = F × A: numbers of a decision, scaled as the model's actions.
-    fn block_width(&self) -> usize;
+    /// D = F × A: values of a decision, scaled as the model's actions.
+    fn block_dim(&self) -> usize;
 
     /// N: how many observations it can make use of.
     fn history(&self) -> usize;
 
-    /// Fills `actions`, `[B, D]`, with the mean action of each of B scenes.
+    /// Fills `actions`, `[B, D]`, with the mean action of each of B problems.
     ///
     /// # Errors
     ///
     /// The network fails.
-    fn act(&mut self, scenes: &Scenes<'_>, actions: &mut [f32]) -> Result<(), BaselineError>;
+    fn act(&mut self, batch: &PlanningBatch<'_>, actions: &mut [f32]) -> Result<(), BaselineError>;
 }
 
 /// Where a training is.
@@ -176,18 +175,18 @@ pub struct Step {
     pub total: u64,
 }
 
-/// What a model must be fed with: the loader's settings.
+/// The input of a model: settings of the loader.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Needs {
-    /// T: rows of a clip.
+pub struct InputSpec {
+    /// T: steps of a clip.
     pub num_steps: usize,
-    /// F: distance of two rows in the dataset, and the actions of a row.
+    /// F: dataset steps between two steps of a clip, and actions per step of a clip.
     pub frameskip: usize,
     /// The side of images. Others are resized; it is cheaper to let the loader do that.
     pub image: usize,
     /// Whether `proprio` is used.
     pub proprio: bool,
-    /// Clips of a batch, as the recipe of the paper or the preset has it.
+    /// Clips of a batch, of the preset.
     pub batch: usize,
 }
 
@@ -202,9 +201,9 @@ pub struct Phase {
     pub goals: Option<PhaseGoals>,
     /// Tensors that it trains, by what their names begin with.
     pub(crate) trains: &'static [&'static str],
-    /// Teachers that follow after each step: what they follow, and what follows.
-    pub(crate) teachers: &'static [(&'static str, &'static str)],
-    /// The share of the old in a teacher.
+    /// Target networks, updated after each step: the name of the online network, and that of its target.
+    pub(crate) targets: &'static [(&'static str, &'static str)],
+    /// EMA decay of the target networks.
     pub(crate) momentum: f64,
 }
 
@@ -215,7 +214,7 @@ pub struct PhaseGoals {
     pub weights: GoalWeights,
     /// The discount of geometric goals.
     pub gamma: f64,
-    /// Which row of the clip is the current one, counted from 1.
+    /// Which step of the clip is the current one, counted from 1.
     pub offset: usize,
 }
 
@@ -224,22 +223,23 @@ pub struct PhaseGoals {
 pub struct Losses {
     /// What is minimized.
     pub total: f32,
-    /// Its parts, before they are weighed, and other numbers worth watching: `lr`, `gradient_norm`.
+    /// Its parts, before they are weighed, and other metrics: `lr`, `gradient_norm`.
     pub parts: Vec<(&'static str, f32)>,
 }
 
-/// What makes a model again, but for its weights: the JSON beside every checkpoint.
+/// What makes a model again, except its weights: the JSON of every run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Recipe {
+pub struct ModelConfig {
     /// Its line in [`crate::BASELINES`].
     pub baseline: String,
     /// The preset that the settings began with.
     pub preset: String,
     /// All settings.
     pub settings: Json,
-    /// The data that it was made for.
-    pub facts: Facts,
+    /// Dimensions of the data that it was made for.
+    #[serde(alias = "facts")]
+    pub dims: DataDims,
     /// The seed of its first weights.
     pub seed: u64,
 }

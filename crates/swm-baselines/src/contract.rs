@@ -7,11 +7,11 @@ use serde_json::{Value as Json, json};
 use swm_solvers::Candidates;
 
 use crate::{
-    BASELINES, Baseline, BaselineError, ClipBatch, Device, Facts, Images, Losses, MakeOptions, Numbers,
-    Scenes, Step, make, restore,
+    BASELINES, Baseline, BaselineError, ClipBatch, DataDims, Device, Images, Losses, MakeOptions,
+    PlanningBatch, Step, Vectors, make, restore,
 };
 
-const FACTS: Facts = Facts { action_width: 2, proprio_width: 0 };
+const DIMS: DataDims = DataDims { action_dim: 2, proprio_dim: 0 };
 const CLIPS: usize = 4;
 
 /// Settings that differ from the preset's.
@@ -20,8 +20,8 @@ type Changes = fn() -> Json;
 /// Settings that make each baseline tiny.
 const TINY: &[(&str, Changes)] = &[
     ("dino-wm", || {
-        let encoder = json!({"kind": "vit", "width": 8, "depth": 1, "heads": 2, "hidden": 8, "patch": 8, "positions_for": 16});
-        json!({"image": 16, "encoder": encoder, "action": 2, "predictor": {"depth": 1, "heads": 2, "head_width": 4, "hidden": 8}})
+        let encoder = json!({"kind": "vit", "dim": 8, "depth": 1, "heads": 2, "hidden": 8, "patch": 8, "positions_for": 16});
+        json!({"image": 16, "encoder": encoder, "action": 2, "predictor": {"depth": 1, "heads": 2, "head_dim": 4, "hidden": 8}})
     }),
     ("gcbc", goal),
     ("gciql", goal),
@@ -31,19 +31,19 @@ const TINY: &[(&str, Changes)] = &[
 ];
 
 fn joint() -> Json {
-    let predictor = json!({"depth": 1, "heads": 2, "head_width": 4, "hidden": 8});
+    let predictor = json!({"depth": 1, "heads": 2, "head_dim": 4, "hidden": 8});
     let encoder = json!({"kind": "cnn", "channels": [4, 8]});
-    json!({"model": {"image": 16, "encoder": encoder, "width": 8, "projector": 12, "predictor": predictor}})
+    json!({"model": {"image": 16, "encoder": encoder, "latent_dim": 8, "projector": 12, "predictor": predictor}})
 }
 
 fn goal() -> Json {
-    let predictor = json!({"depth": 2, "heads": 2, "head_width": 4, "hidden": 8, "dropout": 0.2});
+    let predictor = json!({"depth": 2, "heads": 2, "head_dim": 4, "hidden": 8, "dropout": 0.2});
     let encoder = json!({"kind": "cnn", "channels": [4, 8]});
     json!({"model": {"image": 16, "encoder": encoder, "history": 2, "predictor": predictor}})
 }
 
 fn options(preset: &str, changes: Json) -> MakeOptions<'_> {
-    MakeOptions { preset, changes, facts: FACTS, seed: 0, device: Device::Cpu }
+    MakeOptions { preset, changes, dims: DIMS, seed: 0, device: Device::Cpu }
 }
 
 fn tiny(name: &str) -> Box<dyn Baseline> {
@@ -57,17 +57,17 @@ struct Clips {
     goals: Vec<u8>,
     action: Vec<f32>,
     steps: usize,
-    width: usize,
+    dim: usize,
 }
 
 impl Clips {
     fn of(model: &dyn Baseline) -> Self {
-        let needs = model.needs();
-        let (steps, width) = (needs.num_steps, needs.frameskip * FACTS.action_width);
+        let input_spec = model.input_spec();
+        let (steps, dim) = (input_spec.num_steps, input_spec.frameskip * DIMS.action_dim);
         let bytes = |count: usize| (0..count).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
-        let mut action: Vec<f32> = (0..CLIPS * steps * width).map(|i| (i as f32).sin()).collect();
+        let mut action: Vec<f32> = (0..CLIPS * steps * dim).map(|i| (i as f32).sin()).collect();
         *action.last_mut().unwrap() = f32::NAN;
-        Self { pixels: bytes(CLIPS * steps * 768), goals: bytes(CLIPS * 768), action, steps, width }
+        Self { pixels: bytes(CLIPS * steps * 768), goals: bytes(CLIPS * 768), action, steps, dim }
     }
 
     fn batch(&self) -> ClipBatch<'_> {
@@ -75,14 +75,14 @@ impl Clips {
             |values, steps| Images { values, rows: CLIPS, steps, height: 16, width: 16, channels_last: true };
         ClipBatch {
             pixels: images(&self.pixels, self.steps),
-            action: Numbers { values: &self.action, rows: CLIPS, steps: self.steps, width: self.width },
+            action: Vectors { values: &self.action, rows: CLIPS, steps: self.steps, dim: self.dim },
             proprio: None,
             goal_pixels: Some(images(&self.goals, 1)),
             goal_proprio: None,
         }
     }
 
-    fn scenes(&self, rows: std::ops::Range<usize>) -> Scenes<'_> {
+    fn planning_batch(&self, rows: std::ops::Range<usize>) -> PlanningBatch<'_> {
         let images = Images {
             values: &self.goals[rows.start * 768..rows.end * 768],
             rows: rows.len(),
@@ -92,8 +92,8 @@ impl Clips {
             channels_last: true,
         };
         let goal = Images { values: &self.pixels[..rows.len() * 768], ..images };
-        let action = Numbers { values: &[], rows: rows.len(), steps: 0, width: self.width };
-        Scenes { pixels: images, action, proprio: None, goal_pixels: goal, goal_proprio: None }
+        let action = Vectors { values: &[], rows: rows.len(), steps: 0, dim: self.dim };
+        PlanningBatch { pixels: images, action, proprio: None, goal_pixels: goal, goal_proprio: None }
     }
 }
 
@@ -137,7 +137,7 @@ fn training_gives_finite_losses() {
     for_each(|mut model| {
         let clips = Clips::of(model.as_ref());
         for phase in 0..model.phases().len() {
-            let losses: Vec<f32> = (0..8).map(|number| step(model.as_mut(), phase, number).total).collect();
+            let losses: Vec<f32> = (0..8).map(|index| step(model.as_mut(), phase, index).total).collect();
             assert!(losses.iter().all(|loss| loss.is_finite()), "{}: {losses:?}", model.name());
             let check = model.validate(&clips.batch(), phase).unwrap();
             assert!(check.total.is_finite());
@@ -152,21 +152,21 @@ fn a_resumed_training_gives_the_bits_of_one_that_never_stopped() {
         let folder = tempfile::tempdir().unwrap();
         let [weights, training] =
             ["weights.safetensors", "training.safetensors"].map(|name| folder.path().join(name));
-        (0..2).for_each(|number| drop(step(model.as_mut(), 0, number)));
+        (0..2).for_each(|index| drop(step(model.as_mut(), 0, index)));
         model.save_weights(&weights).unwrap();
         model.save_training(&training).unwrap();
-        let mut resumed = restore(model.recipe(), Device::Cpu).unwrap();
+        let mut resumed = restore(model.model_config(), Device::Cpu).unwrap();
         resumed.load_weights(&weights).unwrap();
         resumed.load_training(&training).unwrap();
-        for (phase, number) in [(0, 2), (0, 3), (last, 4)] {
-            let [a, b] = [model.as_mut(), resumed.as_mut()].map(|model| step(model, phase, number));
+        for (phase, index) in [(0, 2), (0, 3), (last, 4)] {
+            let [a, b] = [model.as_mut(), resumed.as_mut()].map(|model| step(model, phase, index));
             assert_eq!(a, b, "{}", model.name());
         }
     });
 }
 
 #[test]
-fn teachers_keep_most_of_themselves_and_take_the_rest_from_their_students() {
+fn target_networks_are_moving_averages() {
     for name in ["gcivl", "gciql"] {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("weights.safetensors");
@@ -178,19 +178,31 @@ fn teachers_keep_most_of_themselves_and_take_the_rest_from_their_students() {
         let before = weights(model.as_ref());
         step(model.as_mut(), 0, 0);
         let after = weights(model.as_ref());
-        let (mut teachers, mut moved) = (0, 0);
-        for (teacher, now) in after.iter().filter(|(name, _)| name.contains(".teacher.")) {
-            let student = &after[&teacher.replace(".teacher.", ".student.")];
-            teachers += 1;
-            for ((old, now), student) in before[teacher].values.iter().zip(&now.values).zip(&student.values) {
-                // The small presets' momentum; before the first step teachers are their students.
-                let wanted = 0.95 * old + 0.05 * student;
-                assert!((now - wanted).abs() < 1e-6, "{name}, {teacher}: {now} is not {wanted}");
-                moved += usize::from(student != old);
+        let (mut targets, mut moved) = (0, 0);
+        for (target, now) in after.iter().filter(|(name, _)| name.contains(".teacher.")) {
+            let online = &after[&target.replace(".teacher.", ".student.")];
+            targets += 1;
+            for ((old, now), online) in before[target].values.iter().zip(&now.values).zip(&online.values) {
+                // The small presets' momentum; before the first step target networks equal the online ones.
+                let wanted = 0.95 * old + 0.05 * online;
+                assert!((now - wanted).abs() < 1e-6, "{name}, {target}: {now} is not {wanted}");
+                moved += usize::from(online != old);
             }
         }
-        assert!(teachers > 10 && moved > 100, "{name}: {teachers} tensors, {moved} numbers");
+        assert!(targets > 10 && moved > 100, "{name}: {targets} tensors, {moved} values");
     }
+}
+
+#[test]
+fn weights_keep_the_names_that_runs_have_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("weights.safetensors");
+    let names = |name: &str| -> Vec<String> {
+        tiny(name).save_weights(&path).unwrap();
+        crate::weights::read(&path).unwrap().into_keys().collect()
+    };
+    assert!(names("lewm").iter().any(|name| name == "encoder.background.deviation"));
+    assert!(names("gciql").iter().any(|name| name.starts_with("critic_predictor.teacher.")));
 }
 
 #[test]
@@ -218,7 +230,7 @@ fn data_of_another_form_is_refused_by_name() {
     for_each(|mut model| {
         let clips = Clips::of(model.as_ref());
         let good = clips.batch();
-        let narrow = Numbers { width: 1, ..good.action };
+        let narrow = Vectors { dim: 1, ..good.action };
         let oblong = Images { height: 8, width: 32, ..good.pixels };
         let short = Images { values: &good.pixels.values[1..], ..good.pixels };
         let cases = [
@@ -244,31 +256,30 @@ fn plans_and_decisions_do_not_depend_on_their_neighbors() {
     for_each(|mut model| {
         let clips = Clips::of(model.as_ref());
         // Predictors that begin with zeros ask nothing of the actions until they are trained.
-        (0..3).for_each(|number| drop(step(model.as_mut(), 0, number)));
+        (0..3).for_each(|index| drop(step(model.as_mut(), 0, index)));
         if let Some(mut policy) = model.policy() {
-            let width = policy.block_width();
-            let mut all = vec![0.0; 3 * width];
-            policy.act(&clips.scenes(0..3), &mut all).unwrap();
-            let mut one = vec![0.0; width];
-            policy.act(&clips.scenes(0..1), &mut one).unwrap();
-            assert_eq!(all[..width], one, "{}", model.name());
+            let dim = policy.block_dim();
+            let mut all = vec![0.0; 3 * dim];
+            policy.act(&clips.planning_batch(0..3), &mut all).unwrap();
+            let mut one = vec![0.0; dim];
+            policy.act(&clips.planning_batch(0..1), &mut one).unwrap();
+            assert_eq!(all[..dim], one, "{}", model.name());
         }
         if let Some(mut planner) = model.planner() {
-            let width = planner.block_width();
-            let plans: Vec<f32> = (0..40 * 3 * width).map(|i| (i as f32).cos()).collect();
+            let dim = planner.block_dim();
+            let plans: Vec<f32> = (0..40 * 3 * dim).map(|i| (i as f32).cos()).collect();
             let actions = [plans.clone(), plans.clone()].concat();
-            let candidates =
-                Candidates { actions: &actions, episodes: 2, samples: 40, horizon: 3, dim: width };
+            let candidates = Candidates { actions: &actions, episodes: 2, samples: 40, horizon: 3, dim };
             let mut costs = vec![0.0; 80];
-            planner.prepare(&clips.scenes(0..2)).unwrap();
+            planner.prepare(&clips.planning_batch(0..2)).unwrap();
             planner.evaluate(&candidates, &mut costs).unwrap();
-            planner.prepare(&clips.scenes(0..1)).unwrap();
-            let few = Candidates { actions: &plans[..5 * 3 * width], episodes: 1, samples: 5, ..candidates };
+            planner.prepare(&clips.planning_batch(0..1)).unwrap();
+            let few = Candidates { actions: &plans[..5 * 3 * dim], episodes: 1, samples: 5, ..candidates };
             let mut some = vec![0.0; 5];
             planner.evaluate(&few, &mut some).unwrap();
             assert_eq!(costs[..5], some, "{}", model.name());
             assert!(some.iter().any(|cost| *cost != some[0]), "plans make a difference: {some:?}");
-            let wide = Candidates { dim: width + 1, ..few };
+            let wide = Candidates { dim: dim + 1, ..few };
             assert!(planner.evaluate(&wide, &mut some).is_err());
         }
     });

@@ -1,48 +1,51 @@
-//! What models are fed with: plain slices, checked and put on a device here.
+//! Inputs of models: plain slices, checked and copied to a device here.
 
 use burn::tensor::{Device, Tensor, TensorData};
 
 use crate::error::BaselineError;
 use crate::images;
+pub use crate::images::Images;
 
-/// What a model must know of the data that it is made for.
+/// Dimensions of the data that a model is made for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Facts {
-    /// A: numbers of an action of one environment step.
-    pub action_width: usize,
-    /// Numbers of `proprio`; 0 without it.
-    pub proprio_width: usize,
+pub struct DataDims {
+    /// A: values of an action of one environment step.
+    #[serde(alias = "action_width")]
+    pub action_dim: usize,
+    /// Values of `proprio`; 0 without it.
+    #[serde(alias = "proprio_width")]
+    pub proprio_dim: usize,
 }
 
-/// A batch of B clips of T rows, at the model's frame skip F.
+/// A batch of B clips of T steps, at the model's frame skip F.
 #[derive(Clone, Copy, Debug)]
 pub struct ClipBatch<'a> {
     /// `[B, T, …]`.
     pub pixels: Images<'a>,
-    /// `[B, T, F × A]`, scaled as the model shall see them: the actions from each row to the next. Where an episode
-    /// ends there are none; numbers that are not finite count as 0.
-    pub action: Numbers<'a>,
+    /// `[B, T, F × A]`, scaled as the model shall see them: the actions from each step to the next. Where an episode
+    /// ends there are none; values that are not finite count as 0.
+    pub action: Vectors<'a>,
     /// `[B, T, …]`, scaled; for models that use it.
-    pub proprio: Option<Numbers<'a>>,
+    pub proprio: Option<Vectors<'a>>,
     /// `[B, 1, …]`: the goal's image; for goal-conditioned models.
     pub goal_pixels: Option<Images<'a>>,
     /// `[B, 1, …]`, scaled as `proprio`.
-    pub goal_proprio: Option<Numbers<'a>>,
+    pub goal_proprio: Option<Vectors<'a>>,
 }
 
-/// What B plans or decisions start from.
+/// A planning batch: what B plans or decisions start from.
 #[derive(Clone, Copy, Debug)]
-pub struct Scenes<'a> {
+pub struct PlanningBatch<'a> {
     /// `[B, N, …]`: the last N observations at the model's frame skip, the present one last.
     pub pixels: Images<'a>,
     /// `[B, N - 1, F × A]`, scaled: the actions between them. May be empty for N of 1.
-    pub action: Numbers<'a>,
+    pub action: Vectors<'a>,
     /// `[B, N, …]`, scaled; for models that use it.
-    pub proprio: Option<Numbers<'a>>,
+    pub proprio: Option<Vectors<'a>>,
     /// `[B, 1, …]`.
     pub goal_pixels: Images<'a>,
     /// `[B, 1, …]`, scaled as `proprio`.
-    pub goal_proprio: Option<Numbers<'a>>,
+    pub goal_proprio: Option<Vectors<'a>>,
 }
 
 /// B observations, each by itself.
@@ -51,37 +54,20 @@ pub struct Observations<'a> {
     /// `[B, 1, …]`.
     pub pixels: Images<'a>,
     /// `[B, 1, …]`, scaled; for models that use it.
-    pub proprio: Option<Numbers<'a>>,
+    pub proprio: Option<Vectors<'a>>,
 }
 
-/// RGB images: `[B, T, 3, H, W]` or `[B, T, H, W, 3]`.
+/// Vectors `[B, T, D]`.
 #[derive(Clone, Copy, Debug)]
-pub struct Images<'a> {
-    /// B × T × 3 × H × W values.
-    pub values: &'a [u8],
-    /// B.
-    pub rows: usize,
-    /// T.
-    pub steps: usize,
-    /// H.
-    pub height: usize,
-    /// W.
-    pub width: usize,
-    /// Whether colors come last, as environments give them, or before the pixels, as the loader can.
-    pub channels_last: bool,
-}
-
-/// Rows of numbers: `[B, T, W]`.
-#[derive(Clone, Copy, Debug)]
-pub struct Numbers<'a> {
-    /// B × T × W values.
+pub struct Vectors<'a> {
+    /// B × T × D values.
     pub values: &'a [f32],
     /// B.
     pub rows: usize,
     /// T.
     pub steps: usize,
-    /// W.
-    pub width: usize,
+    /// D.
+    pub dim: usize,
 }
 
 /// What the tensors of a batch must be.
@@ -91,7 +77,7 @@ pub(crate) struct Form {
     pub(crate) image: usize,
     /// F × A.
     pub(crate) action: usize,
-    /// Numbers of `proprio`; 0: not used.
+    /// Values of `proprio`; 0: not used.
     pub(crate) proprio: usize,
 }
 
@@ -107,7 +93,7 @@ pub(crate) struct Inputs {
     pub(crate) goal_pixels: Option<Tensor<5>>,
     /// `[B, 1, …]`.
     pub(crate) goal_proprio: Option<Tensor<3>>,
-    /// `[B, T, 1]`: 1 where an observation is the goal, number by number; 0 elsewhere, and without goals.
+    /// `[B, T, 1]`: 1 where an observation equals the goal; 0 elsewhere, and without goals.
     pub(crate) is_goal: Tensor<3>,
 }
 
@@ -118,7 +104,7 @@ impl Inputs {
         let rows = pixels.rows;
         action.check("action", rows, form.action)?;
         if action.steps != pixels.steps {
-            let reason = format!("{} rows per clip where `pixels` has {}", action.steps, pixels.steps);
+            let reason = format!("{} steps per clip where `pixels` has {}", action.steps, pixels.steps);
             return Err(BaselineError::data("action", reason));
         }
         let is_goal = is_goal(batch);
@@ -154,9 +140,13 @@ pub(crate) struct Start {
 }
 
 impl Start {
-    /// Checks scenes and copies them to the device.
-    pub(crate) fn new(scenes: &Scenes<'_>, form: &Form, device: &Device) -> Result<Self, BaselineError> {
-        let Scenes { pixels, action, proprio, goal_pixels, goal_proprio } = scenes;
+    /// Checks a planning batch and copies it to the device.
+    pub(crate) fn new(
+        batch: &PlanningBatch<'_>,
+        form: &Form,
+        device: &Device,
+    ) -> Result<Self, BaselineError> {
+        let PlanningBatch { pixels, action, proprio, goal_pixels, goal_proprio } = batch;
         let (rows, steps) = (pixels.rows, pixels.steps);
         let action = if steps > 1 {
             action.check("action", rows, form.action)?;
@@ -185,7 +175,8 @@ fn goal_to_tensor(
     device: &Device,
 ) -> Result<Tensor<5>, BaselineError> {
     if (goal.rows, goal.steps) != (rows, 1) {
-        let reason = format!("[{}, {}] images for {rows} rows; one of each is wanted", goal.rows, goal.steps);
+        let reason =
+            format!("[{}, {}] images for {rows} samples; one of each is wanted", goal.rows, goal.steps);
         return Err(BaselineError::data("goal_pixels", reason));
     }
     images::to_tensor("goal_pixels", goal, form.image, device)
@@ -195,36 +186,34 @@ impl Form {
     pub(crate) fn state(
         &self,
         column: &'static str,
-        numbers: Option<&Numbers<'_>>,
+        vectors: Option<&Vectors<'_>>,
         rows: usize,
         device: &Device,
     ) -> Result<Option<Tensor<3>>, BaselineError> {
-        match (self.proprio, numbers) {
+        match (self.proprio, vectors) {
             (0, _) => Ok(None),
             (_, None) => Err(BaselineError::data(
                 column,
                 "this model uses it and the data has none; train without proprio",
             )),
-            (width, Some(numbers)) => {
-                numbers.check(column, rows, width)?;
-                Ok(Some(numbers.to_tensor(device)))
+            (dim, Some(vectors)) => {
+                vectors.check(column, rows, dim)?;
+                Ok(Some(vectors.to_tensor(device)))
             }
         }
     }
 }
 
-impl Numbers<'_> {
-    fn check(&self, column: &'static str, rows: usize, width: usize) -> Result<(), BaselineError> {
-        if self.width != width {
-            let reason = format!(
-                "{} numbers per row, and this model was made for {width}; they must agree",
-                self.width
-            );
+impl Vectors<'_> {
+    fn check(&self, column: &'static str, rows: usize, dim: usize) -> Result<(), BaselineError> {
+        if self.dim != dim {
+            let reason =
+                format!("{} values per step, and this model was made for {dim}; they must agree", self.dim);
             return Err(BaselineError::data(column, reason));
         }
-        let shape = [self.rows, self.steps, self.width];
+        let shape = [self.rows, self.steps, self.dim];
         if self.rows != rows || shape.iter().product::<usize>() != self.values.len() {
-            let reason = format!("{} numbers are not {shape:?}, for {rows} rows", self.values.len());
+            let reason = format!("{} values are not {shape:?}, for {rows} samples", self.values.len());
             return Err(BaselineError::data(column, reason));
         }
         Ok(())
@@ -233,11 +222,11 @@ impl Numbers<'_> {
     fn to_tensor(self, device: &Device) -> Tensor<3> {
         let finite = |value: &f32| if value.is_finite() { *value } else { 0.0 };
         let values: Vec<f32> = self.values.iter().map(finite).collect();
-        Tensor::from_data(TensorData::new(values, [self.rows, self.steps, self.width]), device)
+        Tensor::from_data(TensorData::new(values, [self.rows, self.steps, self.dim]), device)
     }
 }
 
-/// `[B, T]`: whether an observation equals the goal to the last number, as the reference's reward asks.
+/// `[B, T]`: whether an observation equals the goal exactly, as the reference's reward asks.
 fn is_goal(batch: &ClipBatch<'_>) -> Vec<f32> {
     let ClipBatch { pixels, proprio, goal_pixels, goal_proprio, .. } = batch;
     let Some(goal) = goal_pixels else { return vec![0.0; pixels.rows * pixels.steps] };
@@ -251,7 +240,7 @@ fn is_goal(batch: &ClipBatch<'_>) -> Vec<f32> {
         })
         .collect();
     if let (Some(states), Some(goal)) = (proprio, goal_proprio) {
-        let states = states.values.chunks_exact(states.width.max(1));
+        let states = states.values.chunks_exact(states.dim.max(1));
         for (frame, (found, state)) in found.iter_mut().zip(states).enumerate() {
             let start = frame / pixels.steps * state.len();
             *found &= goal.values.get(start..).is_some_and(|goal| goal.starts_with(state));

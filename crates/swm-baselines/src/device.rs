@@ -13,7 +13,7 @@ pub enum Device {
     /// That of this machine, with all its threads.
     #[default]
     Cpu,
-    /// The NVIDIA GPU of this number, from 0. It takes sums in another order: what it gives is near, and not the same bits.
+    /// The NVIDIA GPU of this number, from 0. It sums in another order, so its results are close to the CPU's, not bit-identical.
     Cuda(usize),
 }
 
@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cpus_have_names() {
+    fn devices_have_names() {
         let named = [("cpu", Device::Cpu), ("cuda", Device::Cuda(0)), ("cuda:3", Device::Cuda(3))];
         for (text, expected) in named {
             assert_eq!(text.parse::<Device>().unwrap(), expected);
@@ -94,7 +94,7 @@ mod tests {
 
     /// No machine has so many GPUs: the refusal is one of every build.
     #[test]
-    fn a_gpu_that_is_not_there_is_refused_with_the_way_out() {
+    fn a_missing_gpu_is_refused_with_the_fix() {
         let error = Device::Cuda(999).device().unwrap_err().to_string();
         assert!(error.starts_with("device `cuda:999`: ") && error.contains("cpu"), "{error}");
     }

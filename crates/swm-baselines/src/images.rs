@@ -1,15 +1,31 @@
-//! Images as models see them: to [0, 1], less ImageNet's mean over its deviation, then resized. In this order, which is
+//! Images as models see them: to [0, 1], minus ImageNet's mean, divided by its std, then resized. In this order, which is
 //! the reference's (`ToImage`, `Normalize`, `Resize` with antialiasing).
 
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 
-use crate::data::Images;
 use crate::error::BaselineError;
 
-/// ImageNet's mean and deviation of red, green and blue.
+/// RGB images: `[B, T, 3, H, W]` or `[B, T, H, W, 3]`.
+#[derive(Clone, Copy, Debug)]
+pub struct Images<'a> {
+    /// B × T × 3 × H × W values.
+    pub values: &'a [u8],
+    /// B.
+    pub rows: usize,
+    /// T.
+    pub steps: usize,
+    /// H.
+    pub height: usize,
+    /// W.
+    pub width: usize,
+    /// Whether colors come last, as environments give them, or before the pixels, as the loader can.
+    pub channels_last: bool,
+}
+
+/// ImageNet's mean and std of red, green and blue.
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
-const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
+const STD: [f32; 3] = [0.229, 0.224, 0.225];
 
 /// `[B, T, 3, size, size]`.
 pub(crate) fn to_tensor(
@@ -53,7 +69,7 @@ pub(crate) fn to_tensor(
 fn plane(image: &[u8], channels_last: bool, channel: usize, out: &mut [f32]) {
     let (first, stride) = if channels_last { (channel, 3) } else { (channel * out.len(), 1) };
     let table: [f32; 256] =
-        std::array::from_fn(|value| (value as f32 / 255.0 - MEAN[channel]) / DEVIATION[channel]);
+        std::array::from_fn(|value| (value as f32 / 255.0 - MEAN[channel]) / STD[channel]);
     for (value, byte) in out.iter_mut().zip(image[first..].iter().step_by(stride)) {
         *value = table[usize::from(*byte)];
     }

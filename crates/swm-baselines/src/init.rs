@@ -1,4 +1,4 @@
-//! First weights, drawn by keyed streams: a function of the seed and the name of a tensor, as PyTorch distributes them.
+//! Initial weights, sampled from keyed streams: a function of the seed and the name of a tensor, as PyTorch distributes them.
 
 use burn::module::Module;
 use rand::RngExt as _;
@@ -7,13 +7,13 @@ use swm_core::seed::keyed;
 
 use crate::params::{self, Spec};
 
-/// The deviation that Hugging Face's vision transformers begin with; also that of the tokens that gather a frame.
-const TOKEN_DEVIATION: f32 = 0.02;
+/// The initial std of Hugging Face's vision transformers; also that of the tokens that gather a frame.
+const TOKEN_STD: f32 = 0.02;
 
 /// Replaces all weights. Layers begin as in `torch.nn`, those of vision transformers as Hugging Face's do, and the
 /// modulations of AdaLN-zero with zeros.
 pub(crate) fn initialize<M: Module>(module: M, seed: u64) -> M {
-    // A bias is drawn from the range of its layer's weight, which comes before it.
+    // A bias is sampled from the range of its layer's weight, which comes before it.
     let mut inputs = 1;
     params::map(module, |spec, tensor| {
         if spec.shape.len() > 1 {
@@ -25,11 +25,11 @@ pub(crate) fn initialize<M: Module>(module: M, seed: u64) -> M {
     })
 }
 
-/// Fills the numbers of a tensor of a layer with this many inputs.
+/// Fills the values of a tensor of a layer with this many inputs.
 fn fill(spec: &Spec, inputs: usize, seed: u64, values: &mut [f32]) {
     let mut stream = keyed(seed, &format!("weights {}", spec.name), [0, 0]);
     let (layer, name) = (spec.place.0, spec.place.1.as_str());
-    let deviation = match (layer, name) {
+    let std = match (layer, name) {
         ("LayerNorm" | "BatchNorm", "weight") | (_, "running_var" | "lambda1" | "deviation") => {
             return values.fill(1.0);
         }
@@ -37,12 +37,12 @@ fn fill(spec: &Spec, inputs: usize, seed: u64, values: &mut [f32]) {
         _ if spec.name.contains("adaLN_modulation") => return,
         (_, "bias") if spec.is_in_vit => return,
         (_, "pos_embedding" | "pos_embedding_goal") => 1.0,
-        (_, "frame_tokens") => TOKEN_DEVIATION,
-        _ if spec.is_in_vit => TOKEN_DEVIATION,
+        (_, "frame_tokens") => TOKEN_STD,
+        _ if spec.is_in_vit => TOKEN_STD,
         _ => {
             let bound = 1.0 / (inputs as f32).sqrt();
             return values.iter_mut().for_each(|value| *value = stream.random_range(-bound..bound));
         }
     };
-    values.iter_mut().for_each(|value| *value = stream.sample::<f32, _>(StandardNormal) * deviation);
+    values.iter_mut().for_each(|value| *value = stream.sample::<f32, _>(StandardNormal) * std);
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use burn::module::Module;
 use burn::tensor::Device;
 
-use crate::baseline::{Baseline, GoalPolicy, Losses, Needs, Phase, PlanModel, Recipe, Step};
+use crate::baseline::{Baseline, GoalPolicy, InputSpec, Losses, ModelConfig, Phase, PlanModel, Step};
 use crate::data::{ClipBatch, Form, Inputs};
 use crate::error::BaselineError;
 use crate::init::initialize;
@@ -17,11 +17,11 @@ use crate::params::{self, host};
 use crate::pass::Pass;
 use crate::weights;
 
-/// A network, its optimizers, and what makes it again.
+/// A network, its optimizers, and its model config.
 pub(crate) struct Learner<N> {
     name: &'static str,
-    recipe: Recipe,
-    needs: Needs,
+    model_config: ModelConfig,
+    input_spec: InputSpec,
     form: Form,
     phases: Vec<Phase>,
     /// `None` only while a step replaces it.
@@ -32,26 +32,26 @@ pub(crate) struct Learner<N> {
 }
 
 impl<N: Network> Learner<N> {
-    /// Draws the first weights, once the settings can be trained with.
+    /// Samples the initial weights, after checking the settings.
     pub(crate) fn new(
         name: &'static str,
-        recipe: Recipe,
+        model_config: ModelConfig,
         parts: Parts<N>,
         device: Device,
     ) -> Result<Self, BaselineError> {
-        let Parts { network, needs, form, phases } = parts;
+        let Parts { network, input_spec, form, phases } = parts;
         let wrong = |reason| BaselineError::Settings { baseline: name, reason };
         phases.iter().try_for_each(|phase| phase.optim.check()).map_err(wrong)?;
         if let Some(empty) = params::specs(&network).iter().find(|spec| spec.shape.contains(&0)) {
             let (layer, shape) = (&empty.name, &empty.shape);
             return Err(wrong(format!("`{layer}` would hold nothing, {shape:?}; some size is 0: raise it")));
         }
-        let mut network = initialize(network, recipe.seed);
+        let mut network = initialize(network, model_config.seed);
         for phase in &phases {
-            network = follow(network, phase.teachers, 0.0);
+            network = follow(network, phase.targets, 0.0);
         }
         let optimizers = phases.iter().map(|_| AdamW::default()).collect();
-        Ok(Self { name, recipe, needs, form, phases, network: Some(network), optimizers, device })
+        Ok(Self { name, model_config, input_spec, form, phases, network: Some(network), optimizers, device })
     }
 
     fn network(&self) -> &N {
@@ -71,12 +71,12 @@ impl<N: Network> Baseline for Learner<N> {
         self.name
     }
 
-    fn recipe(&self) -> &Recipe {
-        &self.recipe
+    fn model_config(&self) -> &ModelConfig {
+        &self.model_config
     }
 
-    fn needs(&self) -> &Needs {
-        &self.needs
+    fn input_spec(&self) -> &InputSpec {
+        &self.input_spec
     }
 
     fn phases(&self) -> &[Phase] {
@@ -127,7 +127,7 @@ impl<N: Network> Baseline for Learner<N> {
         let network = begun.or_else(|| self.network.take()).expect("a step gives the network back");
         let network = self.optimizers[at.phase].step(network, gradients, &phase.optim, lr);
         let network = follow_statistics(network, &pass);
-        self.network = Some(follow(network, phase.teachers, phase.momentum));
+        self.network = Some(follow(network, phase.targets, phase.momentum));
         losses.parts.extend([("lr", lr as f32), ("gradient_norm", norm)]);
         Ok(losses)
     }
@@ -189,12 +189,12 @@ impl<N: Network> Baseline for Learner<N> {
     }
 }
 
-/// The numbers of a loss.
+/// The values of a loss.
 fn read(terms: Terms) -> Losses {
-    let number = |tensor| host::<1>(tensor)[0];
+    let value = |tensor| host::<1>(tensor)[0];
     Losses {
-        total: number(terms.total),
-        parts: terms.parts.into_iter().map(|(name, tensor)| (name, number(tensor))).collect(),
+        total: value(terms.total),
+        parts: terms.parts.into_iter().map(|(name, tensor)| (name, value(tensor))).collect(),
     }
 }
 
@@ -209,25 +209,25 @@ pub(crate) fn follow_statistics<N: Module>(network: N, pass: &Pass) -> N {
     })
 }
 
-/// Moves teachers towards what they follow: `momentum` of the old stays.
-fn follow<N: Network>(network: N, teachers: &[(&str, &str)], momentum: f64) -> N {
-    if teachers.is_empty() {
+/// Updates target networks by an exponential moving average with decay `momentum`.
+fn follow<N: Network>(network: N, targets: &[(&str, &str)], momentum: f64) -> N {
+    if targets.is_empty() {
         return network;
     }
-    let mut students = std::collections::HashMap::new();
+    let mut found = std::collections::HashMap::new();
     params::visit(&network, |spec, tensor| {
-        if teachers.iter().any(|(student, _)| spec.is_below(&[student])) {
-            students.insert(spec.name.clone(), tensor);
+        if targets.iter().any(|(online, _)| spec.is_below(&[online])) {
+            found.insert(spec.name.clone(), tensor);
         }
     });
     params::map(network, |spec, tensor| {
-        let student = teachers.iter().find_map(|(student, teacher)| {
-            let rest = spec.is_below(&[teacher]).then(|| &spec.name[teacher.len()..])?;
-            students.get(&format!("{student}{rest}"))
+        let online = targets.iter().find_map(|(online, target)| {
+            let rest = spec.is_below(&[target]).then(|| &spec.name[target.len()..])?;
+            found.get(&format!("{online}{rest}"))
         });
-        match student {
-            Some(student) if momentum == 0.0 => student.clone(),
-            Some(student) => tensor * momentum + student.clone() * (1.0 - momentum),
+        match online {
+            Some(online) if momentum == 0.0 => online.clone(),
+            Some(online) => tensor * momentum + online.clone() * (1.0 - momentum),
             None => tensor,
         }
     })

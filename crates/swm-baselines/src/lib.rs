@@ -1,13 +1,12 @@
-//! Baselines: world models and goal-conditioned policies that train on a dataset's clips, and plan or act with what
-//! they learnt.
+//! Baselines: world models and goal-conditioned policies that train on a dataset's clips, and then plan or act.
 //!
 //! Each model is a folder of `models/` and one line in [`BASELINES`]. [`make`] gives one with fresh weights, [`restore`]
-//! one of a stored [`Recipe`]; both are a [`Baseline`]: it takes training steps, saves and loads weights (safetensors,
+//! one of a stored [`ModelConfig`]; both are a [`Baseline`]: it takes training steps, saves and loads weights (safetensors,
 //! and the files of PyTorch), and gives itself as a [`PlanModel`] or a [`GoalPolicy`]. Everything at this boundary is
-//! slices of numbers; no tensor leaves the crate. [`train`] makes runs of it: epochs, checkpoints, metrics. [`acting`] puts what was
-//! learnt to work behind the traits of solvers and policies. No environment is known here.
+//! slices of values; no tensor leaves the crate. [`train`] makes runs of it: epochs, checkpoints, metrics. [`acting`] puts trained
+//! models behind the traits of solvers and policies. No environment is known here.
 //!
-//! Numbers are those of the reference's PyTorch modules (`src/parity`), and results do not depend on threads or on what else
+//! Values are those of the reference's PyTorch modules (`src/parity`), and results do not depend on threads or on what else
 //! is in a batch.
 
 pub mod acting;
@@ -16,10 +15,10 @@ mod baseline;
 mod contract;
 mod data;
 mod device;
+mod dynamics;
 mod error;
 mod images;
 mod init;
-mod latents;
 mod learner;
 mod losses;
 mod models;
@@ -34,8 +33,10 @@ mod plan;
 pub mod train;
 mod weights;
 
-pub use baseline::{Baseline, GoalPolicy, Losses, Needs, Phase, PhaseGoals, PlanModel, Recipe, Step};
-pub use data::{ClipBatch, Facts, Images, Numbers, Observations, Scenes};
+pub use baseline::{
+    Baseline, GoalPolicy, InputSpec, Losses, ModelConfig, Phase, PhaseGoals, PlanModel, Step,
+};
+pub use data::{ClipBatch, DataDims, Images, Observations, PlanningBatch, Vectors};
 pub use device::Device;
 pub use error::BaselineError;
 pub use losses::SigregConfig;

@@ -4,7 +4,7 @@
 
 use burn::module::Module;
 
-use crate::baseline::{GoalPolicy, Needs, Phase, PlanModel};
+use crate::baseline::{GoalPolicy, InputSpec, Phase, PlanModel};
 use crate::data::{Form, Inputs};
 use crate::error::BaselineError;
 use crate::losses::Terms;
@@ -33,8 +33,8 @@ pub(crate) trait Network: Module + 'static {
 pub(crate) struct Parts<N> {
     /// The network, its weights still zeros.
     pub(crate) network: N,
-    /// What it is fed with.
-    pub(crate) needs: Needs,
+    /// The input that it takes.
+    pub(crate) input_spec: InputSpec,
     /// The form of its tensors.
     pub(crate) form: Form,
     /// How it is trained.

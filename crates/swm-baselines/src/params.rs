@@ -42,6 +42,8 @@ impl Spec {
 /// What fields of layers are called in PyTorch, where that is no name that Rust allows or that a reader would choose:
 /// container, field, name there.
 const NAMES: &[(&str, &str, &str)] = &[
+    // Written by every run: weights keep this name.
+    ("Background", "std", "deviation"),
     ("FeedForward", "norm", "net.0"),
     ("FeedForward", "up", "net.1"),
     ("FeedForward", "down", "net.4"),
@@ -63,12 +65,12 @@ const NAMES: &[(&str, &str, &str)] = &[
     ("Gcbc", "observer", ""),
     ("Gcivl", "observer", ""),
     ("Gcivl", "value", "value_predictor.student"),
-    ("Gcivl", "teacher", "value_predictor.teacher"),
+    ("Gcivl", "value_target", "value_predictor.teacher"),
     ("Gciql", "observer", ""),
     ("Gciql", "value", "value_predictor.student"),
-    ("Gciql", "value_teacher", "value_predictor.teacher"),
+    ("Gciql", "value_target", "value_predictor.teacher"),
     ("Gciql", "critic", "critic_predictor.student"),
-    ("Gciql", "critic_teacher", "critic_predictor.teacher"),
+    ("Gciql", "critic_target", "critic_predictor.teacher"),
     ("Observer", "proprio", "extra_encoders.proprio"),
     ("FramePair", "attention", "0"),
     ("FramePair", "feed_forward", "1"),
@@ -223,7 +225,7 @@ pub(crate) fn gradients<M: Module>(tracked: &M, gradients: &mut Gradients) -> Ve
     collect.found
 }
 
-/// The numbers of a flat tensor of our layout, in PyTorch's.
+/// The values of a flat tensor of our layout, in PyTorch's.
 pub(crate) fn to_host(spec: &Spec, tensor: Tensor<1>) -> Vec<f32> {
     let tensor = match spec.shape[..] {
         [rows, columns] if spec.transposed => {
@@ -234,7 +236,7 @@ pub(crate) fn to_host(spec: &Spec, tensor: Tensor<1>) -> Vec<f32> {
     host(tensor)
 }
 
-/// A flat tensor of our layout from numbers in PyTorch's, on the device of `like`.
+/// A flat tensor of our layout from values in PyTorch's, on the device of `like`.
 pub(crate) fn from_host(spec: &Spec, values: Vec<f32>, like: &Tensor<1>) -> Tensor<1> {
     let device = like.device();
     let tensor = Tensor::<1>::from_data(TensorData::new(values, [like.dims()[0]]), &device);
@@ -246,7 +248,7 @@ pub(crate) fn from_host(spec: &Spec, values: Vec<f32>, like: &Tensor<1>) -> Tens
     }
 }
 
-/// The numbers of a tensor, row-major.
+/// The values of a tensor, row-major.
 pub(crate) fn host<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.try_into_vec_as::<f32>().expect("tensors of the baselines hold 32-bit floats")
 }

@@ -1,6 +1,6 @@
-//! What a forward pass carries beside its input: whether it trains, its noise, and the statistics that it gathers.
+//! The context of a forward pass: whether it trains, its noise, and the statistics that it gathers.
 //!
-//! No global generator decides anything: the noise of a step is a function of (seed, step, number of the draw).
+//! No global generator decides anything: the noise of a step is a function of (seed, step, index of the sample).
 
 use burn::module::ParamId;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -22,18 +22,18 @@ pub(crate) struct Pass {
 struct Noise {
     seed: u64,
     step: u64,
-    draws: u64,
+    samples: u64,
 }
 
 impl Pass {
-    /// As when a trained model is used: no dropout, running statistics. A loss that needs noise draws it from `seed`.
+    /// As when a trained model is used: no dropout, running statistics. A loss that needs noise samples it from `seed`.
     pub(crate) fn evaluate() -> Self {
         Self::new(None)
     }
 
     /// As in step `step` of a training with this seed.
     pub(crate) fn train(seed: u64, step: u64) -> Self {
-        Self::new(Some(Noise { seed, step, draws: 0 }))
+        Self::new(Some(Noise { seed, step, samples: 0 }))
     }
 
     fn new(noise: Option<Noise>) -> Self {
@@ -50,7 +50,7 @@ impl Pass {
         self.noise.is_some()
     }
 
-    /// Zeroes a share `rate` of the numbers and scales the others up, in training.
+    /// Zeroes a share `rate` of the values and scales the others up, in training.
     pub(crate) fn dropout<const D: usize>(&mut self, input: Tensor<D>, rate: f64) -> Tensor<D> {
         if rate == 0.0 {
             return input;
@@ -70,7 +70,7 @@ impl Pass {
         input * Tensor::from_data(TensorData::new(values, shape), &device)
     }
 
-    /// Standard normal numbers. Outside training they are those of step 0 of seed 0, so that a validation loss
+    /// Standard normal values. Outside training they are those of step 0 of seed 0, so that a validation loss
     /// does not jitter.
     pub(crate) fn normal<const D: usize>(&mut self, shape: [usize; D], device: &Device) -> Tensor<D> {
         #[cfg(test)]
@@ -90,8 +90,8 @@ const PURPOSE: &str = "baseline noise";
 
 impl Noise {
     fn next_stream(&mut self) -> swm_core::seed::Stream {
-        let stream = keyed(self.seed, PURPOSE, [self.step, self.draws]);
-        self.draws += 1;
+        let stream = keyed(self.seed, PURPOSE, [self.step, self.samples]);
+        self.samples += 1;
         stream
     }
 }
@@ -104,13 +104,15 @@ mod tests {
     #[test]
     fn noise_depends_on_seed_step_and_draw_alone() {
         let device = Device::flex();
-        let draw = |seed, step, skip: usize| {
+        let sample = |seed, step, skip: usize| {
             let mut pass = Pass::train(seed, step);
             (0..skip).for_each(|_| drop(pass.normal([2], &device)));
             host(pass.normal([3], &device))
         };
-        assert_eq!(draw(1, 2, 0), draw(1, 2, 0));
-        assert!([draw(2, 2, 0), draw(1, 3, 0), draw(1, 2, 1)].iter().all(|other| *other != draw(1, 2, 0)));
+        assert_eq!(sample(1, 2, 0), sample(1, 2, 0));
+        assert!(
+            [sample(2, 2, 0), sample(1, 3, 0), sample(1, 2, 1)].iter().all(|other| *other != sample(1, 2, 0))
+        );
     }
 
     #[test]

@@ -12,7 +12,7 @@ use swm_solvers::{ActionScale, Candidates, Cost, DifferentiableCost, PlanError, 
 use crate::error::OnnxError;
 use crate::runtime::session;
 
-/// What `model.json` says.
+/// Settings in `model.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelSettings {
@@ -48,11 +48,11 @@ pub struct OnnxCost {
     fields: Vec<Input>,
     cost: Model,
     gradient: Option<Model>,
-    /// What was encoded of each environment.
-    scenes: Vec<Vec<(String, DynValue)>>,
+    /// The encoded tensors of each environment.
+    encoded: Vec<Vec<(String, DynValue)>>,
 }
 
-/// A field that the encoder wants to see.
+/// An input of the encoder.
 struct Input {
     name: String,
     shape: Vec<i64>,
@@ -77,7 +77,7 @@ impl OnnxCost {
     /// # Errors
     ///
     /// [`OnnxError::NoRuntime`]: ONNX Runtime is not there; [`OnnxError::Model`]: a file of the model is missing, or
-    /// its inputs and outputs are others than described.
+    /// its inputs and outputs differ from the description.
     pub fn load(folder: &Path) -> Result<Self, OnnxError> {
         let settings = ModelSettings::read(folder)?;
         let path = folder.join("encode.onnx");
@@ -96,10 +96,10 @@ impl OnnxCost {
         let cost = Model::load(&folder.join("cost.onnx"), &[COST])?;
         let path = folder.join("cost_grad.onnx");
         let gradient = path.exists().then(|| Model::load(&path, &[COST, GRADIENT])).transpose()?;
-        Ok(Self { settings, encode, fields, cost, gradient, scenes: Vec::new() })
+        Ok(Self { settings, encode, fields, cost, gradient, encoded: Vec::new() })
     }
 
-    /// What `model.json` says.
+    /// The settings in `model.json`.
     pub fn settings(&self) -> &ModelSettings {
         &self.settings
     }
@@ -129,10 +129,10 @@ impl Model {
         }
     }
 
-    /// Fills `costs` `[n]`, and `gradient` `[n, H, D]`, of `plans` `[n, H, D]` for one scene.
+    /// Fills `costs` `[n]`, and `gradient` `[n, H, D]`, of `plans` `[n, H, D]` for one environment.
     fn run(
         &mut self,
-        scene: &[(String, DynValue)],
+        encoded: &[(String, DynValue)],
         plans: &[f32],
         costs: &mut [f64],
         mut gradient: Option<&mut [f32]>,
@@ -148,8 +148,8 @@ impl Model {
             let shape = [*samples, *horizon, *dim];
             let tensor = Tensor::from_array((shape, actions.clone())).map_err(OnnxError::Run)?;
             let mut inputs: Vec<(&str, SessionInputValue<'_>)> =
-                scene.iter().map(|(name, value)| (name.as_str(), value.into())).collect();
-            // What the encoder gives and this part does not take is left out.
+                encoded.iter().map(|(name, value)| (name.as_str(), value.into())).collect();
+            // Tensors of the encoder that this model does not take are left out.
             let taken = session.inputs().iter().map(|input| input.name().to_owned()).collect::<Vec<_>>();
             inputs.retain(|(name, _)| taken.iter().any(|known| known == name));
             inputs.push((ACTIONS, tensor.into()));
@@ -167,13 +167,13 @@ impl Model {
 
     fn check(&self, candidates: &Candidates<'_>) -> Result<(), OnnxError> {
         let [_, horizon, dim] = self.shape;
-        let way_out = match (candidates.horizon == horizon, candidates.dim == dim) {
+        let fix = match (candidates.horizon == horizon, candidates.dim == dim) {
             (true, true) => return Ok(()),
             (false, true) => format!("set horizon={horizon}"),
             (_, false) => "take a model of this environment, or fix `action_block` of model.json".to_owned(),
         };
         let reason = format!(
-            "plans are {} blocks of {} values, and the model was exported for {horizon} of {dim}; {way_out}",
+            "plans are {} blocks of {} values, and the model was exported for {horizon} of {dim}; {fix}",
             candidates.horizon, candidates.dim
         );
         Err(OnnxError::Input { name: ACTIONS.to_owned(), reason })
@@ -181,7 +181,7 @@ impl Model {
 }
 
 impl Input {
-    /// The field of a row as the tensor that the encoder wants.
+    /// The field of an environment as an input tensor.
     fn tensor(&self, row: Row<'_>) -> Result<DynValue, OnnxError> {
         let wrong = |reason: String| OnnxError::Input { name: self.name.clone(), reason };
         let index = row.schema().index(&self.name).ok_or_else(|| {
@@ -196,7 +196,7 @@ impl Input {
         if wanted != *shape {
             return Err(wrong(format!(
                 "the environment gives {shape:?}, the model was exported for {wanted:?}; take a model of this environment, or \
-                 let --image-size draw images in its size"
+                 let --image-size render images in its size"
             )));
         }
         let shape = self.shape.clone();
@@ -205,13 +205,13 @@ impl Input {
                 Tensor::from_array((shape, values.to_vec())).map(Tensor::into_dyn)
             }
             (TensorElementType::Float32, values) => {
-                let numbers: Vec<f32> =
+                let values: Vec<f32> =
                     (0..values.len()).map(|at| values.number(at).unwrap_or(f64::NAN) as f32).collect();
-                Tensor::from_array((shape, numbers)).map(Tensor::into_dyn)
+                Tensor::from_array((shape, values)).map(Tensor::into_dyn)
             }
             (kind, values) => {
                 return Err(wrong(format!(
-                    "{} is given as {kind:?}; export images as uint8 and numbers as float32",
+                    "{} is given as {kind:?}; export images as uint8 and vectors as float32",
                     values.dtype()
                 )));
             }
@@ -233,11 +233,11 @@ impl OnnxCost {
         };
         model.check(candidates)?;
         let size = candidates.samples * candidates.horizon * candidates.dim;
-        for (row, scene) in self.scenes.iter().enumerate() {
+        for (row, encoded) in self.encoded.iter().enumerate() {
             let plans = &candidates.actions[row * size..][..size];
             let costs = &mut costs[row * candidates.samples..][..candidates.samples];
-            let slopes = gradient.as_deref_mut().map(|all| &mut all[row * size..][..size]);
-            model.run(scene, plans, costs, slopes)?;
+            let gradient = gradient.as_deref_mut().map(|all| &mut all[row * size..][..size]);
+            model.run(encoded, plans, costs, gradient)?;
         }
         Ok(())
     }
@@ -245,13 +245,13 @@ impl OnnxCost {
 
 impl Cost for OnnxCost {
     fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
-        self.scenes.clear();
+        self.encoded.clear();
         for index in 0..context.len() {
             let row = context.env(index).row;
             let inputs = self.fields.iter().map(|field| Ok((field.name.as_str(), field.tensor(row)?.into())));
             let inputs: Vec<(&str, SessionInputValue<'_>)> = inputs.collect::<Result<_, OnnxError>>()?;
             let outputs = self.encode.run(inputs).map_err(OnnxError::Run)?;
-            self.scenes.push(outputs.into_iter().map(|(name, value)| (name.to_owned(), value)).collect());
+            self.encoded.push(outputs.into_iter().map(|(name, value)| (name.to_owned(), value)).collect());
         }
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! What can go wrong with an exported model.
+//! Errors of exported models.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use thiserror::Error;
 pub enum OnnxError {
     /// ONNX Runtime is not there.
     #[error(
-        "ONNX Runtime is not to be found: {reason}. Install it (pip install onnxruntime), or let ORT_DYLIB_PATH name \
+        "ONNX Runtime was not found: {reason}. Install it (pip install onnxruntime), or let ORT_DYLIB_PATH name \
          libonnxruntime.so"
     )]
     NoRuntime {
@@ -27,7 +27,7 @@ pub enum OnnxError {
         /// What is wrong, and what the contract asks for.
         reason: String,
     },
-    /// What the environment says does not fit the model.
+    /// The environment does not fit the model.
     #[error("model input `{name}`: {reason}")]
     Input {
         /// The input.

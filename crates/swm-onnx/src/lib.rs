@@ -1,5 +1,5 @@
-//! World models of any making, exported to ONNX, as costs of plans: `--policy onnx:DIR`. ONNX Runtime is loaded when it is
-//! needed, from the Python package `onnxruntime` or a path; nothing of it is needed to build.
+//! World models exported to ONNX as costs of plans: `--policy onnx:DIR`. ONNX Runtime is loaded at run time, from the
+//! Python package `onnxruntime` or a path; the build does not need it.
 //!
 //! DIR holds what `docs/onnx.md` asks for, and what `python/swm_export` writes:
 //!
@@ -10,8 +10,8 @@
 //! | `cost.onnx` | these tensors, and `actions` `[S, H, D]` f32 | `cost` `[S]` f32 |
 //! | `cost_grad.onnx`, optional | the same | `cost` `[S]`, `gradient` `[S, H, D]` f32 |
 //!
-//! S and H are fixed when the model is exported. Environments go through it one by one, in batches of S candidates that are
-//! filled up where they are not full: the bits of a cost depend on its candidate alone.
+//! S and H are fixed at the export. Environments go through it one by one, in batches of S candidates, padded with zeros: the
+//! bits of a cost depend on its candidate alone.
 
 mod cost;
 mod error;

@@ -3,7 +3,7 @@
 use serde_json::{Map, Value as Json};
 use swm_solvers::{ActionScale, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext};
 
-use super::scenes::SceneTable;
+use super::planning::PlanningTable;
 use crate::baseline::{Baseline, PlanModel};
 use crate::error::BaselineError;
 use crate::train::{ACTION, TrainedModel};
@@ -21,8 +21,8 @@ pub struct ModelCost {
 /// A copy of the model and the environments that it plans for.
 struct Copy {
     model: Box<dyn PlanModel>,
-    scenes: SceneTable,
-    /// Environments of the planning context.
+    table: PlanningTable,
+    /// Their indices in the planning context.
     rows: Vec<usize>,
     actions: Vec<f32>,
     costs: Vec<f64>,
@@ -53,14 +53,14 @@ impl ModelCost {
 
     /// Actions of a block: the model's frame skip.
     pub fn action_block(&self) -> usize {
-        self.model.baseline.needs().frameskip
+        self.model.baseline.input_spec().frameskip
     }
 
     fn copy(&self, model: Box<dyn PlanModel>) -> Copy {
         let baseline: &dyn Baseline = self.model.baseline.as_ref();
-        let scenes = SceneTable::new(baseline, &self.model.config.data);
+        let table = PlanningTable::new(baseline, &self.model.config.data);
         let (rows, actions, costs, gradient) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Copy { model, scenes, rows, actions, costs, gradient }
+        Copy { model, table, rows, actions, costs, gradient }
     }
 
     /// Sees that there are copies for 1 to `frames` observations.
@@ -88,7 +88,7 @@ impl ModelCost {
                 }
                 continue;
             }
-            let Copy { model, rows, actions, costs: own, gradient: slopes, .. } = copy;
+            let Copy { model, rows, actions, costs: own, gradient: part_gradient, .. } = copy;
             actions.clear();
             for &row in &*rows {
                 actions.extend_from_slice(&candidates.actions[row * per_row..][..per_row]);
@@ -96,10 +96,10 @@ impl ModelCost {
             own.resize(rows.len() * samples, 0.0);
             let group = Candidates { actions, episodes: rows.len(), ..*candidates };
             if let Some(gradient) = gradient.as_deref_mut() {
-                slopes.resize(actions.len(), 0.0);
-                model.evaluate_with_gradient(&group, own, slopes)?;
-                for (&row, slopes) in rows.iter().zip(slopes.chunks_exact(per_row)) {
-                    gradient[row * per_row..][..per_row].copy_from_slice(slopes);
+                part_gradient.resize(actions.len(), 0.0);
+                model.evaluate_with_gradient(&group, own, part_gradient)?;
+                for (&row, part_gradient) in rows.iter().zip(part_gradient.chunks_exact(per_row)) {
+                    gradient[row * per_row..][..per_row].copy_from_slice(part_gradient);
                 }
             } else {
                 model.evaluate(&group, own)?;
@@ -119,25 +119,25 @@ impl Cost for ModelCost {
         self.copies_for((0..context.len()).map(frames_of).max().unwrap_or(1));
         for (frames, copy) in (1..).zip(&mut self.copies) {
             copy.rows.clear();
-            copy.scenes.clear(frames);
+            copy.table.clear(frames);
         }
         for index in 0..context.len() {
             let frames = frames_of(index);
-            let Copy { scenes, rows, .. } = &mut self.copies[frames - 1];
+            let Copy { table, rows, .. } = &mut self.copies[frames - 1];
             if let Some(past) = context.history(index) {
                 let skipped = past.frames() - frames;
                 for frame in skipped..past.frames() - 1 {
-                    scenes.push_past(|field| past.frame(field, frame))?;
+                    table.push_past(|field| past.frame(field, frame))?;
                 }
                 for action in skipped * block..(past.frames() - 1) * block {
-                    scenes.push_action(past.action(action));
+                    table.push_action(past.action(action));
                 }
             }
-            scenes.push(context.env(index).row)?;
+            table.push(context.env(index).row)?;
             rows.push(index);
         }
         for copy in self.copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {
-            copy.model.prepare(&copy.scenes.scenes())?;
+            copy.model.prepare(&copy.table.batch())?;
         }
         Ok(())
     }
@@ -151,7 +151,7 @@ impl Cost for ModelCost {
     }
 
     fn history_fields(&self) -> Vec<String> {
-        self.copies[0].scenes.fields()
+        self.copies[0].table.fields()
     }
 
     /// Name, step and the beginning of the weights' hash.

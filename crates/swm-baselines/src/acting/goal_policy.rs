@@ -1,10 +1,9 @@
-//! A trained goal-conditioned policy at work: it looks at observation and goal, decides on a block of actions, and carries
-//! it out.
+//! A trained goal-conditioned policy: from observation and goal to a block of actions, which it executes.
 
 use swm_core::{Actions, Policy, PolicyError, Space, View};
 use swm_solvers::{ActionMap, ActionScale};
 
-use super::scenes::SceneTable;
+use super::planning::PlanningTable;
 use crate::baseline::GoalPolicy;
 use crate::error::BaselineError;
 use crate::train::{ACTION, TrainedModel};
@@ -13,11 +12,11 @@ use crate::train::{ACTION, TrainedModel};
 pub struct ModelPolicy {
     model: TrainedModel,
     policy: Box<dyn GoalPolicy>,
-    scenes: SceneTable,
-    /// The way from the model's numbers to actions of the space that was asked for last.
+    table: PlanningTable,
+    /// From the model's values to actions of the last requested space.
     map: Option<(Space, ActionMap)>,
     rows: Vec<Queue>,
-    /// Rows that need a decision.
+    /// Environments that need a decision.
     wanting: Vec<usize>,
     decisions: Vec<f32>,
 }
@@ -26,7 +25,7 @@ pub struct ModelPolicy {
 #[derive(Clone, Debug, Default)]
 struct Queue {
     episode: Option<u64>,
-    /// `[F, A]`, of which `taken` numbers are done.
+    /// `[F, A]`, of which `taken` values are executed.
     actions: Vec<f32>,
     taken: usize,
 }
@@ -42,12 +41,12 @@ impl ModelPolicy {
             let reason = "does not act by itself; plan with it: `mpc:RUN`";
             return Err(BaselineError::Unfit { baseline: model.baseline.name(), reason });
         };
-        let scenes = SceneTable::new(model.baseline.as_ref(), &model.config.data);
+        let table = PlanningTable::new(model.baseline.as_ref(), &model.config.data);
         let (map, rows, wanting, decisions) = (None, Vec::new(), Vec::new(), Vec::new());
-        Ok(Self { model, policy, scenes, map, rows, wanting, decisions })
+        Ok(Self { model, policy, table, map, rows, wanting, decisions })
     }
 
-    /// Finds the way to actions of `space`.
+    /// Prepares the mapping to actions of `space`.
     fn prepare(&mut self, space: &Space) -> Result<(), PolicyError> {
         if self.map.as_ref().is_none_or(|(known, _)| known != space) {
             let scale = &self.model.config.data.scales[ACTION];
@@ -67,11 +66,11 @@ impl Policy for ModelPolicy {
 
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
         self.prepare(actions.space())?;
-        let Self { policy, scenes, map, rows, wanting, decisions, .. } = self;
+        let Self { policy, table, map, rows, wanting, decisions, .. } = self;
         let (_, map) = map.as_ref().expect("prepared above");
         rows.resize_with(view.rows(), Queue::default);
         wanting.clear();
-        scenes.clear(1);
+        table.clear(1);
         for index in view.live() {
             let Some(live) = view.row(index) else { continue };
             let queue = &mut rows[index];
@@ -79,15 +78,15 @@ impl Policy for ModelPolicy {
                 *queue = Queue { episode: Some(live.episode.index), ..Queue::default() };
             }
             if queue.taken == queue.actions.len() {
-                scenes.push(live.row).map_err(other)?;
+                table.push(live.row).map_err(other)?;
                 wanting.push(index);
             }
         }
         if !wanting.is_empty() {
-            let block = policy.block_width();
+            let block = policy.block_dim();
             decisions.clear();
             decisions.resize(wanting.len() * block, 0.0);
-            policy.act(&scenes.scenes(), decisions).map_err(other)?;
+            policy.act(&table.batch(), decisions).map_err(other)?;
             for (&index, decision) in wanting.iter().zip(decisions.chunks_exact(block)) {
                 rows[index].actions.clear();
                 rows[index].actions.extend_from_slice(decision);

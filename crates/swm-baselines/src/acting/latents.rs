@@ -1,5 +1,4 @@
-//! A trained world model as one whose quality is measured without control: latents of recorded rows, and what is predicted of
-//! them.
+//! A trained world model for `swm quality`: latents of recorded steps, and predictions from them.
 //!
 //! A prediction spans the frame skip F of the model, and sees the latent before it alone, as that of a plan's first step does
 //! where an episode begins: what a history of more frames would add is not measured.
@@ -9,10 +8,10 @@ use swm_core::evaluate::ModelEntry;
 use swm_core::evaluate::quality::WorldModel;
 use swm_core::{Batch, BoxError, PolicyArgs, PolicyError, Row};
 
+use super::planning::{bytes, scaled, size_of, vector};
 use super::policies::{Given, image_size};
-use super::scenes::{bytes, numbers, scaled, size_of};
 use crate::baseline::PlanModel;
-use crate::data::{Images, Numbers, Observations};
+use crate::data::{Images, Observations, Vectors};
 use crate::train::{ACTION, PROPRIO, Scale, TrainedModel};
 
 /// Trained models whose quality is measured: `lewm:RUN`, or `model:RUN` for any.
@@ -61,11 +60,11 @@ impl LatentModel {
                 given.wrong(args, format!("it trained {found}, not {}; use `{found}:RUN`", args.name))
             );
         }
-        let needs = baseline.needs();
+        let input_spec = baseline.input_spec();
         let scale = |column: &str| config.data.scales.get(column).cloned();
         let action = scale(ACTION).ok_or_else(|| args.wrong("the run has no scale of actions".to_owned()))?;
-        let proprio = needs.proprio.then(|| scale(PROPRIO)).flatten();
-        let frameskip = needs.frameskip;
+        let proprio = input_spec.proprio.then(|| scale(PROPRIO)).flatten();
+        let frameskip = input_spec.frameskip;
         Ok(Self { network, frameskip, action, proprio, latents: Vec::new(), actions: Vec::new() })
     }
 
@@ -76,14 +75,14 @@ impl LatentModel {
         proprio: &[f32],
         latents: &mut [f64],
     ) -> Result<(), BoxError> {
-        let rows = latents.len() / self.network.latent_width().max(1);
+        let rows = latents.len() / self.network.latent_dim().max(1);
         let seen = Observations {
             pixels: Images { values: pixels, rows, steps: 1, height, width, channels_last: true },
-            proprio: self.proprio.as_ref().map(|scale| Numbers {
+            proprio: self.proprio.as_ref().map(|scale| Vectors {
                 values: proprio,
                 rows,
                 steps: 1,
-                width: scale.mean.len(),
+                dim: scale.mean.len(),
             }),
         };
         self.latents.resize(latents.len(), 0.0);
@@ -94,7 +93,7 @@ impl LatentModel {
 
     fn push_proprio(&self, row: Row<'_>, out: &mut Vec<f32>) -> Result<(), BoxError> {
         if let Some(scale) = &self.proprio {
-            scaled(scale, numbers(row, PROPRIO)?, out);
+            scaled(scale, vector(row, PROPRIO)?, out);
         }
         Ok(())
     }
@@ -102,7 +101,7 @@ impl LatentModel {
 
 impl WorldModel for LatentModel {
     fn latent_width(&self) -> usize {
-        self.network.latent_width()
+        self.network.latent_dim()
     }
 
     fn stride(&self) -> usize {
@@ -132,9 +131,9 @@ impl WorldModel for LatentModel {
     fn predict_rows(&mut self, latents: &mut [f64], actions: &[f64]) -> Result<(), BoxError> {
         let Self { network, action, latents: narrow, actions: taken, .. } = self;
         narrow.clear();
-        narrow.extend(latents.iter().map(|&number| number as f32));
+        narrow.extend(latents.iter().map(|&value| value as f32));
         taken.clear();
-        taken.extend(actions.iter().map(|&number| number as f32));
+        taken.extend(actions.iter().map(|&value| value as f32));
         action.apply(taken);
         network.predict(narrow, taken)?;
         widen(narrow, latents);

@@ -2,17 +2,17 @@
 //!
 //! | file | duty |
 //! |---|---|
-//! | `scenes` | from infos to what models see |
+//! | `planning` | from infos to planning batches |
 //! | `cost` | a world model as the cost of plans |
-//! | `goal_policy` | a policy that acts by itself |
-//! | `latents` | a world model whose quality is measured without control |
+//! | `goal_policy` | a policy that acts directly |
+//! | `latents` | a world model for `swm quality` |
 //! | `policies` | `mpc:RUN`, `policy:RUN` and their arguments |
 
 mod cost;
 mod goal_policy;
 mod latents;
+mod planning;
 mod policies;
-mod scenes;
 
 pub use cost::ModelCost;
 pub use goal_policy::ModelPolicy;

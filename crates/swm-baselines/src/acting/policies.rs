@@ -144,14 +144,14 @@ impl Given {
         Err(args.wrong(format!("setting `{name}`: unknown{meant}; known are {}", known.join(", "))))
     }
 
-    /// The model, for use in the environment `env`: numbers of an action may agree where nothing else does.
+    /// The model, for use in the environment `env`: action dims may agree where nothing else does.
     pub(super) fn model(&self, args: &PolicyArgs, env: &str) -> Result<TrainedModel, PolicyError> {
         let model = TrainedModel::open(&self.run, self.which, self.device)
             .map_err(|error| args.wrong(error.to_string()))?;
         match model.config.data.env.as_deref() {
             Some(of) if of != env && !self.transfer => {
-                let way_out = format!("use a run of {env}, or allow it with transfer=true");
-                Err(self.wrong(args, format!("it was trained in {of}, and this is {env}; {way_out}")))
+                let fix = format!("use a run of {env}, or allow it with transfer=true");
+                Err(self.wrong(args, format!("it was trained in {of}, and this is {env}; {fix}")))
             }
             _ => Ok(model),
         }

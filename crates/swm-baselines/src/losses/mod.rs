@@ -29,6 +29,6 @@ pub(crate) fn expectile<const D: usize>(values: Tensor<D>, targets: Tensor<D>, s
 pub(crate) struct Terms {
     /// What is minimized.
     pub(crate) total: Tensor<1>,
-    /// Its parts and other numbers worth watching, as they are before they are weighed.
+    /// Its parts and other metrics, as they are before they are weighed.
     pub(crate) parts: Vec<(&'static str, Tensor<1>)>,
 }

@@ -16,7 +16,7 @@ pub struct SigregConfig {
     pub weight: f64,
     /// Points at which characteristic functions are compared, at least 2.
     pub knots: usize,
-    /// Directions, drawn anew in every step.
+    /// Directions, sampled anew in every step.
     pub projections: usize,
 }
 
@@ -45,8 +45,8 @@ const END: f32 = 3.0;
 
 /// Of embeddings `[B, T, W]`: the mean over steps and directions.
 pub(crate) fn sigreg(states: Tensor<3>, config: &SigregConfig, pass: &mut Pass) -> Tensor<1> {
-    let width = states.dims()[2];
-    let directions = pass.normal([width, config.projections], &states.device());
+    let dim = states.dims()[2];
+    let directions = pass.normal([dim, config.projections], &states.device());
     sigreg_along(states, directions, config.knots)
 }
 
@@ -74,9 +74,9 @@ fn sigreg_along(states: Tensor<3>, directions: Tensor<2>, knots: usize) -> Tenso
 
 /// Directions for tests: the first axes.
 #[cfg(test)]
-fn axes(width: usize, device: &burn::tensor::Device) -> Tensor<2> {
-    let values = (0..width * width).map(|i| if i / width == i % width { 1.0 } else { 0.0 }).collect();
-    Tensor::from_data(burn::tensor::TensorData::new::<f32, _>(values, [width, width]), device)
+fn axes(dim: usize, device: &burn::tensor::Device) -> Tensor<2> {
+    let values = (0..dim * dim).map(|i| if i / dim == i % dim { 1.0 } else { 0.0 }).collect();
+    Tensor::from_data(burn::tensor::TensorData::new::<f32, _>(values, [dim, dim]), device)
 }
 
 #[cfg(test)]

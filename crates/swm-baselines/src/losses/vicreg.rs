@@ -8,11 +8,11 @@ const EPSILON: f32 = 1e-4;
 
 /// The four terms.
 pub(crate) struct Vicreg {
-    /// How far deviations over the batch fall short of 1.
+    /// How far stds over the batch fall short of 1.
     pub(crate) std: Tensor<1>,
-    /// How far deviations over time do.
+    /// How far stds over time do.
     pub(crate) std_t: Tensor<1>,
-    /// Mean square of the covariances of numbers over the batch.
+    /// Mean square of the covariances of latent components over the batch.
     pub(crate) cov: Tensor<1>,
     /// And over time.
     pub(crate) cov_t: Tensor<1>,
@@ -31,7 +31,7 @@ pub(crate) fn vicreg(states: Tensor<3>) -> Vicreg {
     }
 }
 
-/// Of G groups of N samples `[G, N, W]`: the mean of max(0, 1 - deviation).
+/// Of G groups of N samples `[G, N, W]`: the mean of max(0, 1 - std).
 fn shortfall(groups: Tensor<3>) -> Tensor<1> {
     let samples = groups.dims()[1] as f32;
     let mean = groups.clone().mean_dim(1);
@@ -42,9 +42,9 @@ fn shortfall(groups: Tensor<3>) -> Tensor<1> {
 /// Of G groups of N samples `[G, N, W]`: squares of xᵀx / (N - 1) off the diagonal, their mean. The reference does
 /// not center x a second time, so neither does this.
 fn covariance(groups: Tensor<3>) -> Tensor<1> {
-    let [count, samples, width] = groups.dims();
+    let [count, samples, dim] = groups.dims();
     let products = groups.clone().swap_dims(1, 2).matmul(groups.clone()) / (samples as f32 - 1.0);
     let diagonal = groups.square().sum_dim(1) / (samples as f32 - 1.0);
     let off_diagonal = products.square().sum() - diagonal.square().sum();
-    off_diagonal / (count * (width * width - width)) as f32
+    off_diagonal / (count * (dim * dim - dim)) as f32
 }

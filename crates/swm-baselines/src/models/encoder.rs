@@ -25,18 +25,18 @@ impl EncoderConfig {
         }
     }
 
-    /// Numbers of a summary, where `width` is wanted: a vision transformer has its own.
-    pub(crate) fn summary_width(&self, width: usize) -> usize {
+    /// Dim of a summary, where `dim` is requested: a vision transformer has its own.
+    pub(crate) fn summary_dim(&self, dim: usize) -> usize {
         match self {
-            Self::Vit(config) => config.width,
-            Self::Cnn(_) => width,
+            Self::Vit(config) => config.dim,
+            Self::Cnn(_) => dim,
         }
     }
 
-    /// P and W: tokens of an image, and numbers of each.
+    /// P and W: tokens of an image, and dim of each.
     pub(crate) fn tokens(&self, image: usize) -> [usize; 2] {
         match self {
-            Self::Vit(config) => [config.patches([image; 2]), config.width],
+            Self::Vit(config) => [config.patches([image; 2]), config.dim],
             Self::Cnn(config) => {
                 let [rows, columns] = Cnn::grid(config, [image; 2]);
                 [rows * columns, config.channels.last().copied().unwrap_or(3)]
@@ -55,10 +55,10 @@ pub(crate) enum Encoder {
 
 impl Encoder {
     /// One that gives summaries.
-    pub(crate) fn of_summaries(config: &EncoderConfig, image: usize, width: usize, device: &Device) -> Self {
+    pub(crate) fn of_summaries(config: &EncoderConfig, image: usize, dim: usize, device: &Device) -> Self {
         match config {
             EncoderConfig::Vit(config) => Self::Vit(Vit::new(config, device)),
-            EncoderConfig::Cnn(config) => Self::Cnn(Cnn::new(config, [image; 2], Some(width), device)),
+            EncoderConfig::Cnn(config) => Self::Cnn(Cnn::new(config, [image; 2], Some(dim), device)),
         }
     }
 
@@ -78,8 +78,8 @@ impl Encoder {
             Self::Vit(vit) => vit.summaries(frames),
             Self::Cnn(cnn) => cnn.forward(frames),
         };
-        let width = summaries.dims()[1];
-        summaries.reshape([batch, steps, width])
+        let dim = summaries.dims()[1];
+        summaries.reshape([batch, steps, dim])
     }
 
     /// `[B, T, 3, S, S]` → `[B, T, P, W]`.
@@ -94,7 +94,7 @@ impl Encoder {
             }
             Self::Cnn(cnn) => cnn.tokens(frames),
         };
-        let [_, count, width] = tokens.dims();
-        tokens.reshape([batch, steps, count, width])
+        let [_, count, dim] = tokens.dims();
+        tokens.reshape([batch, steps, count, dim])
     }
 }

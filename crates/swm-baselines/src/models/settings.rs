@@ -7,6 +7,9 @@ use swm_core::error::{did_you_mean, nearest};
 
 use crate::error::BaselineError;
 
+/// Settings that had another name before, which is still taken: the old name, and the new one.
+const RENAMED: &[(&str, &str)] = &[("width", "dim"), ("width", "latent_dim"), ("head_width", "head_dim")];
+
 /// `preset` with `changes` laid over it, object by object. Unknown settings, and values of another kind than the preset's, are
 /// errors that name the setting.
 pub(crate) fn with_changes<C: Serialize + DeserializeOwned>(
@@ -40,7 +43,9 @@ fn lay_over(under: &mut Json, over: &Json, place: &str) -> Result<(), String> {
             if under.get("kind").is_none_or(|kind| over.get("kind").is_none_or(|other| other == kind)) =>
         {
             for (name, value) in over {
-                let inner = if place.is_empty() { name.clone() } else { format!("{place}.{name}") };
+                let renamed = RENAMED.iter().find(|(old, new)| old == name && under.contains_key(*new));
+                let name = renamed.map_or(name.as_str(), |(_, new)| new);
+                let inner = if place.is_empty() { name.to_owned() } else { format!("{place}.{name}") };
                 if !under.contains_key(name) {
                     let known: Vec<&str> = under.keys().map(String::as_str).collect();
                     let meant = did_you_mean(nearest(name, known.iter().copied()).as_deref());
@@ -82,5 +87,29 @@ fn is_like(old: &Json, new: &Json) -> bool {
         Json::Array(_) => new.is_array(),
         Json::Object(_) | Json::String(_) => new.is_object() || new.is_string(),
         Json::Null => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::LewmConfig;
+
+    #[test]
+    fn settings_keep_their_old_names() {
+        let named = |latent: &str, dim: &str, head: &str| {
+            let encoder = json!({ "kind": "vit", dim: 24 });
+            let changes = json!({ "model": { latent: 16, "encoder": encoder, "predictor": { head: 8 } } });
+            with_changes("lewm", &LewmConfig::paper(), &changes).unwrap()
+        };
+        let config = named("latent_dim", "dim", "head_dim");
+        assert_eq!(config, named("width", "width", "head_width"));
+        let written = serde_json::to_string(&config).unwrap();
+        let old = written.replace("\"head_dim\"", "\"head_width\"").replace("\"latent_dim\"", "\"width\"");
+        let old = old.replace("\"dim\"", "\"width\"");
+        assert_ne!(old, written);
+        assert_eq!(serde_json::from_str::<LewmConfig>(&old).unwrap(), config);
     }
 }

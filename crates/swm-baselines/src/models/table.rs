@@ -1,6 +1,6 @@
-//! All baselines. A new one is a folder beside this file and one line here.
+//! All baselines. A new one is a folder next to this file and one line here.
 
-use burn::tensor::Device;
+use burn::tensor::Device as TensorDevice;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value as Json;
@@ -8,8 +8,8 @@ use swm_core::error::nearest;
 
 use super::settings::with_changes;
 use super::{dino_wm, gcbc, gciql, gcivl, lewm, pldm};
-use crate::baseline::{Baseline, Recipe};
-use crate::data::Facts;
+use crate::baseline::{Baseline, ModelConfig};
+use crate::data::DataDims;
 use crate::device::Device;
 use crate::error::BaselineError;
 use crate::learner::Learner;
@@ -17,8 +17,8 @@ use crate::network::{Network, Parts};
 
 /// From the name of a preset, and changes to it, to all settings.
 type SettingsOf = fn(&str, &Json) -> Result<Json, BaselineError>;
-/// From a recipe to a model.
-type Make = fn(Recipe, &Device) -> Result<Box<dyn Baseline>, BaselineError>;
+/// From a model config to a model.
+type Make = fn(ModelConfig, &TensorDevice) -> Result<Box<dyn Baseline>, BaselineError>;
 
 /// A line of the table.
 #[derive(Clone, Copy)]
@@ -47,10 +47,10 @@ macro_rules! entry {
                     if preset == "small" { $folder::$config::small() } else { $folder::$config::paper() };
                 changed($folder::NAME, &preset, changes)
             },
-            make: |recipe, device| {
-                let config: $folder::$config = parse($folder::NAME, &recipe.settings)?;
-                let parts = $folder::make(&config, &recipe.facts, device)?;
-                learner($folder::NAME, recipe, parts, device)
+            make: |model_config, device| {
+                let config: $folder::$config = parse($folder::NAME, &model_config.settings)?;
+                let parts = $folder::make(&config, &model_config.dims, device)?;
+                learner($folder::NAME, model_config, parts, device)
             },
         }
     };
@@ -76,8 +76,8 @@ pub struct MakeOptions<'a> {
     pub preset: &'a str,
     /// Settings that differ from the preset's, as nested objects; `null` for none.
     pub changes: Json,
-    /// The data that it is made for.
-    pub facts: Facts,
+    /// Dimensions of the data that it is made for.
+    pub dims: DataDims,
     /// The seed of its first weights.
     pub seed: u64,
     /// What it is computed on.
@@ -98,32 +98,32 @@ pub fn make(name: &str, options: &MakeOptions<'_>) -> Result<Box<dyn Baseline>, 
             known: entry.presets.join(", "),
         });
     }
-    let recipe = Recipe {
+    let model_config = ModelConfig {
         baseline: entry.name.to_owned(),
         preset: options.preset.to_owned(),
         settings: (entry.settings)(options.preset, &options.changes)?,
-        facts: options.facts,
+        dims: options.dims,
         seed: options.seed,
     };
-    (entry.make)(recipe, &options.device.device()?)
+    (entry.make)(model_config, &options.device.device()?)
 }
 
-/// The model of a recipe, with its first weights.
+/// The model of a config, with its initial weights.
 ///
 /// # Errors
 ///
 /// No such baseline, or settings that it does not take.
-pub fn restore(recipe: &Recipe, device: Device) -> Result<Box<dyn Baseline>, BaselineError> {
-    (find(&recipe.baseline)?.make)(recipe.clone(), &device.device()?)
+pub fn restore(model_config: &ModelConfig, device: Device) -> Result<Box<dyn Baseline>, BaselineError> {
+    (find(&model_config.baseline)?.make)(model_config.clone(), &device.device()?)
 }
 
 fn learner<N: Network>(
     name: &'static str,
-    recipe: Recipe,
+    model_config: ModelConfig,
     parts: Parts<N>,
-    device: &Device,
+    device: &TensorDevice,
 ) -> Result<Box<dyn Baseline>, BaselineError> {
-    Ok(Box::new(Learner::new(name, recipe, parts, device.clone())?))
+    Ok(Box::new(Learner::new(name, model_config, parts, device.clone())?))
 }
 
 fn parse<C: DeserializeOwned>(baseline: &'static str, settings: &Json) -> Result<C, BaselineError> {
@@ -181,10 +181,10 @@ mod tests {
             let model = settings.get("model").unwrap_or(&settings);
             let sizes = ["image", "history", "frameskip", "batch"].map(|size| model[size].clone());
             assert_eq!(json!(sizes), json!([224, 3, frameskip, batch]), "{name}");
-            let predictor = ["depth", "heads", "head_width", "hidden", "dropout"];
+            let predictor = ["depth", "heads", "head_dim", "hidden", "dropout"];
             let predictor = predictor.map(|size| model["predictor"][size].clone());
             assert_eq!(json!(predictor), json!([6, 16, 64, 2048, dropout]), "{name}");
-            let parts = ["width", "depth", "heads", "hidden", "patch", "positions_for", "dinov2"];
+            let parts = ["dim", "depth", "heads", "hidden", "patch", "positions_for", "dinov2"];
             let parts = parts.map(|part| model["encoder"][part].clone());
             assert_eq!(&json!(parts), encoder, "{name}");
         }

@@ -38,8 +38,8 @@ pub(crate) fn attend([q, k, v]: [Tensor<4>; 3], who: &Attend, dropout: f64, pass
         };
         return attention(q, k, v, mask, None, options);
     }
-    let width = q.dims()[3] as f64;
-    let scores = q.matmul(k.swap_dims(2, 3)) * (1.0 / width.sqrt());
+    let dim = q.dims()[3] as f64;
+    let scores = q.matmul(k.swap_dims(2, 3)) * (1.0 / dim.sqrt());
     let [_, _, queries, keys] = scores.dims();
     let scores = match who {
         Attend::All => scores,
@@ -54,14 +54,14 @@ pub(crate) fn attend([q, k, v]: [Tensor<4>; 3], who: &Attend, dropout: f64, pass
 
 /// `[B, N, heads × E]` → `[B, heads, N, E]`.
 pub(crate) fn split(input: Tensor<3>, heads: usize) -> Tensor<4> {
-    let [batch, count, width] = input.dims();
-    input.reshape([batch, count, heads, width / heads]).swap_dims(1, 2)
+    let [batch, count, dim] = input.dims();
+    input.reshape([batch, count, heads, dim / heads]).swap_dims(1, 2)
 }
 
 /// `[B, heads, N, E]` → `[B, N, heads × E]`.
 pub(crate) fn join(input: Tensor<4>) -> Tensor<3> {
-    let [batch, heads, count, width] = input.dims();
-    input.swap_dims(1, 2).reshape([batch, count, heads * width])
+    let [batch, heads, count, dim] = input.dims();
+    input.swap_dims(1, 2).reshape([batch, count, heads * dim])
 }
 
 /// Multi-head self-attention of the world models' predictors.
@@ -77,14 +77,14 @@ pub(crate) struct Attention {
 }
 
 impl Attention {
-    /// `heads` heads of `head_width` numbers.
-    pub(crate) fn new(width: usize, heads: usize, head_width: usize, dropout: f64, device: &Device) -> Self {
-        let inner = heads * head_width;
-        let projects = !(heads == 1 && head_width == width);
+    /// `heads` heads of `head_dim` values.
+    pub(crate) fn new(dim: usize, heads: usize, head_dim: usize, dropout: f64, device: &Device) -> Self {
+        let inner = heads * head_dim;
+        let projects = !(heads == 1 && head_dim == dim);
         Self {
-            norm: LayerNorm::new(width, device),
-            to_qkv: Linear::without_bias(width, 3 * inner, device),
-            to_out: projects.then(|| Linear::new(inner, width, device)),
+            norm: LayerNorm::new(dim, device),
+            to_qkv: Linear::without_bias(dim, 3 * inner, device),
+            to_out: projects.then(|| Linear::new(inner, dim, device)),
             heads,
             dropout,
         }
@@ -119,7 +119,7 @@ impl Attention {
 
     fn queries_keys_values(&self, input: Tensor<3>) -> [Tensor<4>; 3] {
         let qkv = self.to_qkv.forward(self.norm.forward(input)).chunk(3, 2);
-        let qkv: [Tensor<3>; 3] = qkv.try_into().expect("three parts of a width that three divides");
+        let qkv: [Tensor<3>; 3] = qkv.try_into().expect("three parts of a dim that three divides");
         qkv.map(|part| split(part, self.heads))
     }
 
@@ -146,12 +146,12 @@ pub(crate) struct FeedForward {
 }
 
 impl FeedForward {
-    /// From and to `width` by way of `hidden`.
-    pub(crate) fn new(width: usize, hidden: usize, dropout: f64, device: &Device) -> Self {
+    /// From and to `dim` by way of `hidden`.
+    pub(crate) fn new(dim: usize, hidden: usize, dropout: f64, device: &Device) -> Self {
         Self {
-            norm: LayerNorm::new(width, device),
-            up: Linear::new(width, hidden, device),
-            down: Linear::new(hidden, width, device),
+            norm: LayerNorm::new(dim, device),
+            up: Linear::new(dim, hidden, device),
+            down: Linear::new(hidden, dim, device),
             dropout,
         }
     }

@@ -31,7 +31,7 @@ pub(crate) struct Cnn {
 }
 
 impl Cnn {
-    /// For images of `[height, width]` pixels; with a `head` to this many numbers, or without: a grid of tokens.
+    /// For images of `[height, width]` pixels; with a `head` of so many outputs, or without: a grid of tokens.
     pub(crate) fn new(config: &CnnConfig, size: [usize; 2], head: Option<usize>, device: &Device) -> Self {
         let mut inputs = 3;
         let mut layers = Vec::with_capacity(config.channels.len());

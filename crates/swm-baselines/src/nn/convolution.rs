@@ -29,7 +29,7 @@ pub(crate) struct Kernel {
     pub(crate) padding: usize,
 }
 
-/// `[N, H, W, in]` images, weights `[K × K × in, out]` and a bias `[out]` → `[N, H', W', out]`, negative numbers become 0.
+/// `[N, H, W, in]` images, weights `[K × K × in, out]` and a bias `[out]` → `[N, H', W', out]`, negative values become 0.
 pub(crate) fn convolve(images: Tensor<4>, weight: Tensor<2>, bias: Tensor<1>, kernel: Kernel) -> Tensor<4> {
     if !matches!(images.device().inner().as_dispatch(), DispatchDevice::Flex(_)) {
         return convolve_anywhere(images, weight, bias, kernel);
@@ -61,20 +61,18 @@ impl Convolve for Flex {
     fn convolve(images: FlexTensor, weight: FlexTensor, bias: FlexTensor, kernel: Kernel) -> FlexTensor {
         let [images, weight, bias] = [images, weight, bias].map(|tensor| tensor.to_contiguous());
         let form = Form::new(&images, &weight, kernel);
-        let bias = numbers(&bias);
-        let mut outputs = vec![0.0; form.count * form.numbers_out()];
-        let groups = numbers(&images).par_chunks(form.group() * form.numbers_in());
-        groups.zip(outputs.par_chunks_mut(form.group() * form.numbers_out())).for_each(
-            |(images, outputs)| {
-                let product = Flex::float_matmul(form.patches(images), weight.clone());
-                let sums = numbers(&product).chunks_exact(form.outputs);
-                for (out, sums) in outputs.chunks_exact_mut(form.outputs).zip(sums) {
-                    for ((out, sum), bias) in out.iter_mut().zip(sums).zip(bias) {
-                        *out = (sum + bias).max(0.0);
-                    }
+        let bias = values_of(&bias);
+        let mut outputs = vec![0.0; form.count * form.values_out()];
+        let groups = values_of(&images).par_chunks(form.group() * form.values_in());
+        groups.zip(outputs.par_chunks_mut(form.group() * form.values_out())).for_each(|(images, outputs)| {
+            let product = Flex::float_matmul(form.patches(images), weight.clone());
+            let sums = values_of(&product).chunks_exact(form.outputs);
+            for (out, sums) in outputs.chunks_exact_mut(form.outputs).zip(sums) {
+                for ((out, sum), bias) in out.iter_mut().zip(sums).zip(bias) {
+                    *out = (sum + bias).max(0.0);
                 }
-            },
-        );
+            }
+        });
         tensor(outputs, [form.count, form.rows, form.columns, form.outputs])
     }
 }
@@ -83,7 +81,7 @@ impl Convolve for Flex {
 #[derive(Debug)]
 struct Convolved;
 
-/// What it needs to know.
+/// Its settings.
 #[derive(Clone, Debug)]
 struct Seen {
     images: FlexTensor,
@@ -142,15 +140,15 @@ impl Seen {
     /// Gradients where that of the outputs is `given`.
     fn gradients(&self, given: &FlexTensor, of_images: bool) -> Found {
         let Self { images, weight, outputs, form } = self;
-        let mut back = vec![0.0; if of_images { numbers(images).len() } else { 0 }];
-        let group = form.group() * form.numbers_in();
+        let mut back = vec![0.0; if of_images { values_of(images).len() } else { 0 }];
+        let group = form.group() * form.values_in();
         let mut backs: Vec<&mut [f32]> = back.chunks_mut(group).collect();
         backs.resize_with(form.count.div_ceil(form.group()), || &mut []);
-        let group_out = form.group() * form.numbers_out();
-        let groups = numbers(outputs).par_chunks(group_out).zip(numbers(given).par_chunks(group_out));
+        let group_out = form.group() * form.values_out();
+        let groups = values_of(outputs).par_chunks(group_out).zip(values_of(given).par_chunks(group_out));
         let transposed = weight.transpose(0, 1);
         let parts: Vec<(FlexTensor, Vec<f32>)> = groups
-            .zip(numbers(images).par_chunks(group))
+            .zip(values_of(images).par_chunks(group))
             .zip(backs)
             .map(|(((outputs, given), images), back)| {
                 let passed: Vec<f32> = outputs
@@ -166,7 +164,7 @@ impl Seen {
                 let passed = tensor(passed, [places, form.outputs]);
                 if !back.is_empty() {
                     let patches = Flex::float_matmul(passed.clone(), transposed.clone());
-                    form.add_patches(numbers(&patches), back);
+                    form.add_patches(values_of(&patches), back);
                 }
                 (Flex::float_matmul(form.patches(images).transpose(0, 1), passed), bias)
             })
@@ -174,7 +172,7 @@ impl Seen {
         // In order: the same bits on any number of threads.
         let mut sums = (vec![0.0; form.seen() * form.outputs], vec![0.0; form.outputs]);
         for (weight, bias) in &parts {
-            add(&mut sums.0, numbers(weight));
+            add(&mut sums.0, values_of(weight));
             add(&mut sums.1, bias);
         }
         let shape = [form.count, form.height, form.width, form.inputs];
@@ -190,7 +188,7 @@ fn add(sums: &mut [f32], more: &[f32]) {
     sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
 }
 
-/// Numbers that the patches of a group of images are, at most, where one image has no more: they stay in the cache of a core.
+/// The most values in the patches of a group of images, unless one image has more: they stay in the cache of a core.
 const GROUP: usize = 1 << 17;
 
 /// Sizes of what goes in and out.
@@ -215,37 +213,37 @@ impl Form {
         Self { kernel, count, height, width, inputs, rows, columns, outputs }
     }
 
-    /// Numbers that a kernel sees.
+    /// Values in the receptive field of a kernel.
     fn seen(&self) -> usize {
         self.kernel.size * self.kernel.size * self.inputs
     }
 
-    /// Numbers that it sees at all places of an image.
-    fn numbers_seen(&self) -> usize {
+    /// The same at all places of an image.
+    fn values_seen(&self) -> usize {
         self.rows * self.columns * self.seen()
     }
 
-    /// Numbers of an image.
-    fn numbers_in(&self) -> usize {
+    /// Values of an image.
+    fn values_in(&self) -> usize {
         self.height * self.width * self.inputs
     }
 
-    /// Numbers of what becomes of it.
-    fn numbers_out(&self) -> usize {
+    /// Values of its output.
+    fn values_out(&self) -> usize {
         self.rows * self.columns * self.outputs
     }
 
     /// Images of a group.
     fn group(&self) -> usize {
-        (GROUP / self.numbers_seen()).max(1)
+        (GROUP / self.values_seen()).max(1)
     }
 
     /// `[n, H, W, in]` → `[n × H' × W', K × K × in]`: what the kernel sees at each place.
     fn patches(&self, images: &[f32]) -> FlexTensor {
-        let places = images.len() / self.numbers_in() * self.rows * self.columns;
+        let places = images.len() / self.values_in() * self.rows * self.columns;
         let mut patches = vec![0.0; places * self.seen()];
         for (patches, image) in
-            patches.chunks_exact_mut(self.numbers_seen()).zip(images.chunks_exact(self.numbers_in()))
+            patches.chunks_exact_mut(self.values_seen()).zip(images.chunks_exact(self.values_in()))
         {
             self.each_run(|patch, image_at, length| {
                 patches[patch..patch + length].copy_from_slice(&image[image_at..image_at + length]);
@@ -257,7 +255,7 @@ impl Form {
     /// Adds what belongs to each place to the pixels that the kernel sees from there.
     fn add_patches(&self, patches: &[f32], images: &mut [f32]) {
         for (patches, image) in
-            patches.chunks_exact(self.numbers_seen()).zip(images.chunks_exact_mut(self.numbers_in()))
+            patches.chunks_exact(self.values_seen()).zip(images.chunks_exact_mut(self.values_in()))
         {
             self.each_run(|patch, image_at, length| {
                 add(&mut image[image_at..image_at + length], &patches[patch..patch + length]);
@@ -286,7 +284,7 @@ impl Form {
     }
 }
 
-fn numbers(tensor: &FlexTensor) -> &[f32] {
+fn values_of(tensor: &FlexTensor) -> &[f32] {
     tensor.as_slice().expect("contiguous 32-bit floats")
 }
 
@@ -301,7 +299,7 @@ mod tests {
     use super::*;
     use crate::params::host;
 
-    /// Numbers between −1 and 1 without a pattern that sums would hide.
+    /// Values between −1 and 1 without a pattern that sums would hide.
     fn wild<const D: usize>(shape: [usize; D], device: &Device) -> Tensor<D> {
         let count: usize = shape.iter().product();
         let values: Vec<f32> = (0..count).map(|i| ((i * i + 7 * count) as f32).sin()).collect();
@@ -317,7 +315,7 @@ mod tests {
         let weight = wild([kernel.size * kernel.size * shape[3], outputs], &device).require_grad();
         let bias = wild([outputs], &device).require_grad();
         let out = way(images.clone(), weight.clone(), bias.clone(), kernel);
-        // Another number for each output.
+        // Another value for each output.
         let gradients = (out.clone() * wild(out.dims(), &device)).sum().backward();
         let of = "all three are tracked";
         [
@@ -354,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn a_image_is_convolved_alike_beside_any_others() {
+    fn an_image_is_convolved_alike_in_any_batch() {
         let device = Device::flex();
         let kernel = Kernel { size: 3, stride: 2, padding: 1 };
         let (weight, bias) = (wild([9 * 16, 32], &device), wild([32], &device));

@@ -33,7 +33,7 @@ impl PointConv {
 }
 
 impl StateEmbedder {
-    /// From `inputs` to `outputs` numbers.
+    /// From `inputs` to `outputs` values.
     pub(crate) fn new(inputs: usize, outputs: usize, device: &Device) -> Self {
         Self { patch_embed: PointConv::new(inputs, outputs, device) }
     }
@@ -43,8 +43,8 @@ impl StateEmbedder {
         self.patch_embed.forward(input)
     }
 
-    /// Numbers of an embedding.
-    pub(crate) fn width(&self) -> usize {
+    /// Dim of an embedding.
+    pub(crate) fn dim(&self) -> usize {
         self.patch_embed.bias.dims()[0]
     }
 }
@@ -58,7 +58,7 @@ pub(crate) struct ActionEmbedder {
 }
 
 impl ActionEmbedder {
-    /// From `inputs` by way of `smoothed` and four times `outputs` to `outputs` numbers.
+    /// From `inputs` by way of `smoothed` and four times `outputs` to `outputs` values.
     pub(crate) fn new(inputs: usize, smoothed: usize, outputs: usize, device: &Device) -> Self {
         Self {
             patch_embed: PointConv::new(inputs, smoothed, device),

@@ -33,15 +33,15 @@ struct FramePair {
 impl FramePredictor {
     /// For frames of this form.
     pub(crate) fn new(config: &PredictorConfig, form: &TokenForm, device: &Device) -> Self {
-        let &PredictorConfig { heads, head_width, hidden, dropout, .. } = config;
+        let &PredictorConfig { heads, head_dim, hidden, dropout, .. } = config;
         let pair = || FramePair {
-            attention: Attention::new(form.width, heads, head_width, dropout, device),
-            feed_forward: FeedForward::new(form.width, hidden, dropout, device),
+            attention: Attention::new(form.dim, heads, head_dim, dropout, device),
+            feed_forward: FeedForward::new(form.dim, hidden, dropout, device),
         };
         Self {
-            pos_embedding: parameter([1, form.frames * form.patches, form.width], device),
+            pos_embedding: parameter([1, form.frames * form.patches, form.dim], device),
             transformer: FrameTransformer {
-                norm: LayerNorm::new(form.width, device),
+                norm: LayerNorm::new(form.dim, device),
                 layers: std::iter::repeat_with(pair).take(config.depth).collect(),
             },
         }

@@ -19,11 +19,12 @@ pub struct GoalTransformerConfig {
     pub depth: usize,
     /// Heads of attention.
     pub heads: usize,
-    /// Numbers of a head.
-    pub head_width: usize,
-    /// Hidden numbers of the network after each attention.
+    /// Dim of an attention head.
+    #[serde(alias = "head_width")]
+    pub head_dim: usize,
+    /// Hidden dim of the MLP after each attention.
     pub hidden: usize,
-    /// Share of numbers dropped in training.
+    /// Dropout rate.
     pub dropout: f64,
     /// How a frame becomes one vector.
     pub pool: Pool,
@@ -48,7 +49,7 @@ impl Default for GoalTransformerConfig {
         Self {
             depth: 6,
             heads: 16,
-            head_width: 64,
+            head_dim: 64,
             hidden: 2048,
             dropout: 0.0,
             pool: Pool::Attention,
@@ -64,8 +65,8 @@ pub(crate) struct TokenForm {
     pub(crate) patches: usize,
     /// T: frames, at most.
     pub(crate) frames: usize,
-    /// W: numbers of a token.
-    pub(crate) width: usize,
+    /// W: dim of a token.
+    pub(crate) dim: usize,
 }
 
 /// Whose keys a block looks at.
@@ -114,16 +115,16 @@ struct GoalTransformer {
 
 impl GoalAttention {
     fn new(config: &GoalTransformerConfig, looks: Looks, form: &TokenForm, device: &Device) -> Self {
-        let &TokenForm { patches, frames, width } = form;
-        let inner = config.heads * config.head_width;
-        let projects = !(config.heads == 1 && config.head_width == width);
+        let &TokenForm { patches, frames, dim } = form;
+        let inner = config.heads * config.head_dim;
+        let projects = !(config.heads == 1 && config.head_dim == dim);
         Self {
-            norm: LayerNorm::new(width, device),
-            norm_c: (looks == Looks::AtGoal).then(|| LayerNorm::new(width, device)),
-            to_q: Linear::without_bias(width, inner, device),
-            to_kv: Linear::without_bias(width, 2 * inner, device),
-            to_out: projects.then(|| Linear::new(inner, width, device)),
-            frame_tokens: (looks == Looks::PerFrame).then(|| parameter([1, frames, width], device)),
+            norm: LayerNorm::new(dim, device),
+            norm_c: (looks == Looks::AtGoal).then(|| LayerNorm::new(dim, device)),
+            to_q: Linear::without_bias(dim, inner, device),
+            to_kv: Linear::without_bias(dim, 2 * inner, device),
+            to_out: projects.then(|| Linear::new(inner, dim, device)),
+            frame_tokens: (looks == Looks::PerFrame).then(|| parameter([1, frames, dim], device)),
             config: config.clone(),
             looks,
             patches,
@@ -131,13 +132,13 @@ impl GoalAttention {
     }
 
     fn forward(&self, input: Tensor<3>, goal: Tensor<3>, pass: &mut Pass) -> Tensor<3> {
-        let [batch, count, width] = input.dims();
+        let [batch, count, dim] = input.dims();
         let frames = count / self.patches;
         let input = self.norm.forward(input);
         let (queries, keys, who) = match (&self.norm_c, &self.frame_tokens) {
             (Some(norm), _) => (input, norm.forward(goal), Attend::All),
             (_, Some(tokens)) => {
-                let queries = tokens.val().narrow(1, 0, frames).expand([batch, frames, width]);
+                let queries = tokens.val().narrow(1, 0, frames).expand([batch, frames, dim]);
                 let who = later_frames(frames, 1, self.patches, &input);
                 (queries, input, who)
             }
@@ -148,7 +149,7 @@ impl GoalAttention {
         };
         let q = self.to_q.forward(queries);
         let kv: [Tensor<3>; 2] =
-            self.to_kv.forward(keys).chunk(2, 2).try_into().expect("two parts of a width that two divides");
+            self.to_kv.forward(keys).chunk(2, 2).try_into().expect("two parts of a dim that two divides");
         let [k, v] = kv;
         let heads = [q, k, v].map(|part| split(part, self.config.heads));
         let output = join(attend(heads, &who, self.config.dropout, pass));
@@ -182,11 +183,11 @@ impl GoalTransformer {
             };
             AttentionPair {
                 attention: GoalAttention::new(config, looks, form, device),
-                feed_forward: FeedForward::new(form.width, config.hidden, config.dropout, device),
+                feed_forward: FeedForward::new(form.dim, config.hidden, config.dropout, device),
             }
         };
         Self {
-            norm: LayerNorm::new(form.width, device),
+            norm: LayerNorm::new(form.dim, device),
             layers: (0..config.depth).map(block).collect(),
             token_norm: config.compare.then(|| LayerNorm::plain(1e-5)),
             pool: config.pool,
@@ -220,15 +221,15 @@ impl GoalTransformer {
             state = layer.feed_forward.forward(state.clone(), pass) + state;
         }
         if self.pool == Pool::Mean {
-            let [batch, count, width] = state.dims();
-            let by_frame = state.reshape([batch, count / self.patches, self.patches, width]);
+            let [batch, count, dim] = state.dims();
+            let by_frame = state.reshape([batch, count / self.patches, self.patches, dim]);
             state = by_frame.mean_dim(2).squeeze_dim(2);
         }
         self.norm.forward(state)
     }
 }
 
-/// Numbers for each frame: actions, or a value.
+/// One vector per frame: an action, or a value.
 #[derive(Module, Debug)]
 pub(crate) struct GoalPredictor {
     /// `[1, T × P, W]`.
@@ -240,7 +241,7 @@ pub(crate) struct GoalPredictor {
 }
 
 impl GoalPredictor {
-    /// With this many numbers for each frame.
+    /// With so many outputs per frame.
     pub(crate) fn new(
         config: &GoalTransformerConfig,
         form: &TokenForm,
@@ -248,10 +249,10 @@ impl GoalPredictor {
         device: &Device,
     ) -> Self {
         Self {
-            pos_embedding: parameter([1, form.frames * form.patches, form.width], device),
-            pos_embedding_goal: parameter([1, form.patches, form.width], device),
+            pos_embedding: parameter([1, form.frames * form.patches, form.dim], device),
+            pos_embedding_goal: parameter([1, form.patches, form.dim], device),
             transformer: GoalTransformer::new(config, form, device),
-            out_proj: Linear::new(form.width, outputs, device),
+            out_proj: Linear::new(form.dim, outputs, device),
         }
     }
 
@@ -286,7 +287,7 @@ struct QHead {
 }
 
 impl Critic {
-    /// For actions of this many numbers, with this many hidden ones in its head.
+    /// For actions of dim `actions`, with a head of hidden dim `hidden`.
     pub(crate) fn new(
         config: &GoalTransformerConfig,
         form: &TokenForm,
@@ -295,11 +296,11 @@ impl Critic {
         device: &Device,
     ) -> Self {
         Self {
-            pos_embedding: parameter([1, form.frames * form.patches, form.width], device),
-            pos_embedding_goal: parameter([1, form.patches, form.width], device),
+            pos_embedding: parameter([1, form.frames * form.patches, form.dim], device),
+            pos_embedding_goal: parameter([1, form.patches, form.dim], device),
             transformer: GoalTransformer::new(config, form, device),
             q_head: QHead {
-                first: Linear::new(form.width + actions, hidden, device),
+                first: Linear::new(form.dim + actions, hidden, device),
                 second: Linear::new(hidden, hidden, device),
                 third: Linear::new(hidden, 1, device),
             },

@@ -6,7 +6,7 @@ use burn::tensor::{Device, Tensor};
 
 use super::convolution::{Kernel, convolve};
 
-/// A parameter of zeros; [`initialize`](crate::init::initialize) gives it its first numbers.
+/// A parameter of zeros; [`initialize`](crate::init::initialize) gives it its first values.
 pub(crate) fn parameter<const D: usize>(shape: [usize; D], device: &Device) -> Param<Tensor<D>> {
     Param::initialized(ParamId::new(), Tensor::zeros(shape, device))
 }
@@ -51,7 +51,7 @@ impl Conv {
         Self { weight: parameter([outputs, inputs, size, size], device), bias: parameter([outputs], device) }
     }
 
-    /// The kernel beside itself, without overlap: `[N, in, H, W]` → `[N, out, H / K, W / K]`. One product of matrices, whose
+    /// A kernel with stride K, without overlap: `[N, in, H, W]` → `[N, out, H / K, W / K]`. One product of matrices, whose
     /// gradients are two.
     pub(crate) fn forward_patches(&self, input: Tensor<4>) -> Tensor<4> {
         let [outputs, inputs, size, _] = self.weight.dims();

@@ -1,7 +1,7 @@
 //! Layers and networks that the baselines share, on tensors. They know no data, no loss and no file.
 //!
 //! Each has the form of the reference's PyTorch module, to the names of its tensors, so that weights go both ways;
-//! `src/parity` compares them number by number. Train and evaluation differ by the [`Pass`] alone.
+//! `src/parity` compares them value by value. Train and evaluation differ by the [`Pass`] alone.
 //!
 //! [`Pass`]: crate::pass::Pass
 

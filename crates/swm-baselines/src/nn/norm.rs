@@ -18,13 +18,13 @@ pub(crate) struct LayerNorm {
 
 impl LayerNorm {
     /// With a scale and a shift, and PyTorch's epsilon of 1e-5.
-    pub(crate) fn new(width: usize, device: &Device) -> Self {
-        Self::with_epsilon(width, 1e-5, device)
+    pub(crate) fn new(dim: usize, device: &Device) -> Self {
+        Self::with_epsilon(dim, 1e-5, device)
     }
 
     /// With a scale and a shift.
-    pub(crate) fn with_epsilon(width: usize, epsilon: f64, device: &Device) -> Self {
-        let [weight, bias] = [parameter([width], device), parameter([width], device)].map(Some);
+    pub(crate) fn with_epsilon(dim: usize, epsilon: f64, device: &Device) -> Self {
+        let [weight, bias] = [parameter([dim], device), parameter([dim], device)].map(Some);
         Self { weight, bias, epsilon }
     }
 
@@ -38,8 +38,8 @@ impl LayerNorm {
         if let (Some(weight), Some(bias)) = (&self.weight, &self.bias) {
             return layer_norm(input, weight.val(), Some(bias.val()), self.epsilon);
         }
-        let width = input.dims()[D - 1];
-        let ones = Tensor::ones([width], &input.device().inner());
+        let dim = input.dims()[D - 1];
+        let ones = Tensor::ones([dim], &input.device().inner());
         layer_norm(input, ones, None, self.epsilon)
     }
 }
@@ -58,9 +58,9 @@ impl BatchNorm {
     /// The share of a batch in the running statistics.
     const MOMENTUM: f32 = 0.1;
 
-    /// For `[N, width]`.
-    pub(crate) fn new(width: usize, device: &Device) -> Self {
-        let [weight, bias, running_mean, running_var] = std::array::from_fn(|_| parameter([width], device));
+    /// For `[N, D]`.
+    pub(crate) fn new(dim: usize, device: &Device) -> Self {
+        let [weight, bias, running_mean, running_var] = std::array::from_fn(|_| parameter([dim], device));
         Self { weight, bias, running_mean, running_var }
     }
 

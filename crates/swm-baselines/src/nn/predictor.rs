@@ -18,17 +18,18 @@ pub struct PredictorConfig {
     pub depth: usize,
     /// Heads of attention.
     pub heads: usize,
-    /// Numbers of a head.
-    pub head_width: usize,
-    /// Hidden numbers of the network after each attention.
+    /// Dim of an attention head.
+    #[serde(alias = "head_width")]
+    pub head_dim: usize,
+    /// Hidden dim of the MLP after each attention.
     pub hidden: usize,
-    /// Share of numbers dropped in training.
+    /// Dropout rate.
     pub dropout: f64,
 }
 
 impl Default for PredictorConfig {
     fn default() -> Self {
-        Self { depth: 6, heads: 16, head_width: 64, hidden: 2048, dropout: 0.1 }
+        Self { depth: 6, heads: 16, head_dim: 64, hidden: 2048, dropout: 0.1 }
     }
 }
 
@@ -56,13 +57,13 @@ struct ConditionalBlock {
 }
 
 impl Predictor {
-    /// For states of `width` numbers and at most `frames` of them.
-    pub(crate) fn new(config: &PredictorConfig, width: usize, frames: usize, device: &Device) -> Self {
-        let block = || ConditionalBlock::new(config, width, device);
+    /// For latents of `dim` values and at most `frames` of them.
+    pub(crate) fn new(config: &PredictorConfig, dim: usize, frames: usize, device: &Device) -> Self {
+        let block = || ConditionalBlock::new(config, dim, device);
         Self {
-            pos_embedding: parameter([1, frames, width], device),
+            pos_embedding: parameter([1, frames, dim], device),
             transformer: Transformer {
-                norm: LayerNorm::new(width, device),
+                norm: LayerNorm::new(dim, device),
                 layers: std::iter::repeat_with(block).take(config.depth).collect(),
             },
         }
@@ -115,14 +116,14 @@ pub(crate) struct SeenStates {
 }
 
 impl ConditionalBlock {
-    fn new(config: &PredictorConfig, width: usize, device: &Device) -> Self {
-        let &PredictorConfig { heads, head_width, hidden, dropout, .. } = config;
+    fn new(config: &PredictorConfig, dim: usize, device: &Device) -> Self {
+        let &PredictorConfig { heads, head_dim, hidden, dropout, .. } = config;
         Self {
-            attn: Attention::new(width, heads, head_width, dropout, device),
-            mlp: FeedForward::new(width, hidden, dropout, device),
+            attn: Attention::new(dim, heads, head_dim, dropout, device),
+            mlp: FeedForward::new(dim, hidden, dropout, device),
             norm1: LayerNorm::plain(1e-6),
             norm2: LayerNorm::plain(1e-6),
-            modulation: Linear::new(width, 6 * width, device),
+            modulation: Linear::new(dim, 6 * dim, device),
         }
     }
 
@@ -157,7 +158,7 @@ impl ConditionalBlock {
 
 /// Shifts, scales and gates of both branches.
 fn six(condition: Tensor<3>) -> [Tensor<3>; 6] {
-    condition.chunk(6, 2).try_into().expect("six parts of a width that six divides")
+    condition.chunk(6, 2).try_into().expect("six parts of a dim that six divides")
 }
 
 fn modulate(input: Tensor<3>, shift: Tensor<3>, scale: Tensor<3>) -> Tensor<3> {

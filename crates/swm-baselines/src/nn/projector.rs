@@ -33,10 +33,10 @@ impl Mlp {
 
     /// `[B, T, in]` → `[B, T, out]`, one batch of B × T for the norm.
     pub(crate) fn forward_frames(&self, input: Tensor<3>, pass: &mut Pass) -> Tensor<3> {
-        let [batch, frames, width] = input.dims();
-        let output = self.forward(input.reshape([batch * frames, width]), pass);
-        let width = output.dims()[1];
-        output.reshape([batch, frames, width])
+        let [batch, frames, dim] = input.dims();
+        let output = self.forward(input.reshape([batch * frames, dim]), pass);
+        let dim = output.dims()[1];
+        output.reshape([batch, frames, dim])
     }
 }
 
@@ -49,10 +49,10 @@ pub(crate) struct InverseDynamics {
 }
 
 impl InverseDynamics {
-    /// From two states of `width` numbers.
-    pub(crate) fn new(width: usize, hidden: usize, actions: usize, device: &Device) -> Self {
+    /// From two latents of `dim` values.
+    pub(crate) fn new(dim: usize, hidden: usize, actions: usize, device: &Device) -> Self {
         Self {
-            up: Linear::new(2 * width, hidden, device),
+            up: Linear::new(2 * dim, hidden, device),
             norm: LayerNorm::new(hidden, device),
             down: Linear::new(hidden, actions, device),
         }

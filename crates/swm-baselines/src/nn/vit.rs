@@ -15,13 +15,14 @@ use crate::pass::Pass;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct VitConfig {
-    /// Numbers of a token.
-    pub width: usize,
+    /// Embedding dim of a token.
+    #[serde(alias = "width")]
+    pub dim: usize,
     /// Blocks.
     pub depth: usize,
-    /// Heads of attention; they divide the width.
+    /// Attention heads; they divide `dim`.
     pub heads: usize,
-    /// Hidden numbers of the network after each attention.
+    /// Hidden dim of the MLP after each attention.
     pub hidden: usize,
     /// Side of a patch in pixels.
     pub patch: usize,
@@ -33,20 +34,20 @@ pub struct VitConfig {
 
 impl Default for VitConfig {
     fn default() -> Self {
-        Self { width: 192, depth: 12, heads: 3, hidden: 768, patch: 14, positions_for: 224, dinov2: false }
+        Self { dim: 192, depth: 12, heads: 3, hidden: 768, patch: 14, positions_for: 224, dinov2: false }
     }
 }
 
 impl VitConfig {
     /// DINOv2-small: positions of 518-pixel images.
     pub fn dinov2_small() -> Self {
-        Self { width: 384, heads: 6, hidden: 1536, positions_for: 518, dinov2: true, ..Self::default() }
+        Self { dim: 384, heads: 6, hidden: 1536, positions_for: 518, dinov2: true, ..Self::default() }
     }
 
     /// What is wrong with it, if anything is.
     pub(crate) fn check(&self, size: [usize; 2]) -> Result<(), String> {
-        if self.heads == 0 || !self.width.is_multiple_of(self.heads) {
-            return Err(format!("{} heads do not divide a width of {}", self.heads, self.width));
+        if self.heads == 0 || !self.dim.is_multiple_of(self.heads) {
+            return Err(format!("{} heads do not divide a dim of {}", self.heads, self.dim));
         }
         if self.patch == 0 || self.positions_for < self.patch || size.iter().any(|side| *side < self.patch) {
             return Err(format!("no patch of {} pixels fits into an image of {size:?}", self.patch));
@@ -116,21 +117,21 @@ struct Mlp {
 impl Vit {
     /// A network of zeros.
     pub(crate) fn new(config: &VitConfig, device: &Device) -> Self {
-        let &VitConfig { width, patch, positions_for, .. } = config;
+        let &VitConfig { dim, patch, positions_for, .. } = config;
         let positions = (positions_for / patch).pow(2);
         Self {
             embeddings: Embeddings {
-                cls_token: parameter([1, 1, width], device),
-                position_embeddings: parameter([1, 1 + positions, width], device),
-                patch_embeddings: PatchEmbeddings { projection: Conv::new([3, width], patch, device) },
+                cls_token: parameter([1, 1, dim], device),
+                position_embeddings: parameter([1, 1 + positions, dim], device),
+                patch_embeddings: PatchEmbeddings { projection: Conv::new([3, dim], patch, device) },
             },
             layers: (0..config.depth).map(|_| Layer::new(config, device)).collect(),
-            layernorm: LayerNorm::with_epsilon(width, config.epsilon(), device),
+            layernorm: LayerNorm::with_epsilon(dim, config.epsilon(), device),
             config: config.clone(),
         }
     }
 
-    /// `[N, 3, H, W]` images → `[N, 1 + P, width]`: the summary token, then the patches row by row.
+    /// `[N, 3, H, W]` images → `[N, 1 + P, D]`: the summary token, then the patches row by row.
     pub(crate) fn forward(&self, images: Tensor<4>) -> Tensor<3> {
         let heads = self.config.heads;
         let tokens = self.embed(images);
@@ -138,7 +139,7 @@ impl Vit {
         self.layernorm.forward(tokens)
     }
 
-    /// `[N, 3, H, W]` images → `[N, width]`: the summary tokens of [`Vit::forward`]. Of the last block only they are computed.
+    /// `[N, 3, H, W]` images → `[N, D]`: the summary tokens of [`Vit::forward`]. Of the last block only they are computed.
     pub(crate) fn summaries(&self, images: Tensor<4>) -> Tensor<2> {
         let (heads, last) = (self.config.heads, self.layers.len().saturating_sub(1));
         let tokens =
@@ -153,11 +154,11 @@ impl Vit {
         let patches = self.embeddings.patch_embeddings.projection.forward_patches(images);
         let grid = [patches.dims()[2], patches.dims()[3]];
         let patches = patches.flatten::<3>(2, 3).swap_dims(1, 2);
-        let cls = self.embeddings.cls_token.val().expand([count, 1, self.config.width]);
+        let cls = self.embeddings.cls_token.val().expand([count, 1, self.config.dim]);
         Tensor::cat(vec![cls, patches], 1) + self.positions(grid)
     }
 
-    /// `[1, 1 + P, width]`: the table of positions, resampled to a grid of patches.
+    /// `[1, 1 + P, D]`: the table of positions, resampled to a grid of patches.
     fn positions(&self, [rows, columns]: [usize; 2]) -> Tensor<3> {
         let table = self.embeddings.position_embeddings.val();
         let side = self.config.positions_for / self.config.patch;
@@ -186,19 +187,19 @@ impl VitConfig {
 
 impl Layer {
     fn new(config: &VitConfig, device: &Device) -> Self {
-        let (width, linear) = (config.width, |inputs, outputs| Linear::new(inputs, outputs, device));
-        let scale = || config.dinov2.then(|| LayerScale { lambda1: parameter([width], device) });
+        let (dim, linear) = (config.dim, |inputs, outputs| Linear::new(inputs, outputs, device));
+        let scale = || config.dinov2.then(|| LayerScale { lambda1: parameter([dim], device) });
         Self {
-            norm1: LayerNorm::with_epsilon(width, config.epsilon(), device),
+            norm1: LayerNorm::with_epsilon(dim, config.epsilon(), device),
             attention: SelfAttention {
-                q_proj: linear(width, width),
-                k_proj: linear(width, width),
-                v_proj: linear(width, width),
-                o_proj: linear(width, width),
+                q_proj: linear(dim, dim),
+                k_proj: linear(dim, dim),
+                v_proj: linear(dim, dim),
+                o_proj: linear(dim, dim),
             },
             layer_scale1: scale(),
-            norm2: LayerNorm::with_epsilon(width, config.epsilon(), device),
-            mlp: Mlp { fc1: linear(width, config.hidden), fc2: linear(config.hidden, width) },
+            norm2: LayerNorm::with_epsilon(dim, config.epsilon(), device),
+            mlp: Mlp { fc1: linear(dim, config.hidden), fc2: linear(config.hidden, dim) },
             layer_scale2: scale(),
         }
     }

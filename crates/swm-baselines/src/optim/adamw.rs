@@ -25,7 +25,7 @@ struct Moments {
     steps: u64,
 }
 
-/// Numbers that a thread takes at a time.
+/// Values that a thread takes at a time.
 const PART: usize = 1 << 16;
 
 impl AdamW {
@@ -98,7 +98,7 @@ impl AdamW {
         state
     }
 
-    /// Takes a state that [`AdamW::to_host`] gave; `take` gives the numbers of a name, if there are so many.
+    /// Takes a state that [`AdamW::to_host`] gave; `take` gives the values of a name, if there are so many.
     pub(crate) fn from_host<M: Module>(
         network: &M,
         mut take: impl FnMut(&str, usize) -> Option<Vec<f32>>,

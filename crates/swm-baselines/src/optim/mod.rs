@@ -1,6 +1,6 @@
-//! How weights change: AdamW, the clipping of gradients, the schedule of the learning rate, teachers that follow.
+//! How weights change: AdamW, the clipping of gradients, the schedule of the learning rate.
 //!
-//! The state of an optimizer is numbers by name, so that a training can be stored and resumed exactly.
+//! The state of an optimizer is values by name, so that a training can be stored and resumed exactly.
 
 mod adamw;
 mod schedule;

@@ -16,7 +16,7 @@ pub enum Schedule {
 }
 
 impl Schedule {
-    /// Down to zero along a cosine from the first step: what the reference's trainer does where it is told nothing.
+    /// Down to zero along a cosine from the first step: the default of the reference's trainer.
     pub const COSINE: Self = Schedule::WarmUpCosine { warm_up: 0.0 };
 }
 

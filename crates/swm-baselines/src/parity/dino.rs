@@ -4,13 +4,13 @@ use serde_json::json;
 use swm_solvers::Candidates;
 
 use super::Fixture;
-use crate::data::{ClipBatch, Facts, Images, Inputs, Numbers, Scenes};
+use crate::data::{ClipBatch, DataDims, Images, Inputs, PlanningBatch, Vectors};
 use crate::models::dino_wm::{DinoWmConfig, make};
 use crate::network::{Network, Parts};
 use crate::params;
 use crate::pass::Pass;
 
-const FACTS: Facts = Facts { action_width: 4, proprio_width: 3 };
+const DIMS: DataDims = DataDims { action_dim: 4, proprio_dim: 3 };
 /// Values of an image.
 const SIZE: usize = 3 * 12 * 12;
 
@@ -18,21 +18,21 @@ fn parts(fixture: &Fixture) -> Parts<impl Network + use<>> {
     let tiny = json!({
         "image": 12, "proprio": 2, "action": 2, "history": 3, "frameskip": 1, "batch": 4, "optim": {},
         "encoder": {
-            "kind": "vit", "width": 12, "depth": 2, "heads": 3, "hidden": 24, "patch": 4, "positions_for": 16,
+            "kind": "vit", "dim": 12, "depth": 2, "heads": 3, "hidden": 24, "patch": 4, "positions_for": 16,
             "dinov2": true,
         },
-        "predictor": {"depth": 2, "heads": 2, "head_width": 5, "hidden": 20, "dropout": 0.0},
+        "predictor": {"depth": 2, "heads": 2, "head_dim": 5, "hidden": 20, "dropout": 0.0},
     });
     let config: DinoWmConfig = serde_json::from_value(tiny).unwrap();
-    make(&config, &FACTS, &fixture.device).unwrap()
+    make(&config, &DIMS, &fixture.device).unwrap()
 }
 
 fn images(values: &[u8], steps: usize) -> Images<'_> {
     Images { values, rows: values.len() / steps / SIZE, steps, height: 12, width: 12, channels_last: false }
 }
 
-fn numbers(values: &[f32], rows: usize, width: usize) -> Numbers<'_> {
-    Numbers { values, rows, steps: values.len() / rows / width, width }
+fn vectors(values: &[f32], rows: usize, dim: usize) -> Vectors<'_> {
+    Vectors { values, rows, steps: values.len() / rows / dim, dim }
 }
 
 #[test]
@@ -43,8 +43,8 @@ fn dino_wm_trains_as_the_reference() {
     let pixels: Vec<u8> = fixture.values("inputs.pixels").iter().map(|value| *value as u8).collect();
     let batch = ClipBatch {
         pixels: images(&pixels, 4),
-        action: numbers(fixture.values("inputs.action"), 4, 4),
-        proprio: Some(numbers(fixture.values("inputs.proprio"), 4, 3)),
+        action: vectors(fixture.values("inputs.action"), 4, 4),
+        proprio: Some(vectors(fixture.values("inputs.proprio"), 4, 3)),
         goal_pixels: None,
         goal_proprio: None,
     };
@@ -71,26 +71,20 @@ fn costs_of_plans_and_their_gradients_are_the_references() {
                 .copied()
                 .collect()
         };
-        let rows = |values: &[f32], width: usize, skip, steps: usize| -> Vec<f32> {
-            values
-                .chunks(4 * width)
-                .skip(skip)
-                .take(2)
-                .flat_map(|clip| &clip[..steps * width])
-                .copied()
-                .collect()
+        let rows = |values: &[f32], dim: usize, skip, steps: usize| -> Vec<f32> {
+            values.chunks(4 * dim).skip(skip).take(2).flat_map(|clip| &clip[..steps * dim]).copied().collect()
         };
         let (now, goal) = (frames(0, seen), frames(2, 1));
         let (past, state, goal_state) =
             (rows(action, 4, 0, seen - 1), rows(proprio, 3, 0, seen), rows(proprio, 3, 2, 1));
-        let scenes = Scenes {
+        let planning_batch = PlanningBatch {
             pixels: images(&now, seen),
-            action: numbers(&past, 2, 4),
-            proprio: Some(numbers(&state, 2, 3)),
+            action: vectors(&past, 2, 4),
+            proprio: Some(vectors(&state, 2, 3)),
             goal_pixels: images(&goal, 1),
-            goal_proprio: Some(numbers(&goal_state, 2, 3)),
+            goal_proprio: Some(vectors(&goal_state, 2, 3)),
         };
-        planner.prepare(&scenes).unwrap();
+        planner.prepare(&planning_batch).unwrap();
         let actions = fixture.values(&format!("inputs.candidates{seen}"));
         let candidates = Candidates { actions, episodes: 2, samples: 6, horizon: 4, dim: 4 };
         fixture.check_costs(planner.as_mut(), &candidates, &format!("outputs.costs{seen}"));

@@ -11,7 +11,7 @@ use crate::params;
 use crate::weights;
 
 fn tiny(dinov2: bool) -> VitConfig {
-    VitConfig { width: 12, depth: 2, heads: 3, hidden: 24, patch: 4, positions_for: 16, dinov2 }
+    VitConfig { dim: 12, depth: 2, heads: 3, hidden: 24, patch: 4, positions_for: 16, dinov2 }
 }
 
 fn compare(name: &str, dinov2: bool) {

@@ -5,20 +5,20 @@ use swm_solvers::Candidates;
 
 use super::Fixture;
 use crate::baseline::PlanModel;
-use crate::data::{ClipBatch, Facts, Form, Images, Inputs, Numbers, Scenes};
+use crate::data::{ClipBatch, DataDims, Form, Images, Inputs, PlanningBatch, Vectors};
 use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
 use crate::models::{lewm, pldm};
 use crate::network::Network;
 use crate::params::{self, host};
 use crate::pass::Pass;
 
-const FACTS: Facts = Facts { action_width: 4, proprio_width: 0 };
+const DIMS: DataDims = DataDims { action_dim: 4, proprio_dim: 0 };
 
 fn config() -> JointConfig {
     let tiny = json!({
-        "image": 16, "width": 12, "projector": 18, "history": 3, "frameskip": 1, "smoothed": 6, "batch": 5,
-        "encoder": {"kind": "vit", "width": 12, "depth": 2, "heads": 3, "hidden": 24, "patch": 4, "positions_for": 16},
-        "predictor": {"depth": 2, "heads": 2, "head_width": 5, "hidden": 20, "dropout": 0.0},
+        "image": 16, "latent_dim": 12, "projector": 18, "history": 3, "frameskip": 1, "smoothed": 6, "batch": 5,
+        "encoder": {"kind": "vit", "dim": 12, "depth": 2, "heads": 3, "hidden": 24, "patch": 4, "positions_for": 16},
+        "predictor": {"depth": 2, "heads": 2, "head_dim": 5, "hidden": 20, "dropout": 0.0},
     });
     serde_json::from_value(tiny).unwrap()
 }
@@ -33,7 +33,7 @@ fn images(values: &[u8], rows: usize, steps: usize) -> Images<'_> {
 
 fn inputs(fixture: &Fixture, form: &Form) -> Inputs {
     let pixels = bytes(fixture);
-    let action = Numbers { values: fixture.values("inputs.action"), rows: 5, steps: 4, width: 4 };
+    let action = Vectors { values: fixture.values("inputs.action"), rows: 5, steps: 4, dim: 4 };
     let batch = ClipBatch {
         pixels: images(&pixels, 5, 4),
         action,
@@ -59,7 +59,7 @@ fn lewm_trains_as_the_reference() {
     let fixture = Fixture::open("lewm");
     let mut config = lewm::LewmConfig { model: config(), ..lewm::LewmConfig::paper() };
     config.sigreg.projections = 32;
-    let parts = lewm::make(&config, &FACTS, &fixture.device).unwrap();
+    let parts = lewm::make(&config, &DIMS, &fixture.device).unwrap();
     let mut pass = Pass::train(0, 0);
     pass.given = vec![fixture.values("inputs.directions").to_vec()];
     train(&fixture, &parts.network, &parts.form, pass);
@@ -71,13 +71,13 @@ fn pldm_trains_as_the_reference() {
     let weights = pldm::PldmWeights { cov_t: 0.5, inverse: 1.5, straightening: 0.3, ..Default::default() };
     let config =
         pldm::PldmConfig { model: config(), inverse_hidden: 16, weights, ..pldm::PldmConfig::paper() };
-    let parts = pldm::make(&config, &FACTS, &fixture.device).unwrap();
+    let parts = pldm::make(&config, &DIMS, &fixture.device).unwrap();
     train(&fixture, &parts.network, &parts.form, Pass::train(0, 0));
 }
 
 fn trained() -> (Fixture, Joint) {
     let fixture = Fixture::open("lewm");
-    let model = Joint::new("lewm", &config(), &FACTS, &fixture.device).unwrap();
+    let model = Joint::new("lewm", &config(), &DIMS, &fixture.device).unwrap();
     let model = fixture.load(&model, "weights");
     (fixture, model)
 }
@@ -85,7 +85,7 @@ fn trained() -> (Fixture, Joint) {
 #[test]
 fn states_and_predictions_are_the_references() {
     let (fixture, model) = trained();
-    let inputs = inputs(&fixture, &config().form(&FACTS));
+    let inputs = inputs(&fixture, &config().form(&DIMS));
     for (prefix, mut pass) in [("eval_", Pass::evaluate()), ("", Pass::train(0, 0))] {
         let Predicted { states, predicted } = model.predict_batch(&inputs, &mut pass);
         fixture.check(&format!("outputs.{prefix}states"), states);
@@ -111,14 +111,14 @@ fn costs_of_plans_and_their_gradients_are_the_references() {
             .flat_map(|clip| &clip[..(seen - 1) * 4])
             .copied()
             .collect();
-        let scenes = Scenes {
+        let planning_batch = PlanningBatch {
             pixels: images(&present, 2, seen),
-            action: Numbers { values: &past, rows: 2, steps: seen - 1, width: 4 },
+            action: Vectors { values: &past, rows: 2, steps: seen - 1, dim: 4 },
             proprio: None,
             goal_pixels: images(&goal, 2, 1),
             goal_proprio: None,
         };
-        planner.prepare(&scenes).unwrap();
+        planner.prepare(&planning_batch).unwrap();
         let actions = fixture.values(&format!("inputs.candidates{seen}"));
         let candidates = Candidates { actions, episodes: 2, samples: 6, horizon: 5, dim: 4 };
         fixture.check_costs(&mut planner, &candidates, &format!("outputs.costs{seen}"));
@@ -126,25 +126,25 @@ fn costs_of_plans_and_their_gradients_are_the_references() {
 }
 
 #[test]
-fn costs_depend_on_nothing_beside_their_candidate() {
+fn costs_depend_on_their_candidate_alone() {
     let (fixture, model) = trained();
     let mut planner = JointPlanner::new(model);
     let pixels = bytes(&fixture);
-    let scenes = |rows: &[usize]| {
+    let frames = |rows: &[usize]| {
         let clips: Vec<&[u8]> = pixels.chunks(4 * 3 * 16 * 16).collect();
         rows.iter().flat_map(|row| clips[*row][..3 * 16 * 16].iter().copied()).collect::<Vec<u8>>()
     };
     let plans: Vec<f32> = host(Pass::train(5, 0).normal([40 * 5 * 4], &fixture.device));
     let mut costs_of = |rows: &[usize], samples: usize| {
-        let (now, goal) = (scenes(rows), scenes(&[4].repeat(rows.len())));
-        let scenes = Scenes {
+        let (now, goal) = (frames(rows), frames(&[4].repeat(rows.len())));
+        let planning_batch = PlanningBatch {
             pixels: images(&now, rows.len(), 1),
-            action: Numbers { values: &[], rows: rows.len(), steps: 0, width: 4 },
+            action: Vectors { values: &[], rows: rows.len(), steps: 0, dim: 4 },
             proprio: None,
             goal_pixels: images(&goal, rows.len(), 1),
             goal_proprio: None,
         };
-        planner.prepare(&scenes).unwrap();
+        planner.prepare(&planning_batch).unwrap();
         let actions = plans[..samples * 20].repeat(rows.len());
         let candidates = Candidates { actions: &actions, episodes: rows.len(), samples, horizon: 5, dim: 4 };
         let mut costs = vec![0.0; rows.len() * samples];

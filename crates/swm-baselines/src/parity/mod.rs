@@ -1,5 +1,5 @@
-//! The networks beside PyTorch's: outputs, losses, gradients, and weights after a step, on fixtures that
-//! `tests/parity/make_fixtures.py` makes. Widths are tiny; the paper's networks are the same code with other numbers.
+//! The networks compared with PyTorch's: outputs, losses, gradients, and weights after a step, on fixtures that
+//! `tests/parity/make_fixtures.py` makes. Dims are tiny; the paper's networks are the same code with other sizes.
 
 mod dino;
 mod encoders;
@@ -83,7 +83,7 @@ impl Fixture {
         weights::load_network(network, &path).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Compares an output number by number, and gives the greatest difference.
+    /// Compares an output value by value, and gives the greatest difference.
     fn check<const D: usize>(&self, name: &str, output: Tensor<D>) -> f32 {
         assert_eq!(output.dims().as_slice(), self.shape(name), "{name}");
         let worst = worst(&host(output), self.values(name));

@@ -1,4 +1,4 @@
-//! From the loader's tables to what models are fed with: numbers are scaled, images stay where they are.
+//! From the loader's tables to inputs of models: vectors are scaled, images are not copied.
 
 use std::collections::BTreeMap;
 
@@ -6,10 +6,10 @@ use swm_core::env::PIXELS;
 use swm_core::{Batch, Slice};
 
 use super::data::{ACTION, PROPRIO, Scale};
-use crate::data::{ClipBatch, Images, Numbers};
+use crate::data::{ClipBatch, Images, Vectors};
 use crate::error::BaselineError;
 
-/// Scales the numbers of batches; its memory is reused.
+/// Scales the vectors of batches; its memory is reused.
 pub(super) struct ClipFeed<'a> {
     scales: &'a BTreeMap<String, Scale>,
     action: Vec<f32>,
@@ -27,15 +27,15 @@ impl<'a> ClipFeed<'a> {
         let Self { scales, action, proprio, goal_proprio } = self;
         let missing =
             || BaselineError::data(PIXELS, "the batch has no such images; read it with the run's loader");
-        let numbers = |name: &str, scale: &str, out| numbers(batch, name, scales.get(scale)?, out);
+        let vectors = |name: &str, scale: &str, out| vectors(batch, name, scales.get(scale)?, out);
         Ok(ClipBatch {
             pixels: images(batch, PIXELS).ok_or_else(missing)?,
-            action: numbers(ACTION, ACTION, action).ok_or_else(|| {
+            action: vectors(ACTION, ACTION, action).ok_or_else(|| {
                 BaselineError::data(ACTION, "the batch has none; read it with the run's loader")
             })?,
-            proprio: numbers(PROPRIO, PROPRIO, proprio),
+            proprio: vectors(PROPRIO, PROPRIO, proprio),
             goal_pixels: images(batch, "goal_pixels"),
-            goal_proprio: numbers("goal_proprio", PROPRIO, goal_proprio),
+            goal_proprio: vectors("goal_proprio", PROPRIO, goal_proprio),
         })
     }
 }
@@ -51,8 +51,8 @@ fn images<'b>(batch: &'b Batch, name: &str) -> Option<Images<'b>> {
     Some(Images { values, rows: batch.rows(), steps, height, width, channels_last: false })
 }
 
-/// A column `[T, W]`, scaled, if there is one of this name.
-fn numbers<'b>(batch: &Batch, name: &str, scale: &Scale, out: &'b mut Vec<f32>) -> Option<Numbers<'b>> {
+/// A column `[T, D]`, scaled, if there is one of this name.
+fn vectors<'b>(batch: &Batch, name: &str, scale: &Scale, out: &'b mut Vec<f32>) -> Option<Vectors<'b>> {
     let index = batch.schema().index(name)?;
     let (column, shape) = (batch.column(index), &batch.schema().fields()[index].shape);
     let steps = *shape.first()?;
@@ -62,5 +62,5 @@ fn numbers<'b>(batch: &Batch, name: &str, scale: &Scale, out: &'b mut Vec<f32>) 
         other => out.extend((0..other.len()).map(|at| other.number(at).unwrap_or(f64::NAN) as f32)),
     }
     scale.apply(out);
-    Some(Numbers { values: out, rows: batch.rows(), steps, width: shape[1..].iter().product() })
+    Some(Vectors { values: out, rows: batch.rows(), steps, dim: shape[1..].iter().product() })
 }

@@ -1,5 +1,5 @@
-//! Clips for training: which episodes they come from, which columns they hold, and the statistics that bring numbers to
-//! mean 0 and deviation 1. Reading itself is the loader's; tensors are not known here.
+//! Clips for training: which episodes they come from, which columns they hold, and the statistics that standardize
+//! vectors. The loader reads; tensors are not known here.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -13,7 +13,8 @@ use swm_data::loader::{GoalOptions, Images};
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions};
 use swm_data::{ClipOptions, Dataset, Loader};
 
-use crate::baseline::{Needs, Phase, PhaseGoals};
+use crate::baseline::{InputSpec, Phase, PhaseGoals};
+use crate::data::DataDims;
 use crate::error::BaselineError;
 
 /// The column that actions stand in.
@@ -22,11 +23,11 @@ pub const ACTION: &str = "action";
 /// The column that says where the agent is.
 pub const PROPRIO: &str = "proprio";
 
-/// Which episodes are learnt from.
+/// Which episodes train and validate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Split {
-    /// The share of episodes that is learnt from; the others validate. By episode: clips of one episode overlap.
+    /// The share of training episodes; the others validate. By episode: clips of one episode overlap.
     pub train: f64,
     /// The share of episodes that is left out of both, for evaluation: [`is_held_out`].
     pub held_out: f64,
@@ -41,34 +42,34 @@ impl Default for Split {
     }
 }
 
-/// What has to be remembered of the data to use the model: it stands in the run's `config.json`.
+/// What using the model requires to know of the data: part of the run's `config.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DataConfig {
     /// The dataset.
     pub path: PathBuf,
     /// The environment that it was recorded in, if it says so.
     pub env: Option<String>,
-    /// Its episodes, and rows of all of them.
+    /// Its number of episodes.
     pub episodes: usize,
-    /// Rows of all episodes.
+    /// Steps of all episodes.
     pub rows: usize,
-    /// Which episodes were learnt from.
+    /// The split into training and validation.
     pub split: Split,
     /// Side of images.
     pub image: usize,
-    /// Numbers of one action.
+    /// Values of one action.
     pub action: usize,
-    /// How numbers are scaled, by column; of the episodes that are learnt from.
+    /// How vectors are scaled, by column; from the training episodes.
     pub scales: BTreeMap<String, Scale>,
 }
 
-/// Brings the numbers of a column to mean 0 and deviation 1, as scikit-learn's `StandardScaler` does: deviations are those
-/// of the population, and what does not vary is only shifted.
+/// Standardizes a column, as scikit-learn's `StandardScaler` does: stds are those of the population, and constant
+/// components are only shifted.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scale {
-    /// Means, one per number of a row.
+    /// Means, per component.
     pub mean: Vec<f64>,
-    /// What rows are divided by.
+    /// Divisors, per component.
     pub std: Vec<f64>,
 }
 
@@ -76,16 +77,16 @@ impl Scale {
     /// From statistics of a column; `None` if no row of it counts.
     pub fn of(statistics: &ColumnStatistics) -> Option<Self> {
         let rows = statistics.rows as f64;
-        let width = |(&mean, &std): (&f64, &f64)| {
+        let divisor = |(&mean, &std): (&f64, &f64)| {
             let (variance, epsilon) = (std * std, f64::EPSILON);
             let bound = rows * epsilon * variance + (rows * mean * epsilon).powi(2);
             if variance <= bound { 1.0 } else { std }
         };
-        let std = statistics.mean.iter().zip(&statistics.std).map(width).collect();
+        let std = statistics.mean.iter().zip(&statistics.std).map(divisor).collect();
         (statistics.rows > 0).then(|| Self { mean: statistics.mean.clone(), std })
     }
 
-    /// Scales rows `[…, D]`. What is missing (NaN) becomes 0, the mean.
+    /// Scales vectors `[…, D]`. What is missing (NaN) becomes 0, the mean.
     pub fn apply(&self, values: &mut [f32]) {
         for row in values.chunks_mut(self.mean.len().max(1)) {
             for ((value, mean), std) in row.iter_mut().zip(&self.mean).zip(&self.std) {
@@ -102,13 +103,13 @@ impl Scale {
 pub struct TrainData {
     /// One per phase: they differ in their goals.
     pub phases: Vec<PhaseClips>,
-    /// What has to be remembered.
+    /// What using the model requires to know of the data.
     pub config: DataConfig,
 }
 
 /// The clips of a phase.
 pub struct PhaseClips {
-    /// Clips that are learnt from.
+    /// Training clips.
     pub train: Loader,
     /// Clips of the other episodes, if any has one.
     pub validation: Option<Loader>,
@@ -121,31 +122,20 @@ impl PhaseClips {
     }
 }
 
-/// What a dataset says of itself, before a model is made for it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DataFacts {
-    /// Numbers of an action.
-    pub action: usize,
-    /// Numbers of `proprio`; 0 without it.
-    pub proprio: usize,
-}
-
-impl DataFacts {
-    /// Of a dataset that `baseline` shall be trained on.
-    ///
-    /// # Errors
-    ///
-    /// A column that training needs is missing, or of another shape.
-    pub fn of(dataset: &dyn Dataset, baseline: &str) -> Result<Self, BaselineError> {
-        let action = check_columns(dataset, baseline, &[PIXELS, ACTION])?;
-        let schema = dataset.schema();
-        let proprio = schema.index(PROPRIO).map_or(0, |index| schema.fields()[index].width());
-        Ok(Self { action, proprio })
-    }
+/// The dimensions of a dataset that `baseline` shall be trained on.
+///
+/// # Errors
+///
+/// A column that training needs is missing, or of another shape.
+pub fn data_dims(dataset: &dyn Dataset, baseline: &str) -> Result<DataDims, BaselineError> {
+    let action_dim = check_columns(dataset, baseline, &[PIXELS, ACTION])?;
+    let schema = dataset.schema();
+    let proprio_dim = schema.index(PROPRIO).map_or(0, |index| schema.fields()[index].width());
+    Ok(DataDims { action_dim, proprio_dim })
 }
 
 impl TrainData {
-    /// Loaders for a model with these needs. `baseline` is its name, for messages.
+    /// Loaders for a model of this input spec. `baseline` is its name, for messages.
     ///
     /// # Errors
     ///
@@ -154,28 +144,29 @@ impl TrainData {
     pub fn new(
         dataset: &dyn Dataset,
         baseline: &str,
-        needs: &Needs,
+        input_spec: &InputSpec,
         phases: &[Phase],
         split: Split,
         seed: u64,
     ) -> Result<Self, BaselineError> {
-        let columns: &[&str] = if needs.proprio { &[PIXELS, ACTION, PROPRIO] } else { &[PIXELS, ACTION] };
+        let columns: &[&str] =
+            if input_spec.proprio { &[PIXELS, ACTION, PROPRIO] } else { &[PIXELS, ACTION] };
         let action = check_columns(dataset, baseline, columns)?;
         let [train, validation] = parts(dataset, split)?;
-        let spanned = needs.num_steps * needs.frameskip;
+        let spanned = input_spec.num_steps * input_spec.frameskip;
         let longest = train.iter().map(|&episode| dataset.episode_len(episode)).max().unwrap_or(0);
         if longest < spanned {
             let reason = format!(
-                "a clip of its training spans {spanned} rows, {} of every {}, and the longest episode has {longest}; record \
+                "a clip of its training spans {spanned} steps, {} of every {}, and the longest episode has {longest}; record \
                  longer ones, or lower `model.history` or `model.frameskip` with --set",
-                needs.num_steps, needs.frameskip
+                input_spec.num_steps, input_spec.frameskip
             );
             return Err(columns_error(dataset, baseline, reason));
         }
         let mut learnt = Subset::new(dataset.share(), &train)?;
         let scales = scales(&mut learnt, baseline, &columns[1..])?;
         let clips = |phase: &Phase| -> Result<PhaseClips, BaselineError> {
-            let options = options(needs, columns, phase.goals.as_ref(), seed);
+            let options = options(input_spec, columns, phase.goals.as_ref(), seed);
             let loader =
                 |episodes: &[usize]| Loader::new(Box::new(Subset::new(dataset.share(), episodes)?), &options);
             // Episodes that are too short for a clip have none: then nothing validates.
@@ -190,7 +181,7 @@ impl TrainData {
             episodes,
             rows: (0..episodes).map(|episode| dataset.episode_len(episode)).sum(),
             split,
-            image: needs.image,
+            image: input_spec.image,
             action,
             scales,
         };
@@ -198,19 +189,19 @@ impl TrainData {
     }
 }
 
-/// Refuses a dataset that lacks something, with all that it lacks; the width of its actions.
+/// Refuses a dataset that lacks something, with all that it lacks; the dim of its actions.
 fn check_columns(dataset: &dyn Dataset, baseline: &str, needed: &[&str]) -> Result<usize, BaselineError> {
     let schema = dataset.schema();
     let refuse = |reason: String| Err(columns_error(dataset, baseline, reason));
     let missing: Vec<&str> = needed.iter().copied().filter(|name| schema.index(name).is_none()).collect();
     if !missing.is_empty() {
         let known: Vec<&str> = schema.fields().iter().map(|field| field.name.as_str()).collect();
-        let way_out = match missing.contains(&PIXELS) {
-            true => "record it with `swm collect … --image-size 64x64`, or draw images with `swm render`",
+        let fix = match missing.contains(&PIXELS) {
+            true => "record it with `swm collect … --image-size 64x64`, or render images with `swm render`",
             false => "record it with `swm collect`, or choose another baseline (`swm train --list`)",
         };
         return refuse(format!(
-            "it has no column `{}`, only `{}`; {way_out}",
+            "it has no column `{}`, only `{}`; {fix}",
             missing.join("`, `"),
             known.join("`, `")
         ));
@@ -270,15 +261,15 @@ fn scales(
     statistics.columns.into_iter().map(scale).collect()
 }
 
-fn options(needs: &Needs, columns: &[&str], goals: Option<&PhaseGoals>, seed: u64) -> ClipOptions {
+fn options(input_spec: &InputSpec, columns: &[&str], goals: Option<&PhaseGoals>, seed: u64) -> ClipOptions {
     let keys: Vec<String> = columns.iter().map(|&name| name.to_owned()).collect();
     let seen = keys.iter().filter(|name| *name != ACTION).cloned().collect();
     ClipOptions {
-        num_steps: needs.num_steps,
-        frameskip: needs.frameskip,
+        num_steps: input_spec.num_steps,
+        frameskip: input_spec.frameskip,
         keys: Some(keys),
         images: Images::ChannelsFirst,
-        image: Some(ImageSize { height: needs.image, width: needs.image }),
+        image: Some(ImageSize { height: input_spec.image, width: input_spec.image }),
         goals: goals.map(|goals| GoalOptions {
             weights: goals.weights,
             gamma: goals.gamma,
@@ -300,7 +291,7 @@ mod tests {
     use super::*;
     use crate::train::tests::toy_phase;
 
-    /// Episodes of 6 rows with 2×2 images; the first action number is 5 everywhere, the second the row.
+    /// Episodes of 6 steps with 2×2 images; the first action component is 5 everywhere, the second the step.
     fn dataset(episodes: usize, images: bool) -> MemoryDataset {
         let mut fields = vec![Field::step(ACTION, Dtype::F32, &[2])];
         if images {
@@ -317,14 +308,14 @@ mod tests {
     }
 
     fn open(episodes: usize, images: bool, proprio: bool, split: Split) -> Result<TrainData, BaselineError> {
-        let needs = Needs { num_steps: 2, frameskip: 2, image: 2, proprio, batch: 4 };
-        TrainData::new(&dataset(episodes, images), "lewm", &needs, &[toy_phase()], split, 0)
+        let input_spec = InputSpec { num_steps: 2, frameskip: 2, image: 2, proprio, batch: 4 };
+        TrainData::new(&dataset(episodes, images), "lewm", &input_spec, &[toy_phase()], split, 0)
     }
 
     #[test]
     fn episodes_are_split_whole() {
         let clips = |split| open(10, true, false, split).unwrap().phases.remove(0);
-        // 3 clips of 4 rows fit into 6.
+        // 3 clips of 4 steps fit into 6.
         let data = clips(Split { train: 0.8, ..Split::default() });
         assert_eq!((data.train.len(), data.validation.unwrap().len()), (8 * 3, 2 * 3));
         let held_out = (0..10).filter(|&episode| is_held_out(episode, 0.5)).count();
@@ -353,10 +344,11 @@ mod tests {
         assert!(no_images.contains("no column `pixels`, `proprio`, only `action`"), "{no_images}");
         assert!(no_images.contains("--image-size"), "{no_images}");
         assert!(message(true).contains("another baseline"));
-        let needs = Needs { num_steps: 4, frameskip: 2, image: 2, proprio: false, batch: 4 };
-        let short = TrainData::new(&dataset(3, true), "lewm", &needs, &[toy_phase()], Split::default(), 0);
+        let input_spec = InputSpec { num_steps: 4, frameskip: 2, image: 2, proprio: false, batch: 4 };
+        let short =
+            TrainData::new(&dataset(3, true), "lewm", &input_spec, &[toy_phase()], Split::default(), 0);
         let short = short.err().unwrap().to_string();
-        assert!(short.starts_with("toy cannot train lewm: ") && short.contains("spans 8 rows"), "{short}");
+        assert!(short.starts_with("toy cannot train lewm: ") && short.contains("spans 8 steps"), "{short}");
         assert!(short.contains("has 6; record longer ones"), "{short}");
         let share = |split| open(3, true, false, split).err().unwrap().to_string();
         assert!(share(Split { train: 0.0, ..Split::default() }).contains("above 0"));

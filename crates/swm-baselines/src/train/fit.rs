@@ -15,7 +15,7 @@ use super::settings::FitSettings;
 use crate::baseline::{Baseline, Losses, Step};
 use crate::error::BaselineError;
 
-/// Where training stands: what a checkpoint holds beside weights.
+/// Where training stands: what a checkpoint holds in addition to weights.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// The phase of the baseline's training.
@@ -65,7 +65,7 @@ pub fn fit(
 ) -> Result<State, BaselineError> {
     settings.check()?;
     let settings = &FitSettings {
-        batch: if settings.batch == 0 { model.needs().batch } else { settings.batch },
+        batch: if settings.batch == 0 { model.input_spec().batch } else { settings.batch },
         ..settings.clone()
     };
     let totals =
@@ -179,7 +179,7 @@ impl Fit<'_, '_> {
     fn look(&mut self, clips: &PhaseClips) -> Result<(), BaselineError> {
         if clips.validation.is_some() {
             self.state.validation = self.validate(clips)?;
-            // Weights that give no numbers are no good checkpoint.
+            // Weights with a NaN loss are no good checkpoint.
             if let Some((name, value)) = self.state.validation.iter().find(|(_, value)| !value.is_finite()) {
                 let (step, name, value) = (self.state.step, name.clone(), *value);
                 return Err(self.stopped(BaselineError::NotFiniteValidation { step, name, value })?);
@@ -251,7 +251,7 @@ impl Fit<'_, '_> {
         Ok(sums.take())
     }
 
-    /// The values of a step; a loss that is no number ends the training, and says what is left.
+    /// The values of a step; a loss that is not finite ends the training with an error.
     fn finite(&self, losses: Result<Losses, BaselineError>) -> Result<Vec<(String, f64)>, BaselineError> {
         let source = match losses {
             Ok(losses) => match losses.parts.iter().find(|(_, value)| !value.is_finite()) {

@@ -16,7 +16,7 @@ use crate::error::BaselineError;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Part {
-    /// Those that are learnt from.
+    /// Training clips.
     Train,
     /// Those of the episodes that are kept apart.
     Validation,

@@ -2,11 +2,11 @@
 //!
 //! | file | duty |
 //! |---|---|
-//! | `session` | a training as one thing: begin here |
+//! | `session` | a training run: begin here |
 //! | `fit`, `settings` | the loop |
 //! | `data`, `clips` | clips, splits, statistics |
 //! | `folder`, `run` | files that survive a kill, and what they say |
-//! | `metrics`, `events` | what training says, and where it goes |
+//! | `metrics`, `events` | metrics and their files |
 //!
 //! Networks, losses and optimizers are not known here: they are behind [`Baseline`](crate::Baseline).
 
@@ -22,7 +22,7 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-pub use data::{ACTION, DataConfig, DataFacts, PROPRIO, PhaseClips, Scale, Split, TrainData};
+pub use data::{ACTION, DataConfig, PROPRIO, PhaseClips, Scale, Split, TrainData, data_dims};
 pub use events::EventWriter;
 pub use fit::{End, State, fit};
 pub use folder::{Checkpoint, RunFolder, RunLock};

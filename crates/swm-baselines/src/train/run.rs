@@ -9,7 +9,7 @@ use super::data::DataConfig;
 use super::fit::State;
 use super::folder::{Checkpoint, RunFolder};
 use super::settings::FitSettings;
-use crate::baseline::{Baseline, Recipe};
+use crate::baseline::{Baseline, ModelConfig};
 use crate::device::Device;
 use crate::error::BaselineError;
 use crate::models::table::restore;
@@ -24,7 +24,8 @@ pub struct RunConfig {
     /// [`RUN_VERSION`].
     pub version: u32,
     /// The model.
-    pub recipe: Recipe,
+    #[serde(alias = "recipe")]
+    pub model_config: ModelConfig,
     /// What it learns from.
     pub data: DataConfig,
     /// How long, and how often it is looked at.
@@ -92,7 +93,7 @@ impl TrainedModel {
         let run = RunFolder::open(path)?;
         let config = RunConfig::read(&run)?;
         let checkpoint: Checkpoint<State> = run.checkpoint(step_of(&run, which)?)?;
-        let mut baseline = restore(&config.recipe, device)?;
+        let mut baseline = restore(&config.model_config, device)?;
         baseline.load_weights(&run.checked_weights(&checkpoint)?)?;
         Ok(Self { baseline, config, step: checkpoint.step, weights: checkpoint.weights })
     }

@@ -1,4 +1,4 @@
-//! A training as one thing: a new run or an old one gone on with, from dataset to checkpoints.
+//! A training run, new or resumed, from dataset to checkpoints.
 
 use std::path::Path;
 
@@ -6,14 +6,13 @@ use serde_json::Value as Json;
 use swm_core::Registry;
 use swm_data::{Dataset, Loader};
 
-use super::data::{DataFacts, Split, TrainData};
+use super::data::{Split, TrainData, data_dims};
 use super::fit::{State, fit};
 use super::folder::{RunFolder, RunLock};
 use super::metrics::{JsonLines, MetricSink, TensorBoard};
 use super::run::{RUN_VERSION, RunConfig};
 use super::settings::FitSettings;
 use crate::baseline::Baseline;
-use crate::data::Facts;
 use crate::device::Device;
 use crate::error::BaselineError;
 use crate::models::table::{MakeOptions, make, restore};
@@ -29,7 +28,7 @@ pub struct NewRun<'a> {
     pub changes: Json,
     /// Weights of another's encoder to begin with, where the baseline takes them.
     pub encoder: Option<&'a Path>,
-    /// Which episodes are learnt from.
+    /// Which episodes train and validate.
     pub split: Split,
     /// How long, and how often it is looked at.
     pub fit: FitSettings,
@@ -56,9 +55,8 @@ impl Training {
     pub fn create(folder: &Path, dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
         let &NewRun { baseline, preset, ref changes, encoder, split, ref fit, device } = new;
         fit.check()?;
-        let DataFacts { action, proprio } = DataFacts::of(dataset, baseline)?;
-        let facts = Facts { action_width: action, proprio_width: proprio };
-        let options = MakeOptions { preset, changes: changes.clone(), facts, seed: fit.seed, device };
+        let dims = data_dims(dataset, baseline)?;
+        let options = MakeOptions { preset, changes: changes.clone(), dims, seed: fit.seed, device };
         let mut model = make(baseline, &options)?;
         match encoder {
             Some(encoder) => model.load_encoder(encoder)?,
@@ -73,18 +71,18 @@ impl Training {
             }
             None => {}
         }
-        let data = TrainData::new(dataset, baseline, model.needs(), model.phases(), split, fit.seed)?;
+        let data = TrainData::new(dataset, baseline, model.input_spec(), model.phases(), split, fit.seed)?;
         let mut fit = fit.clone();
         if fit.batch == 0 {
-            fit.batch = model.needs().batch;
+            fit.batch = model.input_spec().batch;
         }
-        let recipe = model.recipe().clone();
-        let config = RunConfig { version: RUN_VERSION, recipe, data: data.config.clone(), fit };
+        let model_config = model.model_config().clone();
+        let config = RunConfig { version: RUN_VERSION, model_config, data: data.config.clone(), fit };
         let run = RunFolder::create(folder, &config)?;
         Ok(Self { _lock: run.lock()?, run, model, data, config })
     }
 
-    /// Goes on with the run in `folder`, on the dataset that it was begun with, which may have `moved` to another place and is of a format of `registry`. `change`
+    /// Resumes the run in `folder`, on the dataset that it was begun with, which may have `moved` to another place and is of a format of `registry`. `change`
     /// may alter how long it shall go on; what it has learnt so far stays.
     ///
     /// # Errors
@@ -118,10 +116,16 @@ impl Training {
                 "its dataset is not there: {error}; bring it back, or name its place with --data"
             ))
         })?;
-        let model = restore(&config.recipe, device)?;
+        let model = restore(&config.model_config, device)?;
         let name = model.name();
-        let data =
-            TrainData::new(dataset.as_ref(), name, model.needs(), model.phases(), config.data.split, seed)?;
+        let data = TrainData::new(
+            dataset.as_ref(),
+            name,
+            model.input_spec(),
+            model.phases(),
+            config.data.split,
+            seed,
+        )?;
         if data.config != config.data {
             let path = config.data.path.display();
             return Err(

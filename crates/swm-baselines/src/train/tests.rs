@@ -1,4 +1,4 @@
-//! The loop with a learner of two numbers: what is trained does not matter here, only that it goes on exactly.
+//! The loop with a learner of two parameters: what is trained does not matter here, only that it goes on exactly.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -10,8 +10,8 @@ use swm_core::{Batch, Dtype, Field, Schema};
 use swm_data::MemoryDataset;
 
 use super::*;
-use crate::baseline::{Baseline, GoalPolicy, Losses, Needs, Phase, PlanModel, Recipe, Step};
-use crate::data::{ClipBatch, Facts};
+use crate::baseline::{Baseline, GoalPolicy, InputSpec, Losses, ModelConfig, Phase, PlanModel, Step};
+use crate::data::{ClipBatch, DataDims};
 use crate::error::BaselineError;
 use crate::optim::OptimConfig;
 
@@ -20,11 +20,11 @@ struct Toy {
     weights: [f32; 2],
     momentum: [f32; 2],
     phases: Vec<Phase>,
-    recipe: Recipe,
-    needs: Needs,
-    /// The step at which its loss is no number.
+    model_config: ModelConfig,
+    input_spec: InputSpec,
+    /// The step at which its loss is NaN.
     breaks_at: Option<u64>,
-    /// Whether its loss is no number in validation.
+    /// Whether its validation loss is NaN.
     is_blind: bool,
     /// How long a step takes.
     pause: Duration,
@@ -33,19 +33,19 @@ struct Toy {
 /// A phase without a goal.
 pub(super) fn toy_phase() -> Phase {
     let optim = OptimConfig::default();
-    Phase { name: "toy", optim, goals: None, trains: &[], teachers: &[], momentum: 0.0 }
+    Phase { name: "toy", optim, goals: None, trains: &[], targets: &[], momentum: 0.0 }
 }
 
 impl Toy {
     fn new() -> Self {
-        let facts = Facts { action_width: 2, proprio_width: 0 };
+        let dims = DataDims { action_dim: 2, proprio_dim: 0 };
         let (baseline, preset) = ("toy".to_owned(), "toy".to_owned());
         Self {
             weights: [0.0; 2],
             momentum: [0.0; 2],
             phases: vec![toy_phase(), toy_phase()],
-            recipe: Recipe { baseline, preset, settings: serde_json::Value::Null, facts, seed: 0 },
-            needs: Needs { num_steps: 2, frameskip: 1, image: 1, proprio: false, batch: 16 },
+            model_config: ModelConfig { baseline, preset, settings: serde_json::Value::Null, dims, seed: 0 },
+            input_spec: InputSpec { num_steps: 2, frameskip: 1, image: 1, proprio: false, batch: 16 },
             breaks_at: None,
             is_blind: false,
             pause: Duration::ZERO,
@@ -83,11 +83,11 @@ impl Baseline for Toy {
     fn name(&self) -> &'static str {
         "toy"
     }
-    fn recipe(&self) -> &Recipe {
-        &self.recipe
+    fn model_config(&self) -> &ModelConfig {
+        &self.model_config
     }
-    fn needs(&self) -> &Needs {
-        &self.needs
+    fn input_spec(&self) -> &InputSpec {
+        &self.input_spec
     }
     fn phases(&self) -> &[Phase] {
         &self.phases
@@ -141,7 +141,7 @@ impl Baseline for Toy {
     }
 }
 
-/// 20 episodes of 9 rows with actions that differ.
+/// 20 episodes of 9 steps with actions that differ.
 fn data() -> TrainData {
     let fields = vec![Field::step(PIXELS, Dtype::U8, &[1, 1, 3]), Field::step(ACTION, Dtype::F32, &[2])];
     let schema = Schema::new(fields).unwrap();
@@ -154,8 +154,8 @@ fn data() -> TrainData {
         Arc::new(episode)
     };
     let dataset = MemoryDataset::new("toy", schema.clone(), None, (0..20).map(episode)).unwrap();
-    let Toy { needs, phases, .. } = Toy::new();
-    TrainData::new(&dataset, "toy", &needs, &phases, Split::default(), 0).unwrap()
+    let Toy { input_spec, phases, .. } = Toy::new();
+    TrainData::new(&dataset, "toy", &input_spec, &phases, Split::default(), 0).unwrap()
 }
 
 /// 18 × 8 clips to learn from: 9 steps per epoch, 2 epochs in each of 2 phases.

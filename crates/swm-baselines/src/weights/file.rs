@@ -15,11 +15,11 @@ use crate::error::BaselineError;
 pub(crate) struct Stored {
     /// Its shape.
     pub(crate) shape: Vec<usize>,
-    /// Its numbers, row-major.
+    /// Its values, row-major.
     pub(crate) values: Vec<f32>,
 }
 
-/// All tensors of a `.safetensors` file or of one that PyTorch wrote; which it is tells its content, not its name.
+/// All tensors of a `.safetensors` file or of one that PyTorch wrote; its content decides, not its name.
 pub(crate) fn read(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineError> {
     let mut start = [0; 9];
     let length = {
@@ -52,7 +52,7 @@ fn read_safetensors(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineErr
     Ok(tensors)
 }
 
-/// Keys under which trainers store the weights of a model, beside much else.
+/// Keys under which trainers store the weights of a model.
 const NESTED: [&str; 3] = ["state_dict", "model_state_dict", "model"];
 
 fn read_pytorch(path: &Path) -> Result<BTreeMap<String, Stored>, BaselineError> {
@@ -115,7 +115,7 @@ fn half(bytes: [u8; 2]) -> f32 {
     if bits >> 15 == 1 { -size } else { size }
 }
 
-/// Writes safetensors: name, shape, numbers. The file appears whole or not at all.
+/// Writes safetensors: name, shape, values. The file appears whole or not at all.
 pub(crate) fn write(path: &Path, tensors: Vec<(String, Vec<usize>, Vec<f32>)>) -> Result<(), BaselineError> {
     let failed = |error: &dyn std::fmt::Display| BaselineError::weights(path, error.to_string());
     let bytes: Vec<(String, Vec<usize>, Vec<u8>)> = tensors

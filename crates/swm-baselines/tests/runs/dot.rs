@@ -1,4 +1,4 @@
-//! An environment to train and act in: tiny, and drawn.
+//! An environment to train and act in: tiny, with images.
 
 use swm_core::{
     Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome,
@@ -12,7 +12,7 @@ pub(crate) const DOT: EnvEntry =
 /// The same in all but its name.
 pub(crate) const TWIN: EnvEntry = EnvEntry::new("swm/Dot-v1", DOT.summary, |config| DOT.make(config));
 
-/// The same with a third number in its actions, which does nothing.
+/// The same with a third action component, which does nothing.
 pub(crate) const WIDE: EnvEntry =
     EnvEntry::new("swm/DotWide-v0", DOT.summary, |config| Ok(Box::new(Dot::new(config, 3))));
 
@@ -59,10 +59,11 @@ impl Env for Dot {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        let drawn = Space::uniform_box(Dtype::F32, &[4], 0.0, (SIDE - 1) as f64)
+        let sampled = Space::uniform_box(Dtype::F32, &[4], 0.0, (SIDE - 1) as f64)
             .sample(&mut episode.seed.stream("start and goal"))
             .numbers("start")?;
-        (self.at, self.goal) = ([drawn[0] as f32, drawn[1] as f32], [drawn[2] as f32, drawn[3] as f32]);
+        (self.at, self.goal) =
+            ([sampled[0] as f32, sampled[1] as f32], [sampled[2] as f32, sampled[3] as f32]);
         Ok(Outcome { reward: f64::NAN, terminated: false, success: Some(false) })
     }
 

@@ -1,5 +1,5 @@
 //! From recorded episodes to plans and actions: tiny models are trained, interrupted, stored, named as policies, and act in
-//! an environment that draws what they see. How well is not the question here.
+//! an environment that renders images. How well is not the question here.
 
 mod dot;
 mod refusals;
@@ -9,7 +9,7 @@ use std::path::Path;
 use serde_json::json;
 use swm_baselines::acting::{LatentModel, MODELS, POLICIES};
 use swm_baselines::train::{FitSettings, MetricSink, NewRun, Record, RunFolder, Split, State, Training};
-use swm_baselines::{BaselineError, device};
+use swm_baselines::{BaselineError, Device};
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
 use swm_core::evaluate::random_episodes;
 use swm_core::{
@@ -51,9 +51,9 @@ fn new_run(baseline: &str) -> NewRun<'_> {
     let encoder = json!({ "kind": "cnn", "channels": [8, 8] });
     let model = match baseline {
         "gcbc" => json!({ "image": SIDE, "encoder": encoder, "frameskip": 2,
-            "predictor": { "depth": 1, "heads": 2, "head_width": 4, "hidden": 8 } }),
-        _ => json!({ "image": SIDE, "encoder": encoder, "width": 8, "projector": 16, "frameskip": 2,
-            "predictor": { "depth": 1, "heads": 2, "head_width": 4, "hidden": 16 } }),
+            "predictor": { "depth": 1, "heads": 2, "head_dim": 4, "hidden": 8 } }),
+        _ => json!({ "image": SIDE, "encoder": encoder, "latent_dim": 8, "projector": 16, "frameskip": 2,
+            "predictor": { "depth": 1, "heads": 2, "head_dim": 4, "hidden": 16 } }),
     };
     let fit =
         FitSettings { steps: Some(9), batch: 8, log_every: 2, checkpoint_every: 3, ..FitSettings::default() };

@@ -7,7 +7,7 @@ use std::path::Path;
 use serde_json::{Value as Json, json};
 use swm_baselines::acting::LatentModel;
 use swm_baselines::train::{NewRun, RunFolder, Training};
-use swm_baselines::{BaselineError, device};
+use swm_baselines::{BaselineError, Device};
 use swm_core::{ImageSize, PolicyArgs};
 use swm_data::format::built_in;
 
@@ -72,10 +72,10 @@ fn datasets_that_do_not_fit_are_refused() {
 }
 
 /// A policy on a frozen encoder of the form that the fixtures have.
-fn on_frozen_encoder(width: usize) -> NewRun<'static> {
-    let encoder = json!({ "kind": "vit", "width": width, "depth": 2, "heads": 3, "hidden": 24, "patch": 4,
+fn on_frozen_encoder(dim: usize) -> NewRun<'static> {
+    let encoder = json!({ "kind": "vit", "dim": dim, "depth": 2, "heads": 3, "hidden": 24, "patch": 4,
         "positions_for": 16 });
-    let predictor = json!({ "depth": 1, "heads": 2, "head_width": 4, "hidden": 8 });
+    let predictor = json!({ "depth": 1, "heads": 2, "head_dim": 4, "hidden": 8 });
     let model = json!({ "image": 16, "encoder": encoder, "train_encoder": false, "predictor": predictor });
     NewRun { changes: json!({ "model": model }), ..new_run("gcbc") }
 }
@@ -90,7 +90,7 @@ fn encoders_that_do_not_fit_are_refused() {
         &fails(on_frozen_encoder(12)),
         &["settings of `gcbc`: its encoder is not trained", "--encoder FILE"],
     );
-    let frozen = |width| NewRun { encoder: Some(&fixture), ..on_frozen_encoder(width) };
+    let frozen = |dim| NewRun { encoder: Some(&fixture), ..on_frozen_encoder(dim) };
     says(&fails(frozen(15)), &["vit_generation4.pt", "of another shape", "cls_token", "Use the settings"]);
     let convolutions = NewRun { encoder: Some(&fixture), ..new_run("gcbc") };
     says(&fails(convolutions), &["missing: ", "unused: "]);
@@ -108,13 +108,13 @@ fn unknown_settings_are_refused() {
     let fails =
         |changes: Json| refused(folder.path(), dataset.as_ref(), &NewRun { changes, ..new_run("lewm") });
     says(
-        &fails(json!({ "model": { "widht": 8 } })),
-        &["settings of `lewm`", "`model.widht`: unknown; did you mean `width`?", "projector"],
+        &fails(json!({ "model": { "latent_din": 8 } })),
+        &["settings of `lewm`", "`model.latent_din`: unknown; did you mean `latent_dim`?", "projector"],
     );
     says(&fails(json!({ "model": { "encoder": { "kind": "rnn" } } })), &["`rnn`", "`vit` or `cnn`"]);
     for (changes, reason) in [
         (json!({ "optim": { "lr": "fast" } }), "`optim.lr` is \"fast\"; it must be a number"),
-        (json!({ "model": { "width": 8.5 } }), "`model.width` is 8.5; it must be a whole number"),
+        (json!({ "model": { "latent_dim": 8.5 } }), "`model.latent_dim` is 8.5; it must be a whole number"),
         (
             json!({ "model": { "encoder": { "channels": 4 } } }),
             "`model.encoder.channels` is 4; it must be a list",
@@ -147,13 +147,13 @@ fn a_dataset_that_moved_is_asked_for() {
 }
 
 #[test]
-fn losses_that_are_no_numbers_stop_and_keep_the_last_good_checkpoint() {
+fn losses_that_are_not_finite_stop_and_keep_the_last_good_checkpoint() {
     let folder = tempfile::tempdir().unwrap();
     record(folder.path());
     trained(folder.path(), "lewm", "run");
     let run = RunFolder::open(&folder.path().join("run")).unwrap();
     let mut config: Json = run.config().unwrap();
-    config["recipe"]["settings"]["optim"]["lr"] = json!(1e30);
+    config["model_config"]["settings"]["optim"]["lr"] = json!(1e30);
     config["fit"]["steps"] = json!(40);
     fs::write(run.config_file(), config.to_string()).unwrap();
     let error = resumed(run.path()).unwrap().run(Vec::new()).unwrap_err().to_string();
@@ -173,4 +173,25 @@ fn truncated_weights_are_refused() {
     let name = run.path().display();
     assert!(made(&format!("mpc:{name}")).err().unwrap().contains("earlier checkpoint"));
     assert!(made(&format!("mpc:{name},checkpoint=6")).is_ok());
+}
+
+#[test]
+fn runs_with_the_old_names_of_settings_open() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    trained(folder.path(), "lewm", "run");
+    let run = RunFolder::open(&folder.path().join("run")).unwrap();
+    let mut config: Json = run.config().unwrap();
+    let dims = config["model_config"]["dims"].clone();
+    let mut model = config.as_object_mut().unwrap().shift_remove("model_config").unwrap();
+    model.as_object_mut().unwrap().shift_remove("dims");
+    model["facts"] = json!({ "action_width": dims["action_dim"], "proprio_width": dims["proprio_dim"] });
+    let settings = model["settings"]["model"].as_object_mut().unwrap();
+    settings["predictor"]["head_width"] = settings["predictor"]["head_dim"].take();
+    settings["predictor"].as_object_mut().unwrap().shift_remove("head_dim");
+    let dim = settings.shift_remove("latent_dim").unwrap();
+    settings.insert("width".to_owned(), dim);
+    config["recipe"] = model;
+    fs::write(run.config_file(), config.to_string()).unwrap();
+    assert!(made(&format!("mpc:{}", run.path().display())).is_ok());
 }

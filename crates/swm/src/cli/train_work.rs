@@ -127,7 +127,7 @@ fn beginning(training: &Training) -> String {
         few @ ..1_000_000 => few.to_string(),
         many => format!("{:.2} million", many as f64 / 1e6),
     };
-    let (name, preset) = (model.name(), &model.recipe().preset);
+    let (name, preset) = (model.name(), &model.model_config().preset);
     format!("{name}, preset {preset}, {numbers} numbers to learn; clips: {}", clips.join("; "))
 }
 
@@ -225,8 +225,8 @@ impl Checkpoints {
             let rows: Vec<Vec<String>> = all.iter().map(row).collect();
             format!(
                 "{}, preset {}, on {}\n\n{}",
-                config.recipe.baseline,
-                config.recipe.preset,
+                config.model_config.baseline,
+                config.model_config.preset,
                 config.data.path.display(),
                 table(&["step", "loss", "validation", "", "weights"], &rows)
             )

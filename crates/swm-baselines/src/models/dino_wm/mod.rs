@@ -1,4 +1,4 @@
-//! DINO-WM, which the reference calls PreJEPA: predicts the tokens of a frozen DINOv2, with actions and proprioception beside
+//! DINO-WM, which the reference calls PreJEPA: predicts the tokens of a frozen DINOv2, with actions and proprioception concatenated to
 //! each (arXiv 2411.04983).
 //!
 //! Loss: squared error of all that is predicted but the actions' part; targets take part in no gradient.
@@ -9,12 +9,12 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
-use crate::baseline::{Needs, Phase, PlanModel};
-use crate::data::{Facts, Form, Inputs};
+use crate::baseline::{InputSpec, Phase, PlanModel};
+use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
 use crate::losses::{Terms, mean_squared_error};
 use crate::models::encoder::{Encoder, EncoderConfig};
-use crate::models::goal::beside;
+use crate::models::goal::concatenate;
 use crate::models::settings::check_sizes;
 use crate::network::{Network, Parts};
 use crate::nn::{FramePredictor, PredictorConfig, StateEmbedder, TokenForm, VitConfig};
@@ -33,9 +33,9 @@ pub struct DinoWmConfig {
     pub image: usize,
     /// What looks at them; it is not trained. Give its weights before training.
     pub encoder: EncoderConfig,
-    /// Numbers that `proprio` is embedded in; 0: it is not used.
+    /// Embedding dim of `proprio`; 0: it is not used.
     pub proprio: usize,
-    /// Numbers that the actions of a step are embedded in.
+    /// Embedding dim of the actions of a step.
     pub action: usize,
     /// What predicts.
     pub predictor: PredictorConfig,
@@ -76,13 +76,13 @@ impl DinoWmConfig {
         Self {
             image: 70,
             proprio: 0,
-            predictor: PredictorConfig { depth: 3, heads: 4, head_width: 64, hidden: 512, dropout: 0.1 },
+            predictor: PredictorConfig { depth: 3, heads: 4, head_dim: 64, hidden: 512, dropout: 0.1 },
             batch: 16,
             ..Self::paper()
         }
     }
 
-    fn check(&self, facts: &Facts) -> Result<(), String> {
+    fn check(&self, dims: &DataDims) -> Result<(), String> {
         let positive = [
             ("image", self.image),
             ("action", self.action),
@@ -90,18 +90,18 @@ impl DinoWmConfig {
             ("frameskip", self.frameskip),
             ("batch", self.batch),
             ("predictor.heads", self.predictor.heads),
-            ("predictor.head_width", self.predictor.head_width),
+            ("predictor.head_dim", self.predictor.head_dim),
         ];
         check_sizes(&positive, self.predictor.dropout)?;
-        if self.proprio > 0 && facts.proprio_width == 0 {
+        if self.proprio > 0 && dims.proprio_dim == 0 {
             return Err("`proprio` is on and the data has none; set it to 0".to_owned());
         }
         self.encoder.check(self.image)
     }
 
-    fn form(&self, facts: &Facts) -> Form {
-        let proprio = if self.proprio > 0 { facts.proprio_width } else { 0 };
-        Form { image: self.image, action: self.frameskip * facts.action_width, proprio }
+    fn form(&self, dims: &DataDims) -> Form {
+        let proprio = if self.proprio > 0 { dims.proprio_dim } else { 0 };
+        Form { image: self.image, action: self.frameskip * dims.action_dim, proprio }
     }
 }
 
@@ -115,7 +115,7 @@ struct DinoWm {
     form: Form,
     #[module(skip)]
     history: usize,
-    /// Patches, and numbers of each, of an observation without actions.
+    /// Patches, and dim of each, of an observation without actions.
     #[module(skip)]
     observed: [usize; 2],
 }
@@ -123,29 +123,29 @@ struct DinoWm {
 /// Network and training of these settings.
 pub(crate) fn make(
     config: &DinoWmConfig,
-    facts: &Facts,
+    dims: &DataDims,
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
-    let (network, form) = network(config, facts, device)?;
+    let (network, form) = network(config, dims, device)?;
     let &DinoWmConfig { image, proprio, history, frameskip, batch, .. } = config;
     let phase = Phase {
         name: "train",
         optim: config.optim.clone(),
         goals: None,
         trains: &["predictor", "extra_encoders"],
-        teachers: &[],
+        targets: &[],
         momentum: 0.0,
     };
-    let needs = Needs { num_steps: history + 1, frameskip, image, proprio: proprio > 0, batch };
-    Ok(Parts { network, needs, form, phases: vec![phase] })
+    let input_spec = InputSpec { num_steps: history + 1, frameskip, image, proprio: proprio > 0, batch };
+    Ok(Parts { network, input_spec, form, phases: vec![phase] })
 }
 
-fn network(config: &DinoWmConfig, facts: &Facts, device: &Device) -> Result<(DinoWm, Form), BaselineError> {
-    config.check(facts).map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
-    let form = config.form(facts);
-    let [patches, width] = config.encoder.tokens(config.image);
-    let tokens = TokenForm { patches, frames: config.history, width: width + config.proprio + config.action };
-    let proprio = || StateEmbedder::new(facts.proprio_width, config.proprio, device);
+fn network(config: &DinoWmConfig, dims: &DataDims, device: &Device) -> Result<(DinoWm, Form), BaselineError> {
+    config.check(dims).map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
+    let form = config.form(dims);
+    let [patches, dim] = config.encoder.tokens(config.image);
+    let tokens = TokenForm { patches, frames: config.history, dim: dim + config.proprio + config.action };
+    let proprio = || StateEmbedder::new(dims.proprio_dim, config.proprio, device);
     let network = DinoWm {
         encoder: Encoder::of_tokens(&config.encoder, config.image, device),
         predictor: FramePredictor::new(&config.predictor, &tokens, device),
@@ -153,7 +153,7 @@ fn network(config: &DinoWmConfig, facts: &Facts, device: &Device) -> Result<(Din
         action: StateEmbedder::new(form.action, config.action, device),
         form,
         history: config.history,
-        observed: [patches, width + config.proprio],
+        observed: [patches, dim + config.proprio],
     };
     Ok((network, form))
 }
@@ -163,21 +163,21 @@ impl DinoWm {
     fn observe(&self, pixels: Tensor<5>, proprio: Option<Tensor<3>>) -> Tensor<4> {
         let tokens = self.encoder.tokens(pixels).detach();
         match (&self.proprio, proprio) {
-            (Some(embedder), Some(proprio)) => beside(tokens, embedder.forward(proprio)),
+            (Some(embedder), Some(proprio)) => concatenate(tokens, embedder.forward(proprio)),
             _ => tokens,
         }
     }
 
-    /// Puts embedded actions `[B, T, D]` beside what was observed or predicted.
+    /// Concatenates embedded actions `[B, T, D]` to observed or predicted tokens.
     fn with_actions(&self, tokens: Tensor<4>, actions: Tensor<3>) -> Tensor<4> {
-        beside(tokens, self.action.forward(actions))
+        concatenate(tokens, self.action.forward(actions))
     }
 
     /// The next frame of each, without the actions' part.
     fn predict(&self, frames: Tensor<4>, pass: &mut Pass) -> Tensor<4> {
         let next = self.predictor.forward(frames, pass);
-        let width = next.dims()[3] - self.action.width();
-        next.narrow(3, 0, width)
+        let dim = next.dims()[3] - self.action.dim();
+        next.narrow(3, 0, dim)
     }
 }
 

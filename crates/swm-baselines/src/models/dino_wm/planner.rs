@@ -5,12 +5,12 @@ use burn::tensor::Tensor;
 
 use super::DinoWm;
 use crate::data::{Form, Start};
+use crate::dynamics::LatentDynamics;
 use crate::nn::StateEmbedder;
 use crate::pass::Pass;
-use crate::plan::SceneModel;
 
-/// What all candidates of a scene share.
-pub(crate) struct Scene {
+/// One planning problem, encoded.
+pub(crate) struct Problem {
     /// `[1, N, P, W]`: observed, without actions.
     frames: Tensor<4>,
     /// `[1, N - 1, D]`.
@@ -19,11 +19,11 @@ pub(crate) struct Scene {
     goal: Tensor<4>,
 }
 
-impl SceneModel for DinoWm {
+impl LatentDynamics for DinoWm {
     /// A candidate is hundreds of tokens.
     const GROUP: usize = 4;
 
-    type Scene = Scene;
+    type Problem = Problem;
 
     fn form(&self) -> &Form {
         &self.form
@@ -33,39 +33,39 @@ impl SceneModel for DinoWm {
         self.history
     }
 
-    fn scene(&self, start: &Start, row: usize) -> Scene {
+    fn problem(&self, start: &Start, row: usize) -> Problem {
         let state = |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, row, 1));
         let pixels = start.pixels.clone().narrow(0, row, 1);
         let goal = start.goal_pixels.clone().narrow(0, row, 1);
-        Scene {
+        Problem {
             frames: self.observe(pixels, state(&start.proprio)),
             action: state(&start.action),
             goal: self.observe(goal, state(&start.goal_proprio)),
         }
     }
 
-    fn latent_width(&self) -> usize {
+    fn latent_dim(&self) -> usize {
         self.observed.iter().product()
     }
 
     fn latent(&self, pixels: Tensor<5>, proprio: Option<Tensor<3>>) -> Tensor<2> {
-        self.observe(pixels, proprio).reshape([1, self.latent_width()])
+        self.observe(pixels, proprio).reshape([1, self.latent_dim()])
     }
 
     fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
-        let ([count, width], [patches, tokens]) = (latents.dims(), self.observed);
+        let ([count, dim], [patches, tokens]) = (latents.dims(), self.observed);
         let frames =
             self.with_actions(latents.reshape([count, 1, patches, tokens]), actions.unsqueeze_dim(1));
-        self.predict(frames, &mut Pass::evaluate()).reshape([count, width])
+        self.predict(frames, &mut Pass::evaluate()).reshape([count, dim])
     }
 
-    fn costs(&self, scene: &Scene, plans: Tensor<3>) -> Tensor<1> {
-        let [count, horizon, width] = plans.dims();
+    fn costs(&self, problem: &Problem, plans: Tensor<3>) -> Tensor<1> {
+        let [count, horizon, dim] = plans.dims();
         let pass = &mut Pass::evaluate();
-        let [_, seen, patches, tokens] = scene.frames.dims();
-        let past = scene.action.as_ref().map(|past| past.clone().expand([count, seen - 1, width]));
+        let [_, seen, patches, tokens] = problem.frames.dims();
+        let past = problem.action.as_ref().map(|past| past.clone().expand([count, seen - 1, dim]));
         let actions = Tensor::cat(past.into_iter().chain([plans]).collect(), 1);
-        let mut frames = scene.frames.clone().expand([count, seen, patches, tokens]);
+        let mut frames = problem.frames.clone().expand([count, seen, patches, tokens]);
         for step in 0..horizon {
             let end = seen + step;
             let start = end.saturating_sub(self.history);
@@ -75,8 +75,8 @@ impl SceneModel for DinoWm {
             frames = Tensor::cat(vec![frames, next], 1);
         }
         let last = frames.narrow(1, seen + horizon - 1, 1);
-        let error = (last - scene.goal.clone()).square();
-        let of_proprio = self.proprio.as_ref().map_or(0, StateEmbedder::width);
+        let error = (last - problem.goal.clone()).square();
+        let of_proprio = self.proprio.as_ref().map_or(0, StateEmbedder::dim);
         let of_pixels = tokens - of_proprio;
         let mean = |part: Tensor<4>| part.flatten::<2>(1, 3).mean_dim(1).squeeze_dim::<1>(1);
         let pixels = mean(error.clone().narrow(3, 0, of_pixels));

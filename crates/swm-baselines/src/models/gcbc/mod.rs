@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use swm_data::loader::GoalWeights;
 
 use crate::baseline::{GoalPolicy, Phase};
-use crate::data::{Facts, Form, Inputs};
+use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
 use crate::losses::{Terms, mean_squared_error};
 use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Seen};
@@ -24,13 +24,13 @@ pub(crate) const NAME: &str = "gcbc";
 pub struct GcbcConfig {
     /// The network.
     pub model: GoalConfig,
-    /// Which later rows of an episode are its goals.
+    /// Which later steps of an episode are its goals.
     pub goals: LaterGoals,
     /// The optimizer.
     pub optim: OptimConfig,
 }
 
-/// Which later rows of an episode are goals.
+/// Which later steps of an episode are goals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LaterGoals {
@@ -75,7 +75,7 @@ struct Gcbc {
 /// Network and training of these settings.
 pub(crate) fn make(
     config: &GcbcConfig,
-    facts: &Facts,
+    dims: &DataDims,
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let GcbcConfig { model, goals, optim } = config;
@@ -84,14 +84,14 @@ pub(crate) fn make(
         LaterGoals::Uniform => GoalWeights { uniform: 1.0, ..none },
         LaterGoals::Geometric => GoalWeights { geometric: 1.0, ..none },
     };
-    let observer = Observer::new(NAME, model, facts, device)?;
-    let form = model.form(facts);
+    let observer = Observer::new(NAME, model, dims, device)?;
+    let form = model.form(dims);
     let phase = Phase {
         name: "policy",
         optim: optim.clone(),
         goals: model.goals(weights),
         trains: if model.train_encoder { &[""] } else { &["action_predictor", "extra_encoders"] },
-        teachers: &[],
+        targets: &[],
         momentum: 0.0,
     };
     let action_predictor = GoalPredictor::new(&model.predictor, &model.tokens(), form.action, device);
@@ -103,7 +103,7 @@ pub(crate) fn make(
             form,
             history: model.history,
         },
-        needs: model.needs(0),
+        input_spec: model.input_spec(0),
         form,
         phases: vec![phase],
     })

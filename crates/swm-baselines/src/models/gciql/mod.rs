@@ -1,5 +1,5 @@
-//! GCIQL: goal-conditioned implicit Q-learning. A critic of actions and a value learn from each other's slowly following
-//! teachers; then a policy imitates actions the more, the more they raised the value.
+//! GCIQL: goal-conditioned implicit Q-learning. A critic and a value learn from each other's target
+//! networks; then a policy, by advantage-weighted regression.
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use swm_data::loader::GoalWeights;
 
 use crate::baseline::{GoalPolicy, Phase};
-use crate::data::{Facts, Form, Inputs};
+use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
 use crate::losses::{Terms, expectile, mean_squared_error};
 use crate::models::gcivl::{ValueConfig, value_optim};
@@ -26,11 +26,11 @@ pub(crate) const NAME: &str = "gciql";
 pub struct GciqlConfig {
     /// The network. Value and critic take the mean of a frame's tokens; the policy what is set here.
     pub model: GoalConfig,
-    /// Hidden numbers of the critic's head.
+    /// Hidden dim of the critic's head.
     pub critic_hidden: usize,
     /// The optimizer of both phases.
     pub optim: OptimConfig,
-    /// How the value is learnt, and what the policy makes of it.
+    /// Settings of the value, and of the policy extracted from it.
     pub value: ValueConfig,
 }
 
@@ -58,9 +58,9 @@ impl GciqlConfig {
 struct Gciql {
     observer: Observer,
     value: GoalPredictor,
-    value_teacher: GoalPredictor,
+    value_target: GoalPredictor,
     critic: Critic,
-    critic_teacher: Critic,
+    critic_target: Critic,
     action_predictor: GoalPredictor,
     log_stds: Param<Tensor<1>>,
     #[module(skip)]
@@ -74,13 +74,13 @@ struct Gciql {
 /// Network and training of these settings.
 pub(crate) fn make(
     config: &GciqlConfig,
-    facts: &Facts,
+    dims: &DataDims,
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let GciqlConfig { model, critic_hidden, optim, value } = config;
     value.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
-    let observer = Observer::new(NAME, model, facts, device)?;
-    let (form, tokens) = (model.form(facts), model.tokens());
+    let observer = Observer::new(NAME, model, dims, device)?;
+    let (form, tokens) = (model.form(dims), model.tokens());
     let value_transformer = model.value_transformer();
     let values = || GoalPredictor::new(&value_transformer, &tokens, 1, device);
     let critic = || Critic::new(&value_transformer, &tokens, form.action, *critic_hidden, device);
@@ -93,7 +93,7 @@ pub(crate) fn make(
         } else {
             &["value_predictor.student", "critic_predictor.student", "extra_encoders"]
         },
-        teachers: &[
+        targets: &[
             ("value_predictor.student", "value_predictor.teacher"),
             ("critic_predictor.student", "critic_predictor.teacher"),
         ],
@@ -102,16 +102,21 @@ pub(crate) fn make(
     let network = Gciql {
         observer,
         value: values(),
-        value_teacher: values(),
+        value_target: values(),
         critic: critic(),
-        critic_teacher: critic(),
+        critic_target: critic(),
         action_predictor: GoalPredictor::new(&model.predictor, &tokens, form.action, device),
         log_stds: parameter([form.action], device),
         config: *value,
         form,
         history: model.history,
     };
-    Ok(Parts { network, needs: model.needs(1), form, phases: vec![value_phase, model.policy_phase(optim)] })
+    Ok(Parts {
+        network,
+        input_spec: model.input_spec(1),
+        form,
+        phases: vec![value_phase, model.policy_phase(optim)],
+    })
 }
 
 impl Network for Gciql {
@@ -127,8 +132,8 @@ impl Network for Gciql {
         let critic = |critic: &Critic, pass: &mut Pass| {
             critic.forward(now.clone(), actions.clone(), goal.clone(), pass)
         };
-        let value_error = expectile(value.clone(), critic(&self.critic_teacher, pass).detach(), share);
-        let target = seen.target(&self.value_teacher, discount, pass);
+        let value_error = expectile(value.clone(), critic(&self.critic_target, pass).detach(), share);
+        let target = seen.target(&self.value_target, discount, pass);
         let critic_error = mean_squared_error(critic(&self.critic, pass), target);
         Ok(Terms {
             total: value_error.clone() + critic_error.clone(),

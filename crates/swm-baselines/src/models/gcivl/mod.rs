@@ -1,5 +1,5 @@
-//! GCIVL: goal-conditioned implicit value learning. First a value, by expectile regression on what a slowly following
-//! teacher says of the next observation; then a policy that imitates actions the more, the more they raised the value.
+//! GCIVL: goal-conditioned implicit value learning. First a value, by expectile regression on a target
+//! network's value of the next observation; then a policy, by advantage-weighted regression.
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use swm_data::loader::GoalWeights;
 
 use crate::baseline::{GoalPolicy, Phase};
-use crate::data::{Facts, Form, Inputs};
+use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
 use crate::losses::{Terms, expectile};
 use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Transition};
@@ -27,21 +27,21 @@ pub struct GcivlConfig {
     pub model: GoalConfig,
     /// The optimizer of both phases.
     pub optim: OptimConfig,
-    /// How the value is learnt, and what the policy makes of it.
+    /// Settings of the value, and of the policy extracted from it.
     pub value: ValueConfig,
 }
 
-/// Settings of values learnt from goals.
+/// Settings of goal-conditioned values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ValueConfig {
-    /// What a step later is worth.
+    /// Discount per step.
     pub discount: f64,
-    /// Which expectile of the targets is learnt.
+    /// The expectile of the regression.
     pub expectile: f64,
-    /// The share of the old in the teacher, at each step.
+    /// EMA decay of the target network, per step.
     pub momentum: f64,
-    /// How sharply the policy prefers better actions.
+    /// Inverse temperature of the advantage weights.
     pub alpha: f64,
 }
 
@@ -78,8 +78,8 @@ impl GcivlConfig {
         Self { model: GoalConfig::paper(), optim: value_optim(), value: ValueConfig::default() }
     }
 
-    /// Settings for a CPU. The teacher follows fast: a goal that is n decisions away is heard of after n times as many
-    /// steps as it lags behind.
+    /// Settings for a CPU. The target network follows fast: the value of a goal n decisions away is learned after n
+    /// times its delay.
     pub fn small() -> Self {
         let value = ValueConfig { momentum: 0.95, ..ValueConfig::default() };
         let optim = OptimConfig { lr: 1e-3, schedule: Schedule::Constant, ..value_optim() };
@@ -91,7 +91,7 @@ impl GcivlConfig {
 struct Gcivl {
     observer: Observer,
     value: GoalPredictor,
-    teacher: GoalPredictor,
+    value_target: GoalPredictor,
     action_predictor: GoalPredictor,
     log_stds: Param<Tensor<1>>,
     #[module(skip)]
@@ -105,13 +105,13 @@ struct Gcivl {
 /// Network and training of these settings.
 pub(crate) fn make(
     config: &GcivlConfig,
-    facts: &Facts,
+    dims: &DataDims,
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let GcivlConfig { model, optim, value } = config;
     value.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
-    let observer = Observer::new(NAME, model, facts, device)?;
-    let (form, tokens) = (model.form(facts), model.tokens());
+    let observer = Observer::new(NAME, model, dims, device)?;
+    let (form, tokens) = (model.form(dims), model.tokens());
     let value_transformer = model.value_transformer();
     let values = || GoalPredictor::new(&value_transformer, &tokens, 1, device);
     let value_phase = Phase {
@@ -123,20 +123,25 @@ pub(crate) fn make(
         } else {
             &["value_predictor.student", "extra_encoders"]
         },
-        teachers: &[("value_predictor.student", "value_predictor.teacher")],
+        targets: &[("value_predictor.student", "value_predictor.teacher")],
         momentum: value.momentum,
     };
     let network = Gcivl {
         observer,
         value: values(),
-        teacher: values(),
+        value_target: values(),
         action_predictor: GoalPredictor::new(&model.predictor, &tokens, form.action, device),
         log_stds: parameter([form.action], device),
         config: *value,
         form,
         history: model.history,
     };
-    Ok(Parts { network, needs: model.needs(1), form, phases: vec![value_phase, model.policy_phase(optim)] })
+    Ok(Parts {
+        network,
+        input_spec: model.input_spec(1),
+        form,
+        phases: vec![value_phase, model.policy_phase(optim)],
+    })
 }
 
 impl Network for Gcivl {
@@ -148,7 +153,7 @@ impl Network for Gcivl {
             return Ok(seen.weighted_regression(&self.value, actor, log_stds, alpha, pass));
         }
         let value = self.value.forward(seen.now.clone(), seen.goal.clone(), pass);
-        let loss = expectile(value.clone(), seen.target(&self.teacher, discount, pass), share);
+        let loss = expectile(value.clone(), seen.target(&self.value_target, discount, pass), share);
         Ok(Terms { total: loss.clone(), parts: vec![("value_error", loss), ("value", value.mean())] })
     }
 

@@ -1,4 +1,4 @@
-//! What the goal-conditioned policies share: how they see, how they act, and how a policy is drawn from a value.
+//! What the goal-conditioned policies share: observing, acting, and the extraction of a policy from a value.
 
 mod policy;
 mod transition;
@@ -8,8 +8,8 @@ use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 use swm_data::loader::GoalWeights;
 
-use crate::baseline::{Needs, Phase, PhaseGoals};
-use crate::data::{Facts, Form, Inputs};
+use crate::baseline::{InputSpec, Phase, PhaseGoals};
+use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::settings::check_sizes;
@@ -29,7 +29,7 @@ pub struct GoalConfig {
     pub encoder: EncoderConfig,
     /// Whether it is trained; otherwise its weights are another's: give them before training.
     pub train_encoder: bool,
-    /// Numbers that `proprio` is embedded in; 0: it is not used.
+    /// Embedding dim of `proprio`; 0: it is not used.
     pub proprio: usize,
     /// Policy, value and critic.
     pub predictor: GoalTransformerConfig,
@@ -66,7 +66,7 @@ impl GoalConfig {
             predictor: GoalTransformerConfig {
                 depth: 3,
                 heads: 4,
-                head_width: 32,
+                head_dim: 32,
                 hidden: 256,
                 dropout: 0.0,
                 pool: Pool::Mean,
@@ -92,15 +92,15 @@ impl GoalConfig {
             ("batch", self.batch),
             ("predictor.depth", self.predictor.depth),
             ("predictor.heads", self.predictor.heads),
-            ("predictor.head_width", self.predictor.head_width),
+            ("predictor.head_dim", self.predictor.head_dim),
         ];
         check_sizes(&positive, self.predictor.dropout)?;
         self.encoder.check(self.image)
     }
 
-    /// What the model is fed with: its history and so many rows more.
-    pub(crate) fn needs(&self, more: usize) -> Needs {
-        Needs {
+    /// The model's input: its history and so many steps more.
+    pub(crate) fn input_spec(&self, more: usize) -> InputSpec {
+        InputSpec {
             num_steps: self.history + more,
             frameskip: self.frameskip,
             image: self.image,
@@ -110,15 +110,15 @@ impl GoalConfig {
     }
 
     /// The form of its tensors.
-    pub(crate) fn form(&self, facts: &Facts) -> Form {
-        let proprio = if self.proprio > 0 { facts.proprio_width } else { 0 };
-        Form { image: self.image, action: self.frameskip * facts.action_width, proprio }
+    pub(crate) fn form(&self, dims: &DataDims) -> Form {
+        let proprio = if self.proprio > 0 { dims.proprio_dim } else { 0 };
+        Form { image: self.image, action: self.frameskip * dims.action_dim, proprio }
     }
 
     /// The form of what transformers see.
     pub(crate) fn tokens(&self) -> TokenForm {
-        let [patches, width] = self.encoder.tokens(self.image);
-        TokenForm { patches, frames: self.history, width: width + self.proprio }
+        let [patches, dim] = self.encoder.tokens(self.image);
+        TokenForm { patches, frames: self.history, dim: dim + self.proprio }
     }
 
     /// What values and critics look with: as the policy, but for the mean of a frame's tokens.
@@ -126,25 +126,25 @@ impl GoalConfig {
         GoalTransformerConfig { pool: Pool::Mean, ..self.predictor.clone() }
     }
 
-    /// The phase in which a policy is drawn from a value that was learnt before.
+    /// The phase that extracts a policy from the learned value.
     pub(crate) fn policy_phase(&self, optim: &OptimConfig) -> Phase {
         Phase {
             name: "policy",
             optim: optim.clone(),
             goals: self.goals(GoalWeights { random: 0.5, geometric: 0.0, uniform: 0.5, current: 0.0 }),
             trains: &["action_predictor", "log_stds"],
-            teachers: &[],
+            targets: &[],
             momentum: 0.0,
         }
     }
 
-    /// Goals of clips, seen from the last row of the history.
+    /// Goals of clips, seen from the last step of the history.
     pub(crate) fn goals(&self, weights: GoalWeights) -> Option<PhaseGoals> {
         Some(PhaseGoals { weights, gamma: 0.99, offset: self.history })
     }
 }
 
-/// Tokens of frames and goals: an encoder, and proprioception beside every token.
+/// Tokens of frames and goals: an encoder, and proprioception concatenated to every token.
 #[derive(Module, Debug)]
 pub(crate) struct Observer {
     encoder: Encoder,
@@ -164,15 +164,15 @@ impl Observer {
     pub(crate) fn new(
         baseline: &'static str,
         config: &GoalConfig,
-        facts: &Facts,
+        dims: &DataDims,
         device: &Device,
     ) -> Result<Self, BaselineError> {
         let wrong = |reason| BaselineError::Settings { baseline, reason };
         config.check().map_err(wrong)?;
-        if config.proprio > 0 && facts.proprio_width == 0 {
+        if config.proprio > 0 && dims.proprio_dim == 0 {
             return Err(wrong("`proprio` is on and the data has none; set it to 0".to_owned()));
         }
-        let embedder = || StateEmbedder::new(facts.proprio_width, config.proprio, device);
+        let embedder = || StateEmbedder::new(dims.proprio_dim, config.proprio, device);
         Ok(Self {
             encoder: Encoder::of_tokens(&config.encoder, config.image, device),
             proprio: (config.proprio > 0).then(embedder),
@@ -183,7 +183,7 @@ impl Observer {
     pub(crate) fn tokens(&self, pixels: Tensor<5>, proprio: Option<Tensor<3>>) -> Tensor<4> {
         let tokens = self.encoder.tokens(pixels);
         match (&self.proprio, proprio) {
-            (Some(embedder), Some(proprio)) => beside(tokens, embedder.forward(proprio)),
+            (Some(embedder), Some(proprio)) => concatenate(tokens, embedder.forward(proprio)),
             _ => tokens,
         }
     }
@@ -201,10 +201,10 @@ impl Observer {
     }
 }
 
-/// Puts `[B, T, E]` beside each of the tokens `[B, T, P, W]`: `[B, T, P, W + E]`.
-pub(crate) fn beside(tokens: Tensor<4>, state: Tensor<3>) -> Tensor<4> {
+/// Concatenates `[B, T, E]` to each of the tokens `[B, T, P, W]`: `[B, T, P, W + E]`.
+pub(crate) fn concatenate(tokens: Tensor<4>, state: Tensor<3>) -> Tensor<4> {
     let [batch, frames, patches, _] = tokens.dims();
-    let width = state.dims()[2];
-    let tiled = state.unsqueeze_dim::<4>(2).expand([batch, frames, patches, width]);
+    let dim = state.dims()[2];
+    let tiled = state.unsqueeze_dim::<4>(2).expand([batch, frames, patches, dim]);
     Tensor::cat(vec![tokens, tiled], 3)
 }

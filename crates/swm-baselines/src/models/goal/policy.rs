@@ -1,11 +1,11 @@
-//! Goal-conditioned policies at work: the mean action of each scene.
+//! Goal-conditioned policies at work: the mean action.
 
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 
 use super::Observer;
 use crate::baseline::GoalPolicy;
-use crate::data::{Form, Scenes, Start};
+use crate::data::{Form, PlanningBatch, Start};
 use crate::error::BaselineError;
 use crate::nn::GoalPredictor;
 use crate::params::{device_of, host};
@@ -32,7 +32,7 @@ impl ActingPolicy {
 }
 
 impl GoalPolicy for ActingPolicy {
-    fn block_width(&self) -> usize {
+    fn block_dim(&self) -> usize {
         self.form.action
     }
 
@@ -40,19 +40,19 @@ impl GoalPolicy for ActingPolicy {
         self.history
     }
 
-    fn act(&mut self, scenes: &Scenes<'_>, actions: &mut [f32]) -> Result<(), BaselineError> {
-        let start = Start::new(scenes, &self.form, &device_of(&self.actor))?;
-        let (steps, width) = (scenes.pixels.steps, self.form.action);
-        if steps > self.history || actions.len() != scenes.pixels.rows * width {
+    fn act(&mut self, batch: &PlanningBatch<'_>, actions: &mut [f32]) -> Result<(), BaselineError> {
+        let start = Start::new(batch, &self.form, &device_of(&self.actor))?;
+        let (steps, dim) = (batch.pixels.steps, self.form.action);
+        if steps > self.history || actions.len() != batch.pixels.rows * dim {
             let reason = format!(
-                "{steps} observations and room for {} numbers; this policy sees up to {} and gives {width} per scene",
+                "{steps} observations and room for {} values; this policy takes up to {} and gives {dim} per environment",
                 actions.len(),
                 self.history
             );
             return Err(BaselineError::data("pixels", reason));
         }
         // One by one: the bits of a decision must not depend on its neighbors.
-        actions.par_chunks_exact_mut(width).enumerate().for_each(|(row, out)| {
+        actions.par_chunks_exact_mut(dim).enumerate().for_each(|(row, out)| {
             let of_row =
                 |state: &Option<Tensor<3>>| state.as_ref().map(|state| state.clone().narrow(0, row, 1));
             let frames = self.observer.tokens(start.pixels.clone().narrow(0, row, 1), of_row(&start.proprio));

@@ -1,4 +1,4 @@
-//! A step towards a goal, as value learners see it: what a value should be, and how a policy is drawn from one.
+//! Transitions of value learning: the TD target, and advantage-weighted regression of a policy.
 
 use burn::module::Param;
 use burn::tensor::Tensor;
@@ -10,9 +10,9 @@ use crate::losses::Terms;
 use crate::nn::GoalPredictor;
 use crate::pass::Pass;
 
-/// Bounds of the logarithms of a policy's deviations.
+/// Bounds of the logarithms of a policy's stds.
 const LOG_STDS: [f32; 2] = [-5.0, 2.0];
-/// The most that an action may count for.
+/// The largest weight of an action.
 const MOST: f32 = 100.0;
 
 /// What was seen before and after the actions of a batch.
@@ -30,7 +30,7 @@ pub(crate) struct Transition {
 }
 
 impl Transition {
-    /// Of the first `history` rows of clips that have one more.
+    /// Of the first `history` steps of clips that have one more.
     pub(crate) fn see(observer: &Observer, inputs: &Inputs, history: usize) -> Result<Self, BaselineError> {
         let Seen { frames, goal } = observer.see(inputs)?;
         Ok(Self {
@@ -42,15 +42,14 @@ impl Transition {
         })
     }
 
-    /// What is to be said of the present where `teacher` says this of the next observation: a reward of −1 and the
-    /// discounted rest, up to the goal.
-    pub(crate) fn target(&self, teacher: &GoalPredictor, discount: f64, pass: &mut Pass) -> Tensor<3> {
-        let next = teacher.forward(self.next.clone(), self.goal.clone(), pass).detach();
+    /// The TD target: a reward of −1 plus the discounted value of the next observation by `target_network`; 0 at the goal.
+    pub(crate) fn target(&self, target_network: &GoalPredictor, discount: f64, pass: &mut Pass) -> Tensor<3> {
+        let next = target_network.forward(self.next.clone(), self.goal.clone(), pass).detach();
         self.goes_on.clone() * (next * discount - 1.0)
     }
 
-    /// Advantage-weighted regression: the negative log-likelihood of the actions taken, each counting
-    /// exp(alpha × what it raised `value` by), up to 100.
+    /// Advantage-weighted regression: the negative log-likelihood of the actions, each weighted by
+    /// exp(alpha × advantage), at most 100.
     pub(crate) fn weighted_regression(
         self,
         value: &GoalPredictor,

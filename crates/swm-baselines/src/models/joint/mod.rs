@@ -7,8 +7,8 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
-use crate::baseline::Needs;
-use crate::data::{Facts, Form, Inputs};
+use crate::baseline::InputSpec;
+use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::settings::check_sizes;
@@ -25,9 +25,10 @@ pub struct JointConfig {
     pub image: usize,
     /// What looks at them.
     pub encoder: EncoderConfig,
-    /// Numbers of a state.
-    pub width: usize,
-    /// Hidden numbers of the projectors after encoder and predictor.
+    /// Dim of a latent.
+    #[serde(alias = "width")]
+    pub latent_dim: usize,
+    /// Hidden dim of the projectors after encoder and predictor.
     pub projector: usize,
     /// What predicts.
     pub predictor: PredictorConfig,
@@ -35,7 +36,7 @@ pub struct JointConfig {
     pub history: usize,
     /// Environment steps from one state to the next.
     pub frameskip: usize,
-    /// Numbers that the actions of a step are brought to before they are embedded.
+    /// Dim of the first layer of the action embedding.
     pub smoothed: usize,
     /// Clips of a batch.
     pub batch: usize,
@@ -47,7 +48,7 @@ impl JointConfig {
         Self {
             image: 224,
             encoder: EncoderConfig::Vit(VitConfig::default()),
-            width: 192,
+            latent_dim: 192,
             projector: 2048,
             predictor: PredictorConfig::default(),
             history: 3,
@@ -59,11 +60,11 @@ impl JointConfig {
 
     /// For a CPU: convolutions on images of 64 pixels.
     pub fn small() -> Self {
-        let predictor = PredictorConfig { depth: 4, heads: 4, head_width: 32, hidden: 512, dropout: 0.1 };
+        let predictor = PredictorConfig { depth: 4, heads: 4, head_dim: 32, hidden: 512, dropout: 0.1 };
         Self {
             image: 64,
             encoder: EncoderConfig::Cnn(CnnConfig::default()),
-            width: 128,
+            latent_dim: 128,
             projector: 512,
             predictor,
             batch: 64,
@@ -74,28 +75,28 @@ impl JointConfig {
     fn check(&self) -> Result<(), String> {
         let positive = [
             ("image", self.image),
-            ("width", self.width),
+            ("latent_dim", self.latent_dim),
             ("projector", self.projector),
             ("history", self.history),
             ("frameskip", self.frameskip),
             ("smoothed", self.smoothed),
             ("batch", self.batch),
             ("predictor.heads", self.predictor.heads),
-            ("predictor.head_width", self.predictor.head_width),
+            ("predictor.head_dim", self.predictor.head_dim),
         ];
         check_sizes(&positive, self.predictor.dropout)?;
         self.encoder.check(self.image)
     }
 
     /// What the model is fed with.
-    pub(crate) fn needs(&self) -> Needs {
+    pub(crate) fn input_spec(&self) -> InputSpec {
         let &Self { image, history, frameskip, batch, .. } = self;
-        Needs { num_steps: history + 1, frameskip, image, proprio: false, batch }
+        InputSpec { num_steps: history + 1, frameskip, image, proprio: false, batch }
     }
 
     /// The form of its tensors.
-    pub(crate) fn form(&self, facts: &Facts) -> Form {
-        Form { image: self.image, action: self.frameskip * facts.action_width, proprio: 0 }
+    pub(crate) fn form(&self, dims: &DataDims) -> Form {
+        Form { image: self.image, action: self.frameskip * dims.action_dim, proprio: 0 }
     }
 }
 
@@ -126,18 +127,18 @@ impl Joint {
     pub(crate) fn new(
         baseline: &'static str,
         config: &JointConfig,
-        facts: &Facts,
+        dims: &DataDims,
         device: &Device,
     ) -> Result<Self, BaselineError> {
         config.check().map_err(|reason| BaselineError::Settings { baseline, reason })?;
-        let &JointConfig { image, width, projector, history, smoothed, .. } = config;
-        let form = config.form(facts);
+        let &JointConfig { image, latent_dim, projector, history, smoothed, .. } = config;
+        let form = config.form(dims);
         Ok(Self {
-            encoder: Encoder::of_summaries(&config.encoder, image, width, device),
-            projector: Mlp::new(config.encoder.summary_width(width), projector, width, device),
-            action_encoder: ActionEmbedder::new(form.action, smoothed, width, device),
-            predictor: Predictor::new(&config.predictor, width, history, device),
-            pred_proj: Mlp::new(width, projector, width, device),
+            encoder: Encoder::of_summaries(&config.encoder, image, latent_dim, device),
+            projector: Mlp::new(config.encoder.summary_dim(latent_dim), projector, latent_dim, device),
+            action_encoder: ActionEmbedder::new(form.action, smoothed, latent_dim, device),
+            predictor: Predictor::new(&config.predictor, latent_dim, history, device),
+            pred_proj: Mlp::new(latent_dim, projector, latent_dim, device),
             config: config.clone(),
             form,
         })

@@ -4,15 +4,16 @@ use burn::tensor::Tensor;
 
 use super::Joint;
 use crate::data::{Form, Start};
+use crate::dynamics::LatentDynamics;
 use crate::nn::SeenStates;
 use crate::pass::Pass;
-use crate::plan::{Planner, SceneModel};
+use crate::plan::Planner;
 
 /// A copy of the model at work.
 pub(crate) type JointPlanner = Planner<Joint>;
 
-/// What all candidates of a scene share.
-pub(crate) struct Scene {
+/// One planning problem, encoded.
+pub(crate) struct Problem {
     /// `[1, N, W]`.
     states: Tensor<3>,
     /// `[1, N - 1, D]`.
@@ -21,11 +22,11 @@ pub(crate) struct Scene {
     goal: Tensor<2>,
 }
 
-impl SceneModel for Joint {
-    /// A multiple of the rows that kernels for products of matrices take at a time.
+impl LatentDynamics for Joint {
+    /// A multiple of the rows that matrix-product kernels take at a time.
     const GROUP: usize = 32;
 
-    type Scene = Scene;
+    type Problem = Problem;
 
     fn form(&self) -> &Form {
         &self.form
@@ -35,16 +36,16 @@ impl SceneModel for Joint {
         self.config.history
     }
 
-    fn scene(&self, start: &Start, row: usize) -> Scene {
+    fn problem(&self, start: &Start, row: usize) -> Problem {
         let pass = &mut Pass::evaluate();
         let states = self.encode(start.pixels.clone().narrow(0, row, 1), pass);
         let goal = self.encode(start.goal_pixels.clone().narrow(0, row, 1), pass);
         let action = start.action.as_ref().map(|action| action.clone().narrow(0, row, 1));
-        Scene { states, action, goal: goal.squeeze_dim(1) }
+        Problem { states, action, goal: goal.squeeze_dim(1) }
     }
 
-    fn latent_width(&self) -> usize {
-        self.config.width
+    fn latent_dim(&self) -> usize {
+        self.config.latent_dim
     }
 
     fn latent(&self, pixels: Tensor<5>, _proprio: Option<Tensor<3>>) -> Tensor<2> {
@@ -56,14 +57,14 @@ impl SceneModel for Joint {
         self.predict(latents.unsqueeze_dim(1), actions, &mut Pass::evaluate()).squeeze_dim(1)
     }
 
-    fn costs(&self, scene: &Scene, plans: Tensor<3>) -> Tensor<1> {
+    fn costs(&self, problem: &Problem, plans: Tensor<3>) -> Tensor<1> {
         let [count, horizon, _] = plans.dims();
         let pass = &mut Pass::evaluate();
-        let [_, observed, width] = scene.states.dims();
-        let actions = match &scene.action {
+        let [_, observed, dim] = problem.states.dims();
+        let actions = match &problem.action {
             Some(past) => {
-                let [_, steps, width] = past.dims();
-                Tensor::cat(vec![past.clone().expand([count, steps, width]), plans], 1)
+                let [_, steps, dim] = past.dims();
+                Tensor::cat(vec![past.clone().expand([count, steps, dim]), plans], 1)
             }
             None => plans,
         };
@@ -71,7 +72,7 @@ impl SceneModel for Joint {
         let during = |start, steps| {
             conditions.iter().map(|all| all.clone().narrow(1, start, steps)).collect::<Vec<_>>()
         };
-        let mut states = vec![scene.states.clone().expand([count, observed, width])];
+        let mut states = vec![problem.states.clone().expand([count, observed, dim])];
         let mut seen = SeenStates::default();
         for step in 0..horizon {
             let end = observed + step;
@@ -89,6 +90,6 @@ impl SceneModel for Joint {
             states.push(self.pred_proj.forward_frames(next, pass));
         }
         let last: Tensor<2> = states.pop().expect("a plan has a step").squeeze_dim(1);
-        (last - scene.goal.clone()).square().sum_dim(1).squeeze_dim(1)
+        (last - problem.goal.clone()).square().sum_dim(1).squeeze_dim(1)
     }
 }

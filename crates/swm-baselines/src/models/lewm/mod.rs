@@ -1,13 +1,13 @@
 //! LeWM: a joint-embedding world model that a test of normality keeps from collapsing (arXiv 2603.19312).
 //!
-//! Loss: squared error of the predicted states, plus SIGReg of the encoded ones. No teacher, no stopped gradient.
+//! Loss: squared error of the predicted states, plus SIGReg of the encoded ones. No target network, no stop-gradient.
 
 use burn::module::Module;
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 
 use crate::baseline::{Phase, PlanModel};
-use crate::data::{Facts, Inputs};
+use crate::data::{DataDims, Inputs};
 use crate::error::BaselineError;
 use crate::losses::{SigregConfig, Terms, mean_squared_error, sigreg};
 use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
@@ -56,23 +56,23 @@ struct Lewm {
 /// Network and training of these settings.
 pub(crate) fn make(
     config: &LewmConfig,
-    facts: &Facts,
+    dims: &DataDims,
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     config.sigreg.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
-    let model = Joint::new(NAME, &config.model, facts, device)?;
+    let model = Joint::new(NAME, &config.model, dims, device)?;
     let phase = Phase {
         name: "train",
         optim: config.optim.clone(),
         goals: None,
         trains: &[""],
-        teachers: &[],
+        targets: &[],
         momentum: 0.0,
     };
     Ok(Parts {
         network: Lewm { model, sigreg: config.sigreg },
-        needs: config.model.needs(),
-        form: config.model.form(facts),
+        input_spec: config.model.input_spec(),
+        form: config.model.form(dims),
         phases: vec![phase],
     })
 }

@@ -6,7 +6,7 @@ use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 
 use crate::baseline::{Phase, PlanModel};
-use crate::data::{Facts, Inputs};
+use crate::data::{DataDims, Inputs};
 use crate::error::BaselineError;
 use crate::losses::{Terms, Vicreg, mean_squared_error, straightening, vicreg};
 use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
@@ -24,7 +24,7 @@ pub(crate) const NAME: &str = "pldm";
 pub struct PldmConfig {
     /// The network.
     pub model: JointConfig,
-    /// Hidden numbers of the network that tells actions from states.
+    /// Hidden dim of the inverse-dynamics MLP.
     pub inverse_hidden: usize,
     /// What the terms are worth.
     pub weights: PldmWeights,
@@ -32,13 +32,13 @@ pub struct PldmConfig {
     pub optim: OptimConfig,
 }
 
-/// What the terms beside the prediction are worth. A term of weight 0 is not computed.
+/// Weights of the regularization terms. A term of weight 0 is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PldmWeights {
-    /// Deviations over the batch.
+    /// Std over the batch.
     pub std: f64,
-    /// Deviations over time.
+    /// Std over time.
     pub std_t: f64,
     /// Covariances over the batch.
     pub cov: f64,
@@ -46,7 +46,7 @@ pub struct PldmWeights {
     pub cov_t: f64,
     /// Closeness of consecutive states.
     pub alignment: f64,
-    /// Actions told from states.
+    /// Inverse dynamics.
     pub inverse: f64,
     /// Straightness of the paths of states.
     pub straightening: f64,
@@ -99,23 +99,23 @@ struct Pldm {
 /// Network and training of these settings.
 pub(crate) fn make(
     config: &PldmConfig,
-    facts: &Facts,
+    dims: &DataDims,
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
-    let model = Joint::new(NAME, &config.model, facts, device)?;
-    let form = config.model.form(facts);
+    let model = Joint::new(NAME, &config.model, dims, device)?;
+    let form = config.model.form(dims);
     let phase = Phase {
         name: "train",
         optim: config.optim.clone(),
         goals: None,
         trains: &[""],
-        teachers: &[],
+        targets: &[],
         momentum: 0.0,
     };
-    let inverse = InverseDynamics::new(config.model.width, config.inverse_hidden, form.action, device);
+    let inverse = InverseDynamics::new(config.model.latent_dim, config.inverse_hidden, form.action, device);
     Ok(Parts {
         network: Pldm { model, inverse, weights: config.weights },
-        needs: config.model.needs(),
+        input_spec: config.model.input_spec(),
         form,
         phases: vec![phase],
     })

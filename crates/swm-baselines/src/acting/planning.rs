@@ -1,4 +1,4 @@
-//! From infos of environments to what models see: images as they are, numbers scaled as in training.
+//! From infos of environments to planning batches: images as they are, vectors scaled as in training.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use swm_core::env::PIXELS;
 use swm_core::{Row, Slice};
 
 use crate::baseline::Baseline;
-use crate::data::{Images, Numbers, Scenes};
+use crate::data::{Images, PlanningBatch, Vectors};
 use crate::error::BaselineError;
 use crate::train::{DataConfig, PROPRIO, Scale};
 
@@ -15,9 +15,9 @@ const GOAL: &str = "goal";
 /// Fields that may hold the goal's `proprio`, the first that is there.
 const GOAL_PROPRIO: [&str; 2] = ["goal_proprio", "goal_state"];
 
-/// Collects what B environments say; its memory is reused.
+/// Collects the planning batch of B environments; its memory is reused.
 #[derive(Debug, Default)]
-pub(super) struct SceneTable {
+pub(super) struct PlanningTable {
     rows: usize,
     frames: usize,
     /// `[H, W]` of the environment's images.
@@ -38,25 +38,25 @@ struct State {
     goal: Vec<f32>,
 }
 
-impl SceneTable {
-    /// For the scenes of a model that was trained on such data.
+impl PlanningTable {
+    /// For a model that was trained on such data.
     pub(super) fn new(baseline: &dyn Baseline, data: &DataConfig) -> Self {
         let scale = |scales: &BTreeMap<String, Scale>| scales.get(PROPRIO).cloned();
-        let needed = baseline.needs().proprio.then(|| scale(&data.scales)).flatten();
+        let needed = baseline.input_spec().proprio.then(|| scale(&data.scales)).flatten();
         Self {
-            block: baseline.needs().frameskip * data.action,
+            block: baseline.input_spec().frameskip * data.action,
             proprio: needed.map(|scale| State { scale, now: Vec::new(), goal: Vec::new() }),
             ..Self::default()
         }
     }
 
-    /// The fields whose past models want to see.
+    /// The fields whose history the model uses.
     pub(super) fn fields(&self) -> Vec<String> {
         let proprio = self.proprio.as_ref().map(|_| PROPRIO.to_owned());
         [PIXELS.to_owned()].into_iter().chain(proprio).collect()
     }
 
-    /// Forgets all scenes; the next have `frames` observations each.
+    /// Empties the batch; the next problems have `frames` observations each.
     pub(super) fn clear(&mut self, frames: usize) {
         (self.rows, self.frames) = (0, frames);
         self.pixels.clear();
@@ -68,7 +68,7 @@ impl SceneTable {
         }
     }
 
-    /// Adds the present moment of an environment, after its past (see [`SceneTable::push_past`]), if it has one.
+    /// Adds the current observation and goal of an environment, after its history (see [`PlanningTable::push_past`]), if it has one.
     pub(super) fn push(&mut self, row: Row<'_>) -> Result<(), BaselineError> {
         let size = size_of(row, PIXELS)?;
         if size != size_of(row, GOAL)? {
@@ -82,17 +82,17 @@ impl SceneTable {
             let found = found.ok_or_else(|| {
                 BaselineError::data(
                     "goal_proprio",
-                    "the environment does not say it, and the model was trained with it",
+                    "the environment does not have it, and the model was trained with it",
                 )
             })?;
-            scaled(scale, numbers(row, PROPRIO)?, now);
-            scaled(scale, numbers(row, found)?, goal);
+            scaled(scale, vector(row, PROPRIO)?, now);
+            scaled(scale, vector(row, found)?, goal);
         }
         self.rows += 1;
         Ok(())
     }
 
-    /// Adds an earlier observation of the environment whose present comes next.
+    /// Adds an earlier observation of the environment whose current one comes next.
     pub(super) fn push_past<'a>(&mut self, field: impl Fn(usize) -> Slice<'a>) -> Result<(), BaselineError> {
         let Slice::U8(pixels) = field(0) else { return Err(no_images(PIXELS)) };
         self.pixels.extend_from_slice(pixels);
@@ -107,14 +107,14 @@ impl SceneTable {
         self.action.extend_from_slice(action);
     }
 
-    /// All scenes.
-    pub(super) fn scenes(&self) -> Scenes<'_> {
+    /// The planning batch.
+    pub(super) fn batch(&self) -> PlanningBatch<'_> {
         let &Self { rows, frames, size: [height, width], block, .. } = self;
         let images = |values, steps| Images { values, rows, steps, height, width, channels_last: true };
-        let state = |values, steps, scale: &Scale| Numbers { values, rows, steps, width: scale.mean.len() };
-        Scenes {
+        let state = |values, steps, scale: &Scale| Vectors { values, rows, steps, dim: scale.mean.len() };
+        PlanningBatch {
             pixels: images(&self.pixels, frames),
-            action: Numbers { values: &self.action, rows, steps: frames - 1, width: block },
+            action: Vectors { values: &self.action, rows, steps: frames - 1, dim: block },
             proprio: self.proprio.as_ref().map(|known| state(&known.now, frames, &known.scale)),
             goal_pixels: images(&self.goal_pixels, 1),
             goal_proprio: self.proprio.as_ref().map(|known| state(&known.goal, 1, &known.scale)),
@@ -141,12 +141,12 @@ pub(super) fn bytes<'a>(row: Row<'a>, name: &'static str) -> Result<&'a [u8], Ba
     row.get(name).map_err(|error| BaselineError::data(name, error.to_string()))
 }
 
-pub(super) fn numbers<'a>(row: Row<'a>, name: &str) -> Result<Slice<'a>, BaselineError> {
+pub(super) fn vector<'a>(row: Row<'a>, name: &str) -> Result<Slice<'a>, BaselineError> {
     match row.schema().index(name) {
         Some(index) => Ok(row.at(index)),
         None => Err(BaselineError::data(
             PROPRIO,
-            "the environment does not say it, and the model was trained with it",
+            "the environment does not have it, and the model was trained with it",
         )),
     }
 }
