@@ -94,7 +94,7 @@ mod tests {
 
     /// No machine has so many GPUs: the refusal is one of every build.
     #[test]
-    fn a_gpu_that_is_not_there_is_refused_with_the_way_out() {
+    fn a_gpu_that_is_not_there_is_refused_with_the_fix() {
         let error = Device::Cuda(999).device().unwrap_err().to_string();
         assert!(error.starts_with("device `cuda:999`: ") && error.contains("cpu"), "{error}");
     }

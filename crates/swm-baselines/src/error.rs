@@ -109,7 +109,7 @@ pub enum BaselineError {
         source: Box<BaselineError>,
     },
     /// The operating system refused.
-    #[error("cannot {action} {}: {source}{}", path.display(), way_out(source))]
+    #[error("cannot {action} {}: {source}{}", path.display(), fix(source))]
     Io {
         /// What was tried.
         action: &'static str,
@@ -123,7 +123,7 @@ pub enum BaselineError {
     Run {
         /// The folder.
         path: PathBuf,
-        /// What is wrong, and the way out.
+        /// What is wrong, and the fix.
         reason: String,
     },
     /// Settings of a training that are unusable.
@@ -144,7 +144,7 @@ pub enum BaselineError {
         path: PathBuf,
         /// The baseline.
         baseline: String,
-        /// What is missing, what is there, and the way out.
+        /// What is missing, what is there, and the fix.
         reason: String,
     },
     /// The machine has no such device, or this build no support for it.
@@ -183,7 +183,7 @@ fn last_good(kept: Option<&Path>) -> String {
 }
 
 /// What helps against the system's commonest reasons.
-fn way_out(error: &std::io::Error) -> &'static str {
+fn fix(error: &std::io::Error) -> &'static str {
     use std::io::ErrorKind as Kind;
     match error.kind() {
         Kind::StorageFull | Kind::QuotaExceeded => {
@@ -217,7 +217,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_the_system_refuses_has_a_way_out() {
+    fn what_the_system_refuses_has_a_fix() {
         let message = |kind: std::io::ErrorKind| {
             BaselineError::Io { action: "write", path: "run/a".into(), source: kind.into() }.to_string()
         };

@@ -1,4 +1,4 @@
-//! What can go wrong with MuJoCo. Every message names the object, the reason and the way out.
+//! What can go wrong with MuJoCo. Every message names the object, the reason and the fix.
 
 use std::path::PathBuf;
 

@@ -167,13 +167,13 @@ impl Model {
 
     fn check(&self, candidates: &Candidates<'_>) -> Result<(), OnnxError> {
         let [_, horizon, width] = self.shape;
-        let way_out = match (candidates.horizon == horizon, candidates.width == width) {
+        let fix = match (candidates.horizon == horizon, candidates.width == width) {
             (true, true) => return Ok(()),
             (false, true) => format!("set horizon={horizon}"),
             (_, false) => "take a model of this environment, or fix `action_block` of model.json".to_owned(),
         };
         let reason = format!(
-            "plans are {} blocks of {} numbers, and the model was exported for {horizon} of {width}; {way_out}",
+            "plans are {} blocks of {} numbers, and the model was exported for {horizon} of {width}; {fix}",
             candidates.horizon, candidates.width
         );
         Err(OnnxError::Input { name: ACTIONS.to_owned(), reason })

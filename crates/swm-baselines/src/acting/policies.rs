@@ -150,8 +150,8 @@ impl Given {
             .map_err(|error| args.wrong(error.to_string()))?;
         match model.config.data.env.as_deref() {
             Some(of) if of != env && !self.transfer => {
-                let way_out = format!("use a run of {env}, or allow it with transfer=true");
-                Err(self.wrong(args, format!("it was trained in {of}, and this is {env}; {way_out}")))
+                let fix = format!("use a run of {env}, or allow it with transfer=true");
+                Err(self.wrong(args, format!("it was trained in {of}, and this is {env}; {fix}")))
             }
             _ => Ok(model),
         }

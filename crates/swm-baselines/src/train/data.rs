@@ -121,7 +121,7 @@ impl PhaseClips {
     }
 }
 
-/// What a dataset says of itself, before a model is made for it.
+/// The dimensions and columns of a dataset, before a model is made for it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DataFacts {
     /// Numbers of an action.
@@ -205,12 +205,12 @@ fn check_columns(dataset: &dyn Dataset, baseline: &str, needed: &[&str]) -> Resu
     let missing: Vec<&str> = needed.iter().copied().filter(|name| schema.index(name).is_none()).collect();
     if !missing.is_empty() {
         let known: Vec<&str> = schema.fields().iter().map(|field| field.name.as_str()).collect();
-        let way_out = match missing.contains(&PIXELS) {
+        let fix = match missing.contains(&PIXELS) {
             true => "record it with `swm collect … --image-size 64x64`, or draw images with `swm render`",
             false => "record it with `swm collect`, or choose another baseline (`swm train --list`)",
         };
         return refuse(format!(
-            "it has no column `{}`, only `{}`; {way_out}",
+            "it has no column `{}`, only `{}`; {fix}",
             missing.join("`, `"),
             known.join("`, `")
         ));
