@@ -140,7 +140,7 @@ impl<'a> Groups<'a> {
                 format!("blocks of {} values, and this model was trained on {dim}", candidates.dim);
             return Err(BaselineError::data("candidates", reason));
         }
-        if candidates.rows != problems
+        if candidates.episodes != problems
             || shape.iter().product::<usize>() != candidates.actions.len()
             || shape.contains(&0)
         {

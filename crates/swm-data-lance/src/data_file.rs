@@ -60,7 +60,7 @@ impl DataWriter {
         wait(self.writer.write_batch(&batch))
     }
 
-    /// Ends the file: the fragment that it is. `about` is what it says of itself.
+    /// Ends the file: the fragment that it is. `about` is its description.
     pub(crate) fn finish(mut self, table: &Table, about: &[(&str, String)]) -> Result<Fragment, String> {
         for (key, value) in about {
             self.writer.add_schema_metadata(*key, value.clone());
@@ -196,7 +196,7 @@ impl DataReader {
         batches.iter().try_for_each(|batch| take(batch.column(0)))
     }
 
-    /// What the file of a fragment says of itself.
+    /// The description in the file of a fragment.
     pub(crate) fn about(&self, fragment: usize, field: i32) -> Result<HashMap<String, String>, String> {
         Ok(self.file(fragment, field)?.0.schema().metadata.clone())
     }

@@ -1,4 +1,4 @@
-//! What a table of ours says of itself beyond Lance, under one key of its metadata: the columns as they were recorded and
+//! What a table of ours states beyond Lance, under one key of its metadata: the columns as they were recorded and
 //! the runs that recorded them; and what a column is called and how it is typed in the table.
 
 use std::collections::HashMap;

@@ -1,4 +1,4 @@
-//! Opening a table for reading: ours by what it says of itself, those of other programs by the types of their columns.
+//! Opening a table for reading: ours by its description, those of other programs by the types of their columns.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -24,7 +24,7 @@ use crate::manifest::{EPISODE, Manifest, stored_type};
 use crate::table::Table;
 use crate::videos::{self, Videos};
 
-/// What a file of ours says of itself: the checksums of its columns.
+/// The description of a file of ours: the checksums of its columns.
 pub(crate) const CHECKSUMS: &str = "swm.crc32";
 
 /// An open table.

@@ -27,7 +27,7 @@ pub(crate) const FILE_VERSION: ConcreteFileVersion = ConcreteFileVersion::V2_1;
 const VERSIONS: &str = "_versions";
 /// Where rows lie.
 pub(crate) const DATA: &str = "data";
-/// In what a table says of itself: the version after which a recording goes on.
+/// In the description of a table: the version after which a recording goes on.
 const MARK: &str = "swm.recording";
 /// A longer list of deleted rows is taken for damage.
 const MAX_DELETED: usize = 1 << 26;
@@ -100,7 +100,7 @@ impl Table {
         &self.manifest.fragments
     }
 
-    /// What the table says of itself, by key.
+    /// The description of the table, by key.
     pub(crate) fn about(&self) -> &HashMap<String, String> {
         &self.manifest.table_metadata
     }
@@ -165,8 +165,8 @@ impl Table {
         if is_due(self.listed, self.fragments().len()) { self.next(true) } else { Ok(()) }
     }
 
-    /// Makes the first `count` fragments the newest version, with which a recording begins; `about` replaces what the table
-    /// says of itself.
+    /// Makes the first `count` fragments the newest version, with which a recording begins; `about` replaces the
+    /// description of the table.
     pub(crate) fn resume(
         &mut self,
         count: usize,
@@ -265,8 +265,8 @@ fn place(folder: &Path) -> Result<(ObjectStore, ObjectPath), String> {
 /// What Lance can, and its files alone cannot: rows that are replaced elsewhere, files that lie elsewhere.
 fn check_fragment(fragment: &Fragment) -> Result<(), String> {
     if !fragment.overlays.is_empty() {
-        let way_out = "rewrite it with `lance.dataset(…).optimize.compact_files()`";
-        return Err(format!("rows of it were replaced; {way_out}"));
+        let fix = "rewrite it with `lance.dataset(…).optimize.compact_files()`";
+        return Err(format!("rows of it were replaced; {fix}"));
     }
     if fragment.deletion_file.as_ref().is_some_and(|file| file.base_id.is_some()) {
         return Err("its list of deleted rows is none inside the folder".to_owned());

@@ -110,7 +110,7 @@ fn mazes_in_other_settings_conform() {
 }
 
 #[test]
-fn a_teleporter_leads_to_one_of_three_ways_out_by_chance() {
+fn a_teleporter_leads_to_one_of_three_exits_by_chance() {
     let settings = json!({"maze_type": "teleport", "terminate_at_goal": false});
     let mut env = OGB_POINT_MAZE.make(&config(&settings)).unwrap();
     let mut outs = BTreeMap::new();

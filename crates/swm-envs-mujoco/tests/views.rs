@@ -126,7 +126,7 @@ fn quality_shows() {
 }
 
 #[test]
-fn what_cannot_be_shown_is_refused_with_the_way_out() {
+fn what_cannot_be_shown_is_refused_with_the_fix() {
     let message = refused(json!({"cameras": "bakc"}));
     assert!(message.contains("bakc") && message.contains("`back`"), "{message}");
     let message = refused(json!({"camreas": "back"}));

@@ -44,7 +44,7 @@ fn without_a_list_the_default_list_is_drawn() {
 }
 
 #[test]
-fn messages_name_the_factor_and_the_way_out() {
+fn messages_name_the_factor_and_the_fix() {
     let message = draw(0, &ResetOptions::default().vary(&["agent.positon"])).unwrap_err();
     assert!(message.contains("did you mean `agent.position`?"), "{message}");
     let message =

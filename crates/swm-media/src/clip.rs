@@ -141,7 +141,7 @@ pub(crate) fn check_video(
     frames: usize,
     frames_per_second: f64,
     [min, max]: [usize; 2],
-    way_out: &'static str,
+    fix: &'static str,
 ) -> Result<(), MediaError> {
     if frames == 0 {
         return Err(MediaError::EmptyClip);
@@ -150,7 +150,7 @@ pub(crate) fn check_video(
         return Err(MediaError::FrameRate { frames_per_second });
     }
     if height.min(width) < min || height.max(width) > max {
-        return Err(MediaError::FrameSize { format, height, width, min, max, way_out });
+        return Err(MediaError::FrameSize { format, height, width, min, max, fix });
     }
     Ok(())
 }

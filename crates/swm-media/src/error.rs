@@ -28,9 +28,7 @@ pub enum MediaError {
     #[error("the contact sheet has no cell; give at least one row with one frame")]
     EmptySheet,
     /// The frames do not fit the format.
-    #[error(
-        "{format} holds frames of {min} to {max} pixels a side, these have {height} x {width}; {way_out}"
-    )]
+    #[error("{format} holds frames of {min} to {max} pixels a side, these have {height} x {width}; {fix}")]
     FrameSize {
         /// The format.
         format: Format,
@@ -43,7 +41,7 @@ pub enum MediaError {
         /// The longest side that the format can hold, in pixels.
         max: usize,
         /// What to do about it.
-        way_out: &'static str,
+        fix: &'static str,
     },
     /// The frame rate is not a finite number above 0.
     #[error("a video needs a frame rate above 0 frames per second, got {frames_per_second}")]

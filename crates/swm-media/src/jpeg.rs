@@ -36,8 +36,8 @@ pub fn encode(
         return Err(MediaError::FrameLength { height, width, found: pixels.len() });
     }
     let [Ok(columns), Ok(rows)] = [width, height].map(u16::try_from) else {
-        let (min, max, way_out) = (1, usize::from(u16::MAX), "make a smaller image");
-        return Err(MediaError::FrameSize { format: Format::Jpeg, height, width, min, max, way_out });
+        let (min, max, fix) = (1, usize::from(u16::MAX), "make a smaller image");
+        return Err(MediaError::FrameSize { format: Format::Jpeg, height, width, min, max, fix });
     };
     let mut bytes = Vec::new();
     let encoder = Encoder::new(&mut bytes, quality.clamp(1, 100));

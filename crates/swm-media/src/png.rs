@@ -45,7 +45,7 @@ pub fn encode_channels(
             width,
             min: 1,
             max: i32::MAX as usize,
-            way_out: "make a smaller image",
+            fix: "make a smaller image",
         });
     };
     let mut bytes = Vec::new();

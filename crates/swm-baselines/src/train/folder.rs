@@ -307,9 +307,9 @@ impl RunFolder {
 
     /// About a file that others have damaged: by itself a run has whole ones only.
     fn damaged(&self, path: &Path, reason: &str) -> BaselineError {
-        let way_out =
+        let fix =
             "bring back a copy of it, plan with an earlier checkpoint (`checkpoint=STEP`), or make a new run";
-        self.wrong(format!("{}: {reason}; {way_out}", path.display()))
+        self.wrong(format!("{}: {reason}; {fix}", path.display()))
     }
 }
 

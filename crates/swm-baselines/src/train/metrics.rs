@@ -1,4 +1,4 @@
-//! What training says of itself, and where that goes: sinks that each get every record. How a terminal shows it is the
+//! The metrics of training, and where that goes: sinks that each get every record. How a terminal shows it is the
 //! command's business.
 
 use std::fs::{self, File, OpenOptions};

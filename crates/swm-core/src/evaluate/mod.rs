@@ -89,7 +89,7 @@ pub struct DatasetProtocol {
     pub budget: u64,
     /// Where each evaluated episode starts: `[episode, row]` of the dataset.
     pub starts: Vec<[usize; 2]>,
-    /// What the dataset says of itself.
+    /// The description of the dataset.
     pub dataset: Option<Metadata>,
 }
 

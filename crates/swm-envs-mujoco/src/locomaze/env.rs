@@ -218,7 +218,7 @@ impl MazeEnv {
         self.sim.control_step(SUBSTEPS)
     }
 
-    /// Takes the body from the way into a teleporter to one of the ways out.
+    /// Takes the body from the way into a teleporter to one of its exits.
     fn teleport(&mut self) -> Result<(), MujocoError> {
         let Some(teleporters) = self.maze().teleporters() else { return Ok(()) };
         let place = self.place();

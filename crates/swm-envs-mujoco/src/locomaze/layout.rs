@@ -23,7 +23,7 @@ pub(super) enum Maze {
     #[default]
     Large,
     Giant,
-    /// Two ways in lead to any of three ways out, by chance.
+    /// Two entrances lead to any of three exits, by chance.
     Teleport,
 }
 

@@ -92,7 +92,7 @@ pub fn encode_frames<'a>(
 }
 
 /// What to do about frames that are too small.
-const WAY_OUT: &str = "enlarge small frames with `Clip::upscaled`, or save a .gif";
+const FIX: &str = "enlarge small frames with `Clip::upscaled`, or save a .gif";
 
 /// Settings with which OpenH264 has nothing to warn about; it would do so on standard error.
 fn settings(frames_per_second: f64, options: &Mp4Options) -> EncoderConfig {

@@ -9,7 +9,7 @@ use openh264::encoder::{Encoder, FrameType};
 use rayon::prelude::*;
 
 use super::planes::Planes;
-use super::{Mp4Options, SIDES, WAY_OUT, refused, settings};
+use super::{FIX, Mp4Options, SIDES, refused, settings};
 use crate::clip::{check_frame, check_video};
 use crate::error::MediaError;
 use crate::format::Format;
@@ -48,7 +48,7 @@ impl Video {
     ///
     /// A frame rate that is no rate, frames of less than 16 or more than 2,160 pixels a side.
     pub fn new(height: usize, width: usize, options: &Mp4Options) -> Result<Self, MediaError> {
-        check_video(Format::Mp4, [height, width], 1, options.frames_per_second, SIDES, WAY_OUT)?;
+        check_video(Format::Mp4, [height, width], 1, options.frames_per_second, SIDES, FIX)?;
         let period = options.key_frame_period.max(1) as usize;
         Ok(Self {
             height,

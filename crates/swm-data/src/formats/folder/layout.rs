@@ -40,7 +40,7 @@ pub(super) fn is_unbegun(folder: &Path) -> bool {
     folder.join(INDEX).is_file() && !folder.join(MANIFEST).exists()
 }
 
-/// What a folder of ours says of itself.
+/// The description of a folder of ours.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Manifest {
     version: u32,

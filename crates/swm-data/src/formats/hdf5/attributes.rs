@@ -1,4 +1,4 @@
-//! What a recording says of itself, in attributes of the file's root: columns with their kinds, and metadata of the
+//! The description of a recording, in attributes of the file's root: columns with their kinds, and metadata of the
 //! runs that were recorded into it. Files of the reference have none.
 
 use hdf5_metno::File;

@@ -121,7 +121,7 @@ impl Hdf5Dataset {
         Ok(Self { shared: Arc::new(shared), scratch: Scratch::default() })
     }
 
-    /// What the file says of itself.
+    /// The description of the file.
     pub(super) fn attributes(&self) -> &Attributes {
         &self.shared.attributes
     }

@@ -85,7 +85,7 @@ impl Info {
     }
 }
 
-/// What a folder of ours says of itself to LeRobot.
+/// The description of a folder of ours for LeRobot.
 #[derive(Serialize)]
 struct InfoOut {
     codebase_version: &'static str,

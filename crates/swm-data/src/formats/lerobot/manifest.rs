@@ -1,4 +1,4 @@
-//! What a folder of ours says of itself beyond LeRobot: `meta/swm.json`, the columns as they were recorded and the runs
+//! What a folder of ours states beyond LeRobot: `meta/swm.json`, the columns as they were recorded and the runs
 //! that recorded them; and which feature of LeRobot a column becomes.
 
 use std::fs;

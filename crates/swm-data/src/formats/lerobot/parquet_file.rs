@@ -32,7 +32,7 @@ impl<'a> ColumnOut<'a> {
     }
 }
 
-/// The bytes of a file with these columns, which have equally many rows. `about` is what it says of itself, by key.
+/// The bytes of a file with these columns, which have equally many rows. `about` is its description, by key.
 pub(super) fn bytes(columns: &[ColumnOut<'_>], about: &[(&str, String)]) -> Result<Vec<u8>, String> {
     let mut writer = TableWriter::new(Vec::new(), columns, about)?;
     writer.group(columns)?;
@@ -43,7 +43,7 @@ pub(super) fn bytes(columns: &[ColumnOut<'_>], about: &[(&str, String)]) -> Resu
 pub(super) struct TableWriter<W: Write + Send>(SerializedFileWriter<W>);
 
 impl<W: Write + Send> TableWriter<W> {
-    /// Begins a file with the columns of these names and types. `about` is what it says of itself, by key.
+    /// Begins a file with the columns of these names and types. `about` is its description, by key.
     pub(super) fn new(out: W, columns: &[ColumnOut<'_>], about: &[(&str, String)]) -> Result<Self, String> {
         begin(out, columns, about).map(Self).map_err(|error| error.to_string())
     }

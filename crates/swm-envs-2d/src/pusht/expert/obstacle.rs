@@ -222,7 +222,7 @@ impl Obstacle {
         p
     }
 
-    /// Signed distance to the side of a piece that is passed first on the way out, and that side's outward normal.
+    /// Signed distance to the side of a piece that is passed first on leaving it, and that side's outward normal.
     fn side(&self, piece: &Piece, p: Vec2) -> (f64, Vec2) {
         let mut best = (f64::NEG_INFINITY, Vec2::default());
         for (&normal, half_width) in self.normals.iter().zip(piece.half_widths) {
