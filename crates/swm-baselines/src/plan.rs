@@ -136,8 +136,7 @@ impl<'a> Groups<'a> {
     ) -> Result<Self, BaselineError> {
         let shape = candidates.shape();
         if candidates.dim != dim {
-            let reason =
-                format!("blocks of {} values, and this model was trained on {dim}", candidates.dim);
+            let reason = format!("blocks of {} values, and this model was trained on {dim}", candidates.dim);
             return Err(BaselineError::data("candidates", reason));
         }
         if candidates.episodes != problems

@@ -1,8 +1,8 @@
 //! What every entry of a table is, and the entry of an environment.
 
 use crate::env::{Env, EnvConfig};
-use crate::settings::Setting;
 use crate::error::EnvError;
+use crate::settings::Setting;
 
 use super::PolicyEntry;
 

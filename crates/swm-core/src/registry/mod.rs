@@ -17,11 +17,11 @@ mod entry;
 mod policy;
 mod store;
 
+pub use crate::settings::Setting;
 pub(crate) use arguments::literal;
 pub use arguments::{NoArgs, PolicyArgs};
 pub use basic::BASIC_POLICIES;
 pub use context::PolicyContext;
-pub use crate::settings::Setting;
 pub use entry::{Entry, EnvEntry, MakeEnv};
 pub use policy::{FilesOf, ImageOf, MakePolicy, OracleOf, PolicyEntry};
 pub use store::Registry;

@@ -280,7 +280,7 @@ impl Image {
     }
 
     fn render(&mut self, agent: [f32; 2], out: &mut [u8]) {
-        let drawn = self.artist.render(&Dot { center: agent, ..self.agent }, out);
+        let rendered = self.artist.render(&Dot { center: agent, ..self.agent }, out);
         rendered.expect("the pixel field has the artist's size");
     }
 
