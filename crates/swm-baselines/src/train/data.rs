@@ -273,21 +273,20 @@ fn scales(
 fn options(needs: &Needs, columns: &[&str], goals: Option<&PhaseGoals>, seed: u64) -> ClipOptions {
     let keys: Vec<String> = columns.iter().map(|&name| name.to_owned()).collect();
     let seen = keys.iter().filter(|name| *name != ACTION).cloned().collect();
-    ClipOptions {
-        num_steps: needs.num_steps,
-        frameskip: needs.frameskip,
-        keys: Some(keys),
-        images: Images::ChannelsFirst,
-        image: Some(ImageSize { height: needs.image, width: needs.image }),
-        goals: goals.map(|goals| GoalOptions {
-            weights: goals.weights,
-            gamma: goals.gamma,
-            offset: Some(goals.offset),
-            keys: Some(seen),
-            seed,
-        }),
-        ..ClipOptions::default()
-    }
+    ClipOptions::default()
+        .num_steps(needs.num_steps)
+        .frameskip(needs.frameskip)
+        .keys(Some(keys))
+        .images(Images::ChannelsFirst)
+        .image(Some(ImageSize { height: needs.image, width: needs.image }))
+        .goals(goals.map(|goals| {
+            GoalOptions::default()
+                .weights(goals.weights)
+                .gamma(goals.gamma)
+                .offset(Some(goals.offset))
+                .keys(Some(seen))
+                .seed(seed)
+        }))
 }
 
 #[cfg(test)]
