@@ -86,17 +86,11 @@ fn hdf5_windows(c: &mut Criterion) {
         write(&path, &recorded(side, 8));
         for threads in [1, 2] {
             let keys = ["pixels", "action", "proprio"].map(str::to_owned).to_vec();
-            let options = ClipOptions {
-                num_steps: 4,
-                frameskip: 5,
-                keys: Some(keys),
-                threads: Some(threads),
-                ..ClipOptions::default()
-            };
+            let options =
+                ClipOptions::default().num_steps(4).frameskip(5).keys(Some(keys)).threads(Some(threads));
             let dataset = swm_data::open(&path).expect("it was written above");
             let loader = Loader::new(dataset, &options).expect("the options fit the file");
-            let stream =
-                BatchOptions { size: CLIPS, shuffle: Some(1), drop_last: true, ..BatchOptions::default() };
+            let stream = BatchOptions::default().size(CLIPS).shuffle(Some(1)).drop_last(true);
             let mut batches = loader.batches(&stream).expect("there are more clips");
             let mut batch = batches.new_batch();
             group.bench_function(format!("clips_{side}/threads={threads}"), |b| {

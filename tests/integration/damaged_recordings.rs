@@ -21,7 +21,7 @@ const SIDE: usize = 16;
 const CHANGES: usize = 48;
 
 fn options(verify: bool) -> RenderOptions {
-    RenderOptions { image: ImageSize { height: SIDE, width: SIDE }, verify, ..RenderOptions::default() }
+    RenderOptions::default().image(ImageSize { height: SIDE, width: SIDE }).verify(verify)
 }
 
 /// Draws rows near the first and the last checkpoint, and replays what is not absurdly long; whether all of it went well.

@@ -36,7 +36,7 @@ fn rendered(dataset: &MemoryDataset, options: &RenderOptions) -> Rendered {
 }
 
 fn options() -> RenderOptions {
-    RenderOptions { image: IMAGE, ..RenderOptions::default() }
+    RenderOptions::default().image(IMAGE)
 }
 
 fn frames(dataset: &mut dyn Dataset, name: &str, episode: usize, steps: Steps) -> Vec<u8> {
@@ -101,10 +101,7 @@ fn frame_skip_is_replayed() {
 fn colors_can_be_changed_and_physics_cannot() {
     let entry = swm::registry().env(PUSHT).unwrap();
     let small = record(entry, false, 1).unwrap();
-    let with = |name: &str, value: Value| RenderOptions {
-        factors: BTreeMap::from([(name.to_owned(), value)]),
-        ..options()
-    };
+    let with = |name: &str, value: Value| options().factors(BTreeMap::from([(name.to_owned(), value)]));
     let green = with("background.color", Value::vector(&[0.0, 255.0, 0.0]));
     let (mut plain, mut recolored) = (rendered(&small, &options()), rendered(&small, &green));
     let steps = Steps { first: 10, count: 2, stride: 4 };
@@ -168,17 +165,11 @@ fn the_command_records_and_the_loader_draws() {
 
     let open = |path: &str| swm::data::open(std::path::Path::new(path)).unwrap();
     let image = ImageSize { height: 48, width: 48 };
-    let options = RenderOptions { image, ..RenderOptions::default() };
+    let options = RenderOptions::default().image(image);
     let drawn = Rendered::new(open(&small), &swm::registry(), &options).unwrap();
     let keys = ["pixels", "state", "action"].map(str::to_owned).to_vec();
-    let clips = ClipOptions {
-        num_steps: 3,
-        frameskip: 2,
-        keys: Some(keys),
-        threads: Some(2),
-        ..ClipOptions::default()
-    };
-    let stream = BatchOptions { size: 7, shuffle: Some(1), ..BatchOptions::default() };
+    let clips = ClipOptions::default().num_steps(3).frameskip(2).keys(Some(keys)).threads(Some(2));
+    let stream = BatchOptions::default().size(7).shuffle(Some(1));
     let batches = |dataset| Loader::new(dataset, &clips).unwrap().batches(&stream).unwrap();
     let (drawn, stored) = (batches(Box::new(drawn)), batches(open(&large)));
     for (drawn, stored) in drawn.zip(stored) {

@@ -28,7 +28,7 @@ fn open(path: &Path, draw: Option<usize>) -> Result<Box<dyn Dataset>> {
     let dataset = swm_data::open(path)?;
     let Some(side) = draw else { return Ok(dataset) };
     let image = ImageSize { height: side, width: side };
-    let options = RenderOptions { image, ..RenderOptions::default() };
+    let options = RenderOptions::default().image(image);
     Ok(Box::new(Rendered::new(dataset, &Registry::new().with(ENVS), &options)?))
 }
 
@@ -53,15 +53,13 @@ fn main() -> Result<()> {
     }
     let mut measurements = Vec::new();
     for threads in threads {
-        let options = ClipOptions {
-            num_steps,
-            keys: Some(keys.clone()),
-            images,
-            threads: Some(threads),
-            ..ClipOptions::default()
-        };
+        let options = ClipOptions::default()
+            .num_steps(num_steps)
+            .keys(Some(keys.clone()))
+            .images(images)
+            .threads(Some(threads));
         let loader = Loader::new(open(Path::new(&file), draw)?, &options)?;
-        let stream = BatchOptions { size: SIZE, shuffle: Some(1), ..BatchOptions::default() };
+        let stream = BatchOptions::default().size(SIZE).shuffle(Some(1));
         let mut batches = loader.batches(&stream)?;
         let mut batch = batches.new_batch();
         // The first ones fill caches and allocate the tables.

@@ -35,7 +35,7 @@ const NAME: &str = "replay buffer";
 /// let rollout = Rollout::new(0..8);
 /// world.record_dataset(&rollout, &mut buffer)?;
 ///
-/// let mut sampler = Sampler::new(ClipOptions { num_steps: 3, ..ClipOptions::default() }, 42);
+/// let mut sampler = Sampler::new(ClipOptions::default().num_steps(3), 42);
 /// let mut batch = Batch::new(Default::default(), 0);
 /// sampler.sample(&buffer, 16, 0, &mut batch)?; // of step 0 of a training: 16 clips of 3 rows
 /// assert_eq!(batch.rows(), 16);

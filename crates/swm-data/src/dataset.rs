@@ -34,6 +34,7 @@ pub trait DatasetWriter: EpisodeSink {
 
 /// How a dataset is written.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct WriteOptions {
     /// What to do about a dataset that exists.
     pub mode: WriteMode,
@@ -45,6 +46,13 @@ pub struct WriteOptions {
     /// Frames per second that a video tells its players. Default: 25.
     pub frames_per_second: Option<f64>,
 }
+
+setters!(WriteOptions {
+    mode: WriteMode,
+    quality: Option<u8>,
+    key_frame_period: Option<u32>,
+    frames_per_second: Option<f64>,
+});
 
 impl From<WriteMode> for WriteOptions {
     fn from(mode: WriteMode) -> Self {

@@ -11,11 +11,13 @@ use std::fs;
 use std::path::Path;
 use std::sync::LazyLock;
 
-use swm_core::{Entry, Registry};
+use swm_core::Registry;
 
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::formats;
+
+pub use crate::entry::{Create, Detect, Format, Open, Opened, Repair};
 
 /// Every format of this crate.
 pub const FORMATS: &[Format] = &[
@@ -27,111 +29,6 @@ pub const FORMATS: &[Format] = &[
     #[cfg(feature = "lerobot")]
     formats::lerobot::FORMAT,
 ];
-
-/// What opening gives: a reader or a writer of whatever format.
-pub type Opened<T> = Result<Box<T>, DataError>;
-
-/// Whether the content of an existing file or folder is of a format.
-pub type Detect = fn(&Path) -> bool;
-/// Opens a dataset for reading.
-pub type Open = fn(&Path) -> Opened<dyn Dataset>;
-/// Opens a dataset for recording. Takes the file for itself until the writer is dropped; changes nothing before `begin`.
-pub type Create = fn(&Path, &WriteOptions) -> Opened<dyn DatasetWriter>;
-/// Says what has to be done about a dataset whose recording was interrupted, one line each, and does it if told to.
-pub type Repair = fn(&Path, bool) -> Result<Vec<String>, DataError>;
-
-/// One way of storing a dataset.
-#[derive(Clone, Copy, Debug)]
-#[non_exhaustive]
-pub struct Format {
-    /// Its name, as on the command line.
-    pub name: &'static str,
-    /// One line on what it is good for.
-    pub about: &'static str,
-    /// File extensions without the dot, the preferred one first.
-    pub extensions: &'static [&'static str],
-    detect: Detect,
-    open: Open,
-    create: Create,
-    repair: Repair,
-}
-
-impl Format {
-    /// A format that is read and not written, without file extensions.
-    pub const fn new(name: &'static str, about: &'static str, detect: Detect, open: Open) -> Self {
-        let create: Create =
-            |path, _| Err(DataError::request(path, "datasets of this format are read, not written"));
-        Self { name, about, extensions: &[], detect, open, create, repair: |_, _| Ok(Vec::new()) }
-    }
-
-    /// Its file extensions without the dot, the preferred one first.
-    #[must_use]
-    pub const fn extensions(mut self, extensions: &'static [&'static str]) -> Self {
-        self.extensions = extensions;
-        self
-    }
-
-    /// How it is recorded.
-    #[must_use]
-    pub const fn writer(mut self, create: Create) -> Self {
-        self.create = create;
-        self
-    }
-
-    /// What an interrupted recording needs.
-    #[must_use]
-    pub const fn repairer(mut self, repair: Repair) -> Self {
-        self.repair = repair;
-        self
-    }
-
-    /// Whether the content of an existing file or folder is of this format.
-    pub fn detect(&self, path: &Path) -> bool {
-        (self.detect)(path)
-    }
-
-    /// Opens a dataset of this format for reading.
-    ///
-    /// # Errors
-    ///
-    /// Nothing is there, or it is damaged, of another format, or from a newer version.
-    pub fn open(&self, path: &Path) -> Opened<dyn Dataset> {
-        (self.open)(path)
-    }
-
-    /// Opens a dataset of this format for recording. Takes the file for itself until the writer is dropped; changes
-    /// nothing before `begin`.
-    ///
-    /// # Errors
-    ///
-    /// Something is there that the mode does not allow for, another writer has it, or the place cannot be written to.
-    pub fn create(&self, path: &Path, options: &WriteOptions) -> Opened<dyn DatasetWriter> {
-        (self.create)(path, options)
-    }
-
-    /// Says what has to be done about a dataset whose recording was interrupted, one line each, and does it if told to
-    /// `apply`.
-    ///
-    /// # Errors
-    ///
-    /// The dataset is being written, cannot be read, or cannot be repaired.
-    pub fn repair(&self, path: &Path, apply: bool) -> Result<Vec<String>, DataError> {
-        (self.repair)(path, apply)
-    }
-}
-
-impl Entry for Format {
-    const KIND: &'static str = "dataset format";
-    const COMMAND: &'static str = "convert --help";
-
-    fn name(&self) -> &'static str {
-        self.name
-    }
-
-    fn aliases(&self) -> &'static [&'static str] {
-        self.extensions
-    }
-}
 
 /// The formats of this crate, as a registry.
 pub fn built_in() -> &'static Registry {

@@ -7,7 +7,7 @@
 //! * [`recording`]: what all formats do alike when they record, for formats of other crates;
 //! * [`memory`]: episodes in memory as a dataset; [`buffer`]: the replay buffer of online learning;
 //! * [`rendered`]: recordings without images, whose images are drawn when they are read;
-//! * [`stats`]: means, deviations, extremes and quantiles of columns, kept beside the dataset;
+//! * [`stats`]: means, standard deviations, extremes and quantiles of columns, kept beside the dataset;
 //! * [`tools`]: copying between formats, verifying, comparing;
 //! * [`testing`]: what a format must stand, for formats of other crates;
 //! * [`loader`]: clips of `num_steps` rows at a `frameskip`, with sampled goals, read ahead into reused tables.
@@ -21,8 +21,8 @@
 //!
 //! # fn main() -> Result<(), swm_data::DataError> {
 //! let dataset = swm_data::open(Path::new("pusht.h5"))?;
-//! let loader = Loader::new(dataset, &ClipOptions { num_steps: 4, frameskip: 5, ..Default::default() })?;
-//! let mut batches = loader.batches(&BatchOptions { size: 64, shuffle: Some(42), ..Default::default() })?;
+//! let loader = Loader::new(dataset, &ClipOptions::default().num_steps(4).frameskip(5))?;
+//! let mut batches = loader.batches(&BatchOptions::default().size(64).shuffle(Some(42)))?;
 //! let mut batch = batches.new_batch();
 //! for _epoch in 0..10 {
 //!     while batches.next_batch(&mut batch)? {
@@ -33,9 +33,13 @@
 //! # }
 //! ```
 
+#[macro_use]
+mod setters;
+
 pub mod adapt;
 pub mod buffer;
 pub mod dataset;
+mod entry;
 pub mod error;
 pub mod format;
 mod formats;

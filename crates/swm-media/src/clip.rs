@@ -1,13 +1,7 @@
-//! Frames of one size in a row, and how they become a file.
-
-use std::path::Path;
+//! Frames of one size in a row. How they become a file stands in `save`.
 
 use crate::error::MediaError;
 use crate::format::Format;
-use crate::{file, gif, png, sheet};
-
-/// Columns of white between the frames of a clip saved as one image.
-const SHEET_GAP: usize = 4;
 
 /// A video in memory: `[T, H, W, 3]` u8 RGB frames and a frame rate.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,50 +28,6 @@ impl Clip {
         check_frame(frame, self.height, self.width)?;
         self.pixels.extend_from_slice(frame);
         Ok(())
-    }
-
-    /// Saves the clip in the format that the extension of `path` names: `.png`, `.gif` or `.mp4`.
-    ///
-    /// A PNG of several frames shows them side by side, first to last.
-    ///
-    /// # Errors
-    ///
-    /// An empty clip, a frame rate that is no rate, frames that the format cannot hold, an unknown extension, a file
-    /// that cannot be written.
-    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), MediaError> {
-        let path = path.as_ref();
-        file::write(path, &self.encode(Format::from_path(path)?)?)
-    }
-
-    /// The bytes of the file that [`Clip::save`] writes.
-    ///
-    /// # Errors
-    ///
-    /// As [`Clip::save`], without those about the file.
-    pub fn encode(&self, format: Format) -> Result<Vec<u8>, MediaError> {
-        match format {
-            Format::Png => self.encode_png(),
-            Format::Gif => gif::encode(self),
-            #[cfg(feature = "mp4")]
-            Format::Mp4 => crate::mp4::encode(self),
-            #[cfg(not(feature = "mp4"))]
-            Format::Mp4 => Err(MediaError::NotBuilt { format }),
-            #[cfg(feature = "jpeg")]
-            Format::Jpeg => Err(MediaError::UnknownFormat { path: "clip.jpeg".into() }),
-        }
-    }
-
-    fn encode_png(&self) -> Result<Vec<u8>, MediaError> {
-        let frames: Vec<&[u8]> = self.frames().collect();
-        match frames[..] {
-            [] => Err(MediaError::EmptyClip),
-            [frame] => png::encode(self.height, self.width, frame),
-            _ => {
-                let (height, width, pixels) =
-                    sheet::contact_sheet(&[frames], self.height, self.width, SHEET_GAP)?;
-                png::encode(height, width, &pixels)
-            }
-        }
     }
 
     /// The clip with every pixel repeated, by the least whole factor that makes the short side `min_side` pixels.

@@ -1,9 +1,6 @@
 //! The file formats, by name; how each is written stands in its own module.
 
 use std::fmt;
-use std::path::Path;
-
-use crate::error::MediaError;
 
 /// A file format for images or videos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -23,19 +20,6 @@ pub enum Format {
 impl Format {
     /// All formats that a clip can be saved in.
     pub const ALL: [Self; 3] = [Self::Png, Self::Gif, Self::Mp4];
-
-    /// The format that the extension of `path` names, in any case.
-    ///
-    /// # Errors
-    ///
-    /// [`MediaError::UnknownFormat`], which lists the known extensions.
-    pub fn from_path(path: &Path) -> Result<Self, MediaError> {
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
-        Self::ALL
-            .into_iter()
-            .find(|format| format.extension().eq_ignore_ascii_case(extension))
-            .ok_or_else(|| MediaError::UnknownFormat { path: path.to_owned() })
-    }
 
     /// The extension without its dot: `gif`.
     pub const fn extension(self) -> &'static str {

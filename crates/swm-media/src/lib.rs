@@ -40,6 +40,7 @@ pub mod jpeg;
 pub mod mp4;
 pub mod planar;
 pub mod png;
+mod save;
 pub mod sheet;
 
 pub use clip::Clip;

@@ -264,21 +264,20 @@ fn scales(
 fn options(input_spec: &InputSpec, columns: &[&str], goals: Option<&PhaseGoals>, seed: u64) -> ClipOptions {
     let keys: Vec<String> = columns.iter().map(|&name| name.to_owned()).collect();
     let seen = keys.iter().filter(|name| *name != ACTION).cloned().collect();
-    ClipOptions {
-        num_steps: input_spec.num_steps,
-        frameskip: input_spec.frameskip,
-        keys: Some(keys),
-        images: Images::ChannelsFirst,
-        image: Some(ImageSize { height: input_spec.image, width: input_spec.image }),
-        goals: goals.map(|goals| GoalOptions {
-            weights: goals.weights,
-            gamma: goals.gamma,
-            offset: Some(goals.offset),
-            keys: Some(seen),
-            seed,
-        }),
-        ..ClipOptions::default()
-    }
+    ClipOptions::default()
+        .num_steps(input_spec.num_steps)
+        .frameskip(input_spec.frameskip)
+        .keys(Some(keys))
+        .images(Images::ChannelsFirst)
+        .image(Some(ImageSize { height: input_spec.image, width: input_spec.image }))
+        .goals(goals.map(|goals| {
+            GoalOptions::default()
+                .weights(goals.weights)
+                .gamma(goals.gamma)
+                .offset(Some(goals.offset))
+                .keys(Some(seen))
+                .seed(seed)
+        }))
 }
 
 #[cfg(test)]

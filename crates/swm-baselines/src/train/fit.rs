@@ -126,12 +126,10 @@ impl Fit<'_, '_> {
         let phase = self.state.phase;
         let (data, settings) = (self.data, self.settings);
         let clips = &data.phases[phase];
-        let options = BatchOptions {
-            size: settings.batch.min(clips.train.len()),
-            shuffle: Some(settings.seed),
-            drop_last: true,
-            ..BatchOptions::default()
-        };
+        let options = BatchOptions::default()
+            .size(settings.batch.min(clips.train.len()))
+            .shuffle(Some(settings.seed))
+            .drop_last(true);
         let mut batches = match &self.state.position {
             None => clips.train.batches(&options)?,
             Some(position) => clips.train.batches_from(&options, position)?,
@@ -234,7 +232,7 @@ impl Fit<'_, '_> {
     fn validate(&self, clips: &PhaseClips) -> Result<Vec<(String, f64)>, BaselineError> {
         let Some(loader) = &clips.validation else { return Ok(Vec::new()) };
         let size = self.settings.batch.min(loader.len());
-        let options = BatchOptions { size, shuffle: Some(0), epochs: Some(1), ..BatchOptions::default() };
+        let options = BatchOptions::default().size(size).shuffle(Some(0)).epochs(Some(1));
         let most = match self.settings.validation_clips {
             0 => usize::MAX,
             most => most,

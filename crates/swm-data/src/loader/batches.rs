@@ -15,17 +15,19 @@ use swm_core::{Batch, Schema};
 
 use super::plan::Plan;
 use super::reader::Reader;
-use super::{BatchOptions, Loader, wrong};
+use super::{BatchOptions, Loader, Table, lock, wrong};
 use crate::error::DataError;
 
 /// A stream of batches, epoch after epoch.
 ///
 /// [`Batches::next_batch`] fills a table of the caller's and allocates nothing; as an iterator it gives tables away, and
 /// makes new ones. Both end at the end of an epoch, and then go on with the next.
-pub struct Batches {
+pub struct Batches<T = Batch> {
     plan: Arc<Plan>,
     options: BatchOptions,
-    lanes: Vec<Lane>,
+    /// Clips that this process gives in an epoch, before `drop_last`.
+    clips: usize,
+    lanes: Vec<Lane<T>>,
     /// Batches that are being read, the oldest first.
     pending: VecDeque<Pending>,
     /// The lane of the oldest one.
@@ -48,6 +50,17 @@ pub struct Position {
     pub shuffle: Option<u64>,
     /// All clips of the loader, as a check that it is the same.
     pub clips: u64,
+    /// [`BatchOptions::shard`].
+    #[serde(default = "undivided", skip_serializing_if = "is_undivided")]
+    pub shard: (usize, usize),
+}
+
+fn undivided() -> (usize, usize) {
+    (0, 1)
+}
+
+fn is_undivided(shard: &(usize, usize)) -> bool {
+    *shard == undivided()
 }
 
 /// The next batch to be read.
@@ -68,27 +81,35 @@ struct Pending {
 }
 
 /// One thread, and the channels to and from it.
-struct Lane {
+struct Lane<T> {
     /// Closing it ends the thread.
-    jobs: Option<SyncSender<Job>>,
-    done: Receiver<(Batch, Result<(), DataError>)>,
+    jobs: Option<SyncSender<Job<T>>>,
+    done: Receiver<(T, Result<(), DataError>)>,
     thread: Option<JoinHandle<()>>,
 }
 
-struct Job {
-    batch: Batch,
+struct Job<T> {
+    batch: T,
     epoch: u64,
     order: Arc<Vec<usize>>,
     clips: Range<usize>,
 }
 
-impl Batches {
+impl<T: Table> Batches<T> {
     pub(super) fn new(
         loader: &Loader,
         options: &BatchOptions,
         position: Option<&Position>,
+        mut table: impl FnMut() -> T,
     ) -> Result<Self, DataError> {
-        let clips = loader.len();
+        let (rank, world) = options.shard;
+        if rank >= world {
+            return wrong("shard", format!("rank {rank} of {world}; use 0 to one less than their number"));
+        }
+        let (all, clips) = (loader.len(), loader.len() / world);
+        if clips == 0 {
+            return wrong("shard", format!("{all} clips are too few for {world} processes"));
+        }
         if options.size == 0 {
             return wrong("size", "batches of 0 clips; use 1 or more");
         }
@@ -98,26 +119,35 @@ impl Batches {
                 format!("no batch of {} is full: there are {clips} clips", options.size),
             );
         }
-        let start = Position { epoch: 0, clip: 0, shuffle: options.shuffle, clips: clips as u64 };
+        let start =
+            Position { epoch: 0, clip: 0, shuffle: options.shuffle, clips: all as u64, shard: options.shard };
         let position = position.cloned().unwrap_or_else(|| start.clone());
-        if (position.shuffle, position.clips) != (start.shuffle, start.clips) || position.clip > start.clips {
+        let same = Position { epoch: position.epoch, clip: position.clip, ..start.clone() } == position;
+        if !same || position.clip > clips as u64 {
             let reason = format!(
-                "it was {} of {} clips with shuffle {:?}, this loader has {clips} clips and shuffle {:?}",
-                position.clip, position.clips, position.shuffle, options.shuffle
+                "it was {} of {} clips with shuffle {:?} and shard {:?}, this loader has {all} clips, shuffle {:?} and \
+                 shard {:?}",
+                position.clip,
+                position.clips,
+                position.shuffle,
+                position.shard,
+                options.shuffle,
+                options.shard
             );
             return wrong("position", reason);
         }
         // It fits: it is at most `clips`.
         let clip = position.clip as usize;
         let ahead = options.ahead.max(1);
-        let lanes = loader
-            .readers
-            .iter()
-            .map(|reader| Lane::start(loader.plan.clone(), Reader::new(reader.dataset.share()), ahead))
+        let dataset = lock(&loader.dataset);
+        let lanes = (0..loader.threads)
+            .map(|_| Lane::start(loader.plan.clone(), Reader::new(dataset.share()), ahead))
             .collect::<Result<Vec<_>, _>>()?;
+        drop(dataset);
         let mut batches = Self {
             plan: loader.plan.clone(),
             options: *options,
+            clips,
             pending: VecDeque::with_capacity(lanes.len() * ahead),
             lanes,
             turn: 0,
@@ -131,7 +161,7 @@ impl Batches {
         }
         for turn in 0..batches.lanes.len() * ahead {
             let lane = turn % batches.lanes.len();
-            batches.hand_out(lane, batches.new_batch())?;
+            batches.hand_out(lane, table())?;
         }
         Ok(batches)
     }
@@ -139,11 +169,6 @@ impl Batches {
     /// The columns of a batch.
     pub fn schema(&self) -> &Arc<Schema> {
         &self.plan.schema
-    }
-
-    /// An empty table for [`Batches::next_batch`].
-    pub fn new_batch(&self) -> Batch {
-        Batch::new(self.plan.schema.clone(), 0)
     }
 
     /// Where the stream is. With it, [`Loader::batches_from`] goes on with the batch that `next_batch` would give.
@@ -158,8 +183,8 @@ impl Batches {
     /// # Errors
     ///
     /// `batch` was made for another loader, or reading fails.
-    pub fn next_batch(&mut self, batch: &mut Batch) -> Result<bool, DataError> {
-        if batch.schema() != &self.plan.schema {
+    pub fn next_batch(&mut self, batch: &mut T) -> Result<bool, DataError> {
+        if batch.schema() != &*self.plan.schema {
             return wrong("batch", "it was made for another loader; use `new_batch`");
         }
         if self.ended {
@@ -181,18 +206,18 @@ impl Batches {
 
     /// Clips that an epoch gives.
     fn epoch_len(&self) -> usize {
-        let clips = self.plan.index.len();
+        let clips = self.clips;
         if self.options.drop_last { clips - clips % self.options.size } else { clips }
     }
 
     /// Lets a lane read the next batch into `batch`, if there is one.
-    fn hand_out(&mut self, lane: usize, batch: Batch) -> Result<(), DataError> {
+    fn hand_out(&mut self, lane: usize, batch: T) -> Result<(), DataError> {
         let Next { epoch, clip, order } = &mut self.next;
         if self.options.epochs.is_some_and(|epochs| *epoch >= epochs) {
             return Ok(());
         }
         let clips = self.plan.index.len();
-        let order = order.get_or_insert_with(|| Arc::new(order_of(clips, self.options.shuffle, *epoch)));
+        let order = order.get_or_insert_with(|| Arc::new(order_of(clips, &self.options, *epoch)));
         let (epoch, order) = (*epoch, order.clone());
         let first = *clip;
         let len = self.epoch_len();
@@ -208,17 +233,27 @@ impl Batches {
     }
 }
 
-/// The clips of an epoch in their order.
-fn order_of(clips: usize, shuffle: Option<u64>, epoch: u64) -> Vec<usize> {
+/// The clips of an epoch in their order, as far as they are this process's.
+fn order_of(clips: usize, options: &BatchOptions, epoch: u64) -> Vec<usize> {
     let mut order: Vec<usize> = (0..clips).collect();
-    if let Some(seed) = shuffle {
+    if let Some(seed) = options.shuffle {
         order.shuffle(&mut keyed(seed, "loader", [epoch, 0]));
     }
-    order
+    match options.shard {
+        (_, 1) => order,
+        (rank, world) => order.into_iter().skip(rank).step_by(world).take(clips / world).collect(),
+    }
 }
 
 fn gone() -> DataError {
     DataError::Loader { setting: "threads", reason: "a reading thread ended; make a new loader".to_owned() }
+}
+
+impl Batches {
+    /// An empty table for [`Batches::next_batch`].
+    pub fn new_batch(&self) -> Batch {
+        Batch::new(self.plan.schema.clone(), 0)
+    }
 }
 
 /// One epoch, then the next when it is called again.
@@ -235,10 +270,10 @@ impl Iterator for Batches {
     }
 }
 
-impl Lane {
+impl<T: Table> Lane<T> {
     fn start(plan: Arc<Plan>, mut reader: Reader, ahead: usize) -> Result<Self, DataError> {
         // No more tables than `ahead` go round, so neither channel is ever full.
-        let (jobs, todo) = sync_channel::<Job>(ahead);
+        let (jobs, todo) = sync_channel::<Job<T>>(ahead);
         let (finished, done) = sync_channel(ahead);
         let work = move || {
             while let Ok(Job { mut batch, epoch, order, clips }) = todo.recv() {
@@ -256,7 +291,7 @@ impl Lane {
     }
 }
 
-impl Drop for Lane {
+impl<T> Drop for Lane<T> {
     fn drop(&mut self) {
         self.jobs = None;
         if let Some(thread) = self.thread.take() {

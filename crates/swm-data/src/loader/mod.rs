@@ -12,8 +12,10 @@ mod images;
 mod options;
 mod plan;
 mod reader;
+mod table;
 
-use std::sync::Arc;
+use std::iter::repeat_with;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 use swm_core::{Batch, Schema};
@@ -24,6 +26,7 @@ use crate::error::DataError;
 pub use batches::{Batches, Position};
 pub use clips::{Clip, Clips};
 pub use options::{BatchOptions, ClipOptions, GoalOptions, GoalWeights, Images};
+pub use table::Table;
 
 use plan::Plan;
 use reader::Reader;
@@ -42,9 +45,9 @@ use reader::Reader;
 /// let rollout = Rollout::new(0..8);
 /// world.record_dataset(&rollout, &mut buffer)?;
 ///
-/// let clips = ClipOptions { num_steps: 3, frameskip: 2, ..ClipOptions::default() };
+/// let clips = ClipOptions::default().num_steps(3).frameskip(2);
 /// let loader = Loader::new(Box::new(buffer.dataset()?), &clips)?;
-/// let mut batches = loader.batches(&BatchOptions { size: 16, shuffle: Some(42), ..BatchOptions::default() })?;
+/// let mut batches = loader.batches(&BatchOptions::default().size(16).shuffle(Some(42)))?;
 /// let mut batch = batches.new_batch();
 /// assert!(batches.next_batch(&mut batch)?);
 /// assert_eq!(batch.get::<f64>("state")?.len(), 16 * 3); // [16, 3, 1]
@@ -53,7 +56,11 @@ use reader::Reader;
 /// ```
 pub struct Loader {
     plan: Arc<Plan>,
-    readers: Vec<Reader>,
+    threads: usize,
+    /// Opens more handles.
+    dataset: Mutex<Box<dyn Dataset>>,
+    /// Handles that no call uses.
+    idle: Mutex<Vec<Reader>>,
 }
 
 impl Loader {
@@ -70,9 +77,19 @@ impl Loader {
             Some(threads) => return wrong("threads", format!("{threads} is more than {MAX_THREADS}")),
             None => std::thread::available_parallelism().map_or(1, usize::from),
         };
-        let mut readers: Vec<_> = (1..threads).map(|_| Reader::new(dataset.share())).collect();
-        readers.push(Reader::new(dataset));
-        Ok(Self { plan: Arc::new(plan), readers })
+        Ok(Self { plan: Arc::new(plan), threads, dataset: Mutex::new(dataset), idle: Mutex::default() })
+    }
+
+    /// So many readers that no other call uses.
+    fn readers(&self, count: usize) -> Vec<Reader> {
+        let mut idle = lock(&self.idle);
+        let kept = idle.len().saturating_sub(count);
+        let mut readers = idle.split_off(kept);
+        drop(idle);
+        let missing = count - readers.len();
+        let dataset = lock(&self.dataset);
+        readers.extend(repeat_with(|| Reader::new(dataset.share())).take(missing));
+        readers
     }
 
     /// The number of clips.
@@ -113,7 +130,22 @@ impl Loader {
     /// Options out of their bounds: a size of 0, or more than the dataset has with `drop_last`. What reading meets comes from
     /// [`Batches::next_batch`].
     pub fn batches(&self, options: &BatchOptions) -> Result<Batches, DataError> {
-        Batches::new(self, options, None)
+        self.batches_into(options, None, || self.new_batch())
+    }
+
+    /// As [`Loader::batches`] or, with a position, [`Loader::batches_from`], into tables of the caller's making: `table`
+    /// makes empty ones with the columns of [`Loader::schema`].
+    ///
+    /// # Errors
+    ///
+    /// As of [`Loader::batches_from`].
+    pub fn batches_into<T: Table>(
+        &self,
+        options: &BatchOptions,
+        position: Option<&Position>,
+        table: impl FnMut() -> T,
+    ) -> Result<Batches<T>, DataError> {
+        Batches::new(self, options, position, table)
     }
 
     /// As [`Loader::batches`], going on at a [`Position`] that a loader of the same dataset and options has reached.
@@ -122,16 +154,16 @@ impl Loader {
     ///
     /// As of [`Loader::batches`]; and a position of another dataset or other options.
     pub fn batches_from(&self, options: &BatchOptions, position: &Position) -> Result<Batches, DataError> {
-        Batches::new(self, options, Some(position))
+        self.batches_into(options, Some(position), || self.new_batch())
     }
 
     /// Reads clips into `out`, a table of this loader; its old rows are replaced, its memory is reused. Goals are those
-    /// of epoch 0.
+    /// of epoch 0. Several threads may read at once.
     ///
     /// # Errors
     ///
     /// `out` was made for another loader, no such clip, or reading fails.
-    pub fn read(&mut self, clips: &[usize], out: &mut Batch) -> Result<(), DataError> {
+    pub fn read(&self, clips: &[usize], out: &mut impl Table) -> Result<(), DataError> {
         self.read_in(0, clips, out)
     }
 
@@ -140,26 +172,36 @@ impl Loader {
     /// # Errors
     ///
     /// As of [`Loader::read`].
-    pub fn read_in(&mut self, epoch: u64, clips: &[usize], out: &mut Batch) -> Result<(), DataError> {
-        if out.schema() != &self.plan.schema {
+    pub fn read_in(&self, epoch: u64, clips: &[usize], out: &mut impl Table) -> Result<(), DataError> {
+        if out.schema() != &*self.plan.schema {
             return wrong("batch", "it was made for another loader; use `new_batch`");
         }
         out.resize(clips.len());
         let plan = &self.plan;
-        let per_reader = clips.len().div_ceil(self.readers.len()).max(1);
+        let per_reader = clips.len().div_ceil(self.threads).max(1);
+        let mut readers = self.readers(clips.len().div_ceil(per_reader));
         let mut rest = out.rows_mut();
-        let mut jobs = Vec::with_capacity(self.readers.len());
-        for (reader, clips) in self.readers.iter_mut().zip(clips.chunks(per_reader)) {
+        let mut jobs = Vec::with_capacity(readers.len());
+        for (reader, clips) in readers.iter_mut().zip(clips.chunks(per_reader)) {
             let (part, after) = rest.split_at(clips.len());
             rest = after;
             jobs.push(move || reader.read(plan, epoch, clips, part));
         }
         // Of several errors, the one that comes first in the batch.
-        match jobs.len() {
+        let read = match jobs.len() {
             1 => jobs.into_iter().try_for_each(|job| job()),
             _ => jobs.into_par_iter().map(|job| job()).collect::<Vec<_>>().into_iter().collect(),
-        }
+        };
+        let mut idle = lock(&self.idle);
+        idle.append(&mut readers);
+        idle.truncate(self.threads);
+        read
     }
+}
+
+/// Whatever a panicking thread left behind is whole: only whole values are put in.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// More in one process are a typing error.

@@ -6,6 +6,7 @@ use super::Clips;
 
 /// What a clip is.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct ClipOptions {
     /// Rows of a clip, as seen by the model.
     pub num_steps: usize,
@@ -24,6 +25,17 @@ pub struct ClipOptions {
     /// Threads that read; `None`: one per core. Results do not depend on it.
     pub threads: Option<usize>,
 }
+
+setters!(ClipOptions {
+    num_steps: usize,
+    frameskip: usize,
+    keys: Option<Vec<String>>,
+    clips: Clips,
+    images: Images,
+    image: Option<ImageSize>,
+    goals: Option<GoalOptions>,
+    threads: Option<usize>,
+});
 
 /// The order of axes of images (u8 columns of rank 3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -55,6 +67,7 @@ impl Default for ClipOptions {
 /// future are a whole number of frame skips after it. Where a future kind has weight, clips without a later row are
 /// left out.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct GoalOptions {
     /// Weights of the four kinds, which sum to 1.
     pub weights: GoalWeights,
@@ -68,6 +81,14 @@ pub struct GoalOptions {
     /// The seed of the choice. A clip's goal depends on it, the epoch and the clip alone.
     pub seed: u64,
 }
+
+setters!(GoalOptions {
+    weights: GoalWeights,
+    gamma: f64,
+    offset: Option<usize>,
+    keys: Option<Vec<String>>,
+    seed: u64,
+});
 
 /// How often each kind of goal is chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,6 +128,7 @@ impl GoalOptions {
 
 /// How clips are put into batches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct BatchOptions {
     /// Clips of a batch.
     pub size: usize,
@@ -118,11 +140,32 @@ pub struct BatchOptions {
     pub epochs: Option<u64>,
     /// Batches that each thread may have read ahead, at least 1.
     pub ahead: usize,
+    /// Rank and number of the processes that divide every epoch, for distributed training. The order of an epoch is
+    /// that of one process; of it, rank `r` gives the clips `r`, `r + world`, …, equally many as every other rank: the
+    /// last `clips mod world` are left out.
+    pub shard: (usize, usize),
+}
+
+setters!(BatchOptions {
+    size: usize,
+    shuffle: Option<u64>,
+    drop_last: bool,
+    epochs: Option<u64>,
+    ahead: usize,
+});
+
+impl BatchOptions {
+    /// The same for rank `rank` of `world` processes.
+    #[must_use]
+    pub fn shard(mut self, rank: usize, world: usize) -> Self {
+        self.shard = (rank, world);
+        self
+    }
 }
 
 impl Default for BatchOptions {
     /// Batches of 64 in the order of the dataset, without end, two read ahead per thread.
     fn default() -> Self {
-        Self { size: 64, shuffle: None, drop_last: false, epochs: None, ahead: 2 }
+        Self { size: 64, shuffle: None, drop_last: false, epochs: None, ahead: 2, shard: (0, 1) }
     }
 }

@@ -10,7 +10,7 @@ use crate::error::DataError;
 
 /// A handle on the dataset, and memory for the images of one clip.
 pub(super) struct Reader {
-    pub(super) dataset: Box<dyn Dataset>,
+    dataset: Box<dyn Dataset>,
     /// By window.
     darkrooms: Vec<Darkroom>,
 }

@@ -28,6 +28,7 @@ use stage::Stage;
 
 /// How images are drawn.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct RenderOptions {
     /// Their size.
     pub image: ImageSize,
@@ -39,6 +40,13 @@ pub struct RenderOptions {
     /// Compare with the checkpoints on the way.
     pub verify: bool,
 }
+
+setters!(RenderOptions {
+    image: ImageSize,
+    factors: BTreeMap<String, Value>,
+    settings: Map<String, Json>,
+    verify: bool,
+});
 
 impl Default for RenderOptions {
     /// As recorded, 64 × 64, verified.

@@ -53,13 +53,7 @@ fn samples_are_clips_of_the_content_and_repeatable() {
     let mut buffer = filled(100, &[12, 9]);
     let keys = ["step_idx", "state"].map(str::to_owned).to_vec();
     let goals = GoalOptions::hindsight(&["step_idx"], 3);
-    let options = ClipOptions {
-        num_steps: 3,
-        keys: Some(keys),
-        goals: Some(goals),
-        threads: Some(1),
-        ..ClipOptions::default()
-    };
+    let options = ClipOptions::default().num_steps(3).keys(Some(keys)).goals(Some(goals)).threads(Some(1));
     let mut sampler = Sampler::new(options.clone(), 7);
     let (mut batch, mut again) = (buffer.dataset().map(|d| Batch::new(d.schema().clone(), 0)).unwrap(), None);
     for _ in 0..2 {

@@ -142,7 +142,7 @@ fn quality_is_as_asked() {
         let folder = tempfile::tempdir().unwrap();
         let written = |quality: Option<u8>| {
             let path = folder.path().join(format!("{quality:?}")).with_extension(name);
-            let options = WriteOptions { quality, ..WriteOptions::default() };
+            let options = WriteOptions::default().quality(quality);
             let mut writer = create_with(&path, &options, None).unwrap();
             writer.begin(&schema(), &metadata()).unwrap();
             let rows = episode(&schema(), 2, 30);

@@ -82,14 +82,12 @@ fn the_loader_gives_the_items_of_the_reference() {
         let path = unpacked(name, target.path());
         for (setting, fact) in facts["loader"].as_object().unwrap() {
             let number = |key: &str| fact[key].as_u64().unwrap() as usize;
-            let options = ClipOptions {
-                num_steps: number("num_steps"),
-                frameskip: number("frameskip"),
-                clips: Clips::Paper,
-                images: Images::ChannelsFirst,
-                ..ClipOptions::default()
-            };
-            let mut loader = Loader::new(open(&path).unwrap(), &options).unwrap();
+            let options = ClipOptions::default()
+                .num_steps(number("num_steps"))
+                .frameskip(number("frameskip"))
+                .clips(Clips::Paper)
+                .images(Images::ChannelsFirst);
+            let loader = Loader::new(open(&path).unwrap(), &options).unwrap();
             assert_eq!(loader.len(), number("len"), "{name} {setting}");
             for (index, clip) in fact["first_clips"].as_array().unwrap().iter().enumerate() {
                 let found = loader.clip(index).unwrap();

@@ -17,8 +17,8 @@ fn clips_stride_columns_and_keep_actions_dense() {
     record(&path, WriteMode::Append, 0..4).unwrap(); // 5, 1, 300 and 17 rows
     let episodes = contents(&path);
     let keys = ["action", "state", "pixels", "step_idx"].map(str::to_owned).to_vec();
-    let options = ClipOptions { num_steps: 3, frameskip: 4, keys: Some(keys), ..ClipOptions::default() };
-    let mut loader = loader(&path, &options);
+    let options = ClipOptions::default().num_steps(3).frameskip(4).keys(Some(keys));
+    let loader = loader(&path, &options);
     assert_eq!(loader.len(), (300 - 11) + (17 - 11));
     let shapes: Vec<_> = loader.schema().fields().iter().map(|field| field.shape.clone()).collect();
     assert_eq!(shapes, [vec![3, 8], vec![3, 7], vec![3, 40, 40, 3], vec![3]]);
@@ -49,9 +49,9 @@ fn channels_come_first_when_asked() {
     let path = folder.path().join("data.h5");
     record(&path, WriteMode::Append, 0..1).unwrap();
     let keys = Some(vec!["pixels".to_owned()]);
-    let options = ClipOptions { num_steps: 2, keys, ..ClipOptions::default() };
-    let mut last = loader(&path, &options);
-    let mut first = loader(&path, &ClipOptions { images: Images::ChannelsFirst, ..options });
+    let options = ClipOptions::default().num_steps(2).keys(keys);
+    let last = loader(&path, &options);
+    let first = loader(&path, &options.images(Images::ChannelsFirst));
     assert_eq!(first.schema().fields()[0].shape, [2, 3, 40, 40]);
     let (mut a, mut b) = (last.new_batch(), first.new_batch());
     last.read(&[1], &mut a).unwrap();
@@ -72,9 +72,9 @@ fn batches_are_those_of_single_reads_whatever_the_threads() {
     let path = folder.path().join("data.h5");
     record(&path, WriteMode::Append, 0..4).unwrap();
     let pass = |threads, shuffle| {
-        let options = ClipOptions { num_steps: 4, threads: Some(threads), ..ClipOptions::default() };
+        let options = ClipOptions::default().num_steps(4).threads(Some(threads));
         let loader = loader(&path, &options);
-        let batches = BatchOptions { size: 32, shuffle, epochs: Some(2), ..BatchOptions::default() };
+        let batches = BatchOptions::default().size(32).shuffle(shuffle).epochs(Some(2));
         let mut stream = loader.batches(&batches).unwrap();
         let mut all: Vec<Batch> = Vec::new();
         for _ in 0..2 {
@@ -90,7 +90,7 @@ fn batches_are_those_of_single_reads_whatever_the_threads() {
     for (a, b) in batches.iter().zip(&pass(3, Some(42))) {
         assert_same(a, b);
     }
-    let mut single = loader(&path, &ClipOptions { num_steps: 4, ..ClipOptions::default() });
+    let single = loader(&path, &ClipOptions::default().num_steps(4));
     let mut expected = single.new_batch();
     for (number, batch) in pass(2, None).iter().take(10).enumerate() {
         let clips: Vec<usize> = (32 * number..clips.min(32 * number + 32)).collect();
@@ -106,9 +106,9 @@ fn images_are_resized_as_a_still_image_is() {
     record(&path, WriteMode::Append, 0..1).unwrap();
     let keys = Some(vec!["pixels".to_owned()]);
     let image = Some(swm_core::ImageSize { height: 16, width: 24 });
-    let options = ClipOptions { num_steps: 2, keys, ..ClipOptions::default() };
-    let mut plain = loader(&path, &options);
-    let mut small = loader(&path, &ClipOptions { image, images: Images::ChannelsFirst, ..options.clone() });
+    let options = ClipOptions::default().num_steps(2).keys(keys);
+    let plain = loader(&path, &options);
+    let small = loader(&path, &options.clone().image(image).images(Images::ChannelsFirst));
     assert_eq!(small.schema().fields()[0].shape, [2, 3, 16, 24]);
     let (mut a, mut b) = (plain.new_batch(), small.new_batch());
     plain.read(&[2], &mut a).unwrap();
@@ -132,20 +132,20 @@ fn unusable_settings_say_what_is_allowed() {
     let refused =
         |options: &ClipOptions| Loader::new(open(&path).unwrap(), options).err().unwrap().to_string();
     let plain = ClipOptions::default;
-    assert!(refused(&ClipOptions { num_steps: 0, ..plain() }).contains("num_steps"));
-    assert!(refused(&ClipOptions { frameskip: 0, ..plain() }).contains("frameskip"));
-    assert!(refused(&ClipOptions { num_steps: 2, frameskip: usize::MAX, ..plain() }).contains("too many"));
-    let message = refused(&ClipOptions { num_steps: 3, frameskip: 2, ..plain() });
+    assert!(refused(&plain().num_steps(0)).contains("num_steps"));
+    assert!(refused(&plain().frameskip(0)).contains("frameskip"));
+    assert!(refused(&plain().num_steps(2).frameskip(usize::MAX)).contains("too many"));
+    let message = refused(&plain().num_steps(3).frameskip(2));
     assert!(message.contains("spans 6 rows") && message.contains("longest episode has 5"), "{message}");
-    let message = refused(&ClipOptions { keys: Some(vec!["pixel".to_owned()]), ..plain() });
+    let message = refused(&plain().keys(Some(vec!["pixel".to_owned()])));
     assert!(message.contains("did you mean `pixels`"), "{message}");
     let twice = vec!["state".to_owned(), "state".to_owned()];
-    assert!(refused(&ClipOptions { keys: Some(twice), ..plain() }).contains("`state`"));
+    assert!(refused(&plain().keys(Some(twice))).contains("`state`"));
 
-    let mut first = loader(&path, &plain());
+    let first = loader(&path, &plain());
     let mut batch = first.new_batch();
     assert!(first.read(&[6], &mut batch).unwrap_err().to_string().contains("there are 6"));
-    let mut other = loader(&path, &ClipOptions { num_steps: 2, ..plain() });
+    let other = loader(&path, &plain().num_steps(2));
     assert!(other.read(&[0], &mut batch).unwrap_err().to_string().contains("another loader"));
     assert_eq!(open(&path).unwrap().num_episodes(), 2);
 }

@@ -61,7 +61,7 @@ proptest! {
         threads in 1usize..4,
         shuffle in proptest::option::of(0u64..100),
     ) {
-        let options = ClipOptions { num_steps, frameskip, threads: Some(threads), ..ClipOptions::default() };
+        let options = ClipOptions::default().num_steps(num_steps).frameskip(frameskip).threads(Some(threads));
         let span = num_steps * frameskip;
         let Ok(loader) = Loader::new(Box::new(dataset(&lengths)), &options) else {
             prop_assert!(lengths.iter().all(|&len| len < span));
@@ -74,7 +74,7 @@ proptest! {
             }
         }
         prop_assert_eq!(loader.len(), expected.len());
-        let mut batches = loader.batches(&BatchOptions { size, shuffle, ..BatchOptions::default() }).unwrap();
+        let mut batches = loader.batches(&BatchOptions::default().size(size).shuffle(shuffle)).unwrap();
         for _ in 0..2 {
             let batches = epoch(&mut batches);
             for (number, batch) in batches.iter().enumerate() {
@@ -103,15 +103,10 @@ proptest! {
         drop_last: bool,
     ) {
         let load = |threads| {
-            let options = ClipOptions {
-                num_steps: 2,
-                threads: Some(threads),
-                goals: Some(GoalOptions { keys: Some(vec!["row".into(), "ep".into()]), ..GoalOptions::default() }),
-                ..ClipOptions::default()
-            };
+            let options = ClipOptions::default().num_steps(2).threads(Some(threads)).goals(Some(GoalOptions::default().keys(Some(vec!["row".into(), "ep".into()]))));
             Loader::new(Box::new(dataset(&lengths)), &options).unwrap()
         };
-        let options = BatchOptions { size, shuffle, drop_last, epochs: Some(3), ahead: 1 };
+        let options = BatchOptions::default().size(size).shuffle(shuffle).drop_last(drop_last).epochs(Some(3)).ahead(1);
         // What `next_batch` returns, ends of epochs included.
         let rest = |mut batches: Batches, skip: usize| {
             let mut batch = batches.new_batch();
@@ -148,10 +143,10 @@ proptest! {
         frameskip in 1usize..4,
         offset in 1usize..4,
     ) {
-        let goals = GoalOptions { offset: Some(offset), keys: Some(vec!["row".into()]), ..GoalOptions::default() };
-        let options = ClipOptions { num_steps: 2, frameskip, goals: Some(goals), ..ClipOptions::default() };
+        let goals = GoalOptions::default().offset(Some(offset)).keys(Some(vec!["row".into()]));
+        let options = ClipOptions::default().num_steps(2).frameskip(frameskip).goals(Some(goals));
         let Ok(loader) = Loader::new(Box::new(dataset(&lengths)), &options) else { return Ok(()) };
-        let mut batches = loader.batches(&BatchOptions { size: 7, ..BatchOptions::default() }).unwrap();
+        let mut batches = loader.batches(&BatchOptions::default().size(7)).unwrap();
         for number in 0..2 {
             let rows: Vec<i64> =
                 epoch(&mut batches).iter().flat_map(|batch| batch.get::<i64>("goal_row").unwrap().to_vec()).collect();
@@ -187,7 +182,7 @@ proptest! {
 fn orders_differ_by_seed_and_epoch() {
     let loader = Loader::new(Box::new(dataset(&[40, 40])), &ClipOptions::default()).unwrap();
     let order = |seed, epochs| {
-        let options = BatchOptions { size: 80, shuffle: seed, ..BatchOptions::default() };
+        let options = BatchOptions::default().size(80).shuffle(seed);
         let mut batches = loader.batches(&options).unwrap();
         let all: Vec<Batch> = (0..epochs).flat_map(|_| epoch(&mut batches)).collect();
         all.last().unwrap().clone()
@@ -201,15 +196,13 @@ fn orders_differ_by_seed_and_epoch() {
 #[test]
 fn positions_of_other_loaders_are_refused() {
     let loader = Loader::new(Box::new(dataset(&[10])), &ClipOptions::default()).unwrap();
-    let other = Loader::new(
-        Box::new(dataset(&[10])),
-        &ClipOptions { num_steps: 2, clips: Clips::Every, ..ClipOptions::default() },
-    );
-    let options = BatchOptions { shuffle: Some(1), ..BatchOptions::default() };
+    let other =
+        Loader::new(Box::new(dataset(&[10])), &ClipOptions::default().num_steps(2).clips(Clips::Every));
+    let options = BatchOptions::default().shuffle(Some(1));
     let position = loader.batches(&options).unwrap().position();
     let message = other.unwrap().batches_from(&options, &position).err().unwrap().to_string();
     assert!(message.contains("10 clips") && message.contains("9 clips"), "{message}");
-    assert!(loader.batches_from(&BatchOptions { shuffle: None, ..options }, &position).is_err());
-    assert!(loader.batches(&BatchOptions { size: 0, ..options }).is_err());
-    assert!(loader.batches(&BatchOptions { size: 11, drop_last: true, ..options }).is_err());
+    assert!(loader.batches_from(&options.shuffle(None), &position).is_err());
+    assert!(loader.batches(&options.size(0)).is_err());
+    assert!(loader.batches(&options.size(11).drop_last(true)).is_err());
 }

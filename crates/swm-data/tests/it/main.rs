@@ -13,6 +13,7 @@ mod golden;
 mod lerobot;
 mod loader;
 mod loader_properties;
+mod loader_sharing;
 mod mutations;
 mod round_trip;
 mod statistics;

@@ -8,8 +8,8 @@ use openh264::OpenH264API;
 use openh264::encoder::{Encoder, FrameType};
 use rayon::prelude::*;
 
+use super::options::{FIX, Mp4Options, SIDES, refused, settings};
 use super::planes::Planes;
-use super::{FIX, Mp4Options, SIDES, refused, settings};
 use crate::clip::{check_frame, check_video};
 use crate::error::MediaError;
 use crate::format::Format;

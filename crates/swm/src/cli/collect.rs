@@ -88,7 +88,7 @@ impl Collect {
         let mut world = World::new(entry, world)?;
         world.set_policy(policy(registry, &self.policy, &world)?);
         let options = self.scenario.options()?;
-        let how = WriteOptions { mode: self.mode, quality: self.quality, ..WriteOptions::default() };
+        let how = WriteOptions::default().mode(self.mode).quality(self.quality);
         let mut writer = swm_data::create_in(registry, &self.out, &how, self.format.as_deref())?;
         let held = writer.num_episodes();
         let part = self.shard.map(|shard| shard.of(self.episodes.or(self.total).unwrap_or(0)));

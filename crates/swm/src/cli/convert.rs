@@ -32,12 +32,7 @@ pub(super) struct TargetArgs {
 impl TargetArgs {
     fn options(&self) -> WriteOptions {
         let mode = if self.overwrite { WriteMode::Overwrite } else { WriteMode::Append };
-        WriteOptions {
-            mode,
-            quality: self.quality,
-            key_frame_period: self.key_frames,
-            ..WriteOptions::default()
-        }
+        WriteOptions::default().mode(mode).quality(self.quality).key_frame_period(self.key_frames)
     }
 
     /// Copies, with a bar.

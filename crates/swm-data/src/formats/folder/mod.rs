@@ -11,7 +11,7 @@ mod writer;
 
 use std::path::Path;
 
-use crate::format::Format;
+use crate::entry::Format;
 use crate::recording::BackendWriter;
 use images::Store;
 use writer::FolderBackend;

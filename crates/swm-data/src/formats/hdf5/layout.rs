@@ -8,6 +8,8 @@
 use hdf5_metno::types::{FloatSize, IntSize, TypeDescriptor};
 use swm_core::{Dtype, Field};
 
+use crate::formats::element::Element;
+
 /// Rows of each episode, i32.
 pub(super) const EP_LEN: &str = "ep_len";
 /// First row of each episode, i64.
@@ -49,77 +51,25 @@ pub(super) fn chunking(field: &Field) -> (bool, usize) {
     (false, (MAX_CHUNK_BYTES / row_bytes.max(1)).clamp(1, ROWS_PER_CHUNK))
 }
 
-/// How the elements of a column stand in a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::formats) enum Element {
-    /// One byte, 0 or 1: h5py's enumeration.
-    Bool,
-    I8,
-    I16,
-    I32,
-    I64,
-    U8,
-    U16,
-    U32,
-    U64,
-    F32,
-    F64,
-    /// So many bytes of UTF-8, padded with zeros.
-    FixedText(usize),
-    /// UTF-8 of any length, on the file's heap.
-    Text,
-    /// ASCII of any length, on the file's heap.
-    AsciiText,
-}
-
-impl Element {
-    /// The element type behind an HDF5 type, or why there is none.
-    pub(super) fn of(descriptor: &TypeDescriptor) -> Result<Self, String> {
-        Ok(match descriptor {
-            TypeDescriptor::Boolean => Element::Bool,
-            TypeDescriptor::Integer(IntSize::U1) => Element::I8,
-            TypeDescriptor::Integer(IntSize::U2) => Element::I16,
-            TypeDescriptor::Integer(IntSize::U4) => Element::I32,
-            TypeDescriptor::Integer(IntSize::U8) => Element::I64,
-            TypeDescriptor::Unsigned(IntSize::U1) => Element::U8,
-            TypeDescriptor::Unsigned(IntSize::U2) => Element::U16,
-            TypeDescriptor::Unsigned(IntSize::U4) => Element::U32,
-            TypeDescriptor::Unsigned(IntSize::U8) => Element::U64,
-            TypeDescriptor::Float(FloatSize::U4) => Element::F32,
-            TypeDescriptor::Float(FloatSize::U8) => Element::F64,
-            TypeDescriptor::FixedAscii(size) | TypeDescriptor::FixedUnicode(size) => {
-                Element::FixedText(*size)
-            }
-            TypeDescriptor::VarLenUnicode => Element::Text,
-            TypeDescriptor::VarLenAscii => Element::AsciiText,
-            other => return Err(format!("elements of type {other} are not supported")),
-        })
-    }
-
-    /// The column type that holds every value: small integers are widened; u64 beyond the range of i64 saturates.
-    pub(in crate::formats) fn dtype(self) -> Dtype {
-        match self {
-            Element::Bool => Dtype::Bool,
-            Element::U8 => Dtype::U8,
-            Element::I8 | Element::I16 | Element::I32 | Element::U16 => Dtype::I32,
-            Element::I64 | Element::U32 | Element::U64 => Dtype::I64,
-            Element::F32 => Dtype::F32,
-            Element::F64 => Dtype::F64,
-            Element::FixedText(_) | Element::Text | Element::AsciiText => Dtype::Str,
-        }
-    }
-
-    /// Bytes per element in the file; `None` for what stands on the heap.
-    pub(in crate::formats) fn size(self) -> Option<usize> {
-        match self {
-            Element::Bool | Element::I8 | Element::U8 => Some(1),
-            Element::I16 | Element::U16 => Some(2),
-            Element::I32 | Element::U32 | Element::F32 => Some(4),
-            Element::I64 | Element::U64 | Element::F64 => Some(8),
-            Element::FixedText(size) => Some(size),
-            Element::Text | Element::AsciiText => None,
-        }
-    }
+/// The element type behind an HDF5 type, or why there is none.
+pub(super) fn element_of(descriptor: &TypeDescriptor) -> Result<Element, String> {
+    Ok(match descriptor {
+        TypeDescriptor::Boolean => Element::Bool,
+        TypeDescriptor::Integer(IntSize::U1) => Element::I8,
+        TypeDescriptor::Integer(IntSize::U2) => Element::I16,
+        TypeDescriptor::Integer(IntSize::U4) => Element::I32,
+        TypeDescriptor::Integer(IntSize::U8) => Element::I64,
+        TypeDescriptor::Unsigned(IntSize::U1) => Element::U8,
+        TypeDescriptor::Unsigned(IntSize::U2) => Element::U16,
+        TypeDescriptor::Unsigned(IntSize::U4) => Element::U32,
+        TypeDescriptor::Unsigned(IntSize::U8) => Element::U64,
+        TypeDescriptor::Float(FloatSize::U4) => Element::F32,
+        TypeDescriptor::Float(FloatSize::U8) => Element::F64,
+        TypeDescriptor::FixedAscii(size) | TypeDescriptor::FixedUnicode(size) => Element::FixedText(*size),
+        TypeDescriptor::VarLenUnicode => Element::Text,
+        TypeDescriptor::VarLenAscii => Element::AsciiText,
+        other => return Err(format!("elements of type {other} are not supported")),
+    })
 }
 
 #[cfg(test)]

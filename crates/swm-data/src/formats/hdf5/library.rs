@@ -6,10 +6,10 @@ use hdf5_metno::{Dataset, H5Type, Hyperslab, SliceOrIndex};
 use ndarray::{ArrayD, ArrayViewD, IxDyn};
 use swm_core::{Field, Slice, SliceMut};
 
-use super::convert;
 use super::handles::reason;
-use super::layout::{Element, TEXT_BYTES};
+use super::layout::TEXT_BYTES;
 use crate::dataset::Steps;
+use crate::formats::element::{self, Element};
 
 /// Reads rows, counted over the whole file, into `out`.
 pub(super) fn read(
@@ -24,10 +24,10 @@ pub(super) fn read(
         // As numbers: a foreign file can hold other values than 0 and 1.
         (Element::Bool, SliceMut::Bool(out)) => fill(dataset, selection(), out, |value: u8| Ok(value != 0)),
         (Element::Text, SliceMut::Str(out)) => {
-            fill(dataset, selection(), out, |value: VarLenUnicode| convert::text(value.as_bytes()))
+            fill(dataset, selection(), out, |value: VarLenUnicode| element::text(value.as_bytes()))
         }
         (Element::AsciiText, SliceMut::Str(out)) => {
-            fill(dataset, selection(), out, |value: VarLenAscii| convert::text(value.as_bytes()))
+            fill(dataset, selection(), out, |value: VarLenAscii| element::text(value.as_bytes()))
         }
         (Element::FixedText(_), _) => Err("compressed text of fixed length is not supported".to_owned()),
         (_, SliceMut::U8(out)) => fill(dataset, selection(), out, Ok::<u8, _>),

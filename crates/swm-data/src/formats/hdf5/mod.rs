@@ -3,7 +3,6 @@
 
 mod attributes;
 mod blosc;
-pub(super) mod convert;
 mod create;
 mod deflate;
 mod fetch;
@@ -17,10 +16,8 @@ mod storage;
 mod superblock;
 mod writer;
 
-use crate::format::Format;
+use crate::entry::Format;
 use crate::recording::BackendWriter;
-
-pub(super) use layout::Element;
 
 /// The entry in the table of formats.
 pub(crate) const FORMAT: Format = Format::new(

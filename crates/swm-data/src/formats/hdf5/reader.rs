@@ -10,11 +10,12 @@ use swm_core::env::VARIATION_PREFIX;
 use swm_core::{Field, FieldKind, Schema, SliceMut};
 
 use super::attributes::Attributes;
-use super::layout::{EP_LEN, EP_OFFSET, Element};
+use super::layout::{EP_LEN, EP_OFFSET, element_of};
 use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
 use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
+use crate::formats::element::Element;
 
 /// How often the library may re-read metadata that a live writer is changing. Its own default of 100 doubles its
 /// pauses up to minutes when the file is simply damaged.
@@ -209,7 +210,7 @@ fn describe(
         let shape = dataset.space().map(|space| space.shape());
         let type_of = dataset.dtype().and_then(|dtype| dtype.to_descriptor());
         let element =
-            type_of.map_err(|error| error.to_string()).and_then(|descriptor| Element::of(&descriptor));
+            type_of.map_err(|error| error.to_string()).and_then(|descriptor| element_of(&descriptor));
         let (shape, element) = match (shape, element) {
             (Ok(shape), Ok(element)) => (shape, element),
             (Err(error), _) => return Err(DataError::damaged(path, format!("column `{name}`: {error}"))),

@@ -13,10 +13,10 @@ use swm_core::{Field, SliceMut};
 
 use super::deflate::Inflated;
 use super::fetch::Fetched;
-use super::layout::Element;
-use super::{blosc, convert, library};
+use super::{blosc, library};
 use crate::dataset::{CHANGED, Steps};
 use crate::formats::disk::read_exact_at;
+use crate::formats::element::{self, Element};
 
 /// One column of an open file.
 #[derive(Debug)]
@@ -116,7 +116,7 @@ impl ColumnStorage {
                 let mut bytes = std::mem::take(&mut scratch.rows);
                 bytes.resize(rows.count * row_bytes, 0);
                 let read = self.read_bytes(file, rows, &mut bytes, scratch);
-                let converted = read.and_then(|()| convert::from_bytes(self.element, &bytes, out));
+                let converted = read.and_then(|()| element::from_bytes(self.element, &bytes, out));
                 scratch.rows = bytes;
                 converted
             }

@@ -15,7 +15,7 @@ mod statistics;
 mod table;
 mod writer;
 
-use crate::format::Format;
+use crate::entry::Format;
 use crate::recording::BackendWriter;
 
 /// The entry in the table of formats.

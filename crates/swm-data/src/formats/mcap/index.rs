@@ -41,7 +41,7 @@ pub(super) struct MessageAt {
     pub(super) offset: u64,
 }
 
-/// An committed episode.
+/// A committed episode.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Episode {
     pub(super) rows: usize,

@@ -19,7 +19,7 @@ mod writer;
 use std::fs::File;
 use std::io::Read;
 
-use crate::format::Format;
+use crate::entry::Format;
 use crate::recording::BackendWriter;
 
 /// The entry in the table of formats.

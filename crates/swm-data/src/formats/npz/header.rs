@@ -4,7 +4,7 @@
 
 use swm_core::{Dtype, Field, SliceMut};
 
-use crate::formats::hdf5::{Element, convert};
+use crate::formats::element::{self, Element};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 
@@ -67,7 +67,7 @@ impl ArrayType {
     /// Fills `out`, which has as many values as `bytes` holds elements.
     pub(super) fn convert(self, bytes: &[u8], out: SliceMut<'_>) -> Result<(), String> {
         match (self, out) {
-            (Self::Plain(element), out) => convert::from_bytes(element, bytes, out),
+            (Self::Plain(element), out) => element::from_bytes(element, bytes, out),
             (Self::Wide(_), SliceMut::Str(out)) => {
                 let texts = bytes.chunks_exact(self.size().max(1));
                 for (value, characters) in out.iter_mut().zip(texts) {

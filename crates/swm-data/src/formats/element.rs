@@ -1,15 +1,59 @@
-//! From the stored form of elements (little-endian bytes) to column values.
+//! Types of stored elements, as little-endian bytes, and their values as columns; formats of raw bytes share them.
 
-use swm_core::SliceMut;
+use swm_core::{Dtype, SliceMut};
 
-use super::layout::Element;
+/// How the elements of a column stand in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Element {
+    /// One byte, 0 or 1: h5py's enumeration.
+    Bool,
+    I8,
+    I16,
+    I32,
+    I64,
+    U8,
+    U16,
+    U32,
+    U64,
+    F32,
+    F64,
+    /// So many bytes of UTF-8, padded with zeros.
+    FixedText(usize),
+    /// UTF-8 of any length, on the file's heap.
+    Text,
+    /// ASCII of any length, on the file's heap.
+    AsciiText,
+}
+
+impl Element {
+    /// The column type that holds every value: small integers are widened; u64 beyond the range of i64 saturates.
+    pub(super) fn dtype(self) -> Dtype {
+        match self {
+            Element::Bool => Dtype::Bool,
+            Element::U8 => Dtype::U8,
+            Element::I8 | Element::I16 | Element::I32 | Element::U16 => Dtype::I32,
+            Element::I64 | Element::U32 | Element::U64 => Dtype::I64,
+            Element::F32 => Dtype::F32,
+            Element::F64 => Dtype::F64,
+            Element::FixedText(_) | Element::Text | Element::AsciiText => Dtype::Str,
+        }
+    }
+
+    /// Bytes per element in the file; `None` for what stands on the heap.
+    pub(super) fn size(self) -> Option<usize> {
+        match self {
+            Element::Bool | Element::I8 | Element::U8 => Some(1),
+            Element::I16 | Element::U16 => Some(2),
+            Element::I32 | Element::U32 | Element::F32 => Some(4),
+            Element::I64 | Element::U64 | Element::F64 => Some(8),
+            Element::FixedText(size) => Some(size),
+            Element::Text | Element::AsciiText => None,
+        }
+    }
+}
 
 /// Fills `out`, which has as many values as `bytes` holds elements.
-pub(in crate::formats) fn from_bytes(
-    element: Element,
-    bytes: &[u8],
-    out: SliceMut<'_>,
-) -> Result<(), String> {
+pub(super) fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> Result<(), String> {
     macro_rules! numbers {
         ($out:ident, $from:ty, $size:literal) => {
             for (value, bytes) in $out.iter_mut().zip(bytes.as_chunks::<$size>().0) {
