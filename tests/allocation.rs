@@ -5,7 +5,7 @@ use std::alloc::System;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use swm::core::error::BoxError;
 use swm::core::{
-    EnvConfig, EnvEntry, EpisodeEnd, ImageSize, LiveRow, Recorder, Rollout, World, WorldOptions, policies,
+    EnvConfig, EnvEntry, EpisodeEnd, ImageSize, LiveStep, Recorder, Rollout, World, WorldOptions, policies,
 };
 
 #[global_allocator]
@@ -19,7 +19,7 @@ struct Counter {
 }
 
 impl Recorder for Counter {
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         match row.episode.step {
             10 if self.region.is_none() => self.region = Some(Region::new(ALLOCATOR)),
             90 if self.allocations.is_none() => {

@@ -129,7 +129,7 @@ fn frame_means(path: &str) -> std::collections::BTreeMap<String, Vec<f64>> {
         for field in schema.fields().iter().filter(|field| field.shape.len() == 3) {
             let mean = |frame: &[u8]| frame.iter().map(|&v| f64::from(v)).sum::<f64>() / frame.len() as f64;
             let values = rows.get::<u8>(&field.name).expect("images");
-            means.entry(field.name.clone()).or_default().extend(values.chunks(field.width()).map(mean));
+            means.entry(field.name.clone()).or_default().extend(values.chunks(field.dim()).map(mean));
         }
     }
     means

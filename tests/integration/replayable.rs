@@ -41,7 +41,7 @@ fn options() -> RenderOptions {
 
 fn frames(dataset: &mut dyn Dataset, name: &str, episode: usize, steps: Steps) -> Vec<u8> {
     let column = dataset.schema().require(name).expect("the column is there");
-    let mut out = vec![1; steps.count * dataset.schema().width(column)];
+    let mut out = vec![1; steps.count * dataset.schema().dim(column)];
     dataset.read_column(column, episode, steps, SliceMut::U8(&mut out)).expect("the frames can be drawn");
     out
 }

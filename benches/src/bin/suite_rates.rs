@@ -120,14 +120,14 @@ impl Bare {
         let settings = settings.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
         let env = entry.make(&EnvConfig { image, settings })?;
         let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
-        let width = env.spec().action.width();
+        let width = env.spec().action.dim();
         Ok(Self { env, row, width })
     }
 
     /// Uniform actions for an episode, `[EPISODE_STEPS, A]`.
     fn actions(&self) -> Vec<f64> {
         let mut stream = EpisodeSeed::new(1).stream("benchmark actions");
-        let sample = |_| self.env.spec().action.sample(&mut stream).numbers("action").unwrap_or_default();
+        let sample = |_| self.env.spec().action.sample(&mut stream).to_f64s("action").unwrap_or_default();
         (0..EPISODE_STEPS).flat_map(sample).collect()
     }
 

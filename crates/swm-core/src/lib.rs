@@ -41,8 +41,8 @@ pub use env::{
 };
 pub use error::{BatchError, BoxError, EnvError, PolicyError, UnknownName, WorldError};
 pub use evaluate::{EvalOptions, Evaluation, Manifest};
-pub use policy::{Actions, Actor, PerEpisode, Policy, RowView, View};
-pub use recorder::{LiveRow, Recorder};
+pub use policy::{Actions, Actor, PerEpisode, Policy, SlotView, View};
+pub use recorder::{LiveStep, Recorder};
 pub use registry::{Entry, EnvEntry, PolicyArgs, PolicyContext, PolicyEntry, Registry, Setting};
 pub use run::{Cancel, EpisodeEnd, LiveEpisode, MAX_FRAME_SKIP, Margins, Rollout, RunInfo, WorldOptions};
 pub use seed::EpisodeSeed;

@@ -102,19 +102,19 @@ impl<'a> View<'a> {
     }
 
     /// One live row; `None` for an idle one.
-    pub fn row(&self, row: usize) -> Option<RowView<'a>> {
+    pub fn row(&self, row: usize) -> Option<SlotView<'a>> {
         let slot = &self.slots[row];
         let mut episode = slot.live_episode()?;
         if self.seed != 0 {
             episode.seed = EpisodeSeed::of(self.seed, episode.seed.value() as u64);
         }
-        Some(RowView { row: self.infos.row(row), spec: self.spec, env: slot.env(), episode })
+        Some(SlotView { row: self.infos.row(row), spec: self.spec, env: slot.env(), episode })
     }
 }
 
 /// One live environment, as an actor sees it.
 #[derive(Clone, Copy)]
-pub struct RowView<'a> {
+pub struct SlotView<'a> {
     /// Its row of the infos.
     pub row: Row<'a>,
     /// The environment's description.
@@ -124,7 +124,7 @@ pub struct RowView<'a> {
     env: &'a dyn Env,
 }
 
-impl RowView<'_> {
+impl SlotView<'_> {
     /// Saves the true state of the environment, for policies that simulate it.
     ///
     /// # Errors
@@ -150,7 +150,7 @@ impl Actions<'_> {
 
     /// The action of one row.
     pub fn row(&mut self, row: usize) -> SliceMut<'_> {
-        let width = self.space.width();
+        let width = self.space.dim();
         let (_, rest) = self.column.as_slice_mut().split_at(row * width);
         rest.split_at(width).0
     }
@@ -182,7 +182,7 @@ pub trait Actor: Send {
     /// # Errors
     ///
     /// As of [`Policy::act`].
-    fn act(&mut self, view: &RowView<'_>, action: SliceMut<'_>) -> Result<(), PolicyError>;
+    fn act(&mut self, view: &SlotView<'_>, action: SliceMut<'_>) -> Result<(), PolicyError>;
 }
 
 /// A policy of independent actors, one made for each episode, which act in parallel.
@@ -195,7 +195,7 @@ pub struct PerEpisode<F> {
 
 impl<F> PerEpisode<F>
 where
-    F: Fn(&RowView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
+    F: Fn(&SlotView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
 {
     /// `make` is called at the first step of every episode.
     pub fn new(description: impl Into<String>, make: F) -> Self {
@@ -205,7 +205,7 @@ where
 
 impl<F> Policy for PerEpisode<F>
 where
-    F: Fn(&RowView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
+    F: Fn(&SlotView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
 {
     fn describe(&self) -> String {
         self.description.clone()
@@ -233,9 +233,9 @@ fn act_all<F>(
     make: &F,
 ) -> Result<(), PolicyError>
 where
-    F: Fn(&RowView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
+    F: Fn(&SlotView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
 {
-    let width = view.spec.action.width();
+    let width = view.spec.action.dim();
     if actors.len() <= part.max(1) {
         for (offset, slot) in actors.iter_mut().enumerate() {
             let Some(row) = view.row(first + offset) else { continue };
@@ -264,18 +264,21 @@ where
 /// A policy from a function of one environment's view: for scripts and tests.
 pub fn scripted<F>(description: impl Into<String>, act: F) -> impl Policy
 where
-    F: Fn(&RowView<'_>, &mut SliceMut<'_>) -> Result<(), PolicyError> + Send + Sync + Clone + 'static,
+    F: Fn(&SlotView<'_>, &mut SliceMut<'_>) -> Result<(), PolicyError> + Send + Sync + Clone + 'static,
 {
-    PerEpisode::new(description, move |_: &RowView<'_>| Ok(Box::new(Scripted(act.clone())) as Box<dyn Actor>))
+    PerEpisode::new(
+        description,
+        move |_: &SlotView<'_>| Ok(Box::new(Scripted(act.clone())) as Box<dyn Actor>),
+    )
 }
 
 struct Scripted<F>(F);
 
 impl<F> Actor for Scripted<F>
 where
-    F: Fn(&RowView<'_>, &mut SliceMut<'_>) -> Result<(), PolicyError> + Send,
+    F: Fn(&SlotView<'_>, &mut SliceMut<'_>) -> Result<(), PolicyError> + Send,
 {
-    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+    fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         (self.0)(view, &mut action)
     }
 }

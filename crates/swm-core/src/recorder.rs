@@ -12,14 +12,14 @@ use crate::run::{EpisodeEnd, LiveEpisode, RunInfo};
 /// observation with its action, …, last observation without an action; then the episode's end.
 /// ```
 /// use swm_core::testing::TOY;
-/// use swm_core::{BoxError, EpisodeEnd, LiveRow, Recorder, Rollout, World, WorldOptions, policies};
+/// use swm_core::{BoxError, EpisodeEnd, LiveStep, Recorder, Rollout, World, WorldOptions, policies};
 ///
 /// /// Counts the rows in which the point is right of the middle.
 /// #[derive(Default)]
 /// struct Right(usize);
 ///
 /// impl Recorder for Right {
-///     fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+///     fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
 ///         self.0 += usize::from(row.values.get::<f64>("state")?[0] > 0.0);
 ///         Ok(())
 ///     }
@@ -51,7 +51,7 @@ pub trait Recorder: Send {
     /// # Errors
     ///
     /// As of [`Recorder::start`].
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError>;
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError>;
 
     /// An episode is over; its last row has been shown.
     ///
@@ -72,7 +72,7 @@ pub trait Recorder: Send {
 
 /// One row of data, while it is true.
 #[derive(Clone, Copy)]
-pub struct LiveRow<'a> {
+pub struct LiveStep<'a> {
     /// Its values.
     pub values: Row<'a>,
     /// The episode it belongs to; `step` is the row's index in the episode.
@@ -82,17 +82,17 @@ pub struct LiveRow<'a> {
     pub(crate) env: &'a dyn Env,
 }
 
-impl LiveRow<'_> {
+impl LiveStep<'_> {
     /// How far the task is from done, in truth: [`Env::task_cost`].
     pub fn task_cost(&self) -> Option<f64> {
         self.env.task_cost()
     }
 }
 
-impl fmt::Debug for LiveRow<'_> {
+impl fmt::Debug for LiveStep<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { values, episode, success, env: _ } = self;
-        f.debug_struct("LiveRow")
+        f.debug_struct("LiveStep")
             .field("values", values)
             .field("episode", episode)
             .field("success", success)
@@ -102,7 +102,7 @@ impl fmt::Debug for LiveRow<'_> {
 
 /// Watches nothing.
 impl Recorder for () {
-    fn step(&mut self, _row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, _row: &LiveStep<'_>) -> Result<(), BoxError> {
         Ok(())
     }
 
@@ -116,7 +116,7 @@ macro_rules! forward {
         fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
             (**self).start(run)
         }
-        fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+        fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
             (**self).step(row)
         }
         fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
@@ -143,7 +143,7 @@ macro_rules! tuple {
                 $(self.$index.start(run)?;)*
                 Ok(())
             }
-            fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+            fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
                 $(self.$index.step(row)?;)*
                 Ok(())
             }

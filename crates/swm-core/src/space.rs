@@ -72,13 +72,13 @@ impl Space {
     }
 
     /// The number of elements of one value. Allocates nothing: it is asked at every step.
-    pub fn width(&self) -> usize {
+    pub fn dim(&self) -> usize {
         match self {
             Space::Box { low, .. } => low.len(),
             Space::Discrete { .. } => 1,
             Space::MultiDiscrete { n, .. } => n.len(),
             Space::Rgb => 3,
-            Space::Dict { spaces } => spaces.iter().map(|(_, space)| space.width()).sum(),
+            Space::Dict { spaces } => spaces.iter().map(|(_, space)| space.dim()).sum(),
         }
     }
 
@@ -141,9 +141,9 @@ impl Space {
     /// Draws one value, every element uniformly. A dictionary's elements are drawn in order and returned flat
     /// as `f64`.
     pub fn sample(&self, rng: &mut impl Rng) -> Value {
-        let mut data = Column::zeros(self.dtype().unwrap_or(Dtype::F64), self.width());
+        let mut data = Column::zeros(self.dtype().unwrap_or(Dtype::F64), self.dim());
         self.sample_into(rng, data.as_slice_mut());
-        let shape = if matches!(self, Space::Dict { .. }) { vec![self.width()] } else { self.shape() };
+        let shape = if matches!(self, Space::Dict { .. }) { vec![self.dim()] } else { self.shape() };
         Value { shape, data }
     }
 
@@ -174,7 +174,7 @@ impl Space {
             (Space::Rgb, SliceMut::U8(out)) => out.fill_with(|| rng.random()),
             (Space::Dict { spaces }, SliceMut::F64(mut out)) => {
                 for (name, space) in spaces {
-                    let numbers = space.sample(rng).numbers(name).expect("spaces hold numbers only");
+                    let numbers = space.sample(rng).to_f64s(name).expect("spaces hold numbers only");
                     let (head, tail) = out.split_at_mut(numbers.len());
                     head.copy_from_slice(&numbers);
                     out = tail;
@@ -199,7 +199,7 @@ impl Space {
             });
         }
         for index in 0..values.len() {
-            let value = values.number(index).unwrap_or(f64::NAN);
+            let value = values.as_f64(index).unwrap_or(f64::NAN);
             if !(low[index] <= value && value <= high[index]) {
                 return Err(BatchError::WrongValue {
                     name: what.to_owned(),
@@ -263,8 +263,8 @@ mod tests {
                 let value = space.sample(&mut rng);
                 assert!(space.contains(&value), "{space:?} does not contain {value}");
             }
-            assert_eq!(space.batch(4).width(), 4 * space.width());
-            assert_eq!(space.width(), space.bounds().0.len());
+            assert_eq!(space.batch(4).dim(), 4 * space.dim());
+            assert_eq!(space.dim(), space.bounds().0.len());
         }
     }
 

@@ -139,7 +139,7 @@ impl Test {
         let wrong = |reason: String| WorldError::Option { option: "success", reason };
         let Condition { column, goal, elements, measure, turn, below } = condition;
         let columns = [schema.require(column)?, schema.require(goal)?];
-        let width = columns.map(|index| schema.width(index));
+        let width = columns.map(|index| schema.dim(index));
         let elements: Vec<usize> =
             if elements.is_empty() { (0..width[0].min(width[1])).collect() } else { elements.clone() };
         if let Some(element) = elements.iter().find(|&&element| element >= width[0].min(width[1])) {
@@ -223,7 +223,7 @@ impl Judge {
 
     /// [`Judge::margin`] of a row.
     pub fn margin_of(&self, row: Row<'_>) -> f64 {
-        self.margin(|column, element| row.at(column).number(element).unwrap_or(f64::NAN))
+        self.margin(|column, element| row.at(column).as_f64(element).unwrap_or(f64::NAN))
     }
 }
 

@@ -6,7 +6,7 @@ use std::thread::{self, ThreadId};
 use swm_core::dataset::Metadata;
 use swm_core::testing::TOY;
 use swm_core::{
-    Actions, Batch, BoxError, Cancel, Column, Dtype, EpisodeEnd, EpisodeSink, Field, LiveEpisode, LiveRow,
+    Actions, Batch, BoxError, Cancel, Column, Dtype, EpisodeEnd, EpisodeSink, Field, LiveEpisode, LiveStep,
     Policy, PolicyError, Recorder, ResetOptions, Rollout, RowsMut, Schema, Slice, SliceMut, Value, View,
     World, WorldError, WorldOptions, policies, policy,
 };
@@ -44,7 +44,7 @@ impl Recorder for Log {
         Ok(())
     }
 
-    fn step(&mut self, live: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, live: &LiveStep<'_>) -> Result<(), BoxError> {
         let state = live.values.get::<f64>("state")?[0].to_bits();
         let action = live.values.get::<f32>("action")?[0].to_bits();
         self.steps.push((live.episode.index, live.episode.step, state, action));

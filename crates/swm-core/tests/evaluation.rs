@@ -7,7 +7,7 @@ use swm_core::evaluate::{Condition, Measure, SuccessRule};
 use swm_core::policy::{self, write_action};
 use swm_core::testing::TOY;
 use swm_core::view::{Frame, Transform};
-use swm_core::{EpisodeEnd, LiveRow, Recorder, ResetOptions, Rollout, Value, World, WorldOptions, policies};
+use swm_core::{EpisodeEnd, LiveStep, Recorder, ResetOptions, Rollout, Value, World, WorldOptions, policies};
 
 /// The point is nearer to its goal than `below`, in `hold` rows on end.
 fn near(below: f64, hold: u64) -> SuccessRule {
@@ -21,7 +21,7 @@ fn near(below: f64, hold: u64) -> SuccessRule {
 struct Ends(Vec<EpisodeEnd>);
 
 impl Recorder for Ends {
-    fn step(&mut self, _row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, _row: &LiveStep<'_>) -> Result<(), BoxError> {
         Ok(())
     }
 
@@ -101,7 +101,7 @@ fn the_noise_of_a_policy_has_a_seed_of_its_own() {
 struct Log(Vec<(u64, u64, f64, f32)>);
 
 impl Recorder for Log {
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         let (state, action) = (row.values.get::<f64>("state")?[0], row.values.get::<f32>("action")?[0]);
         self.0.push((row.episode.index, row.episode.step, state, action));
         Ok(())
@@ -129,7 +129,7 @@ impl Transform for Stamp {
 fn images_are_shown_through_a_transform_everywhere() {
     struct Seen(Vec<[u8; 3]>);
     impl Recorder for Seen {
-        fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+        fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
             let pixels = row.values.get::<u8>("pixels")?;
             assert_eq!(pixels[2], row.episode.seed.value() as u8);
             self.0.push([pixels[0], pixels[1], row.episode.step as u8]);

@@ -4,7 +4,7 @@ use swm_core::error::BoxError;
 use swm_core::policy::write_action;
 use swm_core::testing::TOY;
 use swm_core::{
-    Actions, Dtype, EpisodeEnd, Field, LiveRow, Policy, PolicyError, Recorder, ResetOptions, Rollout, Slice,
+    Actions, Dtype, EpisodeEnd, Field, LiveStep, Policy, PolicyError, Recorder, ResetOptions, Rollout, Slice,
     Value, View, World, WorldError, WorldOptions, policies, policy,
 };
 
@@ -21,7 +21,7 @@ struct Log {
 }
 
 impl Recorder for Log {
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         let action = row.values.get::<f32>("action")?[0];
         let state = row.values.get::<f64>("state")?[0];
         self.rows.push((row.episode.index, row.episode.step, state, action.is_nan()));
@@ -159,7 +159,7 @@ fn a_policy_adds_fields_of_its_own() {
 
     struct Said(Vec<(u64, f64, Vec<i64>)>);
     impl Recorder for Said {
-        fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+        fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
             let said = (row.values.get::<f64>("steps.so_far")?[0], row.values.get::<i64>("steps.twice")?);
             self.0.push((row.episode.step, said.0, said.1.to_vec()));
             Ok(())

@@ -45,13 +45,13 @@ pub(crate) fn to_array(field: &Field, values: Slice<'_>) -> Result<ArrayRef, Str
             return Ok(Arc::new(StringArray::from_iter_values(texts)));
         }
         Slice::Str(texts) => {
-            let rows = texts.chunks_exact(field.width()).map(serde_json::to_string);
+            let rows = texts.chunks_exact(field.dim()).map(serde_json::to_string);
             let rows = rows.collect::<Result<Vec<_>, _>>().map_err(|error| error.to_string())?;
             return Ok(Arc::new(StringArray::from(rows)));
         }
     };
     let item = Arc::new(ArrowField::new("item", numbers.data_type().clone(), true));
-    let width = i32::try_from(field.width()).map_err(|_| "a row is too wide")?;
+    let width = i32::try_from(field.dim()).map_err(|_| "a row is too wide")?;
     let list = FixedSizeListArray::try_new(item, width, numbers, None);
     Ok(Arc::new(list.map_err(|error| error.to_string())?))
 }
@@ -186,8 +186,8 @@ fn texts<'a>(rows: impl Iterator<Item = &'a str>, field: &Field) -> Result<Colum
     let mut all = Vec::new();
     for row in rows {
         let texts: Vec<String> = serde_json::from_str(row).map_err(|error| error.to_string())?;
-        if texts.len() != field.width() {
-            return Err(format!("{} texts instead of {}", texts.len(), field.width()));
+        if texts.len() != field.dim() {
+            return Err(format!("{} texts instead of {}", texts.len(), field.dim()));
         }
         all.extend(texts);
     }
@@ -207,10 +207,10 @@ pub(crate) fn file(array: &dyn Array, row: usize) -> Result<&[u8], String> {
 
 fn decode(array: &ArrayRef, field: &Field, out: &mut [u8]) -> Result<(), String> {
     let &[height, width, channels] = &field.shape[..] else { return Err("no images".to_owned()) };
-    if out.len() != array.len() * field.width() {
+    if out.len() != array.len() * field.dim() {
         return Err(format!("{} images", array.len()));
     }
-    for (row, out) in out.chunks_exact_mut(field.width()).enumerate() {
+    for (row, out) in out.chunks_exact_mut(field.dim()).enumerate() {
         jpeg::decode_into(file(array, row)?, [height, width, channels], out)
             .map_err(|error| error.to_string())?;
     }

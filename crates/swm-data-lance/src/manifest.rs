@@ -104,7 +104,7 @@ pub(crate) fn stored_type(field: &Field) -> DataType {
         Dtype::Str => DataType::Utf8,
         dtype => {
             let item = ArrowField::new("item", item_type(dtype), true);
-            DataType::FixedSizeList(Arc::new(item), field.width() as i32)
+            DataType::FixedSizeList(Arc::new(item), field.dim() as i32)
         }
     }
 }

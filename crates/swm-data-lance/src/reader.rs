@@ -226,11 +226,10 @@ impl Dataset for LanceDataset {
                 let rows = Rows { first, count: steps.count, stride: steps.stride };
                 let mut rest = Some(out);
                 shared.reader.read(*id, rows, &mut |array| {
-                    let Some(all) = rest.take().filter(|rest| rest.len() >= array.len() * field.width())
-                    else {
+                    let Some(all) = rest.take().filter(|rest| rest.len() >= array.len() * field.dim()) else {
                         return Err("more rows than were asked for".to_owned());
                     };
-                    let (here, after) = all.split_at(array.len() * field.width());
+                    let (here, after) = all.split_at(array.len() * field.dim());
                     rest = Some(after);
                     from_array(array, field, here)
                 })

@@ -266,7 +266,7 @@ impl OpenEpisode {
     /// The files of rows of images. Equal ones in a row are encoded once: a goal costs one file's work.
     fn images(&mut self, field: &Field, pixels: &[u8], quality: u8) -> Result<ArrayRef, String> {
         let &[height, width, channels] = &field.shape[..] else { return Err("no images".to_owned()) };
-        let frames: Vec<&[u8]> = pixels.chunks_exact(field.width()).collect();
+        let frames: Vec<&[u8]> = pixels.chunks_exact(field.dim()).collect();
         let last = self.last.get(&field.name);
         let encode = |index: usize| -> Result<Option<Arc<[u8]>>, String> {
             let same = match index {

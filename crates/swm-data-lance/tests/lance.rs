@@ -276,7 +276,7 @@ fn pylance_reads_our_tables() {
             let values = ours.iter().flat_map(|batch| {
                 let column = batch.column(batch.schema().require(name).unwrap());
                 (0..column.len())
-                    .filter_map(move |at| column.number(at))
+                    .filter_map(move |at| column.as_f64(at))
                     .filter(|value| value.is_finite())
                     .collect::<Vec<_>>()
             });

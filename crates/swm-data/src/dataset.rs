@@ -141,5 +141,5 @@ pub(crate) fn row_bytes(fields: &[Field]) -> usize {
         Dtype::I64 | Dtype::F64 => 8,
         Dtype::Str => TEXT_BYTES,
     };
-    fields.iter().map(|field| bytes(field) * field.width()).sum()
+    fields.iter().map(|field| bytes(field) * field.dim()).sum()
 }

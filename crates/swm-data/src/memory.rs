@@ -54,7 +54,7 @@ impl Dataset for MemoryDataset {
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        copy_rows(self.episodes[episode].column(column), self.info.field(column).width(), steps, out);
+        copy_rows(self.episodes[episode].column(column), self.info.field(column).dim(), steps, out);
         Ok(())
     }
 

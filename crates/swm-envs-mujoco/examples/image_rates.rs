@@ -38,7 +38,7 @@ fn video(entry: &EnvEntry, side: usize, frames: u32, seed: u64) -> Result<(), Bo
     let options = ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() };
     let episode = Episode { seed: EpisodeSeed::new(seed), options: &options };
     env.reset(&episode)?;
-    let (wide, narrow) = (vec![0.0_f64; env.spec().action.width()], vec![0.0_f32; env.spec().action.width()]);
+    let (wide, narrow) = (vec![0.0_f64; env.spec().action.dim()], vec![0.0_f32; env.spec().action.dim()]);
     let is_narrow = env.spec().action.dtype() == Some(swm_core::Dtype::F32);
     for _ in 0..frames {
         if env.is_truncated() {

@@ -231,7 +231,7 @@ fn a_spinner_slows_down_by_its_friction_and_against_its_mass() {
         env.step(Slice::F64(&[0.0, 0.0])).unwrap();
         let row = row(env.as_mut());
         let column = row.column(row.schema().index("qvel").unwrap());
-        column.number(2).unwrap()
+        column.as_f64(2).unwrap()
     };
     let plain = speed_after("spinner.friction", 0.1);
     assert!(speed_after("spinner.friction", 1.0) < plain, "friction");

@@ -269,7 +269,7 @@ pub struct SavedFov {
 impl Fov {
     /// The assignment as plain numbers.
     pub fn save(&self) -> SavedFov {
-        let numbers = self.iter().flat_map(|(name, value)| value.numbers(name).expect("factors are numbers"));
+        let numbers = self.iter().flat_map(|(name, value)| value.to_f64s(name).expect("factors are numbers"));
         SavedFov { values: numbers.collect(), touched: self.touched.clone() }
     }
 }

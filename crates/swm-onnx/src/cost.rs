@@ -206,7 +206,7 @@ impl Input {
             }
             (TensorElementType::Float32, values) => {
                 let values: Vec<f32> =
-                    (0..values.len()).map(|at| values.number(at).unwrap_or(f64::NAN) as f32).collect();
+                    (0..values.len()).map(|at| values.as_f64(at).unwrap_or(f64::NAN) as f32).collect();
                 Tensor::from_array((shape, values)).map(Tensor::into_dyn)
             }
             (kind, values) => {

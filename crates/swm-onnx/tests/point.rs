@@ -55,7 +55,7 @@ impl Env for Point {
     }
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
-        (0..2).for_each(|axis| self.at[axis] += 5.0 * action.number(axis).unwrap_or(0.0) as f32);
+        (0..2).for_each(|axis| self.at[axis] += 5.0 * action.as_f64(axis).unwrap_or(0.0) as f32);
         Ok(self.outcome())
     }
 

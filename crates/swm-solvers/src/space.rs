@@ -8,7 +8,7 @@ use crate::error::PlanError;
 pub fn plan_dim(space: &Space) -> usize {
     match space {
         Space::Discrete { .. } | Space::MultiDiscrete { .. } => categories(space).sum(),
-        space => space.width(),
+        space => space.dim(),
     }
 }
 

@@ -98,7 +98,7 @@ pub fn replay(
             if let Some(saved) =
                 saved.filter(|saved| saved.is_at(step as u64) && step + saved.every() <= steps)
             {
-                let size = pieces.schema().width(0);
+                let size = pieces.schema().dim(0);
                 let whole = &pieces.get::<u8>(CHECKPOINT)?[step * size..(step + saved.every()) * size];
                 if let Some(recorded) = saved.read(whole) {
                     env.snapshot(&mut state)?;
@@ -141,7 +141,7 @@ impl Columns {
                 continue;
             }
             if let Some(found) = schema.index(&field.name).map(|index| &schema.fields()[index])
-                && found.width() == field.width()
+                && found.dim() == field.dim()
                 && matches!(found.dtype, Dtype::F32 | Dtype::F64)
             {
                 read.push(found.clone());
@@ -153,7 +153,7 @@ impl Columns {
         }
         let action = schema.fields()[schema.require("action")?].clone();
         let wanted = &env.spec().action;
-        if Some(action.dtype) != wanted.dtype() || action.width() != wanted.width() {
+        if Some(action.dtype) != wanted.dtype() || action.dim() != wanted.dim() {
             return Err(format!(
                 "the dataset's action is {} {:?}, the environment's {} {:?}",
                 action.dtype,
@@ -189,7 +189,7 @@ impl Columns {
 
 /// The largest absolute difference; infinite where only one is NaN.
 fn largest_difference(a: Slice<'_>, b: Slice<'_>) -> f64 {
-    let value = |slice: Slice<'_>, i| slice.number(i).unwrap_or(f64::NAN);
+    let value = |slice: Slice<'_>, i| slice.as_f64(i).unwrap_or(f64::NAN);
     (0..a.len()).fold(0.0, |largest: f64, i| {
         let (a, b) = (value(a, i), value(b, i));
         let difference = if a.is_nan() && b.is_nan() { 0.0 } else { (a - b).abs() };

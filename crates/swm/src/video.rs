@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use swm_core::env::PIXELS;
 use swm_core::error::BoxError;
-use swm_core::{EpisodeEnd, LiveRow, Recorder, RunInfo};
+use swm_core::{EpisodeEnd, LiveStep, Recorder, RunInfo};
 use swm_media::Clip;
 
 /// Videos the first episodes of a run, one clip each.
@@ -60,7 +60,7 @@ impl Recorder for Video {
         Ok(())
     }
 
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         if !self.wants(row.episode.index) {
             return Ok(());
         }

@@ -90,7 +90,7 @@ impl Env for Point {
                     env: self.spec.id.clone(),
                     reason: "start and goal need the column `state`".to_owned(),
                 })?;
-                Ok::<_, EnvError>(value.cast("state", Dtype::F64, &[1])?.numbers("state")?[0])
+                Ok::<_, EnvError>(value.cast("state", Dtype::F64, &[1])?.to_f64s("state")?[0])
             }
         };
         let (position, goal) = (
@@ -102,7 +102,7 @@ impl Env for Point {
     }
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
-        let push = action.number(0).unwrap_or(0.0).clamp(-1.0, 1.0);
+        let push = action.as_f64(0).unwrap_or(0.0).clamp(-1.0, 1.0);
         self.position = (self.position + self.fov.f64("point.speed") * push).clamp(-1.0, 1.0);
         Ok(self.outcome())
     }

@@ -76,7 +76,7 @@ impl Rink {
     fn recorded(&self, row: &BTreeMap<String, Value>) -> Result<Puck, EnvError> {
         let reset = |reason: &str| EnvError::Reset { env: self.spec.id.clone(), reason: reason.to_owned() };
         let value = row.get("state").ok_or_else(|| reset("start and goal need the column `state`"))?;
-        let state = value.cast("state", Dtype::F64, &[4])?.numbers("state")?;
+        let state = value.cast("state", Dtype::F64, &[4])?.to_f64s("state")?;
         if !state.iter().all(|number| number.is_finite()) {
             return Err(reset("`state` is not finite"));
         }
@@ -106,7 +106,7 @@ impl Env for Rink {
         let keeps = 1.0 - self.fov.f64("ice.friction") * STEP_S;
         let force = PUSH / self.fov.f64("puck.mass");
         for axis in 0..2 {
-            let push = action.number(axis).unwrap_or(0.0).clamp(-1.0, 1.0);
+            let push = action.as_f64(axis).unwrap_or(0.0).clamp(-1.0, 1.0);
             let (position, velocity) = (&mut self.puck.position[axis], &mut self.puck.velocity[axis]);
             *velocity = (*velocity + force * push * STEP_S) * keeps;
             *position += *velocity * STEP_S;

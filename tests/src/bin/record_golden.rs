@@ -10,7 +10,7 @@ use ndarray::{Array1, Array2};
 use ndarray_npy::NpzWriter;
 use serde_json::{Map, Value as Json, json};
 use swm::core::error::BoxError;
-use swm::core::{EnvConfig, EpisodeEnd, ImageSize, LiveRow, Recorder, Rollout, Value, World, WorldOptions};
+use swm::core::{EnvConfig, EpisodeEnd, ImageSize, LiveStep, Recorder, Rollout, Value, World, WorldOptions};
 
 /// Side of the recorded images, pixels.
 const SIDE: usize = 64;
@@ -63,13 +63,13 @@ struct Tape {
 }
 
 impl Recorder for Tape {
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         let schema = row.values.schema();
         let value = |name: &str| -> Result<Value, BoxError> {
             let index = schema.require(name)?;
             Ok(Value::from_slice(&schema.fields()[index].shape, row.values.at(index)))
         };
-        let numbers = |name: &str| -> Result<Vec<f64>, BoxError> { Ok(value(name)?.numbers(name)?) };
+        let numbers = |name: &str| -> Result<Vec<f64>, BoxError> { Ok(value(name)?.to_f64s(name)?) };
         let image: &[u8] = row.values.get("pixels")?;
         if row.episode.step == 0 {
             for name in &self.names {

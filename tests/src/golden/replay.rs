@@ -234,7 +234,7 @@ impl Run {
         let name = if name == "obs" { "observation" } else { name };
         let index = self.row.schema().require(name)?;
         let column: Column = self.row.column(index).to_column();
-        Ok(Value { shape: vec![column.len()], data: column }.numbers(name)?)
+        Ok(Value { shape: vec![column.len()], data: column }.to_f64s(name)?)
     }
 
     /// Reset options whose first row is the recorded one.
@@ -256,7 +256,7 @@ impl Run {
         for &(key, first, factor) in rules.starts {
             let spec = specs.iter().find(|spec| spec.name == factor).context("unknown start factor")?;
             let row = recorded(file, key, 0).ok_or_else(|| anyhow!("{} has no {key}", file.name))?;
-            let wanted = row[first..first + spec.space.width()].to_vec();
+            let wanted = row[first..first + spec.space.dim()].to_vec();
             if !factors.contains_key(factor) {
                 targets.push((key, first, factor, spec.space.bounds(), wanted));
             }
@@ -278,7 +278,7 @@ impl Run {
             self.reset(&options)?;
             for (key, first, factor, (low, high), wanted) in &targets {
                 let actual = self.field(key)?;
-                let now = options.variation_values[*factor].numbers(factor)?;
+                let now = options.variation_values[*factor].to_f64s(factor)?;
                 let corrected: Vec<f64> = (now.iter().zip(wanted).zip(&actual[*first..]))
                     .map(|((now, wanted), actual)| now + (wanted - actual))
                     .collect();

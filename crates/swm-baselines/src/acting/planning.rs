@@ -153,6 +153,6 @@ pub(super) fn vector<'a>(row: Row<'a>, name: &str) -> Result<Slice<'a>, Baseline
 
 pub(super) fn scaled(scale: &Scale, values: Slice<'_>, out: &mut Vec<f32>) {
     let start = out.len();
-    out.extend((0..values.len()).map(|at| values.number(at).unwrap_or(f64::NAN) as f32));
+    out.extend((0..values.len()).map(|at| values.as_f64(at).unwrap_or(f64::NAN) as f32));
     scale.apply(&mut out[start..]);
 }

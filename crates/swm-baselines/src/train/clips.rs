@@ -59,7 +59,7 @@ fn vectors<'b>(batch: &Batch, name: &str, scale: &Scale, out: &'b mut Vec<f32>) 
     out.clear();
     match column {
         Slice::F32(values) => out.extend_from_slice(values),
-        other => out.extend((0..other.len()).map(|at| other.number(at).unwrap_or(f64::NAN) as f32)),
+        other => out.extend((0..other.len()).map(|at| other.as_f64(at).unwrap_or(f64::NAN) as f32)),
     }
     scale.apply(out);
     Some(Vectors { values: out, rows: batch.rows(), steps, dim: shape[1..].iter().product() })

@@ -130,7 +130,7 @@ impl PhaseClips {
 pub fn data_dims(dataset: &dyn Dataset, baseline: &str) -> Result<DataDims, BaselineError> {
     let action_dim = check_columns(dataset, baseline, &[PIXELS, ACTION])?;
     let schema = dataset.schema();
-    let proprio_dim = schema.index(PROPRIO).map_or(0, |index| schema.fields()[index].width());
+    let proprio_dim = schema.index(PROPRIO).map_or(0, |index| schema.fields()[index].dim());
     Ok(DataDims { action_dim, proprio_dim })
 }
 
@@ -209,7 +209,7 @@ fn check_columns(dataset: &dyn Dataset, baseline: &str, needed: &[&str]) -> Resu
     let field = |name: &str| &schema.fields()[schema.index(name).expect("checked above")];
     let shape = &field(PIXELS).shape;
     match shape[..] {
-        [height, width, 3] if height == width => Ok(field(ACTION).width()),
+        [height, width, 3] if height == width => Ok(field(ACTION).dim()),
         [height, width, 3] => refuse(format!(
             "its images are {height} × {width} pixels, and square ones are needed; record them with `swm collect … \
              --image-size 64x64`"

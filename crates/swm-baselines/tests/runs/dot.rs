@@ -61,7 +61,7 @@ impl Env for Dot {
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
         let sampled = Space::uniform_box(Dtype::F32, &[4], 0.0, (SIDE - 1) as f64)
             .sample(&mut episode.seed.stream("start and goal"))
-            .numbers("start")?;
+            .to_f64s("start")?;
         (self.at, self.goal) =
             ([sampled[0] as f32, sampled[1] as f32], [sampled[2] as f32, sampled[3] as f32]);
         Ok(Outcome { reward: f64::NAN, terminated: false, success: Some(false) })
@@ -69,7 +69,7 @@ impl Env for Dot {
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
         for axis in 0..2 {
-            let push = action.number(axis).unwrap_or(0.0) as f32;
+            let push = action.as_f64(axis).unwrap_or(0.0) as f32;
             self.at[axis] = (self.at[axis] + push).clamp(0.0, (SIDE - 1) as f32);
         }
         Ok(Outcome { reward: 0.0, terminated: false, success: Some(false) })

@@ -13,7 +13,7 @@ use swm_baselines::{BaselineError, Device};
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
 use swm_core::evaluate::random_episodes;
 use swm_core::{
-    Batch, Dtype, EnvConfig, EnvEntry, Field, ImageSize, LiveRow, Policy, PolicyArgs, PolicyContext,
+    Batch, Dtype, EnvConfig, EnvEntry, Field, ImageSize, LiveStep, Policy, PolicyArgs, PolicyContext,
     Recorder, Registry, Rollout, Schema, World, WorldOptions,
 };
 use swm_core::{BoxError, EpisodeEnd};
@@ -91,7 +91,7 @@ fn made_for(env: &EnvEntry, text: &str) -> Result<Box<dyn policy::Policy>, Strin
 struct States(std::collections::BTreeMap<(u64, u64), Vec<f32>>);
 
 impl Recorder for States {
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         let state: &[f32] = row.values.get("state")?;
         self.0.insert((row.episode.index, row.episode.step), state.to_vec());
         Ok(())

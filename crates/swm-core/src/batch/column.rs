@@ -202,7 +202,7 @@ impl<'a> Slice<'a> {
     }
 
     /// Value `index` as a number (`true` is 1); `None` for text.
-    pub fn number(&self, index: usize) -> Option<f64> {
+    pub fn as_f64(&self, index: usize) -> Option<f64> {
         Some(match self {
             Slice::Bool(values) => f64::from(u8::from(values[index])),
             Slice::U8(values) => f64::from(values[index]),
@@ -260,7 +260,7 @@ mod tests {
     fn missing_values_are_recognizable() {
         let mut floats = Column::zeros(Dtype::F64, 1);
         floats.as_slice_mut().fill_missing();
-        assert!(floats.as_slice().number(0).is_some_and(f64::is_nan));
+        assert!(floats.as_slice().as_f64(0).is_some_and(f64::is_nan));
         let mut integers = Column::zeros(Dtype::I64, 1);
         integers.as_slice_mut().fill_missing();
         assert_eq!(integers, Column::I64(vec![-1]));

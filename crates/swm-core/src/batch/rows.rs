@@ -21,7 +21,7 @@ impl<'a> Row<'a> {
 
     /// The values of field `index`.
     pub fn at(&self, index: usize) -> Slice<'a> {
-        let width = self.schema().width(index);
+        let width = self.schema().dim(index);
         self.table.column(index).range(self.row * width, width)
     }
 
@@ -73,7 +73,7 @@ impl<'a> RowsMut<'a> {
             return wrong("slices", format!("{expected}, one per field"), found.to_string());
         }
         for (index, field) in schema.fields().iter().enumerate() {
-            let (column, len): (&SliceMut<'_>, _) = (&columns[index], rows * schema.width(index));
+            let (column, len): (&SliceMut<'_>, _) = (&columns[index], rows * schema.dim(index));
             if column.dtype() != field.dtype || column.len() != len {
                 let found = format!("{} values of {}", column.len(), column.dtype());
                 return wrong(&field.name, format!("{len} values of {}", field.dtype), found);
@@ -103,7 +103,7 @@ impl<'a> RowsMut<'a> {
     pub fn split_at(self, at: usize) -> (RowsMut<'a>, RowsMut<'a>) {
         let (mut left, mut right) = (SmallVec::new(), SmallVec::new());
         for (index, column) in self.columns.into_iter().enumerate() {
-            let (head, tail) = column.split_at(at * self.schema.width(index));
+            let (head, tail) = column.split_at(at * self.schema.dim(index));
             left.push(head);
             right.push(tail);
         }
@@ -119,7 +119,7 @@ impl<'a> RowsMut<'a> {
     /// If the field has another type: environments name their own fields by constants, so this is a programming
     /// error (which the conformance suite finds).
     pub fn at<T: Element>(&mut self, index: usize) -> &mut [T] {
-        let (width, row) = (self.schema.width(index), self.selected);
+        let (width, row) = (self.schema.dim(index), self.selected);
         match T::of_mut(self.columns[index].reborrow()) {
             Some(values) => &mut values[row * width..(row + 1) * width],
             None => {
@@ -139,7 +139,7 @@ impl<'a> RowsMut<'a> {
 
     /// The untyped values of field `index` in the selected row.
     pub fn slice_mut(&mut self, index: usize) -> SliceMut<'_> {
-        let width = self.schema.width(index);
+        let width = self.schema.dim(index);
         let (_, rest) = self.columns[index].reborrow().split_at(self.selected * width);
         rest.split_at(width).0
     }

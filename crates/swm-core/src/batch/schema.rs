@@ -43,7 +43,7 @@ impl Field {
     }
 
     /// The number of values in one row.
-    pub fn width(&self) -> usize {
+    pub fn dim(&self) -> usize {
         self.shape.iter().product()
     }
 }
@@ -53,7 +53,7 @@ impl Field {
 pub struct Schema {
     fields: Vec<Field>,
     /// The width of every field, because rows ask for it at every access.
-    widths: Vec<usize>,
+    dims: Vec<usize>,
     by_name: HashMap<String, usize>,
 }
 
@@ -70,8 +70,8 @@ impl Schema {
                 return Err(BatchError::DuplicateField { name: field.name.clone() });
             }
         }
-        let widths = fields.iter().map(Field::width).collect();
-        Ok(Arc::new(Self { fields, widths, by_name }))
+        let dims = fields.iter().map(Field::dim).collect();
+        Ok(Arc::new(Self { fields, dims, by_name }))
     }
 
     /// The fields, in order.
@@ -80,8 +80,8 @@ impl Schema {
     }
 
     /// The number of values in one row of field `index`.
-    pub fn width(&self, index: usize) -> usize {
-        self.widths[index]
+    pub fn dim(&self, index: usize) -> usize {
+        self.dims[index]
     }
 
     /// The position of a field.

@@ -18,7 +18,7 @@ impl Batch {
     /// `rows` rows of zeros.
     pub fn new(schema: Arc<Schema>, rows: usize) -> Self {
         let columns =
-            schema.fields().iter().map(|field| Column::zeros(field.dtype, rows * field.width())).collect();
+            schema.fields().iter().map(|field| Column::zeros(field.dtype, rows * field.dim())).collect();
         Self { schema, rows, columns }
     }
 
@@ -79,7 +79,7 @@ impl Batch {
         for (target, &source) in from.iter().enumerate() {
             let values = row.at(source);
             let field = &self.schema.fields()[target];
-            if values.len() != field.width() || !self.columns[target].extend(values) {
+            if values.len() != field.dim() || !self.columns[target].extend(values) {
                 return Err(BatchError::WrongValue {
                     name: field.name.clone(),
                     expected: format!("{} {:?}", field.dtype, field.shape),
@@ -94,7 +94,7 @@ impl Batch {
     /// Changes the number of rows; new ones are zero. Keeps the memory.
     pub fn resize(&mut self, rows: usize) {
         for (field, column) in self.schema.fields().iter().zip(&mut self.columns) {
-            column.resize(rows * field.width());
+            column.resize(rows * field.dim());
         }
         self.rows = rows;
     }

@@ -35,10 +35,10 @@ impl Value {
     /// # Errors
     ///
     /// [`BatchError::WrongValue`]: it is text.
-    pub fn numbers(&self, what: &str) -> Result<Vec<f64>, BatchError> {
+    pub fn to_f64s(&self, what: &str) -> Result<Vec<f64>, BatchError> {
         let slice = self.data.as_slice();
         (0..slice.len())
-            .map(|i| slice.number(i))
+            .map(|i| slice.as_f64(i))
             .collect::<Option<_>>()
             .ok_or_else(|| wrong(what, "numbers", "text".to_owned()))
     }
@@ -57,7 +57,7 @@ impl Value {
         if self.data.dtype() == dtype {
             return Ok(Self { shape: shape.to_vec(), data: self.data.clone() });
         }
-        let numbers = self.numbers(what)?;
+        let numbers = self.to_f64s(what)?;
         let integer = |words: &str, low: f64, high: f64| -> Result<(), BatchError> {
             match numbers.iter().find(|v| v.fract() != 0.0 || **v < low || **v > high) {
                 Some(bad) => Err(wrong(what, &format!("integers {words}"), bad.to_string())),
@@ -122,7 +122,7 @@ impl Value {
             Json::Array(items) => {
                 let mut numbers = Vec::new();
                 for item in items {
-                    numbers.extend(Self::from_json(what, item)?.numbers(what)?);
+                    numbers.extend(Self::from_json(what, item)?.to_f64s(what)?);
                 }
                 Ok(Self::vector(&numbers))
             }

@@ -12,4 +12,4 @@ pub use error::DataError;
 pub use metadata::{METADATA_VERSION, Metadata};
 pub use reader::{Dataset, DatasetInfo, Steps};
 pub use record::{DatasetRecorder, EpisodeSink};
-pub use restore::{read_known, read_row, recorded_moment, whole_episode};
+pub use restore::{read_known, read_step, recorded_state, whole_episode};

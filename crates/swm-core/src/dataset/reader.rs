@@ -223,7 +223,7 @@ fn check_request(
             "episode {episode} has {len} rows, too few for {count} from row {first} on at a stride of {stride}"
         ));
     }
-    if out.dtype() != field.dtype || out.len() != steps.count * field.width() {
+    if out.dtype() != field.dtype || out.len() != steps.count * field.dim() {
         return refuse(format!(
             "{} values of {} cannot hold {} rows of column `{}`, {} {:?}",
             out.len(),

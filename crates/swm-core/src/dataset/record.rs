@@ -7,7 +7,7 @@ use super::Metadata;
 use crate::batch::{Batch, Field, Schema};
 use crate::env::{ResetOptions, VARIATION_PREFIX, selects};
 use crate::error::{BoxError, WorldError};
-use crate::recorder::{LiveRow, Recorder};
+use crate::recorder::{LiveStep, Recorder};
 use crate::run::{EpisodeEnd, Rollout, RunInfo};
 use crate::world::World;
 
@@ -112,7 +112,7 @@ impl Recorder for DatasetRecorder<'_> {
         Ok(())
     }
 
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         let buffered = self.open.entry(row.episode.index).or_insert_with(|| {
             let mut rows = self.spare.pop().unwrap_or_else(|| Batch::new(self.schema.clone(), 0));
             rows.clear();

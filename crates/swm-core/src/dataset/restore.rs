@@ -14,7 +14,7 @@ use crate::seed::EpisodeSeed;
 /// # Errors
 ///
 /// No such episode or row, or what is stored cannot be read.
-pub fn recorded_moment(
+pub fn recorded_state(
     spec: &EnvSpec,
     source: &mut dyn Dataset,
     episode: usize,
@@ -36,13 +36,13 @@ pub fn recorded_moment(
 ///
 /// # Errors
 ///
-/// As of [`recorded_moment`].
+/// As of [`recorded_state`].
 pub fn whole_episode(
     spec: &EnvSpec,
     source: &mut dyn Dataset,
     episode: usize,
 ) -> Result<ResetOptions, BoxError> {
-    let mut options = recorded_moment(spec, source, episode, 0)?;
+    let mut options = recorded_state(spec, source, episode, 0)?;
     let held = |name: &String| options.variation_values.contains_key(name);
     let all_known = match source.metadata() {
         Some(metadata) => !metadata.from_recorded_rows,
@@ -56,13 +56,13 @@ pub fn whole_episode(
         let name = format!("goal_{column}");
         if source.schema().index(&name).is_some() {
             goal.extend(
-                read_row(source, episode, 0, &[&name])?.into_values().map(|v| ((*column).to_owned(), v)),
+                read_step(source, episode, 0, &[&name])?.into_values().map(|v| ((*column).to_owned(), v)),
             );
         }
     }
     options.goal = (!goal.is_empty()).then_some(goal);
     if source.metadata().is_some() && source.schema().index("seed").is_some() {
-        let seed = read_row(source, episode, 0, &["seed"])?.remove("seed").expect("asked for");
+        let seed = read_step(source, episode, 0, &["seed"])?.remove("seed").expect("asked for");
         options.seed = match seed.data {
             crate::batch::Column::I64(values) => values.first().map(|&seed| EpisodeSeed::new(seed as u64)),
             _ => None,
@@ -85,14 +85,14 @@ fn recorded_factors(
         if source.schema().index(&column).is_none() {
             continue;
         }
-        for (name, value) in read_row(source, episode, 0, &[&column])? {
+        for (name, value) in read_step(source, episode, 0, &[&column])? {
             values.insert(factor.name.clone(), value.cast(&name, dtype, &factor.space.shape())?);
         }
     }
     Ok(values)
 }
 
-/// As [`read_row`], without the columns that the dataset lacks.
+/// As [`read_step`], without the columns that the dataset lacks.
 ///
 /// # Errors
 ///
@@ -105,7 +105,7 @@ pub fn read_known(
 ) -> Result<BTreeMap<String, Value>, BoxError> {
     let known: Vec<&str> =
         columns.iter().copied().filter(|column| source.schema().index(column).is_some()).collect();
-    read_row(source, episode, row, &known)
+    read_step(source, episode, row, &known)
 }
 
 /// Some columns of one recorded row, by name.
@@ -113,7 +113,7 @@ pub fn read_known(
 /// # Errors
 ///
 /// No such column, episode or row, or what is stored cannot be read.
-pub fn read_row(
+pub fn read_step(
     source: &mut dyn Dataset,
     episode: usize,
     row: usize,

@@ -11,7 +11,7 @@ use serde_json::Value as Json;
 use super::from_dataset::choose_starts;
 use super::manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, witness};
 use crate::batch::{Batch, Schema, Value};
-use crate::dataset::{Dataset, read_known, recorded_moment};
+use crate::dataset::{Dataset, read_known, recorded_state};
 use crate::env::{Env, EnvConfig, Episode, ImageSize, ResetOptions, selects};
 use crate::error::{BoxError, WorldError};
 use crate::registry::EnvEntry;
@@ -286,11 +286,11 @@ impl<'a> Draw<'a> {
         let (options, spec) = (self.options, self.env.spec());
         let goal_row = row + recorded.goal_offset;
         let ResetOptions { variation_values: mut factors, start, .. } =
-            recorded_moment(spec, recorded.source, episode, row)?;
+            recorded_state(spec, recorded.source, episode, row)?;
         let mut start = start.unwrap_or_default();
         for (column, elements) in &options.rest {
             if let Some(value) = start.get_mut(column) {
-                let mut numbers = value.numbers(column)?;
+                let mut numbers = value.to_f64s(column)?;
                 let elements = elements.start..elements.end.min(numbers.len());
                 numbers.get_mut(elements).into_iter().flatten().for_each(|number| *number = 0.0);
                 *value = Value { shape: value.shape.clone(), ..Value::vector(&numbers) };

@@ -8,7 +8,7 @@ use rand::seq::index;
 
 use super::{DatasetProtocol, Evaluation};
 use crate::batch::Value;
-use crate::dataset::{Dataset, read_known, recorded_moment};
+use crate::dataset::{Dataset, read_known, recorded_state};
 use crate::env::{EnvSpec, ResetOptions, selects};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::Recorder;
@@ -170,7 +170,7 @@ fn reset_options(
     [episode, row]: [usize; 2],
     options: &EvalOptions,
 ) -> Result<ResetOptions, BoxError> {
-    let mut reset = recorded_moment(spec, source, episode, row)?;
+    let mut reset = recorded_state(spec, source, episode, row)?;
     reset.goal = Some(read_known(source, episode, row + options.goal_offset, spec.goal_columns)?);
     reset.seed = Some(EpisodeSeed::of(options.seed, (episode as u64) << 32 | row as u64));
     reset.variation_values.retain(|name, _| !options.variation.iter().any(|asked| selects(asked, name)));

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::dataset::Metadata;
 use crate::error::{BoxError, WorldError};
-use crate::recorder::{LiveRow, Recorder};
+use crate::recorder::{LiveStep, Recorder};
 use crate::run::{EpisodeEnd, Rollout, RunInfo};
 use crate::world::World;
 
@@ -143,7 +143,7 @@ impl Recorder for EvaluationRecorder {
         Ok(())
     }
 
-    fn step(&mut self, _row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, _row: &LiveStep<'_>) -> Result<(), BoxError> {
         Ok(())
     }
 

@@ -9,7 +9,7 @@ use super::wilson95;
 use crate::batch::Dtype;
 use crate::env::{EnvConfig, EnvSpec};
 use crate::error::{BoxError, WorldError};
-use crate::recorder::{LiveRow, Recorder};
+use crate::recorder::{LiveStep, Recorder};
 use crate::run::{EpisodeEnd, Rollout, RunInfo, WorldOptions};
 use crate::world::World;
 
@@ -134,7 +134,7 @@ impl<'a> OutcomeRecorder<'a> {
         Self { plan_steps, manifest, spec: None, digested, action: 0, ends: [0; 2], open, each }
     }
 
-    fn check_witness(&self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn check_witness(&self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         let (Some(manifest), Some(spec)) = (self.manifest, &self.spec) else { return Ok(()) };
         let pair = manifest.pairs.get(row.episode.index as usize);
         let (Some(pair), found) = (pair, witness(spec, row.values)) else { return Ok(()) };
@@ -163,14 +163,14 @@ impl Recorder for OutcomeRecorder<'_> {
         Ok(())
     }
 
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         if row.episode.step == 0 {
             self.check_witness(row)?;
         }
         let open = self.open.entry(row.episode.index).or_default();
         self.digested.iter().for_each(|&index| open.rows.slice(row.values.at(index)));
         open.rows.slice(row.values.at(self.action));
-        let is_last = self.ends.iter().any(|&index| row.values.at(index).number(0) == Some(1.0));
+        let is_last = self.ends.iter().any(|&index| row.values.at(index).as_f64(0) == Some(1.0));
         if row.episode.step < self.plan_steps && !is_last {
             open.decisions.slice(row.values.at(self.action));
         }

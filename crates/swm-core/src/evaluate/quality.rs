@@ -141,7 +141,7 @@ fn spans(actions: &[f64], wide: usize, stride: usize, count: usize) -> Vec<f64> 
 /// All numbers of a column, `[N, …]`; NaN for what is none.
 fn numbers(rows: &Batch, column: usize) -> Vec<f64> {
     let values = rows.column(column);
-    (0..values.len()).map(|index| values.number(index).unwrap_or(f64::NAN)).collect()
+    (0..values.len()).map(|index| values.as_f64(index).unwrap_or(f64::NAN)).collect()
 }
 
 fn squared(a: &[f64], b: &[f64]) -> f64 {

@@ -84,7 +84,7 @@ pub fn action_ranking(
             for step in 0..horizon as u64 {
                 action.draw(seed, index, (plan + 1) * horizon as u64 + step);
                 match env.step(action.as_slice()) {
-                    Ok(_) => taken.extend(action.numbers()),
+                    Ok(_) => taken.extend(action.to_f64s()),
                     Err(EnvError::Diverged { .. }) => diverged = true,
                     Err(error) => return Err(error.into()),
                 }

@@ -50,7 +50,7 @@ impl WorldModel for StateModel {
         columns
             .iter()
             .filter_map(|name| self.row.schema().index(name))
-            .map(|i| self.row.schema().width(i))
+            .map(|i| self.row.schema().dim(i))
             .sum()
     }
 
@@ -59,7 +59,7 @@ impl WorldModel for StateModel {
         for name in self.env.spec().start_columns {
             let values = row.at(row.schema().require(name)?);
             for (index, number) in (0..values.len()).zip(&mut rest) {
-                *number = values.number(index).ok_or_else(|| format!("`{name}` holds no numbers"))?;
+                *number = values.as_f64(index).ok_or_else(|| format!("`{name}` holds no numbers"))?;
             }
         }
         Ok(())
@@ -71,8 +71,8 @@ impl WorldModel for StateModel {
         let (mut start, mut taken) = (BTreeMap::new(), 0);
         for name in self.env.spec().start_columns {
             let field = &schema.fields()[schema.require(name)?];
-            let numbers = &latent[taken..taken + field.width()];
-            taken += field.width();
+            let numbers = &latent[taken..taken + field.dim()];
+            taken += field.dim();
             start.insert((*name).to_owned(), Value { shape: field.shape.clone(), ..Value::vector(numbers) });
         }
         let options = ResetOptions { start: Some(start), ..defaults() };
@@ -111,7 +111,7 @@ pub(super) fn columns(names: &[&str], row: Row<'_>) -> Result<BTreeMap<String, V
 pub(super) fn rows_with_actions(spec: &EnvSpec) -> Result<Arc<Schema>, BoxError> {
     let mut fields = spec.fields.clone();
     let dtype = spec.action.dtype().unwrap_or(Dtype::F32);
-    fields.push(crate::batch::Field::step("action", dtype, &[spec.action.width()]));
+    fields.push(crate::batch::Field::step("action", dtype, &[spec.action.dim()]));
     Ok(Schema::new(fields)?)
 }
 
@@ -123,7 +123,7 @@ pub(super) struct ActionColumn {
 
 impl ActionColumn {
     pub(super) fn new(space: &Space) -> Self {
-        let values = Column::zeros(space.dtype().unwrap_or(Dtype::F32), space.width());
+        let values = Column::zeros(space.dtype().unwrap_or(Dtype::F32), space.dim());
         Self { space: space.clone(), values }
     }
 
@@ -145,8 +145,8 @@ impl ActionColumn {
         Ok(())
     }
 
-    pub(super) fn numbers(&self) -> Vec<f64> {
-        (0..self.values.len()).map(|index| self.as_slice().number(index).unwrap_or(f64::NAN)).collect()
+    pub(super) fn to_f64s(&self) -> Vec<f64> {
+        (0..self.values.len()).map(|index| self.as_slice().as_f64(index).unwrap_or(f64::NAN)).collect()
     }
 }
 

@@ -101,7 +101,7 @@ fn check(env: &dyn Env, violation: &Violation) -> Result<(), BoxError> {
     match violation {
         Violation::Teleport => Ok(()),
         Violation::Set { column, elements, to } => {
-            let width = spec.fields.iter().find(|field| field.name == *column).map(Field::width);
+            let width = spec.fields.iter().find(|field| field.name == *column).map(Field::dim);
             let starts = spec.start_columns.contains(&column.as_str());
             let fits = elements.len() == to.len() && elements.iter().all(|&e| Some(e) < width);
             match starts && fits {
@@ -194,7 +194,7 @@ impl Maker<'_> {
                 let index = row.schema().require(column)?;
                 let field = &row.schema().fields()[index];
                 let mut numbers: Vec<f64> =
-                    (0..field.width()).map(|i| row.at(index).number(i).unwrap_or(f64::NAN)).collect();
+                    (0..field.dim()).map(|i| row.at(index).as_f64(i).unwrap_or(f64::NAN)).collect();
                 elements.iter().zip(to).for_each(|(&element, &value)| numbers[element] = value);
                 let value = Value { shape: field.shape.clone(), ..Value::vector(&numbers) };
                 there.start.get_or_insert_default().insert(column.clone(), value);

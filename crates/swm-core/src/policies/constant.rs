@@ -12,7 +12,7 @@ pub fn constant(values: Vec<f32>) -> impl Policy {
         values => format!("constant:{}", values.iter().map(f32::to_string).collect::<Vec<_>>().join(",")),
     };
     scripted(description, move |view, action| {
-        let width = view.spec.action.width();
+        let width = view.spec.action.dim();
         let wrong = |reason: String| PolicyError::Argument { policy: "constant".to_owned(), reason };
         if values.is_empty() {
             do_nothing(&view.spec.action, action);

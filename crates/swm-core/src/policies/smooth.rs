@@ -8,7 +8,7 @@ use rand_distr::{Distribution as _, StandardNormal};
 
 use crate::batch::SliceMut;
 use crate::error::PolicyError;
-use crate::policy::{Actor, PerEpisode, Policy, RowView};
+use crate::policy::{Actor, PerEpisode, Policy, SlotView};
 use crate::settings;
 use crate::settings::Settings as _;
 use crate::space::Space;
@@ -57,7 +57,7 @@ pub fn ornstein_uhlenbeck(settings: OrnsteinUhlenbeck) -> Result<impl Policy, Po
     let keep = 1.0 - theta;
     // Where variance gained and lost are equal.
     let long_run = sigma / (1.0 - keep * keep).sqrt();
-    Ok(PerEpisode::new(settings.describe_as(NAME), move |view: &RowView<'_>| {
+    Ok(PerEpisode::new(settings.describe_as(NAME), move |view: &SlotView<'_>| {
         let scale = Scale::of(NAME, view)?;
         let mut stream = view.episode.seed.stream("policy ou start");
         let process = scale.0.iter().map(|_| long_run * normal(&mut stream)).collect();
@@ -83,7 +83,7 @@ pub fn sines(settings: Sines) -> Result<impl Policy, PolicyError> {
             "periods from {shortest} to {longest} steps; the shortest is 2 or more, the longest no shorter"
         )
     })?;
-    Ok(PerEpisode::new(settings.describe_as(NAME), move |view: &RowView<'_>| {
+    Ok(PerEpisode::new(settings.describe_as(NAME), move |view: &SlotView<'_>| {
         let scale = Scale::of(NAME, view)?;
         let mut stream = view.episode.seed.stream("policy sine");
         let mut all = Vec::with_capacity(scale.0.len() * waves);
@@ -109,7 +109,7 @@ fn require(policy: &str, holds: bool, reason: impl FnOnce() -> String) -> Result
 struct Scale(Vec<[f64; 2]>);
 
 impl Scale {
-    fn of(policy: &str, view: &RowView<'_>) -> Result<Self, PolicyError> {
+    fn of(policy: &str, view: &SlotView<'_>) -> Result<Self, PolicyError> {
         let unsupported = |reason: &str| PolicyError::Unsupported {
             policy: policy.to_owned(),
             reason: format!("the actions of {} {reason}; use `random`", view.spec.id),
@@ -143,7 +143,7 @@ struct Process {
 }
 
 impl Actor for Process {
-    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+    fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         self.scale.write(self.process.iter().copied(), &mut action);
         let mut stream = view.episode.seed.indexed("policy ou", [view.episode.step, 0]);
         self.process.iter_mut().for_each(|x| *x = self.keep * *x + self.sigma * normal(&mut stream));
@@ -170,7 +170,7 @@ struct Waves {
 }
 
 impl Actor for Waves {
-    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+    fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let step = view.episode.step as f64;
         let at = |wave: &Wave| wave.share * sine_of_turns(wave.frequency * step + wave.phase);
         let sums = self.waves.chunks_exact(self.each).map(|waves| waves.iter().map(at).sum());
@@ -197,7 +197,7 @@ mod tests {
     use crate::registry::Registry;
     use crate::testing::{DISCRETE_TOY, TOY, assert_documented_defaults};
     use crate::{
-        BoxError, EnvEntry, EpisodeEnd, LiveRow, Recorder, Rollout, World, WorldError, WorldOptions,
+        BoxError, EnvEntry, EpisodeEnd, LiveStep, Recorder, Rollout, World, WorldError, WorldOptions,
     };
 
     /// The actions of each episode.
@@ -205,7 +205,7 @@ mod tests {
     struct Log(Vec<(u64, u64, f32)>);
 
     impl Recorder for Log {
-        fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+        fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
             let action = row.values.get::<f32>("action")?[0];
             self.0.push((row.episode.index, row.episode.step, action));
             Ok(())

@@ -75,14 +75,14 @@ impl Toy {
             if !selects(asked, &factor.name) {
                 return Err(reset(format!("unknown factor `{asked}`")));
             }
-            gain = factor.space.sample(&mut episode.seed.stream(&factor.name)).numbers(&factor.name)?[0];
+            gain = factor.space.sample(&mut episode.seed.stream(&factor.name)).to_f64s(&factor.name)?[0];
         }
         for (name, value) in &episode.options.variation_values {
             if *name != factor.name {
                 return Err(reset(format!("unknown factor `{name}`")));
             }
             factor.space.check(name, value.data.as_slice())?;
-            gain = value.numbers(name)?[0];
+            gain = value.to_f64s(name)?[0];
         }
         Ok(gain)
     }
@@ -93,7 +93,7 @@ fn first(values: &std::collections::BTreeMap<String, Value>) -> Result<f64, EnvE
         env: TOY.id.to_owned(),
         reason: "start and goal need the column `state`".to_owned(),
     })?;
-    Ok(value.cast("state", Dtype::F64, &[1])?.numbers("state")?[0])
+    Ok(value.cast("state", Dtype::F64, &[1])?.to_f64s("state")?[0])
 }
 
 impl Env for Toy {
@@ -103,7 +103,7 @@ impl Env for Toy {
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
         let space = Space::uniform_box(Dtype::F64, &[2], -10.0, 10.0);
-        let drawn = space.sample(&mut episode.seed.stream("start and goal")).numbers("start")?;
+        let drawn = space.sample(&mut episode.seed.stream("start and goal")).to_f64s("start")?;
         self.state = State { position: drawn[0], goal: drawn[1], gain: self.gain(episode)? };
         if let Some(start) = &episode.options.start {
             self.state.position = first(start)?;
@@ -115,7 +115,7 @@ impl Env for Toy {
     }
 
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
-        let push = action.number(0).unwrap_or(f64::NAN);
+        let push = action.as_f64(0).unwrap_or(f64::NAN);
         self.state.position += self.state.gain * push;
         Ok(self.outcome())
     }

@@ -283,7 +283,7 @@ impl World {
     fn take_actions(&mut self, actions: Slice<'_>, mask: Option<&[bool]>) -> Result<(), WorldError> {
         let expected = self.actions.as_slice();
         if actions.dtype() != expected.dtype() || actions.len() != expected.len() {
-            let dim = self.spec.action.width();
+            let dim = self.spec.action.dim();
             let reason = format!(
                 "actions must be {} values of {} ({} environments × {dim}), found {} of {}",
                 expected.len(),
@@ -323,7 +323,7 @@ impl World {
     fn copy_report(&mut self) {
         let first = self.fields.of_policy();
         for index in 0..self.report.schema().fields().len() {
-            let size = self.report.schema().width(index);
+            let size = self.report.schema().dim(index);
             for slot in (0..self.slots.len()).filter(|&slot| self.slots[slot].is_live()) {
                 let (_, rest) = self.infos.column_mut(first + index).split_at(slot * size);
                 let said = self.report.column(index).range(slot * size, size);
@@ -334,7 +334,7 @@ impl World {
 
     /// Refuses actions outside of the space, and copies the others into the infos.
     fn check_actions(&mut self, mask: Option<&[bool]>) -> Result<(), WorldError> {
-        let dim = self.spec.action.width();
+        let dim = self.spec.action.dim();
         let actions = self.actions.as_slice();
         for (index, slot) in self.slots.iter().enumerate() {
             let live = slot.live_episode().filter(|_| mask.is_none_or(|mask| mask[index]));

@@ -176,7 +176,7 @@ impl Progress {
     /// Takes note of the observation in `out`, by the judge's measure; whether it is a success now.
     fn judged(&mut self, judge: &Judge, out: &mut RowsMut<'_>) -> bool {
         let margin = judge
-            .margin(|column, element| out.slice_mut(column).as_slice().number(element).unwrap_or(f64::NAN));
+            .margin(|column, element| out.slice_mut(column).as_slice().as_f64(element).unwrap_or(f64::NAN));
         let best = self.margins.map_or(margin, |margins| margins.best.min(margin));
         self.margins = Some(Margins { best, last: margin });
         let reached = margin < 1.0;

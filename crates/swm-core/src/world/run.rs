@@ -7,7 +7,7 @@ use super::World;
 use crate::batch::Slice;
 use crate::error::WorldError;
 use crate::policy::View;
-use crate::recorder::{LiveRow, Recorder};
+use crate::recorder::{LiveStep, Recorder};
 use crate::run::{LiveEpisode, Rollout, RunInfo, Slot};
 
 /// What a driver without a policy is called in records.
@@ -185,7 +185,7 @@ impl Run<'_> {
                 continue;
             }
             let progress = slot.progress.as_ref().expect("chosen slots have an episode");
-            let live = LiveRow {
+            let live = LiveStep {
                 values: self.world.infos.row(index),
                 episode: progress.episode,
                 success: progress.success_now,

@@ -42,7 +42,7 @@ impl Cached {
         for key in keys {
             let column = inner.schema().require(key);
             let column = column.map_err(|error| DataError::request(inner.path(), error.to_string()))?;
-            let width = fields[column].width();
+            let width = fields[column].dim();
             let mut values = Column::zeros(fields[column].dtype, rows * width);
             let mut rest = values.as_slice_mut();
             for (episode, &len) in lengths.iter().enumerate() {
@@ -72,7 +72,7 @@ impl Dataset for Cached {
             return self.inner.rows(column, episode, steps, out);
         };
         let steps = Steps { first: self.held.first[episode] + steps.first, ..steps };
-        copy_rows(values.as_slice(), self.info().field(column).width(), steps, out);
+        copy_rows(values.as_slice(), self.info().field(column).dim(), steps, out);
         Ok(())
     }
 

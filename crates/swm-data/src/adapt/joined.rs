@@ -104,7 +104,7 @@ impl Dataset for Joined {
             return self.inner.rows(column, episode, steps, out);
         }
         for (part, values) in self.parts.iter().zip(&mut self.scratch) {
-            values.resize(steps.count * self.info.schema.width(part.column));
+            values.resize(steps.count * self.info.schema.dim(part.column));
             self.inner.rows(part.column, episode, steps, values.as_slice_mut())?;
         }
         let (mut rest, mut at) = (out, 0);

@@ -77,7 +77,7 @@ impl Plan {
             }
             let dense = stored.name == ACTION;
             let (mut shape, convert) = if dense {
-                let Some(width) = skip.checked_mul(stored.width()) else {
+                let Some(width) = skip.checked_mul(stored.dim()) else {
                     return wrong("frameskip", format!("{skip} actions per row are too many"));
                 };
                 (vec![width], None)

@@ -237,7 +237,7 @@ impl Dataset for Rendered {
             Origin::Drawn(index) => index,
         };
         let field = self.info.field(column);
-        let (kind, width) = (field.kind, field.width());
+        let (kind, width) = (field.kind, field.dim());
         let SliceMut::U8(out) = out else { return Ok(()) };
         let stage = stage(&mut self.stage, self.inner.as_ref(), &self.script)?;
         if kind == FieldKind::Episode {

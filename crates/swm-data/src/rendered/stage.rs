@@ -52,7 +52,7 @@ impl Stage {
         let schema = dataset.schema();
         let action = schema.require("action").map_err(|error| refuse(error.to_string()))?;
         let (recorded, wanted) = (&schema.fields()[action], &sim.spec().action);
-        if Some(recorded.dtype) != wanted.dtype() || recorded.width() != wanted.width() {
+        if Some(recorded.dtype) != wanted.dtype() || recorded.dim() != wanted.dim() {
             return Err(refuse(format!(
                 "its action is {} {:?}, which `{}` does not take",
                 recorded.dtype,
@@ -201,7 +201,7 @@ impl Stage {
             return Ok(None);
         }
         let steps = Steps { first: row, count: checkpoints.every(), stride: 1 };
-        pieces.resize(steps.count * dataset.schema().width(column), 0);
+        pieces.resize(steps.count * dataset.schema().dim(column), 0);
         dataset.read_column(column, episode, steps, SliceMut::U8(pieces))?;
         Ok(checkpoints.read(pieces))
     }
@@ -241,7 +241,7 @@ impl Stage {
     ) -> Result<(), DataError> {
         let Some((episode, mut here)) = self.at else { return Ok(()) };
         self.fetch_actions(dataset, episode, row)?;
-        let width = self.sim.spec().action.width();
+        let width = self.sim.spec().action.dim();
         while here < row {
             // If a step fails, the simulation is nowhere.
             self.at = None;
@@ -288,7 +288,7 @@ impl Stage {
         }
         for &(there, here) in &self.columns.start {
             let field = &self.observed.schema().fields()[here];
-            let mut recorded = Column::zeros(field.dtype, field.width());
+            let mut recorded = Column::zeros(field.dtype, field.dim());
             let steps = Steps { first: row, count: 1, stride: 1 };
             dataset.read_column(there, episode, steps, recorded.as_slice_mut())?;
             if recorded.as_slice() != self.observed.column(here) {
@@ -316,7 +316,7 @@ impl Stage {
         row: usize,
     ) -> Result<(), DataError> {
         let Some((_, here)) = self.at else { return Ok(()) };
-        let width = self.sim.spec().action.width();
+        let width = self.sim.spec().action.dim();
         let held = self.actions_from..self.actions_from + self.actions.len() / width.max(1);
         if here >= row || (held.contains(&here) && held.end >= row) {
             return Ok(());

@@ -78,7 +78,7 @@ impl Accumulate for Moments {
         }
         for first in (0..rows.len()).step_by(self.width) {
             for (at, value) in self.row.iter_mut().enumerate() {
-                *value = rows.number(first + at).unwrap_or(f64::NAN);
+                *value = rows.as_f64(first + at).unwrap_or(f64::NAN);
             }
             if self.row.iter().all(|value| value.is_finite()) {
                 self.add_row();

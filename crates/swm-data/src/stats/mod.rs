@@ -111,7 +111,7 @@ impl Statistics {
         for (&column, field) in chosen.iter().zip(&fields) {
             found.push(match (&field.shape[..], field.dtype) {
                 (&[_, _, channels], Dtype::U8) => Box::new(Histograms::new(channels)),
-                _ => Box::new(Moments::new(field.width(), options.sample, column as u64)),
+                _ => Box::new(Moments::new(field.dim(), options.sample, column as u64)),
             });
         }
         let mut buffers: Vec<Column> = fields.iter().map(|field| Column::zeros(field.dtype, 0)).collect();
@@ -122,11 +122,11 @@ impl Statistics {
             for ((&column, found), buffer) in chosen.iter().zip(&mut found).zip(&mut buffers) {
                 let field = &schema.fields()[column];
                 let counted = if field.kind == FieldKind::Episode { len.min(1) } else { len };
-                let piece = (PIECE_BYTES / (8 * field.width()).max(1)).max(1);
+                let piece = (PIECE_BYTES / (8 * field.dim()).max(1)).max(1);
                 let mut first = 0;
                 while first < counted {
                     let count = piece.min(counted - first);
-                    buffer.resize(count * field.width());
+                    buffer.resize(count * field.dim());
                     let steps = Steps { first, count, stride: 1 };
                     dataset.read_column(column, episode, steps, buffer.as_slice_mut())?;
                     found.add(buffer.as_slice());

@@ -47,7 +47,7 @@ pub fn metadata() -> Metadata {
 pub fn episode(schema: &Arc<Schema>, episode: usize, rows: usize) -> Batch {
     let mut batch = Batch::new(schema.clone(), rows);
     for (index, field) in schema.fields().iter().enumerate() {
-        let width = field.width();
+        let width = field.dim();
         let value = |at: usize| (episode * 7919 + at / width * 31 + at % width / 11) as u64;
         match batch.column_mut(index) {
             SliceMut::Bool(out) => fill(out, |at| value(at) % 3 == 0),

@@ -83,16 +83,15 @@ pub fn compare(
             let per_block = rows_per_block(field);
             for first in (0..rows).step_by(per_block) {
                 let steps = Steps { first, count: per_block.min(rows - first), stride: 1 };
-                let [mut x, mut y] =
-                    [(); 2].map(|()| Column::zeros(field.dtype, steps.count * field.width()));
+                let [mut x, mut y] = [(); 2].map(|()| Column::zeros(field.dtype, steps.count * field.dim()));
                 a.read_column(*at, episode, steps, x.as_slice_mut())?;
                 b.read_column(*other, episode, steps, y.as_slice_mut())?;
                 for row in 0..steps.count {
                     let range = |column: &'_ Column| -> Column {
-                        column.as_slice().range(row * field.width(), field.width()).to_column()
+                        column.as_slice().range(row * field.dim(), field.dim()).to_column()
                     };
-                    let is_equal = x.as_slice().range(row * field.width(), field.width())
-                        == y.as_slice().range(row * field.width(), field.width());
+                    let is_equal = x.as_slice().range(row * field.dim(), field.dim())
+                        == y.as_slice().range(row * field.dim(), field.dim());
                     if is_equal {
                         continue;
                     }
@@ -107,7 +106,7 @@ pub fn compare(
                             x.iter().zip(y).map(|(&x, &y)| f64::from(x.abs_diff(y)).powi(2)).sum::<f64>();
                     }
                 }
-                *count += steps.count * field.width();
+                *count += steps.count * field.dim();
             }
         }
         watch(rows);
@@ -137,7 +136,7 @@ pub(super) fn difference(a: &Slice<'_>, b: &Slice<'_>, tolerance: f64) -> Option
         if at >= a.len() || at >= b.len() {
             return Some(f64::INFINITY);
         }
-        let (Some(x), Some(y)) = (a.number(at), b.number(at)) else { return Some(f64::INFINITY) };
+        let (Some(x), Some(y)) = (a.as_f64(at), b.as_f64(at)) else { return Some(f64::INFINITY) };
         let gap = if x == y || x.is_nan() && y.is_nan() { 0.0 } else { (x - y).abs() };
         largest = largest.max(if gap.is_nan() { f64::INFINITY } else { gap });
     }

@@ -200,7 +200,7 @@ fn different_column(
             continue;
         }
         let steps = Steps { first: row, count: 1, stride: 1 };
-        let [mut a, mut b] = [(); 2].map(|()| Column::zeros(field.dtype, field.width()));
+        let [mut a, mut b] = [(); 2].map(|()| Column::zeros(field.dtype, field.dim()));
         there.read_column(column, there_episode, steps, a.as_slice_mut())?;
         here.read_column(other, here_episode, steps, b.as_slice_mut())?;
         if super::compare::difference(&a.as_slice(), &b.as_slice(), 0.0).is_some() {

@@ -25,7 +25,7 @@ fn blocks(
     let mut values = Column::zeros(field.dtype, 0);
     for first in (0..rows).step_by(per_block) {
         let count = per_block.min(rows - first);
-        values.resize(count * field.width());
+        values.resize(count * field.dim());
         let steps = Steps { first, count, stride: 1 };
         dataset.read_column(column, episode, steps, values.as_slice_mut())?;
         take(first, &values)?;
@@ -34,5 +34,5 @@ fn blocks(
 }
 
 fn rows_per_block(field: &Field) -> usize {
-    (BLOCK_BYTES / (8 * field.width()).max(1)).max(1)
+    (BLOCK_BYTES / (8 * field.dim()).max(1)).max(1)
 }

@@ -65,12 +65,12 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
             problem(None, said(error, episode, None));
         }
         for (column, field) in schema.fields().iter().enumerate() {
-            let mut column_check = ColumnCheck { rows, width: field.width(), ..ColumnCheck::default() };
+            let mut column_check = ColumnCheck { rows, width: field.dim(), ..ColumnCheck::default() };
             let mut first: Option<swm_core::Column> = None;
             let read = blocks(dataset, column, episode, |start, values| {
                 column_check.take(start, values.as_slice());
                 if field.kind == FieldKind::Episode || field.name == EP_IDX {
-                    let width = field.width();
+                    let width = field.dim();
                     let first = first.get_or_insert_with(|| values.as_slice().range(0, width).to_column());
                     for row in 0..values.len() / width.max(1) {
                         let here = values.as_slice().range(row * width, width);

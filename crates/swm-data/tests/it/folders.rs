@@ -57,7 +57,7 @@ fn windows_and_strides_of_every_column() {
             [(2, 290, 10, 1), (2, 7, 3, 40), (0, 0, 5, 1), (2, 100, 1, 1), (1, 0, 1, 1)]
         {
             for (column, field) in schema.fields().iter().enumerate() {
-                let mut out = Column::zeros(field.dtype, count * field.width());
+                let mut out = Column::zeros(field.dtype, count * field.dim());
                 let steps = Steps { first, count, stride };
                 dataset.read_column(column, index, steps, out.as_slice_mut()).unwrap();
                 let mut expected = Column::zeros(field.dtype, 0);

@@ -27,7 +27,7 @@ fn shards_are_disjoint_and_equally_long_parts_of_every_epoch() {
         for _epoch in 0..2 {
             for batch in &mut batches {
                 let batch = batch.unwrap();
-                let width = batch.schema().width(0);
+                let width = batch.schema().dim(0);
                 found
                     .extend(batch.get::<f64>("state").unwrap().chunks(width).map(|clip| format!("{clip:?}")));
             }

@@ -67,7 +67,7 @@ fn windows_and_strides_of_every_column() {
                 if steps.end().unwrap() > rows {
                     continue;
                 }
-                let mut out = Column::zeros(field.dtype, count * field.width());
+                let mut out = Column::zeros(field.dtype, count * field.dim());
                 dataset.read_column(column, index, steps, out.as_slice_mut()).unwrap();
                 let mut expected = Column::zeros(field.dtype, 0);
                 for step in 0..count {
@@ -75,7 +75,7 @@ fn windows_and_strides_of_every_column() {
                     assert!(expected.extend(row));
                 }
                 assert!(bits(&out) == bits(&expected), "`{}` of episode {index}, {steps:?}", field.name);
-                let mut again = Column::zeros(field.dtype, count * field.width());
+                let mut again = Column::zeros(field.dtype, count * field.dim());
                 other.read_column(column, index, steps, again.as_slice_mut()).unwrap();
                 assert!(bits(&again) == bits(&out));
             }

@@ -42,7 +42,7 @@ impl Dataset for Long {
         steps: Steps,
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
-        let width = self.info.field(column).width();
+        let width = self.info.field(column).dim();
         match out {
             SliceMut::U8(out) => {
                 for (at, frame) in out.chunks_exact_mut(width).enumerate() {
@@ -161,7 +161,7 @@ fn what_was_not_ended_is_not_seen() {
 fn part(whole: &Batch, rows: std::ops::Range<usize>) -> Batch {
     let mut part = Batch::new(whole.schema().clone(), rows.len());
     for (column, field) in whole.schema().clone().fields().iter().enumerate() {
-        let values = whole.column(column).range(rows.start * field.width(), rows.len() * field.width());
+        let values = whole.column(column).range(rows.start * field.dim(), rows.len() * field.dim());
         assert!(part.column_mut(column).copy_from(values));
     }
     part

@@ -95,7 +95,7 @@ impl PointMaze {
     fn recorded(&self, what: &str, row: &BTreeMap<String, Value>) -> Result<[f64; 4], EnvError> {
         let wrong = |reason: String| EnvError::Reset { env: self.spec.id.clone(), reason };
         let value = row.get("state").ok_or_else(|| wrong(format!("a {what} needs the column `state`")))?;
-        let values = value.cast("state", Dtype::F64, &[4])?.numbers("state")?;
+        let values = value.cast("state", Dtype::F64, &[4])?.to_f64s("state")?;
         if values.iter().any(|number| !number.is_finite()) {
             return Err(wrong(format!("the `state` of the recorded {what} is not finite")));
         }

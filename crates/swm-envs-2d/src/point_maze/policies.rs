@@ -5,8 +5,8 @@
 use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
 use swm_core::policy::write_action;
 use swm_core::{
-    Actor, EpisodeSeed, PerEpisode, Policy, PolicyArgs, PolicyEntry, PolicyError, RowView, Settings as _,
-    SliceMut,
+    Actor, EpisodeSeed, PerEpisode, Policy, PolicyArgs, PolicyEntry, PolicyError, Settings as _, SliceMut,
+    SlotView,
 };
 
 use super::factors::layout_at;
@@ -61,7 +61,7 @@ fn noisy(args: &PolicyArgs, errand: Errand) -> Result<Box<dyn Policy>, PolicyErr
 }
 
 fn navigator(description: String, std: f64, errand: Errand) -> Box<dyn Policy> {
-    Box::new(PerEpisode::new(description, move |view: &RowView<'_>| {
+    Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
         Ok(Box::new(Navigator::new(std, errand, view)?) as Box<dyn Actor>)
     }))
 }
@@ -90,7 +90,7 @@ const BRAKE: f64 = 0.6;
 const BEND: f64 = 0.8;
 
 impl Navigator {
-    fn new(std: f64, errand: Errand, view: &RowView<'_>) -> Result<Self, PolicyError> {
+    fn new(std: f64, errand: Errand, view: &SlotView<'_>) -> Result<Self, PolicyError> {
         let number = |factor: &str| -> Result<f64, PolicyError> {
             let values: &[f64] = view.row.get(&format!("variation.{factor}"))?;
             Ok(values[0])
@@ -143,7 +143,7 @@ impl Navigator {
 }
 
 impl Actor for Navigator {
-    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+    fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let state: &[f64] = view.row.get("state")?;
         let (position, velocity) = ([state[0], state[1]], [state[2], state[3]]);
         if self.errand == Errand::Cells && distance(position, self.target) < VISITED {

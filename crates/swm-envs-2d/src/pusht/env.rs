@@ -150,7 +150,7 @@ impl<E: Engine> PushT<E> {
             let spec =
                 self.spec.factors.iter().find(|spec| spec.name == factor).expect("a factor of the table");
             let mut stream = seed.stream(&format!("goal_state {factor}"));
-            Ok(spec.space.sample(&mut stream).numbers(factor)?)
+            Ok(spec.space.sample(&mut stream).to_f64s(factor)?)
         };
         let (agent, block) = (sample("agent.start_position")?, sample("block.start_position")?);
         let angle = sample("block.angle")?;
@@ -184,12 +184,12 @@ impl<E: Engine> PushT<E> {
     ) -> Result<PushTState, EnvError> {
         let value =
             row.get("state").ok_or_else(|| self.reset_error("start and goal need the column `state`"))?;
-        let mut values = value.numbers("state")?;
+        let mut values = value.to_f64s("state")?;
         if values.len() == 5 {
             // Without a velocity the agent rests, as in the reference.
             values.extend([0.0, 0.0]);
         }
-        let values = Value::vector(&values).cast("state", Dtype::F64, &[7])?.numbers("state")?;
+        let values = Value::vector(&values).cast("state", Dtype::F64, &[7])?.to_f64s("state")?;
         if values.iter().any(|number| !number.is_finite()) {
             return Err(self.reset_error("the recorded `state` is not finite"));
         }
@@ -206,7 +206,7 @@ impl<E: Engine> PushT<E> {
             let mut placement = Placement::from(self.recorded_state(start)?);
             // `state` holds the angle modulo a full turn, `block_pose` all of it.
             if let Some(pose) = start.get("block_pose") {
-                placement.block_angle = pose.cast("block_pose", Dtype::F64, &[3])?.numbers("block_pose")?[2];
+                placement.block_angle = pose.cast("block_pose", Dtype::F64, &[3])?.to_f64s("block_pose")?[2];
             }
             self.sim.place_exactly(&placement).map_err(|error| self.reset_error(error))?;
             self.contact_points = self.sim.settle();

@@ -15,7 +15,7 @@ mod settings;
 mod weak;
 
 use self::physics::Sim;
-use swm_core::{Actor, EnvEntry, PerEpisode, PolicyEntry, RowView, Settings as _};
+use swm_core::{Actor, EnvEntry, PerEpisode, PolicyEntry, Settings as _, SlotView};
 
 pub use discrete::{from_continuous, to_continuous};
 pub use engine::Engine;
@@ -64,7 +64,7 @@ const WEAK: PolicyEntry = PolicyEntry::new(
             return Err(args.wrong(format!("dist_constraint {reach_px} must be above 0")));
         }
         let relative = context.config.parse_settings::<settings::Settings>(context.env.id)?.relative;
-        let make = move |_: &RowView<'_>| Ok(Box::new(weak::Weak { reach_px, relative }) as Box<dyn Actor>);
+        let make = move |_: &SlotView<'_>| Ok(Box::new(weak::Weak { reach_px, relative }) as Box<dyn Actor>);
         Ok(Box::new(PerEpisode::new(format!("weak:dist_constraint={reach_px}"), make)))
     },
 )

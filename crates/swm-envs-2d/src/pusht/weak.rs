@@ -2,7 +2,7 @@
 //! expert.
 
 use swm_core::policy::write_action;
-use swm_core::{Actor, PolicyError, RowView, Slice, SliceMut, Space};
+use swm_core::{Actor, PolicyError, Slice, SliceMut, SlotView, Space};
 
 use super::discrete;
 
@@ -15,7 +15,7 @@ pub(super) struct Weak {
 }
 
 impl Actor for Weak {
-    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+    fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let agent: &[f64] = view.row.get("pos_agent")?;
         let block: &[f64] = view.row.get("block_pose")?;
         let mut stream = view.episode.seed.indexed("policy weak", [view.episode.step, 0]);

@@ -114,7 +114,7 @@ impl TwoRoom {
         column: &str,
     ) -> Result<Option<[f64; N]>, EnvError> {
         let Some(value) = row.get(column) else { return Ok(None) };
-        let values = value.cast(column, Dtype::F64, &[N])?.numbers(column)?;
+        let values = value.cast(column, Dtype::F64, &[N])?.to_f64s(column)?;
         if values.iter().any(|number| !number.is_finite()) {
             return Err(self.reset_error(format!("the recorded `{column}` is not finite")));
         }

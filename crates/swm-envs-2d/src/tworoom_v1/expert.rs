@@ -8,8 +8,8 @@ use rand_distr::{Distribution as _, StandardNormal};
 use swm_core::policy::write_action;
 use swm_core::settings::Table;
 use swm_core::{
-    Actor, BatchError, PerEpisode, Policy, PolicyArgs, PolicyEntry, PolicyError, RowView, Settings as _,
-    SliceMut,
+    Actor, BatchError, PerEpisode, Policy, PolicyArgs, PolicyEntry, PolicyError, Settings as _, SliceMut,
+    SlotView,
 };
 
 use super::physics::{Axis, FloorPlan, MAX_ACTION_NORM, Opening, Vec2, WALL_AT_PX};
@@ -53,7 +53,7 @@ fn make(args: &PolicyArgs, default_std: f64) -> Result<Box<dyn Policy>, PolicyEr
         return Err(args.wrong(format!("std {std} must be 0 or more, and finite")));
     }
     let description = if std == 0.0 { "expert".to_owned() } else { format!("{}:std={std}", args.name) };
-    Ok(Box::new(PerEpisode::new(description, move |view: &RowView<'_>| {
+    Ok(Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
         Ok(Box::new(Expert { std, rooms: Rooms::of(view)? }) as Box<dyn Actor>)
     })))
 }
@@ -75,7 +75,7 @@ struct Rooms {
 }
 
 impl Rooms {
-    fn of(view: &RowView<'_>) -> Result<Rooms, BatchError> {
+    fn of(view: &SlotView<'_>) -> Result<Rooms, BatchError> {
         let integers = |name: &str| view.row.get::<i64>(&format!("variation.{name}"));
         let real = |name: &str| view.row.get::<f32>(&format!("variation.{name}")).map(|r| f64::from(r[0]));
         let (radius, speed) = (real("agent.radius")?, real("agent.speed")?);
@@ -131,7 +131,7 @@ impl Rooms {
 }
 
 impl Actor for Expert {
-    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+    fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let place = |name: &str| -> Result<Vec2, PolicyError> {
             let values: &[f64] = view.row.get(name)?;
             Ok(Vec2::from([values[0], values[1]]))

@@ -5,8 +5,8 @@ use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
 use swm_core::policy::write_action;
 use swm_core::settings::Table;
 use swm_core::{
-    Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, RowView,
-    Settings as _, SliceMut,
+    Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Settings as _,
+    SliceMut, SlotView,
 };
 
 use super::env::{factors_with, saved_room};
@@ -66,7 +66,7 @@ fn make(
     let space = factors_with(&context.config.parse_settings::<Settings>(context.env.id)?)?;
     let frame_skip = f64::from(context.frame_skip);
     let description = describe(&args.name, arguments);
-    Ok(Box::new(PerEpisode::new(description, move |view: &RowView<'_>| {
+    Ok(Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
         let mut state = EnvState::new();
         view.snapshot(&mut state)?;
         let room = saved_room(&space, &state)?;
@@ -102,7 +102,7 @@ impl Expert {
 }
 
 impl Actor for Expert {
-    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+    fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let Arguments { noise, action_repeat_prob } = self.arguments;
         let position = |field: &str| -> Result<[f64; 2], PolicyError> {
             let values: &[f32] = view.row.get(field)?;

@@ -284,7 +284,7 @@ impl Env for MazeEnv {
         if let Some(failure) = failure {
             return Err(failure.at_step(&self.spec.id));
         }
-        let dim = self.spec.action.width();
+        let dim = self.spec.action.dim();
         let values = match action {
             Slice::F32(values) if values.len() == dim && values.iter().all(|value| value.is_finite()) => {
                 values

@@ -3,8 +3,8 @@
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::policy::write_action;
 use swm_core::{
-    Actor, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, RowView, Setting,
-    Settings as _, SliceMut,
+    Actor, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Setting, Settings as _,
+    SliceMut, SlotView,
 };
 
 use super::Body;
@@ -49,7 +49,7 @@ fn make(context: &PolicyContext<'_>, args: &PolicyArgs, body: Body) -> Result<Bo
     let settings: Settings = settings::read(context.config, context.env.id, ENV_SETTINGS)?;
     let maze = settings.maze_type;
     let description = format!("{}:noise={noise}", args.name);
-    Ok(Box::new(PerEpisode::new(description, move |view: &RowView<'_>| {
+    Ok(Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
         let goal = pair(view, "goal_xy")?;
         let teacher = Teacher { maze, goal, ways: maze.ways(cell_at(goal)) };
         let expert = Expert { teacher, body, noise, anchor: pair(view, "xy")?, anchored: 0, detour: None };
@@ -57,7 +57,7 @@ fn make(context: &PolicyContext<'_>, args: &PolicyArgs, body: Body) -> Result<Bo
     })))
 }
 
-fn pair(view: &RowView<'_>, column: &str) -> Result<[f64; 2], PolicyError> {
+fn pair(view: &SlotView<'_>, column: &str) -> Result<[f64; 2], PolicyError> {
     let values = view.row.get::<f64>(column)?;
     Ok([values[0], values[1]])
 }
@@ -102,7 +102,7 @@ const PATIENCE: u64 = 25;
 const DETOUR: u64 = 12;
 
 impl Expert {
-    fn heading(&mut self, view: &RowView<'_>, place: [f64; 2]) -> f64 {
+    fn heading(&mut self, view: &SlotView<'_>, place: [f64; 2]) -> f64 {
         let step = view.episode.step;
         if distance(place, self.anchor) > PROGRESS {
             (self.anchor, self.anchored) = (place, step);
@@ -123,7 +123,7 @@ impl Expert {
 }
 
 impl Actor for Expert {
-    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+    fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let place = pair(view, "xy")?;
         let mut stream = view.episode.seed.indexed("policy expert step", [view.episode.step, 0]);
         let mut noise =

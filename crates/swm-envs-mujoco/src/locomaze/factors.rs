@@ -97,7 +97,7 @@ fn uniform(name: &str, shape: &[usize], [low, high]: [f64; 2], default: &[f64], 
 
 /// The values of a factor.
 pub(super) fn factor_values(fov: &Fov, name: &str) -> Vec<f64> {
-    fov.value(name).numbers(name).expect("factors are numbers")
+    fov.value(name).to_f64s(name).expect("factors are numbers")
 }
 
 /// Whether the floor's color says where one is.

@@ -383,6 +383,6 @@ impl Env for TableEnv {
 
 impl TableEnv {
     fn goal_dim(&self) -> usize {
-        self.spec.fields[0].width()
+        self.spec.fields[0].dim()
     }
 }

@@ -62,7 +62,7 @@ pub(super) const LOCK_COLOR: &str = "lock_color";
 
 /// The values of a factor.
 pub(super) fn factor_values(fov: &Fov, name: &str) -> Vec<f64> {
-    fov.value(name).numbers(name).expect("factors are numbers")
+    fov.value(name).to_f64s(name).expect("factors are numbers")
 }
 
 /// Whether cubes at these positions overlap in no way of turning them.

@@ -210,7 +210,7 @@ impl Env for SuiteEnv {
                 let reason = format!("`{column}` is no goal of this task");
                 return Err(EnvError::Reset { env: self.spec.id.clone(), reason });
             }
-            self.task.set_goal(&mut self.stage, column, &value.numbers(column)?);
+            self.task.set_goal(&mut self.stage, column, &value.to_f64s(column)?);
         }
         if episode.options.goal.is_some() {
             self.see_goal().map_err(|error| error.at_reset(&self.spec.id))?;

@@ -213,7 +213,7 @@ fn compile_values(controls: &[Control], fov: &Fov) -> Vec<f64> {
 }
 
 fn values(fov: &Fov, name: &str) -> Vec<f64> {
-    fov.value(name).numbers(name).expect("factors are numbers")
+    fov.value(name).to_f64s(name).expect("factors are numbers")
 }
 
 #[cfg(test)]

@@ -23,7 +23,7 @@ impl History {
         let capacity = (frames - 1) * block + 1;
         let column = |&index: &usize| {
             let field = &infos.schema().fields()[index];
-            Column::zeros(field.dtype, capacity * field.width())
+            Column::zeros(field.dtype, capacity * field.dim())
         };
         let fields = indices.iter().map(column).collect();
         Self { frames, block, dim, steps: 0, fields, actions: vec![0.0; capacity * dim] }

@@ -6,7 +6,7 @@ mod scale;
 
 use std::sync::Arc;
 
-use swm_core::{RowView, View};
+use swm_core::{SlotView, View};
 
 pub use actions::ActionMap;
 pub(crate) use history::History;
@@ -36,7 +36,7 @@ impl<'a> PlanningContext<'a> {
     }
 
     /// Environment `index` of `0..B`.
-    pub fn env(&self, index: usize) -> RowView<'a> {
+    pub fn env(&self, index: usize) -> SlotView<'a> {
         self.view.row(self.slots[index]).expect("only live environments need a plan")
     }
 

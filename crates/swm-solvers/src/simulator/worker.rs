@@ -48,7 +48,7 @@ impl Tally {
 impl Worker {
     pub(super) fn new(env: Box<dyn Env>) -> Self {
         let space = &env.spec().action;
-        let action = Column::zeros(space.dtype().unwrap_or(Dtype::F32), space.width());
+        let action = Column::zeros(space.dtype().unwrap_or(Dtype::F32), space.dim());
         Self { env, action, moved: Vec::new(), fork: EnvState::new() }
     }
 

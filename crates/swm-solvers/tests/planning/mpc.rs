@@ -75,7 +75,7 @@ struct Watcher {
 impl Cost for Watcher {
     fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
         let Some(history) = context.history(0) else { return Ok(()) };
-        let frames = (0..history.frames()).map(|frame| history.frame(0, frame).number(0).unwrap_or(f64::NAN));
+        let frames = (0..history.frames()).map(|frame| history.frame(0, frame).as_f64(0).unwrap_or(f64::NAN));
         let count = (history.frames() - 1) * 2;
         let actions = (0..count).flat_map(|index| history.action(index));
         self.past.lock().expect("one thread").push((frames.collect(), actions.copied().collect()));

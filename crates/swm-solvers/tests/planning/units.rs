@@ -2,7 +2,7 @@
 
 use swm_core::testing::{DISCRETE_TOY, TOY};
 use swm_core::{
-    BoxError, Cancel, EnvConfig, EpisodeEnd, LiveRow, Recorder, Registry, Rollout, World, WorldError,
+    BoxError, Cancel, EnvConfig, EpisodeEnd, LiveStep, Recorder, Registry, Rollout, World, WorldError,
     WorldOptions,
 };
 use swm_solvers::{
@@ -65,7 +65,7 @@ struct SaidRow {
 struct Said(Vec<SaidRow>);
 
 impl Recorder for Said {
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         let real = |name| Ok::<f64, BoxError>(row.values.get::<f64>(name)?[0]);
         let count = |name| Ok::<i64, BoxError>(row.values.get::<i64>(name)?[0]);
         let action = row.values.get::<f32>("action")?[0];

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use swm_core::env::{EnvConfig, EnvSpec, EnvState, Episode, Outcome};
 use swm_core::testing::TOY;
 use swm_core::{
-    BoxError, Env, EnvEntry, EnvError, EpisodeEnd, LiveRow, Policy, Recorder, ResetOptions, Rollout, RowsMut,
-    Slice, Value, World, WorldError, WorldOptions,
+    BoxError, Env, EnvEntry, EnvError, EpisodeEnd, LiveStep, Policy, Recorder, ResetOptions, Rollout,
+    RowsMut, Slice, Value, World, WorldError, WorldOptions,
 };
 
 /// The toy environment, changed.
@@ -46,7 +46,7 @@ impl Env for Changed {
         self.inner.reset(episode)
     }
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
-        if self.change == Change::Fragile && action.number(0).is_some_and(|push| push > 0.8) {
+        if self.change == Change::Fragile && action.as_f64(0).is_some_and(|push| push > 0.8) {
             return Err(EnvError::Diverged {
                 env: self.spec.id.clone(),
                 reason: "pushed too hard".to_owned(),
@@ -86,11 +86,11 @@ pub(super) struct Story {
 struct Stories(BTreeMap<u64, Story>);
 
 impl Recorder for Stories {
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         let story = self.0.entry(row.episode.index).or_default();
         story.states.push(row.values.get::<f64>("state")?[0]);
         let action = row.values.at(row.values.schema().require("action")?);
-        story.actions.extend(action.number(0).map(|action| action as f32));
+        story.actions.extend(action.as_f64(0).map(|action| action as f32));
         Ok(())
     }
 

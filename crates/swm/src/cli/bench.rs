@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde::Serialize;
 use swm_core::error::BoxError;
-use swm_core::{EpisodeEnd, ImageSize, LiveRow, Recorder, Registry, Rollout, World, WorldOptions};
+use swm_core::{EpisodeEnd, ImageSize, LiveStep, Recorder, Registry, Rollout, World, WorldOptions};
 
 use super::args::{EnvArgs, policy};
 use super::output::table;
@@ -127,7 +127,7 @@ impl Stopwatch {
 }
 
 impl Recorder for Stopwatch {
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), BoxError> {
         self.steps += u64::from(row.episode.step > 0);
         // Reading the clock at every step would be measured too.
         if self.steps > 0 && self.steps.is_multiple_of(64) && self.started.elapsed() >= self.limit {

@@ -10,7 +10,7 @@ use indicatif::ProgressBar;
 use serde_json::json;
 use swm_core::error::BoxError;
 use swm_core::{
-    Batch, Cancel, EpisodeEnd, EpisodeSink, LiveRow, Metadata, Recorder, Registry, Rollout, Schema, World,
+    Batch, Cancel, EpisodeEnd, EpisodeSink, LiveStep, Metadata, Recorder, Registry, Rollout, Schema, World,
 };
 use swm_data::{DatasetWriter, WriteMode, WriteOptions};
 
@@ -173,7 +173,7 @@ impl Count {
 }
 
 impl Recorder for Count {
-    fn step(&mut self, _row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, _row: &LiveStep<'_>) -> Result<(), BoxError> {
         self.rows += 1;
         Ok(())
     }

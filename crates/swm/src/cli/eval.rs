@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use swm_core::error::BoxError;
 use swm_core::{
-    Cancel, EpisodeEnd, EvalOptions, Evaluation, ImageSize, LiveRow, Recorder, Registry, Rollout, World,
+    Cancel, EpisodeEnd, EvalOptions, Evaluation, ImageSize, LiveStep, Recorder, Registry, Rollout, World,
 };
 use swm_media::Format;
 
@@ -250,7 +250,7 @@ struct Progress {
 }
 
 impl Recorder for Progress {
-    fn step(&mut self, _row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, _row: &LiveStep<'_>) -> Result<(), BoxError> {
         Ok(())
     }
 

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use swm_core::error::{BoxError, did_you_mean, nearest};
-use swm_core::{EpisodeEnd, LiveRow, Policy, Recorder, Registry, Rollout, World};
+use swm_core::{EpisodeEnd, LiveStep, Policy, Recorder, Registry, Rollout, World};
 use swm_media::Format;
 use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace};
 
@@ -314,7 +314,7 @@ struct Episodes {
 }
 
 impl Recorder for Episodes {
-    fn step(&mut self, _row: &LiveRow<'_>) -> Result<(), BoxError> {
+    fn step(&mut self, _row: &LiveStep<'_>) -> Result<(), BoxError> {
         self.bar.inc(1);
         Ok(())
     }

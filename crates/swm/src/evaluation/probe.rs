@@ -48,7 +48,7 @@ pub fn fingerprints(
     let seed = reset.seed.unwrap_or(EpisodeSeed::new(0));
     env.reset(&Episode { seed, options: &reset })?;
     env.write_episode(&mut row.rows_mut());
-    let mut action = Column::zeros(spec.action.dtype().unwrap_or(Dtype::F32), spec.action.width());
+    let mut action = Column::zeros(spec.action.dtype().unwrap_or(Dtype::F32), spec.action.dim());
     let (mut rows, mut images) = (String::new(), Vec::new());
     for step in 0..=STEPS {
         env.observe(&mut row.rows_mut());

@@ -77,7 +77,7 @@ impl<'a> Window<'a> {
     fn to_action(&mut self, values: &[f32]) -> Vec<f64> {
         self.actions.write(values, &mut self.action.as_slice_mut());
         let action = self.action.as_slice();
-        (0..action.len()).map(|index| action.number(index).unwrap_or(f64::NAN)).collect()
+        (0..action.len()).map(|index| action.as_f64(index).unwrap_or(f64::NAN)).collect()
     }
 
     /// Dimension `dim` of every action of a plan.

@@ -28,7 +28,7 @@ impl<'a> Future<'a> {
         let size = config.image.map(|image| [image.height, image.width]);
         let env = entry.make(&EnvConfig { image: None, ..config.clone() })?;
         let space = &env.spec().action;
-        let action = Column::zeros(space.dtype().unwrap_or(Dtype::F32), space.width());
+        let action = Column::zeros(space.dtype().unwrap_or(Dtype::F32), space.dim());
         Ok(Self { env, actions, action, frame_skip, stops_at_success, size })
     }
 

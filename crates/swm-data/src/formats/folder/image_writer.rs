@@ -62,7 +62,7 @@ impl ImageWriter {
         self.episode = at.episode as u64;
         match self.store {
             Store::Jpeg => {
-                self.append_jpegs(at.step, &rows.chunks_exact(self.field.width()).collect::<Vec<_>>())
+                self.append_jpegs(at.step, &rows.chunks_exact(self.field.dim()).collect::<Vec<_>>())
             }
             #[cfg(feature = "video")]
             Store::Video => {

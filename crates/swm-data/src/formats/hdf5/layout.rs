@@ -44,7 +44,7 @@ pub(super) fn element_size(dtype: Dtype) -> usize {
 
 /// Whether a column is compressed, and how many of its rows make a chunk.
 pub(super) fn chunking(field: &Field) -> (bool, usize) {
-    let row_bytes = field.width() * element_size(field.dtype);
+    let row_bytes = field.dim() * element_size(field.dtype);
     if field.shape.len() >= 2 && row_bytes >= IMAGE_BYTES && field.dtype != Dtype::Str {
         return (true, 1);
     }

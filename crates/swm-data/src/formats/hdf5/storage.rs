@@ -300,7 +300,7 @@ fn direct(
     else {
         return Ok(None);
     };
-    let row_bytes = field.width() * size;
+    let row_bytes = field.dim() * size;
     let mut filters = &dataset.dcpl()?.get_filters()?[..];
     let checksummed = filters.last() == Some(&Filter::Fletcher32);
     filters = if checksummed { &filters[..filters.len() - 1] } else { filters };

@@ -164,7 +164,7 @@ fn features(manifest: &Manifest) -> Vec<(String, Json)> {
             })
         } else {
             // Rows of more than one dimension are stored flat: every reader has lists.
-            json!({"dtype": field.dtype.name(), "shape": [field.width()], "names": null})
+            json!({"dtype": field.dtype.name(), "shape": [field.dim()], "names": null})
         };
         features.push((manifest.feature(&field.name), value));
     }

@@ -92,7 +92,7 @@ impl OpenEpisode {
             let count = (self.group - in_group).min(batch.rows() - taken);
             for (field, _, column) in &mut self.held {
                 let from = schema.index(&field.name).ok_or("a column is missing")?;
-                let width = field.width();
+                let width = field.dim();
                 if !column.extend(batch.column(from).range(taken * width, count * width)) {
                     return Err(format!("column `{}` has another type", field.name));
                 }
@@ -146,7 +146,7 @@ impl OpenEpisode {
         let held = self.held.iter().map(|(field, feature, column)| ColumnOut {
             name: feature.clone(),
             values: column.as_slice(),
-            list: (field.width() > 1).then(|| field.width()),
+            list: (field.dim() > 1).then(|| field.dim()),
         });
         let made_up = OWN.iter().zip(own).map(|(&(name, _), values)| ColumnOut::scalar(name, values));
         let columns: Vec<ColumnOut<'_>> = held.chain(made_up).collect();

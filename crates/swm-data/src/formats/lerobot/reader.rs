@@ -118,7 +118,7 @@ impl Dataset for LeRobotDataset {
         out: SliceMut<'_>,
     ) -> Result<(), DataError> {
         let shared = self.shared.clone();
-        let width = shared.info.field(column).width();
+        let width = shared.info.field(column).dim();
         let read = match (&shared.columns[column], out) {
             (Source::Table(name), out) => self.table_rows(name, episode, width, steps, out),
             (Source::Video(camera), SliceMut::U8(out)) => {

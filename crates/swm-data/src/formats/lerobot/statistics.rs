@@ -99,7 +99,7 @@ impl Statistics {
             match batch.column(column) {
                 Slice::Str(_) => {}
                 Slice::U8(values) if is_video(field) => {
-                    let frames = values.chunks_exact(field.width());
+                    let frames = values.chunks_exact(field.dim());
                     for frame in
                         frames.skip(first.next_multiple_of(FRAME_STRIDE) - first).step_by(FRAME_STRIDE)
                     {
@@ -113,7 +113,7 @@ impl Statistics {
                 }
                 values => {
                     for at in 0..values.len() {
-                        seen[at % field.width()].add(values.number(at).unwrap_or(f64::NAN));
+                        seen[at % field.dim()].add(values.as_f64(at).unwrap_or(f64::NAN));
                     }
                 }
             }
@@ -190,6 +190,6 @@ fn numbers_of(field: &Field) -> usize {
     match field.dtype {
         Dtype::Str => 0,
         _ if is_video(field) => 3,
-        _ => field.width(),
+        _ => field.dim(),
     }
 }

@@ -111,7 +111,7 @@ impl McapDataset {
         steps: Steps,
         mut out: SliceMut<'_>,
     ) -> Result<(), String> {
-        let width = self.schema().width(column);
+        let width = self.schema().dim(column);
         let mut at = 0;
         while at < steps.count {
             let row = steps.first + at * steps.stride;

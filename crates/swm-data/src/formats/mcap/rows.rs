@@ -42,7 +42,7 @@ pub(super) fn from_json(bytes: &[u8], fields: &[&Field], columns: &mut [Column])
         let value = members.get(&field.name).ok_or_else(wrong)?;
         let single = std::slice::from_ref(value);
         let values = if field.shape.is_empty() { single } else { value.as_array().ok_or_else(wrong)? };
-        if values.len() != field.width() {
+        if values.len() != field.dim() {
             return Err(wrong());
         }
         for value in values {

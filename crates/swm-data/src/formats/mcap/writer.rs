@@ -118,7 +118,7 @@ impl Session for McapSession {
     fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<(), String> {
         let rows: Vec<usize> = (0..batch.rows()).collect();
         // So many rows that their messages fill a chunk or two, made in parallel.
-        let row_bytes: usize = batch.schema().fields().iter().map(Field::width).sum();
+        let row_bytes: usize = batch.schema().fields().iter().map(Field::dim).sum();
         for rows in rows.chunks((CHUNK_BYTES / row_bytes.max(1)).max(64)) {
             let made: Vec<_> =
                 rows.par_iter().map(|&row| self.messages(batch, row, at)).collect::<Result<_, _>>()?;
@@ -136,7 +136,7 @@ impl Session for McapSession {
         for (column, (field, before)) in batch.schema().fields().iter().zip(&mut self.before).enumerate() {
             if let (Slice::U8(pixels), true) = (batch.column(column), is_image(field)) {
                 before.clear();
-                before.extend_from_slice(&pixels[pixels.len() - field.width()..]);
+                before.extend_from_slice(&pixels[pixels.len() - field.dim()..]);
             }
         }
         Ok(())
@@ -185,7 +185,7 @@ impl McapSession {
                 numbers.push((field, Slice::I32(&index)));
                 continue;
             };
-            let width = field.width();
+            let width = field.dim();
             let values = batch.column(column).range(row * width, width);
             let (Slice::U8(pixels), true) = (values, is_image(field)) else {
                 numbers.push((field, values));

@@ -68,7 +68,7 @@ impl GrowingArray {
                 found.elements, found.shape, field.name
             ));
         }
-        let mut left = rows * field.width() * expected.elements.size();
+        let mut left = rows * field.dim() * expected.elements.size();
         let (mut checksum, mut buffer) = (Hasher::new(), Vec::new());
         let mut size = 0;
         while left > 0 {

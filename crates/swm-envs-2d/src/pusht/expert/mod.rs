@@ -29,8 +29,8 @@ mod tests;
 use std::sync::Arc;
 
 use swm_core::{
-    Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, RowView,
-    Settings as _, SliceMut,
+    Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Settings as _,
+    SliceMut, SlotView,
 };
 use swm_fov::FovSpace;
 
@@ -88,7 +88,7 @@ fn make<E: Engine>(
     let description = settings.describe_as(&args.name);
     let expert =
         Arc::new(Expert { env, factors, env_settings, kind, frame_skip: context.frame_skip, settings });
-    Ok(Box::new(PerEpisode::new(description, move |view: &RowView<'_>| {
+    Ok(Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
         Ok(Box::new(ExpertActor::<E>::new(Arc::clone(&expert), view)?) as Box<dyn Actor>)
     })))
 }
@@ -106,7 +106,7 @@ struct ExpertActor<E> {
 }
 
 impl<E: Engine> ExpertActor<E> {
-    fn new(expert: Arc<Expert>, view: &RowView<'_>) -> Result<Self, PolicyError> {
+    fn new(expert: Arc<Expert>, view: &SlotView<'_>) -> Result<Self, PolicyError> {
         let mut saved = EnvState::new();
         let loaded = expert.loaded::<E>(view, &mut saved)?;
         let motion = (expert.kind, expert.frame_skip);
@@ -117,7 +117,7 @@ impl<E: Engine> ExpertActor<E> {
     }
 
     /// Whether the environment is not where the plan supposes it: something else acted.
-    fn is_off_plan(&self, view: &RowView<'_>) -> Result<bool, PolicyError> {
+    fn is_off_plan(&self, view: &SlotView<'_>) -> Result<bool, PolicyError> {
         let state: &[f64] = view.row.get("state")?;
         Ok(state != observed_state(&self.sim))
     }
@@ -126,7 +126,7 @@ impl<E: Engine> ExpertActor<E> {
 impl Expert {
     fn loaded<E: Engine>(
         &self,
-        view: &RowView<'_>,
+        view: &SlotView<'_>,
         saved: &mut EnvState,
     ) -> Result<LoadedState<E>, PolicyError> {
         view.snapshot(saved)?;
@@ -135,7 +135,7 @@ impl Expert {
 }
 
 impl<E: Engine> Actor for ExpertActor<E> {
-    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+    fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let settings = &self.expert.settings;
         if self.done >= self.plan.len().min(settings.replan) || self.is_off_plan(view)? {
             self.sim = self.expert.loaded(view, &mut self.saved)?.sim;

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 use swm_core::{
-    EnvConfig, EnvEntry, Evaluation, LiveRow, Policy, PolicyContext, PolicyError, Recorder, Registry,
+    EnvConfig, EnvEntry, Evaluation, LiveStep, Policy, PolicyContext, PolicyError, Recorder, Registry,
     ResetOptions, Rollout, Slice, Value, World, WorldOptions,
 };
 
@@ -62,7 +62,7 @@ fn successes(evaluation: &Evaluation) -> usize {
 struct Actions(std::collections::BTreeMap<(u64, u64), [f32; 2]>);
 
 impl Recorder for Actions {
-    fn step(&mut self, row: &LiveRow<'_>) -> Result<(), swm_core::BoxError> {
+    fn step(&mut self, row: &LiveStep<'_>) -> Result<(), swm_core::BoxError> {
         let action: &[f32] = row.values.get("action")?;
         if Slice::F32(action).is_finite() {
             self.0.insert((row.episode.index, row.episode.step), [action[0], action[1]]);

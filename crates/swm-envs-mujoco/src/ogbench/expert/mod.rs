@@ -9,8 +9,8 @@ use rand::RngExt as _;
 use swm_core::policy::write_action;
 use swm_core::seed::Stream;
 use swm_core::{
-    Actor, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, RowView, Setting,
-    Settings as _, SliceMut,
+    Actor, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Setting, Settings as _,
+    SliceMut, SlotView,
 };
 
 use self::markov::Markov;
@@ -80,7 +80,7 @@ fn make(
     }
     let kind = if context.env.id == SCENE_ID { Kind::Scene } else { Kind::Cubes(1) };
     let description = format!("{}:noise={}", args.name, arguments.noise);
-    Ok(Box::new(PerEpisode::new(description, move |view: &RowView<'_>| {
+    Ok(Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
         let mut stream = view.episode.seed.stream("policy expert");
         let std = uniform(&mut stream, 0.0, arguments.noise);
         let expert = Expert { arguments, method, kind, std, attempt: 0, pursuit: None };
@@ -113,7 +113,7 @@ enum Way {
 }
 
 impl Actor for Expert {
-    fn act(&mut self, view: &RowView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+    fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let sight = Sight::of(view)?;
         if self
             .pursuit

@@ -1,6 +1,6 @@
 //! What the experts see of a row.
 
-use swm_core::{BatchError, PolicyError, RowView};
+use swm_core::{BatchError, PolicyError, SlotView};
 
 /// An observation, as values.
 #[derive(Clone, Debug)]
@@ -43,7 +43,7 @@ pub(super) struct Handle {
 
 impl Sight {
     /// Reads a row.
-    pub(super) fn of(view: &RowView<'_>) -> Result<Self, PolicyError> {
+    pub(super) fn of(view: &SlotView<'_>) -> Result<Self, PolicyError> {
         let three = |name: &str| values::<3>(view, name);
         let one = |name: &str| Ok::<_, BatchError>(values::<1>(view, name)?[0]);
         let whole = |name: &str| Ok::<_, BatchError>(view.row.get::<i64>(name)?[0]);
@@ -97,7 +97,7 @@ impl Sight {
     }
 }
 
-fn values<const N: usize>(view: &RowView<'_>, name: &str) -> Result<[f64; N], BatchError> {
+fn values<const N: usize>(view: &SlotView<'_>, name: &str) -> Result<[f64; N], BatchError> {
     let values: &[f64] = view.row.get(name)?;
     Ok(std::array::from_fn(|k| values[k]))
 }

@@ -66,7 +66,7 @@ pub(crate) fn recorded(
     dim: usize,
 ) -> Result<Option<Vec<f64>>, EnvError> {
     let Some(value) = row.get(name) else { return Ok(None) };
-    let values = value.cast(name, Dtype::F64, &[dim])?.numbers(name)?;
+    let values = value.cast(name, Dtype::F64, &[dim])?.to_f64s(name)?;
     if values.iter().any(|value| !value.is_finite()) {
         return Err(EnvError::Reset {
             env: env.to_owned(),

@@ -127,7 +127,7 @@ pub fn probe(
             (part.input_width, part.output_width) = (model.latent_width(), width);
             for row in 0..rows.rows() {
                 let numbers: Option<Vec<f64>> =
-                    (row * width..(row + 1) * width).map(|index| values.number(index)).collect();
+                    (row * width..(row + 1) * width).map(|index| values.as_f64(index)).collect();
                 let numbers = numbers.ok_or_else(|| format!("`{column}` holds no numbers"))?;
                 let latent = &latents[row * part.input_width..][..part.input_width];
                 // What is missing somewhere (no action behind the last row) cannot be told there.
