@@ -387,7 +387,8 @@ fn factors_are_swept_alone_in_groups_and_together() {
     assert!(message.contains("did you mean `agent.color`?"), "{message}");
 }
 
-/// Of version 1: `beside` for `references`, with the roles `do_nothing` and `ceiling`, and a hash of tables over help texts.
+/// Of version 1: `beside` for `references`, with the roles `do_nothing` and `ceiling`, a hash of tables over help texts, and a
+/// setting of iCEM under its former name.
 #[test]
 fn old_receipts_verify_and_old_flags_work() {
     let old = concat!(env!("CARGO_MANIFEST_DIR"), "/integration/receipt-v1.json");

@@ -194,6 +194,7 @@ impl WorldError {
 /// A name that no table has.
 #[derive(Debug, Error)]
 #[error("unknown {kind} `{name}`{}; `swm {command}` lists them", did_you_mean(.nearest.as_deref()))]
+#[non_exhaustive]
 pub struct UnknownName {
     /// What was looked up: environment, policy, format.
     pub kind: &'static str,

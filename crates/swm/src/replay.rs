@@ -17,6 +17,7 @@ use swm_core::{
 
 /// The result of a replay.
 #[derive(Clone, Debug, Serialize)]
+#[non_exhaustive]
 pub struct ReplayReport {
     /// Whether every column stays within the tolerance.
     pub ok: bool,

@@ -148,6 +148,7 @@ impl PairSource {
 /// Candidates that were left out, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Excluded {
     /// Solved before the first action.
     pub solved_at_start: usize,

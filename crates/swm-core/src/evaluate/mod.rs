@@ -42,6 +42,7 @@ pub use violation::{Violation, ViolationOptions, random_episodes, violation_pair
 
 /// The result of an evaluation, indexed by episode: independent of environments, threads and completion order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Evaluation {
     /// Whether the task says what success is. Where it does not, all episodes count as failed and only returns mean
     /// something.
@@ -82,6 +83,7 @@ fn yes() -> bool {
 
 /// How start and goal were taken from a dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct DatasetProtocol {
     /// The goal is this many rows after the start.
     pub goal_offset: usize,

@@ -62,6 +62,7 @@ impl EpisodeResult {
 
 /// What several episodes came to together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Summary {
     /// Episodes.
     pub episodes: usize,

@@ -8,6 +8,7 @@ use crate::seed::keyed;
 
 /// All runs of one policy against all runs of another, on the same pairs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct PairedRuns {
     /// Pairs of start and goal.
     pub pairs: usize,

@@ -29,6 +29,7 @@ pub fn wilson95(successes: usize, trials: usize) -> [f64; 2] {
 
 /// Two policies on the same episodes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct PairedTest {
     /// Episodes.
     pub pairs: usize,

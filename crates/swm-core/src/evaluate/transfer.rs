@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// What a matrix of results says.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Transfer {
     /// Mean result over all phases after the last one.
     pub average: f64,

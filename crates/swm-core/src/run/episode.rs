@@ -49,6 +49,7 @@ pub struct EpisodeEnd {
 
 /// How near a goal was, as a part of what is allowed: below 1 is reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Margins {
     /// At its nearest.
     pub best: f64,

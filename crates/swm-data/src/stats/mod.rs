@@ -41,6 +41,7 @@ impl Default for StatisticsOptions {
 
 /// Statistics of a dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Statistics {
     /// The version of this record.
     pub version: u32,
@@ -54,6 +55,7 @@ pub struct Statistics {
 
 /// Statistics of one column. Lists are over channels of images, else over values of a row.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct ColumnStatistics {
     /// Rows that count.
     pub rows: u64,

@@ -24,6 +24,7 @@ pub struct Comparison {
 
 /// How a column differs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct ColumnComparison {
     /// Its name.
     pub name: String,

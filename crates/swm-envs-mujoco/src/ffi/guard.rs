@@ -1,6 +1,6 @@
 //! MuJoCo's error and warning handlers, the border at which an error becomes a `Result`, and warnings in words.
 //!
-//! `mju_error` must not return: the code behind it counts on that. The fix is to unwind, as MuJoCo's own Python
+//! `mju_error` must not return: the code behind it counts on that. So it unwinds, as MuJoCo's own Python
 //! package leaves by `longjmp`. It is sound because every function is bound as `C-unwind`, the C frames in between
 //! have unwind tables (the published libraries carry `.eh_frame`) and no destructors, and MuJoCo's C++ parts (parser
 //! and compiler) intercept errors themselves and return them as text. Where Rust itself is built with

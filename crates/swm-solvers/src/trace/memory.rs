@@ -17,6 +17,7 @@ pub struct Memory {
 
 /// One plan of one episode, with its iterations.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct TracedPlan {
     /// Which plan of which episode.
     pub key: PlanKey,
@@ -34,6 +35,7 @@ pub struct TracedPlan {
 
 /// One iteration of one plan.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct TracedIteration {
     /// Its figures.
     pub record: IterationRecord,
@@ -45,6 +47,7 @@ pub struct TracedIteration {
 
 /// One of the best candidates of an iteration.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Elite {
     /// What it cost.
     pub cost: f64,

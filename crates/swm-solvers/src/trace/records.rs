@@ -10,6 +10,7 @@ use crate::problem::{Plan, PlanKey, Problem};
 
 /// Figures of one iteration of one plan of one episode. `None` where the solver has no such figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct IterationRecord {
     /// Index of the episode in its run.
     pub episode: u64,
@@ -43,6 +44,7 @@ pub struct IterationRecord {
 
 /// The result of a plan.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct PlanRecord {
     /// Index of the episode in its run.
     pub episode: u64,

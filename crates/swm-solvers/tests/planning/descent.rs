@@ -192,7 +192,7 @@ fn bad_settings_and_problems_are_named() {
             message(&Sgd { momentum: 1.0, ..Sgd::default() }),
             "setting `momentum`: 1 is not a number from 0 to 1 (excluded)",
         ),
-        (message(&Adam { beta2: -0.1, ..Adam::default() }), "setting `beta2`: -0.1 is not from 0"),
+        (message(&Adam { beta2: -0.1, ..Adam::default() }), "setting `beta2`: -0.1 is not a number from 0"),
         (message(&Adam { eps: -1.0, ..Adam::default() }), "setting `eps`: -1 is not a number from 0 on"),
         (message(&AdamW { weight_decay: -1.0, ..AdamW::default() }), "setting `weight_decay`: -1"),
         (message(&Lagrangian { rounds: 0, ..Lagrangian::default() }), "setting `rounds`: 0 is too small"),

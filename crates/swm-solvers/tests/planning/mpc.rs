@@ -254,7 +254,7 @@ fn bad_configurations_are_refused() {
         (config(0, 1, 1), "setting `horizon`: 0 is too small; use 1 or more"),
         (config(5, 0, 1), "setting `receding_horizon`: 0 is too small; use 1 or more"),
         (config(5, 5, 0), "setting `action_block`: 0 is too small; use 1 or more"),
-        (config(2, 3, 1), "3 blocks of a plan of 2 cannot be carried out"),
+        (config(2, 3, 1), "3 blocks of a plan of 2 cannot be executed"),
         (PlanConfig { history_len: 0, ..config(1, 1, 1) }, "setting `history_len`: 0 is too small"),
     ] {
         let solver = Staircase { asked: Arc::default(), scale: 1.0 };

@@ -15,6 +15,7 @@ const STEPS: u64 = 25;
 
 /// What a result depends on, apart from the policy.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Fingerprints {
     /// What changes results of the environment's tables: names, types, shapes, spaces and default values of fields, actions,
     /// settings and factors, in order. Help texts do not count. Receipts of version 1 hold a hash over those texts, too.

@@ -27,6 +27,7 @@ pub struct QualityOptions {
 
 /// What came out.
 #[derive(Clone, Debug, Serialize)]
+#[non_exhaustive]
 pub struct Quality {
     /// F: rows that one prediction spans.
     pub stride: usize,
@@ -42,6 +43,7 @@ pub struct Quality {
 
 /// How model cost orders plans, against true cost.
 #[derive(Clone, Debug, Serialize)]
+#[non_exhaustive]
 pub struct Ranking {
     /// Mean of Spearman's correlations; none if there is not one.
     pub mean: Option<f64>,
@@ -51,6 +53,7 @@ pub struct Ranking {
 
 /// How a kind of violation surprises.
 #[derive(Clone, Debug, Serialize)]
+#[non_exhaustive]
 pub struct Surprised {
     /// What happens.
     pub name: String,

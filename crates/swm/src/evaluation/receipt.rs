@@ -17,6 +17,7 @@ pub const RECEIPT_VERSION: u32 = 2;
 /// The result of a policy on a manifest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Receipt {
     /// Its version, [`RECEIPT_VERSION`] or an older one.
     pub receipt: u32,
@@ -53,6 +54,7 @@ pub struct Receipt {
 
 /// The code that made a result.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Code {
     /// Version of the package.
     pub version: String,

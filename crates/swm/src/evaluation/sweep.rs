@@ -22,6 +22,7 @@ pub const SWEEP_VERSION: u32 = 1;
 
 /// A policy under changed factors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Sweep {
     /// [`SWEEP_VERSION`].
     pub sweep: u32,
@@ -45,6 +46,7 @@ pub struct Sweep {
 
 /// One evaluation of a sweep.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Cell {
     /// What is changed: a factor's or group's name, `all`, or `unchanged`.
     pub name: String,

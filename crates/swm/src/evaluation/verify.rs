@@ -3,15 +3,15 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use swm_core::Registry;
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, Summary};
+use swm_core::{PolicyArgs, Registry};
 
 use super::hash::file_hash;
 use super::probe::fingerprints;
 use super::receipt::Receipt;
 use super::reference::Role;
-use super::run::{RunOptions, run_pairs};
+use super::run::{Candidate, RunOptions, run_pairs};
 
 /// A part of a result that can differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -37,6 +37,7 @@ pub enum Part {
 
 /// What a repetition showed.
 #[derive(Clone, Debug, Serialize)]
+#[non_exhaustive]
 pub struct Verification {
     /// Whether everything is equal, to the last bit.
     pub equal: bool,
@@ -97,7 +98,14 @@ pub fn verify(
         differ(Part::Model, hash, &now, file);
     }
     let described = candidate.make(registry, entry, manifest)?.describe();
-    differ(Part::Solver, &receipt.policy, &described, "policy");
+    // A setting may have been renamed since: then the recorded description still makes the same policy.
+    let remade = PolicyArgs::parse(&receipt.policy)
+        .ok()
+        .and_then(|policy| Candidate::new(policy).make(registry, entry, manifest).ok())
+        .map(|policy| policy.describe());
+    if remade.as_ref() != Some(&described) {
+        differ(Part::Solver, &receipt.policy, &described, "policy");
+    }
     // Where starts differ, the run says so in its digests: no need to stop at the first.
     let (resets, none) = (manifest.resets()?, BTreeMap::new());
     let again = run_pairs(

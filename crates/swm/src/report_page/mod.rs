@@ -1,4 +1,4 @@
-//! One page for results: success with intervals, outcomes pair by pair, factors, videos beside their goals, plans, receipts.
+//! One page for results: success with intervals, outcomes pair by pair, factors, videos next to their goals, plans, receipts.
 //! A single HTML file without scripts or styles from elsewhere; every chart is also a table.
 
 mod charts;

@@ -42,6 +42,7 @@ impl Samples {
 
 /// How well a column of the true state is told, on episodes that the probes were not fitted to.
 #[derive(Clone, Debug, Serialize)]
+#[non_exhaustive]
 pub struct Probed {
     /// The column.
     pub column: String,
@@ -53,6 +54,7 @@ pub struct Probed {
 
 /// How well a probe tells one column.
 #[derive(Clone, Debug, Serialize)]
+#[non_exhaustive]
 pub struct ProbeScore {
     /// Mean squared error of each number of the column, in its unit squared.
     pub mse: Vec<f64>,
