@@ -145,7 +145,7 @@ impl Policy for Foreign {
     }
 
     fn act(&mut self, _view: &View<'_>, _actions: &mut Actions<'_>) -> Result<(), PolicyError> {
-        self.0.lock().unwrap().push(thread::current().id());
+        self.0.lock().expect("no thread panicked").push(thread::current().id());
         Err(PolicyError::Other(Box::new(Away(7))))
     }
 

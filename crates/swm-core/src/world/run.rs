@@ -8,7 +8,7 @@ use crate::batch::Slice;
 use crate::error::WorldError;
 use crate::policy::View;
 use crate::recorder::{LiveStep, Recorder};
-use crate::run::{LiveEpisode, Rollout, RunInfo, Slot};
+use crate::run::{Cancel, LiveEpisode, Rollout, RunInfo, Slot};
 
 /// What a driver without a policy is called in records.
 const EXTERNAL: &str = "external";
@@ -129,7 +129,7 @@ impl Run<'_> {
     /// [`WorldError::NoActions`], [`WorldError::Cancelled`], a failure of an environment, or whatever the recorder meets. The
     /// run is over then.
     pub fn advance(&mut self) -> Result<(), WorldError> {
-        if self.rollout.cancelled_by().is_some_and(|cancel| cancel.is_cancelled()) {
+        if self.rollout.cancelled_by().is_some_and(Cancel::is_cancelled) {
             return Err(WorldError::Cancelled);
         }
         if !std::mem::take(&mut self.has_actions) {

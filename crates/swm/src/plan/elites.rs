@@ -65,7 +65,7 @@ impl<'a> Window<'a> {
         let [low, high] = match space {
             Space::Box { .. } => [low, high].map(|bound| {
                 let values: Vec<f32> = bound.iter().map(|&value| value as f32).collect();
-                window.to_action(&values)
+                window.action_of(&values)
             }),
             _ => [low, high],
         };
@@ -74,7 +74,7 @@ impl<'a> Window<'a> {
     }
 
     /// One action `[A]` of a plan, in the environment's units.
-    fn to_action(&mut self, values: &[f32]) -> Vec<f64> {
+    fn action_of(&mut self, values: &[f32]) -> Vec<f64> {
         self.actions.write(values, &mut self.action.as_slice_mut());
         let action = self.action.as_slice();
         (0..action.len()).map(|index| action.as_f64(index).unwrap_or(f64::NAN)).collect()
@@ -82,7 +82,7 @@ impl<'a> Window<'a> {
 
     /// Dimension `dim` of every action of a plan.
     fn over_time(&mut self, plan: &[f32], dim: usize) -> Vec<f64> {
-        plan.chunks_exact(self.actions.dim()).map(|values| self.to_action(values)[dim]).collect()
+        plan.chunks_exact(self.actions.dim()).map(|values| self.action_of(values)[dim]).collect()
     }
 
     fn plot(&mut self, svg: &mut Svg, iteration: &TracedIteration, dim: usize, at: [f64; 2]) {

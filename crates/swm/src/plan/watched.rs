@@ -56,6 +56,9 @@ fn lock(session: &Mutex<Session>) -> MutexGuard<'_, Session> {
     session.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// A session that the policy goes on writing while its owner reads.
+pub type SharedSession = Arc<Mutex<Session>>;
+
 /// The planner of a policy that plans: on the true dynamics, or on a model of any crate.
 pub fn planner_of(policy: &mut dyn Policy) -> Option<&mut MpcPolicy> {
     policy.as_any()?.downcast_mut()
@@ -63,12 +66,15 @@ pub fn planner_of(policy: &mut dyn Policy) -> Option<&mut MpcPolicy> {
 
 impl Watched {
     /// Watches the planner of `policy`; of every iteration up to `elites` elites are kept. `trace` sees everything too.
-    /// A policy that does not plan comes back.
+    ///
+    /// # Errors
+    ///
+    /// The policy, unchanged, if it does not plan.
     pub fn new(
         mut policy: Box<dyn Policy>,
         elites: usize,
         trace: impl Trace + 'static,
-    ) -> Result<(Self, Arc<Mutex<Session>>), Box<dyn Policy>> {
+    ) -> Result<(Self, SharedSession), Box<dyn Policy>> {
         let Some(planner) = planner_of(policy.as_mut()) else { return Err(policy) };
         let session = Session { memory: Memory::new(elites), starts: Vec::new() };
         let session = Arc::new(Mutex::new(session));
