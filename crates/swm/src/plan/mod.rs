@@ -16,4 +16,4 @@ pub(crate) use figures::{Figures, PlanFigure, render_figures};
 pub use figures::{Report, stops_at_success};
 pub use page::write_report;
 pub use summary::{EpisodeSummary, PlanFigures, PlanSummary};
-pub use watched::{PlanStart, Session, Watched, planner_of};
+pub use watched::{PlanStart, Session, SharedSession, Watched, planner_of};
