@@ -19,7 +19,7 @@ fn unknown_names_are_told_with_the_nearest() {
     let collect = ["collect", PUSHT, "--episodes", "1", "--out", &out];
     let with = |extra: &[&'static str]| [&collect[..], extra].concat();
     says(2, &with(&["--vary", "blok.color"]), &["`blok.color`", "did you mean `block.color`?"]);
-    says(2, &with(&["--set", "agent.color=1,2,3"]), &["`agent.color`", "`agent.color`"]);
+    says(2, &with(&["--set", "agent.colour=1,2,3"]), &["`agent.colour`", "`agent.color`"]);
     says(2, &with(&["--policy", "wek"]), &["`wek`", "did you mean `weak`?"]);
     says(2, &with(&["--env-option", "rendr=fast"]), &["rendr", "render"]);
     says(2, &with(&["--format", "hdf"]), &["`hdf`", "hdf5"]);

@@ -342,7 +342,7 @@ fn wrong_requests_are_refused() {
     std::fs::write(&out, &changed).unwrap();
     says(
         &["eval", "--manifest", &out, "--policy", "random"],
-        &["was changed after", "take the line `hash = …`"],
+        &["was changed after", "remove the line `hash = …`"],
     );
     let (_, unsealed) = changed.split_once('\n').unwrap();
     std::fs::write(&out, unsealed).unwrap();
@@ -383,7 +383,7 @@ fn factors_are_swept_alone_in_groups_and_together() {
     let cells = extremes["cells"].as_array().unwrap();
     assert_eq!(cells[1]["value"], "lowest");
     let message =
-        swm_fails(2, &["sweep", "--manifest", &manifest, "--policy", "weak", "--factors", "agent.color"]);
+        swm_fails(2, &["sweep", "--manifest", &manifest, "--policy", "weak", "--factors", "agent.colour"]);
     assert!(message.contains("did you mean `agent.color`?"), "{message}");
 }
 

@@ -124,7 +124,7 @@ fn colors_can_be_changed_and_physics_cannot() {
     let mut moved = rendered(&small, &with("agent.start_position", Value::vector(&[100.0, 100.0])));
     let error = moved.read_column(column, 0, all, SliceMut::U8(&mut out)).unwrap_err().to_string();
     assert!(error.contains("agent.start_position") && error.contains("change what happens"), "{error}");
-    let unknown = with("background.color", Value::scalar(1.0));
+    let unknown = with("background.colour", Value::scalar(1.0));
     let error = Rendered::new(small.share(), &swm::registry(), &unknown).err().unwrap().to_string();
     assert!(error.contains("did you mean `background.color`"), "{error}");
 }

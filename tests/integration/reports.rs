@@ -47,10 +47,7 @@ fn a_report_is_one_page_that_a_browser_shows() {
     assert!(charts >= 6, "{charts} charts");
     assert!(html.matches("As a table").count() >= 5, "every chart of results is also a table");
     // Results are named by their folders, then by the settings in which they differ.
-    assert!(
-        html.contains("<span class=\"name\">a</span> <small>cem: samples=20, "),
-        "no label of the planner"
-    );
+    assert!(html.contains("<span class=\"name\">a</span> <small>cem</small>"), "no label of the planner");
     assert!(
         html.contains("<span class=\"name\">b</span> <small>weak</small>"),
         "no label of the other policy"

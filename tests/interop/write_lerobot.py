@@ -16,16 +16,16 @@ FPS, HEIGHT, WIDTH, CAMERA = 10, 64, 96, "observation.images.top"
 root = Path(sys.argv[1])
 rng = np.random.default_rng(0)
 lengths = [7, 12]
-steps = sum(lengths)
+total = sum(lengths)
 steps = np.concatenate([np.arange(n) for n in lengths])
 columns = {
-    "observation.state": rng.normal(size=(steps, 3)).astype(np.float32),
-    "action": rng.normal(size=(steps, 2)).astype(np.float32),
+    "observation.state": rng.normal(size=(total, 3)).astype(np.float32),
+    "action": rng.normal(size=(total, 2)).astype(np.float32),
     "timestamp": (steps / FPS).astype(np.float32),
     "frame_index": steps.astype(np.int64),
     "episode_index": np.repeat(np.arange(len(lengths)), lengths).astype(np.int64),
-    "index": np.arange(steps, dtype=np.int64),
-    "task_index": np.zeros(steps, np.int64),
+    "index": np.arange(total, dtype=np.int64),
+    "task_index": np.zeros(total, np.int64),
 }
 
 
@@ -58,13 +58,13 @@ video = f"videos/{CAMERA}/chunk-000/file-000.mp4"
 with av.open(str(root / video), "w") as video:
     stream = video.add_stream("libsvtav1", rate=FPS, options={"g": "2", "crf": "30"})
     stream.height, stream.width, stream.pix_fmt = HEIGHT, WIDTH, "yuv420p"
-    for step in range(steps):
+    for step in range(total):
         video.mux(stream.encode(av.VideoFrame.from_ndarray(frame(step), format="rgb24")))
     video.mux(stream.encode())
 with av.open(str(root / video)) as video:
     assert video.streams.video[0].codec_context.name in ("libdav1d", "av1", "libaom-av1")
     means = [rgb(shown).mean() for shown in video.decode(video=0)]
-assert len(means) == steps
+assert len(means) == total
 
 table("data/chunk-000/file-000.parquet", {name: list(values) for name, values in columns.items()})
 table("meta/tasks.parquet", {"task_index": [0], "task": ["push"]})
@@ -95,7 +95,7 @@ info = {
     "codebase_version": "v3.0",
     "robot_type": "test",
     "total_episodes": len(lengths),
-    "total_frames": steps,
+    "total_frames": total,
     "total_tasks": 1,
     "chunks_size": 1000,
     "fps": FPS,
@@ -106,4 +106,4 @@ info = {
 }
 (root / "meta/info.json").write_text(json.dumps(info))
 hashes = {"proprio": fingerprint(columns["observation.state"]), "action": fingerprint(columns["action"])}
-print(json.dumps({"episodes": len(lengths), "steps": steps, "hashes": hashes, "frame_means": means}))
+print(json.dumps({"episodes": len(lengths), "steps": total, "hashes": hashes, "frame_means": means}))

@@ -33,7 +33,7 @@ def varint(value):
     return out + bytes([value])
 
 
-def image(array):
+def compressed(array):
     file = io.BytesIO()
     Image.fromarray(array).save(file, "png")
     data = file.getvalue()
@@ -60,7 +60,7 @@ with open(sys.argv[1], "wb") as file:
     for episode, length in enumerate(lengths):
         for _ in range(length):
             time = row * ROW_NS
-            writer.add_message(image, time, image(columns["pixels"][row]), time)
+            writer.add_message(image, time, compressed(columns["pixels"][row]), time)
             values = {name: data[row].tolist() for name, data in columns.items() if name != "pixels"}
             values = {n: [plain(x) for x in v] if isinstance(v, list) else plain(v) for n, v in values.items()}
             writer.add_message(step, time, json.dumps(values).encode(), time)

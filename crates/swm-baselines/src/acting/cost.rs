@@ -81,7 +81,7 @@ impl ModelCost {
         let per_row = samples * size;
         for copy in self.copies.iter_mut().filter(|copy| !copy.rows.is_empty()) {
             // All environments in one group is the rule: nothing is copied then.
-            if copy.rows.len() == candidates.rows {
+            if copy.rows.len() == candidates.episodes {
                 match gradient.as_deref_mut() {
                     Some(gradient) => copy.model.evaluate_with_gradient(candidates, costs, gradient)?,
                     None => copy.model.evaluate(candidates, costs)?,

@@ -106,7 +106,7 @@ impl Fixture {
 
     /// Compares costs of candidates, and their gradients; costs alone are the same.
     fn check_costs(&self, planner: &mut dyn PlanModel, candidates: &Candidates<'_>, name: &str) {
-        let mut costs = vec![0.0; candidates.rows * candidates.samples];
+        let mut costs = vec![0.0; candidates.episodes * candidates.samples];
         let mut gradient = vec![0.0; candidates.actions.len()];
         planner.evaluate_with_gradient(candidates, &mut costs, &mut gradient).expect("candidates fit");
         let theirs = self.values(name).iter().map(|cost| f64::from(*cost));

@@ -293,7 +293,7 @@ mod tests {
     #[test]
     fn what_cannot_be_made_is_refused() {
         let message = |violation: &Violation| pairs(violation).unwrap_err().to_string();
-        assert!(message(&Violation::Factor { name: "point.color".to_owned() }).contains("no factor"));
+        assert!(message(&Violation::Factor { name: "point.colour".to_owned() }).contains("no factor"));
         let set = |column: &str, element| Violation::Set {
             column: column.to_owned(),
             elements: vec![element],

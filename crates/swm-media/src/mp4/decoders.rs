@@ -109,7 +109,7 @@ fn drain(decoder: &mut dav1d::Decoder, take: Take<'_>) -> Result<usize, String> 
     const BT709: u32 = 1;
     let mut shown = 0;
     loop {
-        let image = match decoder.get_image() {
+        let image = match decoder.get_picture() {
             Ok(image) => image,
             Err(dav1d::Error::Again) => return Ok(shown),
             Err(error) => return Err(error.to_string()),

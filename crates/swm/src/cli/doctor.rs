@@ -221,7 +221,8 @@ mod tests {
     fn what_is_missing_comes_with_what_fixes_it() {
         let checks =
             [Check::works("videos", "GIF"), Check::missing("MuJoCo", "no such file", "cargo xtask setup")];
-        let expected = "ok        videos   GIF\nMISSING   MuJoCo  no such file\n                  -> cargo xtask setup\n";
+        let expected =
+            "ok        videos  GIF\nMISSING   MuJoCo  no such file\n                  -> cargo xtask setup\n";
         assert_eq!(text(&checks), expected);
     }
 }
