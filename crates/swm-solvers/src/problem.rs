@@ -166,7 +166,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// An empty plan, to be filled by [`Solver::solve`].
+    /// An empty plan, to be filled by [`Solver::solve`](crate::Solver::solve).
     pub fn new() -> Self {
         Self::default()
     }

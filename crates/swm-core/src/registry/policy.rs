@@ -23,10 +23,10 @@ pub type OracleOf = fn(&PolicyContext<'_>, &PolicyArgs) -> Option<PolicyArgs>;
 /// A policy that plans on a model says more of it, so that every command treats it like those of this project:
 ///
 /// ```
-/// # use swm_core::policy;
+/// # use swm_core::policies;
 /// use swm_core::{ImageSize, PolicyArgs, PolicyEntry};
 ///
-/// const MODEL: PolicyEntry = PolicyEntry::new("my-model", "plans on my model", |_, _| Ok(Box::new(policy::random())))
+/// const MODEL: PolicyEntry = PolicyEntry::new("my-model", "plans on my model", |_, _| Ok(Box::new(policies::random())))
 ///     .image(|_| ImageSize::new(64, 64).ok())
 ///     .files(|args| Ok(args.positional.iter().filter_map(|file| file.as_str()).map(Into::into).collect()))
 ///     .oracle(|_, _| PolicyArgs::parse("cem:horizon=10").ok());

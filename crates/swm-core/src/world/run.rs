@@ -21,7 +21,8 @@ const EXTERNAL: &str = "external";
 ///
 /// let mut world = World::new(&TOY, WorldOptions::new(4).max_episode_steps(20))?;
 /// let rollout = Rollout::new(0..10).seed(42);
-/// let mut run = world.begin(&rollout, &mut ())?;
+/// let mut recorder = ();
+/// let mut run = world.begin(&rollout, &mut recorder)?;
 /// while let Some(view) = run.needs_actions() {
 ///     let states = view.infos().get::<f64>("state")?;
 ///     let actions: Vec<f32> = states.iter().map(|&state| -state.clamp(-1.0, 1.0) as f32).collect();
