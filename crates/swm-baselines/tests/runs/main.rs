@@ -12,12 +12,12 @@ use swm_baselines::train::{FitSettings, MetricSink, NewRun, Record, RunFolder, S
 use swm_baselines::{BaselineError, Device};
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
 use swm_core::evaluate::random_episodes;
+use swm_core::policies;
 use swm_core::{
     Batch, Dtype, EnvConfig, EnvEntry, Field, ImageSize, LiveStep, Policy, PolicyArgs, PolicyContext,
     Recorder, Registry, Rollout, Schema, World, WorldOptions,
 };
 use swm_core::{BoxError, EpisodeEnd};
-use swm_core::{policies, policy};
 use swm_data::ReplayBuffer;
 use swm_data::format::built_in;
 use swm_data::{Dataset, WriteMode};
@@ -77,11 +77,11 @@ fn trained(folder: &Path, baseline: &str, name: &str) -> State {
     training.run(Vec::new()).expect("sound in this test")
 }
 
-fn made(text: &str) -> Result<Box<dyn policy::Policy>, String> {
+fn made(text: &str) -> Result<Box<dyn Policy>, String> {
     made_for(&DOT, text)
 }
 
-fn made_for(env: &EnvEntry, text: &str) -> Result<Box<dyn policy::Policy>, String> {
+fn made_for(env: &EnvEntry, text: &str) -> Result<Box<dyn Policy>, String> {
     let (registry, config) = (Registry::new().with(POLICIES), EnvConfig::default());
     registry.policy(text, PolicyContext::new(env, &config)).map_err(|error| error.to_string())
 }
