@@ -55,15 +55,15 @@ def table(path, content):
 
 video = f"videos/{CAMERA}/chunk-000/file-000.mp4"
 (root / video).parent.mkdir(parents=True)
-with av.open(str(root / video), "w") as video:
-    stream = video.add_stream("libsvtav1", rate=FPS, options={"g": "2", "crf": "30"})
+with av.open(str(root / video), "w") as output:
+    stream = output.add_stream("libsvtav1", rate=FPS, options={"g": "2", "crf": "30"})
     stream.height, stream.width, stream.pix_fmt = HEIGHT, WIDTH, "yuv420p"
     for step in range(total):
-        video.mux(stream.encode(av.VideoFrame.from_ndarray(frame(step), format="rgb24")))
-    video.mux(stream.encode())
-with av.open(str(root / video)) as video:
-    assert video.streams.video[0].codec_context.name in ("libdav1d", "av1", "libaom-av1")
-    means = [rgb(shown).mean() for shown in video.decode(video=0)]
+        output.mux(stream.encode(av.VideoFrame.from_ndarray(frame(step), format="rgb24")))
+    output.mux(stream.encode())
+with av.open(str(root / video)) as written:
+    assert written.streams.video[0].codec_context.name in ("libdav1d", "av1", "libaom-av1")
+    means = [rgb(shown).mean() for shown in written.decode(video=0)]
 assert len(means) == total
 
 table("data/chunk-000/file-000.parquet", {name: list(values) for name, values in columns.items()})
