@@ -58,12 +58,7 @@ const STEPS: &[Step] = &[
         about: "the book builds, and its links lead somewhere",
         run: || book::run(&book::Args::default()),
     },
-    // Under `cargo test` criterion runs each benchmark once, in the profile that the tests have built already.
-    Step {
-        name: "benches",
-        about: "each benchmark runs, once",
-        run: || cargo("test --package swm-benches --benches"),
-    },
+    Step { name: "benches", about: "each benchmark runs, once", run: test::benches },
     Step { name: "demo", about: "the main job, in a short form", run: short_demo },
     Step {
         name: "plugin",

@@ -102,7 +102,7 @@ mod tests {
     use crate::params::host;
 
     #[test]
-    fn noise_depends_on_seed_step_and_draw_alone() {
+    fn noise_depends_on_seed_step_and_sample_alone() {
         let device = Device::flex();
         let sample = |seed, step, skip: usize| {
             let mut pass = Pass::train(seed, step);

@@ -18,7 +18,7 @@ pub trait Env: Send + Sync {
     /// What it is and what it writes. Constant over its life.
     fn spec(&self) -> &EnvSpec;
 
-    /// Starts an episode: draws factors, start and goal. The returned outcome has no reward (NaN) and says
+    /// Starts an episode: samples factors, start and goal. The returned outcome has no reward (NaN) and says
     /// whether the goal is already reached.
     ///
     /// # Errors
@@ -28,7 +28,7 @@ pub trait Env: Send + Sync {
     /// environment may be reset again.
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError>;
 
-    /// Advances by one control step. `action` has the type and width of the spec's action space and is finite.
+    /// Advances by one control step. `action` has the type and dimension of the spec's action space and is finite.
     ///
     /// # Errors
     ///
@@ -38,7 +38,7 @@ pub trait Env: Send + Sync {
     /// Writes the episode fields (factors, goal) into one row. Called once after a reset.
     fn write_episode(&mut self, out: &mut RowsMut<'_>);
 
-    /// Writes the step fields (state, pixels) of the present moment into one row.
+    /// Writes the step fields (state, pixels) of the current state into one row.
     fn observe(&mut self, out: &mut RowsMut<'_>);
 
     /// Saves everything that the future depends on: after `restore`, the same actions give the same bits, in
@@ -49,7 +49,7 @@ pub trait Env: Send + Sync {
     /// [`EnvError::State`]: the state cannot be written down, which is a fault of the environment.
     fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError>;
 
-    /// Returns to a saved moment, its factors and goal included.
+    /// Returns to a saved state, its factors and goal included.
     ///
     /// # Errors
     ///
@@ -69,13 +69,13 @@ pub trait Env: Send + Sync {
         None
     }
 
-    /// What draws its images, in words and with its version, for the record: `swm-render 0.1.0 (software)`. `None` if
-    /// it draws none, or always in the same way.
+    /// What renders its images, in words and with its version, for the record: `swm-render 0.1.0 (software)`. `None` if
+    /// it renders none, or always in the same way.
     fn renderer(&self) -> Option<String> {
         None
     }
 
-    /// Where the things that move are in the image, so that their paths can be drawn over it. Always the same
+    /// Where the things that move are in the image, so that their paths can be shown over it. Always the same
     /// things in the same order; none if the environment does not say.
     fn places(&self) -> Vec<Place> {
         Vec::new()
@@ -147,7 +147,7 @@ pub struct EnvSpec {
     pub factors: Vec<FactorSpec>,
     /// Simulated seconds per control step.
     pub time_step_s: f64,
-    /// Step columns from which [`ResetOptions::start`] restores a moment. A dataset may lack some; the reset then
+    /// Step columns from which [`ResetOptions::start`] restores a state. A dataset may lack some; the reset then
     /// says what it cannot do without.
     pub start_columns: &'static [&'static str],
     /// Step columns from which [`ResetOptions::goal`] sets a goal, likewise.
@@ -215,8 +215,8 @@ pub struct FactorSpec {
     pub space: Space,
     /// The default, as JSON.
     pub default: serde_json::Value,
-    /// Whether it is drawn when a reset names no factors.
-    pub drawn_by_default: bool,
+    /// Whether it is sampled when a reset names no factors.
+    pub sampled_by_default: bool,
     /// Its constraint in words, if it has one.
     pub constraint: Option<String>,
     /// Values of other factors without which it changes nothing: a disc has no angle.
@@ -231,7 +231,7 @@ impl FactorSpec {
             doc: String::new(),
             space,
             default: default.into(),
-            drawn_by_default: false,
+            sampled_by_default: false,
             constraint: None,
             shows_with: Vec::new(),
         }
@@ -246,13 +246,13 @@ impl FactorSpec {
 
     /// Whether it is sampled when a reset names no factors.
     #[must_use]
-    pub fn drawn_by_default(mut self, drawn: bool) -> Self {
-        self.drawn_by_default = drawn;
+    pub fn sampled_by_default(mut self, sampled: bool) -> Self {
+        self.sampled_by_default = sampled;
         self
     }
 }
 
-/// The pixels that an environment draws: height and width.
+/// The pixels that an environment renders: height and width.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ImageSize {
     /// Rows.
@@ -293,7 +293,7 @@ impl ImageSize {
 /// How to make an environment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EnvConfig {
-    /// Image size; `None`: no images are drawn.
+    /// Image size; `None`: no images are rendered.
     pub image: Option<ImageSize>,
     /// Settings of this kind of environment, by name; see [`crate::registry::EnvEntry::settings`].
     pub settings: serde_json::Map<String, serde_json::Value>,
@@ -314,11 +314,11 @@ impl EnvConfig {
 /// What a reset is asked for: the scenario of an episode.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ResetOptions {
-    /// Factors to draw: names, groups, or `all`. `None`: the environment's default list.
+    /// Factors to sample: names, groups, or `all`. `None`: the environment's default list.
     pub variation: Option<Vec<String>>,
-    /// Factors to set, by name. They override drawn values.
+    /// Factors to set, by name. They override sampled values.
     pub variation_values: BTreeMap<String, Value>,
-    /// The moment to start from: columns of a recorded row (see [`EnvSpec::start_columns`]).
+    /// The state to start from: columns of a recorded step (see [`EnvSpec::start_columns`]).
     pub start: Option<BTreeMap<String, Value>>,
     /// The goal: columns of a recorded row (see [`EnvSpec::goal_columns`]).
     pub goal: Option<BTreeMap<String, Value>>,
@@ -327,7 +327,7 @@ pub struct ResetOptions {
 }
 
 impl ResetOptions {
-    /// Draws these factors (names, groups, or `all`) and no others.
+    /// Samples these factors (names, groups, or `all`) and no others.
     #[must_use]
     pub fn vary(mut self, names: &[&str]) -> Self {
         self.variation.get_or_insert_default().extend(names.iter().map(|&name| name.to_owned()));
@@ -356,7 +356,7 @@ pub struct Episode<'a> {
     pub options: &'a ResetOptions,
 }
 
-/// A saved moment of an environment: plain bytes, so that it can be kept, compared, sent and stored.
+/// A saved state of an environment: plain bytes, so that it can be kept, compared, sent and stored.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct EnvState {
     bytes: Vec<u8>,

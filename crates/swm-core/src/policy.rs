@@ -15,7 +15,7 @@ pub trait Policy: Send {
     /// A short name with its settings, for reports: `cem:samples=300`.
     fn describe(&self) -> String;
 
-    /// Step fields of its own, beside the actions: what a planner has to say of its plans. Asked when it is attached
+    /// Step fields of its own, next to the actions, such as the figures of a planner. Asked when it is attached
     /// ([`crate::World::set_policy`]); they stand in the infos behind all others and are recorded with them.
     fn fields(&self) -> Vec<Field> {
         Vec::new()
@@ -150,16 +150,16 @@ impl Actions<'_> {
 
     /// The action of one row.
     pub fn row(&mut self, row: usize) -> SliceMut<'_> {
-        let width = self.space.dim();
-        let (_, rest) = self.column.as_slice_mut().split_at(row * width);
-        rest.split_at(width).0
+        let dim = self.space.dim();
+        let (_, rest) = self.column.as_slice_mut().split_at(row * dim);
+        rest.split_at(dim).0
     }
 
     /// Writes field `field` of [`Policy::fields`] for one row. What is not written at a step is missing in it: NaN, or
     /// -1 for integers.
     ///
     /// # Panics
-    /// If the policy has no such field, or one of another type or width: both are its own.
+    /// If the policy has no such field, or one of another type or dim: both are its own.
     pub fn report<T: Element>(&mut self, row: usize, field: usize, values: &[T]) {
         self.report.rows_mut().select(row).write(field, values);
     }
@@ -177,7 +177,7 @@ pub fn write_action(action: &mut SliceMut<'_>, values: &[f32]) {
 
 /// Chooses actions for one environment during one episode. Its state belongs to that episode.
 pub trait Actor: Send {
-    /// Writes the action for the present moment.
+    /// Writes the action for the current step.
     ///
     /// # Errors
     ///
@@ -235,7 +235,7 @@ fn act_all<F>(
 where
     F: Fn(&SlotView<'_>) -> Result<Box<dyn Actor>, PolicyError> + Send + Sync,
 {
-    let width = view.spec.action.dim();
+    let dim = view.spec.action.dim();
     if actors.len() <= part.max(1) {
         for (offset, slot) in actors.iter_mut().enumerate() {
             let Some(row) = view.row(first + offset) else { continue };
@@ -246,14 +246,14 @@ where
                 *slot = Some((row.episode.index, make(&row)?));
             }
             let (_, actor) = slot.as_mut().expect("filled above");
-            let (_, rest) = actions.reborrow().split_at(offset * width);
-            actor.act(&row, rest.split_at(width).0)?;
+            let (_, rest) = actions.reborrow().split_at(offset * dim);
+            actor.act(&row, rest.split_at(dim).0)?;
         }
         return Ok(());
     }
     let middle = actors.len() / 2;
     let (left, right) = actors.split_at_mut(middle);
-    let (left_actions, right_actions) = actions.split_at(middle * width);
+    let (left_actions, right_actions) = actions.split_at(middle * dim);
     let (a, b) = rayon::join(
         || act_all(left, left_actions, first, part, view, make),
         || act_all(right, right_actions, first + middle, part, view, make),

@@ -1,8 +1,8 @@
-//! Randomness: every draw comes from a ChaCha stream keyed by what it is for, never by when or where it happens.
+//! Randomness: every sample comes from a ChaCha stream keyed by what it is for, never by when or where it happens.
 //!
 //! A run has one seed. Episode `i` of the run has an [`EpisodeSeed`], a function of the two; it is recorded with
 //! the data, so that an episode can be repeated from it alone. Within an episode each purpose (a factor, a
-//! policy, a planner's sample) has a stream of its own, so that drawing more for one moves no other.
+//! policy, a planner's sample) has a stream of its own, so that sampling more for one moves no other.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};

@@ -47,8 +47,8 @@ pub enum Space {
 impl Space {
     /// A box with the same bounds for every element.
     pub fn uniform_box(dtype: Dtype, shape: &[usize], low: f64, high: f64) -> Self {
-        let width = shape.iter().product();
-        Space::Box { dtype, shape: shape.to_vec(), low: vec![low; width], high: vec![high; width] }
+        let dim = shape.iter().product();
+        Space::Box { dtype, shape: shape.to_vec(), low: vec![low; dim], high: vec![high; dim] }
     }
 
     /// The element type; a dictionary has none.
@@ -138,7 +138,7 @@ impl Space {
         }
     }
 
-    /// Draws one value, every element uniformly. A dictionary's elements are drawn in order and returned flat
+    /// Samples one value, every element uniformly. A dictionary's elements are sampled in order and returned flat
     /// as `f64`.
     pub fn sample(&self, rng: &mut impl Rng) -> Value {
         let mut data = Column::zeros(self.dtype().unwrap_or(Dtype::F64), self.dim());
@@ -147,7 +147,7 @@ impl Space {
         Value { shape, data }
     }
 
-    /// Draws one value into `out`, which has this space's type and width. Allocates nothing, but for a dictionary.
+    /// Samples one value into `out`, which has this space's type and dim. Allocates nothing, but for a dictionary.
     ///
     /// # Panics
     /// If `out` has another type.

@@ -139,12 +139,12 @@ impl Test {
         let wrong = |reason: String| WorldError::Option { option: "success", reason };
         let Condition { column, goal, elements, measure, turn, below } = condition;
         let columns = [schema.require(column)?, schema.require(goal)?];
-        let width = columns.map(|index| schema.dim(index));
+        let dim = columns.map(|index| schema.dim(index));
         let elements: Vec<usize> =
-            if elements.is_empty() { (0..width[0].min(width[1])).collect() } else { elements.clone() };
-        if let Some(element) = elements.iter().find(|&&element| element >= width[0].min(width[1])) {
+            if elements.is_empty() { (0..dim[0].min(dim[1])).collect() } else { elements.clone() };
+        if let Some(element) = elements.iter().find(|&&element| element >= dim[0].min(dim[1])) {
             let reason =
-                format!("element {element} of `{column}` ({}) and `{goal}` ({})", width[0], width[1]);
+                format!("element {element} of `{column}` ({}) and `{goal}` ({})", dim[0], dim[1]);
             return Err(wrong(format!("{reason}: there are not so many")));
         }
         if *measure == Measure::CubeRotation && elements.len() != 4 {

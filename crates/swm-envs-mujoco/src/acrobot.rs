@@ -84,7 +84,7 @@ fn controls(_stock: bool) -> Vec<Control> {
         factors::switch(
             "target.shape",
             1,
-            "1: the target is a ball, not drawn by default; 0: a cube. The reward counts the distance either way",
+            "1: the target is a ball, not rendered by default; 0: a cube. The reward counts the distance either way",
             Effect::Model(|model, values| {
                 if values[0] == 0.0 {
                     let site = factors::show_site(model, "target")?;

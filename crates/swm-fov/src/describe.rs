@@ -16,9 +16,9 @@ pub fn markdown(factors: &[FactorSpec]) -> String {
             Some(words) => format!("{}; must be {words}", factor.doc),
             None => factor.doc.clone(),
         };
-        let drawn = if factor.drawn_by_default { " (drawn by default)" } else { "" };
+        let sampled = if factor.sampled_by_default { " (sampled by default)" } else { "" };
         table +=
-            &format!("| `{name}` | {} | {} | {default} | {doc}{drawn} |\n", kind(factor), bounds(factor));
+            &format!("| `{name}` | {} | {} | {default} | {doc}{sampled} |\n", kind(factor), bounds(factor));
     }
     table
 }
@@ -37,7 +37,7 @@ impl fmt::Display for FovSpace {
             }
             let indent = if parent.is_empty() { "" } else { "  " };
             write!(f, "{indent}{leaf}: {} {}, default {}", kind(spec), bounds(spec), spec.default)?;
-            writeln!(f, "{}", if spec.drawn_by_default { " *" } else { "" })?;
+            writeln!(f, "{}", if spec.sampled_by_default { " *" } else { "" })?;
         }
         Ok(())
     }

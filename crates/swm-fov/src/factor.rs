@@ -6,7 +6,7 @@ use serde_json::Value as Json;
 use swm_core::env::{FactorSpec, VARIATION_PREFIX};
 use swm_core::{Dtype, Field, Space, Value};
 
-use crate::draw::{Fov, FovError};
+use crate::assignment::{Fov, FovError};
 
 /// One factor: a dotted name, a space, a default.
 #[derive(Clone, Debug)]
@@ -73,10 +73,10 @@ impl Factor {
         self
     }
 
-    /// It is drawn when a reset names no factors.
+    /// It is sampled when a reset names no factors.
     #[must_use]
-    pub fn drawn_by_default(mut self) -> Self {
-        self.spec.drawn_by_default = true;
+    pub fn sampled_by_default(mut self) -> Self {
+        self.spec.sampled_by_default = true;
         self
     }
 
@@ -88,10 +88,10 @@ impl Factor {
     }
 }
 
-/// A rule between factors. It belongs to one of them, its owner: when the rule fails, the owner is drawn again.
+/// A rule between factors. It belongs to one of them, its owner: when the rule fails, the owner is sampled again.
 #[derive(Clone, Debug)]
 pub struct Constraint {
-    /// The factor that is drawn again.
+    /// The factor that is sampled again.
     pub owner: &'static str,
     /// The other factors that the rule reads; they must stand before the owner in the table.
     pub reads: &'static [&'static str],
@@ -101,7 +101,7 @@ pub struct Constraint {
     pub holds: fn(&Fov) -> bool,
 }
 
-/// All factors of an environment, in the order in which they are drawn.
+/// All factors of an environment, in the order in which they are sampled.
 #[derive(Clone, Debug)]
 pub struct FovSpace {
     pub(crate) factors: Vec<Factor>,
@@ -132,7 +132,7 @@ impl FovSpace {
     /// Adds constraints.
     ///
     /// # Panics
-    /// If a constraint names a factor that does not exist, or reads one that is drawn after its owner.
+    /// If a constraint names a factor that does not exist, or reads one that is sampled after its owner.
     #[must_use]
     pub fn with_constraints(mut self, constraints: Vec<Constraint>) -> Self {
         for constraint in &constraints {
@@ -140,7 +140,7 @@ impl FovSpace {
             for read in constraint.reads {
                 assert!(
                     self.position(read) < owner,
-                    "`{}` reads `{read}`, which is drawn later",
+                    "`{}` reads `{read}`, which is sampled later",
                     constraint.owner
                 );
             }

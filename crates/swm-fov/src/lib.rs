@@ -1,6 +1,6 @@
 //! Factors of variation: what may differ between episodes, declared once per environment as data.
 //!
-//! A [`FovSpace`] is an immutable table of [`Factor`]s and [`Constraint`]s. Each reset draws an assignment, a
+//! A [`FovSpace`] is an immutable table of [`Factor`]s and [`Constraint`]s. Each reset samples an assignment, a
 //! [`Fov`]: the scenario of that episode. Every factor has a random stream of its own, so that varying one more
 //! factor does not move the others.
 //!
@@ -13,16 +13,16 @@
 //!     Factor::scalar("block.scale", 20.0, 60.0, 30.0).doc("length of one cell, px"),
 //! ]);
 //! let options = ResetOptions::default().vary(&["block.scale"]);
-//! let fov = space.draw("swm/Example-v0", &Episode { seed: EpisodeSeed::new(7), options: &options })?;
+//! let fov = space.sample("swm/Example-v0", &Episode { seed: EpisodeSeed::new(7), options: &options })?;
 //! assert_eq!(fov.rgb("block.color"), [119, 136, 153]);
 //! assert!((20.0..=60.0).contains(&fov.f64("block.scale")));
 //! # Ok::<(), swm_core::EnvError>(())
 //! ```
 
 mod describe;
-mod draw;
+mod assignment;
 mod factor;
 
 pub use describe::markdown;
-pub use draw::{Fov, FovError, SavedFov};
+pub use assignment::{Fov, FovError, SavedFov};
 pub use factor::{Constraint, Factor, FovSpace};

@@ -1,4 +1,4 @@
-//! Drawing factors: selection, values, constraints, independence, saving.
+//! Sampling factors: selection, values, constraints, independence, saving.
 
 use proptest::prelude::*;
 use swm_core::env::Episode;
@@ -8,7 +8,7 @@ use swm_fov::{Constraint, Factor, Fov, FovSpace};
 fn space() -> FovSpace {
     FovSpace::new(vec![
         Factor::rgb("wall.color", [1, 2, 3]).doc("color"),
-        Factor::vector("agent.position", 0.0, 10.0, &[2.0, 2.0]).drawn_by_default(),
+        Factor::vector("agent.position", 0.0, 10.0, &[2.0, 2.0]).sampled_by_default(),
         Factor::scalar_f32("agent.radius", 1.0, 2.0, 1.0),
         Factor::vector("goal.position", 0.0, 10.0, &[8.0, 8.0]),
         Factor::integer("door.number", 1, 3, 1),
@@ -24,37 +24,37 @@ fn space() -> FovSpace {
     }])
 }
 
-fn draw(seed: u64, options: &ResetOptions) -> Result<Fov, String> {
-    space().draw("swm/Test-v0", &Episode { seed: EpisodeSeed::new(seed), options }).map_err(|e| e.to_string())
+fn sample(seed: u64, options: &ResetOptions) -> Result<Fov, String> {
+    space().sample("swm/Test-v0", &Episode { seed: EpisodeSeed::new(seed), options }).map_err(|e| e.to_string())
 }
 
 #[test]
 fn groups_and_all_select_what_lies_below() {
-    let fov = draw(3, &ResetOptions::default().vary(&["goal", "wall.color"])).unwrap();
+    let fov = sample(3, &ResetOptions::default().vary(&["goal", "wall.color"])).unwrap();
     assert!(fov.touched("goal.position") && fov.touched("wall.color"));
     assert!(!fov.touched("agent.position") && !fov.touched("door.number"));
-    let all = draw(3, &ResetOptions::default().vary(&["all"])).unwrap();
+    let all = sample(3, &ResetOptions::default().vary(&["all"])).unwrap();
     assert!(all.iter().all(|(name, _)| all.touched(name)));
 }
 
 #[test]
-fn without_a_list_the_default_list_is_drawn() {
-    let failures = (0..40).filter(|&seed| draw(seed, &ResetOptions::default()).is_err()).count();
+fn without_a_list_the_default_list_is_sampled() {
+    let failures = (0..40).filter(|&seed| sample(seed, &ResetOptions::default()).is_err()).count();
     assert!((5..35).contains(&failures), "the default goal is on one side: {failures} of 40 must fail");
 }
 
 #[test]
 fn messages_name_the_factor_and_the_fix() {
-    let message = draw(0, &ResetOptions::default().vary(&["agent.positon"])).unwrap_err();
+    let message = sample(0, &ResetOptions::default().vary(&["agent.positon"])).unwrap_err();
     assert!(message.contains("did you mean `agent.position`?"), "{message}");
     let message =
-        draw(0, &ResetOptions::default().vary(&[]).fix("door.number", Value::scalar(9i64))).unwrap_err();
+        sample(0, &ResetOptions::default().vary(&[]).fix("door.number", Value::scalar(9i64))).unwrap_err();
     assert!(message.contains("`door.number` must be between 1 and 3, found 9"), "{message}");
     let message =
-        draw(0, &ResetOptions::default().vary(&[]).fix("wall.color", Value::scalar(9i64))).unwrap_err();
+        sample(0, &ResetOptions::default().vary(&[]).fix("wall.color", Value::scalar(9i64))).unwrap_err();
     assert!(message.contains("`wall.color` must be uint8 [3], found 1 value(s)"), "{message}");
     let both_left = ResetOptions::default().vary(&[]).fix("goal.position", Value::vector(&[1.0, 1.0]));
-    let message = draw(0, &both_left).unwrap_err();
+    let message = sample(0, &both_left).unwrap_err();
     assert!(
         message.contains("other side of x = 5") && message.contains("agent.position = [2.0,2.0]"),
         "{message}"
@@ -64,10 +64,10 @@ fn messages_name_the_factor_and_the_fix() {
 #[test]
 fn a_default_that_no_longer_fits_is_named_as_such() {
     let message =
-        (0..40).find_map(|seed| draw(seed, &ResetOptions::default().vary(&["agent.position"])).err());
-    let message = message.expect("half of the draws lie on the default goal's side");
+        (0..40).find_map(|seed| sample(seed, &ResetOptions::default().vary(&["agent.position"])).err());
+    let message = message.expect("half of the samples lie on the default goal's side");
     assert!(message.contains("`goal.position` must be on the other side"), "{message}");
-    assert!(message.contains("its default does not meet: draw or set it too"), "{message}");
+    assert!(message.contains("its default does not meet: sample or set it too"), "{message}");
 }
 
 #[test]
@@ -82,9 +82,9 @@ fn descriptions_list_every_factor() {
 
 proptest! {
     #[test]
-    fn drawing_one_more_factor_moves_no_other(seed in 0u64..1 << 40) {
-        let few = draw(seed, &ResetOptions::default().vary(&["wall.color", "agent.radius"])).unwrap();
-        let more = draw(seed, &ResetOptions::default().vary(&["all"])).unwrap();
+    fn sampling_one_more_factor_moves_no_other(seed in 0u64..1 << 40) {
+        let few = sample(seed, &ResetOptions::default().vary(&["wall.color", "agent.radius"])).unwrap();
+        let more = sample(seed, &ResetOptions::default().vary(&["all"])).unwrap();
         prop_assert_eq!(few.rgb("wall.color"), more.rgb("wall.color"));
         prop_assert_eq!(few.f32("agent.radius"), more.f32("agent.radius"));
         prop_assert_eq!(few.i64("door.number"), 1);
@@ -92,7 +92,7 @@ proptest! {
 
     #[test]
     fn a_saved_assignment_comes_back(seed in 0u64..1 << 40) {
-        let fov = draw(seed, &ResetOptions::default().vary(&["all"])).unwrap();
+        let fov = sample(seed, &ResetOptions::default().vary(&["all"])).unwrap();
         let saved = serde_json::from_str(&serde_json::to_string(&fov.save()).unwrap()).unwrap();
         prop_assert_eq!(space().recall(&saved).unwrap(), fov);
     }

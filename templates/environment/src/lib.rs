@@ -25,8 +25,8 @@ const REACH: f64 = 0.05;
 fn factors() -> FovSpace {
     FovSpace::new(vec![
         Factor::scalar("point.speed", 0.05, 0.2, 0.1).doc("distance per step at full action"),
-        Factor::scalar("point.start", -1.0, 1.0, -0.5).doc("where it starts").drawn_by_default(),
-        Factor::scalar("goal.position", -1.0, 1.0, 0.5).doc("where it shall be").drawn_by_default(),
+        Factor::scalar("point.start", -1.0, 1.0, -0.5).doc("where it starts").sampled_by_default(),
+        Factor::scalar("goal.position", -1.0, 1.0, 0.5).doc("where it shall be").sampled_by_default(),
         Factor::rgb("point.color", [200, 30, 30]).doc("color of the point, in images"),
     ])
 }
@@ -80,7 +80,7 @@ impl Env for Point {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        self.fov = self.space.draw(&self.spec.id, episode)?;
+        self.fov = self.space.sample(&self.spec.id, episode)?;
         // A start or a goal may be given by a recorded row, else its factor says it.
         let recorded = |row: &Option<std::collections::BTreeMap<_, swm_core::Value>>, factor: &str| match row
         {

@@ -90,7 +90,7 @@ impl Env for Rink {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        self.fov = self.space.draw(&self.spec.id, episode)?;
+        self.fov = self.space.sample(&self.spec.id, episode)?;
         self.puck = match &episode.options.start {
             Some(row) => self.recorded(row)?,
             None => Puck { position: self.fov.vector("puck.start_position"), velocity: [0.0; 2] },

@@ -7,7 +7,7 @@ pub(crate) const REACH: f64 = 0.05;
 
 /// The factor table. Places are in rinks: 0 to 1, x to the right and y down.
 pub fn factors() -> FovSpace {
-    let place = |name: &str, default: [f64; 2]| Factor::vector(name, 0.1, 0.9, &default).drawn_by_default();
+    let place = |name: &str, default: [f64; 2]| Factor::vector(name, 0.1, 0.9, &default).sampled_by_default();
     FovSpace::new(vec![
         Factor::rgb("ice.color", [214, 234, 248]).doc("color of the ice"),
         Factor::scalar("ice.friction", 0.0, 2.0, 0.5)

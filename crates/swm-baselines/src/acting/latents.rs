@@ -100,7 +100,7 @@ impl LatentModel {
 }
 
 impl WorldModel for LatentModel {
-    fn latent_width(&self) -> usize {
+    fn latent_dim(&self) -> usize {
         self.network.latent_dim()
     }
 

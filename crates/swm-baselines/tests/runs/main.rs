@@ -243,7 +243,7 @@ fn a_trained_model_is_measured_without_control() {
     let lewm = MODELS.iter().find(|entry| entry.name == "lewm").unwrap();
     assert_eq!(lewm.image_size(&args(format!("lewm:{run}"))), Some(IMAGE));
     let mut model = LatentModel::new(&args(format!("lewm:{run}")), DOT.id).unwrap();
-    assert_eq!((model.latent_width(), model.stride()), (8, 2));
+    assert_eq!((model.latent_dim(), model.stride()), (8, 2));
 
     let config = EnvConfig { image: Some(IMAGE), ..EnvConfig::default() };
     let mut env = DOT.make(&config).unwrap();

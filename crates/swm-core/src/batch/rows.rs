@@ -21,8 +21,8 @@ impl<'a> Row<'a> {
 
     /// The values of field `index`.
     pub fn at(&self, index: usize) -> Slice<'a> {
-        let width = self.schema().dim(index);
-        self.table.column(index).range(self.row * width, width)
+        let dim = self.schema().dim(index);
+        self.table.column(index).range(self.row * dim, dim)
     }
 
     /// The values of the field `name` as `T`, row-major.
@@ -119,9 +119,9 @@ impl<'a> RowsMut<'a> {
     /// If the field has another type: environments name their own fields by constants, so this is a programming
     /// error (which the conformance suite finds).
     pub fn at<T: Element>(&mut self, index: usize) -> &mut [T] {
-        let (width, row) = (self.schema.dim(index), self.selected);
+        let (dim, row) = (self.schema.dim(index), self.selected);
         match T::of_mut(self.columns[index].reborrow()) {
-            Some(values) => &mut values[row * width..(row + 1) * width],
+            Some(values) => &mut values[row * dim..(row + 1) * dim],
             None => {
                 let field = &self.schema.fields()[index];
                 panic!("field `{}` holds {}, not {}", field.name, field.dtype, T::DTYPE)
@@ -139,8 +139,8 @@ impl<'a> RowsMut<'a> {
 
     /// The untyped values of field `index` in the selected row.
     pub fn slice_mut(&mut self, index: usize) -> SliceMut<'_> {
-        let width = self.schema.dim(index);
-        let (_, rest) = self.columns[index].reborrow().split_at(self.selected * width);
-        rest.split_at(width).0
+        let dim = self.schema.dim(index);
+        let (_, rest) = self.columns[index].reborrow().split_at(self.selected * dim);
+        rest.split_at(dim).0
     }
 }

@@ -52,7 +52,7 @@ impl Field {
 #[derive(Clone, Debug, Default)]
 pub struct Schema {
     fields: Vec<Field>,
-    /// The width of every field, because rows ask for it at every access.
+    /// The dimension of every field, because rows ask for it at every access.
     dims: Vec<usize>,
     by_name: HashMap<String, usize>,
 }

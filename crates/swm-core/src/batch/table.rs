@@ -73,7 +73,7 @@ impl Batch {
     ///
     /// # Errors
     ///
-    /// [`BatchError::WrongValue`]: a column of the row has another type or width than the field. The table is then
+    /// [`BatchError::WrongValue`]: a column of the row has another type or dimension than the field. The table is then
     /// unusable.
     pub fn push_row(&mut self, row: Row<'_>, from: &[usize]) -> Result<(), BatchError> {
         for (target, &source) in from.iter().enumerate() {

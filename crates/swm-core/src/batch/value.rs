@@ -50,8 +50,8 @@ impl Value {
     ///
     /// [`BatchError::WrongValue`]: the numbers are not as many as `shape` asks for, or the type cannot hold them.
     pub fn cast(&self, what: &str, dtype: Dtype, shape: &[usize]) -> Result<Self, BatchError> {
-        let width: usize = shape.iter().product();
-        if self.data.len() != width {
+        let dim: usize = shape.iter().product();
+        if self.data.len() != dim {
             return Err(wrong(what, &describe(dtype, shape), format!("{} value(s)", self.data.len())));
         }
         if self.data.dtype() == dtype {

@@ -107,7 +107,7 @@ pub enum DataError {
         /// What was asked for, and what exists.
         reason: String,
     },
-    /// An episode cannot be replayed to draw its images, or the replay is not what was recorded.
+    /// An episode cannot be replayed to render its images, or the replay is not what was recorded.
     #[error("{}: replay of episode {episode}, row {row}: {reason}", .path.display())]
     Replay {
         /// The dataset.

@@ -85,11 +85,11 @@ fn varied_factors(run: &RunInfo<'_>) -> BTreeSet<String> {
     let mut names = BTreeSet::new();
     let mut add = |options: &ResetOptions| {
         for factor in &run.spec.factors {
-            let drawn = match &options.variation {
-                None => factor.drawn_by_default,
+            let sampled = match &options.variation {
+                None => factor.sampled_by_default,
                 Some(list) => list.iter().any(|asked| selects(asked, &factor.name)),
             };
-            if drawn || options.variation_values.contains_key(&factor.name) {
+            if sampled || options.variation_values.contains_key(&factor.name) {
                 names.insert(factor.name.clone());
             }
         }

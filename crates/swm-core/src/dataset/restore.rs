@@ -1,4 +1,4 @@
-//! From recorded rows back to reset options: the moment to stand at, or the whole episode to repeat.
+//! From recorded steps back to reset options: the state to start from, or the whole episode to repeat.
 
 use std::collections::BTreeMap;
 
@@ -32,7 +32,7 @@ pub fn recorded_state(
 ///
 /// Where the factors of the episode are known, the reset places things from them, just as the recorded one did:
 /// in files of this program (a factor without a column was at its default), and in others that hold every factor that
-/// is drawn by default. Otherwise it stands at the first recorded row.
+/// is sampled by default. Otherwise it stands at the first recorded row.
 ///
 /// # Errors
 ///
@@ -46,7 +46,7 @@ pub fn whole_episode(
     let held = |name: &String| options.variation_values.contains_key(name);
     let all_known = match source.metadata() {
         Some(metadata) => !metadata.from_recorded_rows,
-        None => spec.factors.iter().filter(|factor| factor.drawn_by_default).all(|factor| held(&factor.name)),
+        None => spec.factors.iter().filter(|factor| factor.sampled_by_default).all(|factor| held(&factor.name)),
     };
     if all_known {
         options.start = None;

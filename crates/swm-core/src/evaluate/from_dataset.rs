@@ -1,6 +1,6 @@
 //! Goals from a dataset: start at a recorded row, reach what was recorded `goal_offset` rows later.
 //!
-//! Start, goal and factors are restored in the environment and drawn by it; stored images are not used.
+//! Start, goal and factors are restored in the environment and rendered by it; stored images are not used.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ use crate::world::World;
 /// The protocol of an evaluation from a dataset.
 #[derive(Clone, Debug)]
 pub struct EvalOptions {
-    /// How many start rows are drawn, uniformly over all valid rows, without repetition.
+    /// How many start rows are sampled, uniformly over all valid rows, without repetition.
     pub episodes: usize,
     /// The goal is this many rows after the start.
     pub goal_offset: usize,
@@ -27,7 +27,7 @@ pub struct EvalOptions {
     pub budget: u64,
     /// Seed of the choice of rows and of the run.
     pub seed: u64,
-    /// Factors to draw anew instead of restoring the recorded ones: names, groups or `all`.
+    /// Factors to sample anew instead of restoring the recorded ones: names, groups or `all`.
     pub variation: Vec<String>,
     /// Factors to set instead.
     pub variation_values: BTreeMap<String, Value>,
@@ -51,7 +51,7 @@ impl Default for EvalOptions {
 }
 
 impl World {
-    /// Evaluates the attached policy from start and goal rows of a dataset: rows drawn uniformly, the goal
+    /// Evaluates the attached policy from start and goal rows of a dataset: rows sampled uniformly, the goal
     /// [`EvalOptions::goal_offset`] rows after the start. The reference's protocol; a [`crate::Manifest`] makes a better one.
     ///
     /// # Errors
@@ -127,7 +127,7 @@ impl World {
     }
 }
 
-/// Rows `[episode, row]` that have a goal row in the same episode, drawn uniformly over rows, sorted.
+/// Rows `[episode, row]` that have a goal row in the same episode, sampled uniformly over rows, sorted.
 pub(super) fn choose_starts(
     source: &dyn Dataset,
     count: usize,

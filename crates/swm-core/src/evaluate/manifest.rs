@@ -22,7 +22,7 @@ pub const MANIFEST_VERSION: u32 = 1;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Tier {
-    /// As published: rows drawn uniformly from all episodes, pairs solved at the start included, the environment's test.
+    /// As published: rows sampled uniformly from all episodes, pairs solved at the start included, the environment's test.
     #[default]
     Historic,
     /// One pair per held-out episode, none solved at the start, all with some motion, starting at rest.
@@ -88,7 +88,7 @@ pub struct Manifest {
     /// Size of the images that policies see.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub image: Option<ImageSize>,
-    /// The seed that pairs were drawn with.
+    /// The seed that pairs were sampled with.
     pub seed: u64,
     /// What changes the images that policies see, each as a name with settings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -109,7 +109,7 @@ pub struct Manifest {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", tag = "kind")]
 pub enum PairSource {
-    /// Drawn by the environment's reset.
+    /// Sampled by the environment's reset.
     Online,
     /// Rows of recorded episodes.
     Dataset {
@@ -123,7 +123,7 @@ pub enum PairSource {
         rows: usize,
         /// The goal is this many rows after the start.
         goal_offset: usize,
-        /// The share of episodes that pairs were drawn from: those that are held out from training by
+        /// The share of episodes that pairs were sampled from: those that are held out from training by
         /// [`super::is_held_out`]. 1: all.
         held_out: f64,
     },
@@ -133,7 +133,7 @@ impl PairSource {
     /// In words.
     pub fn describe(&self) -> String {
         match self {
-            PairSource::Online => "drawn by the environment".to_owned(),
+            PairSource::Online => "sampled by the environment".to_owned(),
             PairSource::Dataset { name, episodes, rows, goal_offset, held_out, .. } => {
                 let share = match *held_out < 1.0 {
                     true => format!(", {:.0} % held out", 100.0 * held_out),
@@ -177,7 +177,7 @@ pub struct Pair {
     /// The phase of a stream that it belongs to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub phase: Option<usize>,
-    /// Factors that are drawn, by the seed; without it, the environment's default list.
+    /// Factors that are sampled, by the seed; without it, the environment's default list.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vary: Option<Vec<String>>,
     /// Factors that are set.

@@ -3,7 +3,7 @@
 //! A [`Manifest`] fixes what is evaluated: pairs of start and goal, budget, and a [`SuccessRule`] outside of the environment.
 //! [`World::run_pairs`] runs it, [`OutcomeRecorder`] watches, [`stats`] compares. Files are not known here.
 
-mod draw;
+mod pairs;
 mod from_dataset;
 mod manifest;
 mod model_entry;
@@ -28,7 +28,7 @@ use crate::run::{EpisodeEnd, Rollout, RunInfo};
 use crate::world::World;
 
 pub use crate::success::{Condition, Judge, Measure, SuccessRule};
-pub use draw::{ManifestOptions, RecordedPairs, is_held_out, make_manifest};
+pub use pairs::{ManifestOptions, RecordedPairs, is_held_out, make_manifest};
 pub use from_dataset::EvalOptions;
 pub use manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, sha256, sorted, witness};
 pub use model_entry::{MakeModel, ModelEntry};

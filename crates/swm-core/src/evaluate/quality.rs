@@ -7,7 +7,7 @@ use crate::error::BoxError;
 /// A model of the world in a latent space, as far as its quality can be measured from recorded rows.
 pub trait WorldModel {
     /// Z: numbers of a latent.
-    fn latent_width(&self) -> usize;
+    fn latent_dim(&self) -> usize;
 
     /// F: rows from a latent to the one that is predicted of it, and actions in between.
     fn stride(&self) -> usize {
@@ -34,8 +34,8 @@ pub trait WorldModel {
     ///
     /// As of [`WorldModel::encode`].
     fn encode_rows(&mut self, rows: &Batch, latents: &mut [f64]) -> Result<(), BoxError> {
-        let width = self.latent_width();
-        let mut latents = latents.chunks_exact_mut(width.max(1));
+        let dim = self.latent_dim();
+        let mut latents = latents.chunks_exact_mut(dim.max(1));
         (0..rows.rows()).zip(&mut latents).try_for_each(|(row, latent)| self.encode(rows.row(row), latent))
     }
 
@@ -45,11 +45,11 @@ pub trait WorldModel {
     ///
     /// As of [`WorldModel::predict`].
     fn predict_rows(&mut self, latents: &mut [f64], actions: &[f64]) -> Result<(), BoxError> {
-        let width = self.latent_width().max(1);
-        let count = latents.len() / width;
+        let dim = self.latent_dim().max(1);
+        let count = latents.len() / dim;
         let actions = actions.chunks_exact((actions.len() / count.max(1)).max(1));
         latents
-            .chunks_exact_mut(width)
+            .chunks_exact_mut(dim)
             .zip(actions)
             .try_for_each(|(latent, action)| self.predict(latent, action))
     }
@@ -61,7 +61,7 @@ pub trait WorldModel {
 ///
 /// As of [`WorldModel::encode`].
 pub fn latents(model: &mut dyn WorldModel, rows: &Batch) -> Result<Vec<f64>, BoxError> {
-    let mut latents = vec![0.0; rows.rows() * model.latent_width()];
+    let mut latents = vec![0.0; rows.rows() * model.latent_dim()];
     model.encode_rows(rows, &mut latents)?;
     Ok(latents)
 }
@@ -78,7 +78,7 @@ pub fn open_loop_error(
     episodes: &[Batch],
     horizon: usize,
 ) -> Result<Option<Vec<f64>>, BoxError> {
-    let (width, stride) = (model.latent_width(), model.stride());
+    let (dim, stride) = (model.latent_dim(), model.stride());
     let (mut sums, mut count) = (vec![0.0; horizon / stride], 0_usize);
     let horizon = sums.len() * stride;
     for rows in episodes {
@@ -90,12 +90,12 @@ pub fn open_loop_error(
         let known = latents(model, rows)?;
         let actions = numbers(rows, action);
         let wide = actions.len() / rows.rows();
-        let mut predicted = known[..starts * width].to_vec();
+        let mut predicted = known[..starts * dim].to_vec();
         for (step, sum) in sums.iter_mut().enumerate() {
             let taken = spans(&actions[step * stride * wide..], wide, stride, starts);
             model.predict_rows(&mut predicted, &taken)?;
             *sum +=
-                squared(&predicted, &known[(step + 1) * stride * width..][..starts * width]) / width as f64;
+                squared(&predicted, &known[(step + 1) * stride * dim..][..starts * dim]) / dim as f64;
         }
         count += starts;
     }
@@ -109,17 +109,17 @@ pub fn open_loop_error(
 ///
 /// The episode has no column `action`, or the model fails.
 pub fn surprise(model: &mut dyn WorldModel, rows: &Batch) -> Result<Vec<f64>, BoxError> {
-    let (width, action) = (model.latent_width(), rows.schema().require("action")?);
+    let (dim, action) = (model.latent_dim(), rows.schema().require("action")?);
     let stride = model.stride();
     let Some(count) = rows.rows().checked_sub(stride) else { return Ok(Vec::new()) };
     let known = latents(model, rows)?;
     let actions = numbers(rows, action);
-    let mut predicted = known[..count * width].to_vec();
+    let mut predicted = known[..count * dim].to_vec();
     let wide = actions.len() / rows.rows().max(1);
     model.predict_rows(&mut predicted, &spans(&actions, wide, stride, count))?;
-    let latent = width.max(1);
-    let followed = predicted.chunks_exact(latent).zip(known[stride * width..].chunks_exact(latent));
-    Ok(followed.map(|(told, true_one)| squared(told, true_one) / width as f64).collect())
+    let latent = dim.max(1);
+    let followed = predicted.chunks_exact(latent).zip(known[stride * dim..].chunks_exact(latent));
+    Ok(followed.map(|(told, true_one)| squared(told, true_one) / dim as f64).collect())
 }
 
 /// The share of pairs in which the impossible episode surprises more, at its worst row, than the possible one: 0.5 is chance.
@@ -164,7 +164,7 @@ mod tests {
     }
 
     impl WorldModel for Doubled {
-        fn latent_width(&self) -> usize {
+        fn latent_dim(&self) -> usize {
             1
         }
 

@@ -7,7 +7,7 @@ use crate::error::{BoxError, EnvError};
 use crate::seed::EpisodeSeed;
 
 use super::quality::WorldModel;
-use super::state_model::{ActionColumn, columns, defaults, moment, rows_with_actions};
+use super::state_model::{ActionColumn, columns, defaults, start_at, rows_with_actions};
 use super::stats::rank_correlation;
 
 /// What is ranked.
@@ -31,7 +31,7 @@ pub struct RankingOptions {
 /// # Errors
 ///
 /// The horizon is no multiple of the model's stride, there are fewer than two plans, the environment has no task cost
-/// or cannot be reset to a moment, or the model fails.
+/// or cannot be reset to a recorded state, or the model fails.
 pub fn action_ranking(
     model: &mut dyn WorldModel,
     env: &mut dyn Env,
@@ -51,8 +51,8 @@ pub fn action_ranking(
     }
     let mut rows = Batch::new(rows_with_actions(env.spec())?, 2);
     let mut action = ActionColumn::new(&env.spec().action);
-    let width = model.latent_width();
-    let mut ends = vec![0.0; 2 * width];
+    let dim = model.latent_dim();
+    let mut ends = vec![0.0; 2 * dim];
     let mut state = EnvState::new();
     let mut correlations = Vec::with_capacity(starts);
     for index in 0..starts as u64 {
@@ -63,26 +63,26 @@ pub fn action_ranking(
         write_row(env, &mut rows, 0);
         // The way to the goal is as random as a plan, but none of them.
         for step in 0..horizon as u64 {
-            action.draw(seed, index, step);
+            action.sample(seed, index, step);
             env.step(action.as_slice())?;
         }
         write_row(env, &mut rows, 1);
         let reset = ResetOptions {
-            start: Some(moment(env.spec(), rows.row(0))?),
+            start: Some(start_at(env.spec(), rows.row(0))?),
             goal: Some(columns(env.spec().goal_columns, rows.row(1))?),
             ..defaults()
         };
         episode(&reset, env)?;
         env.snapshot(&mut state)?;
         model.encode_rows(&rows, &mut ends)?;
-        let (start, goal) = ends.split_at(width);
+        let (start, goal) = ends.split_at(dim);
         // Actions of the plans that end well, plan by plan: [P, H, A].
         let (mut taken, mut truth) = (Vec::new(), Vec::with_capacity(plans));
         for plan in 0..plans as u64 {
             env.restore(&state)?;
             let (first, mut diverged) = (taken.len(), false);
             for step in 0..horizon as u64 {
-                action.draw(seed, index, (plan + 1) * horizon as u64 + step);
+                action.sample(seed, index, (plan + 1) * horizon as u64 + step);
                 match env.step(action.as_slice()) {
                     Ok(_) => taken.extend(action.to_f64s()),
                     Err(EnvError::Diverged { .. }) => diverged = true,

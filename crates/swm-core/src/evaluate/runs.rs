@@ -82,30 +82,30 @@ pub fn sign_flip_exact(differences: &[i64]) -> f64 {
     p.min(1.0)
 }
 
-/// The 95 % interval of the difference of mean success rates, in percentage points: pairs are drawn with repetition, and so
-/// are the runs of each side; every drawn pair counts with all drawn runs.
+/// The 95 % interval of the difference of mean success rates, in percentage points: pairs are sampled with repetition, and so
+/// are the runs of each side; every sampled pair counts with all sampled runs.
 ///
 /// Source: percentiles of a bootstrap over two crossed random effects (A. B. Owen, "The pigeonhole bootstrap", Annals of
 /// Applied Statistics 1 (2007)). With few runs it is, if anything, too wide for the pairs and too narrow for the runs.
 fn bootstrap95(first: &[&[bool]], second: &[&[bool]], pairs: usize, seed: u64) -> [f64; 2] {
-    const DRAWS: usize = 10_000;
+    const SAMPLES: usize = 10_000;
     if pairs == 0 {
         return [-100.0, 100.0];
     }
     let runs = [first.len() as u64, second.len() as u64];
     let mut rng = keyed(seed, "bootstrap of runs", runs);
     let mut times = vec![0_u32; pairs];
-    let found = (0..DRAWS)
+    let found = (0..SAMPLES)
         .map(|_| {
             times.fill(0);
             (0..pairs).for_each(|_| times[rng.random_range(0..pairs)] += 1);
             let mut mean = |side: &[&[bool]]| {
-                let drawn = side.iter().map(|_| {
+                let sampled = side.iter().map(|_| {
                     let run = side[rng.random_range(0..side.len())];
                     let wins = run.iter().zip(&times).filter(|(win, _)| **win).map(|(_, times)| times);
                     f64::from(wins.sum::<u32>())
                 });
-                drawn.sum::<f64>() / (side.len() * pairs) as f64
+                sampled.sum::<f64>() / (side.len() * pairs) as f64
             };
             100.0 * (mean(first) - mean(second))
         })
@@ -155,7 +155,7 @@ mod tests {
         assert_eq!((both.pairs, both.runs, both.difference), (40, [2, 2], 25.0));
         assert!(both.p_value < 1e-5, "{}", both.p_value);
         let [low, high] = both.interval95;
-        // A quarter of all draws of runs holds the good one twice, another never: 50 or 0 points.
+        // A quarter of all samples of runs holds the good one twice, another never: 50 or 0 points.
         assert!(low <= 0.0 && (45.0..70.0).contains(&high), "{low} {high}");
         assert_eq!(both, PairedRuns::of(&[&same, &better], &[&same, &same], 0).unwrap());
         let turned = PairedRuns::of(&[&same, &same], &[&same, &better], 0).unwrap();

@@ -32,11 +32,11 @@ impl StateModel {
     ///
     /// # Errors
     ///
-    /// The environment cannot be made, or cannot be reset to a moment.
+    /// The environment cannot be made, or cannot be reset to a recorded state.
     pub fn new(entry: &EnvEntry, config: &EnvConfig, gain: Option<f64>) -> Result<Self, BoxError> {
         let env = entry.make(&EnvConfig { image: None, settings: config.settings.clone() })?;
         if env.spec().start_columns.is_empty() {
-            return Err(format!("{} cannot be reset to a moment: it names no start columns", entry.id).into());
+            return Err(format!("{} cannot be reset to a recorded state: it names no start columns", entry.id).into());
         }
         let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
         let action = ActionColumn::new(&env.spec().action);
@@ -45,7 +45,7 @@ impl StateModel {
 }
 
 impl WorldModel for StateModel {
-    fn latent_width(&self) -> usize {
+    fn latent_dim(&self) -> usize {
         let columns = self.env.spec().start_columns;
         columns
             .iter()
@@ -92,8 +92,8 @@ pub(super) fn defaults() -> ResetOptions {
     ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() }
 }
 
-/// What resets the environment to the moment of `row`: its start columns.
-pub(super) fn moment(spec: &EnvSpec, row: Row<'_>) -> Result<BTreeMap<String, Value>, BoxError> {
+/// What resets the environment to the state of `row`: its start columns.
+pub(super) fn start_at(spec: &EnvSpec, row: Row<'_>) -> Result<BTreeMap<String, Value>, BoxError> {
     columns(spec.start_columns, row)
 }
 
@@ -131,8 +131,8 @@ impl ActionColumn {
         self.values.as_slice()
     }
 
-    /// Draws it, by seed, episode and step alone.
-    pub(super) fn draw(&mut self, seed: u64, episode: u64, step: u64) {
+    /// Samples it, by seed, episode and step alone.
+    pub(super) fn sample(&mut self, seed: u64, episode: u64, step: u64) {
         let mut rng = keyed(seed, "quality action", [episode, step]);
         self.space.sample_into(&mut rng, self.values.as_slice_mut());
     }
@@ -157,7 +157,7 @@ mod tests {
 
     fn after(entry: &EnvEntry, gain: Option<f64>, action: f64) -> Result<f64, BoxError> {
         let mut model = StateModel::new(entry, &EnvConfig::default(), gain)?;
-        assert_eq!(model.latent_width(), 1);
+        assert_eq!(model.latent_dim(), 1);
         let mut latent = [2.0];
         model.predict(&mut latent, &[action])?;
         Ok(latent[0])

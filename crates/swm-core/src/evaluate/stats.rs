@@ -19,11 +19,11 @@ pub fn wilson95(successes: usize, trials: usize) -> [f64; 2] {
     let n = trials as f64;
     let p = successes as f64 / n;
     let center = p + Z * Z / (2.0 * n);
-    let spread = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
+    let half_width = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
     let scale = 100.0 / (1.0 + Z * Z / n);
     // At the ends the bound is exact, and rounding must not move it.
-    let low = if successes == 0 { 0.0 } else { scale * (center - spread) };
-    let high = if successes == trials { 100.0 } else { scale * (center + spread) };
+    let low = if successes == 0 { 0.0 } else { scale * (center - half_width) };
+    let high = if successes == trials { 100.0 } else { scale * (center + half_width) };
     [low, high]
 }
 
@@ -115,13 +115,13 @@ pub fn paired_interval95(both: usize, only_first: usize, only_second: usize, pai
     [100.0 * low.max(-1.0), 100.0 * high.min(1.0)]
 }
 
-/// The 95 % interval of the mean success rate of several runs on the same episodes, in percent: episodes are drawn with
+/// The 95 % interval of the mean success rate of several runs on the same episodes, in percent: episodes are sampled with
 /// repetition, each with all of its runs (they are not independent). `runs[r][i]`: run r, episode i.
 ///
 /// Source: B. Efron, "Bootstrap methods: another look at the jackknife", Annals of Statistics 7 (1979), with percentiles;
-/// draws are keyed, so that the same runs give the same interval.
+/// samples are keyed, so that the same runs give the same interval.
 pub fn bootstrap95(runs: &[&[bool]], seed: u64) -> [f64; 2] {
-    const DRAWS: usize = 10_000;
+    const SAMPLES: usize = 10_000;
     let episodes = runs.iter().map(|run| run.len()).min().unwrap_or(0);
     if episodes == 0 {
         return [0.0, 100.0];
@@ -130,24 +130,24 @@ pub fn bootstrap95(runs: &[&[bool]], seed: u64) -> [f64; 2] {
         .map(|episode| 100.0 * runs.iter().filter(|run| run[episode]).count() as f64 / runs.len() as f64)
         .collect();
     let mut rng = keyed(seed, "bootstrap", [episodes as u64, runs.len() as u64]);
-    let means = (0..DRAWS)
+    let means = (0..SAMPLES)
         .map(|_| {
-            let drawn = (0..episodes).map(|_| per_episode[rng.random_range(0..episodes)]);
-            drawn.sum::<f64>() / episodes as f64
+            let sampled = (0..episodes).map(|_| per_episode[rng.random_range(0..episodes)]);
+            sampled.sum::<f64>() / episodes as f64
         })
         .collect();
     percentiles95(means)
 }
 
-/// The 2.5 % and the 97.5 % quantile of draws, of which there is at least one.
-pub(super) fn percentiles95(mut draws: Vec<f64>) -> [f64; 2] {
-    draws.sort_by(f64::total_cmp);
-    let at = |part: f64| draws[((draws.len() - 1) as f64 * part).round() as usize];
+/// The 2.5 % and the 97.5 % quantile of samples, of which there is at least one.
+pub(super) fn percentiles95(mut samples: Vec<f64>) -> [f64; 2] {
+    samples.sort_by(f64::total_cmp);
+    let at = |part: f64| samples[((samples.len() - 1) as f64 * part).round() as usize];
     [at(0.025), at(0.975)]
 }
 
-/// Mean and sample standard deviation; no deviation for fewer than two numbers.
-pub fn mean_and_deviation(values: &[f64]) -> (f64, Option<f64>) {
+/// Mean and sample standard deviation; no std for fewer than two values.
+pub fn mean_and_std(values: &[f64]) -> (f64, Option<f64>) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n.max(1.0);
     let squares: f64 = values.iter().map(|value| (value - mean) * (value - mean)).sum();
@@ -165,7 +165,7 @@ pub fn rank_correlation(a: &[f64], b: &[f64]) -> Option<f64> {
 pub fn correlation(a: &[f64], b: &[f64]) -> Option<f64> {
     let n = a.len().min(b.len());
     let (a, b) = (&a[..n], &b[..n]);
-    let ((mean_a, _), (mean_b, _)) = (mean_and_deviation(a), mean_and_deviation(b));
+    let ((mean_a, _), (mean_b, _)) = (mean_and_std(a), mean_and_std(b));
     let sums = a.iter().zip(b).fold([0.0; 3], |[ab, aa, bb], (&x, &y)| {
         let (x, y) = (x - mean_a, y - mean_b);
         [ab + x * y, aa + x * x, bb + y * y]

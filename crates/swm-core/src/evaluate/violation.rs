@@ -8,7 +8,7 @@ use crate::env::{Env, Episode, ResetOptions};
 use crate::error::BoxError;
 use crate::seed::{EpisodeSeed, keyed};
 
-use super::state_model::{ActionColumn, defaults, moment, rows_with_actions};
+use super::state_model::{ActionColumn, defaults, start_at, rows_with_actions};
 
 /// Something that cannot happen.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,13 +46,13 @@ pub struct ViolationOptions {
 }
 
 /// `[possible, impossible]`, of random actions and with the factors' defaults; each a table of the environment's fields and
-/// `action`. Before row `at` the two are equal. There both are reset to the moment, so that what a reset forgets is
+/// `action`. Before row `at` the two are equal. There both are reset to the state of `at`, so that what a reset forgets is
 /// forgotten in both, and no trace of the making tells them apart.
 ///
 /// # Errors
 ///
 /// The violation comes before the second row or after the last, the environment has no such column or factor or
-/// cannot be reset to a moment, or a step fails.
+/// cannot be reset to a recorded state, or a step fails.
 pub fn violation_pairs(
     env: &mut dyn Env,
     violation: &Violation,
@@ -96,14 +96,14 @@ pub fn random_episodes(
 fn check(env: &dyn Env, violation: &Violation) -> Result<(), BoxError> {
     let spec = env.spec();
     if spec.start_columns.is_empty() {
-        return Err(format!("{} cannot be reset to a moment: it names no start columns", spec.id).into());
+        return Err(format!("{} cannot be reset to a recorded state: it names no start columns", spec.id).into());
     }
     match violation {
         Violation::Teleport => Ok(()),
         Violation::Set { column, elements, to } => {
-            let width = spec.fields.iter().find(|field| field.name == *column).map(Field::dim);
+            let dim = spec.fields.iter().find(|field| field.name == *column).map(Field::dim);
             let starts = spec.start_columns.contains(&column.as_str());
-            let fits = elements.len() == to.len() && elements.iter().all(|&e| Some(e) < width);
+            let fits = elements.len() == to.len() && elements.iter().all(|&e| Some(e) < dim);
             match starts && fits {
                 true => Ok(()),
                 false => Err(format!(
@@ -137,7 +137,7 @@ impl Maker<'_> {
         self.begin(pair, &defaults())?;
         self.fill(&mut possible, pair, 0, at + 1)?;
         let mut impossible = possible.clone();
-        let here = ResetOptions { start: Some(moment(self.env.spec(), possible.row(at))?), ..defaults() };
+        let here = ResetOptions { start: Some(start_at(self.env.spec(), possible.row(at))?), ..defaults() };
         let there = self.changed(&here, violation, pair, possible.row(at))?;
         for (batch, options) in [(&mut possible, &here), (&mut impossible, &there)] {
             self.begin(pair, options)?;
@@ -160,7 +160,7 @@ impl Maker<'_> {
             rows.select(row);
             self.env.write_episode(rows);
             self.env.observe(rows);
-            self.action.draw(self.options.seed, pair, row as u64);
+            self.action.sample(self.options.seed, pair, row as u64);
             if !rows.slice_mut(action).copy_from(self.action.as_slice()) {
                 return Err("the column `action` and the actions differ in type".into());
             }
@@ -188,7 +188,7 @@ impl Maker<'_> {
                 let mut elsewhere = Batch::new(self.schema.clone(), at + 1);
                 self.begin(other, &defaults())?;
                 self.fill(&mut elsewhere, other, 0, at + 1)?;
-                there.start = Some(moment(self.env.spec(), elsewhere.row(at))?);
+                there.start = Some(start_at(self.env.spec(), elsewhere.row(at))?);
             }
             Violation::Set { column, elements, to } => {
                 let index = row.schema().require(column)?;

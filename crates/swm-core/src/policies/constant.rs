@@ -12,15 +12,15 @@ pub fn constant(values: Vec<f32>) -> impl Policy {
         values => format!("constant:{}", values.iter().map(f32::to_string).collect::<Vec<_>>().join(",")),
     };
     scripted(description, move |view, action| {
-        let width = view.spec.action.dim();
+        let dim = view.spec.action.dim();
         let wrong = |reason: String| PolicyError::Argument { policy: "constant".to_owned(), reason };
         if values.is_empty() {
             do_nothing(&view.spec.action, action);
             return Ok(());
         }
-        if values.len() != width {
+        if values.len() != dim {
             let reason =
-                format!("{} value(s) given, the action of {} has {width}", values.len(), view.spec.id);
+                format!("{} value(s) given, the action of {} has {dim}", values.len(), view.spec.id);
             return Err(wrong(reason));
         }
         if let (SliceMut::I64(_), Some(value)) = (&*action, values.iter().find(|value| value.fract() != 0.0))

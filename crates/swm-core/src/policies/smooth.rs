@@ -123,7 +123,7 @@ impl Scale {
         Ok(Self(low.iter().zip(high).map(|(low, high)| [(low + high) / 2.0, (high - low) / 2.0]).collect()))
     }
 
-    /// Writes numbers of -1..1 as an action; what is beyond is clipped.
+    /// Writes values in -1..1 as an action; what is beyond is clipped.
     fn write(&self, values: impl Iterator<Item = f64>, action: &mut SliceMut<'_>) {
         let scaled = self.0.iter().zip(values).map(|([middle, half], x)| middle + half * x.clamp(-1.0, 1.0));
         match action {
@@ -257,12 +257,12 @@ mod tests {
     }
 
     #[test]
-    fn the_process_has_the_spread_that_its_formula_says() {
+    fn the_process_has_the_std_of_its_formula() {
         // sigma / sqrt(1 - (1 - theta)²), small enough that nothing is clipped.
         let episodes = actions(&TOY, "ou:theta=0.5,sigma=0.1", 1).unwrap();
         let values: Vec<f64> = episodes.iter().flatten().map(|&value| f64::from(value)).collect();
-        let spread = (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt();
-        assert!((spread - 0.1 / 0.75_f64.sqrt()).abs() < 0.01, "{spread}");
+        let std = (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt();
+        assert!((std - 0.1 / 0.75_f64.sqrt()).abs() < 0.01, "{std}");
     }
 
     #[test]

@@ -10,7 +10,7 @@ use crate::seed::EpisodeSeed;
 
 const STEPS: usize = 40;
 const SEEDS: [u64; 3] = [0, 1, 42];
-/// Seeds tried for one whose draws meet all constraints.
+/// Seeds tried for one whose samples meet all constraints.
 const TRIES: u64 = 30;
 
 /// An environment with one row to write into.
@@ -37,7 +37,7 @@ impl Bench {
         Ok(())
     }
 
-    /// Resets with the first seed from `first` on whose draws go together: a factor drawn alone may break a
+    /// Resets with the first seed from `first` on whose samples go together: a factor sampled alone may break a
     /// constraint of one that keeps its default, which is a reset's error and no fault of the environment.
     fn reset_from(&mut self, first: u64, options: &ResetOptions) -> Result<u64, String> {
         let mut last = String::new();
@@ -192,7 +192,7 @@ pub fn snapshots_are_exact(entry: &EnvEntry, config: &EnvConfig) -> Result<(), S
     Ok(())
 }
 
-/// Drawing one more factor moves no other one; factors that are not drawn keep their defaults; unknown names
+/// Sampling one more factor moves no other one; factors that are not sampled keep their defaults; unknown names
 /// and values outside the bounds are errors that name them.
 ///
 /// # Errors
@@ -218,7 +218,7 @@ pub fn factors_are_independent(entry: &EnvEntry, config: &EnvConfig) -> Result<(
             };
             if value != expected {
                 return Err(format!(
-                    "drawing `{}` alone: `{}` is {value}, not {expected}",
+                    "sampling `{}` alone: `{}` is {value}, not {expected}",
                     factor.name, other.name
                 ));
             }
@@ -240,8 +240,8 @@ pub fn factors_are_independent(entry: &EnvEntry, config: &EnvConfig) -> Result<(
 }
 
 /// Every factor changes what is seen or what happens: some step field (pixels included) or the goal image, in
-/// one of two dozen draws, in the context that its description names. Those of `only_in_images` change nothing here,
-/// where no images are drawn.
+/// one of two dozen samples, in the context that its description names. Those of `only_in_images` change nothing here,
+/// where no images are rendered.
 ///
 /// # Errors
 ///
@@ -253,24 +253,24 @@ pub fn every_factor_acts(
 ) -> Result<(), String> {
     let mut bench = Bench::new(entry, config)?;
     let spec = bench.env.spec().clone();
-    let nothing_drawn = || ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() };
+    let nothing_sampled = || ResetOptions { variation: Some(Vec::new()), ..ResetOptions::default() };
     let mut idle = Vec::new();
     for factor in &spec.factors {
         let mut context = BTreeMap::new();
         for (name, json) in &factor.shows_with {
             context.insert(name.clone(), Value::from_json(name, json).map_err(|e| e.to_string())?);
         }
-        let base = ResetOptions { variation_values: context.clone(), ..nothing_drawn() };
+        let base = ResetOptions { variation_values: context.clone(), ..nothing_sampled() };
         let plain = bench.trajectory(3, &base, STEPS)?;
         let mut acts = false;
-        // Nearby values may look the same by rounding, so there are many draws; the first usually suffices.
+        // Nearby values may look the same by rounding, so there are many samples; the first usually suffices.
         for seed in SEEDS.into_iter().chain((1..20).map(|number| 100 * number)) {
             let alone = ResetOptions { variation: Some(vec![factor.name.clone()]), ..base.clone() };
             bench.reset_from(seed, &alone)?;
-            let drawn = value_of(&bench.row, &format!("{VARIATION_PREFIX}{}", factor.name));
+            let sampled = value_of(&bench.row, &format!("{VARIATION_PREFIX}{}", factor.name));
             let mut values = context.clone();
-            values.insert(factor.name.clone(), drawn);
-            let varied = ResetOptions { variation_values: values, ..nothing_drawn() };
+            values.insert(factor.name.clone(), sampled);
+            let varied = ResetOptions { variation_values: values, ..nothing_sampled() };
             acts = differs_visibly(&plain, &bench.trajectory(3, &varied, STEPS)?);
             if acts {
                 break;

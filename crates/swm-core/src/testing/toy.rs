@@ -37,7 +37,7 @@ struct State {
 struct Toy {
     spec: EnvSpec,
     state: State,
-    draws: bool,
+    renders: bool,
 }
 
 #[derive(Deserialize)]
@@ -59,7 +59,7 @@ impl Toy {
             .time_step_s(0.1)
             .start_columns(&["state"])
             .goal_columns(&["state"]);
-        Ok(Self { spec, state: State::default(), draws: config.image.is_some() })
+        Ok(Self { spec, state: State::default(), renders: config.image.is_some() })
     }
 
     fn outcome(&self) -> Outcome {
@@ -103,8 +103,8 @@ impl Env for Toy {
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
         let space = Space::uniform_box(Dtype::F64, &[2], -10.0, 10.0);
-        let drawn = space.sample(&mut episode.seed.stream("start and goal")).to_f64s("start")?;
-        self.state = State { position: drawn[0], goal: drawn[1], gain: self.gain(episode)? };
+        let sampled = space.sample(&mut episode.seed.stream("start and goal")).to_f64s("start")?;
+        self.state = State { position: sampled[0], goal: sampled[1], gain: self.gain(episode)? };
         if let Some(start) = &episode.options.start {
             self.state.position = first(start)?;
         }
@@ -127,7 +127,7 @@ impl Env for Toy {
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
         out.write(STATE, &[self.state.position]);
-        if self.draws {
+        if self.renders {
             let pixels = out.at::<u8>(PIXELS);
             pixels.fill(255);
             let column = ((self.state.position + 10.0) / 20.0).clamp(0.0, 0.999) * pixels.len() as f64;

@@ -143,7 +143,7 @@ impl Env for PointMaze {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        self.fov = self.space.draw(&self.spec.id, episode)?;
+        self.fov = self.space.sample(&self.spec.id, episode)?;
         let [x, y] = start(&self.fov);
         let [x, y, vx, vy] = match &episode.options.start {
             Some(row) => self.recorded("start", row)?,

@@ -29,16 +29,16 @@ pub fn factors() -> FovSpace {
         Factor::scalar("agent.mass", 0.5, 1.5, 1.0).doc("mass of the disc"),
         Factor::scalar("agent.damping", 1.0, 3.0, 2.0).doc("rate at which its velocity decays, 1/s"),
         Factor::scalar("agent.gain", 8.0, 16.0, 10.0).doc("force of an action of 1"),
-        cell("agent.start_cell", [1, 1]).doc("row and column where the disc starts").drawn_by_default(),
+        cell("agent.start_cell", [1, 1]).doc("row and column where the disc starts").sampled_by_default(),
         Factor::vector("agent.start_offset", -1.0, 1.0, &[0.0, 0.0])
             .doc("start x, y from the middle of its cell")
-            .drawn_by_default(),
+            .sampled_by_default(),
         Factor::rgb("goal.color", [144, 238, 144]).doc("color of the goal"),
         Factor::scalar("goal.radius", 0.5, 1.5, 1.0).doc("the goal is reached within this distance"),
-        cell("goal.cell", [5, 6]).doc("row and column of the goal").drawn_by_default(),
+        cell("goal.cell", [5, 6]).doc("row and column of the goal").sampled_by_default(),
         Factor::vector("goal.offset", -1.0, 1.0, &[0.0, 0.0])
             .doc("goal x, y from the middle of its cell")
-            .drawn_by_default(),
+            .sampled_by_default(),
     ]);
     space.with_constraints(vec![
         Constraint {

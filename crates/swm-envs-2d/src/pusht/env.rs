@@ -240,7 +240,7 @@ impl<E: Engine> Env for PushT<E> {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        self.fov = self.space.draw(&self.spec.id, episode)?;
+        self.fov = self.space.sample(&self.spec.id, episode)?;
         self.goal = match &episode.options.goal {
             Some(row) => self.recorded_state(row)?,
             None => self.sampled_goal(episode.seed)?,

@@ -23,13 +23,13 @@ pub fn factors() -> FovSpace {
             .doc("size of the drawn goal, px per cell; the block's size unless drawn or set"),
         Factor::scalar("block.angle", -angle, angle, 0.0)
             .doc("start angle of the block, rad")
-            .drawn_by_default(),
+            .sampled_by_default(),
         Factor::rgb("block.color", [119, 136, 153]).doc("color of the block"),
         Factor::scalar_f32("block.scale", 20.0, 60.0, 30.0).doc("size of the block, px per cell"),
         Factor::integer("block.shape", 1, 7, 2).doc("1 L, 2 T, 3 Z, 4 square, 5 I, 6 small T, 7 +"),
         Factor::vector("block.start_position", 100.0, 400.0, &[400.0, 100.0])
             .doc("start position of the block's origin, px")
-            .drawn_by_default(),
+            .sampled_by_default(),
         Factor::scalar("agent.angle", -angle, angle, 0.0)
             .doc("start angle of the agent, rad; a disc has none")
             .shows_with("agent.shape", 1),
@@ -39,7 +39,7 @@ pub fn factors() -> FovSpace {
             .doc("0 disc (pushes with full strength), 1 to 7 as block.shape (pushed back)"),
         Factor::vector("agent.start_position", 50.0, 450.0, &[256.0, 400.0])
             .doc("start position of the agent, px")
-            .drawn_by_default(),
+            .sampled_by_default(),
         Factor::vector("agent.velocity", 0.0, 512.0, &[0.0, 0.0]).doc("start velocity of the agent, px/s"),
     ])
 }

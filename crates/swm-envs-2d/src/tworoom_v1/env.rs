@@ -191,7 +191,7 @@ impl Env for TwoRoom {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        self.fov = self.space.draw(&self.spec.id, episode)?;
+        self.fov = self.space.sample(&self.spec.id, episode)?;
         self.place(episode.options)?;
         self.refresh_look();
         Ok(Outcome { reward: f64::NAN, terminated: false, ..self.outcome() })

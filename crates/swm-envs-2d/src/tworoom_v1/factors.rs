@@ -16,10 +16,10 @@ const DOOR_PER_RADIUS: f64 = 2.5;
 /// The factor table, in the reference's sampling order. Bounds, defaults and constraints are the reference's.
 pub fn factors() -> FovSpace {
     let place =
-        |name, at: [f32; 2]| Factor::vector_f32(name, PLACES_PX.0, PLACES_PX.1, &at).drawn_by_default();
+        |name, at: [f32; 2]| Factor::vector_f32(name, PLACES_PX.0, PLACES_PX.1, &at).sampled_by_default();
     let number = |name, low, high, default| Factor::vector_f32(name, low, high, &[default]);
     let integers =
-        |name, low, high, default| Factor::integers(name, low, high, &[default; 3]).drawn_by_default();
+        |name, low, high, default| Factor::integers(name, low, high, &[default; 3]).sampled_by_default();
     FovSpace::new(vec![
         Factor::rgb("background.color", [255, 255, 255]).doc("color of the floor"),
         Factor::rgb("wall.color", [115, 127, 145]).doc("color of the dividing wall"),

@@ -252,7 +252,7 @@ fn constraints_that_cannot_be_met_say_which_and_why() {
     let same_side = fixed(&[("agent.position", Value::vector(&[400.0f32, 100.0]))]);
     let message = reset(&mut env, &same_side).unwrap_err();
     for part in
-        ["`goal.position`", "other side of the wall", "draw or set it too", "agent.position = [400.0,100.0]"]
+        ["`goal.position`", "other side of the wall", "sample or set it too", "agent.position = [400.0,100.0]"]
     {
         assert!(message.contains(part), "{part} is missing: {message}");
     }
@@ -363,7 +363,7 @@ fn between_solid_walls_the_expert_fails_only_where_no_door_leads_through() {
         let result = evaluate("expert", true, &options);
         for (&seed, success) in result.seeds.iter().zip(&result.episode_successes) {
             let episode = Episode { seed: EpisodeSeed::new(seed as u64), options: &options };
-            let fov = factors().draw(TWO_ROOM.id, &episode).unwrap();
+            let fov = factors().sample(TWO_ROOM.id, &episode).unwrap();
             let setup = setup(&fov, &Settings::default());
             // A door may reach beyond the wall's end, which leaves a part of it.
             let fits = setup.plan.openings().any(|opening| opening.length() > 2.0 * setup.radius);

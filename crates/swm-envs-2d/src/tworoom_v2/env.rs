@@ -195,7 +195,7 @@ impl Env for TwoRoom {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        self.fov = self.space.draw(&self.spec.id, episode)?;
+        self.fov = self.space.sample(&self.spec.id, episode)?;
         self.room = Room::new(&self.fov);
         self.agent = match &episode.options.start {
             Some(row) => self.recorded(row)?,

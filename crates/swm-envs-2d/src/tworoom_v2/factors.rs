@@ -26,7 +26,7 @@ pub fn factors() -> FovSpace {
         Factor::rgb("agent.color", [255, 0, 0]).doc("color of the agent"),
         Factor::scalar_f32("agent.radius", 7.0, 14.0, 7.0)
             .doc("px that the agent keeps from walls, and the spread of its dot"),
-        position("agent.position", [60.0, 112.0]).doc("start of the agent, px").drawn_by_default(),
+        position("agent.position", [60.0, 112.0]).doc("start of the agent, px").sampled_by_default(),
         Factor::scalar_f32("agent.speed", 1.75, 10.5, 5.0).doc("px per step and axis at full action"),
         Factor::rgb("door.color", [255, 255, 255]).doc("color of the doors"),
         Factor::integer("door.number", 1, 3, 1).doc("how many of the three doors exist"),
@@ -45,7 +45,7 @@ pub fn factors() -> FovSpace {
             .shows_with("rendering.render_target", 1),
         position("target.position", [164.0, 112.0])
             .doc("target, px; may lie in the same room, or in the wall")
-            .drawn_by_default(),
+            .sampled_by_default(),
         Factor::integer("rendering.render_target", 0, 1, 0).doc("1: the target is drawn"),
     ])
     .with_constraints(vec![

@@ -153,7 +153,7 @@ fn impossible_combinations_name_constraint_and_factors() {
         assert!(inside.contains(part), "{inside}");
     }
     let turned = message(&nothing().fix("wall.axis", Value::scalar(0i64)));
-    assert!(turned.contains("its default does not meet: draw or set it too"), "{turned}");
+    assert!(turned.contains("its default does not meet: sample or set it too"), "{turned}");
     let wide = message(&nothing().fix("agent.radius", Value::scalar(14.0)));
     assert!(wide.contains("`door.size` must be") && wide.contains("agent.radius = 14"), "{wide}");
 }
@@ -204,7 +204,7 @@ proptest! {
     #[test]
     fn ways_lead_to_their_target(seed in 0_u64..1 << 40) {
         let options = ResetOptions::default().vary(&["all"]);
-        let fov = factors().draw("test", &Episode { seed: EpisodeSeed::new(seed), options: &options }).unwrap();
+        let fov = factors().sample("test", &Episode { seed: EpisodeSeed::new(seed), options: &options }).unwrap();
         let room = Room::new(&fov);
         let target = fov.vector::<f32, 2>("target.position").map(f64::from);
         let mut agent: [f32; 2] = fov.vector("agent.position");
@@ -293,7 +293,7 @@ fn the_expert_solves_what_can_be_solved_under_all_factors() {
     for (episode, &success) in evaluation.episode_successes.iter().enumerate() {
         bench.reset(EpisodeSeed::of(SEED, episode as u64).value() as u64, &options).unwrap();
         let fov = factors()
-            .draw("test", &Episode { seed: EpisodeSeed::of(SEED, episode as u64), options: &options });
+            .sample("test", &Episode { seed: EpisodeSeed::of(SEED, episode as u64), options: &options });
         let [agent, target] = ["state", "goal_state"].map(|field| bench.pair(field).map(f64::from));
         let can_be = route::way(&Room::new(&fov.unwrap()), agent, target).succeeds;
         solvable += u32::from(can_be);

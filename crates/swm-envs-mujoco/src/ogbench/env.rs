@@ -270,7 +270,7 @@ impl Env for TableEnv {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        self.fov = self.space.draw(&self.spec.id, episode)?;
+        self.fov = self.space.sample(&self.spec.id, episode)?;
         let id = self.spec.id.clone();
         let at_reset = |error: MujocoError| error.at_reset(&id);
         self.set_model().map_err(at_reset)?;

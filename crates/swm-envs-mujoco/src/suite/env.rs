@@ -199,7 +199,7 @@ impl Env for SuiteEnv {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        self.fov = self.space.draw(&self.spec.id, episode)?;
+        self.fov = self.space.sample(&self.spec.id, episode)?;
         (self.total_reward, self.control_steps) = (0.0, 0);
         self.begin(episode).map_err(|error| error.at_reset(&self.spec.id))?;
         if let Some(row) = &episode.options.start {

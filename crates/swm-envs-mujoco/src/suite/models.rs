@@ -245,7 +245,7 @@ mod tests {
             let (mut models, space) = Models::new(domain, domain.tasks[0].name, false).unwrap();
             let options = ResetOptions::default().vary(&["all"]);
             let episode = Episode { seed: EpisodeSeed::new(5), options: &options };
-            let fov = space.draw(domain.id, &episode).unwrap();
+            let fov = space.sample(domain.id, &episode).unwrap();
             models.model(&fov).unwrap();
             let lent = models.textured_model(&fov).unwrap();
             let mut whole =

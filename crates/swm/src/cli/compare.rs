@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
-use swm_core::evaluate::stats::{bootstrap95, mean_and_deviation};
+use swm_core::evaluate::stats::{bootstrap95, mean_and_std};
 use swm_core::evaluate::{PairedRuns, Transfer};
 
 use super::eval_manifest::p_value;
@@ -182,7 +182,7 @@ impl Side {
     fn compared(&self, first: Option<&Side>) -> Compared {
         let successes = self.successes();
         let rates: Vec<f64> = self.runs.iter().map(|run| run.summary.success_rate).collect();
-        let (success_rate, deviation) = mean_and_deviation(&rates);
+        let (success_rate, deviation) = mean_and_std(&rates);
         let runs = slices(&successes);
         let ci95 = match &self.runs[..] {
             [one] => one.summary.ci95,

@@ -139,7 +139,7 @@ fn factor_json(factor: &FactorSpec) -> serde_json::Value {
         "low": short(&low),
         "high": short(&high),
         "default": factor.default,
-        "drawn_by_default": factor.drawn_by_default,
+        "sampled_by_default": factor.sampled_by_default,
         "constraint": factor.constraint,
         "doc": factor.doc,
     })
@@ -148,7 +148,7 @@ fn factor_json(factor: &FactorSpec) -> serde_json::Value {
 fn factor_row(factor: &FactorSpec) -> Vec<String> {
     let (low, high) = factor.space.bounds();
     let round = |values: &[f64]| short(&values.iter().map(|v| (v * 1e4).round() / 1e4).collect::<Vec<_>>());
-    let star = if factor.drawn_by_default { " *" } else { "" };
+    let star = if factor.sampled_by_default { " *" } else { "" };
     vec![
         format!("{}{star}", factor.name),
         factor.space.kind().to_owned(),

@@ -49,7 +49,7 @@ impl Stream {
         let mut env = entry.make(&EnvConfig { image: None, settings: manifest.settings.clone() })?;
         let spec = env.spec().clone();
         let drawn: Vec<String> =
-            spec.factors.iter().filter(|factor| factor.drawn_by_default).map(|f| f.name.clone()).collect();
+            spec.factors.iter().filter(|factor| factor.sampled_by_default).map(|f| f.name.clone()).collect();
         let mut row = Batch::new(Schema::new(spec.fields.clone())?, 1);
         let phases = self.phase.iter().enumerate();
         let phases = phases.flat_map(|(index, phase)| std::iter::repeat_n((index, phase), phase.episodes));

@@ -19,7 +19,7 @@ impl ImageModel {
 }
 
 impl WorldModel for ImageModel {
-    fn latent_width(&self) -> usize {
+    fn latent_dim(&self) -> usize {
         self.cells * self.cells * 3
     }
 
@@ -68,11 +68,11 @@ mod tests {
         let image: Vec<u8> = (0..18).collect();
         rows.rows_mut().write(0, &image);
         let (mut whole, mut cells) = (ImageModel::new(1), ImageModel::new(2));
-        let mut latent = vec![0.0; whole.latent_width()];
+        let mut latent = vec![0.0; whole.latent_dim()];
         whole.encode(rows.row(0), &mut latent).unwrap();
         // Red is 0, 3, …, 15.
         assert!((latent[0] * 255.0 - 7.5).abs() < 1e-12 && (latent[2] * 255.0 - 9.5).abs() < 1e-12);
-        let mut latent = vec![0.0; cells.latent_width()];
+        let mut latent = vec![0.0; cells.latent_dim()];
         cells.encode(rows.row(0), &mut latent).unwrap();
         // The first cell is one pixel, the last two, one below the other.
         assert!(

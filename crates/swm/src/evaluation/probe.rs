@@ -95,7 +95,7 @@ fn tables(entry: &EnvEntry, spec: &EnvSpec) -> Json {
                 factor.name,
                 space(&factor.space),
                 numbers(&factor.default),
-                factor.drawn_by_default,
+                factor.sampled_by_default,
                 shows_with
             ])
         })

@@ -126,7 +126,7 @@ pub fn probe(
             let part = &mut parts[usize::from(is_scored)];
             let values = rows.column(rows.schema().require(column)?);
             let width = values.len() / rows.rows().max(1);
-            (part.input_width, part.output_width) = (model.latent_width(), width);
+            (part.input_width, part.output_width) = (model.latent_dim(), width);
             for row in 0..rows.rows() {
                 let numbers: Option<Vec<f64>> =
                     (row * width..(row + 1) * width).map(|index| values.as_f64(index)).collect();

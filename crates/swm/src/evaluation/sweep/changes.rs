@@ -100,7 +100,7 @@ impl Change {
         }
         if self.share.is_none() {
             let drawn = changed.variation.get_or_insert_with(|| {
-                factors.iter().filter(|factor| factor.drawn_by_default).map(|f| f.name.clone()).collect()
+                factors.iter().filter(|factor| factor.sampled_by_default).map(|f| f.name.clone()).collect()
             });
             drawn.push(self.name.clone());
         }
@@ -133,8 +133,8 @@ mod tests {
 
     use super::*;
 
-    fn factor(name: &str, space: Space, drawn_by_default: bool) -> FactorSpec {
-        FactorSpec::new(name, space, Json::Null).drawn_by_default(drawn_by_default)
+    fn factor(name: &str, space: Space, sampled_by_default: bool) -> FactorSpec {
+        FactorSpec::new(name, space, Json::Null).sampled_by_default(sampled_by_default)
     }
 
     fn factors() -> Vec<FactorSpec> {
@@ -183,7 +183,7 @@ mod tests {
         assert_eq!(
             drawn.variation.unwrap(),
             ["block.start", "block"],
-            "what is drawn by default stays drawn"
+            "what is sampled by default stays sampled"
         );
         assert!(drawn.variation_values.is_empty(), "what is drawn is not set");
         let set = change(Some(1.0)).apply(&factors, &plain);

@@ -1,4 +1,4 @@
-//! Drawing an assignment: selection, explicit values, rejection under constraints.
+//! Sampling an assignment: selection, explicit values, rejection under constraints.
 
 use serde::{Deserialize, Serialize};
 use swm_core::env::Episode;
@@ -9,10 +9,10 @@ use thiserror::Error;
 
 use crate::factor::{Constraint, FovSpace};
 
-/// How often a constrained factor is drawn before giving up (as the reference).
+/// How often a constrained factor is sampled before giving up (as the reference).
 const MAX_TRIES: usize = 1000;
 
-/// A factor cannot be drawn or set.
+/// A factor cannot be sampled or set.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum FovError {
@@ -50,7 +50,7 @@ pub enum FovError {
         owner: String,
         /// The rule in words.
         words: &'static str,
-        /// `none of 1000 draws met`, `its value does not meet`, or the same of its default.
+        /// `none of 1000 samples met`, `its value does not meet`, or the same of its default.
         tries: String,
         /// Names and values of the factors that the rule reads.
         involved: String,
@@ -62,19 +62,19 @@ pub enum FovError {
 pub struct Fov {
     names: Vec<String>,
     values: Vec<Value>,
-    /// Drawn or set in this reset, rather than left at its default.
+    /// Sampled or set in this reset, rather than left at its default.
     touched: Vec<bool>,
 }
 
 impl FovSpace {
-    /// Draws the assignment of one episode: factors that `episode.options` sets get these values, those that it varies are drawn from the
+    /// Samples the assignment of one episode: factors that `episode.options` sets get these values, those that it varies are sampled from the
     /// episode's seed, each from a stream of its own, all others keep their defaults. `env` is for messages.
     ///
     /// # Errors
     ///
-    /// An unknown factor, a value out of bounds, or a constraint that 1,000 draws did not meet.
-    pub fn draw(&self, env: &str, episode: &Episode<'_>) -> Result<Fov, EnvError> {
-        self.try_draw(episode).map_err(|error| {
+    /// An unknown factor, a value out of bounds, or a constraint that 1,000 samples did not meet.
+    pub fn sample(&self, env: &str, episode: &Episode<'_>) -> Result<Fov, EnvError> {
+        self.try_sample(episode).map_err(|error| {
             let (env, reason) = (env.to_owned(), error.to_string());
             match error {
                 FovError::Unsatisfied { .. } => EnvError::Constraint { env, reason },
@@ -83,8 +83,8 @@ impl FovSpace {
         })
     }
 
-    fn try_draw(&self, episode: &Episode<'_>) -> Result<Fov, FovError> {
-        let drawn = self.selection(episode.options.variation.as_deref())?;
+    fn try_sample(&self, episode: &Episode<'_>) -> Result<Fov, FovError> {
+        let sampled = self.selection(episode.options.variation.as_deref())?;
         let mut fov = self.defaults();
         let mut set = vec![false; self.factors.len()];
         for (name, value) in &episode.options.variation_values {
@@ -93,8 +93,8 @@ impl FovSpace {
             set[index] = true;
         }
         for (index, factor) in self.factors.iter().enumerate() {
-            fov.touched[index] = drawn[index] || set[index];
-            if !drawn[index] || set[index] {
+            fov.touched[index] = sampled[index] || set[index];
+            if !sampled[index] || set[index] {
                 continue;
             }
             let mut stream = episode.seed.stream(&factor.spec.name);
@@ -106,17 +106,17 @@ impl FovSpace {
                 tries += 1;
                 let Some(broken) = rules.iter().find(|rule| !(rule.holds)(&fov)) else { break };
                 if tries == MAX_TRIES {
-                    return Err(unsatisfied(broken, &fov, format!("none of {MAX_TRIES} draws met")));
+                    return Err(unsatisfied(broken, &fov, format!("none of {MAX_TRIES} samples met")));
                 }
             }
         }
-        // Values that were set or left at their defaults must agree with what was drawn.
+        // Values that were set or left at their defaults must agree with what was sampled.
         match self.constraints.iter().find(|rule| !(rule.holds)(&fov)) {
             Some(broken) if fov.touched(broken.owner) => {
                 Err(unsatisfied(broken, &fov, "its value does not meet".to_owned()))
             }
             Some(broken) => {
-                Err(unsatisfied(broken, &fov, "its default does not meet: draw or set it too".to_owned()))
+                Err(unsatisfied(broken, &fov, "its default does not meet: sample or set it too".to_owned()))
             }
             None => Ok(fov),
         }
@@ -131,10 +131,10 @@ impl FovSpace {
         }
     }
 
-    /// Which factors a list of names, groups or `all` selects; without a list, those drawn by default.
+    /// Which factors a list of names, groups or `all` selects; without a list, those sampled by default.
     fn selection(&self, asked: Option<&[String]>) -> Result<Vec<bool>, FovError> {
         let Some(asked) = asked else {
-            return Ok(self.factors.iter().map(|factor| factor.spec.drawn_by_default).collect());
+            return Ok(self.factors.iter().map(|factor| factor.spec.sampled_by_default).collect());
         };
         let mut selected = vec![false; self.factors.len()];
         for name in asked {
@@ -205,7 +205,7 @@ impl Fov {
         &self.values[self.index(name)]
     }
 
-    /// Whether a factor was drawn or set in this reset.
+    /// Whether a factor was sampled or set in this reset.
     pub fn touched(&self, name: &str) -> bool {
         self.touched[self.index(name)]
     }

@@ -1,4 +1,4 @@
-//! Drawing the pairs of a manifest: from recorded rows, or from the environment's own resets.
+//! Sampling the pairs of a manifest: from recorded rows, or from the environment's own resets.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -33,7 +33,7 @@ pub struct ManifestOptions {
     pub image: Option<ImageSize>,
     /// Seed of the choice.
     pub seed: u64,
-    /// Factors to draw: names, groups, `all`. `None`: the environment's default list online, none on recorded rows.
+    /// Factors to sample: names, groups, `all`. `None`: the environment's default list online, none on recorded rows.
     pub vary: Option<Vec<String>>,
     /// Factors to set.
     pub set: BTreeMap<String, Value>,
@@ -47,7 +47,7 @@ pub struct ManifestOptions {
     pub rest: Vec<(String, Range<usize>)>,
 }
 
-/// Recorded rows to draw pairs from.
+/// Recorded rows to sample pairs from.
 pub struct RecordedPairs<'a> {
     /// The episodes.
     pub source: &'a mut dyn Dataset,
@@ -57,7 +57,7 @@ pub struct RecordedPairs<'a> {
     pub hash: String,
     /// The goal is this many rows after the start.
     pub goal_offset: usize,
-    /// The share of episodes to draw from; 1: all.
+    /// The share of episodes to sample from; 1: all.
     pub held_out: f64,
 }
 
@@ -87,14 +87,14 @@ pub fn make_manifest(
         return Err(wrong("0 pairs asked for; use 1 or more"));
     }
     let env = entry.make(&EnvConfig { image: None, ..config.clone() })?;
-    let mut draw = Draw::new(env, options)?;
+    let mut sample = Sample::new(env, options)?;
     let (source, pairs) = match recorded {
-        None => (PairSource::Online, draw.online()?),
+        None => (PairSource::Online, sample.online()?),
         Some(mut recorded) => {
-            draw.check_source(&recorded)?;
+            sample.check_source(&recorded)?;
             let pairs = match options.tier {
-                Tier::Historic => draw.historic(&mut recorded),
-                Tier::Moderate | Tier::Strict => draw.held_out(&mut recorded),
+                Tier::Historic => sample.historic(&mut recorded),
+                Tier::Moderate | Tier::Strict => sample.held_out(&mut recorded),
             };
             let pairs = pairs.map_err(WorldError::Dataset)?;
             let (source, held_out) = (&*recorded.source, recorded.held_out);
@@ -117,14 +117,14 @@ pub fn make_manifest(
         distractors: options.distractors.clone(),
         success: options.success.clone(),
         source,
-        excluded: draw.excluded,
-        solved_at_start: draw.solved,
+        excluded: sample.excluded,
+        solved_at_start: sample.solved,
         pairs,
     })
 }
 
 /// An environment that candidates are tried in.
-struct Draw<'a> {
+struct Sample<'a> {
     env: Box<dyn Env>,
     row: Batch,
     options: &'a ManifestOptions,
@@ -134,7 +134,7 @@ struct Draw<'a> {
     solved: usize,
 }
 
-impl<'a> Draw<'a> {
+impl<'a> Sample<'a> {
     fn new(env: Box<dyn Env>, options: &'a ManifestOptions) -> Result<Self, WorldError> {
         let schema: Arc<Schema> = Schema::new(env.spec().fields.clone())?;
         let judge = options.success.judge(&schema)?;
@@ -226,7 +226,7 @@ impl<'a> Draw<'a> {
         )
     }
 
-    /// Rows drawn uniformly from all episodes, as published.
+    /// Rows sampled uniformly from all episodes, as published.
     fn historic(&mut self, recorded: &mut RecordedPairs<'_>) -> Result<Vec<Pair>, BoxError> {
         let options = self.options;
         let starts = choose_starts(&*recorded.source, options.pairs, recorded.goal_offset, options.seed)?;
