@@ -143,8 +143,7 @@ impl Test {
         let elements: Vec<usize> =
             if elements.is_empty() { (0..dim[0].min(dim[1])).collect() } else { elements.clone() };
         if let Some(element) = elements.iter().find(|&&element| element >= dim[0].min(dim[1])) {
-            let reason =
-                format!("element {element} of `{column}` ({}) and `{goal}` ({})", dim[0], dim[1]);
+            let reason = format!("element {element} of `{column}` ({}) and `{goal}` ({})", dim[0], dim[1]);
             return Err(wrong(format!("{reason}: there are not so many")));
         }
         if *measure == Measure::CubeRotation && elements.len() != 4 {

@@ -19,10 +19,10 @@
 //! # Ok::<(), swm_core::EnvError>(())
 //! ```
 
-mod describe;
 mod assignment;
+mod describe;
 mod factor;
 
-pub use describe::markdown;
 pub use assignment::{Fov, FovError, SavedFov};
+pub use describe::markdown;
 pub use factor::{Constraint, Factor, FovSpace};

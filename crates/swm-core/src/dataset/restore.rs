@@ -46,7 +46,9 @@ pub fn whole_episode(
     let held = |name: &String| options.variation_values.contains_key(name);
     let all_known = match source.metadata() {
         Some(metadata) => !metadata.from_recorded_rows,
-        None => spec.factors.iter().filter(|factor| factor.sampled_by_default).all(|factor| held(&factor.name)),
+        None => {
+            spec.factors.iter().filter(|factor| factor.sampled_by_default).all(|factor| held(&factor.name))
+        }
     };
     if all_known {
         options.start = None;

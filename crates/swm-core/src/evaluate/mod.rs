@@ -3,11 +3,11 @@
 //! A [`Manifest`] fixes what is evaluated: pairs of start and goal, budget, and a [`SuccessRule`] outside of the environment.
 //! [`World::run_pairs`] runs it, [`OutcomeRecorder`] watches, [`stats`] compares. Files are not known here.
 
-mod pairs;
 mod from_dataset;
 mod manifest;
 mod model_entry;
 mod outcome;
+mod pairs;
 pub mod quality;
 mod ranking;
 mod runs;
@@ -28,11 +28,11 @@ use crate::run::{EpisodeEnd, Rollout, RunInfo};
 use crate::world::World;
 
 pub use crate::success::{Condition, Judge, Measure, SuccessRule};
-pub use pairs::{ManifestOptions, RecordedPairs, is_held_out, make_manifest};
 pub use from_dataset::EvalOptions;
 pub use manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, sha256, sorted, witness};
 pub use model_entry::{MakeModel, ModelEntry};
 pub use outcome::{EpisodeResult, OutcomeRecorder, Summary};
+pub use pairs::{ManifestOptions, RecordedPairs, is_held_out, make_manifest};
 pub use ranking::{RankingOptions, action_ranking};
 pub use runs::{PairedRuns, sign_flip_exact};
 pub use state_model::StateModel;

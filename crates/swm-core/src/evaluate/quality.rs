@@ -94,8 +94,7 @@ pub fn open_loop_error(
         for (step, sum) in sums.iter_mut().enumerate() {
             let taken = spans(&actions[step * stride * wide..], wide, stride, starts);
             model.predict_rows(&mut predicted, &taken)?;
-            *sum +=
-                squared(&predicted, &known[(step + 1) * stride * dim..][..starts * dim]) / dim as f64;
+            *sum += squared(&predicted, &known[(step + 1) * stride * dim..][..starts * dim]) / dim as f64;
         }
         count += starts;
     }

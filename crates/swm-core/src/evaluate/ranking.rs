@@ -7,7 +7,7 @@ use crate::error::{BoxError, EnvError};
 use crate::seed::EpisodeSeed;
 
 use super::quality::WorldModel;
-use super::state_model::{ActionColumn, columns, defaults, start_at, rows_with_actions};
+use super::state_model::{ActionColumn, columns, defaults, rows_with_actions, start_at};
 use super::stats::rank_correlation;
 
 /// What is ranked.

@@ -36,7 +36,11 @@ impl StateModel {
     pub fn new(entry: &EnvEntry, config: &EnvConfig, gain: Option<f64>) -> Result<Self, BoxError> {
         let env = entry.make(&EnvConfig { image: None, settings: config.settings.clone() })?;
         if env.spec().start_columns.is_empty() {
-            return Err(format!("{} cannot be reset to a recorded state: it names no start columns", entry.id).into());
+            return Err(format!(
+                "{} cannot be reset to a recorded state: it names no start columns",
+                entry.id
+            )
+            .into());
         }
         let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
         let action = ActionColumn::new(&env.spec().action);

@@ -8,7 +8,7 @@ use crate::env::{Env, Episode, ResetOptions};
 use crate::error::BoxError;
 use crate::seed::{EpisodeSeed, keyed};
 
-use super::state_model::{ActionColumn, defaults, start_at, rows_with_actions};
+use super::state_model::{ActionColumn, defaults, rows_with_actions, start_at};
 
 /// Something that cannot happen.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,7 +96,9 @@ pub fn random_episodes(
 fn check(env: &dyn Env, violation: &Violation) -> Result<(), BoxError> {
     let spec = env.spec();
     if spec.start_columns.is_empty() {
-        return Err(format!("{} cannot be reset to a recorded state: it names no start columns", spec.id).into());
+        return Err(
+            format!("{} cannot be reset to a recorded state: it names no start columns", spec.id).into()
+        );
     }
     match violation {
         Violation::Teleport => Ok(()),

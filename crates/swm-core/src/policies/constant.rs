@@ -19,8 +19,7 @@ pub fn constant(values: Vec<f32>) -> impl Policy {
             return Ok(());
         }
         if values.len() != dim {
-            let reason =
-                format!("{} value(s) given, the action of {} has {dim}", values.len(), view.spec.id);
+            let reason = format!("{} value(s) given, the action of {} has {dim}", values.len(), view.spec.id);
             return Err(wrong(reason));
         }
         if let (SliceMut::I64(_), Some(value)) = (&*action, values.iter().find(|value| value.fract() != 0.0))

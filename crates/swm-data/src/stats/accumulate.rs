@@ -1,4 +1,4 @@
-//! One pass over the rows of a column: running means and deviations (Welford's recurrence), extremes, and what is kept
+//! One pass over the rows of a column: running means and stds (Welford's recurrence), extremes, and what is kept
 //! for quantiles: a uniform sample of rows, or the counts of all 256 levels of an image's channels.
 
 use rand::RngExt as _;
@@ -21,7 +21,7 @@ pub(super) struct Moments {
     rows: u64,
     not_finite: u64,
     mean: Vec<f64>,
-    /// Sums of squared deviations from the mean.
+    /// Sums of squared differences from the mean.
     squares: Vec<f64>,
     min: Vec<f64>,
     max: Vec<f64>,
@@ -53,9 +53,9 @@ impl Moments {
     fn add_row(&mut self) {
         self.rows += 1;
         for (at, &value) in self.row.iter().enumerate() {
-            let deviation = value - self.mean[at];
-            self.mean[at] += deviation / self.rows as f64;
-            self.squares[at] += deviation * (value - self.mean[at]);
+            let difference = value - self.mean[at];
+            self.mean[at] += difference / self.rows as f64;
+            self.squares[at] += difference * (value - self.mean[at]);
             self.min[at] = self.min[at].min(value);
             self.max[at] = self.max[at].max(value);
         }

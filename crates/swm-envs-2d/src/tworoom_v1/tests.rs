@@ -251,9 +251,12 @@ fn constraints_that_cannot_be_met_say_which_and_why() {
 
     let same_side = fixed(&[("agent.position", Value::vector(&[400.0f32, 100.0]))]);
     let message = reset(&mut env, &same_side).unwrap_err();
-    for part in
-        ["`goal.position`", "other side of the wall", "sample or set it too", "agent.position = [400.0,100.0]"]
-    {
+    for part in [
+        "`goal.position`",
+        "other side of the wall",
+        "sample or set it too",
+        "agent.position = [400.0,100.0]",
+    ] {
         assert!(message.contains(part), "{part} is missing: {message}");
     }
     let in_the_wall = fixed(&[("agent.position", Value::vector(&[247.0f32, 100.0]))]);

@@ -1,4 +1,4 @@
-//! The experts: a teacher that knows the shortest way, a body that follows it. Both read the row and the maze of the settings.
+//! The experts: a navigator that knows the shortest path, a body that follows it. Both read the row and the maze of the settings.
 
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::policy::write_action;
@@ -51,8 +51,8 @@ fn make(context: &PolicyContext<'_>, args: &PolicyArgs, body: Body) -> Result<Bo
     let description = format!("{}:noise={noise}", args.name);
     Ok(Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
         let goal = pair(view, "goal_xy")?;
-        let teacher = Teacher { maze, goal, ways: maze.ways(cell_at(goal)) };
-        let expert = Expert { teacher, body, noise, anchor: pair(view, "xy")?, anchored: 0, detour: None };
+        let navigator = Navigator { maze, goal, ways: maze.ways(cell_at(goal)) };
+        let expert = Expert { navigator, body, noise, anchor: pair(view, "xy")?, anchored: 0, detour: None };
         Ok(Box::new(expert) as Box<dyn Actor>)
     })))
 }
@@ -63,13 +63,13 @@ fn pair(view: &SlotView<'_>, column: &str) -> Result<[f64; 2], PolicyError> {
 }
 
 /// Knows the way.
-struct Teacher {
+struct Navigator {
     maze: Maze,
     goal: [f64; 2],
     ways: Vec<Option<u32>>,
 }
 
-impl Teacher {
+impl Navigator {
     /// How far ahead on the way one aims, m.
     const AHEAD: f64 = 1.0;
 
@@ -86,7 +86,7 @@ impl Teacher {
 
 /// The expert in one episode.
 struct Expert {
-    teacher: Teacher,
+    navigator: Navigator,
     body: Body,
     noise: f64,
     /// Where the body was at the step `anchored`, to see whether it gets on.
@@ -115,7 +115,7 @@ impl Expert {
         match self.detour {
             Some((direction, end)) if step < end => direction,
             _ => {
-                let aim = self.teacher.aim(place);
+                let aim = self.navigator.aim(place);
                 (aim[1] - place[1]).atan2(aim[0] - place[0])
             }
         }
@@ -130,7 +130,7 @@ impl Actor for Expert {
             |count: usize| -> Vec<f64> { (0..count).map(|_| self.noise * normal(&mut stream)).collect() };
         match self.body {
             Body::Point => {
-                let (noise, aim) = (noise(2), self.teacher.aim(place));
+                let (noise, aim) = (noise(2), self.navigator.aim(place));
                 // One step may be longer than what is left.
                 let way =
                     distance(place, aim).max(view.row.get::<f64>(&format!("{VARIATION_PREFIX}{SPEED}"))?[0]);

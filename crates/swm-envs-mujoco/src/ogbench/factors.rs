@@ -184,7 +184,10 @@ fn places(kind: Kind) -> Vec<Control> {
     let factors = [
         position(START_POSITION, "x, y of the cubes at the start, m"),
         yaw(START_YAW, "turn of the cubes at the start, rad"),
-        position(GOAL_POSITION, "x, y of the first target, of whichever cube it is, m; later ones are sampled"),
+        position(
+            GOAL_POSITION,
+            "x, y of the first target, of whichever cube it is, m; later ones are sampled",
+        ),
         yaw(GOAL_YAW, "turn of the first target, rad"),
     ];
     factors

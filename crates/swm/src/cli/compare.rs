@@ -51,7 +51,7 @@ struct Compared {
     /// Wilson for one run, bootstrap over pairs for several.
     ci95: [f64; 2],
     /// Sample standard deviation of the runs' success rates, in percentage points.
-    deviation: Option<f64>,
+    std: Option<f64>,
     /// The first side against this one, all runs of both.
     #[serde(skip_serializing_if = "Option::is_none")]
     test: Option<PairedRuns>,
@@ -88,17 +88,9 @@ impl Compare {
                     }
                     None => (String::new(), String::new()),
                 };
-                let deviation = side.deviation.map_or(String::new(), |deviation| format!("{deviation:.1}"));
+                let std = side.std.map_or(String::new(), |std| format!("{std:.1}"));
                 let rate = format!("{:.1} % ({low:.1} to {high:.1})", side.success_rate);
-                vec![
-                    side.name.clone(),
-                    side.policy.clone(),
-                    side.runs.to_string(),
-                    rate,
-                    deviation,
-                    difference,
-                    p,
-                ]
+                vec![side.name.clone(), side.policy.clone(), side.runs.to_string(), rate, std, difference, p]
             })
             .collect();
         let head = ["result", "policy", "runs", "success (95 %)", "± seeds", "first minus it", "paired test"];
@@ -182,7 +174,7 @@ impl Side {
     fn compared(&self, first: Option<&Side>) -> Compared {
         let successes = self.successes();
         let rates: Vec<f64> = self.runs.iter().map(|run| run.summary.success_rate).collect();
-        let (success_rate, deviation) = mean_and_std(&rates);
+        let (success_rate, std) = mean_and_std(&rates);
         let runs = slices(&successes);
         let ci95 = match &self.runs[..] {
             [one] => one.summary.ci95,
@@ -195,7 +187,7 @@ impl Side {
             runs: self.runs.len(),
             success_rate,
             ci95,
-            deviation,
+            std,
             test,
         }
     }

@@ -111,7 +111,7 @@ impl Distractor for RandomConv {
         let size = self.kernel | 1;
         let half = (size / 2) as isize;
         let mut rng = frame.of_episode("distractor random_conv");
-        let deviation = 1.0 / ((3 * size * size) as f32).sqrt();
+        let std = 1.0 / ((3 * size * size) as f32).sqrt();
         let Frame { pixels, height, width, scratch, .. } = frame;
         let (height, width) = (*height, *width);
         let Scratch { numbers, bytes } = &mut **scratch;
@@ -121,7 +121,7 @@ impl Distractor for RandomConv {
         numbers.clear();
         numbers.extend((0..9 * size * size).map(|_| {
             let z: f32 = rng.sample(StandardNormal);
-            z * deviation
+            z * std
         }));
         for y in 0..height {
             for x in 0..width {

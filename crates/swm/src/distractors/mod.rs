@@ -275,7 +275,7 @@ mod tests {
             .filter(|(plain, _)| (60..190).contains(*plain))
             .map(|(&a, &b)| f64::from(b) - f64::from(a))
             .collect();
-        let (mean, deviation) = swm_core::evaluate::stats::mean_and_std(&differences);
-        assert!(mean.abs() < 1.5 && (deviation.unwrap() - 10.0).abs() < 1.5, "{mean} {deviation:?}");
+        let (mean, std) = swm_core::evaluate::stats::mean_and_std(&differences);
+        assert!(mean.abs() < 1.5 && (std.unwrap() - 10.0).abs() < 1.5, "{mean} {std:?}");
     }
 }

@@ -158,11 +158,11 @@ pub fn probe(
 #[cfg(feature = "faer")]
 const RIDGE: f64 = 1e-4;
 
-/// Shifts and scales columns to mean 0 and deviation 1; what is constant becomes 0.
+/// Shifts and scales columns to mean 0 and std 1; what is constant becomes 0.
 #[derive(Clone, Debug, PartialEq)]
 struct Scaling {
     means: Vec<f64>,
-    deviations: Vec<f64>,
+    stds: Vec<f64>,
 }
 
 impl Scaling {
@@ -177,29 +177,27 @@ impl Scaling {
                 *square += (x - mean) * (x - mean) / count;
             }
         }
-        // Rounding leaves a constant a deviation of its last digits.
-        let deviation = |(square, mean): (f64, &f64)| {
-            let deviation = square.sqrt();
-            if deviation > 1e-12 * mean.abs() { deviation } else { 0.0 }
+        // Rounding leaves a constant a std of its last digits.
+        let std = |(square, mean): (f64, &f64)| {
+            let std = square.sqrt();
+            if std > 1e-12 * mean.abs() { std } else { 0.0 }
         };
-        let deviations = squares.into_iter().zip(&means).map(deviation).collect();
-        Self { means, deviations }
+        let stds = squares.into_iter().zip(&means).map(std).collect();
+        Self { means, stds }
     }
 
     fn apply(&self, values: &[f64]) -> Vec<f64> {
         let scale = |row: &[f64]| -> Vec<f64> {
-            let numbers = row.iter().zip(&self.means).zip(&self.deviations);
-            numbers
-                .map(|((x, mean), deviation)| if *deviation > 0.0 { (x - mean) / deviation } else { 0.0 })
-                .collect()
+            let numbers = row.iter().zip(&self.means).zip(&self.stds);
+            numbers.map(|((x, mean), std)| if *std > 0.0 { (x - mean) / std } else { 0.0 }).collect()
         };
         values.chunks_exact(self.means.len().max(1)).flat_map(scale).collect()
     }
 
     fn undo(&self, values: &mut [f64]) {
         for row in values.chunks_exact_mut(self.means.len().max(1)) {
-            for ((x, mean), deviation) in row.iter_mut().zip(&self.means).zip(&self.deviations) {
-                *x = *x * deviation + mean;
+            for ((x, mean), std) in row.iter_mut().zip(&self.means).zip(&self.stds) {
+                *x = *x * std + mean;
             }
         }
     }

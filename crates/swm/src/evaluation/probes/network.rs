@@ -11,7 +11,7 @@ use super::{Samples, Scaling};
 const HIDDEN: usize = 64;
 const BATCH: usize = 64;
 const STEPS: usize = 2000;
-/// Adam's step at the beginning (it falls to zero along a line), and its other numbers as published: D. P. Kingma and
+/// Adam's step at the beginning (it falls to zero along a line), and its other parameters as published: D. P. Kingma and
 /// J. Ba, "Adam" (2015).
 const RATE: f64 = 3e-3;
 const BETAS: [f64; 2] = [0.9, 0.999];
@@ -24,7 +24,7 @@ pub struct NetworkProbe {
     outputs: Scaling,
     shape: Shape,
     /// One after another: weights `[HIDDEN, Z]`, biases `[HIDDEN]`, weights `[S, HIDDEN]`, biases `[S]`.
-    numbers: Vec<f64>,
+    parameters: Vec<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,24 +38,24 @@ impl Shape {
         HIDDEN * (self.inputs + 1) + self.outputs * (HIDDEN + 1)
     }
 
-    /// The four parts of the numbers, or of their slopes.
-    fn parts(self, numbers: &[f64]) -> [&[f64]; 4] {
-        let (first, rest) = numbers.split_at(HIDDEN * self.inputs);
+    /// The four parts of the parameters, or of their gradient.
+    fn parts(self, parameters: &[f64]) -> [&[f64]; 4] {
+        let (first, rest) = parameters.split_at(HIDDEN * self.inputs);
         let (first_bias, rest) = rest.split_at(HIDDEN);
         let (second, second_bias) = rest.split_at(self.outputs * HIDDEN);
         [first, first_bias, second, second_bias]
     }
 
-    fn parts_mut(self, numbers: &mut [f64]) -> [&mut [f64]; 4] {
-        let (first, rest) = numbers.split_at_mut(HIDDEN * self.inputs);
+    fn parts_mut(self, parameters: &mut [f64]) -> [&mut [f64]; 4] {
+        let (first, rest) = parameters.split_at_mut(HIDDEN * self.inputs);
         let (first_bias, rest) = rest.split_at_mut(HIDDEN);
         let (second, second_bias) = rest.split_at_mut(self.outputs * HIDDEN);
         [first, first_bias, second, second_bias]
     }
 
     /// Hidden values and outputs of one input.
-    fn tell(self, numbers: &[f64], input: &[f64], hidden: &mut [f64; HIDDEN], output: &mut [f64]) {
-        let [first, first_bias, second, second_bias] = self.parts(numbers);
+    fn tell(self, parameters: &[f64], input: &[f64], hidden: &mut [f64; HIDDEN], output: &mut [f64]) {
+        let [first, first_bias, second, second_bias] = self.parts(parameters);
         for ((unit, weights), bias) in hidden.iter_mut().zip(first.chunks_exact(self.inputs)).zip(first_bias)
         {
             *unit = (dot(weights, input) + bias).max(0.0);
@@ -65,26 +65,26 @@ impl Shape {
         }
     }
 
-    /// Adds the slopes of half the squared error, whose slopes by the outputs are `error`.
-    fn add_slopes(
+    /// Adds the gradient of half the squared error, whose gradient by the outputs is `error`.
+    fn add_gradient(
         self,
-        numbers: &[f64],
+        parameters: &[f64],
         input: &[f64],
         hidden: &[f64; HIDDEN],
         error: &[f64],
-        slopes: &mut [f64],
+        gradient: &mut [f64],
     ) {
-        let [_, _, second, _] = self.parts(numbers);
-        let [first_slopes, first_bias, second_slopes, second_bias] = self.parts_mut(slopes);
+        let [_, _, second, _] = self.parts(parameters);
+        let [first_gradient, first_bias, second_gradient, second_bias] = self.parts_mut(gradient);
         let mut back = [0.0; HIDDEN];
         for (index, &error) in error.iter().enumerate() {
             let row = index * HIDDEN..(index + 1) * HIDDEN;
-            add_scaled(&mut second_slopes[row.clone()], hidden, error);
+            add_scaled(&mut second_gradient[row.clone()], hidden, error);
             add_scaled(&mut back, &second[row], error);
             second_bias[index] += error;
         }
         for (unit, back) in back.into_iter().enumerate().filter(|(unit, _)| hidden[*unit] > 0.0) {
-            add_scaled(&mut first_slopes[unit * self.inputs..][..self.inputs], input, back);
+            add_scaled(&mut first_gradient[unit * self.inputs..][..self.inputs], input, back);
             first_bias[unit] += back;
         }
     }
@@ -115,18 +115,18 @@ impl NetworkProbe {
         let outputs = Scaling::of(&samples.outputs, shape.outputs);
         let (x, y) = (inputs.apply(&samples.inputs), outputs.apply(&samples.outputs));
         let mut rng = keyed(seed, "network probe", [shape.inputs as u64, shape.outputs as u64]);
-        let mut numbers = vec![0.0; shape.count()];
-        let [first, _, second, _] = shape.parts_mut(&mut numbers);
+        let mut parameters = vec![0.0; shape.count()];
+        let [first, _, second, _] = shape.parts_mut(&mut parameters);
         // Uniform with the variance 2 / inputs of rectified units (He et al., 2015), and 1 / inputs of linear ones.
         let bounds = [(6.0 / shape.inputs.max(1) as f64).sqrt(), (3.0 / HIDDEN as f64).sqrt()];
         first.fill_with(|| rng.random_range(-bounds[0]..bounds[0]));
         second.fill_with(|| rng.random_range(-bounds[1]..bounds[1]));
         let mut order: Vec<usize> = (0..samples.len()).collect();
         let (mut next, mut adam) = (order.len(), Adam::new(shape.count()));
-        let mut slopes = vec![0.0; shape.count()];
+        let mut gradient = vec![0.0; shape.count()];
         let (mut hidden, mut output) = ([0.0; HIDDEN], vec![0.0; shape.outputs]);
         for step in 0..STEPS {
-            slopes.fill(0.0);
+            gradient.fill(0.0);
             let batch = BATCH.min(order.len());
             for _ in 0..batch {
                 if next == order.len() {
@@ -136,16 +136,16 @@ impl NetworkProbe {
                 let sample = order[next];
                 next += 1;
                 let input = &x[sample * shape.inputs..][..shape.inputs];
-                shape.tell(&numbers, input, &mut hidden, &mut output);
+                shape.tell(&parameters, input, &mut hidden, &mut output);
                 for (told, truth) in output.iter_mut().zip(&y[sample * shape.outputs..][..shape.outputs]) {
                     *told = (*told - truth) / batch as f64;
                 }
-                shape.add_slopes(&numbers, input, &hidden, &output, &mut slopes);
+                shape.add_gradient(&parameters, input, &hidden, &output, &mut gradient);
             }
             let rate = RATE * (1.0 - step as f64 / STEPS as f64);
-            adam.step(&mut numbers, &slopes, rate);
+            adam.step(&mut parameters, &gradient, rate);
         }
-        Self { inputs, outputs, shape, numbers }
+        Self { inputs, outputs, shape, parameters }
     }
 
     /// What latents `[N, Z]` tell: `[N, S]`.
@@ -154,7 +154,7 @@ impl NetworkProbe {
         let mut told = vec![0.0; x.len() / self.shape.inputs.max(1) * self.shape.outputs];
         let rows = x.chunks_exact(self.shape.inputs.max(1));
         for (input, output) in rows.zip(told.chunks_exact_mut(self.shape.outputs.max(1))) {
-            self.shape.tell(&self.numbers, input, &mut hidden, output);
+            self.shape.tell(&self.parameters, input, &mut hidden, output);
         }
         self.outputs.undo(&mut told);
         told
@@ -163,7 +163,7 @@ impl NetworkProbe {
 
 struct Adam {
     taken: i32,
-    /// Running means of slopes and of their squares.
+    /// Running means of gradients and of their squares.
     means: Vec<f64>,
     squares: Vec<f64>,
 }
@@ -173,13 +173,13 @@ impl Adam {
         Self { taken: 0, means: vec![0.0; count], squares: vec![0.0; count] }
     }
 
-    fn step(&mut self, numbers: &mut [f64], slopes: &[f64], rate: f64) {
+    fn step(&mut self, parameters: &mut [f64], gradient: &[f64], rate: f64) {
         self.taken += 1;
         let [first, second] = BETAS.map(|beta| 1.0 - beta.powi(self.taken));
         let moments = self.means.iter_mut().zip(&mut self.squares);
-        for ((number, slope), (mean, square)) in numbers.iter_mut().zip(slopes).zip(moments) {
-            *mean += (1.0 - BETAS[0]) * (slope - *mean);
-            *square += (1.0 - BETAS[1]) * (slope * slope - *square);
+        for ((number, derivative), (mean, square)) in parameters.iter_mut().zip(gradient).zip(moments) {
+            *mean += (1.0 - BETAS[0]) * (derivative - *mean);
+            *square += (1.0 - BETAS[1]) * (derivative * derivative - *square);
             *number -= rate * (*mean / first) / ((*square / second).sqrt() + EPSILON);
         }
     }
@@ -192,29 +192,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slopes_are_those_of_the_error() {
+    fn gradients_are_those_of_the_error() {
         let shape = Shape { inputs: 3, outputs: 2 };
-        let numbers: Vec<f64> = (0..shape.count()).map(|k| (k as f64 * 0.37).sin()).collect();
+        let parameters: Vec<f64> = (0..shape.count()).map(|k| (k as f64 * 0.37).sin()).collect();
         let (input, truth) = ([0.3, -0.8, 0.5], [0.2, -1.0]);
-        let error = |numbers: &[f64]| {
+        let error = |parameters: &[f64]| {
             let (mut hidden, mut output) = ([0.0; HIDDEN], [0.0; 2]);
-            shape.tell(numbers, &input, &mut hidden, &mut output);
+            shape.tell(parameters, &input, &mut hidden, &mut output);
             output.iter().zip(truth).map(|(told, truth)| (told - truth) * (told - truth) / 2.0).sum::<f64>()
         };
-        let (mut hidden, mut output, mut slopes) = ([0.0; HIDDEN], [0.0; 2], vec![0.0; shape.count()]);
-        shape.tell(&numbers, &input, &mut hidden, &mut output);
+        let (mut hidden, mut output, mut gradient) = ([0.0; HIDDEN], [0.0; 2], vec![0.0; shape.count()]);
+        shape.tell(&parameters, &input, &mut hidden, &mut output);
         output.iter_mut().zip(truth).for_each(|(told, truth)| *told -= truth);
-        shape.add_slopes(&numbers, &input, &hidden, &output, &mut slopes);
+        shape.add_gradient(&parameters, &input, &hidden, &output, &mut gradient);
         for index in 0..shape.count() {
-            let mut moved = numbers.clone();
+            let mut moved = parameters.clone();
             moved[index] += 1e-5;
             let ahead = error(&moved);
             moved[index] -= 2e-5;
-            let slope = (ahead - error(&moved)) / 2e-5;
+            let derivative = (ahead - error(&moved)) / 2e-5;
             assert!(
-                (slope - slopes[index]).abs() < 1e-6 * (1.0 + slope.abs()),
-                "{index}: {slope} {}",
-                slopes[index]
+                (derivative - gradient[index]).abs() < 1e-6 * (1.0 + derivative.abs()),
+                "{index}: {derivative} {}",
+                gradient[index]
             );
         }
     }
