@@ -35,10 +35,10 @@ impl EpisodeSink for Memory {
 }
 
 /// Episodes of the weak policy, as `swm collect` records them.
-fn recorded(side: usize, episodes: u64) -> Memory {
+fn recorded(image: Image, episodes: u64, steps: usize) -> Memory {
     let mut memory = Memory::default();
-    let mut world = world(Image { side, style: "fast" }, Actions::Weak, 1, 1).expect("the options are valid");
-    world.set_max_episode_steps(Some(EPISODE_STEPS as u64));
+    let mut world = world(image, Actions::Weak, 1, 1).expect("the options are valid");
+    world.set_max_episode_steps(Some(steps as u64));
     let rollout = Rollout::new(0..episodes);
     world.record_dataset(&rollout, &mut memory).expect("memory takes everything");
     memory
@@ -54,12 +54,35 @@ fn write(path: &Path, recorded: &Memory) {
     writer.finish().expect("the disk has room");
 }
 
+/// An episode of 10 steps without images into a file that holds many already: the cost must not grow with the file.
+fn growing_file(c: &mut Criterion) {
+    let mut group = c.benchmark_group("growing_file");
+    let recorded = recorded(Image::NONE, 1, 10);
+    let rows = &recorded.episodes[0];
+    for name in ["file.h5", "file.mcap", "folder"] {
+        for before in [0, 10_000] {
+            let folder = tempfile::tempdir().expect("the disk has room");
+            let mut writer = swm_data::create(&folder.path().join(name), WriteMode::Overwrite, None)
+                .expect("the folder is writable");
+            writer
+                .begin(recorded.schema.as_ref().expect("it was recorded"), &recorded.metadata)
+                .expect("the columns are storable");
+            (0..before).for_each(|_| writer.write_episode(rows).expect("the disk has room"));
+            group.bench_function(format!("{name}/after={before}"), |b| {
+                b.iter(|| writer.write_episode(rows).expect("the disk has room"));
+            });
+            writer.finish().expect("the disk has room");
+        }
+    }
+    group.finish();
+}
+
 /// Frames per second into a new file, opening and clean end included.
 fn hdf5_write(c: &mut Criterion) {
     let mut group = c.benchmark_group("hdf5_write");
     group.sample_size(10);
     for side in [64, 224] {
-        let recorded = recorded(side, 4);
+        let recorded = recorded(Image { side, style: "fast" }, 4, EPISODE_STEPS);
         let rows = recorded.episodes.iter().map(Batch::rows).sum::<usize>();
         group.throughput(Throughput::Elements(rows as u64));
         group.bench_function(format!("frames_{side}"), |b| {
@@ -83,7 +106,7 @@ fn hdf5_windows(c: &mut Criterion) {
     let folder = tempfile::tempdir().expect("the system has a temporary folder");
     for side in [64, 224] {
         let path = folder.path().join(format!("{side}.h5"));
-        write(&path, &recorded(side, 8));
+        write(&path, &recorded(Image { side, style: "fast" }, 8, EPISODE_STEPS));
         for threads in [1, 2] {
             let keys = ["pixels", "action", "proprio"].map(str::to_owned).to_vec();
             let options =
@@ -104,5 +127,5 @@ fn hdf5_windows(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, hdf5_write, hdf5_windows);
+criterion_group!(benches, growing_file, hdf5_write, hdf5_windows);
 criterion_main!(benches);

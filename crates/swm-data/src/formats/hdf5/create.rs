@@ -14,7 +14,7 @@ use swm_core::{Dtype, Field, Metadata};
 
 use super::attributes::{self, Attributes, RunChange};
 use super::handles::{Handles, reason};
-use super::layout::{TEXT_BYTES, chunking};
+use super::layout::{MAX_CHUNK_BYTES, TEXT_BYTES, chunking};
 use super::superblock;
 use crate::error::DataError;
 use crate::lock::beside;
@@ -126,13 +126,18 @@ fn cut(dataset: &h5::Dataset, rows: usize) -> h5::Result<()> {
     if dataset.shape().first().is_some_and(|&there| there > rows) { set_rows(dataset, rows) } else { Ok(()) }
 }
 
+/// Cached chunks of a column: the one that is being filled. The library walks all of them at every commit, so that with
+/// its default of 521 an episode would cost more the longer the file is.
+const CACHED_CHUNKS: usize = 1;
+
 /// The file format of HDF5 1.10, the first with SWMR: later ones would lock out readers with older libraries.
 fn options() -> h5::FileBuilder {
     let mut builder = h5::File::with_options();
     builder
         .fapl()
         .libver_bounds(LibraryVersion::V110, LibraryVersion::V110)
-        .fclose_degree(FileCloseDegree::Strong);
+        .fclose_degree(FileCloseDegree::Strong)
+        .chunk_cache(CACHED_CHUNKS, MAX_CHUNK_BYTES, 1.0);
     builder
 }
 

@@ -24,7 +24,7 @@ pub(super) const METADATA_ATTRIBUTE: &str = "swm_metadata";
 /// Rows per chunk of scalars and vectors.
 const ROWS_PER_CHUNK: usize = 1024;
 /// Chunks of wide vectors hold fewer rows, so that reading one row stays cheap.
-const MAX_CHUNK_BYTES: usize = 1 << 20;
+pub(super) const MAX_CHUNK_BYTES: usize = 1 << 20;
 /// Rows of this size (images) are compressed, one per chunk: random access decodes nothing that is not wanted.
 const IMAGE_BYTES: usize = 4096;
 
