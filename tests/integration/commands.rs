@@ -3,7 +3,7 @@
 use serde_json::json;
 use swm_tests::golden::{GoldenFile, check_file, rules};
 
-use crate::support::{Folder, PUSHT, root, swm_fails, swm_json, swm_ok};
+use crate::support::{Folder, PUSHT, content, root, swm, swm_fails, swm_json, swm_ok};
 
 fn dataset(folder: &Folder) -> String {
     let out = folder.path("data.h5");
@@ -50,6 +50,76 @@ fn envs_and_fovs_list_what_scripts_rely_on() {
     }
     assert!(swm_ok(&["envs", PUSHT]).contains("weak"), "the page of an environment lists its policies");
     assert!(swm_ok(&["completions", "bash"]).contains("swm"));
+}
+
+#[test]
+fn vary_says_what_it_no_longer_samples_and_adds_with_a_plus() {
+    let folder = Folder::new();
+    let varied = |vary: &str| {
+        let out = folder.path(&format!("{vary}.h5"));
+        let args = ["collect", PUSHT, "--policy", "weak", "--episodes", "3", "--max-steps", "2"];
+        let args = [&args[..], &["--image-size", "none", "--vary", vary, "--out", &out]].concat();
+        let output = swm(&args).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{said}");
+        let shown = swm_json(&["inspect", &out]);
+        let columns = shown["columns"].as_object().unwrap().keys();
+        let names = columns.filter_map(|name| name.strip_prefix("variation.")).map(str::to_owned);
+        let note = said.lines().find(|line| line.starts_with("note: ")).map(str::to_owned);
+        let starts = content(&out)["proprio"];
+        (names.collect::<Vec<_>>(), note, starts)
+    };
+    let fovs = swm_json(&["fovs", PUSHT]);
+    let defaults: Vec<&str> = fovs
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|fov| fov["sampled_by_default"] == true)
+        .map(|fov| fov["name"].as_str().unwrap())
+        .collect();
+    let (names, note, starts) = varied("agent.color");
+    let note = note.expect("starts are no longer sampled, which is said");
+    assert!(
+        defaults.iter().all(|name| note.contains(name)) && note.contains("--vary +agent.color"),
+        "{note}"
+    );
+    assert_eq!(names, ["agent.color"]);
+    let (names, note, with_default) = varied("+agent.color");
+    assert_eq!(note, None);
+    assert!(
+        defaults.iter().chain(&["agent.color"]).all(|&name| names.iter().any(|n| n == name)),
+        "{names:?}"
+    );
+    assert_ne!(starts, with_default, "starts are sampled again");
+    assert_eq!(varied("default,agent.color").0, names);
+    let (names, _, _) = varied("*.color");
+    let colors = ["background.color", "goal.color", "block.color", "agent.color"];
+    assert_eq!(names, colors);
+    let message = swm_fails(2, &["render", PUSHT, "--vary", "*.colour", "--out", &folder.path("a.png")]);
+    assert!(message.contains("did you mean `*.color`?"), "{message}");
+}
+
+#[test]
+fn colors_are_set_by_code_name_or_range() {
+    let folder = Folder::new();
+    let start = |name: &str, color: &str| {
+        let out = folder.path(name);
+        let set = format!("agent.color={color}");
+        let args = ["render", PUSHT, "--steps", "0", "--image-size", "64x64", "--set", &set, "--out", &out];
+        let output = swm(&args).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{said}");
+        (std::fs::read(out).unwrap(), said)
+    };
+    let (red, said) = start("a.png", "255,0,0");
+    assert!(!said.contains("read as"), "{said}");
+    assert_eq!(start("b.png", "#ff0000").0, red);
+    assert_eq!(start("c.png", "red").0, red);
+    let (unit, said) = start("d.png", "1.0,0,0");
+    assert!(unit == red && said.contains("read as a color of the range 0–1: 255,0,0"), "{said}");
+    let reddish = ["render", PUSHT, "--set", "agent.color=reddish", "--out", &folder.path("e.png")];
+    let message = swm_fails(2, &reddish);
+    assert!(message.contains("`reddish` is no color") && message.contains("orange"), "{message}");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use swm::core::{
 use swm::data::loader::{BatchOptions, ClipOptions, Loader};
 use swm::data::{Dataset, MemoryDataset, RenderOptions, Rendered, ReplayBuffer, Steps};
 
-use crate::support::{Folder, PUSHT, swm_fails, swm_json, swm_ok};
+use crate::support::{Folder, PUSHT, swm, swm_fails, swm_json, swm_ok};
 
 const IMAGE: ImageSize = ImageSize { height: 32, width: 40 };
 const EVERY: u32 = 8;
@@ -176,6 +176,53 @@ fn the_command_records_and_the_loader_draws() {
         let (drawn, stored) = (drawn.unwrap(), stored.unwrap());
         assert!(drawn.get::<u8>("pixels").unwrap() == stored.get::<u8>("pixels").unwrap());
         assert_eq!(drawn.get::<f64>("state").unwrap(), stored.get::<f64>("state").unwrap());
+    }
+}
+
+#[test]
+fn commands_render_recordings_without_images() {
+    let folder = Folder::new();
+    let (small, large) = (folder.path("small.h5"), folder.path("large.h5"));
+    let collect = ["collect", PUSHT, "--policy", "weak", "--episodes", "3", "--max-steps", "20", "--quiet"];
+    swm_ok(&[&collect[..], &["--replayable", "--out", &small]].concat());
+    swm_ok(&[&collect[..], &["--image-size", "48x48", "--out", &large]].concat());
+
+    let (sheet, plain) = (folder.path("sheet.png"), folder.path("plain.png"));
+    let preview = |file: &str, out: &str, extra: &[&str]| {
+        swm(&[&["preview", file, "--frames", "4", "--out", out], extra].concat()).output().unwrap()
+    };
+    let shown = preview(&small, &sheet, &["--image-size", "48x48"]);
+    assert!(shown.status.success(), "{}", String::from_utf8_lossy(&shown.stderr));
+    preview(&large, &plain, &[]);
+    assert_eq!(std::fs::read(&sheet).unwrap(), std::fs::read(&plain).unwrap());
+    let unasked = preview(&small, &sheet, &[]);
+    let said = String::from_utf8_lossy(&unasked.stderr);
+    assert!(
+        unasked.status.success() && said.contains("holds no images; they are rendered at 128x128"),
+        "{said}"
+    );
+
+    let copy = folder.path("copy.h5");
+    swm_ok(&["convert", &small, &copy, "--image-size", "48x48", "--quiet"]);
+    swm_ok(&["diff", &copy, &large]);
+    assert_eq!(swm_json(&["inspect", &copy])["metadata"], swm_json(&["inspect", &large])["metadata"]);
+    assert_eq!(swm_json(&["replay", &copy, "--tolerance", "0"])["ok"], true);
+    swm_ok(&["split", &small, "--image-size", "48x48", "--parts", "a=2,b=1", "--out", &folder.path("{}.h5")]);
+    assert!(swm_json(&["inspect", &folder.path("a.h5")])["columns"]["pixels"].is_object());
+    swm_ok(&["convert", &small, &folder.path("plain.h5"), "--quiet"]);
+    assert!(swm_json(&["inspect", &folder.path("plain.h5")])["columns"]["pixels"].is_null());
+
+    if cfg!(feature = "mp4") {
+        let video = folder.path("copy.video");
+        let output = swm(&["convert", &small, &video]).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success() && said.contains("rendered at 64x64"), "{said}");
+        assert_eq!(
+            swm_json(&["inspect", &video])["columns"]["pixels"]["shape"],
+            serde_json::json!([64, 64, 3])
+        );
+        swm_ok(&["convert", &small, &folder.path("none.video"), "--image-size", "none", "--quiet"]);
+        assert!(swm_json(&["inspect", &folder.path("none.video")])["columns"]["pixels"].is_null());
     }
 }
 

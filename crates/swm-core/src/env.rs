@@ -196,6 +196,12 @@ impl EnvSpec {
         self.goal_columns = columns;
         self
     }
+
+    /// Whether a reset that samples `asked` samples the factor `name`.
+    pub fn samples(&self, asked: &[String], name: &str) -> bool {
+        let mut factors = self.factors.iter().filter(|factor| factor.name == name);
+        factors.any(|factor| asked.iter().any(|asked| factor.is_selected_by(asked)))
+    }
 }
 
 /// The name of the pixel field.
@@ -242,6 +248,12 @@ impl FactorSpec {
     pub fn doc(mut self, doc: &str) -> Self {
         doc.clone_into(&mut self.doc);
         self
+    }
+
+    /// Whether `asked` selects it: its name, its group, `*.` and the end of its name, `default` (all that are sampled when a
+    /// reset names no factors), or `all`.
+    pub fn is_selected_by(&self, asked: &str) -> bool {
+        (asked == "default" && self.sampled_by_default) || selects(asked, &self.name)
     }
 
     /// Whether it is sampled when a reset names no factors.
@@ -314,7 +326,8 @@ impl EnvConfig {
 /// What a reset is asked for: the scenario of an episode.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ResetOptions {
-    /// Factors to sample: names, groups, or `all`. `None`: the environment's default list.
+    /// Factors to sample: what [`FactorSpec::is_selected_by`] takes, such as names, groups, or `all`. `None`: the environment's
+    /// default list.
     pub variation: Option<Vec<String>>,
     /// Factors to set, by name. They override sampled values.
     pub variation_values: BTreeMap<String, Value>,
@@ -342,9 +355,23 @@ impl ResetOptions {
     }
 }
 
-/// Whether `asked` (a factor's name, a group's name, or `all`) selects the factor `name`.
+/// Whether `asked` selects the factor `name`: a factor's name, a group's name, `*.color` (every factor or group of that
+/// name, in any group), or `all`. See [`FactorSpec::is_selected_by`] for `default`.
+///
+/// ```
+/// use swm_core::env::selects;
+///
+/// assert!(selects("agent", "agent.color") && selects("*.color", "agent.color"));
+/// assert!(!selects("agent", "agents.color") && !selects("*.col", "agent.color"));
+/// ```
 pub fn selects(asked: &str, name: &str) -> bool {
-    asked == "all" || asked == name || name.strip_prefix(asked).is_some_and(|rest| rest.starts_with('.'))
+    let is_whole = |asked: &str, name: &str| {
+        name.strip_prefix(asked).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    };
+    match asked.strip_prefix("*.") {
+        Some(end) => name.match_indices('.').any(|(dot, _)| is_whole(end, &name[dot + 1..])),
+        None => asked == "all" || is_whole(asked, name),
+    }
 }
 
 /// One episode, as its environment sees it at reset.

@@ -138,9 +138,10 @@ impl FovSpace {
         };
         let mut selected = vec![false; self.factors.len()];
         for name in asked {
-            let mut any = false;
+            // An environment may sample nothing by default.
+            let mut any = name == "default";
             for (index, factor) in self.factors.iter().enumerate() {
-                let hit = selects(name, &factor.spec.name);
+                let hit = factor.spec.is_selected_by(name);
                 selected[index] |= hit;
                 any |= hit;
             }
@@ -169,7 +170,10 @@ impl FovSpace {
     fn unknown(&self, name: &str) -> FovError {
         let names = self.names();
         let groups = names.clone().filter_map(|name| name.rsplit_once('.').map(|(group, _)| group));
-        FovError::Unknown { name: name.to_owned(), nearest: nearest(name, names.chain(groups)) }
+        let ends = names.clone().filter_map(|name| name.rsplit_once('.').map(|(_, end)| format!("*.{end}")));
+        let ends: Vec<String> = ends.collect();
+        let known = names.chain(groups).chain(["all", "default"]).chain(ends.iter().map(String::as_str));
+        FovError::Unknown { name: name.to_owned(), nearest: nearest(name, known) }
     }
 
     /// A given value as this factor's type, if it fits and lies in the bounds.

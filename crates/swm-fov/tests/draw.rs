@@ -40,6 +40,24 @@ fn groups_and_all_select_what_lies_below() {
 }
 
 #[test]
+fn default_and_ends_of_names_select_across_groups() {
+    let touched = |asked: &[&str]| {
+        let fov =
+            sample(3, &ResetOptions::default().vary(asked).fix("goal.position", Value::vector(&[9.0, 8.0])))?;
+        Ok::<_, String>(["wall.color", "agent.position", "door.number"].map(|name| fov.touched(name)))
+    };
+    assert_eq!(touched(&["*.color"]).unwrap(), [true, false, false]);
+    // The start is sampled on either side of the wall.
+    let both = (0..9).find_map(|seed| {
+        let options = ResetOptions::default().vary(&["default", "goal", "*.number"]);
+        sample(seed, &options).ok()
+    });
+    let fov = both.expect("some seeds put the agent left of the wall");
+    assert!(fov.touched("agent.position") && fov.touched("door.number") && !fov.touched("wall.color"));
+    assert!(touched(&["*.colors"]).unwrap_err().contains("did you mean `*.color`?"));
+}
+
+#[test]
 fn without_a_list_the_default_list_is_sampled() {
     let failures = (0..40).filter(|&seed| sample(seed, &ResetOptions::default()).is_err()).count();
     assert!((5..35).contains(&failures), "the default goal is on one side: {failures} of 40 must fail");

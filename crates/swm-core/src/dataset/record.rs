@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::Metadata;
 use crate::batch::{Batch, Field, Schema};
-use crate::env::{ResetOptions, VARIATION_PREFIX, selects};
+use crate::env::{ResetOptions, VARIATION_PREFIX};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::{LiveStep, Recorder};
 use crate::run::{EpisodeEnd, Rollout, RunInfo};
@@ -87,7 +87,7 @@ fn varied_factors(run: &RunInfo<'_>) -> BTreeSet<String> {
         for factor in &run.spec.factors {
             let sampled = match &options.variation {
                 None => factor.sampled_by_default,
-                Some(list) => list.iter().any(|asked| selects(asked, &factor.name)),
+                Some(list) => list.iter().any(|asked| factor.is_selected_by(asked)),
             };
             if sampled || options.variation_values.contains_key(&factor.name) {
                 names.insert(factor.name.clone());

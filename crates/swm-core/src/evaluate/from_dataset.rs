@@ -9,7 +9,7 @@ use rand::seq::index;
 use super::{DatasetProtocol, Evaluation};
 use crate::batch::Value;
 use crate::dataset::{Dataset, read_known, recorded_state};
-use crate::env::{EnvSpec, ResetOptions, selects};
+use crate::env::{EnvSpec, ResetOptions};
 use crate::error::{BoxError, WorldError};
 use crate::recorder::Recorder;
 use crate::run::{Cancel, Rollout};
@@ -173,7 +173,7 @@ fn reset_options(
     let mut reset = recorded_state(spec, source, episode, row)?;
     reset.goal = Some(read_known(source, episode, row + options.goal_offset, spec.goal_columns)?);
     reset.seed = Some(EpisodeSeed::of(options.seed, (episode as u64) << 32 | row as u64));
-    reset.variation_values.retain(|name, _| !options.variation.iter().any(|asked| selects(asked, name)));
+    reset.variation_values.retain(|name, _| !spec.samples(&options.variation, name));
     reset.variation_values.extend(options.variation_values.clone());
     reset.variation = Some(options.variation.clone());
     Ok(reset)

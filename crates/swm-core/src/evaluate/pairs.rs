@@ -12,7 +12,7 @@ use super::from_dataset::choose_starts;
 use super::manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, witness};
 use crate::batch::{Batch, Schema, Value};
 use crate::dataset::{Dataset, read_known, recorded_state};
-use crate::env::{Env, EnvConfig, Episode, ImageSize, ResetOptions, selects};
+use crate::env::{Env, EnvConfig, Episode, ImageSize, ResetOptions};
 use crate::error::{BoxError, WorldError};
 use crate::registry::EnvEntry;
 use crate::seed::{EpisodeSeed, keyed};
@@ -304,7 +304,7 @@ impl<'a> Sample<'a> {
             );
         }
         let vary = options.vary.clone().unwrap_or_default();
-        factors.retain(|name, _| !vary.iter().any(|asked| selects(asked, name)));
+        factors.retain(|name, _| !spec.samples(&vary, name));
         factors.extend(options.set.clone());
         let json = |columns: BTreeMap<String, Value>| -> BTreeMap<String, Json> {
             columns.into_iter().map(|(name, value)| (name, value.to_json())).collect()

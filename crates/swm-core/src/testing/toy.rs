@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::batch::{Dtype, Field, RowsMut, Slice, Value};
-use crate::env::{Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, Outcome, selects};
+use crate::env::{Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, Outcome};
 use crate::error::EnvError;
 use crate::registry::EnvEntry;
 use crate::space::Space;
@@ -72,7 +72,7 @@ impl Toy {
         let factor = &self.spec.factors[0];
         let mut gain = 1.0;
         for asked in episode.options.variation.iter().flatten() {
-            if !selects(asked, &factor.name) {
+            if !factor.is_selected_by(asked) {
                 return Err(reset(format!("unknown factor `{asked}`")));
             }
             gain = factor.space.sample(&mut episode.seed.stream(&factor.name)).to_f64s(&factor.name)?[0];

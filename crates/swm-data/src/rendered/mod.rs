@@ -17,8 +17,8 @@ use swm_core::dataset::{CHECKPOINT, Checkpoints};
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::error::nearest;
 use swm_core::{
-    Dtype, EnvConfig, EnvEntry, EnvSpec, Field, FieldKind, ImageSize, MAX_FRAME_SKIP, Registry, Schema,
-    SliceMut, Value,
+    Dtype, EnvConfig, EnvEntry, EnvSpec, Field, FieldKind, ImageSize, MAX_FRAME_SKIP, Metadata, Registry,
+    Schema, SliceMut, Value,
 };
 
 use crate::dataset::{Dataset, DatasetInfo, Steps};
@@ -152,7 +152,11 @@ impl Rendered {
             checkpoints: Checkpoints::of(dataset.schema(), metadata.checkpoints),
             verify: options.verify,
         };
-        let info = dataset.info().with_schema(schema);
+        let mut info = dataset.info().with_schema(schema);
+        let with_images = |(first, run): &(u64, Metadata)| {
+            (*first, Metadata { image: Some(options.image), checkpoints: None, ..run.clone() })
+        };
+        info.runs = info.runs.iter().map(with_images).collect();
         Ok(Self { info, columns: columns.into(), script: Arc::new(script), stage: None, inner: dataset })
     }
 

@@ -1,13 +1,10 @@
-//! Arguments that several commands share: the environment, the scenario, the world.
+//! Arguments that several commands share: the environment, the policy, the world.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use clap::Args;
 use serde_json::{Map, Value as Json};
-use swm_core::{
-    EnvConfig, EnvEntry, ImageSize, Policy, PolicyArgs, Registry, ResetOptions, Value, World, WorldOptions,
-};
+use swm_core::{EnvConfig, EnvEntry, ImageSize, Policy, PolicyArgs, Registry, World, WorldOptions};
 
 use super::{Failure, usage};
 use crate::evaluation::RunOptions;
@@ -62,60 +59,6 @@ impl OptionalEnvArgs {
         let env = self.env.take().ok_or_else(|| usage("name an environment, or give --manifest"))?;
         Ok(EnvArgs { env, env_options: std::mem::take(&mut self.env_options) })
     }
-}
-
-/// Which factors vary, which are set.
-#[derive(Args, Clone)]
-pub(super) struct ScenarioArgs {
-    /// Factors to sample per episode: names, groups, `all` or `none`, separated by commas. Without it, the
-    /// environment's default list.
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-    pub vary: Option<Vec<String>>,
-    /// A factor to set, `NAME=VALUE` (numbers separated by commas); may be repeated.
-    #[arg(long = "set", value_name = "NAME=VALUE")]
-    pub set: Vec<String>,
-}
-
-impl ScenarioArgs {
-    pub(super) fn options(&self) -> Result<ResetOptions, Failure> {
-        Ok(ResetOptions {
-            variation: self.variation()?,
-            variation_values: self.values()?,
-            ..ResetOptions::default()
-        })
-    }
-
-    /// The names of `--vary`; `none` draws nothing.
-    pub(super) fn variation(&self) -> Result<Option<Vec<String>>, Failure> {
-        let Some(names) = &self.vary else { return Ok(None) };
-        let names: Vec<String> =
-            names.iter().map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect();
-        match names.iter().any(|name| name == "none") {
-            false => Ok(Some(names)),
-            true if names.len() == 1 => Ok(Some(Vec::new())),
-            true => Err(usage("--vary: `none` stands alone, or is left out")),
-        }
-    }
-
-    pub(super) fn values(&self) -> Result<BTreeMap<String, Value>, Failure> {
-        factor_values(&self.set)
-    }
-}
-
-/// Reads `--set NAME=VALUE` options.
-pub(super) fn factor_values(options: &[String]) -> Result<BTreeMap<String, Value>, Failure> {
-    let mut values = BTreeMap::new();
-    for option in options {
-        let (name, text) = assignment(option, "--set")?;
-        let inner = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(text);
-        let numbers = inner
-            .split(',')
-            .map(|part| part.trim().parse::<f64>())
-            .collect::<Result<Vec<_>, _>>()
-            .map_err(|_| usage(format!("--set {option}: `{text}` is no number or list of numbers")))?;
-        values.insert(name.to_owned(), Value::vector(&numbers));
-    }
-    Ok(values)
 }
 
 /// How many environments run at once.

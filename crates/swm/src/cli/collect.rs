@@ -14,7 +14,9 @@ use swm_core::{
 };
 use swm_data::{DatasetWriter, WriteMode, WriteOptions};
 
-use super::args::{EnvArgs, ImageArg, ScenarioArgs, Shard, WorldArgs, policy};
+use super::args::{EnvArgs, ImageArg, Shard, WorldArgs, policy};
+use super::output::counted;
+use super::scenario::ScenarioArgs;
 use super::{Failure, Output, interrupt, usage};
 
 /// Record episodes of a policy to a dataset.
@@ -22,7 +24,7 @@ use super::{Failure, Output, interrupt, usage};
 #[command(after_help = "\
 Examples:
   swm collect swm/PushT-v1 --policy expert --episodes 100 --seed 1 --out pusht.h5
-  swm collect swm/PushT-v1 --policy weak --episodes 50 --vary agent,block.color --set background.color=0,0,0 --out weak.h5
+  swm collect swm/PushT-v1 --policy weak --episodes 50 --vary +agent.color,block.color --set background.color=black --out weak.h5
   swm collect swm/PushT-v1 --policy expert --episodes 1000 --replayable --out small.h5   (images are rendered when read)
   swm collect swm/PushT-v1 --policy expert --episodes 100 --quality 95 --out pusht.video   (videos)
   swm collect swm/PushT-v1 --policy expert --total 1000 --seed 1 --mode append --out pusht.h5   (continue up to 1000)
@@ -87,7 +89,7 @@ impl Collect {
         let world = world.unrecorded(&self.without).checkpoints(self.replayable);
         let mut world = World::new(entry, world)?;
         world.set_policy(policy(registry, &self.policy, &world)?);
-        let options = self.scenario.options()?;
+        let options = self.scenario.options(&world.spec().factors, output)?;
         let how = WriteOptions::default().mode(self.mode).quality(self.quality);
         let mut writer = swm_data::create_in(registry, &self.out, &how, self.format.as_deref())?;
         let held = writer.num_episodes();
@@ -133,9 +135,9 @@ impl Collect {
             let success =
                 count.success_rate().map(|rate| format!(", {rate:.1} % successful")).unwrap_or_default();
             format!(
-                "wrote {} episodes ({} rows{success}) to {} in {seconds:.1} s; it holds {}",
-                last - first,
-                count.rows,
+                "wrote {} ({}{success}) to {} in {seconds:.1} s; it holds {}",
+                counted(last - first, "episode"),
+                counted(count.rows, "row"),
                 self.out.display(),
                 last - offset,
             )

@@ -5,12 +5,19 @@ use std::time::Instant;
 
 use clap::Args;
 use serde_json::{Value as Json, json};
-use swm_core::Registry;
+use swm_core::{ImageSize, Registry};
 use swm_data::adapt::split_episodes;
 use swm_data::tools::copy::{Copied, Piece, all, copy_in};
 use swm_data::{Dataset, WriteMode, WriteOptions};
 
-use super::{Failure, Output, usage};
+use super::args::ImageArg;
+use super::output::counted;
+use super::{Failure, Output, images, usage};
+
+/// Formats that are for images: a recording without images is rendered for them.
+const OF_IMAGES: [&str; 3] = ["video", "lance-video", "lerobot"];
+/// The size of images then.
+const RENDERED: ImageSize = ImageSize { height: 64, width: 64 };
 
 /// How a copy is written.
 #[derive(Args, Clone)]
@@ -24,6 +31,10 @@ pub(super) struct TargetArgs {
     /// Frames between key frames of a video; larger values give smaller files and slower random access. Default: 10.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     key_frames: Option<u32>,
+    /// Render images of this size, HEIGHTxWIDTH, by replaying the episodes, in place of recorded ones; `none`: render nothing.
+    /// Default: 64x64 where a recording without images is copied to `video` or `lerobot`, else none.
+    #[arg(long)]
+    image_size: Option<ImageArg>,
     /// Replace an existing dataset. Without it, an interrupted copy of the same source is continued, and anything else is refused.
     #[arg(long)]
     overwrite: bool,
@@ -33,6 +44,42 @@ impl TargetArgs {
     fn options(&self) -> WriteOptions {
         let mode = if self.overwrite { WriteMode::Overwrite } else { WriteMode::Append };
         WriteOptions::default().mode(mode).quality(self.quality).key_frame_period(self.key_frames)
+    }
+
+    /// Opens a source of a copy to `to`, with the images that the copy shall have.
+    fn open(
+        &self,
+        registry: &Registry,
+        source: &Path,
+        to: &Path,
+        output: &Output,
+    ) -> Result<Box<dyn Dataset>, Failure> {
+        let dataset = swm_data::open_in(registry, source)?;
+        let is_of_images = || {
+            let extension = to.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+            let format = swm_data::format::by_name(registry, self.format.as_deref().unwrap_or(extension));
+            format.is_ok_and(|format| OF_IMAGES.contains(&format.name))
+        };
+        let size = match self.image_size {
+            Some(size) => size.0,
+            None if images::holds_images(dataset.as_ref()) || !is_of_images() => None,
+            None if dataset.metadata().is_none() => {
+                let (source, to) = (source.display(), to.display());
+                output.note(format!(
+                    "note: {source} holds no images and does not say how it was recorded, so that none can be rendered: {to} \
+                     holds none either"
+                ));
+                None
+            }
+            None => {
+                output.note(images::note(source, RENDERED));
+                Some(RENDERED)
+            }
+        };
+        match size {
+            Some(size) => images::rendered(dataset, registry, size),
+            None => Ok(dataset),
+        }
     }
 
     /// Copies, with a bar.
@@ -72,12 +119,12 @@ fn line(result: &Json) -> String {
     let number = |key: &str| result[key].as_f64().unwrap_or_default();
     let out = result["out"].as_str().unwrap_or_default();
     if result["rows"] == 0 {
-        return format!("{out} holds all {} episodes; nothing to copy", number("episodes"));
+        return format!("{out} holds all {}; nothing to copy", counted(number("episodes"), "episode"));
     }
     format!(
-        "wrote {out} ({} episodes, {} rows copied, {:.0} rows/s)",
-        number("episodes"),
-        number("rows"),
+        "wrote {out} ({}, {} copied, {:.0} rows/s)",
+        counted(number("episodes"), "episode"),
+        counted(number("rows"), "row"),
         number("rows_per_second"),
     )
 }
@@ -89,6 +136,7 @@ Examples:
   swm convert pusht.h5 pusht.video                 (H.264 videos: a hundredth of the size, lossy)
   swm convert pusht.h5 pusht.video --quality 95 --key-frames 30
   swm convert from_the_reference.h5 pusht.folder
+  swm convert small.h5 pusht.video --image-size 96x96    (images of a recording without images are rendered)
   swm convert pusht.video again.h5 --overwrite
 
 The source's format is detected by its content, the target's by its extension or --format:
@@ -110,7 +158,7 @@ pub(super) struct Convert {
 
 impl Convert {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut sources = vec![swm_data::open_in(registry, &self.source)?];
+        let mut sources = vec![self.to.open(registry, &self.source, &self.target, output)?];
         let pieces = all(&sources);
         let result = self.to.copy(registry, &mut sources, &pieces, &self.target, output)?;
         output.result(&result, || line(&result))
@@ -141,7 +189,7 @@ impl Merge {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let mut sources = Vec::with_capacity(self.sources.len());
         for source in &self.sources {
-            sources.push(swm_data::open_in(registry, source)?);
+            sources.push(self.to.open(registry, source, &self.out, output)?);
         }
         let pieces = all(&sources);
         let result = self.to.copy(registry, &mut sources, &pieces, &self.out, output)?;
@@ -162,6 +210,7 @@ enum Unit {
 Examples:
   swm split pusht.h5 --by episode --parts train=0.9,val=0.1 --out 'pusht_{}.h5'
   swm split pusht.h5 --parts train=8,val=1,test=1 --seed 7 --out '{}.video'
+  swm split small.h5 --image-size 64x64 --out 'images_{}.h5'   (renders a recording without images)
 
 `{}` in --out becomes the part's name. Fractions need not sum to 1. Parts are made of whole episodes: clips of one episode
 overlap, so a split by clip would show the training data to the test. The parts depend on --seed and the number of
@@ -195,7 +244,7 @@ impl Split {
                 self.out
             )));
         }
-        let mut sources = vec![swm_data::open_in(registry, &self.source)?];
+        let mut sources = vec![self.to.open(registry, &self.source, Path::new(&self.out), output)?];
         let divided = split_episodes(sources[0].num_episodes(), &fractions, self.seed).map_err(usage)?;
         if let Some((name, _)) = names.iter().zip(&divided).find(|(_, episodes)| episodes.is_empty()) {
             let count = sources[0].num_episodes();

@@ -4,7 +4,7 @@ use clap::Args;
 use serde_json::json;
 use swm_core::{EnvConfig, EnvEntry, EnvSpec, FactorSpec, PolicyEntry, Registry, Setting};
 
-use super::output::table;
+use super::output::{counted, table};
 use super::{Failure, Output};
 
 /// List environments, their policies and settings.
@@ -72,10 +72,10 @@ fn one(registry: &Registry, entry: &'static EnvEntry, output: &Output) -> Result
         let settings: Vec<_> = entry.settings.iter().map(|s| setting("", s)).collect();
         let expert = entry.planner.map(|planner| format!("`expert` plans by `{planner}`\n\n"));
         format!(
-            "{}: {}\n{} factors of variation: `swm fovs {}`\n\n{}{}\n{}",
+            "{}: {}\n{} of variation: `swm fovs {}`\n\n{}{}\n{}",
             entry.id,
             entry.summary,
-            spec.factors.len(),
+            counted(spec.factors.len(), "factor"),
             entry.id,
             expert.unwrap_or_default(),
             table(&["policy", "default", "what it does"], &policies),

@@ -9,10 +9,11 @@ use swm_core::{
 };
 use swm_media::Format;
 
-use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, ScenarioArgs, WorldArgs, model_image, policy};
+use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, WorldArgs, model_image, policy};
 use super::eval_manifest::{EvalManifest, ReferenceArg};
 use super::output::key_values;
-use super::{Failure, Output, interrupt, usage};
+use super::scenario::ScenarioArgs;
+use super::{Failure, Output, held, interrupt, usage};
 use crate::evaluation::RunOptions;
 use crate::report::write_report;
 use crate::video::Video;
@@ -34,7 +35,8 @@ Examples:
 
 With --manifest, the task is that of the manifest, reference policies are evaluated on the same pairs (--reference), --out gets
 receipt.json, and an interrupted evaluation continues where it stopped. Without --manifest, --out gets result.json, a contact sheet
-(episodes.png) and videos (--videos).")]
+(episodes.png) and videos (--videos). A folder that holds a result is kept: the same evaluation is not run twice, another one is
+refused, and --again repeats or replaces it.")]
 pub(super) struct Eval {
     #[command(flatten)]
     env: OptionalEnvArgs,
@@ -82,6 +84,9 @@ pub(super) struct Eval {
     /// A folder for result.json, images and videos.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// With --out: run again what the folder holds already, and replace it.
+    #[arg(long, requires = "out")]
+    again: bool,
     /// With --out: episodes to record as videos.
     #[arg(long, alias = "films", default_value_t = 4)]
     videos: u64,
@@ -103,6 +108,7 @@ impl Eval {
                 reference: &self.reference,
                 oracle: self.oracle.as_deref(),
                 out: self.out.as_deref(),
+                again: self.again,
                 options: RunOptions { cancel: Some(self.watch()), ..self.world.run_options() },
             };
             return on_manifest.run(registry, output);
@@ -134,9 +140,17 @@ impl Eval {
                 .and_then(|()| std::fs::write(&probe, ""))
                 .and_then(|()| std::fs::remove_file(&probe))
                 .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
+            if !self.again && dir.join("result.json").exists() {
+                return Err(held::refusal(dir, "the result of an evaluation, result.json"));
+            }
         }
         let mut world = World::new(entry, self.world.options(config, budget).frame_skip(frame_skip))?;
         world.set_policy(policy(registry, &self.policy, &world)?);
+        let factors = &world.spec().factors;
+        let reset = match &dataset {
+            None => self.scenario.options(factors, output)?,
+            Some(_) => self.scenario.recorded_options(factors, output)?,
+        };
         let bar = output.bar(self.episodes, "episodes");
         let mut video = Video::first(if self.out.is_some() { self.videos } else { 0 });
         let mut watch = (&mut video, Progress { bar: bar.clone(), successes: 0 });
@@ -144,7 +158,7 @@ impl Eval {
         let evaluated = match &mut dataset {
             None => {
                 let rollout = Rollout::new(0..self.episodes).seed(self.seed).cancel(cancel);
-                world.evaluate_with(&rollout.options(self.scenario.options()?), &mut watch)
+                world.evaluate_with(&rollout.options(reset), &mut watch)
             }
             Some(dataset) => {
                 let options = EvalOptions {
@@ -152,8 +166,8 @@ impl Eval {
                     goal_offset: self.goal_offset,
                     budget,
                     seed: self.seed,
-                    variation: self.scenario.variation()?.unwrap_or_default(),
-                    variation_values: self.scenario.values()?,
+                    variation: reset.variation.unwrap_or_default(),
+                    variation_values: reset.variation_values,
                     cancel: Some(cancel.clone()),
                 };
                 world.evaluate_from_dataset_with(dataset, &options, &mut watch)

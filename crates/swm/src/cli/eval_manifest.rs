@@ -9,8 +9,8 @@ use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{EnvEntry, Manifest, Registry};
 
 use super::args::policy_args;
-use super::output::table;
-use super::{Failure, Output, usage};
+use super::output::{counted, table};
+use super::{Failure, Output, held, usage};
 use crate::evaluation::{
     Candidate, Code, Ledger, RECEIPT_VERSION, Receipt, Reference, Role, RunOptions, fingerprints,
     read_manifest, roles, run_pairs,
@@ -41,6 +41,8 @@ pub(super) struct EvalManifest<'a> {
     pub(super) reference: &'a [ReferenceArg],
     pub(super) oracle: Option<&'a str>,
     pub(super) out: Option<&'a Path>,
+    /// Run what `out` holds already again, and replace it.
+    pub(super) again: bool,
     pub(super) options: RunOptions,
 }
 
@@ -51,7 +53,7 @@ impl EvalManifest<'_> {
         let candidate = Candidate { policy: policy_args(self.policy)?, seed: self.policy_seed };
         let candidate = candidate.on(registry, entry, &manifest);
         let policy = candidate.make(registry, entry, &manifest)?.describe();
-        let wanted = self.wanted(registry, entry, &manifest, &candidate)?;
+        let mut wanted = self.wanted(registry, entry, &manifest, &candidate)?;
         if let Some(dir) = self.out {
             std::fs::create_dir_all(dir)
                 .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
@@ -59,12 +61,44 @@ impl EvalManifest<'_> {
         let run = Run { registry, manifest: &manifest, output, out: self.out, options: self.options };
         let fingerprints = fingerprints(entry, &manifest, candidate.seed)?;
         let steps = candidate.plan_steps(registry, entry, &manifest);
+        let asked = Receipt {
+            receipt: RECEIPT_VERSION,
+            manifest_hash: manifest.hash(),
+            files: candidate.files(registry, entry)?,
+            candidate: candidate.clone(),
+            policy,
+            fingerprints: fingerprints.clone(),
+            code: Code::this(),
+            summary: Summary::of(&[]),
+            phases: Vec::new(),
+            references: Vec::new(),
+            plan_steps: steps,
+            episodes: Vec::new(),
+            manifest: manifest.clone(),
+            wall_time_s: 0.0,
+        };
+        let held = match self.out {
+            Some(dir) if !self.again => held::receipt(dir, &asked, &wanted)?,
+            _ => None,
+        };
+        wanted.retain(|(role, _)| {
+            !held.iter().flat_map(|held| &held.references).any(|known| known.role == *role)
+        });
+        if let (Some(held), Some(dir), []) = (&held, self.out, wanted.as_slice()) {
+            let path = dir.join("receipt.json");
+            output.note(format!("{}: already done; --again repeats it", path.display()));
+            return output.result(held, || text(held, Some(&path)));
+        }
         let identity =
             |candidate: &Candidate| (manifest.hash(), candidate.clone(), fingerprints.clone(), steps);
         let started = Instant::now();
-        let episodes = run.policy("episodes", &candidate, steps, &identity(&candidate), "")?;
-        let wall_time_s = started.elapsed().as_secs_f64();
-        let mut references = Vec::new();
+        let (episodes, wall_time_s, mut references) = match held {
+            Some(held) => (held.episodes, held.wall_time_s, held.references),
+            None => {
+                let episodes = run.policy("episodes", &candidate, steps, &identity(&candidate), "")?;
+                (episodes, started.elapsed().as_secs_f64(), Vec::new())
+            }
+        };
         for (role, other) in wanted {
             // A planner on the true dynamics is its own oracle: nothing to run again.
             let others = match other == candidate {
@@ -77,20 +111,12 @@ impl EvalManifest<'_> {
             references.push(Reference::new(role, other, others, &episodes));
         }
         let receipt = Receipt {
-            receipt: RECEIPT_VERSION,
-            manifest_hash: manifest.hash(),
-            files: candidate.files(registry, entry)?,
-            candidate,
-            policy,
-            fingerprints,
-            code: Code::this(),
             summary: Summary::of(&episodes),
             phases: Receipt::by_phase(&manifest, &episodes),
             references,
-            plan_steps: steps,
             episodes,
-            manifest,
             wall_time_s,
+            ..asked
         };
         let path = match self.out {
             None => None,
@@ -154,7 +180,8 @@ impl Run<'_> {
         let mut ledger = path.as_deref().map(|path| Ledger::open(path, identity)).transpose()?;
         let known = ledger.as_ref().map(|ledger| ledger.known.clone()).unwrap_or_default();
         if !known.is_empty() {
-            output.note(format!("{} of {} episodes are done already", known.len(), manifest.pairs.len()));
+            let all = counted(manifest.pairs.len(), "episode");
+            output.note(format!("{} of {all} done already", known.len()));
         }
         let known: BTreeMap<u64, EpisodeResult> = known;
         let bar = output.bar(manifest.pairs.len() as u64, "episodes");
@@ -225,7 +252,7 @@ fn text(receipt: &Receipt, path: Option<&Path>) -> String {
         table(&["policy", "success (95 %)", "steps", "difference (95 %)", "McNemar"], &rows),
     );
     for (phase, summary) in receipt.phases.iter().enumerate() {
-        text += &format!("phase {phase}: {}, {} episodes\n", rate(summary), summary.episodes);
+        text += &format!("phase {phase}: {}, {}\n", rate(summary), counted(summary.episodes, "episode"));
     }
     if let Some(regret) = receipt.references.iter().find_map(|other| other.regret.as_ref()) {
         text += &format!(

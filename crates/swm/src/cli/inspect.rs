@@ -7,7 +7,7 @@ use serde_json::{Map, json};
 use swm_core::Metadata;
 use swm_core::Registry;
 
-use super::output::table;
+use super::output::{counted, table};
 use super::{Failure, Output};
 
 /// Show format, episodes, columns and metadata of a dataset.
@@ -48,14 +48,16 @@ impl Inspect {
                 .map(|field| vec![field.name.clone(), field.dtype.to_string(), format!("{:?}", field.shape)])
                 .collect();
             let range = match (lengths.iter().min(), lengths.iter().max()) {
+                (Some(min), Some(max)) if min == max => format!(" of {min} rows"),
                 (Some(min), Some(max)) => format!(" of {min} to {max} rows"),
                 _ => String::new(),
             };
             let mut text = format!(
-                "{}: {}, {} episodes{range}, {steps} rows\n\n{}",
+                "{}: {}, {}{range}, {}\n\n{}",
                 self.file.display(),
                 dataset.info().format,
-                lengths.len(),
+                counted(lengths.len(), "episode"),
+                counted(steps, "row"),
                 table(&["column", "dtype", "shape"], &rows),
             );
             for (name, reason) in &*dataset.info().skipped {

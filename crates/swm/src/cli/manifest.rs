@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Map, json};
 use swm_core::evaluate::{ManifestOptions, RecordedPairs, Tier, make_manifest};
-use swm_core::{Manifest, Registry};
+use swm_core::{EnvConfig, Manifest, Registry};
 
-use super::args::{EnvArgs, ImageArg, ScenarioArgs};
+use super::args::{EnvArgs, ImageArg};
 use super::output::table;
+use super::scenario::ScenarioArgs;
 use super::stream::read_stream;
 use super::{Failure, Output, usage};
 use crate::distractors;
@@ -141,6 +142,11 @@ impl Make {
         if budget == 0 {
             return Err(usage("a budget of 0 actions; use 1 or more"));
         }
+        let factors = entry.make(&EnvConfig { image: None, ..config.clone() })?.spec().factors.clone();
+        let scenario = match &dataset {
+            None => self.scenario.options(&factors, output)?,
+            Some(_) => self.scenario.recorded_options(&factors, output)?,
+        };
         let options = ManifestOptions {
             tier,
             pairs: self.episodes,
@@ -149,8 +155,8 @@ impl Make {
             image: config.image,
             seed: self.seed,
             distractors: self.distractors.clone(),
-            vary: self.scenario.variation()?,
-            set: self.scenario.values()?,
+            vary: scenario.variation,
+            set: scenario.variation_values,
             success: rules.success,
             motion: rules.motion,
             rest: rules.rest,

@@ -12,8 +12,9 @@ use swm_core::{EpisodeEnd, LiveStep, Policy, Recorder, Registry, Rollout, World}
 use swm_media::Format;
 use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace};
 
-use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs, model_image, policy_args};
+use super::args::{EnvArgs, ImageArg, WorldArgs, model_image, policy_args};
 use super::output::table;
+use super::scenario::ScenarioArgs;
 use super::{Failure, Output, usage};
 use crate::plan::{
     EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, planner_of, stops_at_success, write_report,
@@ -110,7 +111,7 @@ impl Plan {
         let planner = planner_of(policy.as_mut()).ok_or_else(|| makes_no_plans(registry, &self.policy))?;
         let actions = planner.actions(&world.spec().action)?;
         // A scenario that cannot be is found out before the folder is made.
-        let options = self.scenario.options()?;
+        let options = self.scenario.options(&world.spec().factors, output)?;
         world.reset(self.seed, &options)?;
         let lines = self.open_trace()?.map(|lines| Arc::new(Mutex::new(lines)));
         let trace: Box<dyn Trace> = match &lines {

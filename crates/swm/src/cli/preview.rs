@@ -4,16 +4,19 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
-use swm_core::Registry;
-use swm_core::{Dtype, SliceMut};
+use swm_core::{Dtype, ImageSize, Registry, SliceMut};
 use swm_data::{Dataset, Steps};
 use swm_media::{Clip, Format, contact_sheet, png};
 
+use super::args::ImageArg;
+use super::output::counted;
 use super::replay::selection;
-use super::{Failure, Output, usage};
+use super::{Failure, Output, images, usage};
 
 /// White space between the tiles, in pixels.
 const GAP: usize = 2;
+/// Size of images that are rendered because the recording holds none.
+const RENDERED: ImageSize = ImageSize { height: 128, width: 128 };
 
 /// Show episodes of a dataset as a sheet of images or a video.
 #[derive(Args)]
@@ -24,7 +27,8 @@ Examples:
   swm preview pusht.h5 --column goal --out goals.png
 
 A sheet (.png) has one row per episode, with --frames images from its first to its last. A video (.mp4, .gif) plays the
-episodes in a grid; those that end early show their last frame.")]
+episodes in a grid; those that end early show their last frame. Images of a recording without images are rendered by
+replaying the episodes.")]
 pub(super) struct Preview {
     /// The dataset.
     file: PathBuf,
@@ -37,6 +41,9 @@ pub(super) struct Preview {
     /// Images per episode. Default: 8 for a sheet, at most 300 for a video.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
+    /// Render images of this size, HEIGHTxWIDTH, in place of recorded ones. Default: 128x128 where the recording holds no images.
+    #[arg(long)]
+    image_size: Option<ImageArg>,
     /// The file to write: .png, .mp4 or .gif.
     #[arg(long, short)]
     out: PathBuf,
@@ -46,6 +53,19 @@ impl Preview {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let format = Format::from_path(&self.out).map_err(usage)?;
         let mut dataset = swm_data::open_in(registry, &self.file)?;
+        let missing =
+            dataset.schema().index(&self.column).is_none() && !images::holds_images(dataset.as_ref());
+        let size = match self.image_size {
+            Some(size) => size.0,
+            None if missing && dataset.metadata().is_some() => {
+                output.note(images::note(&self.file, RENDERED));
+                Some(RENDERED)
+            }
+            None => None,
+        };
+        if let Some(size) = size {
+            dataset = images::rendered(dataset, registry, size)?;
+        }
         let column = dataset.schema().require(&self.column).map_err(usage)?;
         let field = dataset.schema().fields()[column].clone();
         let (&[height, width, channels @ (1 | 3)], Dtype::U8) = (&field.shape[..], field.dtype) else {
@@ -65,7 +85,13 @@ impl Preview {
         let bar = output.bar(episodes.len() as u64, "episodes");
         let mut shots = Vec::with_capacity(episodes.len());
         for &episode in &episodes {
-            shots.push(images(dataset.as_mut(), column, episode, per_episode, [height, width, channels])?);
+            shots.push(episode_images(
+                dataset.as_mut(),
+                column,
+                episode,
+                per_episode,
+                [height, width, channels],
+            )?);
             bar.inc(1);
         }
         bar.finish_and_clear();
@@ -81,13 +107,14 @@ impl Preview {
         };
         let result = json!({"out": self.out, "episodes": episodes, "frames": frames});
         output.result(&result, || {
-            format!("wrote {} ({} episodes, {frames} frames)", self.out.display(), episodes.len())
+            let (episodes, frames) = (counted(episodes.len(), "episode"), counted(frames, "frame"));
+            format!("wrote {} ({episodes}, {frames})", self.out.display())
         })
     }
 }
 
 /// Up to `count` images of an episode, evenly spread from its first to its last, each `[H, W, 3]`.
-fn images(
+fn episode_images(
     dataset: &mut dyn Dataset,
     column: usize,
     episode: usize,

@@ -7,7 +7,9 @@ use serde_json::json;
 use swm_core::{Registry, Rollout, World};
 use swm_media::{Clip, Format};
 
-use super::args::{EnvArgs, ImageArg, ScenarioArgs, WorldArgs, policy};
+use super::args::{EnvArgs, ImageArg, WorldArgs, policy};
+use super::output::counted;
+use super::scenario::ScenarioArgs;
 use super::{Failure, Output, usage};
 use crate::video::Video;
 
@@ -52,7 +54,8 @@ impl Render {
         let mut world = World::new(entry, world.options(config, self.steps.max(1)))?;
         world.set_policy(policy(registry, &self.policy, &world)?);
         let mut video = Video::first(1);
-        let rollout = Rollout::new(0..1).seed(self.seed).options(self.scenario.options()?);
+        let rollout =
+            Rollout::new(0..1).seed(self.seed).options(self.scenario.options(&world.spec().factors, output)?);
         world.run(&rollout, &mut video)?;
         let (_, scene) = video.scenes().next().ok_or("the episode has no images")?;
         let wanted = usize::try_from(self.steps)?.saturating_add(1);
@@ -64,6 +67,6 @@ impl Render {
         clip.save(&self.out)?;
         let result =
             json!({"out": self.out, "frames": clip.len(), "height": size.height, "width": size.width});
-        output.result(&result, || format!("wrote {} ({} frames)", self.out.display(), clip.len()))
+        output.result(&result, || format!("wrote {} ({})", self.out.display(), counted(clip.len(), "frame")))
     }
 }

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use swm_core::Registry;
+use swm_core::{EnvConfig, Registry};
 
-use super::args::factor_values;
-use super::output::table;
+use super::output::{counted, table};
+use super::scenario::factor_values;
 use super::{Failure, Output, usage};
 use crate::replay::{ReplayReport, replay};
 
@@ -48,9 +48,11 @@ impl Replay {
             return Err(usage(format!("--tolerance {}: use a number of 0 or more", self.tolerance)));
         }
         let episodes = selection(self.episodes.as_deref(), dataset.num_episodes())?;
-        let bar = output.bar(episodes.len() as u64, "episodes");
-        let overrides = factor_values(&self.set)?;
         let entry = registry.env(&env)?;
+        let settings = dataset.metadata().map(|metadata| metadata.settings.clone()).unwrap_or_default();
+        let factors = entry.make(&EnvConfig { image: None, settings })?.spec().factors.clone();
+        let overrides = factor_values(&self.set, &factors, output)?;
+        let bar = output.bar(episodes.len() as u64, "episodes");
         let report = replay(entry, &mut dataset, &episodes, &overrides, self.tolerance, |_| bar.inc(1))?;
         bar.finish_and_clear();
         output.result(&report, || text(&report))?;
@@ -76,10 +78,10 @@ fn text(report: &ReplayReport) -> String {
     };
     let verdict = if report.ok { "agree" } else { "differ" };
     format!(
-        "{}\n{} episodes, {} rows: dataset and simulator {verdict} (tolerance {:e}){checkpoints}",
+        "{}\n{}, {}: dataset and simulator {verdict} (tolerance {:e}){checkpoints}",
         table(&["column", "largest deviation", "at the end"], &rows),
-        report.episodes,
-        report.rows,
+        counted(report.episodes, "episode"),
+        counted(report.rows, "row"),
         report.tolerance,
     )
 }

@@ -6,7 +6,7 @@ use clap::Args;
 use swm_core::Registry;
 use swm_data::stats::{ColumnStatistics, Statistics, StatisticsOptions, side_file};
 
-use super::output::table;
+use super::output::{counted, table};
 use super::{Failure, Output};
 
 /// Show mean, std, extremes and quantiles of columns; store them next to the dataset.
@@ -62,7 +62,9 @@ impl Stats {
                 rows.extend(lines(name, column));
             }
             let header = ["column", "rows", "not finite", "mean", "std", "min", "max"];
-            format!("{} episodes, {} rows\n\n{}", statistics.episodes, statistics.rows, table(&header, &rows))
+            let (episodes, steps) =
+                (counted(statistics.episodes, "episode"), counted(statistics.rows, "row"));
+            format!("{episodes}, {steps}\n\n{}", table(&header, &rows))
         })
     }
 }

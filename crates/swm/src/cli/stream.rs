@@ -55,7 +55,7 @@ impl Stream {
         let phases = phases.flat_map(|(index, phase)| std::iter::repeat_n((index, phase), phase.episodes));
         for (pair, (index, phase)) in manifest.pairs.iter_mut().zip(phases) {
             pair.phase = Some(index);
-            pair.set.retain(|name, _| !phase.vary.iter().any(|asked| swm_core::env::selects(asked, name)));
+            pair.set.retain(|name, _| !spec.samples(&phase.vary, name));
             pair.set.extend(phase.set.clone());
             if !phase.vary.is_empty() {
                 pair.vary.get_or_insert_with(|| drawn.clone()).extend(phase.vary.clone());

@@ -9,7 +9,7 @@ use swm_data::format;
 use swm_data::tools::compare::compare;
 use swm_data::tools::verify::verify;
 
-use super::output::table;
+use super::output::{counted, table};
 use super::{Failure, Output, usage};
 
 /// Read all of a dataset and report what is wrong with it.
@@ -72,10 +72,10 @@ impl Verify {
         let result = json!({"ok": sound, "fixed": steps, "to_fix": pending, "report": report});
         output.result(&result, || {
             let mut text = format!(
-                "{}: {} episodes, {} rows{}\n",
+                "{}: {}, {}{}\n",
                 self.file.display(),
-                report.episodes,
-                report.rows,
+                counted(report.episodes, "episode"),
+                counted(report.rows, "row"),
                 if report.has_checksums { ", checksums compared" } else { "" },
             );
             for problem in &report.problems {

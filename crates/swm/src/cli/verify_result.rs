@@ -6,6 +6,7 @@ use clap::Args;
 use swm_core::Registry;
 
 use super::eval_manifest::rate;
+use super::output::counted;
 use super::{Failure, Output, usage};
 use crate::evaluation::{Role, RunOptions, Verification, read_receipt, verify};
 
@@ -51,7 +52,7 @@ fn text(verification: &Verification) -> String {
     let Verification { equal, differences, episodes, notes, summary, recorded } = verification;
     let notes: String = notes.iter().map(|note| format!("note: {note}\n")).collect();
     if *equal {
-        return format!("equal: {} episodes, {}\n{notes}", summary.episodes, rate(summary));
+        return format!("equal: {}, {}\n{notes}", counted(summary.episodes, "episode"), rate(summary));
     }
     let mut text = format!("recorded {}, now {}\n{notes}", rate(recorded), rate(summary));
     for (part, reason) in differences {

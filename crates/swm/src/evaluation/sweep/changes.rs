@@ -50,13 +50,18 @@ pub struct Change {
 /// A sentence: an unknown factor, or a grid of fewer than 2 values.
 pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Result<Vec<Change>, String> {
     let all: Vec<&str> = factors.iter().map(|factor| factor.name.as_str()).collect();
-    if let Some(unknown) = asked.iter().find(|asked| !all.iter().any(|name| selects(asked, name))) {
+    if let Some(unknown) =
+        asked.iter().find(|asked| !factors.iter().any(|factor| factor.is_selected_by(asked)))
+    {
         let near = swm_core::error::nearest(unknown, all.iter().copied());
         let meant = swm_core::error::did_you_mean(near.as_deref());
         return Err(format!("unknown factor `{unknown}`{meant}; `swm fovs` lists them"));
     }
-    let wanted: Vec<&str> =
-        all.iter().copied().filter(|name| asked.iter().any(|asked| selects(asked, name))).collect();
+    let wanted: Vec<&str> = factors
+        .iter()
+        .filter(|factor| asked.iter().any(|asked| factor.is_selected_by(asked)))
+        .map(|factor| factor.name.as_str())
+        .collect();
     let groups: BTreeSet<&str> = wanted
         .iter()
         .filter_map(|name| name.split_once('.').map(|(group, _)| group))

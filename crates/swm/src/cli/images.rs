@@ -1,0 +1,37 @@
+//! Images of recordings that hold none: rendered by replaying the episodes.
+
+use std::path::Path;
+
+use swm_core::{Dtype, ImageSize, Registry};
+use swm_data::{Dataset, RenderOptions, Rendered};
+
+use super::{Failure, usage};
+
+/// Whether a dataset has a column of images.
+pub(super) fn holds_images(dataset: &dyn Dataset) -> bool {
+    let fields = dataset.schema().fields().iter();
+    fields.filter(|field| field.dtype == Dtype::U8).any(|field| matches!(field.shape[..], [_, _, 1 | 3]))
+}
+
+/// The dataset with images of this size, in place of those that it holds.
+///
+/// # Errors
+///
+/// It does not say how it was recorded, or its environment cannot be made.
+pub(super) fn rendered(
+    dataset: Box<dyn Dataset>,
+    registry: &Registry,
+    size: ImageSize,
+) -> Result<Box<dyn Dataset>, Failure> {
+    let options = RenderOptions::default().image(size);
+    Ok(Box::new(Rendered::new(dataset, registry, &options).map_err(usage)?))
+}
+
+/// What is said where images are rendered unasked.
+pub(super) fn note(path: &Path, size: ImageSize) -> String {
+    let ImageSize { height, width } = size;
+    format!(
+        "note: {} holds no images; they are rendered at {height}x{width} (--image-size changes that)",
+        path.display()
+    )
+}
