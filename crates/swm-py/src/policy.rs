@@ -1,0 +1,8 @@
+//! Policies: native ones by name, and Python objects behind the core's trait.
+
+use pyo3::prelude::*;
+
+/// Adds this file's classes and functions to the module.
+pub(crate) fn add(_m: &Bound<'_, PyModule>) -> PyResult<()> {
+    Ok(())
+}

@@ -1,0 +1,8 @@
+//! Recording of datasets, by native writers and by Python ones.
+
+use pyo3::prelude::*;
+
+/// Adds this file's classes and functions to the module.
+pub(crate) fn add(_m: &Bound<'_, PyModule>) -> PyResult<()> {
+    Ok(())
+}
