@@ -3,6 +3,7 @@
 //! One file per subject, each with a function `add` that puts its classes into the module. What is glue or needs torch is
 //! Python, beside this crate in `python/stable_worldmodel_rs`.
 
+mod arrays;
 mod buffer;
 mod cost;
 mod dataset;
@@ -13,6 +14,7 @@ mod infos;
 mod interrupt;
 mod loader;
 mod memory;
+mod mirror;
 mod policy;
 mod record;
 mod solver;
