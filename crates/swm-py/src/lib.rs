@@ -13,6 +13,7 @@ mod fork;
 mod infos;
 mod interrupt;
 mod loader;
+mod media;
 mod memory;
 mod mirror;
 mod policy;
@@ -21,6 +22,7 @@ mod solver;
 mod spaces;
 mod vector;
 mod world;
+mod writer;
 
 use pyo3::prelude::*;
 
@@ -35,11 +37,13 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     evaluate::add(m)?;
     infos::add(m)?;
     loader::add(m)?;
+    media::add(m)?;
     policy::add(m)?;
     record::add(m)?;
     solver::add(m)?;
     spaces::add(m)?;
     vector::add(m)?;
     world::add(m)?;
+    writer::add(m)?;
     Ok(())
 }

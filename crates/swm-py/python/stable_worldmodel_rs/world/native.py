@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 import secrets
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
+from gymnasium.vector.utils import batch_space
 
-from .. import _swm
+from .. import _swm, spaces
+from .rows import reset_options
 
 Options = Mapping[str, Any]
 Infos = dict[str, Any]
@@ -30,8 +34,9 @@ class NativePool:
     the column ``seed``.
     """
 
-    def __init__(self, core: _swm.World) -> None:
+    def __init__(self, core: _swm.World, hidden: Sequence[str] = ()) -> None:
         self.core = core
+        self._hidden = frozenset(hidden)
         self.spec_data: dict[str, Any] = json.loads(core.spec_json())
         self.infos: Infos = {}
         self._arrays: Infos = core.infos()
@@ -40,6 +45,8 @@ class NativePool:
         self._varied: list[frozenset[str]] = [frozenset()] * core.num_envs
         self._run: int | None = None
         self._next = 0
+        self._handles: list[EnvHandle] | None = None
+        self._show()
 
     @property
     def num_envs(self) -> int:
@@ -73,24 +80,16 @@ class NativePool:
         count = self.num_envs
         chosen = [row for row in range(count) if mask is None or mask[row]]
         seeds: list[int | None] = [None] * count
-        if seed is None:
-            if self._run is None:
-                self._run = secrets.randbelow(_SEEDS)
-        elif isinstance(seed, (int, np.integer)):
-            self._run, self._next = int(seed), 0
+        if seed is None or isinstance(seed, (int, np.integer)):
+            run = self.run_seed(None if seed is None else int(seed), goes_on=seed is None)
         else:
+            run = self.run_seed(None, goes_on=True)
             seeds = [None if one is None else int(one) for one in seed]
             if len(seeds) != count:
                 raise _swm.SwmError(f"seed: {len(seeds)} seeds for {count} environments; give one per environment")
-            if self._run is None:
-                self._run = secrets.randbelow(_SEEDS)
         each = _each(options, count)
-        if self._run is None or self._run < 0:
-            raise _swm.SwmError(f"the seed {self._run} is negative; use 0 or more")
         # A whole reset with a seed gives environment i episode i; others take what comes next.
-        resets = [
-            (row, self._run, self._next + position, seeds[row], each[row]) for position, row in enumerate(chosen)
-        ]
+        resets = [(row, run, self._next + place, seeds[row], each[row]) for place, row in enumerate(chosen)]
         self.core.reset(resets)
         self._next += len(chosen)
         for row in chosen:
@@ -114,6 +113,68 @@ class NativePool:
         rewards, terminateds, truncateds = self._results
         return None, rewards.copy(), terminateds.copy(), truncateds.copy(), self.infos
 
+    def run_seed(self, seed: int | None, goes_on: bool = False) -> int:
+        """The seed of a run: the one given, or one that is drawn; with ``goes_on``, that of the last run, if any."""
+        if seed is None:
+            if not goes_on or self._run is None:
+                self._run, self._next = secrets.randbelow(_SEEDS), 0
+        elif seed < 0:
+            raise _swm.SwmError(f"the seed {seed} is negative; use 0 or more")
+        else:
+            self._run, self._next = seed, 0
+        assert self._run is not None
+        return self._run
+
+    def prepare(self, options: Options | Sequence[Options | None] | None) -> None:
+        """Make the infos ready for a run with these options."""
+        if options is None or isinstance(options, Mapping):
+            varied = self._sampled(options)
+        else:
+            varied = frozenset[str]().union(*(self._sampled(one) for one in options))
+        self._varied = [varied] * self.num_envs
+        self._show()
+
+    def raw(self, name: str) -> npt.NDArray[Any]:
+        """A column as the core writes it, whatever stands in the infos."""
+        return self._arrays[name]
+
+    @property
+    def envs(self) -> list[EnvHandle]:
+        """One handle per environment."""
+        if self._handles is None:
+            self._handles = [EnvHandle(self, row) for row in range(self.num_envs)]
+        return self._handles
+
+    @cached_property
+    def single_action_space(self) -> gym.Space[Any]:
+        """The space of one environment's action."""
+        return spaces.action_space(self.spec_data)
+
+    @cached_property
+    def action_space(self) -> gym.Space[Any]:
+        """The space of all environments' actions, ``(N, …)``."""
+        return batch_space(self.single_action_space, self.num_envs)
+
+    @cached_property
+    def single_observation_space(self) -> gym.Space[Any]:
+        """The space of one environment's observation."""
+        return spaces.observation_space(self.spec_data)
+
+    @cached_property
+    def observation_space(self) -> gym.Space[Any]:
+        """The space of all environments' observations."""
+        return batch_space(self.single_observation_space, self.num_envs)
+
+    @property
+    def variation_space(self) -> spaces.Dict:
+        """The factors of variation; see `EnvHandle.variation_space`."""
+        return self.envs[0].variation_space
+
+    @property
+    def single_variation_space(self) -> spaces.Dict:
+        """As ``variation_space``."""
+        return self.variation_space
+
     def close(self) -> None:
         """Free the environments. Infos that were taken stay readable."""
         self.core.close()
@@ -129,7 +190,7 @@ class NativePool:
         shown: Infos = {
             name: array
             for name, array in self._arrays.items()
-            if not name.startswith("variation.") or name[10:] in varied
+            if name not in self._hidden and (not name.startswith("variation.") or name[10:] in varied)
         }
         shown["id"] = self._arrays["seed"]
         shown["env_name"] = [[self.core.id] for _ in range(self.num_envs)]
@@ -152,6 +213,42 @@ class NativePool:
             if drawn:
                 names.add(name)
         return frozenset(names)
+
+
+class EnvHandle:
+    """One environment of a pool: what ``world.envs.envs[i]`` is."""
+
+    def __init__(self, pool: NativePool, row: int) -> None:
+        self._pool = pool
+        self._row = row
+        self._variation: spaces.Dict | None = None
+
+    @property
+    def unwrapped(self) -> EnvHandle:
+        """Itself: there are no wrappers."""
+        return self
+
+    @property
+    def action_space(self) -> gym.Space[Any]:
+        """The space of its action."""
+        return self._pool.single_action_space
+
+    @property
+    def observation_space(self) -> gym.Space[Any]:
+        """The space of its observation."""
+        return self._pool.single_observation_space
+
+    @property
+    def variation_space(self) -> spaces.Dict:
+        """Its factors of variation as a nested space; ``["agent"]["color"].value`` is that of its episode."""
+        if self._variation is None:
+            self._variation = spaces.variation_space(self._pool.spec_data)
+        spaces.show_values(self._variation, self._pool._arrays, self._row)
+        return self._variation
+
+    def reset_options_from_dataset(self, init_row: Mapping[str, Any], goal_row: Mapping[str, Any]) -> dict[str, Any]:
+        """Options of a reset that stands at one recorded row and aims at another (its columns as ``goal_<column>``)."""
+        return reset_options(self._pool.spec_data, init_row, goal_row)
 
 
 def _each(options: Options | Sequence[Options | None] | None, count: int) -> list[dict[str, Any] | None]:
