@@ -156,8 +156,9 @@ impl IntoPy for DataError {
 
 impl IntoPy for PlanError {
     fn into_py(self) -> PyErr {
-        Python::attach(|py| match raised(py, &self) {
+        Python::attach(|py| match self.foreign().and_then(|error| raised(py, error)) {
             Some(error) => error,
+            None if matches!(self, Self::Cancelled) => PyKeyboardInterrupt::new_err(()),
             None => PlanFault::new_err(message(&self)),
         })
     }
