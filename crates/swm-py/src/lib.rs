@@ -13,14 +13,14 @@ mod fork;
 mod infos;
 mod interrupt;
 mod loader;
+mod manifest;
 mod media;
 mod memory;
 mod mirror;
 mod policy;
+mod program;
 mod record;
 mod solver;
-mod spaces;
-mod vector;
 mod world;
 mod writer;
 
@@ -37,12 +37,12 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     evaluate::add(m)?;
     infos::add(m)?;
     loader::add(m)?;
+    manifest::add(m)?;
     media::add(m)?;
     policy::add(m)?;
+    program::add(m)?;
     record::add(m)?;
     solver::add(m)?;
-    spaces::add(m)?;
-    vector::add(m)?;
     world::add(m)?;
     writer::add(m)?;
     Ok(())

@@ -1,8 +1,0 @@
-//! Specifications of environments: spaces, fields and factors, as plain data for Python.
-
-use pyo3::prelude::*;
-
-/// Adds this file's classes and functions to the module.
-pub(crate) fn add(_m: &Bound<'_, PyModule>) -> PyResult<()> {
-    Ok(())
-}

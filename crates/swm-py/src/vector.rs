@@ -1,8 +1,0 @@
-//! Resets and steps of chosen environments, for gymnasium's vector environments.
-
-use pyo3::prelude::*;
-
-/// Adds this file's classes and functions to the module.
-pub(crate) fn add(_m: &Bound<'_, PyModule>) -> PyResult<()> {
-    Ok(())
-}
