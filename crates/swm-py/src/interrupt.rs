@@ -20,6 +20,17 @@ pub(crate) fn interruptible<T: Send>(
     cancel: &Cancel,
     work: impl FnOnce() -> T + Send,
 ) -> PyResult<T> {
+    interruptible_with(py, cancel, || Ok(()), work)
+}
+
+/// As [`interruptible`]; `tick` is called every 50 ms and at the end, on the calling thread, to show progress. What it
+/// raises stops the work, too.
+pub(crate) fn interruptible_with<T: Send>(
+    py: Python<'_>,
+    cancel: &Cancel,
+    mut tick: impl FnMut() -> PyResult<()>,
+    work: impl FnOnce() -> T + Send,
+) -> PyResult<T> {
     let caller = thread::current();
     thread::scope(|scope| {
         let worker = scope.spawn(move || {
@@ -30,7 +41,9 @@ pub(crate) fn interruptible<T: Send>(
         let mut raised = None;
         while !worker.is_finished() {
             py.detach(|| thread::park_timeout(PERIOD));
-            if let (None, Err(error)) = (&raised, py.check_signals()) {
+            if raised.is_none()
+                && let Err(error) = py.check_signals().and_then(|()| tick())
+            {
                 cancel.cancel();
                 raised = Some(error);
             }
