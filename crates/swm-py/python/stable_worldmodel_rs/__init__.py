@@ -14,8 +14,31 @@ _HOMES: dict[str, str] = {
     "PolicyError": "_swm",
     "DataError": "_swm",
     "PlanError": "_swm",
+    "World": "world.world",
+    "NativePolicy": "world.policies",
+    "EvaluationResult": "world.results",
+    "EnvPool": "world.env_pool",
+    "evaluate_from_dataset": "world.dataset_runs",
+    "Manifest": "world.manifests",
+    "Receipt": "world.manifests",
+    "compare": "world.manifests",
+    "evaluate": "world.manifests",
+    "make_manifest": "world.manifests",
+    "read_manifest": "world.manifests",
+    "read_receipt": "world.manifests",
+    "replay": "world.manifests",
+    "verify": "world.manifests",
+    "PlanConfig": "policy",
+    "WorldModelPolicy": "policy",
+    "FeedForwardPolicy": "policy",
+    "RandomPolicy": "policy",
+    "BasePolicy": "policy",
+    "ExpertPolicy": "policy",
+    "Policy": "policy",
+    "HistoryBuffer": "buffer",
+    "MpcPolicy": "planning.mpc",
 }
-_MODULES = frozenset({"data", "envs", "planning", "policy", "protocols", "spaces", "vector", "world"})
+_MODULES = frozenset({"buffer", "data", "envs", "planning", "policy", "protocols", "spaces", "vector", "world"})
 
 __all__ = ["__version__", *_HOMES, *_MODULES]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
+from ..world.policies import NativePolicy
 from .solver._base import BaseSolver
 from .solver._errors import PlanAssertionError
 
@@ -31,7 +32,7 @@ class SimulatorCost:
     gradient_step: float = 0.01
 
 
-class MpcPolicy:
+class MpcPolicy(NativePolicy):
     """Plans with a solver on a native cost, executes ``receding_horizon`` blocks, and plans again: all in Rust.
 
     For costs in Python, such as a torch model, use :class:`~stable_worldmodel_rs.policy.WorldModelPolicy`.
@@ -47,7 +48,7 @@ class MpcPolicy:
         >>> from stable_worldmodel_rs.planning import CEMSolver, SimulatorCost
         >>> solver = CEMSolver(SimulatorCost(), num_samples=64, n_steps=5, topk=8)
         >>> policy = MpcPolicy(solver, config=PlanConfig(horizon=5, receding_horizon=5, action_block=5))
-        >>> policy.native_policy
+        >>> policy.text  # doctest: +ELLIPSIS
         'cem:samples=64,iterations=5,elites=8,...'
         >>> world.set_policy(policy)  # doctest: +SKIP
     """
@@ -62,37 +63,27 @@ class MpcPolicy:
     ) -> None:
         settings: dict[str, Any] = {}
         if isinstance(solver, str):
-            self._solver, _, given = solver.partition(":")
+            name = solver
         else:
-            own, given = solver.cost, ""
-            if not isinstance(own, SimulatorCost | None):
+            own = solver.cost
+            if own is not None and not isinstance(own, SimulatorCost):
                 raise PlanAssertionError(
                     f"MpcPolicy plans in Rust, and {type(own).__name__} is a Python object; use "
                     "WorldModelPolicy(solver, config), or MpcPolicy with a SimulatorCost"
                 )
             cost = cost if cost is not None else own
-            self._solver = solver._native
+            name = solver._native
             settings |= {**solver._settings(), "seed": solver.seed & 0xFFFF_FFFF}
         for field in fields(SimulatorCost):
             value = getattr(cost, field.name) if cost is not None else field.default
             if value != field.default:
                 settings[field.name] = value
         if config is not None:
-            for name in ("horizon", "receding_horizon", "history_len", "action_block", "warm_start"):
-                settings[name] = getattr(config, name)
+            for setting in ("horizon", "receding_horizon", "history_len", "action_block", "warm_start"):
+                settings[setting] = getattr(config, setting)
         if not clip_actions:
             settings["clip_actions"] = False
-        parts = [given] if given else []
-        self._settings = ",".join(parts + [f"{name}={_text(value)}" for name, value in settings.items()])
-
-    @property
-    def native_policy(self) -> str:
-        """The policy as the command knows it: ``cem:samples=300,horizon=5``."""
-        return f"{self._solver}:{self._settings}" if self._settings else self._solver
+        super().__init__(name, **settings)
 
     def __repr__(self) -> str:
-        return f"MpcPolicy({self.native_policy!r})"
-
-
-def _text(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
+        return f"MpcPolicy({self.text!r})"

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from ... import _swm
+from ..._arrays import is_tensor, require_torch
 from ...protocols import Actionable
-from ._bridge import Array, Bridge, NumpyBridge, TorchBridge, is_tensor, rows_of, take_rows
+from ._bridge import Array, Bridge, NumpyBridge, TorchBridge, rows_of, take_rows
 from ._errors import PlanAssertionError
 from ._space import PlanSpace
 from .utils import prepare_init_action
@@ -406,11 +407,4 @@ def _rows(keys: PlanKeys, rows: slice) -> PlanKeys:
 
 
 def _torch(cost: Any) -> Any:
-    try:
-        import torch
-    except ImportError as error:
-        raise ImportError(
-            f"{type(cost).__name__} is given torch tensors, and torch is not installed; `pip install torch`, or set "
-            '`array_api = "numpy"` on the cost to be given arrays'
-        ) from error
-    return torch
+    return require_torch(f'{type(cost).__name__} has no `array_api = "numpy"`, so it is given torch tensors')

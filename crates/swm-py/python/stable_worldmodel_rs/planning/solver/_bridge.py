@@ -6,11 +6,11 @@ Python, so costs may keep them.
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from ..._arrays import is_tensor
 from ...protocols import Constrainable
 from ._errors import PlanAssertionError
 
@@ -19,15 +19,9 @@ if TYPE_CHECKING:
 
     from ._base import BaseSolver
 
-__all__ = ["Bridge", "NumpyBridge", "TorchBridge", "is_tensor", "rows_of", "take_rows"]
+__all__ = ["Bridge", "NumpyBridge", "TorchBridge", "rows_of", "take_rows"]
 
 Array = np.ndarray[Any, Any]
-
-
-def is_tensor(value: object) -> bool:
-    """Whether ``value`` is a torch tensor. Does not import torch."""
-    torch = sys.modules.get("torch")
-    return torch is not None and isinstance(value, torch.Tensor)
 
 
 def rows_of(info: dict[str, Any], otherwise: int) -> int:
