@@ -6,8 +6,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use pyo3::prelude::*;
 use pyo3::types::PyList;
+use rand::seq::index;
 use swm::core::error::BoxError;
 use swm::core::evaluate::EvaluationRecorder;
+use swm::core::seed::keyed;
 use swm::core::{EpisodeEnd, EpisodeSeed, LiveStep, Recorder, ResetOptions, Rollout};
 use swm::media::Format;
 use swm::video::Video;
@@ -159,15 +161,42 @@ fn save(dir: &Path, clips: &Video) -> PyResult<Vec<String>> {
     Ok(paths)
 }
 
-/// The length of the longest episode allowed; `None`: no limit.
+/// Rows `(episode, row)` that have a goal row `goal_offset` later in episodes of these lengths, drawn uniformly over rows
+/// and sorted: the rows of an evaluation from a dataset with this seed.
 #[pyfunction]
-fn max_episode_steps(world: &Bound<'_, PyWorld>) -> PyResult<Option<u64>> {
-    let mut core = world.get().shared.lock()?;
-    Ok(core.world()?.options().max_episode_steps)
+fn choose_starts(
+    lengths: Vec<usize>,
+    count: usize,
+    goal_offset: usize,
+    seed: u64,
+) -> PyResult<Vec<(usize, usize)>> {
+    let valid = |episode: usize| lengths[episode].saturating_sub(goal_offset);
+    let ends: Vec<usize> = (0..lengths.len())
+        .scan(0, |total, episode| {
+            *total += valid(episode);
+            Some(*total)
+        })
+        .collect();
+    let total = ends.last().copied().unwrap_or(0);
+    if total < count || count == 0 {
+        return Err(SwmError::new_err(format!(
+            "{count} start rows asked for, but {total} rows of {} episodes have a goal {goal_offset} rows later; ask for \
+             fewer episodes, a smaller goal offset, or record more",
+            lengths.len()
+        )));
+    }
+    let mut rng = keyed(seed, "evaluation starts", [0, 0]);
+    let mut rows = index::sample(&mut rng, total, count).into_vec();
+    rows.sort_unstable();
+    let place = |row| {
+        let episode = ends.partition_point(|&end| end <= row);
+        (episode, row + valid(episode) - ends[episode])
+    };
+    Ok(rows.into_iter().map(place).collect())
 }
 
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(evaluate, m)?)?;
-    m.add_function(wrap_pyfunction!(max_episode_steps, m)?)
+    m.add_function(wrap_pyfunction!(choose_starts, m)?)
 }

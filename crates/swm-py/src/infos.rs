@@ -103,6 +103,19 @@ fn values(option: &str, given: &Bound<'_, PyAny>) -> PyResult<BTreeMap<String, V
         .collect()
 }
 
+/// Values of factors from a dict, each as its factor's own type.
+pub(crate) fn factors(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResult<BTreeMap<String, Value>> {
+    let mut given = values("variation_values", given)?;
+    for (name, value) in &mut given {
+        if let Some(factor) = spec.factors.iter().find(|factor| factor.name == *name)
+            && let Some(dtype) = factor.space.dtype()
+        {
+            *value = value.cast(name, dtype, &factor.space.shape()).or_raise()?;
+        }
+    }
+    Ok(given)
+}
+
 /// Reset options from a dict: `variation` (a list of names, groups, `"all"`), `variation_values`, `start` and `goal` (dicts
 /// of columns), `state` and `goal_state` (the column `state` of the two), and `goal_<column>`.
 pub(crate) fn reset_options(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResult<ResetOptions> {
@@ -126,7 +139,7 @@ pub(crate) fn reset_options(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResul
                 };
                 options.variation = Some(names);
             }
-            "variation_values" => options.variation_values = values(&key, &given)?,
+            "variation_values" => options.variation_values = factors(spec, &given)?,
             "start" => options.start.get_or_insert_default().extend(values(&key, &given)?),
             "goal" => options.goal.get_or_insert_default().extend(values(&key, &given)?),
             key if spec.start_columns.contains(&key) => {
@@ -138,14 +151,6 @@ pub(crate) fn reset_options(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResul
                 }
                 None => return Err(unknown_option(spec, key)),
             },
-        }
-    }
-    // Factors are given as any numbers, and the core wants the factor's own type.
-    for (name, value) in &mut options.variation_values {
-        if let Some(factor) = spec.factors.iter().find(|factor| factor.name == *name)
-            && let Some(dtype) = factor.space.dtype()
-        {
-            *value = value.cast(name, dtype, &factor.space.shape()).or_raise()?;
         }
     }
     Ok(options)
