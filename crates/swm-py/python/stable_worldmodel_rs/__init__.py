@@ -5,6 +5,7 @@ Names are loaded when they are first used, so that `import stable_worldmodel_rs`
 
 from importlib import import_module as _import_module
 
+from . import _files, _gym
 from ._swm import __version__
 
 # Public name -> the module that defines it.
@@ -38,9 +39,15 @@ _HOMES: dict[str, str] = {
     "HistoryBuffer": "buffer",
     "MpcPolicy": "planning.mpc",
 }
-_MODULES = frozenset({"buffer", "data", "envs", "planning", "policy", "protocols", "spaces", "vector", "world"})
+_MODULES = frozenset(
+    {"buffer", "compat", "data", "envs", "planning", "policy", "protocols", "spaces", "vector", "world"}
+)
 
 __all__ = ["__version__", *_HOMES, *_MODULES]
+
+
+_files.choose()
+_gym.register_when_imported()
 
 
 def __getattr__(name: str) -> object:

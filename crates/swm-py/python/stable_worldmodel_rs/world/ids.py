@@ -5,9 +5,10 @@ from __future__ import annotations
 from functools import cache
 
 from .. import _swm
+from .._files import offer_ogbench
 
 # Ids under which the reference has what this package numbers otherwise.
-_RENAMED = {"swm/TwoRoom-v1": "swm/TwoRoom-v2"}
+RENAMED = {"swm/TwoRoom-v1": "swm/TwoRoom-v2"}
 _OURS = "swm_rs/"
 
 
@@ -24,6 +25,11 @@ def native_id(env_name: str) -> str | None:
     own numbering.
     """
     if env_name.startswith(_OURS):
-        return "swm/" + env_name[len(_OURS) :]
-    name = _RENAMED.get(env_name, env_name)
-    return name if name in env_ids() else None
+        name = "swm/" + env_name[len(_OURS) :]
+    else:
+        name = RENAMED.get(env_name, env_name)
+        if name not in env_ids():
+            return None
+    if name.startswith("swm/OGB"):
+        offer_ogbench()
+    return name
