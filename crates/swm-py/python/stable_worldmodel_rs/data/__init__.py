@@ -27,6 +27,7 @@ from .format import (
 )
 from .formats.folder import FolderDataset, FolderWriter, ImageDataset
 from .formats.hdf5 import HDF5Dataset, HDF5Writer
+from .formats.lance import LanceDataset, LanceWriter
 from .formats.lerobot import LeRobotAdapter, LeRobotWriter
 from .formats.mcap import McapDataset, McapWriter
 from .formats.video import VideoDataset, VideoWriter
@@ -51,6 +52,8 @@ __all__ = [
     "HDF5Writer",
     "IdentityScaler",
     "ImageDataset",
+    "LanceDataset",
+    "LanceWriter",
     "LeRobotAdapter",
     "LeRobotWriter",
     "Loader",
@@ -83,11 +86,3 @@ __all__ = [
     "validate_write_mode",
 ]
 
-
-def __getattr__(name: str) -> object:
-    if name.startswith("Lance"):
-        raise AttributeError(
-            f"module {__name__!r} has no attribute {name!r}: this build reads no Lance tables; convert them with the "
-            "reference's `swm convert`, or build this package with the feature `lance`"
-        )
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

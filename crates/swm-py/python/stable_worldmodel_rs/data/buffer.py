@@ -73,7 +73,9 @@ class ReplayBuffer(Dataset):
         self._episodes: deque[tuple[int, int]] = deque()  # First row in the ring, and rows.
         self._episode_meta: deque[dict[str, Any]] = deque()
         self._sample_step = 0
-        self._indices: dict[int, ClipIndices] = {}  # By span, until the content changes.
+        # How many clips come before each episode's, `(E + 1,)`, for clips of one span; until the content changes.
+        self._clip_starts: NDArray[np.int64] | None = None
+        self._clip_starts_span = 0
 
     def __enter__(self) -> ReplayBuffer:
         return self
@@ -100,7 +102,7 @@ class ReplayBuffer(Dataset):
         self._episode_meta.append(once)
         self._head = (self._head + length) % self.max_steps
         self._size += length
-        self._indices.clear()
+        self._clip_starts = None
 
     def write_episodes(self, episodes: Iterable[dict[str, Any]]) -> None:
         """Appends several episodes."""
@@ -174,16 +176,19 @@ class ReplayBuffer(Dataset):
     @property
     def clip_indices(self) -> ClipIndices:  # pyright: ignore[reportIncompatibleVariableOverride]
         """``(episode, first row)`` of every clip."""
-        return self._clips_of(self.span)
+        return ClipIndices(self.lengths, self.span)
 
-    def _clips_of(self, span: int) -> ClipIndices:
-        if span not in self._indices:
-            self._indices[span] = ClipIndices(self.lengths, span)
-        return self._indices[span]
+    def _get_clip_starts(self, span: int) -> NDArray[np.int64]:
+        if self._clip_starts is None or self._clip_starts_span != span:
+            counts = np.maximum(self.lengths.astype(np.int64) - span + 1, 0)
+            self._clip_starts = np.concatenate([[0], np.cumsum(counts)])
+            self._clip_starts_span = span
+        return self._clip_starts
 
     def num_valid_ends(self, history_len: int | None = None) -> int:
         """How many clips of so many rows there are: what a sampler chooses from."""
-        return len(self._clips_of((self.history_len if history_len is None else history_len) * self.frameskip))
+        history = self.history_len if history_len is None else history_len
+        return int(self._get_clip_starts(history * self.frameskip)[-1])
 
     def __len__(self) -> int:
         return self.num_valid_ends()
@@ -210,14 +215,13 @@ class ReplayBuffer(Dataset):
     def _gather(self, clips: NDArray[np.int64], history: int) -> dict[str, NDArray[Any]]:
         """Clips by number, ``(B, history, …)`` by column."""
         span = history * self.frameskip
-        size = len(self._clips_of(span))
+        before = self._get_clip_starts(span)
+        size = int(before[-1])
         if clips.size and not (0 <= clips.min() and clips.max() < size):
             raise IndexError(f"ReplayBuffer: clip index out of range [0, {size})")
-        counts = np.maximum(self.lengths.astype(np.int64) - span + 1, 0)
-        ends = np.cumsum(counts)
-        episodes = np.searchsorted(ends, clips, side="right")
+        episodes = np.searchsorted(before[1:], clips, side="right")
         firsts = np.asarray([first for first, _ in self._episodes], dtype=np.int64)
-        starts = (firsts[episodes] + clips - (ends - counts)[episodes])[:, None]
+        starts = (firsts[episodes] + clips - before[episodes])[:, None]
         dense = self._ring(starts + np.arange(span))
         batch: dict[str, NDArray[Any]] = {}
         for name, values in self._cols.items():
@@ -228,7 +232,7 @@ class ReplayBuffer(Dataset):
     def __getitem__(self, idx: int) -> dict[str, Any]:
         size = len(self)
         if not -size <= idx < size:
-            raise IndexError(f"clip {idx} of {size}")
+            raise IndexError(f"clip {idx} of {size}" if size else f"clip {idx}: the buffer is empty")
         batch = self._gather(np.asarray([idx % size]), self.history_len)
         clip = {name: values[0] for name, values in batch.items()}
         return self.transform(clip) if self.transform is not None else clip
@@ -290,7 +294,7 @@ class ReplayBuffer(Dataset):
         self._head = self._size = 0
         self._episodes.clear()
         self._episode_meta.clear()
-        self._indices.clear()
+        self._clip_starts = None
 
     def __repr__(self) -> str:
         return (

@@ -123,9 +123,13 @@ class ConcatDataset:
         raise KeyError(f"no dataset has column {col!r}; the columns are {self.column_names}")
 
     def get_row_data(self, row_idx: int | list[int]) -> dict[str, Any]:
-        """Rows by their number, counted as the clips are: ``(…)`` for an int, ``(len, …)`` for a list."""
+        """Rows by their number, counted as the clips are: ``(…)`` for an int, ``(len, …)`` for a list.
+
+        A column that some datasets lack has the rows of the others.
+        """
         if isinstance(row_idx, (int, np.integer)):
             owner, local = self._loc(int(row_idx))
             return self.datasets[owner].get_row_data(local)
         rows = [self.get_row_data(row) for row in row_idx]
-        return {key: np.stack([row[key] for row in rows]) for key in rows[0]} if rows else {}
+        keys = union([list(row) for row in rows])
+        return {key: np.stack([row[key] for row in rows if key in row]) for key in keys}
