@@ -32,10 +32,17 @@ create_exception!(stable_worldmodel_rs, PlanFault, SwmError, "A solver or a cost
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = m.py();
     m.add("SwmError", py.get_type::<SwmError>())?;
-    m.add("EnvError", py.get_type::<EnvironmentFault>())?;
-    m.add("PolicyError", py.get_type::<PolicyFault>())?;
-    m.add("DataError", py.get_type::<DataFault>())?;
-    m.add("PlanError", py.get_type::<PlanFault>())
+    for (name, class) in [
+        ("EnvError", py.get_type::<EnvironmentFault>()),
+        ("PolicyError", py.get_type::<PolicyFault>()),
+        ("DataError", py.get_type::<DataFault>()),
+        ("PlanError", py.get_type::<PlanFault>()),
+    ] {
+        class.setattr("__name__", name)?;
+        class.setattr("__qualname__", name)?;
+        m.add(name, class)?;
+    }
+    Ok(())
 }
 
 /// Makes a Python exception of an error of the core.

@@ -103,6 +103,21 @@ def check_callables(callables: Sequence[Mapping[str, Any]] | None) -> None:
             )
 
 
+def check_recording(dataset: Any, env: str, frame_skip: int) -> None:
+    """Refuse a dataset that says it was recorded in another environment, or with rows another time apart."""
+    metadata: Any = getattr(dataset, "metadata", None)
+    if not isinstance(metadata, Mapping):
+        return
+    recorded, skip = metadata.get("env", env), metadata.get("frame_skip", frame_skip)
+    if recorded != env:
+        raise _swm.SwmError(f"the dataset was recorded in `{recorded}`, this World is `{env}`")
+    if skip != frame_skip:
+        raise _swm.SwmError(
+            f"the dataset was recorded with frame skip {skip}, this World has {frame_skip}: its rows are another time "
+            f"apart; make the World with frame_skip={skip}"
+        )
+
+
 def apply_callables(env: Any, callables: Sequence[Mapping[str, Any]], row: Mapping[str, Any]) -> None:
     """Call methods of an environment with values of a row; methods that it lacks are left out."""
     for spec in callables:

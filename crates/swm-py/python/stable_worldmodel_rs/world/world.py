@@ -20,7 +20,7 @@ from .policies import NativePolicy, describe
 from .progress import Progress
 from .results import EvaluationResult, html_image, html_table
 from .rows import apply_callables as _apply_callables
-from .rows import check_callables, reset_options
+from .rows import check_callables, check_recording, reset_options
 from .rows import extract_init_goal as _extract_init_goal
 
 __all__ = ["World", "_apply_callables", "_extract_init_goal"]
@@ -337,6 +337,7 @@ class World:
                 self, dataset, episodes_idx, start_steps, goal_offset, eval_budget, callables, video, mode
             )
         check_callables(callables)
+        check_recording(dataset, self._built["id"], self._built["frame_skip"])
         firsts, lasts, _ = _extract_init_goal(dataset, episodes_idx, start_steps, goal_offset)
         spec = self.envs.spec_data
         options = [reset_options(spec, first, last) for first, last in zip(firsts, lasts, strict=True)]
