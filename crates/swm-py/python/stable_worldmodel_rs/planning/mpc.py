@@ -49,7 +49,7 @@ class MpcPolicy(NativePolicy):
         >>> solver = CEMSolver(SimulatorCost(), num_samples=64, n_steps=5, topk=8)
         >>> policy = MpcPolicy(solver, config=PlanConfig(horizon=5, receding_horizon=5, action_block=5))
         >>> policy.text  # doctest: +ELLIPSIS
-        'cem:samples=64,iterations=5,elites=8,...'
+        'cem:seed=1234,samples=64,iterations=5,elites=8,...'
         >>> world.set_policy(policy)  # doctest: +SKIP
     """
 
@@ -72,8 +72,9 @@ class MpcPolicy(NativePolicy):
                     "WorldModelPolicy(solver, config), or MpcPolicy with a SimulatorCost"
                 )
             cost = cost if cost is not None else own
-            name = solver._native
-            settings |= {**solver._settings(), "seed": solver.seed & 0xFFFF_FFFF}
+            # The seed of the solver's noise; `seed=` of a NativePolicy would replace those of the episodes.
+            name = f"{solver._native}:seed={solver.seed & 0xFFFF_FFFF}"
+            settings |= solver._settings()
         for field in fields(SimulatorCost):
             value = getattr(cost, field.name) if cost is not None else field.default
             if value != field.default:

@@ -78,6 +78,14 @@ class BaseSolver:
         self._memory: dict[int, Array] = {}
         self._solvers: dict[tuple[str, str], _swm.Solver] = {}
 
+    def __repr__(self) -> str:
+        settings = ", ".join(f"{name}={value}" for name, value in self._settings().items())
+        return f"{type(self).__name__}({type(self.cost).__name__}, {settings}, seed={self.seed})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        # The Rust solvers are made again where they are needed.
+        return {**self.__dict__, "_solvers": {}}
+
     # What each solver says of itself.
 
     def _settings(self) -> dict[str, Any]:

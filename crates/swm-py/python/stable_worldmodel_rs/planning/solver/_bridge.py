@@ -177,6 +177,7 @@ class TorchBridge(Bridge):
         self._torch = torch
         self._device = torch.device(solver.device)
         self._dtype: torch.dtype = solver.dtype
+        self._shared = (torch.float32, torch.float64)
         self._is_plain = self._device.type == "cpu" and self._dtype == torch.float32
         self._graph: tuple[torch.Tensor, torch.Tensor, torch.Tensor] | None = None
 
@@ -203,14 +204,21 @@ class TorchBridge(Bridge):
         self.check(values, candidates.shape[1], what, ndim)
         return values
 
-    def array(self, values: torch.Tensor, dtype: torch.dtype) -> Array:
-        """A contiguous array of a tensor of any floating type on any device."""
-        return np.ascontiguousarray(values.detach().to(device="cpu", dtype=dtype).numpy())
+    def array(self, values: torch.Tensor, dtype: type[np.floating[Any]] = np.float64) -> Array:
+        """A contiguous array of a tensor of any type on any device."""
+        if values.requires_grad:
+            values = values.detach()
+        # NumPy has no bfloat16; of what it has, its own conversion is the quicker one.
+        if values.dtype not in self._shared or not values.is_cpu:
+            values = values.to(device="cpu", dtype=self._torch.float64)
+        return np.ascontiguousarray(values.numpy(), dtype)
 
     def evaluate(self, candidates: Array) -> Array:
+        info = self.infos(candidates.shape[1])
+        if not self.solver._uses_gradient:  # The whole solve is in inference mode.
+            return self.array(self.ask("get_cost", info, self.tensor(candidates)))
         with self._torch.no_grad():
-            costs = self.ask("get_cost", self.infos(candidates.shape[1]), self.tensor(candidates))
-        return self.array(costs, self._torch.float64)
+            return self.array(self.ask("get_cost", info, self.tensor(candidates)))
 
     def leaf(self, candidates: Array) -> torch.Tensor:
         """Candidates that gradients are wanted of."""
@@ -230,7 +238,7 @@ class TorchBridge(Bridge):
         costs = self.ask("get_cost", self.infos(candidates.shape[1]), leaf)
         self.require_gradient(costs)
         (gradient,) = torch.autograd.grad(costs.sum(), leaf)
-        return self.array(costs, torch.float64), self.array(gradient, torch.float32)
+        return self.array(costs), self.array(gradient, np.float32)
 
     def constrain(self, candidates: Array, differentiable: bool) -> tuple[Array, Array]:
         torch = self._torch
@@ -243,9 +251,9 @@ class TorchBridge(Bridge):
         if differentiable:
             self.require_gradient(costs)
             self._graph = (costs, values, tensor)
-        array = self.array(values, torch.float64)
+        array = self.array(values)
         self.record_violation(array)
-        return self.array(costs, torch.float64), array
+        return self.array(costs), array
 
     def pull_back(self, weights: Array) -> Array:
         assert self._graph is not None, "constrain comes first"
@@ -254,4 +262,4 @@ class TorchBridge(Bridge):
         weighted = torch.from_numpy(weights).reshape(values.shape).to(values) * values
         total = costs.sum() + weighted.sum() if values.requires_grad else costs.sum()
         (gradient,) = torch.autograd.grad(total, leaf)
-        return self.array(gradient, torch.float32)
+        return self.array(gradient, np.float32)
