@@ -53,7 +53,8 @@ fn environments() -> String {
 }
 
 fn environment(entry: &EnvEntry) -> serde_json::Value {
-    let setting = |setting: &swm::core::Setting| serde_json::json!([setting.name, setting.doc, setting.default]);
+    let setting =
+        |setting: &swm::core::Setting| serde_json::json!([setting.name, setting.doc, setting.default]);
     let policies: Vec<&str> = registry().policies(entry).map(|policy: &PolicyEntry| policy.name).collect();
     serde_json::json!({
         "id": entry.id,

@@ -39,7 +39,7 @@ def register_all() -> None:
                 id=name,
                 entry_point=_ENTRY_POINT,
                 vector_entry_point=_VECTOR_ENTRY_POINT,
-                kwargs={"env_name": native},
+                kwargs={"env_name": f"swm_rs/{native.removeprefix('swm/')}"},
             )
 
 

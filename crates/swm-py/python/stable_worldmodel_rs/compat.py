@@ -122,6 +122,9 @@ def install() -> None:
     if _THEIRS in sys.modules:
         raise ImportError(f"{_THEIRS} has been imported already; call stable_worldmodel_rs.compat.install() before")
     sys.meta_path.insert(0, _FINDER)
+    # The reference imports it, so that h5py reads compressed images from then on; its users count on that.
+    if find_spec("hdf5plugin") is not None:
+        import_module("hdf5plugin")
 
 
 def uninstall() -> None:

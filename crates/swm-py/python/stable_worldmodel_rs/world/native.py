@@ -243,7 +243,8 @@ class EnvHandle:
         """Its factors of variation as a nested space; ``["agent"]["color"].value`` is that of its episode."""
         if self._variation is None:
             self._variation = spaces.variation_space(self._pool.spec_data)
-        spaces.show_values(self._variation, self._pool._arrays, self._row)
+        if self._pool._run is not None:
+            spaces.show_values(self._variation, self._pool._arrays, self._row)
         return self._variation
 
     def reset_options_from_dataset(self, init_row: Mapping[str, Any], goal_row: Mapping[str, Any]) -> dict[str, Any]:
