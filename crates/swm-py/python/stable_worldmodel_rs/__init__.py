@@ -1,0 +1,64 @@
+"""World-model research in Python over a Rust core: environments, datasets, planning, evaluation.
+
+Names are loaded when they are first used, so that `import stable_worldmodel_rs` is quick and needs no torch.
+"""
+
+from importlib import import_module as _import_module
+
+from . import _files, _gym
+from ._swm import __version__
+
+# Public name -> the module that defines it.
+_HOMES: dict[str, str] = {
+    "SwmError": "_swm",
+    "EnvError": "_swm",
+    "PolicyError": "_swm",
+    "DataError": "_swm",
+    "PlanError": "_swm",
+    "World": "world.world",
+    "NativePolicy": "world.policies",
+    "EvaluationResult": "world.results",
+    "EnvPool": "world.env_pool",
+    "evaluate_from_dataset": "world.dataset_runs",
+    "Manifest": "world.manifests",
+    "Receipt": "world.manifests",
+    "compare": "world.manifests",
+    "evaluate": "world.manifests",
+    "make_manifest": "world.manifests",
+    "read_manifest": "world.manifests",
+    "read_receipt": "world.manifests",
+    "replay": "world.manifests",
+    "verify": "world.manifests",
+    "PlanConfig": "policy",
+    "WorldModelPolicy": "policy",
+    "FeedForwardPolicy": "policy",
+    "RandomPolicy": "policy",
+    "BasePolicy": "policy",
+    "ExpertPolicy": "policy",
+    "Policy": "policy",
+    "HistoryBuffer": "buffer",
+    "MpcPolicy": "planning.mpc",
+}
+_MODULES = frozenset(
+    {"buffer", "compat", "data", "envs", "planning", "policy", "protocols", "spaces", "vector", "world"}
+)
+
+__all__ = ["__version__", *_HOMES, *_MODULES]
+
+
+_files.choose()
+_gym.register_when_imported()
+
+
+def __getattr__(name: str) -> object:
+    if name in _MODULES:
+        return _import_module(f".{name}", __name__)
+    if name in _HOMES:
+        value = getattr(_import_module(f".{_HOMES[name]}", __name__), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,7 @@
+"""``python -m stable_worldmodel_rs``: the script ``swm-rs``."""
+
+import sys
+
+from ._cli import main
+
+sys.exit(main())

@@ -1,0 +1,107 @@
+"""Where MuJoCo's library and the models are: in the wheel, in an installed ``ogbench``, or in the data folder.
+
+A wheel carries the library and the models of the control suite in ``_lib``, laid out as the data folder of the command.
+Models of OGBench come with the package ``ogbench``; part of them has no license, so that no wheel may carry them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+
+from . import _swm
+
+_LIB = Path(__file__).parent / "_lib"
+_FIX = (
+    "reinstall the package from a wheel (`pip install --force-reinstall stable-worldmodel-rs`); models of OGBench need "
+    "`pip install stable-worldmodel-rs[ogbench]`; or let SWM_HOME name a folder that `cargo xtask setup` filled"
+)
+# Where ogbench has its models, what the data folder calls that, and which of them are read (None: all).
+_OGBENCH_PARTS: tuple[tuple[str, str, tuple[str, ...] | None], ...] = (
+    ("manipspace/descriptions", "manipspace", None),
+    ("locomaze/assets", "locomaze", ("ant.xml", "point.xml")),
+)
+_OGBENCH_SHA256 = "3af341438533a83f15e8e6848916eeab5a81982ba0eb719a008d104126aa98bc"
+
+
+def choose() -> None:
+    """Tell the core where the files of the wheel are, unless an environment variable says otherwise."""
+    _, _, (mujoco, _, _) = _swm.files()
+    library = next((_LIB / "mujoco" / mujoco).glob("*mujoco*"), None)
+    chosen = os.environ.get("SWM_HOME")
+    if library is not None and not chosen and not os.environ.get("SWM_MUJOCO_LIB"):
+        _swm.set_files(library=str(library))
+    folder = _LIB if not chosen and (_LIB / "dm_control").is_dir() else None
+    _swm.set_files(folder=None if folder is None else str(folder), fix=_FIX)
+
+
+def offer_ogbench() -> None:
+    """Make the models of an installed ``ogbench`` known, where the data folder lacks them.
+
+    Called before the first environment of OGBench is made. The folder that joins them with the models of the wheel lies in
+    the user's cache and is made of links, or of copies where the system allows no links.
+    """
+    _, folder, (_, dm_control, ogbench) = _swm.files()
+    if folder is not None and (folder / "ogbench" / ogbench).is_dir():
+        return
+    try:
+        installed = version("ogbench")
+        spec = find_spec("ogbench")
+    except PackageNotFoundError:
+        return
+    if installed != ogbench or spec is None or not spec.submodule_search_locations:
+        raise _swm.EnvError(
+            f"ogbench {installed} is installed, and its models differ from those of {ogbench}; "
+            f"run `pip install ogbench=={ogbench}`"
+        )
+    package = Path(next(iter(spec.submodule_search_locations)))
+    home = _cache() / f"models-{ogbench}"
+    _check(package)
+    for source, place, _ in _OGBENCH_PARTS:
+        _link(package / source, home / "ogbench" / ogbench / place)
+    if folder is not None and (suite := folder / "dm_control" / dm_control).is_dir():
+        _link(suite, home / "dm_control" / dm_control)
+    _swm.set_files(folder=str(home))
+
+
+def _check(package: Path) -> None:
+    """Refuse models that are not those of the published package: other models are other dynamics."""
+    digest = hashlib.sha256()
+    for source, place, names in _OGBENCH_PARTS:
+        folder = package / source
+        for name in names or sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.xml")):
+            digest.update(f"{place}/{name}\n".encode())
+            if (folder / name).is_file():
+                digest.update((folder / name).read_bytes())
+    if digest.hexdigest() != _OGBENCH_SHA256:
+        raise _swm.EnvError(
+            f"the models in {package} are not those that were published; "
+            "run `pip install --force-reinstall --no-deps ogbench==1.2.2`"
+        )
+
+
+def _cache() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME") or (
+        os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else os.path.join("~", ".cache")
+    )
+    return Path(base or "~").expanduser() / "stable-worldmodel-rs"
+
+
+def _link(source: Path, place: Path) -> None:
+    """Make ``place`` show ``source``, whatever it showed before."""
+    if place.is_symlink() and place.resolve() == source.resolve():
+        return
+    place.parent.mkdir(parents=True, exist_ok=True)
+    if place.is_symlink():
+        place.unlink()
+    elif place.exists():
+        return
+    try:
+        place.symlink_to(source, target_is_directory=True)
+    except OSError:
+        shutil.copytree(source, place)

@@ -1,0 +1,76 @@
+"""Registers the environments in gymnasium: now, or when gymnasium is imported.
+
+``import stable_worldmodel_rs`` does not import gymnasium, which takes longer than this whole package.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
+from types import ModuleType
+
+_ENTRY_POINT = "stable_worldmodel_rs.envs:Env"
+_VECTOR_ENTRY_POINT = "stable_worldmodel_rs.vector:VectorEnv"
+
+
+def gym_ids() -> dict[str, str]:
+    """All ids for ``gymnasium.make`` and the environments of this package that they name.
+
+    ``swm/…`` are the reference's names, ``swm_rs/…`` this package's own. A name whose version this package numbers
+    otherwise is left out of ``swm/…``: gymnasium would call the other version outdated.
+    """
+    from .world.ids import RENAMED, env_ids
+
+    names = {f"swm_rs/{name.removeprefix('swm/')}": name for name in env_ids()}
+    renamed = RENAMED.values()
+    return names | {name: RENAMED.get(name, name) for name in env_ids() if name not in renamed}
+
+
+def register_all() -> None:
+    """Register every id that is free. An installed reference keeps its ``swm/…`` if it was imported first."""
+    from gymnasium.envs.registration import register, registry
+
+    for name, native in gym_ids().items():
+        if name not in registry:
+            register(
+                id=name,
+                entry_point=_ENTRY_POINT,
+                vector_entry_point=_VECTOR_ENTRY_POINT,
+                kwargs={"env_name": f"swm_rs/{native.removeprefix('swm/')}"},
+            )
+
+
+class _WhenImported(MetaPathFinder):
+    """Finds nothing itself; lets the one import of gymnasium end with `register_all`."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """The spec of gymnasium, whose loader registers once the module has run; None for all others."""
+        if fullname != "gymnasium":
+            return None
+        sys.meta_path.remove(self)
+        spec = find_spec(fullname)
+        if spec is None or spec.loader is None:
+            return None
+        loader = spec.loader
+        run = loader.exec_module
+
+        def run_and_register(module: ModuleType) -> None:
+            del loader.exec_module  # the class has it still
+            run(module)
+            register_all()
+
+        loader.exec_module = run_and_register  # pyright: ignore[reportAttributeAccessIssue]
+        return spec
+
+
+def register_when_imported() -> None:
+    """Register now if gymnasium is there, else as soon as it is imported."""
+    if "gymnasium" in sys.modules:
+        register_all()
+    elif not any(isinstance(finder, _WhenImported) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _WhenImported())

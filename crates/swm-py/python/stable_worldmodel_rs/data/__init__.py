@@ -1,0 +1,88 @@
+"""Datasets: reading clips of recorded episodes, writing, converting, training batches.
+
+The quick way to train is :class:`Loader`; datasets are map-style and work with ``torch.utils.data.DataLoader``, too.
+
+Example:
+    >>> import stable_worldmodel_rs as swm
+    >>> dataset = swm.data.load_dataset("pusht.h5", num_steps=4, frameskip=5)
+    >>> for batch in swm.data.Loader(dataset, batch_size=64):
+    ...     batch["pixels"]  # uint8 (64, 4, 3, H, W)
+"""
+
+from . import formats as _formats  # noqa: F401  (registers the formats)
+from .buffer import ReplayBuffer, classic_filter
+from .dataset import ClipIndices, ConcatDataset, Dataset, GoalDataset, MergeDataset
+from .format import (
+    EPISODE_DATA_KEY,
+    FORMATS,
+    WRITE_MODES,
+    Format,
+    Writer,
+    detect_format,
+    get_format,
+    list_formats,
+    register_format,
+    split_episode_data,
+    validate_write_mode,
+)
+from .formats.folder import FolderDataset, FolderWriter, ImageDataset
+from .formats.hdf5 import HDF5Dataset, HDF5Writer
+from .formats.lance import LanceDataset, LanceWriter
+from .formats.lerobot import LeRobotAdapter, LeRobotWriter
+from .formats.mcap import McapDataset, McapWriter
+from .formats.video import VideoDataset, VideoWriter
+from .loader import Loader, collate
+from .native import NativeDataset
+from .normalization import ColumnNormalizer, IdentityScaler, PercentileScaler, ZScoreScaler, column_normalizer, get_scaler
+from .utils import convert, download, ensure_dir_exists, get_cache_dir, load_dataset, merge, split
+
+__all__ = [
+    "EPISODE_DATA_KEY",
+    "FORMATS",
+    "WRITE_MODES",
+    "ClipIndices",
+    "ColumnNormalizer",
+    "ConcatDataset",
+    "Dataset",
+    "FolderDataset",
+    "FolderWriter",
+    "Format",
+    "GoalDataset",
+    "HDF5Dataset",
+    "HDF5Writer",
+    "IdentityScaler",
+    "ImageDataset",
+    "LanceDataset",
+    "LanceWriter",
+    "LeRobotAdapter",
+    "LeRobotWriter",
+    "Loader",
+    "McapDataset",
+    "McapWriter",
+    "MergeDataset",
+    "NativeDataset",
+    "PercentileScaler",
+    "ReplayBuffer",
+    "VideoDataset",
+    "VideoWriter",
+    "Writer",
+    "ZScoreScaler",
+    "classic_filter",
+    "collate",
+    "column_normalizer",
+    "convert",
+    "detect_format",
+    "download",
+    "ensure_dir_exists",
+    "get_cache_dir",
+    "get_format",
+    "get_scaler",
+    "list_formats",
+    "load_dataset",
+    "merge",
+    "register_format",
+    "split",
+    "split_episode_data",
+    "validate_write_mode",
+]
+

@@ -1,0 +1,98 @@
+"""LeRobot datasets (v2.1 and v3.0), read and written without the package ``lerobot``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .._paths import get_cache_dir
+from ..dataset import Transform
+from ..format import Format, register_format
+from ..native import NativeDataset
+from ..writers import NativeWriter
+
+__all__ = ["LeRobot", "LeRobotAdapter", "LeRobotWriter"]
+SCHEME = "lerobot://"
+
+
+class LeRobotAdapter(NativeDataset):
+    """Clips of a LeRobot dataset that is on this machine.
+
+    The first camera is ``pixels``, ``observation.state`` is ``proprio``; other columns keep their names.
+
+    Args:
+        repo_id: The folder, or the id of a repository that ``swm.data.download(repo_id)`` has fetched.
+        root: The folder, if ``repo_id`` is no path.
+        episodes: The episodes to take; ``None``: all.
+
+    The other arguments are those of :class:`~stable_worldmodel_rs.data.native.NativeDataset`.
+    """
+
+    native_format = "lerobot"
+
+    def __init__(
+        self,
+        repo_id: str | Path,
+        root: str | Path | None = None,
+        episodes: Sequence[int] | None = None,
+        frameskip: int = 1,
+        num_steps: int = 1,
+        transform: Transform | None = None,
+        keys_to_load: Sequence[str] | None = None,
+        keys_to_cache: Sequence[str] | None = None,
+        primary_camera_key: str | None = None,
+        key_aliases: dict[str, str] | None = None,
+        **options: Any,
+    ) -> None:
+        if primary_camera_key or key_aliases:
+            raise ValueError("primary_camera_key and key_aliases are not supported: rename columns in transform=")
+        self.repo_id = str(repo_id)
+        super().__init__(
+            locate(self.repo_id, root),
+            frameskip=frameskip,
+            num_steps=num_steps,
+            transform=transform,
+            keys_to_load=keys_to_load,
+            keys_to_cache=keys_to_cache,
+            episodes=episodes,
+            **options,
+        )
+
+
+def locate(repo_id: str, root: str | Path | None) -> Path:
+    """The folder of a repository."""
+    places = [Path(root)] if root is not None else [Path(repo_id), get_cache_dir(sub_folder="datasets") / repo_id.replace("/", "--")]
+    for place in places:
+        if place.is_dir():
+            return place
+    raise FileNotFoundError(f"LeRobot dataset {repo_id!r} is not at {places[-1]}; fetch it with swm.data.download({repo_id!r})")
+
+
+class LeRobotWriter(NativeWriter):
+    """Appends episodes to a LeRobot v3.0 dataset; pictures become videos."""
+
+    native_format = "lerobot"
+    _marker = "meta/info.json"
+
+
+@register_format
+class LeRobot(Format):
+    """LeRobot datasets: ``lerobot://<repo id>``, or a folder."""
+
+    name = "lerobot"
+
+    @classmethod
+    def detect(cls, path: str | Path) -> bool:
+        """By the scheme, or by ``meta/info.json``."""
+        return str(path).startswith(SCHEME) or (Path(path) / "meta" / "info.json").exists()
+
+    @classmethod
+    def open_reader(cls, path: str | Path, **kwargs: Any) -> LeRobotAdapter:
+        """A dataset of the folder or repository."""
+        return LeRobotAdapter(str(path).removeprefix(SCHEME), **kwargs)
+
+    @classmethod
+    def open_writer(cls, path: str | Path, **kwargs: Any) -> LeRobotWriter:
+        """A writer of the folder."""
+        return LeRobotWriter(path, **kwargs)

@@ -1,0 +1,377 @@
+"""The reader behind every built-in format: clips of files, read by Rust.
+
+Pictures come as ``(T, C, H, W)`` uint8, ``action`` as ``(T, frameskip * A)``, text as one ``str`` per clip. Items are torch
+tensors where torch is installed, else NumPy arrays; both lie on memory that is theirs while they are held.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stable_worldmodel_rs import _swm
+
+from . import _show
+from ._tensors import converter, may_use_threads, to_numpy
+from .dataset import ACTION, Dataset, Transform
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+INDICES = ("ep_idx", "episode_idx", "step_idx")
+"""Columns that every dataset has: the episode and the step of a row. Computed where they are not stored."""
+_LAYOUT = ("ep_len", "ep_offset")
+_abandoned: list[Any] = []  # Open files of a parent process: a fork must not close them.
+
+
+class Clips(Sequence[dict[str, Any]]):
+    """Clips that were read together. :func:`~stable_worldmodel_rs.data.collate` takes :attr:`batch` without a copy.
+
+    Attributes:
+        batch: ``{column: (B, T, …)}``.
+    """
+
+    def __init__(self, batch: dict[str, Any], size: int) -> None:
+        self.batch = batch
+        self._size = size
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(self._size))]
+        if not -self._size <= index < self._size:
+            raise IndexError(index)
+        return {key: values[index] for key, values in self.batch.items()}
+
+
+class _Cached(Mapping[str, NDArray[Any]]):
+    """The columns that are kept in memory, as arrays."""
+
+    def __init__(self, dataset: NativeDataset) -> None:
+        self._dataset = dataset
+
+    def __getitem__(self, key: str) -> NDArray[Any]:
+        if key not in self._dataset.cached_columns:
+            raise KeyError(key)
+        return self._dataset.get_col_data(key)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._dataset.cached_columns)
+
+    def __len__(self) -> int:
+        return len(self._dataset.cached_columns)
+
+
+class NativeDataset(Dataset):
+    """Clips of a dataset file or folder.
+
+    Args:
+        path: The file or folder.
+        frameskip: Distance of two rows of a clip.
+        num_steps: Rows of a clip.
+        transform: Changes every clip, dict to dict.
+        keys_to_load: The columns of an item; ``None``: all.
+        keys_to_cache: Columns that are read into memory once.
+        keys_to_merge: ``{new column: columns or a regular expression}``, joined along the last axis.
+        image: ``(H, W)`` to which pictures are resized, antialiased.
+        render: ``(H, W)`` of pictures that are rendered when they are read, for recordings without pictures of this
+            package.
+        episodes: The episodes to take, in this order; ``None``: all.
+
+    Example:
+        >>> dataset = load_dataset("pusht.h5", num_steps=4, frameskip=5)
+        >>> dataset[0]["pixels"].shape
+        torch.Size([4, 3, 64, 64])
+    """
+
+    native_format: ClassVar[str | None] = None
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        frameskip: int = 1,
+        num_steps: int = 1,
+        transform: Transform | None = None,
+        keys_to_load: Sequence[str] | None = None,
+        keys_to_cache: Sequence[str] | None = None,
+        keys_to_merge: Mapping[str, list[str] | str] | None = None,
+        image: tuple[int, int] | None = None,
+        render: tuple[int, int] | None = None,
+        episodes: Sequence[int] | None = None,
+    ) -> None:
+        self.path: Any = Path(path)
+        self.image = image
+        self._render = render
+        self.episodes = None if episodes is None else [int(episode) for episode in episodes]
+        self._merged: dict[str, NDArray[Any]] = {}
+        self.cached_columns: list[str] = []
+        self._pid = os.getpid()
+        self._reader: _swm.Reader | None = self._open()
+        self._clips: _swm.ClipReader | None = None
+        self._table: dict[str, tuple[int, str, list[int], str]] | None = None
+        lengths = self._reader.lengths
+        super().__init__(lengths, np.cumsum(lengths) - lengths, frameskip, num_steps, transform)
+        stored = [field[0] for field in self._reader.fields]
+        if keys_to_load:
+            self._keys = [key for key in dict.fromkeys(keys_to_load) if key not in _LAYOUT]
+            self._require([key for key in self._keys if key not in (keys_to_merge or {})], stored)
+        else:
+            # Files of this package always have the episode's number; it is no part of a clip.
+            own = self._reader.runs != "[]"
+            self._keys = [key for key in stored if not (own and key == "ep_idx")]
+        for target, source in (keys_to_merge or {}).items():
+            self.merge_col(source, target)
+        cached = [key for key in dict.fromkeys(keys_to_cache or ()) if key not in self.cached_columns]
+        self._require(cached, stored)
+        self.cached_columns += [key for key in cached if key in stored]
+        if cached:
+            self._reset()
+
+    def _require(self, keys: Sequence[str], stored: Sequence[str]) -> None:
+        missing = [key for key in keys if key not in stored and key not in INDICES]
+        if missing:
+            raise KeyError(f"{self.path} has no column {missing[0]!r}; the columns are {list(stored)}")
+
+    def _open(self) -> _swm.Reader:
+        reader = _swm.Reader.open(self.path, self.native_format)
+        if self._render is not None:
+            reader = reader.rendered(self._render)
+        if self.episodes is not None:
+            reader = reader.subset(self.episodes)
+        virtual = [key for key in getattr(self, "_keys", []) if key in INDICES]
+        merged = dict(self._merged)
+        if virtual:
+            stored = [field[0] for field in reader.fields]
+            merged |= {key: self._index_column(key) for key in virtual if key not in stored}
+        if merged:
+            reader = _swm.Reader.memory(str(self.path), self.lengths.tolist(), list(merged.items())).beside(reader)
+        stored_cache = [key for key in self.cached_columns if key not in merged]
+        return reader.cached(stored_cache) if stored_cache else reader
+
+    def _reset(self) -> None:
+        self._reader = None
+        self._clips = None
+        self._table = None
+
+    @property
+    def reader(self) -> _swm.Reader:
+        """The open file. In a forked process it is opened again."""
+        if self._pid != os.getpid():
+            _abandoned.append((self._reader, self._clips))
+            self._reset()
+            self._pid = os.getpid()
+        if self._reader is None:
+            self._reader = self._open()
+        return self._reader
+
+    @property
+    def clips(self) -> _swm.ClipReader:
+        """Clips by number, with the keys, steps and image size of this dataset."""
+        reader = self.reader
+        if self._clips is None:
+            self._clips = _swm.ClipReader(
+                reader,
+                num_steps=self.num_steps,
+                frameskip=self.frameskip,
+                keys=self._keys,
+                image=self.image,
+                threads=None if may_use_threads() else 1,
+            )
+        return self._clips
+
+    @property
+    def _cache(self) -> Mapping[str, NDArray[Any]]:
+        return _Cached(self)
+
+    @property
+    def _fields(self) -> dict[str, tuple[int, str, list[int], str]]:
+        """By column: its position, type, shape and kind."""
+        if self._table is None:
+            fields = self.reader.fields
+            self._table = {name: (at, dtype, shape, kind) for at, (name, dtype, shape, kind) in enumerate(fields)}
+        return self._table
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_reader": None, "_clips": None}
+
+    @property
+    def column_names(self) -> list[str]:
+        """The columns of an item."""
+        return list(self._keys)
+
+    @property
+    def metadata(self) -> dict[str, Any] | None:
+        """How it was recorded: environment, settings, policy, seed, versions; ``None`` for files of other programs."""
+        runs = self.runs
+        return runs[0][1] if runs else None
+
+    @property
+    def runs(self) -> list[tuple[int, dict[str, Any]]]:
+        """``(first episode, metadata)`` of every run that recorded into it."""
+        return [(first, metadata) for first, metadata in json.loads(self.reader.runs)]
+
+    @property
+    def skipped(self) -> list[tuple[str, str]]:
+        """Columns of the file that cannot be read, with the reason."""
+        return self.reader.skipped
+
+    def _finish(self, name: str, values: Any, shape: list[int], batched: int, planar: bool) -> Any:
+        """The axes of pictures as the reference has them: channels first if there are 1 or 3, whatever the type."""
+        if isinstance(values, list) or len(shape) != 3:
+            return values
+        first = batched + 1
+        if shape[2] in (1, 3):
+            return values if planar else np.moveaxis(values, -1, first)
+        return np.moveaxis(values, first, -1) if planar else values
+
+    def _batch(self, indices: list[int]) -> dict[str, Any]:
+        """Clips by number, ``(B, T, …)`` arrays by column."""
+        fields = self._fields
+        read = self.clips.read(indices)
+        return {
+            key: values if key == ACTION else self._finish(key, values, fields[key][2], 1, fields[key][1] == "uint8")
+            for key, values in read.items()
+        }
+
+    def _clip(self, arrays: dict[str, Any]) -> dict[str, Any]:
+        """One clip of a batch as an item."""
+        convert = converter()
+        clip = {key: convert(values) for key, values in arrays.items()}
+        if self.transform is None:
+            return clip
+        if ACTION in clip:
+            clip[ACTION] = clip[ACTION].reshape(self.span, -1)
+        return self._grouped(self.transform(clip), self.num_steps)
+
+    @property
+    def _is_plain(self) -> bool:
+        """Whether clips are what the file holds: no subclass reads them otherwise."""
+        return type(self)._load_slice is NativeDataset._load_slice
+
+    def __getitem__(self, idx: int) -> dict[str, Any]:
+        if not self._is_plain:
+            return super().__getitem__(idx)
+        size = len(self)
+        if not -size <= idx < size:
+            raise IndexError(f"clip {idx} of {size}")
+        batch = self._batch([int(idx) % size])
+        return self._clip({key: values[0] for key, values in batch.items()})
+
+    def __getitems__(self, indices: Sequence[int]) -> Sequence[dict[str, Any]]:
+        """Clips by number, read at once on several threads; what ``torch.utils.data.DataLoader`` calls.
+
+        Pass ``collate_fn=swm.data.collate`` to the ``DataLoader``, and the batch is not copied again.
+        """
+        if not self._is_plain:
+            return [self[index] for index in indices]
+        size = len(self)
+        wanted = [int(index) for index in indices]
+        if any(not -size <= index < size for index in wanted):
+            raise IndexError(f"a clip of {wanted} does not exist, there are {size}")
+        if not wanted:
+            return []
+        batch = self._batch([index % size for index in wanted])
+        if self.transform is not None:
+            return [self._clip({key: values[at] for key, values in batch.items()}) for at in range(len(wanted))]
+        convert = converter()
+        return Clips({key: convert(values) for key, values in batch.items()}, len(wanted))
+
+    def _load_slice(self, ep_idx: int, start: int, end: int) -> dict[str, Any]:
+        fields, convert = self._fields, converter()
+        arrays = self.reader.slice(int(ep_idx), int(start), int(end), self.frameskip, [fields[key][0] for key in self._keys])
+        steps: dict[str, Any] = {}
+        for key, values in zip(self._keys, arrays, strict=True):
+            if isinstance(values, list):
+                steps[key] = values[0] if values else ""
+            else:
+                steps[key] = convert(self._finish(key, values, fields[key][2], 0, False))
+        return self.transform(steps) if self.transform is not None else steps
+
+    def _index_column(self, col: str) -> NDArray[np.int64]:
+        episodes = np.repeat(np.arange(len(self.lengths)), self.lengths)
+        return episodes if col != "step_idx" else np.arange(len(episodes)) - self.offsets[episodes]
+
+    def get_col_data(self, col: str) -> NDArray[Any]:
+        """A whole column, ``(rows, …)``; pictures ``(rows, H, W, C)``. Also ``ep_idx`` and ``step_idx`` of every row."""
+        fields = self._fields
+        if col not in fields and col in INDICES:
+            return self._index_column(col)
+        self._require([col], list(fields))
+        values = self.reader.column(fields[col][0])
+        return np.asarray(values, dtype=object) if isinstance(values, list) else values
+
+    def get_dim(self, col: str) -> int:
+        """How many values a row of a column has."""
+        self._require([col], list(self._fields))
+        return int(np.prod(self._fields[col][2])) if col in self._fields else 1
+
+    def get_row_data(self, row_idx: int | list[int]) -> dict[str, Any]:
+        """Rows by their number over the whole dataset, as stored: ``(…)`` for an int, ``(len, …)`` for a list."""
+        rows = to_numpy(row_idx).astype(np.int64)
+        return self._rows(rows, self._keys)
+
+    def _rows(self, rows: NDArray[np.int64], keys: list[str]) -> dict[str, Any]:
+        ends = np.cumsum(self.lengths)
+        size = int(ends[-1]) if len(ends) else 0
+        if rows.size and not (-size <= rows.min() and rows.max() < size):
+            raise IndexError(f"a row of {rows.tolist()} does not exist, there are {size}")
+        flat = rows.reshape(-1) % max(size, 1)
+        episodes = np.searchsorted(ends, flat, side="right")
+        places = list(zip(episodes.tolist(), (flat - self.offsets[episodes]).tolist(), strict=True))
+        fields = self._fields
+        arrays = self.reader.gather(places, [fields[key][0] for key in keys])
+        values = {
+            key: np.asarray(array, dtype=object) if isinstance(array, list) else array
+            for key, array in zip(keys, arrays, strict=True)
+        }
+        return values if rows.ndim else {key: array[0] for key, array in values.items()}
+
+    def merge_col(self, source: list[str] | str, target: str, dim: int = -1) -> None:
+        """Adds the column ``target``, in memory: the columns ``source`` joined along ``dim``."""
+        if isinstance(source, str):
+            source = [key for key in self._fields if re.match(source, key)]
+        self._merged[target] = np.ascontiguousarray(np.concatenate([self.get_col_data(key) for key in source], axis=dim))
+        if target not in self.cached_columns:
+            self.cached_columns.append(target)
+        if target not in self._keys:
+            self._keys.append(target)
+        self._reset()
+
+    def subset(self, episodes: Sequence[int]) -> Self:
+        """The same dataset with some of its episodes, in this order. Nothing is copied but merged columns."""
+        wanted = [int(episode) for episode in episodes]
+        part = copy(self)
+        part.episodes = wanted if self.episodes is None else [self.episodes[episode] for episode in wanted]
+        starts, lengths = self.offsets[wanted], self.lengths[wanted]
+        rows = np.concatenate([np.arange(first, first + count) for first, count in zip(starts, lengths, strict=True)] or [wanted])
+        part._merged = {key: np.ascontiguousarray(values[rows]) for key, values in self._merged.items()}
+        part._keys, part.cached_columns = list(self._keys), list(self.cached_columns)
+        part._reset()
+        Dataset.__init__(part, lengths, np.cumsum(lengths) - lengths, self.frameskip, self.num_steps, self.transform)
+        return part
+
+    def statistics(self, keys: Sequence[str] | None = None, quantiles: Sequence[float] | None = None) -> dict[str, Any]:
+        """Mean, std, min, max and quantiles of columns, found in one pass, by column."""
+        found = json.loads(self.reader.statistics(None if keys is None else list(keys), quantiles))
+        return found["columns"]
+
+    def verify(self) -> dict[str, Any]:
+        """Reads everything and compares it with the file's checksums: ``{"problems": [...], "notes": [...], …}``."""
+        return json.loads(self.reader.verify())
+
+    def __repr__(self) -> str:
+        return _show.text(self)
+
+    def _repr_html_(self) -> str:
+        return _show.html(self)

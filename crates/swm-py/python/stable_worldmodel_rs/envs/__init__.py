@@ -1,0 +1,58 @@
+"""The environments in gymnasium: ``gymnasium.make("swm/PushT-v1")``, and what there is to choose from.
+
+Ids ``swm/…`` mean what the reference calls so, ``swm_rs/…`` this package's own numbering. Both are registered by
+``import stable_worldmodel_rs``.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from .. import _swm
+from .._gym import gym_ids, register_all
+from .env import Env
+
+__all__ = ["DISCRETE_WORLDS", "WORLDS", "Env", "gym_ids", "info", "register", "register_all"]
+
+#: Ids of all environments of this package, as the reference names them.
+WORLDS: set[str] = {name for name in gym_ids() if name.startswith("swm/")}
+#: Those of them whose actions are integers.
+DISCRETE_WORLDS: set[str] = {name for name in WORLDS if "Discrete" in name}
+
+
+def register(id: str, entry_point: Any, discrete: bool = False, **kwargs: Any) -> None:
+    """Register an environment of your own in gymnasium, and in ``WORLDS``. It runs in Python.
+
+    Args:
+        id: ``"mine/Maze-v0"``.
+        entry_point: A class, a function, or ``"module:name"``.
+        discrete: Whether its actions are integers.
+        **kwargs: As of ``gymnasium.register``.
+    """
+    from gymnasium.envs.registration import register as add
+
+    add(id=id, entry_point=entry_point, **kwargs)
+    WORLDS.add(id)
+    if discrete:
+        DISCRETE_WORLDS.add(id)
+
+
+def info(env_name: str | None = None) -> Any:
+    """What an environment is: ``summary``, ``settings`` as (name, what it does, default), ``policies``.
+
+    Args:
+        env_name: ``"swm/PushT-v1"``; None: a list of all.
+    """
+    from ..world.ids import native_id
+
+    every: list[dict[str, Any]] = json.loads(_swm.environments())
+    if env_name is None:
+        return every
+    name = native_id(env_name)
+    found = next((one for one in every if one["id"] == name), None)
+    if found is None:
+        from gymnasium.error import NameNotFound
+
+        raise NameNotFound(f"`{env_name}` is no environment of this package; it has {', '.join(sorted(WORLDS))}")
+    return found

@@ -1,0 +1,74 @@
+"""Objectives: what the outcome of a rollout costs. Torch modules, to be put together and given to
+:class:`~stable_worldmodel_rs.planning.ShootingCostEvaluator`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+try:
+    import torch
+except ImportError as error:
+    raise ImportError("objectives are torch modules, and torch is not installed; `pip install torch`") from error
+
+if TYPE_CHECKING:
+    from ..protocols import Objective
+
+__all__ = ["ControlPenalty", "GoalMSE", "WeightedSum"]
+
+
+class GoalMSE(torch.nn.Module):
+    """Squared distance of the last predicted embedding from the last frame of the goal.
+
+    Reads ``info[pred_key]``, ``(B, S, T, ...)``, and ``info[goal_key]``, ``(B, T_goal, ...)``; gives ``(B, S)``. Axes
+    behind the time are any, such as patches. No gradient flows into the goal.
+
+    Args:
+        pred_key: Where the predictions are.
+        goal_key: Where the goal is.
+        reduction: ``"sum"`` or ``"mean"`` over all axes of an embedding. In a sum of several sources, ``"mean"`` makes
+            large embeddings weigh as much as small ones.
+    """
+
+    def __init__(
+        self, pred_key: str = "predicted_emb", goal_key: str = "goal_emb", reduction: str = "sum"
+    ) -> None:
+        super().__init__()
+        if reduction not in ("sum", "mean"):
+            raise ValueError(f"reduction must be 'sum' or 'mean', got {reduction!r}")
+        self.pred_key = pred_key
+        self.goal_key = goal_key
+        self.reduction = reduction
+
+    def forward(self, info_dict: dict[str, Any]) -> torch.Tensor:
+        last = info_dict[self.pred_key][:, :, -1]
+        goal = info_dict[self.goal_key][:, -1].detach().unsqueeze(1)
+        error = (last - goal).pow(2).flatten(2) if last.ndim > 2 else (last - goal).pow(2).unsqueeze(-1)
+        return error.sum(-1) if self.reduction == "sum" else error.mean(-1)
+
+
+class ControlPenalty(torch.nn.Module):
+    """Sum of squares of the candidates, ``info[action_key]``, ``(B, S, H, D)``: ``(B, S)``."""
+
+    def __init__(self, action_key: str = "action_candidates") -> None:
+        super().__init__()
+        self.action_key = action_key
+
+    def forward(self, info_dict: dict[str, Any]) -> torch.Tensor:
+        return info_dict[self.action_key].pow(2).flatten(2).sum(-1)
+
+
+class WeightedSum(torch.nn.Module):
+    """Weighted sum of objectives: ``WeightedSum([(1.0, GoalMSE()), (0.01, ControlPenalty())])``."""
+
+    def __init__(self, terms: list[tuple[float, Objective]]) -> None:
+        super().__init__()
+        if not terms:
+            raise ValueError("WeightedSum needs one term or more: [(weight, objective), ...]")
+        self.weights = [float(weight) for weight, _ in terms]
+        modules = [term for _, term in terms if isinstance(term, torch.nn.Module)]
+        # Only modules can be registered; other objectives are kept beside them.
+        self.objectives = torch.nn.ModuleList(modules) if len(modules) == len(terms) else [term for _, term in terms]
+
+    def forward(self, info_dict: dict[str, Any]) -> torch.Tensor:
+        values = [weight * term(info_dict) for weight, term in zip(self.weights, self.objectives, strict=True)]
+        return torch.stack(values).sum(0) if len(values) > 1 else values[0]

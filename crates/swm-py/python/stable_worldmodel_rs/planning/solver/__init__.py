@@ -1,0 +1,27 @@
+"""The solvers. Each searches in Rust for the plan of lowest cost; the cost is a Python object."""
+
+from .categorical_cem import CategoricalCEMSolver
+from .cem import CEMSolver
+from .cma_es import CMAESSolver
+from .full_cem import FullCEMSolver
+from .gd import GradientSolver
+from .icem import ICEMSolver
+from .lagrangian import LagrangianSolver
+from .mppi import MPPISolver
+from .pgd import PGDSolver
+from .predictive_sampling import PredictiveSamplingSolver
+from .solver import Solver
+
+__all__ = [
+    "CEMSolver",
+    "CMAESSolver",
+    "CategoricalCEMSolver",
+    "FullCEMSolver",
+    "GradientSolver",
+    "ICEMSolver",
+    "LagrangianSolver",
+    "MPPISolver",
+    "PGDSolver",
+    "PredictiveSamplingSolver",
+    "Solver",
+]

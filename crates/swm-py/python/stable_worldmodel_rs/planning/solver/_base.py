@@ -1,0 +1,418 @@
+"""What all solvers share: their arguments, plans in and out, and the call of the Rust solver."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import time
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from ... import _swm
+from ..._arrays import is_tensor, require_torch
+from ...protocols import Actionable
+from ._bridge import Array, Bridge, NumpyBridge, TorchBridge, rows_of, take_rows
+from ._errors import PlanAssertionError
+from ._space import PlanSpace
+from .utils import prepare_init_action
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import gymnasium as gym
+    import torch
+
+    from .callbacks import Callback
+
+__all__ = ["BaseSolver", "PlanKeys"]
+
+logger = logging.getLogger("stable_worldmodel_rs")
+
+
+class PlanKeys(NamedTuple):
+    """Which plan of which episode each row is: noise depends on this, not on the rows that are planned together."""
+
+    slots: Sequence[int]
+    """The environments, ``(B,)``: what solvers keep from plan to plan belongs to them."""
+    seeds: Sequence[int]
+    """The seeds of their episodes."""
+    plans: Sequence[int]
+    """How many plans each episode had before."""
+
+
+class BaseSolver:
+    """The base of all solvers: the search runs in Rust, the cost in Python, on the thread that calls.
+
+    ``configure`` comes first, then any number of ``solve``. Noise is keyed by the seed, the episode, and the plan, so a
+    plan is the same bits alone or among others, for any ``batch_size``.
+    """
+
+    _native: ClassVar[str]
+    _asks_actor: ClassVar[bool] = True
+    """Whether a model's own actions continue a warm start."""
+
+    def __init__(
+        self,
+        cost: Any,
+        batch_size: int | None,
+        num_samples: int,
+        device: str | torch.device,
+        seed: int,
+        callbacks: Sequence[Callback] | None,
+    ) -> None:
+        self.cost = cost
+        self.batch_size = batch_size
+        self.num_samples = num_samples
+        self.device = device
+        self.seed = seed
+        self.callbacks: list[Callback] = list(callbacks) if callbacks else []
+        self._configured = False
+        self._action_space: gym.Space[Any] | None = None
+        self._n_envs: int | None = None
+        self._config: Any = None
+        self._action_dim: int | None = None
+        self._space: PlanSpace | None = None
+        self._calls = 0
+        self._memory: dict[int, Array] = {}
+        self._solvers: dict[tuple[str, str], _swm.Solver] = {}
+
+    def __repr__(self) -> str:
+        settings = ", ".join(f"{name}={value}" for name, value in self._settings().items())
+        return f"{type(self).__name__}({type(self.cost).__name__}, {settings}, seed={self.seed})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        # The Rust solvers are made again where they are needed.
+        return {**self.__dict__, "_solvers": {}}
+
+    # What each solver says of itself.
+
+    def _settings(self) -> dict[str, Any]:
+        """The settings of the Rust solver."""
+        raise NotImplementedError
+
+    def _evaluations(self) -> int:
+        """How many evaluations without gradient are passed on to the cost."""
+        return 1 << 62
+
+    @property
+    def _uses_gradient(self) -> bool:
+        return False
+
+    def _finish(self, results: list[dict[str, Any]], bridges: list[Bridge]) -> dict[str, Any]:
+        """The result of ``solve`` but for ``actions``, from those of all chunks."""
+        raise NotImplementedError
+
+    # What the reference has under the same names.
+
+    def configure(self, *, action_space: gym.Space[Any], n_envs: int, config: Any) -> None:
+        """Tells the solver what it plans for.
+
+        Args:
+            action_space: The batched space of actions, ``(n_envs, ...)``.
+            n_envs: How many environments there are.
+            config: A :class:`~stable_worldmodel_rs.policy.PlanConfig`.
+        """
+        self._action_space = action_space
+        self._n_envs = n_envs
+        self._config = config
+        self._space = PlanSpace.of(action_space)
+        self._action_dim = self._space.actions
+        self._memory.clear()
+        self._configured = True
+        self._check_space(self._space)
+
+    def _check_space(self, space: PlanSpace) -> None:
+        """Says early that the solver needs other actions."""
+        if space.categories:
+            logger.warning(
+                "Action space is discrete, got %s. %s plans real numbers; use CategoricalCEMSolver or PGDSolver.",
+                type(self._action_space).__name__,
+                type(self).__name__,
+            )
+
+    @property
+    def n_envs(self) -> int:
+        """How many environments there are; None before ``configure``."""
+        return self._n_envs  # type: ignore[return-value]
+
+    @property
+    def horizon(self) -> int:
+        """H: blocks of a plan."""
+        return self._config.horizon
+
+    @property
+    def action_dim(self) -> int:
+        """D: values of a block, ``action_block`` actions."""
+        return self._action_dim * self._config.action_block  # type: ignore[operator]
+
+    @property
+    def array_api(self) -> str:
+        """``"numpy"`` or ``"torch"``: what the cost is given, and what ``solve`` returns."""
+        return "numpy" if getattr(self.cost, "array_api", None) == "numpy" else "torch"
+
+    @property
+    def dtype(self) -> torch.dtype:
+        """The type of the cost's parameters; ``torch.float32`` for a cost without any. Candidates are cast to it."""
+        torch = _torch(self.cost)
+        try:
+            return next(self.cost.parameters()).dtype
+        except (AttributeError, StopIteration, TypeError):
+            return torch.float32
+
+    def __call__(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
+        """The same as :meth:`solve`."""
+        return self.solve(*args, **kwargs)
+
+    def solve(
+        self, info_dict: dict[str, Any], init_action: Any = None, *, keys: PlanKeys | None = None
+    ) -> dict[str, Any]:
+        """Searches for the cheapest plan of every row of ``info_dict``.
+
+        Args:
+            info_dict: Observations, ``(B, ...)`` each; B may be fewer than ``n_envs``. The cost gets them with a
+                candidate axis, ``(b, S, ...)``, expanded without a copy, in chunks of b = ``batch_size`` rows.
+            init_action: Where the search begins, ``(B, t, D)`` with t up to H; None begins at zeros.
+            keys: Which plan of which episode each row is. Without it, rows are told apart by the column ``seed`` of
+                ``info_dict``, or by their index, and plans by the number of calls.
+
+        Returns:
+            ``actions``, ``(B, H, D)`` float32 on the CPU (integers: ``(B, H, action_block × A)`` int64), ``costs``, a
+            list of B floats, and more of each solver. Tensors, or arrays for a cost with ``array_api = "numpy"``.
+        """
+        begun = time.perf_counter()
+        space = self._require_configured()
+        total = rows_of(info_dict, self.n_envs)
+        if total == 0:
+            raise PlanAssertionError(f"{type(self).__name__} was given no rows to plan for; leave the call out")
+        initial = self._initial(info_dict, init_action, total)
+        keys = self._keys(info_dict, total) if keys is None else keys
+        for callback in self.callbacks:
+            callback.reset()
+        results: list[dict[str, Any]] = []
+        bridges: list[Bridge] = []
+        batch = self.batch_size or total
+        for start in range(0, total, batch):
+            rows = slice(start, min(start + batch, total))
+            result, bridge = self._solve_chunk(take_rows(info_dict, rows), initial[rows], _rows(keys, rows), space)
+            results.append(result)
+            bridges.append(bridge)
+        self._calls += 1
+        outputs = self._finish(results, bridges)
+        outputs["actions"] = self._actions(np.concatenate([result["actions"] for result in results]), space)
+        if self.callbacks:
+            for callback in self.callbacks:
+                callback.end_solve()
+            outputs["callbacks"] = {callback.output_key: callback.history for callback in self.callbacks}
+        logger.debug("%s planned for %d rows in %.4f s", type(self).__name__, total, time.perf_counter() - begun)
+        return outputs
+
+    def _show(self, state: dict[str, Any]) -> None:
+        """One iteration, for the callbacks."""
+        for callback in self.callbacks:
+            callback(**state)
+
+    # The call of the Rust solver.
+
+    def _solver(self, **changes: Any) -> _swm.Solver:
+        settings = {**self._settings(), "seed": self.seed & 0xFFFF_FFFF, **changes}
+        key = (self._native, json.dumps(settings))
+        if key not in self._solvers:
+            self._solvers[key] = _swm.Solver(*key)
+        return self._solvers[key]
+
+    def _bridge(self, info: dict[str, Any], rows: int, initial: Array) -> Bridge:
+        show = _Shown(self, initial)
+        make = NumpyBridge if self.array_api == "numpy" else TorchBridge
+        return make(self, info, rows, show)
+
+    def _task(self, initial: Array, keys: PlanKeys, space: PlanSpace) -> dict[str, Any]:
+        return {
+            "low": space.low,
+            "high": space.high,
+            "categories": space.categories,
+            "horizon": self.horizon,
+            "action_block": self._config.action_block,
+            "seeds": list(keys.seeds),
+            "plans": list(keys.plans),
+            "initial": np.ascontiguousarray(initial, np.float32).reshape(-1),
+            "memory": [],
+        }
+
+    def _solve_chunk(
+        self, info: dict[str, Any], initial: Array, keys: PlanKeys, space: PlanSpace
+    ) -> tuple[dict[str, Any], Bridge]:
+        rows = initial.shape[0]
+        bridge = self._bridge(info, rows, initial)
+        task = self._task(initial, keys, space)
+        task["memory"] = [
+            self._memory[slot] if plan > 0 and slot in self._memory else []
+            for slot, plan in zip(keys.slots, keys.plans, strict=True)
+        ]
+        for callback in self.callbacks:
+            callback.start_batch()
+        with self._mode():
+            result = self._solver().solve(
+                task,
+                bridge,
+                has_gradient=self._uses_gradient,
+                constraints=self._constraints(bridge, initial),
+                evaluations=self._evaluations(),
+                traced=bool(self.callbacks),
+            )
+        shape = (rows, self.horizon, -1)
+        for name in ("actions", "mean", "std"):
+            result[name] = result[name].reshape(shape) if result[name].size else np.empty((rows, 0, 0), np.float32)
+        for slot, values in zip(keys.slots, result["memory"], strict=True):
+            self._memory[slot] = values
+        return result, bridge
+
+    def _constraints(self, bridge: Bridge, initial: Array) -> int:
+        """C, for solvers that know constraints."""
+        return 0
+
+    def _mode(self) -> contextlib.AbstractContextManager[Any]:
+        """torch's mode while the cost is called."""
+        if self.array_api == "numpy":
+            return contextlib.nullcontext()
+        torch = _torch(self.cost)
+        return torch.enable_grad() if self._uses_gradient else torch.inference_mode()
+
+    # Plans in and out.
+
+    def _require_configured(self) -> PlanSpace:
+        if self._space is None:
+            raise PlanAssertionError(
+                f"{type(self).__name__} does not know the actions yet; call configure(action_space=, n_envs=, config=) "
+                "first, or give the solver to a WorldModelPolicy"
+            )
+        return self._space
+
+    def _keys(self, info: dict[str, Any], total: int) -> PlanKeys:
+        seeds = info.get("seed")
+        if seeds is None or not (is_tensor(seeds) or isinstance(seeds, np.ndarray)):
+            return PlanKeys(range(total), range(total), [self._calls] * total)
+        flat = np.asarray(seeds.cpu() if is_tensor(seeds) else seeds).reshape(total, -1)[:, -1]
+        return PlanKeys(range(total), [int(seed) for seed in flat], [self._calls] * total)
+
+    def _initial(self, info: dict[str, Any], init_action: Any, total: int) -> Array:
+        """Where the search begins: ``(B, H, plan values of a block)`` f32."""
+        size = self._require_configured().values * self._config.action_block
+        if self._asks_actor and self.array_api == "torch" and isinstance(self.cost, Actionable):
+            init_action = prepare_init_action(
+                self.cost, info, init_action, self.horizon, n_envs=total, action_dim=size, device=self.device
+            )
+        initial = np.zeros((total, self.horizon, size), np.float32)
+        if init_action is not None:
+            given = self._given(init_action)
+            if given.ndim != 3 or given.shape[0] != total or given.shape[2] != size:
+                raise PlanAssertionError(
+                    f"init_action has the shape {tuple(init_action.shape)}, and {type(self).__name__} plans for {total} "
+                    f"rows of blocks of {self.action_dim} values; give ({total}, t, {self.action_dim})"
+                )
+            length = min(given.shape[1], self.horizon)
+            initial[:, :length] = given[:, :length]
+        return initial
+
+    def _given(self, init_action: Any) -> Array:
+        """A plan that was given, as an array of plan values."""
+        if not is_tensor(init_action):
+            return np.asarray(init_action, np.float32)
+        if init_action.device.type == "meta":  # It has a shape and no values.
+            return np.zeros(tuple(init_action.shape), np.float32)
+        return init_action.detach().float().cpu().numpy()
+
+    def _actions(self, plans: Array, space: PlanSpace) -> Any:
+        """Plans as actions."""
+        return self._array(space.actions_of(plans) if space.categories else plans)
+
+    def _array(self, values: Array) -> Any:
+        """An array as the caller knows them."""
+        return values if self.array_api == "numpy" else _torch(self.cost).from_numpy(values)
+
+    def _starts(self, n_envs: int, actions: Any, **changes: Any) -> torch.Tensor:
+        """The sequences that a gradient solver descends from, ``(n_envs, S, H, D)``, on its device."""
+        space = self._require_configured()
+        keys = PlanKeys(range(n_envs), range(n_envs), [self._calls] * n_envs)
+        initial = np.zeros((n_envs, self.horizon, space.values * self._config.action_block), np.float32)
+        if actions is not None:
+            given = self._given(actions)
+            initial[:, : given.shape[1]] = given[:, : self.horizon]
+        seen = _Seen()
+        self._solver(**changes).solve(
+            self._task(initial, keys, space), seen, has_gradient=True, constraints=0, evaluations=1 << 62, traced=False
+        )
+        return _torch(self.cost).from_numpy(seen.candidates).to(self.device)
+
+
+class _Seen:
+    """A bridge that keeps the first candidates, and calls every plan equally good."""
+
+    candidates: Array
+
+    def evaluate(self, candidates: Array) -> Array:
+        if not hasattr(self, "candidates"):
+            self.candidates = candidates
+        return np.zeros(candidates.shape[:2])
+
+    def differentiate(self, candidates: Array) -> tuple[Array, Array]:
+        return self.evaluate(candidates), np.zeros_like(candidates)
+
+
+class _Shown:
+    """Shows the iterations of a chunk to the callbacks of its solver."""
+
+    def __init__(self, solver: BaseSolver, initial: Array) -> None:
+        self._of = solver
+        self._mean = initial
+        self._std: Array | None = None
+
+    def __call__(
+        self,
+        step: int,
+        candidates: Array,
+        costs: Array,
+        mean: Array | None,
+        std: Array | None,
+        gradient: Array | None,
+    ) -> None:
+        make = self._of._array
+        state: dict[str, Any] = {"step": step, "costs": make(costs)}
+        if mean is None or std is None:
+            params = make(candidates)
+            if gradient is not None:
+                params = params.view(_Params) if isinstance(params, np.ndarray) else params
+                params.grad = make(gradient)
+            state |= {"params": params, "cost": state["costs"].sum()}
+        else:
+            kept = min(getattr(self._of, "topk", 1) or costs.shape[1], costs.shape[1])
+            order = np.argsort(costs, axis=1, kind="stable")[:, :kept]
+            rows = np.arange(len(costs))[:, None]
+            before = np.full_like(std, getattr(self._of, "var_scale", 1.0)) if self._std is None else self._std
+            state |= {
+                "candidates": make(candidates),
+                "topk_vals": make(costs[rows, order]),
+                "topk_inds": make(order),
+                "topk_candidates": make(candidates[rows, order]),
+                "mean": make(mean),
+                "var": make(std),
+                "prev_mean": make(self._mean),
+                "prev_var": make(before),
+            }
+            self._mean, self._std = mean, std
+        self._of._show(state)
+
+
+class _Params(np.ndarray[Any, Any]):
+    """An array with a gradient, as callbacks of gradient solvers expect."""
+
+    grad: Array | None = None
+
+
+def _rows(keys: PlanKeys, rows: slice) -> PlanKeys:
+    return PlanKeys(list(keys.slots)[rows], list(keys.seeds)[rows], list(keys.plans)[rows])
+
+
+def _torch(cost: Any) -> Any:
+    return require_torch(f'{type(cost).__name__} has no `array_api = "numpy"`, so it is given torch tensors')

@@ -1,0 +1,247 @@
+"""Runs of environments that are Python objects: the loops behind `World` where the core has no part."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from copy import deepcopy
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .progress import Progress
+from .results import EvaluationResult
+from .rows import apply_callables, extract_init_goal
+
+if TYPE_CHECKING:
+    from .world import World
+
+Mask = npt.NDArray[np.bool_]
+OnStep = Callable[["World", Mask], None]
+# Where datasets take values that belong to an episode, not to a step.
+EPISODE_DATA_KEY = "_episode_data"
+_FRAMES_PER_SECOND = 30
+
+
+def run_iter(
+    world: World,
+    episodes: int | None,
+    max_steps: int | None,
+    seed: int | None,
+    options: Any,
+    mode: str,
+    on_step: OnStep | None,
+) -> Iterator[tuple[int, int]]:
+    """Step the policy through the environments; gives (environment, number of the episode) as each ends.
+
+    ``auto``: whoever is done begins another episode; ``wait``: whoever is done waits for the others.
+    """
+    assert mode in ("auto", "wait"), f"reset_mode must be 'auto' or 'wait', found {mode!r}"
+    if world.policy is None:
+        raise RuntimeError("No policy set.")
+    if episodes is None and max_steps is None:
+        raise ValueError("Provide episodes or max_steps (or both).")
+    count = world.num_envs
+    if seed is not None or options is not None:
+        world.reset(seed=seed, options=options)
+        if on_step:
+            on_step(world, mask=np.ones(count, dtype=bool))  # type: ignore[call-arg]
+    alive = np.ones(count, dtype=bool)
+    finished = 0
+    steps = 0
+    while max_steps is None or steps < max_steps:
+        steps += 1
+        actions = world._get_actions()
+        mask = None if alive.all() else alive
+        _, world.rewards, world.terminateds, world.truncateds, world.infos = world.envs.step(actions, mask=mask)
+        if on_step:
+            on_step(world, mask=alive if mask is None else mask)  # type: ignore[call-arg]
+        done = alive & (world.terminateds | world.truncateds)
+        if not done.any():
+            continue
+        ended = [int(row) for row in np.flatnonzero(done)]
+        begun = finished
+        is_last = False
+        for row in ended:
+            yield row, finished
+            finished += 1
+            if episodes is not None and finished >= episodes:
+                is_last = True
+                break
+        if mode == "auto":
+            # Also after the last episode: the next run must not step an environment that is over.
+            seeds: list[int | None] = [None] * count
+            if seed is not None:
+                for rank, row in enumerate(ended):
+                    seeds[row] = seed + count + begun + rank
+            _, world.infos = world.envs.reset(seed=seeds, options=options, mask=done)
+            world.terminateds[done] = False
+            world.truncateds[done] = False
+            world.infos["_needs_flush"] = done
+            if on_step:
+                on_step(world, mask=done)  # type: ignore[call-arg]
+        else:
+            alive[done] = False
+        if is_last or not alive.any():
+            return
+
+
+def evaluate(
+    world: World, episodes: int, seed: int | None, options: Any, video: str | Path | None, mode: str, progress: bool
+) -> EvaluationResult:
+    """Run episodes and count those that terminate: the reference's measure of success."""
+    successes = np.zeros(episodes, dtype=bool)
+    seeds = np.zeros(episodes, dtype=np.int64)
+    frames: dict[int, list[npt.NDArray[Any]]] = defaultdict(list)
+
+    def on_step(world: World, mask: Mask) -> None:
+        if video is not None:
+            for row in np.flatnonzero(mask):
+                frames[int(row)].append(_frame(world.infos["pixels"][row]))
+
+    with Progress("Evaluating", episodes, progress) as bar:
+        for row, episode in world._run_iter(episodes=episodes, seed=seed, options=options, mode=mode, on_step=on_step):
+            assert world.terminateds is not None
+            successes[episode] = world.terminateds[row]
+            seeds[episode] = world.envs.seeds[row]
+            bar.tick(episode + 1, int(successes.sum()), 0)
+            if video is not None:
+                save_video(Path(video) / f"episode_{episode}.mp4", frames.pop(row, []))
+    return _result(successes, seeds)
+
+
+def evaluate_from_dataset(
+    world: World,
+    dataset: Any,
+    episodes_idx: Sequence[int],
+    start_steps: Sequence[int],
+    goal_offset: int,
+    eval_budget: int,
+    callables: Sequence[Mapping[str, Any]] | None,
+    video: str | Path | None,
+    mode: str,
+) -> EvaluationResult:
+    """Start at recorded rows, aim at later ones: one pair per environment."""
+    count = len(episodes_idx)
+    if count != world.num_envs:
+        raise ValueError(f"{count} pairs for {world.num_envs} environments; environments of others take one pair each")
+    firsts, lasts, recorded = extract_init_goal(dataset, episodes_idx, start_steps, goal_offset)
+    constants = set(getattr(dataset, "episode_column_names", None) or [])
+    seeds = [int(np.asarray(row["seed"]).reshape(-1)[0]) for row in firsts] if "seed" in firsts[0] else None
+    handles = [env.unwrapped for env in world.envs.envs]
+    if hasattr(handles[0], "reset_options_from_dataset"):
+        options = [
+            env.reset_options_from_dataset(first, last) for env, first, last in zip(handles, firsts, lasts, strict=True)
+        ]
+        world.reset(seed=seeds, options=options)
+    else:
+        world.reset(seed=seeds)
+        for env, first, last in zip(handles, firsts, lasts, strict=True):
+            apply_callables(env, callables or (), {**first, **last})
+    goals = _inject(world, firsts, lasts, constants)
+    successes = np.zeros(count, dtype=bool)
+    frames: dict[int, list[npt.NDArray[Any]]] = defaultdict(list)
+
+    def on_step(world: World, mask: Mask) -> None:
+        nonlocal successes
+        world.infos.update(deepcopy(goals))
+        assert world.terminateds is not None
+        successes = successes | world.terminateds
+        if video is not None:
+            for row in range(count):
+                frames[row].append(_frame(world.infos["pixels"][row]))
+
+    world._run(max_steps=eval_budget, mode=mode, on_step=on_step)
+    for row, shown in frames.items():
+        goal = lasts[row].get("goal")
+        panels = [shown, recorded[row] if recorded else None, None if goal is None else [goal] * len(shown)]
+        save_video(Path(str(video)) / f"episode_{row}.mp4", _side_by_side(panels))
+    return _result(successes, seeds)
+
+
+def _inject(world: World, firsts: list[Any], lasts: list[Any], constants: set[str]) -> dict[str, npt.NDArray[Any]]:
+    """Put recorded values into the infos, where all pairs have one shape; gives those of the goals."""
+    leading = (world.num_envs, 1)
+    for rows in (firsts, lasts):
+        for column in rows[0]:
+            is_goal = rows is lasts
+            if column == "action" or column in constants or (column not in world.infos and not is_goal):
+                continue
+            values = [row[column] for row in rows]
+            is_array = all(isinstance(value, (np.ndarray, np.generic)) for value in values)
+            if is_array and len({np.shape(value) for value in values}) == 1:
+                stacked = np.stack(values)
+                world.infos[column] = stacked.reshape(*leading, *stacked.shape[1:]).copy()
+    return {column: world.infos[column].copy() for column in lasts[0] if column in world.infos}
+
+
+def collect(world: World, writer: Any, episodes: int, seed: int | None, options: Any, progress: bool) -> None:
+    """Run episodes and hand each to a writer, as a dict of lists with one value per step."""
+    buffers: list[dict[str, list[Any]]] = [defaultdict(list) for _ in range(world.num_envs)]
+
+    def on_step(world: World, mask: Mask) -> None:
+        for column, values in world.infos.items():
+            if column.startswith("_") or not hasattr(values, "shape"):
+                continue
+            is_tensor = not isinstance(values, np.ndarray)
+            values = values.detach().cpu().numpy() if is_tensor else values
+            if values.ndim > 1 and values.shape[1] == 1:
+                values = values[:, 0]
+            for row in np.flatnonzero(mask):
+                buffers[row][column].append(np.array(values[row]))
+
+    def finished(bar: Progress) -> Iterator[dict[str, Any]]:
+        runs = world._run_iter(episodes=episodes, seed=seed, options=options, mode="auto", on_step=on_step)
+        for row, number in runs:
+            episode: dict[str, Any] = {column: list(values) for column, values in buffers[row].items()}
+            buffers[row].clear()
+            if "action" in episode:
+                # Infos hold the last action; datasets hold the next one, and none at the end.
+                episode["action"].append(episode["action"].pop(0))
+            constants = getattr(world.envs.envs[row].unwrapped, "get_episode_data", None)
+            if constants is not None and (given := constants()):
+                episode[EPISODE_DATA_KEY] = dict(given)
+            bar.tick(number + 1, 0, 0)
+            yield episode
+
+    opened = writer if hasattr(writer, "__enter__") else nullcontext(writer)
+    with opened as target, Progress("Recording", episodes, progress) as bar:
+        target.write_episodes(finished(bar))
+
+
+def save_video(path: Path, frames: Sequence[npt.NDArray[Any]]) -> None:
+    """Write frames ``(H, W, 3)`` u8 as a video."""
+    from .. import _swm
+
+    if frames:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _swm.save_video(str(path), np.ascontiguousarray(np.stack(frames)), float(_FRAMES_PER_SECOND))
+
+
+def _frame(pixels: Any) -> npt.NDArray[Any]:
+    last = pixels[-1] if pixels.ndim > 3 else pixels
+    return np.array(last)
+
+
+def _side_by_side(panels: Sequence[Any]) -> list[npt.NDArray[Any]]:
+    """Videos beside each other, each as long as the first; shorter ones stand still at their end."""
+    shown = [list(panel) for panel in panels if panel is not None and len(panel)]
+    return [
+        np.concatenate([panel[min(step, len(panel) - 1)] for panel in shown], axis=1) for step in range(len(shown[0]))
+    ]
+
+
+def _result(successes: Mask, seeds: Any) -> EvaluationResult:
+    from .. import _swm
+
+    won, count = int(successes.sum()), len(successes)
+    return EvaluationResult(
+        success_rate=100.0 * won / max(count, 1),
+        episode_successes=successes,
+        seeds=seeds,
+        interval=_swm.wilson95(won, count),
+        episodes=count,
+    )

@@ -1,0 +1,262 @@
+"""The pool of environments behind a `World` of this package: one Rust World, stepped as a whole."""
+
+from __future__ import annotations
+
+import json
+import secrets
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector.utils import batch_space
+
+from .. import _swm, spaces
+from .rows import reset_options
+
+Options = Mapping[str, Any]
+Infos = dict[str, Any]
+
+# Seeds of runs that nobody chose are drawn below this.
+_SEEDS = 2**32
+
+
+class NativePool:
+    """Environments of this package, stepped together: what ``world.envs`` is.
+
+    ``reset`` and ``step`` return the infos, one dict whose arrays ``(N, 1, …)`` stay the same objects: every reset and
+    step writes into them. Copy what you keep.
+
+    Episodes are numbered: ``reset(seed=s)`` begins episode ``i`` of run ``s`` in environment ``i``, and later resets
+    without a seed begin the next episodes of that run. A list of seeds names the episodes' own seeds, as they stand in
+    the column ``seed``.
+    """
+
+    def __init__(self, core: _swm.World, hidden: Sequence[str] = ()) -> None:
+        self.core = core
+        self._hidden = frozenset(hidden)
+        self.spec_data: dict[str, Any] = json.loads(core.spec_json())
+        self.infos: Infos = {}
+        self._arrays: Infos = core.infos()
+        results = core.results()
+        self._results = (results["rewards"], results["terminateds"], results["truncateds"])
+        self._varied: list[frozenset[str]] = [frozenset()] * core.num_envs
+        self._run: int | None = None
+        self._next = 0
+        self._handles: list[EnvHandle] | None = None
+        self._show()
+
+    @property
+    def num_envs(self) -> int:
+        """Number of environments."""
+        return self.core.num_envs
+
+    @property
+    def seeds(self) -> npt.NDArray[np.int64]:
+        """The seed of each environment's episode, ``(N,)``: the column ``seed``."""
+        return self._arrays["seed"].reshape(-1).copy()
+
+    @property
+    def results(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Rewards, terminations and truncations of the last step, ``(N,)`` each, written by every step."""
+        return self._results
+
+    def reset(
+        self,
+        seed: int | Sequence[int | None] | npt.NDArray[np.integer[Any]] | None = None,
+        options: Options | Sequence[Options | None] | None = None,
+        mask: Sequence[bool] | npt.NDArray[np.bool_] | None = None,
+    ) -> tuple[None, Infos]:
+        """Begin an episode in every environment, or in those that ``mask`` ``(N,)`` chooses.
+
+        Args:
+            seed: The seed of a run, a list of N seeds of episodes, or None for the next episodes of the run.
+            options: A dict for all, or a list of N: ``variation``, ``variation_values``, ``state``, ``goal_state``,
+                ``start``, ``goal``.
+            mask: Which environments to reset.
+        """
+        count = self.num_envs
+        chosen = [row for row in range(count) if mask is None or mask[row]]
+        seeds: list[int | None] = [None] * count
+        if seed is None or isinstance(seed, (int, np.integer)):
+            run = self.run_seed(None if seed is None else int(seed), goes_on=seed is None)
+        else:
+            run = self.run_seed(None, goes_on=True)
+            seeds = [None if one is None else int(one) for one in seed]
+            if len(seeds) != count:
+                raise _swm.SwmError(f"seed: {len(seeds)} seeds for {count} environments; give one per environment")
+        each = _each(options, count)
+        # A whole reset with a seed gives environment i episode i; others take what comes next.
+        resets = [(row, run, self._next + place, seeds[row], each[row]) for place, row in enumerate(chosen)]
+        self.core.reset(resets)
+        self._next += len(chosen)
+        for row in chosen:
+            self._varied[row] = self._sampled(each[row])
+        self._show()
+        return None, self.infos
+
+    def step(
+        self, actions: npt.ArrayLike, mask: Sequence[bool] | npt.NDArray[np.bool_] | None = None
+    ) -> tuple[None, npt.NDArray[np.float32], npt.NDArray[np.bool_], npt.NDArray[np.bool_], Infos]:
+        """Step every environment whose episode is not over, or those of them that ``mask`` chooses.
+
+        Args:
+            actions: ``(N, *A)`` of any real type. Rows of environments that do not step may be NaN.
+            mask: ``(N,)``; environments that it leaves out keep their infos, and have reward 0.
+
+        Returns:
+            None, rewards f32 ``(N,)``, terminations and truncations bool ``(N,)``, and the infos.
+        """
+        self.core.step(actions, None if mask is None else [bool(flag) for flag in mask])
+        rewards, terminateds, truncateds = self._results
+        return None, rewards.copy(), terminateds.copy(), truncateds.copy(), self.infos
+
+    def run_seed(self, seed: int | None, goes_on: bool = False) -> int:
+        """The seed of a run: the one given, or one that is drawn; with ``goes_on``, that of the last run, if any."""
+        if seed is None:
+            if not goes_on or self._run is None:
+                self._run, self._next = secrets.randbelow(_SEEDS), 0
+        elif seed < 0:
+            raise _swm.SwmError(f"the seed {seed} is negative; use 0 or more")
+        else:
+            self._run, self._next = seed, 0
+        assert self._run is not None
+        return self._run
+
+    def prepare(self, options: Options | Sequence[Options | None] | None) -> None:
+        """Make the infos ready for a run with these options."""
+        if options is None or isinstance(options, Mapping):
+            varied = self._sampled(options)
+        else:
+            varied = frozenset[str]().union(*(self._sampled(one) for one in options))
+        self._varied = [varied] * self.num_envs
+        self._show()
+
+    def raw(self, name: str) -> npt.NDArray[Any]:
+        """A column as the core writes it, whatever stands in the infos."""
+        return self._arrays[name]
+
+    @property
+    def envs(self) -> list[EnvHandle]:
+        """One handle per environment."""
+        if self._handles is None:
+            self._handles = [EnvHandle(self, row) for row in range(self.num_envs)]
+        return self._handles
+
+    @cached_property
+    def single_action_space(self) -> gym.Space[Any]:
+        """The space of one environment's action."""
+        return spaces.action_space(self.spec_data)
+
+    @cached_property
+    def action_space(self) -> gym.Space[Any]:
+        """The space of all environments' actions, ``(N, …)``."""
+        return batch_space(self.single_action_space, self.num_envs)
+
+    @cached_property
+    def single_observation_space(self) -> gym.Space[Any]:
+        """The space of one environment's observation."""
+        return spaces.observation_space(self.spec_data)
+
+    @cached_property
+    def observation_space(self) -> gym.Space[Any]:
+        """The space of all environments' observations."""
+        return batch_space(self.single_observation_space, self.num_envs)
+
+    @property
+    def variation_space(self) -> spaces.Dict:
+        """The factors of variation; see `EnvHandle.variation_space`."""
+        return self.envs[0].variation_space
+
+    @property
+    def single_variation_space(self) -> spaces.Dict:
+        """As ``variation_space``."""
+        return self.variation_space
+
+    def close(self) -> None:
+        """Free the environments. Infos that were taken stay readable."""
+        self.core.close()
+
+    def renew(self) -> None:
+        """Take the arrays of the infos anew, where another policy brought other columns."""
+        self._arrays = self.core.infos()
+        self._show()
+
+    def _show(self) -> None:
+        """Fill ``infos``: all columns, but of the factors of variation only those that were sampled or set."""
+        varied = frozenset[str]().union(*self._varied)
+        shown: Infos = {
+            name: array
+            for name, array in self._arrays.items()
+            if name not in self._hidden and (not name.startswith("variation.") or name[10:] in varied)
+        }
+        shown["id"] = self._arrays["seed"]
+        shown["env_name"] = [[self.core.id] for _ in range(self.num_envs)]
+        for name in [name for name in self.infos if name not in shown]:
+            del self.infos[name]
+        self.infos.update(shown)
+
+    def _sampled(self, options: Options | None) -> frozenset[str]:
+        """The factors that a reset with these options samples or sets."""
+        given = options or {}
+        asked = given.get("variation")
+        asked = [asked] if isinstance(asked, str) else asked
+        names: set[str] = set(given.get("variation_values") or ())
+        for factor in self.spec_data["factors"]:
+            name: str = factor["name"]
+            if asked is None:
+                drawn = factor["drawn_by_default"]
+            else:
+                drawn = any(one in ("all", name) or name.startswith(f"{one}.") for one in asked)
+            if drawn:
+                names.add(name)
+        return frozenset(names)
+
+
+class EnvHandle:
+    """One environment of a pool: what ``world.envs.envs[i]`` is."""
+
+    def __init__(self, pool: NativePool, row: int) -> None:
+        self._pool = pool
+        self._row = row
+        self._variation: spaces.Dict | None = None
+
+    @property
+    def unwrapped(self) -> EnvHandle:
+        """Itself: there are no wrappers."""
+        return self
+
+    @property
+    def action_space(self) -> gym.Space[Any]:
+        """The space of its action."""
+        return self._pool.single_action_space
+
+    @property
+    def observation_space(self) -> gym.Space[Any]:
+        """The space of its observation."""
+        return self._pool.single_observation_space
+
+    @property
+    def variation_space(self) -> spaces.Dict:
+        """Its factors of variation as a nested space; ``["agent"]["color"].value`` is that of its episode."""
+        if self._variation is None:
+            self._variation = spaces.variation_space(self._pool.spec_data)
+        if self._pool._run is not None:
+            spaces.show_values(self._variation, self._pool._arrays, self._row)
+        return self._variation
+
+    def reset_options_from_dataset(self, init_row: Mapping[str, Any], goal_row: Mapping[str, Any]) -> dict[str, Any]:
+        """Options of a reset that stands at one recorded row and aims at another (its columns as ``goal_<column>``)."""
+        return reset_options(self._pool.spec_data, init_row, goal_row)
+
+
+def _each(options: Options | Sequence[Options | None] | None, count: int) -> list[dict[str, Any] | None]:
+    """Options of every environment."""
+    if options is None or isinstance(options, Mapping):
+        return [None if options is None else dict(options)] * count
+    each = [None if one is None else dict(one) for one in options]
+    if len(each) != count:
+        raise _swm.SwmError(f"options: {len(each)} dicts for {count} environments; give one per environment")
+    return each

@@ -1,0 +1,58 @@
+"""Policies of the core by their names, as on the command line: `expert`, `cem:samples=300`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+
+class NativePolicy:
+    """A policy of the core, which runs whole episodes without Python.
+
+    Args:
+        text: Name and arguments: ``"random"``, ``"noisy-expert:std=0.2"``, ``"cem:samples=300,horizon=5"``;
+            ``"cem:@file.json"`` takes the arguments from a file (JSON or TOML). ``swm-rs envs ENV`` lists the policies of
+            an environment.
+        seed: Seed of its own noise; 0: noise comes from the episodes' seeds.
+        **settings: Further arguments.
+
+    Example:
+        >>> NativePolicy("cem", samples=300).text
+        'cem:samples=300'
+    """
+
+    def __init__(self, text: str, *, seed: int = 0, **settings: Any) -> None:
+        name, _, rest = text.partition(":")
+        parts = [part for part in rest.split(",") if part]
+        if parts and parts[0].startswith("@"):
+            given = {**_read(Path(parts.pop(0)[1:])), **settings}
+        else:
+            given = settings
+        parts += [f"{key}={_literal(value)}" for key, value in given.items()]
+        self.text = name + (":" + ",".join(parts) if parts else "")
+        self.seed = seed
+
+    def __repr__(self) -> str:
+        return f"NativePolicy({self.text!r})"
+
+
+def describe(policy: Any) -> str:
+    """What a policy is called in records: what its ``describe()`` says, else its class."""
+    own = getattr(policy, "describe", None)
+    return str(own()) if callable(own) else type(policy).__name__
+
+
+def _literal(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".json":
+        return dict(json.loads(text))
+    try:
+        import tomllib
+    except ImportError:
+        raise ValueError(f"{path}: TOML needs Python 3.11 or later; use a JSON file") from None
+    return dict(tomllib.loads(text))

@@ -1,0 +1,591 @@
+"""`World`: many environments, one policy, and the runs of the two."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _swm
+from . import foreign
+from .ids import native_id
+from .native import NativePool
+from .policies import NativePolicy, describe
+from .progress import Progress
+from .results import EvaluationResult, html_image, html_table
+from .rows import apply_callables as _apply_callables
+from .rows import check_callables, check_recording, reset_options
+from .rows import extract_init_goal as _extract_init_goal
+
+__all__ = ["World", "_apply_callables", "_extract_init_goal"]
+
+logger = logging.getLogger("stable_worldmodel_rs")
+
+Flags = npt.NDArray[np.bool_]
+# Episodes that begin at recorded rows have this seed unless another is given, as in the command.
+_DATASET_SEED = 42
+# The first this many environments are shown in notebooks.
+_SHOWN = 16
+
+
+class World:
+    """Environments stepped together, a policy, and what comes of the two: datasets and results.
+
+    Environments of this package run in Rust. Any other id of gymnasium, or a list of functions that make
+    environments, runs in Python in an `EnvPool`.
+
+    Args:
+        env_name: ``"swm/PushT-v1"``, ``"swm_rs/TwoRoom-v1"``, an id of gymnasium, or a list of functions.
+        num_envs: Environments side by side. Results do not depend on it.
+        image_shape: (height, width) of the images; needed unless ``add_pixels=False``.
+        max_episode_steps: Steps after which an episode is truncated; None: never.
+        goal_conditioned: Whether the infos hold the goal image.
+        image_transform: Applied to each image of the infos ``(H, W, 3)`` before the policy sees it.
+        goal_transform: The same for goal images.
+        image_resample: How images of other environments are resized; those of this package are rendered at their size.
+        add_pixels: Whether there are images.
+        frame_skip: How often each action is applied per step.
+        threads: Threads; None: one per core. Results do not depend on it.
+        render: ``"exact"`` (the reference's images to the byte) or ``"fast"``.
+        distractors: What changes the images, such as ``["color:0.3"]``.
+        unrecorded: Columns that datasets do without.
+        checkpoints: Save simulator states every so many steps; see ``collect(replayable=)``.
+        **kwargs: Settings of the environment.
+
+    Attributes:
+        infos: A dict of arrays ``(N, 1, …)``, written in place by every reset and step: ``pixels`` and ``goal`` u8
+            ``(N, 1, H, W, 3)``, ``state`` f64, ``action`` f32 (the last one taken; NaN after a reset), ``reward``,
+            ``terminated``, ``truncated``, ``step_idx``, ``seed``, ``id``, … Copy what you keep.
+        rewards, terminateds, truncateds: Of the last step, ``(N,)``.
+
+    Example:
+        >>> world = World("swm/PushT-v1", num_envs=2, image_shape=(64, 64), threads=1)
+        >>> world.set_policy("random")
+        >>> world.evaluate(episodes=4, seed=42, progress=False)["episodes"]
+        4
+    """
+
+    _core: _swm.World | None = None
+    _stale = False
+    _rewards: npt.NDArray[np.float32] | None = None
+    _terminateds: Flags | None = None
+    _truncateds: Flags | None = None
+    _transforms: dict[str, Callable[[Any], Any]] = {}
+    _built: dict[str, Any] = {}
+
+    def __init__(
+        self,
+        env_name: str | Sequence[Callable[[], Any]],
+        num_envs: int = 1,
+        image_shape: tuple[int, int] | None = None,
+        max_episode_steps: int | None = 100,
+        goal_conditioned: bool = True,
+        pre_wrappers: Sequence[Callable[[Any], Any]] | None = None,
+        extra_wrappers: Sequence[Callable[[Any], Any]] | None = None,
+        image_transform: Callable[[Any], Any] | None = None,
+        goal_transform: Callable[[Any], Any] | None = None,
+        image_resample: str | int | None = None,
+        add_pixels: bool = True,
+        *,
+        frame_skip: int = 1,
+        threads: int | None = None,
+        render: str = "exact",
+        distractors: Sequence[str] = (),
+        unrecorded: Sequence[str] = (),
+        checkpoints: int | None = None,
+        **kwargs: Any,
+    ) -> None:
+        self.policy: Any = None
+        self.infos: dict[str, Any] = {}
+        self.envs: Any
+        if isinstance(env_name, str):
+            if add_pixels and image_shape is None:
+                raise ValueError("image_shape is required when add_pixels=True; give (height, width) or add_pixels=False.")
+            native = native_id(env_name)
+        else:
+            native = None
+        if native is None:
+            from .wrap import make_pool
+
+            self.envs = make_pool(
+                env_name,
+                num_envs,
+                image_shape=image_shape if add_pixels else None,
+                max_episode_steps=max_episode_steps,
+                pre_wrappers=pre_wrappers or (),
+                extra_wrappers=extra_wrappers or (),
+                image_transform=image_transform,
+                goal_transform=goal_transform,
+                goal_conditioned=goal_conditioned,
+                image_resample=image_resample,
+                settings=kwargs,
+            )
+            return
+        if pre_wrappers or extra_wrappers:
+            raise TypeError(
+                f"`{env_name}` runs in Rust, where wrappers of gymnasium have no place: use distractors= for changed images, "
+                "frame_skip= for repeated actions, image_transform= for what the policy sees, or gymnasium.make and a list of "
+                "functions"
+            )
+        settings = dict(kwargs)
+        settings.pop("render_mode", None)
+        if render != "exact":
+            settings["render"] = render
+        if image_resample is not None:
+            logger.info("image_resample: `%s` renders its images at their size, nothing is resized", env_name)
+        self._built = {
+            "id": native,
+            "num_envs": num_envs,
+            "image": tuple(image_shape) if add_pixels and image_shape is not None else None,
+            "max_episode_steps": max_episode_steps,
+            "frame_skip": frame_skip,
+            "threads": threads,
+            "settings": json.dumps(settings, default=_plain),
+            "unrecorded": list(unrecorded),
+            "checkpoints": checkpoints,
+        }
+        self._core = _swm.World(**self._built)
+        if distractors:
+            self._core.set_distractors(list(distractors))
+        self._distractors = list(distractors)
+        transforms = {"pixels": image_transform, "goal": goal_transform}
+        self._transforms = {name: transform for name, transform in transforms.items() if transform is not None}
+        self.envs = NativePool(self._core, hidden=() if goal_conditioned else ("goal",))
+        self.infos = self.envs.infos
+
+    @property
+    def num_envs(self) -> int:
+        """Number of environments."""
+        return self.envs.num_envs
+
+    @property
+    def rewards(self) -> npt.NDArray[np.float32] | None:
+        """Rewards of the last step, f32 ``(N,)``."""
+        return self._fresh()._rewards
+
+    @rewards.setter
+    def rewards(self, values: npt.NDArray[np.float32] | None) -> None:
+        self._rewards = values
+
+    @property
+    def terminateds(self) -> Flags | None:
+        """Which environments the last step terminated, bool ``(N,)``."""
+        return self._fresh()._terminateds
+
+    @terminateds.setter
+    def terminateds(self, values: Flags | None) -> None:
+        self._terminateds = values
+
+    @property
+    def truncateds(self) -> Flags | None:
+        """Which environments the last step truncated, bool ``(N,)``."""
+        return self._fresh()._truncateds
+
+    @truncateds.setter
+    def truncateds(self, values: Flags | None) -> None:
+        self._truncateds = values
+
+    def _fresh(self) -> World:
+        if self._stale:
+            self._stale = False
+            self._rewards, self._terminateds, self._truncateds = (values.copy() for values in self.envs.results)
+        return self
+
+    def set_policy(self, policy: Any, *, seed: int = 0) -> None:
+        """Attach a policy.
+
+        Args:
+            policy: The name of a policy of the core with its arguments (``"expert"``, ``"cem:samples=300"``), a
+                `NativePolicy`, or any object with ``get_action(infos)`` that returns actions ``(N, *A)``. Its
+                ``set_env(envs)`` is called, if it has one.
+            seed: For policies of the core: seed of their own noise.
+        """
+        if isinstance(policy, str):
+            policy = NativePolicy(policy, seed=seed)
+        if isinstance(policy, NativePolicy):
+            if self._core is None:
+                raise TypeError(f"the policy `{policy.text}` acts on environments of this package, not on those of gymnasium")
+            self._core.set_policy(policy.text)
+            self._core.set_policy_seed(policy.seed)
+            self.policy = policy
+            self.envs.renew()
+            return
+        if not callable(getattr(policy, "get_action", None)):
+            raise TypeError(f"a policy has a method get_action(infos), and {type(policy).__name__} has none")
+        self.policy = policy
+        if hasattr(policy, "set_env"):
+            policy.set_env(self.envs)
+        if hasattr(policy, "_set_seed") and getattr(policy, "seed", None) is not None:
+            policy._set_seed(policy.seed)
+        if self._core is not None:
+            self._core.set_policy(None, foreign=describe(policy))
+            self.envs.renew()
+
+    def set_success(self, rule: Mapping[str, Any] | None) -> None:
+        """Judge success by a rule in place of the environment's own; None gives that back.
+
+        Args:
+            rule: ``{"hold": 1, "all": [{"column": "block_pose", "goal": "goal_pose", "elements": [0, 1], "measure":
+                "distance", "below": 20.0}, …]}``: the conditions that must hold at once, in ``hold`` steps on end.
+        """
+        self._native().set_success(json.dumps(rule or {}, default=_plain))
+
+    def reset(self, seed: Any = None, options: Any = None) -> None:
+        """Begin an episode in every environment.
+
+        Args:
+            seed: Seed of a run: environment ``i`` begins its episode ``i``. A list names the episodes' own seeds. None:
+                the next episodes.
+            options: A dict or a list of N: ``variation`` (names of factors, groups or ``"all"``, to be sampled),
+                ``variation_values``, ``state``, ``goal_state``, ``start``, ``goal``.
+        """
+        _, self.infos = self.envs.reset(seed=seed, options=options)
+        self._stale = False
+        self._rewards = None if self._rewards is None else np.zeros(self.num_envs, dtype=np.float32)
+        self._terminateds = np.zeros(self.num_envs, dtype=bool)
+        self._truncateds = np.zeros(self.num_envs, dtype=bool)
+        self._show()
+
+    def step(self, actions: npt.ArrayLike | None = None) -> None:
+        """Step every environment whose episode is not over; infos and results are updated.
+
+        Args:
+            actions: ``(N, *A)`` of any real type; None: those of the policy, a Python object.
+        """
+        if actions is None:
+            actions = self._get_actions()
+        if self._core is None:
+            _, self.rewards, self.terminateds, self.truncateds, self.infos = self.envs.step(actions)
+            return
+        self._core.step(actions)
+        self._stale = True
+        if self._transforms:
+            self._show()
+
+    def evaluate(
+        self,
+        episodes: int | None = None,
+        seed: int | None = None,
+        options: Any = None,
+        video: str | Path | None = None,
+        reset_mode: str | None = None,
+        dataset: Any = None,
+        episodes_idx: Sequence[int] | None = None,
+        start_steps: Sequence[int] | None = None,
+        goal_offset: int | None = None,
+        eval_budget: int | None = None,
+        callables: Sequence[Mapping[str, Any]] | None = None,
+        progress: bool = False,
+    ) -> EvaluationResult:
+        """Run the policy and count successes.
+
+        Args:
+            episodes: Episodes to run: exactly these of the run with this seed, whatever the number of environments.
+            seed: Seed of the run; None: any.
+            options: Reset options for all, or a list with one dict per episode.
+            video: A folder for a video of every episode.
+            reset_mode: ``"auto"`` or ``"wait"``; results are the same for environments of this package.
+            dataset: Start at recorded rows: with ``episodes_idx``, ``start_steps`` (one of each per episode),
+                ``goal_offset`` (the goal is so many rows later) and ``eval_budget`` (actions allowed).
+            callables: Set-up calls of the reference; for environments of this package they are implied.
+            progress: Whether to show a bar.
+
+        Returns:
+            A dict with ``success_rate`` (percent), ``episode_successes``, ``seeds``, ``interval`` and more.
+        """
+        if reset_mode not in (None, "auto", "wait"):
+            raise ValueError(f"reset_mode must be 'auto' or 'wait', found {reset_mode!r}")
+        if dataset is not None:
+            if episodes_idx is None or start_steps is None or goal_offset is None or eval_budget is None:
+                raise ValueError(
+                    "an evaluation from a dataset needs episodes_idx, start_steps, goal_offset and eval_budget; "
+                    "swm.evaluate_from_dataset chooses rows itself"
+                )
+            return self._evaluate_rows(
+                dataset, episodes_idx, start_steps, goal_offset, eval_budget, callables, video, reset_mode, seed, progress
+            )
+        if episodes is None:
+            raise ValueError("evaluate needs episodes=, the number of episodes, or dataset=")
+        if self._core is None:
+            return foreign.evaluate(self, episodes, seed, options, video, reset_mode or "auto", progress)
+        return self._evaluate_native(episodes, self.envs.run_seed(seed), options, None, None, video, progress)
+
+    def _evaluate_rows(
+        self,
+        dataset: Any,
+        episodes_idx: Sequence[int],
+        start_steps: Sequence[int],
+        goal_offset: int,
+        eval_budget: int,
+        callables: Sequence[Mapping[str, Any]] | None,
+        video: str | Path | None,
+        reset_mode: str | None,
+        seed: int | None,
+        progress: bool,
+    ) -> EvaluationResult:
+        if len(episodes_idx) != len(start_steps):
+            raise ValueError(f"{len(episodes_idx)} episodes_idx and {len(start_steps)} start_steps; give one of each per pair")
+        if self._core is None:
+            mode = reset_mode or "wait"
+            return foreign.evaluate_from_dataset(
+                self, dataset, episodes_idx, start_steps, goal_offset, eval_budget, callables, video, mode
+            )
+        check_callables(callables)
+        check_recording(dataset, self._built["id"], self._built["frame_skip"])
+        firsts, lasts, _ = _extract_init_goal(dataset, episodes_idx, start_steps, goal_offset)
+        spec = self.envs.spec_data
+        options = [reset_options(spec, first, last) for first, last in zip(firsts, lasts, strict=True)]
+        run = _DATASET_SEED if seed is None else seed
+        seeds = [
+            _swm.episode_seed(run, int(episode) << 32 | int(row))
+            for episode, row in zip(episodes_idx, start_steps, strict=True)
+        ]
+        return self._evaluate_native(len(options), run, options, seeds, eval_budget, video, progress)
+
+    def _evaluate_native(
+        self,
+        episodes: int,
+        seed: int,
+        options: Any,
+        seeds: list[int] | None,
+        limit: int | None,
+        video: str | Path | None,
+        progress: bool,
+    ) -> EvaluationResult:
+        act = self._driver(options)
+        folder = None if video is None else str(video)
+        with Progress("Evaluating", episodes, progress) as bar:
+            text, videos = _swm.evaluate(
+                self._native(), act, (0, episodes), seed, _listed(options), seeds, limit, folder, bar.tick
+            )
+        self._stale = True
+        return EvaluationResult.from_json(text, videos)
+
+    def collect(
+        self,
+        path: str | Path | None = None,
+        episodes: int = 0,
+        seed: int | None = None,
+        options: Any = None,
+        format: str | None = None,
+        writer: Any = None,
+        progress: bool = True,
+        *,
+        mode: str = "error",
+        quality: int | None = None,
+        replayable: int | None = None,
+    ) -> dict[str, Any]:
+        """Record episodes of the policy: exactly ``episodes`` of them, safe as soon as each is written.
+
+        Args:
+            path: File or folder of the dataset; or give ``writer``.
+            episodes: How many.
+            seed: Seed of the run; None: any. The file says which.
+            options: Reset options for all, or a list with one dict per episode.
+            format: ``"hdf5"``, ``"folder"``, ``"video"``, ``"lerobot"``, …; None: by the suffix of the path, else HDF5.
+            writer: In place of a path: an object with ``write_episodes(episodes)``, such as a `ReplayBuffer`; it gets
+                dicts of arrays ``(T, …)``.
+            progress: Whether to show a bar.
+            mode: If the file exists: ``"append"``, ``"overwrite"`` or ``"error"``.
+            quality: Quality of images in lossy formats, 1 to 100.
+            replayable: Record simulator states every so many steps in place of images, which are rendered when read.
+
+        Returns:
+            ``path``, ``episodes``, ``total_episodes`` and ``steps`` of what was written.
+        """
+        if (path is None) == (writer is None):
+            raise ValueError("World.collect: pass exactly one of `path` or `writer`.")
+        if episodes < 1:
+            raise ValueError(f"World.collect: episodes={episodes}; ask for 1 or more")
+        if self._core is None:
+            if writer is None:
+                from ..data import format as formats
+
+                writer = formats.get_format(format or _format_of(Path(str(path)))).open_writer(path)
+            foreign.collect(self, writer, episodes, seed, options, progress)
+            return {"episodes": episodes}
+        core = self._core if replayable is None else self._replayable(replayable)
+        run = self.envs.run_seed(seed)
+        act = self._driver(options)
+        with Progress("Recording", episodes, progress) as bar:
+            if writer is not None:
+                return self._collect_into(writer, core, act, episodes, run, options, bar)
+            target = Path(str(path)).expanduser()
+            target.parent.mkdir(parents=True, exist_ok=True)
+            text = _swm.collect(
+                core,
+                act,
+                str(target),
+                episodes,
+                run,
+                _listed(options),
+                format=format or (None if target.suffix else _format_of(target)),
+                mode=mode,
+                quality=quality,
+                tick=bar.tick,
+            )
+        self._stale = True
+        return dict(json.loads(text))
+
+    def _collect_into(
+        self, writer: Any, core: _swm.World, act: Any, episodes: int, seed: int, options: Any, bar: Progress
+    ) -> dict[str, Any]:
+        steps = 0
+        run = _swm.episodes(core, act, (0, episodes), seed, _listed(options))
+
+        def finished() -> Iterator[dict[str, Any]]:
+            nonlocal steps
+            for number, episode in enumerate(run):
+                steps += len(episode["action"])
+                bar.tick(number + 1, 0, steps)
+                yield episode
+
+        try:
+            if hasattr(writer, "__enter__"):
+                with writer as opened:
+                    opened.write_episodes(finished())
+            else:
+                writer.write_episodes(finished())
+        finally:
+            run.close()
+        self._stale = True
+        return {"path": None, "episodes": episodes, "total_episodes": episodes, "steps": steps}
+
+    def _replayable(self, every: int) -> _swm.World:
+        """A World as this one that saves states and renders nothing."""
+        if not isinstance(self.policy, NativePolicy):
+            raise TypeError("replayable= runs a World without images, which only policies of the core can do without")
+        core = _swm.World(**{**self._built, "image": None, "checkpoints": every})
+        core.set_policy(self.policy.text)
+        core.set_policy_seed(self.policy.seed)
+        return core
+
+    def _driver(self, options: Any) -> Callable[[Flags | None], Any] | None:
+        """Who acts in a native run: None for a policy of the core."""
+        if self.policy is None:
+            raise RuntimeError("No policy set. Call world.set_policy(...) first.")
+        self.envs.prepare(options)
+        self.infos = self.envs.infos
+        return None if isinstance(self.policy, NativePolicy) else self._act
+
+    def _act(self, begun: Flags | None) -> Any:
+        """Ask the policy, in a native run; ``begun``: environments that have begun another episode."""
+        infos = self.infos
+        if begun is not None:
+            infos["_needs_flush"] = begun
+        elif "_needs_flush" in infos:
+            del infos["_needs_flush"]
+        if self._transforms:
+            self._show()
+        return self.policy.get_action(infos)
+
+    def _get_actions(self) -> npt.NDArray[Any]:
+        if isinstance(self.policy, NativePolicy):
+            raise RuntimeError(
+                f"`{self.policy.text}` acts in whole episodes: use evaluate or collect, or give actions to step"
+            )
+        if self.policy is None:
+            raise RuntimeError("No policy set. Call world.set_policy(...) first, or give actions to step.")
+        return self.policy.get_action(self.infos)
+
+    def _run(
+        self,
+        episodes: int | None = None,
+        max_steps: int | None = None,
+        seed: int | None = None,
+        options: Any = None,
+        mode: str = "auto",
+        on_step: Any = None,
+        on_done: Any = None,
+    ) -> None:
+        """Step the policy through the environments from Python; ``on_done(row, episode, world)`` as each ends."""
+        for row, episode in self._run_iter(episodes, max_steps, seed, options, mode, on_step):
+            if on_done:
+                on_done(row, episode, self)
+
+    def _run_iter(
+        self,
+        episodes: int | None = None,
+        max_steps: int | None = None,
+        seed: int | None = None,
+        options: Any = None,
+        mode: str = "auto",
+        on_step: Any = None,
+    ) -> Iterator[tuple[int, int]]:
+        return foreign.run_iter(self, episodes, max_steps, seed, options, mode, on_step)
+
+    def _show(self) -> None:
+        """Replace images of the infos by transformed ones."""
+        for name, transform in self._transforms.items():
+            if name in self.infos:
+                self.infos[name] = _stacked([transform(image) for image in self.envs.raw(name)[:, 0]])
+
+    def _native(self) -> _swm.World:
+        if self._core is None:
+            raise TypeError("this World holds environments of gymnasium; only those of this package can do that")
+        return self._core
+
+    def close(self) -> None:
+        """Free the environments. Arrays that were taken from the infos stay readable."""
+        self.envs.close()
+
+    def __enter__(self) -> World:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _rows(self) -> list[tuple[str, str]]:
+        name = self._built.get("id") or type(self.envs).__name__
+        rows = [("environment", str(name)), ("environments", str(self.num_envs))]
+        if image := self._built.get("image"):
+            rows.append(("images", f"{image[0]}×{image[1]}"))
+        if limit := self._built.get("max_episode_steps"):
+            rows.append(("steps per episode", str(limit)))
+        if self.policy is not None:
+            rows.append(("policy", self.policy.text if isinstance(self.policy, NativePolicy) else describe(self.policy)))
+        return rows
+
+    def __repr__(self) -> str:
+        return "World(" + ", ".join(f"{name}: {value}" for name, value in self._rows()) + ")"
+
+    def _repr_html_(self) -> str:
+        if self._core is None or "pixels" not in self.infos:
+            return html_table(self._rows())
+        frames = self.envs.raw("pixels")[:_SHOWN, 0]
+        return html_table(self._rows()) + html_image(_swm.contact_sheet(np.ascontiguousarray(frames)), "now")
+
+
+def _listed(options: Any) -> Any:
+    """Options of single episodes as a list, which the core tells from a dict for all."""
+    if options is None or isinstance(options, Mapping):
+        return None if options is None else dict(options)
+    return [None if one is None else dict(one) for one in options]
+
+
+def _format_of(path: Path) -> str:
+    return {".lance": "lance", "": "hdf5"}.get(path.suffix, path.suffix.lstrip("."))
+
+
+def _plain(value: Any) -> Any:
+    """Values of NumPy as JSON has them."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    raise TypeError(f"the setting {value!r} is no number, text or list")
+
+
+def _stacked(images: list[Any]) -> Any:
+    """Transformed images ``(…)`` of N environments as ``(N, 1, …)``: arrays or tensors."""
+    if hasattr(images[0], "unsqueeze"):
+        import torch
+
+        return torch.stack(images).unsqueeze(1)
+    return np.stack(images)[:, None]

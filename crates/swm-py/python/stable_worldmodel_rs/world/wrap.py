@@ -1,0 +1,173 @@
+"""Environments of gymnasium behind a `World`: everything they say is put into the infos, with images of one size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from .env_pool import EnvPool
+
+Image = npt.NDArray[np.uint8]
+Transform = Callable[[Any], Any]
+_SIZE_OF = {"nearest": 0, "bilinear": 1, 0: 0, 1: 1}
+# PIL's number of bilinear resampling.
+_BILINEAR = {None: 1, 2: 1}
+
+
+def make_pool(
+    env_name: str | Sequence[Callable[[], Any]],
+    num_envs: int,
+    image_shape: tuple[int, int] | None,
+    max_episode_steps: int | None,
+    pre_wrappers: Sequence[Callable[[Any], Any]],
+    extra_wrappers: Sequence[Callable[[Any], Any]],
+    image_transform: Transform | None,
+    goal_transform: Transform | None,
+    goal_conditioned: bool,
+    image_resample: str | int | None,
+    settings: dict[str, Any],
+) -> EnvPool:
+    """Make the environments of a World: of an id by ``gymnasium.make``, or by given functions, as they are."""
+    if not isinstance(env_name, str):
+        return EnvPool(list(env_name))
+
+    def make() -> Any:
+        given = dict(settings)
+        if image_shape is not None:
+            given.setdefault("render_mode", "rgb_array")
+        env = gym.make(env_name, max_episode_steps=max_episode_steps, **given)
+        inner = partial(
+            InfoWrapper,
+            image_shape=image_shape,
+            image_transform=image_transform,
+            goal_transform=goal_transform,
+            goal_conditioned=goal_conditioned,
+            resample=image_resample,
+        )
+        for wrapper in (*pre_wrappers, inner, *extra_wrappers):
+            env = wrapper(env)
+        return env
+
+    return EnvPool([make] * num_envs)
+
+
+class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
+    """Puts observation, reward, ends, action, step and image of every step into the info.
+
+    Observations that are no dict are named ``observation``; the image is ``pixels``, ``(H, W, 3)`` u8 before the
+    transform. The action of a reset is NaN (0 for integers).
+    """
+
+    def __init__(
+        self,
+        env: Any,
+        image_shape: tuple[int, int] | None = None,
+        image_transform: Transform | None = None,
+        goal_transform: Transform | None = None,
+        goal_conditioned: bool = True,
+        resample: str | int | None = None,
+    ) -> None:
+        super().__init__(env)
+        self._image_shape = image_shape
+        self._transforms = {"pixels": image_transform, "goal": goal_transform}
+        self._goal_conditioned = goal_conditioned
+        self._resample = resample
+        self._step = 0
+        self._id = 0
+        self._watched: tuple[str, ...] = ()
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._step = 0
+        self._id = int(self.env.unwrapped.np_random.integers(0, np.iinfo(np.int64).max))
+        if options and "variation" in options:
+            names = options["variation"]
+            whole = list(names) == ["all"]
+            self._watched = tuple(self._variations().names()) if whole else tuple(names)
+        action = np.zeros_like(np.asarray(self.env.action_space.sample()))
+        if np.issubdtype(action.dtype, np.floating):
+            action = np.full_like(action, np.nan)
+        return observation, self._complete(info, observation, np.nan, False, False, action)
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Step, and complete the info."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._step += 1
+        info = self._complete(info, observation, float(reward), bool(terminated), bool(truncated), action)
+        return observation, float(reward), bool(terminated), bool(truncated), info
+
+    def _variations(self) -> Any:
+        return self.env.unwrapped.variation_space  # type: ignore[attr-defined]
+
+    def _complete(
+        self, info: dict[str, Any], observation: Any, reward: float, terminated: bool, truncated: bool, action: Any
+    ) -> dict[str, Any]:
+        told = dict(info)
+        told.update(observation if isinstance(observation, dict) else {"observation": observation})
+        told.update(
+            reward=reward,
+            terminated=terminated,
+            truncated=truncated,
+            action=np.asarray(action),
+            step_idx=self._step,
+            id=self._id,
+        )
+        for name in self._watched:
+            space = self._variations()
+            for part in name.split("."):
+                space = space[part]
+            told[f"variation.{name}"] = space.value
+        if self._image_shape is not None:
+            told["pixels"] = self._image("pixels", self.env.render())
+            if "goal" in told:
+                told["goal"] = self._image("goal", told["goal"])
+        if not self._goal_conditioned:
+            told.pop("goal", None)
+        return told
+
+    def _image(self, name: str, image: Any) -> Any:
+        image = np.asarray(image)
+        assert self._image_shape is not None
+        if image.ndim == 3 and image.dtype == np.uint8:
+            image = resized(image, self._image_shape, self._resample)
+        transform = self._transforms[name]
+        return image if transform is None else transform(image)
+
+
+def resized(image: Image, shape: tuple[int, int], resample: str | int | None = None) -> Image:
+    """An image ``(H, W, C)`` at another size: by ``nearest``, or (default) linearly with as wide a filter as it takes.
+
+    Raises:
+        ValueError: Another method of resampling.
+    """
+    method = _BILINEAR.get(resample, _SIZE_OF.get(resample) if resample is not None else 1)  # type: ignore[arg-type]
+    if method is None:
+        raise ValueError(f"image_resample={resample!r}: images are resized by 'nearest' or 'bilinear'")
+    if image.shape[:2] == tuple(shape):
+        return image
+    if method == 0:
+        rows, columns = (_nearest(old, new) for old, new in zip(image.shape[:2], shape, strict=True))
+        return np.ascontiguousarray(image[rows][:, columns])
+    down, across = (_weights(old, new) for old, new in zip(image.shape[:2], shape, strict=True))
+    mixed = np.einsum("yh,hwc,xw->yxc", down, image.astype(np.float32), across, optimize=True)
+    return np.clip(np.rint(mixed), 0, 255).astype(np.uint8)
+
+
+def _nearest(old: int, new: int) -> npt.NDArray[np.intp]:
+    return np.minimum(((np.arange(new) + 0.5) * old / new).astype(np.intp), old - 1)
+
+
+def _weights(old: int, new: int) -> npt.NDArray[np.float32]:
+    """How much each of ``old`` pixels counts in each of ``new``: a triangle, as wide as the pixels lie apart."""
+    scale = old / new
+    width = max(scale, 1.0)
+    centers = (np.arange(new) + 0.5) * scale
+    distance = np.abs(np.arange(old)[None, :] + 0.5 - centers[:, None]) / width
+    weights = np.maximum(0.0, 1.0 - distance)
+    return (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)

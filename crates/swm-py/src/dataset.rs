@@ -1,0 +1,403 @@
+//! Datasets of every format: opening, joining, reading.
+
+use std::path::PathBuf;
+use std::sync::{Arc, LazyLock, Mutex};
+
+use numpy::{PyArray1, ToPyArray as _};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use swm::core::{Batch, Cancel, Column, ImageSize, Metadata, Registry, Schema, SliceMut};
+use swm::data::adapt::{Cached, Columns, Concat, Subset};
+use swm::data::stats::{Statistics, StatisticsOptions};
+use swm::data::{DataError, Dataset, DatasetInfo, MemoryDataset, RenderOptions, Rendered, Steps, format};
+
+use crate::arrays::{describe, from_array, into_array, lock, step_field};
+use crate::errors::{DataFault, OrRaise as _};
+use crate::fork::Process;
+use crate::interrupt::interruptible;
+
+/// Adds this file's classes and functions to the module.
+pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_class::<Reader>()?;
+    m.add_function(wrap_pyfunction!(dataset_formats, m)?)?;
+    m.add_function(wrap_pyfunction!(detect_dataset, m)?)?;
+    m.add_function(wrap_pyfunction!(encode_png, m)?)
+}
+
+/// The formats and environments of this build.
+pub(crate) fn registry() -> &'static Registry {
+    static REGISTRY: LazyLock<Registry> = LazyLock::new(swm::registry);
+    &REGISTRY
+}
+
+/// The column that stays dense under a frame skip.
+const ACTION: &str = "action";
+
+/// An open dataset.
+#[pyclass(frozen, module = "stable_worldmodel_rs._swm")]
+pub(crate) struct Reader {
+    process: Process,
+    info: DatasetInfo,
+    dataset: Mutex<Box<dyn Dataset>>,
+}
+
+impl Reader {
+    fn new(dataset: Box<dyn Dataset>) -> Self {
+        Self { process: Process::current(), info: dataset.info().clone(), dataset: Mutex::new(dataset) }
+    }
+
+    /// Another handle, for whoever reads beside this one.
+    pub(crate) fn share(&self, py: Python<'_>) -> PyResult<Box<dyn Dataset>> {
+        self.process.check("this open dataset")?;
+        Ok(py.detach(|| lock(&self.dataset).share()))
+    }
+
+    /// The dataset that `make` makes of a handle.
+    fn derive<D: Dataset + 'static>(
+        &self,
+        py: Python<'_>,
+        make: impl FnOnce(Box<dyn Dataset>) -> Result<D, DataError> + Send,
+    ) -> PyResult<Self> {
+        self.process.check("this open dataset")?;
+        let made = py.detach(|| make(lock(&self.dataset).share()).map(|made| Self::new(Box::new(made))));
+        made.or_raise()
+    }
+
+    fn field(&self, column: usize) -> PyResult<&swm::core::Field> {
+        let fields = self.info.schema.fields();
+        fields.get(column).ok_or_else(|| {
+            PyValueError::new_err(format!("column {column} of {} does not exist", fields.len()))
+        })
+    }
+}
+
+#[pymethods]
+impl Reader {
+    /// Opens a file or folder, of the named format or of that which its content tells.
+    #[staticmethod]
+    #[pyo3(signature = (path, format=None))]
+    fn open(py: Python<'_>, path: PathBuf, format: Option<&str>) -> PyResult<Self> {
+        let opened = py.detach(|| match format {
+            Some(name) => format::by_name(registry(), name)?.open(&path),
+            None => swm::data::open_in(registry(), &path),
+        });
+        opened.or_raise().map(Self::new)
+    }
+
+    /// Episodes in memory: columns `[rows, …]`, end to end, and the rows of every episode.
+    #[staticmethod]
+    #[pyo3(signature = (name, lengths, columns, metadata=None))]
+    fn memory(
+        name: &str,
+        lengths: Vec<usize>,
+        columns: Vec<(String, Bound<'_, PyAny>)>,
+        metadata: Option<&str>,
+    ) -> PyResult<Self> {
+        let rows: usize = lengths.iter().sum();
+        let (mut fields, mut values) = (Vec::new(), Vec::new());
+        for (name, array) in &columns {
+            let (column, shape) = from_array(name, array)?;
+            if shape.first() != Some(&rows) {
+                let reason = format!("column `{name}` has shape {shape:?}, the episodes have {rows} rows");
+                return Err(DataFault::new_err(reason));
+            }
+            fields.push(step_field(name, &column, &shape));
+            values.push(column);
+        }
+        let schema = Schema::new(fields).or_raise()?;
+        let metadata: Option<Metadata> = match metadata {
+            Some(json) => Some(
+                serde_json::from_str(json)
+                    .map_err(|error| DataFault::new_err(format!("metadata: {error}")))?,
+            ),
+            None => None,
+        };
+        let mut first = 0;
+        let episodes = lengths.iter().map(|&len| {
+            let mut batch = Batch::new(schema.clone(), len);
+            for (at, column) in values.iter().enumerate() {
+                let dim = schema.dim(at);
+                let part = column.as_slice().range(first * dim, len * dim);
+                assert!(batch.column_mut(at).copy_from(part), "the schema is made of the columns");
+            }
+            first += len;
+            Arc::new(batch)
+        });
+        let episodes: Vec<_> = episodes.collect();
+        let dataset = MemoryDataset::new(name, schema, metadata, episodes).or_raise()?;
+        Ok(Self::new(Box::new(dataset)))
+    }
+
+    /// Datasets end to end, with the columns that all have.
+    #[staticmethod]
+    #[expect(clippy::needless_pass_by_value, reason = "what Python hands over")]
+    fn concat(py: Python<'_>, readers: Vec<PyRef<'_, Reader>>) -> PyResult<Self> {
+        let parts = readers.iter().map(|reader| reader.share(py)).collect::<PyResult<Vec<_>>>()?;
+        Concat::new(parts).or_raise().map(|joined| Self::new(Box::new(joined)))
+    }
+
+    /// The columns of this dataset, and those of another one that it lacks.
+    fn beside(&self, py: Python<'_>, other: PyRef<'_, Reader>) -> PyResult<Self> {
+        let other = other.share(py)?;
+        self.derive(py, |dataset| Columns::new(dataset, other))
+    }
+
+    /// Some of its episodes.
+    fn subset(&self, py: Python<'_>, episodes: Vec<usize>) -> PyResult<Self> {
+        self.derive(py, |dataset| Subset::new(dataset, &episodes))
+    }
+
+    /// The same with some columns in memory.
+    fn cached(&self, py: Python<'_>, keys: Vec<String>) -> PyResult<Self> {
+        let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
+        self.derive(py, |dataset| Cached::new(dataset, &keys))
+    }
+
+    /// The same with images that are rendered when they are read, `image = (H, W)`; `settings` and `factors` are JSON.
+    #[pyo3(signature = (image, settings="{}", factors="{}"))]
+    fn rendered(
+        &self,
+        py: Python<'_>,
+        image: (usize, usize),
+        settings: &str,
+        factors: &str,
+    ) -> PyResult<Self> {
+        let json = |text: &str| {
+            serde_json::from_str::<serde_json::Map<String, serde_json::Value>>(text)
+                .map_err(|error| DataFault::new_err(error.to_string()))
+        };
+        let mut options = RenderOptions::default()
+            .image(ImageSize { height: image.0, width: image.1 })
+            .settings(json(settings)?);
+        for (name, value) in json(factors)? {
+            let value = swm::core::Value::from_json(&name, &value).or_raise()?;
+            options.factors.insert(name, value);
+        }
+        self.derive(py, |dataset| Rendered::new(dataset, registry(), &options))
+    }
+
+    /// The file or folder.
+    #[getter]
+    fn path(&self) -> PathBuf {
+        self.info.path.to_path_buf()
+    }
+
+    /// The name of its format.
+    #[getter]
+    fn format(&self) -> &'static str {
+        self.info.format
+    }
+
+    /// `(name, dtype, shape, kind)` of every column.
+    #[getter]
+    fn fields(&self) -> Vec<(String, &'static str, Vec<usize>, &'static str)> {
+        self.info.schema.fields().iter().map(describe).collect()
+    }
+
+    /// Rows of every episode, int64 `(E,)`.
+    #[getter]
+    fn lengths<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        let lengths: Vec<i64> = self.info.lengths.iter().map(|&len| len as i64).collect();
+        lengths.to_pyarray(py)
+    }
+
+    /// How it was recorded, as JSON: `[[first episode, metadata], …]`.
+    #[getter]
+    fn runs(&self) -> PyResult<String> {
+        serde_json::to_string(&*self.info.runs).map_err(|error| DataFault::new_err(error.to_string()))
+    }
+
+    /// Columns that cannot be represented, with the reason.
+    #[getter]
+    fn skipped(&self) -> Vec<(String, String)> {
+        self.info.skipped.to_vec()
+    }
+
+    /// Whether it holds checksums.
+    #[getter]
+    fn has_checksums(&self) -> bool {
+        self.info.has_checksums
+    }
+
+    /// Rows `start..stop` of an episode at a stride of `frameskip`, by column, `[rows, …]`; `action` is dense.
+    fn slice<'py>(
+        &self,
+        py: Python<'py>,
+        episode: usize,
+        start: usize,
+        stop: usize,
+        frameskip: usize,
+        columns: Vec<usize>,
+    ) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let span = stop.saturating_sub(start);
+        if frameskip == 0 {
+            return Err(PyValueError::new_err("frameskip is 0; use 1 for every row"));
+        }
+        let mut parts = Vec::with_capacity(columns.len());
+        for &column in &columns {
+            let field = self.field(column)?;
+            let stride = if field.name == ACTION { 1 } else { frameskip };
+            parts.push((column, Steps { first: start, count: span.div_ceil(stride), stride }, field));
+        }
+        let mut dataset = self.share(py)?;
+        let read = py.detach(|| {
+            let read = parts.iter().map(|&(column, steps, field)| {
+                let mut values = Column::zeros(field.dtype, steps.count * field.dim());
+                dataset.read_column(column, episode, steps, values.as_slice_mut()).map(|()| values)
+            });
+            read.collect::<Result<Vec<_>, _>>()
+        });
+        let arrays = read.or_raise()?.into_iter().zip(&parts);
+        arrays
+            .map(|(values, (_, steps, field))| into_array(py, values, &with_rows(steps.count, field)))
+            .collect()
+    }
+
+    /// A whole column, `[rows of all episodes, …]`.
+    fn column<'py>(&self, py: Python<'py>, column: usize) -> PyResult<Bound<'py, PyAny>> {
+        let field = self.field(column)?;
+        let rows: usize = self.info.lengths.iter().sum();
+        let mut dataset = self.share(py)?;
+        let cancel = Cancel::new();
+        let read = interruptible(py, &cancel, || {
+            let mut values = Column::zeros(field.dtype, rows * field.dim());
+            let mut rest: SliceMut<'_> = values.as_slice_mut();
+            for (episode, &count) in self.info.lengths.iter().enumerate() {
+                if cancel.is_cancelled() {
+                    break;
+                }
+                let (here, after) = rest.split_at(count * field.dim());
+                rest = after;
+                dataset.read_column(column, episode, Steps { first: 0, count, stride: 1 }, here)?;
+            }
+            Ok::<_, DataError>(values)
+        })?;
+        into_array(py, read.or_raise()?, &with_rows(rows, field))
+    }
+
+    /// Single rows, `(episode, row)` each, by column, `[rows, …]`.
+    fn gather<'py>(
+        &self,
+        py: Python<'py>,
+        rows: Vec<(usize, usize)>,
+        columns: Vec<usize>,
+    ) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let fields = columns.iter().map(|&column| self.field(column)).collect::<PyResult<Vec<_>>>()?;
+        let mut dataset = self.share(py)?;
+        let read = py.detach(|| {
+            let read = columns.iter().zip(&fields).map(|(&column, field)| {
+                let mut values = Column::zeros(field.dtype, rows.len() * field.dim());
+                let mut rest: SliceMut<'_> = values.as_slice_mut();
+                for &(episode, first) in &rows {
+                    let (here, after) = rest.split_at(field.dim());
+                    rest = after;
+                    dataset.read_column(column, episode, Steps { first, count: 1, stride: 1 }, here)?;
+                }
+                Ok(values)
+            });
+            read.collect::<Result<Vec<_>, DataError>>()
+        });
+        let arrays = read.or_raise()?.into_iter().zip(fields);
+        arrays.map(|(values, field)| into_array(py, values, &with_rows(rows.len(), field))).collect()
+    }
+
+    /// Statistics of columns, as JSON; `keys=None`: all but texts.
+    #[pyo3(signature = (keys=None, quantiles=None))]
+    fn statistics(
+        &self,
+        py: Python<'_>,
+        keys: Option<Vec<String>>,
+        quantiles: Option<Vec<f64>>,
+    ) -> PyResult<String> {
+        let mut options = StatisticsOptions { keys, ..StatisticsOptions::default() };
+        options.quantiles = quantiles.unwrap_or(options.quantiles);
+        let mut dataset = self.watched(py)?;
+        let cancel = dataset.cancel.clone();
+        let computed = interruptible(py, &cancel, || Statistics::compute(&mut dataset, &options))?;
+        serde_json::to_string(&computed.or_raise()?).map_err(|error| DataFault::new_err(error.to_string()))
+    }
+
+    /// Reads everything and compares it with its checksums: the report as JSON.
+    fn verify(&self, py: Python<'_>) -> PyResult<String> {
+        let mut dataset = self.watched(py)?;
+        let cancel = dataset.cancel.clone();
+        let report =
+            interruptible(py, &cancel, || swm::data::tools::verify::verify(&mut dataset, &mut |_| {}))?;
+        serde_json::to_string(&report).map_err(|error| DataFault::new_err(error.to_string()))
+    }
+}
+
+impl Reader {
+    /// A handle that stops reading when it is cancelled.
+    pub(crate) fn watched(&self, py: Python<'_>) -> PyResult<Watched> {
+        Ok(Watched { dataset: self.share(py)?, cancel: Cancel::new() })
+    }
+}
+
+/// A dataset whose reading can be stopped from another thread.
+pub(crate) struct Watched {
+    pub(crate) dataset: Box<dyn Dataset>,
+    pub(crate) cancel: Cancel,
+}
+
+impl Dataset for Watched {
+    fn info(&self) -> &DatasetInfo {
+        self.dataset.info()
+    }
+
+    fn rows(
+        &mut self,
+        column: usize,
+        episode: usize,
+        steps: Steps,
+        out: SliceMut<'_>,
+    ) -> Result<(), DataError> {
+        if self.cancel.is_cancelled() {
+            return Err(DataError::request(self.path(), "reading was interrupted"));
+        }
+        self.dataset.rows(column, episode, steps, out)
+    }
+
+    fn share(&self) -> Box<dyn Dataset> {
+        Box::new(Self { dataset: self.dataset.share(), cancel: self.cancel.clone() })
+    }
+
+    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
+        if self.cancel.is_cancelled() {
+            return Err(DataError::request(self.path(), "reading was interrupted"));
+        }
+        self.dataset.check_episode(episode)
+    }
+}
+
+/// The shape of so many rows of a field.
+fn with_rows(rows: usize, field: &swm::core::Field) -> Vec<usize> {
+    std::iter::once(rows).chain(field.shape.iter().copied()).collect()
+}
+
+/// `(name, description, file extensions)` of every format of this build.
+#[pyfunction]
+fn dataset_formats() -> Vec<(&'static str, &'static str, Vec<&'static str>)> {
+    let formats = registry().all::<swm::data::Format>();
+    formats.map(|format| (format.name, format.about, format.extensions.to_vec())).collect()
+}
+
+/// The format of an existing file or folder, by its content.
+#[pyfunction]
+fn detect_dataset(py: Python<'_>, path: PathBuf) -> Option<&'static str> {
+    py.detach(|| format::detect(registry(), &path).map(|format| format.name))
+}
+
+/// A PNG file of pixels, u8 `[H, W, 3]`.
+#[pyfunction]
+fn encode_png<'py>(
+    py: Python<'py>,
+    pixels: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, pyo3::types::PyBytes>> {
+    let refused = || PyValueError::new_err("pixels must be a C-contiguous uint8 array of shape (H, W, 3)");
+    let (Column::U8(values), shape) = from_array("pixels", pixels)? else { return Err(refused()) };
+    let [height, width, 3] = shape[..] else { return Err(refused()) };
+    let encoded = py.detach(|| swm::media::png::encode(height, width, &values));
+    let encoded = encoded.map_err(|error| PyValueError::new_err(error.to_string()))?;
+    Ok(pyo3::types::PyBytes::new(py, &encoded))
+}

@@ -1,0 +1,202 @@
+//! Evaluations: episodes of a run, or of chosen starts and goals, under a native policy or a Python one.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use pyo3::prelude::*;
+use pyo3::types::PyList;
+use rand::seq::index;
+use swm::core::error::BoxError;
+use swm::core::evaluate::EvaluationRecorder;
+use swm::core::seed::keyed;
+use swm::core::{EpisodeEnd, EpisodeSeed, LiveStep, Recorder, ResetOptions, Rollout};
+use swm::media::Format;
+use swm::video::Video;
+
+use crate::errors::SwmError;
+use crate::policy::drive;
+use crate::world::PyWorld;
+
+/// Videos are enlarged to at least this short side, in pixels: players blur smaller ones.
+const VIDEO_SIDE: usize = 256;
+
+/// How far a run is, for progress bars.
+#[derive(Clone, Default)]
+pub(crate) struct Progress(Arc<Counters>);
+
+#[derive(Default)]
+struct Counters {
+    episodes: AtomicU64,
+    successes: AtomicU64,
+    steps: AtomicU64,
+}
+
+impl Progress {
+    /// Calls `tick(episodes, successes, steps)`, if there is such a function.
+    pub(crate) fn tell(&self, tick: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let Some(tick) = tick else { return Ok(()) };
+        let Counters { episodes, successes, steps } = &*self.0;
+        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        tick.call1((of(episodes), of(successes), of(steps))).map(drop)
+    }
+
+    /// Counts an episode that is not seen as a recorder.
+    pub(crate) fn count(&self, success: bool) {
+        self.0.episodes.fetch_add(1, Ordering::Relaxed);
+        self.0.successes.fetch_add(u64::from(success), Ordering::Relaxed);
+    }
+
+    /// Steps that were shown, first observations included.
+    pub(crate) fn steps(&self) -> u64 {
+        self.0.steps.load(Ordering::Relaxed)
+    }
+}
+
+impl Recorder for Progress {
+    fn step(&mut self, _row: &LiveStep<'_>) -> Result<(), BoxError> {
+        self.0.steps.fetch_add(1, Ordering::Relaxed);
+        Ok(())
+    }
+
+    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
+        self.count(end.success == Some(true));
+        Ok(())
+    }
+}
+
+/// The episodes `[first, end)` of the run with seed `seed`.
+///
+/// `options`: one dict for all episodes, or a list with one per episode by index, of which `seeds`, if given, are the
+/// episodes' own seeds.
+pub(crate) fn rollout(
+    world: &PyWorld,
+    (first, end): (u64, u64),
+    seed: u64,
+    options: Option<&Bound<'_, PyAny>>,
+    seeds: Option<Vec<Option<u64>>>,
+) -> PyResult<Rollout> {
+    let rollout = Rollout::new(first..end).seed(seed);
+    let listed = options.and_then(|options| options.cast::<PyList>().ok());
+    if listed.is_none() && seeds.is_none() {
+        return Ok(rollout.options(world.options(options)?));
+    }
+    let count = listed.map_or(end as usize, |list| list.len());
+    let mut each: Vec<ResetOptions> = match listed {
+        Some(list) => list.iter().map(|options| world.options(Some(&options))).collect::<PyResult<_>>()?,
+        None => vec![world.options(options)?; count],
+    };
+    for (options, seed) in each.iter_mut().zip(seeds.unwrap_or_default()) {
+        options.seed = seed.map(EpisodeSeed::new);
+    }
+    if count < end as usize {
+        return Err(SwmError::new_err(format!(
+            "options: {count} dicts for {} episodes; give one per episode, or one dict for all",
+            end - first
+        )));
+    }
+    Ok(rollout.each(each))
+}
+
+/// Evaluates; gives the result as JSON and the paths of the videos.
+///
+/// `act`: see `policy::drive`. `limit`: actions allowed per episode, in place of the World's. `video`: a folder, for
+/// `episode_<i>.mp4` of every episode.
+#[pyfunction]
+#[pyo3(signature = (world, act, episodes, seed, options=None, seeds=None, limit=None, video=None, tick=None))]
+#[expect(clippy::too_many_arguments, reason = "they are keyword arguments of Python")]
+fn evaluate(
+    py: Python<'_>,
+    world: &Bound<'_, PyWorld>,
+    act: Option<&Bound<'_, PyAny>>,
+    episodes: (u64, u64),
+    seed: u64,
+    options: Option<&Bound<'_, PyAny>>,
+    seeds: Option<Vec<Option<u64>>>,
+    limit: Option<u64>,
+    video: Option<String>,
+    tick: Option<&Bound<'_, PyAny>>,
+) -> PyResult<(String, Vec<String>)> {
+    let world = world.get();
+    let rollout = rollout(world, episodes, seed, options, seeds)?;
+    let mut evaluation = EvaluationRecorder::default();
+    let mut clips = Video::first(if video.is_some() { episodes.1 - episodes.0 } else { 0 });
+    let progress = Progress::default();
+    let mut watch = (&mut evaluation, &mut clips, progress.clone());
+    let before =
+        limit.map(|limit| world.shared.lock()?.world().map(|world| world.set_max_episode_steps(Some(limit))));
+    let before = before.transpose()?;
+    let driven = drive(py, &world.shared, rollout, &mut watch, act, || progress.tell(tick));
+    if let Some(before) = before {
+        world.shared.lock()?.world()?.set_max_episode_steps(before);
+    }
+    driven?;
+    progress.tell(tick)?;
+    let paths = match video {
+        None => Vec::new(),
+        Some(dir) => py.detach(|| save(Path::new(&dir), &clips))?,
+    };
+    let json = serde_json::to_string(&evaluation.result());
+    Ok((json.map_err(|error| SwmError::new_err(error.to_string()))?, paths))
+}
+
+/// Saves the video of every episode; gives the paths.
+fn save(dir: &Path, clips: &Video) -> PyResult<Vec<String>> {
+    let refuse = |path: &Path, error: &dyn std::fmt::Display| {
+        SwmError::new_err(format!("cannot write {}: {error}", path.display()))
+    };
+    std::fs::create_dir_all(dir).map_err(|error| refuse(dir, &error))?;
+    let format = if Format::Mp4.is_built() { Format::Mp4 } else { Format::Gif };
+    let mut paths = Vec::new();
+    for (index, scene) in clips.scenes() {
+        let path = dir.join(format!("episode_{index}.{}", format.extension()));
+        scene.clip.upscaled(VIDEO_SIDE).save(&path).map_err(|error| refuse(&path, &error))?;
+        paths.push(path.display().to_string());
+    }
+    if paths.is_empty() {
+        return Err(SwmError::new_err(
+            "a video needs images, and this World has none; make it with image_shape=(height, width)",
+        ));
+    }
+    Ok(paths)
+}
+
+/// Rows `(episode, row)` that have a goal row `goal_offset` later in episodes of these lengths, drawn uniformly over rows
+/// and sorted: the rows of an evaluation from a dataset with this seed.
+#[pyfunction]
+fn choose_starts(
+    lengths: Vec<usize>,
+    count: usize,
+    goal_offset: usize,
+    seed: u64,
+) -> PyResult<Vec<(usize, usize)>> {
+    let valid = |episode: usize| lengths[episode].saturating_sub(goal_offset);
+    let ends: Vec<usize> = (0..lengths.len())
+        .scan(0, |total, episode| {
+            *total += valid(episode);
+            Some(*total)
+        })
+        .collect();
+    let total = ends.last().copied().unwrap_or(0);
+    if total < count || count == 0 {
+        return Err(SwmError::new_err(format!(
+            "{count} start rows asked for, but {total} rows of {} episodes have a goal {goal_offset} rows later; ask for \
+             fewer episodes, a smaller goal offset, or record more",
+            lengths.len()
+        )));
+    }
+    let mut rng = keyed(seed, "evaluation starts", [0, 0]);
+    let mut rows = index::sample(&mut rng, total, count).into_vec();
+    rows.sort_unstable();
+    let place = |row| {
+        let episode = ends.partition_point(|&end| end <= row);
+        (episode, row + valid(episode) - ends[episode])
+    };
+    Ok(rows.into_iter().map(place).collect())
+}
+
+/// Adds this file's classes and functions to the module.
+pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_function(wrap_pyfunction!(evaluate, m)?)?;
+    m.add_function(wrap_pyfunction!(choose_starts, m)?)
+}

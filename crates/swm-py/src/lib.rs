@@ -1,0 +1,49 @@
+//! `_swm`: the compiled half of the Python package `stable_worldmodel_rs`.
+//!
+//! One file per subject, each with a function `add` that puts its classes into the module. What is glue or needs torch is
+//! Python, beside this crate in `python/stable_worldmodel_rs`.
+
+mod arrays;
+mod buffer;
+mod cost;
+mod dataset;
+mod errors;
+mod evaluate;
+mod fork;
+mod infos;
+mod interrupt;
+mod loader;
+mod manifest;
+mod media;
+mod memory;
+mod mirror;
+mod policy;
+mod program;
+mod record;
+mod solver;
+mod world;
+mod writer;
+
+use pyo3::prelude::*;
+
+/// The compiled half of `stable_worldmodel_rs`: import that package instead.
+#[pymodule(name = "_swm")]
+fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    buffer::add(m)?;
+    cost::add(m)?;
+    dataset::add(m)?;
+    errors::add(m)?;
+    evaluate::add(m)?;
+    infos::add(m)?;
+    loader::add(m)?;
+    manifest::add(m)?;
+    media::add(m)?;
+    policy::add(m)?;
+    program::add(m)?;
+    record::add(m)?;
+    solver::add(m)?;
+    world::add(m)?;
+    writer::add(m)?;
+    Ok(())
+}

@@ -1,0 +1,236 @@
+//! Clips by their number, and batches of them for training.
+
+use std::mem;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyString};
+use swm::core::{Batch, ImageSize, Schema};
+use swm::data::loader::{Batches, Clips, GoalOptions, GoalWeights, Images, Position};
+use swm::data::{BatchOptions, ClipOptions, Loader};
+
+use crate::arrays::{describe, lock};
+use crate::dataset::Reader;
+use crate::errors::OrRaise as _;
+use crate::fork::Process;
+use crate::memory::tables::{AnyTable, ForeignTable, Pool, lend};
+
+/// Adds this file's classes and functions to the module.
+pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_class::<ClipReader>()?;
+    m.add_class::<BatchStream>()
+}
+
+/// `(weights of random, geometric, uniform and current goals, gamma, offset, keys, seed)`.
+type Goals = ((f64, f64, f64, f64), f64, Option<usize>, Option<Vec<String>>, u64);
+
+/// Clips of a dataset.
+#[pyclass(frozen, module = "stable_worldmodel_rs._swm")]
+pub(crate) struct ClipReader {
+    process: Process,
+    loader: Loader,
+    names: Arc<[Py<PyString>]>,
+    pool: Arc<Pool>,
+}
+
+#[pymethods]
+impl ClipReader {
+    /// Clips of `num_steps` rows at a distance of `frameskip`. `image = (H, W)` resizes pictures.
+    #[new]
+    #[pyo3(signature = (
+        reader, num_steps=1, frameskip=1, keys=None, channels_first=true, image=None, paper=false, threads=None,
+        goals=None,
+    ))]
+    #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
+    fn new(
+        py: Python<'_>,
+        reader: PyRef<'_, Reader>,
+        num_steps: usize,
+        frameskip: usize,
+        keys: Option<Vec<String>>,
+        channels_first: bool,
+        image: Option<(usize, usize)>,
+        paper: bool,
+        threads: Option<usize>,
+        goals: Option<Goals>,
+    ) -> PyResult<Self> {
+        let goals = goals.map(|((random, geometric, uniform, current), gamma, offset, keys, seed)| {
+            let weights = GoalWeights { random, geometric, uniform, current };
+            GoalOptions::default().weights(weights).gamma(gamma).offset(offset).keys(keys).seed(seed)
+        });
+        let options = ClipOptions::default()
+            .num_steps(num_steps)
+            .frameskip(frameskip)
+            .keys(keys)
+            .images(if channels_first { Images::ChannelsFirst } else { Images::ChannelsLast })
+            .image(image.map(|(height, width)| ImageSize { height, width }))
+            .clips(if paper { Clips::Paper } else { Clips::Every })
+            .threads(threads)
+            .goals(goals);
+        let loader = Loader::new(reader.share(py)?, &options).or_raise()?;
+        let fields = loader.schema().fields().iter();
+        let names = fields.map(|field| PyString::intern(py, &field.name).unbind()).collect();
+        Ok(Self { process: Process::current(), loader, names, pool: Arc::default() })
+    }
+
+    fn __len__(&self) -> usize {
+        self.loader.len()
+    }
+
+    /// `(name, dtype, shape, kind)` of the columns of a batch, without its first axis.
+    #[getter]
+    fn fields(&self) -> Vec<(String, &'static str, Vec<usize>, &'static str)> {
+        self.loader.schema().fields().iter().map(describe).collect()
+    }
+
+    /// The episode and the first row of a clip.
+    fn clip(&self, index: usize) -> Option<(usize, usize)> {
+        self.loader.clip(index).map(|clip| (clip.episode, clip.start))
+    }
+
+    /// The episode and row of the goal of a clip in an epoch.
+    fn goal(&self, index: usize, epoch: u64) -> Option<(usize, usize)> {
+        self.loader.goal(index, epoch)
+    }
+
+    /// Clips by number, `[len(indices), …]` by column.
+    #[pyo3(signature = (indices, epoch=0))]
+    fn read<'py>(&self, py: Python<'py>, indices: Vec<usize>, epoch: u64) -> PyResult<Bound<'py, PyDict>> {
+        self.process.check("this open dataset")?;
+        let mut batch = self.pool.take().unwrap_or_else(|| self.loader.new_batch());
+        py.detach(|| self.loader.read_in(epoch, &indices, &mut batch)).or_raise()?;
+        lend(py, batch, &self.pool, &self.names)
+    }
+
+    /// Batches that threads read ahead. With `capacity`, they are read into `tables`, dicts of arrays.
+    #[pyo3(signature = (size, shuffle=None, drop_last=false, epochs=None, ahead=2, shard=(0, 1), position=None, make_table=None))]
+    #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
+    fn batches(
+        &self,
+        py: Python<'_>,
+        size: usize,
+        shuffle: Option<u64>,
+        drop_last: bool,
+        epochs: Option<u64>,
+        ahead: usize,
+        shard: (usize, usize),
+        position: Option<&str>,
+        make_table: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<BatchStream> {
+        self.process.check("this loader")?;
+        let options = BatchOptions::default()
+            .size(size)
+            .shuffle(shuffle)
+            .drop_last(drop_last)
+            .epochs(epochs)
+            .ahead(ahead)
+            .shard(shard.0, shard.1);
+        let position: Option<Position> =
+            match position {
+                Some(json) => Some(serde_json::from_str(json).map_err(|error| {
+                    PyValueError::new_err(format!("this is no state of a loader: {error}"))
+                })?),
+                None => None,
+            };
+        let schema = self.loader.schema().clone();
+        let mut failed = None;
+        let table = || match &make_table {
+            None => AnyTable::Own(self.loader.new_batch()),
+            Some(make) => match foreign(&schema, size, make) {
+                Ok(table) => AnyTable::Foreign(table),
+                Err(error) => {
+                    failed.get_or_insert(error);
+                    AnyTable::Own(self.loader.new_batch())
+                }
+            },
+        };
+        let batches = self.loader.batches_into(&options, position.as_ref(), table);
+        if let Some(error) = failed {
+            return Err(error);
+        }
+        Ok(BatchStream {
+            process: Process::current(),
+            batches: Mutex::new(Some(batches.or_raise()?)),
+            schema,
+            size,
+            make_table: make_table.map(Bound::unbind),
+            names: self.names.clone(),
+            pool: py.detach(Arc::default),
+        })
+    }
+}
+
+/// A table over the arrays that `make` makes.
+fn foreign(schema: &Arc<Schema>, size: usize, make: &Bound<'_, PyAny>) -> PyResult<ForeignTable> {
+    let (arrays, owner) = make.call0()?.extract::<(Bound<'_, PyDict>, Bound<'_, PyAny>)>()?;
+    ForeignTable::new(schema, size, &arrays, owner.unbind())
+}
+
+/// Batches, epoch after epoch, read ahead by threads.
+#[pyclass(frozen, module = "stable_worldmodel_rs._swm")]
+pub(crate) struct BatchStream {
+    process: Process,
+    /// `None` once it is closed.
+    batches: Mutex<Option<Batches<AnyTable>>>,
+    schema: Arc<Schema>,
+    size: usize,
+    make_table: Option<Py<PyAny>>,
+    names: Arc<[Py<PyString>]>,
+    pool: Arc<Pool>,
+}
+
+#[pymethods]
+impl BatchStream {
+    /// The next batch, by column `[clips, …]`; `None` at the end of an epoch. With `make_table`: what that gave, the
+    /// number of rows, and texts by column.
+    fn next<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        self.process.check("this loader")?;
+        let mut table = match &self.make_table {
+            Some(make) => AnyTable::Foreign(foreign(&self.schema, self.size, make.bind(py))?),
+            None => AnyTable::Own(self.pool.take().unwrap_or_else(|| Batch::new(self.schema.clone(), 0))),
+        };
+        let read = py.detach(|| lock(&self.batches).as_mut().map(|batches| batches.next_batch(&mut table)));
+        let Some(read) = read else {
+            return Err(PyValueError::new_err("this loader was closed; make a new one"));
+        };
+        let full = read.or_raise()?;
+        match table {
+            AnyTable::Own(batch) if !full => {
+                self.pool.put(batch);
+                Ok(None)
+            }
+            AnyTable::Foreign(_) if !full => Ok(None),
+            AnyTable::Own(batch) => {
+                lend(py, batch, &self.pool, &self.names).map(|batch| Some(batch.into_any()))
+            }
+            AnyTable::Foreign(table) => {
+                let (owner, rows, texts) = table.into_parts();
+                Ok(Some((owner, rows, texts).into_pyobject(py)?.into_any()))
+            }
+        }
+    }
+
+    /// Where it is, as JSON, to go on from.
+    fn position(&self, py: Python<'_>) -> PyResult<String> {
+        self.process.check("this loader")?;
+        let position = py.detach(|| lock(&self.batches).as_ref().map(Batches::position));
+        serde_json::to_string(&position).map_err(|error| PyValueError::new_err(error.to_string()))
+    }
+
+    /// Ends its threads. Batches that were given stay valid.
+    fn close(&self, py: Python<'_>) {
+        if self.process.is_current() {
+            py.detach(|| drop(lock(&self.batches).take()));
+        }
+    }
+}
+
+impl Drop for BatchStream {
+    fn drop(&mut self) {
+        if !self.process.is_current() {
+            // A fork has none of its threads, and would wait for them for ever.
+            mem::forget(self.batches.get_mut().unwrap_or_else(PoisonError::into_inner).take());
+        }
+    }
+}

@@ -1,0 +1,493 @@
+//! Manifests and receipts: made, run under a native or a Python policy, compared, verified; and replays of datasets.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use pyo3::prelude::*;
+use serde_json::json;
+use swm::core::error::BoxError;
+use swm::core::evaluate::stats::{bootstrap95, mean_and_deviation};
+use swm::core::evaluate::{
+    EpisodeResult, ManifestOptions, OutcomeRecorder, PairedRuns, RecordedPairs, Summary,
+    make_manifest as make,
+};
+use swm::core::{
+    Cancel, EnvConfig, EnvEntry, ImageSize, Manifest, PolicyArgs, PolicyError, Rollout, WorldError,
+};
+use swm::evaluation::{
+    Candidate, Code, Ledger, RECEIPT_VERSION, Receipt, Reference, Role, RunOptions, file_hash, fingerprints,
+    read_manifest, read_receipt, roles, run_pairs, tier_rules, write_manifest,
+};
+
+use crate::errors::{IntoPy as _, OrRaise as _, SwmError};
+use crate::evaluate::Progress;
+use crate::infos;
+use crate::interrupt::interruptible_with;
+use crate::policy::drive;
+use crate::world::{PyWorld, registry};
+
+/// An error of any kind as the exception that it is.
+fn boxed(error: BoxError) -> PyErr {
+    let error = match error.downcast::<WorldError>() {
+        Ok(error) => return error.into_py(),
+        Err(error) => error,
+    };
+    let error = match error.downcast::<PolicyError>() {
+        Ok(error) => return error.into_py(),
+        Err(error) => error,
+    };
+    match error.downcast::<PyErr>() {
+        Ok(error) => *error,
+        Err(error) => SwmError::new_err(error.to_string()),
+    }
+}
+
+fn to_json(value: &impl serde::Serialize) -> PyResult<String> {
+    serde_json::to_string(value).map_err(|error| SwmError::new_err(error.to_string()))
+}
+
+fn from_json<T: serde::de::DeserializeOwned>(what: &str, text: &str) -> PyResult<T> {
+    serde_json::from_str(text).map_err(|error| SwmError::new_err(format!("{what}: {error}")))
+}
+
+/// A manifest file as JSON, and its hash.
+#[pyfunction]
+fn manifest_json(path: PathBuf) -> PyResult<(String, String)> {
+    let manifest = read_manifest(&path).map_err(boxed)?;
+    Ok((to_json(&manifest)?, manifest.hash()))
+}
+
+/// A receipt file, or that of a folder, as JSON.
+#[pyfunction]
+fn receipt_json(path: PathBuf) -> PyResult<String> {
+    to_json(&read_receipt(&path).map_err(boxed)?)
+}
+
+/// Makes a manifest and writes it to `path`; gives its JSON and hash. `options`: a JSON object with `env`, `settings`,
+/// `tier`, `pairs`, `budget`, `frame_skip`, `image`, `seed`, `distractors`, `vary`. `dataset`: path, goal offset, held-out
+/// share.
+#[pyfunction]
+#[pyo3(signature = (path, options, set=None, dataset=None))]
+fn make_manifest(
+    py: Python<'_>,
+    path: PathBuf,
+    options: &str,
+    set: Option<&Bound<'_, PyAny>>,
+    dataset: Option<(PathBuf, usize, f64)>,
+) -> PyResult<(String, String)> {
+    let asked: serde_json::Value = from_json("the options of the manifest", options)?;
+    let get = |name: &str| asked.get(name).cloned().unwrap_or_default();
+    let number = |name: &str| get(name).as_u64();
+    let entry = registry().env(get("env").as_str().unwrap_or_default()).or_raise()?;
+    let parsed = |name: &str, error: serde_json::Error| SwmError::new_err(format!("{name}: {error}"));
+    let tier = serde_json::from_value(get("tier")).map_err(|error| parsed("tier", error))?;
+    let image: Option<(usize, usize)> =
+        serde_json::from_value(get("image")).map_err(|error| parsed("image_shape", error))?;
+    let image = image.map(|(height, width)| ImageSize { height, width });
+    let mut source =
+        dataset.as_ref().map(|(path, ..)| swm::data::open_in(registry(), path)).transpose().or_raise()?;
+    let recorded = source.as_ref().and_then(|source| source.metadata()).cloned();
+    let mut settings =
+        recorded.as_ref().map_or_else(serde_json::Map::new, |recorded| recorded.settings.clone());
+    settings.extend(get("settings").as_object().cloned().unwrap_or_default());
+    let rules = tier_rules(entry.id, &settings, tier).map_err(SwmError::new_err)?;
+    let distractors: Vec<String> =
+        serde_json::from_value(get("distractors")).map_err(|error| parsed("distractors", error))?;
+    swm::distractors::parse_all(&distractors).map_err(|error| SwmError::new_err(error.to_string()))?;
+    let config = EnvConfig { image, settings };
+    let spec = entry.make(&config).or_raise()?.spec().clone();
+    let options = ManifestOptions {
+        tier,
+        pairs: number("pairs").unwrap_or(100) as usize,
+        budget: number("budget").unwrap_or(if dataset.is_some() { 50 } else { 200 }),
+        frame_skip: number("frame_skip")
+            .map(|times| times as u32)
+            .or(recorded.map(|recorded| recorded.frame_skip))
+            .unwrap_or(1),
+        image,
+        seed: number("seed").unwrap_or(42),
+        distractors,
+        vary: serde_json::from_value(get("vary")).map_err(|error| parsed("variation", error))?,
+        set: set.map(|set| infos::factors(&spec, set)).transpose()?.unwrap_or_default(),
+        success: rules.success,
+        motion: rules.motion,
+        rest: rules.rest,
+    };
+    let manifest = py.detach(|| {
+        let pairs = match (&mut source, &dataset) {
+            (Some(source), Some((path, goal_offset, held_out))) => Some(RecordedPairs {
+                source,
+                name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+                hash: file_hash(path).map_err(boxed)?,
+                goal_offset: *goal_offset,
+                held_out: *held_out,
+            }),
+            _ => None,
+        };
+        make(entry, &config, &options, pairs).or_raise()
+    })?;
+    write_manifest(&path, &manifest).map_err(boxed)?;
+    Ok((to_json(&manifest)?, manifest.hash()))
+}
+
+/// Who is evaluated on a manifest: a native policy by its name, or a Python one in a World that was made for it.
+enum Who<'py> {
+    Native,
+    Foreign(Bound<'py, PyWorld>, Bound<'py, PyAny>),
+}
+
+/// What every run on a manifest needs.
+struct Run<'a> {
+    manifest: &'a Manifest,
+    out: Option<&'a Path>,
+    num_envs: usize,
+    threads: Option<usize>,
+    tick: Option<&'a Bound<'a, PyAny>>,
+}
+
+impl Run<'_> {
+    /// The episodes of one policy, those of an earlier try included.
+    fn policy(
+        &self,
+        py: Python<'_>,
+        who: &Who<'_>,
+        name: &str,
+        candidate: &Candidate,
+        steps: u64,
+        identity: &impl serde::Serialize,
+    ) -> PyResult<Vec<EpisodeResult>> {
+        let path = self.out.map(|dir| dir.join(format!("{name}.jsonl")));
+        let mut ledger =
+            path.as_deref().map(|path| Ledger::open(path, identity)).transpose().map_err(boxed)?;
+        let known = ledger.as_ref().map(|ledger| ledger.known.clone()).unwrap_or_default();
+        let progress = Progress::default();
+        known.values().for_each(|episode| progress.count(episode.success));
+        let each = |pair: u64, result: &EpisodeResult| {
+            progress.count(result.success);
+            ledger.as_mut().map_or(Ok(()), |ledger| ledger.push(pair, result))
+        };
+        let resets = self.manifest.resets().or_raise()?;
+        let episodes = match who {
+            Who::Native => {
+                // The run's flag must live as long as the program: commands set it from signal handlers.
+                let cancel: &'static Cancel = Box::leak(Box::new(Cancel::new()));
+                let options =
+                    RunOptions { num_envs: self.num_envs, threads: self.threads, cancel: Some(cancel) };
+                let manifest = self.manifest;
+                let run = || {
+                    run_pairs(registry(), manifest, &resets, candidate, steps, options, &known, true, each)
+                };
+                interruptible_with(py, cancel, || progress.tell(self.tick), run)?.map_err(boxed)?
+            }
+            Who::Foreign(world, act) => {
+                self.foreign(py, world.get(), act, resets, steps, known, &progress, each)?
+            }
+        };
+        progress.tell(self.tick)?;
+        if let Some(ledger) = ledger {
+            ledger.close().map_err(boxed)?;
+        }
+        Ok(episodes)
+    }
+
+    /// The pairs that are not known, under a Python policy.
+    #[expect(clippy::too_many_arguments, reason = "a part of `policy`")]
+    fn foreign(
+        &self,
+        py: Python<'_>,
+        world: &PyWorld,
+        act: &Bound<'_, PyAny>,
+        resets: Vec<swm::core::ResetOptions>,
+        steps: u64,
+        known: BTreeMap<u64, EpisodeResult>,
+        progress: &Progress,
+        mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), BoxError> + Send,
+    ) -> PyResult<Vec<EpisodeResult>> {
+        let manifest = self.manifest;
+        manifest.check().or_raise()?;
+        {
+            let mut core = world.shared.lock()?;
+            let world = core.world()?;
+            world.set_success(&manifest.success).or_raise()?;
+            world.set_max_episode_steps(Some(manifest.budget));
+        }
+        let count = manifest.pairs.len() as u64;
+        let mut results = known;
+        let mut first = 0;
+        while first < count {
+            if results.contains_key(&first) {
+                first += 1;
+                continue;
+            }
+            let end = (first..count).find(|pair| results.contains_key(pair)).unwrap_or(count);
+            let mut rollout = Rollout::new(first..end).seed(manifest.seed).each(resets.clone());
+            rollout.episodes = first..end;
+            let mut found = Vec::new();
+            let mut recorder = OutcomeRecorder::new(steps, Some(manifest), |pair, result| {
+                each(pair, &result)?;
+                found.push((pair, result));
+                Ok(())
+            });
+            let driven =
+                drive(py, &world.shared, rollout, &mut recorder, Some(act), || progress.tell(self.tick));
+            drop(recorder);
+            driven?;
+            results.extend(found);
+            first = end;
+        }
+        Ok(results.into_values().collect())
+    }
+}
+
+/// Evaluates a policy on a manifest, and the reference policies (`random`, `no_op`, `oracle`) that `references` names; gives
+/// the receipt as JSON, which is also written to the folder `out`.
+///
+/// `policy`: a native policy, or what a Python one is called in the receipt; that one comes as `foreign`, a World for the
+/// manifest and its `act`. `plan_steps`: actions of one plan, where they are not known by the policy's settings.
+#[pyfunction]
+#[pyo3(signature = (manifest, policy, foreign=None, policy_seed=0, references=Vec::new(), oracle=None, out=None, num_envs=16, threads=None, plan_steps=None, tick=None))]
+#[expect(clippy::too_many_arguments, reason = "they are keyword arguments of Python")]
+fn evaluate_manifest(
+    py: Python<'_>,
+    manifest: &str,
+    policy: &str,
+    foreign: Option<(Bound<'_, PyWorld>, Bound<'_, PyAny>)>,
+    policy_seed: u64,
+    references: Vec<String>,
+    oracle: Option<&str>,
+    out: Option<PathBuf>,
+    num_envs: usize,
+    threads: Option<usize>,
+    plan_steps: Option<u64>,
+    tick: Option<&Bound<'_, PyAny>>,
+) -> PyResult<String> {
+    let manifest: Manifest = from_json("the manifest", manifest)?;
+    manifest.check().or_raise()?;
+    let entry = registry().env(&manifest.env).or_raise()?;
+    let (candidate, description, files) = match &foreign {
+        None => {
+            let candidate = Candidate { policy: PolicyArgs::parse(policy).or_raise()?, seed: policy_seed };
+            let candidate = candidate.on(registry(), entry, &manifest);
+            let made = candidate.make(registry(), entry, &manifest).map_err(boxed)?;
+            let files = candidate.files(registry(), entry).map_err(boxed)?;
+            (candidate, made.describe(), files)
+        }
+        Some(_) => {
+            let args = PolicyArgs::new(policy, serde_json::Map::new());
+            (Candidate { policy: args, seed: policy_seed }, policy.to_owned(), BTreeMap::new())
+        }
+    };
+    let wanted = wanted(entry, &manifest, &candidate, &references, oracle)?;
+    if let Some(dir) = &out {
+        std::fs::create_dir_all(dir).map_err(|error| {
+            SwmError::new_err(format!("cannot write to the folder {}: {error}", dir.display()))
+        })?;
+    }
+    let fingerprints = py.detach(|| fingerprints(entry, &manifest, candidate.seed)).map_err(boxed)?;
+    let steps = plan_steps.unwrap_or_else(|| candidate.plan_steps(registry(), entry, &manifest));
+    let identity = |candidate: &Candidate| (manifest.hash(), candidate.clone(), fingerprints.clone(), steps);
+    let run = Run { manifest: &manifest, out: out.as_deref(), num_envs, threads, tick };
+    let who = foreign.map_or(Who::Native, |(world, act)| Who::Foreign(world, act));
+    let started = Instant::now();
+    let episodes = run.policy(py, &who, "episodes", &candidate, steps, &identity(&candidate))?;
+    let wall_time_s = started.elapsed().as_secs_f64();
+    let mut others = Vec::new();
+    for (role, other) in wanted {
+        // A planner on the true dynamics is its own oracle: nothing to run again.
+        let found = match other == candidate {
+            true => episodes.clone(),
+            false => {
+                let name = format!("episodes-{}", role.name());
+                run.policy(py, &Who::Native, &name, &other, steps, &identity(&other))?
+            }
+        };
+        others.push(Reference::new(role, other, found, &episodes));
+    }
+    let receipt = json!({
+        "receipt": RECEIPT_VERSION,
+        "manifest_hash": manifest.hash(),
+        "candidate": candidate,
+        "policy": description,
+        "files": files,
+        "fingerprints": fingerprints,
+        "code": Code::this(),
+        "summary": Summary::of(&episodes),
+        "phases": Receipt::by_phase(&manifest, &episodes),
+        "references": others,
+        "plan_steps": steps,
+        "episodes": episodes,
+        "manifest": manifest,
+        "wall_time_s": wall_time_s,
+    });
+    let receipt: Receipt = from_json("the receipt", &receipt.to_string())?;
+    if let Some(dir) = &out {
+        let path = dir.join("receipt.json");
+        let text =
+            serde_json::to_string_pretty(&receipt).map_err(|error| SwmError::new_err(error.to_string()))?;
+        std::fs::write(&path, text + "\n")
+            .map_err(|error| SwmError::new_err(format!("cannot write {}: {error}", path.display())))?;
+    }
+    to_json(&receipt)
+}
+
+/// The reference policies to run.
+fn wanted(
+    entry: &EnvEntry,
+    manifest: &Manifest,
+    candidate: &Candidate,
+    names: &[String],
+    oracle: Option<&str>,
+) -> PyResult<Vec<(Role, Candidate)>> {
+    let known = [(Role::Random, "random"), (Role::NoOp, "no_op"), (Role::Oracle, "oracle")];
+    if let Some(name) = names.iter().find(|name| known.iter().all(|(_, known)| known != name)) {
+        return Err(SwmError::new_err(format!(
+            "`{name}` is no reference policy; there are random, no_op and oracle"
+        )));
+    }
+    let is_wanted =
+        |role: Role| known.iter().any(|(known, name)| *known == role && names.iter().any(|n| n == name));
+    let mut all = roles(registry(), entry, manifest, candidate);
+    if let Some(text) = oracle {
+        all.retain(|(role, _)| *role != Role::Oracle);
+        let oracle = Candidate { policy: PolicyArgs::parse(text).or_raise()?, seed: candidate.seed };
+        all.push((Role::Oracle, oracle.on(registry(), entry, manifest)));
+    }
+    all.retain(|(role, _)| is_wanted(*role));
+    Ok(all)
+}
+
+/// Compares sides of receipts (JSON each; several runs of one policy are one side), pair by pair, with the first side.
+#[pyfunction]
+fn compare_receipts(sides: Vec<Vec<String>>) -> PyResult<String> {
+    let sides: Vec<Vec<Receipt>> = sides
+        .iter()
+        .map(|side| side.iter().map(|text| from_json("a receipt", text)).collect())
+        .collect::<PyResult<_>>()?;
+    let Some(first) = sides.first().and_then(|side| side.first()) else {
+        return Err(SwmError::new_err("nothing to compare; give two results or more"));
+    };
+    if sides.iter().flatten().any(|receipt| receipt.manifest_hash != first.manifest_hash) {
+        return Err(SwmError::new_err(
+            "the results are of different manifests: they cannot be compared pair by pair",
+        ));
+    }
+    let successes: Vec<Vec<Vec<bool>>> =
+        sides.iter().map(|side| side.iter().map(Receipt::successes).collect()).collect();
+    let mut compared = Vec::new();
+    for (index, (side, runs)) in sides.iter().zip(&successes).enumerate() {
+        let Some(run) = side.first() else {
+            return Err(SwmError::new_err("a side without a result; give one or more for each"));
+        };
+        if side.iter().any(|other| other.candidate.policy != run.candidate.policy) {
+            return Err(SwmError::new_err(format!(
+                "`{}` and others on its side are not runs of one policy",
+                run.policy
+            )));
+        }
+        let rates: Vec<f64> = side.iter().map(|run| run.summary.success_rate).collect();
+        let (success_rate, deviation) = mean_and_deviation(&rates);
+        let own: Vec<&[bool]> = runs.iter().map(Vec::as_slice).collect();
+        let others: Vec<&[bool]> = successes[0].iter().map(Vec::as_slice).collect();
+        let ci95 = if side.len() == 1 { run.summary.ci95 } else { bootstrap95(&own, 0) };
+        compared.push(json!({
+            "policy": run.policy,
+            "runs": side.len(),
+            "success_rate": success_rate,
+            "ci95": ci95,
+            "deviation": deviation,
+            "test": (index > 0).then(|| PairedRuns::of(&others, &own, 0)).flatten(),
+        }));
+    }
+    to_json(&compared)
+}
+
+/// Runs a receipt's policy again and compares; gives a JSON object. `oracle`: the oracle too.
+#[pyfunction]
+#[pyo3(signature = (receipt, num_envs=16, threads=None, oracle=false, tick=None))]
+fn verify_receipt(
+    py: Python<'_>,
+    receipt: &str,
+    num_envs: usize,
+    threads: Option<usize>,
+    oracle: bool,
+    tick: Option<&Bound<'_, PyAny>>,
+) -> PyResult<String> {
+    let receipt: Receipt = from_json("the receipt", receipt)?;
+    let cancel: &'static Cancel = Box::leak(Box::new(Cancel::new()));
+    let options = RunOptions { num_envs, threads, cancel: Some(cancel) };
+    let progress = Progress::default();
+    let run = || swm::evaluation::verify(registry(), &receipt, options, oracle, || progress.count(false));
+    to_json(&interruptible_with(py, cancel, || progress.tell(tick), run)?.map_err(boxed)?)
+}
+
+/// Replays episodes of a dataset on the simulator and compares; gives a JSON object.
+#[pyfunction]
+#[pyo3(signature = (path, episodes=None, set=None, tolerance=0.0, env=None, tick=None))]
+fn replay(
+    py: Python<'_>,
+    path: PathBuf,
+    episodes: Option<Vec<usize>>,
+    set: Option<&Bound<'_, PyAny>>,
+    tolerance: f64,
+    env: Option<&str>,
+    tick: Option<&Bound<'_, PyAny>>,
+) -> PyResult<String> {
+    let mut dataset = swm::data::open_in(registry(), &path).or_raise()?;
+    let recorded = dataset.metadata().map(|metadata| metadata.env.clone());
+    let id = env.map(str::to_owned).or(recorded).ok_or_else(|| {
+        SwmError::new_err(format!("{} does not say its environment; give env=", path.display()))
+    })?;
+    let entry = registry().env(&id).or_raise()?;
+    let spec = entry.make(&EnvConfig::default()).or_raise()?.spec().clone();
+    let overrides = set.map(|set| infos::factors(&spec, set)).transpose()?.unwrap_or_default();
+    let count = dataset.num_episodes();
+    let episodes = episodes.unwrap_or_else(|| (0..count).collect());
+    if let Some(episode) = episodes.iter().find(|&&episode| episode >= count) {
+        return Err(SwmError::new_err(format!("no episode {episode}: {} holds {count}", path.display())));
+    }
+    let (progress, cancel) = (Progress::default(), Cancel::new());
+    let mut reports = Vec::new();
+    // One by one, so that Ctrl-C is heard.
+    let run = || {
+        for episode in episodes {
+            if cancel.is_cancelled() {
+                return Err("cancelled".into());
+            }
+            let report = swm::replay::replay(entry, &mut dataset, &[episode], &overrides, tolerance, |_| ())?;
+            progress.count(false);
+            reports.push(report);
+        }
+        Ok::<_, BoxError>(())
+    };
+    interruptible_with(py, &cancel, || progress.tell(tick), run)?.map_err(boxed)?;
+    let mut columns: BTreeMap<String, [f64; 2]> = BTreeMap::new();
+    for (name, difference) in reports.iter().flat_map(|report| &report.columns) {
+        let largest = columns.entry(name.clone()).or_default();
+        *largest = [largest[0].max(difference.max_abs), largest[1].max(difference.final_abs)];
+    }
+    let largest: BTreeMap<_, _> = columns
+        .into_iter()
+        .map(|(name, [max_abs, final_abs])| (name, json!({ "max_abs": max_abs, "final_abs": final_abs })))
+        .collect();
+    to_json(&json!({
+        "ok": reports.iter().all(|report| report.ok),
+        "tolerance": tolerance,
+        "episodes": reports.len(),
+        "rows": reports.iter().map(|report| report.rows).sum::<usize>(),
+        "columns": largest,
+        "checkpoints": reports.iter().map(|report| report.checkpoints).sum::<usize>(),
+        "checkpoints_differ": reports.iter().map(|report| report.checkpoints_differ).sum::<usize>(),
+    }))
+}
+
+/// Adds this file's classes and functions to the module.
+pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_function(wrap_pyfunction!(manifest_json, m)?)?;
+    m.add_function(wrap_pyfunction!(receipt_json, m)?)?;
+    m.add_function(wrap_pyfunction!(make_manifest, m)?)?;
+    m.add_function(wrap_pyfunction!(evaluate_manifest, m)?)?;
+    m.add_function(wrap_pyfunction!(compare_receipts, m)?)?;
+    m.add_function(wrap_pyfunction!(verify_receipt, m)?)?;
+    m.add_function(wrap_pyfunction!(replay, m)?)
+}

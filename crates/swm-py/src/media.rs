@@ -1,0 +1,65 @@
+//! Images and videos for notebooks and results, and intervals of success rates.
+
+use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods as _};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use swm::media::{Clip, contact_sheet as sheet, png};
+
+use crate::errors::SwmError;
+
+/// Images per row of a contact sheet.
+const COLUMNS: usize = 4;
+/// White between them, in pixels.
+const GAP: usize = 4;
+
+/// Frames `(T, H, W, 3)`, checked.
+fn size(frames: &PyReadonlyArrayDyn<'_, u8>) -> PyResult<[usize; 3]> {
+    match *frames.shape() {
+        [count, height, width, 3] if count * height * width > 0 => Ok([count, height, width]),
+        _ => Err(SwmError::new_err(format!(
+            "frames must be uint8 of shape (T, H, W, 3), none of them 0, found {:?}",
+            frames.shape()
+        ))),
+    }
+}
+
+/// Writes frames `(T, H, W, 3)` as a video: `.mp4`, `.gif`, or `.png` for all frames side by side.
+#[pyfunction]
+fn save_video(
+    py: Python<'_>,
+    path: &str,
+    frames: PyReadonlyArrayDyn<'_, u8>,
+    frames_per_second: f64,
+) -> PyResult<()> {
+    let [_, height, width] = size(&frames)?;
+    let mut clip = Clip::new(height, width, frames_per_second);
+    for frame in frames.as_slice()?.chunks_exact(height * width * 3) {
+        clip.push(frame).map_err(|error| SwmError::new_err(error.to_string()))?;
+    }
+    py.detach(|| clip.save(path)).map_err(|error| SwmError::new_err(format!("cannot write {path}: {error}")))
+}
+
+/// Frames `(T, H, W, 3)` as one PNG, four in a row.
+#[pyfunction]
+fn contact_sheet<'py>(py: Python<'py>, frames: PyReadonlyArrayDyn<'py, u8>) -> PyResult<Bound<'py, PyBytes>> {
+    let [_, height, width] = size(&frames)?;
+    let frames: Vec<&[u8]> = frames.as_slice()?.chunks_exact(height * width * 3).collect();
+    let rows: Vec<Vec<&[u8]>> = frames.chunks(COLUMNS).map(<[_]>::to_vec).collect();
+    let wrong = |error: swm::media::MediaError| SwmError::new_err(error.to_string());
+    let (height, width, rgb) = sheet(&rows, height, width, GAP).map_err(wrong)?;
+    Ok(PyBytes::new(py, &png::encode(height, width, &rgb).map_err(wrong)?))
+}
+
+/// The 95 % Wilson interval of `successes` of `episodes`, in percent.
+#[pyfunction]
+fn wilson95(successes: usize, episodes: usize) -> (f64, f64) {
+    let [low, high] = swm::core::evaluate::wilson95(successes, episodes);
+    (low, high)
+}
+
+/// Adds this file's classes and functions to the module.
+pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_function(wrap_pyfunction!(save_video, m)?)?;
+    m.add_function(wrap_pyfunction!(contact_sheet, m)?)?;
+    m.add_function(wrap_pyfunction!(wilson95, m)?)
+}

@@ -1,0 +1,102 @@
+//! NumPy arrays that show the columns of a World in place: no copies, valid for as long as anyone holds them.
+//!
+//! Every array has a [`Table`] as its base, which keeps the World alive. Where the World replaces its infos (another
+//! policy, the end), the old columns move into the `Table` of the arrays that show them.
+
+use std::sync::{Arc, Mutex};
+
+use numpy::ndarray::{ArrayViewD, IxDyn};
+use numpy::{Element, PyArrayDyn};
+use pyo3::prelude::*;
+use swm::core::{Batch, Slice};
+
+use crate::mirror::Mirror;
+use crate::world::{Core, Shared};
+
+/// The owner of the memory behind the arrays of one infos table.
+#[pyclass(frozen, module = "stable_worldmodel_rs._swm")]
+pub(crate) struct Table {
+    _world: Arc<Shared>,
+    /// The columns, once the World has other ones.
+    kept: Mutex<Option<Batch>>,
+}
+
+impl Table {
+    /// The owner of the present infos of `world`.
+    pub(crate) fn new(world: Arc<Shared>) -> Self {
+        Self { _world: world, kept: Mutex::new(None) }
+    }
+
+    /// Takes over the columns that the World has replaced.
+    pub(crate) fn keep(&self, replaced: Batch) {
+        *self.kept.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = Some(replaced);
+    }
+}
+
+/// A name and the array of its column.
+pub(crate) type Named<'py> = (String, Bound<'py, PyAny>);
+
+/// The columns of the World's infos as arrays `(N, 1, …)`, but for texts.
+///
+/// `core` is that of the World that `table` belongs to.
+pub(crate) fn infos<'py>(table: &Bound<'py, Table>, core: &Core) -> PyResult<Vec<Named<'py>>> {
+    let Some(world) = &core.world else { return Ok(Vec::new()) };
+    all(table, world.infos(), true)
+}
+
+/// The columns that the binding keeps itself ([`Core::mirror`]): those of the infos as `(N, 1, …)`, results of the last
+/// step as `(N,)`.
+pub(crate) fn mirror<'py>(table: &Bound<'py, Table>, core: &Core) -> PyResult<Vec<Named<'py>>> {
+    all(table, core.mirror.table(), false)
+}
+
+fn all<'py>(table: &Bound<'py, Table>, batch: &Batch, is_infos: bool) -> PyResult<Vec<Named<'py>>> {
+    let mut named = Vec::new();
+    for (index, field) in batch.schema().fields().iter().enumerate() {
+        let mut shape = vec![batch.rows()];
+        if is_infos || Mirror::is_info(&field.name) {
+            shape.push(1);
+        }
+        shape.extend(&field.shape);
+        let is_flag = !is_infos && Mirror::is_flag(&field.name);
+        if let Some(array) = view(table, batch.column(index), &shape, is_flag)? {
+            named.push((field.name.clone(), array));
+        }
+    }
+    Ok(named)
+}
+
+/// A column as an array; `None` for texts. `is_flag`: bytes that are 0 or 1, shown as booleans.
+fn view<'py>(
+    table: &Bound<'py, Table>,
+    column: Slice<'_>,
+    shape: &[usize],
+    is_flag: bool,
+) -> PyResult<Option<Bound<'py, PyAny>>> {
+    Ok(Some(match column {
+        Slice::U8(values) if is_flag => array(table, values.as_ptr().cast::<bool>(), shape),
+        Slice::U8(values) => array(table, values.as_ptr(), shape),
+        Slice::I32(values) => array(table, values.as_ptr(), shape),
+        Slice::I64(values) => array(table, values.as_ptr(), shape),
+        Slice::F32(values) => array(table, values.as_ptr(), shape),
+        Slice::F64(values) => array(table, values.as_ptr(), shape),
+        Slice::Bool(values) => {
+            let array = array(table, values.as_ptr(), shape);
+            // The core reads these bytes as booleans: nobody else may write another value there.
+            array.call_method1("setflags", (false,))?;
+            array
+        }
+        Slice::Str(_) => return Ok(None),
+    }))
+}
+
+fn array<'py, T: Element>(table: &Bound<'py, Table>, values: *const T, shape: &[usize]) -> Bound<'py, PyAny> {
+    // SAFETY: `values` is the start of a column of `shape` values (a table has as many rows and values as its schema says),
+    // which is initialized and lives at this address until the table is dropped: columns of the infos and of the mirror are
+    // written in place and never resized. The array's base is the `Table`, which holds the World, and which is given the
+    // columns where the World replaces them. While the core writes, Python is detached from this World: what another thread
+    // reads then is as undetermined as in any array that two threads share, and its memory is there.
+    let shown = unsafe { ArrayViewD::from_shape_ptr(IxDyn(shape), values) };
+    // SAFETY: as above; the base outlives the array.
+    unsafe { PyArrayDyn::borrow_from_array(&shown, table.clone().into_any()) }.into_any()
+}

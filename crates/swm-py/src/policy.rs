@@ -1,0 +1,112 @@
+//! Who chooses the actions of a run: a native policy by its name, on the World's threads, or a Python object, always on the
+//! calling thread.
+
+use std::time::{Duration, Instant};
+
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use swm::core::{Actions, Cancel, Column, Dtype, Field, Policy, PolicyError, Recorder, Rollout, View};
+
+use crate::errors::{OrRaise as _, SwmError};
+use crate::infos;
+use crate::interrupt::interruptible_with;
+use crate::world::{Core, Shared};
+
+/// How often a run by a Python policy lets signal handlers and the progress bar have their turn.
+const PERIOD: Duration = Duration::from_millis(50);
+
+/// A policy for a World that is about to be closed: its field makes the World hand out its infos.
+pub(crate) struct Farewell;
+
+impl Policy for Farewell {
+    fn describe(&self) -> String {
+        "closed".to_owned()
+    }
+
+    fn fields(&self) -> Vec<Field> {
+        vec![Field::step("closed", Dtype::Bool, &[])]
+    }
+
+    fn act(&mut self, _view: &View<'_>, _actions: &mut Actions<'_>) -> Result<(), PolicyError> {
+        Ok(())
+    }
+}
+
+/// Stands for a Python policy, so that records name it. Its actions come from [`drive`].
+pub(crate) struct Foreign(pub(crate) String);
+
+impl Policy for Foreign {
+    fn describe(&self) -> String {
+        self.0.clone()
+    }
+
+    fn act(&mut self, _view: &View<'_>, _actions: &mut Actions<'_>) -> Result<(), PolicyError> {
+        let reason = "it is a Python object, which only a run from Python asks for actions".to_owned();
+        Err(PolicyError::Unsupported { policy: self.0.clone(), reason })
+    }
+
+    fn is_parallel(&self) -> bool {
+        false
+    }
+}
+
+/// Runs the episodes of `rollout`, watched by `recorder`.
+///
+/// `act`, if given, is a Python function that gets the environments that have just begun another episode (bool `(N,)`, or
+/// `None`), and returns actions `(N, …)`; it is called here, on the calling thread. Otherwise the World's own policy acts,
+/// on a thread of the run. `tick` is called some twenty times a second, to show progress; what it raises ends the run.
+pub(crate) fn drive(
+    py: Python<'_>,
+    shared: &Shared,
+    rollout: Rollout,
+    recorder: &mut dyn Recorder,
+    act: Option<&Bound<'_, PyAny>>,
+    mut tick: impl FnMut() -> PyResult<()>,
+) -> PyResult<()> {
+    let Some(act) = act else {
+        let cancel = Cancel::new();
+        let rollout = rollout.cancel(&cancel);
+        return interruptible_with(py, &cancel, tick, || {
+            let mut core = shared.lock()?;
+            let (world, mirror) = core.parts()?;
+            let result = world.run(&rollout, recorder).or_raise();
+            mirror.end_run();
+            result
+        })?;
+    };
+    let mut core = shared.lock()?;
+    let Core { world: Some(world), mirror } = &mut *core else {
+        return Err(SwmError::new_err("this World is closed; make a new one"));
+    };
+    mirror.begin_run();
+    let mut run = py.detach(|| world.begin(&rollout, recorder)).or_raise()?;
+    let mut last: Option<Column> = None;
+    let mut ticked = Instant::now();
+    while let Some(view) = run.needs_actions() {
+        let begun = mirror.follow(&view, last.as_ref().map(Column::as_slice));
+        let given = match begun {
+            None => act.call1((py.None(),))?,
+            Some(begun) => act.call1((PyArray1::from_vec(py, begun),))?,
+        };
+        let actions = infos::actions(&shared.spec, shared.num_envs, &given)?;
+        py.detach(|| {
+            run.set_actions(actions.as_slice())?;
+            run.advance()
+        })
+        .or_raise()?;
+        last = Some(actions);
+        if ticked.elapsed() >= PERIOD {
+            ticked = Instant::now();
+            py.check_signals()?;
+            tick()?;
+        }
+    }
+    drop(run);
+    mirror.end_run();
+    Ok(())
+}
+
+/// Adds this file's classes and functions to the module.
+pub(crate) fn add(_m: &Bound<'_, PyModule>) -> PyResult<()> {
+    Ok(())
+}

@@ -1,0 +1,73 @@
+//! The program around the library: its command line, the files it brings along, and what its environments are.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use pyo3::prelude::*;
+use swm::core::{EnvEntry, PolicyEntry};
+use swm::envs_mujoco::assets;
+
+use crate::errors::SwmError;
+use crate::world::registry;
+
+/// Runs the command `swm` with these arguments, the program's name first; gives its exit status.
+///
+/// The command handles SIGINT itself, and may end the process.
+#[pyfunction]
+fn run_command(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
+    let code = py.detach(|| swm::cli::run(registry(), arguments));
+    // An exit code tells no number, but it can be compared with those of all numbers.
+    (0..=u8::MAX).find(|&number| ExitCode::from(number) == code).unwrap_or(1)
+}
+
+/// Says where MuJoCo's library and the folder of models are, and what errors tell a user to do about a missing file.
+#[pyfunction]
+#[pyo3(signature = (library=None, folder=None, fix=None))]
+fn set_files(library: Option<PathBuf>, folder: Option<PathBuf>, fix: Option<String>) -> PyResult<()> {
+    if let Some(library) = library {
+        assets::set_library(library).map_err(|error| SwmError::new_err(error.to_string()))?;
+    }
+    if let Some(folder) = folder {
+        assets::set_folder(folder);
+    }
+    if let Some(fix) = fix {
+        assets::set_fix(fix);
+    }
+    Ok(())
+}
+
+/// Where the package looks for MuJoCo's library and for models: (library, folder), None where nothing says so; and the
+/// versions of MuJoCo, dm_control and OGBench that it takes.
+#[pyfunction]
+fn files() -> (Option<PathBuf>, Option<PathBuf>, [&'static str; 3]) {
+    let versions = [assets::MUJOCO_VERSION, assets::DM_CONTROL_VERSION, assets::OGBENCH_VERSION];
+    (assets::library_path().ok(), assets::data_folder(), versions)
+}
+
+/// All environments as JSON: id, summary, settings (name, doc, default), names of policies.
+#[pyfunction]
+fn environments() -> String {
+    let entries: Vec<_> = registry().all::<EnvEntry>().map(environment).collect();
+    serde_json::Value::from(entries).to_string()
+}
+
+fn environment(entry: &EnvEntry) -> serde_json::Value {
+    let setting =
+        |setting: &swm::core::Setting| serde_json::json!([setting.name, setting.doc, setting.default]);
+    let policies: Vec<&str> = registry().policies(entry).map(|policy: &PolicyEntry| policy.name).collect();
+    serde_json::json!({
+        "id": entry.id,
+        "summary": entry.summary,
+        "settings": entry.settings.iter().map(setting).collect::<Vec<_>>(),
+        "policies": policies,
+    })
+}
+
+/// Adds this file's functions to the module.
+pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_function(wrap_pyfunction!(run_command, m)?)?;
+    m.add_function(wrap_pyfunction!(set_files, m)?)?;
+    m.add_function(wrap_pyfunction!(files, m)?)?;
+    m.add_function(wrap_pyfunction!(environments, m)?)
+}

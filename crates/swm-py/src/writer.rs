@@ -1,0 +1,192 @@
+//! Writing datasets: whole episodes from Python, and copies of open datasets.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use swm::core::dataset::METADATA_VERSION;
+use swm::core::error::BoxError;
+use swm::core::{Batch, Cancel, Column, Metadata, Schema};
+use swm::data::dataset::{DatasetWriter, WriteOptions};
+use swm::data::tools::copy;
+use swm::data::{DataError, Dataset, WriteMode, format};
+
+use crate::arrays::{from_array, lock, step_field};
+use crate::dataset::{Reader, Watched, registry};
+use crate::errors::{DataFault, OrRaise as _};
+use crate::fork::Process;
+use crate::interrupt::interruptible_with;
+
+/// Adds this file's classes and functions to the module.
+pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("_loaded_in", std::process::id())?;
+    m.add_class::<EpisodeWriter>()?;
+    m.add_function(wrap_pyfunction!(copy_datasets, m)?)
+}
+
+/// How a dataset is written.
+fn options(
+    mode: &str,
+    quality: Option<u8>,
+    fps: Option<f64>,
+    key_frame_period: Option<u32>,
+) -> PyResult<WriteOptions> {
+    let mode: WriteMode = mode.parse().map_err(PyValueError::new_err)?;
+    let options = WriteOptions::default().mode(mode).quality(quality);
+    Ok(options.frames_per_second(fps).key_frame_period(key_frame_period))
+}
+
+/// A dataset that whole episodes are written to. The first one decides on its columns.
+#[pyclass(frozen, module = "stable_worldmodel_rs._swm")]
+pub(crate) struct EpisodeWriter {
+    process: Process,
+    path: PathBuf,
+    metadata: Metadata,
+    open: Mutex<Open>,
+}
+
+struct Open {
+    /// `None` once it is finished.
+    writer: Option<Box<dyn DatasetWriter>>,
+    schema: Option<Arc<Schema>>,
+}
+
+#[pymethods]
+impl EpisodeWriter {
+    /// Takes the file for itself. `metadata`, JSON, says how the episodes were made.
+    #[new]
+    #[pyo3(signature = (path, format=None, mode="append", metadata=None, quality=None, fps=None, key_frame_period=None))]
+    #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
+    fn new(
+        py: Python<'_>,
+        path: PathBuf,
+        format: Option<&str>,
+        mode: &str,
+        metadata: Option<&str>,
+        quality: Option<u8>,
+        fps: Option<f64>,
+        key_frame_period: Option<u32>,
+    ) -> PyResult<Self> {
+        let options = options(mode, quality, fps, key_frame_period)?;
+        let metadata = match metadata {
+            Some(json) => serde_json::from_str(json)
+                .map_err(|error| DataFault::new_err(format!("metadata: {error}")))?,
+            None => Metadata {
+                version: METADATA_VERSION,
+                env: "unknown".to_owned(),
+                policy: "unknown".to_owned(),
+                from_recorded_rows: true,
+                frame_skip: 1,
+                ..Metadata::default()
+            },
+        };
+        let writer = py.detach(|| format::create_in(registry(), &path, &options, format)).or_raise()?;
+        let open = Mutex::new(Open { writer: Some(writer), schema: None });
+        Ok(Self { process: Process::current(), path, metadata, open })
+    }
+
+    /// Appends an episode: columns `[T, …]`. When it returns, a crash cannot lose the episode.
+    fn write_episode(&self, py: Python<'_>, columns: Vec<(String, Bound<'_, PyAny>)>) -> PyResult<()> {
+        self.process.check("this dataset writer")?;
+        let (mut fields, mut values, mut rows) = (Vec::new(), Vec::new(), None);
+        for (name, array) in &columns {
+            let (column, shape) = from_array(name, array)?;
+            let len = shape.first().copied().unwrap_or(0);
+            if *rows.get_or_insert(len) != len {
+                let reason = format!("column `{name}` has {len} rows, the others have {}", rows.unwrap_or(0));
+                return Err(DataFault::new_err(reason));
+            }
+            fields.push(step_field(name, &column, &shape));
+            values.push(column);
+        }
+        let schema = Schema::new(fields).or_raise()?;
+        py.detach(|| self.write(&schema, &values, rows.unwrap_or(0))).or_raise()
+    }
+
+    /// Ends the dataset cleanly.
+    fn finish(&self, py: Python<'_>) -> PyResult<()> {
+        self.process.check("this dataset writer")?;
+        let finished = py.detach(|| {
+            let mut open = lock(&self.open);
+            let begun = open.schema.is_some();
+            match open.writer.take() {
+                Some(mut writer) if begun => writer.finish().map_err(|error| failed(&self.path, error)),
+                _ => Ok(()),
+            }
+        });
+        finished.or_raise()
+    }
+}
+
+impl EpisodeWriter {
+    fn write(&self, schema: &Arc<Schema>, values: &[Column], rows: usize) -> Result<(), DataError> {
+        let mut open = lock(&self.open);
+        let Open { writer: Some(writer), schema: begun } = &mut *open else {
+            return Err(DataError::record(&self.path, "it is finished; open it again to append"));
+        };
+        match begun {
+            None => {
+                writer.begin(schema, &self.metadata).map_err(|error| failed(&self.path, error))?;
+                *begun = Some(schema.clone());
+            }
+            Some(begun) if begun == schema => {}
+            Some(_) => {
+                let reason = "schema mismatch: the episode has other columns than those before it";
+                return Err(DataError::record(&self.path, reason));
+            }
+        }
+        let mut batch = Batch::new(schema.clone(), rows);
+        for (at, column) in values.iter().enumerate() {
+            assert!(batch.column_mut(at).copy_from(column.as_slice()), "the schema is made of the columns");
+        }
+        writer.write_episode(&batch).map_err(|error| failed(&self.path, error))
+    }
+}
+
+/// The error of a sink, which is almost always one of datasets.
+fn failed(path: &Path, error: BoxError) -> DataError {
+    match error.downcast::<DataError>() {
+        Ok(error) => *error,
+        Err(error) => DataError::record(path, error.to_string()),
+    }
+}
+
+/// Copies all episodes of datasets, one after the other, to `to`. `progress` is called with the number of copied
+/// episodes. Returns the episodes that were there already, those that were copied, and their rows.
+#[pyfunction]
+#[pyo3(signature = (readers, to, format=None, mode="append", quality=None, fps=None, key_frame_period=None, progress=None))]
+#[expect(clippy::too_many_arguments, clippy::needless_pass_by_value, reason = "keywords of Python")]
+fn copy_datasets(
+    py: Python<'_>,
+    readers: Vec<PyRef<'_, Reader>>,
+    to: PathBuf,
+    format: Option<&str>,
+    mode: &str,
+    quality: Option<u8>,
+    fps: Option<f64>,
+    key_frame_period: Option<u32>,
+    progress: Option<Bound<'_, PyAny>>,
+) -> PyResult<(usize, usize, usize)> {
+    let options = options(mode, quality, fps, key_frame_period)?;
+    let cancel = Cancel::new();
+    let sources = readers.iter().map(|reader| {
+        let watched = Watched { dataset: reader.share(py)?, cancel: cancel.clone() };
+        Ok(Box::new(watched) as Box<dyn Dataset>)
+    });
+    let mut sources = sources.collect::<PyResult<Vec<_>>>()?;
+    let pieces = copy::all(&sources);
+    let done = AtomicUsize::new(0);
+    let tick = || match &progress {
+        Some(progress) => progress.call1((done.load(Ordering::Relaxed),)).map(drop),
+        None => Ok(()),
+    };
+    let copied = interruptible_with(py, &cancel, tick, || {
+        copy::copy_in(registry(), &mut sources, &pieces, &to, (format, &options), &mut |_| {
+            done.fetch_add(1, Ordering::Relaxed);
+        })
+    })?;
+    let copied = copied.or_raise()?;
+    Ok((copied.resumed, copied.episodes, copied.rows))
+}

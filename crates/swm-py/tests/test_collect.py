@@ -1,0 +1,193 @@
+"""Recordings: files equal to the command's, and writers that are Python objects."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import stable_worldmodel_rs as swm
+
+
+def make(num_envs: int = 3, **kwargs: object) -> swm.World:
+    kwargs.setdefault("max_episode_steps", 12)
+    return swm.World("swm/PushT-v1", num_envs, image_shape=(32, 32), threads=1, **kwargs)
+
+
+class Keeps:
+    """A writer that keeps what it gets."""
+
+    def __init__(self) -> None:
+        self.episodes: list[dict[str, Any]] = []
+        self.is_open = False
+
+    def __enter__(self) -> Keeps:
+        self.is_open = True
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.is_open = False
+
+    def write_episodes(self, episodes: Iterable[dict[str, Any]]) -> None:
+        assert self.is_open
+        self.episodes.extend(episodes)
+
+
+def columns(path: Path) -> dict[str, np.ndarray]:
+    found: dict[str, np.ndarray] = {}
+
+    def visit(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[()]
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+    return found
+
+
+def test_a_file_is_the_commands(tmp_path: Path) -> None:
+    ours, theirs = tmp_path / "ours.h5", tmp_path / "theirs.h5"
+    world = make()
+    world.set_policy("weak")
+    report = world.collect(ours, episodes=4, seed=7, options={"variation": ["agent.color"]}, progress=False)
+    assert report == {"path": str(ours), "episodes": 4, "total_episodes": 4, "steps": 52}
+    done = subprocess.run(
+        [sys.executable, "-m", "stable_worldmodel_rs", "collect", "swm/PushT-v1", "--policy", "weak", "--episodes", "4"]
+        + ["--seed", "7", "--max-steps", "12", "--image-size", "32x32", "--vary", "agent.color", "--out", str(theirs)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert ours.read_bytes() == theirs.read_bytes()
+
+
+def test_files_do_not_depend_on_the_number_of_environments(tmp_path: Path) -> None:
+    class Spring:
+        def get_action(self, infos: dict[str, np.ndarray]) -> np.ndarray:
+            return (256 - infos["state"][:, 0, :2]) / 256
+
+    for num_envs in (1, 4):
+        world = make(num_envs)
+        world.set_policy(Spring())
+        world.collect(tmp_path / f"{num_envs}.h5", episodes=5, seed=1, progress=False)
+    assert (tmp_path / "1.h5").read_bytes() == (tmp_path / "4.h5").read_bytes()
+
+
+def test_python_writers_get_what_files_hold(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    for policy in ("weak", "sine"):
+        world, writer = make(2), Keeps()
+        world.set_policy(policy)
+        world.collect(path, episodes=3, seed=2, mode="overwrite", progress=False)
+        report = world.collect(writer=writer, episodes=3, seed=2, progress=False)
+        assert report["episodes"] == len(writer.episodes) == 3 and report["steps"] == 39
+        stored = columns(path)
+        for name in ("state", "action", "pixels", "reward"):
+            joined = np.concatenate([episode[name] for episode in writer.episodes])
+            np.testing.assert_array_equal(joined, stored[name])
+        assert np.isnan(writer.episodes[0]["action"][-1]).all(), "the last step has no action"
+        assert writer.episodes[0]["pixels"].shape == (13, 32, 32, 3)
+
+
+def test_python_writers_and_policies_work_together() -> None:
+    class Constant:
+        def get_action(self, infos: dict[str, np.ndarray]) -> np.ndarray:
+            return np.full((2, 2), 0.5)
+
+    ours, native = Keeps(), Keeps()
+    world = make(2)
+    world.set_policy(Constant())
+    world.collect(writer=ours, episodes=3, seed=2, progress=False)
+    world.set_policy("constant:0.5,0.5")
+    world.collect(writer=native, episodes=3, seed=2, progress=False)
+    for one, other in zip(ours.episodes, native.episodes, strict=True):
+        assert list(one) == list(other)
+        np.testing.assert_array_equal(one["state"], other["state"])
+
+
+def test_writers_need_not_be_contexts_and_may_stop_early() -> None:
+    class First:
+        def write_episodes(self, episodes: Iterable[dict[str, Any]]) -> None:
+            self.first = next(iter(episodes))
+
+    world, writer = make(1), First()
+    world.set_policy("random")
+    world.collect(writer=writer, episodes=100_000, seed=0, progress=False)
+    assert len(writer.first["state"]) == 13
+    world.reset(seed=0)
+    world.step(np.zeros((1, 2)))
+
+
+def test_the_replay_buffer_is_a_writer() -> None:
+    buffer = swm.data.ReplayBuffer(max_steps=200)
+    world = make(2)
+    world.set_policy("random")
+    world.collect(writer=buffer, episodes=4, seed=0, progress=False)
+    assert buffer.num_episodes == 4
+
+
+def test_appended_episodes_are_those_of_one_run(tmp_path: Path) -> None:
+    world = make()
+    world.set_policy("random")
+    world.collect(tmp_path / "parts.h5", episodes=2, seed=5, progress=False)
+    report = world.collect(tmp_path / "parts.h5", episodes=3, seed=5, mode="append", progress=False)
+    assert report["total_episodes"] == 5
+    world.collect(tmp_path / "whole.h5", episodes=5, seed=5, progress=False)
+    parts, whole = columns(tmp_path / "parts.h5"), columns(tmp_path / "whole.h5")
+    np.testing.assert_array_equal(parts["state"], whole["state"])
+    with pytest.raises(swm.SwmError, match="exist"):
+        world.collect(tmp_path / "whole.h5", episodes=1, seed=5, progress=False)
+
+
+def test_formats_are_chosen_by_name_and_suffix(tmp_path: Path) -> None:
+    world = make(1)
+    world.set_policy("random")
+    world.collect(tmp_path / "plain", episodes=1, seed=0, progress=False)
+    assert h5py.is_hdf5(tmp_path / "plain")
+    world.collect(tmp_path / "images", episodes=1, seed=0, format="folder", progress=False)
+    assert (tmp_path / "images").is_dir()
+    with pytest.raises(swm.SwmError, match="hdf5"):
+        world.collect(tmp_path / "x.unknown", episodes=1, seed=0, progress=False)
+
+
+def test_replayable_files_render_their_images_when_read(tmp_path: Path) -> None:
+    world = make(2)
+    world.set_policy("random")
+    world.collect(tmp_path / "states.h5", episodes=2, seed=0, replayable=4, progress=False)
+    assert "pixels" not in columns(tmp_path / "states.h5") and "checkpoint" in columns(tmp_path / "states.h5")
+    world.set_policy(type("P", (), {"get_action": lambda self, infos: None})())
+    with pytest.raises(TypeError, match="replayable"):
+        world.collect(tmp_path / "b.h5", episodes=2, seed=0, replayable=4, progress=False)
+
+
+def test_what_is_asked_for_wrongly_is_refused(tmp_path: Path) -> None:
+    world = make(1)
+    world.set_policy("random")
+    with pytest.raises(ValueError, match="exactly one of `path` or `writer`"):
+        world.collect(episodes=1)
+    with pytest.raises(ValueError, match="1 or more"):
+        world.collect(tmp_path / "a.h5", episodes=0)
+    with pytest.raises(swm.SwmError, match="append, overwrite or error"):
+        world.collect(tmp_path / "a.h5", episodes=1, mode="both", progress=False)
+    unrecorded = make(1, unrecorded=["goal"])
+    unrecorded.set_policy("random")
+    unrecorded.collect(tmp_path / "b.h5", episodes=1, seed=0, progress=False)
+    assert "goal" not in columns(tmp_path / "b.h5")
+
+
+def test_a_bar_shows_progress(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("tqdm")
+    world = make(1)
+    world.set_policy("random")
+    world.collect(tmp_path / "a.h5", episodes=3, seed=0)
+    assert "3/3" in capsys.readouterr().err
+    world.collect(tmp_path / "b.h5", episodes=3, seed=0, progress=False)
+    captured = capsys.readouterr()
+    assert captured.err == "" and captured.out == ""

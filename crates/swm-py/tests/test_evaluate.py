@@ -1,0 +1,218 @@
+"""Evaluations: online, from rows of a dataset, and on manifests; equal to the command's, bit for bit."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stable_worldmodel_rs as swm
+
+
+def command(*arguments: str) -> Any:
+    """What the command prints as JSON."""
+    done = subprocess.run(
+        [sys.executable, "-m", "stable_worldmodel_rs", *arguments, "--json"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def make(num_envs: int = 3, **kwargs: object) -> swm.World:
+    return swm.World("swm/PushT-v1", num_envs, image_shape=(32, 32), threads=1, **kwargs)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("data") / "pusht.h5"
+    world = make()
+    world.set_policy("weak")
+    world.collect(path, episodes=4, seed=0, progress=False)
+    return path
+
+
+def test_results_have_the_references_keys() -> None:
+    world = make()
+    world.set_policy("expert")
+    result = world.evaluate(episodes=4, seed=42)
+    assert isinstance(result, dict)
+    assert result["episode_successes"].shape == (4,) and result["episode_successes"].dtype == np.bool_
+    assert result["seeds"].shape == (4,) and result["seeds"].dtype == np.int64
+    assert result["success_rate"] == 100.0 * result["episode_successes"].mean()
+    low, high = result["interval"]
+    assert low <= result["success_rate"] <= high and result["episodes"] == 4
+    assert result["setup"]["env"] == "swm/PushT-v1" and result["setup"]["policy"].startswith("expert")
+
+
+def test_an_evaluation_is_the_commands() -> None:
+    world = make(max_episode_steps=30)
+    world.set_policy("weak")
+    ours = world.evaluate(episodes=5, seed=3, options={"variation": ["agent"]})
+    theirs = command(
+        *("eval", "swm/PushT-v1", "--policy", "weak", "--episodes", "5", "--seed", "3", "--budget", "30", "--vary", "agent")
+    )
+    assert ours["episode_returns"].tolist() == theirs["episode_returns"]
+    assert ours["seeds"].tolist() == theirs["seeds"]
+    assert list(ours["interval"]) == theirs["ci95"]
+
+
+def test_an_evaluation_from_a_dataset_is_the_commands(recorded: Path) -> None:
+    world = make(2)
+    world.set_policy("weak")
+    dataset = swm.data.load_dataset(str(recorded))
+    ours = swm.evaluate_from_dataset(world, dataset, episodes=6, goal_offset=10, eval_budget=20, seed=4)
+    theirs = command(
+        *("eval", "swm/PushT-v1", "--policy", "weak", "--dataset", str(recorded), "--episodes", "6"),
+        *("--goal-offset", "10", "--budget", "20", "--seed", "4"),
+    )
+    assert ours["episode_returns"].tolist() == theirs["episode_returns"]
+    assert ours["episode_successes"].tolist() == theirs["episode_successes"]
+    assert ours["seeds"].tolist() == theirs["seeds"]
+    # The time limit of the World is its own again.
+    assert max(world.evaluate(episodes=1, seed=0)["episode_lengths"]) == 100
+
+
+def test_chosen_rows_are_starts_and_goals(recorded: Path) -> None:
+    class Looks:
+        first: dict[str, np.ndarray] | None = None
+
+        def get_action(self, infos: dict[str, np.ndarray]) -> np.ndarray:
+            if self.first is None:
+                self.first = {name: infos[name].copy() for name in ("state", "goal_state", "goal")}
+            return np.zeros((2, 2))
+
+    dataset = swm.data.load_dataset(str(recorded))
+    world, policy = make(2), Looks()
+    world.set_policy(policy)
+    callables = [
+        {"method": "_set_state", "args": {"state": {"value": "state"}}},
+        {"method": "_set_goal_state", "args": {"goal_state": {"value": "goal_state"}}},
+    ]
+    result = world.evaluate(
+        dataset=dataset, episodes_idx=[0, 2, 1], start_steps=[5, 0, 7], goal_offset=20, eval_budget=3, callables=callables
+    )
+    assert len(result["episode_successes"]) == 3 and max(result["episode_lengths"]) <= 3
+    chunks = dataset.load_chunk(np.array([0, 2]), np.array([5, 0]), np.array([26, 21]))
+    assert policy.first is not None
+    for row, chunk in enumerate(chunks):
+        states = np.asarray(chunk["state"])
+        np.testing.assert_array_equal(policy.first["state"][row, 0, :5], states[0, :5])
+        np.testing.assert_array_equal(policy.first["goal_state"][row, 0, :5], states[20, :5])
+
+
+def test_rows_that_do_not_fit_are_refused(recorded: Path) -> None:
+    dataset = swm.data.load_dataset(str(recorded))
+    world = make(1)
+    world.set_policy("random")
+    rows: dict[str, Any] = {"dataset": dataset, "episodes_idx": [0], "goal_offset": 5, "eval_budget": 5}
+    with pytest.raises(ValueError, match="start_steps"):
+        world.evaluate(**rows)
+    with pytest.raises(ValueError, match="1 episodes_idx and 2 start_steps"):
+        world.evaluate(**rows, start_steps=[0, 1])
+    with pytest.raises(ValueError, match="_paint"):
+        world.evaluate(**rows, start_steps=[0], callables=[{"method": "_paint"}])
+    with pytest.raises(ValueError, match="fewer episodes"):
+        swm.evaluate_from_dataset(world, dataset, episodes=10_000)
+    with pytest.raises(ValueError, match="frame skip"):
+        other = make(1, frame_skip=2)
+        other.set_policy("random")
+        other.evaluate(**rows, start_steps=[0])
+    with pytest.raises(ValueError, match="PushT"):
+        other = swm.World("swm_rs/TwoRoom-v2", 1, image_shape=(32, 32))
+        other.set_policy("random")
+        other.evaluate(**rows, start_steps=[0])
+
+
+def test_options_of_single_episodes() -> None:
+    world = make(2, max_episode_steps=3)
+    world.set_policy("random")
+    result = world.evaluate(episodes=3, seed=0, options=[{"variation": []}] * 3)
+    assert result["setup"]["from_recorded_rows"] and result["episodes"] == 3
+    with pytest.raises(swm.SwmError, match="2 dicts for 3 episodes"):
+        world.evaluate(episodes=3, seed=0, options=[{}] * 2)
+
+
+def test_videos_are_written(tmp_path: Path) -> None:
+    world = make(2, max_episode_steps=3)
+    world.set_policy("random")
+    result = world.evaluate(episodes=2, seed=0, video=tmp_path / "videos")
+    assert [Path(path).stem for path in result["videos"]] == ["episode_0", "episode_1"]
+    assert all(Path(path).stat().st_size > 100 for path in result["videos"])
+    assert "base64" in result._repr_html_()
+    plain = swm.World("swm/PushT-v1", 1, add_pixels=False)
+    plain.set_policy("random")
+    with pytest.raises(swm.SwmError, match="image_shape"):
+        plain.evaluate(episodes=1, seed=0, video=tmp_path)
+
+
+def test_success_by_a_rule() -> None:
+    world = make(2, max_episode_steps=5)
+    world.set_policy("random")
+    anywhere = {"all": [{"column": "block_pose", "goal": "goal_pose", "measure": "largest", "below": 1e6}]}
+    world.set_success(anywhere)
+    assert world.evaluate(episodes=3, seed=0)["success_rate"] == 100.0
+    world.set_success(None)
+    assert world.evaluate(episodes=3, seed=0)["success_rate"] == 0.0
+
+
+@pytest.fixture(scope="module")
+def manifest(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("manifest") / "m.toml"
+    made = swm.make_manifest(path, "swm/PushT-v1", episodes=4, tier="moderate", budget=12, variation=["agent.color"])
+    assert made == swm.read_manifest(path) and len(made["pairs"]) == 4
+    return path
+
+
+def test_a_receipt_is_the_commands(manifest: Path, tmp_path: Path) -> None:
+    ours = swm.evaluate(manifest, "weak", tmp_path / "ours", references=["random", "no_op"], progress=False)
+    command(
+        *("eval", "--manifest", str(manifest), "--policy", "weak", "--reference", "random,no-op"),
+        *("--out", str(tmp_path / "theirs")),
+    )
+    theirs = swm.read_receipt(tmp_path / "theirs")
+    assert {**ours, "wall_time_s": 0} == {**theirs, "wall_time_s": 0}
+    assert swm.read_receipt(tmp_path / "ours") == ours
+    assert swm.verify(ours, progress=False)["equal"]
+
+
+def test_a_python_policy_gets_the_receipt_of_a_native_one(manifest: Path, tmp_path: Path) -> None:
+    class Zero:
+        def get_action(self, infos: dict[str, np.ndarray]) -> np.ndarray:
+            return np.zeros((len(infos["state"]), 2))
+
+    zero = swm.evaluate(manifest, Zero(), tmp_path, references=["random"], num_envs=3, progress=False)
+    native = swm.evaluate(manifest, "constant", references=[], progress=False)
+    assert zero["episodes"] == native["episodes"] and zero["policy"] == "Zero"
+    assert zero["references"][0]["role"] == "random"
+    # A second call finds all episodes done.
+    again = swm.evaluate(manifest, Zero(), tmp_path, references=[], progress=False)
+    assert again["episodes"] == zero["episodes"]
+    compared = swm.compare(native, tmp_path)
+    assert compared[1]["test"]["difference"] == 0.0 and compared[0]["test"] is None
+    assert "Zero" in compared._repr_html_() and "Zero" in repr(zero)
+
+
+def test_manifests_that_do_not_exist_or_were_changed_are_refused(manifest: Path, tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        swm.read_manifest(tmp_path / "none.toml")
+    changed = tmp_path / "changed.toml"
+    changed.write_text(manifest.read_text().replace("budget = 12", "budget = 13"))
+    with pytest.raises(swm.SwmError, match="was changed"):
+        swm.read_manifest(changed)
+    with pytest.raises(swm.SwmError, match="no reference policy"):
+        swm.evaluate(manifest, "random", references=["best"], progress=False)
+
+
+def test_a_replay_repeats_the_recorded_rows(recorded: Path) -> None:
+    report = swm.replay(recorded, progress=False)
+    assert report["ok"] and report["episodes"] == 4
+    assert all(column["max_abs"] == 0 for column in report["columns"].values())
+    moved = swm.replay(recorded, [0], variation_values={"agent.start_position": [50.0, 60.0]}, progress=False)
+    assert not moved["ok"]
+    with pytest.raises(swm.SwmError, match="no episode 9"):
+        swm.replay(recorded, [9], progress=False)
