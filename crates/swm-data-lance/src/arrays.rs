@@ -1,4 +1,5 @@
-//! Columns of ours as Arrow arrays, and back: numbers, texts, and JPEG files. Nothing here knows files or tables.
+//! Columns of ours as Arrow arrays, and back: numbers, texts, and JPEG files; and their types. Nothing here knows files or
+//! tables.
 
 use std::sync::Arc;
 
@@ -14,12 +15,11 @@ use arrow_array::{
 use arrow_schema::{DataType, Field as ArrowField};
 use crc32fast::Hasher;
 use swm_core::{Column, Dtype, Field, Slice, SliceMut};
+use swm_data::error::{FormatError, Result, invalid, missing, unsupported, wrong_type};
 use swm_media::jpeg;
 
-use crate::manifest::is_image;
-
 /// How single numbers of a type are stored. Bits are bytes: Lance has no lists of bits.
-pub(crate) fn item_type(dtype: Dtype) -> DataType {
+fn item_type(dtype: Dtype) -> DataType {
     match dtype {
         Dtype::Bool | Dtype::U8 => DataType::UInt8,
         Dtype::I32 => DataType::Int32,
@@ -30,8 +30,27 @@ pub(crate) fn item_type(dtype: Dtype) -> DataType {
     }
 }
 
+/// Whether a column's rows are JPEG files where they are no videos.
+pub(crate) fn is_image(field: &Field) -> bool {
+    let (Dtype::U8, &[height, width, 1 | 3]) = (field.dtype, &field.shape[..]) else { return false };
+    height.max(width) <= 16_384
+}
+
+/// How a column is typed in the table. The reference has `float32` for all numbers, and reads any.
+pub(crate) fn stored_type(field: &Field) -> DataType {
+    match field.dtype {
+        _ if is_image(field) => DataType::Binary,
+        // Several texts are one, in JSON.
+        Dtype::Str => DataType::Utf8,
+        dtype => {
+            let item = ArrowField::new("item", item_type(dtype), true);
+            DataType::FixedSizeList(Arc::new(item), field.dim() as i32)
+        }
+    }
+}
+
 /// Rows of a column that is no image.
-pub(crate) fn to_array(field: &Field, values: Slice<'_>) -> Result<ArrayRef, String> {
+pub(crate) fn to_array(field: &Field, values: Slice<'_>) -> Result<ArrayRef> {
     let numbers: ArrayRef = match values {
         Slice::Bool(values) => {
             Arc::new(UInt8Array::from_iter_values(values.iter().map(|&value| u8::from(value))))
@@ -46,14 +65,14 @@ pub(crate) fn to_array(field: &Field, values: Slice<'_>) -> Result<ArrayRef, Str
         }
         Slice::Str(texts) => {
             let rows = texts.chunks_exact(field.dim()).map(serde_json::to_string);
-            let rows = rows.collect::<Result<Vec<_>, _>>().map_err(|error| error.to_string())?;
+            let rows = rows.collect::<Result<Vec<_>, _>>()?;
             return Ok(Arc::new(StringArray::from(rows)));
         }
     };
     let item = Arc::new(ArrowField::new("item", numbers.data_type().clone(), true));
-    let width = i32::try_from(field.dim()).map_err(|_| "a row is too wide")?;
+    let width = i32::try_from(field.dim()).map_err(|_| invalid("a row is too wide"))?;
     let list = FixedSizeListArray::try_new(item, width, numbers, None);
-    Ok(Arc::new(list.map_err(|error| error.to_string())?))
+    Ok(Arc::new(list.map_err(FormatError::other)?))
 }
 
 /// Files of images as a column.
@@ -86,7 +105,7 @@ fn items(array: &dyn Array) -> ArrayRef {
 }
 
 /// The type and the width of a column of another program; the reason if it cannot be one.
-pub(crate) fn infer(stored: &DataType) -> Result<(Dtype, Vec<usize>), String> {
+pub(crate) fn infer(stored: &DataType) -> Result<(Dtype, Vec<usize>)> {
     let dtype = |stored: &DataType| match stored {
         DataType::Boolean => Ok(Dtype::Bool),
         DataType::UInt8 => Ok(Dtype::U8),
@@ -95,7 +114,7 @@ pub(crate) fn infer(stored: &DataType) -> Result<(Dtype, Vec<usize>), String> {
         DataType::Float16 | DataType::Float32 => Ok(Dtype::F32),
         DataType::Float64 => Ok(Dtype::F64),
         DataType::Utf8 | DataType::LargeUtf8 => Ok(Dtype::Str),
-        other => Err(format!("values of type {other} are not supported")),
+        other => Err(unsupported(format!("values of type {other} are not supported"))),
     };
     match stored {
         // The reference stores single numbers so.
@@ -108,14 +127,14 @@ pub(crate) fn infer(stored: &DataType) -> Result<(Dtype, Vec<usize>), String> {
 }
 
 /// Copies the rows of an array into `out`, `[rows, …shape]` values of the field's type.
-pub(crate) fn from_array(array: &ArrayRef, field: &Field, out: SliceMut<'_>) -> Result<(), String> {
+pub(crate) fn from_array(array: &ArrayRef, field: &Field, out: SliceMut<'_>) -> Result<()> {
     if is_image(field) {
-        let SliceMut::U8(out) = out else { return Err("images are bytes".to_owned()) };
+        let SliceMut::U8(out) = out else { return Err(wrong_type("images are bytes")) };
         return decode(array, field, out);
     }
     let values = if matches!(array.data_type(), DataType::FixedSizeList(..)) {
         if array.null_count() > 0 {
-            return Err("some rows are missing".to_owned());
+            return Err(missing("some rows are missing"));
         }
         items(array)
     } else {
@@ -125,22 +144,22 @@ pub(crate) fn from_array(array: &ArrayRef, field: &Field, out: SliceMut<'_>) -> 
     let found = column(values.as_ref(), field)?;
     match found.len() == out.len() && out.copy_from(found.as_slice()) {
         true => Ok(()),
-        false => Err(format!(
+        false => Err(wrong_type(format!(
             "{} values of {} instead of {} of {}",
             found.len(),
             found.dtype(),
             out.len(),
             out.dtype()
-        )),
+        ))),
     }
 }
 
 /// The values of an array as a column of the field's type.
-fn column(values: &dyn Array, field: &Field) -> Result<Column, String> {
+fn column(values: &dyn Array, field: &Field) -> Result<Column> {
     // Missing numbers are NaN where there is such a thing.
     let is_real = matches!(values.data_type(), DataType::Float16 | DataType::Float32 | DataType::Float64);
     if values.null_count() > 0 && !is_real {
-        return Err("some values are missing".to_owned());
+        return Err(missing("some values are missing"));
     }
     macro_rules! integers {
         ($stored:ty, $ours:ty) => {
@@ -148,8 +167,8 @@ fn column(values: &dyn Array, field: &Field) -> Result<Column, String> {
                 .as_primitive::<$stored>()
                 .values()
                 .iter()
-                .map(|&value| <$ours>::try_from(value).map_err(|_| format!("{value} is too large")))
-                .collect::<Result<Vec<$ours>, String>>()?
+                .map(|&value| <$ours>::try_from(value).map_err(|_| invalid(format!("{value} is too large"))))
+                .collect::<Result<Vec<$ours>>>()?
         };
     }
     macro_rules! reals {
@@ -175,19 +194,19 @@ fn column(values: &dyn Array, field: &Field) -> Result<Column, String> {
         (Dtype::F64, DataType::Float64) => Column::F64(reals!(Float64Type, |value| value)),
         (Dtype::Str, DataType::Utf8) => texts(values.as_string::<i32>().iter().flatten(), field)?,
         (Dtype::Str, DataType::LargeUtf8) => texts(values.as_string::<i64>().iter().flatten(), field)?,
-        (dtype, stored) => return Err(format!("it holds {stored} instead of {dtype}")),
+        (dtype, stored) => return Err(wrong_type(format!("it holds {stored} instead of {dtype}"))),
     })
 }
 
-fn texts<'a>(rows: impl Iterator<Item = &'a str>, field: &Field) -> Result<Column, String> {
+fn texts<'a>(rows: impl Iterator<Item = &'a str>, field: &Field) -> Result<Column> {
     if field.shape.is_empty() {
         return Ok(Column::Str(rows.map(str::to_owned).collect()));
     }
     let mut all = Vec::new();
     for row in rows {
-        let texts: Vec<String> = serde_json::from_str(row).map_err(|error| error.to_string())?;
+        let texts: Vec<String> = serde_json::from_str(row)?;
         if texts.len() != field.dim() {
-            return Err(format!("{} texts instead of {}", texts.len(), field.dim()));
+            return Err(wrong_type(format!("{} texts instead of {}", texts.len(), field.dim())));
         }
         all.extend(texts);
     }
@@ -195,24 +214,23 @@ fn texts<'a>(rows: impl Iterator<Item = &'a str>, field: &Field) -> Result<Colum
 }
 
 /// The file of a row of images.
-pub(crate) fn file(array: &dyn Array, row: usize) -> Result<&[u8], String> {
+pub(crate) fn file(array: &dyn Array, row: usize) -> Result<&[u8]> {
     let file = match array.data_type() {
         _ if array.is_null(row) => None,
         DataType::Binary => Some(array.as_binary::<i32>().value(row)),
         DataType::LargeBinary => Some(array.as_binary::<i64>().value(row)),
-        other => return Err(format!("it holds {other} instead of files")),
+        other => return Err(wrong_type(format!("it holds {other} instead of files"))),
     };
-    file.ok_or_else(|| "a file is missing".to_owned())
+    file.ok_or(missing("a file is missing"))
 }
 
-fn decode(array: &ArrayRef, field: &Field, out: &mut [u8]) -> Result<(), String> {
-    let &[height, width, channels] = &field.shape[..] else { return Err("no images".to_owned()) };
+fn decode(array: &ArrayRef, field: &Field, out: &mut [u8]) -> Result<()> {
+    let &[height, width, channels] = &field.shape[..] else { return Err(wrong_type("no images")) };
     if out.len() != array.len() * field.dim() {
-        return Err(format!("{} images", array.len()));
+        return Err(invalid(format!("{} images", array.len())));
     }
     for (row, out) in out.chunks_exact_mut(field.dim()).enumerate() {
-        jpeg::decode_into(file(array, row)?, [height, width, channels], out)
-            .map_err(|error| error.to_string())?;
+        jpeg::decode_into(file(array, row)?, [height, width, channels], out)?;
     }
     Ok(())
 }
@@ -250,13 +268,14 @@ mod tests {
     fn what_is_no_column_of_ours_is_said() {
         let list =
             |item, width| DataType::FixedSizeList(Arc::new(ArrowField::new("item", item, true)), width);
-        assert_eq!(infer(&list(DataType::Float32, 3)), Ok((Dtype::F32, vec![3])));
-        assert_eq!(infer(&list(DataType::Float64, 1)), Ok((Dtype::F64, vec![])));
-        assert_eq!(infer(&DataType::UInt16), Ok((Dtype::I32, vec![])));
-        assert!(infer(&DataType::Date32).unwrap_err().contains("Date32"));
+        assert_eq!(infer(&list(DataType::Float32, 3)).unwrap(), (Dtype::F32, vec![3]));
+        assert_eq!(infer(&list(DataType::Float64, 1)).unwrap(), (Dtype::F64, vec![]));
+        assert_eq!(infer(&DataType::UInt16).unwrap(), (Dtype::I32, vec![]));
+        assert!(infer(&DataType::Date32).unwrap_err().to_string().contains("Date32"));
         let missing: ArrayRef = Arc::new(Int32Array::from(vec![Some(1), None]));
         let field = Field::step("a", Dtype::I32, &[]);
-        assert!(from_array(&missing, &field, SliceMut::I32(&mut [0; 2])).unwrap_err().contains("missing"));
+        let error = from_array(&missing, &field, SliceMut::I32(&mut [0; 2])).unwrap_err();
+        assert!(matches!(&error, FormatError::Missing(_)), "{error}");
         let missing: ArrayRef = Arc::new(Float32Array::from(vec![Some(1.0), None]));
         let (field, mut out) = (Field::step("a", Dtype::F32, &[]), [0.0; 2]);
         from_array(&missing, &field, SliceMut::F32(&mut out)).unwrap();

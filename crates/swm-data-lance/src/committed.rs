@@ -17,9 +17,8 @@ use lance_table::format::Fragment;
 
 use crate::data_file::fragment_of;
 use crate::table::{DATA, Table, wait};
+use swm_data::error::{At as _, FormatError, Result};
 
-/// Of the listed files, this part may be missing in the newest manifest.
-const LAG: usize = 64;
 /// For files of which only the end is read.
 const AHEAD_BYTES: u64 = 1 << 20;
 
@@ -34,13 +33,8 @@ pub(crate) fn is_recorded(fragments: &[Fragment]) -> bool {
     fragments.iter().enumerate().all(named)
 }
 
-/// Whether a manifest is to be written, of `listed` files in the last one and `all` now.
-pub(crate) fn is_due(listed: usize, all: usize) -> bool {
-    (all - listed) * LAG >= listed
-}
-
 /// Opens the newest version of a table, and adds what was committed after it.
-pub(crate) fn open(folder: &Path) -> Result<Table, String> {
+pub(crate) fn open(folder: &Path) -> Result<Table> {
     let mut table = Table::open(folder)?;
     if !table.is_being_recorded() || !is_recorded(table.fragments()) {
         return Ok(table);
@@ -50,15 +44,14 @@ pub(crate) fn open(folder: &Path) -> Result<Table, String> {
         if !folder.join(DATA).join(&name).is_file() {
             return Ok(table);
         }
-        let rows = rows_of(&table, &name)
-            .map_err(|reason| format!("its file {name}, which no manifest lists yet: {reason}"))?;
+        let rows = rows_of(&table, &name).at(format_args!("its file {name}, which no manifest lists yet"))?;
         let fragment = fragment_of(&table, name, rows, None);
         table.push(fragment);
     }
 }
 
 /// The number of rows in a file.
-fn rows_of(table: &Table, name: &str) -> Result<usize, String> {
+fn rows_of(table: &Table, name: &str) -> Result<usize> {
     let path = table.path(&format!("{DATA}/{name}"));
     let cache = LanceCache::with_capacity(0);
     let reader = wait(async {
@@ -67,22 +60,5 @@ fn rows_of(table: &Table, name: &str) -> Result<usize, String> {
         let plugins = Arc::<DecoderPlugins>::default();
         FileReader::try_open(file, None, plugins, &cache, FileReaderOptions::default()).await
     })?;
-    usize::try_from(reader.num_rows()).map_err(|error| error.to_string())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn manifests_become_rare_as_tables_grow() {
-        let (mut listed, mut entries, mut manifests) = (0, 0, 0);
-        for all in 1..=10_000 {
-            if is_due(listed, all) {
-                (listed, entries, manifests) = (all, entries + all, manifests + 1);
-            }
-            assert!(all - listed <= 1 + all / LAG, "{all}: {listed}");
-        }
-        assert!(entries < 2 * LAG * 10_000 && manifests < 500, "{entries} {manifests}");
-    }
+    usize::try_from(reader.num_rows()).map_err(FormatError::other)
 }

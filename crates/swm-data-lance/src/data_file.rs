@@ -20,6 +20,7 @@ use lance_io::utils::CachedFileSize;
 use lance_table::format::{DataFile, Fragment};
 
 use crate::table::{DATA, FILE_VERSION, Table, wait};
+use swm_data::error::{FormatError, Result, invalid, missing};
 
 /// Bytes that a file of rows holds back until it writes a page; shared by its columns.
 const HELD_BYTES: u64 = 64 << 20;
@@ -42,7 +43,7 @@ pub(crate) struct DataWriter {
 
 impl DataWriter {
     /// Begins the file of this name, in place of what an interrupted recording left there.
-    pub(crate) fn create(table: &Table, name: &str) -> Result<Self, String> {
+    pub(crate) fn create(table: &Table, name: &str) -> Result<Self> {
         let path = table.path(&format!("{DATA}/{name}"));
         let options =
             FileWriterOptions { data_cache_bytes: Some(HELD_BYTES), ..FileWriterOptions::default() };
@@ -54,14 +55,14 @@ impl DataWriter {
     }
 
     /// Appends rows, a column after the other.
-    pub(crate) fn append(&mut self, columns: Vec<ArrayRef>) -> Result<(), String> {
-        let batch = RecordBatch::try_new(self.schema.clone(), columns).map_err(|error| error.to_string())?;
+    pub(crate) fn append(&mut self, columns: Vec<ArrayRef>) -> Result<()> {
+        let batch = RecordBatch::try_new(self.schema.clone(), columns).map_err(FormatError::other)?;
         self.rows += batch.num_rows();
         wait(self.writer.write_batch(&batch))
     }
 
     /// Ends the file: the fragment that it is. `about` is its description.
-    pub(crate) fn finish(mut self, table: &Table, about: &[(&str, String)]) -> Result<Fragment, String> {
+    pub(crate) fn finish(mut self, table: &Table, about: &[(&str, String)]) -> Result<Fragment> {
         for (key, value) in about {
             self.writer.add_schema_metadata(*key, value.clone());
         }
@@ -99,16 +100,16 @@ pub(crate) struct Rows {
 }
 
 impl DataReader {
-    pub(crate) fn new(table: Table) -> Result<Self, String> {
+    pub(crate) fn new(table: Table) -> Result<Self> {
         let (mut firsts, mut all_deleted) = (vec![0usize], Vec::new());
         for fragment in table.fragments() {
             let deleted = table.deleted(fragment)?;
-            let rows = fragment.physical_rows.ok_or("it does not say how many rows it has")?;
+            let rows = fragment.physical_rows.ok_or(invalid("it does not say how many rows it has"))?;
             if deleted.last().is_some_and(|&last| last as usize >= rows) {
-                return Err(format!("a row is deleted that its file of {rows} rows does not have"));
+                return Err(invalid(format!("a row is deleted that its file of {rows} rows does not have")));
             }
             let end = firsts[firsts.len() - 1].checked_add(rows - deleted.len());
-            firsts.push(end.ok_or("it has more rows than can be counted")?);
+            firsts.push(end.ok_or(invalid("it has more rows than can be counted"))?);
             all_deleted.push(deleted.iter().zip(0..).map(|(&row, before)| row - before).collect());
         }
         let (store, config) = (table.store.clone(), SchedulerConfig::new(AHEAD_BYTES));
@@ -135,14 +136,14 @@ impl DataReader {
         &self,
         field: i32,
         rows: Rows,
-        take: &mut dyn FnMut(&ArrayRef) -> Result<(), String>,
-    ) -> Result<(), String> {
+        take: &mut dyn FnMut(&ArrayRef) -> Result<()>,
+    ) -> Result<()> {
         let mut at = 0;
         while at < rows.count {
             let row = rows.first + at * rows.stride;
             let fragment = self.firsts.partition_point(|&first| first <= row) - 1;
             let Some(&end) = self.firsts.get(fragment + 1) else {
-                return Err(format!("it has no row {row}"));
+                return Err(missing(format!("it has no row {row}")));
             };
             let count = ((end - 1 - row) / rows.stride + 1).min(rows.count - at);
             let here = Rows { first: row - self.firsts[fragment], count, ..rows };
@@ -153,7 +154,7 @@ impl DataReader {
     }
 
     /// As [`Self::read`], all at once.
-    pub(crate) fn read_all(&self, field: i32) -> Result<Vec<ArrayRef>, String> {
+    pub(crate) fn read_all(&self, field: i32) -> Result<Vec<ArrayRef>> {
         let mut arrays = Vec::new();
         let rows = Rows { first: 0, count: self.rows(), stride: 1 };
         self.read(field, rows, &mut |array| {
@@ -168,15 +169,15 @@ impl DataReader {
         fragment: usize,
         field: i32,
         rows: Rows,
-        take: &mut dyn FnMut(&ArrayRef) -> Result<(), String>,
-    ) -> Result<(), String> {
+        take: &mut dyn FnMut(&ArrayRef) -> Result<()>,
+    ) -> Result<()> {
         let (reader, projection) = self.file(fragment, field)?;
         let deleted = &self.deleted[fragment];
         let stored = |row: usize| row + deleted.partition_point(|&before| before as usize <= row);
         let last = rows.first + (rows.count - 1) * rows.stride;
         let end = stored(last) + 1;
         if end as u64 > reader.num_rows() {
-            return Err(format!("a file has {} rows, the table counts on {end}", reader.num_rows()));
+            return Err(invalid(format!("a file has {} rows, the table counts on {end}", reader.num_rows())));
         }
         let which = if end - stored(rows.first) == rows.count {
             ReadBatchParams::Range(stored(rows.first)..end)
@@ -191,26 +192,26 @@ impl DataReader {
         })?;
         let found: usize = batches.iter().map(RecordBatch::num_rows).sum();
         if found != rows.count || batches.iter().any(|batch| batch.num_columns() != 1) {
-            return Err(format!("{found} rows of {}", rows.count));
+            return Err(invalid(format!("{found} rows of {}", rows.count)));
         }
         batches.iter().try_for_each(|batch| take(batch.column(0)))
     }
 
     /// The description in the file of a fragment.
-    pub(crate) fn about(&self, fragment: usize, field: i32) -> Result<HashMap<String, String>, String> {
+    pub(crate) fn about(&self, fragment: usize, field: i32) -> Result<HashMap<String, String>> {
         Ok(self.file(fragment, field)?.0.schema().metadata.clone())
     }
 
     /// The file of a fragment that holds a field, and where it is in that.
-    fn file(&self, fragment: usize, field: i32) -> Result<(FileReader, ReaderProjection), String> {
+    fn file(&self, fragment: usize, field: i32) -> Result<(FileReader, ReaderProjection)> {
         let files = &self.table.fragments()[fragment].files;
         let holds = |file: &DataFile| file.fields.contains(&field);
         let Some(index) = files.iter().position(holds) else {
-            return Err("a part of it is missing".to_owned());
+            return Err(missing("a part of it is missing"));
         };
         let file = &files[index];
         let reader = self.open(fragment, index, file)?;
-        let version = file.file_version().map_err(|error| error.to_string())?;
+        let version = file.file_version().map_err(FormatError::other)?;
         let places: BTreeMap<u32, u32> = file
             .fields
             .iter()
@@ -219,10 +220,10 @@ impl DataReader {
             .collect();
         let schema = self.table.schema().project_by_ids(&[field], true);
         let projection = reader_projection_from_field_ids(version, &schema, &places);
-        Ok((reader, projection.map_err(|error| error.to_string())?))
+        Ok((reader, projection.map_err(FormatError::other)?))
     }
 
-    fn open(&self, fragment: usize, index: usize, file: &DataFile) -> Result<FileReader, String> {
+    fn open(&self, fragment: usize, index: usize, file: &DataFile) -> Result<FileReader> {
         let lock = || self.open.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(reader) = lock().get(&(fragment, index)) {
             return Ok(reader.clone());

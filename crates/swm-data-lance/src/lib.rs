@@ -21,41 +21,34 @@ mod table;
 mod videos;
 mod writer;
 
-use std::path::Path;
-
 use swm_data::Format;
 use swm_data::recording::BackendWriter;
 
 use crate::reader::LanceDataset;
 use crate::table::Table;
-use crate::writer::LanceBackend;
+use crate::writer::{IMAGES, LanceBackend, VIDEOS};
 
 /// Images in the rows.
 pub const LANCE: Format = Format::new(
-    "lance",
+    IMAGES,
     "a folder of columns, the reference's own format; lossy images (JPEG)",
     |path| Table::exists(path) && !Table::exists(&videos::folder(path)),
-    |path| Ok(Box::new(LanceDataset::open(path, LANCE.name)?)),
+    |path| Ok(Box::new(LanceDataset::open(path, IMAGES)?)),
 )
 .extensions(&["lance"])
-.writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, LanceBackend::images())?)))
-.repairer(|path, apply| writer::repair(path, LANCE.name, apply));
+.writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, LanceBackend { has_videos: false })?)))
+.repairer(|path, apply| writer::repair(path, IMAGES, apply));
 
 /// A video per episode in a table beside the rows, `name_videos.lance`.
 pub const LANCE_VIDEO: Format = Format::new(
-    "lance-video",
+    VIDEOS,
     "two folders of columns, with videos for images; small, lossy images (H.264)",
     |path| Table::exists(path) && Table::exists(&videos::folder(path)),
-    |path| Ok(Box::new(LanceDataset::open(path, LANCE_VIDEO.name)?)),
+    |path| Ok(Box::new(LanceDataset::open(path, VIDEOS)?)),
 )
 .extensions(&["lance-video"])
-.writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, LanceBackend::videos())?)))
-.repairer(|path, apply| writer::repair(path, LANCE_VIDEO.name, apply));
+.writer(|path, options| Ok(Box::new(BackendWriter::new(path, options, LanceBackend { has_videos: true })?)))
+.repairer(|path, apply| writer::repair(path, VIDEOS, apply));
 
 /// The formats of this crate.
 pub const FORMATS: &[Format] = &[LANCE, LANCE_VIDEO];
-
-/// What a table is called: its folder without `.lance`.
-fn stem(path: &Path) -> String {
-    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
-}

@@ -1,16 +1,16 @@
 //! What a table of ours states beyond Lance, under one key of its metadata: the columns as they were recorded and
-//! the runs that recorded them; and what a column is called and how it is typed in the table.
+//! the runs that recorded them; and what a column is called in the table.
 
 use std::collections::HashMap;
-use std::sync::Arc;
 
 use arrow_schema::{DataType, Field as ArrowField, Schema as ArrowSchema};
 use lance_core::datatypes::Schema;
 use serde::{Deserialize, Serialize};
-use swm_core::{Dtype, Field, Metadata};
+use swm_core::{Field, Metadata};
+use swm_data::error::{At as _, FormatError, Result, invalid, unsupported};
 use swm_data::video;
 
-use crate::arrays::item_type;
+use crate::arrays::stored_type;
 
 /// The key.
 const KEY: &str = "swm";
@@ -41,24 +41,27 @@ impl Manifest {
     }
 
     /// Reads it; `None` in tables of other programs.
-    pub(crate) fn read(about: &HashMap<String, String>) -> Result<Option<Self>, String> {
+    pub(crate) fn read(about: &HashMap<String, String>) -> Result<Option<Self>> {
         let Some(text) = about.get(KEY) else { return Ok(None) };
-        let manifest: Self = serde_json::from_str(text).map_err(|error| format!("its record: {error}"))?;
+        let manifest: Self = serde_json::from_str(text).at("its record")?;
         if manifest.version != VERSION {
-            return Err(format!("its record has version {}, this program knows {VERSION}", manifest.version));
+            return Err(unsupported(format!(
+                "its record has version {}, this program knows {VERSION}",
+                manifest.version
+            )));
         }
         for Field { name, shape, .. } in &manifest.columns {
             let bytes = shape.iter().try_fold(8usize, |bytes, &size| bytes.checked_mul(size));
             if bytes.is_none_or(|bytes| bytes == 0 || bytes > MAX_ROW_BYTES) {
-                return Err(format!("a row of column `{name}` has the shape {shape:?}"));
+                return Err(invalid(format!("a row of column `{name}` has the shape {shape:?}")));
             }
         }
         Ok(Some(manifest))
     }
 
     /// As metadata of the table.
-    pub(crate) fn about(&self) -> Result<HashMap<String, String>, String> {
-        let text = serde_json::to_string(self).map_err(|error| error.to_string())?;
+    pub(crate) fn about(&self) -> Result<HashMap<String, String>> {
+        let text = serde_json::to_string(self)?;
         Ok(HashMap::from([(KEY.to_owned(), text)]))
     }
 
@@ -76,7 +79,7 @@ impl Manifest {
     }
 
     /// The columns of the table; those that are `videos` are not in it.
-    pub(crate) fn schema(&self, videos: bool) -> Result<Schema, String> {
+    pub(crate) fn schema(&self, videos: bool) -> Result<Schema> {
         let mut fields = vec![
             ArrowField::new(EPISODE, DataType::Int32, true),
             ArrowField::new(STEP, DataType::Int32, true),
@@ -86,31 +89,14 @@ impl Manifest {
                 fields.push(ArrowField::new(name, stored_type(field), true));
             }
         }
-        Schema::try_from(&ArrowSchema::new(fields)).map_err(|error| error.to_string())
-    }
-}
-
-/// Whether a column's rows are JPEG files where they are no videos.
-pub(crate) fn is_image(field: &Field) -> bool {
-    let (Dtype::U8, &[height, width, 1 | 3]) = (field.dtype, &field.shape[..]) else { return false };
-    height.max(width) <= 16_384
-}
-
-/// How a column is typed in the table. The reference has `float32` for all numbers, and reads any.
-pub(crate) fn stored_type(field: &Field) -> DataType {
-    match field.dtype {
-        _ if is_image(field) => DataType::Binary,
-        // Several texts are one, in JSON.
-        Dtype::Str => DataType::Utf8,
-        dtype => {
-            let item = ArrowField::new("item", item_type(dtype), true);
-            DataType::FixedSizeList(Arc::new(item), field.dim() as i32)
-        }
+        Schema::try_from(&ArrowSchema::new(fields)).map_err(FormatError::other)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use swm_core::Dtype;
+
     use super::*;
 
     #[test]

@@ -12,15 +12,16 @@ use arrow_schema::DataType;
 use crc32fast::Hasher;
 use swm_core::{Dtype, Field, Schema, SliceMut};
 use swm_data::dataset::{CHANGED, DatasetInfo};
+use swm_data::error::{At as _, FormatError, Result, invalid, missing, wrong_type};
 use swm_data::recording::EP_IDX;
 use swm_data::video::{self, VideoReader};
 use swm_data::{DataError, Dataset, Steps};
 use swm_media::jpeg;
 
-use crate::arrays::{file, from_array, infer, sum_up};
+use crate::arrays::{file, from_array, infer, stored_type, sum_up};
 use crate::committed::{self, is_recorded};
 use crate::data_file::{DataReader, Rows};
-use crate::manifest::{EPISODE, Manifest, stored_type};
+use crate::manifest::{EPISODE, Manifest};
 use crate::table::Table;
 use crate::videos::{self, Videos};
 
@@ -60,7 +61,7 @@ enum Source {
 
 impl LanceDataset {
     pub(crate) fn open(path: &Path, format: &'static str) -> Result<Self, DataError> {
-        let shared = Shared::open(path, format).map_err(|reason| DataError::damaged(path, reason))?;
+        let shared = Shared::open(path, format).map_err(|error| DataError::damaged(path, error))?;
         Ok(Self { shared: Arc::new(shared), open: BTreeMap::new() })
     }
 
@@ -69,18 +70,18 @@ impl LanceDataset {
         self.shared.ours.is_some()
     }
 
-    fn video(&mut self, column: usize, episode: usize, key: &str) -> Result<&mut VideoReader, String> {
+    fn video(&mut self, column: usize, episode: usize, key: &str) -> Result<&mut VideoReader> {
         if self.open.get(&column).is_none_or(|(there, _)| *there != episode) {
             self.open.remove(&column);
             let video = self.shared.video(episode, key)?;
             self.open.insert(column, (episode, video));
         }
-        self.open.get_mut(&column).map(|(_, video)| video).ok_or_else(|| "no video".to_owned())
+        self.open.get_mut(&column).map(|(_, video)| video).ok_or(missing("no video"))
     }
 }
 
 impl Shared {
-    fn open(path: &Path, format: &'static str) -> Result<Self, String> {
+    fn open(path: &Path, format: &'static str) -> Result<Self> {
         let table = committed::open(path)?;
         let beside = videos::folder(path);
         let videos = Table::exists(&beside).then(|| Videos::open(&beside)).transpose()?;
@@ -98,26 +99,28 @@ impl Shared {
         };
         fields.push((Field::step(EP_IDX, Dtype::I32, &[]), Source::Episode));
         let (fields, columns): (Vec<Field>, Vec<Source>) = fields.into_iter().unzip();
-        shared.info.schema = Schema::new(fields).map_err(|error| error.to_string())?;
+        shared.info.schema = Schema::new(fields)?;
         shared.columns = columns;
         Ok(shared)
     }
 
-    fn own_columns(&self, ours: &Manifest) -> Result<Vec<(Field, Source)>, String> {
+    fn own_columns(&self, ours: &Manifest) -> Result<Vec<(Field, Source)>> {
         let mut columns = Vec::new();
         for (field, name) in ours.columns.iter().zip(ours.names()) {
             let source = match self.reader.table().schema().field(&name) {
                 Some(stored) if stored.data_type() == stored_type(field) => Source::Rows(stored.id),
-                Some(stored) => return Err(format!("its column `{name}` holds {}", stored.data_type())),
+                Some(stored) => {
+                    return Err(wrong_type(format!("its column `{name}` holds {}", stored.data_type())));
+                }
                 None if self.videos.is_some() && video::takes(field) => Source::Video(field.name.clone()),
-                None => return Err(format!("it has no column `{name}`")),
+                None => return Err(missing(format!("it has no column `{name}`"))),
             };
             columns.push((field.clone(), source));
         }
         Ok(columns)
     }
 
-    fn foreign_columns(&mut self) -> Result<Vec<(Field, Source)>, String> {
+    fn foreign_columns(&mut self) -> Result<Vec<(Field, Source)>> {
         let (mut columns, mut skipped) = (Vec::new(), Vec::new());
         for stored in &self.reader.table().schema().fields {
             let (name, id) = (stored.name.as_str(), stored.id);
@@ -130,7 +133,7 @@ impl Shared {
             };
             match found {
                 Ok((dtype, shape)) => columns.push((Field::step(name, dtype, &shape), Source::Rows(id))),
-                Err(reason) => skipped.push((name.to_owned(), reason)),
+                Err(error) => skipped.push((name.to_owned(), error.to_string())),
             }
         }
         let keys = self.videos.as_ref().map(Videos::keys).unwrap_or_default();
@@ -143,45 +146,46 @@ impl Shared {
     }
 
     /// The shape of the images in a column of files.
-    fn image(&self, id: i32) -> Result<[usize; 3], String> {
-        let mut shape = Err("it is empty".to_owned());
+    fn image(&self, id: i32) -> Result<[usize; 3]> {
+        let mut shape = Err(missing("it is empty"));
         if self.reader.rows() > 0 {
             self.reader.read(id, Rows { first: 0, count: 1, stride: 1 }, &mut |array| {
-                shape = file(array, 0).and_then(|file| jpeg::shape(file).map_err(|error| error.to_string()));
+                shape = file(array, 0).and_then(|file| Ok(jpeg::shape(file)?));
                 Ok(())
             })?;
         }
-        shape.map_err(|reason| format!("its files are not JPEG: {reason}"))
+        shape.at("its files are not JPEG")
     }
 
-    fn video(&self, episode: usize, key: &str) -> Result<VideoReader, String> {
-        let videos = self.videos.as_ref().ok_or("there are no videos")?;
-        let &number = self.numbers.get(episode).ok_or("there are no episodes")?;
+    fn video(&self, episode: usize, key: &str) -> Result<VideoReader> {
+        let videos = self.videos.as_ref().ok_or(missing("there are no videos"))?;
+        let &number = self.numbers.get(episode).ok_or(missing("there are no episodes"))?;
         VideoReader::new(videos.read(number, key)?)
     }
 }
 
 /// Where episodes lie, and their numbers.
-fn episodes(reader: &DataReader, is_ours: bool) -> Result<(Vec<Range<usize>>, Vec<i32>), String> {
+fn episodes(reader: &DataReader, is_ours: bool) -> Result<(Vec<Range<usize>>, Vec<i32>)> {
     let table = reader.table();
     // As we recorded it, and nobody has put its files together or deleted rows since.
     if is_ours && is_recorded(table.fragments()) && !table.has_deletions() {
         return Ok((reader.fragments().collect(), (0..table.fragments().len() as i32).collect()));
     }
     let field = reader.table().schema().field(EPISODE).filter(|field| field.data_type() == DataType::Int32);
-    let field = field
-        .ok_or_else(|| format!("it has no column `{EPISODE}` of int32, which says what an episode is"))?;
+    let field = field.ok_or_else(|| {
+        missing(format!("it has no column `{EPISODE}` of int32, which says what an episode is"))
+    })?;
     let (mut episodes, mut numbers): (Vec<Range<usize>>, Vec<i32>) = (Vec::new(), Vec::new());
     let mut row = 0;
     for array in reader.read_all(field.id)? {
         if array.null_count() > 0 {
-            return Err(format!("some values of `{EPISODE}` are missing"));
+            return Err(missing(format!("some values of `{EPISODE}` are missing")));
         }
         for &number in array.as_primitive::<Int32Type>().values() {
             match (numbers.last(), episodes.last_mut()) {
                 (Some(&last), Some(episode)) if last == number => episode.end = row + 1,
                 (Some(&last), _) if last > number => {
-                    return Err(format!("episodes are not in order at row {row}"));
+                    return Err(invalid(format!("episodes are not in order at row {row}")));
                 }
                 _ => {
                     episodes.push(row..row + 1);
@@ -227,16 +231,16 @@ impl Dataset for LanceDataset {
                 let mut rest = Some(out);
                 shared.reader.read(*id, rows, &mut |array| {
                     let Some(all) = rest.take().filter(|rest| rest.len() >= array.len() * field.dim()) else {
-                        return Err("more rows than were asked for".to_owned());
+                        return Err(invalid("more rows than were asked for"));
                     };
                     let (here, after) = all.split_at(array.len() * field.dim());
                     rest = Some(after);
                     from_array(array, field, here)
                 })
             }
-            _ => Err("it holds another type".to_owned()),
+            _ => Err(wrong_type("it holds another type")),
         };
-        read.map_err(|reason| shared.info.damaged(column, episode, reason))
+        read.map_err(|error| shared.info.damaged(column, episode, error))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
@@ -258,7 +262,7 @@ impl Dataset for LanceDataset {
             let (true, Some(&first)) = (is_own_file && self.is_ours(), ids.first()) else { return Ok(()) };
             let about = shared.reader.about(episode, first)?;
             let Some(text) = about.get(CHECKSUMS) else { return Ok(()) };
-            let checksums: Vec<u32> = serde_json::from_str(text).map_err(|error| error.to_string())?;
+            let checksums: Vec<u32> = serde_json::from_str(text)?;
             for (&id, expected) in ids.iter().zip(checksums) {
                 let mut found = Hasher::new();
                 let all = Rows { first: rows.start, count: rows.len(), stride: 1 };
@@ -267,12 +271,12 @@ impl Dataset for LanceDataset {
                     Ok(())
                 })?;
                 if found.finalize() != expected {
-                    return Err(CHANGED.to_owned());
+                    return Err(invalid(CHANGED));
                 }
             }
             Ok(())
         };
-        check().map_err(|reason: String| shared.info.damaged_episode(episode, reason))
+        check().map_err(|error: FormatError| shared.info.damaged_episode(episode, error))
     }
 }
 

@@ -3,6 +3,7 @@
 
 use std::collections::{HashMap, HashSet};
 use std::fs;
+use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -17,9 +18,8 @@ use lance_table::io::commit::ManifestNamingScheme;
 use lance_table::io::deletion::read_deletion_file;
 use lance_table::io::manifest::{read_manifest, write_manifest};
 use object_store::path::Path as ObjectPath;
+use swm_data::error::{At as _, FormatError, Result, invalid, missing, unsupported};
 use tokio::runtime::{Builder, Runtime};
-
-use crate::committed::is_due;
 
 /// The version of data files that is written; the first that has today's encodings, and still the most widely read.
 pub(crate) const FILE_VERSION: ConcreteFileVersion = ConcreteFileVersion::V2_1;
@@ -33,6 +33,8 @@ const MARK: &str = "swm.recording";
 const MAX_DELETED: usize = 1 << 26;
 /// Manifests that stay: a reader may have chosen one that is not the newest any more.
 const KEPT: usize = 2;
+/// Of the listed files, this part may be missing in the newest manifest.
+const LAG: usize = 64;
 
 /// A table at one version.
 #[derive(Debug)]
@@ -52,15 +54,13 @@ impl Table {
     }
 
     /// Opens the newest version.
-    pub(crate) fn open(folder: &Path) -> Result<Self, String> {
+    pub(crate) fn open(folder: &Path) -> Result<Self> {
         let (store, base) = place(folder)?;
-        let Some((version, name)) = versions(folder).pop() else {
-            return Err("it has no manifest".to_owned());
-        };
+        let (version, name) = versions(folder).pop().ok_or(missing("it has no manifest"))?;
         let path = base.clone().join(VERSIONS).join(name.as_str());
         let manifest = wait(read_manifest(&store, &path, None))?;
         if manifest.version != version {
-            return Err(format!("its manifest {name} is of version {}", manifest.version));
+            return Err(invalid(format!("its manifest {name} is of version {}", manifest.version)));
         }
         let listed = manifest.fragments.len();
         let table = Self { folder: folder.to_owned(), store: Arc::new(store), base, manifest, listed };
@@ -74,13 +74,9 @@ impl Table {
     }
 
     /// Makes a table without rows, in a folder that has none; a recording into it begins.
-    pub(crate) fn create(
-        folder: &Path,
-        schema: Schema,
-        about: HashMap<String, String>,
-    ) -> Result<Self, String> {
+    pub(crate) fn create(folder: &Path, schema: Schema, about: HashMap<String, String>) -> Result<Self> {
         for name in [DATA, VERSIONS] {
-            fs::create_dir_all(folder.join(name)).map_err(|error| error.to_string())?;
+            fs::create_dir_all(folder.join(name))?;
         }
         let (store, base) = place(folder)?;
         let fragments = Arc::new(Vec::new());
@@ -121,11 +117,11 @@ impl Table {
     }
 
     /// The rows of a fragment that are deleted, in order.
-    pub(crate) fn deleted(&self, fragment: &Fragment) -> Result<Vec<u32>, String> {
+    pub(crate) fn deleted(&self, fragment: &Fragment) -> Result<Vec<u32>> {
         let Some(file) = &fragment.deletion_file else { return Ok(Vec::new()) };
         let deleted = wait(read_deletion_file(fragment.id, file, &self.base, &self.store))?;
         if deleted.len() > MAX_DELETED {
-            return Err(format!("its list of deleted rows has {} entries", deleted.len()));
+            return Err(invalid(format!("its list of deleted rows has {} entries", deleted.len())));
         }
         let mut deleted: Vec<u32> = deleted.into_iter().collect();
         deleted.sort_unstable();
@@ -134,7 +130,7 @@ impl Table {
 
     /// Deletes rows of a fragment as other programs do, for tests of reading such tables.
     #[cfg(test)]
-    pub(crate) fn delete(&mut self, fragment: usize, rows: impl Iterator<Item = u32>) -> Result<(), String> {
+    pub(crate) fn delete(&mut self, fragment: usize, rows: impl Iterator<Item = u32>) -> Result<()> {
         use lance_core::utils::deletion::DeletionVector;
         let (version, id) = (self.manifest.version, self.fragments()[fragment].id);
         let rows = DeletionVector::from_iter(rows);
@@ -160,18 +156,14 @@ impl Table {
     }
 
     /// Adds a fragment, and lists it in a new version when one is due.
-    pub(crate) fn commit(&mut self, fragment: Fragment) -> Result<(), String> {
+    pub(crate) fn commit(&mut self, fragment: Fragment) -> Result<()> {
         self.push(fragment);
         if is_due(self.listed, self.fragments().len()) { self.next(true) } else { Ok(()) }
     }
 
     /// Makes the first `count` fragments the newest version, with which a recording begins; `about` replaces the
     /// description of the table.
-    pub(crate) fn resume(
-        &mut self,
-        count: usize,
-        about: Option<HashMap<String, String>>,
-    ) -> Result<(), String> {
+    pub(crate) fn resume(&mut self, count: usize, about: Option<HashMap<String, String>>) -> Result<()> {
         Arc::make_mut(&mut self.manifest.fragments).truncate(count);
         if let Some(about) = about {
             self.manifest.table_metadata = about;
@@ -180,12 +172,12 @@ impl Table {
     }
 
     /// Lists everything, and ends the recording.
-    pub(crate) fn close(&mut self) -> Result<(), String> {
+    pub(crate) fn close(&mut self) -> Result<()> {
         self.next(false)
     }
 
     /// The fragments that are there now become the next version.
-    fn next(&mut self, is_being_recorded: bool) -> Result<(), String> {
+    fn next(&mut self, is_being_recorded: bool) -> Result<()> {
         let (schema, fragments) = (self.manifest.schema.clone(), self.manifest.fragments.clone());
         self.manifest = Manifest::new_from_previous(&self.manifest, schema, fragments);
         self.manifest.update_max_fragment_id();
@@ -193,7 +185,7 @@ impl Table {
     }
 
     /// Writes the manifest, then forgets older ones.
-    fn write(&mut self, is_being_recorded: bool) -> Result<(), String> {
+    fn write(&mut self, is_being_recorded: bool) -> Result<()> {
         let version = self.manifest.version.to_string();
         match is_being_recorded {
             true => self.manifest.table_metadata.insert(MARK.to_owned(), version),
@@ -242,6 +234,11 @@ impl Table {
     }
 }
 
+/// Whether a manifest is to be written, of `listed` files in the last one and `all` now.
+fn is_due(listed: usize, all: usize) -> bool {
+    (all - listed) * LAG >= listed
+}
+
 /// Manifests by version, the newest last.
 fn versions(folder: &Path) -> Vec<(u64, String)> {
     let entries = fs::read_dir(folder.join(VERSIONS)).into_iter().flatten().flatten();
@@ -256,47 +253,53 @@ fn versions(folder: &Path) -> Vec<(u64, String)> {
 }
 
 /// The folder in Lance's terms.
-fn place(folder: &Path) -> Result<(ObjectStore, ObjectPath), String> {
-    let folder = fs::canonicalize(folder).map_err(|error| error.to_string())?;
-    let base = ObjectPath::from_absolute_path(&folder).map_err(|error| error.to_string())?;
+fn place(folder: &Path) -> Result<(ObjectStore, ObjectPath)> {
+    let folder = fs::canonicalize(folder)?;
+    let base = ObjectPath::from_absolute_path(&folder).map_err(FormatError::other)?;
     Ok((ObjectStore::local(), base))
 }
 
 /// What Lance can, and its files alone cannot: rows that are replaced elsewhere, files that lie elsewhere.
-fn check_fragment(fragment: &Fragment) -> Result<(), String> {
+fn check_fragment(fragment: &Fragment) -> Result<()> {
     if !fragment.overlays.is_empty() {
         let fix = "rewrite it with `lance.dataset(…).optimize.compact_files()`";
-        return Err(format!("rows of it were replaced; {fix}"));
+        return Err(unsupported(format!("rows of it were replaced; {fix}")));
     }
     if fragment.deletion_file.as_ref().is_some_and(|file| file.base_id.is_some()) {
-        return Err("its list of deleted rows is none inside the folder".to_owned());
+        return Err(invalid("its list of deleted rows is none inside the folder"));
     }
     for file in &fragment.files {
         let plain = Path::new(&file.path).components().all(|part| matches!(part, Component::Normal(_)));
         if !plain || file.path.contains(['\\', '\0']) || file.base_id.is_some() {
-            return Err(format!("it names the file `{}`, which is none inside the folder", file.path));
+            return Err(invalid(format!(
+                "it names the file `{}`, which is none inside the folder",
+                file.path
+            )));
         }
     }
     Ok(())
 }
 
 /// Waits for Lance, on this thread; what it starts besides runs on threads of its own.
-pub(crate) fn wait<T>(work: impl Future<Output = lance_core::Result<T>>) -> Result<T, String> {
-    static RUNTIME: OnceLock<Result<Runtime, String>> = OnceLock::new();
-    let runtime = RUNTIME.get_or_init(|| {
-        let threads = Builder::new_multi_thread().worker_threads(2).thread_name("swm-lance").build();
-        threads.map_err(|error| format!("no thread can be started: {error}"))
-    });
-    let _context = runtime.as_ref().map_err(Clone::clone)?.enter();
-    guarded(|| futures::executor::block_on(work).map_err(|error| reason(&error.to_string())))
+pub(crate) fn wait<T>(work: impl Future<Output = lance_core::Result<T>>) -> Result<T> {
+    static RUNTIME: OnceLock<io::Result<Runtime>> = OnceLock::new();
+    let runtime = RUNTIME
+        .get_or_init(|| Builder::new_multi_thread().worker_threads(2).thread_name("swm-lance").build());
+    let started = runtime.as_ref().map_err(|error| io::Error::new(error.kind(), error.to_string()));
+    let _context = started.at("no thread can be started")?.enter();
+    guarded(|| futures::executor::block_on(work).map_err(|error| FormatError::other(LanceError(error))))
 }
 
 /// Lance panics on some damaged files.
-fn guarded<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| Err("it cannot be decoded".to_owned()))
+fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| Err(invalid("it cannot be decoded")))
 }
 
-/// An error of Lance without the place in its sources.
+/// An error of Lance, shown without the place in its sources.
+#[derive(Debug, thiserror::Error)]
+#[error("{}", reason(&.0.to_string()))]
+struct LanceError(#[source] lance_core::Error);
+
 fn reason(text: &str) -> String {
     let end = text.rfind(".rs:").and_then(|at| text[..at].rfind(", "));
     end.map_or(text, |end| &text[..end]).to_owned()
@@ -320,7 +323,20 @@ mod tests {
         let fragment = |path: &str| Fragment::new(0).with_file(path, vec![0], vec![0], FILE_VERSION, None);
         assert!(check_fragment(&fragment("a.lance")).is_ok());
         for path in ["../a.lance", "/etc/passwd", "a/../../b.lance", "a\\b"] {
-            assert!(check_fragment(&fragment(path)).unwrap_err().contains("none inside"), "{path}");
+            let error = check_fragment(&fragment(path)).unwrap_err().to_string();
+            assert!(error.contains("none inside"), "{path}: {error}");
         }
+    }
+
+    #[test]
+    fn manifests_become_rare_as_tables_grow() {
+        let (mut listed, mut entries, mut manifests) = (0, 0, 0);
+        for all in 1..=10_000 {
+            if is_due(listed, all) {
+                (listed, entries, manifests) = (all, entries + all, manifests + 1);
+            }
+            assert!(all - listed <= 1 + all / LAG, "{all}: {listed}");
+        }
+        assert!(entries < 2 * LAG * 10_000 && manifests < 500, "{entries} {manifests}");
     }
 }

@@ -16,6 +16,7 @@ use crate::committed::{self, file_name};
 use crate::data_file::{DataReader, DataWriter, Rows};
 use crate::manifest::EPISODE;
 use crate::table::Table;
+use swm_data::error::{FormatError, Result, invalid, missing};
 
 /// The column that a video shows.
 const KEY: &str = "video_key";
@@ -26,24 +27,24 @@ const BLOB: &str = "lance-encoding:blob";
 /// The folder of the videos of a table.
 pub(crate) fn folder(table: &Path) -> PathBuf {
     let extension = table.extension().unwrap_or_default().to_string_lossy();
-    let name = format!("{}_videos", crate::stem(table));
+    let name = table.file_stem().unwrap_or_default().to_string_lossy();
     let dot = if extension.is_empty() { "" } else { "." };
-    table.with_file_name(format!("{name}{dot}{extension}"))
+    table.with_file_name(format!("{name}_videos{dot}{extension}"))
 }
 
 /// The columns of such a table.
-pub(crate) fn schema() -> Result<Schema, String> {
+pub(crate) fn schema() -> Result<Schema> {
     let marked = HashMap::from([(BLOB.to_owned(), "true".to_owned())]);
     let fields = vec![
         ArrowField::new(EPISODE, DataType::Int32, true),
         ArrowField::new(KEY, DataType::Utf8, true),
         ArrowField::new(BYTES, DataType::LargeBinary, true).with_metadata(marked),
     ];
-    Schema::try_from(&ArrowSchema::new(fields)).map_err(|error| error.to_string())
+    Schema::try_from(&ArrowSchema::new(fields)).map_err(FormatError::other)
 }
 
 /// Appends the videos of an episode, by column.
-pub(crate) fn append(table: &mut Table, episode: i32, videos: &[(String, Vec<u8>)]) -> Result<(), String> {
+pub(crate) fn append(table: &mut Table, episode: i32, videos: &[(String, Vec<u8>)]) -> Result<()> {
     let mut file = DataWriter::create(table, &file_name(episode as usize))?;
     let columns: Vec<ArrayRef> = vec![
         Arc::new(Int32Array::from(vec![episode; videos.len()])),
@@ -65,11 +66,13 @@ pub(crate) struct Videos {
 }
 
 impl Videos {
-    pub(crate) fn open(folder: &Path) -> Result<Self, String> {
+    pub(crate) fn open(folder: &Path) -> Result<Self> {
         let reader = DataReader::new(committed::open(folder)?)?;
         let id = |name: &str, fits: fn(&DataType) -> bool| {
             let field = reader.table().schema().field(name).filter(|field| fits(&field.data_type()));
-            field.map(|field| field.id).ok_or_else(|| format!("its videos have no usable column `{name}`"))
+            field
+                .map(|field| field.id)
+                .ok_or_else(|| invalid(format!("its videos have no usable column `{name}`")))
         };
         let episodes = id(EPISODE, |stored| *stored == DataType::Int32)?;
         let keys = id(KEY, |stored| *stored == DataType::Utf8)?;
@@ -96,9 +99,9 @@ impl Videos {
     }
 
     /// The video of an episode.
-    pub(crate) fn read(&self, episode: i32, key: &str) -> Result<Vec<u8>, String> {
+    pub(crate) fn read(&self, episode: i32, key: &str) -> Result<Vec<u8>> {
         let row = self.rows.get(&(episode, key.to_owned()));
-        let &row = row.ok_or_else(|| format!("episode {episode} has no video of `{key}`"))?;
+        let &row = row.ok_or_else(|| missing(format!("episode {episode} has no video of `{key}`")))?;
         let mut video = Vec::new();
         self.reader.read(self.bytes, Rows { first: row, count: 1, stride: 1 }, &mut |array| {
             video = file(array.as_ref() as &dyn Array, 0)?.to_vec();

@@ -10,28 +10,31 @@ use arrow_array::{ArrayRef, Int32Array};
 use crc32fast::Hasher;
 use rayon::prelude::*;
 use swm_core::{Batch, Field, Schema, Slice};
+use swm_data::error::{At as _, FormatError, Result, invalid, missing, wrong_type};
 use swm_data::recording::{self, Backend, Existing, Session, SessionStart, StepIndex, WriterLock};
 use swm_data::video::{FRAMES_PER_SECOND, VideoWriter, encoding, takes};
 use swm_data::{DataError, Dataset};
 use swm_media::jpeg;
 use swm_media::mp4::Mp4Options;
 
-use crate::arrays::{files_to_array, sum_up, to_array};
+use crate::arrays::{files_to_array, is_image, sum_up, to_array};
 use crate::committed::{self, file_name};
 use crate::data_file::DataWriter;
-use crate::manifest::{Manifest, is_image};
+use crate::manifest::Manifest;
 use crate::reader::{CHECKSUMS, LanceDataset};
 use crate::table::{DATA, Table};
 use crate::videos;
-use crate::{LANCE, LANCE_VIDEO};
 
+/// The name of the format with images in the rows.
+pub(crate) const IMAGES: &str = "lance";
+/// The name of the format with videos beside the rows.
+pub(crate) const VIDEOS: &str = "lance-video";
 /// Quality of JPEG files if none is asked for.
 const JPEG_QUALITY: u8 = 95;
 
 /// How tables are recorded.
 pub(crate) struct LanceBackend {
-    format: &'static str,
-    has_videos: bool,
+    pub(crate) has_videos: bool,
 }
 
 /// A table that is being recorded.
@@ -56,21 +59,11 @@ struct OpenEpisode {
     last: HashMap<String, (Vec<u8>, Arc<[u8]>)>,
 }
 
-impl LanceBackend {
-    pub(crate) fn images() -> Self {
-        Self { format: LANCE.name, has_videos: false }
-    }
-
-    pub(crate) fn videos() -> Self {
-        Self { format: LANCE_VIDEO.name, has_videos: true }
-    }
-}
-
 impl Backend for LanceBackend {
     type Session = LanceSession;
 
     fn name(&self) -> &'static str {
-        self.format
+        if self.has_videos { VIDEOS } else { IMAGES }
     }
 
     fn is_folder(&self) -> bool {
@@ -87,7 +80,7 @@ impl Backend for LanceBackend {
     }
 
     fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError> {
-        Ok(Box::new(LanceDataset::open(path, self.format)?))
+        Ok(Box::new(LanceDataset::open(path, self.name())?))
     }
 
     fn refuses(&self, name: &str) -> Option<&'static str> {
@@ -97,7 +90,7 @@ impl Backend for LanceBackend {
     fn start(&self, start: &SessionStart<'_>) -> Result<LanceSession, DataError> {
         let &SessionStart { path, options, fields, metadata, .. } = start;
         let failed = |source| DataError::io(path, "clear", source);
-        let damaged = |reason| DataError::damaged(path, reason);
+        let damaged = |error| DataError::damaged(path, error);
         let rate = options.frames_per_second.unwrap_or(FRAMES_PER_SECOND);
         let mut manifest = Manifest::new(fields.to_vec(), rate);
         let beside = videos::folder(path);
@@ -111,7 +104,7 @@ impl Backend for LanceBackend {
         let table = match start.existing {
             Existing::Continued => {
                 if Table::exists(&beside) != self.has_videos {
-                    let format = if self.has_videos { LANCE.name } else { LANCE_VIDEO.name };
+                    let format = if self.has_videos { IMAGES } else { VIDEOS };
                     let reason = format!("it is of the format `{format}`; name that with `--format`");
                     return Err(DataError::mismatch(path, reason));
                 }
@@ -145,7 +138,7 @@ impl Backend for LanceBackend {
             forget(&table)?;
             Ok((table, videos))
         };
-        let (table, videos) = open().map_err(|reason: String| DataError::record(path, reason))?;
+        let (table, videos) = open().map_err(|error: FormatError| DataError::record(path, error))?;
         let encoding = Mp4Options { frames_per_second: manifest.frames_per_second, ..encoding(options) };
         let quality = options.quality.unwrap_or(JPEG_QUALITY);
         Ok(LanceSession {
@@ -161,14 +154,14 @@ impl Backend for LanceBackend {
 }
 
 /// The table of videos with those of the first episodes, made if it is not there.
-fn open_videos(folder: &Path, episodes: u64) -> Result<Table, String> {
+fn open_videos(folder: &Path, episodes: u64) -> Result<Table> {
     if !Table::exists(folder) {
         return Table::create(folder, videos::schema()?, HashMap::new());
     }
     let mut table = committed::open(folder)?;
     let (videos, episodes) = (table.fragments().len(), episodes as usize);
     if videos < episodes {
-        return Err(format!("it has videos of {videos} of {episodes} episodes"));
+        return Err(invalid(format!("it has videos of {videos} of {episodes} episodes")));
     }
     table.resume(episodes, None)?;
     forget(&table)?;
@@ -176,14 +169,13 @@ fn open_videos(folder: &Path, episodes: u64) -> Result<Table, String> {
 }
 
 /// Removes what an interrupted recording left.
-fn forget(table: &Table) -> Result<(), String> {
-    let remove =
-        |file: PathBuf| fs::remove_file(&file).map_err(|error| format!("{}: {error}", file.display()));
+fn forget(table: &Table) -> Result<()> {
+    let remove = |file: PathBuf| fs::remove_file(&file).at(file.display());
     table.leftovers().into_iter().try_for_each(remove)
 }
 
 impl Session for LanceSession {
-    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<(), String> {
+    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<()> {
         let mut open = match self.open.take() {
             Some(open) => open,
             None => self.begin(at.episode)?,
@@ -199,41 +191,41 @@ impl Session for LanceSession {
                 Slice::U8(pixels) if is_image(field) => open.images(field, pixels, self.quality),
                 values => to_array(field, values),
             };
-            arrays.push(array.map_err(|error| format!("column `{}`: {error}", field.name))?);
+            arrays.push(array.at(format_args!("column `{}`", field.name))?);
         }
         open.checksums.iter_mut().zip(&arrays[2..]).for_each(|(checksum, array)| sum_up(checksum, array));
         // Encoding is most of the work, and videos do not know of each other.
         let schema = &self.schema;
         let videos =
             open.videos.par_iter_mut().map(|(field, video)| match values_of(schema, batch, field)? {
-                Slice::U8(pixels) => {
-                    video.append(pixels).map_err(|error| format!("column `{}`: {error}", field.name))
+                Slice::U8(pixels) => video.append(pixels).at(format_args!("column `{}`", field.name)),
+                values => {
+                    Err(wrong_type(format!("column `{}`: images cannot hold {}", field.name, values.dtype())))
                 }
-                values => Err(format!("column `{}`: images cannot hold {}", field.name, values.dtype())),
             });
-        videos.collect::<Result<(), String>>()?;
+        videos.collect::<Result<()>>()?;
         open.rows.append(arrays)?;
         self.open = Some(open);
         Ok(())
     }
 
-    fn commit(&mut self, end: StepIndex) -> Result<(), String> {
+    fn commit(&mut self, end: StepIndex) -> Result<()> {
         let OpenEpisode { rows, checksums, videos, .. } =
-            self.open.take().ok_or("an episode without rows")?;
+            self.open.take().ok_or(missing("an episode without rows"))?;
         if let Some(table) = self.videos.as_mut().filter(|_| !videos.is_empty()) {
             let finished = videos.into_iter().map(|(field, video)| {
-                let bytes = video.finish().map_err(|error| format!("column `{}`: {error}", field.name))?;
+                let bytes = video.finish().at(format_args!("column `{}`", field.name))?;
                 Ok((field.name, bytes))
             });
-            videos::append(table, end.episode, &finished.collect::<Result<Vec<_>, String>>()?)?;
+            videos::append(table, end.episode, &finished.collect::<Result<Vec<_>>>()?)?;
         }
         let checksums: Vec<u32> = checksums.into_iter().map(Hasher::finalize).collect();
-        let checksums = serde_json::to_string(&checksums).map_err(|error| error.to_string())?;
+        let checksums = serde_json::to_string(&checksums)?;
         let fragment = rows.finish(&self.table, &[(CHECKSUMS, checksums)])?;
         self.table.commit(fragment)
     }
 
-    fn close(mut self) -> Result<(), String> {
+    fn close(mut self) -> Result<()> {
         self.videos.as_mut().map_or(Ok(()), Table::close)?;
         self.table.close()
     }
@@ -245,30 +237,31 @@ impl LanceSession {
         self.manifest.columns.iter().filter(|field| self.videos.is_none() || !takes(field))
     }
 
-    fn begin(&self, episode: i32) -> Result<OpenEpisode, String> {
+    fn begin(&self, episode: i32) -> Result<OpenEpisode> {
         let videos = self.manifest.columns.iter().filter(|field| self.videos.is_some() && takes(field));
         let videos = videos.map(|field| Ok((field.clone(), VideoWriter::new(field, &self.encoding)?)));
         Ok(OpenEpisode {
             rows: DataWriter::create(&self.table, &file_name(episode as usize))?,
             checksums: self.stored().map(|_| Hasher::new()).collect(),
-            videos: videos.collect::<Result<_, String>>()?,
+            videos: videos.collect::<Result<_>>()?,
             last: HashMap::new(),
         })
     }
 }
 
-fn values_of<'a>(schema: &Schema, batch: &'a Batch, field: &Field) -> Result<Slice<'a>, String> {
-    let column = schema.index(&field.name).ok_or_else(|| format!("column `{}` is missing", field.name))?;
+fn values_of<'a>(schema: &Schema, batch: &'a Batch, field: &Field) -> Result<Slice<'a>> {
+    let column =
+        schema.index(&field.name).ok_or_else(|| missing(format!("column `{}` is missing", field.name)))?;
     Ok(batch.column(column))
 }
 
 impl OpenEpisode {
     /// The files of rows of images. Equal ones in a row are encoded once: a goal costs one file's work.
-    fn images(&mut self, field: &Field, pixels: &[u8], quality: u8) -> Result<ArrayRef, String> {
-        let &[height, width, channels] = &field.shape[..] else { return Err("no images".to_owned()) };
+    fn images(&mut self, field: &Field, pixels: &[u8], quality: u8) -> Result<ArrayRef> {
+        let &[height, width, channels] = &field.shape[..] else { return Err(wrong_type("no images")) };
         let frames: Vec<&[u8]> = pixels.chunks_exact(field.dim()).collect();
         let last = self.last.get(&field.name);
-        let encode = |index: usize| -> Result<Option<Arc<[u8]>>, String> {
+        let encode = |index: usize| -> Result<Option<Arc<[u8]>>> {
             let same = match index {
                 0 => last.is_some_and(|(pixels, _)| pixels == frames[0]),
                 index => frames[index] == frames[index - 1],
@@ -277,7 +270,7 @@ impl OpenEpisode {
                 return Ok(None);
             }
             let file = jpeg::encode(height, width, channels, frames[index], quality);
-            file.map(|file| Some(file.into())).map_err(|error| error.to_string())
+            Ok(Some(file?.into()))
         };
         let encoded: Vec<Option<Arc<[u8]>>> =
             (0..frames.len()).into_par_iter().map(encode).collect::<Result<_, _>>()?;
@@ -303,7 +296,7 @@ pub(crate) fn repair(path: &Path, format: &'static str, apply: bool) -> Result<V
     }
     let episodes = dataset.num_episodes();
     drop(dataset);
-    let damaged = |reason| DataError::damaged(path, reason);
+    let damaged = |error| DataError::damaged(path, error);
     let mut steps = Vec::new();
     // As when they are recorded: videos first.
     for folder in [videos::folder(path), path.to_owned()].into_iter().filter(|folder| Table::exists(folder)) {

@@ -7,6 +7,7 @@ use swm_core::{Dtype, Field};
 use swm_media::mp4::{self, Mp4Options, Mp4Reader, Video};
 
 use crate::dataset::{Steps, WriteOptions};
+use crate::error::{Result, wrong_type};
 
 /// Frames per second if nothing says more: the reference's.
 pub const FRAMES_PER_SECOND: f64 = 25.0;
@@ -42,10 +43,10 @@ impl VideoWriter {
     ///
     /// # Errors
     ///
-    /// A sentence: the field holds no images, or of a size that no video can have.
-    pub fn new(field: &Field, encoding: &Mp4Options) -> Result<Self, String> {
-        let &[height, width, channels] = &field.shape[..] else { return Err("no images".to_owned()) };
-        let video = Video::new(height, width, encoding).map_err(|error| error.to_string())?;
+    /// The field holds no images, or of a size that no video can have.
+    pub fn new(field: &Field, encoding: &Mp4Options) -> Result<Self> {
+        let &[height, width, channels] = &field.shape[..] else { return Err(wrong_type("no images")) };
+        let video = Video::new(height, width, encoding)?;
         Ok(Self { video, shape: [height, width, channels] })
     }
 
@@ -53,8 +54,8 @@ impl VideoWriter {
     ///
     /// # Errors
     ///
-    /// A sentence: encoding failed.
-    pub fn append(&mut self, rows: &[u8]) -> Result<(), String> {
+    /// Encoding failed.
+    pub fn append(&mut self, rows: &[u8]) -> Result<()> {
         let frames = rows.chunks_exact(self.shape.iter().product());
         let added = if self.shape[2] == 1 {
             let colors: Vec<Vec<u8>> =
@@ -63,16 +64,16 @@ impl VideoWriter {
         } else {
             self.video.extend(&frames.collect::<Vec<_>>())
         };
-        added.map_err(|error| error.to_string())
+        Ok(added?)
     }
 
     /// The bytes of the file.
     ///
     /// # Errors
     ///
-    /// A sentence: encoding failed, or the video has no frames.
-    pub fn finish(self) -> Result<Vec<u8>, String> {
-        self.video.finish().map_err(|error| error.to_string())
+    /// Encoding failed, or the video has no frames.
+    pub fn finish(self) -> Result<Vec<u8>> {
+        Ok(self.video.finish()?)
     }
 }
 
@@ -88,9 +89,9 @@ impl VideoReader {
     ///
     /// # Errors
     ///
-    /// A sentence: these are no bytes of a video that can be read.
-    pub fn new(bytes: Vec<u8>) -> Result<Self, String> {
-        let video = Mp4Reader::new(Cursor::new(bytes)).map_err(|error| error.to_string())?;
+    /// These are no bytes of a video that can be read.
+    pub fn new(bytes: Vec<u8>) -> Result<Self> {
+        let video = Mp4Reader::new(Cursor::new(bytes))?;
         Ok(Self { video, colors: Vec::new() })
     }
 
@@ -103,25 +104,23 @@ impl VideoReader {
     ///
     /// # Errors
     ///
-    /// A sentence: the video has images of another size, fewer of them, or is damaged.
+    /// The video has images of another size, fewer of them, or is damaged.
     pub fn read(
         &mut self,
         [height, width, channels]: [usize; 3],
         steps: Steps,
         out: &mut [u8],
-    ) -> Result<(), String> {
+    ) -> Result<()> {
         let (found, expected) = (self.video.size(), (height, width));
         // Odd sides were grown by one pixel.
         if (found.0 & !1, found.1 & !1) != ((expected.0 + 1) & !1, (expected.1 + 1) & !1) {
-            return Err(format!("it has images of {found:?}, not {expected:?}"));
+            return Err(wrong_type(format!("it has images of {found:?}, not {expected:?}")));
         }
         if channels == 3 && found == expected {
-            let read = self.video.read(steps.first, steps.stride, out);
-            return read.map_err(|error| error.to_string());
+            return Ok(self.video.read(steps.first, steps.stride, out)?);
         }
         self.colors.resize(steps.count * found.0 * found.1 * 3, 0);
-        let read = self.video.read(steps.first, steps.stride, &mut self.colors);
-        read.map_err(|error| error.to_string())?;
+        self.video.read(steps.first, steps.stride, &mut self.colors)?;
         let frames = self.colors.chunks_exact(found.0 * found.1 * 3);
         for (out, frame) in out.chunks_exact_mut(height * width * channels).zip(frames) {
             for (out, row) in out.chunks_exact_mut(width * channels).zip(frame.chunks_exact(found.1 * 3)) {

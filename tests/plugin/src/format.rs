@@ -12,6 +12,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use swm::data::error::FormatError;
 use swm::data::recording::{self, EP_IDX, StepIndex, BackendWriter, Session, SessionStart, Backend, Existing};
 use swm::data::{DatasetInfo, DataError, Dataset, Format, MemoryDataset, Steps};
 use swm_core::{Batch, Column, Dtype, Field, Metadata, Schema, Slice, SliceMut};
@@ -247,7 +248,7 @@ impl Backend for Jsonl {
         lines
             .iter()
             .try_for_each(|line| file.write(line))
-            .map_err(|reason| DataError::record(path, reason))?;
+            .map_err(|error| DataError::record(path, error))?;
         Ok(file)
     }
 }
@@ -262,31 +263,32 @@ struct OpenFile {
 }
 
 impl OpenFile {
-    fn write(&mut self, line: &Line) -> Result<(), String> {
-        let mut text = serde_json::to_vec(line).map_err(|error| error.to_string())?;
+    fn write(&mut self, line: &Line) -> Result<(), FormatError> {
+        let mut text = serde_json::to_vec(line)?;
         text.push(b'\n');
-        self.file.write_all(&text).and_then(|()| self.file.sync_data()).map_err(|error| error.to_string())
+        self.file.write_all(&text)?;
+        Ok(self.file.sync_data()?)
     }
 }
 
 impl Session for OpenFile {
-    fn append(&mut self, at: StepIndex, rows: &Batch) -> Result<(), String> {
+    fn append(&mut self, at: StepIndex, rows: &Batch) -> Result<(), FormatError> {
         if at.step == 0 {
             self.episode = vec![Vec::new(); self.fields.len()];
         }
         for (field, column) in self.fields.iter().zip(&mut self.episode) {
-            let at = rows.schema().require(&field.name).map_err(|error| error.to_string())?;
+            let at = rows.schema().require(&field.name)?;
             column.extend(values(rows.column(at)));
         }
         Ok(())
     }
 
-    fn commit(&mut self, _end: StepIndex) -> Result<(), String> {
+    fn commit(&mut self, _end: StepIndex) -> Result<(), FormatError> {
         let episode = std::mem::take(&mut self.episode);
         self.write(&Line::Episode(episode))
     }
 
-    fn close(self) -> Result<(), String> {
+    fn close(self) -> Result<(), FormatError> {
         Ok(())
     }
 }

@@ -1,93 +1,87 @@
 //! Archives whose bytes depend on their contents alone: no times, no users, sorted names. And their checksums.
 
 use std::fs;
-use std::io::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use flate2::{Compression, GzBuilder};
 
-use crate::setup::wheel::sha256;
+use crate::setup::wheel::{sha256, write};
 
-/// A file of an archive.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Entry {
-    /// Below the archive's one folder.
-    pub path: String,
-    pub bytes: Vec<u8>,
-    pub is_program: bool,
-}
-
-impl Entry {
-    pub(super) fn text(path: impl Into<String>, text: impl Into<Vec<u8>>) -> Self {
-        Self { path: path.into(), bytes: text.into(), is_program: false }
-    }
-
-    /// Of a file.
-    pub(super) fn file(path: impl Into<String>, file: &Path) -> Result<Self> {
-        let bytes = fs::read(file).with_context(|| format!("failed to read {}", file.display()))?;
-        Ok(Self::text(path, bytes))
-    }
-}
-
-/// A compressed tar archive of files in the folder `root`.
-pub(super) fn tar_gz(root: &str, mut entries: Vec<Entry>, level: Compression) -> Result<Vec<u8>> {
-    entries.sort();
+/// A compressed tar archive of a folder and everything in it.
+pub(super) fn tar_gz(folder: &Path, level: Compression) -> Result<Vec<u8>> {
     let gzip = GzBuilder::new().mtime(0).operating_system(255).write(Vec::new(), level);
     let mut builder = tar::Builder::new(gzip);
-    for entry in &entries {
-        // A new header has no time, no user and no group.
-        let mut header = tar::Header::new_gnu();
-        header.set_size(entry.bytes.len() as u64);
-        header.set_mode(if entry.is_program { 0o755 } else { 0o644 });
-        builder
-            .append_data(&mut header, format!("{root}/{}", entry.path), entry.bytes.as_slice())
-            .with_context(|| format!("failed to archive {}", entry.path))?;
+    builder.mode(tar::HeaderMode::Deterministic);
+    let above = folder.parent().context("an archive holds a named folder")?;
+    for file in files(folder)? {
+        let name = file.strip_prefix(above)?;
+        builder.append_path_with_name(&file, name).with_context(|| format!("no {}", file.display()))?;
     }
-    let mut gzip = builder.into_inner()?;
-    gzip.flush()?;
-    Ok(gzip.finish()?)
+    Ok(builder.into_inner()?.finish()?)
+}
+
+/// All files below a folder, sorted.
+pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = fs::read_dir(folder).with_context(|| format!("failed to list {}", folder.display()))?;
+    let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+    paths.sort();
+    let below = paths.into_iter().map(|path| if path.is_dir() { files(&path) } else { Ok(vec![path]) });
+    Ok(below.collect::<Result<Vec<_>>>()?.concat())
 }
 
 /// Writes `SHA256SUMS` for everything else in a folder, as `sha256sum --check` reads it.
 pub(super) fn write_checksums(folder: &Path) -> Result<()> {
-    const NAME: &str = "SHA256SUMS";
-    let mut lines = Vec::new();
-    for file in fs::read_dir(folder).with_context(|| format!("failed to list {}", folder.display()))? {
-        let (path, name) = file.map(|file| (file.path(), file.file_name().to_string_lossy().into_owned()))?;
-        if name != NAME && path.is_file() {
-            lines.push((name, sha256(&path)?));
-        }
+    let sums = folder.join("SHA256SUMS");
+    let mut text = String::new();
+    for file in files(folder)?.into_iter().filter(|file| *file != sums) {
+        text += &format!("{}  {}\n", sha256(&file)?, file.strip_prefix(folder)?.display());
     }
-    lines.sort();
-    let text: String = lines.into_iter().map(|(name, sum)| format!("{sum}  {name}\n")).collect();
-    fs::write(folder.join(NAME), text).with_context(|| format!("failed to write into {}", folder.display()))
+    write(&sums, text.as_bytes())
 }
 
 #[cfg(test)]
 mod tests {
+    use std::time::{Duration, SystemTime};
+
     use super::*;
+    use crate::setup::wheel::create_folder;
 
+    #[cfg(unix)]
     #[test]
-    fn the_order_of_entries_and_the_clock_do_not_show() {
-        let program = Entry { is_program: true, ..Entry::text("bin/swm", "elf") };
-        let long = Entry::text(format!("share/{}", "x".repeat(150)), "long names fit");
-        let mut entries = vec![program, Entry::text("README.md", "# hello"), long];
-        let gz = tar_gz("swm-1", entries.clone(), Compression::fast()).unwrap();
-        entries.reverse();
-        assert_eq!(gz, tar_gz("swm-1", entries, Compression::fast()).unwrap());
+    fn the_order_of_files_their_users_and_the_clock_do_not_show() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let scratch = tempfile::tempdir().unwrap();
+        let pack = |place: &str, time: SystemTime, mode: u32, names: [&str; 2]| {
+            let folder = scratch.path().join(place).join("swm-1");
+            for name in names {
+                let (file, program) = (folder.join(name), if name.starts_with("bin") { 0o100 } else { 0 });
+                create_folder(file.parent().unwrap()).unwrap();
+                fs::write(&file, name).unwrap();
+                fs::File::options().write(true).open(&file).unwrap().set_modified(time).unwrap();
+                fs::set_permissions(&file, fs::Permissions::from_mode(mode | program)).unwrap();
+            }
+            tar_gz(&folder, Compression::fast()).unwrap()
+        };
+        let gz = pack("a", SystemTime::UNIX_EPOCH, 0o600, ["bin/swm", "README.md"]);
+        assert_eq!(
+            gz,
+            pack(
+                "b",
+                SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000),
+                0o644,
+                ["README.md", "bin/swm"]
+            )
+        );
         assert_eq!(gz[4..8], [0; 4], "no time in the header");
-
         let mut archive = tar::Archive::new(flate2::read::GzDecoder::new(gz.as_slice()));
-        let entries = archive.entries().unwrap().map(|entry| {
+        let read = archive.entries().unwrap().map(|entry| {
             let entry = entry.unwrap();
-            let (path, header) = (entry.path().unwrap().display().to_string(), entry.header());
-            (path, header.mode().unwrap(), header.mtime().unwrap())
+            (entry.path().unwrap().display().to_string(), entry.header().mode().unwrap())
         });
-        let read: Vec<(String, u32, u64)> = entries.collect();
-        assert_eq!(read[0], ("swm-1/README.md".into(), 0o644, 0));
-        assert_eq!(read[1], ("swm-1/bin/swm".into(), 0o755, 0));
-        assert!(read[2].0.len() > 150);
+        let expected = [("README.md", 0o644), ("bin/swm", 0o755)];
+        let expected = expected.map(|(name, mode)| (format!("swm-1/{name}"), mode));
+        assert_eq!(read.collect::<Vec<_>>(), expected);
     }
 
     #[test]

@@ -2,21 +2,17 @@
 //! `--execute` it changes nothing that cannot be undone. For people: docs/RELEASING.md.
 
 mod archives;
-mod changelog;
 mod packages;
 mod parts;
 mod program;
 mod publish;
 mod version;
 
-use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, ensure};
-use clap::ValueEnum;
 use semver::Version;
 
-use self::packages::Packaged;
 use crate::metadata::Metadata;
 use crate::{apart, deny, process, setup};
 
@@ -27,11 +23,11 @@ pub(crate) struct Args {
     #[arg(long)]
     execute: bool,
     /// Write a new version into the manifests, and its heading into CHANGELOG.md; then stop
-    #[arg(long, value_name = "VERSION", conflicts_with_all = ["execute", "out", "profile", "published"])]
+    #[arg(long, value_name = "VERSION", conflicts_with_all = ["execute", "out", "dev", "published"])]
     bump: Option<Version>,
-    /// How the program in the archive is built
-    #[arg(long, value_enum, default_value_t)]
-    profile: Profile,
+    /// Pack the program of the tests, for a quick rehearsal; the archive has it in its name
+    #[arg(long, conflicts_with = "execute")]
+    dev: bool,
     /// The folder for archives, bill of materials and checksums; default: `release-files` in cargo's build directory
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -40,20 +36,11 @@ pub(crate) struct Args {
     published: Vec<String>,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Profile {
-    /// As tests are: quick, for a rehearsal; the archive has it in its name
-    Dev,
-    /// With all features, optimized: ten minutes and more
-    #[default]
-    Release,
-}
-
 /// What the steps work on.
 struct Release {
     metadata: Metadata,
     version: Version,
-    profile: Profile,
+    is_dev: bool,
     is_dry: bool,
     published: Vec<String>,
     /// Where archives go.
@@ -71,7 +58,6 @@ const STEPS: &[(&str, Step)] = &[
     ("licenses", licenses),
     ("semver", semver),
     ("packages", packaged_files),
-    ("bill", program::write_bill),
     ("source", source_archive),
     ("program", program::archive),
     ("checksums", checksums),
@@ -84,17 +70,13 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let version = version::current(&metadata)?;
     if let Some(new) = &args.bump {
         version::bump(&version, new)?;
-        changelog::release(new)?;
         println!("the version is {new} now: look at `git diff`, run `cargo xtask ci`, and commit");
         return Ok(());
     }
-    let is_optimized = args.profile == Profile::Release;
-    ensure!(!args.execute || is_optimized, "what is published is built with `--profile release`");
     let out = args.out.clone().unwrap_or_else(|| metadata.target_directory.join("release-files"));
-    fs::create_dir_all(&out).with_context(|| format!("failed to create the folder {}", out.display()))?;
-    let (is_dry, published) = (!args.execute, args.published.clone());
-    let out = std::path::absolute(out)?;
-    let release = Release { metadata, version, profile: args.profile, is_dry, published, out };
+    let (out, is_dry, published) = (std::path::absolute(out)?, !args.execute, args.published.clone());
+    setup::wheel::create_folder(&out)?;
+    let release = Release { metadata, version, is_dev: args.dev, is_dry, published, out };
     for (name, step) in STEPS {
         println!("{name:<10} {}", step(&release).with_context(|| format!("release: {name}"))?);
     }
@@ -103,7 +85,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 
 /// A dry run with the program of the tests: a step of `cargo xtask ci`.
 pub(crate) fn rehearse() -> Result<()> {
-    run(&Args { profile: Profile::Dev, ..Args::default() })
+    run(&Args { dev: true, ..Args::default() })
 }
 
 fn one_version(release: &Release) -> Result<String> {
@@ -112,10 +94,8 @@ fn one_version(release: &Release) -> Result<String> {
 }
 
 fn dated_section(release: &Release) -> Result<String> {
-    let (date, advice) = (
-        changelog::date(&release.version)?,
-        format!("{0} has no section yet: `cargo xtask release --bump {0}`", release.version),
-    );
+    let date = version::date(&release.version)?;
+    let advice = format!("{0} has no section yet: `cargo xtask release --bump {0}`", release.version);
     ensure!(date.is_some() || release.is_dry, "{advice}");
     Ok(date.unwrap_or(advice))
 }
@@ -138,8 +118,9 @@ fn manifests(release: &Release) -> Result<String> {
 /// Known vulnerabilities stand in a database on the network, which only a real release asks.
 fn licenses(release: &Release) -> Result<String> {
     deny::run(&deny::Args { advisories: !release.is_dry })?;
-    Ok(if release.is_dry { "allowed; `--execute` asks for advisories" } else { "allowed, no advisories" }
-        .into())
+    let said =
+        if release.is_dry { "allowed; `--execute` asks for advisories" } else { "allowed, no advisories" };
+    Ok(said.into())
 }
 
 fn semver(release: &Release) -> Result<String> {
@@ -159,16 +140,17 @@ fn semver(release: &Release) -> Result<String> {
 
 /// Builds everything from the packaged files, in the profile of tests.
 fn packaged_files(release: &Release) -> Result<String> {
-    let packaged = Packaged::make(&release.metadata, release.is_dry)?;
+    let metadata = &release.metadata;
+    let count = packages::make(metadata, release.is_dry)?;
     let features: Vec<String> = program::DEV_FEATURES.split(',').map(|name| format!("swm/{name}")).collect();
     let build = ["build", "--quiet", "--features", &features.join(",")];
-    process::run(packaged.cargo(&build).args(apart::all_others()))?;
+    process::run(packages::cargo(metadata, &build).args(apart::all_others()))?;
     for name in apart::APART {
         // With tests, whose features their own step in `cargo xtask ci` has built already.
-        let mut check = packaged.cargo(&["check", "--quiet", "--all-targets", "--package", name]);
+        let mut check = packages::cargo(metadata, &["check", "--quiet", "--all-targets", "--package", name]);
         process::run(check.envs(setup::tools::protoc()))?;
     }
-    Ok(format!("{} packages build from their files alone", packages::published(&release.metadata).len()))
+    Ok(format!("{count} packages build from their files alone"))
 }
 
 /// What git has, and nothing else.
@@ -195,8 +177,7 @@ fn publication(release: &Release) -> Result<String> {
 impl Release {
     /// Writes a file of the release, and returns its name and size for people.
     fn write(&self, name: &str, bytes: &[u8]) -> Result<String> {
-        let path = self.out.join(name);
-        fs::write(&path, bytes).with_context(|| format!("failed to write {}", path.display()))?;
+        setup::wheel::write(&self.out.join(name), bytes)?;
         Ok(format!("{name}, {:.1} MB", bytes.len() as f64 / 1e6))
     }
 }
@@ -207,7 +188,7 @@ mod tests {
 
     #[test]
     fn the_page_on_releasing_explains_every_step_in_order() {
-        let page = fs::read_to_string(process::root().join("docs/RELEASING.md")).unwrap();
+        let page = std::fs::read_to_string(process::root().join("docs/RELEASING.md")).unwrap();
         let rows = page.lines().filter_map(|line| line.strip_prefix("| `")?.split('`').next());
         assert_eq!(rows.collect::<Vec<_>>(), STEPS.iter().map(|(name, _)| *name).collect::<Vec<_>>());
     }

@@ -1,15 +1,20 @@
 //! The crates as a registry gets them: what each manifest must say, and a workspace of nothing but their packaged files.
 
+use std::collections::BTreeSet;
 use std::fs;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context as _, Result, ensure};
 use flate2::read::GzDecoder;
-use toml::{Table, Value};
+use serde_json::{Map, json};
+use toml::Table;
 
+use super::archives::files;
 use crate::metadata::{Metadata, Package};
 use crate::process;
+use crate::setup::wheel::{create_folder, write};
 
 /// The crates that are published.
 pub(super) fn published(metadata: &Metadata) -> Vec<&Package> {
@@ -35,93 +40,78 @@ pub(super) fn faults(package: &Package) -> Vec<String> {
 /// Files that every package holds.
 const WANTED: &[&str] = &["Cargo.toml", "LICENSE-APACHE", "LICENSE-MIT", "README.md", "src/lib.rs"];
 
-/// The workspace of packaged crates, always at the same place, so that a second build is incremental.
-pub(super) struct Packaged {
-    folder: PathBuf,
-    target: PathBuf,
+/// Packages the crates and unpacks them into a workspace, always at the same place, so that a second build is incremental. A
+/// dry run takes files that are not committed, too. Returns their number.
+pub(super) fn make(metadata: &Metadata, is_dry: bool) -> Result<usize> {
+    let mut command = process::cargo(["package", "--quiet", "--no-verify", "--locked", "--offline"]);
+    let (crates, folder) = (published(metadata), workspace(metadata));
+    command.args(is_dry.then_some("--allow-dirty"));
+    process::run(command.args(crates.iter().flat_map(|package| ["--package", &package.name])))?;
+    let mut names = Vec::new();
+    for package in &crates {
+        let name = format!("{}-{}", package.name, package.version);
+        let file = metadata.target_directory.join("package").join(format!("{name}.crate"));
+        unpack(&file, &folder, &name).with_context(|| format!("failed to unpack {name}"))?;
+        let missing = WANTED.iter().find(|file| !folder.join(&name).join(file).is_file());
+        ensure!(missing.is_none(), "the package {name} lacks {}", missing.unwrap_or(&""));
+        names.push((package.name.as_str(), name));
+    }
+    let ours = fs::read_to_string(process::root().join("Cargo.toml")).context("no Cargo.toml")?;
+    write(&folder.join("Cargo.toml"), manifest(&ours, &names)?.as_bytes())?;
+    fs::copy(process::root().join("Cargo.lock"), folder.join("Cargo.lock")).context("no Cargo.lock")?;
+    Ok(crates.len())
 }
 
-impl Packaged {
-    /// Packages the crates and unpacks them. A dry run takes files that are not committed, too.
-    pub(super) fn make(metadata: &Metadata, is_dry: bool) -> Result<Self> {
-        let mut command = process::cargo(["package", "--quiet", "--no-verify", "--locked", "--offline"]);
-        let crates = published(metadata);
-        command.args(is_dry.then_some("--allow-dirty"));
-        process::run(command.args(crates.iter().flat_map(|package| ["--package", &package.name])))?;
-        let target = metadata.target_directory.clone();
-        let folder = target.join("packaged");
-        fs::create_dir_all(&folder)?;
-        let mut names = Vec::new();
-        for package in crates {
-            let name = format!("{}-{}", package.name, package.version);
-            let file = target.join("package").join(format!("{name}.crate"));
-            unpack(&file, &folder, &name).with_context(|| format!("failed to unpack {name}"))?;
-            let missing = WANTED.iter().find(|file| !folder.join(&name).join(file).is_file());
-            ensure!(missing.is_none(), "the package {name} lacks {}", missing.unwrap_or(&""));
-            names.push((package.name.as_str(), name));
-        }
-        let ours = fs::read_to_string(process::root().join("Cargo.toml")).context("no Cargo.toml")?;
-        fs::write(folder.join("Cargo.toml"), manifest(&ours, &names)?)?;
-        fs::copy(process::root().join("Cargo.lock"), folder.join("Cargo.lock")).context("no Cargo.lock")?;
-        Ok(Self { folder, target })
-    }
+fn workspace(metadata: &Metadata) -> PathBuf {
+    metadata.target_directory.join("packaged")
+}
 
-    /// Runs cargo there, with the workspace's settings and build directory.
-    pub(super) fn cargo(&self, args: &[&str]) -> Command {
-        let mut command = process::cargo(args);
-        command.current_dir(&self.folder).arg("--config").arg(process::root().join(".cargo/config.toml"));
-        command.env("CARGO_TARGET_DIR", &self.target);
-        command
-    }
+/// Runs cargo in the workspace of packaged crates, with the settings and the build directory of ours.
+pub(super) fn cargo(metadata: &Metadata, args: &[&str]) -> Command {
+    let mut command = process::cargo(args);
+    command.arg("--config").arg(process::root().join(".cargo/config.toml"));
+    command.current_dir(workspace(metadata)).env("CARGO_TARGET_DIR", &metadata.target_directory);
+    command
 }
 
 /// The manifest above the packaged crates (name and folder of each), with the profiles of ours: they take each other instead
 /// of what a registry has.
 fn manifest(ours: &str, crates: &[(&str, String)]) -> Result<String> {
-    let ours: Table = ours.parse().context("failed to read Cargo.toml")?;
-    let folders: Vec<Value> = crates.iter().map(|(_, folder)| folder.as_str().into()).collect();
-    let workspace =
-        Table::from_iter([("resolver".to_owned(), "3".into()), ("members".to_owned(), folders.into())]);
-    let mut manifest = Table::from_iter([("workspace".to_owned(), workspace.into())]);
-    manifest.insert("profile".into(), ours.get("profile").context("Cargo.toml has no profiles")?.clone());
-    let path = |folder: &str| Value::from(Table::from_iter([("path".to_owned(), folder.into())]));
-    let patch = crates.iter().map(|(name, folder)| ((*name).to_owned(), path(folder)));
-    manifest.insert(
-        "patch".into(),
-        Table::from_iter([("crates-io".to_owned(), Table::from_iter(patch).into())]).into(),
-    );
+    let mut manifest: Table = ours.parse().context("failed to read Cargo.toml")?;
+    manifest.retain(|key, _| key == "profile");
+    let members: Vec<&String> = crates.iter().map(|(_, folder)| folder).collect();
+    let patch: Map<_, _> =
+        crates.iter().map(|(name, folder)| ((*name).to_owned(), json!({ "path": folder }))).collect();
+    manifest.extend(Table::try_from(json!({
+        "workspace": { "resolver": "3", "members": members },
+        "patch": { "crates-io": patch },
+    }))?);
     Ok(toml::to_string(&manifest)?)
 }
 
 /// Unpacks a package into its folder `name` of `folder`. Cargo trusts file times: a file whose bytes did not change since the
-/// last time keeps its own.
+/// last time stays as it is.
 fn unpack(file: &Path, folder: &Path, name: &str) -> Result<()> {
-    let (new, old) = (folder.join(name), folder.join("previous"));
-    if old.exists() {
-        fs::remove_dir_all(&old)?;
-    }
-    if new.exists() {
-        fs::rename(&new, &old)?;
-    }
-    let mut archive = tar::Archive::new(GzDecoder::new(fs::File::open(file)?));
-    archive.set_preserve_mtime(false);
-    for entry in archive.entries()? {
+    create_folder(&folder.join(name))?;
+    let mut stale = BTreeSet::from_iter(files(&folder.join(name))?);
+    for entry in tar::Archive::new(GzDecoder::new(fs::File::open(file)?)).entries()? {
         let mut entry = entry?;
-        let path = entry.path()?.into_owned();
-        ensure!(path.starts_with(name) && entry.unpack_in(folder)?, "refused: it holds `{}`", path.display());
-        let (new, old) = (folder.join(&path), old.join(path.strip_prefix(name)?));
-        if fs::read(&old).is_ok_and(|bytes| fs::read(&new).is_ok_and(|same| same == bytes)) {
-            fs::rename(old, new)?;
+        let (path, mut bytes) = (folder.join(entry.path()?), Vec::new());
+        ensure!(path.starts_with(folder.join(name)), "refused: it holds `{}`", path.display());
+        entry.read_to_end(&mut bytes)?;
+        if !stale.remove(&path) || fs::read(&path)? != bytes {
+            create_folder(path.parent().unwrap_or(folder))?;
+            write(&path, &bytes)?;
         }
     }
-    Ok(())
+    stale.into_iter().try_for_each(|path| Ok(fs::remove_file(path)?))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::metadata::fixture;
-    use crate::release::archives::{Entry, tar_gz};
+    use crate::release::archives::tar_gz;
 
     #[test]
     fn a_manifest_that_says_too_little_is_found() {
@@ -158,8 +148,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.crate");
         let write = |list: &[(&str, &str)]| {
-            let entries = list.iter().map(|(path, text)| Entry::text(*path, *text)).collect();
-            fs::write(&file, tar_gz("a-1", entries, flate2::Compression::fast()).unwrap()).unwrap();
+            let scratch = tempfile::tempdir().unwrap();
+            let source = scratch.path().join("a-1");
+            fs::create_dir_all(source.join("src")).unwrap();
+            list.iter().for_each(|(path, text)| fs::write(source.join(path), text).unwrap());
+            fs::write(&file, tar_gz(&source, flate2::Compression::fast()).unwrap()).unwrap();
             unpack(&file, folder.path(), "a-1")
         };
         write(&[("src/a.rs", "a"), ("src/b.rs", "b")]).unwrap();

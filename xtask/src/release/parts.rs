@@ -66,19 +66,16 @@ impl<'a> Parts<'a> {
             Some(expression) => json!({ "expression": expression.replace('/', " OR ") }),
             None => json!({ "license": { "name": "as its files say" } }),
         };
+        let hash = self.checksums.get(&unit.to_string());
+        let repository = package.repository.as_deref().filter(|url| url.starts_with("https://"));
         let mut component = json!({
             "type": kind, "bom-ref": url(unit), "name": unit.name, "version": unit.version, "purl": url(unit),
             "licenses": [license],
+            "description": package.description.as_deref().map(str::trim),
+            "hashes": hash.map(|sum| [json!({ "alg": "SHA-256", "content": sum })]),
+            "externalReferences": repository.map(|url| [json!({ "type": "vcs", "url": url })]),
         });
-        if let Some(description) = package.description.as_deref().map(str::trim) {
-            component["description"] = description.into();
-        }
-        if let Some(sum) = self.checksums.get(&unit.to_string()) {
-            component["hashes"] = json!([{ "alg": "SHA-256", "content": sum }]);
-        }
-        if let Some(repository) = package.repository.as_deref().filter(|url| url.starts_with("https://")) {
-            component["externalReferences"] = json!([{ "type": "vcs", "url": repository }]);
-        }
+        component.as_object_mut().into_iter().for_each(|fields| fields.retain(|_, value| !value.is_null()));
         Ok(component)
     }
 

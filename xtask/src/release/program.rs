@@ -8,11 +8,11 @@ use std::process::Command;
 use anyhow::{Context as _, Result, ensure};
 use flate2::Compression;
 
-use super::archives::{Entry, tar_gz};
-use super::packages::Packaged;
+use super::archives::tar_gz;
 use super::parts::Parts;
-use super::{Profile, Release, publish};
-use crate::cargo_tree::{Build, CargoTree, PLATFORM};
+use super::{Release, packages, publish};
+use crate::cargo_tree::{Build, PLATFORM};
+use crate::setup::wheel::{create_folder, write};
 use crate::{process, setup};
 
 /// Features of a release beyond the default ones: all that need no GPU.
@@ -31,120 +31,88 @@ const COMPLETIONS: &[(&str, &str, &str)] = &[
     ("zsh", "share/zsh/site-functions/_swm", "#compdef swm"),
 ];
 
-/// Writes the bill of materials.
-pub(super) fn write_bill(release: &Release) -> Result<String> {
-    let (tree, lock) = sources(release)?;
-    let (bill, parts) = Parts::new(&tree, &release.metadata, &lock)?.bill()?;
-    Ok(format!("{}, {parts} parts", release.write(&format!("{}.cdx.json", release.name()), &bill)?))
-}
-
-/// What the program depends on, and the lock file.
-fn sources(release: &Release) -> Result<(CargoTree, String)> {
-    let features = if release.profile == Profile::Dev { DEV_FEATURES } else { ALL_FEATURES };
-    let features = features.split(',').map(str::to_owned).collect();
-    let lock = fs::read_to_string(process::root().join("Cargo.lock")).context("no Cargo.lock")?;
-    Ok((Build { package: "swm".into(), default_features: true, features }.tree()?, lock))
-}
-
-/// Builds the program and packs it with what belongs to it.
+/// Builds the program and packs it with what belongs to it; the bill of materials is a file of its own, too.
 pub(super) fn archive(release: &Release) -> Result<String> {
-    let scratch = tempfile::tempdir().context("no folder for manual pages")?;
-    let (program, debug) = split(&build(release)?, scratch.path())?;
+    let note = if release.is_dev { "-dev" } else { "" };
+    let name = format!("swm-{}-{PLATFORM}{note}", release.version);
+    let scratch = tempfile::tempdir().context("no folder for the archive")?;
+    let (folder, debug) = (scratch.path().join(&name), scratch.path().join(format!("{name}-debug")));
+    let program = split(&build(release)?, &folder.join("bin"), &debug.join("bin"))?;
     let run = |args: &[&str]| process::output(Command::new(&program).args(args));
     let version = String::from_utf8(run(&["--version"])?).context("the version is no UTF-8")?;
     let is_ours = version.starts_with(&format!("swm {}", release.version));
     ensure!(is_ours, "the program reports `{}`", version.trim());
 
-    let mut entries = vec![Entry { is_program: true, ..Entry::file("bin/swm", &program)? }];
-    let pages = scratch.path().join("man1");
-    process::output(Command::new(&program).arg("man").arg(&pages))?;
-    for page in fs::read_dir(&pages)? {
-        let page = page?;
-        entries.push(Entry::file(format!("share/man/man1/{}", page.file_name().display()), &page.path())?);
-    }
+    let features = if release.is_dev { DEV_FEATURES } else { ALL_FEATURES };
+    let features = features.split(',').map(str::to_owned).collect();
+    let tree = Build { package: "swm".into(), default_features: true, features }.tree()?;
+    let lock = fs::read_to_string(process::root().join("Cargo.lock")).context("no Cargo.lock")?;
+    let parts = Parts::new(&tree, &release.metadata, &lock)?;
+    let (bill, count) = parts.bill()?;
+    write(&folder.join("swm.cdx.json"), &bill)?;
+    write(&folder.join("THIRD-PARTY.txt"), parts.notices()?.as_bytes())?;
+    process::output(Command::new(&program).arg("man").arg(folder.join("share/man/man1")))?;
     for (shell, path, _) in COMPLETIONS {
-        entries.push(Entry::text(*path, run(&["completions", shell])?));
+        let path = folder.join(path);
+        create_folder(path.parent().unwrap_or(&folder))?;
+        write(&path, &run(&["completions", shell])?)?;
     }
     for file in FILES {
-        entries.push(Entry::file(*file, &process::root().join(file))?);
+        fs::copy(process::root().join(file), folder.join(file)).with_context(|| format!("no {file}"))?;
     }
-    let (tree, lock) = sources(release)?;
-    let parts = Parts::new(&tree, &release.metadata, &lock)?;
-    entries.push(Entry::text("THIRD-PARTY.txt", parts.notices()?));
-    entries.push(Entry::text("swm.cdx.json", parts.bill()?.0));
-    check(&entries)?;
+    check(&folder)?;
 
-    let level = if release.profile == Profile::Dev { Compression::fast() } else { Compression::best() };
-    let write =
-        |name: &str, entries| release.write(&format!("{name}.tar.gz"), &tar_gz(name, entries, level)?);
-    let said = write(&release.name(), entries)?;
-    let debug = write(&format!("{}-debug", release.name()), vec![Entry::file("bin/swm.debug", &debug)?])?;
-    Ok(format!("{said}; {debug}: {}", version.lines().next().unwrap_or_default()))
+    let level = if release.is_dev { Compression::fast() } else { Compression::best() };
+    let program = release.write(&format!("{name}.tar.gz"), &tar_gz(&folder, level)?)?;
+    let debug = release.write(&format!("{name}-debug.tar.gz"), &tar_gz(&debug, level)?)?;
+    let bill = release.write(&format!("{name}.cdx.json"), &bill)?;
+    let version = version.lines().next().unwrap_or_default();
+    Ok(format!("{program}; {debug}; {bill} of {count} parts: {version}"))
 }
 
 /// The program, from the packaged files.
 fn build(release: &Release) -> Result<PathBuf> {
     let target = &release.metadata.target_directory;
-    if release.profile == Profile::Dev {
+    if release.is_dev {
         // The step before has built it.
         return Ok(target.join("debug/swm"));
     }
-    let packaged = Packaged::make(&release.metadata, release.is_dry)?;
     let args = ["build", "--profile", "dist", "--package", "swm", "--features", ALL_FEATURES];
-    let mut command = packaged.cargo(&args);
+    let mut command = packages::cargo(&release.metadata, &args);
     process::run(command.envs(setup::tools::protoc()).env("SWM_COMMIT", publish::git("rev-parse HEAD")?))?;
     Ok(target.join("dist/swm"))
 }
 
 /// Separates a program from its debug information: `swm`, and `swm.debug`, which debuggers and backtraces find next to it.
-fn split(program: &Path, folder: &Path) -> Result<(PathBuf, PathBuf)> {
-    let (stripped, debug) = (folder.join("swm"), folder.join("swm.debug"));
+fn split(program: &Path, bin: &Path, debug: &Path) -> Result<PathBuf> {
+    let (stripped, symbols) = (bin.join("swm"), debug.join("swm.debug"));
     let objcopy = |options: &[&str], from: &Path, to: &Path| {
-        process::output(Command::new("objcopy").current_dir(folder).args(options).arg(from).arg(to)).map(drop)
+        process::output(Command::new("objcopy").current_dir(debug).args(options).arg(from).arg(to)).map(drop)
     };
-    objcopy(&["--only-keep-debug", "--compress-debug-sections"], program, &debug)?;
+    create_folder(bin)?;
+    create_folder(debug)?;
+    objcopy(&["--only-keep-debug", "--compress-debug-sections"], program, &symbols)?;
     objcopy(&["--strip-all", "--add-gnu-debuglink=swm.debug"], program, &stripped)?;
-    Ok((stripped, debug))
+    Ok(stripped)
 }
 
-/// Fails where a part of the archive is missing or does not name the program.
-fn check(entries: &[Entry]) -> Result<()> {
+/// Fails where a part of the archive is missing or does not name the program, or a shell cannot read its script.
+fn check(folder: &Path) -> Result<()> {
     let pages = [
-        ("share/man/man1/swm.1", "swm"),
-        ("share/man/man1/swm-collect.1", "collect"),
-        ("THIRD-PARTY.txt", "HDF5"),
+        ("", "share/man/man1/swm.1", "swm"),
+        ("", "share/man/man1/swm-collect.1", "collect"),
+        ("", "THIRD-PARTY.txt", "HDF5"),
     ];
-    for (path, what) in pages.into_iter().chain(COMPLETIONS.iter().map(|(_, path, what)| (*path, *what))) {
-        let mut found = entries.iter().filter(|entry| entry.path == path);
-        let holds = found.any(|entry| String::from_utf8_lossy(&entry.bytes).contains(what));
-        ensure!(holds, "the archive holds no {path} with `{what}` in it");
-    }
-    for entry in entries {
-        if let Some((shell, ..)) = COMPLETIONS.iter().find(|(_, path, _)| *path == entry.path) {
-            parses(shell, &entry.bytes)?;
+    for (shell, path, what) in pages.iter().chain(COMPLETIONS) {
+        let text = fs::read_to_string(folder.join(path)).unwrap_or_default();
+        ensure!(text.contains(what), "the archive holds no {path} with `{what}` in it");
+        // Where the shell is not installed, nobody can say.
+        if !shell.is_empty() && Command::new(shell).arg("--version").output().is_ok() {
+            let option = if *shell == "fish" { "--no-execute" } else { "-n" };
+            process::output(Command::new(shell).arg(option).arg(folder.join(path)))?;
         }
     }
     Ok(())
-}
-
-/// Whether a shell can read a script; where the shell is not installed, nobody can say.
-fn parses(shell: &str, script: &[u8]) -> Result<()> {
-    if Command::new(shell).arg("--version").output().is_err() {
-        return Ok(());
-    }
-    let folder = tempfile::tempdir()?;
-    let file = folder.path().join("script");
-    fs::write(&file, script)?;
-    let option = if shell == "fish" { "--no-execute" } else { "-n" };
-    process::output(Command::new(shell).arg(option).arg(file)).map(drop)
-}
-
-impl Release {
-    /// The name of the program's archive, without ending.
-    fn name(&self) -> String {
-        let note = if self.profile == Profile::Dev { "-dev" } else { "" };
-        format!("swm-{}-{PLATFORM}{note}", self.version)
-    }
 }
 
 #[cfg(test)]
@@ -152,16 +120,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_broken_completion_script_is_found() {
-        assert!(parses("bash", b"complete -F _swm swm\n").is_ok());
-        assert!(parses("bash", b"if then\n").is_err());
-        assert!(parses("no-such-shell", b"if then\n").is_ok());
-    }
-
-    #[test]
-    fn an_archive_without_manual_pages_is_refused() {
-        let error = check(&[Entry::text("bin/swm", "elf")]).unwrap_err().to_string();
-        assert!(error.contains("share/man/man1/swm.1"), "{error}");
+    fn an_archive_without_pages_or_with_broken_scripts_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let put = |path: &str, text: &str| {
+            let path = folder.path().join(path);
+            create_folder(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        };
+        let error = || check(folder.path()).unwrap_err().to_string();
+        assert!(error().contains("share/man/man1/swm.1"), "{}", error());
+        put("share/man/man1/swm.1", "swm");
+        put("share/man/man1/swm-collect.1", "swm collect");
+        put("THIRD-PARTY.txt", "HDF5");
+        COMPLETIONS.iter().for_each(|(_, path, what)| put(path, what));
+        put(COMPLETIONS[0].1, "complete -F _swm swm\n");
+        check(folder.path()).unwrap();
+        put(COMPLETIONS[0].1, "if _swm then\n");
+        assert!(error().contains("bash -n"), "{}", error());
     }
 
     #[cfg(target_os = "linux")]
@@ -169,9 +144,9 @@ mod tests {
     fn a_stripped_program_runs_and_names_its_debug_file() {
         let folder = tempfile::tempdir().unwrap();
         let ours = std::env::current_exe().unwrap();
-        let (program, debug) = split(&ours, folder.path()).unwrap();
+        let program = split(&ours, &folder.path().join("bin"), &folder.path().join("debug")).unwrap();
         let size = |path: &Path| fs::metadata(path).unwrap().len();
-        assert!(size(&program) < size(&ours) && size(&debug) > 0);
+        assert!(size(&program) < size(&ours) && size(&folder.path().join("debug/swm.debug")) > 0);
         assert!(process::output(Command::new(&program).arg("--list")).is_ok());
         assert!(fs::read(program).unwrap().windows(9).any(|bytes| bytes == b"swm.debug"));
     }

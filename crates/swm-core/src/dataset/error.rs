@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use crate::error::did_you_mean;
+use crate::error::{BoxError, did_you_mean};
 
 /// A dataset cannot be opened, read, written or windowed.
 #[derive(Debug, Error)]
@@ -30,12 +30,17 @@ pub enum DataError {
         reason: String,
     },
     /// The file is a dataset, but a part of it is missing or contradicts another.
-    #[error("{} is damaged: {reason}", .path.display())]
+    #[error("{} is damaged: {}{reason}", .path.display(), part(.column.as_deref(), *.episode))]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and where.
-        reason: String,
+        /// The damaged column, if it is one.
+        column: Option<String>,
+        /// The damaged episode, if it is one.
+        episode: Option<usize>,
+        /// What is wrong there.
+        #[source]
+        reason: BoxError,
     },
     /// No format has this name or file extension.
     #[error("unknown dataset format `{name}`; known formats: {known}{}{hint}", did_you_mean(.nearest.as_deref()))]
@@ -87,7 +92,8 @@ pub enum DataError {
         /// The file.
         path: PathBuf,
         /// What is wrong, and what is allowed.
-        reason: String,
+        #[source]
+        reason: BoxError,
     },
     /// An episode could not be written; the earlier ones are safe.
     #[error("writing to {} failed, its {episodes} finished episodes are safe: {reason}", .path.display())]
@@ -96,8 +102,9 @@ pub enum DataError {
         path: PathBuf,
         /// Episodes that are in the file.
         episodes: u64,
-        /// The reason, as the library gives it.
-        reason: String,
+        /// What failed, and where.
+        #[source]
+        reason: BoxError,
     },
     /// A request for a column, an episode, rows or clips that do not exist.
     #[error("{}: {reason}", .path.display())]
@@ -105,7 +112,8 @@ pub enum DataError {
         /// The dataset.
         path: PathBuf,
         /// What was asked for, and what exists.
-        reason: String,
+        #[source]
+        reason: BoxError,
     },
     /// An episode cannot be replayed to render its images, or the replay is not what was recorded.
     #[error("{}: replay of episode {episode}, row {row}: {reason}", .path.display())]
@@ -141,8 +149,8 @@ impl DataError {
     }
 
     /// It is damaged, in this way.
-    pub fn damaged(path: &Path, reason: impl Into<String>) -> Self {
-        Self::Damaged { path: path.to_owned(), reason: reason.into() }
+    pub fn damaged(path: &Path, reason: impl Into<BoxError>) -> Self {
+        Self::Damaged { path: path.to_owned(), column: None, episode: None, reason: reason.into() }
     }
 
     /// Episodes do not continue it, for a reason.
@@ -151,12 +159,24 @@ impl DataError {
     }
 
     /// It cannot be recorded, for a reason.
-    pub fn record(path: &Path, reason: impl Into<String>) -> Self {
+    pub fn record(path: &Path, reason: impl Into<BoxError>) -> Self {
         Self::Record { path: path.to_owned(), reason: reason.into() }
     }
 
+    /// Its open episode could not be written; it holds so many others.
+    pub fn write(path: &Path, episodes: u64, reason: impl Into<BoxError>) -> Self {
+        Self::Write { path: path.to_owned(), episodes, reason: reason.into() }
+    }
+
     /// It has not what was asked for.
-    pub fn request(path: &Path, reason: impl Into<String>) -> Self {
+    pub fn request(path: &Path, reason: impl Into<BoxError>) -> Self {
         Self::Request { path: path.to_owned(), reason: reason.into() }
     }
+}
+
+/// The damaged part, in front of the reason; empty for the whole dataset.
+fn part(column: Option<&str>, episode: Option<usize>) -> String {
+    let column = column.map(|column| format!("column `{column}`"));
+    let parts: Vec<String> = column.into_iter().chain(episode.map(|at| format!("episode {at}"))).collect();
+    if parts.is_empty() { String::new() } else { parts.join(", ") + ": " }
 }

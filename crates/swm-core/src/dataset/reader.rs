@@ -1,12 +1,12 @@
 //! Reading recorded episodes: what an open dataset holds, and single columns of it at a stride.
 
-use std::fmt;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
 use super::{DataError, Metadata};
 use crate::batch::{Batch, Field, Schema, SliceMut};
+use crate::error::BoxError;
 
 /// Rows of one episode: `first`, `first + stride`, …, `count` of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,14 +74,18 @@ impl DatasetInfo {
     }
 
     /// The error for damage in one column of an episode.
-    pub fn damaged(&self, column: usize, episode: usize, reason: impl fmt::Display) -> DataError {
-        let name = self.schema.fields().get(column).map_or("?", |field| &field.name);
-        DataError::damaged(&self.path, format!("column `{name}`, episode {episode}: {reason}"))
+    pub fn damaged(&self, column: usize, episode: usize, reason: impl Into<BoxError>) -> DataError {
+        let column = self.schema.fields().get(column).map_or("?", |field| &field.name).to_owned();
+        self.damaged_part(Some(column), episode, reason.into())
     }
 
     /// The error for damage in an episode.
-    pub fn damaged_episode(&self, episode: usize, reason: impl fmt::Display) -> DataError {
-        DataError::damaged(&self.path, format!("episode {episode}: {reason}"))
+    pub fn damaged_episode(&self, episode: usize, reason: impl Into<BoxError>) -> DataError {
+        self.damaged_part(None, episode, reason.into())
+    }
+
+    fn damaged_part(&self, column: Option<String>, episode: usize, reason: BoxError) -> DataError {
+        DataError::Damaged { path: self.path.to_path_buf(), column, episode: Some(episode), reason }
     }
 }
 

@@ -4,6 +4,10 @@ use std::fs::{self, File};
 use std::io;
 use std::path::Path;
 
+use serde::Serialize;
+
+use crate::error::DataError;
+
 /// Fills `out` with the bytes from `at` on, without moving the file's cursor: handles share the file.
 #[cfg(unix)]
 pub(super) fn read_exact_at(file: &File, out: &mut [u8], at: u64) -> io::Result<()> {
@@ -50,6 +54,12 @@ pub(super) fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     name.push(".new");
     fs::write(&name, bytes)?;
     fs::rename(&name, path)
+}
+
+/// As [`replace`], with a value as indented JSON.
+pub(super) fn replace_json(path: &Path, value: &impl Serialize) -> Result<(), DataError> {
+    let bytes = serde_json::to_vec_pretty(value).map_err(|error| DataError::record(path, error))?;
+    replace(path, &bytes).map_err(|source| DataError::io(path, "write", source))
 }
 
 /// Whether `name` stays in the folder that it is joined to, on every system.

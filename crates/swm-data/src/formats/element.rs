@@ -1,5 +1,6 @@
 //! Types of stored elements, as little-endian bytes, and their values as columns; formats of raw bytes share them.
 
+use crate::error::{Result, invalid, wrong_type};
 use swm_core::{Dtype, SliceMut};
 
 /// How the elements of a column stand in a file.
@@ -53,7 +54,7 @@ impl Element {
 }
 
 /// Fills `out`, which has as many values as `bytes` holds elements.
-pub(super) fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> Result<(), String> {
+pub(super) fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> Result<()> {
     macro_rules! numbers {
         ($out:ident, $from:ty, $size:literal) => {
             for (value, bytes) in $out.iter_mut().zip(bytes.as_chunks::<$size>().0) {
@@ -86,16 +87,18 @@ pub(super) fn from_bytes(element: Element, bytes: &[u8], out: SliceMut<'_>) -> R
                 *value = text(bytes)?;
             }
         }
-        (element, out) => return Err(format!("{element:?} elements were asked for as {}", out.dtype())),
+        (element, out) => {
+            return Err(wrong_type(format!("{element:?} elements were asked for as {}", out.dtype())));
+        }
     }
     Ok(())
 }
 
 /// Text up to the padding.
-pub(super) fn text(bytes: &[u8]) -> Result<String, String> {
+pub(super) fn text(bytes: &[u8]) -> Result<String> {
     let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
     let text = std::str::from_utf8(&bytes[..end]);
-    text.map(str::to_owned).map_err(|_| "a text is not valid UTF-8".to_owned())
+    text.map(str::to_owned).map_err(|_| invalid("a text is not valid UTF-8"))
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ use swm_core::error::BoxError;
 use swm_core::{Batch, EpisodeSink, Field, Metadata, Schema};
 
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
-use crate::error::DataError;
+use crate::error::{DataError, Result, invalid};
 pub use crate::lock::WriterLock;
 
 pub(crate) use self::fit::resolve;
@@ -98,22 +98,22 @@ pub trait Session: Send {
     ///
     /// # Errors
     ///
-    /// A sentence; the recording takes no more after it.
-    fn append(&mut self, at: StepIndex, rows: &Batch) -> Result<(), String>;
+    /// What failed, and in which column; the recording takes no more after it.
+    fn append(&mut self, at: StepIndex, rows: &Batch) -> Result<()>;
 
     /// Commits the open episode, which ends at `end`: when this returns, no kill can lose it.
     ///
     /// # Errors
     ///
     /// As of [`Session::append`].
-    fn commit(&mut self, end: StepIndex) -> Result<(), String>;
+    fn commit(&mut self, end: StepIndex) -> Result<()>;
 
     /// Ends the recording. No episode is open.
     ///
     /// # Errors
     ///
     /// As of [`Session::append`].
-    fn close(self) -> Result<(), String>;
+    fn close(self) -> Result<()>;
 
     /// Ends the recording amid an episode, of which nothing may be seen. As a kill would, if nothing better is known.
     fn cancel(self)
@@ -226,19 +226,19 @@ impl<S: Backend> BackendWriter<S> {
     /// Does something with the recording. After an error nothing more is written.
     fn record(
         &mut self,
-        work: impl FnOnce(&mut S::Session, StepIndex) -> Result<(), String>,
+        work: impl FnOnce(&mut S::Session, StepIndex) -> Result<()>,
     ) -> Result<(), DataError> {
         let State::Recording(recording, _) = &mut self.state else {
             return Err(DataError::record(&self.path, "no recording is going on"));
         };
         let written = i32::try_from(self.episodes)
-            .map_err(|_| "too many episodes for the format".to_owned())
+            .map_err(|_| invalid("too many episodes for the format"))
             .and_then(|episode| work(recording, StepIndex { episode, step: self.open }));
-        written.map_err(|reason| {
+        written.map_err(|error| {
             if let State::Recording(recording, _) = std::mem::replace(&mut self.state, State::Closed) {
                 recording.abandon();
             }
-            self.failed(reason)
+            self.failed(error)
         })
     }
 
@@ -246,15 +246,15 @@ impl<S: Backend> BackendWriter<S> {
         match std::mem::replace(&mut self.state, State::Closed) {
             State::Recording(recording, _) if self.open > 0 => {
                 recording.cancel();
-                Err(self.failed("the last episode was not ended".to_owned()))
+                Err(self.failed("the last episode was not ended"))
             }
-            State::Recording(recording, _) => recording.close().map_err(|reason| self.failed(reason)),
+            State::Recording(recording, _) => recording.close().map_err(|error| self.failed(error)),
             State::Waiting | State::Closed => Ok(()),
         }
     }
 
-    fn failed(&self, reason: String) -> DataError {
-        DataError::Write { path: self.path.clone(), episodes: self.episodes, reason }
+    fn failed(&self, reason: impl Into<BoxError>) -> DataError {
+        DataError::write(&self.path, self.episodes, reason)
     }
 }
 
@@ -298,7 +298,7 @@ impl<S: Backend> DatasetWriter for BackendWriter<S> {
         let more = rows.rows();
         self.record(|recording, at| match i32::try_from(at.step.saturating_add(more)) {
             Ok(_) => recording.append(at, rows),
-            Err(_) => Err("too many rows in an episode for the format".to_owned()),
+            Err(_) => Err(invalid("too many rows in an episode for the format")),
         })?;
         self.open += more;
         Ok(())

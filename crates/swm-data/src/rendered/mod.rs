@@ -10,15 +10,16 @@
 mod stage;
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::{Map, Value as Json};
 use swm_core::dataset::{CHECKPOINT, Checkpoints};
 use swm_core::env::VARIATION_PREFIX;
-use swm_core::error::nearest;
+use swm_core::error::{BoxError, did_you_mean, nearest};
 use swm_core::{
-    Dtype, EnvConfig, EnvEntry, EnvSpec, Field, FieldKind, ImageSize, MAX_FRAME_SKIP, Metadata, Registry,
-    Schema, SliceMut, Value,
+    BatchError, Dtype, EnvConfig, EnvEntry, EnvSpec, Field, FieldKind, ImageSize, MAX_FRAME_SKIP, Metadata,
+    Registry, Schema, SliceMut, Value,
 };
 
 use crate::dataset::{Dataset, DatasetInfo, Steps};
@@ -111,25 +112,25 @@ impl Rendered {
         registry: &Registry,
         options: &RenderOptions,
     ) -> Result<Self, DataError> {
-        let refuse = |reason: String| DataError::request(dataset.path(), reason);
+        let refuse = |reason: BoxError| DataError::request(dataset.path(), reason);
         let Some(metadata) = dataset.metadata() else {
             return Err(refuse(
-                "images cannot be drawn: it does not say how it was recorded (by another program)".to_owned(),
+                "images cannot be drawn: it does not say how it was recorded (by another program)".into(),
             ));
         };
         if metadata.frame_skip > MAX_FRAME_SKIP {
             let reason = format!("its frame skip of {} is more than {MAX_FRAME_SKIP}", metadata.frame_skip);
-            return Err(refuse(reason));
+            return Err(refuse(reason.into()));
         }
-        let entry = *registry.env(&metadata.env).map_err(|error| refuse(error.to_string()))?;
+        let entry = *registry.env(&metadata.env).map_err(|error| refuse(error.into()))?;
         let mut settings = metadata.settings.clone();
         settings.extend(options.settings.clone());
         let painter = EnvConfig { image: Some(options.image), settings: settings.clone() };
-        let spec = entry.make(&painter).map_err(|error| refuse(error.to_string()))?.spec().clone();
-        let factors = factors(&spec, &options.factors).map_err(refuse)?;
+        let spec = entry.make(&painter).map_err(|error| refuse(error.into()))?.spec().clone();
+        let factors = factors(dataset.path(), &spec, &options.factors)?;
         let drawn = images(&spec, options.image);
         if drawn.is_empty() {
-            return Err(refuse(format!("`{}` draws no images", spec.id)));
+            return Err(refuse(format!("`{}` draws no images", spec.id).into()));
         }
         let (mut columns, mut fields) = (Vec::new(), Vec::new());
         for (column, field) in dataset.schema().fields().iter().enumerate() {
@@ -142,7 +143,7 @@ impl Rendered {
             columns.push(Origin::Drawn(index));
             fields.push(field);
         }
-        let schema = Schema::new(fields).map_err(|error| refuse(error.to_string()))?;
+        let schema = Schema::new(fields).map_err(|error| refuse(error.into()))?;
         let script = Script {
             entry,
             sim: EnvConfig { image: None, settings },
@@ -204,21 +205,25 @@ fn images(spec: &EnvSpec, image: ImageSize) -> Vec<(usize, Field)> {
 }
 
 /// The factors to set, as the environment's types.
-fn factors(spec: &EnvSpec, wanted: &BTreeMap<String, Value>) -> Result<BTreeMap<String, Value>, String> {
+fn factors(
+    path: &Path,
+    spec: &EnvSpec,
+    wanted: &BTreeMap<String, Value>,
+) -> Result<BTreeMap<String, Value>, DataError> {
+    let refuse = |error: BatchError| DataError::request(path, error);
     let mut values = BTreeMap::new();
     for (name, value) in wanted {
         let name = name.strip_prefix(VARIATION_PREFIX).unwrap_or(name);
         let Some(factor) = spec.factors.iter().find(|factor| factor.name == name) else {
             let near = nearest(name, spec.factors.iter().map(|factor| factor.name.as_str()));
-            return Err(format!(
-                "`{}` has no factor `{name}`{}",
-                spec.id,
-                swm_core::error::did_you_mean(near.as_deref())
-            ));
+            let hint = did_you_mean(near.as_deref());
+            return Err(DataError::request(path, format!("`{}` has no factor `{name}`{hint}", spec.id)));
         };
-        let dtype = factor.space.dtype().ok_or_else(|| format!("factor `{name}` has no single type"))?;
-        let value = value.cast(name, dtype, &factor.space.shape()).map_err(|error| error.to_string())?;
-        factor.space.check(name, value.data.as_slice()).map_err(|error| error.to_string())?;
+        let Some(dtype) = factor.space.dtype() else {
+            return Err(DataError::request(path, format!("factor `{name}` has no single type")));
+        };
+        let value = value.cast(name, dtype, &factor.space.shape()).map_err(refuse)?;
+        factor.space.check(name, value.data.as_slice()).map_err(refuse)?;
         values.insert(name.to_owned(), value);
     }
     Ok(values)

@@ -114,14 +114,14 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
 
 /// What an error says, without the place that the report names already.
 fn said(error: DataError, episode: usize, column: Option<&str>) -> String {
-    let DataError::Damaged { reason, .. } = error else { return error.to_string() };
-    let place = match column {
-        Some(column) => format!("column `{column}`, episode {episode}: "),
-        None => format!("episode {episode}: "),
-    };
-    match reason.strip_prefix(&place) {
-        Some(rest) => rest.to_owned(),
-        None => reason,
+    match error {
+        DataError::Damaged { column: None, episode: None, reason, .. } => reason.to_string(),
+        DataError::Damaged { column: at, episode: Some(here), reason, .. }
+            if here == episode && at.as_deref() == column =>
+        {
+            reason.to_string()
+        }
+        error => error.to_string(),
     }
 }
 

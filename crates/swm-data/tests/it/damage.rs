@@ -1,11 +1,13 @@
 //! Files that are no datasets, or damaged ones: an error that names the file, never a panic or a hang.
 
-use std::fs;
+use std::error::Error;
 use std::path::Path;
 use std::time::{Duration, Instant};
+use std::{fs, io};
 
 use swm_core::Batch;
-use swm_data::{WriteMode, open};
+use swm_data::error::FormatError;
+use swm_data::{DataError, WriteMode, open};
 
 use crate::support::{contents, record};
 
@@ -28,6 +30,34 @@ fn files_that_are_no_datasets() {
     file.new_dataset::<f64>().shape((4,)).create("temperature").unwrap();
     drop(file);
     assert!(message(&path).contains("no `ep_len`"), "{}", message(&path));
+}
+
+/// The error itself and everything that it names as its cause.
+fn chain<'a>(error: &'a (dyn Error + 'static)) -> impl Iterator<Item = &'a (dyn Error + 'static)> {
+    std::iter::successors(Some(error), |&error| error.source())
+}
+
+#[test]
+fn errors_keep_what_is_wrong_and_its_cause() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.folder");
+    record(&path, WriteMode::Error, 0..2).unwrap();
+    let mut dataset = open(&path).unwrap();
+    fs::remove_file(path.join("pixels/ep_1_step_0.jpeg")).unwrap();
+    let error = dataset.check_episode(1).unwrap_err();
+    let message = error.to_string();
+    assert!(message.contains("is damaged: column `pixels`, episode 1: "), "{message}");
+    let DataError::Damaged { column: Some(column), episode: Some(1), .. } = &error else {
+        panic!("{error:?}")
+    };
+    assert_eq!(column, "pixels");
+    let io = chain(&error).find_map(|error| error.downcast_ref::<io::Error>()).expect("the system's reason");
+    assert_eq!(io.kind(), io::ErrorKind::NotFound);
+
+    fs::write(path.join("state.npz"), "no archive").unwrap();
+    let error = open(&path).err().expect("the file must be refused");
+    let wrong = chain(&error).find_map(|error| error.downcast_ref::<FormatError>());
+    assert!(matches!(wrong, Some(FormatError::Invalid(_))), "{error:?}");
 }
 
 #[test]

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use super::images::video_path;
 use super::images::{Store, jpeg_path};
 use crate::dataset::WriteOptions;
+use crate::error::{At as _, Result, missing, wrong_type};
 use crate::recording::StepIndex;
 #[cfg(feature = "video")]
 use crate::video::{VideoWriter, encoding};
@@ -58,7 +59,7 @@ impl ImageWriter {
     }
 
     /// Appends rows to the open episode, `[T, H, W, C]`.
-    pub(super) fn append(&mut self, at: StepIndex, rows: &[u8]) -> Result<(), String> {
+    pub(super) fn append(&mut self, at: StepIndex, rows: &[u8]) -> Result<()> {
         self.episode = at.episode as u64;
         match self.store {
             Store::Jpeg => {
@@ -76,7 +77,7 @@ impl ImageWriter {
     }
 
     /// Ends the open episode, and returns the checksum of its files.
-    pub(super) fn finish(&mut self) -> Result<u32, String> {
+    pub(super) fn finish(&mut self) -> Result<u32> {
         match self.store {
             Store::Jpeg => {
                 self.last = None;
@@ -84,19 +85,19 @@ impl ImageWriter {
             }
             #[cfg(feature = "video")]
             Store::Video => {
-                let video = self.video.take().ok_or("a video without frames")?;
+                let video = self.video.take().ok_or(missing("a video without frames"))?;
                 let bytes = video.finish()?;
                 let path = video_path(&self.folder, self.episode);
-                fs::write(&path, &bytes).map_err(|error| format!("{}: {error}", path.display()))?;
+                fs::write(&path, &bytes).at(path.display())?;
                 Ok(crc32fast::hash(&bytes))
             }
         }
     }
 
     /// Images that equal the one before are links to its file, where the file system has links: a goal costs one file.
-    fn append_jpegs(&mut self, first: usize, frames: &[&[u8]]) -> Result<(), String> {
+    fn append_jpegs(&mut self, first: usize, frames: &[&[u8]]) -> Result<()> {
         let quality = self.options.quality.unwrap_or(JPEG_QUALITY);
-        let &[height, width, channels] = &self.field.shape[..] else { return Err("no images".to_owned()) };
+        let &[height, width, channels] = &self.field.shape[..] else { return Err(wrong_type("no images")) };
         let before = self.last.as_ref().map(|last| last.pixels.as_slice());
         let same = |index: usize| match index {
             0 => before == Some(frames[0]),
@@ -107,7 +108,7 @@ impl ImageWriter {
                 return Ok(None);
             }
             let file = jpeg::encode(height, width, channels, frames[index], quality);
-            file.map(Some).map_err(|error| error.to_string())
+            file.map(Some)
         };
         let files: Vec<Option<Vec<u8>>> =
             (0..frames.len()).into_par_iter().map(encode).collect::<Result<_, _>>()?;
@@ -115,18 +116,17 @@ impl ImageWriter {
         for (index, file) in files.into_iter().enumerate() {
             let row = first + index;
             let path = jpeg_path(&self.folder, episode, row, "jpeg");
-            let failed = |error: std::io::Error| format!("{}: {error}", path.display());
             if let Some(file) = file {
-                fs::write(&path, &file).map_err(failed)?;
+                fs::write(&path, &file).at(path.display())?;
                 self.last = Some(Written { pixels: Vec::new(), row, file });
             } else if let Some(last) = &self.last {
                 // What an interrupted recording left.
                 match fs::remove_file(&path) {
-                    Err(error) if error.kind() != ErrorKind::NotFound => return Err(failed(error)),
+                    Err(error) if error.kind() != ErrorKind::NotFound => Err(error).at(path.display())?,
                     _ => {}
                 }
                 let linked = fs::hard_link(jpeg_path(&self.folder, episode, last.row, "jpeg"), &path);
-                linked.or_else(|_| fs::write(&path, &last.file)).map_err(failed)?;
+                linked.or_else(|_| fs::write(&path, &last.file)).at(path.display())?;
             }
             if let Some(last) = &self.last {
                 self.checksum.update(&last.file);

@@ -15,6 +15,7 @@ use swm_media::jpeg;
 use swm_media::mp4::Mp4Reader;
 
 use crate::dataset::Steps;
+use crate::error::{At as _, Result, invalid, wrong_type};
 #[cfg(feature = "video")]
 use crate::video::{self, VideoReader};
 
@@ -40,11 +41,11 @@ impl Store {
     }
 
     /// The shape of the images in the files of another program.
-    pub(super) fn shape(self, folder: &Path, episode: u64) -> Result<[usize; 3], String> {
+    pub(super) fn shape(self, folder: &Path, episode: u64) -> Result<[usize; 3]> {
         match self {
             Self::Jpeg => {
                 let (bytes, _) = read_jpeg(folder, episode, 0)?;
-                jpeg::shape(&bytes).map_err(|error| error.to_string())
+                Ok(jpeg::shape(&bytes)?)
             }
             #[cfg(feature = "video")]
             Self::Video => {
@@ -55,7 +56,7 @@ impl Store {
     }
 
     /// The checksum of an episode's files.
-    pub(super) fn checksum(self, folder: &Path, episode: u64, rows: usize) -> Result<u32, String> {
+    pub(super) fn checksum(self, folder: &Path, episode: u64, rows: usize) -> Result<u32> {
         match self {
             Self::Jpeg => {
                 let mut checksum = Hasher::new();
@@ -67,9 +68,7 @@ impl Store {
             #[cfg(feature = "video")]
             Self::Video => {
                 let path = video_path(folder, episode);
-                fs::read(&path)
-                    .map(|bytes| crc32fast::hash(&bytes))
-                    .map_err(|e| format!("{}: {e}", path.display()))
+                Ok(crc32fast::hash(&fs::read(&path).at(path.display())?))
             }
         }
     }
@@ -123,32 +122,30 @@ impl ImageReader {
         )]
         checksum: Option<u32>,
         out: &mut [u8],
-    ) -> Result<(), String> {
-        let &[height, width, channels] = &field.shape[..] else { return Err("no images".to_owned()) };
+    ) -> Result<()> {
+        let &[height, width, channels] = &field.shape[..] else { return Err(wrong_type("no images")) };
         match store {
             Store::Jpeg => {
                 for (at, frame) in out.chunks_exact_mut(height * width * channels).enumerate() {
                     let (bytes, path) = read_jpeg(folder, episode, steps.first + at * steps.stride)?;
-                    let decoded = jpeg::decode_into(&bytes, [height, width, channels], frame);
-                    decoded.map_err(|error| format!("{}: {error}", path.display()))?;
+                    jpeg::decode_into(&bytes, [height, width, channels], frame).at(path.display())?;
                 }
                 Ok(())
             }
             #[cfg(feature = "video")]
             Store::Video => {
                 let path = video_path(folder, episode);
-                let failed = |error: String| format!("{}: {error}", path.display());
                 if self.video.as_ref().is_none_or(|(open, _)| *open != path) {
                     self.video = None;
-                    let bytes = fs::read(&path).map_err(|error| failed(error.to_string()))?;
+                    let bytes = fs::read(&path).at(path.display())?;
                     if checksum.is_some_and(|checksum| checksum != crc32fast::hash(&bytes)) {
-                        return Err(failed("its checksum is wrong, the file was changed".to_owned()));
+                        let changed = invalid("its checksum is wrong, the file was changed");
+                        return Err(changed.at(path.display()));
                     }
-                    self.video = Some((path.clone(), VideoReader::new(bytes).map_err(failed)?));
+                    self.video = Some((path.clone(), VideoReader::new(bytes).at(path.display())?));
                 }
                 let Some((_, video)) = &mut self.video else { return Ok(()) };
-                video.read([height, width, channels], steps, out).map_err(failed)?;
-                Ok(())
+                video.read([height, width, channels], steps, out).at(path.display())
             }
         }
     }
@@ -158,13 +155,13 @@ pub(super) fn jpeg_path(folder: &Path, episode: u64, row: usize, extension: &str
     folder.join(format!("ep_{episode}_step_{row}.{extension}"))
 }
 
-fn read_jpeg(folder: &Path, episode: u64, row: usize) -> Result<(Vec<u8>, PathBuf), String> {
+fn read_jpeg(folder: &Path, episode: u64, row: usize) -> Result<(Vec<u8>, PathBuf)> {
     let path = jpeg_path(folder, episode, row, "jpeg");
     match fs::read(&path) {
         Ok(bytes) => Ok((bytes, path)),
         Err(error) => {
             let other = jpeg_path(folder, episode, row, "jpg");
-            fs::read(&other).map(|bytes| (bytes, other)).map_err(|_| format!("{}: {error}", path.display()))
+            fs::read(&other).map(|bytes| (bytes, other)).map_err(|_| error).at(path.display())
         }
     }
 }
@@ -175,7 +172,7 @@ pub(super) fn video_path(folder: &Path, episode: u64) -> PathBuf {
 }
 
 #[cfg(feature = "video")]
-fn open_video(path: &Path) -> Result<Mp4Reader<BufReader<File>>, String> {
-    let file = File::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
-    Mp4Reader::new(BufReader::new(file)).map_err(|error| format!("{}: {error}", path.display()))
+fn open_video(path: &Path) -> Result<Mp4Reader<BufReader<File>>> {
+    let file = File::open(path).at(path.display())?;
+    Mp4Reader::new(BufReader::new(file)).at(path.display())
 }

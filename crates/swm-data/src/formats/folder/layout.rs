@@ -12,8 +12,8 @@ use crc32fast::hash;
 use serde::{Deserialize, Serialize};
 use swm_core::{Field, Metadata};
 
-use crate::error::DataError;
-use crate::formats::disk::{is_plain_name, replace, write_all_at};
+use crate::error::{DataError, Result};
+use crate::formats::disk::{is_plain_name, replace_json, write_all_at};
 
 /// Rows of each episode, i32.
 pub(super) const EP_LEN: &str = "ep_len";
@@ -67,34 +67,27 @@ impl Manifest {
             _ => fs::read(&path).map_err(|source| DataError::io(&path, "read", source))?,
         };
         let manifest: Self =
-            serde_json::from_slice(&bytes).map_err(|error| DataError::damaged(&path, error.to_string()))?;
+            serde_json::from_slice(&bytes).map_err(|error| DataError::damaged(&path, error))?;
         if manifest.version != VERSION {
             let reason = format!("its version is {}, this program knows {VERSION}", manifest.version);
             return Err(DataError::damaged(&path, reason));
         }
         for Field { name, shape, .. } in &manifest.columns {
             if !is_plain_name(name) {
-                return Err(DataError::damaged(
-                    &path,
-                    format!("column `{name}` would lie outside the folder"),
-                ));
+                let reason = format!("column `{name}` would lie outside the folder");
+                return Err(DataError::damaged(&path, reason));
             }
             let values = shape.iter().try_fold(8usize, |bytes, &size| bytes.checked_mul(size));
             if values.is_none_or(|bytes| bytes == 0 || bytes > MAX_ROW_BYTES) {
-                return Err(DataError::damaged(
-                    &path,
-                    format!("a row of column `{name}` has the shape {shape:?}"),
-                ));
+                let reason = format!("a row of column `{name}` has the shape {shape:?}");
+                return Err(DataError::damaged(&path, reason));
             }
         }
         Ok(Some(manifest))
     }
 
     pub(super) fn write(&self, folder: &Path) -> Result<(), DataError> {
-        let path = folder.join(MANIFEST);
-        let bytes =
-            serde_json::to_vec_pretty(self).map_err(|error| DataError::record(&path, error.to_string()))?;
-        replace(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))
+        replace_json(&folder.join(MANIFEST), self)
     }
 }
 
@@ -171,14 +164,12 @@ impl IndexWriter {
     }
 
     /// Commits an episode.
-    pub(super) fn push(&mut self, entry: &Entry) -> Result<(), String> {
+    pub(super) fn push(&mut self, entry: &Entry) -> Result<()> {
         let bytes = entry.to_bytes();
-        let written = write_all_at(&self.file, &bytes, self.end);
-        if let Err(error) = written {
+        write_all_at(&self.file, &bytes, self.end).inspect_err(|_| {
             // Half a record would look like damage once others follow it.
             let _ = self.file.set_len(self.end);
-            return Err(error.to_string());
-        }
+        })?;
         self.end += bytes.len() as u64;
         Ok(())
     }

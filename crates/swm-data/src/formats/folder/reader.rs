@@ -11,7 +11,7 @@ use swm_core::{Field, FieldKind, Schema, SliceMut};
 use super::images::{ImageReader, Store};
 use super::layout::{self, EP_LEN, EP_OFFSET, Entry, Manifest};
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps};
-use crate::error::DataError;
+use crate::error::{DataError, FormatError, wrong_type};
 use crate::formats::npz::Array;
 
 /// An open folder.
@@ -59,8 +59,8 @@ impl FolderDataset {
 
 impl Shared {
     fn ours(path: &Path, format: &'static str, store: Store, manifest: Manifest) -> Result<Self, DataError> {
-        let schema = Schema::new(manifest.columns.clone())
-            .map_err(|error| DataError::damaged(path, error.to_string()))?;
+        let schema =
+            Schema::new(manifest.columns.clone()).map_err(|error| DataError::damaged(path, error))?;
         let entries = layout::read_index(path, manifest.columns.len())?;
         let (mut rows, mut first, mut lengths) = (0usize, Vec::new(), Vec::new());
         for entry in &entries {
@@ -75,14 +75,14 @@ impl Shared {
                 continue;
             }
             let file = layout::array(path, &field.name);
-            let damaged = |reason| DataError::damaged(&file, reason);
+            let damaged = |error| DataError::damaged(&file, error);
             let array = Array::open_growing(&file, rows).map_err(damaged)?;
             if array.elements().dtype() != field.dtype || array.row_shape() != field.shape {
                 let (elements, shape) = (array.elements(), array.row_shape());
-                return Err(damaged(format!(
+                return Err(damaged(wrong_type(format!(
                     "it holds {elements:?} {shape:?}, not {} {:?}",
                     field.dtype, field.shape
-                )));
+                ))));
             }
             columns.push(Source::Array(array));
         }
@@ -109,7 +109,7 @@ impl Shared {
             };
             match Array::open(&file) {
                 Ok(array) if [EP_LEN, EP_OFFSET].contains(&column) => {
-                    let numbers = array.integers().map_err(|reason| DataError::damaged(&file, reason))?;
+                    let numbers = array.integers().map_err(|error| DataError::damaged(&file, error))?;
                     index.insert(column.to_owned(), numbers);
                 }
                 Ok(array) => {
@@ -117,10 +117,10 @@ impl Shared {
                     fields.push(field);
                     columns.push(Source::Array(array));
                 }
-                Err(reason) if reason.contains("not supported") || reason.contains("a single value") => {
-                    skipped.push((column.to_owned(), reason));
+                Err(error @ FormatError::Unsupported(_)) => {
+                    skipped.push((column.to_owned(), error.to_string()));
                 }
-                Err(reason) => return Err(DataError::damaged(&file, reason)),
+                Err(error) => return Err(DataError::damaged(&file, error)),
             }
         }
         let rows = columns.iter().zip(&fields).filter_map(|(source, field)| match source {
@@ -135,11 +135,11 @@ impl Shared {
                         fields.push(field(&name, swm_core::Dtype::U8, &shape));
                         columns.push(Source::Images(folder));
                     }
-                    Err(reason) => skipped.push((name, reason)),
+                    Err(error) => skipped.push((name, error.to_string())),
                 }
             }
         }
-        let schema = Schema::new(fields).map_err(|error| DataError::damaged(path, error.to_string()))?;
+        let schema = Schema::new(fields).map_err(|error| DataError::damaged(path, error))?;
         let (first, lengths) = episodes.into_iter().unzip();
         let mut info = DatasetInfo::new(path, format, schema, lengths);
         info.skipped = skipped.into();
@@ -208,9 +208,9 @@ impl Dataset for FolderDataset {
                 let reader = self.images.entry(column).or_default();
                 reader.read(shared.store, folder, episode as u64, (field, steps), checksum, out)
             }
-            (Source::Images(_), out) => Err(format!("images were asked for as {}", out.dtype())),
+            (Source::Images(_), out) => Err(wrong_type(format!("images were asked for as {}", out.dtype()))),
         };
-        read.map_err(|reason| shared.info.damaged(column, episode, reason))
+        read.map_err(|error| shared.info.damaged(column, episode, error))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
@@ -229,7 +229,7 @@ impl Dataset for FolderDataset {
             match found {
                 Ok(found) if found == expected => {}
                 Ok(_) => return Err(shared.info.damaged(column, episode, CHANGED)),
-                Err(reason) => return Err(shared.info.damaged(column, episode, reason)),
+                Err(error) => return Err(shared.info.damaged(column, episode, error)),
             }
         }
         Ok(())

@@ -32,7 +32,7 @@ pub(super) fn repair(
         match Array::open(&file) {
             Ok(array) if array.rows() == rows => {}
             Ok(array) => steps.push(format!("set `{name}.npz` from {} to {rows} rows", array.rows())),
-            Err(reason) => steps.push(format!("write the directory of `{name}.npz` anew ({reason})")),
+            Err(error) => steps.push(format!("write the directory of `{name}.npz` anew ({error})")),
         }
     }
     for field in manifest.columns.iter().filter(|field| store.takes(field)) {

@@ -14,7 +14,7 @@ use super::images::Store;
 use super::layout::{self, EP_LEN, EP_OFFSET, Entry, IndexWriter, Manifest};
 use super::reader::FolderDataset;
 use crate::dataset::{Dataset, WriteOptions};
-use crate::error::DataError;
+use crate::error::{At as _, DataError, Result, wrong_type};
 use crate::formats::disk::is_plain_name;
 use crate::formats::npz::GrowingArray;
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex, check_fit};
@@ -114,7 +114,7 @@ impl Backend for FolderBackend {
 }
 
 impl Session for FolderSession {
-    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<(), String> {
+    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<()> {
         let ep_idx = vec![at.episode; batch.rows()];
         // Compression is most of the work, and columns do not know of each other.
         self.columns.par_iter_mut().try_for_each(|target| {
@@ -124,21 +124,21 @@ impl Session for FolderSession {
                     array.append(batch.rows(), values).map(|more| checksum.combine(&more))
                 }
                 (Files::Images(images), Slice::U8(pixels)) => images.append(at, pixels),
-                (Files::Images(_), values) => Err(format!("images cannot hold {}", values.dtype())),
+                (Files::Images(_), values) => {
+                    Err(wrong_type(format!("images cannot hold {}", values.dtype())))
+                }
             };
-            written.map_err(|error| format!("column `{}`: {error}", target.field.name))
+            written.at(format_args!("column `{}`", target.field.name))
         })
     }
 
     /// Columns, the reference's index, ours.
-    fn commit(&mut self, end: StepIndex) -> Result<(), String> {
+    fn commit(&mut self, end: StepIndex) -> Result<()> {
         let finish = |target: &mut Target| match &mut target.files {
             Files::Array(_, checksum) => Ok(std::mem::take(checksum).finalize()),
-            Files::Images(images) => {
-                images.finish().map_err(|error| format!("column `{}`: {error}", target.field.name))
-            }
+            Files::Images(images) => images.finish().at(format_args!("column `{}`", target.field.name)),
         };
-        let checksums = self.columns.iter_mut().map(finish).collect::<Result<_, String>>()?;
+        let checksums = self.columns.iter_mut().map(finish).collect::<Result<_>>()?;
         self.ep_offset.append(1, Slice::I64(&[self.rows as i64]))?;
         self.ep_len.append(1, Slice::I32(&[end.step as i32]))?;
         self.index.push(&Entry { rows: end.step as u32, checksums })?;
@@ -146,7 +146,7 @@ impl Session for FolderSession {
         Ok(())
     }
 
-    fn close(self) -> Result<(), String> {
+    fn close(self) -> Result<()> {
         Ok(())
     }
 }
@@ -170,10 +170,10 @@ impl FolderSession {
         let array = |field: &Field, rows: usize| {
             let file = layout::array(path, &field.name);
             match rows {
-                0 => GrowingArray::create(&file, field).map_err(|reason| DataError::record(&file, reason)),
+                0 => GrowingArray::create(&file, field).map_err(|error| DataError::record(&file, error)),
                 rows => GrowingArray::reopen(&file, field, rows)
                     .and_then(|mut array| array.finish_rows(0).map(|()| array))
-                    .map_err(|reason| DataError::damaged(&file, reason)),
+                    .map_err(|error| DataError::damaged(&file, error)),
             }
         };
         let mut columns = Vec::new();
@@ -200,7 +200,7 @@ impl FolderSession {
                 Some(offset)
             })
             .collect();
-        let failed = |reason| DataError::record(path, reason);
+        let failed = |error| DataError::record(path, error);
         ep_len.append(episodes, Slice::I32(&lengths)).map_err(failed)?;
         ep_offset.append(episodes, Slice::I64(&offsets)).map_err(failed)?;
         Ok(Self { columns, ep_len, ep_offset, index, rows })

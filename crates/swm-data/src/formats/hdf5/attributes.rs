@@ -5,7 +5,9 @@ use hdf5_metno::File;
 use hdf5_metno::types::VarLenUnicode;
 use swm_core::{Field, Metadata};
 
+use super::handles::library_error;
 use super::layout::{COLUMNS_ATTRIBUTE, METADATA_ATTRIBUTE};
+use crate::error::{At as _, Result, invalid};
 
 /// What the attributes of a file say.
 #[derive(Clone, Debug, Default)]
@@ -18,9 +20,9 @@ pub(super) struct Attributes {
 
 impl Attributes {
     /// Reads them; `Err` if ours are there but not readable.
-    pub(super) fn read(file: &File) -> Result<Self, String> {
+    pub(super) fn read(file: &File) -> Result<Self> {
         let mut found = Self::default();
-        for name in file.attr_names().map_err(|error| error.to_string())? {
+        for name in file.attr_names().map_err(library_error)? {
             if name == COLUMNS_ATTRIBUTE {
                 found.columns = Some(read_json(file, &name)?);
             } else if let Some(rest) = name.strip_prefix(METADATA_ATTRIBUTE) {
@@ -38,7 +40,7 @@ impl Attributes {
 }
 
 /// Writes the columns and the first run's metadata into a new file.
-pub(super) fn write(file: &File, columns: &[Field], metadata: &Metadata) -> Result<(), String> {
+pub(super) fn write(file: &File, columns: &[Field], metadata: &Metadata) -> Result<()> {
     write_json(file, COLUMNS_ATTRIBUTE, columns)?;
     write_json(file, METADATA_ATTRIBUTE, metadata)
 }
@@ -70,27 +72,26 @@ impl<'a> RunChange<'a> {
     }
 
     /// Makes the change.
-    pub(super) fn apply(&self, file: &File) -> Result<(), String> {
+    pub(super) fn apply(&self, file: &File) -> Result<()> {
         if self.replaces {
-            file.delete_attr(&self.name).map_err(|error| error.to_string())?;
+            file.delete_attr(&self.name).map_err(library_error)?;
         }
         self.metadata.map_or(Ok(()), |metadata| write_json(file, &self.name, metadata))
     }
 }
 
-fn read_json<T: serde::de::DeserializeOwned>(file: &File, name: &str) -> Result<T, String> {
-    let text: VarLenUnicode = file
-        .attr(name)
-        .and_then(|attribute| attribute.read_scalar())
-        .map_err(|e| format!("attribute `{name}`: {e}"))?;
-    serde_json::from_slice(text.as_bytes()).map_err(|error| format!("attribute `{name}`: {error}"))
+fn read_json<T: serde::de::DeserializeOwned>(file: &File, name: &str) -> Result<T> {
+    let place = format_args!("attribute `{name}`");
+    let text = file.attr(name).and_then(|attribute| attribute.read_scalar::<VarLenUnicode>());
+    let text = text.map_err(library_error).at(place)?;
+    serde_json::from_slice(text.as_bytes()).at(place)
 }
 
-fn write_json(file: &File, name: &str, value: &(impl serde::Serialize + ?Sized)) -> Result<(), String> {
-    let text = serde_json::to_string(value).map_err(|error| error.to_string())?;
-    let text: VarLenUnicode = text.parse().map_err(|_| "metadata contains the character NUL".to_owned())?;
+fn write_json(file: &File, name: &str, value: &(impl serde::Serialize + ?Sized)) -> Result<()> {
+    let text = serde_json::to_string(value)?;
+    let text: VarLenUnicode = text.parse().map_err(|_| invalid("metadata contains the character NUL"))?;
     let attribute = file.new_attr::<VarLenUnicode>().create(name);
-    attribute.and_then(|attribute| attribute.write_scalar(&text)).map_err(|error| error.to_string())
+    attribute.and_then(|attribute| attribute.write_scalar(&text)).map_err(library_error)
 }
 
 #[cfg(test)]

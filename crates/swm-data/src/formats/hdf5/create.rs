@@ -13,10 +13,10 @@ use hdf5_metno::{Extent, SimpleExtents};
 use swm_core::{Dtype, Field, Metadata};
 
 use super::attributes::{self, Attributes, RunChange};
-use super::handles::{Handles, reason};
+use super::handles::{Handles, library_error};
 use super::layout::{MAX_CHUNK_BYTES, TEXT_BYTES, chunking};
 use super::superblock;
-use crate::error::DataError;
+use crate::error::{DataError, Result};
 use crate::lock::beside;
 
 /// Level of the LZ4 compression, as the reference has it.
@@ -26,8 +26,7 @@ const COMPRESSION_LEVEL: u8 = 5;
 /// an old file of that name stays until then.
 pub(super) fn create(path: &Path, fields: &[Field], metadata: &Metadata) -> Result<Handles, DataError> {
     let draft = beside(path, ".new");
-    let failed = |reason: String| DataError::record(path, reason);
-    let made = create_draft(&draft, fields, metadata).map_err(failed);
+    let made = create_draft(&draft, fields, metadata).map_err(|error| DataError::record(path, error));
     let moved = made.and_then(|datasets| {
         fs::rename(&draft, path).map_err(|source| DataError::io(path, "create", source))?;
         Ok(datasets)
@@ -38,14 +37,14 @@ pub(super) fn create(path: &Path, fields: &[Field], metadata: &Metadata) -> Resu
     })
 }
 
-fn create_draft(draft: &Path, fields: &[Field], metadata: &Metadata) -> Result<Handles, String> {
+fn create_draft(draft: &Path, fields: &[Field], metadata: &Metadata) -> Result<Handles> {
     let mut builder = options();
     // Without times of creation: equal content makes equal files.
     builder.fcpl().obj_track_times(false);
-    let file = builder.create(draft).map_err(|error| reason(&error))?;
+    let file = builder.create(draft).map_err(library_error)?;
     Handles::new(file, fields, new_column)?.prepared(|Handles { file, .. }| {
         attributes::write(file, fields, metadata)?;
-        file.start_swmr().map_err(|error| reason(&error))
+        file.start_swmr().map_err(library_error)
     })
 }
 
@@ -62,7 +61,7 @@ pub(super) fn reopen(
         change_attributes(path, end.chunks_end, &change)?;
     }
     superblock::repair(path, end.chunks_end)?;
-    reopen_repaired(path, fields, end).map_err(|reason| DataError::record(path, reason))
+    reopen_repaired(path, fields, end).map_err(|error| DataError::record(path, error))
 }
 
 /// Changes attributes in a copy that then takes the file's place: outside SWMR mode, in which attributes cannot be
@@ -72,12 +71,12 @@ fn change_attributes(path: &Path, chunks_end: u64, change: &RunChange<'_>) -> Re
     let changed = || -> Result<(), DataError> {
         fs::copy(path, &draft).map_err(|source| DataError::io(&draft, "copy the dataset to", source))?;
         superblock::repair(&draft, chunks_end)?;
-        let apply = || -> Result<(), String> {
-            let file = options().open_rw(&draft).map_err(|error| reason(&error))?;
+        let apply = || -> Result<()> {
+            let file = options().open_rw(&draft).map_err(library_error)?;
             change.apply(&file)?;
-            file.close().map_err(|error| reason(&error))
+            file.close().map_err(library_error)
         };
-        apply().map_err(|reason| DataError::record(path, reason))?;
+        apply().map_err(|error| DataError::record(path, error))?;
         fs::rename(&draft, path).map_err(|source| DataError::io(path, "replace", source))
     };
     changed().inspect_err(|_| {
@@ -95,8 +94,8 @@ pub(super) struct EndOfData {
     pub(super) attributes: Attributes,
 }
 
-fn reopen_repaired(path: &Path, fields: &[Field], end: &EndOfData) -> Result<Handles, String> {
-    let file = options().open_rw(path).map_err(|error| reason(&error))?;
+fn reopen_repaired(path: &Path, fields: &[Field], end: &EndOfData) -> Result<Handles> {
+    let file = options().open_rw(path).map_err(library_error)?;
     let handles = Handles::new(file, fields, |file, field| file.dataset(&field.name))?;
     handles.prepared(|Handles { file, columns, ep_idx, ep_len, ep_offset }| {
         let cut_all = || -> h5::Result<()> {
@@ -109,7 +108,7 @@ fn reopen_repaired(path: &Path, fields: &[Field], end: &EndOfData) -> Result<Han
             }
             file.flush()
         };
-        cut_all().map_err(|error| reason(&error))
+        cut_all().map_err(library_error)
     })
 }
 

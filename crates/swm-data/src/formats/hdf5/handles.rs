@@ -1,11 +1,12 @@
 //! The open file of a recording with its datasets, and closing them. Nothing is read or written here.
 
-use std::mem;
+use std::{io, mem};
 
 use hdf5_metno as h5;
 use swm_core::{Dtype, Field};
 
 use super::layout::{EP_LEN, EP_OFFSET};
+use crate::error::{At as _, FormatError, Result};
 use crate::recording::EP_IDX;
 
 /// A file open for writing, with its datasets.
@@ -24,9 +25,9 @@ impl Handles {
         file: h5::File,
         fields: &[Field],
         open: impl Fn(&h5::File, &Field) -> h5::Result<h5::Dataset>,
-    ) -> Result<Self, String> {
+    ) -> Result<Self> {
         let open = |field: &Field| {
-            open(&file, field).map_err(|error| format!("column `{}`: {}", field.name, reason(&error)))
+            open(&file, field).map_err(library_error).at(format_args!("column `{}`", field.name))
         };
         let columns = fields.iter().map(open).collect::<Result<_, _>>()?;
         let ep_idx = open(&Field::step(EP_IDX, Dtype::I32, &[]))?;
@@ -36,25 +37,25 @@ impl Handles {
     }
 
     /// Does something first; if that fails, the file is left as it is.
-    pub(super) fn prepared(self, prepare: impl FnOnce(&Self) -> Result<(), String>) -> Result<Self, String> {
+    pub(super) fn prepared(self, prepare: impl FnOnce(&Self) -> Result<()>) -> Result<Self> {
         match prepare(&self) {
             Ok(()) => Ok(self),
-            Err(reason) => {
+            Err(error) => {
                 self.abandon();
-                Err(reason)
+                Err(error)
             }
         }
     }
 
     /// Closes the file, which then opens like any other.
-    pub(super) fn close(self) -> Result<(), String> {
+    pub(super) fn close(self) -> Result<()> {
         if let Err(error) = self.file.flush() {
             self.abandon();
-            return Err(reason(&error));
+            return Err(library_error(error));
         }
         let Self { file, columns, ep_idx, ep_len, ep_offset } = self;
         drop((columns, ep_idx, ep_len, ep_offset));
-        file.close().map_err(|error| reason(&error))
+        file.close().map_err(library_error)
     }
 
     /// Leaves the file as it is now, as a kill would. After a failed write this is the only safe way: the library
@@ -66,10 +67,16 @@ impl Handles {
 }
 
 /// Why the library failed: the operating system's reason where it gives one, without addresses and times.
-pub(super) fn reason(error: &h5::Error) -> String {
+pub(super) fn library_error(error: h5::Error) -> FormatError {
     let text = error.to_string();
-    let system = text.split_once("error message = '").and_then(|(_, rest)| rest.split_once('\''));
-    system.map(|(reason, _)| reason.to_owned()).unwrap_or(text)
+    let system = text.split_once("errno = ").and_then(|(_, rest)| {
+        let (number, rest) = rest.split_once(", error message = '")?;
+        Some((io::Error::from_raw_os_error(number.parse().ok()?).kind(), rest.split_once('\'')?.0))
+    });
+    match system {
+        Some((kind, message)) => io::Error::new(kind, message).into(),
+        None => FormatError::other(error),
+    }
 }
 
 #[cfg(test)]
@@ -81,7 +88,10 @@ mod tests {
         let error = h5::Error::from(
             "H5FD_write(): failed: time = now, errno = 28, error message = 'No space left on device', buf = 0x7f",
         );
-        assert_eq!(reason(&error), "No space left on device");
-        assert_eq!(reason(&h5::Error::from("H5Dopen(): no such object")), "H5Dopen(): no such object");
+        let error = library_error(error);
+        assert_eq!(error.to_string(), "No space left on device");
+        assert!(matches!(error, FormatError::Io(error) if error.kind() == io::ErrorKind::StorageFull));
+        let error = library_error(h5::Error::from("H5Dopen(): no such object"));
+        assert_eq!(error.to_string(), "H5Dopen(): no such object");
     }
 }

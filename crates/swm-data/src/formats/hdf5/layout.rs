@@ -8,6 +8,7 @@
 use hdf5_metno::types::{FloatSize, IntSize, TypeDescriptor};
 use swm_core::{Dtype, Field};
 
+use crate::error::{Result, unsupported};
 use crate::formats::element::Element;
 
 /// Rows of each episode, i32.
@@ -52,7 +53,7 @@ pub(super) fn chunking(field: &Field) -> (bool, usize) {
 }
 
 /// The element type behind an HDF5 type, or why there is none.
-pub(super) fn element_of(descriptor: &TypeDescriptor) -> Result<Element, String> {
+pub(super) fn element_of(descriptor: &TypeDescriptor) -> Result<Element> {
     Ok(match descriptor {
         TypeDescriptor::Boolean => Element::Bool,
         TypeDescriptor::Integer(IntSize::U1) => Element::I8,
@@ -68,7 +69,7 @@ pub(super) fn element_of(descriptor: &TypeDescriptor) -> Result<Element, String>
         TypeDescriptor::FixedAscii(size) | TypeDescriptor::FixedUnicode(size) => Element::FixedText(*size),
         TypeDescriptor::VarLenUnicode => Element::Text,
         TypeDescriptor::VarLenAscii => Element::AsciiText,
-        other => return Err(format!("elements of type {other} are not supported")),
+        other => return Err(unsupported(format!("elements of type {other} are not supported"))),
     })
 }
 

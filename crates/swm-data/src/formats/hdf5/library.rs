@@ -6,9 +6,10 @@ use hdf5_metno::{Dataset, H5Type, Hyperslab, SliceOrIndex};
 use ndarray::{ArrayD, ArrayViewD, IxDyn};
 use swm_core::{Field, Slice, SliceMut};
 
-use super::handles::reason;
+use super::handles::library_error;
 use super::layout::TEXT_BYTES;
 use crate::dataset::Steps;
+use crate::error::{At as _, FormatError, Result, invalid, unsupported, wrong_type};
 use crate::formats::element::{self, Element};
 
 /// Reads rows, counted over the whole file, into `out`.
@@ -18,7 +19,7 @@ pub(super) fn read(
     field: &Field,
     rows: Steps,
     out: SliceMut<'_>,
-) -> Result<(), String> {
+) -> Result<()> {
     let selection = || selection(field, rows);
     match (element, out) {
         // As numbers: a foreign file can hold other values than 0 and 1.
@@ -29,13 +30,13 @@ pub(super) fn read(
         (Element::AsciiText, SliceMut::Str(out)) => {
             fill(dataset, selection(), out, |value: VarLenAscii| element::text(value.as_bytes()))
         }
-        (Element::FixedText(_), _) => Err("compressed text of fixed length is not supported".to_owned()),
+        (Element::FixedText(_), _) => Err(unsupported("compressed text of fixed length is not supported")),
         (_, SliceMut::U8(out)) => fill(dataset, selection(), out, Ok::<u8, _>),
         (_, SliceMut::I32(out)) => fill(dataset, selection(), out, Ok::<i32, _>),
         (_, SliceMut::I64(out)) => fill(dataset, selection(), out, Ok::<i64, _>),
         (_, SliceMut::F32(out)) => fill(dataset, selection(), out, Ok::<f32, _>),
         (_, SliceMut::F64(out)) => fill(dataset, selection(), out, Ok::<f64, _>),
-        (element, out) => Err(format!("{element:?} elements were asked for as {}", out.dtype())),
+        (element, out) => Err(wrong_type(format!("{element:?} elements were asked for as {}", out.dtype()))),
     }
 }
 
@@ -46,7 +47,7 @@ pub(super) fn write(
     first: usize,
     count: usize,
     values: Slice<'_>,
-) -> Result<(), String> {
+) -> Result<()> {
     let selection = selection(field, Steps { first, count, stride: 1 });
     let mut shape = vec![count];
     shape.extend(&field.shape);
@@ -65,14 +66,14 @@ pub(super) fn write(
 }
 
 /// Text as it is stored.
-fn fixed(text: &str) -> Result<FixedUnicode<TEXT_BYTES>, String> {
+fn fixed(text: &str) -> Result<FixedUnicode<TEXT_BYTES>> {
     if text.len() > TEXT_BYTES {
-        return Err(format!("a text of {} bytes; {TEXT_BYTES} is the most", text.len()));
+        return Err(invalid(format!("a text of {} bytes; {TEXT_BYTES} is the most", text.len())));
     }
     if text.contains('\0') {
-        return Err("a text contains the character NUL".to_owned());
+        return Err(invalid("a text contains the character NUL"));
     }
-    text.parse().map_err(|error| format!("a text: {error}"))
+    text.parse().map_err(FormatError::other).at("a text")
 }
 
 fn selection(field: &Field, rows: Steps) -> Hyperslab {
@@ -86,11 +87,11 @@ fn fill<S: H5Type, T>(
     dataset: &Dataset,
     selection: Hyperslab,
     out: &mut [T],
-    value: impl Fn(S) -> Result<T, String>,
-) -> Result<(), String> {
-    let array: ArrayD<S> = dataset.read_slice(selection).map_err(|error| reason(&error))?;
+    value: impl Fn(S) -> Result<T>,
+) -> Result<()> {
+    let array: ArrayD<S> = dataset.read_slice(selection).map_err(library_error)?;
     if array.len() != out.len() {
-        return Err(format!("{} values instead of {}", array.len(), out.len()));
+        return Err(wrong_type(format!("{} values instead of {}", array.len(), out.len())));
     }
     for (target, stored) in out.iter_mut().zip(array) {
         *target = value(stored)?;
@@ -98,12 +99,7 @@ fn fill<S: H5Type, T>(
     Ok(())
 }
 
-fn put<T: H5Type>(
-    dataset: &Dataset,
-    selection: Hyperslab,
-    shape: &[usize],
-    values: &[T],
-) -> Result<(), String> {
-    let view = ArrayViewD::from_shape(IxDyn(shape), values).map_err(|error| error.to_string())?;
-    dataset.write_slice(view, selection).map_err(|error| reason(&error))
+fn put<T: H5Type>(dataset: &Dataset, selection: Hyperslab, shape: &[usize], values: &[T]) -> Result<()> {
+    let view = ArrayViewD::from_shape(IxDyn(shape), values).map_err(FormatError::other)?;
+    dataset.write_slice(view, selection).map_err(library_error)
 }

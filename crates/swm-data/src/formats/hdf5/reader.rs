@@ -10,6 +10,7 @@ use swm_core::env::VARIATION_PREFIX;
 use swm_core::{Field, FieldKind, Schema, SliceMut};
 
 use super::attributes::Attributes;
+use super::handles::library_error;
 use super::layout::{EP_LEN, EP_OFFSET, element_of};
 use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
@@ -56,8 +57,8 @@ impl Hdf5Dataset {
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
         let unclean = superblock::ensure_readable(path)?.is_unclean();
         let library = open_library(path, unclean)?;
-        let failed = |action: &str, error: h5::Error| DataError::damaged(path, format!("{action}: {error}"));
-        let attributes = Attributes::read(&library).map_err(|reason| DataError::damaged(path, reason))?;
+        let failed = |part: &str, error| DataError::damaged(path, library_error(error).at(part));
+        let attributes = Attributes::read(&library).map_err(|error| DataError::damaged(path, error))?;
 
         let mut datasets = Vec::new();
         for name in library.member_names().map_err(|error| failed("its list of columns", error))? {
@@ -111,7 +112,7 @@ impl Hdf5Dataset {
             fields.push(field);
             columns.push(storage);
         }
-        let schema = Schema::new(fields).map_err(|error| DataError::damaged(path, error.to_string()))?;
+        let schema = Schema::new(fields).map_err(|error| DataError::damaged(path, error))?;
         let lengths = episodes.iter().map(|span| span.len).collect();
         let mut info = DatasetInfo::new(path, super::FORMAT.name, schema, lengths);
         info.runs = attributes.runs.clone().into();
@@ -154,7 +155,7 @@ impl Dataset for Hdf5Dataset {
         let rows = Steps { first: self.shared.first[episode] + steps.first, ..steps };
         let Shared { info, file, columns, .. } = &*self.shared;
         let read = columns[column].read(file, info.field(column), rows, out, &mut self.scratch);
-        read.map_err(|reason| info.damaged(column, episode, reason))
+        read.map_err(|error| info.damaged(column, episode, error))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
@@ -167,7 +168,7 @@ impl Dataset for Hdf5Dataset {
         let mut buffer = Vec::new();
         for (column, storage) in columns.iter().enumerate() {
             let checked = storage.check(file, first..first + info.lengths[episode], &mut buffer);
-            checked.map_err(|reason| info.damaged(column, episode, reason))?;
+            checked.map_err(|error| info.damaged(column, episode, error))?;
         }
         Ok(())
     }
@@ -184,7 +185,7 @@ fn open_library(path: &Path, unclean: bool) -> Result<h5::File, DataError> {
         // to child processes.
         .file_locking(false);
     let mode = if unclean { h5::OpenMode::ReadSWMR } else { h5::OpenMode::Read };
-    builder.open_as(path, mode).map_err(|error| DataError::damaged(path, error.to_string()))
+    builder.open_as(path, mode).map_err(|error| DataError::damaged(path, library_error(error)))
 }
 
 /// Names of root datasets that are no columns, with the reason.
@@ -209,13 +210,15 @@ fn describe(
     for (name, dataset) in datasets {
         let shape = dataset.space().map(|space| space.shape());
         let type_of = dataset.dtype().and_then(|dtype| dtype.to_descriptor());
-        let element =
-            type_of.map_err(|error| error.to_string()).and_then(|descriptor| element_of(&descriptor));
+        let element = type_of.map_err(library_error).and_then(|descriptor| element_of(&descriptor));
         let (shape, element) = match (shape, element) {
             (Ok(shape), Ok(element)) => (shape, element),
-            (Err(error), _) => return Err(DataError::damaged(path, format!("column `{name}`: {error}"))),
-            (_, Err(reason)) => {
-                skipped.push((name, reason));
+            (Err(error), _) => {
+                let error = library_error(error).at(format_args!("column `{name}`"));
+                return Err(DataError::damaged(path, error));
+            }
+            (_, Err(error)) => {
+                skipped.push((name, error.to_string()));
                 continue;
             }
         };

@@ -40,11 +40,7 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
         };
         drop(old);
         let handles = create::reopen(&path, &fields, &end, metadata)?;
-        handles.close().map_err(|reason| DataError::Write {
-            path: path.clone(),
-            episodes: episodes as u64,
-            reason,
-        })?;
+        handles.close().map_err(|error| DataError::write(&path, episodes as u64, error))?;
     }
     Ok(steps)
 }

@@ -15,6 +15,7 @@ use super::deflate::Inflated;
 use super::fetch::Fetched;
 use super::{blosc, library};
 use crate::dataset::{CHANGED, Steps};
+use crate::error::{At as _, FormatError, Result, invalid};
 use crate::formats::disk::read_exact_at;
 use crate::formats::element::{self, Element};
 
@@ -102,7 +103,7 @@ impl ColumnStorage {
         rows: Steps,
         out: SliceMut<'_>,
         scratch: &mut Scratch,
-    ) -> Result<(), String> {
+    ) -> Result<()> {
         if out.is_empty() {
             return Ok(());
         }
@@ -124,13 +125,7 @@ impl ColumnStorage {
     }
 
     /// Reads the stored form of rows, one after the other.
-    fn read_bytes(
-        &self,
-        file: &File,
-        rows: Steps,
-        out: &mut [u8],
-        scratch: &mut Scratch,
-    ) -> Result<(), String> {
+    fn read_bytes(&self, file: &File, rows: Steps, out: &mut [u8], scratch: &mut Scratch) -> Result<()> {
         let Access::Chunks { rows_per_chunk, row_bytes, codec, chunks, .. } = &self.access else {
             return Ok(());
         };
@@ -158,11 +153,10 @@ impl ColumnStorage {
                 }
                 Codec::Plain => {
                     let ahead = if *rows_per_chunk == 1 { ahead } else { 0 };
-                    read_plain(file, chunks[index], ahead, here, part, scratch)
-                        .map_err(|error| error.to_string())
+                    read_plain(file, chunks[index], ahead, here, part, scratch).map_err(FormatError::from)
                 }
             };
-            read.map_err(|reason| format!("row {row}: {reason}"))?;
+            read.at(format_args!("row {row}"))?;
             done += count;
         }
         Ok(())
@@ -174,7 +168,7 @@ impl ColumnStorage {
     }
 
     /// Compares the checksums of the chunks that hold these rows, `first..end` over the whole file.
-    pub(super) fn check(&self, file: &File, rows: Range<usize>, buffer: &mut Vec<u8>) -> Result<(), String> {
+    pub(super) fn check(&self, file: &File, rows: Range<usize>, buffer: &mut Vec<u8>) -> Result<()> {
         let Access::Chunks { rows_per_chunk, checksummed: true, chunks, .. } = &self.access else {
             return Ok(());
         };
@@ -184,13 +178,12 @@ impl ColumnStorage {
         let (first, last) = (rows.start / rows_per_chunk, (rows.end - 1) / rows_per_chunk);
         for (index, &Chunk { address, size }) in chunks.iter().enumerate().take(last + 1).skip(first) {
             buffer.resize(size as usize, 0);
-            read_exact_at(file, buffer, address).map_err(|error| error.to_string())?;
+            read_exact_at(file, buffer, address)?;
             let right = buffer
                 .split_last_chunk::<CHECKSUM_BYTES>()
                 .is_some_and(|(bytes, checksum)| fletcher32(bytes) == u32::from_le_bytes(*checksum));
             if !right {
-                let row = index * rows_per_chunk;
-                return Err(format!("row {row}: {CHANGED}"));
+                return Err(invalid(CHANGED)).at(format_args!("row {}", index * rows_per_chunk));
             }
         }
         Ok(())
@@ -218,16 +211,16 @@ fn read_compressed(
     rows: Steps,
     out: &mut [u8],
     scratch: &mut Scratch,
-) -> Result<(), String> {
+) -> Result<()> {
     let Scratch { fetched, blosc: buffers, .. } = scratch;
-    let bytes = fetched.get(file, chunk.address, chunk.size, ahead).map_err(|error| error.to_string())?;
+    let bytes = fetched.get(file, chunk.address, chunk.size, ahead)?;
     let row_bytes = out.len() / rows.count;
     // Neighboring rows are decoded in one go.
     let piece = if rows.stride == 1 { rows.count } else { 1 };
     for (index, into) in out.chunks_exact_mut(piece * row_bytes).enumerate() {
         let start = (rows.first + index * rows.stride) * row_bytes;
         let decoded = blosc::decode(bytes, total, start..start + into.len(), into, buffers);
-        decoded.map_err(|reason| format!("its chunk is {reason}"))?;
+        decoded.map_err(|reason| invalid(format!("its chunk is {reason}")))?;
     }
     Ok(())
 }
@@ -243,18 +236,18 @@ fn read_deflated(
     rows: Steps,
     out: &mut [u8],
     scratch: &mut Scratch,
-) -> Result<(), String> {
+) -> Result<()> {
     let Scratch { fetched, inflated, .. } = scratch;
     if inflated.held(chunk.address).is_none() {
-        let bytes = fetched.get(file, chunk.address, chunk.size, ahead).map_err(|error| error.to_string())?;
+        let bytes = fetched.get(file, chunk.address, chunk.size, ahead)?;
         let decoded = inflated.decode(chunk.address, bytes, total, shuffled);
-        decoded.map_err(|reason| format!("its chunk is {reason}"))?;
+        decoded.map_err(|reason| invalid(format!("its chunk is {reason}")))?;
     }
     let bytes = inflated.held(chunk.address).unwrap_or_default();
     let row_bytes = out.len() / rows.count;
     for (index, into) in out.chunks_exact_mut(row_bytes).enumerate() {
         let start = (rows.first + index * rows.stride) * row_bytes;
-        let stored = bytes.get(start..start + row_bytes).ok_or("its chunk is cut short")?;
+        let stored = bytes.get(start..start + row_bytes).ok_or(invalid("its chunk is cut short"))?;
         into.copy_from_slice(stored);
     }
     Ok(())

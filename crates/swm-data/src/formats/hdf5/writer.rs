@@ -9,12 +9,12 @@ use swm_core::{Batch, Field, Metadata, Schema, Slice};
 
 use super::FORMAT;
 use super::create::{self, EndOfData};
-use super::handles::{Handles, reason};
+use super::handles::{Handles, library_error};
 use super::layout::{EP_LEN, EP_OFFSET};
 use super::library;
 use super::reader::Hdf5Dataset;
 use crate::dataset::Dataset;
-use crate::error::DataError;
+use crate::error::{At as _, DataError, Result};
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex};
 
 /// How files of HDF5 are recorded.
@@ -87,15 +87,15 @@ impl Backend for Hdf5Backend {
 }
 
 impl Session for Hdf5Session {
-    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<(), String> {
+    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<()> {
         let first = self.rows + at.step;
         let end = first + batch.rows();
         for (dataset, &column) in self.handles.columns.iter().zip(&self.stored) {
             let field = &self.schema.fields()[column];
-            let written = create::set_rows(dataset, end).map_err(|error| reason(&error));
+            let written = create::set_rows(dataset, end).map_err(library_error);
             written
                 .and_then(|()| library::write(dataset, field, first, batch.rows(), batch.column(column)))
-                .map_err(|error| format!("column `{}`: {error}", field.name))?;
+                .at(format_args!("column `{}`", field.name))?;
         }
         self.ep_idx.clear();
         self.ep_idx.resize(batch.rows(), at.episode);
@@ -103,9 +103,9 @@ impl Session for Hdf5Session {
     }
 
     /// Columns, then offset, then length, each on its way to the disk before the next.
-    fn commit(&mut self, end: StepIndex) -> Result<(), String> {
+    fn commit(&mut self, end: StepIndex) -> Result<()> {
         let Handles { file, ep_len, ep_offset, .. } = &self.handles;
-        let flush = || file.flush().map_err(|error| reason(&error));
+        let flush = || file.flush().map_err(library_error);
         flush()?;
         append(ep_offset, end.episode as usize, Slice::I64(&[self.rows as i64]))?;
         flush()?;
@@ -115,7 +115,7 @@ impl Session for Hdf5Session {
         Ok(())
     }
 
-    fn close(self) -> Result<(), String> {
+    fn close(self) -> Result<()> {
         self.handles.close()
     }
 
@@ -135,9 +135,9 @@ impl Session for Hdf5Session {
 }
 
 /// Appends scalars to a dataset that has `first` of them.
-fn append(dataset: &hdf5_metno::Dataset, first: usize, values: Slice<'_>) -> Result<(), String> {
+fn append(dataset: &hdf5_metno::Dataset, first: usize, values: Slice<'_>) -> Result<()> {
     let field = Field::step("", values.dtype(), &[]);
-    create::set_rows(dataset, first + values.len()).map_err(|error| reason(&error))?;
+    create::set_rows(dataset, first + values.len()).map_err(library_error)?;
     library::write(dataset, &field, first, values.len(), values)
 }
 

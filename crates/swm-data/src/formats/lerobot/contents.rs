@@ -15,6 +15,7 @@ use super::info::{Info, Version};
 use super::manifest::{Manifest, is_video};
 use super::table::Table;
 use crate::dataset::DatasetInfo;
+use crate::error::{At as _, Result, invalid, missing};
 
 /// What all handles on a folder share; never changed after opening.
 pub(super) struct Shared {
@@ -36,7 +37,7 @@ pub(super) enum Source {
 }
 
 impl Shared {
-    pub(super) fn open(path: &Path) -> Result<Self, String> {
+    pub(super) fn open(path: &Path) -> Result<Self> {
         let info = Info::read(path)?;
         if let Some(manifest) = Manifest::read(path)? {
             return Self::ours(path, manifest);
@@ -55,14 +56,9 @@ impl Shared {
     }
 
     /// A folder of another program, by what its tables and videos hold.
-    fn foreign(
-        path: &Path,
-        info: &Info,
-        cameras: &[String],
-        episodes: Vec<EpisodeFiles>,
-    ) -> Result<Self, String> {
+    fn foreign(path: &Path, info: &Info, cameras: &[String], episodes: Vec<EpisodeFiles>) -> Result<Self> {
         let (mut fields, mut columns, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
-        let Some(first) = episodes.first() else { return Err("it holds no episode".to_owned()) };
+        let Some(first) = episodes.first() else { return Err(missing("it holds no episode")) };
         let table = Table::open(&first.data)?;
         let mut add = |name: &str, dtype, shape: &[usize], source| {
             fields.push(Field::step(name, dtype, shape));
@@ -71,12 +67,12 @@ impl Shared {
         for (name, feature) in &info.features {
             if cameras.contains(name) {
                 let known = if *name == cameras[0] { "pixels" } else { name };
-                let size = first.videos.get(name).ok_or("there is no video".to_owned());
+                let size = first.videos.get(name).ok_or(missing("there is no video"));
                 match size.and_then(|(path, _)| video(path)).map(|video| video.size()) {
                     Ok((height, width)) => {
                         add(known, Dtype::U8, &[height, width, 3], Source::Video(name.clone()));
                     }
-                    Err(reason) => skipped.push((name.clone(), reason)),
+                    Err(error) => skipped.push((name.clone(), error.to_string())),
                 }
                 continue;
             }
@@ -84,7 +80,7 @@ impl Shared {
                 let width = shape_of(feature)?.iter().product::<usize>();
                 match table.rows().checked_mul(width) == Some(values.len()) {
                     true => Ok(values.dtype()),
-                    false => Err(format!("{} values in {} rows", values.len(), table.rows())),
+                    false => Err(invalid(format!("{} values in {} rows", values.len(), table.rows()))),
                 }
             });
             match found {
@@ -93,19 +89,19 @@ impl Shared {
                     let known = if name == "observation.state" { "proprio" } else { name };
                     add(known, dtype, &shape_of(feature)?, Source::Table(name.clone()));
                 }
-                Err(reason) => skipped.push((name.clone(), reason)),
+                Err(error) => skipped.push((name.clone(), error.to_string())),
             }
         }
         add("ep_idx", Dtype::I32, &[], Source::Episode);
         add("step_idx", Dtype::I64, &[], Source::Step);
-        let schema = Schema::new(fields).map_err(|error| error.to_string())?;
+        let schema = Schema::new(fields)?;
         let mut info = dataset_info(path, schema, &episodes);
         info.skipped = skipped.into();
         Ok(Self { info, columns, episodes })
     }
 
     /// A folder that this program wrote.
-    fn ours(path: &Path, manifest: Manifest) -> Result<Self, String> {
+    fn ours(path: &Path, manifest: Manifest) -> Result<Self> {
         let cameras: Vec<String> = manifest.cameras().map(|(_, camera)| camera).collect();
         let mut episodes = Vec::new();
         for (episode, entry) in episodes::read(path, cameras.len())?.into_iter().enumerate() {
@@ -126,7 +122,7 @@ impl Shared {
         let mut fields = manifest.columns;
         fields.push(Field::step("ep_idx", Dtype::I32, &[]));
         columns.push(Source::Episode);
-        let schema = Schema::new(fields).map_err(|error| error.to_string())?;
+        let schema = Schema::new(fields)?;
         let mut info = dataset_info(path, schema, &episodes);
         info.runs = manifest.runs.into();
         info.has_checksums = episodes.iter().any(|files| !files.checksums.is_empty());
@@ -139,21 +135,21 @@ fn dataset_info(path: &Path, schema: Arc<Schema>, episodes: &[EpisodeFiles]) -> 
 }
 
 /// The shape of a row; one value is a scalar.
-fn shape_of(feature: &Json) -> Result<Vec<usize>, String> {
-    let sizes = feature["shape"].as_array().ok_or("a feature has no shape")?;
+fn shape_of(feature: &Json) -> Result<Vec<usize>> {
+    let sizes = feature["shape"].as_array().ok_or(missing("a feature has no shape"))?;
     let sizes: Option<Vec<usize>> =
         sizes.iter().map(|size| size.as_u64().map(|size| size as usize)).collect();
-    let sizes = sizes.ok_or("a feature's shape holds no numbers")?;
+    let sizes = sizes.ok_or(missing("a feature's shape holds no numbers"))?;
     let values = sizes.iter().try_fold(1usize, |values, &size| values.checked_mul(size));
     match values {
         Some(1) => Ok(Vec::new()),
         Some(2..=0x1000_0000) => Ok(sizes),
-        _ => Err(format!("a feature has the shape {sizes:?}")),
+        _ => Err(invalid(format!("a feature has the shape {sizes:?}"))),
     }
 }
 
 /// An open video.
-pub(super) fn video(path: &Path) -> Result<Mp4Reader<BufReader<File>>, String> {
-    let file = File::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
-    Mp4Reader::new(BufReader::new(file)).map_err(|error| format!("{}: {error}", path.display()))
+pub(super) fn video(path: &Path) -> Result<Mp4Reader<BufReader<File>>> {
+    let file = File::open(path).at(path.display())?;
+    Mp4Reader::new(BufReader::new(file)).at(path.display())
 }

@@ -10,6 +10,7 @@ use swm_core::Column;
 
 use super::info::Info;
 use super::table::Table;
+use crate::error::{At as _, Result, invalid, missing, wrong_type};
 
 /// Above this size a line-by-line list of episodes is taken for damage.
 const MAX_LIST: u64 = 1 << 30;
@@ -28,28 +29,26 @@ pub(super) struct EpisodeFiles {
 }
 
 /// A length that an episode can have.
-fn bounded(rows: usize) -> Result<usize, String> {
+fn bounded(rows: usize) -> Result<usize> {
     match i32::try_from(rows) {
         Ok(_) => Ok(rows),
-        Err(_) => Err(format!("an episode of {rows} rows")),
+        Err(_) => Err(invalid(format!("an episode of {rows} rows"))),
     }
 }
 
 /// Version 2: a table and a video per episode, and a list of lengths.
-pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<EpisodeFiles>, String> {
+pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<EpisodeFiles>> {
     let list = path.join("meta/episodes.jsonl");
-    let failed = |error: std::io::Error| format!("{}: {error}", list.display());
-    if fs::metadata(&list).map_err(failed)?.len() > MAX_LIST {
-        return Err("its list of episodes is too long".to_owned());
+    if fs::metadata(&list).at(list.display())?.len() > MAX_LIST {
+        return Err(invalid("its list of episodes is too long"));
     }
-    let text = fs::read_to_string(&list).map_err(failed)?;
+    let text = fs::read_to_string(&list).at(list.display())?;
     let mut episodes = Vec::new();
     for line in text.lines().filter(|line| !line.trim().is_empty()) {
-        let entry: Json =
-            serde_json::from_str(line).map_err(|error| format!("{}: {error}", list.display()))?;
+        let entry: Json = serde_json::from_str(line).at(list.display())?;
         let number = |key: &str| entry[key].as_u64().and_then(|value| usize::try_from(value).ok());
         let (Some(episode), Some(rows)) = (number("episode_index"), number("length")) else {
-            return Err(format!("{}: an episode without index or length", list.display()));
+            return Err(missing("an episode without index or length")).at(list.display());
         };
         let rows = bounded(rows)?;
         let numbers = [("episode_chunk", episode / info.chunks_size), ("episode_index", episode)];
@@ -63,7 +62,7 @@ pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec
 }
 
 /// Version 3: tables that say in which file each episode lies, and where.
-pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<EpisodeFiles>, String> {
+pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<EpisodeFiles>> {
     let mut episodes: Vec<EpisodeFiles> = Vec::new();
     // Rows of a table are counted over all tables: its first episode tells where it begins.
     let mut begins: BTreeMap<PathBuf, usize> = BTreeMap::new();
@@ -80,17 +79,18 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
             let table = Table::open(&list)?;
             let integers = |name: &str| match table.column(name)? {
                 Column::I64(values) if values.len() == table.rows() => Ok(values),
-                other => Err(format!("column `{name}` holds {} {}", other.len(), other.dtype())),
+                other => Err(wrong_type(format!("column `{name}` holds {} {}", other.len(), other.dtype()))),
             };
             let (lengths, starts) = (integers("length")?, integers("dataset_from_index")?);
             let (chunks, files) = (integers("data/chunk_index")?, integers("data/file_index")?);
-            let size =
-                |value: i64| usize::try_from(value).map_err(|_| format!("the number {value} is negative"));
+            let size = |value: i64| {
+                usize::try_from(value).map_err(|_| invalid(format!("the number {value} is negative")))
+            };
             let mut videos = Vec::new();
             for camera in cameras {
                 let key = |what: &str| format!("videos/{camera}/{what}");
                 let Column::F64(times) = table.column(&key("from_timestamp"))? else {
-                    return Err(format!("column `{}` holds no times", key("from_timestamp")));
+                    return Err(wrong_type(format!("column `{}` holds no times", key("from_timestamp"))));
                 };
                 videos.push((camera, integers(&key("chunk_index"))?, integers(&key("file_index"))?, times));
             }
@@ -99,7 +99,7 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
                 let data = info.data(path, &numbers)?;
                 let start = size(starts[row])?;
                 let begin = *begins.entry(data.clone()).or_insert(start);
-                let first = start.checked_sub(begin).ok_or("episodes are out of order")?;
+                let first = start.checked_sub(begin).ok_or(invalid("episodes are out of order"))?;
                 let mut found = EpisodeFiles {
                     rows: bounded(size(lengths[row])?)?,
                     data,
@@ -111,7 +111,7 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
                     let video = info.video(path, camera, &numbers)?;
                     let time = times.get(row).copied().unwrap_or(f64::NAN);
                     if !(0.0..1e9).contains(&time) {
-                        return Err(format!("a video begins at {time} s"));
+                        return Err(invalid(format!("a video begins at {time} s")));
                     }
                     found.videos.insert((*camera).clone(), (video, (time * info.fps).round() as usize));
                 }
@@ -121,6 +121,6 @@ pub(super) fn third(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec<
     }
     match episodes.len() == info.total_episodes {
         true => Ok(episodes),
-        false => Err(format!("{} of {} episodes are listed", episodes.len(), info.total_episodes)),
+        false => Err(missing(format!("{} of {} episodes are listed", episodes.len(), info.total_episodes))),
     }
 }

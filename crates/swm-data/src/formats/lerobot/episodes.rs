@@ -9,7 +9,7 @@ use swm_core::{Column, Slice};
 use super::manifest::Manifest;
 use super::parquet_file::{self, ColumnOut};
 use super::table::Table;
-use crate::error::DataError;
+use crate::error::{At as _, DataError, Result, invalid, wrong_type};
 use crate::formats::disk::replace;
 
 /// Files in a folder, as LeRobot divides them.
@@ -41,7 +41,7 @@ fn list_path(file: usize) -> String {
 }
 
 /// All episodes that were committed.
-pub(super) fn read(folder: &Path, videos: usize) -> Result<Vec<Entry>, String> {
+pub(super) fn read(folder: &Path, videos: usize) -> Result<Vec<Entry>> {
     let mut entries = Vec::new();
     for file in 0.. {
         let path = folder.join(list_path(file));
@@ -51,19 +51,19 @@ pub(super) fn read(folder: &Path, videos: usize) -> Result<Vec<Entry>, String> {
         let table = Table::open(&path)?;
         let (Column::I64(rows), Column::I64(checksums)) = (table.column("length")?, table.column(CHECKSUMS)?)
         else {
-            return Err(format!("{}: lengths or checksums are no numbers", path.display()));
+            return Err(wrong_type("lengths or checksums are no numbers")).at(path.display());
         };
         if rows.len().checked_mul(videos + 1) != Some(checksums.len()) {
-            return Err(format!(
+            return Err(invalid(format!(
                 "{}: {} checksums of {} episodes",
                 path.display(),
                 checksums.len(),
                 rows.len()
-            ));
+            )));
         }
         for (&rows, checksums) in rows.iter().zip(checksums.chunks_exact(videos + 1)) {
             let rows = i32::try_from(rows).ok().filter(|&rows| rows > 0);
-            let rows = rows.ok_or_else(|| format!("{}: an episode of no length", path.display()))?;
+            let rows = rows.ok_or(invalid("an episode of no length")).at(path.display())?;
             let checksums = checksums.iter().map(|&checksum| checksum as u32).collect();
             entries.push(Entry { rows: rows as usize, checksums });
         }
@@ -76,7 +76,7 @@ pub(super) fn commit(folder: &Path, manifest: &Manifest, entries: &[Entry]) -> R
     let file = entries.len().saturating_sub(1) / PER_FILE;
     let first = file * PER_FILE;
     let path = folder.join(list_path(file));
-    let bytes = list(manifest, entries, first, file).map_err(|reason| DataError::record(&path, reason))?;
+    let bytes = list(manifest, entries, first, file).map_err(|error| DataError::record(&path, error))?;
     let written = match path.parent() {
         Some(parent) => fs::create_dir_all(parent).and_then(|()| replace(&path, &bytes)),
         None => replace(&path, &bytes),
@@ -85,7 +85,7 @@ pub(super) fn commit(folder: &Path, manifest: &Manifest, entries: &[Entry]) -> R
 }
 
 /// The bytes of a file of the list.
-fn list(manifest: &Manifest, entries: &[Entry], first: usize, file: usize) -> Result<Vec<u8>, String> {
+fn list(manifest: &Manifest, entries: &[Entry], first: usize, file: usize) -> Result<Vec<u8>> {
     let before: usize = entries[..first].iter().map(|entry| entry.rows).sum();
     let entries = &entries[first..];
     let numbers = |value: &dyn Fn(usize) -> usize| -> Vec<i64> {
@@ -159,6 +159,6 @@ pub(super) fn write_tasks(folder: &Path, manifest: &Manifest) -> Result<(), Data
     let columns =
         [ColumnOut::scalar("task_index", Slice::I64(&[0])), ColumnOut::scalar("task", Slice::Str(&tasks))];
     let bytes = parquet_file::bytes(&columns, &[("pandas", pandas.to_string())])
-        .map_err(|reason| DataError::record(&path, reason))?;
+        .map_err(|error| DataError::record(&path, error))?;
     replace(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))
 }

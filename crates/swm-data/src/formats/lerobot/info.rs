@@ -8,8 +8,8 @@ use serde_json::{Map, Value as Json, json};
 
 use super::episodes::CHUNK;
 use super::manifest::{Manifest, OWN, is_own, is_video};
-use crate::error::DataError;
-use crate::formats::disk::replace;
+use crate::error::{At as _, DataError, Result, invalid, missing, unsupported};
+use crate::formats::disk::replace_json;
 
 /// Where it lies.
 pub(super) const INFO: &str = "meta/info.json";
@@ -42,45 +42,40 @@ pub(super) enum Version {
 }
 
 impl Info {
-    pub(super) fn read(folder: &Path) -> Result<Self, String> {
+    pub(super) fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(INFO);
-        let length = fs::metadata(&path).map_err(|error| error.to_string())?.len();
+        let length = fs::metadata(&path)?.len();
         if length > MAX_BYTES {
-            return Err(format!("`{INFO}` has {length} bytes"));
+            return Err(invalid(format!("`{INFO}` has {length} bytes")));
         }
-        let bytes = fs::read(&path).map_err(|error| error.to_string())?;
-        let info: Self = serde_json::from_slice(&bytes).map_err(|error| format!("`{INFO}`: {error}"))?;
+        let bytes = fs::read(&path)?;
+        let info: Self = serde_json::from_slice(&bytes).at(format_args!("`{INFO}`"))?;
         info.version()?;
         match info.fps.is_finite() && info.fps > 0.0 && info.chunks_size > 0 {
             true => Ok(info),
-            false => Err(format!(
+            false => Err(invalid(format!(
                 "`{INFO}`: {} frames per second, {} episodes per chunk",
                 info.fps, info.chunks_size
-            )),
+            ))),
         }
     }
 
-    pub(super) fn version(&self) -> Result<Version, String> {
+    pub(super) fn version(&self) -> Result<Version> {
         match self.codebase_version.as_str() {
             version if version.starts_with("v2.") => Ok(Version::V2),
             version if version.starts_with("v3.") => Ok(Version::V3),
-            other => Err(format!("its version is `{other}`; v2.1 and v3.0 are read")),
+            other => Err(unsupported(format!("its version is `{other}`; v2.1 and v3.0 are read"))),
         }
     }
 
     /// The table of an episode.
-    pub(super) fn data(&self, folder: &Path, numbers: &[(&str, usize)]) -> Result<PathBuf, String> {
+    pub(super) fn data(&self, folder: &Path, numbers: &[(&str, usize)]) -> Result<PathBuf> {
         inside(folder, &filled(&self.data_path, numbers, ""))
     }
 
     /// The video of a camera.
-    pub(super) fn video(
-        &self,
-        folder: &Path,
-        camera: &str,
-        numbers: &[(&str, usize)],
-    ) -> Result<PathBuf, String> {
-        let path = self.video_path.as_deref().ok_or("it names no place for its videos")?;
+    pub(super) fn video(&self, folder: &Path, camera: &str, numbers: &[(&str, usize)]) -> Result<PathBuf> {
+        let path = self.video_path.as_deref().ok_or(missing("it names no place for its videos"))?;
         inside(folder, &filled(path, numbers, camera))
     }
 }
@@ -137,10 +132,7 @@ pub(super) fn write(
         video_path: "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
         features: Ordered(features(manifest)),
     };
-    let path = folder.join(INFO);
-    let bytes =
-        serde_json::to_vec_pretty(&info).map_err(|error| DataError::record(&path, error.to_string()))?;
-    replace(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))
+    replace_json(&folder.join(INFO), &info)
 }
 
 fn features(manifest: &Manifest) -> Vec<(String, Json)> {
@@ -192,12 +184,12 @@ fn filled(pattern: &str, numbers: &[(&str, usize)], camera: &str) -> String {
 }
 
 /// A path below the folder; anything else is refused.
-fn inside(folder: &Path, path: &str) -> Result<PathBuf, String> {
+fn inside(folder: &Path, path: &str) -> Result<PathBuf> {
     let relative = Path::new(path);
     let stays = relative.components().all(|part| matches!(part, Component::Normal(_)));
     match stays && !path.contains(['\0', '\\', '{']) {
         true => Ok(folder.join(relative)),
-        false => Err(format!("`{INFO}` names the file `{path}`, which is none inside the folder")),
+        false => Err(invalid(format!("`{INFO}` names the file `{path}`, which is none inside the folder"))),
     }
 }
 

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use swm_core::{Dtype, Field, Metadata};
 use swm_media::mp4;
 
-use crate::error::DataError;
-use crate::formats::disk::{is_plain_name, replace};
+use crate::error::{At as _, DataError, Result, invalid, unsupported};
+use crate::formats::disk::{is_plain_name, replace_json};
 
 /// Where it lies.
 const MANIFEST: &str = "meta/swm.json";
@@ -48,37 +48,31 @@ impl Manifest {
     }
 
     /// Reads it; `None` in folders of other programs.
-    pub(super) fn read(folder: &Path) -> Result<Option<Self>, String> {
+    pub(super) fn read(folder: &Path) -> Result<Option<Self>> {
         let path = folder.join(MANIFEST);
         let bytes = match fs::metadata(&path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Ok(metadata) if metadata.len() > MAX_BYTES => {
-                return Err(format!("`{MANIFEST}` has {} bytes", metadata.len()));
+                return Err(invalid(format!("`{MANIFEST}` has {} bytes", metadata.len())));
             }
-            _ => fs::read(&path).map_err(|error| error.to_string())?,
+            _ => fs::read(&path)?,
         };
-        let manifest: Self =
-            serde_json::from_slice(&bytes).map_err(|error| format!("`{MANIFEST}`: {error}"))?;
+        let manifest: Self = serde_json::from_slice(&bytes).at(format_args!("`{MANIFEST}`"))?;
         if manifest.version != VERSION {
-            return Err(format!(
-                "`{MANIFEST}`: its version is {}, this program knows {VERSION}",
-                manifest.version
-            ));
+            let other = format!("its version is {}, this program knows {VERSION}", manifest.version);
+            return Err(unsupported(other).at(format_args!("`{MANIFEST}`")));
         }
         for Field { name, shape, .. } in &manifest.columns {
             let bytes = shape.iter().try_fold(8usize, |bytes, &size| bytes.checked_mul(size));
             if !is_plain_name(name) || bytes.is_none_or(|bytes| bytes == 0 || bytes > MAX_ROW_BYTES) {
-                return Err(format!("`{MANIFEST}`: column `{name}` of the shape {shape:?}"));
+                return Err(invalid(format!("`{MANIFEST}`: column `{name}` of the shape {shape:?}")));
             }
         }
         Ok(Some(manifest))
     }
 
     pub(super) fn write(&self, folder: &Path) -> Result<(), DataError> {
-        let path = folder.join(MANIFEST);
-        let bytes =
-            serde_json::to_vec_pretty(self).map_err(|error| DataError::record(&path, error.to_string()))?;
-        replace(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))
+        replace_json(&folder.join(MANIFEST), self)
     }
 
     /// The columns that are videos, with the names of their features.

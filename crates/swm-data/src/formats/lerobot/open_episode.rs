@@ -14,6 +14,7 @@ use super::episodes;
 use super::manifest::{Manifest, OWN, is_own, is_video};
 use super::parquet_file::{ColumnOut, TableWriter};
 use crate::dataset::row_bytes;
+use crate::error::{At as _, Result, missing, wrong_type};
 use crate::formats::disk::replace;
 use crate::video::VideoWriter;
 
@@ -51,14 +52,13 @@ impl OpenEpisode {
         manifest: &Manifest,
         encoding: &Mp4Options,
         (episode, first): (usize, usize),
-    ) -> Result<Self, String> {
+    ) -> Result<Self> {
         let stored = manifest.columns.iter().filter(|field| !is_video(field) && !is_own(&field.name));
         let held: Vec<_> = stored
             .map(|field| (field.clone(), manifest.feature(&field.name), Column::zeros(field.dtype, 0)))
             .collect();
         let videos = manifest.cameras().map(|(field, camera)| {
-            let video = VideoWriter::new(field, encoding);
-            let video = video.map_err(|error| format!("column `{}`: {error}", field.name))?;
+            let video = VideoWriter::new(field, encoding).at(format_args!("column `{}`", field.name))?;
             Ok(OpenVideo { field: field.clone(), camera, video })
         });
         let fields: Vec<Field> = held.iter().map(|(field, ..)| field.clone()).collect();
@@ -70,31 +70,31 @@ impl OpenEpisode {
             group: (GROUP_BYTES / (row_bytes(&fields) + own)).clamp(1, GROUP_ROWS),
             table_path: folder.join(episodes::data_path(episode)),
             table: None,
-            videos: videos.collect::<Result<_, String>>()?,
+            videos: videos.collect::<Result<_>>()?,
             held,
         })
     }
 
     /// Appends rows.
-    pub(super) fn append(&mut self, rate: f64, schema: &Schema, batch: &Batch) -> Result<(), String> {
+    pub(super) fn append(&mut self, rate: f64, schema: &Schema, batch: &Batch) -> Result<()> {
         // Encoding is most of the work, and videos do not know of each other.
         self.videos.par_iter_mut().try_for_each(|OpenVideo { field, video, .. }| {
-            let failed = |error: String| format!("column `{}`: {error}", field.name);
-            let column = schema.index(&field.name).ok_or_else(|| failed("it is missing".to_owned()))?;
-            let Slice::U8(values) = batch.column(column) else {
-                return Err(failed("it holds no images".to_owned()));
+            let written = match schema.index(&field.name).map(|column| batch.column(column)) {
+                Some(Slice::U8(values)) => video.append(values),
+                Some(_) => Err(wrong_type("it holds no images")),
+                None => Err(missing("it is missing")),
             };
-            video.append(values).map_err(failed)
+            written.at(format_args!("column `{}`", field.name))
         })?;
         let mut taken = 0;
         while taken < batch.rows() {
             let in_group = self.rows % self.group;
             let count = (self.group - in_group).min(batch.rows() - taken);
             for (field, _, column) in &mut self.held {
-                let from = schema.index(&field.name).ok_or("a column is missing")?;
+                let from = schema.index(&field.name).ok_or(missing("a column is missing"))?;
                 let width = field.dim();
                 if !column.extend(batch.column(from).range(taken * width, count * width)) {
-                    return Err(format!("column `{}` has another type", field.name));
+                    return Err(wrong_type(format!("column `{}` has another type", field.name)));
                 }
             }
             taken += count;
@@ -107,29 +107,29 @@ impl OpenEpisode {
     }
 
     /// Ends the episode: videos get their names, then the table. The checksums of the table and of the videos.
-    pub(super) fn finish(mut self, folder: &Path, rate: f64) -> Result<Vec<u32>, String> {
+    pub(super) fn finish(mut self, folder: &Path, rate: f64) -> Result<Vec<u32>> {
         if !self.rows.is_multiple_of(self.group) {
             self.write_group(rate)?;
         }
         let mut checksums = vec![0];
         for OpenVideo { field, camera, video } in self.videos {
-            let video = video.finish().map_err(|error| format!("column `{}`: {error}", field.name))?;
+            let video = video.finish().at(format_args!("column `{}`", field.name))?;
             let path = folder.join(episodes::video_path(&camera, self.episode));
-            make_parent(&path).and_then(|()| replace(&path, &video)).map_err(|e| failed(&path, &e))?;
+            make_parent(&path).and_then(|()| replace(&path, &video)).at(path.display())?;
             checksums.push(crc32fast::hash(&video));
         }
         // LeRobot reads all tables that there are, listed or not, so a table gets its name when it is complete; and the
         // less time between that and the list, the better.
-        let table = self.table.take().ok_or("an episode without rows")?;
+        let table = self.table.take().ok_or(missing("an episode without rows"))?;
         let mut checked = table.finish()?;
         let named = checked.flush().and_then(|()| fs::rename(draft(&self.table_path), &self.table_path));
-        named.map_err(|error| failed(&self.table_path, &error))?;
+        named.at(self.table_path.display())?;
         checksums[0] = checked.checksum.finalize();
         Ok(checksums)
     }
 
     /// Writes the rows that are held.
-    fn write_group(&mut self, rate: f64) -> Result<(), String> {
+    fn write_group(&mut self, rate: f64) -> Result<()> {
         let begin = (self.rows - 1) / self.group * self.group;
         let rows = begin..self.rows;
         let times: Vec<f32> = rows.clone().map(|row| (row as f64 / rate) as f32).collect();
@@ -154,8 +154,7 @@ impl OpenEpisode {
             Some(table) => table,
             None => {
                 let path = draft(&self.table_path);
-                let file = make_parent(&path).and_then(|()| File::create(&path));
-                let file = file.map_err(|error| failed(&path, &error))?;
+                let file = make_parent(&path).and_then(|()| File::create(&path)).at(path.display())?;
                 let out = Checked { out: BufWriter::new(file), checksum: Hasher::new() };
                 self.table.insert(TableWriter::new(out, &columns, &[])?)
             }
@@ -193,8 +192,4 @@ fn draft(path: &Path) -> PathBuf {
 
 fn make_parent(path: &Path) -> io::Result<()> {
     path.parent().map_or(Ok(()), fs::create_dir_all)
-}
-
-fn failed(path: &Path, error: &io::Error) -> String {
-    format!("{}: {error}", path.display())
 }

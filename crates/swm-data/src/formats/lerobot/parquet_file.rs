@@ -4,6 +4,7 @@
 use std::io::Write;
 use std::sync::Arc;
 
+use crate::error::{FormatError, Result};
 use parquet::basic::{Compression, ConvertedType, LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{
     BoolType, ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int32Type, Int64Type,
@@ -33,7 +34,7 @@ impl<'a> ColumnOut<'a> {
 }
 
 /// The bytes of a file with these columns, which have equally many rows. `about` is its description, by key.
-pub(super) fn bytes(columns: &[ColumnOut<'_>], about: &[(&str, String)]) -> Result<Vec<u8>, String> {
+pub(super) fn bytes(columns: &[ColumnOut<'_>], about: &[(&str, String)]) -> Result<Vec<u8>> {
     let mut writer = TableWriter::new(Vec::new(), columns, about)?;
     writer.group(columns)?;
     writer.finish()
@@ -44,18 +45,18 @@ pub(super) struct TableWriter<W: Write + Send>(SerializedFileWriter<W>);
 
 impl<W: Write + Send> TableWriter<W> {
     /// Begins a file with the columns of these names and types. `about` is its description, by key.
-    pub(super) fn new(out: W, columns: &[ColumnOut<'_>], about: &[(&str, String)]) -> Result<Self, String> {
-        begin(out, columns, about).map(Self).map_err(|error| error.to_string())
+    pub(super) fn new(out: W, columns: &[ColumnOut<'_>], about: &[(&str, String)]) -> Result<Self> {
+        begin(out, columns, about).map(Self).map_err(FormatError::other)
     }
 
     /// Writes rows of all columns.
-    pub(super) fn group(&mut self, columns: &[ColumnOut<'_>]) -> Result<(), String> {
-        group(&mut self.0, columns).map_err(|error| error.to_string())
+    pub(super) fn group(&mut self, columns: &[ColumnOut<'_>]) -> Result<()> {
+        group(&mut self.0, columns).map_err(FormatError::other)
     }
 
     /// Ends the file.
-    pub(super) fn finish(self) -> Result<W, String> {
-        self.0.into_inner().map_err(|error| error.to_string())
+    pub(super) fn finish(self) -> Result<W> {
+        self.0.into_inner().map_err(FormatError::other)
     }
 }
 

@@ -13,7 +13,7 @@ use super::contents::{Shared, Source, video};
 use super::episode_files::EpisodeFiles;
 use super::table::Table;
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
-use crate::error::DataError;
+use crate::error::{At as _, DataError, Result, invalid, missing, wrong_type};
 
 /// An open folder.
 pub(super) struct LeRobotDataset {
@@ -25,7 +25,7 @@ pub(super) struct LeRobotDataset {
 
 impl LeRobotDataset {
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
-        let shared = Shared::open(path).map_err(|reason| DataError::damaged(path, reason))?;
+        let shared = Shared::open(path).map_err(|error| DataError::damaged(path, error))?;
         Ok(Self { shared: Arc::new(shared), table: None, videos: BTreeMap::new() })
     }
 
@@ -36,7 +36,7 @@ impl LeRobotDataset {
         width: usize,
         steps: Steps,
         out: SliceMut<'_>,
-    ) -> Result<(), String> {
+    ) -> Result<()> {
         let shared = self.shared.clone();
         let files = &shared.episodes[episode];
         if self.table.as_ref().is_none_or(|(path, _)| *path != files.data) {
@@ -59,12 +59,12 @@ impl LeRobotDataset {
             .and_then(|(start, size)| start.checked_add(size))
             .is_some_and(|end| end <= values.len());
         if !fits || values.dtype() != out.dtype() {
-            return Err(format!(
+            return Err(wrong_type(format!(
                 "{} does not hold rows {} to {}",
                 path.display(),
                 files.first,
                 files.first.saturating_add(files.rows)
-            ));
+            )));
         }
         copy_rows(values.range(files.first * width, files.rows * width), width, steps, out);
         Ok(())
@@ -77,9 +77,10 @@ impl LeRobotDataset {
         episode: usize,
         steps: Steps,
         out: &mut [u8],
-    ) -> Result<(), String> {
+    ) -> Result<()> {
         let shared = self.shared.clone();
-        let (path, first) = shared.episodes[episode].videos.get(camera).ok_or("there is no video")?;
+        let (path, first) =
+            shared.episodes[episode].videos.get(camera).ok_or(missing("there is no video"))?;
         if self.videos.get(&column).is_none_or(|(open, _)| open != path) {
             // The decoder of damaged videos is the least robust part of all.
             check(path, &shared.episodes[episode])?;
@@ -88,20 +89,20 @@ impl LeRobotDataset {
         let Some((_, video)) = self.videos.get_mut(&column) else { return Ok(()) };
         let (height, width) = video.size();
         if shared.info.field(column).shape != [height, width, 3] {
-            return Err(format!("{}: it has images of {height} x {width}", path.display()));
+            return Err(wrong_type(format!("it has images of {height} x {width}"))).at(path.display());
         }
-        let first = first.checked_add(steps.first).ok_or("it begins nowhere")?;
-        video.read(first, steps.stride, out).map_err(|error| format!("{}: {error}", path.display()))
+        let first = first.checked_add(steps.first).ok_or(invalid("it begins nowhere"))?;
+        video.read(first, steps.stride, out).at(path.display())
     }
 }
 
 /// Compares a file of an episode with its checksum, if there is one.
-fn check(path: &Path, files: &EpisodeFiles) -> Result<(), String> {
+fn check(path: &Path, files: &EpisodeFiles) -> Result<()> {
     let Some(&checksum) = files.checksums.get(path) else { return Ok(()) };
-    let bytes = fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let bytes = fs::read(path).at(path.display())?;
     match crc32fast::hash(&bytes) == checksum {
         true => Ok(()),
-        false => Err(format!("{}: {CHANGED}", path.display())),
+        false => Err(invalid(CHANGED)).at(path.display()),
     }
 }
 
@@ -134,9 +135,9 @@ impl Dataset for LeRobotDataset {
                 }
                 Ok(())
             }
-            (_, out) => Err(format!("it was asked for as {}", out.dtype())),
+            (_, out) => Err(wrong_type(format!("it was asked for as {}", out.dtype()))),
         };
-        read.map_err(|reason| shared.info.damaged(column, episode, reason))
+        read.map_err(|error| shared.info.damaged(column, episode, error))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
@@ -146,6 +147,6 @@ impl Dataset for LeRobotDataset {
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
         let Some(files) = self.shared.episodes.get(episode) else { return Ok(()) };
         let checked = files.checksums.keys().try_for_each(|path| check(path, files));
-        checked.map_err(|reason| self.info().damaged_episode(episode, reason))
+        checked.map_err(|error| self.info().damaged_episode(episode, error))
     }
 }

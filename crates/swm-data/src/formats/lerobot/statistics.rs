@@ -151,7 +151,7 @@ impl Statistics {
         let state = serde_json::to_vec(self);
         for (name, bytes) in [(STATISTICS, serde_json::to_vec(&all)), (STATE, state)] {
             let path = folder.join(name);
-            let bytes = bytes.map_err(|error| DataError::record(&path, error.to_string()))?;
+            let bytes = bytes.map_err(|error| DataError::record(&path, error))?;
             replace(&path, &bytes).map_err(|source| DataError::io(&path, "write", source))?;
         }
         Ok(())

@@ -5,6 +5,7 @@ use std::fs::File;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
+use crate::error::{At as _, FormatError, Result, invalid, missing, unsupported, wrong_type};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
 use parquet::file::reader::{FileReader, SerializedFileReader};
@@ -22,14 +23,13 @@ pub(super) struct Table {
 }
 
 impl Table {
-    pub(super) fn open(path: &Path) -> Result<Self, String> {
-        let failed = |reason: String| format!("{}: {reason}", path.display());
-        let file = File::open(path).map_err(|error| failed(error.to_string()))?;
-        let reader =
-            guarded(|| SerializedFileReader::new(file).map_err(|error| error.to_string())).map_err(failed)?;
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path).at(path.display())?;
+        let reader = guarded(|| SerializedFileReader::new(file).map_err(FormatError::other));
+        let reader = reader.at(path.display())?;
         let metadata = reader.metadata().file_metadata();
         let rows = usize::try_from(metadata.num_rows()).ok().filter(|&rows| rows as i64 <= MAX_VALUES);
-        let rows = rows.ok_or_else(|| failed(format!("{} rows", metadata.num_rows())))?;
+        let rows = rows.ok_or(invalid(format!("{} rows", metadata.num_rows()))).at(path.display())?;
         let leaves = metadata.schema_descr().columns().iter().enumerate();
         // The first leaf of a name: lists have just one.
         let columns = leaves
@@ -44,24 +44,24 @@ impl Table {
     }
 
     /// All values of a column, row after row.
-    pub(super) fn column(&self, name: &str) -> Result<Column, String> {
-        let &leaf = self.columns.get(name).ok_or_else(|| format!("there is no column `{name}`"))?;
-        guarded(|| self.read(leaf)).map_err(|reason| format!("column `{name}`: {reason}"))
+    pub(super) fn column(&self, name: &str) -> Result<Column> {
+        let &leaf = self.columns.get(name).ok_or_else(|| missing(format!("there is no column `{name}`")))?;
+        guarded(|| self.read(leaf)).at(format_args!("column `{name}`"))
     }
 
-    fn read(&self, leaf: usize) -> Result<Column, String> {
+    fn read(&self, leaf: usize) -> Result<Column> {
         let mut all: Option<Column> = None;
         for group in 0..self.reader.num_row_groups() {
-            let group = self.reader.get_row_group(group).map_err(|error| error.to_string())?;
+            let group = self.reader.get_row_group(group).map_err(FormatError::other)?;
             let chunk = group.metadata().column(leaf);
             if !(0..=MAX_VALUES).contains(&chunk.num_values()) {
-                return Err(format!("{} values", chunk.num_values()));
+                return Err(invalid(format!("{} values", chunk.num_values())));
             }
             let depth = chunk.column_descr().max_def_level() > 0;
             let lists = chunk.column_descr().max_rep_level() > 0;
-            let rows =
-                usize::try_from(group.metadata().num_rows()).map_err(|_| "a negative number of rows")?;
-            let column = group.get_column_reader(leaf).map_err(|error| error.to_string())?;
+            let rows = usize::try_from(group.metadata().num_rows())
+                .map_err(|_| invalid("a negative number of rows"))?;
+            let column = group.get_column_reader(leaf).map_err(FormatError::other)?;
             let part = match column {
                 ColumnReader::BoolColumnReader(reader) => Column::Bool(values(reader, rows, depth, lists)?),
                 ColumnReader::Int32ColumnReader(reader) => Column::I32(values(reader, rows, depth, lists)?),
@@ -70,22 +70,22 @@ impl Table {
                 ColumnReader::DoubleColumnReader(reader) => Column::F64(values(reader, rows, depth, lists)?),
                 ColumnReader::ByteArrayColumnReader(reader) => {
                     let texts = values(reader, rows, depth, lists)?.into_iter().map(|text| {
-                        text.as_utf8().map(str::to_owned).map_err(|_| "a text is not UTF-8".to_owned())
+                        text.as_utf8().map(str::to_owned).map_err(|_| invalid("a text is not UTF-8"))
                     });
                     Column::Str(texts.collect::<Result<_, _>>()?)
                 }
-                _ => return Err("values of its type are not supported".to_owned()),
+                _ => return Err(unsupported("values of its type are not supported")),
             };
             match &mut all {
                 None => all = Some(part),
                 Some(all) => {
                     if !all.extend(part.as_slice()) {
-                        return Err("its type changes".to_owned());
+                        return Err(wrong_type("its type changes"));
                     }
                 }
             }
         }
-        all.ok_or_else(|| "the file is empty".to_owned())
+        all.ok_or(missing("the file is empty"))
     }
 }
 
@@ -94,33 +94,32 @@ fn values<T: DataType>(
     rows: usize,
     has_depth: bool,
     has_lists: bool,
-) -> Result<Vec<T::T>, String> {
+) -> Result<Vec<T::T>> {
     let (mut values, mut depths, mut repeats) = (Vec::new(), Vec::new(), Vec::new());
     let mut done = 0;
     while done < rows {
-        let (records, ..) = reader
-            .read_records(
-                rows - done,
-                has_depth.then_some(&mut depths),
-                has_lists.then_some(&mut repeats),
-                &mut values,
-            )
-            .map_err(|error| error.to_string())?;
+        let read = reader.read_records(
+            rows - done,
+            has_depth.then_some(&mut depths),
+            has_lists.then_some(&mut repeats),
+            &mut values,
+        );
+        let (records, ..) = read.map_err(FormatError::other)?;
         if records == 0 {
-            return Err(format!("{done} of {rows} rows are there"));
+            return Err(missing(format!("{done} of {rows} rows are there")));
         }
         if values.len() as i64 > MAX_VALUES {
-            return Err(format!("{} values", values.len()));
+            return Err(invalid(format!("{} values", values.len())));
         }
         done += records;
     }
     match has_depth && depths.len() != values.len() {
-        true => Err("some values are missing".to_owned()),
+        true => Err(missing("some values are missing")),
         false => Ok(values),
     }
 }
 
 /// The library panics on some damaged files.
-fn guarded<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| Err("it cannot be decoded".to_owned()))
+fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| Err(invalid("it cannot be decoded")))
 }

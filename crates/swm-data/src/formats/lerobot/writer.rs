@@ -17,7 +17,7 @@ use super::open_episode::OpenEpisode;
 use super::reader::LeRobotDataset;
 use super::statistics::Statistics;
 use crate::dataset::{Dataset, WriteOptions};
-use crate::error::DataError;
+use crate::error::{DataError, Result, missing};
 use crate::formats::disk::is_plain_name;
 use crate::lock::WriterLock;
 use crate::recording::{self, Backend, Existing, Session, SessionStart, StepIndex, check_fit};
@@ -76,7 +76,7 @@ impl Backend for LeRobotBackend {
         let mut manifest = Manifest::new(fields.to_vec(), rate);
         check_columns(path, &manifest)?;
         if start.existing == Existing::Continued {
-            let there = Manifest::read(path).map_err(|reason| DataError::damaged(path, reason))?;
+            let there = Manifest::read(path).map_err(|error| DataError::damaged(path, error))?;
             let there = there.ok_or_else(|| recording::foreign(path))?;
             let first = there.runs.first().map_or(metadata, |(_, first)| first);
             check_fit(path, &there.columns, first, &manifest.columns, metadata)?;
@@ -99,7 +99,7 @@ impl Backend for LeRobotBackend {
 }
 
 impl Session for LeRobotSession {
-    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<(), String> {
+    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<()> {
         let open = match &mut self.open {
             Some(open) => open,
             None => {
@@ -113,19 +113,18 @@ impl Session for LeRobotSession {
     }
 
     /// Its table and videos, the list, the summary.
-    fn commit(&mut self, end: StepIndex) -> Result<(), String> {
-        let open = self.open.take().ok_or("an episode without rows")?;
+    fn commit(&mut self, end: StepIndex) -> Result<()> {
+        let open = self.open.take().ok_or(missing("an episode without rows"))?;
         let checksums = open.finish(&self.path, self.manifest.frames_per_second)?;
         self.entries.push(Entry { rows: end.step, checksums });
-        let said = |error: DataError| error.to_string();
-        episodes::commit(&self.path, &self.manifest, &self.entries).map_err(said)?;
+        episodes::commit(&self.path, &self.manifest, &self.entries)?;
         self.rows += end.step;
         self.statistics.end_episode();
-        info::write(&self.path, &self.manifest, self.entries.len(), self.rows).map_err(said)
+        Ok(info::write(&self.path, &self.manifest, self.entries.len(), self.rows)?)
     }
 
-    fn close(self) -> Result<(), String> {
-        self.statistics.write(&self.path, &self.manifest).map_err(|error| error.to_string())
+    fn close(self) -> Result<()> {
+        Ok(self.statistics.write(&self.path, &self.manifest)?)
     }
 }
 
@@ -137,7 +136,7 @@ impl LeRobotSession {
         manifest: Manifest,
         encoding: Mp4Options,
     ) -> Result<Self, DataError> {
-        let damaged = |reason| DataError::damaged(path, reason);
+        let damaged = |error| DataError::damaged(path, error);
         let entries = episodes::read(path, manifest.cameras().count()).map_err(damaged)?;
         let rows = entries.iter().map(|entry| entry.rows).sum();
         for file in leftovers(path, &manifest, entries.len()) {
@@ -165,7 +164,7 @@ impl LeRobotSession {
 /// Says what is to be done about an interrupted recording; does it if `apply`.
 pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError> {
     let _lock = WriterLock::take(path)?;
-    let damaged = |reason| DataError::damaged(path, reason);
+    let damaged = |error| DataError::damaged(path, error);
     let Some(manifest) = Manifest::read(path).map_err(damaged)? else { return Ok(Vec::new()) };
     let entries = episodes::read(path, manifest.cameras().count()).map_err(damaged)?;
     let rows = entries.iter().map(|entry| entry.rows).sum();

@@ -2,9 +2,10 @@
 //! lies; other programs compress them with LZ4 (frames) or Zstandard, and then a chunk is read as a whole.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{self, Read};
 
 use super::records::{HEAD, Reader};
+use crate::error::{At as _, Result, invalid, unsupported};
 use crate::formats::disk::read_exact_at;
 
 /// Bytes of a chunk's head up to its messages, with the longest name of a compression.
@@ -51,23 +52,23 @@ pub(super) struct Chunk {
 
 impl Chunk {
     /// Reads the head of a chunk record that begins at `at` and has `length` bytes of content.
-    pub(super) fn read(file: &File, at: u64, length: u64) -> Result<Self, String> {
+    pub(super) fn read(file: &File, at: u64, length: u64) -> Result<Self> {
         let mut bytes = vec![0; length.min(HEAD_BYTES) as usize];
-        read_exact_at(file, &mut bytes, at + HEAD).map_err(|error| error.to_string())?;
+        read_exact_at(file, &mut bytes, at + HEAD)?;
         let mut reader = Reader(&bytes);
         let times = [reader.u64()?, reader.u64()?];
         let (size, checksum, compression) = (reader.u64()?, reader.u32()?, reader.text()?);
         let known = [Compression::None, Compression::Lz4, Compression::Zstd];
         let Some(compression) = known.into_iter().find(|known| known.name() == compression) else {
-            return Err(format!(
+            return Err(unsupported(format!(
                 "its chunks are compressed by `{compression}`, which is unknown; use `mcap compress --compression none`"
-            ));
+            )));
         };
         let stored = reader.u64()?;
         let is_plain = compression == Compression::None;
         let fits = if is_plain { stored == size } else { stored.max(size) <= MAX_COMPRESSED };
         if !fits || stored != length - (bytes.len() - reader.0.len()) as u64 {
-            return Err("a chunk has another size than it says".to_owned());
+            return Err(invalid("a chunk has another size than it says"));
         }
         let indexes = Vec::new();
         Ok(Self {
@@ -89,27 +90,23 @@ impl Chunk {
     }
 
     /// Reads its messages, as they were before they were compressed.
-    pub(super) fn messages(&self, file: &File, out: &mut Vec<u8>) -> Result<(), String> {
+    pub(super) fn messages(&self, file: &File, out: &mut Vec<u8>) -> Result<()> {
         out.resize(self.stored as usize, 0);
-        read_exact_at(file, out, self.messages_at()).map_err(|error| error.to_string())?;
+        read_exact_at(file, out, self.messages_at())?;
         let stored: &[u8] = out;
         let mut messages = Vec::new();
         // One byte more than there should be, so that more are noticed.
         let unpacked = match self.compression {
             Compression::None => return Ok(()),
-            Compression::Lz4 => lz4_flex::frame::FrameDecoder::new(stored)
-                .take(self.size + 1)
-                .read_to_end(&mut messages)
-                .map_err(|error| error.to_string()),
+            Compression::Lz4 => {
+                lz4_flex::frame::FrameDecoder::new(stored).take(self.size + 1).read_to_end(&mut messages)
+            }
             Compression::Zstd => ruzstd::decoding::StreamingDecoder::new(stored)
-                .map_err(|error| error.to_string())
-                .and_then(|decoder| {
-                    decoder.take(self.size + 1).read_to_end(&mut messages).map_err(|error| error.to_string())
-                }),
+                .map_err(io::Error::other)
+                .and_then(|decoder| decoder.take(self.size + 1).read_to_end(&mut messages)),
         };
-        let size = unpacked.map_err(|error| format!("a chunk cannot be unpacked: {error}"))? as u64;
-        if size != self.size {
-            return Err("a chunk has another size than it says".to_owned());
+        if unpacked.at("a chunk cannot be unpacked")? as u64 != self.size {
+            return Err(invalid("a chunk has another size than it says"));
         }
         *out = messages;
         Ok(())
@@ -131,18 +128,19 @@ impl Messages {
         file: &File,
         chunks: &[Chunk],
         (index, offset): (usize, u64),
-    ) -> Result<(u8, &[u8]), String> {
-        let chunk = chunks.get(index).ok_or("a message lies in no chunk")?;
-        let left = chunk.size.checked_sub(offset + HEAD).ok_or("a message reaches behind its chunk")?;
+    ) -> Result<(u8, &[u8])> {
+        let chunk = chunks.get(index).ok_or(invalid("a message lies in no chunk"))?;
+        let left =
+            chunk.size.checked_sub(offset + HEAD).ok_or(invalid("a message reaches behind its chunk"))?;
         let length = |head: &[u8]| match Reader(&head[1..]).u64()? {
             length if length <= left => Ok(length as usize),
-            _ => Err("a message reaches behind its chunk".to_owned()),
+            _ => Err(invalid("a message reaches behind its chunk")),
         };
         if chunk.compression == Compression::None {
             let (mut head, at) = ([0; HEAD as usize], chunk.messages_at() + offset);
-            read_exact_at(file, &mut head, at).map_err(|error| error.to_string())?;
+            read_exact_at(file, &mut head, at)?;
             self.record.resize(length(&head)?, 0);
-            read_exact_at(file, &mut self.record, at + HEAD).map_err(|error| error.to_string())?;
+            read_exact_at(file, &mut self.record, at + HEAD)?;
             return Ok((head[0], &self.record));
         }
         if self.unpacked != Some(index) {

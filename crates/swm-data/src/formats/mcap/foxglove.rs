@@ -4,6 +4,7 @@
 //! Source: <https://docs.foxglove.dev/docs/sdk/schemas/compressed-image>; the encoding of Protocol Buffers, and their
 //! `descriptor.proto`.
 
+use crate::error::{Result, invalid, missing};
 /// Name of the message.
 pub(super) const NAME: &str = "foxglove.CompressedImage";
 
@@ -29,26 +30,26 @@ pub(super) fn message(time_ns: u64, png: &[u8], frame: &str) -> Vec<u8> {
 }
 
 /// The image file in a message.
-pub(super) fn image(mut message: &[u8]) -> Result<&[u8], String> {
+pub(super) fn image(mut message: &[u8]) -> Result<&[u8]> {
     while !message.is_empty() {
         let tag = take_varint(&mut message)?;
         match tag & 7 {
             LENGTH_DELIMITED => {
                 let length = take_varint(&mut message)?;
                 let inner = usize::try_from(length).ok().and_then(|length| message.split_at_checked(length));
-                let (inner, rest) = inner.ok_or("an image's message is cut short")?;
+                let (inner, rest) = inner.ok_or(invalid("an image's message is cut short"))?;
                 if tag >> 3 == 2 {
                     return Ok(inner);
                 }
                 message = rest;
             }
             0 => drop(take_varint(&mut message)?),
-            1 => message = message.get(8..).ok_or("an image's message is cut short")?,
-            5 => message = message.get(4..).ok_or("an image's message is cut short")?,
-            kind => return Err(format!("an image's message has a field of kind {kind}")),
+            1 => message = message.get(8..).ok_or(invalid("an image's message is cut short"))?,
+            5 => message = message.get(4..).ok_or(invalid("an image's message is cut short"))?,
+            kind => return Err(invalid(format!("an image's message has a field of kind {kind}"))),
         }
     }
-    Err("an image's message holds no image".to_owned())
+    Err(missing("an image's message holds no image"))
 }
 
 /// The `FileDescriptorSet` of the message.
@@ -130,17 +131,17 @@ fn varint(out: &mut Vec<u8>, mut value: u64) {
     out.push(value as u8);
 }
 
-fn take_varint(bytes: &mut &[u8]) -> Result<u64, String> {
+fn take_varint(bytes: &mut &[u8]) -> Result<u64> {
     let mut value = 0;
     for shift in (0..64).step_by(7) {
-        let (&byte, rest) = bytes.split_first().ok_or("an image's message is cut short")?;
+        let (&byte, rest) = bytes.split_first().ok_or(invalid("an image's message is cut short"))?;
         *bytes = rest;
         value |= u64::from(byte & 0x7f) << shift;
         if byte < 0x80 {
             return Ok(value);
         }
     }
-    Err("an image's message holds an endless number".to_owned())
+    Err(invalid("an image's message holds an endless number"))
 }
 
 #[cfg(test)]

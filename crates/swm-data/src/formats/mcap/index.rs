@@ -10,6 +10,7 @@ use super::chunks::{Chunk, Messages};
 use super::records::{
     CHANNEL, CHUNK, DATA_END, FOOTER, HEAD, HEADER, MAGIC, MESSAGE_INDEX, METADATA, Reader,
 };
+use crate::error::{At as _, Result, invalid, missing};
 use crate::formats::disk::read_exact_at;
 
 /// Metadata record: the columns.
@@ -73,29 +74,29 @@ pub(super) struct Index {
 
 impl Index {
     /// Walks over a file. Errors say what is damaged; a file that just ends is that of a killed recording.
-    pub(super) fn read(file: &File, path: &Path) -> Result<Self, String> {
-        let length = file.metadata().map_err(|error| error.to_string())?.len();
+    pub(super) fn read(file: &File, path: &Path) -> Result<Self> {
+        let length = file.metadata()?.len();
         let mut magic = [0; MAGIC.len()];
-        read_exact_at(file, &mut magic, 0).map_err(|_| "it is shorter than its head".to_owned())?;
+        read_exact_at(file, &mut magic, 0).map_err(|_| invalid("it is shorter than its head"))?;
         if &magic != MAGIC {
-            return Err("it does not begin as an MCAP file".to_owned());
+            return Err(invalid("it does not begin as an MCAP file"));
         }
         let mut found = Self { end: MAGIC.len() as u64, ..Self::default() };
         let mut open = Episode::default();
         let mut at = MAGIC.len() as u64;
         while at + HEAD <= length {
             let mut head = [0; HEAD as usize];
-            read_exact_at(file, &mut head, at).map_err(|error| error.to_string())?;
+            read_exact_at(file, &mut head, at)?;
             let size = Reader(&head[1..]).u64()?;
             let Some(end) = at.checked_add(HEAD + size).filter(|&end| end <= length && size <= length) else {
                 break;
             };
             let content = |limit: u64| {
                 if size > limit {
-                    return Err(format!("a record of {size} bytes"));
+                    return Err(invalid(format!("a record of {size} bytes")));
                 }
                 let mut bytes = vec![0; size as usize];
-                read_exact_at(file, &mut bytes, at + HEAD).map_err(|error| error.to_string())?;
+                read_exact_at(file, &mut bytes, at + HEAD)?;
                 Ok(bytes)
             };
             match head[0] {
@@ -124,14 +125,14 @@ impl Index {
         found.chunks.truncate(committed);
         if found.columns.is_empty() {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
-            return Err(format!(
+            return Err(missing(format!(
                 "`{name}` is an MCAP file, but has no record `{DATASET}` that names its columns"
-            ));
+            )));
         }
         Ok(found)
     }
 
-    fn channel(&mut self, bytes: &[u8]) -> Result<(), String> {
+    fn channel(&mut self, bytes: &[u8]) -> Result<()> {
         let mut reader = Reader(bytes);
         let id = reader.u16()?;
         reader.u16()?;
@@ -148,35 +149,32 @@ impl Index {
         name: &str,
         values: &std::collections::BTreeMap<&str, &str>,
         open: &mut Episode,
-    ) -> Result<(), String> {
-        let value = |key: &str| values.get(key).copied().ok_or(format!("record `{name}` has no `{key}`"));
-        let json = |error: serde_json::Error| format!("record `{name}`: {error}");
+    ) -> Result<()> {
+        let place = format_args!("record `{name}`");
+        let value = |key: &str| values.get(key).copied().ok_or(missing(format!("{place} has no `{key}`")));
+        let number =
+            |key| value(key)?.parse::<u64>().map_err(|_| invalid(format!("{place}: `{key}` is no number")));
         match name {
             DATASET => {
-                self.columns = serde_json::from_str(value("columns")?).map_err(json)?;
-                self.row_ns = value("row_ns")?.parse().map_err(|_| format!("record `{name}`: `row_ns`"))?;
-                for field in &self.columns {
-                    let bytes = field.shape.iter().try_fold(8usize, |bytes, &size| bytes.checked_mul(size));
+                self.columns = serde_json::from_str(value("columns")?).at(place)?;
+                self.row_ns = number("row_ns")?;
+                for Field { name, shape, .. } in &self.columns {
+                    let bytes = shape.iter().try_fold(8usize, |bytes, &size| bytes.checked_mul(size));
                     if bytes.is_none_or(|bytes| bytes == 0 || bytes > 1 << 30) {
-                        return Err(format!(
-                            "a row of column `{}` has the shape {:?}",
-                            field.name, field.shape
-                        ));
+                        return Err(invalid(format!("a row of column `{name}` has the shape {shape:?}")));
                     }
                 }
             }
             RUN => {
-                let first = value("first_episode")?.parse().map_err(|_| format!("record `{name}`"))?;
-                let metadata = serde_json::from_str(value("metadata")?).map_err(json)?;
+                let first = number("first_episode")?;
+                let metadata = serde_json::from_str(value("metadata")?).at(place)?;
                 self.runs.retain(|(there, _)| *there < first);
                 self.runs.push((first, metadata));
             }
             EPISODE => {
-                let number =
-                    |key| value(key)?.parse::<usize>().map_err(|_| format!("record `{name}`: `{key}`"));
-                let (index, rows) = (number("index")?, number("rows")?);
-                if index != self.episodes.len() {
-                    return Err(format!("episode {index} stands in the place of {}", self.episodes.len()));
+                let (index, rows, next) = (number("index")?, number("rows")? as usize, self.episodes.len());
+                if index != next as u64 {
+                    return Err(invalid(format!("episode {index} stands in the place of {next}")));
                 }
                 let first = self.episodes.last().map_or(0, |episode| episode.chunks.end);
                 let mut episode = Episode { rows, chunks: first..self.chunks.len(), ..std::mem::take(open) };
@@ -184,12 +182,14 @@ impl Index {
                 for messages in &mut episode.messages {
                     messages.sort_by_key(|place| place.row);
                     if messages.last().is_some_and(|place| place.row as usize >= rows) {
-                        return Err(format!("episode {index} has messages behind its {rows} rows"));
+                        return Err(invalid(format!("episode {index} has messages behind its {rows} rows")));
                     }
                 }
                 let step = self.channels.iter().position(|(_, topic)| topic == STEP_TOPIC);
                 if step.is_some_and(|step| episode.messages[step].len() != rows) {
-                    return Err(format!("episode {index} should have {rows} messages on `{STEP_TOPIC}`"));
+                    return Err(missing(format!(
+                        "episode {index} should have {rows} messages on `{STEP_TOPIC}`"
+                    )));
                 }
                 for (count, messages) in self.counts.iter_mut().zip(&episode.messages) {
                     *count += messages.len() as u64;
@@ -208,9 +208,9 @@ impl Index {
         bytes: &[u8],
         (at, end): (u64, u64),
         open: &mut Episode,
-    ) -> Result<(), String> {
+    ) -> Result<()> {
         let first_row: u64 = self.episodes.iter().map(|episode| episode.rows as u64).sum();
-        let index = self.chunks.len().checked_sub(1).ok_or("an index without a chunk")?;
+        let index = self.chunks.len().checked_sub(1).ok_or(missing("an index without a chunk"))?;
         let chunk = &mut self.chunks[index];
         let mut reader = Reader(bytes);
         let channel = reader.u16()?;
@@ -224,7 +224,7 @@ impl Index {
             }
         }
         let Some(position) = self.channels.iter().position(|(id, _)| *id == channel) else {
-            return Err(format!("messages of channel {channel}, which does not exist"));
+            return Err(invalid(format!("messages of channel {channel}, which does not exist")));
         };
         open.messages.resize(open.messages.len().max(self.channels.len()), Vec::new());
         reader.u32()?;
@@ -233,7 +233,7 @@ impl Index {
             let row =
                 (time / self.row_ns.max(1)).checked_sub(first_row).and_then(|row| u32::try_from(row).ok());
             let Some(row) = row.filter(|_| offset < size) else {
-                return Err("a message lies outside its episode".to_owned());
+                return Err(invalid("a message lies outside its episode"));
             };
             open.messages[position].push(MessageAt { row, chunk: index as u32, offset });
         }
@@ -242,7 +242,7 @@ impl Index {
 }
 
 /// The contents of channel records among the messages of a chunk.
-fn channels_within(file: &File, chunk: &Chunk) -> Result<Vec<Vec<u8>>, String> {
+fn channels_within(file: &File, chunk: &Chunk) -> Result<Vec<Vec<u8>>> {
     let (mut found, mut at) = (Vec::new(), 0);
     let (mut messages, chunk) = (Messages::default(), std::slice::from_ref(chunk));
     while at + HEAD <= chunk[0].size {

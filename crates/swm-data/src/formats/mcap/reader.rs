@@ -13,7 +13,7 @@ use super::index::{Index, MessageAt, STEP_TOPIC, is_image, topic};
 use super::records::{MESSAGE, MESSAGE_HEAD};
 use super::rows::from_json;
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
-use crate::error::DataError;
+use crate::error::{At as _, DataError, FormatError, Result, invalid, missing, wrong_type};
 
 /// So many rows are decoded and held at once: all of most episodes, a bounded part of the longest.
 const BLOCK: usize = 1 << 16;
@@ -48,16 +48,16 @@ impl McapDataset {
     pub(super) fn open(path: &Path) -> Result<Self, DataError> {
         let failed = |source| DataError::io(path, "open", source);
         let file = File::open(path).map_err(failed)?;
-        let damaged = |reason: String| DataError::damaged(path, reason);
+        let damaged = |error: FormatError| DataError::damaged(path, error);
         let index = Index::read(&file, path).map_err(damaged)?;
-        let schema = Schema::new(index.columns.clone()).map_err(|error| damaged(error.to_string()))?;
+        let schema = Schema::new(index.columns.clone()).map_err(|error| damaged(error.into()))?;
         let channels = index
             .columns
             .iter()
             .map(|field| {
                 let wanted = if is_image(field) { topic(&field.name) } else { STEP_TOPIC.to_owned() };
                 let found = index.channels.iter().position(|(_, topic)| *topic == wanted);
-                found.ok_or_else(|| damaged(format!("it has no channel `{wanted}`")))
+                found.ok_or_else(|| damaged(missing(format!("it has no channel `{wanted}`"))))
             })
             .collect::<Result<_, _>>()?;
         let lengths = index.episodes.iter().map(|episode| episode.rows).collect();
@@ -73,10 +73,10 @@ impl McapDataset {
     }
 
     /// Reads rows of images. A row without a message shows what the one before it shows.
-    fn images(&mut self, column: usize, episode: usize, steps: Steps, out: &mut [u8]) -> Result<(), String> {
+    fn images(&mut self, column: usize, episode: usize, steps: Steps, out: &mut [u8]) -> Result<()> {
         let shared = self.shared.clone();
         let field = shared.info.field(column);
-        let &[height, width, channels] = &field.shape[..] else { return Err("no images".to_owned()) };
+        let &[height, width, channels] = &field.shape[..] else { return Err(wrong_type("no images")) };
         let places = &shared.index.episodes[episode].messages[shared.channels[column]];
         let size = height * width * channels;
         let mut last: Option<(MessageAt, usize)> = None;
@@ -84,7 +84,7 @@ impl McapDataset {
             let row = steps.first + at * steps.stride;
             let behind = places.partition_point(|place| place.row as usize <= row);
             let Some(&place) = behind.checked_sub(1).and_then(|found| places.get(found)) else {
-                return Err(format!("row {row} has no image"));
+                return Err(missing(format!("row {row} has no image")));
             };
             match last {
                 Some((there, copy)) if there == place => {
@@ -94,8 +94,7 @@ impl McapDataset {
                 _ => {
                     let image = foxglove::image(shared.message(place, &mut self.messages)?)?;
                     let frame = &mut out[at * size..][..size];
-                    png::decode_into(image, [height, width, channels], frame)
-                        .map_err(|error| error.to_string())?;
+                    png::decode_into(image, [height, width, channels], frame)?;
                     last = Some((place, at));
                 }
             }
@@ -104,13 +103,7 @@ impl McapDataset {
     }
 
     /// Reads rows of numbers or texts.
-    fn values(
-        &mut self,
-        column: usize,
-        episode: usize,
-        steps: Steps,
-        mut out: SliceMut<'_>,
-    ) -> Result<(), String> {
+    fn values(&mut self, column: usize, episode: usize, steps: Steps, mut out: SliceMut<'_>) -> Result<()> {
         let width = self.schema().dim(column);
         let mut at = 0;
         while at < steps.count {
@@ -131,7 +124,7 @@ impl McapDataset {
     }
 
     /// The columns of a block of an episode's rows.
-    fn load(&mut self, episode: usize, block: usize) -> Result<&[Column], String> {
+    fn load(&mut self, episode: usize, block: usize) -> Result<&[Column]> {
         if self.rows.as_ref().is_none_or(|rows| (rows.episode, rows.block) != (episode, block)) {
             self.rows = None;
             let shared = self.shared.clone();
@@ -143,11 +136,11 @@ impl McapDataset {
             let places =
                 channel.and_then(|channel| found.messages.get(channel)).map_or(&[][..], Vec::as_slice);
             if !fields.is_empty() && places.len() != found.rows {
-                return Err(format!("{} of {} rows are there", places.len(), found.rows));
+                return Err(missing(format!("{} of {} rows are there", places.len(), found.rows)));
             }
             for &place in places.iter().skip(block * BLOCK).take(BLOCK) {
                 from_json(shared.message(place, &mut self.messages)?, &fields, &mut columns)
-                    .map_err(|reason| format!("row {}: {reason}", place.row))?;
+                    .at(format_args!("row {}", place.row))?;
             }
             let mut decoded = columns.into_iter();
             let all = shared.info.schema.fields().iter().map(|field| match is_image(field) {
@@ -162,11 +155,11 @@ impl McapDataset {
 
 impl Shared {
     /// The data of a message.
-    fn message<'a>(&self, place: MessageAt, messages: &'a mut Messages) -> Result<&'a [u8], String> {
+    fn message<'a>(&self, place: MessageAt, messages: &'a mut Messages) -> Result<&'a [u8]> {
         let at = (place.chunk as usize, place.offset);
         match messages.record(&self.file, &self.index.chunks, at)? {
             (MESSAGE, content) if content.len() >= MESSAGE_HEAD => Ok(&content[MESSAGE_HEAD..]),
-            _ => Err("a message is not where the index says".to_owned()),
+            _ => Err(invalid("a message is not where the index says")),
         }
     }
 }
@@ -187,7 +180,7 @@ impl Dataset for McapDataset {
             (true, SliceMut::U8(out)) => self.images(column, episode, steps, out),
             (_, out) => self.values(column, episode, steps, out),
         };
-        read.map_err(|reason| self.shared.info.damaged(column, episode, reason))
+        read.map_err(|error| self.shared.info.damaged(column, episode, error))
     }
 
     fn share(&self) -> Box<dyn Dataset> {
@@ -200,7 +193,7 @@ impl Dataset for McapDataset {
         let mut messages = Vec::new();
         for chunk in &index.chunks[found.chunks.clone()] {
             let read = chunk.messages(file, &mut messages);
-            read.map_err(|reason| info.damaged_episode(episode, reason))?;
+            read.map_err(|error| info.damaged_episode(episode, error))?;
             if chunk.checksum != 0 && crc32fast::hash(&messages) != chunk.checksum {
                 return Err(info.damaged_episode(episode, CHANGED));
             }

@@ -3,6 +3,7 @@
 //!
 //! Source of the format: the MCAP specification, <https://mcap.dev/spec>.
 
+use crate::error::{Result, invalid};
 use std::collections::BTreeMap;
 
 /// The first and the last bytes of a file.
@@ -78,34 +79,34 @@ impl Content {
 pub(super) struct Reader<'a>(pub(super) &'a [u8]);
 
 impl<'a> Reader<'a> {
-    pub(super) fn raw(&mut self, count: usize) -> Result<&'a [u8], String> {
-        let (bytes, rest) = self.0.split_at_checked(count).ok_or("a record is cut short")?;
+    pub(super) fn raw(&mut self, count: usize) -> Result<&'a [u8]> {
+        let (bytes, rest) = self.0.split_at_checked(count).ok_or(invalid("a record is cut short"))?;
         self.0 = rest;
         Ok(bytes)
     }
 
-    fn number(&mut self, width: usize) -> Result<u64, String> {
+    fn number(&mut self, width: usize) -> Result<u64> {
         Ok(self.raw(width)?.iter().rev().fold(0, |value, &byte| value << 8 | u64::from(byte)))
     }
 
-    pub(super) fn u16(&mut self) -> Result<u16, String> {
+    pub(super) fn u16(&mut self) -> Result<u16> {
         Ok(self.number(2)? as u16)
     }
 
-    pub(super) fn u32(&mut self) -> Result<u32, String> {
+    pub(super) fn u32(&mut self) -> Result<u32> {
         Ok(self.number(4)? as u32)
     }
 
-    pub(super) fn u64(&mut self) -> Result<u64, String> {
+    pub(super) fn u64(&mut self) -> Result<u64> {
         self.number(8)
     }
 
-    pub(super) fn text(&mut self) -> Result<&'a str, String> {
+    pub(super) fn text(&mut self) -> Result<&'a str> {
         let length = self.u32()? as usize;
-        std::str::from_utf8(self.raw(length)?).map_err(|_| "a text is not valid UTF-8".to_owned())
+        std::str::from_utf8(self.raw(length)?).map_err(|_| invalid("a text is not valid UTF-8"))
     }
 
-    pub(super) fn map(&mut self) -> Result<BTreeMap<&'a str, &'a str>, String> {
+    pub(super) fn map(&mut self) -> Result<BTreeMap<&'a str, &'a str>> {
         let length = self.u32()? as usize;
         let mut inner = Self(self.raw(length)?);
         let mut entries = BTreeMap::new();
@@ -126,7 +127,8 @@ mod tests {
         let bytes =
             Content::default().u16(7).u64(1 << 40).text("é").map(&[("a", "1".into()), ("b", "2".into())]).0;
         let mut reader = Reader(&bytes);
-        assert_eq!((reader.u16(), reader.u64(), reader.text()), (Ok(7), Ok(1 << 40), Ok("é")));
+        assert_eq!((reader.u16().unwrap(), reader.u64().unwrap()), (7, 1 << 40));
+        assert_eq!(reader.text().unwrap(), "é");
         assert_eq!(reader.map().unwrap(), BTreeMap::from([("a", "1"), ("b", "2")]));
         assert!(reader.u16().is_err());
         for cut in 0..bytes.len() {

@@ -1,6 +1,7 @@
 //! Rows of numbers and texts as JSON objects, which Foxglove plots: one member per column, a value or a flat list.
 //! Numbers come back exactly; what JSON has no number for is `null` (NaN) or a text (infinities).
 
+use crate::error::{Result, wrong_type};
 use serde_json::{Map, Number, Value as Json};
 use swm_core::{Column, Field, Slice};
 
@@ -35,10 +36,11 @@ fn real(value: f64) -> Json {
 }
 
 /// Appends the columns of one row.
-pub(super) fn from_json(bytes: &[u8], fields: &[&Field], columns: &mut [Column]) -> Result<(), String> {
-    let members: Map<String, Json> = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
+pub(super) fn from_json(bytes: &[u8], fields: &[&Field], columns: &mut [Column]) -> Result<()> {
+    let members: Map<String, Json> = serde_json::from_slice(bytes)?;
     for (field, column) in fields.iter().zip(columns) {
-        let wrong = || format!("column `{}` does not hold {} {:?}", field.name, field.dtype, field.shape);
+        let Field { name, dtype, shape, .. } = field;
+        let wrong = || wrong_type(format!("column `{name}` does not hold {dtype} {shape:?}"));
         let value = members.get(&field.name).ok_or_else(wrong)?;
         let single = std::slice::from_ref(value);
         let values = if field.shape.is_empty() { single } else { value.as_array().ok_or_else(wrong)? };

@@ -5,22 +5,22 @@ use std::fs::File;
 use super::describe;
 use super::index::Index;
 use super::records::{CHUNK_INDEX, Content, DATA_END, FOOTER, MAGIC, METADATA_INDEX, STATISTICS};
+use crate::error::Result;
 use crate::formats::disk::write_all_at;
 
 /// Ends the data behind the last committed episode and writes the summary.
-pub(super) fn write(file: &File, index: &Index) -> Result<(), String> {
+pub(super) fn write(file: &File, index: &Index) -> Result<()> {
     let committed = index.end;
     // 0 stands for "no checksum".
     let end = Content::default().u32(0).record(DATA_END);
     let start = committed + end.len() as u64;
     let bytes = [end, bytes(index, start)].concat();
-    write_all_at(file, &bytes, committed).and_then(|()| file.set_len(committed + bytes.len() as u64)).map_err(
-        |error| {
-            // Half a summary helps nobody.
-            let _ = file.set_len(committed);
-            error.to_string()
-        },
-    )
+    let written =
+        write_all_at(file, &bytes, committed).and_then(|()| file.set_len(committed + bytes.len() as u64));
+    Ok(written.inspect_err(|_| {
+        // Half a summary helps nobody.
+        let _ = file.set_len(committed);
+    })?)
 }
 
 /// The summary, which begins at the byte `start` of the file, and the footer.

@@ -18,7 +18,7 @@ use super::records::{CHUNK, Content, MESSAGE, MESSAGE_INDEX, METADATA};
 use super::rows::to_json;
 use super::{FORMAT, describe, summary};
 use crate::dataset::Dataset;
-use crate::error::DataError;
+use crate::error::{At as _, DataError, Result, missing};
 use crate::formats::disk::write_all_at;
 use crate::lock::{WriterLock, beside};
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex, check_fit};
@@ -90,7 +90,7 @@ impl Backend for McapBackend {
             fs::write(&draft, &head).and_then(|()| fs::rename(&draft, path)).map_err(failed)?;
         }
         let file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
-        let index = Index::read(&file, path).map_err(|reason| DataError::damaged(path, reason))?;
+        let index = Index::read(&file, path).map_err(|error| DataError::damaged(path, error))?;
         let stored: Vec<Field> = index.columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();
         let first = index.runs.first().map_or(metadata, |(_, first)| first);
         check_fit(path, &stored, first, fields, metadata)?;
@@ -99,15 +99,10 @@ impl Backend for McapBackend {
         let runs = recording::with_run(&index.runs, start.episodes, metadata);
         let mut recording = McapSession::new(file, schema, index);
         if runs != recording.index.runs {
-            let text = serde_json::to_string(metadata)
-                .map_err(|error| DataError::record(path, error.to_string()))?;
+            let text = serde_json::to_string(metadata).map_err(|error| DataError::record(path, error))?;
             let values = [("first_episode", start.episodes.to_string()), ("metadata", text)];
             let committed = recording.metadata(RUN, &values);
-            committed.map_err(|reason| DataError::Write {
-                path: path.to_owned(),
-                episodes: start.episodes,
-                reason,
-            })?;
+            committed.map_err(|error| DataError::write(path, start.episodes, error))?;
             recording.index.runs = runs;
         }
         Ok(recording)
@@ -115,7 +110,7 @@ impl Backend for McapBackend {
 }
 
 impl Session for McapSession {
-    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<(), String> {
+    fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<()> {
         let rows: Vec<usize> = (0..batch.rows()).collect();
         // So many rows that their messages fill a chunk or two, made in parallel.
         let row_bytes: usize = batch.schema().fields().iter().map(Field::dim).sum();
@@ -142,7 +137,7 @@ impl Session for McapSession {
         Ok(())
     }
 
-    fn commit(&mut self, end: StepIndex) -> Result<(), String> {
+    fn commit(&mut self, end: StepIndex) -> Result<()> {
         let values = [
             ("index", end.episode.to_string()),
             ("first_row", self.rows.to_string()),
@@ -156,7 +151,7 @@ impl Session for McapSession {
         Ok(())
     }
 
-    fn close(self) -> Result<(), String> {
+    fn close(self) -> Result<()> {
         summary::write(&self.file, &self.index)
     }
 }
@@ -170,7 +165,7 @@ impl McapSession {
     }
 
     /// The messages of a row of a piece that begins at a place. An image that equals the one before is left out.
-    fn messages(&self, batch: &Batch, row: usize, at: StepIndex) -> Result<Vec<Message>, String> {
+    fn messages(&self, batch: &Batch, row: usize, at: StepIndex) -> Result<Vec<Message>> {
         let schema = &self.schema;
         let (place, index) = (at.step + row, [at.episode]);
         let time = (self.rows + place as u64) * self.index.row_ns;
@@ -200,10 +195,12 @@ impl McapSession {
             }
             let &[height, columns, channels] = &field.shape[..] else { continue };
             let png = png::encode_channels(height, columns, channels, pixels);
-            let png = png.map_err(|error| format!("column `{}`: {error}", field.name))?;
+            let png = png.at(format_args!("column `{}`", field.name))?;
             let wanted = topic(&field.name);
             let channel = self.index.channels.iter().find(|(_, topic)| *topic == wanted);
-            let Some(&(channel, _)) = channel else { return Err(format!("there is no channel `{wanted}`")) };
+            let Some(&(channel, _)) = channel else {
+                return Err(missing(format!("there is no channel `{wanted}`")));
+            };
             messages.push(message(channel, &foxglove::message(time, &png, &field.name)));
         }
         let step = self.index.channels.iter().find(|(_, topic)| topic == STEP_TOPIC);
@@ -214,7 +211,7 @@ impl McapSession {
     }
 
     /// Writes messages as a chunk, and where each lies in it.
-    fn chunk(&mut self, messages: &[Message]) -> Result<(), String> {
+    fn chunk(&mut self, messages: &[Message]) -> Result<()> {
         let (Some(first), Some(last)) = (messages.first(), messages.last()) else { return Ok(()) };
         let mut bytes = Vec::new();
         let mut places: Vec<(u16, Vec<(u64, u64)>)> = Vec::new();
@@ -260,15 +257,15 @@ impl McapSession {
     }
 
     /// Writes a metadata record.
-    fn metadata(&mut self, name: &str, values: &[(&str, String)]) -> Result<(), String> {
+    fn metadata(&mut self, name: &str, values: &[(&str, String)]) -> Result<()> {
         let at = self.index.end;
         self.append(&Content::default().text(name).map(values).record(METADATA))?;
         self.index.metadata.push((name.to_owned(), at, self.index.end - at));
         Ok(())
     }
 
-    fn append(&mut self, record: &[u8]) -> Result<(), String> {
-        write_all_at(&self.file, record, self.index.end).map_err(|error| error.to_string())?;
+    fn append(&mut self, record: &[u8]) -> Result<()> {
+        write_all_at(&self.file, record, self.index.end)?;
         self.index.end += record.len() as u64;
         Ok(())
     }
@@ -291,13 +288,9 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     let steps = cut.into_iter().chain([summarize]).collect();
     if apply {
         let file = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
-        let index = Index::read(&file, &path).map_err(|reason| DataError::damaged(&path, reason))?;
+        let index = Index::read(&file, &path).map_err(|error| DataError::damaged(&path, error))?;
         file.set_len(index.end).map_err(failed)?;
-        summary::write(&file, &index).map_err(|reason| DataError::Write {
-            path: path.clone(),
-            episodes: episodes as u64,
-            reason,
-        })?;
+        summary::write(&file, &index).map_err(|error| DataError::write(&path, episodes as u64, error))?;
     }
     Ok(steps)
 }

@@ -6,10 +6,12 @@ use std::io::{BufReader, Read};
 use std::path::Path;
 
 use swm_core::SliceMut;
+use zip::result::ZipError;
 use zip::{CompressionMethod, ZipArchive};
 
 use super::growing;
 use super::header::{ArrayType, Head};
+use crate::error::{FormatError, Result, invalid, missing, unsupported, wrong_type};
 use crate::formats::disk::read_exact_at;
 
 /// Where numpy puts the only array of an archive.
@@ -38,18 +40,18 @@ enum Values {
 
 impl Array {
     /// Opens the array of an archive that any program wrote.
-    pub(in crate::formats) fn open(path: &Path) -> Result<Self, String> {
-        let file = File::open(path).map_err(|error| error.to_string())?;
-        let length = file.metadata().map_err(|error| error.to_string())?.len();
-        let mut archive = ZipArchive::new(BufReader::new(&file)).map_err(|error| error.to_string())?;
-        let entry = archive.by_name(ENTRY).map_err(|error| format!("{error}: `{ENTRY}`"))?;
+    pub(in crate::formats) fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path)?;
+        let length = file.metadata()?.len();
+        let mut archive = ZipArchive::new(BufReader::new(&file)).map_err(archive_error)?;
+        let entry = archive.by_name(ENTRY).map_err(archive_error)?;
         let (size, stored) = (entry.size(), entry.compression() == CompressionMethod::Stored);
         if entry.compressed_size() > length || size / MAX_RATIO > entry.compressed_size() {
-            return Err(format!("its array claims to have {size} bytes"));
+            return Err(invalid(format!("its array claims to have {size} bytes")));
         }
         if !stored {
             let mut bytes = Vec::new();
-            entry.take(size).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+            entry.take(size).read_to_end(&mut bytes)?;
             let head = Head::parse(&bytes)?;
             let available = (bytes.len() - head.bytes) as u64;
             bytes.drain(..head.bytes);
@@ -58,7 +60,7 @@ impl Array {
         let start = entry.data_start();
         drop(entry);
         let mut bytes = vec![0; size.min(MAX_HEAD) as usize];
-        read_exact_at(&file, &mut bytes, start).map_err(|error| error.to_string())?;
+        read_exact_at(&file, &mut bytes, start)?;
         let head = Head::parse(&bytes)?;
         let (values, available) = (start + head.bytes as u64, size.saturating_sub(head.bytes as u64));
         Self::new(head, available, Values::File(file, values))
@@ -66,28 +68,29 @@ impl Array {
 
     /// Opens an array of ours with `rows` rows, which its own head may not count yet: it is being written, or its
     /// writer was killed.
-    pub(in crate::formats) fn open_growing(path: &Path, rows: usize) -> Result<Self, String> {
-        let file = File::open(path).map_err(|error| error.to_string())?;
-        let length = file.metadata().map_err(|error| error.to_string())?.len();
+    pub(in crate::formats) fn open_growing(path: &Path, rows: usize) -> Result<Self> {
+        let file = File::open(path)?;
+        let length = file.metadata()?.len();
         let mut head = growing::head(&file)?;
         match head.shape.first_mut() {
             Some(first) => *first = rows,
-            None => return Err("it is a single value, not one per row".to_owned()),
+            None => return Err(unsupported("it is a single value, not one per row")),
         }
         let start = growing::VALUES;
         Self::new(head, length.saturating_sub(start), Values::File(file, start))
     }
 
-    fn new(head: Head, available: u64, values: Values) -> Result<Self, String> {
+    fn new(head: Head, available: u64, values: Values) -> Result<Self> {
         let Head { elements, shape, .. } = head;
         let Some((&rows, rest)) = shape.split_first() else {
-            return Err("it is a single value, not one per row".to_owned());
+            return Err(unsupported("it is a single value, not one per row"));
         };
         let row_bytes = rest.iter().try_fold(elements.size(), |bytes, &size| bytes.checked_mul(size));
-        let row_bytes = row_bytes.filter(|&bytes| bytes > 0).ok_or(format!("it has the shape {shape:?}"))?;
+        let row_bytes =
+            row_bytes.filter(|&bytes| bytes > 0).ok_or(invalid(format!("it has the shape {shape:?}")))?;
         match row_bytes.checked_mul(rows) {
             Some(needed) if needed as u64 <= available => Ok(Self { elements, row_bytes, shape, values }),
-            _ => Err(format!("it was cut short: {available} bytes cannot hold the shape {shape:?}")),
+            _ => Err(invalid(format!("it was cut short: {available} bytes cannot hold the shape {shape:?}"))),
         }
     }
 
@@ -110,7 +113,7 @@ impl Array {
         (first, count, stride): (usize, usize, usize),
         mut out: SliceMut<'_>,
         scratch: &mut Vec<u8>,
-    ) -> Result<(), String> {
+    ) -> Result<()> {
         if stride == 1 {
             let bytes = self.bytes(first, count, scratch)?;
             return self.elements.convert(bytes, out);
@@ -131,23 +134,23 @@ impl Array {
         first: usize,
         count: usize,
         scratch: &'a mut Vec<u8>,
-    ) -> Result<&'a [u8], String> {
+    ) -> Result<&'a [u8]> {
         if first.checked_add(count).is_none_or(|end| end > self.rows()) {
-            return Err(format!("it has {} rows, not {count} from row {first} on", self.rows()));
+            return Err(invalid(format!("it has {} rows, not {count} from row {first} on", self.rows())));
         }
         let (start, size) = (first * self.row_bytes, count * self.row_bytes);
         match &self.values {
             Values::Memory(bytes) => Ok(&bytes[start..start + size]),
             Values::File(file, from) => {
                 scratch.resize(size, 0);
-                read_exact_at(file, scratch, from + start as u64).map_err(|error| error.to_string())?;
+                read_exact_at(file, scratch, from + start as u64)?;
                 Ok(scratch)
             }
         }
     }
 
     /// All rows as integers; `None` for other types.
-    pub(in crate::formats) fn integers(&self) -> Result<Vec<i64>, String> {
+    pub(in crate::formats) fn integers(&self) -> Result<Vec<i64>> {
         let mut scratch = Vec::new();
         let (rows, width) = (self.rows(), self.row_shape().iter().product::<usize>());
         let mut column = swm_core::Column::zeros(self.elements.dtype(), rows * width);
@@ -155,7 +158,16 @@ impl Array {
         match column {
             swm_core::Column::I32(values) => Ok(values.into_iter().map(i64::from).collect()),
             swm_core::Column::I64(values) => Ok(values),
-            other => Err(format!("it holds {}, not integers", other.dtype())),
+            other => Err(wrong_type(format!("it holds {}, not integers", other.dtype()))),
         }
+    }
+}
+
+/// Why the archive or its entry cannot be opened.
+fn archive_error(error: ZipError) -> FormatError {
+    match error {
+        ZipError::UnsupportedArchive(_) => unsupported(error.to_string()),
+        ZipError::FileNotFound => missing(format!("{error}: `{ENTRY}`")),
+        error => FormatError::other(error),
     }
 }

@@ -14,6 +14,7 @@ use swm_core::{Field, Slice};
 
 use super::archive::ENTRY;
 use super::header::{self, HEAD_BYTES, Head, TEXT_CHARACTERS};
+use crate::error::{Result, invalid, wrong_type};
 use crate::formats::disk::{read_exact_at, write_all_at};
 
 /// Bytes before the array: the entry's own header, its name, its sizes in 64 bits.
@@ -42,9 +43,8 @@ pub(in crate::formats) struct GrowingArray {
 
 impl GrowingArray {
     /// A new file without rows.
-    pub(in crate::formats) fn create(path: &Path, field: &Field) -> Result<Self, String> {
-        let file = OpenOptions::new().create(true).truncate(true).read(true).write(true).open(path);
-        let file = file.map_err(|error| error.to_string())?;
+    pub(in crate::formats) fn create(path: &Path, field: &Field) -> Result<Self> {
+        let file = OpenOptions::new().create(true).truncate(true).read(true).write(true).open(path)?;
         let mut array = Self {
             file,
             field: field.clone(),
@@ -58,22 +58,22 @@ impl GrowingArray {
     }
 
     /// Continues a file of ours behind its first `rows` rows; later ones are forgotten.
-    pub(in crate::formats) fn reopen(path: &Path, field: &Field, rows: usize) -> Result<Self, String> {
-        let file = OpenOptions::new().read(true).write(true).open(path).map_err(|error| error.to_string())?;
+    pub(in crate::formats) fn reopen(path: &Path, field: &Field, rows: usize) -> Result<Self> {
+        let file = OpenOptions::new().read(true).write(true).open(path)?;
         let found = head(&file)?;
         let expected = Head::parse(&header::format(field, rows)?)?;
         if found.elements != expected.elements || found.shape.get(1..) != expected.shape.get(1..) {
-            return Err(format!(
+            return Err(wrong_type(format!(
                 "it holds {:?} {:?} instead of `{}`",
                 found.elements, found.shape, field.name
-            ));
+            )));
         }
         let mut left = rows * field.dim() * expected.elements.size();
         let (mut checksum, mut buffer) = (Hasher::new(), Vec::new());
         let mut size = 0;
         while left > 0 {
             buffer.resize(left.min(PIECE), 0);
-            read_exact_at(&file, &mut buffer, VALUES + size).map_err(|error| error.to_string())?;
+            read_exact_at(&file, &mut buffer, VALUES + size)?;
             checksum.update(&buffer);
             left -= buffer.len();
             size += buffer.len() as u64;
@@ -82,10 +82,10 @@ impl GrowingArray {
     }
 
     /// Appends values of `rows` rows and returns their checksum. They count once they have been committed elsewhere.
-    pub(in crate::formats) fn append(&mut self, rows: usize, values: Slice<'_>) -> Result<Hasher, String> {
+    pub(in crate::formats) fn append(&mut self, rows: usize, values: Slice<'_>) -> Result<Hasher> {
         self.buffer.clear();
         to_bytes(values, &mut self.buffer)?;
-        write_all_at(&self.file, &self.buffer, VALUES + self.size).map_err(|error| error.to_string())?;
+        write_all_at(&self.file, &self.buffer, VALUES + self.size)?;
         let mut checksum = Hasher::new();
         checksum.update(&self.buffer);
         self.checksum.combine(&checksum);
@@ -95,7 +95,7 @@ impl GrowingArray {
     }
 
     /// Makes the file one that numpy opens.
-    pub(in crate::formats) fn finish_rows(&mut self, more: usize) -> Result<(), String> {
+    pub(in crate::formats) fn finish_rows(&mut self, more: usize) -> Result<()> {
         self.rows += more;
         let head = header::format(&self.field, self.rows)?;
         let mut checksum = Hasher::new();
@@ -105,25 +105,24 @@ impl GrowingArray {
         let directory = directory(checksum, size);
         let end = VALUES + self.size;
         let entry = entry(checksum, size);
-        let failed = |error: std::io::Error| error.to_string();
-        write_all_at(&self.file, &directory, end).map_err(failed)?;
-        self.file.set_len(end + directory.len() as u64).map_err(failed)?;
-        write_all_at(&self.file, &[entry, head].concat(), 0).map_err(failed)
+        write_all_at(&self.file, &directory, end)?;
+        self.file.set_len(end + directory.len() as u64)?;
+        Ok(write_all_at(&self.file, &[entry, head].concat(), 0)?)
     }
 }
 
 /// The head of an array of ours.
-pub(super) fn head(file: &File) -> Result<Head, String> {
+pub(super) fn head(file: &File) -> Result<Head> {
     let mut bytes = vec![0; VALUES as usize];
-    read_exact_at(file, &mut bytes, 0).map_err(|_| "it is shorter than its head".to_owned())?;
+    read_exact_at(file, &mut bytes, 0).map_err(|_| invalid("it is shorter than its head"))?;
     let (entry, head) = bytes.split_at(ENTRY_BYTES as usize);
     if !entry.starts_with(b"PK\x03\x04") || !entry[30..].starts_with(ENTRY.as_bytes()) {
-        return Err("it is no array of this program".to_owned());
+        return Err(invalid("it is no array of this program"));
     }
     let head = Head::parse(head)?;
     match head.bytes == HEAD_BYTES {
         true => Ok(head),
-        false => Err("it is no array of this program".to_owned()),
+        false => Err(invalid("it is no array of this program")),
     }
 }
 
@@ -188,7 +187,7 @@ fn extend_sizes(bytes: &mut Vec<u8>, size: u64) {
     bytes.extend(size.to_le_bytes());
 }
 
-fn to_bytes(values: Slice<'_>, out: &mut Vec<u8>) -> Result<(), String> {
+fn to_bytes(values: Slice<'_>, out: &mut Vec<u8>) -> Result<()> {
     match values {
         Slice::Bool(values) => out.extend(values.iter().map(|&value| u8::from(value))),
         Slice::U8(values) => out.extend(values),
@@ -202,7 +201,7 @@ fn to_bytes(values: Slice<'_>, out: &mut Vec<u8>) -> Result<(), String> {
                 if count > TEXT_CHARACTERS || value.contains('\0') {
                     let long = format!("a text of {count} characters does not fit: {TEXT_CHARACTERS} do");
                     let nul = "a text contains the character NUL".to_owned();
-                    return Err(if value.contains('\0') { nul } else { long });
+                    return Err(invalid(if value.contains('\0') { nul } else { long }));
                 }
                 out.extend(value.chars().flat_map(|character| u32::from(character).to_le_bytes()));
                 out.resize(out.len() + 4 * (TEXT_CHARACTERS - count), 0);

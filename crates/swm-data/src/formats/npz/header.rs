@@ -4,6 +4,7 @@
 
 use swm_core::{Dtype, Field, SliceMut};
 
+use crate::error::{FormatError, Result, invalid, unsupported, wrong_type};
 use crate::formats::element::{self, Element};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -24,8 +25,8 @@ pub(in crate::formats) enum ArrayType {
 }
 
 impl ArrayType {
-    fn parse(descriptor: &str) -> Result<Self, String> {
-        let unknown = || format!("elements of type `{descriptor}` are not supported");
+    fn parse(descriptor: &str) -> Result<Self> {
+        let unknown = || unsupported(format!("elements of type `{descriptor}` are not supported"));
         let size = |from: usize| descriptor.get(from..).and_then(|size| size.parse::<usize>().ok());
         Ok(Self::Plain(match descriptor {
             "|b1" => Element::Bool,
@@ -65,7 +66,7 @@ impl ArrayType {
     }
 
     /// Fills `out`, which has as many values as `bytes` holds elements.
-    pub(super) fn convert(self, bytes: &[u8], out: SliceMut<'_>) -> Result<(), String> {
+    pub(super) fn convert(self, bytes: &[u8], out: SliceMut<'_>) -> Result<()> {
         match (self, out) {
             (Self::Plain(element), out) => element::from_bytes(element, bytes, out),
             (Self::Wide(_), SliceMut::Str(out)) => {
@@ -76,13 +77,13 @@ impl ArrayType {
                         match char::from_u32(u32::from_le_bytes(character)) {
                             Some('\0') => break,
                             Some(character) => value.push(character),
-                            None => return Err("a text is not valid Unicode".to_owned()),
+                            None => return Err(invalid("a text is not valid Unicode")),
                         }
                     }
                 }
                 Ok(())
             }
-            (_, out) => Err(format!("texts were asked for as {}", out.dtype())),
+            (_, out) => Err(wrong_type(format!("texts were asked for as {}", out.dtype()))),
         }
     }
 }
@@ -101,7 +102,7 @@ fn descriptor(dtype: Dtype) -> String {
 }
 
 /// The head of an array of `rows` rows of `field`.
-pub(super) fn format(field: &Field, rows: usize) -> Result<Vec<u8>, String> {
+pub(super) fn format(field: &Field, rows: usize) -> Result<Vec<u8>> {
     let mut shape = format!("{rows},");
     for size in &field.shape {
         shape += &format!(" {size},");
@@ -113,7 +114,7 @@ pub(super) fn format(field: &Field, rows: usize) -> Result<Vec<u8>, String> {
     bytes.extend((HEAD_BYTES as u16 - 10).to_le_bytes());
     bytes.extend(text.as_bytes());
     if bytes.len() >= HEAD_BYTES {
-        return Err(format!("column `{}` has too many dimensions", field.name));
+        return Err(invalid(format!("column `{}` has too many dimensions", field.name)));
     }
     bytes.resize(HEAD_BYTES - 1, b' ');
     bytes.push(b'\n');
@@ -131,14 +132,14 @@ pub(super) struct Head {
 
 impl Head {
     /// Reads the head at the start of `bytes`.
-    pub(super) fn parse(bytes: &[u8]) -> Result<Self, String> {
-        let wrong = |what: &str| format!("it is no numpy array: {what}");
+    pub(super) fn parse(bytes: &[u8]) -> Result<Self> {
+        let wrong = |what: &str| invalid(format!("it is no numpy array: {what}"));
         if !bytes.starts_with(MAGIC) {
             return Err(wrong("it does not begin as one"));
         }
         let number = |at: usize, width: usize| {
             let bytes = bytes.get(at..at + width).ok_or_else(|| wrong("its head is cut short"))?;
-            Ok::<_, String>(bytes.iter().rev().fold(0, |value, &byte| value << 8 | usize::from(byte)))
+            Ok::<_, FormatError>(bytes.iter().rev().fold(0, |value, &byte| value << 8 | usize::from(byte)))
         };
         let (start, length) = match number(6, 1)? {
             1 => (10usize, number(8, 2)?),
@@ -154,10 +155,10 @@ impl Head {
         };
         let descriptor = value("'descr'").and_then(|rest| rest.strip_prefix('\''));
         let Some((descriptor, _)) = descriptor.and_then(|rest| rest.split_once('\'')) else {
-            return Err("elements of several types are not supported".to_owned());
+            return Err(unsupported("elements of several types are not supported"));
         };
         if value("'fortran_order'").is_none_or(|rest| !rest.starts_with("False")) {
-            return Err("it is stored column by column, which is not supported".to_owned());
+            return Err(unsupported("it is stored column by column, which is not supported"));
         }
         let shape = value("'shape'").and_then(|rest| rest.strip_prefix('('));
         let Some((shape, _)) = shape.and_then(|rest| rest.split_once(')')) else {
@@ -201,7 +202,7 @@ mod tests {
         let good = format(&Field::step("x", Dtype::F64, &[3]), 2).unwrap();
         let with = |old: &str, new: &str| {
             let text = String::from_utf8_lossy(&good[10..]).replace(old, new);
-            Head::parse(&[&good[..10], text.as_bytes(), &[b' '; 9]].concat()).unwrap_err()
+            Head::parse(&[&good[..10], text.as_bytes(), &[b' '; 9]].concat()).unwrap_err().to_string()
         };
         assert!(with("<f8", ">f8").contains("`>f8`"));
         assert!(with("<f8", "|O").contains("`|O`"));
