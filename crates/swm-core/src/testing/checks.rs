@@ -270,7 +270,7 @@ pub fn every_factor_acts(
         let mut acts = false;
         // Nearby values may look the same by rounding, so there are many draws; the first usually suffices.
         let draws = SEEDS.into_iter().chain((1..20).map(|number| 100 * number));
-        let mut varied = |bench: &mut Bench, seed: u64| -> Result<ResetOptions, String> {
+        let varied = |bench: &mut Bench, seed: u64| -> Result<ResetOptions, String> {
             let alone = ResetOptions { variation: Some(vec![factor.name.clone()]), ..base.clone() };
             bench.reset_from(seed, &alone)?;
             let drawn = value_of(&bench.row, &format!("{VARIATION_PREFIX}{}", factor.name));

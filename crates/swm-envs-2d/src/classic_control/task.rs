@@ -110,9 +110,9 @@ pub(super) fn factors<T: Task>() -> FovSpace {
     FovSpace::new(factors)
 }
 
-/// A physical constant, stored as `f32`.
+/// A physical constant, `[1]`, stored as `f32`.
 pub(super) fn constant(name: &str, low: f32, high: f32, default: f32) -> Factor {
-    Factor::scalar_f32(name, bound(low), bound(high), default)
+    Factor::vector_f32(name, bound(low), bound(high), &[default])
 }
 
 fn bound(value: f32) -> f64 {

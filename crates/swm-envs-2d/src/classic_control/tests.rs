@@ -194,12 +194,9 @@ fn recorded_images_are_drawn_to_the_pixel() {
             for t in 0..=last {
                 if let Some((_, expected)) = images.iter().find(|(step, _)| *step == t) {
                     let pixels = bench.row.get::<u8>(PIXELS).unwrap();
-                    compare_images(
-                        pixels,
-                        expected,
-                        entry,
-                        t,
-                        &format!("{} {run} after {t} steps", entry.id),
+                    let what = format!("{} {run} after {t} steps", entry.id);
+                    failures.extend(
+                        compare_images(pixels, expected, entry, t).map(|words| format!("{what}: {words}")),
                     );
                     compared += 1;
                 }

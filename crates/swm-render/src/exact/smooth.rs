@@ -101,10 +101,16 @@ impl Raster<'_> {
         let packed = pack(color);
         let (mut across, mut along) = (0, radius);
         let (mut decision, mut east, mut south_east) = (1 - radius, 3, 5 - 2 * radius);
+        // A row at the top or bottom keeps its first, shortest span.
+        let mut last_along = None;
         while across <= along {
-            for (half, offset) in [(across, along), (along, across)] {
-                self.span(y + offset, x - half, x + half, packed);
-                self.span(y - offset, x - half, x + half, packed);
+            if last_along.replace(along) != Some(along) {
+                self.span(y + along, x - across, x + across, packed);
+                self.span(y - along, x - across, x + across, packed);
+            }
+            if across != along {
+                self.span(y + across, x - along, x + along, packed);
+                self.span(y - across, x - along, x + along, packed);
             }
             if decision < 0 {
                 decision += east;
