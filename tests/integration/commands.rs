@@ -376,15 +376,17 @@ fn commands_that_need_baselines_say_how_to_build_them() {
 
 #[test]
 fn golden_trajectories_replay() {
-    let dir = root().join("tests/golden/trajectories");
     let registry = swm::registry();
-    let mut checked = 0;
-    for entry in std::fs::read_dir(dir).unwrap() {
-        let file = GoldenFile::read(&entry.unwrap().path()).unwrap();
-        let rules = rules(&file.env_id).expect("only environments that exist are committed");
-        let report = check_file(&registry, rules, &file).unwrap();
-        assert!(report.passes(), "{}: {report:#?}", file.name);
-        checked += 1;
+    for (folder, least) in [("trajectories", 3), ("classic_control", 80)] {
+        let mut checked = 0;
+        for entry in std::fs::read_dir(root().join("tests/golden").join(folder)).unwrap() {
+            for file in GoldenFile::read_all(&entry.unwrap().path()).unwrap() {
+                let rules = rules(&file.env_id).expect("only environments that exist are committed");
+                let report = check_file(&registry, rules, &file).unwrap();
+                assert!(report.passes(), "{}: {report:#?}", file.name);
+                checked += 1;
+            }
+        }
+        assert!(checked >= least, "only {checked} golden {folder}");
     }
-    assert!(checked >= 3, "only {checked} golden trajectories");
 }

@@ -167,3 +167,20 @@ fn a_planner_on_the_true_dynamics_solves_rooms_and_mazes() {
         assert!(rate("random").as_f64() < Some(60.0), "{env} needs no planner");
     }
 }
+
+#[test]
+fn the_planners_of_classic_control_solve_it() {
+    for id in [
+        "swm/CartPoleControl-v1",
+        "swm/MountainCarControl-v0",
+        "swm/MountainCarContinuousControl-v0",
+        "swm/AcrobotControl-v1",
+        "swm/PendulumControl-v1",
+    ] {
+        let planner = swm::registry().env(id).unwrap().planner.expect("its entry names one");
+        let eval = ["eval", id, "--episodes", "3", "--budget", "500", "--quiet"];
+        let rate = |policy| swm_json(&[&eval[..], &["--policy", policy]].concat())["success_rate"].clone();
+        assert_eq!(rate(planner), 100.0, "{id}");
+        assert!(rate("random").as_f64() < Some(60.0), "{id} needs no planner");
+    }
+}

@@ -1,5 +1,6 @@
-//! `env-rates ENV [SECONDS]`: steps and resets per second of any two-dimensional environment in a world of one, with
-//! images of 64 × 64 px, as JSON. For `peers/two_room_v2.py`; PushT has `step-rates`.
+//! `env-rates ENV [SECONDS]`: steps and resets per second of any two-dimensional environment in a world of one, without
+//! images and with images of 64 × 64 px, as JSON. For `peers/two_room_v2.py` and `peers/classic_control.py`; PushT has
+//! `step-rates`.
 
 use anyhow::{Context as _, Result};
 use swm_benches::{Image, Measurement, print, seconds, world_of};
@@ -11,10 +12,11 @@ fn main() -> Result<()> {
     let id = arguments.next().context("usage: env-rates ENV [SECONDS]")?;
     let seconds = seconds(arguments.next())?;
     let entry = Registry::new().with(ENVS).env(&id)?;
+    // Random pushes end an episode of CartPole after some 20 steps.
+    let policy = if id.contains("CartPole") { "expert" } else { "random" };
     let mut measurements = Vec::new();
-    for style in ["exact", "fast"] {
-        let image = Image { side: 64, style };
-        let mut world = world_of(entry, image, "random", 1, 1)?;
+    for image in [Image::NONE, Image { side: 64, style: "exact" }, Image { side: 64, style: "fast" }] {
+        let mut world = world_of(entry, image, policy, 1, 1)?;
         let name = image.name();
         measurements.push(Measurement::world_steps(format!("step/{name}"), &mut world, seconds)?);
         measurements.push(Measurement::repeat(format!("reset/{name}"), 1, seconds, |episode, clock| {

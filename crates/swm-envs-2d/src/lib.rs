@@ -3,6 +3,7 @@
 //! Each environment is one module and one line in [`ENVS`]. It brings its physics, its rendering, its factors of
 //! variation, its policies; rendering comes from `swm-render`. No solver, dataset or model is known here.
 
+pub mod classic_control;
 #[cfg(feature = "rapier")]
 pub mod point_maze;
 pub mod pusht;
@@ -24,4 +25,9 @@ pub const ENVS: &[EnvEntry] = &[
     pusht::PUSHT_RAPIER,
     #[cfg(feature = "rapier")]
     point_maze::POINT_MAZE,
+    classic_control::CART_POLE,
+    classic_control::MOUNTAIN_CAR,
+    classic_control::MOUNTAIN_CAR_CONTINUOUS,
+    classic_control::ACROBOT,
+    classic_control::PENDULUM,
 ];

@@ -53,7 +53,9 @@ fn kind(spec: &FactorSpec) -> String {
 /// `low..high`, short where all elements agree.
 fn bounds(spec: &FactorSpec) -> String {
     let short = |values: &[f64]| {
-        let text = |v: f64| format!("{}", (v * 1e4).round() / 1e4);
+        // Decimals that a reader needs: small numbers have more.
+        let decimals = |v: f64| if v.abs() < 0.1 { 1e6 } else { 1e4 };
+        let text = |v: f64| format!("{}", (v * decimals(v)).round() / decimals(v));
         match values {
             [first, rest @ ..] if rest.iter().all(|v| v == first) => text(*first),
             values => format!("({})", values.iter().map(|&v| text(v)).collect::<Vec<_>>().join(", ")),

@@ -16,6 +16,13 @@ pub(crate) enum Shape {
     Disc,
     FatSegment,
     AaLine,
+    SmoothPolygon,
+    SmoothDisc,
+    /// Its ends, in the exact style, are the bits of `f32`.
+    SmoothLine,
+    AxisLine,
+    /// Its center; the radius is the side, negative if mirrored.
+    TurnArrow,
 }
 
 #[derive(Debug, Clone)]
@@ -33,7 +40,7 @@ struct Item<C> {
 pub(crate) struct Primitive<'a, C> {
     pub(crate) shape: Shape,
     pub(crate) color: Rgb,
-    /// Of discs; zero for the others.
+    /// Of discs and arrows; zero for the others.
     pub(crate) radius: C,
     pub(crate) points: &'a [[C; 2]],
     /// Every pixel that the primitive touches lies in here.

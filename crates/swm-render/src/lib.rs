@@ -7,6 +7,9 @@
 //!   canvas, resized to 224 px by a fixed-point bilinear filter, then to the asked size by an antialiased one;
 //! - [`Style::Fast`] renders at the asked size with analytic coverage.
 //!
+//! On a [`Geometry::surface`] the exact style follows Gymnasium's classic control instead: pygame's anti-aliased shapes on a
+//! surface with y up, colors replaced afterwards ([`Renderer::set_palette`]), then the same last resize.
+//!
 //! Both keep the last frame and redraw only where the primitives differ, with the same bytes as a full redraw.
 //!
 //! ```
@@ -32,11 +35,13 @@ mod exact;
 mod fast;
 mod geometry;
 mod painter;
+mod palette;
 mod rect;
 mod renderer;
 mod resample;
 #[cfg(feature = "scene")]
 pub mod scene;
+mod turn_arrow;
 
 pub use canvas::Canvas;
 pub use error::RenderError;

@@ -23,6 +23,26 @@ pub trait Painter {
 
     /// An anti-aliased line, 1 px wide.
     fn aa_line(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb);
+
+    /// A filled polygon with anti-aliased edges. The exact painter truncates coordinates toward zero, and follows pygame's
+    /// `gfxdraw.aapolygon` and `gfxdraw.filled_polygon`.
+    fn smooth_polygon(&mut self, vertices: &[[f64; 2]], color: Rgb);
+
+    /// A filled disc with an anti-aliased edge, about the middle of a pixel; a radius below 0 draws nothing. The exact
+    /// painter truncates center and radius toward zero, and follows `gfxdraw.aacircle` and `gfxdraw.filled_circle`.
+    fn smooth_disc(&mut self, center: [f64; 2], radius: f64, color: Rgb);
+
+    /// An anti-aliased line between points that need not be whole pixels. The exact painter follows
+    /// `pygame.draw.aaline`.
+    fn smooth_line(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb);
+
+    /// A horizontal or vertical line, 1 px wide, both ends included; any other draws nothing. The exact painter truncates
+    /// coordinates toward zero.
+    fn axis_line(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb);
+
+    /// An arc with an arrow head, in a square of `side` px about `center`: how Gymnasium's pendulum shows its torque. It
+    /// turns clockwise, or the other way if `mirrored`. A side below 1 draws nothing.
+    fn turn_arrow(&mut self, center: [f64; 2], side: f64, mirrored: bool, color: Rgb);
 }
 
 /// The lighter shade in which the reference fills what it outlines: 1.2 times each channel, at most 255, rounded half
@@ -34,6 +54,11 @@ pub fn light(color: Rgb) -> Rgb {
 
 /// Coordinates are clamped to this many pixels either side of the origin, so that raster arithmetic cannot overflow.
 const MAX_COORDINATE: f64 = (1 << 20) as f64;
+
+/// The pixel coordinate of a world coordinate, truncated toward zero, clamped to ±2^20; NaN becomes 0.
+pub(crate) fn truncate(coordinate: f64) -> i32 {
+    coordinate.clamp(-MAX_COORDINATE, MAX_COORDINATE) as i32
+}
 
 /// The pixel coordinate of a world coordinate: rounded half to even, clamped to ±2^20; NaN becomes 0.
 #[must_use]

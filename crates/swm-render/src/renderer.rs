@@ -4,7 +4,7 @@ use crate::error::RenderError;
 use crate::exact::ExactRenderer;
 use crate::fast::FastRenderer;
 use crate::geometry::Geometry;
-use crate::painter::Painter;
+use crate::painter::{Painter, Rgb};
 
 /// How frames are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -44,6 +44,16 @@ impl Renderer {
         match self {
             Self::Exact(renderer) => renderer.geometry(),
             Self::Fast(renderer) => renderer.geometry(),
+        }
+    }
+
+    /// Replaces colors in the finished drawing from now on, in order: `(old, new)`. On a [`Geometry::surface`]; elsewhere
+    /// the exact style has no such step. Pixels of exactly the old color change; in the fast style, everything that was
+    /// drawn in it. To be called before [`Self::set_background`].
+    pub fn set_palette(&mut self, swaps: &[(Rgb, Rgb)]) {
+        match self {
+            Self::Exact(renderer) => renderer.set_palette(swaps),
+            Self::Fast(renderer) => renderer.set_palette(swaps),
         }
     }
 

@@ -39,27 +39,34 @@ fn run(args: &Args) -> Result<bool> {
     let (mut passed, mut failed, mut skipped) = (0, 0, 0);
     for path in &files {
         let shown = path.strip_prefix(dir).unwrap_or(path).display();
-        let file = match GoldenFile::read(path) {
-            Ok(file) if file.numbers.contains_key("actions") => file,
-            Ok(_) => {
-                println!("{shown}: skipped, it holds no actions");
-                skipped += 1;
-                continue;
-            }
+        let runs = match GoldenFile::read_all(path) {
+            Ok(runs) => runs,
             Err(error) => {
                 println!("{shown}: skipped, not a golden trajectory ({error:#})");
                 skipped += 1;
                 continue;
             }
         };
-        let Some(rules) = rules(&file.env_id) else {
-            println!("{shown}: skipped, `{}` does not exist here yet", file.env_id);
-            skipped += 1;
-            continue;
-        };
-        let report = check_file(&registry, rules, &file).with_context(|| shown.to_string())?;
-        print(&shown.to_string(), &report);
-        if report.passes() { passed += 1 } else { failed += 1 }
+        let several = runs.len() > 1;
+        for file in runs {
+            let shown = match several {
+                true => file.name.clone(),
+                false => shown.to_string(),
+            };
+            if !file.numbers.contains_key("actions") {
+                println!("{shown}: skipped, it holds no actions");
+                skipped += 1;
+                continue;
+            }
+            let Some(rules) = rules(&file.env_id) else {
+                println!("{shown}: skipped, `{}` does not exist here yet", file.env_id);
+                skipped += 1;
+                continue;
+            };
+            let report = check_file(&registry, rules, &file).with_context(|| shown.clone())?;
+            print(&shown, &report);
+            if report.passes() { passed += 1 } else { failed += 1 }
+        }
     }
     println!("\n{passed} passed, {failed} failed, {skipped} skipped");
     if passed + failed == 0 {

@@ -39,12 +39,25 @@ pub struct Image {
 }
 
 impl GoldenFile {
-    /// Reads a file.
+    /// Reads a file of one run.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Self::read_all`]; or it holds several runs.
+    pub fn read(path: &Path) -> Result<Self> {
+        let mut runs = Self::read_all(path)?;
+        match (runs.pop(), runs.is_empty()) {
+            (Some(run), true) => Ok(run),
+            _ => bail!("{} does not hold one run", path.display()),
+        }
+    }
+
+    /// Reads every run of a file: the one whose arrays have plain names, or those of `RUN/actions`, `RUN/state` and so on.
     ///
     /// # Errors
     ///
     /// It cannot be read, or lacks an array that every recording has.
-    pub fn read(path: &Path) -> Result<Self> {
+    pub fn read_all(path: &Path) -> Result<Vec<Self>> {
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let mut npz = NpzReader::new(File::open(path)?).with_context(|| format!("{name} is no npz file"))?;
         let (mut bytes, mut numbers) = (BTreeMap::new(), BTreeMap::new());
@@ -59,11 +72,39 @@ impl GoldenFile {
         }
         let meta: Json =
             serde_json::from_slice(bytes.get("meta").ok_or_else(|| anyhow!("{name} has no `meta`"))?)?;
-        let env_id =
-            meta["env_id"].as_str().ok_or_else(|| anyhow!("{name}: `meta` has no env_id"))?.to_owned();
-        let factors = meta["options"]["variation_values"].as_object().cloned().unwrap_or_default();
+        if let Some(id) = meta["env_id"].as_str() {
+            let factors = meta["options"]["variation_values"].as_object().cloned().unwrap_or_default();
+            return Ok(vec![Self::from_arrays(name, id.to_owned(), factors, numbers, &bytes)?]);
+        }
+        let id = meta["env"].as_str().ok_or_else(|| anyhow!("{name}: `meta` has no env_id and no env"))?;
+        let runs: Vec<String> =
+            numbers.keys().filter_map(|key| key.strip_suffix("/actions").map(str::to_owned)).collect();
+        let run_of = |run: String| {
+            let prefix = format!("{run}/");
+            let own = |key: &String| key.strip_prefix(&prefix).map(str::to_owned);
+            let arrays: BTreeMap<_, _> =
+                numbers.iter().filter_map(|(key, array)| Some((own(key)?, array.clone()))).collect();
+            let pngs = bytes.iter().filter_map(|(key, png)| Some((own(key)?, png.clone()))).collect();
+            let factors = factors_in_force(&run, &arrays);
+            // The simulator's state, by the name of its column here.
+            let arrays = arrays.into_iter().map(|(key, array)| match key.as_str() {
+                "state" => ("state_simulator_state".to_owned(), array),
+                _ => (key, array),
+            });
+            Self::from_arrays(format!("{name} {run}"), format!("swm/{id}"), factors, arrays.collect(), &pngs)
+        };
+        runs.into_iter().map(run_of).collect()
+    }
+
+    fn from_arrays(
+        name: String,
+        env_id: String,
+        factors: Map<String, Json>,
+        numbers: BTreeMap<String, ArrayD<f64>>,
+        bytes: &BTreeMap<String, Vec<u8>>,
+    ) -> Result<Self> {
         let mut images = BTreeMap::new();
-        for (key, png) in &bytes {
+        for (key, png) in bytes {
             if let Some(step) = key.strip_prefix("img_").and_then(|rest| rest.strip_suffix("_png")) {
                 images.insert(step.parse()?, decode(png)?);
             }
@@ -77,6 +118,17 @@ impl GoldenFile {
         let array = self.numbers.get(key)?;
         Some(array.outer_iter().map(|row| row.iter().copied().collect()).collect())
     }
+}
+
+/// The factors of a run: arrays `fov.NAME`, or `fov_value` of the factor that the run `fov/NAME/…` is about.
+fn factors_in_force(run: &str, arrays: &BTreeMap<String, ArrayD<f64>>) -> Map<String, Json> {
+    let one = run.strip_prefix("fov/").and_then(|run| run.split('/').next());
+    let named = arrays.iter().filter_map(|(key, array)| match key.strip_prefix("fov.") {
+        Some(factor) => Some((factor, array)),
+        None => one.filter(|_| key == "fov_value").map(|factor| (factor, array)),
+    });
+    let list = |array: &ArrayD<f64>| array.iter().copied().collect::<Vec<f64>>();
+    named.map(|(factor, array)| (factor.to_owned(), list(array).into())).collect()
 }
 
 /// An array of any numeric type as `f64`.

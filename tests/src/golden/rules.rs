@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value as Json, json};
 
+use super::classic_control as classic;
 use super::own::{POINT_MAZE, PUSHT_RAPIER};
 
 /// The rules of one environment of the reference.
@@ -111,6 +112,11 @@ const RULES: &[Rules] = &[
     OGB_SCENE,
     PUSHT_RAPIER,
     POINT_MAZE,
+    classic::CART_POLE,
+    classic::MOUNTAIN_CAR,
+    classic::MOUNTAIN_CAR_CONTINUOUS,
+    classic::ACROBOT,
+    classic::PENDULUM,
 ];
 
 /// `(array of the file, row, start column)`.

@@ -5,10 +5,14 @@ use std::collections::BTreeMap;
 use crate::batch::{Batch, Dtype, FieldKind, Schema, Slice, Value};
 use crate::env::{Env, EnvConfig, EnvSpec, EnvState, Episode, ResetOptions, VARIATION_PREFIX};
 use crate::error::EnvError;
-use crate::registry::EnvEntry;
+use crate::registry::{EnvEntry, Registry};
+use crate::run::{Rollout, WorldOptions};
 use crate::seed::EpisodeSeed;
+use crate::world::World;
 
 const STEPS: usize = 40;
+/// Longest episode of an expert.
+const EXPERT_STEPS: u64 = 200;
 const SEEDS: [u64; 3] = [0, 1, 42];
 /// Seeds tried for one whose samples meet all constraints.
 const TRIES: u64 = 30;
@@ -240,8 +244,9 @@ pub fn factors_are_independent(entry: &EnvEntry, config: &EnvConfig) -> Result<(
 }
 
 /// Every factor changes what is seen or what happens: some step field (pixels included) or the goal image, in
-/// one of two dozen samples, in the context that its description names. Those of `only_in_images` change nothing here,
-/// where no images are rendered.
+/// one of two dozen samples, in the context that its description names; under random actions or, where these do not show
+/// it (a limit of speed that they do not reach), in the length or return of an episode of the entry's own policy `expert`.
+/// Those of `only_in_images` change nothing here, where no images are rendered.
 ///
 /// # Errors
 ///
@@ -264,26 +269,56 @@ pub fn every_factor_acts(
         let plain = bench.trajectory(3, &base, STEPS)?;
         let mut acts = false;
         // Nearby values may look the same by rounding, so there are many samples; the first usually suffices.
-        for seed in SEEDS.into_iter().chain((1..20).map(|number| 100 * number)) {
+        let samples = SEEDS.into_iter().chain((1..20).map(|number| 100 * number));
+        let varied = |bench: &mut Bench, seed: u64| -> Result<ResetOptions, String> {
             let alone = ResetOptions { variation: Some(vec![factor.name.clone()]), ..base.clone() };
             bench.reset_from(seed, &alone)?;
             let sampled = value_of(&bench.row, &format!("{VARIATION_PREFIX}{}", factor.name));
             let mut values = context.clone();
             values.insert(factor.name.clone(), sampled);
-            let varied = ResetOptions { variation_values: values, ..nothing_sampled() };
+            Ok(ResetOptions { variation_values: values, ..nothing_drawn() })
+        };
+        for seed in samples.clone() {
+            let varied = varied(&mut bench, seed)?;
             acts = differs_visibly(&plain, &bench.trajectory(3, &varied, STEPS)?);
             if acts {
                 break;
             }
         }
-        if acts && only_in_images.contains(&factor.name.as_str()) {
+        let is_listed = only_in_images.contains(&factor.name.as_str());
+        if !acts && !is_listed && entry.policies.iter().any(|policy| policy.name == "expert") {
+            let plain = expert_episode(entry, config, &base)?;
+            for seed in draws {
+                let varied = varied(&mut bench, seed)?;
+                acts = expert_episode(entry, config, &varied)? != plain;
+                if acts {
+                    break;
+                }
+            }
+        }
+        if acts && is_listed {
             return Err(format!("`{}` acts without images", factor.name));
         }
-        if !acts && !only_in_images.contains(&factor.name.as_str()) {
+        if !acts && !is_listed {
             idle.push(factor.name.as_str());
         }
     }
     if idle.is_empty() { Ok(()) } else { Err(format!("without any effect: {}", idle.join(", "))) }
+}
+
+/// Length and return of an episode of the entry's policy `expert`, without images.
+fn expert_episode(
+    entry: &EnvEntry,
+    config: &EnvConfig,
+    options: &ResetOptions,
+) -> Result<(Vec<u64>, Vec<f64>), String> {
+    let config = EnvConfig { image: None, ..config.clone() };
+    let world = WorldOptions::new(1).env(config).max_episode_steps(EXPERT_STEPS).threads(1);
+    let mut world = World::new(entry, world).map_err(|e| e.to_string())?;
+    world.set_policy(Registry::new().policy("expert", &world).map_err(|e| e.to_string())?);
+    let rollout = Rollout::new(0..1).seed(3).options(options.clone());
+    let evaluation = world.evaluate(&rollout).map_err(|e| e.to_string())?;
+    Ok((evaluation.episode_lengths, evaluation.episode_returns))
 }
 
 fn differs_visibly(a: &[Batch], b: &[Batch]) -> bool {

@@ -1,17 +1,21 @@
 //! The exact style: the reference's image pipeline to the byte, redrawn only where the drawing changed.
 //!
 //! canvas (512, raster rules) -> image (224, fixed-point bilinear) -> frame (asked size, antialiased bilinear; left
-//! out when the asked size is the image's own, as the reference's library does).
+//! out when the asked size is the image's own, as the reference's library does). On a [`Geometry::surface`] the image is
+//! the canvas, flipped, with its colors replaced.
 
+mod arrow;
 mod lines;
 mod raster;
+mod smooth;
 
-use crate::canvas::Canvas;
+use crate::canvas::{Canvas, unpack};
 use crate::damage::Damage;
 use crate::display_list::{DisplayList, Shape};
 use crate::error::{RenderError, check_len};
 use crate::geometry::Geometry;
-use crate::painter::{Painter, Rgb, round_half_even};
+use crate::painter::{Painter, Rgb, round_half_even, truncate};
+use crate::palette::Palette;
 use crate::rect::Rect;
 use crate::resample::{AntialiasBilinear, FixedBilinear};
 use raster::{Raster, Scratch};
@@ -26,7 +30,9 @@ pub struct ExactRenderer {
     /// The background, and the background with the drawing over it.
     background: Canvas,
     canvas: Canvas,
-    to_image: FixedBilinear,
+    palette: Palette,
+    /// `None`: the image is the canvas.
+    to_image: Option<FixedBilinear>,
     image: Vec<u8>,
     to_frame: Option<AntialiasBilinear>,
     /// Empty when the image is the frame.
@@ -43,22 +49,24 @@ impl ExactRenderer {
     /// If a side is zero or above 4096.
     pub fn new(geometry: Geometry) -> Result<Self, RenderError> {
         geometry.check()?;
-        let Geometry { canvas, image, height, width } = geometry;
-        let resized = (height, width) != (image, image);
-        let to_frame =
-            resized.then(|| AntialiasBilinear::new([image, image], [height, width])).transpose()?;
+        let Geometry { canvas, image, height, width, .. } = geometry;
+        let resized = [height, width] != image;
+        let to_frame = resized.then(|| AntialiasBilinear::new(image, [height, width])).transpose()?;
+        let to_image = (canvas != image).then(|| FixedBilinear::new(canvas[0], image[0])).transpose()?;
+        let [image_height, image_width] = image;
         Ok(Self {
             geometry,
             drawn: DisplayList::new(),
             next: DisplayList::new(),
             background_list: DisplayList::new(),
-            background: Canvas::new(canvas, canvas),
-            canvas: Canvas::new(canvas, canvas),
-            to_image: FixedBilinear::new(canvas, image)?,
-            image: vec![0; image * image * 3],
+            background: Canvas::new(canvas[0], canvas[1]),
+            canvas: Canvas::new(canvas[0], canvas[1]),
+            palette: Palette::default(),
+            to_image,
+            image: vec![0; image_height * image_width * 3],
             to_frame,
             frame: vec![0; if resized { geometry.frame_len() } else { 0 }],
-            damage: Damage::new(Rect::of_size(canvas, canvas)),
+            damage: Damage::new(Rect::of_size(canvas[0], canvas[1])),
             all_damaged: true,
             scratch: Scratch::default(),
         })
@@ -76,10 +84,15 @@ impl ExactRenderer {
         &self.canvas
     }
 
-    /// The reference's image of the last frame, `[image, image, 3]`, before the resize to the asked size.
+    /// The reference's image of the last frame, `[H image, W image, 3]`, before the resize to the asked size.
     #[must_use]
     pub fn image(&self) -> &[u8] {
         &self.image
+    }
+
+    /// See [`Renderer::set_palette`](crate::Renderer::set_palette).
+    pub fn set_palette(&mut self, swaps: &[(Rgb, Rgb)]) {
+        self.all_damaged |= self.palette.set(swaps);
     }
 
     /// See [`Renderer::set_background`](crate::Renderer::set_background).
@@ -124,7 +137,10 @@ impl ExactRenderer {
             self.canvas.copy_rect(&self.background, rect);
             let mut raster = Raster::clipped(&mut self.canvas, &mut self.scratch, *rect);
             replay(&self.next, &mut raster);
-            let dirty = self.to_image.resize_region(&self.canvas, *rect, &mut self.image);
+            let dirty = match &mut self.to_image {
+                Some(to_image) => to_image.resize_region(&self.canvas, *rect, &mut self.image),
+                None => copy_region(&self.canvas, *rect, self.geometry.y_up, &self.palette, &mut self.image),
+            };
             if let Some(to_frame) = &mut self.to_frame {
                 to_frame.resize_region(&self.image, dirty, &mut self.frame);
             }
@@ -132,6 +148,21 @@ impl ExactRenderer {
         self.all_damaged = false;
         std::mem::swap(&mut self.drawn, &mut self.next);
     }
+}
+
+/// Copies the pixels `rect` of a canvas, with their colors replaced, into an image of its size, flipped if `y_up`, and
+/// returns where they went.
+fn copy_region(canvas: &Canvas, rect: Rect, y_up: bool, palette: &Palette, image: &mut [u8]) -> Rect {
+    let height = canvas.height as i32;
+    for y in rect.rows() {
+        let target = if y_up { canvas.height - 1 - y } else { y };
+        let start = target * canvas.width;
+        let out = &mut image[(start + rect.x0 as usize) * 3..(start + rect.x1 as usize) * 3];
+        for (out, &pixel) in out.as_chunks_mut::<3>().0.iter_mut().zip(&canvas.row(y)[rect.columns()]) {
+            *out = unpack(palette.apply(pixel));
+        }
+    }
+    if y_up { Rect::new(rect.x0, height - rect.y1, rect.x1, height - rect.y0) } else { rect }
 }
 
 fn replay(list: &DisplayList<i32>, raster: &mut Raster<'_>) {
@@ -144,6 +175,14 @@ fn replay(list: &DisplayList<i32>, raster: &mut Raster<'_>) {
             (Shape::Disc, [center, ..]) => raster.disc(*center, primitive.radius, color),
             (Shape::FatSegment, [from, to, ..]) => raster.fat_segment(*from, *to, color),
             (Shape::AaLine, [from, to, ..]) => raster.aa_line(*from, *to, color),
+            (Shape::SmoothPolygon, points) => raster.smooth_polygon(points, color),
+            (Shape::SmoothDisc, [center, ..]) => raster.smooth_disc(*center, primitive.radius, color),
+            (Shape::SmoothLine, [from, to, ..]) => {
+                let [from, to] = [from, to].map(|point| point.map(|bits| f32::from_bits(bits as u32)));
+                raster.smooth_line(from, to, color);
+            }
+            (Shape::AxisLine, [from, to, ..]) => raster.axis_line(*from, *to, color),
+            (Shape::TurnArrow, [center, ..]) => raster.turn_arrow(*center, primitive.radius, color),
             _ => {}
         }
     }
@@ -199,5 +238,39 @@ impl Painter for ExactPainter<'_> {
     fn aa_line(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb) {
         // The slope is f32: the crossing may round to just before the smaller end.
         self.push_pair(Shape::AaLine, [from, to], [1, 1], color);
+    }
+
+    fn smooth_polygon(&mut self, vertices: &[[f64; 2]], color: Rgb) {
+        // Clipped edges cross the canvas's border at truncated points: a pixel off at most.
+        let bounds = vertices
+            .iter()
+            .fold(Rect::default(), |bounds, vertex| bounds.union(&bounds_of(&[vertex.map(truncate)], 1, 1)));
+        let points = vertices.iter().map(|vertex| vertex.map(truncate));
+        self.list.push(Shape::SmoothPolygon, points, 0, color, bounds);
+    }
+
+    fn smooth_disc(&mut self, center: [f64; 2], radius: f64, color: Rgb) {
+        let (center, radius) = (center.map(truncate), truncate(radius));
+        let bounds = if radius < 0 { Rect::default() } else { bounds_of(&[center], radius + 1, radius + 1) };
+        self.list.push(Shape::SmoothDisc, std::iter::once(center), radius, color, bounds);
+    }
+
+    fn smooth_line(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb) {
+        let ends = [from, to];
+        let bounds = bounds_of(&ends.map(|end| end.map(truncate)), 2, 2);
+        let bits = ends.map(|end| end.map(|coordinate| (coordinate as f32).to_bits() as i32));
+        self.list.push(Shape::SmoothLine, bits.into_iter(), 0, color, bounds);
+    }
+
+    fn axis_line(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb) {
+        let points = [from, to].map(|end| end.map(truncate));
+        self.list.push(Shape::AxisLine, points.into_iter(), 0, color, bounds_of(&points, 0, 0));
+    }
+
+    fn turn_arrow(&mut self, center: [f64; 2], side: f64, mirrored: bool, color: Rgb) {
+        let (center, side) = (center.map(truncate), truncate(side));
+        let bounds = if side < 1 { Rect::default() } else { bounds_of(&[center], side / 2, side / 2 + 1) };
+        let radius = if mirrored { -side } else { side };
+        self.list.push(Shape::TurnArrow, std::iter::once(center), radius, color, bounds);
     }
 }

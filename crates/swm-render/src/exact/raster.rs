@@ -13,6 +13,10 @@ use crate::rect::Rect;
 pub(crate) struct Scratch {
     edges: Vec<Edge>,
     crossings: Vec<i32>,
+    /// Crossings in 16.16 fixed point, of smooth polygons.
+    fixed: Vec<i64>,
+    /// Rows and columns of the arrow that is being shrunk.
+    pub(super) arrow: Vec<u8>,
 }
 
 /// A canvas being drawn on, within a clip rectangle. Coordinates are whole pixels.
@@ -37,6 +41,26 @@ impl<'a> Raster<'a> {
     /// Where pixels may be written.
     pub(super) fn clip(&self) -> Rect {
         self.clip
+    }
+
+    /// The whole canvas.
+    pub(super) fn bounds(&self) -> Rect {
+        self.canvas.bounds()
+    }
+
+    /// Working memory for crossings of smooth polygons, to be returned.
+    pub(super) fn take_crossings(&mut self) -> Vec<i64> {
+        std::mem::take(&mut self.scratch.fixed)
+    }
+
+    /// Returns what [`Self::take_crossings`] lent.
+    pub(super) fn return_crossings(&mut self, crossings: Vec<i64>) {
+        self.scratch.fixed = crossings;
+    }
+
+    /// Working memory for arrows.
+    pub(super) fn scratch(&mut self) -> &mut Scratch {
+        self.scratch
     }
 
     /// The whole clip rectangle in one color.
@@ -64,7 +88,8 @@ impl<'a> Raster<'a> {
             return;
         }
         let rows = top.max(self.clip.y0)..(bottom + 1).min(self.clip.y1);
-        let Scratch { mut edges, mut crossings } = std::mem::take(self.scratch);
+        let (mut edges, mut crossings) =
+            (std::mem::take(&mut self.scratch.edges), std::mem::take(&mut self.scratch.crossings));
         edges.clear();
         for (index, &a) in points.iter().enumerate() {
             let b = points[if index + 1 < points.len() { index + 1 } else { 0 }];
@@ -87,7 +112,7 @@ impl<'a> Raster<'a> {
                 }
             }
         }
-        *self.scratch = Scratch { edges, crossings };
+        (self.scratch.edges, self.scratch.crossings) = (edges, crossings);
     }
 
     /// A filled disc of integer radius: nothing below 1, one pixel for 1, else 2r x 2r pixels, symmetric about the

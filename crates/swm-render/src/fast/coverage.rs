@@ -24,12 +24,12 @@ const CANVAS_VARIANCE: f64 = 1.0 / 12.0 + 1.0 / 6.0;
 
 impl Lens {
     pub(super) fn new(geometry: Geometry) -> Self {
-        let Geometry { canvas, image, height, width } = geometry;
-        let canvas = canvas as f64;
-        let step = [canvas / width as f64, canvas / height as f64];
-        let reach = [(step[0], width), (step[1], height)].map(|(step, side)| {
+        let Geometry { canvas, image, height, width, .. } = geometry;
+        let step = [canvas[1] as f64 / width as f64, canvas[0] as f64 / height as f64];
+        let reach = [(1, width), (0, height)].map(|(axis, side)| {
             // A triangle of half-width w has variance w^2 / 6.
-            let resize = if side == image { 0.0 } else { step.max(canvas / image as f64) };
+            let per_image = canvas[axis] as f64 / image[axis] as f64;
+            let resize = if side == image[axis] { 0.0 } else { step[1 - axis].max(per_image) };
             (6.0 * CANVAS_VARIANCE + resize * resize).sqrt() as f32
         });
         Self {

@@ -6,12 +6,15 @@
 mod coverage;
 mod shapes;
 
+use crate::canvas::{pack, unpack};
 use crate::damage::Damage;
 use crate::display_list::{DisplayList, Shape};
 use crate::error::{RenderError, check_len};
 use crate::geometry::Geometry;
 use crate::painter::{Painter, Rgb};
+use crate::palette::Palette;
 use crate::rect::Rect;
+use crate::turn_arrow;
 use coverage::{Lens, Video};
 use shapes::{Capsule, ConvexPolygon, Disc, Polygon};
 
@@ -20,6 +23,7 @@ use shapes::{Capsule, ConvexPolygon, Disc, Polygon};
 pub struct FastRenderer {
     geometry: Geometry,
     lens: Lens,
+    palette: Palette,
     drawn: DisplayList<f32>,
     next: DisplayList<f32>,
     background_list: DisplayList<f32>,
@@ -40,6 +44,7 @@ impl FastRenderer {
         Ok(Self {
             geometry,
             lens: Lens::new(geometry),
+            palette: Palette::default(),
             drawn: DisplayList::new(),
             next: DisplayList::new(),
             background_list: DisplayList::new(),
@@ -56,12 +61,18 @@ impl FastRenderer {
         self.geometry
     }
 
+    /// See [`Renderer::set_palette`](crate::Renderer::set_palette).
+    pub fn set_palette(&mut self, swaps: &[(Rgb, Rgb)]) {
+        // Colors are replaced as they are recorded: lists with other colors differ.
+        self.palette.set(swaps);
+    }
+
     /// See [`Renderer::set_background`](crate::Renderer::set_background).
     pub fn set_background(&mut self, draw: impl FnOnce(&mut dyn Painter)) {
         // The list of the frame to come is free until then.
         let new = &mut self.next;
         new.clear();
-        draw(&mut FastPainter { list: new, lens: &self.lens });
+        draw(&mut FastPainter::new(new, &self.lens, &self.palette, self.geometry));
         if *new == self.background_list {
             return;
         }
@@ -80,7 +91,7 @@ impl FastRenderer {
         let Geometry { height, width, .. } = self.geometry;
         check_len("the frame to write", out.len(), height, width)?;
         self.next.clear();
-        draw(&mut FastPainter { list: &mut self.next, lens: &self.lens });
+        draw(&mut FastPainter::new(&mut self.next, &self.lens, &self.palette, self.geometry));
         self.update();
         out.copy_from_slice(&self.frame);
         Ok(())
@@ -132,6 +143,9 @@ fn replay(list: &DisplayList<f32>, lens: &Lens, video: &mut Video<'_>) {
             (Shape::AaLine, [from, to, ..]) => {
                 video.paint(&Capsule::new(*from, *to, LINE_RADIUS, lens), visible, color);
             }
+            (Shape::TurnArrow, [from, to, ..]) => {
+                video.paint(&Capsule::new(*from, *to, primitive.radius, lens), visible, color);
+            }
             _ => {}
         }
     }
@@ -141,40 +155,76 @@ fn replay(list: &DisplayList<f32>, lens: &Lens, video: &mut Video<'_>) {
 struct FastPainter<'a> {
     list: &'a mut DisplayList<f32>,
     lens: &'a Lens,
+    palette: &'a Palette,
+    /// Height of a canvas with y up.
+    flipped: Option<f64>,
 }
 
 /// What the exact painter rounds to pixel i is, on average, the middle of that pixel.
 const PIXEL_CENTER: f64 = 0.5;
 
-fn shift(point: [f64; 2]) -> [f32; 2] {
-    point.map(|coordinate| (coordinate + PIXEL_CENTER) as f32)
-}
+/// How far the exact painter's truncation moves a coordinate towards zero, on average.
+const TRUNCATED: f64 = 0.5;
 
-impl FastPainter<'_> {
+impl<'a> FastPainter<'a> {
+    fn new(list: &'a mut DisplayList<f32>, lens: &'a Lens, palette: &'a Palette, geometry: Geometry) -> Self {
+        let flipped = geometry.y_up.then_some(geometry.canvas[0] as f64);
+        FastPainter { list, lens, palette, flipped }
+    }
+
+    /// A point in continuous coordinates of the image.
+    fn place(&self, [x, y]: [f64; 2], offset: f64) -> [f32; 2] {
+        let [x, y] = [x + offset, y + offset];
+        [x as f32, self.flipped.map_or(y, |height| height - y) as f32]
+    }
+
+    fn shift(&self, point: [f64; 2]) -> [f32; 2] {
+        self.place(point, PIXEL_CENTER)
+    }
+
+    fn color(&self, color: Rgb) -> Rgb {
+        unpack(self.palette.apply(pack(color)))
+    }
+
     fn push_pair(&mut self, shape: Shape, ends: [[f64; 2]; 2], radius: f32, color: Rgb) {
-        let points = ends.map(shift);
+        let points = ends.map(|end| self.shift(end));
+        let color = self.color(color);
         self.list.push(shape, points.into_iter(), 0.0, color, self.lens.bounds(&points, radius));
+    }
+
+    fn push_polygon(&mut self, vertices: &[[f64; 2]], offset: f64, color: Rgb) {
+        let color = self.color(color);
+        let bounds = vertices.iter().fold(Rect::default(), |bounds, vertex| {
+            bounds.union(&self.lens.bounds(&[self.place(*vertex, offset)], shapes::POLYGON_GROWTH))
+        });
+        let flipped = self.flipped;
+        let place = |[x, y]: [f64; 2]| {
+            let [x, y] = [x + offset, y + offset];
+            [x as f32, flipped.map_or(y, |height| height - y) as f32]
+        };
+        self.list.push(Shape::Polygon, vertices.iter().copied().map(place), 0.0, color, bounds);
+    }
+
+    fn push_disc(&mut self, center: [f32; 2], radius: f32, color: Rgb) {
+        let color = self.color(color);
+        let bounds = if radius >= 0.5 { self.lens.bounds(&[center], radius) } else { Rect::default() };
+        self.list.push(Shape::Disc, std::iter::once(center), radius, color, bounds);
     }
 }
 
 impl Painter for FastPainter<'_> {
     fn fill(&mut self, color: Rgb) {
+        let color = self.color(color);
         self.list.push(Shape::Fill, std::iter::empty(), 0.0, color, self.lens.frame());
     }
 
     fn polygon(&mut self, vertices: &[[f64; 2]], color: Rgb) {
-        let bounds = vertices.iter().fold(Rect::default(), |bounds, vertex| {
-            bounds.union(&self.lens.bounds(&[shift(*vertex)], shapes::POLYGON_GROWTH))
-        });
-        self.list.push(Shape::Polygon, vertices.iter().copied().map(shift), 0.0, color, bounds);
+        self.push_polygon(vertices, PIXEL_CENTER, color);
     }
 
     fn disc(&mut self, center: [f64; 2], radius: f64, color: Rgb) {
         // The exact raster's discs are symmetric about a pixel's corner, not its middle.
-        let center = center.map(|coordinate| coordinate as f32);
-        let radius = radius as f32;
-        let bounds = if radius >= 0.5 { self.lens.bounds(&[center], radius) } else { Rect::default() };
-        self.list.push(Shape::Disc, std::iter::once(center), radius, color, bounds);
+        self.push_disc(self.place(center, 0.0), radius as f32, color);
     }
 
     fn fat_segment(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb) {
@@ -183,5 +233,43 @@ impl Painter for FastPainter<'_> {
 
     fn aa_line(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb) {
         self.push_pair(Shape::AaLine, [from, to], LINE_RADIUS, color);
+    }
+
+    fn smooth_polygon(&mut self, vertices: &[[f64; 2]], color: Rgb) {
+        self.push_polygon(vertices, PIXEL_CENTER - TRUNCATED, color);
+    }
+
+    fn smooth_disc(&mut self, center: [f64; 2], radius: f64, color: Rgb) {
+        let reach = radius.trunc() as f32 + 0.5;
+        self.push_disc(self.place(center, PIXEL_CENTER - TRUNCATED), reach, color);
+    }
+
+    fn smooth_line(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb) {
+        self.push_pair(Shape::AaLine, [from, to], LINE_RADIUS, color);
+    }
+
+    fn axis_line(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb) {
+        if from[0] == to[0] || from[1] == to[1] {
+            self.push_pair(Shape::AaLine, [from, to].map(|end| end.map(f64::trunc)), LINE_RADIUS, color);
+        }
+    }
+
+    fn turn_arrow(&mut self, center: [f64; 2], side: f64, mirrored: bool, color: Rgb) {
+        if side < 1.0 {
+            return;
+        }
+        let side = side.trunc();
+        // The outline has y down.
+        let down = if self.flipped.is_some() { -side } else { side };
+        let across = if mirrored { -side } else { side };
+        let place = |[x, y]: [f64; 2]| [center[0] + across * x, center[1] + down * y];
+        let (pieces, half_width, head) = turn_arrow::outline();
+        let radius = (side * half_width) as f32;
+        for piece in pieces {
+            let points = piece.map(|end| self.place(place(end), 0.0));
+            let (color, bounds) = (self.color(color), self.lens.bounds(&points, radius));
+            self.list.push(Shape::TurnArrow, points.into_iter(), radius, color, bounds);
+        }
+        self.push_polygon(&head.map(place), 0.0, color);
     }
 }

@@ -1,0 +1,89 @@
+//! Policies of classic control: the expert of each task, alone and with random actions in between.
+
+use swm_core::policy::write_action;
+use swm_core::{
+    Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Settings as _,
+    SliceMut, SlotView,
+};
+
+use super::env::{SIMULATOR_STATE_COLUMN, saved_task};
+use super::settings::Settings;
+use super::task::{Task, factors, uniform};
+use crate::settings::with_defaults;
+
+/// The policies of one environment.
+pub(super) const fn policies<T: Task>() -> &'static [PolicyEntry] {
+    const {
+        &[
+            PolicyEntry::new(
+                "expert",
+                "the rule that solves the task under most factors",
+                |context, args| {
+                    args.parse_as::<swm_core::registry::NoArgs>()?;
+                    make::<T>(context, "expert".to_owned(), 0.0)
+                },
+            ),
+            PolicyEntry::new(
+                "noisy-expert",
+                "the expert, with a random action in a share of the steps (`noisy-expert:SHARE`)",
+                |context, args| noisy::<T>(context, args),
+            )
+            .settings(Noise::SETTINGS),
+        ]
+    }
+}
+
+swm_core::settings! {
+    /// Arguments of the noisy expert.
+    struct Noise {
+        /// Share of the steps with a uniformly random action, 0 to 1.
+        share: f64 = 0.3,
+    }
+}
+
+fn noisy<T: Task>(context: &PolicyContext<'_>, args: &PolicyArgs) -> Result<Box<dyn Policy>, PolicyError> {
+    let Noise { share } = args.parse_with("share")?;
+    if !(0.0..=1.0).contains(&share) {
+        return Err(args.wrong(format!("share {share} must be 0 to 1")));
+    }
+    make::<T>(context, format!("{}:share={share}", args.name), share)
+}
+
+fn make<T: Task>(
+    context: &PolicyContext<'_>,
+    description: String,
+    share: f64,
+) -> Result<Box<dyn Policy>, PolicyError> {
+    let settings: Settings = context.config.parse_settings(T::ID)?;
+    let space = with_defaults(factors::<T>(), T::ID, &settings.init_value)?;
+    Ok(Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
+        let mut state = EnvState::new();
+        view.snapshot(&mut state)?;
+        Ok(Box::new(Expert { task: saved_task::<T>(&space, &state)?, share }) as Box<dyn Actor>)
+    })))
+}
+
+/// The expert of one episode, which knows its factors.
+struct Expert<T> {
+    task: T,
+    share: f64,
+}
+
+impl<T: Task> Actor for Expert<T> {
+    fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
+        if self.share > 0.0 {
+            let mut stream = view.episode.seed.indexed("policy classic noise", [view.episode.step, 0]);
+            if uniform(&mut stream, 0.0, 1.0) < self.share {
+                view.spec.action.sample_into(&mut stream, action);
+                return Ok(());
+            }
+        }
+        let state: &[f64] = view.row.get(SIMULATOR_STATE_COLUMN)?;
+        let state = T::State::try_from(state).map_err(|_| PolicyError::Unsupported {
+            policy: "expert".to_owned(),
+            reason: format!("the column `{SIMULATOR_STATE_COLUMN}` does not hold a state of {}", T::ID),
+        })?;
+        write_action(&mut action, &[self.task.act(&state)]);
+        Ok(())
+    }
+}

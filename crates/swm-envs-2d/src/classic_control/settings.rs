@@ -1,0 +1,29 @@
+//! Constructor settings of the environments of classic control.
+
+use serde_json::{Map, Value as Json};
+use swm_core::{Setting, Settings as _};
+
+use crate::settings::Render;
+
+swm_core::settings! {
+    /// Constructor settings. Unknown names are refused.
+    pub(super) struct Settings {
+        /// Steps after which an episode is truncated; 0: never.
+        time_limit: Option<u64> = None => "Gymnasium's",
+        /// `exact`: the reference's images to the byte; `fast`: rendered at the requested size.
+        render: Render = Render::Exact => "exact",
+        /// Other defaults of factors, {name: value}.
+        init_value: Map<String, Json> = Map::new() => "{}",
+    }
+}
+
+/// The settings for help and docs.
+pub(super) const SETTINGS: &[Setting] = Settings::SETTINGS;
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn documented_defaults_are_the_defaults() {
+        swm_core::testing::assert_documented_defaults::<super::Settings>();
+    }
+}
