@@ -9,7 +9,7 @@ use crate::metadata::Metadata;
 use crate::process;
 
 /// Files that name the version in their lines; cargo writes `Cargo.lock`.
-const FILES: &[&str] = &["Cargo.toml", "templates/environment/Cargo.toml"];
+const FILES: &[&str] = &["Cargo.toml", "crates/swm/templates/environment/Cargo.toml.txt"];
 
 /// The version of the workspace.
 pub(super) fn current(metadata: &Metadata) -> Result<Version> {

@@ -101,7 +101,7 @@ impl Compare {
                 ]
             })
             .collect();
-        let head = ["result", "policy", "runs", "success (95 %)", "± seeds", "first minus it", "paired test"];
+        let head = ["result", "policy", "runs", "success (95 %)", "± seeds", "first − this", "paired test"];
         output.result(&compared, || {
             let pairs = first.episodes.len();
             format!(
