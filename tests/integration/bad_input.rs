@@ -174,7 +174,7 @@ fn a_full_disk_is_told_and_earlier_episodes_stay() {
     // A limit on the size of files stands in for the disk; the shell ignores the signal that comes with it.
     let script = format!(
         "trap '' XFSZ; ulimit -f 4000; exec '{}' collect {PUSHT} --policy weak --episodes 500 --max-steps 30 \
-         --image-size 64x64 --vary all --out '{out}'",
+         --image-size 64x64 --vary all --report-every 0 --out '{out}'",
         env!("CARGO_BIN_EXE_swm-under-test"),
     );
     let output = std::process::Command::new("bash").args(["-c", &script]).output().expect("bash starts");

@@ -15,7 +15,7 @@ const KILLS: u64 = 20;
 fn collect<'a>(out: &'a str, extra: &[&'a str]) -> Vec<&'a str> {
     let base =
         ["collect", PUSHT, "--policy", "weak", "--seed", "11", "--max-steps", "20", "--image-size", "48x48"];
-    [&base, &["--num-envs", "3", "--out", out][..], extra].concat()
+    [&base, &["--num-envs", "3", "--report-every", "0", "--out", out][..], extra].concat()
 }
 
 /// Starts a recording and kills it after a delay; returns how many episodes it had committed.

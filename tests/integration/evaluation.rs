@@ -439,6 +439,38 @@ fn factors_are_swept_alone_in_groups_and_together() {
     assert!(message.contains("did you mean `agent.color`?"), "{message}");
 }
 
+#[test]
+fn a_sweep_counts_the_pairs_that_can_have_a_value() {
+    let folder = Folder::new();
+    let (data, task) = (folder.path("rooms.h5"), folder.path("rooms.toml"));
+    let collect =
+        ["collect", "swm/TwoRoom-v2", "--policy", "noisy-expert:2", "--episodes", "12", "--max-steps", "40"];
+    swm_ok(&[&collect[..], &["--image-size", "none", "--out", &data, "--quiet"]].concat());
+    let make =
+        ["manifest", "make", "swm/TwoRoom-v2", "--dataset", &data, "--tier", "historic", "--episodes", "12"];
+    swm_ok(&[&make[..], &["--budget", "3", "--goal-offset", "10", "--out", &task]].concat());
+    let sweep = |factor: &str, out: &str| {
+        let out = folder.path(out);
+        let args = ["sweep", "--manifest", &task, "--policy", "constant", "--factors", factor];
+        swm_json(&[&args[..], &["--values", "extremes", "--out", &out, "--quiet"]].concat())
+    };
+    // No door may be that small for the agent: the smallest that fits is taken.
+    let doors = sweep("door.size", "doors");
+    let (lowest, note) = (&doors["cells"][1], doors["cells"][1]["note"].as_str().unwrap());
+    assert_eq!(lowest["summary"]["episodes"], 12, "{note}");
+    assert!(note.contains("nearest possible value in 12 of 12 pairs"), "{note}");
+    // A thick wall leaves out the pairs that start inside it, and no others.
+    let walls = sweep("wall.thickness", "walls");
+    let thickest = &walls["cells"][2];
+    assert_eq!(thickest["value"], "highest");
+    let count = thickest["summary"]["episodes"].as_u64().unwrap();
+    assert_eq!(count, 12, "nearer values are found for all: {}", thickest["note"]);
+
+    let again = ["sweep", "--manifest", &task, "--policy", "random", "--factors", "door.size"];
+    let message = swm_fails(2, &[&again[..], &["--out", &folder.path("doors")]].concat());
+    assert!(message.contains("another sweep") && message.contains("--again"), "{message}");
+}
+
 /// Of version 1: `beside` for `references`, with the roles `do_nothing` and `ceiling`, a hash of tables over help texts, and a
 /// setting of iCEM under its former name.
 #[test]

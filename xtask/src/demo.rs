@@ -96,6 +96,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             video_format,
             "--seed",
             "42",
+            "--again",
         ];
         results.push((name, folder.clone(), swm(size, &call, &paths)?));
     }

@@ -1,5 +1,5 @@
 //! `cargo xtask plugin`: crates as users write them, outside of the workspace: the one in `tests/plugin`, and one made from the
-//! template for `cargo generate`.
+//! template of `swm new-env`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ pub(crate) fn run(_args: &Args) -> Result<()> {
     };
     workspace.test(&process::root().join("tests/plugin"))?;
     let made = folder.path().join("lone-point");
-    generate(&process::root().join("templates/environment"), &made, "lone-point")?;
+    generate(&process::root().join("crates/swm/templates/environment"), &made, "lone-point")?;
     workspace.test(&made)
 }
 
@@ -65,13 +65,13 @@ fn settings() -> Result<String> {
     Ok(toml::to_string(&settings)?)
 }
 
-/// What `cargo generate --path TEMPLATE --name NAME` does with our template.
+/// What `swm new-env NAME` does with the template, without its source of our crates, which are patched in.
 fn generate(template: &Path, folder: &Path, name: &str) -> Result<()> {
-    for file in ["Cargo.toml", "src/lib.rs", "src/main.rs", "tests/conformance.rs"] {
+    for file in ["Cargo.toml.txt", "src/lib.rs", "src/main.rs", "tests/conformance.rs"] {
         let text =
             fs::read_to_string(template.join(file)).with_context(|| format!("the template lacks {file}"))?;
         let text = text.replace("{{project-name}}", name).replace("{{crate_name}}", &name.replace('-', "_"));
-        let path = folder.join(file);
+        let path = folder.join(file.trim_end_matches(".txt"));
         path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(&path, text))?;
     }
     Ok(())

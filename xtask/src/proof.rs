@@ -148,7 +148,7 @@ fn table(task: &Task, trials: &[&Trial], out: &Path, given: Option<&Path>) -> Re
         let minutes = started.elapsed().as_secs_f64() / 60.0;
         let policy = format!("{}:{}{}", trial.policy, run.display(), trial.settings);
         let result = out.join(format!("{}-result", trial.baseline));
-        let words = ["eval", "--policy", &policy, "--reference", references];
+        let words = ["eval", "--policy", &policy, "--reference", references, "--again"];
         let receipt = swm(&words, &[("--manifest", &manifest), ("--out", &result)])?;
         line(&mut table, trial.baseline, &receipt["summary"], &format!("{minutes:.1} min"));
         for other in receipt["references"].as_array().into_iter().flatten() {

@@ -67,7 +67,7 @@ fn gpu(number: usize) -> Result<TensorDevice, BaselineError> {
 #[cfg(not(feature = "cuda"))]
 fn gpu(number: usize) -> Result<TensorDevice, BaselineError> {
     let reason = "this build has no CUDA; use cpu, or build it with it: \
-                  cargo install --path crates/swm --features cuda";
+                  cargo install --locked --path crates/swm --features cuda";
     Err(refused(&Device::Cuda(number).to_string(), reason.to_owned()))
 }
 

@@ -193,7 +193,7 @@ impl WorldError {
 
 /// A name that no table has.
 #[derive(Debug, Error)]
-#[error("unknown {kind} `{name}`{}; `swm {command}` lists them", did_you_mean(.nearest.as_deref()))]
+#[error("unknown {kind} `{name}`{}", self.hint())]
 #[non_exhaustive]
 pub struct UnknownName {
     /// What was looked up: environment, policy, format.
@@ -202,8 +202,22 @@ pub struct UnknownName {
     pub name: String,
     /// The nearest existing one.
     pub nearest: Option<String>,
+    /// For a name that other builds know: what brings it.
+    pub fix: Option<String>,
     /// The command that lists what exists.
     pub command: &'static str,
+}
+
+impl UnknownName {
+    fn hint(&self) -> String {
+        match &self.fix {
+            Some(fix) => format!("; {fix}"),
+            None => {
+                let meant = did_you_mean(self.nearest.as_deref());
+                format!("{meant}; `swm {}` lists them", self.command)
+            }
+        }
+    }
 }
 
 /// The closest of `names` to `name`, if it is close enough to be a typing error; else the shortest that `name`, in full

@@ -75,6 +75,10 @@ pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
             let reason = "it is a Lance table; this program was built without the feature `lance`";
             Err(DataError::not_a_dataset(path, reason))
         }
+        None if path.join("meta/info.json").is_file() => {
+            let reason = format!("it is a LeRobot dataset{}", built_without("lerobot"));
+            Err(DataError::not_a_dataset(path, reason))
+        }
         None => {
             let reason = format!("its content is of no known format ({})", known(registry));
             Err(DataError::not_a_dataset(path, reason))
@@ -144,7 +148,10 @@ fn built_without(name: &str) -> String {
     let feature = OPTIONAL.iter().find(|(known, _)| *known == name).map(|(_, feature)| feature);
     feature
         .map(|feature| {
-            format!("; this program was built without `{name}`, which the feature `{feature}` brings")
+            format!(
+                "; this program was built without the feature `{feature}`, which brings `{name}`: in a checkout, cargo install \
+                 --locked --path crates/swm --features {feature}"
+            )
         })
         .unwrap_or_default()
 }

@@ -83,6 +83,30 @@ impl FovSpace {
         })
     }
 
+    /// As [`FovSpace::sample`], for a reset to recorded positions: constraints are checked on the values `in_use`, which a
+    /// recorded start or goal puts in place of factors. Rules between two of these are not checked: they are about what
+    /// is sampled, and here the recording says where things stand.
+    ///
+    /// # Errors
+    ///
+    /// As of [`FovSpace::sample`].
+    pub fn sample_in_use(
+        &self,
+        env: &str,
+        episode: &Episode<'_>,
+        in_use: &[(&str, Value)],
+    ) -> Result<Fov, EnvError> {
+        let is_in_use = |name: &str| in_use.iter().any(|(factor, _)| *factor == name);
+        let mut space = self.clone();
+        space
+            .constraints
+            .retain(|rule| !(is_in_use(rule.owner) && rule.reads.iter().any(|read| is_in_use(read))));
+        let mut options = episode.options.clone();
+        let values = in_use.iter().map(|(name, value)| ((*name).to_owned(), value.clone()));
+        options.variation_values.extend(values);
+        space.sample(env, &Episode { seed: episode.seed, options: &options })
+    }
+
     fn try_sample(&self, episode: &Episode<'_>) -> Result<Fov, FovError> {
         let sampled = self.selection(episode.options.variation.as_deref())?;
         let mut fov = self.defaults();

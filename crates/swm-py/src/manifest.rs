@@ -7,7 +7,7 @@ use std::time::Instant;
 use pyo3::prelude::*;
 use serde_json::json;
 use swm::core::error::BoxError;
-use swm::core::evaluate::stats::{bootstrap95, mean_and_deviation};
+use swm::core::evaluate::stats::{bootstrap95, mean_and_std};
 use swm::core::evaluate::{
     EpisodeResult, ManifestOptions, OutcomeRecorder, PairedRuns, RecordedPairs, Summary,
     make_manifest as make,
@@ -386,7 +386,7 @@ fn compare_receipts(sides: Vec<Vec<String>>) -> PyResult<String> {
             )));
         }
         let rates: Vec<f64> = side.iter().map(|run| run.summary.success_rate).collect();
-        let (success_rate, deviation) = mean_and_deviation(&rates);
+        let (success_rate, deviation) = mean_and_std(&rates);
         let own: Vec<&[bool]> = runs.iter().map(Vec::as_slice).collect();
         let others: Vec<&[bool]> = successes[0].iter().map(Vec::as_slice).collect();
         let ci95 = if side.len() == 1 { run.summary.ci95 } else { bootstrap95(&own, 0) };

@@ -16,6 +16,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod absent;
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod distractors;
@@ -59,5 +60,5 @@ pub fn registry() -> Registry {
     #[cfg(feature = "lance")]
     let registry = registry.with(swm_data_lance::FORMATS);
     let registry = registry.with(swm_solvers::SOLVERS).with(swm_solvers::PLANNERS);
-    registry.with(&[swm_solvers::EXPERT])
+    registry.with(&[swm_solvers::EXPERT]).with(absent::NAMES)
 }

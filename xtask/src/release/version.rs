@@ -12,7 +12,7 @@ use crate::process;
 use crate::setup::wheel::write;
 
 /// Files that name the version in their lines; cargo writes `Cargo.lock`.
-const FILES: &[&str] = &["Cargo.toml", "templates/environment/Cargo.toml"];
+const FILES: &[&str] = &["Cargo.toml", "crates/swm/templates/environment/Cargo.toml.txt"];
 const CHANGELOG: &str = "CHANGELOG.md";
 const UNRELEASED: &str = "## [Unreleased]";
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::env::ImageSize;
+use crate::env::{FactorSpec, ImageSize};
 use crate::run::RunInfo;
 
 /// How the episodes of a dataset were made, so that they can be repeated and checked. It holds nothing that does not
@@ -59,6 +59,15 @@ fn one() -> u32 {
 pub const METADATA_VERSION: u32 = 1;
 
 impl Metadata {
+    /// Whether the run sampled or set a factor, as far as its record says.
+    pub fn varies(&self, factor: &FactorSpec) -> bool {
+        let is_sampled = match &self.variation {
+            None => factor.sampled_by_default,
+            Some(asked) => asked.iter().any(|asked| factor.is_selected_by(asked)),
+        };
+        self.from_recorded_rows || is_sampled || self.variation_values.contains_key(&factor.name)
+    }
+
     /// The metadata of a run.
     pub fn of(run: &RunInfo<'_>) -> Self {
         let shared = run.rollout.shared_options();

@@ -21,6 +21,12 @@ pub trait EpisodeSink: Send {
     /// What is there has other columns or settings, or cannot be written.
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError>;
 
+    /// Whether the dataset holds a column already. A factor of variation that it holds is recorded even where a run does
+    /// not vary it, so that the run can be appended.
+    fn holds(&self, _column: &str) -> bool {
+        false
+    }
+
     /// Appends one episode; row = step. When it returns, the episode is safe: a crash cannot lose it.
     ///
     /// # Errors
@@ -63,13 +69,13 @@ impl<'a> DatasetRecorder<'a> {
     }
 
     /// The columns of the dataset: all infos, except those that the world was told to leave out, and factors that
-    /// were neither sampled nor set.
+    /// were neither sampled nor set, and of which the dataset has no column yet.
     fn choose_columns(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
         let varied = varied_factors(run);
         let unrecorded = &run.options.unrecorded;
         let wanted = |field: &Field| match field.name.strip_prefix(VARIATION_PREFIX) {
             _ if unrecorded.contains(&field.name) => false,
-            Some(factor) => varied.contains(factor),
+            Some(factor) => varied.contains(factor) || self.sink.holds(&field.name),
             None => true,
         };
         let fields = run.schema.fields().iter().enumerate().filter(|(_, field)| wanted(field));

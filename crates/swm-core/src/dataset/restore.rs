@@ -81,7 +81,13 @@ fn recorded_factors(
     episode: usize,
 ) -> Result<BTreeMap<String, Value>, BoxError> {
     let mut values = BTreeMap::new();
+    let runs = &source.info().runs;
+    let run = runs.iter().rfind(|&&(first, _)| first <= episode as u64).map(|(_, run)| run.clone());
     for factor in &spec.factors {
+        // A column may be there for other runs: what this one neither sampled nor set stays so.
+        if run.as_ref().is_some_and(|run| !run.varies(factor)) {
+            continue;
+        }
         let column = format!("{VARIATION_PREFIX}{}", factor.name);
         let Some(dtype) = factor.space.dtype() else { continue };
         if source.schema().index(&column).is_none() {

@@ -297,6 +297,13 @@ impl<'a> Sample<'a> {
             }
         }
         let goal = read_known(recorded.source, episode, goal_row, spec.goal_columns)?;
+        if spec.goal_columns.is_empty() {
+            return Err(format!(
+                "{} sets no goals from recorded rows, so that a dataset gives no pairs; leave out the dataset",
+                spec.id
+            )
+            .into());
+        }
         if goal.is_empty() {
             let columns = spec.goal_columns.join("`, `");
             return Err(

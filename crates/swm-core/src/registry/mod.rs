@@ -4,12 +4,14 @@
 //! | file | duty |
 //! |---|---|
 //! | `entry` | what every entry is; environments and settings |
+//! | `absent` | what a build lacks, and which feature brings it |
 //! | `policy` | policies, and what is asked of the models behind them |
 //! | `arguments` | `name:key=value,…` |
 //! | `context` | what a policy is made for |
 //! | `store` | tables of several crates, merged |
 //! | `basic` | policies that fit every environment |
 
+mod absent;
 mod arguments;
 mod basic;
 mod context;
@@ -18,6 +20,7 @@ mod policy;
 mod store;
 
 pub use crate::settings::Setting;
+pub use absent::Absent;
 pub(crate) use arguments::literal;
 pub use arguments::{NoArgs, PolicyArgs};
 pub use basic::BASIC_POLICIES;

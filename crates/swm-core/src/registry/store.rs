@@ -3,7 +3,7 @@
 use std::any::Any;
 use std::iter;
 
-use super::{BASIC_POLICIES, Entry, EnvEntry, PolicyArgs, PolicyContext, PolicyEntry};
+use super::{Absent, BASIC_POLICIES, Entry, EnvEntry, PolicyArgs, PolicyContext, PolicyEntry};
 use crate::error::{PolicyError, UnknownName, nearest};
 use crate::policy::Policy;
 
@@ -76,7 +76,7 @@ impl Registry {
     ///
     /// No table has it; the error names the nearest that one has.
     pub fn find<T: Entry>(&self, name: &str) -> Result<&'static T, UnknownName> {
-        self.get(name).ok_or_else(|| unknown::<T>(name, self.all::<T>().flat_map(names)))
+        self.get(name).ok_or_else(|| self.unknown::<T>(name, self.all::<T>().flat_map(names)))
     }
 
     fn get<T: Entry>(&self, name: &str) -> Option<&'static T> {
@@ -111,7 +111,21 @@ impl Registry {
     /// As of [`Registry::find`].
     pub fn policy_entry(&self, env: &EnvEntry, name: &str) -> Result<&'static PolicyEntry, UnknownName> {
         let found = self.policies(env).find(|entry| entry.name == name);
-        found.ok_or_else(|| unknown::<PolicyEntry>(name, self.policies(env).map(|entry| entry.name)))
+        found.ok_or_else(|| self.unknown::<PolicyEntry>(name, self.policies(env).map(|entry| entry.name)))
+    }
+
+    fn unknown<T: Entry>(&self, name: &str, known: impl Iterator<Item = &'static str>) -> UnknownName {
+        let is_absent = |absent: &&Absent| absent.kind == T::KIND && absent.name == name;
+        let fix = self.all::<Absent>().find(is_absent).map(|&Absent { feature, command, .. }| {
+            format!("this program was built without the feature `{feature}`, which brings it: {command}")
+        });
+        UnknownName {
+            kind: T::KIND,
+            name: name.to_owned(),
+            nearest: nearest(name, known),
+            fix,
+            command: T::COMMAND,
+        }
     }
 
     /// Makes a policy for a world, or for the environments of a [`PolicyContext`], from its name and arguments:
@@ -146,11 +160,6 @@ impl Registry {
 
 fn names<T: Entry>(entry: &T) -> impl Iterator<Item = &'static str> + use<T> {
     iter::once(entry.name()).chain(entry.aliases().iter().copied())
-}
-
-fn unknown<T: Entry>(name: &str, known: impl Iterator<Item = &'static str>) -> UnknownName {
-    let nearest = nearest(name, known);
-    UnknownName { kind: T::KIND, name: name.to_owned(), nearest, command: T::COMMAND }
 }
 
 #[cfg(test)]

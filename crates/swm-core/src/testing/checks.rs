@@ -276,7 +276,7 @@ pub fn every_factor_acts(
             let sampled = value_of(&bench.row, &format!("{VARIATION_PREFIX}{}", factor.name));
             let mut values = context.clone();
             values.insert(factor.name.clone(), sampled);
-            Ok(ResetOptions { variation_values: values, ..nothing_drawn() })
+            Ok(ResetOptions { variation_values: values, ..nothing_sampled() })
         };
         for seed in samples.clone() {
             let varied = varied(&mut bench, seed)?;
@@ -288,7 +288,7 @@ pub fn every_factor_acts(
         let is_listed = only_in_images.contains(&factor.name.as_str());
         if !acts && !is_listed && entry.policies.iter().any(|policy| policy.name == "expert") {
             let plain = expert_episode(entry, config, &base)?;
-            for seed in draws {
+            for seed in samples {
                 let varied = varied(&mut bench, seed)?;
                 acts = expert_episode(entry, config, &varied)? != plain;
                 if acts {

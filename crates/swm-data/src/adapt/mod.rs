@@ -1,14 +1,16 @@
-//! Datasets made of datasets: some episodes of one, several end to end, columns of two, columns joined or kept in
-//! memory. Each is a [`Dataset`](crate::Dataset) again, so they nest, and everything that reads a dataset reads them.
+//! Datasets made of datasets: some episodes of one, several end to end, columns of two, constant columns, columns
+//! joined or kept in memory. Each is a [`Dataset`](crate::Dataset) again, so they nest, and everything that reads a dataset reads them.
 
 mod cached;
 mod columns;
 mod concat;
+mod constants;
 mod joined;
 mod subset;
 
 pub use cached::Cached;
 pub use columns::Columns;
 pub use concat::Concat;
+pub use constants::{Constants, fill_factors};
 pub use joined::Joined;
 pub use subset::{Subset, split_episodes};

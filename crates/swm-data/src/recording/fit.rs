@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use swm_core::env::VARIATION_PREFIX;
 use swm_core::{Field, Metadata};
 
 use crate::error::DataError;
@@ -22,6 +23,13 @@ pub fn check_fit(
     let mismatch = |reason| Err(DataError::mismatch(path, reason));
     for field in fields {
         match columns.iter().find(|there| there.name == field.name) {
+            None if field.name.starts_with(VARIATION_PREFIX) => {
+                return mismatch(format!(
+                    "it has no column `{}`, as its episodes were recorded without varying it; record to another file, and join \
+                     the two by `swm merge`, which fills in the constant",
+                    field.name
+                ));
+            }
             None => return mismatch(format!("it has no column `{}`", field.name)),
             Some(there) if there != field => {
                 return mismatch(format!(

@@ -148,7 +148,7 @@ impl<T: Task> Env for ClassicControl<T> {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        self.fov = self.space.draw(T::ID, episode)?;
+        self.fov = self.space.sample(T::ID, episode)?;
         self.task = T::new(&self.fov);
         self.moving = Moving::at(match &episode.options.start {
             Some(row) => self.recorded(row)?,

@@ -131,6 +131,17 @@ impl TwoRoom {
 
     /// The reference's order: agent at the goal and one substep, then at its start and one substep. What the goal leaves
     /// in contacts acts in the second. A recorded start is taken over exactly instead.
+    /// The factors that a recorded start and goal take the place of, with their values.
+    fn positions_in_use(&self, options: &ResetOptions) -> Result<Vec<(&'static str, Value)>, EnvError> {
+        let mut in_use = Vec::new();
+        for (factor, row) in [("agent.position", &options.start), ("goal.position", &options.goal)] {
+            if let Some(at) = row.as_ref().map(|row| self.recorded_agent(row)).transpose()?.flatten() {
+                in_use.push((factor, Value::vector(&at.to_array())));
+            }
+        }
+        Ok(in_use)
+    }
+
     fn place(&mut self, options: &ResetOptions) -> Result<(), EnvError> {
         let start = position(&self.fov, "agent");
         self.goal = position(&self.fov, "goal");
@@ -191,7 +202,13 @@ impl Env for TwoRoom {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        self.fov = self.space.sample(&self.spec.id, episode)?;
+        self.fov = match self.space.sample(&self.spec.id, episode) {
+            // A recorded start stands elsewhere than the factor says: what counts is whether it can stand there.
+            Err(EnvError::Constraint { .. }) if episode.options.start.is_some() => {
+                self.space.sample_in_use(&self.spec.id, episode, &self.positions_in_use(episode.options)?)?
+            }
+            drawn => drawn?,
+        };
         self.place(episode.options)?;
         self.refresh_look();
         Ok(Outcome { reward: f64::NAN, terminated: false, ..self.outcome() })

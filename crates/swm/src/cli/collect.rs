@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use indicatif::ProgressBar;
@@ -15,7 +15,7 @@ use swm_core::{
 use swm_data::{DatasetWriter, WriteMode, WriteOptions};
 
 use super::args::{EnvArgs, ImageArg, Shard, WorldArgs, policy};
-use super::output::counted;
+use super::output::{counted, create_parent};
 use super::scenario::ScenarioArgs;
 use super::{Failure, Output, interrupt, usage};
 
@@ -76,6 +76,9 @@ pub(super) struct Collect {
     /// Quality of images, 1 to 100, in lossy formats (`folder`: default 95; `video`, `lerobot`: 85).
     #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
     quality: Option<u8>,
+    /// Without a terminal: say every so many seconds which episode was written; 0: after every one.
+    #[arg(long, default_value_t = 10, value_name = "SECONDS")]
+    report_every: u64,
     /// If the file exists: `append`, `overwrite` or `error`.
     #[arg(long, default_value = "error")]
     mode: WriteMode,
@@ -91,6 +94,14 @@ impl Collect {
         world.set_policy(policy(registry, &self.policy, &world)?);
         let options = self.scenario.options(&world.spec().factors, output)?;
         let how = WriteOptions::default().mode(self.mode).quality(self.quality);
+        // What the file holds of factors that this run does not vary is recorded, too.
+        let held_columns = match self.mode {
+            WriteMode::Append if self.out.exists() => swm_data::open_in(registry, &self.out)
+                .map(|dataset| dataset.schema().fields().iter().map(|field| field.name.clone()).collect())
+                .unwrap_or_default(),
+            _ => Vec::new(),
+        };
+        create_parent(&self.out)?;
         let mut writer = swm_data::create_in(registry, &self.out, &how, self.format.as_deref())?;
         let held = writer.num_episodes();
         let part = self.shard.map(|shard| shard.of(self.episodes.or(self.total).unwrap_or(0)));
@@ -116,6 +127,9 @@ impl Collect {
             path: &self.out,
             committed: &committed,
             offset,
+            held_columns,
+            reported: started,
+            report_every: Duration::from_secs(self.report_every),
         };
         let mut count = Count::default();
         let recorded = world.record_dataset_with(&rollout, &mut sink, &mut count);
@@ -187,7 +201,7 @@ impl Recorder for Count {
     }
 }
 
-/// Reports every committed episode: on the progress bar, or by a line where there is none.
+/// Reports committed episodes: on the progress bar, or by a line now and then where there is none.
 struct Committed<'a> {
     writer: &'a mut dyn DatasetWriter,
     bar: ProgressBar,
@@ -197,6 +211,11 @@ struct Committed<'a> {
     committed: &'a AtomicU64,
     /// Episodes of other parts, before this one's.
     offset: u64,
+    /// Columns of the file before this run.
+    held_columns: Vec<String>,
+    /// When the last line was written, where there is no bar.
+    reported: Instant,
+    report_every: Duration,
 }
 
 impl EpisodeSink for Committed<'_> {
@@ -204,18 +223,23 @@ impl EpisodeSink for Committed<'_> {
         Ok(self.offset + self.writer.begin(schema, metadata)?)
     }
 
+    fn holds(&self, column: &str) -> bool {
+        self.held_columns.iter().any(|held| held == column)
+    }
+
     fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
         self.writer.write_episode(rows)?;
         self.bar.inc(1);
-        if !self.output.shows_bars() {
+        let committed = self.committed.fetch_add(1, Ordering::Relaxed);
+        if !self.output.shows_bars() && self.reported.elapsed() >= self.report_every {
+            self.reported = Instant::now();
             self.output.note(format_args!(
-                "episode {} written to {} ({} rows)",
-                self.offset + self.committed.load(Ordering::Relaxed),
+                "episode {} written to {} ({})",
+                self.offset + committed,
                 self.path.display(),
-                rows.rows()
+                counted(rows.rows(), "row")
             ));
         }
-        self.committed.fetch_add(1, Ordering::Relaxed);
         Ok(())
     }
 

@@ -93,7 +93,7 @@ impl Compare {
                 vec![side.name.clone(), side.policy.clone(), side.runs.to_string(), rate, std, difference, p]
             })
             .collect();
-        let head = ["result", "policy", "runs", "success (95 %)", "± seeds", "first minus it", "paired test"];
+        let head = ["result", "policy", "runs", "success (95 %)", "± seeds", "first − this", "paired test"];
         output.result(&compared, || {
             let pairs = first.episodes.len();
             format!(

@@ -6,12 +6,12 @@ use std::time::Instant;
 use clap::Args;
 use serde_json::{Value as Json, json};
 use swm_core::{ImageSize, Registry};
-use swm_data::adapt::split_episodes;
+use swm_data::adapt::{fill_factors, split_episodes};
 use swm_data::tools::copy::{Copied, Piece, all, copy_in};
 use swm_data::{Dataset, WriteMode, WriteOptions};
 
 use super::args::ImageArg;
-use super::output::counted;
+use super::output::{counted, create_parent};
 use super::{Failure, Output, images, usage};
 
 /// Formats that are for images: a recording without images is rendered for them.
@@ -91,6 +91,7 @@ impl TargetArgs {
         to: &Path,
         output: &Output,
     ) -> Result<Json, Failure> {
+        create_parent(to)?;
         let rows: usize = pieces.iter().map(|&(source, episode)| sources[source].episode_len(episode)).sum();
         let started = Instant::now();
         let bar = output.bar(rows as u64, "rows");
@@ -173,7 +174,8 @@ Examples:
   swm merge expert.h5 weak.video --out both.h5
 
 Episodes come in the order of the sources. The sources may be of different formats, but must have the same columns, and
-be recordings of the same environment under the same settings. After an interruption, the same command continues.")]
+be recordings of the same environment under the same settings. A factor of variation that only some of them varied is filled in
+for the others, with its constant value. After an interruption, the same command continues.")]
 pub(super) struct Merge {
     /// The datasets to join.
     #[arg(required = true, num_args = 2..)]
@@ -191,6 +193,7 @@ impl Merge {
         for source in &self.sources {
             sources.push(self.to.open(registry, source, &self.out, output)?);
         }
+        let mut sources = fill_factors(sources, registry)?;
         let pieces = all(&sources);
         let result = self.to.copy(registry, &mut sources, &pieces, &self.out, output)?;
         output.result(&result, || line(&result))

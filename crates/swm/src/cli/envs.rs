@@ -9,16 +9,21 @@ use super::{Failure, Output};
 
 /// List environments, their policies and settings.
 #[derive(Args)]
-#[command(after_help = "Examples:\n  swm envs\n  swm envs swm/PushT-v1\n  swm envs --json")]
+#[command(
+    after_help = "Examples:\n  swm envs\n  swm envs swm/PushT-v1\n  swm envs swm/PushT-v1 --full\n  swm envs --json"
+)]
 pub(super) struct Envs {
-    /// Show one environment in full.
+    /// Show one environment: its settings and policies.
     env: Option<String>,
+    /// With an environment: also show all settings of each policy.
+    #[arg(long, requires = "env")]
+    full: bool,
 }
 
 impl Envs {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         match self.env {
-            Some(id) => one(registry, registry.env(&id)?, output),
+            Some(id) => one(registry, registry.env(&id)?, self.full, output),
             None => all(registry, output),
         }
     }
@@ -58,30 +63,64 @@ fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
     output.result(&list, || table(&["id", "factors", "summary"], &rows) + &failed)
 }
 
-fn one(registry: &Registry, entry: &'static EnvEntry, output: &Output) -> Result<(), Failure> {
+fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Output) -> Result<(), Failure> {
     let spec = spec_of(entry)?;
     output.result(&describe(registry, entry, &spec), || {
-        let setting = |prefix: &str, s: &Setting| {
-            vec![format!("{prefix}{}", s.name), s.default.to_owned(), s.doc.to_owned()]
-        };
-        let mut policies = Vec::new();
-        for policy in registry.policies(entry) {
-            policies.push(vec![policy.name.to_owned(), String::new(), policy.summary.to_owned()]);
-            policies.extend(policy.settings.iter().map(|s| setting("  ", s)));
-        }
-        let settings: Vec<_> = entry.settings.iter().map(|s| setting("", s)).collect();
+        let policies: Vec<&PolicyEntry> = registry.policies(entry).collect();
+        let settings = entry.settings.iter().map(|s| setting_row("", s, s.default)).collect::<Vec<_>>();
         let expert = entry.planner.map(|planner| format!("`expert` plans by `{planner}`\n\n"));
-        format!(
-            "{}: {}\n{} of variation: `swm fovs {}`\n\n{}{}\n{}",
+        let mut text = format!(
+            "{}: {}\n{} of variation: `swm fovs {}`\n\n{}{}\n",
             entry.id,
             entry.summary,
             counted(spec.factors.len(), "factor"),
             entry.id,
             expert.unwrap_or_default(),
-            table(&["policy", "default", "what it does"], &policies),
             table(&["setting (--env-option)", "default", "what it does"], &settings),
-        )
+        );
+        let mut rows = Vec::new();
+        for policy in &policies {
+            rows.push(vec![policy.name.to_owned(), String::new(), policy.summary.to_owned()]);
+            if full {
+                rows.extend(policy.settings.iter().map(|s| setting_row("  ", s, s.default)));
+            }
+        }
+        if full {
+            return text + &table(&["policy", "default", "what it does"], &rows);
+        }
+        let rows: Vec<_> = rows.iter().map(|row| vec![row[0].clone(), row[2].clone()]).collect();
+        text += &table(&["policy (--policy NAME:KEY=VALUE,…)", "what it does"], &rows);
+        let shared = shared_settings(&policies);
+        if !shared.is_empty() {
+            text +=
+                &format!("\n{}", table(&["setting of most planners", "default", "what it does"], &shared));
+        }
+        text + &format!("\n`swm envs {} --full` lists the settings of each policy.\n", entry.id)
     })
+}
+
+fn setting_row(indent: &str, setting: &Setting, default: &str) -> Vec<String> {
+    vec![format!("{indent}{}", setting.name), default.to_owned(), setting.doc.to_owned()]
+}
+
+/// The settings that half of the policies with settings share, once each.
+fn shared_settings(policies: &[&PolicyEntry]) -> Vec<Vec<String>> {
+    let with_settings = policies.iter().filter(|policy| !policy.settings.is_empty()).count();
+    let mut seen: Vec<(&Setting, Vec<&str>)> = Vec::new();
+    for setting in policies.iter().flat_map(|policy| policy.settings) {
+        match seen.iter_mut().find(|(known, _)| (known.name, known.doc) == (setting.name, setting.doc)) {
+            Some((_, defaults)) => defaults.push(setting.default),
+            None => seen.push((setting, vec![setting.default])),
+        }
+    }
+    let shared =
+        seen.into_iter().filter(|(_, defaults)| defaults.len() > 1 && 2 * defaults.len() >= with_settings);
+    shared
+        .map(|(setting, defaults)| {
+            let agree = defaults.iter().all(|default| *default == setting.default);
+            setting_row("", setting, if agree { setting.default } else { "differs" })
+        })
+        .collect()
 }
 
 fn describe(registry: &Registry, entry: &'static EnvEntry, spec: &EnvSpec) -> serde_json::Value {
@@ -117,7 +156,7 @@ impl Fovs {
         output.result(&list, || {
             let rows: Vec<_> = spec.factors.iter().map(factor_row).collect();
             let table = table(&["factor", "kind", "shape", "low", "high", "default", "what it does"], &rows);
-            format!("{table}* sampled when no factors are named\n")
+            format!("{table}* default factors: sampled without --vary, and by `--vary +NAME`\n")
         })
     }
 }
@@ -127,6 +166,17 @@ fn short(values: &[f64]) -> serde_json::Value {
     match values {
         [first, rest @ ..] if rest.iter().all(|value| value == first) => json!(first),
         values => json!(values),
+    }
+}
+
+/// Numbers without the noise of their 32 bits.
+fn rounded(value: &serde_json::Value) -> serde_json::Value {
+    match value {
+        serde_json::Value::Array(items) => items.iter().map(rounded).collect(),
+        serde_json::Value::Number(number) if number.is_f64() => {
+            json!(number.as_f64().map(|number| (number * 1e6).round() / 1e6))
+        }
+        other => other.clone(),
     }
 }
 
@@ -155,7 +205,7 @@ fn factor_row(factor: &FactorSpec) -> Vec<String> {
         format!("{:?}", factor.space.shape()),
         round(&low).to_string(),
         round(&high).to_string(),
-        factor.default.to_string(),
+        rounded(&factor.default).to_string(),
         factor.doc.clone(),
     ]
 }

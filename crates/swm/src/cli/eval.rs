@@ -11,7 +11,7 @@ use swm_media::Format;
 
 use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, WorldArgs, model_image, policy};
 use super::eval_manifest::{EvalManifest, ReferenceArg};
-use super::output::key_values;
+use super::output::{create_folder, key_values};
 use super::scenario::ScenarioArgs;
 use super::{Failure, Output, held, interrupt, usage};
 use crate::evaluation::RunOptions;
@@ -136,8 +136,8 @@ impl Eval {
         if let Some(dir) = &self.out {
             // Found out now, a folder that cannot be written costs nothing.
             let probe = dir.join(".writable");
-            std::fs::create_dir_all(dir)
-                .and_then(|()| std::fs::write(&probe, ""))
+            create_folder(dir)?;
+            std::fs::write(&probe, "")
                 .and_then(|()| std::fs::remove_file(&probe))
                 .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
             if !self.again && dir.join("result.json").exists() {

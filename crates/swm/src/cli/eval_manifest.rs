@@ -9,7 +9,7 @@ use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{EnvEntry, Manifest, Registry};
 
 use super::args::policy_args;
-use super::output::{counted, table};
+use super::output::{counted, create_folder, table};
 use super::{Failure, Output, held, usage};
 use crate::evaluation::{
     Candidate, Code, Ledger, RECEIPT_VERSION, Receipt, Reference, Role, RunOptions, fingerprints,
@@ -55,8 +55,7 @@ impl EvalManifest<'_> {
         let policy = candidate.make(registry, entry, &manifest)?.describe();
         let mut wanted = self.wanted(registry, entry, &manifest, &candidate)?;
         if let Some(dir) = self.out {
-            std::fs::create_dir_all(dir)
-                .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
+            create_folder(dir)?;
         }
         let run = Run { registry, manifest: &manifest, output, out: self.out, options: self.options };
         let fingerprints = fingerprints(entry, &manifest, candidate.seed)?;
@@ -233,7 +232,8 @@ fn text(receipt: &Receipt, path: Option<&Path>) -> String {
         String::new(),
         String::new(),
     ]];
-    for other in &receipt.references {
+    let is_itself = |other: &Reference| other.role == Role::Oracle && other.candidate == receipt.candidate;
+    for other in receipt.references.iter().filter(|other| !is_itself(other)) {
         let [low, high] = other.test.interval95;
         rows.push(vec![
             other.role.name().to_owned(),
@@ -254,7 +254,11 @@ fn text(receipt: &Receipt, path: Option<&Path>) -> String {
     for (phase, summary) in receipt.phases.iter().enumerate() {
         text += &format!("phase {phase}: {}, {}\n", rate(summary), counted(summary.episodes, "episode"));
     }
-    if let Some(regret) = receipt.references.iter().find_map(|other| other.regret.as_ref()) {
+    if receipt.references.iter().any(is_itself) {
+        text += "\nThe policy plans on the true dynamics: it is its own oracle.\n";
+    }
+    let others = receipt.references.iter().filter(|other| !is_itself(other));
+    if let Some(regret) = others.into_iter().find_map(|other| other.regret.as_ref()) {
         text += &format!(
             "\nregret against the oracle, in task cost: mean {:.3} (median {:.3}) after the first plan, {:.3} at the end\n",
             regret.first_plan, regret.first_plan_median, regret.at_end

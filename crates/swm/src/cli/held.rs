@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::{Failure, usage};
-use crate::evaluation::{Candidate, Receipt, Role, read_receipt};
+use crate::evaluation::{Candidate, Receipt, Role, Sweep, read_receipt};
 
 /// The receipt that `dir` holds of the evaluation that `asked` describes, if there is one. `roles` are the reference
 /// policies that are asked for.
@@ -26,6 +26,21 @@ pub(super) fn receipt(
         None => Ok(Some(held)),
         Some(what) => Err(refusal(dir, &format!("the result of another evaluation: {what}"))),
     }
+}
+
+/// The sweep that `dir` holds, if there is one.
+///
+/// # Errors
+///
+/// The file cannot be read.
+pub(super) fn sweep(dir: &Path) -> Result<Option<Sweep>, Failure> {
+    let path = dir.join("sweep.json");
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let text = std::fs::read_to_string(&path).map_err(|error| error.to_string());
+    let held = text.and_then(|text| serde_json::from_str(&text).map_err(|error| error.to_string()));
+    Ok(Some(held.map_err(|error| refusal(dir, &format!("a file that cannot be read ({error})")))?))
 }
 
 /// Refuses to replace what `dir` holds.

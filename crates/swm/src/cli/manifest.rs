@@ -8,7 +8,7 @@ use swm_core::evaluate::{ManifestOptions, RecordedPairs, Tier, make_manifest};
 use swm_core::{EnvConfig, Manifest, Registry};
 
 use super::args::{EnvArgs, ImageArg};
-use super::output::table;
+use super::output::{create_parent, table};
 use super::scenario::ScenarioArgs;
 use super::stream::read_stream;
 use super::{Failure, Output, usage};
@@ -175,6 +175,7 @@ impl Make {
         if let Some(path) = &self.stream {
             read_stream(path)?.lay_over(&mut manifest, entry)?;
         }
+        create_parent(&self.out)?;
         write_manifest(&self.out, &manifest)?;
         show(&manifest, &self.out, output)
     }

@@ -19,6 +19,7 @@ mod inspect;
 mod interrupt;
 mod man;
 mod manifest;
+mod new_env;
 mod output;
 mod plan;
 mod preview;
@@ -95,6 +96,7 @@ enum Command {
     Render(render::Render),
     Bench(bench::Bench),
     Doctor(doctor::Doctor),
+    NewEnv(new_env::NewEnv),
     Man(man::Man),
     /// Print a completion script for a shell.
     #[command(
@@ -167,6 +169,7 @@ fn run_command(registry: &Registry, command: Command, output: &Output) -> Result
         Command::Render(command) => command.run(registry, output),
         Command::Bench(command) => command.run(registry, output),
         Command::Doctor(command) => command.run(registry, output),
+        Command::NewEnv(command) => command.run(output),
         Command::Man(command) => command.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();

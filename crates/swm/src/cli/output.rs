@@ -2,9 +2,10 @@
 
 use std::fmt;
 use std::io::{IsTerminal as _, Write as _};
+use std::path::Path;
 use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use swm_core::error::BoxError;
 use swm_core::{EnvError, PolicyError, UnknownName, WorldError};
 use swm_data::DataError;
@@ -59,7 +60,11 @@ fn is_usage(error: &(dyn std::error::Error + 'static)) -> bool {
         };
     }
     if let Some(error) = error.downcast_ref::<DataError>() {
-        return matches!(error, DataError::UnknownFormat { .. });
+        return matches!(error, DataError::UnknownFormat { .. })
+            || std::error::Error::source(error).is_some_and(is_usage);
+    }
+    if let Some(error) = error.downcast_ref::<std::io::Error>() {
+        return error.kind() == std::io::ErrorKind::PermissionDenied;
     }
     let wrong_env = |e: &EnvError| {
         matches!(e, EnvError::Setting { .. } | EnvError::Reset { .. } | EnvError::Constraint { .. })
@@ -131,11 +136,33 @@ impl Output {
         if !self.shows_bars() {
             bar.set_draw_target(ProgressDrawTarget::hidden());
         }
-        let template = format!("{{bar:32}} {{pos}}/{{len}} {unit} {{per_sec}} {{msg}} eta {{eta}}");
-        bar.set_style(ProgressStyle::with_template(&template).expect("the template is constant"));
+        let template = format!("{{bar:32}} {{pos}}/{{len}} {unit} {{pace}} {{msg}}");
+        let style = ProgressStyle::with_template(&template).expect("the template is constant");
+        bar.set_style(style.with_key("pace", pace));
         bar.enable_steady_tick(Duration::from_millis(200));
         bar
     }
+}
+
+/// Speed and remaining time; nothing before the first unit is done, when neither is known.
+fn pace(state: &ProgressState, out: &mut dyn fmt::Write) {
+    let pace = state.per_sec();
+    if state.pos() > 0 && pace > 0.0 {
+        // A writer that fails shows no bar.
+        let _ = write!(out, "{pace:.1}/s, {:#} left", HumanDuration(state.eta()));
+    }
+}
+
+/// Makes the folder that `path` will lie in.
+pub(super) fn create_parent(path: &Path) -> Result<(), Failure> {
+    let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) else { return Ok(()) };
+    create_folder(parent)
+}
+
+/// Makes a folder for results.
+pub(super) fn create_folder(dir: &Path) -> Result<(), Failure> {
+    let failed = |error| usage(format!("cannot write to the folder {}: {error}", dir.display()));
+    std::fs::create_dir_all(dir).map_err(failed)
 }
 
 /// A plain table: columns as wide as their widest cell, numbers to the right.
@@ -179,6 +206,21 @@ pub(crate) fn key_values(rows: &[(&str, String)]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_place_without_permission_is_a_wrong_request() {
+        let at = |kind: std::io::ErrorKind| {
+            let source = std::io::Error::from(kind);
+            Failure::from(DataError::io(Path::new("/locked/a.h5"), "create", source)).exit_code()
+        };
+        assert_eq!(at(std::io::ErrorKind::PermissionDenied), 2);
+        assert_eq!(at(std::io::ErrorKind::StorageFull), 1);
+    }
+
+    #[test]
+    fn one_is_not_many() {
+        assert_eq!([counted(1, "frame"), counted(0, "frame")], ["1 frame", "0 frames"]);
+    }
 
     #[test]
     fn keys_and_values_align() {

@@ -9,7 +9,7 @@ use swm_data::{Dataset, Steps};
 use swm_media::{Clip, Format, contact_sheet, png};
 
 use super::args::ImageArg;
-use super::output::counted;
+use super::output::{counted, create_parent};
 use super::replay::selection;
 use super::{Failure, Output, images, usage};
 
@@ -95,6 +95,7 @@ impl Preview {
             bar.inc(1);
         }
         bar.finish_and_clear();
+        create_parent(&self.out)?;
         let frames = if format == Format::Png {
             let rows: Vec<Vec<&[u8]>> =
                 shots.iter().map(|shots| shots.iter().map(Vec::as_slice).collect()).collect();

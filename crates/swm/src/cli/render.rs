@@ -8,7 +8,7 @@ use swm_core::{Registry, Rollout, World};
 use swm_media::{Clip, Format};
 
 use super::args::{EnvArgs, ImageArg, WorldArgs, policy};
-use super::output::counted;
+use super::output::{counted, create_parent};
 use super::scenario::ScenarioArgs;
 use super::{Failure, Output, usage};
 use crate::video::Video;
@@ -64,6 +64,7 @@ impl Render {
         for frame in scene.clip.frames().take(wanted).skip(skipped) {
             clip.push(frame)?;
         }
+        create_parent(&self.out)?;
         clip.save(&self.out)?;
         let result =
             json!({"out": self.out, "frames": clip.len(), "height": size.height, "width": size.width});

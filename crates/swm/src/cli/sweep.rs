@@ -7,9 +7,9 @@ use swm_core::Registry;
 
 use super::args::{WorldArgs, policy_args};
 use super::eval_manifest::{p_value, rate};
-use super::output::table;
-use super::{Failure, Output, usage};
-use crate::evaluation::{Candidate, Sweep, Values, changes, read_manifest, sweep};
+use super::output::{create_folder, table};
+use super::{Failure, Output, held, usage};
+use crate::evaluation::{Candidate, Change, Sweep, Values, changes, read_manifest, sweep};
 use crate::report_page::sweep_figure;
 
 /// Evaluate a policy under every factor of variation, one by one, by group and together.
@@ -46,6 +46,9 @@ pub(super) struct SweepCommand {
     /// A folder for sweep.json, sweep.csv and sweep.svg.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// With --out: run again what the folder holds already, and replace it.
+    #[arg(long, requires = "out")]
+    again: bool,
 }
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
@@ -76,10 +79,22 @@ impl SweepCommand {
         candidate.make(registry, entry, &manifest)?;
         let config = swm_core::EnvConfig { image: None, settings: manifest.settings.clone() };
         let factors = entry.make(&config)?.spec().factors.clone();
-        let count = changes(&factors, &self.factors, values).map_err(usage)?.len() + 1;
+        let changes = changes(&factors, &self.factors, values).map_err(usage)?;
+        let count = changes.len() + 1;
         if let Some(dir) = &self.out {
-            std::fs::create_dir_all(dir)
-                .map_err(|error| usage(format!("cannot write to the folder {}: {error}", dir.display())))?;
+            create_folder(dir)?;
+            if !self.again
+                && let Some(held) = held::sweep(dir)?
+            {
+                let is_same = held.manifest_hash == manifest.hash()
+                    && (&held.candidate, held.values) == (&candidate, values)
+                    && held.cells.iter().skip(1).map(|cell| &cell.name).eq(changes.iter().map(Change::name));
+                if !is_same {
+                    return Err(held::refusal(dir, "the result of another sweep"));
+                }
+                output.note(format!("{}: already done; --again repeats it", dir.display()));
+                return output.result(&held, || text(&held, Some(dir)));
+            }
         }
         let bar = output.bar(count as u64, "evaluations");
         let options = self.world.run_options();
@@ -130,6 +145,6 @@ fn text(sweep: &Sweep, out: Option<&Path>) -> String {
         sweep.env,
         sweep.tier,
         sweep.policy,
-        table(&["changed", "values", "success (95 %)", "minus unchanged", "McNemar", ""], &rows)
+        table(&["changed", "values", "success (95 %)", "difference (95 %)", "McNemar", ""], &rows)
     )
 }

@@ -92,7 +92,12 @@ mod work {
     use super::{Checkpoints, Train};
     use crate::cli::{Failure, Output, usage};
 
-    const NOT_BUILT: &str = "this build has no baselines; build it with them: cargo install --path crates/swm --features baselines";
+    use crate::absent::BASELINES;
+
+    fn not_built() -> Failure {
+        let (feature, command) = BASELINES;
+        usage(format!("this program was built without the feature `{feature}`: {command}"))
+    }
 
     impl Train {
         pub(in crate::cli) fn run(self, _registry: &Registry, _output: &Output) -> Result<(), Failure> {
@@ -117,14 +122,14 @@ mod work {
                 keep: _,
                 patience: _,
             } = self;
-            Err(usage(NOT_BUILT))
+            Err(not_built())
         }
     }
 
     impl Checkpoints {
         pub(in crate::cli) fn run(self, _output: &Output) -> Result<(), Failure> {
             let Self { run: _ } = self;
-            Err(usage(NOT_BUILT))
+            Err(not_built())
         }
     }
 }

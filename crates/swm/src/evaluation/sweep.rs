@@ -2,20 +2,21 @@
 //! unchanged environment. Which changes there are is the duty of `changes`.
 
 mod changes;
+mod trial;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
-use swm_core::env::FactorSpec;
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, PairedTest, Summary};
-use swm_core::{Env, EnvConfig, EnvEntry, EnvError, Episode, EpisodeSeed, Manifest, Registry, ResetOptions};
+use swm_core::{Manifest, Registry, ResetOptions};
 
 use super::receipt::Code;
 use super::run::{Candidate, RunOptions, run_pairs};
 pub use changes::{Change, Scope, Values, changes};
+use trial::Trial;
 
 /// The version of [`Sweep`] that is written and read.
 pub const SWEEP_VERSION: u32 = 1;
@@ -58,10 +59,13 @@ pub struct Cell {
     pub summary: Option<Summary>,
     /// This cell against the unchanged environment, pair by pair.
     pub test: Option<PairedTest>,
-    /// Why it could not run, or that nothing came of the change.
+    /// The pairs that were evaluated, where not all of them can have the values; empty: all.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub pairs: Vec<usize>,
+    /// Why it could not run in all pairs, or that nothing came of the change.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
-    /// Success, pair by pair.
+    /// Success, pair by pair, of those that were evaluated.
     pub successes: Vec<bool>,
 }
 
@@ -69,8 +73,8 @@ pub struct Cell {
 ///
 /// # Errors
 ///
-/// A factor is unknown or a grid too small; the unchanged environment cannot be evaluated. A change that cannot be is
-/// a cell with a note.
+/// A factor is unknown or a grid too small; the unchanged environment cannot be evaluated. A change that
+/// cannot be is a cell with a note; one that can be in some pairs, or nearly, is evaluated so.
 pub fn sweep(
     registry: &Registry,
     manifest: &Manifest,
@@ -86,21 +90,21 @@ pub fn sweep(
     let count = changes.len() + 1;
     let policy = candidate.make(registry, entry, manifest)?.describe();
     let (none, steps) = (BTreeMap::new(), candidate.plan_steps(registry, entry, manifest));
-    let run = |resets: &[ResetOptions], checked: bool| {
-        run_pairs(registry, manifest, resets, candidate, steps, options, &none, checked, |_, _| Ok(()))
+    let run = |resets: &[ResetOptions], known: &BTreeMap<u64, EpisodeResult>, checked: bool| {
+        run_pairs(registry, manifest, resets, candidate, steps, options, known, checked, |_, _| Ok(()))
     };
     let base_resets = manifest.resets()?;
-    let base = run(&base_resets, true)?;
+    let base = run(&base_resets, &none, true)?;
     let successes = |episodes: &[EpisodeResult]| episodes.iter().map(|e| e.success).collect::<Vec<bool>>();
-    let unchanged = successes(&base);
     let mut cells = vec![Cell {
         name: "unchanged".to_owned(),
         scope: Scope::Unchanged,
         value: String::new(),
         summary: Some(Summary::of(&base)),
         test: None,
+        pairs: Vec::new(),
         note: None,
-        successes: unchanged.clone(),
+        successes: successes(&base),
     }];
     each(0, count, &cells[0]);
     for change in changes {
@@ -110,27 +114,37 @@ pub fn sweep(
             value: change.value.clone(),
             summary: None,
             test: None,
+            pairs: Vec::new(),
             note: None,
             successes: Vec::new(),
         };
-        let resets: Vec<ResetOptions> =
-            base_resets.iter().map(|reset| change.apply(&trial.factors, reset)).collect();
-        match trial.refusal(manifest, &resets)? {
-            Some(reason) => cell.note = Some(reason),
-            None => {
-                let episodes = run(&resets, false)?;
-                let same = |(a, b): (&EpisodeResult, &EpisodeResult)| {
-                    (a.success, a.steps, &a.decisions, a.final_cost)
-                        == (b.success, b.steps, &b.decisions, b.final_cost)
-                };
-                if base.iter().zip(&episodes).all(same) {
-                    cell.note = Some("every episode goes as without the change".to_owned());
-                }
-                cell.successes = successes(&episodes);
-                cell.summary = Some(Summary::of(&episodes));
-                cell.test = Some(PairedTest::of(&cell.successes, &unchanged));
+        let tried = trial.admit(manifest, &base_resets, &change)?;
+        let pairs = tried.pairs();
+        let mut notes: Vec<String> = tried.note(base.len()).into_iter().collect();
+        if !pairs.is_empty() {
+            // Pairs that cannot have the values are not run.
+            let left_out = (0..base.len()).filter(|pair| !pairs.contains(pair));
+            let known = left_out.map(|pair| (pair as u64, base[pair].clone())).collect();
+            let all = run(&tried.resets(&base_resets), &known, false)?;
+            let of_pairs = |episodes: &[EpisodeResult]| -> Vec<EpisodeResult> {
+                pairs.iter().map(|&pair| episodes[pair].clone()).collect()
+            };
+            let (before, episodes) = (of_pairs(&base), of_pairs(&all));
+            let same = |(a, b): (&EpisodeResult, &EpisodeResult)| {
+                (a.success, a.steps, &a.decisions, a.final_cost)
+                    == (b.success, b.steps, &b.decisions, b.final_cost)
+            };
+            if before.iter().zip(&episodes).all(same) {
+                notes.push("every episode goes as without the change".to_owned());
+            }
+            cell.successes = successes(&episodes);
+            cell.summary = Some(Summary::of(&episodes));
+            cell.test = Some(PairedTest::of(&cell.successes, &successes(&before)));
+            if pairs.len() < base.len() {
+                cell.pairs = pairs;
             }
         }
+        cell.note = (!notes.is_empty()).then(|| notes.join("; "));
         cells.push(cell);
         each(cells.len() - 1, count, &cells[cells.len() - 1]);
     }
@@ -145,34 +159,6 @@ pub fn sweep(
         code: Code::this(),
         cells,
     })
-}
-
-/// An environment that changes are tried in before they are evaluated.
-struct Trial {
-    env: Box<dyn Env>,
-    factors: Vec<FactorSpec>,
-}
-
-impl Trial {
-    fn new(entry: &EnvEntry, manifest: &Manifest) -> Result<Self, BoxError> {
-        let env = entry.make(&EnvConfig { image: None, settings: manifest.settings.clone() })?;
-        Ok(Self { factors: env.spec().factors.clone(), env })
-    }
-
-    /// Why the environment does not take a change, if it does not.
-    fn refusal(&mut self, manifest: &Manifest, resets: &[ResetOptions]) -> Result<Option<String>, BoxError> {
-        for (pair, options) in manifest.pairs.iter().zip(resets) {
-            let seed = EpisodeSeed::new(pair.seed as u64);
-            match self.env.reset(&Episode { seed, options }) {
-                Ok(_) => {}
-                Err(error @ (EnvError::Constraint { .. } | EnvError::Reset { .. })) => {
-                    return Ok(Some(format!("cannot be: {error}")));
-                }
-                Err(error) => return Err(error.into()),
-            }
-        }
-        Ok(None)
-    }
 }
 
 impl Sweep {

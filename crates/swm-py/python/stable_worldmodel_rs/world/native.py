@@ -207,7 +207,7 @@ class NativePool:
         for factor in self.spec_data["factors"]:
             name: str = factor["name"]
             if asked is None:
-                drawn = factor["drawn_by_default"]
+                drawn = factor["sampled_by_default"]
             else:
                 drawn = any(one in ("all", name) or name.startswith(f"{one}.") for one in asked)
             if drawn:

@@ -1,6 +1,6 @@
 //! The changes of a sweep: factors alone, by group and together, and which values they get.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 use swm_core::env::FactorSpec;
@@ -93,13 +93,30 @@ pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Resu
 }
 
 impl Change {
-    /// The reset with the change on top.
-    pub(super) fn apply(&self, factors: &[FactorSpec], reset: &ResetOptions) -> ResetOptions {
+    /// What is changed.
+    pub(crate) fn name(&self) -> &String {
+        &self.name
+    }
+
+    /// Whether it sets values, rather than sampling them.
+    pub(super) fn has_values(&self) -> bool {
+        self.share.is_some()
+    }
+
+    /// The reset with the change on top. Values that are set lie `toward` (0 to 1) on the way to those of `own`.
+    pub(super) fn apply(
+        &self,
+        factors: &[FactorSpec],
+        reset: &ResetOptions,
+        own: &BTreeMap<String, Vec<f64>>,
+        toward: f64,
+    ) -> ResetOptions {
         let mut changed = reset.clone();
         let selected = |factor: &&FactorSpec| selects(&self.name, &factor.name);
         for factor in factors.iter().filter(selected) {
             changed.variation_values.remove(&factor.name);
-            if let Some(value) = self.share.and_then(|share| at_share(&factor.space, share)) {
+            let own = own.get(&factor.name).map_or(&[][..], Vec::as_slice);
+            if let Some(value) = self.share.and_then(|share| at_share(&factor.space, share, own, toward)) {
                 changed.variation_values.insert(factor.name.clone(), value);
             }
         }
@@ -113,9 +130,10 @@ impl Change {
     }
 }
 
-/// The value at a share of the way from the smallest to the largest; none where the range is not finite.
-fn at_share(space: &Space, share: f64) -> Option<Value> {
-    let between = |low: f64, high: f64| low + (high - low) * share;
+/// The value at a share of the way from the smallest to the largest, moved `toward` (0 to 1) the numbers `own`; none where
+/// the range is not finite.
+fn at_share(space: &Space, share: f64, own: &[f64], toward: f64) -> Option<Value> {
+    let between = |low: f64, high: f64, share: f64| low + (high - low) * share;
     let (low, high) = match space {
         Space::Dict { .. } => return None,
         space => space.bounds(),
@@ -124,7 +142,12 @@ fn at_share(space: &Space, share: f64) -> Option<Value> {
     let numbers: Vec<f64> = low
         .iter()
         .zip(&high)
-        .map(|(&low, &high)| if whole { between(low, high).round() } else { between(low, high) })
+        .enumerate()
+        .map(|(at, (&low, &high))| {
+            let asked = between(low, high, share);
+            let moved = own.get(at).map_or(asked, |&own| between(asked, own, toward));
+            if whole { moved.round() } else { moved }
+        })
         .collect();
     let dtype = space.dtype()?;
     let finite = numbers.iter().all(|number| number.is_finite());
@@ -184,19 +207,23 @@ mod tests {
             (factors(), ResetOptions::default().fix("block.color", Value::vector(&[9u8; 3])));
         let change =
             |share| Change { name: "block".to_owned(), scope: Scope::Group, value: String::new(), share };
-        let drawn = change(None).apply(&factors, &plain);
+        let none = BTreeMap::new();
+        let drawn = change(None).apply(&factors, &plain, &none, 0.0);
         assert_eq!(
             drawn.variation.unwrap(),
             ["block.start", "block"],
             "what is sampled by default stays sampled"
         );
         assert!(drawn.variation_values.is_empty(), "what is drawn is not set");
-        let set = change(Some(1.0)).apply(&factors, &plain);
+        let set = change(Some(1.0)).apply(&factors, &plain, &none, 0.0);
         assert_eq!(set.variation, None);
         assert_eq!(set.variation_values["block.color"], Value::vector(&[255u8; 3]));
         assert_eq!(set.variation_values["block.start"], Value::vector(&[3.0, 3.0]));
-        assert_eq!(at_share(&Space::Discrete { n: 4, start: 1 }, 0.5), Some(Value::scalar(3i64)));
+        let own = BTreeMap::from([("block.start".to_owned(), vec![1.0, 0.0])]);
+        let nearer = change(Some(1.0)).apply(&factors, &plain, &own, 0.5);
+        assert_eq!(nearer.variation_values["block.start"], Value::vector(&[2.0, 1.5]));
+        assert_eq!(at_share(&Space::Discrete { n: 4, start: 1 }, 0.5, &[], 0.0), Some(Value::scalar(3i64)));
         let open = Space::uniform_box(Dtype::F64, &[], 0.0, f64::INFINITY);
-        assert_eq!(at_share(&open, 1.0), None);
+        assert_eq!(at_share(&open, 1.0, &[], 0.0), None);
     }
 }

@@ -1,0 +1,99 @@
+//! Names that only builds with a feature know, so that they are not taken for typing errors.
+
+use swm_core::evaluate::ModelEntry;
+use swm_core::registry::Absent;
+use swm_core::{EnvEntry, PolicyEntry};
+
+/// How to build with a feature.
+macro_rules! build_with {
+    ($feature:literal) => {
+        concat!("in a checkout, cargo install --locked --path crates/swm --features ", $feature)
+    };
+}
+
+/// A feature, and how to build with it.
+pub(crate) const BASELINES: (&str, &str) = ("baselines", build_with!("baselines"));
+const MUJOCO: (&str, &str) = ("mujoco", build_with!("mujoco"));
+const ONNX: (&str, &str) = ("onnx", build_with!("onnx"));
+const RAPIER: (&str, &str) = ("rapier", build_with!("rapier"));
+
+const fn policy(name: &'static str, (feature, command): (&'static str, &'static str)) -> Absent {
+    Absent::of::<PolicyEntry>(name, feature, command)
+}
+
+const fn model(name: &'static str) -> Absent {
+    Absent::of::<ModelEntry>(name, BASELINES.0, BASELINES.1)
+}
+
+const fn env(id: &'static str, (feature, command): (&'static str, &'static str)) -> Absent {
+    Absent::of::<EnvEntry>(id, feature, command)
+}
+
+/// All of them; those that this build has are found first.
+pub(crate) const NAMES: &[Absent] = &[
+    policy("mpc", BASELINES),
+    policy("policy", BASELINES),
+    policy("gcbc", BASELINES),
+    policy("gcivl", BASELINES),
+    policy("gciql", BASELINES),
+    policy("onnx", ONNX),
+    model("lewm"),
+    model("pldm"),
+    model("dino-wm"),
+    env("swm/PushTRapier-v0", RAPIER),
+    env("swm/PointMaze-v0", RAPIER),
+    env("swm/HumanoidDMControl-v0", MUJOCO),
+    env("swm/CheetahDMControl-v0", MUJOCO),
+    env("swm/HopperDMControl-v0", MUJOCO),
+    env("swm/ReacherDMControl-v0", MUJOCO),
+    env("swm/WalkerDMControl-v0", MUJOCO),
+    env("swm/AcrobotDMControl-v0", MUJOCO),
+    env("swm/PendulumDMControl-v0", MUJOCO),
+    env("swm/CartpoleDMControl-v0", MUJOCO),
+    env("swm/BallInCupDMControl-v0", MUJOCO),
+    env("swm/FingerDMControl-v0", MUJOCO),
+    env("swm/ManipulatorDMControl-v0", MUJOCO),
+    env("swm/QuadrupedDMControl-v0", MUJOCO),
+    env("swm/OGBCube-v0", MUJOCO),
+    env("swm/OGBScene-v0", MUJOCO),
+    env("swm/OGBPointMaze-v0", MUJOCO),
+    env("swm/OGBAntMaze-v0", MUJOCO),
+];
+
+#[cfg(test)]
+mod tests {
+    use swm_core::Entry as _;
+
+    use super::*;
+
+    /// Whoever adds an environment to a crate that a feature brings adds it to the table.
+    #[cfg(any(feature = "rapier", feature = "mujoco"))]
+    #[test]
+    fn every_environment_of_a_feature_is_named() {
+        let mut optional: Vec<&str> = Vec::new();
+        #[cfg(feature = "mujoco")]
+        optional.extend(swm_envs_mujoco::ENVS.iter().map(|entry| entry.id));
+        #[cfg(feature = "rapier")]
+        optional.extend(["swm/PushTRapier-v0", "swm/PointMaze-v0"]);
+        for id in optional {
+            assert!(NAMES.iter().any(|absent| absent.name() == id), "{id} is not in the table");
+            assert!(crate::registry().env(id).is_ok(), "{id}");
+        }
+    }
+
+    #[test]
+    fn a_missing_feature_is_no_typing_error() {
+        let registry = crate::registry();
+        let entry = registry.env("swm/PushT-v1").unwrap();
+        for (name, feature) in [("onnx", "onnx"), ("mpc", "baselines"), ("gcbc", "baselines")] {
+            match registry.policy_entry(entry, name) {
+                Ok(_) => {}
+                Err(error) => {
+                    let message = error.to_string();
+                    let command = format!("cargo install --locked --path crates/swm --features {feature}");
+                    assert!(message.contains(&command) && !message.contains("did you mean"), "{message}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! `swm new-env`: a crate with an environment of one's own, from a template.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::json;
+
+use super::output::create_folder;
+use super::{Failure, Output, usage};
+
+/// The template's files. Its manifest has another name so that cargo does not take the folder for a package.
+const FILES: [(&str, &str); 5] = [
+    ("Cargo.toml", include_str!("../../templates/environment/Cargo.toml.txt")),
+    ("README.md", include_str!("../../templates/environment/README.md")),
+    ("src/lib.rs", include_str!("../../templates/environment/src/lib.rs")),
+    ("src/main.rs", include_str!("../../templates/environment/src/main.rs")),
+    ("tests/conformance.rs", include_str!("../../templates/environment/tests/conformance.rs")),
+];
+/// The crates that the template depends on.
+const CRATES: [&str; 3] = ["swm", "swm-core", "swm-fov"];
+
+/// Make a crate with a small environment, its conformance test and a command, to be changed into your own.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm new-env my-env
+  swm new-env my-env --checkout ~/stable-worldmodel-rs     (build from this checkout, without the network)
+
+In the new folder, `cargo test` builds the environment and its conformance test only: seconds, and no build tools. The command
+(`cargo run --features cli -- …`) builds everything that `swm` has, in minutes, and needs a C compiler, cmake and ninja.")]
+pub(super) struct NewEnv {
+    /// Name of the crate: lower-case letters, digits, `-` and `_`.
+    name: String,
+    /// The folder to make. Default: the name.
+    #[arg(long, short, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Take stable-worldmodel from this checkout. Default: from its repository, by git.
+    #[arg(long, value_name = "DIR")]
+    checkout: Option<PathBuf>,
+}
+
+impl NewEnv {
+    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+        let is_name = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_".contains(c);
+        if !self.name.starts_with(|c: char| c.is_ascii_lowercase()) || !self.name.chars().all(is_name) {
+            let reason = "a name begins with a letter, and has lower-case letters, digits, `-` and `_` only";
+            return Err(usage(format!("`{}` is no name of a crate: {reason}", self.name)));
+        }
+        let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
+        if fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_some()) {
+            return Err(usage(format!("{} exists and is not empty; give another --out", folder.display())));
+        }
+        let source = self.source()?;
+        let write = |name: &str, text: &str| {
+            let path = folder.join(name);
+            path.parent().map_or(Ok(()), create_folder)?;
+            fs::write(&path, text)
+                .map_err(|error| Failure::from(format!("cannot write {}: {error}", path.display())))
+        };
+        for (name, text) in FILES {
+            let text = text.replace("{{project-name}}", &self.name);
+            let mut text = text.replace("{{crate_name}}", &self.name.replace('-', "_"));
+            if name == "Cargo.toml" {
+                text += &source;
+            }
+            write(name, &text)?;
+        }
+        write(".gitignore", "target\n")?;
+        if let Some(tools) = self.tools() {
+            write(".cargo/config.toml", &tools)?;
+        }
+        let result = json!({"crate": self.name, "folder": folder});
+        output.result(&result, || {
+            format!(
+                "made {}: `cargo test` there checks the environment, README.md says how to go on",
+                folder.display()
+            )
+        })
+    }
+
+    /// Where cargo finds the crates of this workspace, as the end of a manifest.
+    fn source(&self) -> Result<String, Failure> {
+        let mut text =
+            "\n# Where the crates are taken from, in place of the registry.\n[patch.crates-io]\n".to_owned();
+        for name in CRATES {
+            let place = match &self.checkout {
+                None => toml::Table::from_iter([("git".to_owned(), env!("CARGO_PKG_REPOSITORY").into())]),
+                Some(checkout) => {
+                    let found = fs::canonicalize(checkout.join("crates").join(name)).map_err(|error| {
+                        usage(format!("{} is no checkout of stable-worldmodel: {error}", checkout.display()))
+                    })?;
+                    toml::Table::from_iter([("path".to_owned(), found.display().to_string().into())])
+                }
+            };
+            text += &format!("{name} = {}\n", toml::Value::from(place));
+        }
+        Ok(text)
+    }
+
+    /// The build tools that `cargo xtask setup` put into the checkout, as a configuration of cargo.
+    fn tools(&self) -> Option<String> {
+        let tools = fs::canonicalize(self.checkout.as_ref()?.join(".tools")).ok()?;
+        let at = |path: &str| Some(toml::Value::from(existing(&tools.join(path))?).to_string());
+        let (cmake, ninja) = (at("cmake/cmake/data/bin/cmake")?, at("ninja/bin")?);
+        Some(format!(
+            "# Build tools for the bundled HDF5.\n[env]\nCMAKE = {cmake}\nCMAKE_GENERATOR = \"Ninja\"\nCMAKE_PROGRAM_PATH = {ninja}\n"
+        ))
+    }
+}
+
+fn existing(path: &Path) -> Option<String> {
+    path.exists().then(|| path.display().to_string())
+}

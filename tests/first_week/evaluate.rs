@@ -1,0 +1,50 @@
+//! Defining a task, evaluating planners on it, asking how robust they are, and showing it.
+
+use crate::home::Home;
+
+const QUICK: &str = "samples=8,elites=3,iterations=2,horizon=2,receding_horizon=2,action_block=4";
+
+/// A folder with a dataset and a task of six pairs.
+fn task() -> Home {
+    let home = Home::new();
+    home.ok("collect swm/PushT-v1 --policy weak --episodes 20 --seed 3 --max-steps 40 --image-size none --out a.h5");
+    home.ok(
+        "manifest make swm/PushT-v1 --dataset a.h5 --tier moderate --held-out 1 --episodes 6 --budget 16 --out task.toml",
+    );
+    home
+}
+
+#[test]
+fn planners_are_compared_on_a_task_and_results_are_kept() {
+    let home = task();
+    home.ok(&format!("eval --manifest task.toml --policy cem:{QUICK} --out results/cem"));
+    let receipt = std::fs::read(home.path("results/cem/receipt.json")).unwrap();
+    home.refused(
+        "eval --manifest task.toml --policy random --out results/cem",
+        &["holds the result of another evaluation", "--again"],
+    );
+    let again = home.ok(&format!("eval --manifest task.toml --policy cem:{QUICK} --out results/cem"));
+    assert!(again.err.contains("already done"), "{}", again.err);
+    assert_eq!(std::fs::read(home.path("results/cem/receipt.json")).unwrap(), receipt);
+    home.ok("eval --manifest task.toml --policy random --out results/random");
+    let compared = home.json("compare results/cem results/random");
+    assert_eq!(compared[1]["test"]["pairs"], 6);
+    assert_eq!(home.json("verify-result results/random")["equal"], true);
+    home.ok(
+        "report results/cem results/random --videos 1 --video-format gif --plans 1 --out page/report.html",
+    );
+    let page = std::fs::read_to_string(home.path("page/report.html")).unwrap();
+    assert!(page.contains("results/cem") || page.contains(">cem"), "results go by their folders");
+}
+
+#[test]
+fn a_sweep_says_what_a_policy_depends_on() {
+    let home = task();
+    home.ok("sweep --manifest task.toml --policy weak --factors agent.scale,*.color --values extremes --out sweep");
+    let sweep: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(home.path("sweep/sweep.json")).unwrap()).unwrap();
+    for cell in sweep["cells"].as_array().unwrap() {
+        assert_eq!(cell["summary"]["episodes"], 6, "{cell}");
+    }
+    home.ok("report sweep --out sweep.html");
+}
