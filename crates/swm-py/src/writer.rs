@@ -8,7 +8,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use swm::core::dataset::METADATA_VERSION;
 use swm::core::error::BoxError;
-use swm::core::{Batch, Cancel, Column, Metadata, Schema};
+use swm::core::{Batch, Cancel, Column, Field, FieldKind, Metadata, Schema};
 use swm::data::dataset::{DatasetWriter, WriteOptions};
 use swm::data::tools::copy;
 use swm::data::{DataError, Dataset, WriteMode, format};
@@ -87,8 +87,16 @@ impl EpisodeWriter {
         Ok(Self { process: Process::current(), path, metadata, open })
     }
 
-    /// Appends an episode: columns `[T, …]`. When it returns, a crash cannot lose the episode.
-    fn write_episode(&self, py: Python<'_>, columns: Vec<(String, Bound<'_, PyAny>)>) -> PyResult<()> {
+    /// Appends an episode: columns `[T, …]`, of which `constant` do not change in an episode. When it returns, a crash
+    /// cannot lose the episode.
+    #[pyo3(signature = (columns, constant=Vec::new()))]
+    #[expect(clippy::needless_pass_by_value, reason = "what Python hands over")]
+    fn write_episode(
+        &self,
+        py: Python<'_>,
+        columns: Vec<(String, Bound<'_, PyAny>)>,
+        constant: Vec<String>,
+    ) -> PyResult<()> {
         self.process.check("this dataset writer")?;
         let (mut fields, mut values, mut rows) = (Vec::new(), Vec::new(), None);
         for (name, array) in &columns {
@@ -98,7 +106,8 @@ impl EpisodeWriter {
                 let reason = format!("column `{name}` has {len} rows, the others have {}", rows.unwrap_or(0));
                 return Err(DataFault::new_err(reason));
             }
-            fields.push(step_field(name, &column, &shape));
+            let kind = if constant.contains(name) { FieldKind::Episode } else { FieldKind::Step };
+            fields.push(Field { kind, ..step_field(name, &column, &shape) });
             values.push(column);
         }
         let schema = Schema::new(fields).or_raise()?;

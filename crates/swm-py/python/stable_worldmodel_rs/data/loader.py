@@ -239,18 +239,19 @@ class Loader:
             # The last epoch was left before its end.
             self.set_epoch(self._position()["epoch"] + 1)
         self._turn += 1
-        return self._epoch(self._turn)
+        return _Epoch(self, self._turn)
 
-    def _epoch(self, turn: int) -> Iterator[dict[str, Any]]:
-        while True:
-            if turn != self._turn:
-                raise RuntimeError("another iteration of this loader has begun; make a second Loader to run two at once")
-            self._fresh = False
-            read = self._stream.next()
-            if read is None:
-                self._fresh = True
-                return
-            yield self._finish(read)
+    def _next(self, turn: int) -> dict[str, Any]:
+        """The next batch of the iteration ``turn``."""
+        if turn != self._turn:
+            raise RuntimeError("another iteration of this loader has begun; make a second Loader to run two at once")
+        self._fresh = False
+        read = self._stream.next()
+        if read is None:
+            self._fresh = True
+            self._turn += 1
+            raise StopIteration
+        return self._finish(read)
 
     def _finish(self, read: Any) -> dict[str, Any]:
         """A batch as the user gets it."""
@@ -328,6 +329,24 @@ class Loader:
     def __repr__(self) -> str:
         columns = ", ".join(f"{name} {dtype} {(self.batch_size, *shape)}" for name, (dtype, shape) in self._fields.items())
         return f"Loader({self.num_clips} clips, {len(self)} batches of {self.batch_size}: {columns})"
+
+
+class _Epoch(Iterator[dict[str, Any]]):
+    """One pass over a loader. After a batch that cannot be read, it goes on with the next."""
+
+    def __init__(self, loader: Loader, turn: int) -> None:
+        self._loader = loader
+        self._turn = turn
+        self._ended = False
+
+    def __next__(self) -> dict[str, Any]:
+        if self._ended:
+            raise StopIteration
+        try:
+            return self._loader._next(self._turn)  # pyright: ignore[reportPrivateUsage]
+        except StopIteration:
+            self._ended = True
+            raise
 
 
 def _moves(name: str, dtype: str, shape: Sequence[int]) -> bool:

@@ -135,7 +135,7 @@ class NativeDataset(Dataset):
         cached = [key for key in dict.fromkeys(keys_to_cache or ()) if key not in self.cached_columns]
         self._require(cached, stored)
         self.cached_columns += [key for key in cached if key in stored]
-        if cached:
+        if cached or any(key not in stored for key in self._keys):
             self._reset()
 
     def _require(self, keys: Sequence[str], stored: Sequence[str]) -> None:
