@@ -203,6 +203,9 @@ def test_spaces_that_do_not_fit():
     solver = configured(CEMSolver(Sum(), n_steps=1), gym.spaces.Discrete(3))
     with pytest.raises(PlanError, match="cem cannot plan these actions"):
         solver.solve(info())
+    single = gym.spaces.Box(-1, 1, (3,), np.float32)
+    assert configured(CEMSolver(Sum()), single, n_envs=1).action_dim == 6
+    assert configured(CEMSolver(Sum()), single, n_envs=3).action_dim == 2
     with pytest.raises(TypeError, match="ActionWrapper"):
         configured(CEMSolver(Sum()), gym.spaces.Dict({}))
 

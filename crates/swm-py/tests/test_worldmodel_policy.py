@@ -113,6 +113,15 @@ def test_the_plan_is_keyed_by_episode_and_count():
     assert [tuple(keys) for keys in seen] == [([0, 1], seeds, [0, 0]), ([0, 1], seeds, [1, 1])]
 
 
+def test_solvers_of_the_user():
+    class Own(CEMSolver):
+        def solve(self, info_dict, init_action=None):
+            return super().solve({**info_dict, "scalar": np.array(3.0)}, init_action)
+
+    policy = WorldModelPolicy(Own(Reach(), n_steps=1), PlanConfig(horizon=2, receding_horizon=2))
+    assert by_hand(policy, pusht(2), 2).shape == (2, 2, 2)
+
+
 def test_a_reset_forgets_plans():
     world, solver = pusht(2), planner()
     policy = WorldModelPolicy(solver, PlanConfig(horizon=3, receding_horizon=3, action_block=2))

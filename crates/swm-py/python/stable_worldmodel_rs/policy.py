@@ -5,6 +5,7 @@ Policies of the core (``"expert"``, ``"cem:samples=300"``) are attached by name:
 
 from __future__ import annotations
 
+import inspect
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -259,6 +260,7 @@ class WorldModelPolicy(BasePolicy):
         self._next_init: Any = None
         self._history_buffer: HistoryBuffer | None = None
         self._plans: list[int] = []
+        self._gives_keys = False
 
     @property
     def flatten_receding_horizon(self) -> int:
@@ -282,6 +284,10 @@ class WorldModelPolicy(BasePolicy):
                 f"{type(self.solver).__name__} is no solver; it needs configure, solve, action_dim, n_envs and horizon, "
                 "as stable_worldmodel_rs.planning.Solver has"
             )
+        # A solver of ours whose `solve` was overridden as the reference knows it has no keys.
+        arguments = inspect.signature(self.solver.solve).parameters.values()
+        takes_keys = any(one.name == "keys" or one.kind is one.VAR_KEYWORD for one in arguments)
+        self._gives_keys = takes_keys and isinstance(self.solver, BaseSolver)
         self._action_buffer = [deque(maxlen=self.flatten_receding_horizon) for _ in range(count)]
         self._next_init = None
         self._plans = [0] * count
@@ -346,7 +352,7 @@ class WorldModelPolicy(BasePolicy):
             if blocks is not None:
                 infos[ACTION_HISTORY_KEY] = blocks
         initial = None if self._next_init is None else self._next_init[due]
-        known = {"keys": self._keys(info_dict, due)} if isinstance(self.solver, BaseSolver) else {}
+        known = {"keys": self._keys(info_dict, due)} if self._gives_keys else {}
         plans = self.solver(infos, init_action=initial, **known)["actions"]
         now, rest = plans[:, : self.cfg.receding_horizon], plans[:, self.cfg.receding_horizon :]
         if not self.cfg.warm_start:

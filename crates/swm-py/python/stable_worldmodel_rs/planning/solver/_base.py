@@ -117,7 +117,7 @@ class BaseSolver:
         self._action_space = action_space
         self._n_envs = n_envs
         self._config = config
-        self._space = PlanSpace.of(action_space)
+        self._space = PlanSpace.of(action_space, n_envs)
         self._action_dim = self._space.actions
         self._memory.clear()
         self._configured = True

@@ -27,9 +27,14 @@ Array = np.ndarray[Any, Any]
 def rows_of(info: dict[str, Any], otherwise: int) -> int:
     """B: the length of the first array of ``info``; ``otherwise`` where it has none."""
     for value in info.values():
-        if is_tensor(value) or isinstance(value, np.ndarray | list):
+        if is_rows(value):
             return len(value)
     return otherwise
+
+
+def is_rows(value: Any) -> bool:
+    """Whether ``value`` has a row per environment: an array, a tensor or a list, but no scalar."""
+    return isinstance(value, list) or ((is_tensor(value) or isinstance(value, np.ndarray)) and value.ndim > 0)
 
 
 def take_rows(info: dict[str, Any], rows: Any) -> dict[str, Any]:
@@ -37,12 +42,10 @@ def take_rows(info: dict[str, Any], rows: Any) -> dict[str, Any]:
     index = np.arange(rows.stop)[rows] if isinstance(rows, slice) else rows
     taken: dict[str, Any] = {}
     for key, value in info.items():
-        if is_tensor(value) or isinstance(value, np.ndarray):
-            taken[key] = value[rows]
-        elif isinstance(value, list):
-            taken[key] = [value[i] for i in index]
-        else:
+        if not is_rows(value):
             taken[key] = value
+        else:
+            taken[key] = [value[i] for i in index] if isinstance(value, list) else value[rows]
     return taken
 
 
@@ -80,7 +83,7 @@ class Bridge:
 
     def expand(self, value: Any, samples: int) -> Any:
         """One value with a candidate axis, without a copy."""
-        if isinstance(value, np.ndarray):
+        if isinstance(value, np.ndarray) and value.ndim > 0:
             shape = (value.shape[0], samples, *value.shape[1:])
             return np.broadcast_to(value[:, None], shape)
         return value
@@ -182,7 +185,7 @@ class TorchBridge(Bridge):
         self._graph: tuple[torch.Tensor, torch.Tensor, torch.Tensor] | None = None
 
     def expand(self, value: Any, samples: int) -> Any:
-        if not is_tensor(value):
+        if not is_tensor(value) or value.ndim == 0:
             return super().expand(value, samples)
         value = value.to(device=self._device, dtype=self._dtype if value.is_floating_point() else None)
         return value.unsqueeze(1).expand(value.shape[0], samples, *value.shape[1:])

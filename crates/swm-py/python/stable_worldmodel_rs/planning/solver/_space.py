@@ -30,9 +30,10 @@ class PlanSpace:
     """``(A,)``: the smallest value of each integer."""
 
     @classmethod
-    def of(cls, space: gym.Space[Any]) -> PlanSpace:
+    def of(cls, space: gym.Space[Any], n_envs: int) -> PlanSpace:
         """Of a batched space, ``(n_envs, ...)``. ``Discrete`` is one integer; so is ``MultiDiscrete`` of one axis,
-        which is what gymnasium makes of several ``Discrete``."""
+        which is what gymnasium makes of several ``Discrete``. A ``Box`` of one axis that is not ``n_envs`` long is the
+        space of a single action."""
         from gymnasium import spaces
 
         if isinstance(space, spaces.Discrete):
@@ -46,7 +47,8 @@ class PlanSpace:
                 f"actions of {type(space).__name__} cannot be planned; make them a Box, Discrete or MultiDiscrete in a "
                 "gymnasium.ActionWrapper"
             )
-        low, high = space.low[0].reshape(-1), space.high[0].reshape(-1)
+        is_single = len(space.shape) == 1 and space.shape[0] != n_envs
+        low, high = (bound.reshape(-1) if is_single else bound[0].reshape(-1) for bound in (space.low, space.high))
         if np.issubdtype(space.dtype, np.integer):
             counts = [int(n) for n in high.astype(np.int64) - low.astype(np.int64) + 1]
             return cls(low.size, [], [], counts, [int(n) for n in low])
