@@ -60,6 +60,8 @@ class GoalDataset:
     def _with_future(self) -> NDArray[np.int64]:
         """The clips that have a later row."""
         clips = self.dataset.clip_indices
+        episodes: NDArray[Any]
+        starts: NDArray[Any]
         if hasattr(clips, "arrays"):
             episodes, starts = clips.arrays()
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -127,7 +128,7 @@ class Loader:
         transform: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
         paper: bool = False,
     ) -> None:
-        if isinstance(dataset, (str, bytes)) or hasattr(dataset, "__fspath__"):
+        if isinstance(dataset, (str, Path)):
             dataset = load_dataset(dataset)
         self.dataset = dataset
         self.batch_size = batch_size
@@ -170,7 +171,7 @@ class Loader:
         self._make_table: Callable[[], tuple[dict[str, Any], Any]] | None = self._pinned if self.pin_memory else None
         self._stream = self._start(None)
         self._fresh = True
-        self._turn = 0
+        self._turn: int = 0
 
     def _goals(self, goals: bool | Mapping[str, Any] | None) -> Any:
         """What the core is told of goals."""
@@ -255,8 +256,9 @@ class Loader:
 
     def _finish(self, read: Any) -> dict[str, Any]:
         """A batch as the user gets it."""
-        if isinstance(read, dict):
-            batch: dict[str, Any] = {name: self._convert(values) for name, values in read.items()}
+        batch: dict[str, Any]
+        if self._make_table is None:
+            batch = {name: self._convert(values) for name, values in read.items()}
         else:
             tensors, rows, texts = read
             known = {name: tensor[:rows] for name, tensor in tensors.items()} | dict(texts)
@@ -358,4 +360,6 @@ def _moves(name: str, dtype: str, shape: Sequence[int]) -> bool:
 
 def _move(values: Any, dtype: str) -> Any:
     source, target = (2, -1) if dtype == "uint8" else (-1, 2)
-    return np.moveaxis(values, source, target) if isinstance(values, np.ndarray) else values.movedim(source, target)
+    if hasattr(values, "movedim"):
+        return values.movedim(source, target)
+    return np.moveaxis(values, source, target)

@@ -24,9 +24,8 @@ _FLOATS = {"f2": "f4", "f4": "f4", "f8": "f8"}
 
 def as_column(name: str, values: Any) -> Any:
     """The values of a column as datasets hold them: an array ``(T, …)``, or a list of ``str``."""
-    if isinstance(values, (list, tuple)) and values and hasattr(values[0], "detach"):
-        values = [to_numpy(value) for value in values]
-    array = to_numpy(values)
+    steps: list[Any] = list(values) if isinstance(values, (list, tuple)) else []  # pyright: ignore[reportUnknownArgumentType]
+    array = to_numpy([to_numpy(value) for value in steps] if steps and hasattr(steps[0], "detach") else values)
     kind = f"{array.dtype.kind}{array.dtype.itemsize}"
     if array.dtype.kind in "USO":
         return [value.decode() if isinstance(value, (bytes, bytearray)) else str(value) for value in array.reshape(-1).tolist()]
