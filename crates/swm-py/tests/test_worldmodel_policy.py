@@ -10,9 +10,8 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
-from solver_helpers import Sum
-
 import stable_worldmodel_rs as swm
+from solver_helpers import Sum
 from stable_worldmodel_rs import HistoryBuffer, MpcPolicy, PlanConfig, PlanError, WorldModelPolicy
 from stable_worldmodel_rs.planning import CEMSolver, SimulatorCost
 from stable_worldmodel_rs.world import World
@@ -192,9 +191,8 @@ def test_scalers_are_inverted_and_applied():
 
 
 def test_integers_are_executed():
-    from test_solver_integers import Favor
-
     from stable_worldmodel_rs.planning import CategoricalCEMSolver
+    from test_solver_integers import Favor
 
     for space in (gym.spaces.Discrete(4), gym.spaces.MultiDiscrete([4])):
         solver = CategoricalCEMSolver(Favor(3, 4), n_steps=6, num_samples=64, topk=6)

@@ -6,11 +6,12 @@ Python, so costs may keep them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ..._arrays import is_tensor
+from ..._arrays import Array, is_array, is_tensor
 from ...protocols import Constrainable
 from ._errors import PlanAssertionError
 
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from ._base import BaseSolver
 
 __all__ = ["Bridge", "NumpyBridge", "TorchBridge", "rows_of", "take_rows"]
-
-Array = np.ndarray[Any, Any]
 
 
 def rows_of(info: dict[str, Any], otherwise: int) -> int:
@@ -34,12 +33,12 @@ def rows_of(info: dict[str, Any], otherwise: int) -> int:
 
 def is_rows(value: Any) -> bool:
     """Whether ``value`` has a row per environment: an array, a tensor or a list, but no scalar."""
-    return isinstance(value, list) or ((is_tensor(value) or isinstance(value, np.ndarray)) and value.ndim > 0)
+    return isinstance(value, list) or ((is_tensor(value) or is_array(value)) and value.ndim > 0)
 
 
-def take_rows(info: dict[str, Any], rows: Any) -> dict[str, Any]:
+def take_rows(info: dict[str, Any], rows: slice | Sequence[int]) -> dict[str, Any]:
     """The chosen rows of every array and list of ``info``; other values as they are."""
-    index = np.arange(rows.stop)[rows] if isinstance(rows, slice) else rows
+    index = range(rows.start, rows.stop) if isinstance(rows, slice) else rows
     taken: dict[str, Any] = {}
     for key, value in info.items():
         if not is_rows(value):
@@ -83,7 +82,7 @@ class Bridge:
 
     def expand(self, value: Any, samples: int) -> Any:
         """One value with a candidate axis, without a copy."""
-        if isinstance(value, np.ndarray) and value.ndim > 0:
+        if is_array(value) and value.ndim > 0:
             shape = (value.shape[0], samples, *value.shape[1:])
             return np.broadcast_to(value[:, None], shape)
         return value
@@ -192,7 +191,7 @@ class TorchBridge(Bridge):
 
     def tensor(self, candidates: Array) -> torch.Tensor:
         """Candidates where and as the cost wants them."""
-        tensor = self._torch.from_numpy(candidates)
+        tensor: torch.Tensor = self._torch.from_numpy(candidates)  # pyright: ignore[reportUnknownMemberType]
         return tensor if self._is_plain else tensor.to(device=self._device, dtype=self._dtype)
 
     def ask(self, name: str, info: dict[str, Any], candidates: torch.Tensor) -> torch.Tensor:
@@ -218,7 +217,7 @@ class TorchBridge(Bridge):
 
     def evaluate(self, candidates: Array) -> Array:
         info = self.infos(candidates.shape[1])
-        if not self.solver._uses_gradient:  # The whole solve is in inference mode.
+        if not self.solver.uses_gradient:  # The whole solve is in inference mode.
             return self.array(self.ask("get_cost", info, self.tensor(candidates)))
         with self._torch.no_grad():
             return self.array(self.ask("get_cost", info, self.tensor(candidates)))
