@@ -276,6 +276,14 @@ def test_damage_is_an_error_and_the_rest_is_read(tmp_path: Path) -> None:
     assert sum(len(batch["count"]) for batch in batches) == 9
 
 
+def test_the_core_alone(path: Path) -> None:
+    stream = swm.data.load_dataset(path).clips.batches(4, shuffle=1)
+    assert [stream.skip(2), stream.skip(100), stream.skip(1)] == [8, 21, 4]
+    stream.close()
+    with pytest.raises(ValueError, match="closed"):
+        stream.skip(1)
+
+
 def test_threads_may_share_a_loader(path: Path) -> None:
     loader = swm.data.Loader(path, batch_size=2)
     taken: list[int] = []

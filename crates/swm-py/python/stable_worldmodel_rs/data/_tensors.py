@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import cache
 from types import ModuleType
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +66,7 @@ def stack(values: list[Any]) -> Any:
     """Equal items of several clips as one batch item: tensors and arrays are stacked, text stays a list."""
     first: Any = values[0]
     if isinstance(first, np.ndarray):
-        return np.stack(values)  # pyright: ignore[reportUnknownVariableType]
+        return np.stack(cast("list[NDArray[Any]]", values))
     if isinstance(first, Mapping):
         return {key: stack([value[key] for value in values]) for key in first}  # pyright: ignore[reportUnknownVariableType]
     torch = torch_or_none()
