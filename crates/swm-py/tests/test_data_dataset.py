@@ -6,6 +6,8 @@ import gc
 import multiprocessing
 import os
 import pickle
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -218,6 +220,51 @@ def test_other_processes_read_open_datasets(path: Path, method: str) -> None:
         worker.join(timeout=60)
         assert worker.exitcode == 0
     assert {value for value, _ in found} == {wanted}
+
+
+def _write_in_a_fork(folder: Path, queue: Any) -> None:
+    write(folder / "fork.h5", lengths=(4,))
+    try:
+        write(folder / "fork.mcap", "mcap", lengths=(4,))
+    except swm.SwmError as error:
+        queue.put(str(error))
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_fork_writes_hdf5_and_refuses_the_rest(tmp_path: Path) -> None:
+    write(tmp_path / "before.mcap", "mcap")
+    context = multiprocessing.get_context("fork")
+    queue = context.Queue()
+    child = context.Process(target=_write_in_a_fork, args=(tmp_path, queue))
+    child.start()
+    assert "spawn" in queue.get(timeout=30)
+    child.join(timeout=30)
+    assert child.exitcode == 0 and swm.data.load_dataset(tmp_path / "fork.h5").lengths.tolist() == [4]
+
+
+def test_reading_can_be_interrupted(tmp_path: Path) -> None:
+    """Ctrl-C while all pictures are read: the exception comes within 0.3 s and not at the end."""
+    path = write(tmp_path / "long.h5", lengths=(400,) * 10, text=False)
+    code = f"""
+import signal, threading, time, os
+import stable_worldmodel_rs as swm
+dataset = swm.data.load_dataset({str(path)!r})
+reader = dataset.reader
+sent = []
+def send():
+    time.sleep(0.1)
+    sent.append(time.monotonic())
+    os.kill(os.getpid(), signal.SIGINT)
+threading.Thread(target=send).start()
+try:
+    while True:
+        dataset.statistics()
+        dataset.get_col_data("pixels")
+except KeyboardInterrupt:
+    print(time.monotonic() - sent[0])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert float(done.stdout) < 0.3, done.stdout
 
 
 def test_threads_share_a_dataset(path: Path) -> None:

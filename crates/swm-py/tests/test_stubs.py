@@ -51,7 +51,7 @@ def stubbed(kind: type) -> dict[str, Any]:
 def test_the_stub_has_every_name_and_no_other() -> None:
     names = set(stubbed(ast.FunctionDef)) | {name for name in stubbed(ast.ClassDef) if name != "_Bridge"}
     names |= {node.target.id for node in STUB.body if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)}
-    names -= {name for name in names if name.startswith("_") and name not in ("__version__", "_loaded_in")}
+    names -= {name for name in names if name.startswith("_") and name != "__version__"}
     there = {name for name in vars(_swm) if not name.startswith("__")} | {"__version__"}
     assert names == there, (sorted(names - there), sorted(there - names))
 

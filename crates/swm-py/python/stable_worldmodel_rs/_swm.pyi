@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 __version__: str
-_loaded_in: int
 
 _Path: TypeAlias = str | PathLike[str]
 _Array: TypeAlias = npt.NDArray[Any]
