@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
 use crate::metadata::Metadata;
-use crate::{apart, book, demo, deny, interop, plugin, process, release, setup, sizes, test, tidy};
+use crate::{apart, book, demo, deny, interop, plugin, process, release, setup, sizes, test, tidy, wheel};
 
 /// Options of `cargo xtask ci`.
 #[derive(clap::Args)]
@@ -59,6 +59,7 @@ const STEPS: &[Step] = &[
         run: || book::run(&book::Args::default()),
     },
     Step { name: "benches", about: "each benchmark runs, once", run: test::benches },
+    Step { name: "wheel", about: "the Python package as a wheel, and its tests", run: wheel::check },
     Step { name: "demo", about: "the main job, in a short form", run: short_demo },
     Step {
         name: "plugin",

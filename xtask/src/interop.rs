@@ -1,5 +1,5 @@
 //! The virtual environments of the interoperability tests: h5py, Pillow and PyAV as the reference uses them, the packages
-//! of MCAP and Parquet; and pylance in one of its own. All are pinned by version and hash.
+//! of MCAP and Parquet; pylance in one of its own; and what builds and tests the Python package. All are pinned by version and hash.
 
 use std::fs;
 use std::path::PathBuf;
@@ -31,6 +31,17 @@ pub(crate) const LANCE: Environment = Environment {
     folder: ".tools/lance",
     requirements: "tests/interop/lance.txt",
     about: "pylance and PyAV",
+};
+
+/// What makes wheels of the Python package.
+pub(crate) const WHEEL_BUILD: Environment =
+    Environment { folder: ".tools/wheel", requirements: "crates/swm-py/build.txt", about: "maturin" };
+
+/// What the tests of the Python package need next to it; the wheel itself is installed into this one.
+pub(crate) const WHEEL_TESTS: Environment = Environment {
+    folder: ".tools/wheel-tests",
+    requirements: "crates/swm-py/tests/requirements.txt",
+    about: "NumPy, Gymnasium and pytest",
 };
 
 /// Makes the environment if it is missing or outdated, and returns its Python.

@@ -21,11 +21,13 @@ mod plugin;
 mod process;
 mod proof;
 mod python;
+mod reference_tests;
 mod release;
 mod setup;
 mod sizes;
 mod test;
 mod tidy;
+mod wheel;
 
 use std::process::ExitCode;
 
@@ -79,6 +81,10 @@ enum Command {
     Sizes(sizes::Args),
     /// Rehearse a release: packages, archives, bill of materials, checksums; `--execute` tags and publishes
     Release(release::Args),
+    /// Make the Python package as a wheel, with MuJoCo's library and the control suite's models
+    Wheel(wheel::Args),
+    /// Run the reference's own tests on the Python package, from a checkout of the reference
+    ReferenceTests(reference_tests::Args),
     /// Check the rules of the architecture and of the sources
     Tidy(tidy::Args),
     /// List the public types that break a downstream crate when they get a field or a variant
@@ -103,6 +109,8 @@ fn main() -> ExitCode {
         Command::Plugin(args) => plugin::run(&args),
         Command::Sizes(args) => sizes::run(&args),
         Command::Release(args) => release::run(&args),
+        Command::Wheel(args) => wheel::run(&args),
+        Command::ReferenceTests(args) => reference_tests::run(&args),
         Command::Tidy(args) => tidy::run(&args),
         Command::Api(args) => api::run(&args),
         Command::Deny(args) => deny::run(&args),

@@ -15,11 +15,9 @@ use swm::media::Format;
 use swm::video::Video;
 
 use crate::errors::SwmError;
+use crate::media::VIDEO_SIDE;
 use crate::policy::drive;
 use crate::world::PyWorld;
-
-/// Videos are enlarged to at least this short side, in pixels: players blur smaller ones.
-const VIDEO_SIDE: usize = 256;
 
 /// How far a run is, for progress bars.
 #[derive(Clone, Default)]

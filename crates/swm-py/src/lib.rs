@@ -35,6 +35,7 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     dataset::add(m)?;
     errors::add(m)?;
     evaluate::add(m)?;
+    fork::add(m)?;
     infos::add(m)?;
     loader::add(m)?;
     manifest::add(m)?;

@@ -191,10 +191,7 @@ impl BatchStream {
             None => AnyTable::Own(self.pool.take().unwrap_or_else(|| Batch::new(self.schema.clone(), 0))),
         };
         let read = py.detach(|| lock(&self.batches).as_mut().map(|batches| batches.next_batch(&mut table)));
-        let Some(read) = read else {
-            return Err(PyValueError::new_err("this loader was closed; make a new one"));
-        };
-        let full = read.or_raise()?;
+        let full = read.ok_or_else(closed)?.or_raise()?;
         match table {
             AnyTable::Own(batch) if !full => {
                 self.pool.put(batch);
@@ -211,10 +208,40 @@ impl BatchStream {
         }
     }
 
+    /// Reads so many batches and drops them, or all up to the end of an epoch; returns the number of clips. It tells how
+    /// fast the core is alone.
+    fn skip(&self, py: Python<'_>, batches: usize) -> PyResult<usize> {
+        self.process.check("this loader")?;
+        let skipped = py.detach(|| {
+            let mut open = lock(&self.batches);
+            let stream = open.as_mut()?;
+            let spare = self.pool.take().unwrap_or_else(|| Batch::new(self.schema.clone(), 0));
+            let mut table = AnyTable::Own(spare);
+            let mut clips = 0;
+            for _ in 0..batches {
+                match stream.next_batch(&mut table) {
+                    Ok(true) => {}
+                    Ok(false) => break,
+                    Err(error) => return Some(Err(error)),
+                }
+                clips += match &table {
+                    AnyTable::Own(batch) => batch.rows(),
+                    AnyTable::Foreign(_) => 0,
+                };
+            }
+            if let AnyTable::Own(batch) = table {
+                self.pool.put(batch);
+            }
+            Some(Ok(clips))
+        });
+        skipped.ok_or_else(closed)?.or_raise()
+    }
+
     /// Where it is, as JSON, to go on from.
     fn position(&self, py: Python<'_>) -> PyResult<String> {
         self.process.check("this loader")?;
-        let position = py.detach(|| lock(&self.batches).as_ref().map(Batches::position));
+        let position =
+            py.detach(|| lock(&self.batches).as_ref().map(Batches::position)).ok_or_else(closed)?;
         serde_json::to_string(&position).map_err(|error| PyValueError::new_err(error.to_string()))
     }
 
@@ -224,6 +251,10 @@ impl BatchStream {
             py.detach(|| drop(lock(&self.batches).take()));
         }
     }
+}
+
+fn closed() -> PyErr {
+    PyValueError::new_err("this loader was closed; make a new one")
 }
 
 impl Drop for BatchStream {

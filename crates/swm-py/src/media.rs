@@ -7,6 +7,8 @@ use swm::media::{Clip, contact_sheet as sheet, png};
 
 use crate::errors::SwmError;
 
+/// Videos are enlarged to at least this short side, in pixels: players blur smaller ones.
+pub(crate) const VIDEO_SIDE: usize = 256;
 /// Images per row of a contact sheet.
 const COLUMNS: usize = 4;
 /// White between them, in pixels.
@@ -23,7 +25,7 @@ fn size(frames: &PyReadonlyArrayDyn<'_, u8>) -> PyResult<[usize; 3]> {
     }
 }
 
-/// Writes frames `(T, H, W, 3)` as a video: `.mp4`, `.gif`, or `.png` for all frames side by side.
+/// Writes frames `(T, H, W, 3)` as a video (`.mp4`, `.gif`), enlarged if they are small, or as a `.png` with all of them side by side.
 #[pyfunction]
 fn save_video(
     py: Python<'_>,
@@ -36,7 +38,9 @@ fn save_video(
     for frame in frames.as_slice()?.chunks_exact(height * width * 3) {
         clip.push(frame).map_err(|error| SwmError::new_err(error.to_string()))?;
     }
-    py.detach(|| clip.save(path)).map_err(|error| SwmError::new_err(format!("cannot write {path}: {error}")))
+    let is_video = !path.ends_with(".png");
+    py.detach(|| if is_video { clip.upscaled(VIDEO_SIDE).save(path) } else { clip.save(path) })
+        .map_err(|error| SwmError::new_err(format!("cannot write {path}: {error}")))
 }
 
 /// Frames `(T, H, W, 3)` as one PNG, four in a row.

@@ -5,63 +5,90 @@
 //! `terminated`, so that policies leave them alone.
 
 use pyo3::prelude::*;
-use swm::core::{Batch, Dtype, Field, Schema, Slice, View, World};
+use swm::core::{Batch, Column, Dtype, Slice, View, World};
 
 use crate::errors::OrRaise as _;
 
-const ACTION: usize = 0;
-const TERMINATED: usize = 1;
-const TRUNCATED: usize = 2;
-const REWARDS: usize = 3;
-const TERMINATEDS: usize = 4;
-const TRUNCATEDS: usize = 5;
-
-/// These columns, `[N, …]`. Booleans are bytes, as Python may write into them.
+/// These columns, `[N, …]`, at the same addresses for as long as the World lives.
 pub(crate) struct Mirror {
-    table: Batch,
+    /// The last actions, `[N, …action shape]`.
+    action: Column,
+    action_shape: Vec<usize>,
+    /// Of the infos: 0 or 1. Booleans are bytes here, as Python may write into them.
+    terminated: Vec<u8>,
+    truncated: Vec<u8>,
+    /// Of the last step: no reward and no end where it did nothing.
+    rewards: Vec<f32>,
+    terminateds: Vec<u8>,
+    truncateds: Vec<u8>,
     /// Positions of reward, terminated, truncated in the infos.
     columns: [usize; 3],
-    /// Which environments the present step steps, `[N]`.
+    /// Which environments the present step steps.
     stepped: Vec<bool>,
-    /// The episode that each environment was in, `[N]`, in a run.
+    /// The episode that each environment was in, in a run.
     episodes: Vec<Option<u64>>,
+}
+
+/// One column of a [`Mirror`].
+pub(crate) struct Mirrored<'a> {
+    /// Its name.
+    pub(crate) name: &'static str,
+    /// `[N, …shape]` values.
+    pub(crate) values: Slice<'a>,
+    /// Shape of one environment's values.
+    pub(crate) shape: &'a [usize],
+    /// Whether it belongs into the infos, rather than to the results of a step.
+    pub(crate) is_info: bool,
+    /// Whether its bytes are booleans.
+    pub(crate) is_flag: bool,
 }
 
 impl Mirror {
     /// For a World that has not been reset.
     pub(crate) fn new(world: &World) -> PyResult<Self> {
-        let spec = world.spec();
-        let action = spec.action.dtype().unwrap_or(Dtype::F32);
-        let fields = vec![
-            Field::step("action", action, &spec.action.shape()),
-            Field::step("terminated", Dtype::U8, &[]),
-            Field::step("truncated", Dtype::U8, &[]),
-            Field::step("rewards", Dtype::F32, &[]),
-            Field::step("terminateds", Dtype::U8, &[]),
-            Field::step("truncateds", Dtype::U8, &[]),
-        ];
-        let num_envs = world.options().num_envs;
-        let mut table = Batch::new(Schema::new(fields).or_raise()?, num_envs);
-        table.column_mut(ACTION).fill_missing();
+        let (space, num_envs) = (&world.spec().action, world.options().num_envs);
+        let mut action = Column::zeros(space.dtype().unwrap_or(Dtype::F32), num_envs * space.dim());
+        action.as_slice_mut().fill_missing();
         let schema = world.infos().schema();
         let find = |name: &str| schema.require(name).or_raise();
-        let columns = [find("reward")?, find("terminated")?, find("truncated")?];
-        Ok(Self { table, columns, stepped: vec![false; num_envs], episodes: vec![None; num_envs] })
+        Ok(Self {
+            action,
+            action_shape: space.shape(),
+            terminated: vec![0; num_envs],
+            truncated: vec![0; num_envs],
+            rewards: vec![0.0; num_envs],
+            terminateds: vec![0; num_envs],
+            truncateds: vec![0; num_envs],
+            columns: [find("reward")?, find("terminated")?, find("truncated")?],
+            stepped: vec![false; num_envs],
+            episodes: vec![None; num_envs],
+        })
     }
 
     /// The columns.
-    pub(crate) fn table(&self) -> &Batch {
-        &self.table
-    }
-
-    /// Whether a column belongs into the infos.
-    pub(crate) fn is_info(name: &str) -> bool {
-        matches!(name, "action" | "terminated" | "truncated")
-    }
-
-    /// Whether a column holds booleans.
-    pub(crate) fn is_flag(name: &str) -> bool {
-        matches!(name, "terminated" | "truncated" | "terminateds" | "truncateds")
+    pub(crate) fn columns(&self) -> [Mirrored<'_>; 6] {
+        let flag = |name, values, is_info| Mirrored {
+            name,
+            values: Slice::U8(values),
+            shape: &[],
+            is_info,
+            is_flag: true,
+        };
+        let (action, shape) = (self.action.as_slice(), &self.action_shape[..]);
+        [
+            Mirrored { name: "action", values: action, shape, is_info: true, is_flag: false },
+            flag("terminated", &self.terminated, true),
+            flag("truncated", &self.truncated, true),
+            Mirrored {
+                name: "rewards",
+                values: Slice::F32(&self.rewards),
+                shape: &[],
+                is_info: false,
+                is_flag: false,
+            },
+            flag("terminateds", &self.terminateds, false),
+            flag("truncateds", &self.truncateds, false),
+        ]
     }
 
     /// Notes which environments are about to step: those of `mask` that are in an episode.
@@ -72,8 +99,7 @@ impl Mirror {
         }
     }
 
-    /// After the step with `actions`: what was done, and what came of it in the environments that stepped; no reward and no
-    /// end in the others.
+    /// After the step with `actions`: what was done, and what came of it.
     pub(crate) fn end_step(&mut self, infos: &Batch, actions: Slice<'_>) {
         let [reward, terminated, truncated] = self.columns.map(|index| infos.column(index));
         let (Slice::F64(reward), Slice::Bool(terminated), Slice::Bool(truncated)) =
@@ -82,35 +108,32 @@ impl Mirror {
             unreachable!("these columns have one type in every World")
         };
         let dim = actions.len() / self.stepped.len();
-        let mut rows = self.table.rows_mut();
         for (row, &is_stepped) in self.stepped.iter().enumerate() {
-            let out = rows.select(row);
-            let flags = [u8::from(terminated[row]), u8::from(truncated[row])];
-            out.write(TERMINATED, &[flags[0]]);
-            out.write(TRUNCATED, &[flags[1]]);
+            let (has_terminated, is_truncated) = (u8::from(terminated[row]), u8::from(truncated[row]));
+            let counts = u8::from(is_stepped);
+            self.terminated[row] = has_terminated;
+            self.truncated[row] = is_truncated;
+            self.terminateds[row] = has_terminated & counts;
+            self.truncateds[row] = is_truncated & counts;
+            self.rewards[row] = if is_stepped { reward[row] as f32 } else { 0.0 };
             if is_stepped {
-                let is_copied = out.slice_mut(ACTION).copy_from(actions.range(row * dim, dim));
+                let (_, rest) = self.action.as_slice_mut().split_at(row * dim);
+                let is_copied = rest.split_at(dim).0.copy_from(actions.range(row * dim, dim));
                 debug_assert!(is_copied, "actions have the space's type");
-                out.write(REWARDS, &[reward[row] as f32]);
-                out.write(TERMINATEDS, &[flags[0]]);
-                out.write(TRUNCATEDS, &[flags[1]]);
-            } else {
-                out.write(REWARDS, &[0.0_f32]);
-                out.write(TERMINATEDS, &[0_u8]);
-                out.write(TRUNCATEDS, &[0_u8]);
             }
         }
     }
 
     /// An environment was reset.
     pub(crate) fn reset(&mut self, row: usize) {
-        let mut rows = self.table.rows_mut();
-        let row = rows.select(row);
-        row.slice_mut(ACTION).fill_missing();
-        for flag in [TERMINATED, TRUNCATED, TERMINATEDS, TRUNCATEDS] {
-            row.write(flag, &[0_u8]);
+        let dim = self.action.len() / self.stepped.len();
+        let (_, rest) = self.action.as_slice_mut().split_at(row * dim);
+        rest.split_at(dim).0.fill_missing();
+        for flags in [&mut self.terminated, &mut self.truncated, &mut self.terminateds, &mut self.truncateds]
+        {
+            flags[row] = 0;
         }
-        row.write(REWARDS, &[0.0_f32]);
+        self.rewards[row] = 0.0;
     }
 
     /// A run begins: no environment has been seen in it.
@@ -123,8 +146,8 @@ impl Mirror {
     pub(crate) fn follow(&mut self, view: &View<'_>, actions: Option<Slice<'_>>) -> Option<Vec<bool>> {
         let num_envs = self.stepped.len();
         let mut begun: Option<Vec<bool>> = None;
-        self.stepped.fill(false);
         let mut idle = vec![true; num_envs];
+        self.stepped.fill(false);
         for row in view.live() {
             idle[row] = false;
             let now = view.row(row).map(|slot| slot.episode.index);
@@ -140,9 +163,9 @@ impl Mirror {
         if let Some(actions) = actions {
             self.end_step(view.infos(), actions);
         }
-        for row in 0..num_envs {
-            if idle[row] {
-                self.table.rows_mut().select(row).write(TERMINATED, &[1_u8]);
+        for (row, &is_idle) in idle.iter().enumerate() {
+            if is_idle {
+                self.terminated[row] = 1;
             } else if !self.stepped[row] {
                 self.reset(row);
             }
@@ -152,9 +175,9 @@ impl Mirror {
 
     /// A run is over, and nothing is known of single steps.
     pub(crate) fn end_run(&mut self) {
-        (0..self.stepped.len()).for_each(|row| self.reset(row));
         for row in 0..self.stepped.len() {
-            self.table.rows_mut().select(row).write(TERMINATED, &[1_u8]);
+            self.reset(row);
+            self.terminated[row] = 1;
         }
     }
 }

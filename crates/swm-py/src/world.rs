@@ -181,11 +181,6 @@ impl PyWorld {
         for (name, array) in views::infos(&table, &core)? {
             infos.set_item(name, array)?;
         }
-        for (name, array) in views::mirror(&table, &core)? {
-            if Mirror::is_info(&name) {
-                infos.set_item(name, array)?;
-            }
-        }
         Ok(infos)
     }
 
@@ -193,10 +188,8 @@ impl PyWorld {
     fn results<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let (table, core) = (self.table(py), self.shared.lock()?);
         let results = PyDict::new(py);
-        for (name, array) in views::mirror(&table, &core)? {
-            if !Mirror::is_info(&name) {
-                results.set_item(name, array)?;
-            }
+        for (name, array) in views::results(&table, &core)? {
+            results.set_item(name, array)?;
         }
         Ok(results)
     }

@@ -2,28 +2,41 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use swm::core::dataset::METADATA_VERSION;
 use swm::core::error::BoxError;
-use swm::core::{Batch, Cancel, Column, Metadata, Schema};
+use swm::core::{Batch, Cancel, Column, Field, FieldKind, Metadata, Schema};
 use swm::data::dataset::{DatasetWriter, WriteOptions};
 use swm::data::tools::copy;
 use swm::data::{DataError, Dataset, WriteMode, format};
 
 use crate::arrays::{from_array, lock, step_field};
 use crate::dataset::{Reader, Watched, registry};
-use crate::errors::{DataFault, OrRaise as _};
+use crate::errors::{DataFault, OrRaise as _, SwmError};
 use crate::fork::Process;
 use crate::interrupt::interruptible_with;
 
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add("_loaded_in", std::process::id())?;
+    LOADED.get_or_init(Process::current);
     m.add_class::<EpisodeWriter>()?;
     m.add_function(wrap_pyfunction!(copy_datasets, m)?)
+}
+
+/// The process in which this module was loaded. Forks of it have none of the threads that encode images.
+static LOADED: OnceLock<Process> = OnceLock::new();
+
+/// Refuses what would wait for threads that a fork does not have; only HDF5 is written without them.
+fn check_threads(format: Option<&str>) -> PyResult<()> {
+    match LOADED.get() {
+        Some(loaded) if !loaded.is_current() && format != Some("hdf5") => Err(SwmError::new_err(
+            "this process is a fork, which can write only HDF5; start it with the method `spawn` or `forkserver`",
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// How a dataset is written.
@@ -69,6 +82,7 @@ impl EpisodeWriter {
         fps: Option<f64>,
         key_frame_period: Option<u32>,
     ) -> PyResult<Self> {
+        check_threads(format)?;
         let options = options(mode, quality, fps, key_frame_period)?;
         let metadata = match metadata {
             Some(json) => serde_json::from_str(json)
@@ -87,8 +101,16 @@ impl EpisodeWriter {
         Ok(Self { process: Process::current(), path, metadata, open })
     }
 
-    /// Appends an episode: columns `[T, …]`. When it returns, a crash cannot lose the episode.
-    fn write_episode(&self, py: Python<'_>, columns: Vec<(String, Bound<'_, PyAny>)>) -> PyResult<()> {
+    /// Appends an episode: columns `[T, …]`, of which `constant` do not change in an episode. When it returns, a crash
+    /// cannot lose the episode.
+    #[pyo3(signature = (columns, constant=Vec::new()))]
+    #[expect(clippy::needless_pass_by_value, reason = "what Python hands over")]
+    fn write_episode(
+        &self,
+        py: Python<'_>,
+        columns: Vec<(String, Bound<'_, PyAny>)>,
+        constant: Vec<String>,
+    ) -> PyResult<()> {
         self.process.check("this dataset writer")?;
         let (mut fields, mut values, mut rows) = (Vec::new(), Vec::new(), None);
         for (name, array) in &columns {
@@ -98,7 +120,8 @@ impl EpisodeWriter {
                 let reason = format!("column `{name}` has {len} rows, the others have {}", rows.unwrap_or(0));
                 return Err(DataFault::new_err(reason));
             }
-            fields.push(step_field(name, &column, &shape));
+            let kind = if constant.contains(name) { FieldKind::Episode } else { FieldKind::Step };
+            fields.push(Field { kind, ..step_field(name, &column, &shape) });
             values.push(column);
         }
         let schema = Schema::new(fields).or_raise()?;
@@ -169,6 +192,7 @@ fn copy_datasets(
     key_frame_period: Option<u32>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<(usize, usize, usize)> {
+    check_threads(format)?;
     let options = options(mode, quality, fps, key_frame_period)?;
     let cancel = Cancel::new();
     let sources = readers.iter().map(|reader| {

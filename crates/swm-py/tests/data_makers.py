@@ -16,7 +16,7 @@ def episode(length: int, seed: int, size: int = 32) -> dict[str, Any]:
     rng = np.random.default_rng(seed)
     pixels = np.empty((length, size, size, 3), np.uint8)
     for step in range(length):
-        pixels[step] = 10 * seed + 5 * step + np.array([0, 40, 90], np.uint8)
+        pixels[step] = (10 * seed + 5 * step + np.array([0, 40, 90])) % 256
     return {
         "pixels": pixels,
         "action": rng.standard_normal((length, 2)).astype(np.float32),

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import gymnasium as gym
 import numpy as np
-
 from stable_worldmodel_rs import PlanConfig
-
 
 BOX = gym.spaces.Box(-1, 1, (4, 2), np.float32)
 CONFIG = PlanConfig(horizon=3, receding_horizon=2, action_block=2)

@@ -153,7 +153,7 @@ def test_formats_are_chosen_by_name_and_suffix(tmp_path: Path) -> None:
     assert h5py.is_hdf5(tmp_path / "plain")
     world.collect(tmp_path / "images", episodes=1, seed=0, format="folder", progress=False)
     assert (tmp_path / "images").is_dir()
-    with pytest.raises(swm.SwmError, match="hdf5"):
+    with pytest.raises(ValueError, match="hdf5"):
         world.collect(tmp_path / "x.unknown", episodes=1, seed=0, progress=False)
 
 

@@ -46,14 +46,17 @@ def test_what_is_missing_comes_from_an_installed_reference(run_python: Run, tmp_
     (theirs / "wm").mkdir(parents=True)
     (theirs / "__init__.py").write_text("raise RuntimeError('the facade takes its place')")
     (theirs / "spaces.py").write_text("raise RuntimeError('ours goes first')")
+    (theirs / "envs" / "grid").mkdir(parents=True)
+    (theirs / "envs" / "grid" / "env.py").write_text("from stable_worldmodel import spaces\nBOX = spaces.Box\n")
     (theirs / "wm" / "__init__.py").write_text("import stable_worldmodel as swm\nPOLICY = swm.PlanConfig\n")
     code = f"""import sys; sys.path.append({str(tmp_path)!r})
 {INSTALL}
 import stable_worldmodel as swm
 import stable_worldmodel.spaces
-print(swm.wm.POLICY is ours.PlanConfig)
+from stable_worldmodel.envs.grid.env import BOX
+print(swm.wm.POLICY is ours.PlanConfig, BOX is ours.spaces.Box)
 """
-    assert lines(run_python(code)) == ["True"]
+    assert lines(run_python(code)) == ["True", "True"]
 
 
 def test_what_nobody_has_is_named(run_python: Run) -> None:

@@ -97,3 +97,30 @@ def test_ctrl_c_ends_the_script(tmp_path: Any) -> None:
     _, error = child.communicate(timeout=30)
     assert child.returncode == 130, (child.returncode, error)
     assert "interrupted" in error
+
+
+def test_an_installed_ogbench_must_be_the_right_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    from stable_worldmodel_rs import _files, _swm
+
+    monkeypatch.setattr(_files, "version", lambda name: "1.3.0")
+    with pytest.raises(_swm.EnvError, match="ogbench==1.2.2"):
+        _files._package("1.2.2")
+    for source, _, names in _files._OGBENCH_PARTS:
+        (tmp_path / source).mkdir(parents=True)
+        for name in names or ("cube.xml",):
+            (tmp_path / source / name).write_text("<mujoco/>")
+    with pytest.raises(_swm.EnvError, match="not those that were published"):
+        _files._check(tmp_path)
+
+
+def test_models_are_linked_and_follow_a_new_source(tmp_path: Any) -> None:
+    from stable_worldmodel_rs import _files
+
+    place = tmp_path / "cache" / "models"
+    for name in ("first", "second"):
+        source = tmp_path / name
+        source.mkdir()
+        (source / "a.xml").write_text(name)
+        _files._link(source, place)
+        _files._link(source, place)
+        assert (place / "a.xml").read_text() == name

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from solver_helpers import configured
-
 import stable_worldmodel_rs as swm
+from solver_helpers import configured
 from stable_worldmodel_rs import protocols
 
 torch = pytest.importorskip("torch")

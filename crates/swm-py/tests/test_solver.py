@@ -8,7 +8,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from solver_helpers import Sum, configured, info
-
 from stable_worldmodel_rs import PlanError, SwmError, _swm
 from stable_worldmodel_rs.planning import (
     CategoricalCEMSolver,
@@ -23,7 +22,6 @@ from stable_worldmodel_rs.planning import (
     PredictiveSamplingSolver,
 )
 from stable_worldmodel_rs.planning.solver._base import PlanKeys
-
 
 SAMPLING = [CEMSolver, ICEMSolver, MPPISolver, FullCEMSolver, CMAESSolver]
 
@@ -188,7 +186,7 @@ def test_optimizers_are_named():
     for name in ("SGD", "adam", "AdamW"):
         assert configured(GradientSolver(Sum(), 3, optimizer_cls=name)).solve(info())["actions"].shape == (4, 3, 4)
     solver = GradientSolver(Sum(), 3, optimizer_cls="adam", optimizer_kwargs={"betas": (0.8, 0.9), "amsgrad": False})
-    assert solver._settings()["beta1"] == 0.8
+    assert solver.settings()["beta1"] == 0.8
     with pytest.raises(ValueError, match="SGD, Adam or AdamW, not with 'rmsprop'"):
         GradientSolver(Sum(), 3, optimizer_cls="rmsprop")
     with pytest.raises(ValueError, match="does not know optimizer_kwargs dampening"):
@@ -203,6 +201,9 @@ def test_spaces_that_do_not_fit():
     solver = configured(CEMSolver(Sum(), n_steps=1), gym.spaces.Discrete(3))
     with pytest.raises(PlanError, match="cem cannot plan these actions"):
         solver.solve(info())
+    single = gym.spaces.Box(-1, 1, (3,), np.float32)
+    assert configured(CEMSolver(Sum()), single, n_envs=1).action_dim == 6
+    assert configured(CEMSolver(Sum()), single, n_envs=3).action_dim == 2
     with pytest.raises(TypeError, match="ActionWrapper"):
         configured(CEMSolver(Sum()), gym.spaces.Dict({}))
 

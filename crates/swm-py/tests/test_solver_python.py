@@ -15,7 +15,6 @@ import traceback
 import numpy as np
 import pytest
 from solver_helpers import Sum, configured, info
-
 from stable_worldmodel_rs import PlanConfig, PlanError, SwmError
 from stable_worldmodel_rs.planning import CEMSolver, GradientSolver, Solver
 from stable_worldmodel_rs.planning.solver._base import PlanKeys

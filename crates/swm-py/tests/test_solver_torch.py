@@ -8,7 +8,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from solver_helpers import configured, info
-
 from stable_worldmodel_rs import PlanConfig, PlanError
 from stable_worldmodel_rs.planning import (
     CategoricalCEMSolver,

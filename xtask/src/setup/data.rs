@@ -52,7 +52,7 @@ pub(crate) const MUJOCO: Package = Package {
 };
 
 /// The models of the DeepMind Control Suite; Apache-2.0.
-const DM_CONTROL: Package = Package {
+pub(crate) const DM_CONTROL: Package = Package {
     name: "dm_control",
     version: "1.0.50",
     wheels: &[Wheel {

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
+from typing import Any, TypeGuard
 
-__all__ = ["is_tensor", "require_torch"]
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Array", "is_array", "is_tensor", "require_torch"]
+
+Array = npt.NDArray[Any]
+"""An array of any type; shapes are in the docs."""
 
 
-def is_tensor(value: object) -> bool:
+def is_array(value: object) -> TypeGuard[Array]:
+    """Whether ``value`` is a NumPy array."""
+    return isinstance(value, np.ndarray)
+
+
+def is_tensor(value: object) -> TypeGuard[Any]:
     """Whether ``value`` is a torch tensor. Where torch was never imported, nothing is."""
     torch = sys.modules.get("torch")
     return torch is not None and isinstance(value, torch.Tensor)

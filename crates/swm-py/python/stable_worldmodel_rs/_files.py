@@ -29,9 +29,14 @@ _OGBENCH_PARTS: tuple[tuple[str, str, tuple[str, ...] | None], ...] = (
 _OGBENCH_SHA256 = "3af341438533a83f15e8e6848916eeab5a81982ba0eb719a008d104126aa98bc"
 
 
+# The data folder of the command, which `choose` may set aside.
+_home: Path | None = None
+
+
 def choose() -> None:
     """Tell the core where the files of the wheel are, unless an environment variable says otherwise."""
-    _, _, (mujoco, _, _) = _swm.files()
+    global _home
+    _, _home, (mujoco, _, _) = _swm.files()
     library = next((_LIB / "mujoco" / mujoco).glob("*mujoco*"), None)
     chosen = os.environ.get("SWM_HOME")
     if library is not None and not chosen and not os.environ.get("SWM_MUJOCO_LIB"):
@@ -41,32 +46,46 @@ def choose() -> None:
 
 
 def offer_ogbench() -> None:
-    """Make the models of an installed ``ogbench`` known, where the data folder lacks them.
+    """Make the models of OGBench known where the folder of the wheel lacks them.
 
-    Called before the first environment of OGBench is made. The folder that joins them with the models of the wheel lies in
-    the user's cache and is made of links, or of copies where the system allows no links.
+    Called before the first environment of OGBench is made. They come from the data folder of the command, or from an
+    installed ``ogbench``. The folder that joins them with the models of the wheel lies in the user's cache and is made of
+    links, or of copies where the system allows no links.
     """
     _, folder, (_, dm_control, ogbench) = _swm.files()
-    if folder is not None and (folder / "ogbench" / ogbench).is_dir():
+    if folder is None or (folder / "ogbench" / ogbench).is_dir():
         return
-    try:
-        installed = version("ogbench")
-        spec = find_spec("ogbench")
-    except PackageNotFoundError:
-        return
-    if installed != ogbench or spec is None or not spec.submodule_search_locations:
-        raise _swm.EnvError(
-            f"ogbench {installed} is installed, and its models differ from those of {ogbench}; "
-            f"run `pip install ogbench=={ogbench}`"
-        )
-    package = Path(next(iter(spec.submodule_search_locations)))
+    own = None if _home is None else _home / "ogbench" / ogbench
+    if own is not None and own.is_dir():
+        sources = {place: own / place for _, place, _ in _OGBENCH_PARTS}
+    else:
+        package = _package(ogbench)
+        if package is None:
+            return
+        sources = {place: package / source for source, place, _ in _OGBENCH_PARTS}
     home = _cache() / f"models-{ogbench}"
-    _check(package)
-    for source, place, _ in _OGBENCH_PARTS:
-        _link(package / source, home / "ogbench" / ogbench / place)
-    if folder is not None and (suite := folder / "dm_control" / dm_control).is_dir():
+    for place, source in sources.items():
+        _link(source, home / "ogbench" / ogbench / place)
+    if (suite := folder / "dm_control" / dm_control).is_dir():
         _link(suite, home / "dm_control" / dm_control)
     _swm.set_files(folder=str(home))
+
+
+def _package(wanted: str) -> Path | None:
+    """The folder of the installed ``ogbench``, checked; None if there is none."""
+    try:
+        installed = version("ogbench")
+    except PackageNotFoundError:
+        return None
+    spec = find_spec("ogbench")
+    if installed != wanted or spec is None or not spec.submodule_search_locations:
+        raise _swm.EnvError(
+            f"ogbench {installed} is installed, and its models differ from those of {wanted}; "
+            f"run `pip install ogbench=={wanted}`"
+        )
+    package = Path(next(iter(spec.submodule_search_locations)))
+    _check(package)
+    return package
 
 
 def _check(package: Path) -> None:

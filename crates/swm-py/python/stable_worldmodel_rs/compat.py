@@ -19,6 +19,7 @@ from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec
+from pathlib import Path
 from types import ModuleType
 
 __all__ = ["install", "is_installed", "uninstall"]
@@ -99,7 +100,10 @@ class _Finder(MetaPathFinder):
         except ModuleNotFoundError:
             found = None
         if found is None:
-            return PathFinder.find_spec(fullname, path)
+            # Not in `path`, which is that of our package: in the reference's folder of the same name.
+            roots = getattr(sys.modules.get(_THEIRS), "__path__", ())
+            folders = fullname.split(".")[1:-1]
+            return PathFinder.find_spec(fullname, [str(Path(root, *folders)) for root in roots])
         return ModuleSpec(fullname, _Alias(name), is_package=found.submodule_search_locations is not None)
 
 

@@ -5,6 +5,7 @@ Policies of the core (``"expert"``, ``"cem:samples=300"``) are attached by name:
 
 from __future__ import annotations
 
+import inspect
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._arrays import is_tensor, require_torch
+from ._arrays import Array, is_array, is_tensor, require_torch
+from ._prepare import scale, transform
 from .buffer import HistoryBuffer
 from .planning.solver._base import BaseSolver, PlanKeys
 from .planning.solver._bridge import take_rows
@@ -33,7 +35,6 @@ __all__ = [
     "WorldModelPolicy",
 ]
 
-Array = np.ndarray[Any, Any]
 Infos = dict[str, Any]
 
 ACTION_HISTORY_KEY = "action_history"
@@ -97,7 +98,7 @@ class BasePolicy:
         for name, value in kwargs.items():
             setattr(self, name, value)
 
-    def get_action(self, obs: Any, **kwargs: Any) -> Any:
+    def get_action(self, obs: Any, /, **kwargs: Any) -> Any:
         """The next actions, ``(N, *A)``, from the infos, ``(N, 1, ...)`` each."""
         raise NotImplementedError
 
@@ -117,15 +118,16 @@ class BasePolicy:
             tensors: Whether arrays become torch tensors; not for a NumPy cost.
         """
         process: dict[str, Any] = getattr(self, "process", {})
-        transform: dict[str, Any] = getattr(self, "transform", {})
+        transforms: dict[str, Any] = getattr(self, "transform", {})
         prepared: Infos = {}
         for key, value in info_dict.items():
             if key in process:
-                value = _scale(process[key], key, value)
-            if key in transform:
-                value = _transform(transform[key], key, value)
-            if tensors and isinstance(value, np.ndarray | np.generic) and value.dtype.kind not in "USO":
-                value = require_torch("models take torch tensors").from_numpy(np.asarray(value))
+                value = scale(process[key], key, value)
+            if key in transforms:
+                value = transform(transforms[key], key, value)
+            value = np.asarray(value) if np.isscalar(value) and hasattr(value, "dtype") else value
+            if tensors and is_array(value) and value.dtype.kind not in "USO":
+                value = require_torch("models take torch tensors").from_numpy(value)
             prepared[key] = value
         return prepared
 
@@ -259,6 +261,7 @@ class WorldModelPolicy(BasePolicy):
         self._next_init: Any = None
         self._history_buffer: HistoryBuffer | None = None
         self._plans: list[int] = []
+        self._gives_keys = False
 
     @property
     def flatten_receding_horizon(self) -> int:
@@ -282,6 +285,10 @@ class WorldModelPolicy(BasePolicy):
                 f"{type(self.solver).__name__} is no solver; it needs configure, solve, action_dim, n_envs and horizon, "
                 "as stable_worldmodel_rs.planning.Solver has"
             )
+        # A solver of ours whose `solve` was overridden as the reference knows it has no keys.
+        arguments = inspect.signature(self.solver.solve).parameters.values()
+        takes_keys = any(one.name == "keys" or one.kind is one.VAR_KEYWORD for one in arguments)
+        self._gives_keys = takes_keys and isinstance(self.solver, BaseSolver)
         self._action_buffer = [deque(maxlen=self.flatten_receding_horizon) for _ in range(count)]
         self._next_init = None
         self._plans = [0] * count
@@ -322,7 +329,7 @@ class WorldModelPolicy(BasePolicy):
             actions = np.full((count, *single.shape), np.nan, np.float32)
         for index in np.flatnonzero(~is_over):
             actions[index] = queues[index].popleft().reshape(single.shape)
-        actions = actions.reshape(self.env.action_space.shape)
+        actions: Array = actions.reshape(self.env.action_space.shape)
         return self.process["action"].inverse_transform(actions) if "action" in self.process else actions
 
     def _forget(self, begun: Array) -> None:
@@ -346,7 +353,7 @@ class WorldModelPolicy(BasePolicy):
             if blocks is not None:
                 infos[ACTION_HISTORY_KEY] = blocks
         initial = None if self._next_init is None else self._next_init[due]
-        known = {"keys": self._keys(info_dict, due)} if isinstance(self.solver, BaseSolver) else {}
+        known = {"keys": self._keys(info_dict, due)} if self._gives_keys else {}
         plans = self.solver(infos, init_action=initial, **known)["actions"]
         now, rest = plans[:, : self.cfg.receding_horizon], plans[:, self.cfg.receding_horizon :]
         if not self.cfg.warm_start:
@@ -380,35 +387,3 @@ def _is_first(info_dict: Infos, count: int) -> Array:
     """Where the step is the first of an episode: a reset by hand says no more than this."""
     steps = info_dict.get("step_idx")
     return np.zeros(count, bool) if steps is None else np.asarray(steps).reshape(count, -1)[:, -1] == 0
-
-
-def _scale(scaler: Any, key: str, values: Any) -> Array:
-    """Values ``(..., D)`` scaled row by row; blocks of several actions action by action."""
-    if not isinstance(values, np.ndarray | np.generic):
-        raise ValueError(
-            f"Expected numpy array for key '{key}' in process, got {type(values)}; leave tensors out of process"
-        )
-    dim = getattr(scaler, "n_features_in_", None)
-    if dim is not None and values.ndim > 1 and values.shape[-1] != dim and values.shape[-1] % dim == 0:
-        rows = values.reshape(-1, dim)
-    else:
-        rows = values.reshape(-1, *values.shape[2:]) if values.ndim > 2 else values
-    return np.asarray(scaler.transform(rows)).reshape(values.shape)
-
-
-def _transform(function: Callable[[Any], Any], key: str, values: Any) -> Any:
-    """A transform applied to every image of ``(N, T, H, W, C)``: ``(N, T, C, H, W)``, or what it makes of them."""
-    leading = values.shape[:2] if values.ndim > 2 else values.shape[:1]
-    flat = values.reshape(-1, *values.shape[len(leading) :])
-    if key.startswith(("pixels", "goal")) and flat.ndim == 4:
-        flat = flat.permute(0, 3, 1, 2) if is_tensor(flat) else np.ascontiguousarray(flat.transpose(0, 3, 1, 2))
-    torch = require_torch("transforms of images take torch tensors")
-    images = flat if is_tensor(flat) else torch.from_numpy(flat)
-    try:
-        from torchvision.tv_tensors import Image
-    except ImportError:  # torchvision's own transforms know a tensor for an image, too.
-        made = [function(image) for image in images]
-    else:
-        made = [function(Image(image)) for image in images]
-    stacked = torch.stack([torch.as_tensor(image) for image in made])
-    return stacked.reshape(*leading, *stacked.shape[1:])

@@ -10,13 +10,12 @@ use numpy::{Element, PyArrayDyn};
 use pyo3::prelude::*;
 use swm::core::{Batch, Slice};
 
-use crate::mirror::Mirror;
 use crate::world::{Core, Shared};
 
 /// The owner of the memory behind the arrays of one infos table.
 #[pyclass(frozen, module = "stable_worldmodel_rs._swm")]
 pub(crate) struct Table {
-    _world: Arc<Shared>,
+    world: Arc<Shared>,
     /// The columns, once the World has other ones.
     kept: Mutex<Option<Batch>>,
 }
@@ -24,7 +23,7 @@ pub(crate) struct Table {
 impl Table {
     /// The owner of the present infos of `world`.
     pub(crate) fn new(world: Arc<Shared>) -> Self {
-        Self { _world: world, kept: Mutex::new(None) }
+        Self { world, kept: Mutex::new(None) }
     }
 
     /// Takes over the columns that the World has replaced.
@@ -41,29 +40,41 @@ pub(crate) type Named<'py> = (String, Bound<'py, PyAny>);
 /// `core` is that of the World that `table` belongs to.
 pub(crate) fn infos<'py>(table: &Bound<'py, Table>, core: &Core) -> PyResult<Vec<Named<'py>>> {
     let Some(world) = &core.world else { return Ok(Vec::new()) };
-    all(table, world.infos(), true)
-}
-
-/// The columns that the binding keeps itself ([`Core::mirror`]): those of the infos as `(N, 1, …)`, results of the last
-/// step as `(N,)`.
-pub(crate) fn mirror<'py>(table: &Bound<'py, Table>, core: &Core) -> PyResult<Vec<Named<'py>>> {
-    all(table, core.mirror.table(), false)
-}
-
-fn all<'py>(table: &Bound<'py, Table>, batch: &Batch, is_infos: bool) -> PyResult<Vec<Named<'py>>> {
+    let infos = world.infos();
     let mut named = Vec::new();
-    for (index, field) in batch.schema().fields().iter().enumerate() {
-        let mut shape = vec![batch.rows()];
-        if is_infos || Mirror::is_info(&field.name) {
-            shape.push(1);
-        }
-        shape.extend(&field.shape);
-        let is_flag = !is_infos && Mirror::is_flag(&field.name);
-        if let Some(array) = view(table, batch.column(index), &shape, is_flag)? {
+    for (index, field) in infos.schema().fields().iter().enumerate() {
+        let shape: Vec<usize> = [infos.rows(), 1].iter().chain(&field.shape).copied().collect();
+        if let Some(array) = view(table, infos.column(index), &shape, false)? {
             named.push((field.name.clone(), array));
         }
     }
+    mirror(table, core, true, &mut named)?;
     Ok(named)
+}
+
+/// What the last step gave, as arrays `(N,)`; see [`infos`].
+pub(crate) fn results<'py>(table: &Bound<'py, Table>, core: &Core) -> PyResult<Vec<Named<'py>>> {
+    let mut named = Vec::new();
+    mirror(table, core, false, &mut named)?;
+    Ok(named)
+}
+
+/// The columns that the binding keeps itself: those of the infos, `(N, 1, …)`, or the results of a step, `(N,)`.
+fn mirror<'py>(
+    table: &Bound<'py, Table>,
+    core: &Core,
+    of_infos: bool,
+    named: &mut Vec<Named<'py>>,
+) -> PyResult<()> {
+    let rows = table.get().world.num_envs;
+    for column in core.mirror.columns().into_iter().filter(|column| column.is_info == of_infos) {
+        let leading: &[usize] = if of_infos { &[rows, 1] } else { &[rows] };
+        let shape: Vec<usize> = leading.iter().chain(column.shape).copied().collect();
+        if let Some(array) = view(table, column.values, &shape, column.is_flag)? {
+            named.push((column.name.to_owned(), array));
+        }
+    }
+    Ok(())
 }
 
 /// A column as an array; `None` for texts. `is_flag`: bytes that are 0 or 1, shown as booleans.

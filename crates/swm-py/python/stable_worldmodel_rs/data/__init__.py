@@ -9,7 +9,7 @@ Example:
     ...     batch["pixels"]  # uint8 (64, 4, 3, H, W)
 """
 
-from . import formats as _formats  # noqa: F401  (registers the formats)
+from . import formats  # Registers them.
 from .buffer import ReplayBuffer, classic_filter
 from .dataset import ClipIndices, ConcatDataset, Dataset, GoalDataset, MergeDataset
 from .format import (
@@ -74,6 +74,7 @@ __all__ = [
     "detect_format",
     "download",
     "ensure_dir_exists",
+    "formats",
     "get_cache_dir",
     "get_format",
     "get_scaler",

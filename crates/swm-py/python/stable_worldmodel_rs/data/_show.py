@@ -55,7 +55,7 @@ def contact_sheet(dataset: NativeDataset) -> NDArray[np.uint8] | None:
     key = "pixels" if "pixels" in pictures else pictures[0]
     lines: list[NDArray[Any]] = []
     for length, offset in list(zip(dataset.lengths.tolist(), dataset.offsets.tolist(), strict=True))[:EPISODES]:
-        wanted = offset + np.linspace(0, length - 1, FRAMES).astype(np.int64)
+        wanted: NDArray[np.int64] = np.asarray(offset + np.linspace(0, length - 1, FRAMES), dtype=np.int64)
         frames = dataset._rows(wanted, [key])[key]  # pyright: ignore[reportPrivateUsage]
         lines.append(np.concatenate([np.pad(frame, ((0, GAP), (0, GAP), (0, 0)), constant_values=255) for frame in frames], axis=1))
     return np.ascontiguousarray(np.concatenate(lines))

@@ -12,9 +12,10 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import cache
 from types import ModuleType
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 Output = Literal["torch", "numpy"] | None
 """What items and batches are made of; ``None``: torch if it is installed."""
@@ -55,18 +56,17 @@ def _leave(value: Any) -> Any:
     return value
 
 
-def to_numpy(value: Any) -> np.ndarray[Any, Any]:
+def to_numpy(value: Any) -> NDArray[Any]:
     """A tensor, list or array as an array; tensors come to the CPU first."""
-    if hasattr(value, "detach"):
-        value = value.detach().cpu().numpy()
-    return np.asarray(value)
+    array: Any = value.detach().cpu().numpy() if hasattr(value, "detach") else value
+    return np.asarray(array)
 
 
 def stack(values: list[Any]) -> Any:
     """Equal items of several clips as one batch item: tensors and arrays are stacked, text stays a list."""
-    first = values[0]
+    first: Any = values[0]
     if isinstance(first, np.ndarray):
-        return np.stack(values)
+        return np.stack(cast("list[NDArray[Any]]", values))
     if isinstance(first, Mapping):
         return {key: stack([value[key] for value in values]) for key in first}  # pyright: ignore[reportUnknownVariableType]
     torch = torch_or_none()

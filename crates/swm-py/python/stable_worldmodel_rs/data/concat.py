@@ -54,7 +54,7 @@ class ConcatDataset:
         names = self.episode_column_names
         if not names:
             return {}
-        asked = np.arange(self._ep_cum[-1]) if episodes_idx is None else to_numpy(episodes_idx).reshape(-1)
+        asked = to_numpy(range(int(self._ep_cum[-1])) if episodes_idx is None else episodes_idx).reshape(-1)
         values: dict[str, list[Any]] = {name: [None] * len(asked) for name in names}
         for dataset, local, positions in self._by_dataset(asked, self._ep_cum):
             if hasattr(dataset, "get_episode_data"):

@@ -60,10 +60,9 @@ class GoalDataset:
     def _with_future(self) -> NDArray[np.int64]:
         """The clips that have a later row."""
         clips = self.dataset.clip_indices
-        if hasattr(clips, "arrays"):
-            episodes, starts = clips.arrays()
-        else:
-            episodes, starts = np.asarray(list(clips), dtype=np.int64).reshape(-1, 2).T
+        if not hasattr(clips, "arrays"):
+            return np.asarray([at for at, clip in enumerate(clips) if self._steps_left(*clip) >= 1], dtype=np.int64)
+        episodes, starts = clips.arrays()
         left = (np.asarray(self.episode_lengths)[episodes] - 1 - self._current(starts)) // self.dataset.frameskip
         return np.flatnonzero(left >= 1)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -127,7 +128,7 @@ class Loader:
         transform: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
         paper: bool = False,
     ) -> None:
-        if isinstance(dataset, (str, bytes)) or hasattr(dataset, "__fspath__"):
+        if isinstance(dataset, (str, Path)):
             dataset = load_dataset(dataset)
         self.dataset = dataset
         self.batch_size = batch_size
@@ -170,7 +171,7 @@ class Loader:
         self._make_table: Callable[[], tuple[dict[str, Any], Any]] | None = self._pinned if self.pin_memory else None
         self._stream = self._start(None)
         self._fresh = True
-        self._turn = 0
+        self._turn: int = 0
 
     def _goals(self, goals: bool | Mapping[str, Any] | None) -> Any:
         """What the core is told of goals."""
@@ -239,23 +240,25 @@ class Loader:
             # The last epoch was left before its end.
             self.set_epoch(self._position()["epoch"] + 1)
         self._turn += 1
-        return self._epoch(self._turn)
+        return _Epoch(self, self._turn)
 
-    def _epoch(self, turn: int) -> Iterator[dict[str, Any]]:
-        while True:
-            if turn != self._turn:
-                raise RuntimeError("another iteration of this loader has begun; make a second Loader to run two at once")
-            self._fresh = False
-            read = self._stream.next()
-            if read is None:
-                self._fresh = True
-                return
-            yield self._finish(read)
+    def _next(self, turn: int) -> dict[str, Any]:
+        """The next batch of the iteration ``turn``."""
+        if turn != self._turn:
+            raise RuntimeError("another iteration of this loader has begun; make a second Loader to run two at once")
+        self._fresh = False
+        read = self._stream.next()
+        if read is None:
+            self._fresh = True
+            self._turn += 1
+            raise StopIteration
+        return self._finish(read)
 
     def _finish(self, read: Any) -> dict[str, Any]:
         """A batch as the user gets it."""
-        if isinstance(read, dict):
-            batch: dict[str, Any] = {name: self._convert(values) for name, values in read.items()}
+        batch: dict[str, Any]
+        if self._make_table is None:
+            batch = {name: self._convert(values) for name, values in read.items()}
         else:
             tensors, rows, texts = read
             known = {name: tensor[:rows] for name, tensor in tensors.items()} | dict(texts)
@@ -330,6 +333,24 @@ class Loader:
         return f"Loader({self.num_clips} clips, {len(self)} batches of {self.batch_size}: {columns})"
 
 
+class _Epoch(Iterator[dict[str, Any]]):
+    """One pass over a loader. After a batch that cannot be read, it goes on with the next."""
+
+    def __init__(self, loader: Loader, turn: int) -> None:
+        self._loader = loader
+        self._turn = turn
+        self._ended = False
+
+    def __next__(self) -> dict[str, Any]:
+        if self._ended:
+            raise StopIteration
+        try:
+            return self._loader._next(self._turn)  # pyright: ignore[reportPrivateUsage]
+        except StopIteration:
+            self._ended = True
+            raise
+
+
 def _moves(name: str, dtype: str, shape: Sequence[int]) -> bool:
     """Whether the channels are elsewhere than in the items of datasets: first if there are 1 or 3, else last."""
     if name == ACTION or len(shape) != 4:
@@ -339,4 +360,6 @@ def _moves(name: str, dtype: str, shape: Sequence[int]) -> bool:
 
 def _move(values: Any, dtype: str) -> Any:
     source, target = (2, -1) if dtype == "uint8" else (-1, 2)
-    return np.moveaxis(values, source, target) if isinstance(values, np.ndarray) else values.movedim(source, target)
+    if hasattr(values, "movedim"):
+        return values.movedim(source, target)
+    return np.moveaxis(values, source, target)

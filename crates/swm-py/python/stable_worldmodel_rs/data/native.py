@@ -48,7 +48,8 @@ class Clips(Sequence[dict[str, Any]]):
 
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(self._size))]
+            items: list[dict[str, Any]] = [self[i] for i in range(*index.indices(self._size))]
+            return items
         if not -self._size <= index < self._size:
             raise IndexError(index)
         return {key: values[index] for key, values in self.batch.items()}
@@ -135,7 +136,7 @@ class NativeDataset(Dataset):
         cached = [key for key in dict.fromkeys(keys_to_cache or ()) if key not in self.cached_columns]
         self._require(cached, stored)
         self.cached_columns += [key for key in cached if key in stored]
-        if cached:
+        if cached or any(key not in stored for key in self._keys):
             self._reset()
 
     def _require(self, keys: Sequence[str], stored: Sequence[str]) -> None:
@@ -228,7 +229,7 @@ class NativeDataset(Dataset):
 
     def _finish(self, name: str, values: Any, shape: list[int], batched: int, planar: bool) -> Any:
         """The axes of pictures as the reference has them: channels first if there are 1 or 3, whatever the type."""
-        if isinstance(values, list) or len(shape) != 3:
+        if len(shape) != 3 or not hasattr(values, "shape"):
             return values
         first = batched + 1
         if shape[2] in (1, 3):
@@ -354,7 +355,8 @@ class NativeDataset(Dataset):
         part = copy(self)
         part.episodes = wanted if self.episodes is None else [self.episodes[episode] for episode in wanted]
         starts, lengths = self.offsets[wanted], self.lengths[wanted]
-        rows = np.concatenate([np.arange(first, first + count) for first, count in zip(starts, lengths, strict=True)] or [wanted])
+        pairs: list[tuple[int, int]] = list(zip(starts.tolist(), lengths.tolist(), strict=True))
+        rows = np.asarray([row for first, count in pairs for row in range(first, first + count)], dtype=np.int64)
         part._merged = {key: np.ascontiguousarray(values[rows]) for key, values in self._merged.items()}
         part._keys, part.cached_columns = list(self._keys), list(self.cached_columns)
         part._reset()

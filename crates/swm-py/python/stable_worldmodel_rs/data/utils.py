@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -114,7 +114,7 @@ def split(dataset: NativeDataset, fractions: Sequence[float], seed: int = 0) -> 
 
 
 @contextmanager
-def _progress(shown: bool, total: int, title: str) -> Iterator[Callable[[int], None]]:
+def _progress(shown: bool, total: int, title: str) -> Generator[Callable[[int], None], None, None]:
     """A function that is told how many episodes are done, and shows it by tqdm where that is installed."""
     if not shown or importlib.util.find_spec("tqdm") is None:
         yield lambda done: None
@@ -246,7 +246,7 @@ def as_written(episode: dict[str, Any], length: int) -> dict[str, Any]:
         if not hasattr(values, "shape"):
             columns[name] = [values] * length
             continue
-        array = to_numpy(values)
+        array: Any = to_numpy(values)
         if array.ndim == 4 and array.shape[1] in (1, 3):
             array = array.transpose(0, 2, 3, 1)
         if array.ndim == 4 and array.shape[-1] in (1, 3) and array.dtype.kind == "f":

@@ -24,9 +24,8 @@ _FLOATS = {"f2": "f4", "f4": "f4", "f8": "f8"}
 
 def as_column(name: str, values: Any) -> Any:
     """The values of a column as datasets hold them: an array ``(T, …)``, or a list of ``str``."""
-    if isinstance(values, (list, tuple)) and values and hasattr(values[0], "detach"):
-        values = [to_numpy(value) for value in values]
-    array = to_numpy(values)
+    steps: list[Any] = list(values) if isinstance(values, (list, tuple)) else []  # pyright: ignore[reportUnknownArgumentType]
+    array = to_numpy([to_numpy(value) for value in steps] if steps and hasattr(steps[0], "detach") else values)
     kind = f"{array.dtype.kind}{array.dtype.itemsize}"
     if array.dtype.kind in "USO":
         return [value.decode() if isinstance(value, (bytes, bytearray)) else str(value) for value in array.reshape(-1).tolist()]
@@ -76,6 +75,7 @@ class NativeWriter:
         self._metadata = metadata
         self._writer: _swm.EpisodeWriter | None = None
         self._known: dict[str, tuple[int, ...]] | None = None
+        self._constant: list[str] = []
 
     def _exists(self) -> bool:
         return (self.path / self._marker).exists() if self._marker else self.path.exists()
@@ -88,6 +88,7 @@ class NativeWriter:
         if exists and self.mode == "append":
             there = _swm.Reader.open(self.path, self.native_format)
             self._known = {name: tuple(shape) for name, _, shape, _ in there.fields if name != "ep_idx"}
+            self._constant = [name for name, _, _, kind in there.fields if kind == "episode"]
             runs = json.loads(there.runs)
             if metadata is None and runs:
                 # Episodes of Python code continue what was recorded, and are no replay of it.
@@ -119,7 +120,7 @@ class NativeWriter:
             raise RuntimeError(f"{type(self).__name__} used outside of a `with` block")
         columns = {name: as_column(name, values) for name, values in ep_data.items() if name != "ep_idx"}
         self._check(columns)
-        self._writer.write_episode(list(columns.items()))
+        self._writer.write_episode(list(columns.items()), self._constant)
 
     def _check(self, columns: dict[str, NDArray[Any] | list[str]]) -> None:
         shapes = {name: per_step(values) for name, values in columns.items()}

@@ -92,7 +92,7 @@ class ShootingCostEvaluator(torch.nn.Module):
         constraints: Sequence[Objective] | None = None,
         encode_goal: Callable[[Any, dict[str, Any]], torch.Tensor] | None = default_goal_encode,
     ) -> None:
-        super().__init__()
+        super().__init__()  # pyright: ignore[reportUnknownMemberType]
         self.model: Any = model
         self.objective: Any = objective
         self.constraints = list(constraints) if constraints else None

@@ -73,8 +73,8 @@ class MpcPolicy(NativePolicy):
                 )
             cost = cost if cost is not None else own
             # The seed of the solver's noise; `seed=` of a NativePolicy would replace those of the episodes.
-            name = f"{solver._native}:seed={solver.seed & 0xFFFF_FFFF}"
-            settings |= solver._settings()
+            name = f"{solver.native_name}:seed={solver.seed & 0xFFFF_FFFF}"
+            settings |= solver.settings()
         for field in fields(SimulatorCost):
             value = getattr(cost, field.name) if cost is not None else field.default
             if value != field.default:

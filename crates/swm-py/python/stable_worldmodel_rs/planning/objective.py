@@ -32,7 +32,7 @@ class GoalMSE(torch.nn.Module):
     def __init__(
         self, pred_key: str = "predicted_emb", goal_key: str = "goal_emb", reduction: str = "sum"
     ) -> None:
-        super().__init__()
+        super().__init__()  # pyright: ignore[reportUnknownMemberType]
         if reduction not in ("sum", "mean"):
             raise ValueError(f"reduction must be 'sum' or 'mean', got {reduction!r}")
         self.pred_key = pred_key
@@ -50,7 +50,7 @@ class ControlPenalty(torch.nn.Module):
     """Sum of squares of the candidates, ``info[action_key]``, ``(B, S, H, D)``: ``(B, S)``."""
 
     def __init__(self, action_key: str = "action_candidates") -> None:
-        super().__init__()
+        super().__init__()  # pyright: ignore[reportUnknownMemberType]
         self.action_key = action_key
 
     def forward(self, info_dict: dict[str, Any]) -> torch.Tensor:
@@ -61,7 +61,7 @@ class WeightedSum(torch.nn.Module):
     """Weighted sum of objectives: ``WeightedSum([(1.0, GoalMSE()), (0.01, ControlPenalty())])``."""
 
     def __init__(self, terms: list[tuple[float, Objective]]) -> None:
-        super().__init__()
+        super().__init__()  # pyright: ignore[reportUnknownMemberType]
         if not terms:
             raise ValueError("WeightedSum needs one term or more: [(weight, objective), ...]")
         self.weights = [float(weight) for weight, _ in terms]

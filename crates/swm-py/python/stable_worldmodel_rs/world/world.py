@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -403,11 +404,15 @@ class World:
             raise ValueError("World.collect: pass exactly one of `path` or `writer`.")
         if episodes < 1:
             raise ValueError(f"World.collect: episodes={episodes}; ask for 1 or more")
-        if self._core is None:
-            if writer is None:
-                from ..data import format as formats
+        if path is not None:
+            target = Path(str(path)).expanduser()
+            target.parent.mkdir(parents=True, exist_ok=True)
+            format = format or _format_of(target)
+            if self._core is None or format not in _native_formats().values():
+                from ..data.format import get_format
 
-                writer = formats.get_format(format or _format_of(Path(str(path)))).open_writer(path)
+                writer = get_format(format).open_writer(target, mode=mode)
+        if self._core is None:
             foreign.collect(self, writer, episodes, seed, options, progress)
             return {"episodes": episodes}
         core = self._core if replayable is None else self._replayable(replayable)
@@ -416,8 +421,6 @@ class World:
         with Progress("Recording", episodes, progress) as bar:
             if writer is not None:
                 return self._collect_into(writer, core, act, episodes, run, options, bar)
-            target = Path(str(path)).expanduser()
-            target.parent.mkdir(parents=True, exist_ok=True)
             text = _swm.collect(
                 core,
                 act,
@@ -425,7 +428,7 @@ class World:
                 episodes,
                 run,
                 _listed(options),
-                format=format or (None if target.suffix else _format_of(target)),
+                format=format,
                 mode=mode,
                 quality=quality,
                 tick=bar.tick,
@@ -571,8 +574,15 @@ def _listed(options: Any) -> Any:
     return [None if one is None else dict(one) for one in options]
 
 
+@cache
+def _native_formats() -> dict[str, str]:
+    """Suffix -> name of the formats that the core writes."""
+    return {f".{suffix}": name for name, _, suffixes in _swm.dataset_formats() for suffix in (*suffixes, name)}
+
+
 def _format_of(path: Path) -> str:
-    return {".lance": "lance", "": "hdf5"}.get(path.suffix, path.suffix.lstrip("."))
+    """The format that a path's suffix names; HDF5 where it has none."""
+    return _native_formats().get(path.suffix, path.suffix.lstrip(".")) or "hdf5"
 
 
 def _plain(value: Any) -> Any:

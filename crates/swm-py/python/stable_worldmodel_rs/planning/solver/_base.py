@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ... import _swm
-from ..._arrays import is_tensor, require_torch
+from ..._arrays import Array, is_array, is_tensor, require_torch
+from ..._swm import Solver as NativeSolver
 from ...protocols import Actionable
-from ._bridge import Array, Bridge, NumpyBridge, TorchBridge, rows_of, take_rows
+from ._bridge import Bridge, NumpyBridge, TorchBridge, rows_of, take_rows
 from ._errors import PlanAssertionError
+from ._shown import FirstCandidates, Shown
 from ._space import PlanSpace
 from .utils import prepare_init_action
 
@@ -49,7 +50,7 @@ class BaseSolver:
     plan is the same bits alone or among others, for any ``batch_size``.
     """
 
-    _native: ClassVar[str]
+    native_name: ClassVar[str]
     _asks_actor: ClassVar[bool] = True
     """Whether a model's own actions continue a warm start."""
 
@@ -76,10 +77,10 @@ class BaseSolver:
         self._space: PlanSpace | None = None
         self._calls = 0
         self._memory: dict[int, Array] = {}
-        self._solvers: dict[tuple[str, str], _swm.Solver] = {}
+        self._solvers: dict[tuple[str, str], NativeSolver] = {}
 
     def __repr__(self) -> str:
-        settings = ", ".join(f"{name}={value}" for name, value in self._settings().items())
+        settings = ", ".join(f"{name}={value}" for name, value in self.settings().items())
         return f"{type(self).__name__}({type(self.cost).__name__}, {settings}, seed={self.seed})"
 
     def __getstate__(self) -> dict[str, Any]:
@@ -88,7 +89,7 @@ class BaseSolver:
 
     # What each solver says of itself.
 
-    def _settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         """The settings of the Rust solver."""
         raise NotImplementedError
 
@@ -97,7 +98,7 @@ class BaseSolver:
         return 1 << 62
 
     @property
-    def _uses_gradient(self) -> bool:
+    def uses_gradient(self) -> bool:
         return False
 
     def _finish(self, results: list[dict[str, Any]], bridges: list[Bridge]) -> dict[str, Any]:
@@ -117,7 +118,7 @@ class BaseSolver:
         self._action_space = action_space
         self._n_envs = n_envs
         self._config = config
-        self._space = PlanSpace.of(action_space)
+        self._space = PlanSpace.of(action_space, n_envs)
         self._action_dim = self._space.actions
         self._memory.clear()
         self._configured = True
@@ -155,7 +156,7 @@ class BaseSolver:
     @property
     def dtype(self) -> torch.dtype:
         """The type of the cost's parameters; ``torch.float32`` for a cost without any. Candidates are cast to it."""
-        torch = _torch(self.cost)
+        torch = torch_of(self.cost)
         try:
             return next(self.cost.parameters()).dtype
         except (AttributeError, StopIteration, TypeError):
@@ -208,22 +209,22 @@ class BaseSolver:
         logger.debug("%s planned for %d rows in %.4f s", type(self).__name__, total, time.perf_counter() - begun)
         return outputs
 
-    def _show(self, state: dict[str, Any]) -> None:
+    def show(self, state: dict[str, Any]) -> None:
         """One iteration, for the callbacks."""
         for callback in self.callbacks:
             callback(**state)
 
     # The call of the Rust solver.
 
-    def _solver(self, **changes: Any) -> _swm.Solver:
-        settings = {**self._settings(), "seed": self.seed & 0xFFFF_FFFF, **changes}
-        key = (self._native, json.dumps(settings))
+    def _solver(self, **changes: Any) -> NativeSolver:
+        settings = {**self.settings(), "seed": self.seed & 0xFFFF_FFFF, **changes}
+        key = (self.native_name, json.dumps(settings))
         if key not in self._solvers:
-            self._solvers[key] = _swm.Solver(*key)
+            self._solvers[key] = NativeSolver(*key)
         return self._solvers[key]
 
     def _bridge(self, info: dict[str, Any], rows: int, initial: Array) -> Bridge:
-        show = _Shown(self, initial)
+        show = Shown(self, initial)
         make = NumpyBridge if self.array_api == "numpy" else TorchBridge
         return make(self, info, rows, show)
 
@@ -256,7 +257,7 @@ class BaseSolver:
             result = self._solver().solve(
                 task,
                 bridge,
-                has_gradient=self._uses_gradient,
+                has_gradient=self.uses_gradient,
                 constraints=self._constraints(bridge, initial),
                 evaluations=self._evaluations(),
                 traced=bool(self.callbacks),
@@ -276,8 +277,8 @@ class BaseSolver:
         """torch's mode while the cost is called."""
         if self.array_api == "numpy":
             return contextlib.nullcontext()
-        torch = _torch(self.cost)
-        return torch.enable_grad() if self._uses_gradient else torch.inference_mode()
+        torch = torch_of(self.cost)
+        return torch.enable_grad() if self.uses_gradient else torch.inference_mode()
 
     # Plans in and out.
 
@@ -291,10 +292,10 @@ class BaseSolver:
 
     def _keys(self, info: dict[str, Any], total: int) -> PlanKeys:
         seeds = info.get("seed")
-        if seeds is None or not (is_tensor(seeds) or isinstance(seeds, np.ndarray)):
-            return PlanKeys(range(total), range(total), [self._calls] * total)
-        flat = np.asarray(seeds.cpu() if is_tensor(seeds) else seeds).reshape(total, -1)[:, -1]
-        return PlanKeys(range(total), [int(seed) for seed in flat], [self._calls] * total)
+        if is_tensor(seeds):
+            seeds = seeds.cpu().numpy()
+        chosen = [int(seed) for seed in seeds.reshape(total, -1)[:, -1]] if is_array(seeds) else range(total)
+        return PlanKeys(range(total), chosen, [self._calls] * total)
 
     def _initial(self, info: dict[str, Any], init_action: Any, total: int) -> Array:
         """Where the search begins: ``(B, H, plan values of a block)`` f32."""
@@ -325,11 +326,11 @@ class BaseSolver:
 
     def _actions(self, plans: Array, space: PlanSpace) -> Any:
         """Plans as actions."""
-        return self._array(space.actions_of(plans) if space.categories else plans)
+        return self.as_given(space.actions_of(plans) if space.categories else plans)
 
-    def _array(self, values: Array) -> Any:
+    def as_given(self, values: Array) -> Any:
         """An array as the caller knows them."""
-        return values if self.array_api == "numpy" else _torch(self.cost).from_numpy(values)
+        return values if self.array_api == "numpy" else torch_of(self.cost).from_numpy(values)
 
     def _starts(self, n_envs: int, actions: Any, **changes: Any) -> torch.Tensor:
         """The sequences that a gradient solver descends from, ``(n_envs, S, H, D)``, on its device."""
@@ -339,80 +340,16 @@ class BaseSolver:
         if actions is not None:
             given = self._given(actions)
             initial[:, : given.shape[1]] = given[:, : self.horizon]
-        seen = _Seen()
+        seen = FirstCandidates()
         self._solver(**changes).solve(
             self._task(initial, keys, space), seen, has_gradient=True, constraints=0, evaluations=1 << 62, traced=False
         )
-        return _torch(self.cost).from_numpy(seen.candidates).to(self.device)
-
-
-class _Seen:
-    """A bridge that keeps the first candidates, and calls every plan equally good."""
-
-    candidates: Array
-
-    def evaluate(self, candidates: Array) -> Array:
-        if not hasattr(self, "candidates"):
-            self.candidates = candidates
-        return np.zeros(candidates.shape[:2])
-
-    def differentiate(self, candidates: Array) -> tuple[Array, Array]:
-        return self.evaluate(candidates), np.zeros_like(candidates)
-
-
-class _Shown:
-    """Shows the iterations of a chunk to the callbacks of its solver."""
-
-    def __init__(self, solver: BaseSolver, initial: Array) -> None:
-        self._of = solver
-        self._mean = initial
-        self._std: Array | None = None
-
-    def __call__(
-        self,
-        step: int,
-        candidates: Array,
-        costs: Array,
-        mean: Array | None,
-        std: Array | None,
-        gradient: Array | None,
-    ) -> None:
-        make = self._of._array
-        state: dict[str, Any] = {"step": step, "costs": make(costs)}
-        if mean is None or std is None:
-            params = make(candidates)
-            if gradient is not None:
-                params = params.view(_Params) if isinstance(params, np.ndarray) else params
-                params.grad = make(gradient)
-            state |= {"params": params, "cost": state["costs"].sum()}
-        else:
-            kept = min(getattr(self._of, "topk", 1) or costs.shape[1], costs.shape[1])
-            order = np.argsort(costs, axis=1, kind="stable")[:, :kept]
-            rows = np.arange(len(costs))[:, None]
-            before = np.full_like(std, getattr(self._of, "var_scale", 1.0)) if self._std is None else self._std
-            state |= {
-                "candidates": make(candidates),
-                "topk_vals": make(costs[rows, order]),
-                "topk_inds": make(order),
-                "topk_candidates": make(candidates[rows, order]),
-                "mean": make(mean),
-                "var": make(std),
-                "prev_mean": make(self._mean),
-                "prev_var": make(before),
-            }
-            self._mean, self._std = mean, std
-        self._of._show(state)
-
-
-class _Params(np.ndarray[Any, Any]):
-    """An array with a gradient, as callbacks of gradient solvers expect."""
-
-    grad: Array | None = None
+        return torch_of(self.cost).from_numpy(seen.candidates).to(self.device)
 
 
 def _rows(keys: PlanKeys, rows: slice) -> PlanKeys:
     return PlanKeys(list(keys.slots)[rows], list(keys.seeds)[rows], list(keys.plans)[rows])
 
 
-def _torch(cost: Any) -> Any:
+def torch_of(cost: Any) -> Any:
     return require_torch(f'{type(cost).__name__} has no `array_api = "numpy"`, so it is given torch tensors')

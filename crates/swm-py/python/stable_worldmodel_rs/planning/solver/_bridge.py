@@ -6,11 +6,12 @@ Python, so costs may keep them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ..._arrays import is_tensor
+from ..._arrays import Array, is_array, is_tensor
 from ...protocols import Constrainable
 from ._errors import PlanAssertionError
 
@@ -21,28 +22,29 @@ if TYPE_CHECKING:
 
 __all__ = ["Bridge", "NumpyBridge", "TorchBridge", "rows_of", "take_rows"]
 
-Array = np.ndarray[Any, Any]
-
 
 def rows_of(info: dict[str, Any], otherwise: int) -> int:
     """B: the length of the first array of ``info``; ``otherwise`` where it has none."""
     for value in info.values():
-        if is_tensor(value) or isinstance(value, np.ndarray | list):
+        if is_rows(value):
             return len(value)
     return otherwise
 
 
-def take_rows(info: dict[str, Any], rows: Any) -> dict[str, Any]:
+def is_rows(value: Any) -> bool:
+    """Whether ``value`` has a row per environment: an array, a tensor or a list, but no scalar."""
+    return isinstance(value, list) or ((is_tensor(value) or is_array(value)) and value.ndim > 0)
+
+
+def take_rows(info: dict[str, Any], rows: slice | Sequence[int]) -> dict[str, Any]:
     """The chosen rows of every array and list of ``info``; other values as they are."""
-    index = np.arange(rows.stop)[rows] if isinstance(rows, slice) else rows
+    index = range(rows.start, rows.stop) if isinstance(rows, slice) else rows
     taken: dict[str, Any] = {}
     for key, value in info.items():
-        if is_tensor(value) or isinstance(value, np.ndarray):
-            taken[key] = value[rows]
-        elif isinstance(value, list):
-            taken[key] = [value[i] for i in index]
-        else:
+        if not is_rows(value):
             taken[key] = value
+        else:
+            taken[key] = [value[i] for i in index] if isinstance(value, list) else value[rows]
     return taken
 
 
@@ -80,7 +82,7 @@ class Bridge:
 
     def expand(self, value: Any, samples: int) -> Any:
         """One value with a candidate axis, without a copy."""
-        if isinstance(value, np.ndarray):
+        if is_array(value) and value.ndim > 0:
             shape = (value.shape[0], samples, *value.shape[1:])
             return np.broadcast_to(value[:, None], shape)
         return value
@@ -182,14 +184,14 @@ class TorchBridge(Bridge):
         self._graph: tuple[torch.Tensor, torch.Tensor, torch.Tensor] | None = None
 
     def expand(self, value: Any, samples: int) -> Any:
-        if not is_tensor(value):
+        if not is_tensor(value) or value.ndim == 0:
             return super().expand(value, samples)
         value = value.to(device=self._device, dtype=self._dtype if value.is_floating_point() else None)
         return value.unsqueeze(1).expand(value.shape[0], samples, *value.shape[1:])
 
     def tensor(self, candidates: Array) -> torch.Tensor:
         """Candidates where and as the cost wants them."""
-        tensor = self._torch.from_numpy(candidates)
+        tensor: torch.Tensor = self._torch.from_numpy(candidates)  # pyright: ignore[reportUnknownMemberType]
         return tensor if self._is_plain else tensor.to(device=self._device, dtype=self._dtype)
 
     def ask(self, name: str, info: dict[str, Any], candidates: torch.Tensor) -> torch.Tensor:
@@ -215,7 +217,7 @@ class TorchBridge(Bridge):
 
     def evaluate(self, candidates: Array) -> Array:
         info = self.infos(candidates.shape[1])
-        if not self.solver._uses_gradient:  # The whole solve is in inference mode.
+        if not self.solver.uses_gradient:  # The whole solve is in inference mode.
             return self.array(self.ask("get_cost", info, self.tensor(candidates)))
         with self._torch.no_grad():
             return self.array(self.ask("get_cost", info, self.tensor(candidates)))

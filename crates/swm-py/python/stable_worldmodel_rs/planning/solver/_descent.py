@@ -43,10 +43,10 @@ class DescentSolver(BaseSolver):
         self.action_noise = action_noise
 
     @property
-    def _uses_gradient(self) -> bool:
+    def uses_gradient(self) -> bool:
         return True
 
-    def _settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         return {
             "samples": self.num_samples,
             "iterations": self.n_steps,

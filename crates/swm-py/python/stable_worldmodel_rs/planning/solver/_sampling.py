@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._base import BaseSolver, _torch
-from ._bridge import Array, Bridge
+from ..._arrays import Array
+from ._base import BaseSolver, torch_of
+from ._bridge import Bridge
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,7 +45,7 @@ class SamplingSolver(BaseSolver):
         self.clip = clip
         self.return_best = return_best
 
-    def _settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         return {
             "samples": self.num_samples,
             "iterations": self.n_steps,
@@ -64,7 +65,7 @@ class SamplingSolver(BaseSolver):
 
         ``actions``, ``(n_envs, t, D)``, are the beginning of the mean; zeros follow.
         """
-        torch = _torch(self.cost)
+        torch = torch_of(self.cost)
         var = torch.full((n_envs, self.horizon, self.action_dim), float(self.var_scale), dtype=self.dtype)
         mean = torch.zeros((n_envs, 0, self.action_dim), dtype=self.dtype) if actions is None else actions
         missing = self.horizon - mean.shape[1]
@@ -81,6 +82,6 @@ class SamplingSolver(BaseSolver):
 
         return {
             "costs": joined(costs).tolist(),
-            "mean": [self._array(joined("mean"))],
-            "var": [self._array(joined("std"))],
+            "mean": [self.as_given(joined("mean"))],
+            "var": [self.as_given(joined("std"))],
         }

@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     import gymnasium as gym
 
-    from ._bridge import Array
+    from ..._arrays import Array
 
 __all__ = ["PlanSpace"]
 
@@ -30,24 +30,26 @@ class PlanSpace:
     """``(A,)``: the smallest value of each integer."""
 
     @classmethod
-    def of(cls, space: gym.Space[Any]) -> PlanSpace:
+    def of(cls, space: gym.Space[Any], n_envs: int) -> PlanSpace:
         """Of a batched space, ``(n_envs, ...)``. ``Discrete`` is one integer; so is ``MultiDiscrete`` of one axis,
-        which is what gymnasium makes of several ``Discrete``."""
+        which is what gymnasium makes of several ``Discrete``. A ``Box`` of one axis that is not ``n_envs`` long is the
+        space of a single action."""
         from gymnasium import spaces
 
+        given: Any = space
         if isinstance(space, spaces.Discrete):
-            return cls(1, [], [], [int(space.n)], [int(space.start)])
+            return cls(1, [], [], [int(given.n)], [int(given.start)])
         if isinstance(space, spaces.MultiDiscrete):
-            count = space.nvec[0] if space.nvec.ndim > 1 else space.nvec[:1]
-            first = space.start[0] if space.nvec.ndim > 1 else space.start[:1]
+            count, first = (each[0] if each.ndim > 1 else each[:1] for each in (given.nvec, given.start))
             return cls(count.size, [], [], [int(n) for n in count], [int(n) for n in first])
         if not isinstance(space, spaces.Box):
             raise TypeError(
                 f"actions of {type(space).__name__} cannot be planned; make them a Box, Discrete or MultiDiscrete in a "
                 "gymnasium.ActionWrapper"
             )
-        low, high = space.low[0].reshape(-1), space.high[0].reshape(-1)
-        if np.issubdtype(space.dtype, np.integer):
+        is_single = len(space.shape) == 1 and space.shape[0] != n_envs
+        low, high = ((bound if is_single else bound[0]).reshape(-1) for bound in (given.low, given.high))
+        if np.issubdtype(given.dtype, np.integer):
             counts = [int(n) for n in high.astype(np.int64) - low.astype(np.int64) + 1]
             return cls(low.size, [], [], counts, [int(n) for n in low])
         return cls(low.size, [float(value) for value in low], [float(value) for value in high], [], [])

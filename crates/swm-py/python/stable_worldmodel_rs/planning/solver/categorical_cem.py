@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._base import BaseSolver, _torch
-from ._bridge import Array, Bridge
+from ..._arrays import Array
+from ._base import BaseSolver, torch_of
+from ._bridge import Bridge
 from ._errors import PlanAssertionError
 from ._space import PlanSpace
 
@@ -38,7 +39,7 @@ class CategoricalCEMSolver(BaseSolver):
     the last elites; ``probs``, a list of one ``(B, H, action_block, K)``.
     """
 
-    _native = "categorical-cem"
+    native_name = "categorical-cem"
     _asks_actor = False
 
     def __init__(
@@ -92,7 +93,7 @@ class CategoricalCEMSolver(BaseSolver):
         """Actions of a block."""
         return self._config.action_block
 
-    def _settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         return {
             "samples": self.num_samples,
             "iterations": self.n_steps,
@@ -108,7 +109,7 @@ class CategoricalCEMSolver(BaseSolver):
 
     def init_probs(self, n_envs: int) -> torch.Tensor:
         """The probabilities that the search begins with: uniform, ``(n_envs, H, action_block, K)``."""
-        torch = _torch(self.cost)
+        torch = torch_of(self.cost)
         space = self._require_configured()
         even = torch.cat([torch.full((count,), 1.0 / count) for count in space.categories])
         return even.to(device=self.device, dtype=self.dtype).repeat(n_envs, self.horizon, self.action_block, 1)
@@ -119,7 +120,7 @@ class CategoricalCEMSolver(BaseSolver):
             return self._require_configured().one_hot(values)
         return np.asarray(values, np.float32)
 
-    def _show(self, state: dict[str, Any]) -> None:
+    def show(self, state: dict[str, Any]) -> None:
         shape = (self.horizon, self.action_block, self.base_simplex_dim)
         kept = {name: state[name] for name in ("step", "candidates", "costs", "topk_vals", "topk_inds")}
         elites = state["topk_candidates"]
@@ -128,8 +129,8 @@ class CategoricalCEMSolver(BaseSolver):
             kept[name] = state[source].reshape(-1, *shape)
         if kept["step"] == 0 and self.warm_start_epsilon == 1.0:
             # The search begins at zeros, which stand for equal probabilities.
-            kept["prev_probs"] = self._array(self._uniform(kept["probs"].shape))
-        super()._show(kept)
+            kept["prev_probs"] = self.as_given(self._uniform(kept["probs"].shape))
+        super().show(kept)
 
     def _uniform(self, shape: tuple[int, ...]) -> Array:
         even = [np.full(count, 1.0 / count, np.float32) for count in self._require_configured().categories]
@@ -141,5 +142,5 @@ class CategoricalCEMSolver(BaseSolver):
         probs = probs.reshape(len(probs), self.horizon, self.action_block, self.base_simplex_dim)
         return {
             "costs": np.concatenate([result[costs] for result in results]).tolist(),
-            "probs": [self._array(probs)],
+            "probs": [self.as_given(probs)],
         }

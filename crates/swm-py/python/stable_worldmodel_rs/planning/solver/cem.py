@@ -53,7 +53,7 @@ class CEMSolver(SamplingSolver):
         (4, 5, 2)
     """
 
-    _native = "cem"
+    native_name = "cem"
 
     def __init__(
         self,
@@ -86,5 +86,5 @@ class CEMSolver(SamplingSolver):
         )
         self.sigma_min = sigma_min
 
-    def _settings(self) -> dict[str, Any]:
-        return {**super()._settings(), "sigma_min": float(self.sigma_min)}
+    def settings(self) -> dict[str, Any]:
+        return {**super().settings(), "sigma_min": float(self.sigma_min)}

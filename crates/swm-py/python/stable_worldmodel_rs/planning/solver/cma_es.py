@@ -27,7 +27,7 @@ class CMAESSolver(SamplingSolver):
         n_steps: Iterations. The defaults evaluate as many plans as those of ``CEMSolver``.
     """
 
-    _native = "cma-es"
+    native_name = "cma-es"
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class CMAESSolver(SamplingSolver):
             return_best=return_best,
         )
 
-    def _settings(self) -> dict[str, Any]:
-        settings = super()._settings()
+    def settings(self) -> dict[str, Any]:
+        settings = super().settings()
         del settings["elites"]
         return settings

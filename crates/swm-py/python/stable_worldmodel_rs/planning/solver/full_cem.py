@@ -26,7 +26,7 @@ class FullCEMSolver(CEMSolver):
         alpha: Momentum: weight of the old covariance in the new one.
     """
 
-    _native = "full-cem"
+    native_name = "full-cem"
 
     def __init__(
         self,
@@ -63,5 +63,5 @@ class FullCEMSolver(CEMSolver):
         self.shrinkage = shrinkage
         self.alpha = alpha
 
-    def _settings(self) -> dict[str, Any]:
-        return {**super()._settings(), "shrinkage": float(self.shrinkage), "alpha": float(self.alpha)}
+    def settings(self) -> dict[str, Any]:
+        return {**super().settings(), "shrinkage": float(self.shrinkage), "alpha": float(self.alpha)}

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["GradientSolver"]
 
-_ADAM = ("lr", "beta1", "beta2", "eps", "weight_decay")
-_KNOWN = {"sgd": ("lr", "momentum", "nesterov"), "adam": _ADAM, "adamw": _ADAM}
+_ADAM: tuple[str, ...] = ("lr", "beta1", "beta2", "eps", "weight_decay")
+_KNOWN: dict[str, tuple[str, ...]] = {"sgd": ("lr", "momentum", "nesterov"), "adam": _ADAM, "adamw": _ADAM}
 
 
 class GradientSolver(DescentSolver):
@@ -79,12 +79,12 @@ class GradientSolver(DescentSolver):
         return optimizer_settings(type(self).__name__, chosen, self.optimizer_kwargs, _KNOWN)
 
     @property
-    def _native(self) -> str:  # type: ignore[override]
+    def native_name(self) -> str:  # type: ignore[override]
         return self._optimizer()[0]
 
-    def _settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         return {
-            **super()._settings(),
+            **super().settings(),
             **self._optimizer()[1],
             "grad_clip": 0.0 if self.grad_clip is None else float(self.grad_clip),
             "grad_clip_mode": self.grad_clip_mode,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ._base import _torch
+from ._base import torch_of
 from ._sampling import SamplingSolver
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class ICEMSolver(SamplingSolver):
         elite_shift: Blocks between two plans of an episode, to start from the last plan's elites; 0 does not.
     """
 
-    _native = "icem"
+    native_name = "icem"
 
     def __init__(
         self,
@@ -93,14 +93,14 @@ class ICEMSolver(SamplingSolver):
         super().configure(action_space=action_space, n_envs=n_envs, config=config)
         space, block = self._require_configured(), config.action_block
         if self.array_api == "torch" and not space.categories:
-            torch = _torch(self.cost)
+            torch = torch_of(self.cost)
             place = {"device": self.device, "dtype": self.dtype}
             self._action_low = torch.tensor(space.low, **place).repeat(block)
             self._action_high = torch.tensor(space.high, **place).repeat(block)
 
-    def _settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         return {
-            **super()._settings(),
+            **super().settings(),
             "noise_beta": float(self.noise_beta),
             "alpha": float(self.alpha),
             "elites_kept": self.n_elite_keep,
@@ -109,5 +109,5 @@ class ICEMSolver(SamplingSolver):
             "elite_shift": self.elite_shift,
         }
 
-    def _show(self, state: dict[str, Any]) -> None:
-        super()._show({**state, "action_low": self._action_low, "action_high": self._action_high})
+    def show(self, state: dict[str, Any]) -> None:
+        super().show({**state, "action_low": self._action_low, "action_high": self._action_high})

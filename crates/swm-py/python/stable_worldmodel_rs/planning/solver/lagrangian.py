@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._bridge import Array, Bridge
+from ..._arrays import Array
+from ._bridge import Bridge
 from ._descent import DescentSolver, optimizer_settings
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LagrangianSolver"]
 
-_KNOWN = {"sgd": ("lr",), "adam": ("lr",), "adamw": ("lr",)}
+_KNOWN: dict[str, tuple[str, ...]] = {"sgd": ("lr",), "adam": ("lr",), "adamw": ("lr",)}
 
 
 class LagrangianSolver(DescentSolver):
@@ -49,7 +50,7 @@ class LagrangianSolver(DescentSolver):
     chunk of rows the mean of max(0, g).
     """
 
-    _native = "lagrangian"
+    native_name = "lagrangian"
 
     def __init__(
         self,
@@ -93,10 +94,10 @@ class LagrangianSolver(DescentSolver):
         chosen = "adam" if self.optimizer_cls is None else self.optimizer_cls
         return optimizer_settings(type(self).__name__, chosen, self.optimizer_kwargs, _KNOWN)
 
-    def _settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         name, kwargs = self._optimizer()
         return {
-            **super()._settings(),
+            **super().settings(),
             **kwargs,
             "optimizer": name,
             "rounds": self.n_outer_steps,
@@ -128,7 +129,7 @@ class LagrangianSolver(DescentSolver):
     def _finish(self, results: list[dict[str, Any]], bridges: list[Bridge]) -> dict[str, Any]:
         if self._constraint_count:
             kept = [values for result in results for values in result["memory"]]
-            self._lambdas = self._array(np.stack(kept).astype(np.float32))
+            self._lambdas = self.as_given(np.stack(kept).astype(np.float32))
         return {
             "costs": np.concatenate([result["cost"] for result in results]).tolist(),
             "constraint_violation": [bridge.violation for bridge in bridges] if self._constraint_count else [],

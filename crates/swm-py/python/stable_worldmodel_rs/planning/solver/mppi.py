@@ -30,7 +30,7 @@ class MPPISolver(SamplingSolver):
             that have a weight (``"relative"``).
     """
 
-    _native = "mppi"
+    native_name = "mppi"
 
     def __init__(
         self,
@@ -65,11 +65,11 @@ class MPPISolver(SamplingSolver):
         self.temperature = temperature
         self.temperature_mode = temperature_mode
 
-    def _settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         # As the reference, whose `topk` may be more than there are samples: then all have a weight.
         elites = 0 if self.topk is None or self.topk >= self.num_samples else self.topk
         return {
-            **super()._settings(),
+            **super().settings(),
             "elites": elites,
             "temperature": float(self.temperature),
             "temperature_mode": self.temperature_mode,

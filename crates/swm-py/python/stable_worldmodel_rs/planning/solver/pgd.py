@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._bridge import Array, Bridge
+from ..._arrays import Array
+from ._bridge import Bridge
 from ._descent import DescentSolver
 from ._errors import PlanAssertionError
 from ._space import PlanSpace
@@ -37,7 +38,7 @@ class PGDSolver(DescentSolver):
     ``solve`` returns ``actions``, ``(B, H, action_block × A)`` int64, and ``costs``.
     """
 
-    _native = "pgd"
+    native_name = "pgd"
     _asks_actor = False
 
     def __init__(
@@ -77,8 +78,8 @@ class PGDSolver(DescentSolver):
         """Values of a block of one-hot actions."""
         return self._require_configured().values * self._config.action_block
 
-    def _settings(self) -> dict[str, Any]:
-        return {**super()._settings(), "lr": float(self.lr), "select": self.select}
+    def settings(self) -> dict[str, Any]:
+        return {**super().settings(), "lr": float(self.lr), "select": self.select}
 
     def _evaluations(self) -> int:
         # The ends, and for `rounded` what they round to; not the chosen plan once more.

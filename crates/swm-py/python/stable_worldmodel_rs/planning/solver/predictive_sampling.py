@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._base import BaseSolver, _torch
+from ._base import BaseSolver, torch_of
 from ._bridge import Bridge
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class PredictiveSamplingSolver(BaseSolver):
     ``costs`` of the result are those of the plans themselves.
     """
 
-    _native = "predictive-sampling"
+    native_name = "predictive-sampling"
     _asks_actor = False
 
     def __init__(
@@ -60,7 +60,7 @@ class PredictiveSamplingSolver(BaseSolver):
         """The same as ``noise_scale``, under the name of other solvers."""
         return self.noise_scale
 
-    def _settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         return {
             "samples": self.num_samples,
             "iterations": self.n_steps,
@@ -73,7 +73,7 @@ class PredictiveSamplingSolver(BaseSolver):
 
     def init_nominal(self, n_envs: int, actions: torch.Tensor | None = None) -> torch.Tensor:
         """The plan that the search begins at, ``(n_envs, H, D)``: ``actions``, ``(n_envs, t, D)``, then zeros."""
-        torch = _torch(self.cost)
+        torch = torch_of(self.cost)
         nominal = torch.zeros((n_envs, 0, self.action_dim), dtype=self.dtype) if actions is None else actions
         missing = self.horizon - nominal.shape[1]
         if missing <= 0:

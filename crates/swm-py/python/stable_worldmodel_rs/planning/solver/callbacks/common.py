@@ -6,9 +6,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ...._arrays import Array
+
 __all__ = ["Array", "BestCostRecorder", "Callback", "MeanCostRecorder", "Reduction", "array"]
 
-Array = np.ndarray[Any, Any]
 Reduction = Literal["mean", "sum", "none"]
 
 

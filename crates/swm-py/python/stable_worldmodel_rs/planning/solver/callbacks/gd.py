@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .common import Callback, Reduction, array
+from .common import Array, Callback, Reduction, array
 
 __all__ = ["ActionNormRecorder", "GradNormRecorder"]
 
@@ -42,6 +42,6 @@ class ActionNormRecorder(Callback):
         return self._reduce(_norms(array(state["params"])))
 
 
-def _norms(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+def _norms(values: Array) -> Array:
     """Of ``(b, S, H, D)``: ``(b,)``."""
     return np.linalg.norm(values.reshape(*values.shape[:2], -1), axis=-1).mean(axis=1)

@@ -1,0 +1,44 @@
+"""Columns and images as models want them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from ._arrays import Array, is_array, is_tensor, require_torch
+
+__all__ = ["scale", "transform"]
+
+
+def scale(scaler: Any, key: str, values: Any) -> Array:
+    """Values ``(..., D)`` scaled row by row; blocks of several actions action by action."""
+    if not is_array(values):
+        raise ValueError(
+            f"Expected numpy array for key '{key}' in process, got {type(values)}; leave tensors out of process"
+        )
+    dim = getattr(scaler, "n_features_in_", None)
+    if dim is not None and values.ndim > 1 and values.shape[-1] != dim and values.shape[-1] % dim == 0:
+        rows = values.reshape(-1, dim)
+    else:
+        rows = values.reshape(-1, *values.shape[2:]) if values.ndim > 2 else values
+    return np.asarray(scaler.transform(rows)).reshape(values.shape)
+
+
+def transform(function: Callable[[Any], Any], key: str, values: Any) -> Any:
+    """A transform applied to every image of ``(N, T, H, W, C)``: ``(N, T, C, H, W)``, or what it makes of them."""
+    leading = values.shape[:2] if values.ndim > 2 else values.shape[:1]
+    flat = values.reshape(-1, *values.shape[len(leading) :])
+    if key.startswith(("pixels", "goal")) and flat.ndim == 4:
+        flat = flat.permute(0, 3, 1, 2) if is_tensor(flat) else np.ascontiguousarray(flat.transpose(0, 3, 1, 2))
+    torch = require_torch("transforms of images take torch tensors")
+    images = flat if is_tensor(flat) else torch.from_numpy(flat)
+    try:
+        as_image: Any = import_module("torchvision.tv_tensors").Image
+    except ImportError:  # Transforms of torchvision know a tensor for an image, too.
+        as_image = torch.as_tensor
+    made = [function(as_image(image)) for image in images]
+    stacked = torch.stack([torch.as_tensor(image) for image in made])
+    return stacked.reshape(*leading, *stacked.shape[1:])

@@ -1,0 +1,168 @@
+"""Worlds of environments that are Python objects: of gymnasium by id, and of functions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import stable_worldmodel_rs as swm
+from stable_worldmodel_rs.world.wrap import InfoWrapper, resized
+
+NAME = "swm_test/Walk-v0"
+
+
+class Walk(gym.Env[dict[str, np.ndarray], np.ndarray]):
+    """A point that walks right: it is done at 3."""
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
+
+    def __init__(self, render_mode: str | None = None, speed: float = 1.0) -> None:
+        self.render_mode = render_mode
+        self.observation_space = gym.spaces.Dict({"position": gym.spaces.Box(-10, 10, (1,), np.float64)})
+        self.action_space = gym.spaces.Box(-1, 1, (2,), np.float32)
+        self.speed = speed
+        self.position = 0.0
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        super().reset(seed=seed)
+        self.position = float((options or {}).get("start", 0.0))
+        return self._observe(), {"goal": np.full((20, 30, 3), 9, np.uint8)}
+
+    def step(self, action: np.ndarray) -> Any:
+        self.position += self.speed * float(action[0])
+        return self._observe(), -1.0, self.position >= 3, False, {"goal": np.full((20, 30, 3), 9, np.uint8)}
+
+    def _observe(self) -> dict[str, np.ndarray]:
+        return {"position": np.array([self.position])}
+
+    def render(self) -> np.ndarray:
+        return np.full((20, 30, 3), int(self.position * 10), np.uint8)
+
+    def reset_options_from_dataset(self, init_row: dict[str, Any], goal_row: dict[str, Any]) -> dict[str, Any]:
+        assert "goal_position" in goal_row
+        return {"start": float(init_row["position"][0])}
+
+
+class Right:
+    """Walks right."""
+
+    def set_env(self, envs: Any) -> None:
+        self.count = envs.num_envs
+
+    def get_action(self, infos: dict[str, Any]) -> np.ndarray:
+        return np.tile(np.float32([1, 0]), (self.count, 1))
+
+
+@pytest.fixture(autouse=True)
+def registered() -> Iterator[None]:
+    gym.register(NAME, entry_point=Walk)
+    yield
+    del gym.registry[NAME]
+
+
+def make(num_envs: int = 2, **kwargs: Any) -> swm.World:
+    return swm.World(NAME, num_envs, image_shape=(8, 10), max_episode_steps=6, **kwargs)
+
+
+def test_infos_hold_everything() -> None:
+    world = make()
+    world.reset(seed=3)
+    assert world.infos["pixels"].shape == (2, 1, 8, 10, 3) and world.infos["goal"].shape == (2, 1, 8, 10, 3)
+    assert world.infos["position"].shape == (2, 1, 1)
+    assert np.isnan(world.infos["action"]).all() and np.isnan(world.infos["reward"]).all()
+    world.step(np.ones((2, 2)))
+    assert (world.infos["step_idx"] == 1).all() and (world.infos["reward"] == -1).all()
+    assert (world.infos["pixels"] == 10).all()
+    assert world.rewards is not None and world.rewards.tolist() == [-1, -1]
+    assert "goal" not in make(goal_conditioned=False).envs.reset()[1]
+    assert "EnvPool" in repr(world) and "<table>" in world._repr_html_()
+
+
+def test_evaluations_and_their_videos(tmp_path: Path) -> None:
+    world = make(speed=1.0)
+    world.set_policy(Right())
+    result = world.evaluate(episodes=5, seed=0, video=tmp_path)
+    assert result["success_rate"] == 100.0 and result["seeds"].tolist() == [0, 1, 2, 3, 4]
+    assert result["interval"][0] > 40 and "100.0 %" in repr(result)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"episode_{i}.mp4" for i in range(5)]
+    slow = make(speed=0.1)
+    slow.set_policy(Right())
+    assert slow.evaluate(episodes=2, seed=0, reset_mode="wait")["success_rate"] == 0.0
+
+
+def test_episodes_are_recorded_and_started_from(tmp_path: Path) -> None:
+    world = make()
+    world.set_policy(Right())
+    path = tmp_path / "walk.h5"
+    world.collect(path, episodes=3, seed=0, progress=False)
+    dataset = swm.data.load_dataset(str(path))
+    assert dataset.lengths.tolist() == [4, 4, 4]
+    position = np.asarray(dataset.load_episode(0)["position"])
+    np.testing.assert_array_equal(position[:, 0], [0, 1, 2, 3])
+    assert np.isnan(np.asarray(dataset.load_episode(0)["action"])[-1]).all()
+    result = world.evaluate(
+        dataset=dataset, episodes_idx=[0, 1], start_steps=[0, 2], goal_offset=1, eval_budget=1, video=tmp_path / "v"
+    )
+    assert result["episode_successes"].tolist() == [False, True]
+    assert len(list((tmp_path / "v").iterdir())) == 2
+    with pytest.raises(ValueError, match="1 pairs for 2 environments"):
+        world.evaluate(dataset=dataset, episodes_idx=[0], start_steps=[0], goal_offset=1, eval_budget=1)
+
+
+def test_functions_make_environments_as_they_are() -> None:
+    world = swm.World([lambda: InfoWrapper(Walk()), lambda: InfoWrapper(Walk(speed=3.0))])
+    world.set_policy(Right())
+    assert world.num_envs == 2
+    world.reset(seed=0)
+    world.step()
+    assert world.infos["position"].ravel().tolist() == [1, 3] and world.terminateds.tolist() == [False, True]
+
+
+def test_wrappers_surround_the_one_that_completes_infos() -> None:
+    seen: list[str] = []
+
+    class Notes(gym.Wrapper[Any, Any, Any, Any]):
+        def step(self, action: Any) -> Any:
+            result = self.env.step(action)
+            seen.append("pixels" if "pixels" in result[4] else "plain")
+            return result
+
+    world = make(1, pre_wrappers=[Notes], extra_wrappers=[Notes])
+    world.reset(seed=0)
+    world.step(np.ones((1, 2)))
+    assert seen == ["plain", "pixels"]
+
+
+def test_transforms_are_applied_to_each_image() -> None:
+    world = make(1, image_transform=lambda image: image.astype(np.float32) / 10, goal_transform=lambda image: image[:1])
+    world.reset(seed=0)
+    world.step(np.ones((1, 2)))
+    assert world.infos["pixels"].dtype == np.float32 and (world.infos["pixels"] == 1).all()
+    assert world.infos["goal"].shape == (1, 1, 1, 10, 3)
+
+
+def test_images_are_resized() -> None:
+    image = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+    assert resized(image, (4, 4)) is image
+    assert resized(image, (2, 2), "nearest").tolist() == image[1::2, 1::2].tolist()
+    flat = np.full((5, 7, 3), 200, np.uint8)
+    assert (resized(flat, (3, 11)) == 200).all()
+    half = resized(np.repeat(np.uint8([0, 100]), 8).reshape(1, 16, 1).repeat(3, 2), (1, 2))
+    assert half[0, 0, 0] < 30 and half[0, 1, 0] > 70
+    with pytest.raises(ValueError, match="bilinear"):
+        resized(image, (2, 2), "lanczos")
+
+
+def test_what_only_rust_environments_can_do_is_refused() -> None:
+    world = make()
+    with pytest.raises(TypeError, match="random"):
+        world.set_policy("random")
+    with pytest.raises(TypeError, match="gymnasium"):
+        world.set_success({})
+    with pytest.raises(gym.error.NameNotFound):
+        swm.World("swm/NoSuchThing-v0", 1, image_shape=(8, 8))
