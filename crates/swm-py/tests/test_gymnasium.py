@@ -106,8 +106,8 @@ def test_variations_and_settings() -> None:
     np.testing.assert_array_equal(space["agent"]["color"].value, [255, 0, 0])
     with pytest.raises(swm.EnvError, match="nonsense"):
         gym.make("swm/PushT-v1", nonsense=1)
-    with pytest.raises(ValueError, match="agent.colour"):
-        env.reset(options={"variation_values": {"agent.colour": [1, 2, 3]}})
+    with pytest.raises(ValueError, match="agent.colr"):
+        env.reset(options={"variation_values": {"agent.colr": [1, 2, 3]}})
 
 
 def test_without_images_there_are_none() -> None:

@@ -64,7 +64,7 @@ def test_dotted_names_reach_into_nested_spaces() -> None:
     np.testing.assert_array_equal(space.value["agent"]["color"], [1, 2, 3])
     for change in (space.set_value, space.set_init_value):
         with pytest.raises(ValueError, match="not found.*agent.color"):
-            change({"agent.colour": 1})
+            change({"agent.colr": 1})
     with pytest.raises(ValueError, match="not found"):
         space.update(["nothing"])
 

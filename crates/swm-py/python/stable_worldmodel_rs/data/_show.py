@@ -1,4 +1,4 @@
-"""How a dataset shows itself: a line of text, and a table with pictures in notebooks."""
+"""How a dataset shows itself: a line of text, and a table with images in notebooks."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ def html(dataset: NativeDataset) -> str:
 
 
 def contact_sheet(dataset: NativeDataset) -> NDArray[np.uint8] | None:
-    """Rows of the first episodes side by side, ``(H, W, 3)``; ``None`` without pictures."""
+    """Rows of the first episodes side by side, ``(H, W, 3)``; ``None`` without images."""
     fields = dataset._fields  # pyright: ignore[reportPrivateUsage]
-    pictures = [key for key in dataset.column_names if key in fields and fields[key][1] == "uint8" and fields[key][2][2:] == [3]]
-    if not pictures or not len(dataset.lengths):
+    images = [key for key in dataset.column_names if key in fields and fields[key][1] == "uint8" and fields[key][2][2:] == [3]]
+    if not images or not len(dataset.lengths):
         return None
-    key = "pixels" if "pixels" in pictures else pictures[0]
+    key = "pixels" if "pixels" in images else images[0]
     lines: list[NDArray[Any]] = []
     for length, offset in list(zip(dataset.lengths.tolist(), dataset.offsets.tolist(), strict=True))[:EPISODES]:
         wanted: NDArray[np.int64] = np.asarray(offset + np.linspace(0, length - 1, FRAMES), dtype=np.int64)
@@ -62,5 +62,5 @@ def contact_sheet(dataset: NativeDataset) -> NDArray[np.uint8] | None:
 
 
 def data_uri(pixels: NDArray[np.uint8]) -> str:
-    """A picture ``(H, W, 3)`` as the source of an ``img``."""
+    """An image ``(H, W, 3)`` as the source of an ``img``."""
     return "data:image/png;base64," + base64.b64encode(_swm.encode_png(np.ascontiguousarray(pixels))).decode()

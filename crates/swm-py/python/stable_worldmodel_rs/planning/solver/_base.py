@@ -87,7 +87,7 @@ class BaseSolver:
         # The Rust solvers are made again where they are needed.
         return {**self.__dict__, "_solvers": {}}
 
-    # What each solver says of itself.
+    # The description of each solver.
 
     def settings(self) -> dict[str, Any]:
         """The settings of the Rust solver."""
