@@ -223,7 +223,7 @@ impl Table {
     }
 
     /// Removes a table from its folder; first that by which it is one.
-    pub(crate) fn remove(folder: &Path) -> std::io::Result<()> {
+    pub(crate) fn remove(folder: &Path) -> io::Result<()> {
         for name in [VERSIONS, DATA, "_transactions", "_indices", "_deletions"] {
             let part = folder.join(name);
             if part.is_dir() {
