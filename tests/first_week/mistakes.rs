@@ -7,7 +7,7 @@ fn messages_name_the_fix() {
     let home = Home::new();
     let render = |rest: &str| format!("render swm/PushT-v1 --steps 0 --out a.png {rest}");
     home.refused("fovs swm/PushT", &["did you mean `swm/PushT-v1`?"]);
-    home.refused(&render("--vary agent.colour"), &["did you mean `agent.color`?"]);
+    home.refused(&render("--vary agent.colr"), &["did you mean `agent.color`?"]);
     home.refused(&render("--set agent.color=crimsonish"), &["is no color", "red"]);
     home.refused(&render("--policy expertt"), &["did you mean `expert`?"]);
     let narrow = home.ok(&render("--vary agent.color"));

@@ -25,7 +25,7 @@ fn a_recording_without_images_is_seen_converted_and_divided() {
     home.ok(&format!("{collect} --out small.h5"));
     home.ok(&format!("{collect} --seed 1 --vary +goal.angle --out angles.h5"));
     home.ok("merge small.h5 angles.h5 --out both.h5");
-    home.ok("preview both.h5 --episodes 0..4 --out films/grid.gif");
+    home.ok("preview both.h5 --episodes 0..4 --out videos/grid.gif");
     let target = if cfg!(feature = "mp4") { "both.video" } else { "both.folder --image-size 64x64" };
     home.ok(&format!("convert both.h5 {target}"));
     let name = target.split(' ').next().unwrap();

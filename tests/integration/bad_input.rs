@@ -139,8 +139,8 @@ fn unusable_files_are_named_with_the_reason() {
     }
     says(
         1,
-        &["collect", PUSHT, "--episodes", "1", "--out", "/nonexistent/folder/a.h5"],
-        &["/nonexistent/folder"],
+        &["collect", PUSHT, "--episodes", "1", "--out", "/proc/nowhere/folder/a.h5"],
+        &["/proc/nowhere/folder"],
     );
     says(
         1,

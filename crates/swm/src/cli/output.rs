@@ -156,7 +156,8 @@ fn pace(state: &ProgressState, out: &mut dyn fmt::Write) {
 /// Makes the folder that `path` will lie in.
 pub(super) fn create_parent(path: &Path) -> Result<(), Failure> {
     let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) else { return Ok(()) };
-    create_folder(parent)
+    Ok(std::fs::create_dir_all(parent)
+        .map_err(|source| DataError::io(parent, "create the folder", source))?)
 }
 
 /// Makes a folder for results.

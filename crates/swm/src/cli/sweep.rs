@@ -118,6 +118,11 @@ impl SweepCommand {
     }
 }
 
+/// A note without its reason.
+fn short(note: &str) -> &str {
+    note.split_once(": ").map_or(note, |(short, _)| short)
+}
+
 fn text(sweep: &Sweep, out: Option<&Path>) -> String {
     let rows: Vec<Vec<String>> = sweep
         .cells
@@ -134,14 +139,20 @@ fn text(sweep: &Sweep, out: Option<&Path>) -> String {
                 result,
                 difference,
                 p,
-                cell.note.clone().unwrap_or_default(),
+                cell.note.as_deref().map_or("", short).to_owned(),
             ]
         })
         .collect();
     let pairs = sweep.cells[0].successes.len();
+    // Reasons are longer than a line of the table.
+    let reasons = sweep.cells.iter().filter_map(|cell| {
+        let note = cell.note.as_deref().filter(|note| short(note) != *note)?;
+        Some(format!("{} {}: {note}\n", cell.name, cell.value))
+    });
+    let reasons: String = reasons.collect();
     let folder = out.map(|dir| format!("{}\n", dir.join("sweep.json").display())).unwrap_or_default();
     format!(
-        "{}, {} tier, {pairs} pairs, {}\n\n{}{folder}",
+        "{}, {} tier, {pairs} pairs, {}\n\n{}{reasons}{folder}",
         sweep.env,
         sweep.tier,
         sweep.policy,

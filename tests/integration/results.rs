@@ -1,0 +1,90 @@
+//! Results stay what they are, and say which pairs they are of.
+
+use serde_json::Value as Json;
+
+use crate::evaluation::{QUICK, manifest};
+use crate::support::{Folder, PUSHT, swm, swm_fails, swm_json, swm_ok};
+
+#[test]
+fn a_result_is_neither_replaced_nor_repeated_unasked() {
+    let folder = Folder::new();
+    let (task, other) = (
+        manifest(&folder, "historic", "m.toml", &[]),
+        manifest(&folder, "historic", "n.toml", &["--seed", "5"]),
+    );
+    let out = folder.path("out");
+    let eval = |task: &str, policy: &str, extra: &[&str]| {
+        let args = ["eval", "--manifest", task, "--policy", policy, "--out", &out];
+        let args: Vec<String> = [&args[..], extra].concat().into_iter().map(str::to_owned).collect();
+        args
+    };
+    let said = |args: Vec<String>| {
+        let output = swm(&args.iter().map(String::as_str).collect::<Vec<_>>()).output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let receipt = || std::fs::read(format!("{out}/receipt.json")).unwrap();
+    assert_eq!(said(eval(&task, "random", &["--reference", "no-op"])).0, Some(0));
+    let first = receipt();
+    let (status, message) = said(eval(&task, "random", &["--reference", "no-op"]));
+    assert!(status == Some(0) && message.contains("already done; --again repeats it"), "{message}");
+    assert_eq!(receipt(), first, "it was not written again");
+    for (args, differs) in [
+        (eval(&task, "constant", &[]), "policy `random"),
+        (eval(&other, "random", &[]), "the manifest "),
+        (eval(&task, "random", &["--policy-seed", "3"]), "--policy-seed 0, not 3"),
+    ] {
+        let (status, message) = said(args);
+        assert!(status == Some(2) && message.contains(differs) && message.contains("--again"), "{message}");
+        assert_eq!(receipt(), first);
+    }
+    // Reference policies that were left out are added, and the policy is not run again.
+    assert_eq!(said(eval(&task, "random", &["--reference", "no-op,oracle", "--oracle", QUICK])).0, Some(0));
+    let (before, after): (Json, Json) =
+        (serde_json::from_slice(&first).unwrap(), serde_json::from_slice(&receipt()).unwrap());
+    assert_eq!((&before["episodes"], &before["wall_time_s"]), (&after["episodes"], &after["wall_time_s"]));
+    assert_eq!(after["references"].as_array().unwrap().len(), 2);
+    let (status, message) = said(eval(&task, "random", &["--oracle", "constant"]));
+    assert!(status == Some(2) && message.contains("oracle"), "{message}");
+    assert_eq!(said(eval(&task, "constant", &["--reference", "none", "--again"])).0, Some(0));
+    let replaced: Json = serde_json::from_slice(&receipt()).unwrap();
+    assert_eq!(replaced["candidate"]["policy"]["name"], "constant");
+
+    // Without a manifest.
+    let online = ["eval", PUSHT, "--policy", "random", "--episodes", "1", "--budget", "2", "--videos", "0"];
+    let online = [&online[..], &["--image-size", "none", "--quiet", "--out", &out]].concat();
+    swm_ok(&online);
+    assert!(swm_fails(2, &online).contains("--again"));
+    swm_ok(&[&online[..], &["--again"]].concat());
+}
+
+#[test]
+fn a_sweep_counts_the_pairs_that_can_have_a_value() {
+    let folder = Folder::new();
+    let (data, task) = (folder.path("rooms.h5"), folder.path("rooms.toml"));
+    let collect =
+        ["collect", "swm/TwoRoom-v2", "--policy", "noisy-expert:2", "--episodes", "12", "--max-steps", "40"];
+    swm_ok(&[&collect[..], &["--image-size", "none", "--out", &data, "--quiet"]].concat());
+    let make =
+        ["manifest", "make", "swm/TwoRoom-v2", "--dataset", &data, "--tier", "historic", "--episodes", "12"];
+    swm_ok(&[&make[..], &["--budget", "3", "--goal-offset", "10", "--out", &task]].concat());
+    let sweep = |factor: &str, out: &str| {
+        let out = folder.path(out);
+        let args = ["sweep", "--manifest", &task, "--policy", "constant", "--factors", factor];
+        swm_json(&[&args[..], &["--values", "extremes", "--out", &out, "--quiet"]].concat())
+    };
+    // No door may be that small for the agent: the smallest that fits is taken.
+    let doors = sweep("door.size", "doors");
+    let (lowest, note) = (&doors["cells"][1], doors["cells"][1]["note"].as_str().unwrap());
+    assert_eq!(lowest["summary"]["episodes"], 12, "{note}");
+    assert!(note.contains("nearest possible value in 12 of 12 pairs"), "{note}");
+    // A thick wall leaves out the pairs that start inside it, and no others.
+    let walls = sweep("wall.thickness", "walls");
+    let thickest = &walls["cells"][2];
+    assert_eq!(thickest["value"], "highest");
+    let count = thickest["summary"]["episodes"].as_u64().unwrap();
+    assert_eq!(count, 12, "nearer values are found for all: {}", thickest["note"]);
+
+    let again = ["sweep", "--manifest", &task, "--policy", "random", "--factors", "door.size"];
+    let message = swm_fails(2, &[&again[..], &["--out", &folder.path("doors")]].concat());
+    assert!(message.contains("another sweep") && message.contains("--again"), "{message}");
+}
