@@ -135,7 +135,7 @@ def test_each_environment_may_have_options_of_its_own() -> None:
     ("options", "words"),
     [
         ({"variaton": ["all"]}, "no reset option `variaton`"),
-        ({"variation": ["agent.colour"]}, "agent.colo"),
+        ({"variation": ["agent.colr"]}, "agent.colr"),
         ({"variation_values": {"agent.color": [300, 0, 0]}}, "agent.color"),
         ([{}], "1 dicts for 3 environments"),
     ],
