@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import numpy as np
 import pytest
 
@@ -129,6 +131,15 @@ def test_each_environment_may_have_options_of_its_own() -> None:
     world.reset(seed=0, options=options)
     np.testing.assert_allclose(world.infos["state"][:, 0, :5], np.stack(states)[:, :5])
     np.testing.assert_allclose(world.infos["goal_state"][:, 0, :5], np.stack(goals)[:, :5])
+
+
+def test_options_may_be_any_mappings() -> None:
+    world = make(1)
+    values = MappingProxyType({"agent.color": [1, 2, 3]})
+    world.reset(seed=0, options=MappingProxyType({"variation": (), "variation_values": values}))
+    assert world.infos["variation.agent.color"].ravel().tolist() == [1, 2, 3]
+    world.set_policy("random")
+    assert world.evaluate(episodes=1, seed=0, options=MappingProxyType({"variation_values": values}))["episodes"] == 1
 
 
 @pytest.mark.parametrize(

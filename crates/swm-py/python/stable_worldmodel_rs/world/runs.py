@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from .. import _swm
 from . import foreign
+from .native import plain_options
 from .policies import NativePolicy
 from .progress import Progress
 from .results import EvaluationResult
@@ -265,8 +266,8 @@ class Runs:
 def _listed(options: Any) -> Any:
     """Options of single episodes as a list, which the core tells from a dict for all."""
     if options is None or isinstance(options, Mapping):
-        return None if options is None else dict(cast("Mapping[str, Any]", options))
-    return [None if one is None else dict(one) for one in options]
+        return plain_options(cast("Mapping[str, Any] | None", options))
+    return [plain_options(one) for one in options]
 
 
 @cache
