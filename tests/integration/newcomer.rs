@@ -45,7 +45,7 @@ fn vary_says_what_it_no_longer_samples_and_adds_with_a_plus() {
     let (names, _, _) = varied("*.color");
     let colors = ["background.color", "goal.color", "block.color", "agent.color"];
     assert_eq!(names, colors);
-    let message = swm_fails(2, &["render", PUSHT, "--vary", "*.colour", "--out", &folder.path("a.png")]);
+    let message = swm_fails(2, &["render", PUSHT, "--vary", "*.colr", "--out", &folder.path("a.png")]);
     assert!(message.contains("did you mean `*.color`?"), "{message}");
 }
 

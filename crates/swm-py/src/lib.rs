@@ -19,6 +19,7 @@ mod memory;
 mod mirror;
 mod policy;
 mod program;
+mod receipt;
 mod record;
 mod solver;
 mod world;
@@ -31,7 +32,6 @@ use pyo3::prelude::*;
 fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     buffer::add(m)?;
-    cost::add(m)?;
     dataset::add(m)?;
     errors::add(m)?;
     evaluate::add(m)?;
@@ -42,6 +42,7 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     media::add(m)?;
     policy::add(m)?;
     program::add(m)?;
+    receipt::add(m)?;
     record::add(m)?;
     solver::add(m)?;
     world::add(m)?;

@@ -8,11 +8,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 
 import stable_worldmodel_rs as swm
+
+h5py = pytest.importorskip("h5py")
 
 
 def make(num_envs: int = 3, **kwargs: object) -> swm.World:

@@ -91,8 +91,20 @@ def test_pytest_plugin(tmp_path: Any) -> None:
     import sys
 
     test = tmp_path / "test_theirs.py"
-    test.write_text("import stable_worldmodel as swm\n\ndef test_it():\n    assert swm.World.__module__.startswith('stable_worldmodel_rs')\n")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "stable_worldmodel_rs.compat", "-p", "no:cacheprovider", str(test)]
+    test.write_text(
+        "import stable_worldmodel as swm\n\ndef test_it():\n    assert swm.World.__module__.startswith('stable_worldmodel_rs')\n"
+    )
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "stable_worldmodel_rs.compat",
+        "-p",
+        "no:cacheprovider",
+        str(test),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
 

@@ -27,7 +27,9 @@ def test_import_is_quick(run_python: Run) -> None:
 
 
 def test_import_leaves_torch_and_gymnasium_alone(run_python: Run) -> None:
-    done = run_python("import sys, stable_worldmodel_rs; print(sorted({'torch', 'gymnasium', 'tqdm'} & set(sys.modules)))")
+    done = run_python(
+        "import sys, stable_worldmodel_rs; print(sorted({'torch', 'gymnasium', 'tqdm'} & set(sys.modules)))"
+    )
     assert done.stdout.strip() == "[]", done.stderr
 
 
@@ -40,7 +42,9 @@ def test_import_leaves_torch_and_gymnasium_alone(run_python: Run) -> None:
     ],
 )
 def test_environments_are_registered_in_any_order(run_python: Run, imports: str) -> None:
-    done = run_python(f"{imports}\nprint(gymnasium.spec('swm/PushT-v1').entry_point, gymnasium.spec('swm_rs/TwoRoom-v2').id)")
+    done = run_python(
+        f"{imports}\nprint(gymnasium.spec('swm/PushT-v1').entry_point, gymnasium.spec('swm_rs/TwoRoom-v2').id)"
+    )
     assert done.stdout.split() == ["stable_worldmodel_rs.envs:Env", "swm_rs/TwoRoom-v2"], done.stderr
 
 

@@ -238,7 +238,7 @@ def test_settings_out_of_range_are_named():
     assert {"cem", "icem", "mppi", "cma-es", "lagrangian", "pgd"} <= set(names)
 
 
-def test_constraints_of_numpy_costs_name_the_way_out():
+def test_constraints_of_numpy_costs_name_the_fix():
     class Bounded(Sum):
         def get_constraints(self, info, candidates):
             return candidates.mean(axis=(2, 3))[..., None]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import doctest
+import importlib
 import multiprocessing
 import os
 import pickle
@@ -217,3 +219,11 @@ def test_time_of_a_search_is_its_cost():
     begun = time.process_time()
     solver.solve(info(1))
     assert time.process_time() - begun < 0.5
+
+
+@pytest.mark.parametrize(
+    "module", ["buffer", "planning.mpc", "planning.solver.cem", "planning.solver.callbacks.common", "policy"]
+)
+def test_examples_of_the_docs_run(module):
+    failed, attempted = doctest.testmod(importlib.import_module(f"stable_worldmodel_rs.{module}"))
+    assert attempted > 0 and failed == 0

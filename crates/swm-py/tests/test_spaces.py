@@ -21,7 +21,10 @@ def tree() -> spaces.Dict:
     return spaces.Dict(
         {
             "agent": spaces.Dict(
-                {"color": spaces.RGBBox(init_value=np.array([1, 2, 3], np.uint8)), "shape": spaces.Discrete(4, init_value=1)}
+                {
+                    "color": spaces.RGBBox(init_value=np.array([1, 2, 3], np.uint8)),
+                    "shape": spaces.Discrete(4, init_value=1),
+                }
             ),
             "scale": spaces.Box(0.5, 2.0, (), np.float64, init_value=np.array(1.0)),
         }
@@ -79,7 +82,9 @@ def test_values_survive_pickle_and_copies() -> None:
 def test_reset_variation_space_repeats_a_seed() -> None:
     first, second = tree(), tree()
     for space in (first, second):
-        spaces.reset_variation_space(space, seed=5, options={"variation": ["scale"], "variation_values": {"agent.shape": 0}})
+        spaces.reset_variation_space(
+            space, seed=5, options={"variation": ["scale"], "variation_values": {"agent.shape": 0}}
+        )
     assert first.value["scale"] == second.value["scale"] != 1.0
     assert first.value["agent"]["shape"] == 0
     with pytest.raises(ValueError, match="Sequence"):

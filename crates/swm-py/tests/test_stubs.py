@@ -39,7 +39,8 @@ def same(stub: list[tuple[str, str | None]], found: list[tuple[str, str | None]]
     """Whether names agree, and defaults where the module tells them (`...` where it does not)."""
     names = [name for name, _ in stub] == [name for name, _ in found]
     return names and all(
-        (mine is None) == (theirs is None) and (mine == theirs or "..." in (mine, theirs) or "Ellipsis" in (mine, theirs))
+        (mine is None) == (theirs is None)
+        and (mine == theirs or "..." in (mine, theirs) or "Ellipsis" in (mine, theirs))
         for (_, mine), (_, theirs) in zip(stub, found)
     )
 
@@ -50,7 +51,9 @@ def stubbed(kind: type) -> dict[str, Any]:
 
 def test_the_stub_has_every_name_and_no_other() -> None:
     names = set(stubbed(ast.FunctionDef)) | {name for name in stubbed(ast.ClassDef) if name != "_Bridge"}
-    names |= {node.target.id for node in STUB.body if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)}
+    names |= {
+        node.target.id for node in STUB.body if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+    }
     names -= {name for name in names if name.startswith("_") and name != "__version__"}
     there = {name for name in vars(_swm) if not name.startswith("__")} | {"__version__"}
     assert names == there, (sorted(names - there), sorted(there - names))
@@ -71,11 +74,13 @@ def test_classes_have_the_members_of_the_stub(name: str) -> None:
     members = {node.name: node for node in stubbed(ast.ClassDef)[name].body if isinstance(node, ast.FunctionDef)}
     special = ("__iter__", "__next__", "__len__")
     found = {member for member in vars(there) if not member.startswith("__") or member in special}
-    assert set(members) - {"__new__"} == found, (sorted(set(members) ^ found))
+    assert set(members) - {"__new__"} == found, sorted(set(members) ^ found)
     for member, node in members.items():
         if member == "__new__":
             signature = there.__text_signature__
-        elif member in special or any(isinstance(mark, ast.Name) and mark.id == "property" for mark in node.decorator_list):
+        elif member in special or any(
+            isinstance(mark, ast.Name) and mark.id == "property" for mark in node.decorator_list
+        ):
             continue
         else:
             signature = getattr(there, member).__text_signature__

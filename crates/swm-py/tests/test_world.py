@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import numpy as np
 import pytest
 
@@ -131,11 +133,20 @@ def test_each_environment_may_have_options_of_its_own() -> None:
     np.testing.assert_allclose(world.infos["goal_state"][:, 0, :5], np.stack(goals)[:, :5])
 
 
+def test_options_may_be_any_mappings() -> None:
+    world = make(1)
+    values = MappingProxyType({"agent.color": [1, 2, 3]})
+    world.reset(seed=0, options=MappingProxyType({"variation": (), "variation_values": values}))
+    assert world.infos["variation.agent.color"].ravel().tolist() == [1, 2, 3]
+    world.set_policy("random")
+    assert world.evaluate(episodes=1, seed=0, options=MappingProxyType({"variation_values": values}))["episodes"] == 1
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         ({"variaton": ["all"]}, "no reset option `variaton`"),
-        ({"variation": ["agent.colr"]}, "agent.colo"),
+        ({"variation": ["agent.colr"]}, "agent.colr"),
         ({"variation_values": {"agent.color": [300, 0, 0]}}, "agent.color"),
         ([{}], "1 dicts for 3 environments"),
     ],
@@ -214,7 +225,7 @@ def test_names_mean_the_references_environments() -> None:
 
 
 def test_transforms_and_distractors_change_images() -> None:
-    world = make(2, image_transform=lambda image: image.astype(np.float32) / 255)
+    world = make(2, image_transform=lambdan image: image.astype(np.float32) / 255)
     world.reset(seed=0)
     assert world.infos["pixels"].dtype == np.float32 and world.infos["pixels"].shape == (2, 1, 32, 32, 3)
     world.step(np.zeros((2, 2)))

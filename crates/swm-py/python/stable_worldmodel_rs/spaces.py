@@ -1,7 +1,7 @@
 """Gymnasium's spaces with a value of their own: what a factor of variation may be, and what it is now.
 
-An environment's factors are one nested `Dict`, the ``variation_space``. Its leaves keep an initial value, the value of the
-present episode, and a constraint:
+An environment's factors are one nested `Dict`, the ``variation_space``. Its leaves keep an initial value, the value of
+the present episode, and a constraint:
 
     >>> env = gymnasium.make("swm/PushT-v1")
     >>> env.reset(seed=0, options={"variation": ["agent.color"]})
@@ -9,7 +9,8 @@ present episode, and a constraint:
     array([ 17, 201,  94], dtype=uint8)
 
 Spaces built from an environment show what the environment has sampled. To choose values, pass
-``options={"variation_values": {"agent.color": [255, 0, 0]}}`` to ``reset``: writing to the space changes the space alone.
+``options={"variation_values": {"agent.color": [255, 0, 0]}}`` to ``reset``: writing to the space changes the space
+alone.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +36,9 @@ def _always(_value: Any) -> bool:
     return True
 
 
-def _until_valid(draw: Callable[[], Any], is_valid: Constraint, name: str, max_tries: int, warn_after_s: float | None) -> Any:
+def _until_valid(
+    draw: Callable[[], Any], is_valid: Constraint, name: str, max_tries: int, warn_after_s: float | None
+) -> Any:
     """Draw until a value is valid; warn once it takes longer than ``warn_after_s``."""
     start = time.monotonic()
     warned = warn_after_s is None
@@ -44,7 +47,9 @@ def _until_valid(draw: Callable[[], Any], is_valid: Constraint, name: str, max_t
         if is_valid(value):
             return value
         if not warned and time.monotonic() - start >= (warn_after_s or 0.0):
-            logger.warning("%s: rejection sampling has found no value for %s s; is the constraint too strict?", name, warn_after_s)
+            logger.warning(
+                "%s: rejection sampling has found no value for %s s; is the constraint too strict?", name, warn_after_s
+            )
             warned = True
     raise RuntimeError(f"{name}: constrain_fn not satisfied after {max_tries} draws; loosen it, or raise max_tries")
 
@@ -124,7 +129,9 @@ class _Valued(spaces.Space[Any]):
 class Discrete(_Valued, spaces.Discrete):
     """One integer in ``start .. start + n``."""
 
-    def __init__(self, n: int, init_value: int | None = None, constrain_fn: Constraint | None = None, **kwargs: Any) -> None:
+    def __init__(
+        self, n: int, init_value: int | None = None, constrain_fn: Constraint | None = None, **kwargs: Any
+    ) -> None:
         spaces.Discrete.__init__(self, n, **kwargs)
         self._hold(init_value, constrain_fn)
 
@@ -132,7 +139,9 @@ class Discrete(_Valued, spaces.Discrete):
 class MultiDiscrete(_Valued, spaces.MultiDiscrete):
     """Several integers, element ``i`` in ``start[i] .. start[i] + nvec[i]``."""
 
-    def __init__(self, nvec: Any, init_value: Any | None = None, constrain_fn: Constraint | None = None, **kwargs: Any) -> None:
+    def __init__(
+        self, nvec: Any, init_value: Any | None = None, constrain_fn: Constraint | None = None, **kwargs: Any
+    ) -> None:
         spaces.MultiDiscrete.__init__(self, nvec, **kwargs)
         self._hold(init_value, constrain_fn)
 
@@ -161,6 +170,11 @@ class RGBBox(Box):
         if 3 not in shape:
             raise ValueError(f"shape must have a channel of size 3, found {tuple(shape)}")
         super().__init__(0, 255, shape=shape, dtype=np.uint8, init_value=init_value, **kwargs)
+
+
+def _inner(space: spaces.Dict) -> dict[str, Any]:
+    """The spaces of a dictionary, by name; which methods they have, their classes say."""
+    return cast("dict[str, Any]", space.spaces)
 
 
 class Dict(spaces.Dict):
@@ -197,9 +211,9 @@ class Dict(spaces.Dict):
     def init_value(self) -> dict[str, Any]:
         """Initial values of all spaces; a sample of those that keep none."""
         values: dict[str, Any] = {}
-        for name, space in self.spaces.items():
+        for name, space in _inner(self).items():
             if hasattr(space, "init_value"):
-                values[name] = space.init_value  # pyright: ignore[reportAttributeAccessIssue]
+                values[name] = space.init_value
             else:
                 logger.warning("Dict: the space `%s` has no init_value; a sample takes its place", name)
                 values[name] = space.sample()
@@ -209,12 +223,12 @@ class Dict(spaces.Dict):
     def value(self) -> dict[str, Any]:
         """Present values of all spaces."""
         values: dict[str, Any] = {}
-        for name, space in self.spaces.items():
+        for name, space in _inner(self).items():
             if not hasattr(space, "value"):
                 raise ValueError(
                     f"the space `{name}` of type {type(space).__name__} does not have value property; use the class of this module"
                 )
-            values[name] = space.value  # pyright: ignore[reportAttributeAccessIssue]
+            values[name] = space.value
         return values
 
     def _get_sampling_order(self, parts: tuple[str, ...] = ()) -> Iterator[str]:
@@ -224,11 +238,11 @@ class Dict(spaces.Dict):
                 continue
             path = (*parts, str(name))
             yield ".".join(path)
-            space = self.spaces[name]
+            space = _inner(self)[name]
             if isinstance(space, Dict):
                 yield from space._get_sampling_order(path)
             elif isinstance(space, spaces.Dict):
-                yield from (".".join((*path, str(inner))) for inner in space.spaces)
+                yield from (".".join((*path, inner)) for inner in _inner(space))
 
     @property
     def sampling_order(self) -> list[str]:
@@ -241,9 +255,9 @@ class Dict(spaces.Dict):
 
     def reset(self) -> None:
         """Return all spaces to their initial values."""
-        for space in self.spaces.values():
+        for space in _inner(self).values():
             if hasattr(space, "reset"):
-                space.reset()  # pyright: ignore[reportAttributeAccessIssue]
+                space.reset()
         self._value = self.init_value
 
     def contains(self, x: Any) -> bool:
@@ -255,8 +269,8 @@ class Dict(spaces.Dict):
 
     def check(self, debug: bool = False) -> bool:
         """Whether the present values are valid. ``debug`` logs the first that is not."""
-        for name, space in self.spaces.items():
-            if hasattr(space, "check") and not space.check():  # pyright: ignore[reportAttributeAccessIssue]
+        for name, space in _inner(self).items():
+            if hasattr(space, "check") and not space.check():
                 if debug:
                     logger.warning("Dict: the value of `%s` is not valid", name)
                 return False
@@ -280,9 +294,11 @@ class Dict(spaces.Dict):
         def draw() -> dict[str, Any]:
             values: dict[str, Any] = {}
             for name in self._sampling_order:
-                space = self.spaces[name]
+                space = _inner(self)[name]
                 held: dict[str, Any] = {"set_value": set_value} if isinstance(space, (_Valued, Dict)) else {}
-                inner = [of[name] if isinstance(of, dict) and name in of else None for of in (mask, probability)]
+                inner = [
+                    cast("dict[str, Any]", of).get(name) if isinstance(of, dict) else None for of in (mask, probability)
+                ]
                 values[name] = space.sample(*inner, **held)
             return values
 
@@ -295,9 +311,10 @@ class Dict(spaces.Dict):
         """The space with this dotted name."""
         space: Any = self
         for part in name.split("."):
-            if not isinstance(space, spaces.Dict) or part not in space.spaces:
+            inner = _inner(space) if isinstance(space, spaces.Dict) else {}
+            if part not in inner:
                 raise ValueError(f"the key {name} was not found in the Dict space; it has {', '.join(self.names())}")
-            space = space.spaces[part]
+            space = inner[part]
         return space
 
     def update(self, keys: Iterable[str]) -> None:
@@ -309,7 +326,9 @@ class Dict(spaces.Dict):
             order = self.sampling_order
             for name in [name for name in order if name in wanted] + sorted(wanted.difference(order)):
                 self._at(name).sample()
-        assert self.check(debug=True), "the sampled values do not go together; sample the factors of one constraint together"
+        assert self.check(debug=True), (
+            "the sampled values do not go together; sample the factors of one constraint together"
+        )
 
     def set_init_value(self, variations_values: Mapping[str, Any]) -> None:
         """Change initial values, by dotted names."""
@@ -325,7 +344,7 @@ class Dict(spaces.Dict):
         """The names and spaces, indented."""
 
         def lines(space: spaces.Dict, depth: int) -> Iterator[str]:
-            for name, inner in space.spaces.items():
+            for name, inner in _inner(space).items():
                 if isinstance(inner, spaces.Dict):
                     yield f"{'    ' * depth}{name}:"
                     yield from lines(inner, depth + 1)
@@ -337,7 +356,7 @@ class Dict(spaces.Dict):
 
 def _leaves(space: spaces.Dict, prefix: str = "") -> Iterator[tuple[str, spaces.Space[Any]]]:
     """Dotted names and spaces of the leaves."""
-    for name, inner in space.spaces.items():
+    for name, inner in _inner(space).items():
         if isinstance(inner, spaces.Dict):
             yield from _leaves(inner, f"{prefix}{name}.")
         else:
@@ -436,7 +455,7 @@ def action_space(spec: Mapping[str, Any]) -> spaces.Space[Any]:
 
 
 def observation_space(spec: Mapping[str, Any]) -> spaces.Dict:
-    """Gymnasium's space of one observation: the environment's step columns, without an axis for environments or time."""
+    """Gymnasium's space of one observation: the environment's step columns, without axes for environments and time."""
     found: dict[str, spaces.Space[Any]] = {}
     for field in spec["fields"]:
         if field["kind"] != "step" or field["dtype"] == "str":

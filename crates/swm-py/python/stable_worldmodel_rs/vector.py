@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -80,7 +80,7 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
         self.single_observation_space = without_image(spaces.observation_space(self.pool.spec_data), self._hides_image)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._observed = tuple(self.single_observation_space.spaces)
-        self._over = np.zeros(num_envs, np.bool_)
+        self._over: Flags = np.zeros(num_envs, np.bool_)
 
     @property
     def variation_space(self) -> spaces.Dict:
@@ -120,9 +120,7 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
             )
         return mask
 
-    def step(
-        self, actions: Any
-    ) -> tuple[Observations, npt.NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+    def step(self, actions: Any) -> tuple[Observations, npt.NDArray[np.float64], Flags, Flags, dict[str, Any]]:
         """Step with ``actions`` ``(N, *A)``; which environments reset by themselves, ``autoreset_mode`` says."""
         restarts = self._over.copy()
         if self.autoreset_mode is AutoresetMode.DISABLED and restarts.any():
@@ -132,9 +130,10 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
                 'call reset(options={"reset_mask": mask}) for them'
             )
         self.pool.core.step(actions)
-        _, terminateds, truncateds = (values.copy() for values in self.pool.results)
+        _, shown_terminateds, shown_truncateds = self.pool.results
+        terminateds, truncateds = shown_terminateds.copy(), shown_truncateds.copy()
         # The column has the full precision, but keeps the last reward of episodes that are over.
-        rewards = np.where(restarts, 0.0, self.pool.raw("reward")[:, 0])
+        rewards: npt.NDArray[np.float64] = np.where(restarts, 0.0, self.pool.raw("reward")[:, 0])
         self._over = terminateds | truncateds
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and restarts.any():
             # The core leaves environments alone whose episode is over: reward 0, no end.
@@ -167,7 +166,9 @@ class VectorEnv(gym.vector.VectorEnv[Observations, npt.NDArray[Any], npt.NDArray
             if name in self._observed or name in _RESULTS or (self._hides_image and name in ("pixels", "goal")):
                 continue
             infos[name] = (
-                np.array([value for (value,) in column], object) if isinstance(column, list) else self._all(column)
+                np.array([row[0] for row in cast("list[list[Any]]", column)], object)
+                if isinstance(column, list)
+                else self._all(column)
             )
             infos[f"_{name}"] = there
         return infos

@@ -9,6 +9,8 @@ Example:
     ...     batch["pixels"]  # uint8 (64, 4, 3, H, W)
 """
 
+from importlib import import_module as _import_module
+
 from . import formats  # Registers them.
 from .buffer import ReplayBuffer, classic_filter
 from .dataset import ClipIndices, ConcatDataset, Dataset, GoalDataset, MergeDataset
@@ -27,7 +29,6 @@ from .format import (
 )
 from .formats.folder import FolderDataset, FolderWriter, ImageDataset
 from .formats.hdf5 import HDF5Dataset, HDF5Writer
-from .formats.lance import LanceDataset, LanceWriter
 from .formats.lerobot import LeRobotAdapter, LeRobotWriter
 from .formats.mcap import McapDataset, McapWriter
 from .formats.video import VideoDataset, VideoWriter
@@ -52,8 +53,6 @@ __all__ = [
     "HDF5Writer",
     "IdentityScaler",
     "ImageDataset",
-    "LanceDataset",
-    "LanceWriter",
     "LeRobotAdapter",
     "LeRobotWriter",
     "Loader",
@@ -87,3 +86,20 @@ __all__ = [
     "validate_write_mode",
 ]
 
+
+
+def __getattr__(name: str) -> object:
+    """Classes of Lance tables: the core's, or those of an installed reference under ``compat.install()``."""
+    if not name.startswith("Lance"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    native = _import_module(".formats.native_lance", __name__)
+    compat = _import_module("stable_worldmodel_rs.compat")
+    module = "lance_video" if name.startswith("LanceVideo") else "lance"
+    if not native.IS_BUILT and compat.is_installed():
+        try:
+            return getattr(_import_module(f"stable_worldmodel.data.formats.{module}"), name)
+        except ImportError:
+            pass
+    if module == "lance":
+        return getattr(native, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}; videos in Lance tables are the reference's only")

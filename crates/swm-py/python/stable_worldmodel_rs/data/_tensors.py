@@ -66,7 +66,7 @@ def stack(values: list[Any]) -> Any:
     """Equal items of several clips as one batch item: tensors and arrays are stacked, text stays a list."""
     first: Any = values[0]
     if isinstance(first, np.ndarray):
-        return np.stack(cast("list[NDArray[Any]]", values))
+        return np.stack(cast("list[NDArray[Any]]", values))  # pyright: ignore[reportUnknownVariableType]
     if isinstance(first, Mapping):
         return {key: stack([value[key] for value in values]) for key in first}  # pyright: ignore[reportUnknownVariableType]
     torch = torch_or_none()

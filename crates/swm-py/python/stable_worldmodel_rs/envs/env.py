@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -103,9 +103,9 @@ class Env(gym.Env[Observation, npt.NDArray[Any]]):
         self._copy = copy
         self._over = False
         self.action_space = self.pool.single_action_space
-        observation_space = spaces.observation_space(self.pool.spec_data)
-        self.observation_space = without_image(observation_space, self._hides_image)
-        self._observed = tuple(self.observation_space.spaces)
+        observed = without_image(spaces.observation_space(self.pool.spec_data), self._hides_image)
+        self.observation_space = cast("gym.Space[Observation]", observed)
+        self._observed = tuple(observed.spaces)
         self.metadata = {**self.metadata, "render_fps": round(1 / (self.pool.spec_data["time_step_s"] * frame_skip))}
 
     @property
@@ -146,7 +146,7 @@ class Env(gym.Env[Observation, npt.NDArray[Any]]):
         for name, column in self.pool.infos.items():
             if name in self._observed or name in _RESULTS or (self._hides_image and name in ("pixels", "goal")):
                 continue
-            info[name] = column[0][0] if isinstance(column, list) else self._one(column)
+            info[name] = cast("list[list[Any]]", column)[0][0] if isinstance(column, list) else self._one(column)
         return info
 
     def _one(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -6,7 +6,7 @@ import json
 import secrets
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -252,11 +252,21 @@ class EnvHandle:
         return reset_options(self._pool.spec_data, init_row, goal_row)
 
 
+def plain_options(options: Options | None) -> dict[str, Any] | None:
+    """Reset options as dicts, whatever mappings they were given as (those of Hydra, say)."""
+    if options is None:
+        return None
+    return {
+        name: dict(cast("Mapping[str, Any]", value)) if isinstance(value, Mapping) else value
+        for name, value in options.items()
+    }
+
+
 def _each(options: Options | Sequence[Options | None] | None, count: int) -> list[dict[str, Any] | None]:
     """Options of every environment."""
     if options is None or isinstance(options, Mapping):
-        return [None if options is None else dict(options)] * count
-    each = [None if one is None else dict(one) for one in options]
+        return [plain_options(options)] * count
+    each = [plain_options(one) for one in options]
     if len(each) != count:
         raise _swm.SwmError(f"options: {len(each)} dicts for {count} environments; give one per environment")
     return each

@@ -59,7 +59,7 @@ class EvaluationResult(dict[str, Any]):
         if (steps := self.get("mean_success_steps")) is not None:
             rows.append(("mean steps to success", f"{steps:.1f}"))
         if "episode_returns" in self and len(self["episode_returns"]):
-            rows.append(("return per episode", f"{float(np.mean(self['episode_returns'])):.2f}"))
+            rows.append(("return per episode", f"{float(np.mean(np.asarray(self['episode_returns'], np.float64))):.2f}"))
         setup: Mapping[str, Any] = self.get("setup") or {}
         rows += [(name, str(setup[key])) for name, key in (("policy", "policy"), ("environment", "env")) if key in setup]
         return rows

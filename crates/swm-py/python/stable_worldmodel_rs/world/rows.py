@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -105,9 +105,10 @@ def check_callables(callables: Sequence[Mapping[str, Any]] | None) -> None:
 
 def check_recording(dataset: Any, env: str, frame_skip: int) -> None:
     """Refuse a dataset that says it was recorded in another environment, or with rows another time apart."""
-    metadata: Any = getattr(dataset, "metadata", None)
-    if not isinstance(metadata, Mapping):
+    found: Any = getattr(dataset, "metadata", None)
+    if not isinstance(found, Mapping):
         return
+    metadata = cast("Mapping[str, Any]", found)
     recorded, skip = metadata.get("env", env), metadata.get("frame_skip", frame_skip)
     if recorded != env:
         raise _swm.SwmError(f"the dataset was recorded in `{recorded}`, this World is `{env}`")
@@ -136,7 +137,7 @@ def apply_callables(env: Any, callables: Sequence[Mapping[str, Any]], row: Mappi
 def _as_numpy(values: Any) -> npt.NDArray[Any] | None:
     """An array or a tensor as an array; None for others."""
     if isinstance(values, np.ndarray):
-        return values
+        return cast("npt.NDArray[Any]", values)
     if hasattr(values, "detach") and hasattr(values, "cpu"):
         return values.detach().cpu().numpy()
     return None

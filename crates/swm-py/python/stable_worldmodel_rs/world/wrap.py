@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -109,7 +109,7 @@ class InfoWrapper(gym.Wrapper[Any, Any, Any, Any]):
         self, info: dict[str, Any], observation: Any, reward: float, terminated: bool, truncated: bool, action: Any
     ) -> dict[str, Any]:
         told = dict(info)
-        told.update(observation if isinstance(observation, dict) else {"observation": observation})
+        told.update(cast("dict[str, Any]", observation) if isinstance(observation, dict) else {"observation": observation})
         told.update(
             reward=reward,
             terminated=terminated,

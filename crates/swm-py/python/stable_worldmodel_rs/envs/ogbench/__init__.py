@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from ..world.policies import NativePolicy
+from ...world.policies import NativePolicy
 
 __all__ = ["ExpertPolicy"]
 

@@ -1,7 +1,12 @@
-"""Lance tables, in builds with the feature ``lance``. Elsewhere the classes exist and say what to do instead."""
+"""Lance tables, in builds with the feature ``lance``. Elsewhere the classes exist and say what to do instead.
+
+Where it is built, this module is :mod:`stable_worldmodel_rs.data.formats.lance`. Elsewhere there is no module of that name, so
+that :mod:`stable_worldmodel_rs.compat` finds the one of an installed reference, which works with our datasets.
+"""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -92,3 +97,4 @@ class Lance(Format):
 
 if IS_BUILT:
     register_format(Lance)
+    sys.modules[__name__.replace("native_lance", "lance")] = sys.modules[__name__]

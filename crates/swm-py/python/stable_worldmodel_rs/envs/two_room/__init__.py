@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..world.policies import NativePolicy
+from ...world.policies import NativePolicy
 
 __all__ = ["ExpertPolicy"]
 

@@ -1,0 +1,281 @@
+"""Runs of a World: evaluations and recordings, in Rust where its environments are."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _swm
+from . import foreign
+from .native import plain_options
+from .policies import NativePolicy
+from .progress import Progress
+from .results import EvaluationResult
+from .rows import check_callables, check_recording, extract_init_goal, reset_options
+
+if TYPE_CHECKING:
+    from .world import World
+
+Flags = npt.NDArray[np.bool_]
+# Episodes that begin at recorded rows have this seed unless another is given, as in the command.
+_DATASET_SEED = 42
+
+
+class Runs:
+    """What `World` does with whole episodes."""
+
+    envs: Any
+    policy: Any
+    infos: dict[str, Any]
+    _core: _swm.World | None = None
+    _stale = False
+    _transforms: dict[str, Callable[[Any], Any]] = {}
+    _built: dict[str, Any] = {}
+
+    def evaluate(
+        self,
+        episodes: int | None = None,
+        seed: int | None = None,
+        options: Any = None,
+        video: str | Path | None = None,
+        reset_mode: str | None = None,
+        dataset: Any = None,
+        episodes_idx: Sequence[int] | None = None,
+        start_steps: Sequence[int] | None = None,
+        goal_offset: int | None = None,
+        eval_budget: int | None = None,
+        callables: Sequence[Mapping[str, Any]] | None = None,
+        progress: bool = False,
+    ) -> EvaluationResult:
+        """Run the policy and count successes.
+
+        Args:
+            episodes: Episodes to run: exactly these of the run with this seed, whatever the number of environments.
+            seed: Seed of the run; None: any.
+            options: Reset options for all, or a list with one dict per episode.
+            video: A folder for a video of every episode.
+            reset_mode: ``"auto"`` or ``"wait"``; results are the same for environments of this package.
+            dataset: Start at recorded rows: with ``episodes_idx``, ``start_steps`` (one of each per episode),
+                ``goal_offset`` (the goal is so many rows later) and ``eval_budget`` (actions allowed).
+            callables: Set-up calls of the reference; for environments of this package they are implied.
+            progress: Whether to show a bar.
+
+        Returns:
+            A dict with ``success_rate`` (percent), ``episode_successes``, ``seeds``, ``interval`` and more.
+        """
+        if reset_mode not in (None, "auto", "wait"):
+            raise ValueError(f"reset_mode must be 'auto' or 'wait', found {reset_mode!r}")
+        if dataset is not None:
+            if episodes_idx is None or start_steps is None or goal_offset is None or eval_budget is None:
+                raise ValueError(
+                    "an evaluation from a dataset needs episodes_idx, start_steps, goal_offset and eval_budget; "
+                    "swm.evaluate_from_dataset chooses rows itself"
+                )
+            return self._evaluate_rows(
+                dataset, episodes_idx, start_steps, goal_offset, eval_budget, callables, video, reset_mode, seed, progress
+            )
+        if episodes is None:
+            raise ValueError("evaluate needs episodes=, the number of episodes, or dataset=")
+        if self._core is None:
+            return foreign.evaluate(cast("World", self), episodes, seed, options, video, reset_mode or "auto", progress)
+        return self._evaluate_native(episodes, self.envs.run_seed(seed), options, None, None, video, progress)
+
+    def _evaluate_rows(
+        self,
+        dataset: Any,
+        episodes_idx: Sequence[int],
+        start_steps: Sequence[int],
+        goal_offset: int,
+        eval_budget: int,
+        callables: Sequence[Mapping[str, Any]] | None,
+        video: str | Path | None,
+        reset_mode: str | None,
+        seed: int | None,
+        progress: bool,
+    ) -> EvaluationResult:
+        if len(episodes_idx) != len(start_steps):
+            raise ValueError(f"{len(episodes_idx)} episodes_idx and {len(start_steps)} start_steps; give one of each per pair")
+        if self._core is None:
+            mode = reset_mode or "wait"
+            return foreign.evaluate_from_dataset(
+                cast("World", self), dataset, episodes_idx, start_steps, goal_offset, eval_budget, callables, video, mode
+            )
+        check_callables(callables)
+        check_recording(dataset, self._built["id"], self._built["frame_skip"])
+        firsts, lasts, _ = extract_init_goal(dataset, episodes_idx, start_steps, goal_offset)
+        spec = self.envs.spec_data
+        options = [reset_options(spec, first, last) for first, last in zip(firsts, lasts, strict=True)]
+        run = _DATASET_SEED if seed is None else seed
+        seeds = [
+            _swm.episode_seed(run, int(episode) << 32 | int(row))
+            for episode, row in zip(episodes_idx, start_steps, strict=True)
+        ]
+        return self._evaluate_native(len(options), run, options, seeds, eval_budget, video, progress)
+
+    def _evaluate_native(
+        self,
+        episodes: int,
+        seed: int,
+        options: Any,
+        seeds: list[int] | None,
+        limit: int | None,
+        video: str | Path | None,
+        progress: bool,
+    ) -> EvaluationResult:
+        assert self._core is not None, "callers have checked"
+        act = self._driver(options)
+        folder = None if video is None else str(video)
+        with Progress("Evaluating", episodes, progress) as bar:
+            text, videos = _swm.evaluate(
+                self._core, act, (0, episodes), seed, _listed(options), seeds, limit, folder, bar.tick
+            )
+        self._stale = True
+        return EvaluationResult.from_json(text, videos)
+
+    def collect(
+        self,
+        path: str | Path | None = None,
+        episodes: int = 0,
+        seed: int | None = None,
+        options: Any = None,
+        format: str | None = None,
+        writer: Any = None,
+        progress: bool = True,
+        *,
+        mode: str = "error",
+        quality: int | None = None,
+        replayable: int | None = None,
+    ) -> dict[str, Any]:
+        """Record episodes of the policy: exactly ``episodes`` of them, safe as soon as each is written.
+
+        Args:
+            path: File or folder of the dataset; or give ``writer``.
+            episodes: How many.
+            seed: Seed of the run; None: any. The file says which.
+            options: Reset options for all, or a list with one dict per episode.
+            format: ``"hdf5"``, ``"folder"``, ``"video"``, ``"lerobot"``, …; None: by the suffix of the path, else HDF5.
+            writer: In place of a path: an object with ``write_episodes(episodes)``, such as a `ReplayBuffer`; it gets
+                dicts of arrays ``(T, …)``.
+            progress: Whether to show a bar.
+            mode: If the file exists: ``"append"``, ``"overwrite"`` or ``"error"``.
+            quality: Quality of images in lossy formats, 1 to 100.
+            replayable: Record simulator states every so many steps in place of images, which are rendered when read.
+
+        Returns:
+            ``path``, ``episodes``, ``total_episodes`` and ``steps`` of what was written.
+        """
+        if (path is None) == (writer is None):
+            raise ValueError("World.collect: pass exactly one of `path` or `writer`.")
+        if episodes < 1:
+            raise ValueError(f"World.collect: episodes={episodes}; ask for 1 or more")
+        target = Path(str(path or "")).expanduser()
+        if path is not None:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            format = format or _format_of(target)
+            if self._core is None or format not in _native_formats().values():
+                from ..data.format import get_format
+
+                writer = get_format(format).open_writer(target, mode=mode)
+        if self._core is None:
+            foreign.collect(cast("World", self), writer, episodes, seed, options, progress)
+            return {"episodes": episodes}
+        core = self._core if replayable is None else self._replayable(replayable)
+        run = self.envs.run_seed(seed)
+        act = self._driver(options)
+        with Progress("Recording", episodes, progress) as bar:
+            if writer is not None:
+                return self._collect_into(writer, core, act, episodes, run, options, bar)
+            text = _swm.collect(
+                core,
+                act,
+                str(target),
+                episodes,
+                run,
+                _listed(options),
+                format=format,
+                mode=mode,
+                quality=quality,
+                tick=bar.tick,
+            )
+        self._stale = True
+        return dict(json.loads(text))
+
+    def _collect_into(
+        self, writer: Any, core: _swm.World, act: Any, episodes: int, seed: int, options: Any, bar: Progress
+    ) -> dict[str, Any]:
+        steps = 0
+        run = _swm.episodes(core, act, (0, episodes), seed, _listed(options))
+
+        def finished() -> Iterator[dict[str, Any]]:
+            nonlocal steps
+            for number, episode in enumerate(run):
+                steps += len(episode["action"])
+                bar.tick(number + 1, 0, steps)
+                yield episode
+
+        try:
+            if hasattr(writer, "__enter__"):
+                with writer as opened:
+                    opened.write_episodes(finished())
+            else:
+                writer.write_episodes(finished())
+        finally:
+            run.close()
+        self._stale = True
+        return {"path": None, "episodes": episodes, "total_episodes": episodes, "steps": steps}
+
+    def _replayable(self, every: int) -> _swm.World:
+        """A World as this one that saves states and renders nothing."""
+        if not isinstance(self.policy, NativePolicy):
+            raise TypeError("replayable= runs a World without images, which only policies of the core can do without")
+        built: dict[str, Any] = {**self._built, "image": None, "checkpoints": every}
+        core = _swm.World(**built)
+        core.set_policy(self.policy.text)
+        core.set_policy_seed(self.policy.seed)
+        return core
+
+    def _driver(self, options: Any) -> Callable[[Flags | None], Any] | None:
+        """Who acts in a native run: None for a policy of the core."""
+        if self.policy is None:
+            raise RuntimeError("No policy set. Call world.set_policy(...) first.")
+        self.envs.prepare(options)
+        self.infos = self.envs.infos
+        return None if isinstance(self.policy, NativePolicy) else self._act
+
+    def _act(self, begun: Flags | None) -> Any:
+        """Ask the policy, in a native run; ``begun``: environments that have begun another episode."""
+        infos = self.infos
+        if begun is not None:
+            infos["_needs_flush"] = begun
+        elif "_needs_flush" in infos:
+            del infos["_needs_flush"]
+        if self._transforms:
+            self._show()
+        return self.policy.get_action(infos)
+
+    def _show(self) -> None:
+        """Replace images of the infos by transformed ones."""
+
+
+def _listed(options: Any) -> Any:
+    """Options of single episodes as a list, which the core tells from a dict for all."""
+    if options is None or isinstance(options, Mapping):
+        return plain_options(cast("Mapping[str, Any] | None", options))
+    return [plain_options(one) for one in options]
+
+
+@cache
+def _native_formats() -> dict[str, str]:
+    """Suffix -> name of the formats that the core writes."""
+    return {f".{suffix}": name for name, _, suffixes in _swm.dataset_formats() for suffix in (*suffixes, name)}
+
+
+def _format_of(path: Path) -> str:
+    """The format that a path's suffix names; HDF5 where it has none."""
+    return _native_formats().get(path.suffix, path.suffix.lstrip(".")) or "hdf5"
