@@ -8,7 +8,9 @@ use std::path::PathBuf;
 use super::images::video_path;
 use super::images::{Store, jpeg_path};
 use crate::dataset::WriteOptions;
-use crate::error::{At as _, Result, missing, wrong_type};
+#[cfg(feature = "video")]
+use crate::error::missing;
+use crate::error::{At as _, Result, wrong_type};
 use crate::recording::StepIndex;
 #[cfg(feature = "video")]
 use crate::video::{VideoWriter, encoding};

@@ -15,7 +15,9 @@ use swm_media::jpeg;
 use swm_media::mp4::Mp4Reader;
 
 use crate::dataset::Steps;
-use crate::error::{At as _, Result, invalid, wrong_type};
+#[cfg(feature = "video")]
+use crate::error::invalid;
+use crate::error::{At as _, Result, wrong_type};
 #[cfg(feature = "video")]
 use crate::video::{self, VideoReader};
 
