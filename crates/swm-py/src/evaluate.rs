@@ -79,7 +79,7 @@ pub(crate) fn rollout(
     if listed.is_none() && seeds.is_none() {
         return Ok(rollout.options(world.options(options)?));
     }
-    let count = listed.map_or(end as usize, |list| list.len());
+    let count = listed.map_or(end as usize, PyListMethods::len);
     let mut each: Vec<ResetOptions> = match listed {
         Some(list) => list.iter().map(|options| world.options(Some(&options))).collect::<PyResult<_>>()?,
         None => vec![world.options(options)?; count],

@@ -3,6 +3,8 @@
 //! One file per subject, each with a function `add` that puts its classes into the module. What is glue or needs torch is
 //! Python, beside this crate in `python/stable_worldmodel_rs`.
 
+#![expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
+
 mod arrays;
 mod buffer;
 mod cost;

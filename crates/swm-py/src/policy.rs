@@ -101,7 +101,6 @@ pub(crate) fn drive(
             tick()?;
         }
     }
-    drop(run);
     mirror.end_run();
     Ok(())
 }

@@ -169,7 +169,6 @@ fn run(shared: &Shared, rollout: &Rollout, sender: &SyncSender<Event>, is_foreig
         run.advance().or_raise()?;
         last = Some(actions);
     }
-    drop(run);
     mirror.end_run();
     Ok(())
 }

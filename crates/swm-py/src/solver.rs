@@ -21,9 +21,12 @@ pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(solvers, m)?)
 }
 
+/// Name, doc and default of a setting.
+type SettingText = (&'static str, &'static str, &'static str);
+
 /// Names of all solvers, what each does in a line, and its settings: `[(name, summary, [(setting, doc, default)])]`.
 #[pyfunction]
-fn solvers() -> Vec<(&'static str, &'static str, Vec<(&'static str, &'static str, &'static str)>)> {
+fn solvers() -> Vec<(&'static str, &'static str, Vec<SettingText>)> {
     let settings = |entry: &SolverEntry| {
         entry.settings.iter().map(|setting| (setting.name, setting.doc, setting.default)).collect()
     };

@@ -121,6 +121,9 @@ unsafe fn view<'py, T: Element>(
     unsafe { PyArrayDyn::borrow_from_array(&array, owner.clone()) }.into_any()
 }
 
+/// A column and its texts, one per row.
+type Texts = (String, Vec<String>);
+
 /// A table over arrays that Python made for it, such as torch's pinned tensors. Texts it keeps itself.
 pub(crate) struct ForeignTable {
     schema: Arc<Schema>,
@@ -184,7 +187,7 @@ impl ForeignTable {
     }
 
     /// What Python gave with the arrays, the number of rows that are filled, and texts by column.
-    pub(crate) fn into_parts(self) -> (Py<PyAny>, usize, Vec<(String, Vec<String>)>) {
+    pub(crate) fn into_parts(self) -> (Py<PyAny>, usize, Vec<Texts>) {
         let fields = self.schema.fields().iter();
         let texts = fields.zip(self.columns).filter_map(|(field, place)| match place {
             Place::Own(Column::Str(values)) => {
