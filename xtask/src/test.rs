@@ -96,7 +96,12 @@ impl Args {
     /// The crates asked for, as cargo's options.
     fn selection(&self) -> Vec<&str> {
         if self.packages.is_empty() {
-            return apart::all_others();
+            let mut all = apart::all_others();
+            if !process::has_cxx() {
+                // It has videos in MP4.
+                all.extend(["--exclude", "swm-py"]);
+            }
+            return all;
         }
         self.packages.iter().flat_map(|name| ["--package", name]).collect()
     }
