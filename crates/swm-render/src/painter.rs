@@ -60,6 +60,11 @@ pub(crate) fn truncate(coordinate: f64) -> i32 {
     coordinate.clamp(-MAX_COORDINATE, MAX_COORDINATE) as i32
 }
 
+/// A world coordinate in f32, clamped to ±2^20.
+pub(crate) fn single(coordinate: f64) -> f32 {
+    coordinate.clamp(-MAX_COORDINATE, MAX_COORDINATE) as f32
+}
+
 /// The pixel coordinate of a world coordinate: rounded half to even, clamped to ±2^20; NaN becomes 0.
 #[must_use]
 pub fn round_half_even(coordinate: f64) -> i32 {

@@ -14,7 +14,7 @@ use crate::damage::Damage;
 use crate::display_list::{DisplayList, Shape};
 use crate::error::{RenderError, check_len};
 use crate::geometry::Geometry;
-use crate::painter::{Painter, Rgb, round_half_even, truncate};
+use crate::painter::{Painter, Rgb, round_half_even, single, truncate};
 use crate::palette::Palette;
 use crate::rect::Rect;
 use crate::resample::{AntialiasBilinear, FixedBilinear};
@@ -241,10 +241,10 @@ impl Painter for ExactPainter<'_> {
     }
 
     fn smooth_polygon(&mut self, vertices: &[[f64; 2]], color: Rgb) {
-        // Clipped edges cross the canvas's border at truncated points: a pixel off at most.
+        // Clipped edges cross the canvas's border at truncated points: a pixel or two off.
         let bounds = vertices
             .iter()
-            .fold(Rect::default(), |bounds, vertex| bounds.union(&bounds_of(&[vertex.map(truncate)], 1, 1)));
+            .fold(Rect::default(), |bounds, vertex| bounds.union(&bounds_of(&[vertex.map(truncate)], 2, 2)));
         let points = vertices.iter().map(|vertex| vertex.map(truncate));
         self.list.push(Shape::SmoothPolygon, points, 0, color, bounds);
     }
@@ -258,7 +258,7 @@ impl Painter for ExactPainter<'_> {
     fn smooth_line(&mut self, from: [f64; 2], to: [f64; 2], color: Rgb) {
         let ends = [from, to];
         let bounds = bounds_of(&ends.map(|end| end.map(truncate)), 2, 2);
-        let bits = ends.map(|end| end.map(|coordinate| (coordinate as f32).to_bits() as i32));
+        let bits = ends.map(|end| end.map(|coordinate| single(coordinate).to_bits() as i32));
         self.list.push(Shape::SmoothLine, bits.into_iter(), 0, color, bounds);
     }
 

@@ -270,7 +270,8 @@ fn edges(points: &[[i32; 2]]) -> impl Iterator<Item = ([i32; 2], [i32; 2])> {
 fn clipped(mut a: [i32; 2], mut b: [i32; 2], bounds: &Rect) -> Option<([i32; 2], [i32; 2])> {
     let (left, right, top, bottom) = (bounds.x0, bounds.x1 - 1, bounds.y0, bounds.y1 - 1);
     let sides = |[x, y]: [i32; 2]| [x < left, x > right, y < top, y > bottom];
-    loop {
+    // A line past a corner may be moved to and fro by the truncation.
+    for _ in 0..8 {
         let (at_a, at_b) = (sides(a), sides(b));
         if !at_a.iter().chain(&at_b).any(|&outside| outside) {
             return Some((a, b));
@@ -295,4 +296,5 @@ fn clipped(mut a: [i32; 2], mut b: [i32; 2], bounds: &Rect) -> Option<([i32; 2],
             a[1] = side;
         }
     }
+    None
 }

@@ -255,7 +255,7 @@ impl Painter for FastPainter<'_> {
     }
 
     fn turn_arrow(&mut self, center: [f64; 2], side: f64, mirrored: bool, color: Rgb) {
-        if side < 1.0 {
+        if side.is_nan() || side < 1.0 {
             return;
         }
         let side = side.trunc();

@@ -10,6 +10,11 @@ enum Command {
     Disc([f64; 2], f64, Rgb),
     FatSegment([f64; 2], [f64; 2], Rgb),
     AaLine([f64; 2], [f64; 2], Rgb),
+    SmoothPolygon(Vec<[f64; 2]>, Rgb),
+    SmoothDisc([f64; 2], f64, Rgb),
+    SmoothLine([f64; 2], [f64; 2], Rgb),
+    AxisLine([f64; 2], f64, Rgb),
+    TurnArrow([f64; 2], f64, bool, Rgb),
 }
 
 impl Command {
@@ -20,6 +25,11 @@ impl Command {
             Self::Disc(center, radius, color) => p.disc(*center, *radius, *color),
             Self::FatSegment(from, to, color) => p.fat_segment(*from, *to, *color),
             Self::AaLine(from, to, color) => p.aa_line(*from, *to, *color),
+            Self::SmoothPolygon(points, color) => p.smooth_polygon(points, *color),
+            Self::SmoothDisc(center, radius, color) => p.smooth_disc(*center, *radius, *color),
+            Self::SmoothLine(from, to, color) => p.smooth_line(*from, *to, *color),
+            Self::AxisLine([x, y], length, color) => p.axis_line([*x, *y], [x + length, *y], *color),
+            Self::TurnArrow(center, side, mirrored, color) => p.turn_arrow(*center, *side, *mirrored, *color),
         }
     }
 
@@ -31,6 +41,15 @@ impl Command {
             Self::Disc(center, radius, color) => Self::Disc(shift(center), *radius, *color),
             Self::FatSegment(from, to, color) => Self::FatSegment(shift(from), shift(to), *color),
             Self::AaLine(from, to, color) => Self::AaLine(shift(from), shift(to), *color),
+            Self::SmoothPolygon(points, color) => {
+                Self::SmoothPolygon(points.iter().map(shift).collect(), *color)
+            }
+            Self::SmoothDisc(center, radius, color) => Self::SmoothDisc(shift(center), *radius, *color),
+            Self::SmoothLine(from, to, color) => Self::SmoothLine(shift(from), shift(to), *color),
+            Self::AxisLine(from, length, color) => Self::AxisLine(shift(from), *length, *color),
+            Self::TurnArrow(center, side, mirrored, color) => {
+                Self::TurnArrow(shift(center), *side, *mirrored, *color)
+            }
         }
     }
 }
@@ -46,15 +65,23 @@ fn near() -> impl Strategy<Value = [f64; 2]> {
 fn command() -> impl Strategy<Value = Command> {
     let color = any::<Rgb>;
     let ends = || (point(), near()).prop_map(|(a, d)| (a, [a[0] + d[0], a[1] + d[1]]));
-    let polygon = (point(), prop::collection::vec(near(), 0..7)).prop_map(|(origin, offsets)| {
-        offsets.iter().map(|d| [origin[0] + d[0], origin[1] + d[1]]).collect::<Vec<_>>()
-    });
+    let polygon = || {
+        (point(), prop::collection::vec(near(), 0..7)).prop_map(|(origin, offsets)| {
+            offsets.iter().map(|d| [origin[0] + d[0], origin[1] + d[1]]).collect::<Vec<_>>()
+        })
+    };
     prop_oneof![
         1 => color().prop_map(Command::Fill),
-        8 => (polygon, color()).prop_map(|(points, color)| Command::Polygon(points, color)),
+        8 => (polygon(), color()).prop_map(|(points, color)| Command::Polygon(points, color)),
         8 => (point(), -2.0..60.0, color()).prop_map(|(c, r, color)| Command::Disc(c, r, color)),
         8 => (ends(), color()).prop_map(|((a, b), color)| Command::FatSegment(a, b, color)),
         8 => (ends(), color()).prop_map(|((a, b), color)| Command::AaLine(a, b, color)),
+        8 => (polygon(), color()).prop_map(|(points, color)| Command::SmoothPolygon(points, color)),
+        8 => (point(), -2.0..60.0, color()).prop_map(|(c, r, color)| Command::SmoothDisc(c, r, color)),
+        4 => (ends(), color()).prop_map(|((a, b), color)| Command::SmoothLine(a, b, color)),
+        4 => (point(), -90.0..90.0, color()).prop_map(|(a, l, color)| Command::AxisLine(a, l, color)),
+        4 => (point(), -2.0..120.0, any::<bool>(), color())
+            .prop_map(|(c, side, mirrored, color)| Command::TurnArrow(c, side, mirrored, color)),
     ]
 }
 
@@ -106,6 +133,7 @@ impl Change {
 
 fn frame_of(renderer: &mut Renderer, scene: &[Command], background: Rgb) -> Vec<u8> {
     let mut frame = vec![7; renderer.geometry().frame_len()];
+    renderer.set_palette(&[([144, 238, 144], [9, 9, 9]), (background, [250, 0, 0])]);
     renderer.set_background(|p| {
         p.fill(background);
         p.polygon(&[[100.0, 120.0], [300.0, 180.0], [150.0, 400.0]], [144, 238, 144]);
@@ -125,10 +153,14 @@ proptest! {
         size in prop_oneof![
             Just((224, 224)), Just((64, 64)), Just((48, 96)), Just((250, 31)), Just((60, 190)), Just((224, 100)), Just((100, 224))
         ],
+        is_surface in any::<bool>(),
         mut scene in prop::collection::vec(command(), 0..7),
         changes in prop::collection::vec(change(), 1..8),
     ) {
-        let geometry = Geometry::new(size.0, size.1);
+        let geometry = match is_surface {
+            true => Geometry::surface([400, 600], size.0, size.1),
+            false => Geometry::new(size.0, size.1),
+        };
         let mut background = [255; 3];
         let mut incremental = Renderer::new(style, geometry).expect("sizes are fine");
         frame_of(&mut incremental, &scene, background);
@@ -156,6 +188,11 @@ proptest! {
                 p.disc(at(3), values[12], [8; 3]);
                 p.fat_segment(at(5), at(7), [7; 3]);
                 p.aa_line(at(8), at(10), [6; 3]);
+                p.smooth_polygon(&[at(1), at(3), at(5), at(7)], [5; 3]);
+                p.smooth_disc(at(2), values[11], [4; 3]);
+                p.smooth_line(at(9), at(4), [3; 3]);
+                p.axis_line(at(0), [values[0], values[9]], [2; 3]);
+                p.turn_arrow(at(6), values[10], true, [1; 3]);
             }).expect("the length fits");
         }
     }
