@@ -4,7 +4,6 @@
 //! Python, beside this crate in `python/stable_worldmodel_rs`.
 
 mod arrays;
-mod buffer;
 mod cost;
 mod dataset;
 mod errors;
@@ -31,7 +30,6 @@ use pyo3::prelude::*;
 #[pymodule(name = "_swm")]
 fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    buffer::add(m)?;
     dataset::add(m)?;
     errors::add(m)?;
     evaluate::add(m)?;
