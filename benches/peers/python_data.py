@@ -20,7 +20,7 @@ ROWS = 100
 
 @functools.cache
 def recording(side):
-    """A file of pictures of this size."""
+    """A file of images of this size."""
     import stable_worldmodel_rs as swm
 
     folder = tempfile.mkdtemp()
@@ -44,7 +44,7 @@ def endless(loader):
 
 
 class Clips(Case):
-    """Clips of so many pictures of a size."""
+    """Clips of so many images of a size."""
 
     def __init__(self, name, size, steps):
         self.name = f"{name}, {steps} × {size}²"

@@ -36,7 +36,7 @@ pub(crate) struct ClipReader {
 
 #[pymethods]
 impl ClipReader {
-    /// Clips of `num_steps` rows at a distance of `frameskip`. `image = (H, W)` resizes pictures.
+    /// Clips of `num_steps` rows at a distance of `frameskip`. `image = (H, W)` resizes images.
     #[new]
     #[pyo3(signature = (
         reader, num_steps=1, frameskip=1, keys=None, channels_first=true, image=None, paper=false, threads=None,

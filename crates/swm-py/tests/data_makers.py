@@ -12,7 +12,7 @@ LENGTHS = (10, 7, 12)
 
 
 def episode(length: int, seed: int, size: int = 32) -> dict[str, Any]:
-    """One episode: pictures that videos keep well, and columns that tell episode and step."""
+    """One episode: images that videos keep well, and columns that tell episode and step."""
     rng = np.random.default_rng(seed)
     pixels = np.empty((length, size, size, 3), np.uint8)
     for step in range(length):

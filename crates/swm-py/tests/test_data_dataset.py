@@ -1,4 +1,4 @@
-"""Datasets of files: columns, rows, caches, subsets, copies in other processes and threads, pictures in notebooks."""
+"""Datasets of files: columns, rows, caches, subsets, copies in other processes and threads, images in notebooks."""
 
 from __future__ import annotations
 
@@ -243,7 +243,7 @@ def test_a_fork_writes_hdf5_and_refuses_the_rest(tmp_path: Path) -> None:
 
 
 def test_reading_can_be_interrupted(tmp_path: Path) -> None:
-    """Ctrl-C while all pictures are read: the exception comes within 0.3 s and not at the end."""
+    """Ctrl-C while all images are read: the exception comes within 0.3 s and not at the end."""
     path = write(tmp_path / "long.h5", lengths=(400,) * 10, text=False)
     code = f"""
 import signal, threading, time, os
@@ -336,7 +336,7 @@ def test_showing(path: Path) -> None:
     np.testing.assert_array_equal(frames[7], episode(7, 1)["pixels"][-1])
 
 
-def test_recordings_without_pictures_are_rendered(tmp_path: Path) -> None:
+def test_recordings_without_images_are_rendered(tmp_path: Path) -> None:
     world = swm.World("swm/PushT-v1", num_envs=2, image_shape=(32, 32), max_episode_steps=12)
     world.set_policy("random")
     world.collect(tmp_path / "full.h5", episodes=2, seed=3, progress=False)

@@ -268,7 +268,7 @@ def _readonly(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 def test_damage_is_an_error_and_the_rest_is_read(tmp_path: Path) -> None:
     path = write(tmp_path / "folder", "folder", lengths=(6, 6), text=False)
-    (next(iter(sorted(path.glob("pixels/ep_0_step_2.*"))))).write_bytes(b"no picture")
+    (next(iter(sorted(path.glob("pixels/ep_0_step_2.*"))))).write_bytes(b"no image")
     loader = swm.data.Loader(path, batch_size=3, shuffle=False)
     batches = iter(loader)
     with pytest.raises(swm.DataError, match="ep_0_step_2"):

@@ -1,4 +1,4 @@
-"""How a dataset shows itself: a line of text, and a table with pictures in notebooks."""
+"""How a dataset shows itself: a line of text, and a table with images in notebooks."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ def html(dataset: NativeDataset) -> str:
     parts = [f"<p><b>{escape(text(dataset).split(', columns')[0])})</b><br>{about}</p>"]
     frames = samples(dataset)
     if frames is not None:
-        picture = base64.b64encode(_swm.contact_sheet(frames)).decode()
-        parts.append(f'<img src="data:image/png;base64,{picture}">')
+        image = base64.b64encode(_swm.contact_sheet(frames)).decode()
+        parts.append(f'<img src="data:image/png;base64,{image}">')
     parts.append(f"<table><tr><th>column</th><th>type</th><th>shape</th><th>per</th></tr>{cells}</table>")
     return "".join(parts)
 
 
 def samples(dataset: NativeDataset) -> NDArray[np.uint8] | None:
-    """Four frames of each of the first episodes, ``(T, H, W, 3)``; ``None`` without pictures."""
+    """Four frames of each of the first episodes, ``(T, H, W, 3)``; ``None`` without images."""
     fields = dataset._fields  # pyright: ignore[reportPrivateUsage]
-    pictures = [key for key in dataset.column_names if key in fields and fields[key][1] == "uint8" and fields[key][2][2:] == [3]]
-    if not pictures or not len(dataset.lengths):
+    images = [key for key in dataset.column_names if key in fields and fields[key][1] == "uint8" and fields[key][2][2:] == [3]]
+    if not images or not len(dataset.lengths):
         return None
-    key = "pixels" if "pixels" in pictures else pictures[0]
+    key = "pixels" if "pixels" in images else images[0]
     spans = zip(dataset.lengths[:EPISODES].tolist(), dataset.offsets[:EPISODES].tolist(), strict=True)
     rows = [offset + int(row) for length, offset in spans for row in np.linspace(0, length - 1, FRAMES)]
     return dataset._rows(np.asarray(rows, dtype=np.int64), [key])[key]  # pyright: ignore[reportPrivateUsage]

@@ -1,6 +1,6 @@
 """The reader behind every built-in format: clips of files, read by Rust.
 
-Pictures come as ``(T, C, H, W)`` uint8, ``action`` as ``(T, frameskip * A)``, text as one ``str`` per clip. Items are torch
+Images come as ``(T, C, H, W)`` uint8, ``action`` as ``(T, frameskip * A)``, text as one ``str`` per clip. Items are torch
 tensors where torch is installed, else NumPy arrays; both lie on memory that is theirs while they are held.
 """
 
@@ -84,8 +84,8 @@ class NativeDataset(Dataset):
         keys_to_load: The columns of an item; ``None``: all.
         keys_to_cache: Columns that are read into memory once.
         keys_to_merge: ``{new column: columns or a regular expression}``, joined along the last axis.
-        image: ``(H, W)`` to which pictures are resized, antialiased.
-        render: ``(H, W)`` of pictures that are rendered when they are read, for recordings without pictures of this
+        image: ``(H, W)`` to which images are resized, antialiased.
+        render: ``(H, W)`` of images that are rendered when they are read, for recordings without images of this
             package.
         episodes: The episodes to take, in this order; ``None``: all.
 
@@ -228,7 +228,7 @@ class NativeDataset(Dataset):
         return self.reader.skipped
 
     def _finish(self, name: str, values: Any, shape: list[int], batched: int, planar: bool) -> Any:
-        """The axes of pictures as the reference has them: channels first if there are 1 or 3, whatever the type."""
+        """The axes of images as the reference has them: channels first if there are 1 or 3, whatever the type."""
         if len(shape) != 3 or not hasattr(values, "shape"):
             return values
         first = batched + 1
@@ -304,7 +304,7 @@ class NativeDataset(Dataset):
         return episodes if col != "step_idx" else np.arange(len(episodes)) - self.offsets[episodes]
 
     def get_col_data(self, col: str) -> NDArray[Any]:
-        """A whole column, ``(rows, …)``; pictures ``(rows, H, W, C)``. Also ``ep_idx`` and ``step_idx`` of every row."""
+        """A whole column, ``(rows, …)``; images ``(rows, H, W, C)``. Also ``ep_idx`` and ``step_idx`` of every row."""
         fields = self._fields
         if col not in fields and col in INDICES:
             return self._index_column(col)

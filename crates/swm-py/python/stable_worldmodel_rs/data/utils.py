@@ -240,7 +240,7 @@ def _episodes(datasets: list[Any], keeps: bool, advance: Callable[[int], None]) 
 
 
 def as_written(episode: dict[str, Any], length: int) -> dict[str, Any]:
-    """An episode of a reader as writers take it: pictures ``(T, H, W, C)`` uint8, text once per row."""
+    """An episode of a reader as writers take it: images ``(T, H, W, C)`` uint8, text once per row."""
     columns: dict[str, Any] = {}
     for name, values in episode.items():
         if not hasattr(values, "shape"):

@@ -48,7 +48,7 @@ class NativeWriter:
     Args:
         path: The file or folder.
         mode: ``"append"`` continues a dataset that exists, ``"overwrite"`` replaces it, ``"error"`` refuses.
-        quality: Of pictures in formats that lose some, 1 to 100.
+        quality: Of images in formats that lose some, 1 to 100.
         metadata: How the episodes were made, as :attr:`NativeDataset.metadata` has it.
 
     Example:

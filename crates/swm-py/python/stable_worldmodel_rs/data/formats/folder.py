@@ -1,4 +1,4 @@
-"""Folders: a ``.npz`` file per column, and a JPEG file per picture."""
+"""Folders: a ``.npz`` file per column, and a JPEG file per image."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class FolderDataset(NativeDataset):
     """Clips of a folder: ``<cache_dir>/<name>``, or ``path``.
 
     Args:
-        folder_keys: The columns that are pictures; ``None``: all subfolders.
+        folder_keys: The columns that are images; ``None``: all subfolders.
 
     The other arguments are those of :class:`~stable_worldmodel_rs.data.native.NativeDataset`.
     """
@@ -58,23 +58,23 @@ class FolderDataset(NativeDataset):
             self._keys = [key for key in self._keys if key in self.folder_keys or key not in subfolders]
 
     def _load_file(self, ep_idx: int, step: int, key: str) -> NDArray[Any]:
-        """One picture, ``(H, W, C)``."""
+        """One image, ``(H, W, C)``."""
         return self._rows(np.asarray([int(self.offsets[ep_idx]) + step]), [key])[key][0]
 
     def get_col_data(self, col: str) -> NDArray[Any]:
-        """A whole column; pictures are too many for that."""
+        """A whole column; images are too many for that."""
         if col in self.folder_keys:
-            raise KeyError(f"{col!r} not in cache: pictures of folders are read by clip, not as a whole column")
+            raise KeyError(f"{col!r} not in cache: images of folders are read by clip, not as a whole column")
         return super().get_col_data(col)
 
     def get_row_data(self, row_idx: int | list[int]) -> dict[str, Any]:
-        """Rows by their number, without pictures."""
+        """Rows by their number, without images."""
         keys = [key for key in self._keys if key not in self.folder_keys]
         return self._rows(to_numpy(row_idx).astype(np.int64), keys)
 
 
 class ImageDataset(FolderDataset):
-    """A :class:`FolderDataset` whose pictures are named first, by default ``["pixels"]``."""
+    """A :class:`FolderDataset` whose images are named first, by default ``["pixels"]``."""
 
     def __init__(self, name: str | None = None, image_keys: Sequence[str] | None = None, **options: Any) -> None:
         super().__init__(name=name, folder_keys=image_keys or ["pixels"], **options)
@@ -89,7 +89,7 @@ class FolderWriter(NativeWriter):
 
 @register_format
 class Folder(Format):
-    """Folders with pictures as files."""
+    """Folders with images as files."""
 
     name = "folder"
 

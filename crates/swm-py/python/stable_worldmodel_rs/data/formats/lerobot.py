@@ -70,7 +70,7 @@ def locate(repo_id: str, root: str | Path | None) -> Path:
 
 
 class LeRobotWriter(NativeWriter):
-    """Appends episodes to a LeRobot v3.0 dataset; pictures become videos."""
+    """Appends episodes to a LeRobot v3.0 dataset; images become videos."""
 
     native_format = "lerobot"
     _marker = "meta/info.json"

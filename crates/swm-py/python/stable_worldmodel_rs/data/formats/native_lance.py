@@ -53,7 +53,7 @@ class LanceDataset(NativeDataset):
 
     @property
     def image_columns(self) -> set[str]:
-        """The columns that are pictures."""
+        """The columns that are images."""
         return {name for name, (_, dtype, shape, _) in self._fields.items() if dtype == "uint8" and len(shape) == 3}
 
 

@@ -10,7 +10,7 @@ __all__ = ["is_image_column"]
 
 
 def is_image_column(vals: Any) -> bool:
-    """Whether the values of a column are pictures: uint8 of shape ``(H, W, 1)`` or ``(H, W, 3)`` per step."""
+    """Whether the values of a column are images: uint8 of shape ``(H, W, 1)`` or ``(H, W, 3)`` per step."""
     if vals is None or len(vals) == 0:
         return False
     first = np.asarray(vals[0])

@@ -1,4 +1,4 @@
-"""Folders of videos: as :mod:`.folder`, with an MP4 file per episode in place of pictures. No FFmpeg is needed."""
+"""Folders of videos: as :mod:`.folder`, with an MP4 file per episode in place of images. No FFmpeg is needed."""
 
 from __future__ import annotations
 
