@@ -9,19 +9,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use numpy::{Element, PyArray1, PyArray4, PyArrayDyn, PyArrayMethods as _};
 use pyo3::intern;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
 use swm::solvers::{
     Candidates, ConstrainedCost, Cost, DifferentiableCost, Iteration, Plan, PlanError, PlanningContext,
     Problem, Trace, WeightFn,
 };
 
 use crate::errors::PlanFault;
-
-/// Adds this file's classes and functions to the module.
-#[expect(clippy::unnecessary_wraps, reason = "all files have this function")]
-pub(crate) fn add(_m: &Bound<'_, PyModule>) -> PyResult<()> {
-    Ok(())
-}
 
 /// The exception of a callback, until the cost can return it: a trace has no way to fail.
 #[derive(Clone, Default)]
@@ -206,9 +199,7 @@ impl Trace for PythonTrace {
                 array(iteration.std, &[episodes, horizon, dim])?,
                 array(iteration.gradient, &candidates.shape())?,
             );
-            bridge
-                .bind(py)
-                .call_method1(intern!(py, "iteration"), all.into_pyobject(py)?.cast::<PyTuple>()?.clone())?;
+            bridge.bind(py).call_method1(intern!(py, "iteration"), all)?;
             Ok(())
         });
         if let Err(error) = shown {

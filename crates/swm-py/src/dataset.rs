@@ -1,12 +1,12 @@
 //! Datasets of every format: opening, joining, reading.
 
 use std::path::PathBuf;
-use std::sync::{Arc, LazyLock, Mutex};
+use std::sync::{Arc, Mutex};
 
 use numpy::{PyArray1, ToPyArray as _};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use swm::core::{Batch, Cancel, Column, ImageSize, Metadata, Registry, Schema, SliceMut};
+use swm::core::{Batch, Cancel, Column, ImageSize, Metadata, Schema, SliceMut};
 use swm::data::adapt::{Cached, Columns, Concat, Subset};
 use swm::data::stats::{Statistics, StatisticsOptions};
 use swm::data::{DataError, Dataset, DatasetInfo, MemoryDataset, RenderOptions, Rendered, Steps, format};
@@ -15,19 +15,13 @@ use crate::arrays::{describe, from_array, into_array, lock, step_field};
 use crate::errors::{DataFault, OrRaise as _};
 use crate::fork::Process;
 use crate::interrupt::interruptible;
+use crate::world::registry;
 
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<Reader>()?;
     m.add_function(wrap_pyfunction!(dataset_formats, m)?)?;
-    m.add_function(wrap_pyfunction!(detect_dataset, m)?)?;
-    m.add_function(wrap_pyfunction!(encode_png, m)?)
-}
-
-/// The formats and environments of this build.
-pub(crate) fn registry() -> &'static Registry {
-    static REGISTRY: LazyLock<Registry> = LazyLock::new(swm::registry);
-    &REGISTRY
+    m.add_function(wrap_pyfunction!(detect_dataset, m)?)
 }
 
 /// The column that stays dense under a frame skip.
@@ -386,18 +380,4 @@ fn dataset_formats() -> Vec<(&'static str, &'static str, Vec<&'static str>)> {
 #[pyfunction]
 fn detect_dataset(py: Python<'_>, path: PathBuf) -> Option<&'static str> {
     py.detach(|| format::detect(registry(), &path).map(|format| format.name))
-}
-
-/// A PNG file of pixels, u8 `[H, W, 3]`.
-#[pyfunction]
-fn encode_png<'py>(
-    py: Python<'py>,
-    pixels: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, pyo3::types::PyBytes>> {
-    let refused = || PyValueError::new_err("pixels must be a C-contiguous uint8 array of shape (H, W, 3)");
-    let (Column::U8(values), shape) = from_array("pixels", pixels)? else { return Err(refused()) };
-    let [height, width, 3] = shape[..] else { return Err(refused()) };
-    let encoded = py.detach(|| swm::media::png::encode(height, width, &values));
-    let encoded = encoded.map_err(|error| PyValueError::new_err(error.to_string()))?;
-    Ok(pyo3::types::PyBytes::new(py, &encoded))
 }

@@ -6,7 +6,6 @@
 #![expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 
 mod arrays;
-mod buffer;
 mod cost;
 mod dataset;
 mod errors;
@@ -33,7 +32,6 @@ use pyo3::prelude::*;
 #[pymodule(name = "_swm")]
 fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    buffer::add(m)?;
     dataset::add(m)?;
     errors::add(m)?;
     evaluate::add(m)?;

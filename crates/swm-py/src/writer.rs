@@ -14,10 +14,11 @@ use swm::data::tools::copy;
 use swm::data::{DataError, Dataset, WriteMode, format};
 
 use crate::arrays::{from_array, lock, step_field};
-use crate::dataset::{Reader, Watched, registry};
+use crate::dataset::{Reader, Watched};
 use crate::errors::{DataFault, OrRaise as _, SwmError};
 use crate::fork::Process;
 use crate::interrupt::interruptible_with;
+use crate::world::registry;
 
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -330,10 +330,10 @@ def test_showing(path: Path) -> None:
     assert html.count("data:image/png;base64,") == 1 and "<td>action</td><td>float32</td><td>(2,)</td>" in html
     from stable_worldmodel_rs.data import _show
 
-    sheet = _show.contact_sheet(dataset)
-    assert sheet is not None and sheet.shape == (3 * 34, 8 * 34, 3)
-    np.testing.assert_array_equal(sheet[:32, :32], episode(10, 0)["pixels"][0])
-    np.testing.assert_array_equal(sheet[34:66, 7 * 34 : 7 * 34 + 32], episode(7, 1)["pixels"][-1])
+    frames = _show.samples(dataset)
+    assert frames is not None and frames.shape == (3 * 4, 32, 32, 3)
+    np.testing.assert_array_equal(frames[0], episode(10, 0)["pixels"][0])
+    np.testing.assert_array_equal(frames[7], episode(7, 1)["pixels"][-1])
 
 
 def test_recordings_without_images_are_rendered(tmp_path: Path) -> None:

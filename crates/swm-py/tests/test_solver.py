@@ -229,7 +229,7 @@ def test_wrong_costs_are_named():
 
 
 def test_settings_out_of_range_are_named():
-    with pytest.raises(PlanError, match="setting `elites`: 30 of 16 samples"):
+    with pytest.raises(PlanError, match="setting `topk`: 30 of 16 samples"):
         configured(CEMSolver(Sum(), num_samples=16)).solve(info())
     with pytest.raises(SwmError, match="unknown solver `cen`.*did you mean `cem`"):
         _swm.Solver("cen", "{}")

@@ -49,8 +49,8 @@ def offer_ogbench() -> None:
     """Make the models of OGBench known where the folder of the wheel lacks them.
 
     Called before the first environment of OGBench is made. They come from the data folder of the command, or from an
-    installed ``ogbench``. The folder that joins them with the models of the wheel lies in the user's cache and is made of
-    links, or of copies where the system allows no links.
+    installed ``ogbench``. The folder that joins them with the models of the wheel lies in the user's cache and is made
+    of links, or of copies where the system allows no links.
     """
     _, folder, (_, dm_control, ogbench) = _swm.files()
     if folder is None or (folder / "ogbench" / ogbench).is_dir():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from .native import NativeDataset
 
 EPISODES = 3
-FRAMES = 8
-GAP = 2
+FRAMES = 4  # As many as the core's contact sheet has in a row.
 
 
 def text(dataset: NativeDataset) -> str:
@@ -39,28 +38,21 @@ def html(dataset: NativeDataset) -> str:
     known = dataset.metadata or {}
     about = ", ".join(f"{key}: {escape(str(known[key]))}" for key in ("env", "policy", "seed") if known.get(key) is not None)
     parts = [f"<p><b>{escape(text(dataset).split(', columns')[0])})</b><br>{about}</p>"]
-    sheet = contact_sheet(dataset)
-    if sheet is not None:
-        parts.append(f'<img src="{data_uri(sheet)}">')
+    frames = samples(dataset)
+    if frames is not None:
+        image = base64.b64encode(_swm.contact_sheet(frames)).decode()
+        parts.append(f'<img src="data:image/png;base64,{image}">')
     parts.append(f"<table><tr><th>column</th><th>type</th><th>shape</th><th>per</th></tr>{cells}</table>")
     return "".join(parts)
 
 
-def contact_sheet(dataset: NativeDataset) -> NDArray[np.uint8] | None:
-    """Rows of the first episodes side by side, ``(H, W, 3)``; ``None`` without images."""
+def samples(dataset: NativeDataset) -> NDArray[np.uint8] | None:
+    """Four frames of each of the first episodes, ``(T, H, W, 3)``; ``None`` without images."""
     fields = dataset._fields  # pyright: ignore[reportPrivateUsage]
     images = [key for key in dataset.column_names if key in fields and fields[key][1] == "uint8" and fields[key][2][2:] == [3]]
     if not images or not len(dataset.lengths):
         return None
     key = "pixels" if "pixels" in images else images[0]
-    lines: list[NDArray[Any]] = []
-    for length, offset in list(zip(dataset.lengths.tolist(), dataset.offsets.tolist(), strict=True))[:EPISODES]:
-        wanted: NDArray[np.int64] = np.asarray(offset + np.linspace(0, length - 1, FRAMES), dtype=np.int64)
-        frames = dataset._rows(wanted, [key])[key]  # pyright: ignore[reportPrivateUsage]
-        lines.append(np.concatenate([np.pad(frame, ((0, GAP), (0, GAP), (0, 0)), constant_values=255) for frame in frames], axis=1))
-    return np.ascontiguousarray(np.concatenate(lines))
-
-
-def data_uri(pixels: NDArray[np.uint8]) -> str:
-    """An image ``(H, W, 3)`` as the source of an ``img``."""
-    return "data:image/png;base64," + base64.b64encode(_swm.encode_png(np.ascontiguousarray(pixels))).decode()
+    spans = zip(dataset.lengths[:EPISODES].tolist(), dataset.offsets[:EPISODES].tolist(), strict=True)
+    rows = [offset + int(row) for length, offset in spans for row in np.linspace(0, length - 1, FRAMES)]
+    return dataset._rows(np.asarray(rows, dtype=np.int64), [key])[key]  # pyright: ignore[reportPrivateUsage]

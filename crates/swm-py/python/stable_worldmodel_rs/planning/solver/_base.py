@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from ..._arrays import Array, is_array, is_tensor, require_torch
+from ..._swm import PlanError
 from ..._swm import Solver as NativeSolver
 from ...protocols import Actionable
 from ._bridge import Bridge, NumpyBridge, TorchBridge, rows_of, take_rows
@@ -30,6 +31,23 @@ if TYPE_CHECKING:
 __all__ = ["BaseSolver", "PlanKeys"]
 
 logger = logging.getLogger("stable_worldmodel_rs")
+
+
+_KEYWORDS = {
+    "samples": "num_samples",
+    "iterations": "n_steps",
+    "elites": "topk",
+    "sigma": "var_scale",
+    "elites_kept": "n_elite_keep",
+    "rounds": "n_outer_steps",
+}
+
+
+def _in_python(message: str) -> str:
+    """What Rust says of a setting, with the keyword that it has here."""
+    for setting, keyword in _KEYWORDS.items():
+        message = message.replace(f"setting `{setting}`", f"setting `{keyword}`")
+    return message
 
 
 class PlanKeys(NamedTuple):
@@ -220,7 +238,10 @@ class BaseSolver:
         settings = {**self.settings(), "seed": self.seed & 0xFFFF_FFFF, **changes}
         key = (self.native_name, json.dumps(settings))
         if key not in self._solvers:
-            self._solvers[key] = NativeSolver(*key)
+            try:
+                self._solvers[key] = NativeSolver(*key)
+            except PlanError as error:
+                raise PlanError(_in_python(str(error))) from None
         return self._solvers[key]
 
     def _bridge(self, info: dict[str, Any], rows: int, initial: Array) -> Bridge:
