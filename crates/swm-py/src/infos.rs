@@ -167,8 +167,3 @@ fn unknown_option(spec: &EnvSpec, key: &str) -> PyErr {
         .collect();
     SwmError::new_err(format!("`{}` has no reset option `{key}`; it has {}", spec.id, known.join(", ")))
 }
-
-/// Adds this file's classes and functions to the module.
-pub(crate) fn add(_m: &Bound<'_, PyModule>) -> PyResult<()> {
-    Ok(())
-}

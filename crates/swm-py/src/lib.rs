@@ -36,11 +36,9 @@ fn swm_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     errors::add(m)?;
     evaluate::add(m)?;
     fork::add(m)?;
-    infos::add(m)?;
     loader::add(m)?;
     manifest::add(m)?;
     media::add(m)?;
-    policy::add(m)?;
     program::add(m)?;
     receipt::add(m)?;
     record::add(m)?;

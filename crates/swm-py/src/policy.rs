@@ -104,8 +104,3 @@ pub(crate) fn drive(
     mirror.end_run();
     Ok(())
 }
-
-/// Adds this file's classes and functions to the module.
-pub(crate) fn add(_m: &Bound<'_, PyModule>) -> PyResult<()> {
-    Ok(())
-}
