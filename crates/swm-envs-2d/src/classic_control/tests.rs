@@ -191,7 +191,8 @@ fn recorded_images_are_drawn_to_the_pixel() {
             let start = recordings.array::<f64>(&run, "state").index_axis(ndarray::Axis(0), 0).to_vec_row();
             bench.reset(&recordings.options(&run, &start));
             let actions = recordings.actions(&run, dtype);
-            for t in 0..=last {
+            let upcoming = actions.into_iter().map(Some).chain([None]).take(last + 1);
+            for (t, action) in upcoming.enumerate() {
                 if let Some((_, expected)) = images.iter().find(|(step, _)| *step == t) {
                     let pixels = bench.row.get::<u8>(PIXELS).unwrap();
                     let what = format!("{} {run} after {t} steps", entry.id);
@@ -200,8 +201,8 @@ fn recorded_images_are_drawn_to_the_pixel() {
                     );
                     compared += 1;
                 }
-                if t < last {
-                    bench.step(actions[t]);
+                if let Some(action) = action.filter(|_| t < last) {
+                    bench.step(action);
                 }
             }
         }
