@@ -130,7 +130,8 @@ fn by_maturin(zig: bool, python: &Path, work: &Path) -> Result<PathBuf> {
 
 /// Builds the workspace as tests do, and lays the extension, the Python files and maturin's metadata out as a wheel.
 fn from_the_workspace(metadata: &Metadata, python: &Path, work: &Path) -> Result<PathBuf> {
-    let mut build = process::cargo(["build", "--features", "swm/lerobot"]);
+    // With tests: what they depend on decides about features, too.
+    let mut build = process::cargo(["build", "--lib", "--bins", "--tests", "--features", "swm/lerobot"]);
     process::run(build.args(apart::all_others()))?;
     let tree = work.join("tree");
     copy(&process::root().join(CRATE).join("python").join(PACKAGE), &tree.join(PACKAGE), &is_source)?;

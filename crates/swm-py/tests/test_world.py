@@ -225,7 +225,7 @@ def test_names_mean_the_references_environments() -> None:
 
 
 def test_transforms_and_distractors_change_images() -> None:
-    world = make(2, image_transform=lambdan image: image.astype(np.float32) / 255)
+    world = make(2, image_transform=lambda image: image.astype(np.float32) / 255)
     world.reset(seed=0)
     assert world.infos["pixels"].dtype == np.float32 and world.infos["pixels"].shape == (2, 1, 32, 32, 3)
     world.step(np.zeros((2, 2)))

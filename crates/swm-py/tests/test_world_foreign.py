@@ -139,7 +139,7 @@ def test_wrappers_surround_the_one_that_completes_infos() -> None:
 
 
 def test_transforms_are_applied_to_each_image() -> None:
-    world = make(1, image_transform=lambdan image: image.astype(np.float32) / 10, goal_transform=lambdan image: image[:1])
+    world = make(1, image_transform=lambda image: image.astype(np.float32) / 10, goal_transform=lambda image: image[:1])
     world.reset(seed=0)
     world.step(np.ones((1, 2)))
     assert world.infos["pixels"].dtype == np.float32 and (world.infos["pixels"] == 1).all()

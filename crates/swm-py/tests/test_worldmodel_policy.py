@@ -364,7 +364,7 @@ def test_a_torch_model_plans_in_a_world():
 
     world = World("swm/PushT-v1", 2, (8, 8), 6, threads=1)
     solver = CEMSolver(TorchReach(), batch_size=2, num_samples=16, n_steps=2, topk=4)
-    policy = WorldModelPolicy(solver, PlanConfig(2, 2), transform={"pixels": lambdan image: image.float() / 255})
+    policy = WorldModelPolicy(solver, PlanConfig(2, 2), transform={"pixels": lambda image: image.float() / 255})
     world.set_policy(policy)
     assert world.evaluate(episodes=3, seed=0)["episodes"] == 3
     assert torch.is_tensor(policy._next_init) is False  # Nothing is left of plans that are executed whole.

@@ -1,7 +1,7 @@
 //! Gymnasium's classic control: CartPole, both MountainCars, Acrobot and Pendulum, with factors of variation.
 //!
 //! States and images are those of the *reference*, the Python package `stable-worldmodel` on Gymnasium 1.2.3. One
-//! environment, [`env`], serves them all; a [`task::Task`] brings dynamics, factors, rendering and the rule of its expert.
+//! environment, [`env`], serves them all; a `task::Task` brings dynamics, factors, rendering and the rule of its expert.
 
 mod acrobot;
 mod cart_pole;
