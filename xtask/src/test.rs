@@ -66,13 +66,6 @@ pub(crate) fn doctests(args: &Args) -> Result<()> {
     )
 }
 
-/// Each benchmark, once: under `cargo test` criterion measures nothing. Selected as the tests are, so that nothing is
-/// built again.
-pub(crate) fn benches() -> Result<()> {
-    let all = Args::default();
-    process::run(process::cargo(["test", "--bench", "*"]).args(all.selection()).args(features(&all)))
-}
-
 /// The pages of the book that need the feature `what` of a command `swm`, with `program`, which has it.
 pub(crate) fn book(what: &str, program: &Path) -> Result<()> {
     let all = Args::default();
