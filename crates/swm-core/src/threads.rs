@@ -3,7 +3,7 @@
 //!
 //! The cost of a slot is learned from the clock. It decides who works, never what comes out.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
@@ -13,27 +13,49 @@ const WORTH_NANOS: f64 = 15_000.0;
 /// Weight of the newest measurement.
 const LEARNING: f64 = 0.2;
 
-/// The threads that a world divides its work among.
+/// The threads that a world divides its work among. A single one is started when a policy first divides its work: most
+/// worlds of one thread never need it.
 #[derive(Clone, Debug)]
-pub(crate) struct Threads(Arc<ThreadPool>);
+pub(crate) struct Threads {
+    pool: Arc<OnceLock<ThreadPool>>,
+    count: usize,
+}
 
 impl Threads {
     /// Starts them; `None`: one per core.
     pub(crate) fn new(count: Option<usize>) -> Result<Self, ThreadPoolBuildError> {
-        // rayon takes 0 for "one per core".
-        let pool = ThreadPoolBuilder::new().num_threads(count.unwrap_or(0));
-        Ok(Self(Arc::new(pool.thread_name(|i| format!("swm-{i}")).build()?)))
+        let pool = match count {
+            Some(1) => OnceLock::new(),
+            // rayon takes 0 for "one per core".
+            _ => start(count.unwrap_or(0))?.into(),
+        };
+        let count = pool.get().map_or(1, ThreadPool::current_num_threads);
+        Ok(Self { pool: Arc::new(pool), count })
     }
 
     /// With one thread nothing is divided, and all work stays on the caller's thread.
     pub(crate) fn is_one(&self) -> bool {
-        self.0.current_num_threads() == 1
+        self.count == 1
     }
 
-    /// Does `work` on the threads, so that what it divides is divided among them.
+    /// Does `work` on the threads, so that what it divides is divided among them. Where the system has no thread left for
+    /// a single one, it is divided among rayon's global threads.
     pub(crate) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        self.0.install(work)
+        if self.pool.get().is_none()
+            && let Ok(pool) = start(self.count)
+        {
+            // Another thread may have been first: its pool serves as well.
+            _ = self.pool.set(pool);
+        }
+        match self.pool.get() {
+            Some(pool) => pool.install(work),
+            None => work(),
+        }
     }
+}
+
+fn start(count: usize) -> Result<ThreadPool, ThreadPoolBuildError> {
+    ThreadPoolBuilder::new().num_threads(count).thread_name(|i| format!("swm-{i}")).build()
 }
 
 /// The learned cost of one slot in one phase.
@@ -68,7 +90,7 @@ impl Pace {
             (work(part), started.elapsed())
         };
         let (result, elapsed) = if part == slots { timed() } else { threads.install(timed) };
-        self.note(slots, part, threads.0.current_num_threads(), elapsed);
+        self.note(slots, part, threads.count, elapsed);
         result
     }
 
@@ -107,5 +129,8 @@ mod tests {
     fn one_thread_is_the_callers() {
         let (threads, mut pace) = (Threads::new(Some(1)).unwrap(), Pace::default());
         assert_eq!(part(&mut pace, &threads, Duration::ZERO), (8, thread::current().id()));
+        assert!(threads.pool.get().is_none(), "no thread was started");
+        let (number, there) = threads.install(|| (rayon::current_num_threads(), thread::current().id()));
+        assert!(number == 1 && there != thread::current().id());
     }
 }

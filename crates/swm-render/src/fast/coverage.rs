@@ -102,13 +102,13 @@ pub(super) trait Coverage {
 
 /// A frame being drawn on, within a clip rectangle.
 #[derive(Debug)]
-pub(super) struct Video<'a> {
+pub(super) struct Target<'a> {
     frame: &'a mut [u8],
     lens: &'a Lens,
     clip: Rect,
 }
 
-impl<'a> Video<'a> {
+impl<'a> Target<'a> {
     pub(super) fn new(frame: &'a mut [u8], lens: &'a Lens, clip: Rect) -> Self {
         Self { frame, lens, clip: clip.intersect(&lens.frame) }
     }

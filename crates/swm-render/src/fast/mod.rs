@@ -15,7 +15,7 @@ use crate::painter::{Painter, Rgb};
 use crate::palette::Palette;
 use crate::rect::Rect;
 use crate::turn_arrow;
-use coverage::{Lens, Video};
+use coverage::{Lens, Target};
 use shapes::{Capsule, ConvexPolygon, Disc, Polygon};
 
 /// Renders frames at the asked size. See [`Renderer`](crate::Renderer) for the calls.
@@ -79,7 +79,7 @@ impl FastRenderer {
         std::mem::swap(new, &mut self.background_list);
         self.background.fill(0);
         let all = self.lens.frame();
-        replay(&self.background_list, &self.lens, &mut Video::new(&mut self.background, &self.lens, all));
+        replay(&self.background_list, &self.lens, &mut Target::new(&mut self.background, &self.lens, all));
         self.all_damaged = true;
     }
 
@@ -110,7 +110,7 @@ impl FastRenderer {
                 let bytes = start + rect.x0 as usize * 3..start + rect.x1 as usize * 3;
                 self.frame[bytes.clone()].copy_from_slice(&self.background[bytes]);
             }
-            replay(&self.next, &self.lens, &mut Video::new(&mut self.frame, &self.lens, *rect));
+            replay(&self.next, &self.lens, &mut Target::new(&mut self.frame, &self.lens, *rect));
         }
         self.all_damaged = false;
         std::mem::swap(&mut self.drawn, &mut self.next);
@@ -121,30 +121,30 @@ impl FastRenderer {
 const FAT_RADIUS: f32 = 2.5;
 const LINE_RADIUS: f32 = 0.5;
 
-fn replay(list: &DisplayList<f32>, lens: &Lens, video: &mut Video<'_>) {
+fn replay(list: &DisplayList<f32>, lens: &Lens, target: &mut Target<'_>) {
     for primitive in list.iter() {
-        let visible = primitive.bounds.intersect(&video.clip());
+        let visible = primitive.bounds.intersect(&target.clip());
         if visible.is_empty() {
             continue;
         }
         let color = primitive.color;
         match (primitive.shape, primitive.points) {
-            (Shape::Fill, _) => video.fill(color),
+            (Shape::Fill, _) => target.fill(color),
             (Shape::Polygon, points) => match ConvexPolygon::new(points, lens) {
-                Some(polygon) => video.paint(&polygon, visible, color),
-                None => video.paint(&Polygon::new(points, lens), visible, color),
+                Some(polygon) => target.paint(&polygon, visible, color),
+                None => target.paint(&Polygon::new(points, lens), visible, color),
             },
             (Shape::Disc, [center, ..]) => {
-                video.paint(&Disc::new(*center, primitive.radius, lens), visible, color);
+                target.paint(&Disc::new(*center, primitive.radius, lens), visible, color);
             }
             (Shape::FatSegment, [from, to, ..]) => {
-                video.paint(&Capsule::new(*from, *to, FAT_RADIUS, lens), visible, color);
+                target.paint(&Capsule::new(*from, *to, FAT_RADIUS, lens), visible, color);
             }
             (Shape::AaLine, [from, to, ..]) => {
-                video.paint(&Capsule::new(*from, *to, LINE_RADIUS, lens), visible, color);
+                target.paint(&Capsule::new(*from, *to, LINE_RADIUS, lens), visible, color);
             }
             (Shape::TurnArrow, [from, to, ..]) => {
-                video.paint(&Capsule::new(*from, *to, primitive.radius, lens), visible, color);
+                target.paint(&Capsule::new(*from, *to, primitive.radius, lens), visible, color);
             }
             _ => {}
         }
