@@ -1,6 +1,8 @@
 //! `cargo xtask demo`: the main job from end to end. Records PushT episodes, evaluates an expert, a random policy and a
 //! planner from goals of that dataset, prints a table, and leaves a folder with images and videos.
 
+mod robustness;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -16,6 +18,9 @@ pub(crate) struct Args {
     /// A quick pass over every stage, for CI: few episodes, the development build
     #[arg(long)]
     pub(crate) short: bool,
+    /// Also train a LeWM on TwoRoom and evaluate it under changed colors and speeds. Builds a tensor library: some minutes
+    #[arg(long)]
+    pub(crate) robustness: bool,
     /// Where the report goes
     #[arg(long, default_value = "demo-report", value_name = "DIR")]
     pub(crate) out: PathBuf,
@@ -28,6 +33,9 @@ struct Size {
     evaluated: &'static str,
     planner: &'static str,
     planner_evaluated: &'static str,
+    robustness: robustness::Amount,
+    /// Whether models are trained.
+    has_model: bool,
 }
 
 const FULL: Size = Size {
@@ -36,6 +44,8 @@ const FULL: Size = Size {
     evaluated: "50",
     planner: "cem:samples=128,iterations=8,elites=16,horizon=10,receding_horizon=4,action_block=1",
     planner_evaluated: "50",
+    robustness: robustness::FULL,
+    has_model: false,
 };
 
 const SHORT: Size = Size {
@@ -44,6 +54,8 @@ const SHORT: Size = Size {
     evaluated: "4",
     planner: "cem:samples=32,iterations=2,elites=4,horizon=4,receding_horizon=4,action_block=2",
     planner_evaluated: "2",
+    robustness: robustness::SHORT,
+    has_model: false,
 };
 
 const ENV: &str = "swm/PushT-v1";
@@ -51,14 +63,14 @@ const ENV: &str = "swm/PushT-v1";
 /// The whole demonstration.
 pub(crate) fn run(args: &Args) -> Result<()> {
     setup::for_demo()?;
-    let size = if args.short { &SHORT } else { &FULL };
-    process::run(process::cargo(["build"]).args(package()).args(size.profile))?;
+    let size = Size { has_model: args.robustness, ..if args.short { SHORT } else { FULL } };
+    process::run(process::cargo(["build"]).args(size.package()).args(size.profile))?;
     let started = Instant::now();
     let out = std::path::absolute(&args.out)?;
     fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let data = out.join("pusht_expert.h5");
     let recorded = swm(
-        size,
+        &size,
         &[
             "collect",
             ENV,
@@ -98,30 +110,37 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             "42",
             "--again",
         ];
-        results.push((name, folder.clone(), swm(size, &call, &paths)?));
+        results.push((name, folder.clone(), swm(&size, &call, &paths)?));
     }
-    let table = markdown(&results);
+    let robustness = if size.has_model { robustness::run(&size, &out)? } else { Vec::new() };
+    let table = markdown(&results, &robustness);
     println!("\n{table}");
     let seconds = started.elapsed().as_secs_f64();
     let page = out.join("index.html");
-    fs::write(&page, html(&recorded, &results, &out)?)?;
+    fs::write(&page, html(&recorded, &results, &robustness, &out)?)?;
     fs::write(out.join("results.md"), &table)?;
     println!("{seconds:.0} s after the build; the report with images and videos: {}", page.display());
     Ok(())
 }
 
-/// The command `swm`, with videos in MP4 where the machine can build them.
-fn package() -> &'static [&'static str] {
-    const BIN: &[&str] = &["--package", "swm", "--bin", "swm"];
-    const WITHOUT_MP4: &[&str] =
-        &["--package", "swm", "--bin", "swm", "--no-default-features", "--features", "cli"];
-    if process::has_cxx() { BIN } else { WITHOUT_MP4 }
+impl Size {
+    /// The command `swm`, with videos in MP4 where the machine can build them.
+    fn package(&self) -> Vec<&'static str> {
+        let mut args = vec!["--package", "swm", "--bin", "swm"];
+        if !process::has_cxx() {
+            args.extend(["--no-default-features", "--features", "cli"]);
+        }
+        if self.has_model {
+            args.extend(["--features", "baselines"]);
+        }
+        args
+    }
 }
 
 /// Runs the command `swm` and returns what it says as JSON.
 fn swm(size: &Size, args: &[&str], paths: &[(&str, &Path)]) -> Result<Json> {
     let mut command = process::cargo(["run", "--quiet"]);
-    command.args(package()).args(size.profile).arg("--").args(args);
+    command.args(size.package()).args(size.profile).arg("--").args(args);
     for (option, path) in paths {
         command.arg(option).arg(path);
     }
@@ -146,14 +165,25 @@ fn cells(name: &str, result: &Json) -> [String; 6] {
     cells.map(|cell| cell.replace("NaN", "–"))
 }
 
-fn markdown(results: &[(&str, PathBuf, Json)]) -> String {
+fn markdown(results: &[(&str, PathBuf, Json)], robustness: &[[String; 4]]) -> String {
     let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+    let head = |names: &[&str]| format!("| {} |\n{}|\n", names.join(" | "), "|---".repeat(names.len()));
     let rows: String = results.iter().map(|(name, _, result)| line(&cells(name, result))).collect();
-    format!("{}|---|---|---|---|---|---|\n{rows}", line(&HEAD.map(str::to_owned)))
+    let mut text = head(&HEAD) + &rows;
+    if !robustness.is_empty() {
+        let rows: String = robustness.iter().map(|row| line(row)).collect();
+        text += &format!("\n{}{rows}", head(&robustness::HEAD));
+    }
+    text
 }
 
-/// One page: the table, then images and videos per policy.
-fn html(recorded: &Json, results: &[(&str, PathBuf, Json)], out: &Path) -> Result<String> {
+/// One page: the table, that of the learned model if there is one, then images and videos per policy.
+fn html(
+    recorded: &Json,
+    results: &[(&str, PathBuf, Json)],
+    robustness: &[[String; 4]],
+    out: &Path,
+) -> Result<String> {
     let shown = results.iter().map(|(name, folder, result)| {
         let mut paths: Vec<PathBuf> =
             fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<Result<_>>()?;
@@ -174,6 +204,7 @@ fn html(recorded: &Json, results: &[(&str, PathBuf, Json)], out: &Path) -> Resul
         "recorded": recorded,
         "head": HEAD,
         "results": shown.collect::<Result<Vec<_>>>()?,
+        "robustness": { "head": robustness::HEAD, "rows": robustness },
     });
     let mut engine = minijinja::Environment::new();
     engine.set_undefined_behavior(minijinja::UndefinedBehavior::SemiStrict);
@@ -195,7 +226,7 @@ mod tests {
         let result =
             json!({ "success_rate": 75.0, "ci95": [30.0, 95.0], "episodes": 4, "wall_time_s": 1.25 });
         let results = [("a < b", folder, result)];
-        let page = html(&json!({ "episodes": 6, "rows": 300 }), &results, out.path()).unwrap();
+        let page = html(&json!({ "episodes": 6, "rows": 300 }), &results, &[], out.path()).unwrap();
         assert!(
             page.contains(
                 "<td>a &lt; b</td><td>75 %</td><td>30 to 95 %</td><td>4</td><td>–</td><td>1.2 s</td>"
@@ -210,6 +241,13 @@ mod tests {
             !page.contains("result.json") && page.contains("<p>6 recorded expert episodes, 300 steps."),
             "{page}"
         );
-        assert_eq!(markdown(&results).lines().last(), Some("| a < b | 75 % | 30 to 95 % | 4 | – | 1.2 s |"));
+        assert!(!page.contains("LeWM"), "{page}");
+        let last =
+            |robustness: &[[String; 4]]| markdown(&results, robustness).lines().last().map(str::to_owned);
+        assert_eq!(last(&[]).as_deref(), Some("| a < b | 75 % | 30 to 95 % | 4 | – | 1.2 s |"));
+        let changed = [["agent.color", "33.3 %", "-63.3", "0.0001"].map(str::to_owned)];
+        assert_eq!(last(&changed).as_deref(), Some("| agent.color | 33.3 % | -63.3 | 0.0001 |"));
+        let page = html(&json!({}), &results, &changed, out.path()).unwrap();
+        assert!(page.contains("LeWM") && page.contains("<td>agent.color</td><td>33.3 %</td>"), "{page}");
     }
 }
