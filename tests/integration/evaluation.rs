@@ -258,7 +258,7 @@ fn results_on_one_manifest_are_compared_pair_by_pair() {
     let difference = compared[1]["test"]["difference"].as_f64().unwrap();
     assert!((difference - ((rate(&a) + rate(&b)) / 2.0 - rate(&c))).abs() < 1e-9, "{compared}");
     let message = swm_fails(2, &["compare", &format!("{a},{a}"), &c]);
-    assert!(message.contains("same --policy-seed"), "{message}");
+    assert!(message.contains("same policy seed"), "{message}");
     let message = swm_fails(2, &["compare", &format!("{a},{c}")]);
     assert!(message.contains("not runs of one policy"), "{message}");
 }

@@ -6,15 +6,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use pyo3::prelude::*;
 use pyo3::types::PyList;
-use rand::seq::index;
 use swm::core::error::BoxError;
-use swm::core::evaluate::EvaluationRecorder;
-use swm::core::seed::keyed;
+use swm::core::evaluate::{EvaluationRecorder, choose_starts};
 use swm::core::{EpisodeEnd, EpisodeSeed, LiveStep, Recorder, ResetOptions, Rollout};
 use swm::media::Format;
 use swm::video::Video;
 
 use crate::errors::SwmError;
+use crate::manifest::boxed;
 use crate::media::VIDEO_SIDE;
 use crate::policy::drive;
 use crate::world::PyWorld;
@@ -159,42 +158,14 @@ fn save(dir: &Path, clips: &Video) -> PyResult<Vec<String>> {
     Ok(paths)
 }
 
-/// Rows `(episode, row)` that have a goal row `goal_offset` later in episodes of these lengths, drawn uniformly over rows
-/// and sorted: the rows of an evaluation from a dataset with this seed.
-#[pyfunction]
-fn choose_starts(
-    lengths: Vec<usize>,
-    count: usize,
-    goal_offset: usize,
-    seed: u64,
-) -> PyResult<Vec<(usize, usize)>> {
-    let valid = |episode: usize| lengths[episode].saturating_sub(goal_offset);
-    let ends: Vec<usize> = (0..lengths.len())
-        .scan(0, |total, episode| {
-            *total += valid(episode);
-            Some(*total)
-        })
-        .collect();
-    let total = ends.last().copied().unwrap_or(0);
-    if total < count || count == 0 {
-        return Err(SwmError::new_err(format!(
-            "{count} start rows asked for, but {total} rows of {} episodes have a goal {goal_offset} rows later; ask for \
-             fewer episodes, a smaller goal offset, or record more",
-            lengths.len()
-        )));
-    }
-    let mut rng = keyed(seed, "evaluation starts", [0, 0]);
-    let mut rows = index::sample(&mut rng, total, count).into_vec();
-    rows.sort_unstable();
-    let place = |row| {
-        let episode = ends.partition_point(|&end| end <= row);
-        (episode, row + valid(episode) - ends[episode])
-    };
-    Ok(rows.into_iter().map(place).collect())
+/// Rows `[episode, row]` of an evaluation from a dataset whose episodes have these lengths.
+#[pyfunction(name = "choose_starts")]
+fn starts(lengths: Vec<usize>, count: usize, goal_offset: usize, seed: u64) -> PyResult<Vec<[usize; 2]>> {
+    choose_starts(&lengths, count, goal_offset, seed).map_err(boxed)
 }
 
 /// Adds this file's classes and functions to the module.
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(evaluate, m)?)?;
-    m.add_function(wrap_pyfunction!(choose_starts, m)?)
+    m.add_function(wrap_pyfunction!(starts, m)?)
 }

@@ -10,8 +10,8 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use swm::core::Cancel;
 
-/// How often Python's signal handlers get their turn.
-const PERIOD: Duration = Duration::from_millis(50);
+/// How often a long call lets Python's signal handlers and progress bars have their turn.
+pub(crate) const PERIOD: Duration = Duration::from_millis(50);
 
 /// Runs `work` on a thread of its own, detached from Python. If a signal handler raises, `cancel` is set, and when the
 /// work has ended that exception is returned. `work` looks at `cancel` itself, as the core's rollouts do.

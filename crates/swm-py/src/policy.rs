@@ -1,19 +1,19 @@
 //! Who chooses the actions of a run: a native policy by its name, on the World's threads, or a Python object, always on the
 //! calling thread.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use numpy::PyArray1;
 use pyo3::prelude::*;
-use swm::core::{Actions, Cancel, Column, Dtype, Field, Policy, PolicyError, Recorder, Rollout, View};
+use swm::core::{
+    Actions, Cancel, Column, Dtype, Field, Policy, PolicyError, Recorder, Rollout, Run, View, World,
+};
 
-use crate::errors::{OrRaise as _, SwmError};
+use crate::errors::OrRaise as _;
 use crate::infos;
-use crate::interrupt::interruptible_with;
-use crate::world::{Core, Shared};
-
-/// How often a run by a Python policy lets signal handlers and the progress bar have their turn.
-const PERIOD: Duration = Duration::from_millis(50);
+use crate::interrupt::{PERIOD, interruptible_with};
+use crate::mirror::Mirror;
+use crate::world::Shared;
 
 /// A policy for a World that is about to be closed: its field makes the World hand out its infos.
 pub(crate) struct Farewell;
@@ -75,32 +75,62 @@ pub(crate) fn drive(
         })?;
     };
     let mut core = shared.lock()?;
-    let Core { world: Some(world), mirror } = &mut *core else {
-        return Err(SwmError::new_err("this World is closed; make a new one"));
-    };
-    mirror.begin_run();
-    let mut run = py.detach(|| world.begin(&rollout, recorder)).or_raise()?;
-    let mut last: Option<Column> = None;
+    let (world, mirror) = core.parts()?;
+    let mut steps = py.detach(|| Steps::begin(world, mirror, &rollout, recorder))?;
     let mut ticked = Instant::now();
-    while let Some(view) = run.needs_actions() {
-        let begun = mirror.follow(&view, last.as_ref().map(Column::as_slice));
+    while let Some(begun) = steps.needs_actions() {
         let given = match begun {
             None => act.call1((py.None(),))?,
             Some(begun) => act.call1((PyArray1::from_vec(py, begun),))?,
         };
         let actions = infos::actions(&shared.spec, shared.num_envs, &given)?;
-        py.detach(|| {
-            run.set_actions(actions.as_slice())?;
-            run.advance()
-        })
-        .or_raise()?;
-        last = Some(actions);
+        py.detach(|| steps.take(actions))?;
         if ticked.elapsed() >= PERIOD {
             ticked = Instant::now();
             py.check_signals()?;
             tick()?;
         }
     }
-    mirror.end_run();
     Ok(())
+}
+
+/// A run whose actions come from Python, step by step, and what Python sees of it.
+pub(crate) struct Steps<'a> {
+    run: Run<'a>,
+    mirror: &'a mut Mirror,
+    last: Option<Column>,
+}
+
+impl<'a> Steps<'a> {
+    /// Resets the first environments.
+    pub(crate) fn begin(
+        world: &'a mut World,
+        mirror: &'a mut Mirror,
+        rollout: &'a Rollout,
+        recorder: &'a mut dyn Recorder,
+    ) -> PyResult<Self> {
+        mirror.begin_run();
+        let run = world.begin(rollout, recorder).or_raise()?;
+        Ok(Self { run, mirror, last: None })
+    }
+
+    /// Unless the run is over: the environments that have begun an episode after another one, `[N]`, if there are any.
+    pub(crate) fn needs_actions(&mut self) -> Option<Option<Vec<bool>>> {
+        let view = self.run.needs_actions()?;
+        Some(self.mirror.follow(&view, self.last.as_ref().map(Column::as_slice)))
+    }
+
+    /// A step with `actions`, `[N, A]`.
+    pub(crate) fn take(&mut self, actions: Column) -> PyResult<()> {
+        self.run.set_actions(actions.as_slice()).or_raise()?;
+        self.run.advance().or_raise()?;
+        self.last = Some(actions);
+        Ok(())
+    }
+}
+
+impl Drop for Steps<'_> {
+    fn drop(&mut self) {
+        self.mirror.end_run();
+    }
 }

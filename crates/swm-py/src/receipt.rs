@@ -6,10 +6,8 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 use serde_json::json;
 use swm::core::error::BoxError;
-use swm::core::evaluate::PairedRuns;
-use swm::core::evaluate::stats::{bootstrap95, mean_and_std};
 use swm::core::{Cancel, EnvConfig};
-use swm::evaluation::{Receipt, RunOptions};
+use swm::evaluation::{Receipt, RunOptions, Side, compare};
 
 use crate::errors::{OrRaise as _, SwmError};
 use crate::evaluate::Progress;
@@ -21,46 +19,15 @@ use crate::world::registry;
 /// Compares sides of receipts (JSON each; several runs of one policy are one side), pair by pair, with the first side.
 #[pyfunction]
 fn compare_receipts(sides: Vec<Vec<String>>) -> PyResult<String> {
-    let sides: Vec<Vec<Receipt>> = sides
-        .iter()
-        .map(|side| side.iter().map(|text| from_json("a receipt", text)).collect())
-        .collect::<PyResult<_>>()?;
-    let Some(first) = sides.first().and_then(|side| side.first()) else {
+    if sides.is_empty() {
         return Err(SwmError::new_err("nothing to compare; give two results or more"));
+    }
+    let side = |(index, texts): (usize, &Vec<String>)| {
+        let runs = texts.iter().map(|text| from_json("a receipt", text)).collect::<PyResult<_>>()?;
+        Side::new(format!("result {index}"), runs).map_err(boxed)
     };
-    if sides.iter().flatten().any(|receipt| receipt.manifest_hash != first.manifest_hash) {
-        return Err(SwmError::new_err(
-            "the results are of different manifests: they cannot be compared pair by pair",
-        ));
-    }
-    let successes: Vec<Vec<Vec<bool>>> =
-        sides.iter().map(|side| side.iter().map(Receipt::successes).collect()).collect();
-    let mut compared = Vec::new();
-    for (index, (side, runs)) in sides.iter().zip(&successes).enumerate() {
-        let Some(run) = side.first() else {
-            return Err(SwmError::new_err("a side without a result; give one or more for each"));
-        };
-        if side.iter().any(|other| other.candidate.policy != run.candidate.policy) {
-            return Err(SwmError::new_err(format!(
-                "`{}` and others on its side are not runs of one policy",
-                run.policy
-            )));
-        }
-        let rates: Vec<f64> = side.iter().map(|run| run.summary.success_rate).collect();
-        let (success_rate, deviation) = mean_and_std(&rates);
-        let own: Vec<&[bool]> = runs.iter().map(Vec::as_slice).collect();
-        let others: Vec<&[bool]> = successes[0].iter().map(Vec::as_slice).collect();
-        let ci95 = if side.len() == 1 { run.summary.ci95 } else { bootstrap95(&own, 0) };
-        compared.push(json!({
-            "policy": run.policy,
-            "runs": side.len(),
-            "success_rate": success_rate,
-            "ci95": ci95,
-            "deviation": deviation,
-            "test": (index > 0).then(|| PairedRuns::of(&others, &own, 0)).flatten(),
-        }));
-    }
-    to_json(&compared)
+    let sides: Vec<Side> = sides.iter().enumerate().map(side).collect::<PyResult<_>>()?;
+    to_json(&compare(&sides).map_err(boxed)?)
 }
 
 /// Runs a receipt's policy again and compares; gives a JSON object. `oracle`: the oracle too.

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
 
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -19,11 +18,9 @@ use crate::errors::{OrRaise as _, SwmError};
 use crate::evaluate::{Progress, rollout};
 use crate::fork::Process;
 use crate::infos;
-use crate::policy::drive;
+use crate::interrupt::PERIOD;
+use crate::policy::{Steps, drive};
 use crate::world::{PyWorld, Shared, registry};
-
-/// How often a wait lets signal handlers have their turn.
-const PERIOD: Duration = Duration::from_millis(50);
 
 /// Records `episodes` more episodes into the file `path`; gives a JSON object with what was written.
 ///
@@ -156,20 +153,14 @@ fn run(shared: &Shared, rollout: &Rollout, sender: &SyncSender<Event>, is_foreig
         mirror.end_run();
         return result;
     }
-    mirror.begin_run();
-    let mut run = world.begin(rollout, &mut recorder).or_raise()?;
-    let mut last: Option<Column> = None;
-    while let Some(view) = run.needs_actions() {
-        let begun = mirror.follow(&view, last.as_ref().map(Column::as_slice));
+    let mut steps = Steps::begin(world, mirror, rollout, &mut recorder)?;
+    while let Some(begun) = steps.needs_actions() {
         let (reply, answer) = sync_channel(1);
         let asked = sender.send(Event::Act(begun, reply)).is_ok();
         // Nobody answers where the policy raised, or the iterator was dropped.
         let Some(actions) = asked.then(|| answer.recv().ok().flatten()).flatten() else { return Ok(()) };
-        run.set_actions(actions.as_slice()).or_raise()?;
-        run.advance().or_raise()?;
-        last = Some(actions);
+        steps.take(actions)?;
     }
-    mirror.end_run();
     Ok(())
 }
 

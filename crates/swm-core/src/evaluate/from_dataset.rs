@@ -99,7 +99,8 @@ impl World {
             );
             return Err(WorldError::Dataset(reason.into()));
         }
-        let starts = choose_starts(source, options.episodes, options.goal_offset, options.seed)
+        let lengths = episode_lengths(source);
+        let starts = choose_starts(&lengths, options.episodes, options.goal_offset, options.seed)
             .map_err(WorldError::Dataset)?;
         let resets = starts
             .iter()
@@ -127,26 +128,30 @@ impl World {
     }
 }
 
-/// Rows `[episode, row]` that have a goal row in the same episode, sampled uniformly over rows, sorted.
-pub(super) fn choose_starts(
-    source: &dyn Dataset,
+/// Rows `[episode, row]` that have a goal row `goal_offset` later in episodes of these lengths, sampled uniformly over rows,
+/// sorted: the rows of an evaluation from a dataset with this seed.
+///
+/// # Errors
+/// Fewer rows than `count` have a goal, or none is asked for.
+pub fn choose_starts(
+    lengths: &[usize],
     count: usize,
     goal_offset: usize,
     seed: u64,
 ) -> Result<Vec<[usize; 2]>, BoxError> {
-    let valid = |episode| source.episode_len(episode).saturating_sub(goal_offset);
-    let mut ends = Vec::with_capacity(source.num_episodes());
+    let valid = |episode: usize| lengths[episode].saturating_sub(goal_offset);
     let mut total = 0;
-    for episode in 0..source.num_episodes() {
+    let count_up = |episode| {
         total += valid(episode);
-        ends.push(total);
-    }
+        total
+    };
+    let ends: Vec<usize> = (0..lengths.len()).map(count_up).collect();
     if total < count || count == 0 {
         return Err(format!(
             "{} start row(s) asked for, but only {total} row(s) of {} episode(s) have a goal {} rows later; ask for \
              fewer episodes, a smaller goal offset, or record more",
             count,
-            source.num_episodes(),
+            lengths.len(),
             goal_offset,
         )
         .into());
@@ -161,6 +166,11 @@ pub(super) fn choose_starts(
             [episode, row + valid(episode) - ends[episode]]
         })
         .collect())
+}
+
+/// The number of rows of every episode.
+pub(super) fn episode_lengths(source: &dyn Dataset) -> Vec<usize> {
+    (0..source.num_episodes()).map(|episode| source.episode_len(episode)).collect()
 }
 
 /// What a reset needs to stand at a recorded row with a recorded goal.

@@ -28,7 +28,7 @@ use crate::run::{EpisodeEnd, Rollout, RunInfo};
 use crate::world::World;
 
 pub use crate::success::{Condition, Judge, Measure, SuccessRule};
-pub use from_dataset::EvalOptions;
+pub use from_dataset::{EvalOptions, choose_starts};
 pub use manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, sha256, sorted, witness};
 pub use model_entry::{MakeModel, ModelEntry};
 pub use outcome::{EpisodeResult, OutcomeRecorder, Summary};

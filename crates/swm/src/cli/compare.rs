@@ -1,16 +1,14 @@
 //! `swm compare`: is one policy better than another, on the same pairs?
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
-use serde::Serialize;
-use swm_core::evaluate::stats::{bootstrap95, mean_and_std};
-use swm_core::evaluate::{PairedRuns, Transfer};
+use swm_core::evaluate::Transfer;
 
 use super::eval_manifest::p_value;
 use super::output::table;
 use super::{Failure, Output, usage};
-use crate::evaluation::{Receipt, read_receipt};
+use crate::evaluation::{Receipt, Side, compare, read_receipt};
 
 /// Compare results on the same manifest, pair by pair.
 #[derive(Args)]
@@ -35,48 +33,13 @@ pub(super) struct Compare {
     untrained: Option<PathBuf>,
 }
 
-/// One side: runs of one policy.
-struct Side {
-    name: String,
-    runs: Vec<Receipt>,
-}
-
-#[derive(Serialize)]
-struct Compared {
-    name: String,
-    policy: String,
-    runs: usize,
-    /// Mean over the runs, in percent.
-    success_rate: f64,
-    /// Wilson for one run, bootstrap over pairs for several.
-    ci95: [f64; 2],
-    /// Sample standard deviation of the runs' success rates, in percentage points.
-    std: Option<f64>,
-    /// The first side against this one, all runs of both.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    test: Option<PairedRuns>,
-}
-
 impl Compare {
     pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
-        let sides = self.results.iter().map(|text| Side::read(text)).collect::<Result<Vec<_>, _>>()?;
-        let all = || sides.iter().flat_map(|side| &side.runs);
-        let first = &sides[0].runs[0];
-        if let Some(other) = all().find(|receipt| receipt.manifest_hash != first.manifest_hash) {
-            return Err(usage(format!(
-                "the results are of different manifests ({} and {}): they cannot be compared pair by pair",
-                &first.manifest_hash[..12],
-                &other.manifest_hash[..12]
-            )));
-        }
+        let sides = self.results.iter().map(|text| read_side(text)).collect::<Result<Vec<_>, _>>()?;
+        let compared = compare(&sides).map_err(usage)?;
         if self.stream {
             return self.transfer(&sides, output);
         }
-        let compared: Vec<Compared> = sides
-            .iter()
-            .enumerate()
-            .map(|(index, side)| side.compared((index > 0).then_some(&sides[0])))
-            .collect();
         let rows: Vec<Vec<String>> = compared
             .iter()
             .map(|side| {
@@ -95,6 +58,7 @@ impl Compare {
             .collect();
         let head = ["result", "policy", "runs", "success (95 %)", "± seeds", "first − this", "paired test"];
         output.result(&compared, || {
+            let first = &sides[0].runs()[0];
             let pairs = first.episodes.len();
             format!(
                 "{}, {} tier, {pairs} pairs\n\n{}",
@@ -109,10 +73,10 @@ impl Compare {
         let row = |receipt: &Receipt| -> Vec<f64> {
             receipt.phases.iter().map(|phase| phase.success_rate).collect()
         };
-        let results: Vec<Vec<f64>> = sides.iter().map(|side| row(&side.runs[0])).collect();
+        let results: Vec<Vec<f64>> = sides.iter().map(|side| row(&side.runs()[0])).collect();
         let untrained = self.untrained.as_deref().map(read_receipt).transpose().map_err(usage)?;
         if let Some(untrained) = &untrained
-            && untrained.manifest_hash != sides[0].runs[0].manifest_hash
+            && untrained.manifest_hash != sides[0].runs()[0].manifest_hash
         {
             return Err(usage("the untrained result is of another manifest"));
         }
@@ -146,53 +110,7 @@ impl Compare {
     }
 }
 
-impl Side {
-    fn read(text: &str) -> Result<Self, Failure> {
-        let runs: Vec<Receipt> = text
-            .split(',')
-            .map(|path| read_receipt(std::path::Path::new(path.trim())).map_err(usage))
-            .collect::<Result<_, _>>()?;
-        if let Some(other) = runs.iter().find(|run| run.candidate.policy != runs[0].candidate.policy) {
-            return Err(usage(format!(
-                "{text}: `{}` and `{}` are not runs of one policy",
-                runs[0].policy, other.policy
-            )));
-        }
-        let seeds: std::collections::BTreeSet<u64> = runs.iter().map(|run| run.candidate.seed).collect();
-        if seeds.len() < runs.len() {
-            return Err(usage(format!("{text}: two runs have the same --policy-seed, so they are one")));
-        }
-        Ok(Self { name: text.to_owned(), runs })
-    }
-
-    /// Successes of all runs, `[runs][pairs]`.
-    fn successes(&self) -> Vec<Vec<bool>> {
-        self.runs.iter().map(Receipt::successes).collect()
-    }
-
-    /// This side in figures, and the `first` one against it.
-    fn compared(&self, first: Option<&Side>) -> Compared {
-        let successes = self.successes();
-        let rates: Vec<f64> = self.runs.iter().map(|run| run.summary.success_rate).collect();
-        let (success_rate, std) = mean_and_std(&rates);
-        let runs = slices(&successes);
-        let ci95 = match &self.runs[..] {
-            [one] => one.summary.ci95,
-            _ => bootstrap95(&runs, 0),
-        };
-        let test = first.and_then(|first| PairedRuns::of(&slices(&first.successes()), &runs, 0));
-        Compared {
-            name: self.name.clone(),
-            policy: self.runs[0].policy.clone(),
-            runs: self.runs.len(),
-            success_rate,
-            ci95,
-            std,
-            test,
-        }
-    }
-}
-
-fn slices(runs: &[Vec<bool>]) -> Vec<&[bool]> {
-    runs.iter().map(Vec::as_slice).collect()
+fn read_side(text: &str) -> Result<Side, Failure> {
+    let runs = text.split(',').map(|path| read_receipt(Path::new(path.trim()))).collect::<Result<_, _>>();
+    runs.and_then(|runs| Side::new(text, runs)).map_err(usage)
 }

@@ -1,6 +1,7 @@
 //! Evaluations that can be compared and repeated: manifests on disk, the success rules of the tiers, reference policies,
 //! receipts, and their verification. Statistics and manifests themselves are `swm_core::evaluate`.
 
+mod compare;
 mod files;
 mod hash;
 mod image_model;
@@ -15,6 +16,7 @@ mod sweep;
 mod tiers;
 mod verify;
 
+pub use compare::{Compared, Side, compare};
 pub use files::{read_manifest, read_receipt, write_manifest};
 pub use hash::file_hash;
 pub use image_model::ImageModel;

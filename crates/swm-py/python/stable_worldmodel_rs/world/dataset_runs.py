@@ -31,13 +31,13 @@ def evaluate_from_dataset(
     Args:
         world: Environments with a policy.
         dataset: Anything with ``lengths``, ``load_chunk`` and ``column_names``; see ``swm.data.load_dataset``.
-        episodes_idx: Episode of each pair; None: rows are drawn uniformly, as by ``swm-rs eval --dataset``.
+        episodes_idx: Episode of each pair; None: rows are sampled uniformly, as by ``swm-rs eval --dataset``.
         start_steps: Step of each start.
         goal_offset_steps: As ``goal_offset``, by the name of older versions of the reference.
         eval_budget: Actions allowed.
         callables: Implied for environments of this package.
         save_video: Whether to write videos into ``video_path``.
-        episodes: Pairs to draw.
+        episodes: Pairs to sample.
         seed: Of the choice of rows and of the run.
         progress: Whether to show a bar.
     """

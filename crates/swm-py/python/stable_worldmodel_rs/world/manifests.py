@@ -68,7 +68,7 @@ class Receipt(dict[str, Any]):
 
 
 class Comparison(list[dict[str, Any]]):
-    """Sides of a comparison: ``policy``, ``runs``, ``success_rate``, ``ci95``, ``deviation`` (between seeds), and ``test``:
+    """Sides of a comparison: ``policy``, ``runs``, ``success_rate``, ``ci95``, ``std`` (between seeds), and ``test``:
     the first side against this one, pair by pair (``difference``, ``interval95``, ``p_value``)."""
 
     def _repr_html_(self) -> str:
@@ -77,7 +77,7 @@ class Comparison(list[dict[str, Any]]):
                 return ""
             low, high = side["test"]["interval95"]
             difference = side["test"]["difference"]
-            return f", first minus it {difference:+.1f} ({low:+.1f} to {high:+.1f}), p = {side['test']['p_value']:.4f}"
+            return f", first − this {difference:+.1f} ({low:+.1f} to {high:+.1f}), p = {side['test']['p_value']:.4f}"
 
         return html_table([(str(side["policy"]), f"{_rate(side)}{test(side)}") for side in self])
 
@@ -246,7 +246,7 @@ def compare(*results: AnyPath | Receipt | Sequence[AnyPath | Receipt]) -> Compar
         runs = [side] if isinstance(side, (str, PathLike, Receipt)) else list(side)
         receipts = [run if isinstance(run, Receipt) else read_receipt(run) for run in runs]
         sides.append([json.dumps(receipt) for receipt in receipts])
-    return Comparison(json.loads(_swm.compare_receipts(sides)))
+    return Comparison({"test": None, **side} for side in json.loads(_swm.compare_receipts(sides)))
 
 
 def verify(

@@ -1,0 +1,123 @@
+//! Results of policies on one manifest, compared pair by pair.
+
+use std::collections::BTreeSet;
+
+use serde::Serialize;
+use swm_core::error::BoxError;
+use swm_core::evaluate::PairedRuns;
+use swm_core::evaluate::stats::{bootstrap95, mean_and_std};
+
+use super::receipt::Receipt;
+
+/// One side of a comparison: runs of one policy with different seeds on one manifest.
+#[derive(Clone, Debug)]
+pub struct Side {
+    /// What errors and tables call it.
+    name: String,
+    runs: Vec<Receipt>,
+}
+
+/// One side in figures.
+#[derive(Clone, Debug, Serialize)]
+#[non_exhaustive]
+pub struct Compared {
+    /// Name of the side.
+    pub name: String,
+    /// The policy with its settings.
+    pub policy: String,
+    /// How many runs of it.
+    pub runs: usize,
+    /// Mean over the runs, in percent.
+    pub success_rate: f64,
+    /// In percent: Wilson for one run, bootstrap over pairs for several.
+    pub ci95: [f64; 2],
+    /// Sample standard deviation of the runs' success rates, in percentage points; `None` for one run.
+    pub std: Option<f64>,
+    /// The first side against this one, all runs of both.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub test: Option<PairedRuns>,
+}
+
+impl Side {
+    /// # Errors
+    ///
+    /// No runs, runs of different policies or manifests, or two runs with one seed.
+    pub fn new(name: impl Into<String>, runs: Vec<Receipt>) -> Result<Self, BoxError> {
+        let name = name.into();
+        let Some(first) = runs.first() else {
+            return Err(format!("{name}: a side without a result; give one or more").into());
+        };
+        if let Some(other) = runs.iter().find(|run| run.candidate.policy != first.candidate.policy) {
+            let (one, other) = (&first.policy, &other.policy);
+            return Err(format!("{name}: `{one}` and `{other}` are not runs of one policy").into());
+        }
+        let seeds: BTreeSet<u64> = runs.iter().map(|run| run.candidate.seed).collect();
+        if seeds.len() < runs.len() {
+            return Err(format!("{name}: two runs have the same policy seed, so they are one").into());
+        }
+        same_manifest(&runs)?;
+        Ok(Self { name, runs })
+    }
+
+    /// The runs, at least one.
+    pub fn runs(&self) -> &[Receipt] {
+        &self.runs
+    }
+
+    /// This side in figures, and the `first` one against it.
+    fn compared(&self, first: Option<&Self>) -> Compared {
+        let successes = self.successes();
+        let rates: Vec<f64> = self.runs.iter().map(|run| run.summary.success_rate).collect();
+        let (success_rate, std) = mean_and_std(&rates);
+        let runs = slices(&successes);
+        let ci95 = match &self.runs[..] {
+            [one] => one.summary.ci95,
+            _ => bootstrap95(&runs, 0),
+        };
+        Compared {
+            name: self.name.clone(),
+            policy: self.runs[0].policy.clone(),
+            runs: self.runs.len(),
+            success_rate,
+            ci95,
+            std,
+            test: first.and_then(|first| PairedRuns::of(&slices(&first.successes()), &runs, 0)),
+        }
+    }
+
+    /// Successes of all runs, `[runs][pairs]`.
+    fn successes(&self) -> Vec<Vec<bool>> {
+        self.runs.iter().map(Receipt::successes).collect()
+    }
+}
+
+/// Compares every side with the first, pair by pair.
+///
+/// # Errors
+///
+/// The sides are results of different manifests.
+pub fn compare(sides: &[Side]) -> Result<Vec<Compared>, BoxError> {
+    same_manifest(sides.iter().flat_map(|side| &side.runs))?;
+    let compared = |(index, side): (usize, &Side)| side.compared((index > 0).then_some(&sides[0]));
+    Ok(sides.iter().enumerate().map(compared).collect())
+}
+
+fn same_manifest<'a>(receipts: impl IntoIterator<Item = &'a Receipt>) -> Result<(), BoxError> {
+    let mut hashes = receipts.into_iter().map(|receipt| &receipt.manifest_hash);
+    let first = hashes.next();
+    match (first, hashes.find(|hash| Some(*hash) != first)) {
+        (Some(first), Some(other)) => {
+            let short = |hash: &str| hash.chars().take(12).collect::<String>();
+            let (first, other) = (short(first), short(other));
+            Err(format!(
+                "the results are of different manifests ({first} and {other}): they cannot be compared pair by pair"
+            )
+            .into())
+        }
+        _ => Ok(()),
+    }
+}
+
+fn slices(runs: &[Vec<bool>]) -> Vec<&[bool]> {
+    runs.iter().map(Vec::as_slice).collect()
+}
