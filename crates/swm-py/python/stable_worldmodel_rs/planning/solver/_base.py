@@ -353,6 +353,14 @@ class BaseSolver:
         """An array as the caller knows them."""
         return values if self.array_api == "numpy" else torch_of(self.cost).from_numpy(values)
 
+    def _continued(self, n_envs: int, actions: torch.Tensor | None) -> torch.Tensor:
+        """``actions``, ``(n_envs, t, D)``, and zeros after them: a plan, ``(n_envs, H, D)``."""
+        torch = torch_of(self.cost)
+        begin = torch.zeros((n_envs, 0, self.action_dim), dtype=self.dtype) if actions is None else actions
+        missing = max(self.horizon - begin.shape[1], 0)
+        tail = torch.zeros((n_envs, missing, self.action_dim), dtype=self.dtype, device=begin.device)
+        return torch.cat([begin, tail], dim=1)
+
     def _starts(self, n_envs: int, actions: Any, **changes: Any) -> torch.Tensor:
         """The sequences that a gradient solver descends from, ``(n_envs, S, H, D)``, on its device."""
         space = self._require_configured()

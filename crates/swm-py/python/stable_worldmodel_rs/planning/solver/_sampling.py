@@ -65,14 +65,9 @@ class SamplingSolver(BaseSolver):
 
         ``actions``, ``(n_envs, t, D)``, are the beginning of the mean; zeros follow.
         """
-        torch = torch_of(self.cost)
-        var = torch.full((n_envs, self.horizon, self.action_dim), float(self.var_scale), dtype=self.dtype)
-        mean = torch.zeros((n_envs, 0, self.action_dim), dtype=self.dtype) if actions is None else actions
-        missing = self.horizon - mean.shape[1]
-        if missing > 0:
-            tail = torch.zeros((n_envs, missing, self.action_dim), dtype=self.dtype, device=mean.device)
-            mean = torch.cat([mean, tail], dim=1)
-        return mean, var
+        shape = (n_envs, self.horizon, self.action_dim)
+        var = torch_of(self.cost).full(shape, float(self.var_scale), dtype=self.dtype)
+        return self._continued(n_envs, actions), var
 
     def _finish(self, results: list[dict[str, Any]], bridges: list[Bridge]) -> dict[str, Any]:
         costs = "cost" if self.return_best else "elite_mean"

@@ -17,7 +17,7 @@ __all__ = ["MPPISolver"]
 
 
 class MPPISolver(SamplingSolver):
-    """The plan is the mean of its samples, weighted by a softmax of minus their costs; the spread stays as it is.
+    """The plan is the mean of its samples, weighted by a softmax of minus their costs; their std is fixed.
 
     Source: Williams et al., *Information-Theoretic Model Predictive Control* (2018).
 

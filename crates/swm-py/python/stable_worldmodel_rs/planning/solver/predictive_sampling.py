@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._base import BaseSolver, torch_of
+from ._base import BaseSolver
 from ._bridge import Bridge
 
 if TYPE_CHECKING:
@@ -73,13 +73,7 @@ class PredictiveSamplingSolver(BaseSolver):
 
     def init_nominal(self, n_envs: int, actions: torch.Tensor | None = None) -> torch.Tensor:
         """The plan that the search begins at, ``(n_envs, H, D)``: ``actions``, ``(n_envs, t, D)``, then zeros."""
-        torch = torch_of(self.cost)
-        nominal = torch.zeros((n_envs, 0, self.action_dim), dtype=self.dtype) if actions is None else actions
-        missing = self.horizon - nominal.shape[1]
-        if missing <= 0:
-            return nominal
-        tail = torch.zeros((n_envs, missing, self.action_dim), dtype=self.dtype, device=nominal.device)
-        return torch.cat([nominal, tail], dim=1)
+        return self._continued(n_envs, actions)
 
     def _finish(self, results: list[dict[str, Any]], bridges: list[Bridge]) -> dict[str, Any]:
         return {"costs": np.concatenate([result["elite_mean"] for result in results]).tolist()}

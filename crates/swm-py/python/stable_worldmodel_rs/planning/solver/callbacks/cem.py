@@ -27,8 +27,8 @@ class VarNormRecorder(Callback):
     """Mean standard deviation of every row's search distribution."""
 
     def compute(self, **state: Any) -> float | list[float]:
-        spread = array(state["var"])
-        return self._reduce(spread.reshape(len(spread), -1).mean(axis=1))
+        std = array(state["var"])
+        return self._reduce(std.reshape(len(std), -1).mean(axis=1))
 
 
 class MeanShiftRecorder(Callback):
@@ -45,5 +45,5 @@ class EliteSpreadRecorder(Callback):
     """Standard deviation within every row's elites, mean over H and D."""
 
     def compute(self, **state: Any) -> float | list[float]:
-        spread = array(state["topk_candidates"]).std(axis=1, ddof=1)
-        return self._reduce(spread.reshape(len(spread), -1).mean(axis=1))
+        std = array(state["topk_candidates"]).std(axis=1, ddof=1)
+        return self._reduce(std.reshape(len(std), -1).mean(axis=1))
