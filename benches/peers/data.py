@@ -28,7 +28,7 @@ CASES = [
     ("4 frames, 224 px", "224.h5", "hdf5", 4, None, None, 5),
     ("4 frames, 224 px, Lance", "224.h5", "lance", 4, None, None, 2),
     ("16 frames, 64 px", "64.h5", "hdf5", 16, None, 20_000, None),
-    ("16 frames, 64 px, drawn", "drawn.h5", None, 16, 64, 19_000 / 16, None),
+    ("16 frames, 64 px, drawn", "rendered.h5", None, 16, 64, 19_000 / 16, None),
 ]
 PARALLEL_TARGET = 1.8
 
@@ -65,7 +65,7 @@ def record(binaries, folder, episodes):
     for side in (64, 224):
         size = ["--image-size", f"{side}x{side}", "--out", folder / f"{side}.h5"]
         subprocess.run([binaries / "swm", "collect", "swm/PushT-v1", *common, *size], check=True, stdout=subprocess.DEVNULL)
-    drawn = ["--replayable", "--out", folder / "drawn.h5"]
+    drawn = ["--replayable", "--out", folder / "rendered.h5"]
     common = common[: common.index("--without")] + ["--quiet"]
     subprocess.run([binaries / "swm", "collect", "swm/PushT-v1", *common, *drawn], check=True, stdout=subprocess.DEVNULL)
 

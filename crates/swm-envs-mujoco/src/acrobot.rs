@@ -71,7 +71,7 @@ fn controls(_stock: bool) -> Vec<Control> {
         factors::color(
             "target.color",
             TARGET_COLOR,
-            "color of the target, which is drawn where its color or shape is not the default",
+            "color of the target, which is rendered where its color or shape is not the default",
             Effect::Model(|model, values| {
                 if values == TARGET_COLOR {
                     return Ok(());

@@ -76,7 +76,7 @@ fn controls(stock: bool) -> Vec<Control> {
         factors::color(
             "target.color",
             TARGET_COLOR,
-            "color of the target, which is drawn where its color or shape is not the default",
+            "color of the target, which is rendered where its color or shape is not the default",
             Effect::Model(|model, values| {
                 if values == TARGET_COLOR {
                     return Ok(());
@@ -89,7 +89,7 @@ fn controls(stock: bool) -> Vec<Control> {
         factors::switch(
             "target.shape",
             1,
-            "1: the target is as the model has it, not drawn; 0: a drawn box. The reward counts the same opening",
+            "1: the target is as the model has it, not rendered; 0: a rendered box. The reward counts the same opening",
             Effect::Model(|model, values| {
                 if values[0] == 0.0 {
                     let site = factors::show_site(model, "target")?;

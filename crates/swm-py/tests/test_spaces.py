@@ -51,7 +51,7 @@ def test_constraints_are_kept_by_rejection() -> None:
         assert first == second
     assert not space.contains(np.array([1, 2]))
     never = spaces.Box(0, 1, (1,), constrain_fn=lambda x: False)
-    with pytest.raises(RuntimeError, match="constrain_fn not satisfied after 7 draws"):
+    with pytest.raises(RuntimeError, match="constrain_fn not satisfied after 7 samples"):
         never.sample(max_tries=7)
 
 

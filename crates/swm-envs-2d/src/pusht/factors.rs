@@ -16,11 +16,11 @@ pub fn factors() -> FovSpace {
     FovSpace::new(vec![
         Factor::rgb("background.color", [255, 255, 255]).doc("color of the table"),
         Factor::scalar("goal.angle", -angle, angle, std::f64::consts::FRAC_PI_4)
-            .doc("angle of the drawn goal, rad; the rewarded goal is goal_state"),
-        Factor::rgb("goal.color", [144, 238, 144]).doc("color of the drawn goal"),
-        Factor::vector("goal.position", 50.0, 450.0, &[256.0, 256.0]).doc("position of the drawn goal, px"),
+            .doc("angle of the rendered goal, rad; the rewarded goal is goal_state"),
+        Factor::rgb("goal.color", [144, 238, 144]).doc("color of the rendered goal"),
+        Factor::vector("goal.position", 50.0, 450.0, &[256.0, 256.0]).doc("position of the rendered goal, px"),
         Factor::scalar_f32("goal.scale", 20.0, 60.0, 40.0)
-            .doc("size of the drawn goal, px per cell; the block's size unless drawn or set"),
+            .doc("size of the rendered goal, px per cell; the block's size unless sampled or set"),
         Factor::scalar("block.angle", -angle, angle, 0.0)
             .doc("start angle of the block, rad")
             .sampled_by_default(),

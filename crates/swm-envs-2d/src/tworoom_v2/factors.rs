@@ -17,7 +17,7 @@ pub fn factors() -> FovSpace {
         Factor::rgb("background.color", [255, 255, 255]).doc("color of the floor"),
         Factor::rgb("wall.color", [0, 0, 0]).doc("color of the walls"),
         Factor::rgb("wall.border_color", [0, 0, 0])
-            .doc("color of the border lines; the wall's color unless drawn or set"),
+            .doc("color of the border lines; the wall's color unless sampled or set"),
         Factor::integer("wall.thickness", 7, 41, 10).doc("the wall is 2 floor(thickness / 2) + 1 px wide"),
         // Where the agent starts by default, a horizontal wall would stand.
         Factor::integer("wall.axis", 0, 1, 1)
@@ -34,7 +34,7 @@ pub fn factors() -> FovSpace {
         Factor::integers("door.position", 0, last_px, &[49; 3])
             .doc("centers of the doors along the wall, px; may lie outside of the rooms"),
         Factor::integer("task.min_steps", 15, 114, 25).doc(
-            "if drawn or set, and the target is not set: the target is at least so many steps away, or as far as \
+            "if sampled or set, and the target is not set: the target is at least so many steps away, or as far as \
              the rooms allow",
         ),
         Factor::rgb("target.color", [0, 255, 0])
@@ -46,7 +46,7 @@ pub fn factors() -> FovSpace {
         position("target.position", [164.0, 112.0])
             .doc("target, px; may lie in the same room, or in the wall")
             .sampled_by_default(),
-        Factor::integer("rendering.render_target", 0, 1, 0).doc("1: the target is drawn"),
+        Factor::integer("rendering.render_target", 0, 1, 0).doc("1: the target is rendered"),
     ])
     .with_constraints(vec![
         Constraint {

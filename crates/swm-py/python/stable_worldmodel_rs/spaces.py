@@ -51,7 +51,7 @@ def _until_valid(
                 "%s: rejection sampling has found no value for %s s; is the constraint too strict?", name, warn_after_s
             )
             warned = True
-    raise RuntimeError(f"{name}: constrain_fn not satisfied after {max_tries} draws; loosen it, or raise max_tries")
+    raise RuntimeError(f"{name}: constrain_fn not satisfied after {max_tries} samples; loosen it, or raise max_tries")
 
 
 class _Valued(spaces.Space[Any]):
@@ -192,7 +192,7 @@ class Dict(spaces.Dict):
         spaces_dict: The spaces, by name.
         init_value: Not used: initial values are those of the contained spaces.
         constrain_fn: A rule between the values, called with the dict of them.
-        sampling_order: The order in which `sample` draws. Names that it lacks are appended.
+        sampling_order: The order in which the entries are sampled. Names that it lacks are appended.
         """
         super().__init__(dict(spaces_dict or {}), **kwargs)
         self.constrain_fn: Constraint = constrain_fn or _always

@@ -68,13 +68,13 @@ impl Inspect {
                 let Metadata { env, policy, seed, .. } = run;
                 text += &format!("from episode {first} on: {env}, policy `{policy}`, seed {seed}");
                 if let Some(names) = &run.variation {
-                    text += &format!(", factors drawn: {}", names.join(", "));
+                    text += &format!(", factors sampled: {}", names.join(", "));
                 }
                 text.push('\n');
             }
             if let Some(rows) = dataset.metadata().and_then(|metadata| metadata.checkpoints) {
                 text +=
-                    &format!("replayable: states every {rows} rows, from which images are drawn when read\n");
+                    &format!("replayable: states every {rows} rows, from which images are rendered when read\n");
             }
             if dataset.info().runs.is_empty() {
                 text += "no metadata: not recorded by this program\n";

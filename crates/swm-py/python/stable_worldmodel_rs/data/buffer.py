@@ -34,7 +34,7 @@ class ReplayBuffer(Dataset):
         history_len: Rows of a clip.
         frameskip: Distance of two rows of a clip.
         sampler: ``(step, buffer, batch_size, history_len) -> clip numbers``, each below
-            ``buffer.num_valid_ends(history_len)``; by default uniform, drawn from ``np.random.default_rng(seed)``.
+            ``buffer.num_valid_ends(history_len)``; by default uniform, sampled from ``np.random.default_rng(seed)``.
         transform: Changes every clip of ``buffer[i]``, dict to dict.
         key_filter: Chooses the columns of an episode before it is stored, dict to dict.
         seed: Of the default sampler.

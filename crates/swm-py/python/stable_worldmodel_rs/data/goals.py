@@ -15,7 +15,7 @@ class GoalDataset:
     """Adds a goal to every clip of a dataset: a row of the dataset under other names.
 
     A clip stands at its row ``current_goal_offset`` (counted from 1). Its goal is a random row of any episode, a later
-    row of its own (near ones more often, or all equally often), or that row itself. Goals are drawn anew at every
+    row of its own (near ones more often, or all equally often), or that row itself. Goals are sampled anew at every
     access. :class:`~stable_worldmodel_rs.data.Loader` reads the same goals natively with ``goals=``, and there they
     depend on the seed, the epoch and the clip alone.
 
@@ -74,7 +74,7 @@ class GoalDataset:
 
     @property
     def clip_indices(self) -> Sequence[tuple[int, int]]:
-        """``(episode, first row)`` of the clips that have all goals that may be drawn."""
+        """``(episode, first row)`` of the clips that have all goals that may be sampled."""
         every = self.dataset.clip_indices
         return every if self._kept is None else [every[index] for index in self._kept.tolist()]
 

@@ -99,7 +99,7 @@ def download(repo: str, cache_dir: str | Path | None = None, revision: str = "ma
 
 
 def split(dataset: NativeDataset, fractions: Sequence[float], seed: int = 0) -> list[NativeDataset]:
-    """Parts of a dataset by whole episodes, drawn at random: no clip of one part overlaps one of another.
+    """Parts of a dataset by whole episodes, sampled at random: no clip of one part overlaps one of another.
 
     Args:
         dataset: A dataset of a file or folder.

@@ -19,7 +19,7 @@ from .rows import reset_options
 Options = Mapping[str, Any]
 Infos = dict[str, Any]
 
-# Seeds of runs that nobody chose are drawn below this.
+# Seeds of runs that nobody chose are sampled below this.
 _SEEDS = 2**32
 
 
@@ -114,7 +114,7 @@ class NativePool:
         return None, rewards.copy(), terminateds.copy(), truncateds.copy(), self.infos
 
     def run_seed(self, seed: int | None, goes_on: bool = False) -> int:
-        """The seed of a run: the one given, or one that is drawn; with ``goes_on``, that of the last run, if any."""
+        """The seed of a run: the one given, or a sampled one; with ``goes_on``, that of the last run, if any."""
         if seed is None:
             if not goes_on or self._run is None:
                 self._run, self._next = secrets.randbelow(_SEEDS), 0
@@ -207,10 +207,10 @@ class NativePool:
         for factor in self.spec_data["factors"]:
             name: str = factor["name"]
             if asked is None:
-                drawn = factor["sampled_by_default"]
+                is_sampled = factor["sampled_by_default"]
             else:
-                drawn = any(one in ("all", name) or name.startswith(f"{one}.") for one in asked)
-            if drawn:
+                is_sampled = any(one in ("all", name) or name.startswith(f"{one}.") for one in asked)
+            if is_sampled:
                 names.add(name)
         return frozenset(names)
 
