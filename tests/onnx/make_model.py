@@ -1,14 +1,11 @@
-"""Exports a tiny world model with swm_export: a point that moves by the sum of its actions; cost: squared distance from the
+"""Exports a tiny world model with stable_worldmodel_rs.export: a point that moves by the sum of its actions; cost: squared distance from the
 goal. Usage: make_model.py FOLDER. Prints costs and gradients of two plans, to be compared."""
 
 import json
 import sys
-from pathlib import Path
 
 import torch
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "python"))
-from swm_export import export  # noqa: E402
+from stable_worldmodel_rs.export import export_onnx
 
 SPEED = 5.0
 
@@ -25,7 +22,7 @@ class Cost(torch.nn.Module):
 
 
 fields = {"state": torch.zeros(1, 2), "goal_state": torch.zeros(1, 2)}
-export(
+export_onnx(
     sys.argv[1],
     Encode(),
     Cost(),

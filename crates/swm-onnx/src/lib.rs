@@ -1,7 +1,7 @@
 //! World models exported to ONNX as costs of plans: `--policy onnx:DIR`. ONNX Runtime is loaded at run time, from the
 //! Python package `onnxruntime` or a path; the build does not need it.
 //!
-//! DIR holds what `docs/onnx.md` asks for, and what `python/swm_export` writes:
+//! DIR holds what `docs/onnx.md` asks for, and what the Python package's `stable_worldmodel_rs.export` writes:
 //!
 //! | file | inputs | outputs |
 //! |---|---|---|

@@ -1,0 +1,157 @@
+"""Export of a PyTorch world model to the folder that ``swm eval --policy onnx:DIR`` plans with.
+
+A world model is two modules:
+
+* ``encode(**fields) -> dict[str, Tensor]`` runs once per plan on the fields of one environment, each ``(1, ...)``: images
+  as uint8 ``(1, H, W, 3)`` (``pixels`` and ``goal``), vectors as float32 (``proprio``). Normalize images inside.
+* ``cost(actions, **encoded) -> Tensor`` gives the costs ``(S,)`` of S candidate plans ``(S, H, D)``, from what was encoded.
+  A candidate's cost must not depend on its neighbors: no batch norm in training mode.
+
+Needs torch, onnx, onnxscript: ``pip install 'stable-worldmodel-rs[onnx]'``.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from .world.manifests import AnyPath
+
+__all__ = ["export_onnx"]
+
+
+def export_onnx(
+    folder: AnyPath,
+    encode: torch.nn.Module,
+    cost: torch.nn.Module,
+    fields: Mapping[str, torch.Tensor],
+    *,
+    samples: int,
+    horizon: int,
+    dim: int,
+    name: str,
+    action_block: int,
+    action_mean: Iterable[float] | None = None,
+    action_std: Iterable[float] | None = None,
+    gradient: bool = True,
+) -> None:
+    """Write ``model.json``, ``encode.onnx``, ``cost.onnx`` and (with ``gradient``) ``cost_grad.onnx``.
+
+    Args:
+        folder: Where to; made if missing.
+        encode: Module that runs once per plan.
+        cost: Module that gives the costs of candidates.
+        fields: Examples of what ``encode`` is given, by name, ``(1, ...)`` each.
+        samples: S, candidates of a batch. The exported graphs have this size alone.
+        horizon: H, blocks of a plan.
+        dim: D, values of a block: ``action_block`` times the action dim.
+        name: What the policy is called in results.
+        action_block: Actions of a block.
+        action_mean: Means by which actions were standardized in training.
+        action_std: Their standard deviations.
+        gradient: Whether to export derivatives, for solvers with gradients.
+
+    Raises:
+        TypeError: ``encode`` gives no dict.
+        ValueError: ``cost`` gives another shape than ``(S,)``, ``dim`` does not fit ``action_block``, or only one of
+            ``action_mean`` and ``action_std`` is given.
+
+    Example:
+        See ``tests/onnx/make_model.py`` in the repository, and the page *Custom world models by ONNX*.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    encode, cost = encode.eval(), cost.eval()
+    if (action_mean is None) != (action_std is None):
+        raise ValueError("action_mean and action_std go together: give both, or neither")
+    if dim % action_block:
+        raise ValueError(f"dim {dim} is not a multiple of action_block {action_block}")
+    with torch.no_grad():
+        encoded: Any = encode(**fields)
+    if not isinstance(encoded, dict):
+        raise TypeError("encode must return a dict of tensors, by the names under which cost takes them")
+    actions = torch.zeros(samples, horizon, dim)
+    with torch.no_grad():
+        costs: torch.Tensor = cost(actions, **encoded)
+    if tuple(costs.shape) != (samples,):
+        raise ValueError(f"cost gave {tuple(costs.shape)} for {samples} candidates, and ({samples},) is wanted")
+
+    examples = tuple(fields.values())
+    _write(folder / "encode.onnx", _Encode(encode, fields, encoded), examples, list(fields), list(encoded))
+    inputs = (actions, *encoded.values())
+    names = ["actions", *encoded]
+    _write(folder / "cost.onnx", _Cost(cost, encoded), inputs, names, ["cost"])
+    if gradient:
+        both = _with_gradient(_Cost(cost, encoded), inputs)
+        _write(folder / "cost_grad.onnx", both, inputs, names, ["cost", "gradient"])
+
+    settings: dict[str, Any] = {"name": name, "action_block": action_block}
+    if action_mean is not None and action_std is not None:
+        settings["action_scale"] = {"kind": "mean_std", "mean": _floats(action_mean), "std": _floats(action_std)}
+    if "pixels" in fields:
+        settings["image"] = fields["pixels"].shape[1]
+    (folder / "model.json").write_text(json.dumps(settings, indent=2) + "\n")
+
+
+class _Encode(torch.nn.Module):
+    """Takes fields by position, gives tensors in order."""
+
+    def __init__(self, encode: torch.nn.Module, fields: Iterable[str], encoded: Iterable[str]) -> None:
+        super().__init__()
+        self.encode, self.fields, self.encoded = encode, list(fields), list(encoded)
+
+    def forward(self, *values: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        found = self.encode(**dict(zip(self.fields, values, strict=True)))
+        return tuple(found[name] for name in self.encoded)
+
+
+class _Cost(torch.nn.Module):
+    """Takes encoded tensors by position."""
+
+    def __init__(self, cost: torch.nn.Module, encoded: Iterable[str]) -> None:
+        super().__init__()
+        self.cost, self.encoded = cost, list(encoded)
+
+    def forward(self, actions: torch.Tensor, *values: torch.Tensor) -> torch.Tensor:
+        return self.cost(actions, **dict(zip(self.encoded, values, strict=True)))
+
+
+def _with_gradient(cost: _Cost, inputs: tuple[torch.Tensor, ...]) -> torch.nn.Module:
+    """A graph of the costs and their derivatives; candidates do not interact, so the sum's derivative holds each one's."""
+    from torch._decomp import core_aten_decompositions
+    from torch.fx.experimental.proxy_tensor import make_fx
+    from torch.nn.attention import SDPBackend, sdpa_kernel
+
+    def both(actions: torch.Tensor, *values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        def total(actions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+            costs = cost(actions, *values)
+            return costs.sum(), costs
+
+        gradient, (_, costs) = torch.func.grad_and_value(total, has_aux=True)(actions)
+        return costs, gradient
+
+    with sdpa_kernel(SDPBackend.MATH):
+        return make_fx(both, decomposition_table=core_aten_decompositions())(*inputs)
+
+
+def _write(
+    path: Path,
+    module: torch.nn.Module,
+    inputs: tuple[torch.Tensor, ...],
+    input_names: Sequence[str],
+    output_names: Sequence[str],
+) -> None:
+    program: Any = torch.onnx.export(
+        module, inputs, input_names=input_names, output_names=output_names, dynamo=True, optimize=False, verbose=False
+    )
+    program.save(str(path))
+
+
+def _floats(values: Iterable[float]) -> list[float]:
+    return [float(value) for value in values]
