@@ -124,11 +124,15 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 }
 
 impl Size {
-    /// The command `swm`, with videos in MP4 where the machine can build them.
+    /// The command `swm`, with videos in MP4 where the machine can build them. The release build leaves out what the demo
+    /// does not need, MuJoCo, rapier and faer; the development build has the features of the tests, and so is built already.
     fn package(&self) -> Vec<&'static str> {
         let mut args = vec!["--package", "swm", "--bin", "swm"];
-        if !process::has_cxx() {
-            args.extend(["--no-default-features", "--features", "cli"]);
+        let is_release = !self.profile.is_empty();
+        match (is_release, process::has_cxx()) {
+            (true, true) => args.extend(["--no-default-features", "--features", "cli,mp4"]),
+            (_, false) => args.extend(["--no-default-features", "--features", "cli"]),
+            (false, true) => {}
         }
         if self.has_model {
             args.extend(["--features", "baselines"]);

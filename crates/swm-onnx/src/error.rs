@@ -43,7 +43,8 @@ pub enum OnnxError {
 impl OnnxError {
     /// A file of the model that is not there, or is not what it should be.
     pub(crate) fn unreadable(path: &Path, error: &dyn std::fmt::Display) -> Self {
-        let reason = format!("{error}; `stable_worldmodel_rs.export` writes the files of a model, see docs/onnx.md");
+        let reason =
+            format!("{error}; `stable_worldmodel_rs.export` writes the files of a model, see docs/onnx.md");
         Self::Model { path: path.to_owned(), reason }
     }
 }

@@ -151,7 +151,10 @@ fn what_does_not_fit_is_said() {
     let registry = Registry::new().with(POLICIES);
     let fails = |text: &str| registry.policy(text, &world(1)).err().unwrap().to_string();
     let missing = fails("onnx:nowhere");
-    assert!(missing.contains("nowhere/model.json: ") && missing.contains("`stable_worldmodel_rs.export`"), "{missing}");
+    assert!(
+        missing.contains("nowhere/model.json: ") && missing.contains("`stable_worldmodel_rs.export`"),
+        "{missing}"
+    );
     assert!(fails("onnx").contains("onnx:DIR"));
     assert!(fails(&format!("onnx:{},action_block=3", folder().display())).contains("blocks of 5"));
     let text = format!("onnx:{},horizon=2,receding_horizon=2", folder().display());

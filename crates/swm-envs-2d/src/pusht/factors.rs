@@ -18,7 +18,8 @@ pub fn factors() -> FovSpace {
         Factor::scalar("goal.angle", -angle, angle, std::f64::consts::FRAC_PI_4)
             .doc("angle of the rendered goal, rad; the rewarded goal is goal_state"),
         Factor::rgb("goal.color", [144, 238, 144]).doc("color of the rendered goal"),
-        Factor::vector("goal.position", 50.0, 450.0, &[256.0, 256.0]).doc("position of the rendered goal, px"),
+        Factor::vector("goal.position", 50.0, 450.0, &[256.0, 256.0])
+            .doc("position of the rendered goal, px"),
         Factor::scalar_f32("goal.scale", 20.0, 60.0, 40.0)
             .doc("size of the rendered goal, px per cell; the block's size unless sampled or set"),
         Factor::scalar("block.angle", -angle, angle, 0.0)

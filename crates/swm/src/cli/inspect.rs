@@ -73,8 +73,9 @@ impl Inspect {
                 text.push('\n');
             }
             if let Some(rows) = dataset.metadata().and_then(|metadata| metadata.checkpoints) {
-                text +=
-                    &format!("replayable: states every {rows} rows, from which images are rendered when read\n");
+                text += &format!(
+                    "replayable: states every {rows} rows, from which images are rendered when read\n"
+                );
             }
             if dataset.info().runs.is_empty() {
                 text += "no metadata: not recorded by this program\n";
