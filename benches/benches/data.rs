@@ -59,7 +59,7 @@ fn growing_file(c: &mut Criterion) {
     let mut group = c.benchmark_group("growing_file");
     let recorded = recorded(Image::NONE, 1, 10);
     let rows = &recorded.episodes[0];
-    for name in ["file.h5", "file.mcap", "folder"] {
+    for name in ["file.h5", "file.mcap", "file.folder"] {
         for before in [0, 10_000] {
             let folder = tempfile::tempdir().expect("the disk has room");
             let mut writer = swm_data::create(&folder.path().join(name), WriteMode::Overwrite, None)

@@ -230,7 +230,8 @@ mod tests {
         let result =
             json!({ "success_rate": 75.0, "ci95": [30.0, 95.0], "episodes": 4, "wall_time_s": 1.25 });
         let results = [("a < b", folder, result)];
-        let page = html(&json!({ "episodes": 6, "rows": 300 }), &results, &[], out.path()).unwrap();
+        let recorded = json!({ "episodes": 6, "rows": 300 });
+        let page = html(&recorded, &results, &[], out.path()).unwrap();
         assert!(
             page.contains(
                 "<td>a &lt; b</td><td>75 %</td><td>30 to 95 %</td><td>4</td><td>–</td><td>1.2 s</td>"
@@ -251,7 +252,7 @@ mod tests {
         assert_eq!(last(&[]).as_deref(), Some("| a < b | 75 % | 30 to 95 % | 4 | – | 1.2 s |"));
         let changed = [["agent.color", "33.3 %", "-63.3", "0.0001"].map(str::to_owned)];
         assert_eq!(last(&changed).as_deref(), Some("| agent.color | 33.3 % | -63.3 | 0.0001 |"));
-        let page = html(&json!({}), &results, &changed, out.path()).unwrap();
+        let page = html(&recorded, &results, &changed, out.path()).unwrap();
         assert!(page.contains("LeWM") && page.contains("<td>agent.color</td><td>33.3 %</td>"), "{page}");
     }
 }
