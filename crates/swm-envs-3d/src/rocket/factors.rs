@@ -17,9 +17,11 @@ pub fn factors() -> FovSpace {
         Factor::scalar("environment.start_height_ratio", 0.7, 0.95, 0.9)
             .doc("start height as a share of 500 m"),
         Factor::vector_f32("environment.start_horizontal_offset", -2.0, 2.0, &[0.0, 0.0])
-            .doc("start x, y from the axis of the pad, m"),
+            .doc("start x, y from the axis of the pad, m")
+            .sampled_by_default(),
         Factor::vector_f32("environment.start_tilt", -f64::from(0.2_f32), f64::from(0.2_f32), &[0.0, 0.0])
-            .doc("start roll and pitch, rad"),
+            .doc("start roll and pitch, rad")
+            .sampled_by_default(),
         Factor::rgb("rocket.body_color", [255, 204, 0]).doc("color of the hull"),
         Factor::rgb("rocket.booster_color", [51, 51, 51]).doc("color of the booster"),
         Factor::rgb("rocket.fin_color", [51, 51, 51]).doc("color of the fins"),
