@@ -12,7 +12,7 @@ use super::state::{STATE_DIM, State};
 
 /// A planner on the true dynamics that lands.
 pub(super) const PLANNER: &str =
-    "icem:samples=64,elites=8,iterations=3,horizon=4,receding_horizon=1,action_block=4";
+    "icem:samples=64,elites=8,iterations=3,horizon=16,receding_horizon=2,action_block=1,return_best=true";
 
 /// The policies of rocket landing.
 pub(super) const POLICIES: &[PolicyEntry] = &[
