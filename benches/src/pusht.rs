@@ -91,7 +91,10 @@ pub fn world_of(
     num_envs: usize,
     threads: usize,
 ) -> Result<World> {
-    let (env, threads) = (image.config(), Some(threads));
+    let (mut env, threads) = (image.config(), Some(threads));
+    if !entry.settings.iter().any(|setting| setting.name == "render") {
+        env.settings.clear();
+    }
     let options = WorldOptions::new(num_envs).env(env).threads(threads).max_episode_steps(None);
     let mut world = World::new(entry, options)?;
     world.set_policy(Registry::new().with(ENVS).policy(policy, &world)?);

@@ -169,6 +169,16 @@ fn a_planner_on_the_true_dynamics_solves_rooms_and_mazes() {
 }
 
 #[test]
+fn the_planner_of_the_rocket_lands_it() {
+    let id = "swm/PFRocketLanding-v0";
+    let planner = swm::registry().env(id).unwrap().planner.expect("its entry names one");
+    let eval = ["eval", id, "--episodes", "3", "--budget", "1200", "--quiet"];
+    let rate = |policy| swm_json(&[&eval[..], &["--policy", policy]].concat())["success_rate"].clone();
+    assert_eq!(rate(planner), 100.0);
+    assert_eq!(rate("random"), 0.0);
+}
+
+#[test]
 fn the_planners_of_classic_control_solve_it() {
     for id in [
         "swm/CartPoleControl-v1",

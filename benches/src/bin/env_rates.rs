@@ -1,21 +1,23 @@
-//! `env-rates ENV [SECONDS]`: steps and resets per second of any two-dimensional environment in a world of one, without
-//! images and with images of 64 × 64 px, as JSON. For `peers/two_room_v2.py` and `peers/classic_control.py`; PushT has
-//! `step-rates`.
+//! `env-rates ENV [SECONDS]`: steps and resets per second of any environment without MuJoCo in a world of one, without images
+//! and with images of 64 × 64 px, as JSON. For `peers/two_room_v2.py`, `peers/classic_control.py` and `peers/rocket.py`;
+//! PushT has `step-rates`.
 
 use anyhow::{Context as _, Result};
 use swm_benches::{Image, Measurement, print, seconds, world_of};
 use swm_core::{Registry, ResetOptions};
-use swm_envs_2d::ENVS;
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
     let id = arguments.next().context("usage: env-rates ENV [SECONDS]")?;
     let seconds = seconds(arguments.next())?;
-    let entry = Registry::new().with(ENVS).env(&id)?;
+    let entry = Registry::new().with(swm_envs_2d::ENVS).with(swm_envs_3d::ENVS).env(&id)?;
     // Random pushes end an episode of CartPole after some 20 steps.
     let policy = if id.contains("CartPole") { "expert" } else { "random" };
     let mut measurements = Vec::new();
-    for image in [Image::NONE, Image { side: 64, style: "exact" }, Image { side: 64, style: "fast" }] {
+    let has_styles = entry.settings.iter().any(|setting| setting.name == "render");
+    let styles = if has_styles { &["exact", "fast"][..] } else { &["exact"] };
+    let images = styles.iter().map(|style| Image { side: 64, style });
+    for image in [Image::NONE].into_iter().chain(images) {
         let mut world = world_of(entry, image, policy, 1, 1)?;
         let name = image.name();
         measurements.push(Measurement::world_steps(format!("step/{name}"), &mut world, seconds)?);

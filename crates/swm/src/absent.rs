@@ -42,6 +42,7 @@ pub(crate) const NAMES: &[Absent] = &[
     model("dino-wm"),
     env("swm/PushTRapier-v0", RAPIER),
     env("swm/PointMaze-v0", RAPIER),
+    env("swm/PFRocketLanding-v0", RAPIER),
     env("swm/HumanoidDMControl-v0", MUJOCO),
     env("swm/CheetahDMControl-v0", MUJOCO),
     env("swm/HopperDMControl-v0", MUJOCO),
@@ -75,6 +76,8 @@ mod tests {
         optional.extend(swm_envs_mujoco::ENVS.iter().map(|entry| entry.id));
         #[cfg(feature = "rapier")]
         optional.extend(["swm/PushTRapier-v0", "swm/PointMaze-v0"]);
+        #[cfg(feature = "rapier")]
+        optional.extend(swm_envs_3d::ENVS.iter().map(|entry| entry.id));
         for id in optional {
             assert!(NAMES.iter().any(|absent| absent.name() == id), "{id} is not in the table");
             assert!(crate::registry().env(id).is_ok(), "{id}");

@@ -36,6 +36,8 @@ pub use swm_data as data;
 #[cfg(feature = "lance")]
 pub use swm_data_lance as data_lance;
 pub use swm_envs_2d as envs_2d;
+#[cfg(feature = "rapier")]
+pub use swm_envs_3d as envs_3d;
 #[cfg(feature = "mujoco")]
 pub use swm_envs_mujoco as envs_mujoco;
 pub use swm_fov as fov;
@@ -50,6 +52,8 @@ use swm_core::Registry;
 /// Every environment, policy, solver and dataset format of this workspace.
 pub fn registry() -> Registry {
     let registry = Registry::new().with(swm_envs_2d::ENVS);
+    #[cfg(feature = "rapier")]
+    let registry = registry.with(swm_envs_3d::ENVS);
     #[cfg(feature = "mujoco")]
     let registry = registry.with(swm_envs_mujoco::ENVS);
     #[cfg(feature = "baselines")]

@@ -71,7 +71,7 @@ fn ensure_data(source: &Source) -> Result<()> {
     for package in data::PACKAGES {
         match data::ensure(package, &home, source) {
             Ok(what) => eprintln!("setup: {what}"),
-            // The environments of `swm-envs-2d` work all the same.
+            // The environments of `swm-envs-2d` and `swm-envs-3d` work all the same.
             Err(error) if error.is::<Unpublished>() => {
                 eprintln!("setup: {error}: environments that need it will say so");
             }

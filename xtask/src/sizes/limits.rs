@@ -13,12 +13,26 @@ const MUJOCO: &str = "swm-envs-mujoco";
 const ONNX: &str = "ort";
 const PARQUET: &str = "parquet";
 const PHYSICS_2D: &str = "rapier2d-f64";
+const PHYSICS_3D: &str = "rapier3d-f64";
 const VIDEOS: &str = "openh264";
 const SHELL: &str = "clap";
 
 /// What the lowest crates keep out: all of it, and images.
-const ALL_HEAVY: &[&str] =
-    &["swm-render", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, VIDEOS, SHELL];
+const ALL_HEAVY: &[&str] = &[
+    "swm-render",
+    "png",
+    TENSORS,
+    HDF5,
+    LANCE,
+    MATRICES,
+    MUJOCO,
+    ONNX,
+    PARQUET,
+    PHYSICS_2D,
+    PHYSICS_3D,
+    VIDEOS,
+    SHELL,
+];
 
 /// Crates and what no feature of theirs pulls in.
 const NEVER: &[(&str, &[&str])] = &[
@@ -27,14 +41,47 @@ const NEVER: &[(&str, &[&str])] = &[
     (
         "swm-render",
         &[
-            "swm-core", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, VIDEOS,
+            "swm-core", "png", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D,
+            VIDEOS, SHELL,
+        ],
+    ),
+    (
+        "swm-media",
+        &["swm-core", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D, SHELL],
+    ),
+    (
+        "swm-envs-2d",
+        &[
+            "swm-data",
+            "swm-solvers",
+            TENSORS,
+            HDF5,
+            LANCE,
+            MATRICES,
+            MUJOCO,
+            ONNX,
+            PARQUET,
+            PHYSICS_3D,
+            VIDEOS,
             SHELL,
         ],
     ),
-    ("swm-media", &["swm-core", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, SHELL]),
     (
-        "swm-envs-2d",
-        &["swm-data", "swm-solvers", TENSORS, HDF5, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, VIDEOS, SHELL],
+        "swm-envs-3d",
+        &[
+            "swm-data",
+            "swm-solvers",
+            TENSORS,
+            HDF5,
+            LANCE,
+            MATRICES,
+            MUJOCO,
+            ONNX,
+            PARQUET,
+            PHYSICS_2D,
+            VIDEOS,
+            SHELL,
+        ],
     ),
     (
         "swm-envs-mujoco",
@@ -48,21 +95,47 @@ const NEVER: &[(&str, &[&str])] = &[
             ONNX,
             PARQUET,
             PHYSICS_2D,
+            PHYSICS_3D,
             VIDEOS,
             SHELL,
         ],
     ),
     (
         "swm-solvers",
-        &["swm-data", "swm-render", TENSORS, HDF5, LANCE, MUJOCO, ONNX, PARQUET, PHYSICS_2D, VIDEOS, SHELL],
+        &[
+            "swm-data",
+            "swm-render",
+            TENSORS,
+            HDF5,
+            LANCE,
+            MUJOCO,
+            ONNX,
+            PARQUET,
+            PHYSICS_2D,
+            PHYSICS_3D,
+            VIDEOS,
+            SHELL,
+        ],
     ),
-    ("swm-data", &["swm-solvers", TENSORS, LANCE, MATRICES, MUJOCO, ONNX, PHYSICS_2D, SHELL]),
-    ("swm-data-lance", &["swm-solvers", TENSORS, MATRICES, MUJOCO, ONNX, PHYSICS_2D, SHELL]),
+    ("swm-data", &["swm-solvers", TENSORS, LANCE, MATRICES, MUJOCO, ONNX, PHYSICS_2D, PHYSICS_3D, SHELL]),
+    ("swm-data-lance", &["swm-solvers", TENSORS, MATRICES, MUJOCO, ONNX, PHYSICS_2D, PHYSICS_3D, SHELL]),
     (
         "swm-onnx",
-        &["swm-data", "swm-render", TENSORS, HDF5, LANCE, MUJOCO, PARQUET, PHYSICS_2D, VIDEOS, SHELL],
+        &[
+            "swm-data",
+            "swm-render",
+            TENSORS,
+            HDF5,
+            LANCE,
+            MUJOCO,
+            PARQUET,
+            PHYSICS_2D,
+            PHYSICS_3D,
+            VIDEOS,
+            SHELL,
+        ],
     ),
-    ("swm-baselines", &[LANCE, MUJOCO, ONNX, PARQUET, PHYSICS_2D, SHELL]),
+    ("swm-baselines", &[LANCE, MUJOCO, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D, SHELL]),
 ];
 
 /// Features of `swm` and the heavy parts that they alone bring.
@@ -77,6 +150,7 @@ const ONLY_WITH: &[(&str, &str)] = &[
     ("mujoco", MUJOCO),
     ("onnx", ONNX),
     ("rapier", PHYSICS_2D),
+    ("rapier", PHYSICS_3D),
 ];
 
 /// Features that turn on another one.

@@ -63,6 +63,10 @@ const PROGRAMS: &[(&str, &str)] = &[
         "fn main() { println!(\"{}\", swm_envs_2d::ENVS.iter().filter(|env| env.make(&Default::default()).is_ok()).count()); }",
     ),
     (
+        "swm-envs-3d",
+        "fn main() { println!(\"{}\", swm_envs_3d::ENVS.iter().filter(|env| env.make(&Default::default()).is_ok()).count()); }",
+    ),
+    (
         "swm-envs-mujoco",
         "fn main() { println!(\"{}\", swm_envs_mujoco::ENVS.iter().filter(|env| env.make(&Default::default()).is_ok()).count()); }",
     ),

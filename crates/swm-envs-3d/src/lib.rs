@@ -1,0 +1,11 @@
+//! Three-dimensional environments on rapier3d, parry3d and nalgebra.
+//!
+//! Each environment is one module and one line in [`ENVS`]. They need neither MuJoCo nor any asset: rendering comes from
+//! the 3D scenes of `swm-render`. No solver, dataset or model is known here.
+
+pub mod rocket;
+
+use swm_core::EnvEntry;
+
+/// All environments of this crate.
+pub const ENVS: &[EnvEntry] = &[rocket::ROCKET_LANDING];

@@ -1,0 +1,36 @@
+//! Rocket landing: a throttled, gimbaled engine and fins bring a falling rocket onto a pad.
+//!
+//! The model is that of PyFlyt 0.29.0 on PyBullet 3.2.7, which the *reference*, the Python package `stable-worldmodel`,
+//! wraps. Free flight follows PyBullet's update formula ([`flight`]); parry3d finds what is near a body, and rapier3d
+//! takes over the physics steps that touch ([`contact`]).
+
+mod aerodynamics;
+mod attitude;
+mod body;
+mod contact;
+mod env;
+mod factors;
+mod flight;
+mod guidance;
+mod policies;
+mod rendering;
+mod rules;
+mod settings;
+mod state;
+#[cfg(test)]
+mod tests;
+
+use swm_core::EnvEntry;
+
+pub use env::RocketLanding;
+pub use factors::factors;
+
+/// `swm/PFRocketLanding-v0`.
+pub const ROCKET_LANDING: EnvEntry = EnvEntry::new(
+    "swm/PFRocketLanding-v0",
+    "land a falling rocket on a pad by throttle, gimbal and fins; seven-dimensional continuous actions",
+    |config| Ok(Box::new(RocketLanding::new(config)?)),
+)
+.settings(settings::SETTINGS)
+.policies(policies::POLICIES)
+.planner(policies::PLANNER);

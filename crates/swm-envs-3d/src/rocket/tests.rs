@@ -1,0 +1,4 @@
+//! Recorded trajectories of the reference, and what policies reach.
+
+mod episodes;
+mod replay;
