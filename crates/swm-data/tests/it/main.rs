@@ -9,6 +9,7 @@ mod crash;
 mod damage;
 mod folders;
 mod golden;
+mod hostile_hdf5;
 #[cfg(feature = "lerobot")]
 mod lerobot;
 mod loader;

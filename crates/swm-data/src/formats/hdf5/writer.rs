@@ -143,9 +143,6 @@ fn append(dataset: &hdf5_metno::Dataset, first: usize, values: Slice<'_>) -> Res
 
 /// Whether episodes with these columns and settings continue `old`.
 fn check_old(path: &Path, old: &Hdf5Dataset, fields: &[Field], metadata: &Metadata) -> Result<(), DataError> {
-    let attributes = old.attributes();
-    let (Some(columns), Some((_, first))) = (&attributes.columns, attributes.runs.first()) else {
-        return Err(recording::foreign(path));
-    };
+    let (columns, first) = old.ours().ok_or_else(|| recording::foreign(path))?;
     recording::check_fit(path, columns, first, fields, metadata)
 }
