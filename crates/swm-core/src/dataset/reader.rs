@@ -123,6 +123,15 @@ pub trait Dataset: Send {
         Ok(())
     }
 
+    /// Compares checksums that cover more than an episode, such as its index, if there are any.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Damaged`] at the first difference, or it cannot be read.
+    fn check_whole(&mut self) -> Result<(), DataError> {
+        Ok(())
+    }
+
     /// As [`Dataset::rows`], for unchecked requests.
     ///
     /// # Errors
@@ -202,6 +211,10 @@ impl<D: Dataset + ?Sized> Dataset for Box<D> {
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
         (**self).check_episode(episode)
+    }
+
+    fn check_whole(&mut self) -> Result<(), DataError> {
+        (**self).check_whole()
     }
 }
 

@@ -7,6 +7,7 @@ mod append;
 mod buffer;
 mod crash;
 mod damage;
+mod damage_mcap;
 mod folders;
 mod golden;
 mod hostile_hdf5;

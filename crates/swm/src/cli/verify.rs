@@ -81,7 +81,9 @@ impl Verify {
             for problem in &report.problems {
                 let column =
                     problem.column.as_ref().map(|name| format!(", column `{name}`")).unwrap_or_default();
-                text += &format!("WRONG episode {}{column}: {}\n", problem.episode, problem.reason);
+                let episode =
+                    problem.episode.map(|episode| format!(" episode {episode}")).unwrap_or_default();
+                text += &format!("WRONG{episode}{column}: {}\n", problem.reason);
             }
             for note in &report.notes {
                 text += &format!("note: {note}\n");
