@@ -11,6 +11,8 @@ mod damage_mcap;
 mod folders;
 mod golden;
 mod hostile_hdf5;
+#[cfg(unix)]
+mod hostile_writes;
 #[cfg(feature = "lerobot")]
 mod lerobot;
 mod loader;

@@ -80,23 +80,32 @@ impl Store {
         files_from(folder, first)?.into_iter().try_for_each(fs::remove_file)
     }
 
-    /// The number of files of episodes from `first` on.
+    /// The number of files of episodes from `first` on; none in the folder of another dataset.
     pub(super) fn leftovers(self, folder: &Path, first: u64) -> std::io::Result<usize> {
+        if fs::symlink_metadata(folder)?.is_symlink() {
+            return Ok(0);
+        }
         Ok(files_from(folder, first)?.len())
     }
 }
 
-/// The files `ep_<i>…` with i at least `first`.
+/// The episode of an image or video, by its name.
+fn episode_of(name: &str) -> Option<u64> {
+    let (stem, extension) = name.strip_prefix("ep_")?.rsplit_once('.')?;
+    let episode = match (extension, stem.split_once("_step_")) {
+        ("jpeg" | "jpg", Some((episode, row))) if row.parse::<u64>().is_ok() => episode,
+        ("mp4", None) => stem,
+        _ => return None,
+    };
+    episode.parse().ok()
+}
+
+/// The images and videos of episodes from `first` on.
 fn files_from(folder: &Path, first: u64) -> std::io::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
-        let name = entry.file_name();
-        let number = name.to_str().and_then(|name| name.strip_prefix("ep_")).and_then(|rest| {
-            let end = rest.find(|c: char| !c.is_ascii_digit())?;
-            rest[..end].parse::<u64>().ok()
-        });
-        if number.is_some_and(|episode| episode >= first) {
+        if entry.file_name().to_str().and_then(episode_of).is_some_and(|episode| episode >= first) {
             files.push(entry.path());
         }
     }

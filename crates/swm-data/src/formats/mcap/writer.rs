@@ -2,7 +2,7 @@
 //! chunks are written first, the record that commits it last, and what lies behind the last such record does not
 //! count. Whoever continues the file cuts it there.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ use super::rows::to_json;
 use super::{FORMAT, describe, ending, summary};
 use crate::dataset::Dataset;
 use crate::error::{At as _, DataError, Result, missing};
-use crate::formats::disk::write_all_at;
+use crate::formats::disk::{open_own, write_all_at, write_new};
 use crate::lock::{WriterLock, beside};
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex, check_fit};
 
@@ -90,9 +90,9 @@ impl Backend for McapBackend {
             let head = describe::head(fields, (1e9 / rate).round().max(1.0) as u64);
             // Complete before it has its name.
             let draft = beside(path, ".new");
-            fs::write(&draft, &head).and_then(|()| fs::rename(&draft, path)).map_err(failed)?;
+            write_new(&draft, &head).and_then(|()| fs::rename(&draft, path)).map_err(failed)?;
         }
-        let file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
+        let file = open_own(path, false).map_err(failed)?;
         let index = Index::read(&file, path).map_err(|error| DataError::damaged(path, error))?;
         let stored: Vec<Field> = index.columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();
         let first = index.runs.first().map_or(metadata, |(_, first)| first);
@@ -155,8 +155,13 @@ impl Session for McapSession {
         Ok(())
     }
 
+    fn sync(&mut self) -> Result<()> {
+        Ok(self.file.sync_all()?)
+    }
+
     fn close(self) -> Result<()> {
-        summary::write(&self.file, &self.index, self.checksum.finalize())
+        summary::write(&self.file, &self.index, self.checksum.finalize())?;
+        Ok(self.file.sync_all()?)
     }
 }
 
@@ -302,7 +307,7 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     let summarize = "write the summary, by which other programs find their way".to_owned();
     let steps = cut.into_iter().chain([summarize]).collect();
     if apply {
-        let file = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
+        let file = open_own(&path, false).map_err(failed)?;
         let index = Index::read(&file, &path).map_err(|error| DataError::damaged(&path, error))?;
         file.set_len(index.end).map_err(failed)?;
         let written = checksum_so_far(&file, &index)
