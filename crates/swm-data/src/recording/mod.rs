@@ -202,6 +202,9 @@ impl<S: Backend> BackendWriter<S> {
         if exists && options.mode == WriteMode::Error {
             return Err(DataError::Exists { path });
         }
+        if exists && !path.is_file() && !path.is_dir() {
+            return Err(DataError::record(&path, "it is neither a regular file nor a folder"));
+        }
         // A file that is to be replaced loses a name only.
         if exists && (options.mode == WriteMode::Append || path.is_dir()) {
             check_own(&path)?;

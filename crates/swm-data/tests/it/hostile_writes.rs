@@ -5,7 +5,6 @@ use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
-use swm_core::EpisodeSink as _;
 use swm_data::format::{built_in, by_name, detect};
 use swm_data::{DataError, FORMATS, WriteMode, create, open};
 

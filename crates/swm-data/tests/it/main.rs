@@ -8,6 +8,8 @@ mod buffer;
 mod crash;
 mod damage;
 mod damage_mcap;
+#[cfg(unix)]
+mod exhaustion;
 mod folders;
 mod golden;
 mod hostile_hdf5;

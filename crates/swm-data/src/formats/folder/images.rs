@@ -19,6 +19,9 @@ use crate::dataset::Steps;
 use crate::error::invalid;
 use crate::error::{At as _, Result, wrong_type};
 #[cfg(feature = "video")]
+use crate::formats::disk::open_regular;
+use crate::formats::disk::read_regular;
+#[cfg(feature = "video")]
 use crate::video::{self, VideoReader};
 
 /// How images are stored.
@@ -70,7 +73,7 @@ impl Store {
             #[cfg(feature = "video")]
             Self::Video => {
                 let path = video_path(folder, episode);
-                Ok(crc32fast::hash(&fs::read(&path).at(path.display())?))
+                Ok(crc32fast::hash(&read_regular(&path).at(path.display())?))
             }
         }
     }
@@ -148,7 +151,7 @@ impl ImageReader {
                 let path = video_path(folder, episode);
                 if self.video.as_ref().is_none_or(|(open, _)| *open != path) {
                     self.video = None;
-                    let bytes = fs::read(&path).at(path.display())?;
+                    let bytes = read_regular(&path).at(path.display())?;
                     if checksum.is_some_and(|checksum| checksum != crc32fast::hash(&bytes)) {
                         let changed = invalid("its checksum is wrong, the file was changed");
                         return Err(changed.at(path.display()));
@@ -168,11 +171,11 @@ pub(super) fn jpeg_path(folder: &Path, episode: u64, row: usize, extension: &str
 
 fn read_jpeg(folder: &Path, episode: u64, row: usize) -> Result<(Vec<u8>, PathBuf)> {
     let path = jpeg_path(folder, episode, row, "jpeg");
-    match fs::read(&path) {
+    match read_regular(&path) {
         Ok(bytes) => Ok((bytes, path)),
         Err(error) => {
             let other = jpeg_path(folder, episode, row, "jpg");
-            fs::read(&other).map(|bytes| (bytes, other)).map_err(|_| error).at(path.display())
+            read_regular(&other).map(|bytes| (bytes, other)).map_err(|_| error).at(path.display())
         }
     }
 }
@@ -184,6 +187,6 @@ pub(super) fn video_path(folder: &Path, episode: u64) -> PathBuf {
 
 #[cfg(feature = "video")]
 fn open_video(path: &Path) -> Result<Mp4Reader<BufReader<File>>> {
-    let file = File::open(path).at(path.display())?;
+    let file = open_regular(path).at(path.display())?;
     Mp4Reader::new(BufReader::new(file)).at(path.display())
 }

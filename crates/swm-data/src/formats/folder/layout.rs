@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use swm_core::{Field, Metadata};
 
 use crate::error::{DataError, Result};
-use crate::formats::disk::{is_plain_name, open_own, replace_json, write_all_at};
+use crate::formats::disk::{is_plain_name, open_own, read_regular, replace_json, write_all_at};
 
 /// Rows of each episode, i32.
 pub(super) const EP_LEN: &str = "ep_len";
@@ -64,7 +64,7 @@ impl Manifest {
             Ok(metadata) if metadata.len() > MAX_MANIFEST => {
                 return Err(DataError::damaged(&path, format!("it has {} bytes", metadata.len())));
             }
-            _ => fs::read(&path).map_err(|source| DataError::io(&path, "read", source))?,
+            _ => read_regular(&path).map_err(|source| DataError::io(&path, "read", source))?,
         };
         let manifest: Self =
             serde_json::from_slice(&bytes).map_err(|error| DataError::damaged(&path, error))?;
@@ -126,7 +126,7 @@ impl Entry {
 /// Reads the index of a folder of ours: the episodes that were committed.
 pub(super) fn read_index(folder: &Path, columns: usize) -> Result<Vec<Entry>, DataError> {
     let path = folder.join(INDEX);
-    let bytes = fs::read(&path).map_err(|source| DataError::io(&path, "read", source))?;
+    let bytes = read_regular(&path).map_err(|source| DataError::io(&path, "read", source))?;
     let Some(records) = bytes.strip_prefix(INDEX_MAGIC) else {
         // Killed before the first episode.
         return match bytes.len() < INDEX_MAGIC.len() {

@@ -26,7 +26,7 @@ const METADATA_READ_ATTEMPTS: u32 = 20;
 /// Cache for chunks that the library decodes; the reference's chunks of 100 frames exceed its default of 1 MiB.
 const CHUNK_CACHE_BYTES: usize = 64 << 20;
 /// A row above this size is taken for damage.
-const MAX_ROW_BYTES: usize = 1 << 30;
+const MAX_ROW_BYTES: usize = 256 << 20;
 
 /// An open HDF5 dataset.
 #[derive(Debug)]
