@@ -167,6 +167,7 @@ fn damage_is_found_and_an_interruption_fixed() {
     let array = Path::new(&videos).join("state.npz");
     let bytes = fs::read(&array).unwrap();
     fs::write(&array, &bytes[..bytes.len() - 60]).unwrap();
+    assert!(swm_fails(1, &["verify", &videos]).contains("has to be repaired"));
     let plan = swm_json(&["verify", &videos, "--fix", "--dry-run"]);
     assert!(plan["fixed"][0].as_str().unwrap().contains("state.npz"), "{plan}");
     assert!(fs::read(&array).unwrap() != bytes);

@@ -124,6 +124,27 @@ fn what_differs_is_named() {
     assert_eq!(differs(&|r| r["episodes"][2]["steps"] = 1.into()), ["outcomes"]);
     assert_eq!(differs(&|r| r["summary"]["successes"] = 400.into()), ["outcomes"]);
     assert_eq!(differs(&|r| r["references"][0]["episodes"][3]["digest"] = "0".into()), ["references"]);
+    // Whatever is derived follows from the episodes.
+    assert_eq!(differs(&|r| r["summary"]["success_rate"] = 99.5.into()), ["outcomes"]);
+    assert_eq!(differs(&|r| r["summary"]["ci95"] = [0.0, 1.0].to_vec().into()), ["outcomes"]);
+    let forge = |reference: usize, keys: [&'static str; 2], value: Json| {
+        differs(&move |r| r["references"][reference][keys[0]][keys[1]] = value.clone())
+    };
+    for reference in [0, 1] {
+        assert_eq!(forge(reference, ["summary", "success_rate"], 0.25.into()), ["references"]);
+        assert_eq!(forge(reference, ["summary", "ci95"], [0.0, 1.0].to_vec().into()), ["references"]);
+        assert_eq!(forge(reference, ["test", "p_value"], 1e-9.into()), ["references"]);
+        assert_eq!(forge(reference, ["test", "difference"], 77.0.into()), ["references"]);
+        assert_eq!(forge(reference, ["test", "pairs"], 999.into()), ["references"]);
+    }
+    // Another policy under the name of a reference, with its own episodes.
+    let swapped = differs(&|r| {
+        let other = r["references"][1].clone();
+        let role = r["references"][0]["role"].clone();
+        r["references"][0] = other;
+        r["references"][0]["role"] = role;
+    });
+    assert_eq!(swapped, ["references"]);
     // Older receipts say nothing of the plans after the first.
     std::fs::write(&changed, without_plan_costs(receipt.clone()).to_string()).unwrap();
     assert_eq!(swm_json(&["verify-result", &changed, "--quiet"])["equal"], true);

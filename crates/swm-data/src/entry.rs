@@ -6,6 +6,7 @@ use swm_core::Entry;
 
 use crate::dataset::{Dataset, DatasetWriter, WriteOptions};
 use crate::error::DataError;
+use crate::recording;
 
 /// What opening gives: a reader or a writer of whatever format.
 pub type Opened<T> = Result<Box<T>, DataError>;
@@ -93,8 +94,11 @@ impl Format {
     ///
     /// # Errors
     ///
-    /// The dataset is being written, cannot be read, or cannot be repaired.
+    /// The dataset is being written, cannot be read, or cannot be repaired; or parts of it are links to other places.
     pub fn repair(&self, path: &Path, apply: bool) -> Result<Vec<String>, DataError> {
+        if apply {
+            recording::check_own(path)?;
+        }
         (self.repair)(path, apply)
     }
 }

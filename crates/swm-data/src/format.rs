@@ -66,6 +66,9 @@ pub fn open(path: &Path) -> Opened<dyn Dataset> {
 /// As of [`open`].
 pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
     let metadata = fs::metadata(path).map_err(|source| DataError::io(path, "open", source))?;
+    if !metadata.is_file() && !metadata.is_dir() {
+        return Err(DataError::not_a_dataset(path, "it is neither a regular file nor a folder"));
+    }
     if metadata.is_file() && metadata.len() == 0 {
         return Err(DataError::not_a_dataset(path, "the file is empty"));
     }
@@ -88,7 +91,9 @@ pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
 
 /// The format of an existing dataset, by its content.
 pub fn detect(registry: &Registry, path: &Path) -> Option<&'static Format> {
-    registry.all::<Format>().find(|format| format.detect(path))
+    // A pipe would wait for its writer.
+    let there = fs::metadata(path).is_ok_and(|there| there.is_file() || there.is_dir());
+    registry.all::<Format>().find(|format| there && format.detect(path))
 }
 
 /// Opens a dataset for recording in a format of this crate. `format: None` goes by the file extension, or by the content

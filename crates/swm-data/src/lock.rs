@@ -2,11 +2,12 @@
 //! the process ends in any way. The file says who holds it, for the message to the next; one that is left behind by a kill
 //! does no harm. Readers need no lock.
 
-use std::fs::{self, File, OpenOptions, TryLockError};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 use crate::error::DataError;
+use crate::formats::disk;
 
 /// A lock file above this size is not ours.
 const MAX_BYTES: u64 = 4096;
@@ -32,13 +33,17 @@ impl WriterLock {
             holder: holder.map_or_else(|| "another process".to_owned(), |holder| holder.to_string()),
         };
         loop {
-            let mut file = OpenOptions::new()
-                .create(true)
-                .truncate(false)
-                .read(true)
-                .write(true)
-                .open(&path)
-                .map_err(failed)?;
+            let mut file = match disk::open_own(&path, true) {
+                // Another writer made or removed it between two looks at it.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
+                Err(error) if error.kind() == io::ErrorKind::NotFound && folder_of(&path).is_dir() => {
+                    continue;
+                }
+                Err(error) if error.kind() == io::ErrorKind::Other => {
+                    return Err(DataError::io(&path, "lock", error));
+                }
+                opened => opened.map_err(failed)?,
+            };
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => return Err(busy(Holder::read(&file))),
@@ -120,20 +125,17 @@ pub(crate) fn beside(dataset: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Whether `path` still names the open `file`.
-#[cfg(unix)]
+/// Whether `path` still names the open `file`. Where files cannot be told apart, an open one cannot be removed.
 fn is_at(file: &File, path: &Path) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    match (file.metadata(), fs::metadata(path)) {
-        (Ok(ours), Ok(there)) => (ours.dev(), ours.ino()) == (there.dev(), there.ino()),
+    match (file.metadata(), fs::symlink_metadata(path)) {
+        (Ok(ours), Ok(there)) => disk::identity(&ours) == disk::identity(&there),
         _ => false,
     }
 }
 
-/// Elsewhere an open file cannot be removed.
-#[cfg(not(unix))]
-fn is_at(_file: &File, _path: &Path) -> bool {
-    true
+/// The folder that a file lies in.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 #[cfg(test)]

@@ -362,6 +362,10 @@ impl Dataset for Watched {
         }
         self.dataset.check_episode(episode)
     }
+
+    fn check_whole(&mut self) -> Result<(), DataError> {
+        self.dataset.check_whole()
+    }
 }
 
 /// The shape of so many rows of a field.

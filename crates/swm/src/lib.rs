@@ -27,6 +27,7 @@ pub mod replay;
 pub mod report;
 pub mod report_page;
 mod svg;
+mod text_file;
 pub mod video;
 
 #[cfg(feature = "baselines")]

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::{DataError, Metadata};
-use crate::batch::{Batch, Field, Schema, SliceMut};
+use crate::batch::{Batch, Dtype, Field, Schema, SliceMut};
 use crate::error::BoxError;
 
 /// Rows of one episode: `first`, `first + stride`, …, `count` of them.
@@ -123,6 +123,15 @@ pub trait Dataset: Send {
         Ok(())
     }
 
+    /// Compares checksums that cover more than an episode, such as its index, if there are any.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Damaged`] at the first difference, or it cannot be read.
+    fn check_whole(&mut self) -> Result<(), DataError> {
+        Ok(())
+    }
+
     /// As [`Dataset::rows`], for unchecked requests.
     ///
     /// # Errors
@@ -146,6 +155,7 @@ pub trait Dataset: Send {
     /// No such column, one of another type or shape, and those of [`Dataset::read_column`].
     fn read(&mut self, episode: usize, rows: Range<usize>, out: &mut Batch) -> Result<(), DataError> {
         let steps = Steps { first: rows.start, count: rows.len(), stride: 1 };
+        check_size(self.info(), episode, steps, out.schema())?;
         out.resize(steps.count);
         let wanted = out.schema().clone();
         for (target, field) in wanted.fields().iter().enumerate() {
@@ -203,6 +213,10 @@ impl<D: Dataset + ?Sized> Dataset for Box<D> {
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
         (**self).check_episode(episode)
     }
+
+    fn check_whole(&mut self) -> Result<(), DataError> {
+        (**self).check_whole()
+    }
 }
 
 /// Refuses columns, episodes and rows that do not exist, and an `out` of another size or type than they need.
@@ -214,19 +228,11 @@ fn check_request(
     out: &SliceMut<'_>,
 ) -> Result<(), DataError> {
     let refuse = |reason| Err(DataError::request(&info.path, reason));
-    let DatasetInfo { schema, lengths, .. } = info;
+    let schema = &info.schema;
     let Some(field) = schema.fields().get(column) else {
         return refuse(format!("column {column} of {} does not exist", schema.fields().len()));
     };
-    let Some(&len) = lengths.get(episode) else {
-        return refuse(format!("episode {episode} of {} does not exist", lengths.len()));
-    };
-    if steps.stride == 0 || steps.end().is_none_or(|end| end > len) {
-        let Steps { first, count, stride } = steps;
-        return refuse(format!(
-            "episode {episode} has {len} rows, too few for {count} from row {first} on at a stride of {stride}"
-        ));
-    }
+    check_rows(info, episode, steps)?;
     if out.dtype() != field.dtype || out.len() != steps.count * field.dim() {
         return refuse(format!(
             "{} values of {} cannot hold {} rows of column `{}`, {} {:?}",
@@ -239,6 +245,56 @@ fn check_request(
         ));
     }
     Ok(())
+}
+
+/// Refuses an episode and rows that do not exist.
+fn check_rows(info: &DatasetInfo, episode: usize, steps: Steps) -> Result<(), DataError> {
+    let refuse = |reason| Err(DataError::request(&info.path, reason));
+    let Some(&len) = info.lengths.get(episode) else {
+        return refuse(format!("episode {episode} of {} does not exist", info.lengths.len()));
+    };
+    if steps.stride == 0 || steps.end().is_none_or(|end| end > len) {
+        let Steps { first, count, stride } = steps;
+        return refuse(format!(
+            "episode {episode} has {len} rows, too few for {count} from row {first} on at a stride of {stride}"
+        ));
+    }
+    Ok(())
+}
+
+/// So many bytes may be read at once, whatever the size of the file…
+const MAX_BYTES: u64 = 1 << 30;
+/// …and so many times its size: no compression of images or numbers of any use saves more.
+const MAX_RATIO: u64 = 1 << 16;
+
+/// Refuses rows that do not exist, and more of them than the file can hold: a few bytes can claim a trillion rows.
+fn check_size(info: &DatasetInfo, episode: usize, steps: Steps, wanted: &Schema) -> Result<(), DataError> {
+    check_rows(info, episode, steps)?;
+    let bytes_of = |field: &Field| match field.dtype {
+        Dtype::Bool | Dtype::U8 => 1,
+        Dtype::I32 | Dtype::F32 => 4,
+        Dtype::I64 | Dtype::F64 => 8,
+        // The text's place in a table; what it says is in the file.
+        Dtype::Str => size_of::<String>() as u64,
+    };
+    let row: u64 =
+        wanted.fields().iter().map(|field| (field.dim() as u64).saturating_mul(bytes_of(field))).sum();
+    let bytes = row.saturating_mul(steps.count as u64);
+    if bytes <= MAX_BYTES {
+        return Ok(());
+    }
+    match std::fs::metadata(&info.path) {
+        Ok(file) if file.is_file() && bytes / MAX_RATIO > file.len() => Err(DataError::damaged(
+            &info.path,
+            format!(
+                "episode {episode} claims {} rows, {} GB, more than a file of {} bytes can hold",
+                steps.count,
+                bytes >> 30,
+                file.len()
+            ),
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// The column that has the name, type and shape of `wanted`.

@@ -2,6 +2,7 @@
 //! values of starts, goals and factors themselves: no dataset is needed to repeat it.
 
 use std::collections::BTreeMap;
+use std::io::{self, Read};
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
@@ -322,6 +323,23 @@ impl Fnv {
 /// SHA-256 in hexadecimal digits.
 pub fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// As [`sha256`], of all that a reader gives, which is never held in memory as a whole.
+///
+/// # Errors
+///
+/// Reading failed.
+pub fn sha256_of(mut source: impl Read) -> io::Result<String> {
+    let (mut hasher, mut piece) = (Sha256::new(), vec![0; 1 << 20]);
+    loop {
+        match source.read(&mut piece) {
+            Ok(0) => return Ok(hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()),
+            Ok(count) => hasher.update(&piece[..count]),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
 }
 
 /// The same JSON with keys in order.

@@ -29,7 +29,9 @@ use crate::world::World;
 
 pub use crate::success::{Condition, Judge, Measure, SuccessRule};
 pub use from_dataset::{EvalOptions, choose_starts};
-pub use manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, sha256, sorted, witness};
+pub use manifest::{
+    Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, sha256, sha256_of, sorted, witness,
+};
 pub use model_entry::{MakeModel, ModelEntry};
 pub use outcome::{EpisodeResult, OutcomeRecorder, Summary};
 pub use pairs::{ManifestOptions, RecordedPairs, is_held_out, make_manifest};

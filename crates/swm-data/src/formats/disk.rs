@@ -1,9 +1,12 @@
-//! Reading and writing pieces of files, and files that appear whole or not at all.
+//! Reading and writing pieces of files, files that appear whole or not at all, and files that are a dataset's own: nothing
+//! is written through a link.
 
-use std::fs::{self, File};
-use std::io;
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read as _, Write as _};
+use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::error::DataError;
@@ -48,11 +51,129 @@ pub(super) fn write_all_at(file: &File, mut bytes: &[u8], mut at: u64) -> io::Re
     Ok(())
 }
 
+/// Opens a file to read it: a regular one, for nobody knows how long a pipe waits or when a device ends.
+pub(crate) fn open_regular(path: &Path) -> io::Result<File> {
+    match fs::metadata(path)?.is_file() {
+        true => File::open(path),
+        false => Err(io::Error::new(io::ErrorKind::InvalidInput, "it is no regular file")),
+    }
+}
+
+/// All of a file that [`open_regular`] opens, up to the length that it has now.
+pub(crate) fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
+    let file = open_regular(path)?;
+    let length = file.metadata()?.len();
+    let mut bytes = Vec::with_capacity(length as usize);
+    file.take(length).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// Opens a file to change it, and makes it if `create`. What is not a file of this name alone is refused: a symbolic link,
+/// a file with a second name, a pipe. Nothing is cut.
+pub(crate) fn open_own(path: &Path, create: bool) -> io::Result<File> {
+    let foreign = |what: &str| {
+        let fix = "remove it, or copy the dataset without links and use the copy";
+        io::Error::other(format!("it is {what}, and what lies behind it may not be the dataset's; {fix}"))
+    };
+    let mut options = OpenOptions::new();
+    options.read(true).write(true);
+    let there = match fs::symlink_metadata(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound && create => {
+            return options.create_new(true).open(path);
+        }
+        there => there?,
+    };
+    if there.is_symlink() {
+        return Err(foreign("a symbolic link"));
+    }
+    if !there.is_file() {
+        return Err(foreign("no regular file"));
+    }
+    let file = options.open(path)?;
+    let (opened, names) = (file.metadata()?, names(&file.metadata()?));
+    if identity(&opened) != identity(&there) {
+        return Err(io::Error::new(io::ErrorKind::AlreadyExists, "it was replaced while it was opened"));
+    }
+    if names > 1 {
+        return Err(foreign(&format!("a file with {names} names (hard links)")));
+    }
+    Ok(file)
+}
+
+/// Makes a new file. What had its name is removed: a link is not followed.
+pub(crate) fn new_file(path: &Path) -> io::Result<File> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    OpenOptions::new().read(true).write(true).create_new(true).open(path)
+}
+
+/// As [`new_file`], with this content.
+pub(crate) fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    new_file(path)?.write_all(bytes)
+}
+
+/// What tells a file from all others; nothing where the system has no such thing.
+#[cfg(unix)]
+pub(crate) fn identity(file: &fs::Metadata) -> Option<(u64, u64)> {
+    use std::os::unix::fs::MetadataExt;
+    Some((file.dev(), file.ino()))
+}
+
+#[cfg(not(unix))]
+pub(crate) fn identity(_file: &fs::Metadata) -> Option<(u64, u64)> {
+    None
+}
+
+/// How many names a file has.
+#[cfg(unix)]
+pub(crate) fn names(file: &fs::Metadata) -> u64 {
+    std::os::unix::fs::MetadataExt::nlink(file)
+}
+
+#[cfg(not(unix))]
+pub(crate) fn names(_file: &fs::Metadata) -> u64 {
+    1
+}
+
+/// The first symbolic link below a folder.
+pub(crate) fn first_link(folder: &Path) -> io::Result<Option<PathBuf>> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let kind = entry.file_type()?;
+        if kind.is_symlink() {
+            return Ok(Some(entry.path()));
+        }
+        if kind.is_dir()
+            && let Some(found) = first_link(&entry.path())?
+        {
+            return Ok(Some(found));
+        }
+    }
+    Ok(None)
+}
+
+/// Brings files, and the folders that name them, from the system's memory to the disk. Files that are gone again are
+/// passed over.
+pub(crate) fn sync(files: &[PathBuf]) -> io::Result<()> {
+    let folders: BTreeSet<&Path> = files.iter().filter_map(|file| file.parent()).collect();
+    let mut options = OpenOptions::new();
+    options.read(true).write(cfg!(windows));
+    let one = |path: &Path| match options.open(path).and_then(|file| file.sync_all()) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        done => done,
+    };
+    files.par_iter().try_for_each(|file| one(file))?;
+    // Elsewhere folders cannot be opened, and need not be.
+    if cfg!(unix) { folders.into_iter().try_for_each(one) } else { Ok(()) }
+}
+
 /// Puts `bytes` in the place of the file at `path`: at any moment either the old content stands there or the new.
 pub(super) fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut name = path.as_os_str().to_owned();
     name.push(".new");
-    fs::write(&name, bytes)?;
+    write_new(Path::new(&name), bytes)?;
     fs::rename(&name, path)
 }
 

@@ -1,6 +1,6 @@
 //! The formats, one file or folder each, and what they share. Each exports one entry of the table in `format.rs`.
 
-mod disk;
+pub(crate) mod disk;
 mod element;
 pub(crate) mod folder;
 pub(crate) mod hdf5;

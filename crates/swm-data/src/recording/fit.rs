@@ -7,6 +7,7 @@ use swm_core::env::VARIATION_PREFIX;
 use swm_core::{Field, Metadata};
 
 use crate::error::DataError;
+use crate::formats::disk;
 
 /// Whether episodes with these columns and settings continue a dataset with those of `columns` and its `first` run.
 ///
@@ -66,6 +67,35 @@ pub fn with_run(runs: &[(u64, Metadata)], first: u64, metadata: &Metadata) -> Ve
         runs.push((first, metadata.clone()));
     }
     runs
+}
+
+/// Refuses to change a dataset parts of which may belong to another: a folder with symbolic links below it, a file with
+/// a second name, under which another writer would not be seen.
+///
+/// # Errors
+///
+/// [`DataError::Record`], which names the link; or the dataset cannot be looked at.
+pub(crate) fn check_own(path: &Path) -> Result<(), DataError> {
+    let failed = |source| DataError::io(path, "open", source);
+    let there = std::fs::metadata(path).map_err(failed)?;
+    let names = disk::names(&there);
+    if there.is_dir() {
+        let Some(link) = disk::first_link(path).map_err(failed)? else { return Ok(()) };
+        let reason = format!(
+            "`{}` is a symbolic link, and what it leads to may not be the dataset's; such datasets are read, not changed: \
+             copy it without links, as by `cp -rL`",
+            link.strip_prefix(path).unwrap_or(&link).display()
+        );
+        return Err(DataError::record(path, reason));
+    }
+    if names > 1 {
+        let reason = format!(
+            "the file has {names} names (hard links), and a writer by another of them would not be seen; copy the file, \
+             and use the copy"
+        );
+        return Err(DataError::record(path, reason));
+    }
+    Ok(())
 }
 
 /// The dataset itself, if `path` is a link to it, so that the lock is on it and not on one of its names.

@@ -3,23 +3,26 @@
 //! [`Session`] that writes them; [`BackendWriter`] makes a [`DatasetWriter`] of them.
 //!
 //! What no format may do otherwise: nothing changes before `begin`; an episode whose end was committed survives a kill at
-//! any later moment; of one that was not committed nothing is seen.
+//! any later moment, and a loss of power once it was synced; of one that was not committed nothing is seen; and nothing is
+//! recorded into a dataset that is no longer at its path.
 
 mod fit;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use swm_core::error::BoxError;
 use swm_core::{Batch, EpisodeSink, Field, Metadata, Schema};
 
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
 use crate::error::{DataError, Result, invalid};
+use crate::formats::disk;
 pub use crate::lock::WriterLock;
 
-pub(crate) use self::fit::resolve;
 pub use self::fit::{check_fit, foreign, with_run};
+pub(crate) use self::fit::{check_own, resolve};
 
 /// The episode that a row belongs to, i32: a column that formats fill or make up themselves.
 pub const EP_IDX: &str = "ep_idx";
@@ -108,6 +111,16 @@ pub trait Session: Send {
     /// As of [`Session::append`].
     fn commit(&mut self, end: StepIndex) -> Result<()>;
 
+    /// Brings everything that was committed from the system's memory to the disk, where a loss of power does not reach it.
+    /// Called from time to time, for it takes long, and before [`Session::close`].
+    ///
+    /// # Errors
+    ///
+    /// As of [`Session::append`].
+    fn sync(&mut self) -> Result<()> {
+        Ok(())
+    }
+
     /// Ends the recording. No episode is open.
     ///
     /// # Errors
@@ -149,8 +162,22 @@ pub struct BackendWriter<S: Backend> {
     episodes: u64,
     /// Rows of the open episode; 0: none is open.
     open: usize,
+    /// Tells the file or folder that is recorded into from any other at its path.
+    identity: Option<(u64, u64)>,
+    /// When committed episodes were synced last, and how long that took.
+    synced: (Instant, Duration),
     /// Declared last: the files must be closed before another writer may have them.
     _lock: WriterLock,
+}
+
+/// Committed episodes are synced no more often than this…
+const SYNC_PERIOD: Duration = Duration::from_secs(1);
+/// …and so seldom that it takes less than such a part of the time.
+const SYNC_SHARE: u32 = 10;
+
+/// Tells what is at a path from anything else.
+fn identity(path: &Path) -> Option<(u64, u64)> {
+    disk::identity(&std::fs::metadata(path).ok()?)
 }
 
 enum State<R> {
@@ -175,6 +202,13 @@ impl<S: Backend> BackendWriter<S> {
         if exists && options.mode == WriteMode::Error {
             return Err(DataError::Exists { path });
         }
+        if exists && !path.is_file() && !path.is_dir() {
+            return Err(DataError::record(&path, "it is neither a regular file nor a folder"));
+        }
+        // A file that is to be replaced loses a name only.
+        if exists && (options.mode == WriteMode::Append || path.is_dir()) {
+            check_own(&path)?;
+        }
         if exists && path.is_dir() != backend.is_folder() {
             let reason = match backend.is_folder() {
                 true => format!("it is a file, the format `{}` is a folder", backend.name()),
@@ -195,7 +229,18 @@ impl<S: Backend> BackendWriter<S> {
             _ => 0,
         };
         let options = options.clone();
-        Ok(Self { path, backend, options, state: State::Waiting, episodes, open: 0, _lock: lock })
+        let synced = (Instant::now(), Duration::ZERO);
+        Ok(Self {
+            path,
+            backend,
+            options,
+            state: State::Waiting,
+            episodes,
+            open: 0,
+            identity: None,
+            synced,
+            _lock: lock,
+        })
     }
 
     fn start(&self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<S::Session, DataError> {
@@ -242,7 +287,36 @@ impl<S: Backend> BackendWriter<S> {
         })
     }
 
+    /// Whether what is recorded into is still at its path; if not, nothing more is written.
+    fn check_place(&mut self) -> Result<(), DataError> {
+        if self.identity.is_none() || identity(&self.path) == self.identity {
+            return Ok(());
+        }
+        if let State::Recording(recording, _) = std::mem::replace(&mut self.state, State::Closed) {
+            recording.abandon();
+        }
+        let reason =
+            "it was removed, moved or replaced while it was being recorded, and its episodes with it";
+        Err(DataError::record(&self.path, reason))
+    }
+
+    /// Syncs what was committed, if that is due.
+    fn sync_if_due(&mut self) -> Result<(), DataError> {
+        let (last, took) = self.synced;
+        if last.elapsed() < SYNC_PERIOD.max(took * SYNC_SHARE) {
+            return Ok(());
+        }
+        let start = Instant::now();
+        self.record(|recording, _| recording.sync())?;
+        self.synced = (Instant::now(), start.elapsed());
+        Ok(())
+    }
+
     fn close(&mut self) -> Result<(), DataError> {
+        if matches!(self.state, State::Recording(..)) {
+            self.check_place()?;
+            self.record(|recording, _| recording.sync())?;
+        }
         match std::mem::replace(&mut self.state, State::Closed) {
             State::Recording(recording, _) if self.open > 0 => {
                 recording.cancel();
@@ -264,6 +338,7 @@ impl<S: Backend> EpisodeSink for BackendWriter<S> {
             return Err(DataError::record(&self.path, "the recording has begun already").into());
         }
         self.state = State::Recording(Box::new(self.start(schema, metadata)?), schema.clone());
+        self.identity = identity(&self.path);
         Ok(self.episodes)
     }
 
@@ -308,10 +383,11 @@ impl<S: Backend> DatasetWriter for BackendWriter<S> {
         if self.open == 0 && matches!(self.state, State::Recording(..)) {
             return Err(DataError::record(&self.path, "an episode without rows").into());
         }
+        self.check_place()?;
         self.record(Session::commit)?;
         self.open = 0;
         self.episodes += 1;
-        Ok(())
+        Ok(self.sync_if_due()?)
     }
 }
 

@@ -10,6 +10,7 @@ use swm_core::Dtype;
 use super::{ColumnStatistics, Statistics, StatisticsOptions};
 use crate::dataset::Dataset;
 use crate::error::DataError;
+use crate::formats::disk::{read_regular, write_new};
 use crate::lock::beside;
 
 /// Where the statistics of the dataset at `path` are: `data.h5.stats.json`; beside a folder too, since the reference's
@@ -26,7 +27,7 @@ impl Statistics {
     /// The file beside the dataset cannot be read, or is damaged.
     pub fn load(dataset: &dyn Dataset) -> Result<Option<Self>, DataError> {
         let path = side_file(dataset.path());
-        let text = match fs::read(&path) {
+        let text = match read_regular(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(DataError::io(&path, "read", error)),
@@ -57,7 +58,7 @@ impl Statistics {
         text.push(b'\n');
         // Renamed into place, so that nobody reads half of it.
         let draft = beside(&path, ".new");
-        fs::write(&draft, text).map_err(|error| {
+        write_new(&draft, &text).map_err(|error| {
             // Of a full disk something may be left.
             let _ = fs::remove_file(&draft);
             DataError::io(&draft, "write", error)

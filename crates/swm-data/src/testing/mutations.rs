@@ -87,7 +87,7 @@ pub fn play(path: &Path) -> bool {
 /// As [`play`], in a format of a registry.
 pub fn play_in(registry: &Registry, path: &Path) -> bool {
     let Ok(mut dataset) = open_in(registry, path) else { return false };
-    let mut sound = true;
+    let mut sound = dataset.check_whole().is_ok();
     let mut batch = Batch::new(dataset.schema().clone(), 0);
     for episode in 0..dataset.num_episodes().min(20) {
         let rows = 0..dataset.episode_len(episode).min(1000);

@@ -32,8 +32,8 @@ pub struct Report {
 /// One thing that is wrong.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
-    /// The episode.
-    pub episode: usize,
+    /// The episode, where it is one episode's.
+    pub episode: Option<usize>,
     /// The column, where it is one column's.
     pub column: Option<String>,
     /// What is wrong.
@@ -50,19 +50,24 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
     if !report.has_checksums {
         report.notes.push("it has no checksums: changed values cannot be noticed".to_owned());
     }
+    if let Err(error) = dataset.check_whole() {
+        let reason = said(error, None, None);
+        report.problems.push(Problem { episode: None, column: None, reason });
+    }
     let mut missing = vec![0usize; schema.fields().len()];
     for episode in 0..dataset.num_episodes() {
         let rows = dataset.episode_len(episode);
         let mut problem = |column: Option<&str>, reason: String| {
             if report.problems.len() < MAX_PROBLEMS {
-                report.problems.push(Problem { episode, column: column.map(str::to_owned), reason });
+                let (episode, column) = (Some(episode), column.map(str::to_owned));
+                report.problems.push(Problem { episode, column, reason });
             }
         };
         if rows == 0 {
             problem(None, "it has no rows".to_owned());
         }
         if let Err(error) = dataset.check_episode(episode) {
-            problem(None, said(error, episode, None));
+            problem(None, said(error, Some(episode), None));
         }
         for (column, field) in schema.fields().iter().enumerate() {
             let mut column_check = ColumnCheck { rows, width: field.dim(), ..ColumnCheck::default() };
@@ -84,7 +89,7 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
                 Ok::<_, DataError>(())
             });
             if let Err(error) = read {
-                problem(Some(&field.name), said(error, episode, Some(&field.name)));
+                problem(Some(&field.name), said(error, Some(episode), Some(&field.name)));
                 continue;
             }
             if let Some(row) = column_check.changes {
@@ -113,10 +118,10 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
 }
 
 /// What an error says, without the place that the report names already.
-fn said(error: DataError, episode: usize, column: Option<&str>) -> String {
+fn said(error: DataError, episode: Option<usize>, column: Option<&str>) -> String {
     match error {
         DataError::Damaged { column: None, episode: None, reason, .. } => reason.to_string(),
-        DataError::Damaged { column: at, episode: Some(here), reason, .. }
+        DataError::Damaged { column: at, episode: here, reason, .. }
             if here == episode && at.as_deref() == column =>
         {
             reason.to_string()

@@ -7,8 +7,14 @@ mod append;
 mod buffer;
 mod crash;
 mod damage;
+mod damage_mcap;
+#[cfg(unix)]
+mod exhaustion;
 mod folders;
 mod golden;
+mod hostile_hdf5;
+#[cfg(unix)]
+mod hostile_writes;
 #[cfg(feature = "lerobot")]
 mod lerobot;
 mod loader;

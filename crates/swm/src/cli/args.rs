@@ -8,6 +8,7 @@ use swm_core::{EnvConfig, EnvEntry, ImageSize, Policy, PolicyArgs, Registry, Wor
 
 use super::{Failure, usage};
 use crate::evaluation::RunOptions;
+use crate::text_file::read_text;
 
 /// The environment and how it is made.
 #[derive(Args, Clone)]
@@ -159,7 +160,7 @@ pub(super) fn policy_args(text: &str) -> Result<PolicyArgs, Failure> {
 
 fn settings_file(path: &Path) -> Result<Map<String, Json>, Failure> {
     let wrong = |reason: String| usage(format!("settings file {}: {reason}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
+    let text = read_text(path).map_err(|error| wrong(error.to_string()))?;
     let json = path.extension().is_some_and(|extension| extension == "json");
     if json {
         serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::{Failure, usage};
 use crate::evaluation::{Candidate, Receipt, Role, Sweep, read_receipt};
+use crate::text_file::read_text;
 
 /// The receipt that `dir` holds of the evaluation that `asked` describes, if there is one. `roles` are the reference
 /// policies that are asked for.
@@ -38,7 +39,7 @@ pub(super) fn sweep(dir: &Path) -> Result<Option<Sweep>, Failure> {
     if !path.is_file() {
         return Ok(None);
     }
-    let text = std::fs::read_to_string(&path).map_err(|error| error.to_string());
+    let text = read_text(&path).map_err(|error| error.to_string());
     let held = text.and_then(|text| serde_json::from_str(&text).map_err(|error| error.to_string()));
     Ok(Some(held.map_err(|error| refusal(dir, &format!("a file that cannot be read ({error})")))?))
 }

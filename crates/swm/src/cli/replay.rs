@@ -98,6 +98,9 @@ pub(super) fn selection(text: Option<&str>, count: usize) -> Result<Vec<usize>, 
         Some((first, end)) => {
             let first = if first.is_empty() { 0 } else { number(first)? };
             let end = if end.is_empty() { count } else { number(end)? };
+            if end > count {
+                return Err(wrong(&format!("there is no episode {}; the dataset holds {count}", end - 1)));
+            }
             (first..end).collect()
         }
         None => text.split(',').map(number).collect::<Result<_, _>>()?,
@@ -119,7 +122,7 @@ mod tests {
         assert_eq!(selection(Some("1"), 3).unwrap(), [1]);
         assert_eq!(selection(Some("1.."), 3).unwrap(), [1, 2]);
         assert_eq!(selection(Some("0, 2"), 3).unwrap(), [0, 2]);
-        for wrong in ["3", "a", "2..2", "0..4"] {
+        for wrong in ["3", "a", "2..2", "0..4", "0..18446744073709551615", "2..0", "18446744073709551615.."] {
             assert!(selection(Some(wrong), 3).is_err(), "{wrong}");
         }
     }

@@ -9,6 +9,7 @@ use swm_core::evaluate::witness;
 use swm_core::{Batch, EnvConfig, EnvEntry, Episode, EpisodeSeed, Manifest, Schema};
 
 use super::{Failure, usage};
+use crate::text_file::read_text;
 
 /// The phases, in order: `[[phase]]` with `episodes`, and `vary` or `set`.
 #[derive(Deserialize)]
@@ -30,7 +31,7 @@ struct Phase {
 /// Reads a stream.
 pub(super) fn read_stream(path: &Path) -> Result<Stream, Failure> {
     let wrong = |reason: String| usage(format!("stream {}: {reason}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
+    let text = read_text(path).map_err(|error| wrong(error.to_string()))?;
     let stream: Stream = toml::from_str(&text).map_err(|error| wrong(error.to_string()))?;
     if stream.phase.is_empty() || stream.phase.iter().any(|phase| phase.episodes == 0) {
         return Err(wrong("needs phases of 1 or more episodes each: [[phase]], episodes = 20".to_owned()));

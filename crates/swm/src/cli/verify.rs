@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 use swm_core::Registry;
-use swm_data::format;
 use swm_data::tools::compare::compare;
 use swm_data::tools::verify::verify;
+use swm_data::{DataError, format};
 
 use super::output::{counted, table};
 use super::{Failure, Output, usage};
@@ -28,7 +28,7 @@ infinite numbers. NaN is expected in the last action of an episode, and in first
 --fix repairs a dataset whose recording was interrupted and prints each step; committed episodes are not touched. Continuing
 the recording with `--mode append` does the same. Damaged images cannot be fixed; record or copy them again.
 
-Exit status 1 if anything is wrong.")]
+Exit status 1 if anything is wrong or has to be repaired.")]
 pub(super) struct Verify {
     /// The dataset.
     file: PathBuf,
@@ -65,11 +65,18 @@ impl Verify {
         bar.finish_and_clear();
         let pending = match format::detect(registry, &self.file) {
             // A recording may be going on: then there is nothing to fix.
-            Some(format) if !self.fix || self.dry_run => format.repair(&self.file, false).unwrap_or_default(),
+            Some(format) if !self.fix || self.dry_run => match format.repair(&self.file, false) {
+                Err(error @ (DataError::Damaged { .. } | DataError::Record { .. })) => {
+                    return Err(error.into());
+                }
+                plan => plan.unwrap_or_default(),
+            },
             _ => Vec::new(),
         };
         let sound = report.problems.is_empty();
-        let result = json!({"ok": sound, "fixed": steps, "to_fix": pending, "report": report});
+        // Who asks for the plan gets it.
+        let finished = pending.is_empty() || self.dry_run;
+        let result = json!({"ok": sound && finished, "fixed": steps, "to_fix": pending, "report": report});
         output.result(&result, || {
             let mut text = format!(
                 "{}: {}, {}{}\n",
@@ -81,7 +88,9 @@ impl Verify {
             for problem in &report.problems {
                 let column =
                     problem.column.as_ref().map(|name| format!(", column `{name}`")).unwrap_or_default();
-                text += &format!("WRONG episode {}{column}: {}\n", problem.episode, problem.reason);
+                let episode =
+                    problem.episode.map(|episode| format!(" episode {episode}")).unwrap_or_default();
+                text += &format!("WRONG{episode}{column}: {}\n", problem.reason);
             }
             for note in &report.notes {
                 text += &format!("note: {note}\n");
@@ -89,15 +98,18 @@ impl Verify {
             for step in &pending {
                 text += &format!("interrupted recording; `swm verify --fix` will {step}\n");
             }
-            text += if sound { "sound" } else { "NOT SOUND" };
+            text += match (sound, pending.is_empty()) {
+                (true, true) => "sound",
+                (true, false) => "sound once it is repaired",
+                (false, _) => "NOT SOUND",
+            };
             text
         })?;
-        match report.problems.first() {
-            None => Ok(()),
-            Some(_) => {
-                Err(format!("{} is not sound: {} problems", self.file.display(), report.problems.len())
-                    .into())
-            }
+        let file = self.file.display();
+        match report.problems.len() {
+            0 if finished => Ok(()),
+            0 => Err(format!("{file} has to be repaired; run: swm verify {file} --fix").into()),
+            problems => Err(format!("{file} is not sound: {problems} problems").into()),
         }
     }
 }

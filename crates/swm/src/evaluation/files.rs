@@ -9,6 +9,7 @@ use swm_core::Manifest;
 use swm_core::error::BoxError;
 
 use super::receipt::{RECEIPT_VERSION, Receipt};
+use crate::text_file::read_text;
 
 /// The key of [`Sealed::hash`].
 const SEAL: &str = "hash";
@@ -75,8 +76,7 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
 }
 
 fn read(path: &Path, what: &str) -> Result<String, BoxError> {
-    Ok(fs::read_to_string(path)
-        .map_err(|error| format!("cannot read the {what} {}: {error}", path.display()))?)
+    Ok(read_text(path).map_err(|error| format!("cannot read the {what} {}: {error}", path.display()))?)
 }
 
 fn is_json(path: &Path) -> bool {

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use swm_core::error::BoxError;
-use swm_core::evaluate::sha256;
+use swm_core::evaluate::{sha256, sha256_of};
 
 /// SHA-256 of a file; of a folder, that of its files' names and hashes in order.
 ///
@@ -14,7 +14,10 @@ use swm_core::evaluate::sha256;
 pub fn file_hash(path: &Path) -> Result<String, BoxError> {
     let failed = |error: std::io::Error| format!("cannot read {}: {error}", path.display());
     if !path.is_dir() {
-        return Ok(sha256(&fs::read(path).map_err(failed)?));
+        if !fs::metadata(path).map_err(failed)?.is_file() {
+            return Err(format!("cannot read {}: it is no regular file", path.display()).into());
+        }
+        return Ok(fs::File::open(path).and_then(sha256_of).map_err(failed)?);
     }
     let mut files: Vec<PathBuf> = fs::read_dir(path)
         .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect())
@@ -26,4 +29,23 @@ pub fn file_hash(path: &Path) -> Result<String, BoxError> {
         all += &format!("{name} {}\n", file_hash(&file)?);
     }
     Ok(sha256(all.as_bytes()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_hashed_in_pieces_as_if_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("data");
+        for size in [0, 1, (1 << 20) - 1, 1 << 20, (1 << 20) + 1, 3 << 20] {
+            let bytes: Vec<u8> = (0..size).map(|at| (at % 251) as u8).collect();
+            fs::write(&path, &bytes).unwrap();
+            assert_eq!(file_hash(&path).unwrap(), sha256(&bytes), "{size}");
+        }
+        if cfg!(target_os = "linux") {
+            assert!(file_hash(Path::new("/dev/zero")).unwrap_err().to_string().contains("no regular file"));
+        }
+    }
 }

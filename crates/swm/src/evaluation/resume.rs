@@ -9,6 +9,8 @@ use serde::{Deserialize, Serialize};
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, sha256};
 
+use crate::text_file::read_text;
+
 /// A file of finished episodes.
 pub struct Ledger {
     path: PathBuf,
@@ -43,7 +45,7 @@ impl Ledger {
         let head = Head { evaluation };
         let mut known = BTreeMap::new();
         if path.exists() {
-            let text = fs::read_to_string(path).map_err(failed)?;
+            let text = read_text(path).map_err(failed)?;
             let mut lines = text.lines();
             let found = lines.next().and_then(|line| serde_json::from_str::<Head>(line).ok());
             if found.is_some_and(|found| found != head) {

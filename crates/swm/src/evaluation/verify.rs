@@ -10,7 +10,7 @@ use swm_core::{PolicyArgs, Registry};
 use super::hash::file_hash;
 use super::probe::fingerprints;
 use super::receipt::Receipt;
-use super::reference::Role;
+use super::reference::{Reference, Regret, Role, roles};
 use super::run::{Candidate, RunOptions, run_pairs};
 
 /// A part of a result that can differ.
@@ -165,10 +165,11 @@ pub fn verify(
             );
         }
     }
-    let summary = Summary::of(&again);
-    if summary != receipt.summary && differences.is_empty() {
-        differences.insert(Part::Outcomes, "the summary is not that of the episodes".to_owned());
+    for (part, what) in contradictions(receipt, &roles(registry, entry, manifest, candidate)) {
+        let known: &mut String = differences.entry(part).or_default();
+        *known += &format!("{}{what}", if known.is_empty() { "" } else { "; " });
     }
+    let summary = Summary::of(&again);
     Ok(Verification {
         equal: differences.is_empty() && episodes.is_empty(),
         differences,
@@ -177,6 +178,45 @@ pub fn verify(
         summary,
         recorded: receipt.summary.clone(),
     })
+}
+
+/// What a receipt derives from its episodes, where it is not what follows from them: rates, intervals, tests, regrets. And
+/// reference policies that are not those of their role; `roles` are those of the candidate.
+fn contradictions(receipt: &Receipt, roles: &[(Role, Candidate)]) -> Vec<(Part, String)> {
+    let Receipt { summary, phases, episodes, manifest, references, .. } = receipt;
+    let mut found = Vec::new();
+    if *summary != Summary::of(episodes) {
+        found.push((Part::Outcomes, "the summary is not that of the episodes".to_owned()));
+    }
+    // Receipts from before there were phases have none.
+    if !phases.is_empty() && *phases != Receipt::by_phase(manifest, episodes) {
+        found.push((Part::Outcomes, "the phases are not those of the episodes".to_owned()));
+    }
+    for reference in references {
+        let Reference { role, candidate, summary, test, regret, episodes: own } = reference;
+        let derived = Reference::new(*role, candidate.clone(), own.clone(), episodes);
+        let mut wrong = |what: &str| found.push((Part::References, format!("{}: {what}", role.name())));
+        if *summary != derived.summary {
+            wrong("the summary is not that of its episodes");
+        }
+        if *test != derived.test {
+            wrong("the paired test is not that of the episodes");
+        }
+        // Older receipts have no regret after the later plans, or none at all.
+        let expected = derived.regret.map(|derived| match regret {
+            Some(Regret { by_plan, .. }) if by_plan.is_empty() => Regret { by_plan: Vec::new(), ..derived },
+            _ => derived,
+        });
+        if regret.is_some() && *regret != expected {
+            wrong("the regret is not that of the episodes");
+        }
+        let is_other =
+            |(known, expected): &(Role, Candidate)| known == role && candidate.policy != expected.policy;
+        if *role != Role::Oracle && roles.iter().any(is_other) {
+            wrong("it is another policy");
+        }
+    }
+    found
 }
 
 /// Why an episode may differ where all fingerprints agree.

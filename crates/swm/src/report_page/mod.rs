@@ -17,6 +17,7 @@ use swm_core::error::BoxError;
 use crate::evaluation::{Candidate, Code, Receipt, SWEEP_VERSION, Sweep, is_sweep, read_receipt};
 use crate::html;
 use crate::plan::PlanFigure;
+use crate::text_file::read_text;
 use labels::{Label, labels};
 use replay::{Replayed, VideoCard, replay};
 
@@ -46,7 +47,7 @@ impl Item {
     pub fn read(path: &Path) -> Result<Self, BoxError> {
         let sweep = if path.is_dir() { path.join("sweep.json") } else { path.to_owned() };
         let json: Option<serde_json::Value> =
-            std::fs::read_to_string(&sweep).ok().and_then(|text| serde_json::from_str(&text).ok());
+            read_text(&sweep).ok().and_then(|text| serde_json::from_str(&text).ok());
         let content = match json {
             Some(json) if is_sweep(&json) => {
                 let wrong = |reason: String| format!("sweep {}: {reason}", sweep.display());

@@ -11,6 +11,7 @@ use crate::dataset::WriteOptions;
 #[cfg(feature = "video")]
 use crate::error::missing;
 use crate::error::{At as _, Result, wrong_type};
+use crate::formats::disk::{sync, write_new};
 use crate::recording::StepIndex;
 #[cfg(feature = "video")]
 use crate::video::{VideoWriter, encoding};
@@ -32,6 +33,8 @@ pub(super) struct ImageWriter {
     episode: u64,
     /// Its last JPEG file.
     last: Option<Written>,
+    /// Files that may not be on the disk yet.
+    unsynced: Vec<PathBuf>,
     checksum: Hasher,
     #[cfg(feature = "video")]
     video: Option<VideoWriter>,
@@ -54,6 +57,7 @@ impl ImageWriter {
             options: options.clone(),
             episode: 0,
             last: None,
+            unsynced: Vec::new(),
             checksum: Hasher::new(),
             #[cfg(feature = "video")]
             video: None,
@@ -78,6 +82,11 @@ impl ImageWriter {
         }
     }
 
+    /// Brings the files of ended episodes to the disk.
+    pub(super) fn sync(&mut self) -> Result<()> {
+        Ok(sync(&std::mem::take(&mut self.unsynced))?)
+    }
+
     /// Ends the open episode, and returns the checksum of its files.
     pub(super) fn finish(&mut self) -> Result<u32> {
         match self.store {
@@ -90,7 +99,8 @@ impl ImageWriter {
                 let video = self.video.take().ok_or(missing("a video without frames"))?;
                 let bytes = video.finish()?;
                 let path = video_path(&self.folder, self.episode);
-                fs::write(&path, &bytes).at(path.display())?;
+                write_new(&path, &bytes).at(path.display())?;
+                self.unsynced.push(path);
                 Ok(crc32fast::hash(&bytes))
             }
         }
@@ -119,7 +129,8 @@ impl ImageWriter {
             let row = first + index;
             let path = jpeg_path(&self.folder, episode, row, "jpeg");
             if let Some(file) = file {
-                fs::write(&path, &file).at(path.display())?;
+                write_new(&path, &file).at(path.display())?;
+                self.unsynced.push(path);
                 self.last = Some(Written { pixels: Vec::new(), row, file });
             } else if let Some(last) = &self.last {
                 // What an interrupted recording left.
@@ -128,7 +139,7 @@ impl ImageWriter {
                     _ => {}
                 }
                 let linked = fs::hard_link(jpeg_path(&self.folder, episode, last.row, "jpeg"), &path);
-                linked.or_else(|_| fs::write(&path, &last.file)).at(path.display())?;
+                linked.or_else(|_| write_new(&path, &last.file)).at(path.display())?;
             }
             if let Some(last) = &self.last {
                 self.checksum.update(&last.file);

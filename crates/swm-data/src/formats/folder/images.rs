@@ -19,6 +19,9 @@ use crate::dataset::Steps;
 use crate::error::invalid;
 use crate::error::{At as _, Result, wrong_type};
 #[cfg(feature = "video")]
+use crate::formats::disk::open_regular;
+use crate::formats::disk::read_regular;
+#[cfg(feature = "video")]
 use crate::video::{self, VideoReader};
 
 /// How images are stored.
@@ -70,7 +73,7 @@ impl Store {
             #[cfg(feature = "video")]
             Self::Video => {
                 let path = video_path(folder, episode);
-                Ok(crc32fast::hash(&fs::read(&path).at(path.display())?))
+                Ok(crc32fast::hash(&read_regular(&path).at(path.display())?))
             }
         }
     }
@@ -80,23 +83,32 @@ impl Store {
         files_from(folder, first)?.into_iter().try_for_each(fs::remove_file)
     }
 
-    /// The number of files of episodes from `first` on.
+    /// The number of files of episodes from `first` on; none in the folder of another dataset.
     pub(super) fn leftovers(self, folder: &Path, first: u64) -> std::io::Result<usize> {
+        if fs::symlink_metadata(folder)?.is_symlink() {
+            return Ok(0);
+        }
         Ok(files_from(folder, first)?.len())
     }
 }
 
-/// The files `ep_<i>…` with i at least `first`.
+/// The episode of an image or video, by its name.
+fn episode_of(name: &str) -> Option<u64> {
+    let (stem, extension) = name.strip_prefix("ep_")?.rsplit_once('.')?;
+    let episode = match (extension, stem.split_once("_step_")) {
+        ("jpeg" | "jpg", Some((episode, row))) if row.parse::<u64>().is_ok() => episode,
+        ("mp4", None) => stem,
+        _ => return None,
+    };
+    episode.parse().ok()
+}
+
+/// The images and videos of episodes from `first` on.
 fn files_from(folder: &Path, first: u64) -> std::io::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
-        let name = entry.file_name();
-        let number = name.to_str().and_then(|name| name.strip_prefix("ep_")).and_then(|rest| {
-            let end = rest.find(|c: char| !c.is_ascii_digit())?;
-            rest[..end].parse::<u64>().ok()
-        });
-        if number.is_some_and(|episode| episode >= first) {
+        if entry.file_name().to_str().and_then(episode_of).is_some_and(|episode| episode >= first) {
             files.push(entry.path());
         }
     }
@@ -139,7 +151,7 @@ impl ImageReader {
                 let path = video_path(folder, episode);
                 if self.video.as_ref().is_none_or(|(open, _)| *open != path) {
                     self.video = None;
-                    let bytes = fs::read(&path).at(path.display())?;
+                    let bytes = read_regular(&path).at(path.display())?;
                     if checksum.is_some_and(|checksum| checksum != crc32fast::hash(&bytes)) {
                         let changed = invalid("its checksum is wrong, the file was changed");
                         return Err(changed.at(path.display()));
@@ -159,11 +171,11 @@ pub(super) fn jpeg_path(folder: &Path, episode: u64, row: usize, extension: &str
 
 fn read_jpeg(folder: &Path, episode: u64, row: usize) -> Result<(Vec<u8>, PathBuf)> {
     let path = jpeg_path(folder, episode, row, "jpeg");
-    match fs::read(&path) {
+    match read_regular(&path) {
         Ok(bytes) => Ok((bytes, path)),
         Err(error) => {
             let other = jpeg_path(folder, episode, row, "jpg");
-            fs::read(&other).map(|bytes| (bytes, other)).map_err(|_| error).at(path.display())
+            read_regular(&other).map(|bytes| (bytes, other)).map_err(|_| error).at(path.display())
         }
     }
 }
@@ -175,6 +187,6 @@ pub(super) fn video_path(folder: &Path, episode: u64) -> PathBuf {
 
 #[cfg(feature = "video")]
 fn open_video(path: &Path) -> Result<Mp4Reader<BufReader<File>>> {
-    let file = File::open(path).at(path.display())?;
+    let file = open_regular(path).at(path.display())?;
     Mp4Reader::new(BufReader::new(file)).at(path.display())
 }

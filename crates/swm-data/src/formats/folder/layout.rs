@@ -5,7 +5,7 @@
 //! `ep_len.json` (columns, kinds, metadata of runs) and `ep_len.index` (one record per episode, which says how long
 //! it is and what its columns' checksums are, and commits it).
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use crc32fast::hash;
@@ -13,14 +13,14 @@ use serde::{Deserialize, Serialize};
 use swm_core::{Field, Metadata};
 
 use crate::error::{DataError, Result};
-use crate::formats::disk::{is_plain_name, replace_json, write_all_at};
+use crate::formats::disk::{is_plain_name, open_own, read_regular, replace_json, write_all_at};
 
 /// Rows of each episode, i32.
 pub(super) const EP_LEN: &str = "ep_len";
 /// First row of each episode, i64.
 pub(super) const EP_OFFSET: &str = "ep_offset";
 
-const MANIFEST: &str = "ep_len.json";
+pub(super) const MANIFEST: &str = "ep_len.json";
 const INDEX: &str = "ep_len.index";
 const INDEX_MAGIC: &[u8; 8] = b"swmidx1\n";
 const VERSION: u32 = 1;
@@ -64,7 +64,7 @@ impl Manifest {
             Ok(metadata) if metadata.len() > MAX_MANIFEST => {
                 return Err(DataError::damaged(&path, format!("it has {} bytes", metadata.len())));
             }
-            _ => fs::read(&path).map_err(|source| DataError::io(&path, "read", source))?,
+            _ => read_regular(&path).map_err(|source| DataError::io(&path, "read", source))?,
         };
         let manifest: Self =
             serde_json::from_slice(&bytes).map_err(|error| DataError::damaged(&path, error))?;
@@ -126,7 +126,7 @@ impl Entry {
 /// Reads the index of a folder of ours: the episodes that were committed.
 pub(super) fn read_index(folder: &Path, columns: usize) -> Result<Vec<Entry>, DataError> {
     let path = folder.join(INDEX);
-    let bytes = fs::read(&path).map_err(|source| DataError::io(&path, "read", source))?;
+    let bytes = read_regular(&path).map_err(|source| DataError::io(&path, "read", source))?;
     let Some(records) = bytes.strip_prefix(INDEX_MAGIC) else {
         // Killed before the first episode.
         return match bytes.len() < INDEX_MAGIC.len() {
@@ -155,12 +155,16 @@ impl IndexWriter {
     pub(super) fn open(folder: &Path, columns: usize, episodes: usize) -> Result<Self, DataError> {
         let path = folder.join(INDEX);
         let failed = |source| DataError::io(&path, "write", source);
-        let options = OpenOptions::new().create(true).truncate(false).read(true).write(true).open(&path);
-        let file = options.map_err(failed)?;
+        let file = open_own(&path, true).map_err(failed)?;
         write_all_at(&file, INDEX_MAGIC, 0).map_err(failed)?;
         let end = (INDEX_MAGIC.len() + episodes * Entry::size(columns)) as u64;
         file.set_len(end).map_err(failed)?;
         Ok(Self { file, end })
+    }
+
+    /// Brings the records to the disk.
+    pub(super) fn sync(&self) -> Result<()> {
+        Ok(self.file.sync_all()?)
     }
 
     /// Commits an episode.

@@ -32,8 +32,17 @@ struct Shared {
     /// First rows, by episode.
     first: Vec<usize>,
     manifest: Option<Manifest>,
-    /// One per episode in folders of ours.
-    entries: Vec<Entry>,
+    known: Known,
+}
+
+/// The episodes of a folder of ours.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Known {
+    /// One per episode.
+    pub(super) entries: Vec<Entry>,
+    /// How many of them stand in the index; the others were found by the reference's `ep_len.npz`, which is written after
+    /// the values and before the index.
+    pub(super) indexed: usize,
 }
 
 #[derive(Debug)]
@@ -55,41 +64,56 @@ impl FolderDataset {
     pub(super) fn manifest(&self) -> Option<&Manifest> {
         self.shared.manifest.as_ref()
     }
+
+    pub(super) fn known(&self) -> Known {
+        self.shared.known.clone()
+    }
 }
 
 impl Shared {
     fn ours(path: &Path, format: &'static str, store: Store, manifest: Manifest) -> Result<Self, DataError> {
         let schema =
             Schema::new(manifest.columns.clone()).map_err(|error| DataError::damaged(path, error))?;
-        let entries = layout::read_index(path, manifest.columns.len())?;
+        // First: while a recording goes on, it is never behind the index that is read next.
+        let witness = lengths_by_reference(path);
+        let mut entries = layout::read_index(path, manifest.columns.len())?;
+        let indexed = entries.len();
+        let agrees = entries.iter().zip(&witness).all(|(entry, &rows)| i64::from(entry.rows) == rows);
+        let lost = if agrees { witness.get(indexed..).unwrap_or_default() } else { &[] };
         let (mut rows, mut first, mut lengths) = (0usize, Vec::new(), Vec::new());
-        for entry in &entries {
+        for len in entries.iter().map(|entry| entry.rows as usize).chain(lost.iter().map(|&len| len as usize))
+        {
             first.push(rows);
-            lengths.push(entry.rows as usize);
-            rows += entry.rows as usize;
+            lengths.push(len);
+            rows += len;
         }
-        let mut columns = Vec::new();
-        for field in &manifest.columns {
-            if store.takes(field) {
-                columns.push(Source::Images(path.join(&field.name)));
-                continue;
+        let columns = sources(path, store, &manifest, rows);
+        let restored = columns.and_then(|columns| {
+            for episode in indexed..lengths.len() {
+                let rows = lengths[episode];
+                let checksums =
+                    columns.iter().map(|source| checksum(source, store, (episode, first[episode], rows)));
+                let checksums =
+                    checksums.collect::<Result<_, _>>().map_err(|error| DataError::damaged(path, error))?;
+                entries.push(Entry { rows: rows as u32, checksums });
             }
-            let file = layout::array(path, &field.name);
-            let damaged = |error| DataError::damaged(&file, error);
-            let array = Array::open_growing(&file, rows).map_err(damaged)?;
-            if array.elements().dtype() != field.dtype || array.row_shape() != field.shape {
-                let (elements, shape) = (array.elements(), array.row_shape());
-                return Err(damaged(wrong_type(format!(
-                    "it holds {elements:?} {shape:?}, not {} {:?}",
-                    field.dtype, field.shape
-                ))));
-            }
-            columns.push(Source::Array(array));
-        }
+            Ok(columns)
+        });
+        let columns = restored.map_err(|error| match lost.len() {
+            0 => error,
+            lost => DataError::damaged(
+                path,
+                format!(
+                    "`ep_len.npz` knows {lost} episodes more than the index, which cannot be restored from their files: {error}; \
+                     get the folder again from where it came"
+                ),
+            ),
+        })?;
         let mut info = DatasetInfo::new(path, format, schema, lengths);
         info.runs = manifest.runs.clone().into();
         info.has_checksums = true;
-        Ok(Self { info, store, columns, first, manifest: Some(manifest), entries })
+        let known = Known { entries, indexed };
+        Ok(Self { info, store, columns, first, manifest: Some(manifest), known })
     }
 
     fn foreign(path: &Path, format: &'static str, store: Store) -> Result<Self, DataError> {
@@ -143,7 +167,49 @@ impl Shared {
         let (first, lengths) = episodes.into_iter().unzip();
         let mut info = DatasetInfo::new(path, format, schema, lengths);
         info.skipped = skipped.into();
-        Ok(Self { info, store, columns, first, manifest: None, entries: Vec::new() })
+        Ok(Self { info, store, columns, first, manifest: None, known: Known::default() })
+    }
+}
+
+/// Lengths of episodes by the reference's index; none if it is not whole, as after a kill.
+fn lengths_by_reference(path: &Path) -> Vec<i64> {
+    let array = Array::open(&layout::array(path, EP_LEN)).and_then(|array| array.integers());
+    array
+        .ok()
+        .filter(|lengths| lengths.iter().all(|&len| i32::try_from(len).is_ok_and(|len| len > 0)))
+        .unwrap_or_default()
+}
+
+/// The columns of a folder of ours, which hold so many rows.
+fn sources(path: &Path, store: Store, manifest: &Manifest, rows: usize) -> Result<Vec<Source>, DataError> {
+    let source = |field: &Field| {
+        if store.takes(field) {
+            return Ok(Source::Images(path.join(&field.name)));
+        }
+        let file = layout::array(path, &field.name);
+        let damaged = |error| DataError::damaged(&file, error);
+        let array = Array::open_growing(&file, rows).map_err(damaged)?;
+        if array.elements().dtype() != field.dtype || array.row_shape() != field.shape {
+            let (elements, shape) = (array.elements(), array.row_shape());
+            return Err(damaged(wrong_type(format!(
+                "it holds {elements:?} {shape:?}, not {} {:?}",
+                field.dtype, field.shape
+            ))));
+        }
+        Ok(Source::Array(array))
+    };
+    manifest.columns.iter().map(source).collect()
+}
+
+/// The checksum of what a column holds of an episode: its number, its first row, its length.
+fn checksum(
+    source: &Source,
+    store: Store,
+    (episode, first, rows): (usize, usize, usize),
+) -> Result<u32, FormatError> {
+    match source {
+        Source::Array(array) => array.bytes(first, rows, &mut Vec::new()).map(crc32fast::hash),
+        Source::Images(folder) => store.checksum(folder, episode as u64, rows),
     }
 }
 
@@ -204,7 +270,7 @@ impl Dataset for FolderDataset {
             }
             (Source::Images(folder), SliceMut::U8(out)) => {
                 let checksum =
-                    shared.entries.get(episode).and_then(|entry| entry.checksums.get(column).copied());
+                    shared.known.entries.get(episode).and_then(|entry| entry.checksums.get(column).copied());
                 let reader = self.images.entry(column).or_default();
                 reader.read(shared.store, folder, episode as u64, (field, steps), checksum, out)
             }
@@ -219,14 +285,10 @@ impl Dataset for FolderDataset {
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
         let shared = &*self.shared;
-        let Some(entry) = shared.entries.get(episode) else { return Ok(()) };
-        let (first, rows) = (shared.first[episode], entry.rows as usize);
+        let Some(entry) = shared.known.entries.get(episode) else { return Ok(()) };
+        let place = (episode, shared.first[episode], entry.rows as usize);
         for (column, (source, &expected)) in shared.columns.iter().zip(&entry.checksums).enumerate() {
-            let found = match source {
-                Source::Array(array) => array.bytes(first, rows, &mut self.scratch).map(crc32fast::hash),
-                Source::Images(folder) => shared.store.checksum(folder, episode as u64, rows),
-            };
-            match found {
+            match checksum(source, shared.store, place) {
                 Ok(found) if found == expected => {}
                 Ok(_) => return Err(shared.info.damaged(column, episode, CHANGED)),
                 Err(error) => return Err(shared.info.damaged(column, episode, error)),

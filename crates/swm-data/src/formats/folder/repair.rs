@@ -11,6 +11,7 @@ use crate::dataset::{Dataset as _, WriteOptions};
 use crate::error::DataError;
 use crate::formats::npz::Array;
 use crate::lock::WriterLock;
+use crate::recording::{self, Session as _};
 
 /// Says what is to be done; does it if `apply`.
 pub(super) fn repair(
@@ -19,12 +20,18 @@ pub(super) fn repair(
     store: Store,
     apply: bool,
 ) -> Result<Vec<String>, DataError> {
+    let path = &recording::resolve(path)?;
     let lock = WriterLock::take(path)?;
     let Some(manifest) = Manifest::read(path)? else { return Ok(Vec::new()) };
     let dataset = FolderDataset::open(path, format, store)?;
+    let known = dataset.known();
     let (episodes, rows) =
         (dataset.num_episodes(), (0..dataset.num_episodes()).map(|e| dataset.episode_len(e)).sum());
     let mut steps = Vec::new();
+    let lost = known.entries.len() - known.indexed;
+    if lost > 0 {
+        steps.push(format!("restore the records of the last {lost} episodes, which the index lacks"));
+    }
     let arrays =
         manifest.columns.iter().filter(|field| !store.takes(field)).map(|field| (field.name.as_str(), rows));
     for (name, rows) in arrays.chain([(layout::EP_LEN, episodes), (layout::EP_OFFSET, episodes)]) {
@@ -50,7 +57,8 @@ pub(super) fn repair(
         let schema = dataset.schema().clone();
         drop(dataset);
         let options = WriteOptions::default();
-        drop(FolderSession::open(path, store, &manifest, &schema, episodes, &options)?);
+        let mut session = FolderSession::open(path, store, &manifest, &schema, &known, &options)?;
+        session.sync().map_err(|error| DataError::record(path, error))?;
     }
     drop(lock);
     Ok(steps)

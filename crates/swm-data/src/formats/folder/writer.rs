@@ -2,7 +2,7 @@
 //! values and images are written first, its record in the index last, and the index alone tells which episodes exist.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crc32fast::Hasher;
@@ -12,10 +12,10 @@ use swm_core::{Batch, Dtype, Field, Schema, Slice};
 use super::image_writer::ImageWriter;
 use super::images::Store;
 use super::layout::{self, EP_LEN, EP_OFFSET, Entry, IndexWriter, Manifest};
-use super::reader::FolderDataset;
+use super::reader::{FolderDataset, Known};
 use crate::dataset::{Dataset, WriteOptions};
 use crate::error::{At as _, DataError, Result, wrong_type};
-use crate::formats::disk::is_plain_name;
+use crate::formats::disk::{self, is_plain_name};
 use crate::formats::npz::GrowingArray;
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex, check_fit};
 
@@ -31,6 +31,8 @@ pub(super) struct FolderSession {
     ep_len: GrowingArray,
     ep_offset: GrowingArray,
     index: IndexWriter,
+    /// The file of the description.
+    manifest: PathBuf,
     /// Rows of all committed episodes.
     rows: usize,
 }
@@ -84,6 +86,7 @@ impl Backend for FolderBackend {
         let mut columns = fields.to_vec();
         columns.push(Field::step(EP_IDX, Dtype::I32, &[]));
         let mut manifest = Manifest::new(self.format, columns);
+        let mut known = Known::default();
         if start.existing == Existing::Continued {
             let old = FolderDataset::open(path, self.format, self.store)?;
             let there = old.manifest().ok_or_else(|| recording::foreign(path))?;
@@ -92,6 +95,7 @@ impl Backend for FolderBackend {
             let first = there.runs.first().map_or(metadata, |(_, first)| first);
             check_fit(path, &stored, first, fields, metadata)?;
             manifest = there.clone();
+            known = old.known();
         } else if start.existing == Existing::Replaced {
             let old = FolderDataset::open(path, self.format, self.store)?;
             let names: Vec<String> = old.schema().fields().iter().map(|field| field.name.clone()).collect();
@@ -102,9 +106,8 @@ impl Backend for FolderBackend {
         let runs = recording::with_run(&manifest.runs, start.episodes, metadata);
         let changed = runs != manifest.runs;
         manifest.runs = runs;
-        let episodes = start.episodes as usize;
         let recording =
-            FolderSession::open(path, self.store, &manifest, start.schema, episodes, start.options)?;
+            FolderSession::open(path, self.store, &manifest, start.schema, &known, start.options)?;
         // Last: with it, the folder is a dataset.
         if changed {
             manifest.write(path)?;
@@ -146,27 +149,43 @@ impl Session for FolderSession {
         Ok(())
     }
 
+    /// Columns, the reference's index, ours, as they were committed.
+    fn sync(&mut self) -> Result<()> {
+        for target in &mut self.columns {
+            match &mut target.files {
+                Files::Array(array, _) => array.sync(),
+                Files::Images(images) => images.sync(),
+            }
+            .at(format_args!("column `{}`", target.field.name))?;
+        }
+        self.ep_offset.sync()?;
+        self.ep_len.sync()?;
+        self.index.sync()?;
+        Ok(disk::sync(&[self.manifest.clone()])?)
+    }
+
     fn close(self) -> Result<()> {
         Ok(())
     }
 }
 
 impl FolderSession {
-    /// Opens the files of a folder whose index commits `episodes` episodes; what lies behind them is removed.
+    /// Opens the files of a folder with the episodes that are known; their records are restored where the index lacks
+    /// them, and what lies behind them is removed.
     pub(super) fn open(
         path: &Path,
         store: Store,
         manifest: &Manifest,
         schema: &Arc<Schema>,
-        episodes: usize,
+        Known { entries, indexed }: &Known,
         options: &WriteOptions,
     ) -> Result<Self, DataError> {
-        let entries = match episodes {
-            0 => Vec::new(),
-            _ => layout::read_index(path, manifest.columns.len())?,
-        };
+        let episodes = entries.len();
         let rows = entries.iter().map(|entry| entry.rows as usize).sum();
-        let index = IndexWriter::open(path, manifest.columns.len(), episodes)?;
+        let mut index = IndexWriter::open(path, manifest.columns.len(), *indexed)?;
+        for entry in &entries[*indexed..] {
+            index.push(entry).map_err(|error| DataError::record(path, error))?;
+        }
         let array = |field: &Field, rows: usize| {
             let file = layout::array(path, &field.name);
             match rows {
@@ -203,6 +222,6 @@ impl FolderSession {
         let failed = |error| DataError::record(path, error);
         ep_len.append(episodes, Slice::I32(&lengths)).map_err(failed)?;
         ep_offset.append(episodes, Slice::I64(&offsets)).map_err(failed)?;
-        Ok(Self { columns, ep_len, ep_offset, index, rows })
+        Ok(Self { columns, ep_len, ep_offset, index, manifest: path.join(layout::MANIFEST), rows })
     }
 }

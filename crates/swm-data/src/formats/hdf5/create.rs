@@ -2,8 +2,8 @@
 //! SWMR mode ("single writer, multiple readers"), in which the library orders its writes so that the file on disk is
 //! readable at any moment.
 
-use std::fs;
 use std::path::Path;
+use std::{fs, io};
 
 use hdf5_metno as h5;
 use hdf5_metno::file::{FileCloseDegree, LibraryVersion};
@@ -17,6 +17,7 @@ use super::handles::{Handles, library_error};
 use super::layout::{MAX_CHUNK_BYTES, TEXT_BYTES, chunking};
 use super::superblock;
 use crate::error::{DataError, Result};
+use crate::formats::disk;
 use crate::lock::beside;
 
 /// Level of the LZ4 compression, as the reference has it.
@@ -41,6 +42,8 @@ fn create_draft(draft: &Path, fields: &[Field], metadata: &Metadata) -> Result<H
     let mut builder = options();
     // Without times of creation: equal content makes equal files.
     builder.fcpl().obj_track_times(false);
+    // A link of that name is not followed.
+    drop(disk::new_file(draft)?);
     let file = builder.create(draft).map_err(library_error)?;
     Handles::new(file, fields, new_column)?.prepared(|Handles { file, .. }| {
         attributes::write(file, fields, metadata)?;
@@ -69,7 +72,12 @@ pub(super) fn reopen(
 fn change_attributes(path: &Path, chunks_end: u64, change: &RunChange<'_>) -> Result<(), DataError> {
     let draft = beside(path, ".new");
     let changed = || -> Result<(), DataError> {
-        fs::copy(path, &draft).map_err(|source| DataError::io(&draft, "copy the dataset to", source))?;
+        let copied = disk::new_file(&draft).and_then(|mut draft| {
+            let mut file = fs::File::open(path)?;
+            draft.set_permissions(file.metadata()?.permissions())?;
+            io::copy(&mut file, &mut draft).map(drop)
+        });
+        copied.map_err(|source| DataError::io(&draft, "copy the dataset to", source))?;
         superblock::repair(&draft, chunks_end)?;
         let apply = || -> Result<()> {
             let file = options().open_rw(&draft).map_err(library_error)?;

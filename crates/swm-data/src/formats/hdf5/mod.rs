@@ -10,6 +10,7 @@ mod handles;
 mod layout;
 mod library;
 mod lz4;
+mod members;
 mod reader;
 mod repair;
 mod storage;

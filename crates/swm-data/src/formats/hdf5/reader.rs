@@ -7,16 +7,18 @@ use std::sync::Arc;
 
 use hdf5_metno as h5;
 use swm_core::env::VARIATION_PREFIX;
-use swm_core::{Field, FieldKind, Schema, SliceMut};
+use swm_core::{Field, FieldKind, Metadata, Schema, SliceMut};
 
 use super::attributes::Attributes;
 use super::handles::library_error;
 use super::layout::{EP_LEN, EP_OFFSET, element_of};
+use super::members::Members;
 use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
 use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
 use crate::formats::element::Element;
+use crate::recording::EP_IDX;
 
 /// How often the library may re-read metadata that a live writer is changing. Its own default of 100 doubles its
 /// pauses up to minutes when the file is simply damaged.
@@ -24,7 +26,7 @@ const METADATA_READ_ATTEMPTS: u32 = 20;
 /// Cache for chunks that the library decodes; the reference's chunks of 100 frames exceed its default of 1 MiB.
 const CHUNK_CACHE_BYTES: usize = 64 << 20;
 /// A row above this size is taken for damage.
-const MAX_ROW_BYTES: usize = 1 << 30;
+const MAX_ROW_BYTES: usize = 256 << 20;
 
 /// An open HDF5 dataset.
 #[derive(Debug)]
@@ -60,15 +62,8 @@ impl Hdf5Dataset {
         let failed = |part: &str, error| DataError::damaged(path, library_error(error).at(part));
         let attributes = Attributes::read(&library).map_err(|error| DataError::damaged(path, error))?;
 
-        let mut datasets = Vec::new();
-        for name in library.member_names().map_err(|error| failed("its list of columns", error))? {
-            match library.dataset(&name) {
-                Ok(dataset) => datasets.push((name, dataset)),
-                Err(_) if library.group(&name).is_ok() => {}
-                Err(error) => return Err(failed(&format!("column `{name}`"), error)),
-            }
-        }
-        datasets.sort_by(|(a, _), (b, _)| a.cmp(b));
+        let Members { mut datasets, skipped: mut outside } =
+            Members::of(&library).map_err(|error| DataError::damaged(path, error))?;
         let mut chunks_end = 0;
         // Only a repair asks for it, and it takes a pass over all chunks.
         for (name, dataset) in datasets.iter().filter(|_| unclean) {
@@ -81,7 +76,9 @@ impl Hdf5Dataset {
         let length = file.metadata().map_err(|source| DataError::io(path, "open", source))?.len();
         let mut index = |name: &str| {
             let Some(at) = datasets.iter().position(|(there, _)| there == name) else {
-                let reason = format!("it has no `{name}`, which says where episodes lie");
+                let why = outside.iter().find(|(there, _)| there == name).map(|(_, why)| format!(": {why}"));
+                let why = why.unwrap_or_default();
+                let reason = format!("it has no `{name}`, which says where episodes lie{why}");
                 return Err(DataError::not_a_dataset(path, reason));
             };
             let (_, dataset) = datasets.remove(at);
@@ -94,7 +91,8 @@ impl Hdf5Dataset {
         let lengths = index(EP_LEN)?;
         let offsets = index(EP_OFFSET)?;
 
-        let (described, skipped) = describe(path, datasets, attributes.columns.as_deref())?;
+        let (described, mut skipped) = describe(path, datasets, attributes.columns.as_deref())?;
+        skipped.append(&mut outside);
         let available =
             described.iter().map(|column| (column.field.name.as_str(), column.rows)).min_by_key(|c| c.1);
         let episodes = spans(path, &lengths, &offsets, available, unclean)?;
@@ -126,6 +124,14 @@ impl Hdf5Dataset {
     /// The description of the file.
     pub(super) fn attributes(&self) -> &Attributes {
         &self.shared.attributes
+    }
+
+    /// Columns and first run, if this program made the file and can continue it.
+    pub(super) fn ours(&self) -> Option<(&[Field], &Metadata)> {
+        let Attributes { columns, runs } = self.attributes();
+        // Filled by the writer, and opened by its name: it must be among the columns that were looked at.
+        self.schema().index(EP_IDX)?;
+        Some((columns.as_deref()?, &runs.first()?.1))
     }
 
     /// Rows of all episodes, which lie end to end in our own files.

@@ -26,8 +26,7 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
             .to_owned(),
         format!("cut what lies behind the {episodes} finished episodes"),
     ];
-    let attributes = old.attributes().clone();
-    let (Some(columns), Some((_, metadata))) = (&attributes.columns, attributes.runs.last()) else {
+    let (Some((columns, _)), Some((_, metadata))) = (old.ours(), old.attributes().runs.last()) else {
         return Err(recording::foreign(&path));
     };
     if apply {
@@ -36,10 +35,11 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
             episodes,
             rows: old.total_rows(),
             chunks_end: old.chunks_end(),
-            attributes: attributes.clone(),
+            attributes: old.attributes().clone(),
         };
+        let metadata = metadata.clone();
         drop(old);
-        let handles = create::reopen(&path, &fields, &end, metadata)?;
+        let handles = create::reopen(&path, &fields, &end, &metadata)?;
         handles.close().map_err(|error| DataError::write(&path, episodes as u64, error))?;
     }
     Ok(steps)

@@ -2,7 +2,7 @@
 //! reach the disk first, then the episode's offset, then its length, and a reader counts an episode only when it has
 //! both. (Against the end of the process, that is; the loss of power is the file system's affair.)
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use swm_core::{Batch, Field, Metadata, Schema, Slice};
@@ -15,6 +15,7 @@ use super::library;
 use super::reader::Hdf5Dataset;
 use crate::dataset::Dataset;
 use crate::error::{At as _, DataError, Result};
+use crate::formats::disk;
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex};
 
 /// How files of HDF5 are recorded.
@@ -24,6 +25,7 @@ pub(super) struct Hdf5Backend;
 #[derive(Debug)]
 pub(super) struct Hdf5Session {
     handles: Handles,
+    path: PathBuf,
     schema: Arc<Schema>,
     /// Positions in the schema of the columns that are stored as they are given (all but `ep_idx`).
     stored: Vec<usize>,
@@ -78,6 +80,7 @@ impl Backend for Hdf5Backend {
         let stored = (0..schema.fields().len()).filter(|&index| schema.fields()[index].name != EP_IDX);
         Ok(Hdf5Session {
             handles,
+            path: path.to_owned(),
             schema: schema.clone(),
             stored: stored.collect(),
             rows,
@@ -115,8 +118,13 @@ impl Session for Hdf5Session {
         Ok(())
     }
 
+    fn sync(&mut self) -> Result<()> {
+        Ok(disk::sync(std::slice::from_ref(&self.path))?)
+    }
+
     fn close(self) -> Result<()> {
-        self.handles.close()
+        self.handles.close()?;
+        Ok(disk::sync(&[self.path])?)
     }
 
     /// Cuts the open episode off: an abandoned file stays open until the process ends.
@@ -143,9 +151,6 @@ fn append(dataset: &hdf5_metno::Dataset, first: usize, values: Slice<'_>) -> Res
 
 /// Whether episodes with these columns and settings continue `old`.
 fn check_old(path: &Path, old: &Hdf5Dataset, fields: &[Field], metadata: &Metadata) -> Result<(), DataError> {
-    let attributes = old.attributes();
-    let (Some(columns), Some((_, first))) = (&attributes.columns, attributes.runs.first()) else {
-        return Err(recording::foreign(path));
-    };
+    let (columns, first) = old.ours().ok_or_else(|| recording::foreign(path))?;
     recording::check_fit(path, columns, first, fields, metadata)
 }

@@ -16,6 +16,7 @@ use super::manifest::{Manifest, is_video};
 use super::table::Table;
 use crate::dataset::DatasetInfo;
 use crate::error::{At as _, Result, invalid, missing};
+use crate::formats::disk::open_regular;
 
 /// What all handles on a folder share; never changed after opening.
 pub(super) struct Shared {
@@ -150,6 +151,6 @@ fn shape_of(feature: &Json) -> Result<Vec<usize>> {
 
 /// An open video.
 pub(super) fn video(path: &Path) -> Result<Mp4Reader<BufReader<File>>> {
-    let file = File::open(path).at(path.display())?;
+    let file = open_regular(path).at(path.display())?;
     Mp4Reader::new(BufReader::new(file)).at(path.display())
 }

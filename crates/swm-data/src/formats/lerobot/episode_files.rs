@@ -10,7 +10,8 @@ use swm_core::Column;
 
 use super::info::Info;
 use super::table::Table;
-use crate::error::{At as _, Result, invalid, missing, wrong_type};
+use crate::error::{At as _, FormatError, Result, invalid, missing, wrong_type};
+use crate::formats::disk::read_regular;
 
 /// Above this size a line-by-line list of episodes is taken for damage.
 const MAX_LIST: u64 = 1 << 30;
@@ -42,7 +43,7 @@ pub(super) fn second(path: &Path, info: &Info, cameras: &[String]) -> Result<Vec
     if fs::metadata(&list).at(list.display())?.len() > MAX_LIST {
         return Err(invalid("its list of episodes is too long"));
     }
-    let text = fs::read_to_string(&list).at(list.display())?;
+    let text = String::from_utf8(read_regular(&list).at(list.display())?).map_err(FormatError::other)?;
     let mut episodes = Vec::new();
     for line in text.lines().filter(|line| !line.trim().is_empty()) {
         let entry: Json = serde_json::from_str(line).at(list.display())?;

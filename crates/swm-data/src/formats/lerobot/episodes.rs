@@ -36,6 +36,11 @@ pub(super) fn video_path(camera: &str, episode: usize) -> String {
     format!("videos/{camera}/chunk-{:03}/file-{:03}.mp4", episode / CHUNK, episode % CHUNK)
 }
 
+/// The file of the list that names an episode.
+pub(super) fn list_of(episode: usize) -> String {
+    list_path(episode / PER_FILE)
+}
+
 fn list_path(file: usize) -> String {
     format!("meta/episodes/chunk-{:03}/file-{:03}.parquet", file / CHUNK, file % CHUNK)
 }

@@ -9,7 +9,7 @@ use serde_json::{Map, Value as Json, json};
 use super::episodes::CHUNK;
 use super::manifest::{Manifest, OWN, is_own, is_video};
 use crate::error::{At as _, DataError, Result, invalid, missing, unsupported};
-use crate::formats::disk::replace_json;
+use crate::formats::disk::{read_regular, replace_json};
 
 /// Where it lies.
 pub(super) const INFO: &str = "meta/info.json";
@@ -48,7 +48,7 @@ impl Info {
         if length > MAX_BYTES {
             return Err(invalid(format!("`{INFO}` has {length} bytes")));
         }
-        let bytes = fs::read(&path)?;
+        let bytes = read_regular(&path)?;
         let info: Self = serde_json::from_slice(&bytes).at(format_args!("`{INFO}`"))?;
         info.version()?;
         match info.fps.is_finite() && info.fps > 0.0 && info.chunks_size > 0 {

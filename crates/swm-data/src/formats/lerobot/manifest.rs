@@ -9,7 +9,7 @@ use swm_core::{Dtype, Field, Metadata};
 use swm_media::mp4;
 
 use crate::error::{At as _, DataError, Result, invalid, unsupported};
-use crate::formats::disk::{is_plain_name, replace_json};
+use crate::formats::disk::{is_plain_name, read_regular, replace_json};
 
 /// Where it lies.
 const MANIFEST: &str = "meta/swm.json";
@@ -55,7 +55,7 @@ impl Manifest {
             Ok(metadata) if metadata.len() > MAX_BYTES => {
                 return Err(invalid(format!("`{MANIFEST}` has {} bytes", metadata.len())));
             }
-            _ => fs::read(&path)?,
+            _ => read_regular(&path)?,
         };
         let manifest: Self = serde_json::from_slice(&bytes).at(format_args!("`{MANIFEST}`"))?;
         if manifest.version != VERSION {

@@ -15,7 +15,7 @@ use super::manifest::{Manifest, OWN, is_own, is_video};
 use super::parquet_file::{ColumnOut, TableWriter};
 use crate::dataset::row_bytes;
 use crate::error::{At as _, Result, missing, wrong_type};
-use crate::formats::disk::replace;
+use crate::formats::disk::{new_file, replace};
 use crate::video::VideoWriter;
 
 /// Bytes of a group of rows.
@@ -154,7 +154,7 @@ impl OpenEpisode {
             Some(table) => table,
             None => {
                 let path = draft(&self.table_path);
-                let file = make_parent(&path).and_then(|()| File::create(&path)).at(path.display())?;
+                let file = make_parent(&path).and_then(|()| new_file(&path)).at(path.display())?;
                 let out = Checked { out: BufWriter::new(file), checksum: Hasher::new() };
                 self.table.insert(TableWriter::new(out, &columns, &[])?)
             }

@@ -1,7 +1,7 @@
 //! Reading rows of an open LeRobot folder.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,6 +14,7 @@ use super::episode_files::EpisodeFiles;
 use super::table::Table;
 use crate::dataset::{CHANGED, Dataset, DatasetInfo, Steps, copy_rows};
 use crate::error::{At as _, DataError, Result, invalid, missing, wrong_type};
+use crate::formats::disk::read_regular;
 
 /// An open folder.
 pub(super) struct LeRobotDataset {
@@ -99,7 +100,7 @@ impl LeRobotDataset {
 /// Compares a file of an episode with its checksum, if there is one.
 fn check(path: &Path, files: &EpisodeFiles) -> Result<()> {
     let Some(&checksum) = files.checksums.get(path) else { return Ok(()) };
-    let bytes = fs::read(path).at(path.display())?;
+    let bytes = read_regular(path).at(path.display())?;
     match crc32fast::hash(&bytes) == checksum {
         true => Ok(()),
         false => Err(invalid(CHANGED)).at(path.display()),

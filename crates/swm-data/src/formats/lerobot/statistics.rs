@@ -1,7 +1,6 @@
 //! `meta/stats.json`: least, greatest, mean and spread of every feature, by which LeRobot normalizes. Images count by
 //! color, between 0 and 1, every tenth of an episode's. Values that are not finite do not count.
 
-use std::fs;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -11,7 +10,7 @@ use swm_core::{Batch, Dtype, Field, Slice};
 use super::manifest::{Manifest, is_video};
 use crate::dataset::{Dataset, pieces};
 use crate::error::DataError;
-use crate::formats::disk::replace;
+use crate::formats::disk::{read_regular, replace};
 
 /// Where they lie.
 const STATISTICS: &str = "meta/stats.json";
@@ -159,7 +158,7 @@ impl Statistics {
 
     /// Those of the folder, if they are of exactly `rows` rows.
     pub(super) fn read(folder: &Path, manifest: &Manifest, rows: usize) -> Option<Self> {
-        let found: Self = serde_json::from_slice(&fs::read(folder.join(STATE)).ok()?).ok()?;
+        let found: Self = serde_json::from_slice(&read_regular(&folder.join(STATE)).ok()?).ok()?;
         let fits = found.columns.len() == manifest.columns.len()
             && found
                 .columns

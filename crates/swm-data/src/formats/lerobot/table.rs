@@ -6,6 +6,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use crate::error::{At as _, FormatError, Result, invalid, missing, unsupported, wrong_type};
+use crate::formats::disk::open_regular;
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
 use parquet::file::reader::{FileReader, SerializedFileReader};
@@ -24,7 +25,7 @@ pub(super) struct Table {
 
 impl Table {
     pub(super) fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).at(path.display())?;
+        let file = open_regular(path).at(path.display())?;
         let reader = guarded(|| SerializedFileReader::new(file).map_err(FormatError::other));
         let reader = reader.at(path.display())?;
         let metadata = reader.metadata().file_metadata();

@@ -18,7 +18,7 @@ use super::reader::LeRobotDataset;
 use super::statistics::Statistics;
 use crate::dataset::{Dataset, WriteOptions};
 use crate::error::{DataError, Result, missing};
-use crate::formats::disk::is_plain_name;
+use crate::formats::disk::{self, is_plain_name};
 use crate::lock::WriterLock;
 use crate::recording::{self, Backend, Existing, Session, SessionStart, StepIndex, check_fit};
 use crate::video::{FRAMES_PER_SECOND, encoding};
@@ -37,6 +37,8 @@ pub(super) struct LeRobotSession {
     rows: usize,
     statistics: Statistics,
     open: Option<OpenEpisode>,
+    /// Files that may not be on the disk yet.
+    unsynced: Vec<PathBuf>,
 }
 
 impl Backend for LeRobotBackend {
@@ -118,9 +120,17 @@ impl Session for LeRobotSession {
         let checksums = open.finish(&self.path, self.manifest.frames_per_second)?;
         self.entries.push(Entry { rows: end.step, checksums });
         episodes::commit(&self.path, &self.manifest, &self.entries)?;
+        let episode = self.entries.len() - 1;
+        let videos = self.manifest.cameras().map(|(_, camera)| episodes::video_path(&camera, episode));
+        let written = [episodes::data_path(episode), episodes::list_of(episode), INFO.to_owned()];
+        self.unsynced.extend(written.into_iter().chain(videos).map(|name| self.path.join(name)));
         self.rows += end.step;
         self.statistics.end_episode();
         Ok(info::write(&self.path, &self.manifest, self.entries.len(), self.rows)?)
+    }
+
+    fn sync(&mut self) -> Result<()> {
+        Ok(disk::sync(&std::mem::take(&mut self.unsynced))?)
     }
 
     fn close(self) -> Result<()> {
@@ -157,12 +167,14 @@ impl LeRobotSession {
             rows,
             statistics,
             open: None,
+            unsynced: Vec::new(),
         })
     }
 }
 
 /// Says what is to be done about an interrupted recording; does it if `apply`.
 pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError> {
+    let path = &recording::resolve(path)?;
     let _lock = WriterLock::take(path)?;
     let damaged = |error| DataError::damaged(path, error);
     let Some(manifest) = Manifest::read(path).map_err(damaged)? else { return Ok(Vec::new()) };

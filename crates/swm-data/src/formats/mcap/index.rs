@@ -7,9 +7,8 @@ use std::path::Path;
 use swm_core::{Dtype, Field, Metadata};
 
 use super::chunks::{Chunk, Messages};
-use super::records::{
-    CHANNEL, CHUNK, DATA_END, FOOTER, HEAD, HEADER, MAGIC, MESSAGE_INDEX, METADATA, Reader,
-};
+use super::ending::{self, DataEnd, Footer};
+use super::records::{CHANNEL, CHUNK, DATA_END, HEAD, MAGIC, MESSAGE_INDEX, METADATA, Reader};
 use crate::error::{At as _, Result, invalid, missing};
 use crate::formats::disk::read_exact_at;
 
@@ -68,12 +67,13 @@ pub(super) struct Index {
     pub(super) metadata: Vec<(String, u64, u64)>,
     /// Behind the last record that counts.
     pub(super) end: u64,
-    /// Whether the summary is there.
-    pub(super) is_finished: bool,
+    /// Where the data ends in a file whose summary is there.
+    pub(super) data_end: Option<DataEnd>,
 }
 
 impl Index {
-    /// Walks over a file. Errors say what is damaged; a file that just ends is that of a killed recording.
+    /// Walks over a file. Errors say what is damaged. A file that just ends is that of a killed recording, if it was not
+    /// finished and no later episode was committed.
     pub(super) fn read(file: &File, path: &Path) -> Result<Self> {
         let length = file.metadata()?.len();
         let mut magic = [0; MAGIC.len()];
@@ -81,6 +81,8 @@ impl Index {
         if &magic != MAGIC {
             return Err(invalid("it does not begin as an MCAP file"));
         }
+        let footer = Footer::read(file, length)?;
+        let mut data_end = None;
         let mut found = Self { end: MAGIC.len() as u64, ..Self::default() };
         let mut open = Episode::default();
         let mut at = MAGIC.len() as u64;
@@ -112,14 +114,27 @@ impl Index {
                 CHUNK => found.chunks.push(Chunk::read(file, at, size)?),
                 MESSAGE_INDEX => found.messages(file, &content(MAX_RECORD)?, (at, end), &mut open)?,
                 DATA_END => {
-                    found.is_finished = closing(file, length);
+                    data_end = Some(DataEnd { at, end, checksum: Reader(&content(MAX_RECORD)?).u32()? });
                     break;
                 }
-                HEADER | FOOTER => {}
                 // Later versions may have other records.
                 _ => {}
             }
             at = end;
+        }
+        match footer {
+            Some(footer) => {
+                let end = data_end.filter(|end| footer.follows(end)).ok_or_else(|| {
+                    invalid(format!(
+                        "it was finished, but the record at byte {at}, behind {} episodes, is not what was written there; \
+                         get the file again from where it came",
+                        found.episodes.len()
+                    ))
+                })?;
+                footer.check(file, length, [found.metadata.len(), found.chunks.len()])?;
+                found.data_end = Some(end);
+            }
+            None => ending::check_cut(file, found.end..length, found.episodes.len() as u64)?,
         }
         let committed = found.episodes.last().map_or(0, |episode: &Episode| episode.chunks.end);
         found.chunks.truncate(committed);
@@ -186,7 +201,7 @@ impl Index {
                     }
                 }
                 let step = self.channels.iter().position(|(_, topic)| topic == STEP_TOPIC);
-                if step.is_some_and(|step| episode.messages[step].len() != rows) {
+                if step.is_none_or(|step| episode.messages[step].len() != rows) {
                     return Err(missing(format!(
                         "episode {index} should have {rows} messages on `{STEP_TOPIC}`"
                     )));
@@ -253,10 +268,4 @@ fn channels_within(file: &File, chunk: &Chunk) -> Result<Vec<Vec<u8>>> {
         }
     }
     Ok(found)
-}
-
-/// Whether the file ends as one that was finished.
-fn closing(file: &File, length: u64) -> bool {
-    let mut magic = [0; MAGIC.len()];
-    read_exact_at(file, &mut magic, length - MAGIC.len() as u64).is_ok() && &magic == MAGIC
 }

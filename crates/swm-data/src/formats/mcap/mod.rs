@@ -8,6 +8,7 @@
 
 mod chunks;
 mod describe;
+mod ending;
 mod foxglove;
 mod index;
 mod reader;

@@ -8,6 +8,7 @@ use swm_core::{Column, Field, Schema, SliceMut};
 use swm_media::png;
 
 use super::chunks::Messages;
+use super::ending;
 use super::foxglove;
 use super::index::{Index, MessageAt, STEP_TOPIC, is_image, topic};
 use super::records::{MESSAGE, MESSAGE_HEAD};
@@ -185,6 +186,18 @@ impl Dataset for McapDataset {
 
     fn share(&self) -> Box<dyn Dataset> {
         Box::new(Self { shared: self.shared.clone(), rows: None, messages: Messages::default() })
+    }
+
+    fn check_whole(&mut self) -> Result<(), DataError> {
+        let Shared { info, file, index, .. } = &*self.shared;
+        let Some(data) = index.data_end.filter(|data| data.checksum != 0) else { return Ok(()) };
+        let damaged = |reason: FormatError| DataError::damaged(&info.path, reason);
+        match ending::checksum(file, 0..data.at).map_err(damaged)?.finalize() {
+            found if found == data.checksum => Ok(()),
+            _ => Err(damaged(invalid(
+                "the checksum of all its data is wrong, it was changed after it was written",
+            ))),
+        }
     }
 
     fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {

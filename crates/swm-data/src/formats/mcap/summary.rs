@@ -9,10 +9,10 @@ use crate::error::Result;
 use crate::formats::disk::write_all_at;
 
 /// Ends the data behind the last committed episode and writes the summary.
-pub(super) fn write(file: &File, index: &Index) -> Result<()> {
+/// `checksum` is that of all bytes before it.
+pub(super) fn write(file: &File, index: &Index, checksum: u32) -> Result<()> {
     let committed = index.end;
-    // 0 stands for "no checksum".
-    let end = Content::default().u32(0).record(DATA_END);
+    let end = Content::default().u32(checksum).record(DATA_END);
     let start = committed + end.len() as u64;
     let bytes = [end, bytes(index, start)].concat();
     let written =

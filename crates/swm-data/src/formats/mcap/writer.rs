@@ -2,10 +2,11 @@
 //! chunks are written first, the record that commits it last, and what lies behind the last such record does not
 //! count. Whoever continues the file cuts it there.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::path::Path;
 use std::sync::Arc;
 
+use crc32fast::Hasher;
 use rayon::prelude::*;
 use swm_core::{Batch, Field, Schema, Slice};
 use swm_media::png;
@@ -16,10 +17,10 @@ use super::index::{EPISODE, Episode, Index, RUN, STEP_TOPIC, is_image, topic};
 use super::reader::McapDataset;
 use super::records::{CHUNK, Content, MESSAGE, MESSAGE_INDEX, METADATA};
 use super::rows::to_json;
-use super::{FORMAT, describe, summary};
+use super::{FORMAT, describe, ending, summary};
 use crate::dataset::Dataset;
 use crate::error::{At as _, DataError, Result, missing};
-use crate::formats::disk::write_all_at;
+use crate::formats::disk::{open_own, write_all_at, write_new};
 use crate::lock::{WriterLock, beside};
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex, check_fit};
 
@@ -39,6 +40,8 @@ pub(super) struct McapSession {
     file: File,
     schema: Arc<Schema>,
     index: Index,
+    /// Of all bytes up to the end of the index.
+    checksum: Hasher,
     /// Rows of all committed episodes.
     rows: u64,
     /// Chunks of all committed episodes.
@@ -87,9 +90,9 @@ impl Backend for McapBackend {
             let head = describe::head(fields, (1e9 / rate).round().max(1.0) as u64);
             // Complete before it has its name.
             let draft = beside(path, ".new");
-            fs::write(&draft, &head).and_then(|()| fs::rename(&draft, path)).map_err(failed)?;
+            write_new(&draft, &head).and_then(|()| fs::rename(&draft, path)).map_err(failed)?;
         }
-        let file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
+        let file = open_own(path, false).map_err(failed)?;
         let index = Index::read(&file, path).map_err(|error| DataError::damaged(path, error))?;
         let stored: Vec<Field> = index.columns.iter().filter(|field| field.name != EP_IDX).cloned().collect();
         let first = index.runs.first().map_or(metadata, |(_, first)| first);
@@ -97,7 +100,8 @@ impl Backend for McapBackend {
         // What belongs to no committed episode, and the old summary.
         file.set_len(index.end).map_err(failed)?;
         let runs = recording::with_run(&index.runs, start.episodes, metadata);
-        let mut recording = McapSession::new(file, schema, index);
+        let checksum = checksum_so_far(&file, &index).map_err(|error| DataError::record(path, error))?;
+        let mut recording = McapSession::new(file, schema, index, checksum);
         if runs != recording.index.runs {
             let text = serde_json::to_string(metadata).map_err(|error| DataError::record(path, error))?;
             let values = [("first_episode", start.episodes.to_string()), ("metadata", text)];
@@ -151,17 +155,22 @@ impl Session for McapSession {
         Ok(())
     }
 
+    fn sync(&mut self) -> Result<()> {
+        Ok(self.file.sync_all()?)
+    }
+
     fn close(self) -> Result<()> {
-        summary::write(&self.file, &self.index)
+        summary::write(&self.file, &self.index, self.checksum.finalize())?;
+        Ok(self.file.sync_all()?)
     }
 }
 
 impl McapSession {
     /// Continues behind the committed episodes.
-    fn new(file: File, schema: &Arc<Schema>, index: Index) -> Self {
+    fn new(file: File, schema: &Arc<Schema>, index: Index, checksum: Hasher) -> Self {
         let rows = index.episodes.iter().map(|episode| episode.rows as u64).sum();
         let (chunks, before) = (index.chunks.len(), vec![Vec::new(); schema.fields().len()]);
-        Self { file, schema: schema.clone(), index, rows, chunks, before }
+        Self { file, schema: schema.clone(), index, checksum, rows, chunks, before }
     }
 
     /// The messages of a row of a piece that begins at a place. An image that equals the one before is left out.
@@ -266,8 +275,19 @@ impl McapSession {
 
     fn append(&mut self, record: &[u8]) -> Result<()> {
         write_all_at(&self.file, record, self.index.end)?;
+        self.checksum.update(record);
         self.index.end += record.len() as u64;
         Ok(())
+    }
+}
+
+/// The checksum of the data up to the end of the index: a finished file says it.
+fn checksum_so_far(file: &File, index: &Index) -> Result<Hasher> {
+    match index.data_end {
+        Some(end) if end.at == index.end && end.checksum != 0 => {
+            Ok(Hasher::new_with_initial_len(end.checksum, end.at))
+        }
+        _ => ending::checksum(file, 0..index.end),
     }
 }
 
@@ -277,7 +297,7 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     let _lock = WriterLock::take(&path)?;
     let old = McapDataset::open(&path)?;
     let index = old.index();
-    if index.is_finished {
+    if index.data_end.is_some() {
         return Ok(Vec::new());
     }
     let failed = |source| DataError::io(&path, "repair", source);
@@ -287,10 +307,12 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     let summarize = "write the summary, by which other programs find their way".to_owned();
     let steps = cut.into_iter().chain([summarize]).collect();
     if apply {
-        let file = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
+        let file = open_own(&path, false).map_err(failed)?;
         let index = Index::read(&file, &path).map_err(|error| DataError::damaged(&path, error))?;
         file.set_len(index.end).map_err(failed)?;
-        summary::write(&file, &index).map_err(|error| DataError::write(&path, episodes as u64, error))?;
+        let written = checksum_so_far(&file, &index)
+            .and_then(|checksum| summary::write(&file, &index, checksum.finalize()));
+        written.map_err(|error| DataError::write(&path, episodes as u64, error))?;
     }
     Ok(steps)
 }

@@ -12,12 +12,16 @@ use zip::{CompressionMethod, ZipArchive};
 use super::growing;
 use super::header::{ArrayType, Head};
 use crate::error::{FormatError, Result, invalid, missing, unsupported, wrong_type};
-use crate::formats::disk::read_exact_at;
+use crate::formats::disk::{open_regular, read_exact_at};
 
 /// Where numpy puts the only array of an archive.
 pub(super) const ENTRY: &str = "arr_0.npy";
 /// The most that deflate can shrink by; what claims more is forged.
 const MAX_RATIO: u64 = 1100;
+/// A compressed array is held in memory.
+const MAX_INFLATED: u64 = 1 << 30;
+/// An index of episodes is never longer.
+const MAX_INTEGERS: usize = 1 << 24;
 /// A head is never longer.
 const MAX_HEAD: u64 = 1 << 16;
 
@@ -41,7 +45,7 @@ enum Values {
 impl Array {
     /// Opens the array of an archive that any program wrote.
     pub(in crate::formats) fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path)?;
+        let file = open_regular(path)?;
         let length = file.metadata()?.len();
         let mut archive = ZipArchive::new(BufReader::new(&file)).map_err(archive_error)?;
         let entry = archive.by_name(ENTRY).map_err(archive_error)?;
@@ -50,6 +54,12 @@ impl Array {
             return Err(invalid(format!("its array claims to have {size} bytes")));
         }
         if !stored {
+            if size > MAX_INFLATED {
+                return Err(unsupported(format!(
+                    "compressed, it takes {} GB of memory; store it uncompressed, as `numpy.savez` does",
+                    size >> 30
+                )));
+            }
             let mut bytes = Vec::new();
             entry.take(size).read_to_end(&mut bytes)?;
             let head = Head::parse(&bytes)?;
@@ -69,7 +79,7 @@ impl Array {
     /// Opens an array of ours with `rows` rows, which its own head may not count yet: it is being written, or its
     /// writer was killed.
     pub(in crate::formats) fn open_growing(path: &Path, rows: usize) -> Result<Self> {
-        let file = File::open(path)?;
+        let file = open_regular(path)?;
         let length = file.metadata()?.len();
         let mut head = growing::head(&file)?;
         match head.shape.first_mut() {
@@ -153,6 +163,9 @@ impl Array {
     pub(in crate::formats) fn integers(&self) -> Result<Vec<i64>> {
         let mut scratch = Vec::new();
         let (rows, width) = (self.rows(), self.row_shape().iter().product::<usize>());
+        if rows.saturating_mul(width) > MAX_INTEGERS {
+            return Err(invalid(format!("it claims {rows} episodes; {MAX_INTEGERS} are the most")));
+        }
         let mut column = swm_core::Column::zeros(self.elements.dtype(), rows * width);
         self.read((0, rows, 1), column.as_slice_mut(), &mut scratch)?;
         match column {

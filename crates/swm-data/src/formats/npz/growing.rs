@@ -6,7 +6,7 @@
 //!
 //! Source of the format: PKWARE's APPNOTE 6.3, with the 64-bit fields always there, as numpy writes them.
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::path::Path;
 
 use crc32fast::Hasher;
@@ -15,7 +15,7 @@ use swm_core::{Field, Slice};
 use super::archive::ENTRY;
 use super::header::{self, HEAD_BYTES, Head, TEXT_CHARACTERS};
 use crate::error::{Result, invalid, wrong_type};
-use crate::formats::disk::{read_exact_at, write_all_at};
+use crate::formats::disk::{open_own, read_exact_at, write_all_at};
 
 /// Bytes before the array: the entry's own header, its name, its sizes in 64 bits.
 const ENTRY_BYTES: u64 = 30 + ENTRY.len() as u64 + 20;
@@ -44,7 +44,8 @@ pub(in crate::formats) struct GrowingArray {
 impl GrowingArray {
     /// A new file without rows.
     pub(in crate::formats) fn create(path: &Path, field: &Field) -> Result<Self> {
-        let file = OpenOptions::new().create(true).truncate(true).read(true).write(true).open(path)?;
+        let file = open_own(path, true)?;
+        file.set_len(0)?;
         let mut array = Self {
             file,
             field: field.clone(),
@@ -59,7 +60,7 @@ impl GrowingArray {
 
     /// Continues a file of ours behind its first `rows` rows; later ones are forgotten.
     pub(in crate::formats) fn reopen(path: &Path, field: &Field, rows: usize) -> Result<Self> {
-        let file = OpenOptions::new().read(true).write(true).open(path)?;
+        let file = open_own(path, false)?;
         let found = head(&file)?;
         let expected = Head::parse(&header::format(field, rows)?)?;
         if found.elements != expected.elements || found.shape.get(1..) != expected.shape.get(1..) {
@@ -92,6 +93,11 @@ impl GrowingArray {
         self.size += self.buffer.len() as u64;
         self.finish_rows(rows)?;
         Ok(checksum)
+    }
+
+    /// Brings what was appended to the disk.
+    pub(in crate::formats) fn sync(&self) -> Result<()> {
+        Ok(self.file.sync_all()?)
     }
 
     /// Makes the file one that numpy opens.
