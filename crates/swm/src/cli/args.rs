@@ -4,7 +4,10 @@ use std::path::Path;
 
 use clap::Args;
 use serde_json::{Map, Value as Json};
-use swm_core::{EnvConfig, EnvEntry, ImageSize, Policy, PolicyArgs, Registry, World, WorldOptions};
+use swm_core::{
+    EnvConfig, EnvEntry, ImageSize, Policy, PolicyArgs, RecordingPart, Registry, World, WorldOptions,
+};
+use swm_data::tools::parts;
 
 use super::{Failure, usage};
 use crate::evaluation::RunOptions;
@@ -116,9 +119,15 @@ pub(super) struct Shard {
 impl Shard {
     /// The part of `0..total` that it is.
     pub(super) fn of(self, total: u64) -> std::ops::Range<u64> {
-        // The product of two episode counts does not fit into 64 bits.
-        let cut = |part: u64| (u128::from(part) * u128::from(total) / u128::from(self.count)) as u64;
-        cut(self.index - 1)..cut(self.index)
+        parts::range(self.index, self.count, total)
+    }
+
+    /// The record of the part of a recording of `total` episodes. The only part is the whole, and has none.
+    pub(super) fn part(self, total: u64) -> Option<RecordingPart> {
+        let range = self.of(total);
+        let part =
+            RecordingPart { shard: self.index, of: self.count, first: range.start, end: range.end, total };
+        (self.count > 1).then_some(part)
     }
 }
 
