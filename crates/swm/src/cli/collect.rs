@@ -180,13 +180,13 @@ impl Collect {
 
 impl Collect {
     /// What ends the recording when the command is interrupted.
-    fn watch(&self, committed: &Arc<AtomicU64>, total: u64) -> &'static Cancel {
+    fn watch(&self, committed: &Arc<AtomicU64>, total: u64) -> Cancel {
         let (out, committed) = (self.out.display().to_string(), Arc::clone(committed));
         let rest = match (self.shard, self.total) {
             (None, None) => format!("--mode append --total {total} in place of --episodes"),
             _ => "--mode append".to_owned(),
         };
-        interrupt::watch(move || {
+        interrupt::watch_resumable(move || {
             let held = committed.load(Ordering::Relaxed);
             format!("{held} episodes are safe in {out}; to continue, repeat the command with {rest}")
         })

@@ -14,7 +14,7 @@ use swm_data::{Dataset, WriteMode, WriteOptions};
 
 use super::args::ImageArg;
 use super::output::{counted, create_parent};
-use super::{Failure, Output, images, usage};
+use super::{Failure, Output, images, interrupt, usage};
 
 /// Formats that are for images: a recording without images is rendered for them.
 const OF_IMAGES: [&str; 3] = ["video", "lance-video", "lerobot"];
@@ -99,6 +99,12 @@ impl TargetArgs {
         let bar = output.bar(rows as u64, "rows");
         bar.set_message(to.display().to_string());
         let mut watch = |rows: usize| bar.inc(rows as u64);
+        let out = to.display().to_string();
+        // Copied episodes survive a kill, so nothing has to be ended by hand.
+        let is_continued = if self.overwrite { " without --overwrite" } else { "" };
+        interrupt::watch_resumable(move || {
+            format!("copied episodes are safe in {out}; to continue, repeat the command{is_continued}")
+        });
         let Copied { resumed, episodes, rows } =
             copy_in(registry, sources, pieces, to, (self.format.as_deref(), &self.options()), &mut watch)?;
         bar.finish_and_clear();

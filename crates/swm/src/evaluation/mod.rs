@@ -1,6 +1,7 @@
 //! Evaluations that can be compared and repeated: manifests on disk, the success rules of the tiers, reference policies,
 //! receipts, and their verification. Statistics and manifests themselves are `swm_core::evaluate`.
 
+mod cells;
 mod files;
 mod hash;
 mod image_model;
@@ -15,6 +16,7 @@ mod sweep;
 mod tiers;
 mod verify;
 
+pub use cells::CellLedger;
 pub use files::{read_manifest, read_receipt, write_manifest};
 pub use hash::file_hash;
 pub use image_model::ImageModel;
@@ -27,6 +29,6 @@ pub use receipt::{Code, RECEIPT_VERSION, Receipt};
 pub use reference::{Reference, Regret, Role, roles};
 pub use resume::Ledger;
 pub use run::{Candidate, RunOptions, run_pairs};
-pub use sweep::{Cell, Change, SWEEP_VERSION, Scope, Sweep, Values, changes, is_sweep, sweep};
+pub use sweep::{Cell, Change, SWEEP_VERSION, Scope, Sweep, SweepRun, Values, changes, is_sweep};
 pub use tiers::{TierRules, tier_rules};
 pub use verify::{Part, Verification, verify};
