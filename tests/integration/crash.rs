@@ -69,7 +69,7 @@ fn kills_lose_nothing_that_was_committed() {
 #[test]
 fn an_interrupt_keeps_what_was_committed_and_says_how_to_continue() {
     let folder = Folder::new();
-    for signal in ["-INT", "-TERM"] {
+    for (signal, status) in [("-INT", 130), ("-TERM", 75)] {
         let out = folder.path(&format!("interrupted{signal}.h5"));
         let mut child: Child = swm(&collect(&out, &["--episodes", "1000000"]))
             .stderr(Stdio::piped())
@@ -82,7 +82,7 @@ fn an_interrupt_keeps_what_was_committed_and_says_how_to_continue() {
         let kill = std::process::Command::new("kill").args([signal, &child.id().to_string()]).status();
         assert!(kill.expect("kill is there").success());
         let rest: Vec<String> = lines.collect();
-        assert_eq!(child.wait().expect("it ends").code(), Some(130), "{rest:?}");
+        assert_eq!(child.wait().expect("it ends").code(), Some(status), "{rest:?}");
         committed += rest.iter().filter(|line| is_commit(line)).count();
         let held = swm::data::open(out.as_ref()).expect("the file opens").num_episodes();
         assert_eq!(held, committed);

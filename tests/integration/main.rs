@@ -22,5 +22,6 @@ mod quality;
 mod replayable;
 mod reports;
 mod results;
+mod shards;
 mod shell;
 mod support;

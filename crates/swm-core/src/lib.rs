@@ -35,7 +35,7 @@ pub mod view;
 pub mod world;
 
 pub use batch::{Batch, Column, Dtype, Field, FieldKind, Row, RowsMut, Schema, Slice, SliceMut, Value};
-pub use dataset::{DataError, Dataset, DatasetInfo, EpisodeSink, Metadata, Steps};
+pub use dataset::{DataError, Dataset, DatasetInfo, EpisodeSink, Metadata, RecordingPart, Steps};
 pub use env::{
     Env, EnvConfig, EnvSpec, EnvState, Episode, FactorSpec, ImageSize, Outcome, Place, ResetOptions,
 };

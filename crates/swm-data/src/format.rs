@@ -16,6 +16,7 @@ use swm_core::Registry;
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::formats;
+use crate::tools::part_folder;
 
 pub use crate::entry::{Create, Detect, Format, Open, Opened, Repair};
 
@@ -59,7 +60,7 @@ pub fn open(path: &Path) -> Opened<dyn Dataset> {
     open_in(built_in(), path)
 }
 
-/// Opens a dataset of any format of a registry, which its content tells.
+/// Opens a dataset of any format of a registry, which its content tells, or a folder of the parts of one recording.
 ///
 /// # Errors
 ///
@@ -82,6 +83,7 @@ pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
             let reason = format!("it is a LeRobot dataset{}", built_without("lerobot"));
             Err(DataError::not_a_dataset(path, reason))
         }
+        None if let Some(parts) = part_folder::open(registry, path)? => Ok(parts),
         None => {
             let reason = format!("its content is of no known format ({})", known(registry));
             Err(DataError::not_a_dataset(path, reason))

@@ -170,15 +170,18 @@ impl Run<'_> {
         let resets = self.manifest.resets().or_raise()?;
         let episodes = match who {
             Who::Native => {
-                // The run's flag must live as long as the program: commands set it from signal handlers.
-                let cancel: &'static Cancel = Box::leak(Box::new(Cancel::new()));
-                let options =
-                    RunOptions { num_envs: self.num_envs, threads: self.threads, cancel: Some(cancel) };
+                let cancel = Cancel::new();
+                let options = RunOptions {
+                    num_envs: self.num_envs,
+                    threads: self.threads,
+                    cancel: Some(cancel.clone()),
+                    ..RunOptions::default()
+                };
                 let manifest = self.manifest;
                 let run = || {
-                    run_pairs(registry(), manifest, &resets, candidate, steps, options, &known, true, each)
+                    run_pairs(registry(), manifest, &resets, candidate, steps, &options, &known, true, each)
                 };
-                interruptible_with(py, cancel, || progress.tell(self.tick), run)?.map_err(boxed)?
+                interruptible_with(py, &cancel, || progress.tell(self.tick), run)?.map_err(boxed)?
             }
             Who::Foreign(world, act) => {
                 self.foreign(py, world.get(), act, resets, steps, known, &progress, each)?

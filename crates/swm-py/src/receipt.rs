@@ -42,11 +42,11 @@ fn verify_receipt(
     tick: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<String> {
     let receipt: Receipt = from_json("the receipt", receipt)?;
-    let cancel: &'static Cancel = Box::leak(Box::new(Cancel::new()));
-    let options = RunOptions { num_envs, threads, cancel: Some(cancel) };
+    let cancel = Cancel::new();
+    let options = RunOptions { num_envs, threads, cancel: Some(cancel.clone()), ..RunOptions::default() };
     let progress = Progress::default();
-    let run = || swm::evaluation::verify(registry(), &receipt, options, oracle, || progress.count(false));
-    to_json(&interruptible_with(py, cancel, || progress.tell(tick), run)?.map_err(boxed)?)
+    let run = || swm::evaluation::verify(registry(), &receipt, &options, oracle, || progress.count(false));
+    to_json(&interruptible_with(py, &cancel, || progress.tell(tick), run)?.map_err(boxed)?)
 }
 
 /// Replays episodes of a dataset on the simulator and compares; gives a JSON object.

@@ -46,9 +46,28 @@ pub struct Metadata {
     /// Rows from one checkpoint to the next in the column `checkpoint`; `None`: it has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checkpoints: Option<u32>,
+    /// Which part of a divided recording it is; `None`: it is not divided.
+    #[serde(default, rename = "swm_part", skip_serializing_if = "Option::is_none")]
+    pub part: Option<RecordingPart>,
     /// Versions of the packages that made it.
     #[serde(default)]
     pub packages: BTreeMap<String, String>,
+}
+
+/// A part of a recording that is divided among several processes. It says which episodes the file will hold once it is
+/// complete, so that an incomplete part is not taken for a whole one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RecordingPart {
+    /// Number of the part, counted from 1.
+    pub shard: u64,
+    /// Number of parts.
+    pub of: u64,
+    /// Its first episode in the whole recording.
+    pub first: u64,
+    /// The episode after its last one.
+    pub end: u64,
+    /// Episodes of the whole recording.
+    pub total: u64,
 }
 
 fn one() -> u32 {
@@ -86,6 +105,7 @@ impl Metadata {
             max_episode_steps: run.options.max_episode_steps,
             frame_skip: run.options.frame_skip,
             checkpoints: run.options.checkpoints,
+            part: None,
             packages: BTreeMap::from([("swm-core".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         }
     }

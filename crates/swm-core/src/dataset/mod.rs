@@ -9,7 +9,7 @@ mod restore;
 
 pub use crate::checkpoint::{CHECKPOINT, Checkpoints};
 pub use error::DataError;
-pub use metadata::{METADATA_VERSION, Metadata};
+pub use metadata::{METADATA_VERSION, Metadata, RecordingPart};
 pub use reader::{Dataset, DatasetInfo, Steps};
 pub use record::{DatasetRecorder, EpisodeSink};
 pub use restore::{read_known, read_step, recorded_state, whole_episode};

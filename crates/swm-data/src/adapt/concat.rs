@@ -1,11 +1,13 @@
 //! Datasets end to end: the episodes of the first, then those of the next. Formats may differ, columns may not.
 
+use std::path::Path;
 use std::sync::Arc;
 
-use swm_core::{Schema, SliceMut};
+use swm_core::{Metadata, Schema, SliceMut};
 
 use crate::dataset::{Dataset, DatasetInfo, Steps};
 use crate::error::DataError;
+use crate::recording::EP_IDX;
 
 /// Several datasets as one.
 pub struct Concat {
@@ -65,7 +67,14 @@ impl Concat {
         }
         let mut info = DatasetInfo::new(&path, format, schema, lengths);
         info.runs = runs.into();
+        info.has_checksums = parts.iter().all(|part| part.dataset.info().has_checksums);
         Ok(Self { parts, info })
+    }
+
+    /// Gives the whole a path and a record of runs of its own.
+    pub(crate) fn rename(&mut self, path: &Path, runs: Vec<(u64, Metadata)>) {
+        self.info.path = path.into();
+        self.info.runs = runs.into();
     }
 
     /// The part that holds an episode, and its number there.
@@ -86,11 +95,22 @@ impl Dataset for Concat {
         column: usize,
         episode: usize,
         steps: Steps,
-        out: SliceMut<'_>,
+        mut out: SliceMut<'_>,
     ) -> Result<(), DataError> {
+        let number = episode;
         let (part, episode) = self.part(episode);
+        if let (EP_IDX, SliceMut::I32(out)) = (self.info.field(column).name.as_str(), &mut out) {
+            // Each part counts its episodes from 0.
+            out.fill(i32::try_from(number).unwrap_or(i32::MAX));
+            return Ok(());
+        }
         let part = &mut self.parts[part];
         part.dataset.rows(part.columns[column], episode, steps, out)
+    }
+
+    fn check_episode(&mut self, episode: usize) -> Result<(), DataError> {
+        let (part, episode) = self.part(episode);
+        self.parts[part].dataset.check_episode(episode)
     }
 
     fn share(&self) -> Box<dyn Dataset> {

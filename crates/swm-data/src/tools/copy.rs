@@ -34,6 +34,8 @@ pub struct Copied {
 /// Copies `pieces` of `sources` to the end of the dataset at `to`. The columns are those of the first source; the others
 /// must have them too. `watch` is told after each episode how many rows it has.
 ///
+/// The copy is a part of a recording ([`Metadata::part`]) only if it holds all of one dataset that is.
+///
 /// With [`WriteMode::Append`], episodes that are there must be the first of `pieces`: the rest of an interrupted copy.
 ///
 /// # Errors
@@ -73,6 +75,11 @@ pub fn copy_in(
     let resumed = if options.mode == WriteMode::Append { held(registry, sources, pieces, to)? } else { 0 };
     let mut copied = Copied { resumed, ..Copied::default() };
     let mut options = options.clone();
+    let keeps_part = sources.len() == 1 && pieces == all(sources);
+    let metadata_of = |sources: &[Box<dyn Dataset>], piece| {
+        let metadata = metadata_of(sources, piece);
+        Metadata { part: metadata.part.filter(|_| keeps_part), ..metadata }
+    };
     let mut start = resumed;
     while start < pieces.len() {
         // A run of episodes with one record.

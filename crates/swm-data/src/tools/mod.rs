@@ -3,6 +3,8 @@
 
 pub mod compare;
 pub mod copy;
+pub mod part_folder;
+pub mod parts;
 pub mod verify;
 
 use swm_core::{Column, Field};

@@ -21,6 +21,7 @@ mod loader;
 mod loader_properties;
 mod loader_sharing;
 mod mutations;
+mod parts;
 mod round_trip;
 mod statistics;
 mod streams;

@@ -3,10 +3,14 @@
 use std::path::Path;
 
 use clap::Args;
-use serde_json::{Map, Value as Json};
-use swm_core::{EnvConfig, EnvEntry, ImageSize, Policy, PolicyArgs, Registry, World, WorldOptions};
+use serde_json::{Map, Value as Json, json};
+use swm_core::{
+    EnvConfig, EnvEntry, ImageSize, Policy, PolicyArgs, RecordingPart, Registry, World, WorldOptions,
+};
+use swm_data::tools::parts;
 
-use super::{Failure, usage};
+use super::output::counted;
+use super::{Failure, Output, usage};
 use crate::evaluation::RunOptions;
 use crate::text_file::read_text;
 
@@ -79,7 +83,7 @@ pub(super) struct WorldArgs {
 impl WorldArgs {
     /// How a run on a manifest is spread.
     pub(super) fn run_options(&self) -> RunOptions {
-        RunOptions { num_envs: self.num_envs, threads: self.threads, cancel: None }
+        RunOptions { num_envs: self.num_envs, threads: self.threads, ..RunOptions::default() }
     }
 
     pub(super) fn options(&self, env: EnvConfig, max_steps: u64) -> WorldOptions {
@@ -117,9 +121,20 @@ pub(super) struct Shard {
 impl Shard {
     /// The part of `0..total` that it is.
     pub(super) fn of(self, total: u64) -> std::ops::Range<u64> {
-        // The product of two episode counts does not fit into 64 bits.
-        let cut = |part: u64| (u128::from(part) * u128::from(total) / u128::from(self.count)) as u64;
-        cut(self.index - 1)..cut(self.index)
+        parts::range(self.index, self.count, total)
+    }
+
+    /// Its number, counted from 1, and the number of parts.
+    pub(super) fn numbers(self) -> (u64, u64) {
+        (self.index, self.count)
+    }
+
+    /// The record of the part of a recording of `total` episodes. The only part is the whole, and has none.
+    pub(super) fn part(self, total: u64) -> Option<RecordingPart> {
+        let range = self.of(total);
+        let part =
+            RecordingPart { shard: self.index, of: self.count, first: range.start, end: range.end, total };
+        (self.count > 1).then_some(part)
     }
 }
 
@@ -132,6 +147,38 @@ impl std::str::FromStr for Shard {
             Some((index, count)) if (1..=count).contains(&index) => Ok(Self { index, count }),
             _ => Err("write I/N with I of 1..=N, such as 3/16".to_owned()),
         }
+    }
+}
+
+/// Which part of an evaluation is run, or that the parts are joined.
+#[derive(Args, Clone)]
+pub(super) struct PartArgs {
+    /// With --out: run the I-th of N parts of the episodes of all policies or changes. When all parts are done, --join in place
+    /// of it makes the result, which equals the undivided one but for the wall time.
+    #[arg(long, value_name = "I/N", requires = "out", conflicts_with_all = ["again", "join"])]
+    pub shard: Option<Shard>,
+    /// With --out: join the parts that --shard wrote there.
+    #[arg(long, requires = "out", conflicts_with = "again")]
+    pub join: bool,
+}
+
+impl PartArgs {
+    /// Says that a part is done.
+    pub(super) fn done(
+        &self,
+        dir: &Path,
+        shard: Shard,
+        episodes: std::ops::Range<u64>,
+        output: &Output,
+    ) -> Result<(), Failure> {
+        let ((index, count), episodes) = (shard.numbers(), episodes.end - episodes.start);
+        let result = json!({ "out": dir, "shard": index, "of": count, "episodes": episodes });
+        output.result(&result, || {
+            format!(
+                "part {index}/{count} is done ({}); when all parts are, --join in place of --shard joins them",
+                counted(episodes, "episode")
+            )
+        })
     }
 }
 

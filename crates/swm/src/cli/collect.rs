@@ -10,9 +10,11 @@ use indicatif::ProgressBar;
 use serde_json::json;
 use swm_core::error::BoxError;
 use swm_core::{
-    Batch, Cancel, EpisodeEnd, EpisodeSink, LiveStep, Metadata, Recorder, Registry, Rollout, Schema, World,
+    Batch, Cancel, EpisodeEnd, EpisodeSink, LiveStep, Metadata, Recorder, RecordingPart, Registry, Rollout,
+    Schema, World,
 };
-use swm_data::{DatasetWriter, WriteMode, WriteOptions};
+use swm_data::tools::parts::check_continuation;
+use swm_data::{DataError, DatasetWriter, WriteMode, WriteOptions};
 
 use super::args::{EnvArgs, ImageArg, Shard, WorldArgs, policy};
 use super::output::{counted, create_parent};
@@ -44,7 +46,7 @@ pub(super) struct Collect {
     #[arg(long, value_name = "N", conflicts_with = "episodes")]
     total: Option<u64>,
     /// Record the I-th of N parts of the episodes. The parts, merged in order, equal one recording byte for byte. An existing part
-    /// is continued with `--mode append`.
+    /// is continued with `--mode append`; `swm merge` refuses missing and incomplete parts.
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
     /// Seed of the run; episode i depends only on the seed and i.
@@ -82,6 +84,9 @@ pub(super) struct Collect {
     /// If the file exists: `append`, `overwrite` or `error`.
     #[arg(long, default_value = "error")]
     mode: WriteMode,
+    /// With --mode append: continue a part, or a dataset up to --total, with another policy, seed or shard.
+    #[arg(long)]
+    mix: bool,
 }
 
 impl Collect {
@@ -95,16 +100,18 @@ impl Collect {
         let options = self.scenario.options(&world.spec().factors, output)?;
         let how = WriteOptions::default().mode(self.mode).quality(self.quality);
         // What the file holds of factors that this run does not vary is recorded, too.
-        let held_columns = match self.mode {
-            WriteMode::Append if self.out.exists() => swm_data::open_in(registry, &self.out)
-                .map(|dataset| dataset.schema().fields().iter().map(|field| field.name.clone()).collect())
-                .unwrap_or_default(),
-            _ => Vec::new(),
+        let existing = match self.mode {
+            WriteMode::Append if self.out.exists() => swm_data::open_in(registry, &self.out).ok(),
+            _ => None,
         };
+        let held_columns = existing.iter().flat_map(|dataset| dataset.schema().fields());
+        let held_columns = held_columns.map(|field| field.name.clone()).collect();
+        let last_run = existing.and_then(|dataset| Some(dataset.info().runs.last()?.1.clone()));
         create_parent(&self.out)?;
         let mut writer = swm_data::create_in(registry, &self.out, &how, self.format.as_deref())?;
         let held = writer.num_episodes();
-        let part = self.shard.map(|shard| shard.of(self.episodes.or(self.total).unwrap_or(0)));
+        let wanted = self.episodes.or(self.total).unwrap_or(0);
+        let part = self.shard.map(|shard| shard.of(wanted));
         let offset = part.as_ref().map_or(0, |part| part.start);
         let first = offset + held;
         let last = match (self.episodes, self.total) {
@@ -115,6 +122,12 @@ impl Collect {
                 .ok_or_else(|| usage(format!("{more} more episodes than {first} are too many to count")))?,
             (None, total) => total.unwrap_or(first).max(first),
         };
+        let part = self.shard.and_then(|shard| shard.part(wanted));
+        // What is complete stays as it is, whatever made it.
+        let is_continued = held > 0 && last > first && !self.mix;
+        let continues = last_run.filter(|run| {
+            is_continued && (run.part.is_some() || self.shard.is_some() || self.total.is_some())
+        });
         let committed = Arc::new(AtomicU64::new(held));
         let cancel = self.watch(&committed, last - offset);
         let rollout = Rollout::new(first..last).seed(self.seed).options(options).cancel(cancel);
@@ -128,12 +141,18 @@ impl Collect {
             committed: &committed,
             offset,
             held_columns,
+            part,
+            continues,
+            refused: None,
             reported: started,
             report_every: Duration::from_secs(self.report_every),
         };
         let mut count = Count::default();
         let recorded = world.record_dataset_with(&rollout, &mut sink, &mut count);
         bar.finish_and_clear();
+        if let Some(refused) = sink.refused {
+            return Err(usage(format!("{refused}, or append all the same with --mix")));
+        }
         recorded?;
         let seconds = started.elapsed().as_secs_f64();
         let result = json!({
@@ -161,13 +180,13 @@ impl Collect {
 
 impl Collect {
     /// What ends the recording when the command is interrupted.
-    fn watch(&self, committed: &Arc<AtomicU64>, total: u64) -> &'static Cancel {
+    fn watch(&self, committed: &Arc<AtomicU64>, total: u64) -> Cancel {
         let (out, committed) = (self.out.display().to_string(), Arc::clone(committed));
         let rest = match (self.shard, self.total) {
             (None, None) => format!("--mode append --total {total} in place of --episodes"),
             _ => "--mode append".to_owned(),
         };
-        interrupt::watch(move || {
+        interrupt::watch_resumable(move || {
             let held = committed.load(Ordering::Relaxed);
             format!("{held} episodes are safe in {out}; to continue, repeat the command with {rest}")
         })
@@ -213,6 +232,12 @@ struct Committed<'a> {
     offset: u64,
     /// Columns of the file before this run.
     held_columns: Vec<String>,
+    /// Which part of a divided recording this is.
+    part: Option<RecordingPart>,
+    /// The run that this one must continue.
+    continues: Option<Metadata>,
+    /// Why it does not.
+    refused: Option<DataError>,
     /// When the last line was written, where there is no bar.
     reported: Instant,
     report_every: Duration,
@@ -220,7 +245,14 @@ struct Committed<'a> {
 
 impl EpisodeSink for Committed<'_> {
     fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
-        Ok(self.offset + self.writer.begin(schema, metadata)?)
+        let metadata = Metadata { part: self.part, ..metadata.clone() };
+        let checked = self.continues.as_ref().map(|run| check_continuation(self.path, run, &metadata));
+        if let Some(Err(error)) = checked {
+            let refusal = error.to_string();
+            self.refused = Some(error);
+            return Err(refusal.into());
+        }
+        Ok(self.offset + self.writer.begin(schema, &metadata)?)
     }
 
     fn holds(&self, column: &str) -> bool {

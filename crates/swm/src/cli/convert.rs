@@ -8,11 +8,13 @@ use serde_json::{Value as Json, json};
 use swm_core::{ImageSize, Registry};
 use swm_data::adapt::{fill_factors, split_episodes};
 use swm_data::tools::copy::{Copied, Piece, all, copy_in};
+use swm_data::tools::part_folder::datasets_in;
+use swm_data::tools::parts::arrange;
 use swm_data::{Dataset, WriteMode, WriteOptions};
 
 use super::args::ImageArg;
 use super::output::{counted, create_parent};
-use super::{Failure, Output, images, usage};
+use super::{Failure, Output, images, interrupt, usage};
 
 /// Formats that are for images: a recording without images is rendered for them.
 const OF_IMAGES: [&str; 3] = ["video", "lance-video", "lerobot"];
@@ -97,6 +99,12 @@ impl TargetArgs {
         let bar = output.bar(rows as u64, "rows");
         bar.set_message(to.display().to_string());
         let mut watch = |rows: usize| bar.inc(rows as u64);
+        let out = to.display().to_string();
+        // Copied episodes survive a kill, so nothing has to be ended by hand.
+        let is_continued = if self.overwrite { " without --overwrite" } else { "" };
+        interrupt::watch_resumable(move || {
+            format!("copied episodes are safe in {out}; to continue, repeat the command{is_continued}")
+        });
         let Copied { resumed, episodes, rows } =
             copy_in(registry, sources, pieces, to, (self.format.as_deref(), &self.options()), &mut watch)?;
         bar.finish_and_clear();
@@ -172,27 +180,41 @@ impl Convert {
 Examples:
   swm merge monday.h5 tuesday.h5 --out week.h5
   swm merge expert.h5 weak.video --out both.h5
+  swm merge part.*.h5 --out whole.h5    (parts of `swm collect --shard`; or the folder that holds them)
 
-Episodes come in the order of the sources. The sources may be of different formats, but must have the same columns, and
+Episodes come in the order of the sources, those of parts in the order of the parts. A missing, repeated or incomplete part, or one
+of another recording, is refused. The sources may be of different formats, but must have the same columns, and
 be recordings of the same environment under the same settings. A factor of variation that only some of them varied is filled in
 for the others, with its constant value. After an interruption, the same command continues.")]
 pub(super) struct Merge {
-    /// The datasets to join.
-    #[arg(required = true, num_args = 2..)]
+    /// The datasets to join: two or more, or a folder of parts.
+    #[arg(required = true)]
     sources: Vec<PathBuf>,
     /// The file or folder to write.
     #[arg(long, short)]
     out: PathBuf,
+    /// Join parts of divided recordings as they are: in the given order, whether or not others are missing.
+    #[arg(long)]
+    partial: bool,
     #[command(flatten)]
     to: TargetArgs,
 }
 
 impl Merge {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut sources = Vec::with_capacity(self.sources.len());
+        let mut paths = Vec::with_capacity(self.sources.len());
         for source in &self.sources {
+            let parts = datasets_in(registry, source)?;
+            paths.extend(if parts.is_empty() { vec![source.clone()] } else { parts });
+        }
+        if paths == self.sources && paths.len() == 1 {
+            return Err(usage("one dataset was given; name two or more, or a folder of parts"));
+        }
+        let mut sources = Vec::with_capacity(paths.len());
+        for source in &paths {
             sources.push(self.to.open(registry, source, &self.out, output)?);
         }
+        let sources = if self.partial { sources } else { arrange(sources).map_err(usage)? };
         let mut sources = fill_factors(sources, registry)?;
         let pieces = all(&sources);
         let result = self.to.copy(registry, &mut sources, &pieces, &self.out, output)?;

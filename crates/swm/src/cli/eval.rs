@@ -9,7 +9,7 @@ use swm_core::{
 };
 use swm_media::Format;
 
-use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, WorldArgs, model_image, policy};
+use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, PartArgs, WorldArgs, model_image, policy};
 use super::eval_manifest::{EvalManifest, ReferenceArg};
 use super::output::{create_folder, key_values};
 use super::scenario::ScenarioArgs;
@@ -32,6 +32,7 @@ Examples:
   swm eval swm/PushT-v1 --policy cem:samples=300,iterations=30,elites=30 --dataset pusht.h5 --goal-offset 25 --budget 50 --out results
   swm eval swm/PushT-v1 --policy expert --episodes 50 --vary all --json
   swm eval --manifest pusht-strict.toml --policy cem --out results
+  swm eval --manifest pusht-strict.toml --policy cem --out results --shard 3/64    (one of 64 parts; then --join in place of it)
 
 With --manifest, the task is that of the manifest, reference policies are evaluated on the same pairs (--reference), --out gets
 receipt.json, and an interrupted evaluation continues where it stopped. Without --manifest, --out gets result.json, a contact sheet
@@ -87,6 +88,8 @@ pub(super) struct Eval {
     /// With --out: run again what the folder holds already, and replace it.
     #[arg(long, requires = "out")]
     again: bool,
+    #[command(flatten)]
+    part: PartArgs,
     /// With --out: episodes to record as videos.
     #[arg(long, alias = "films", default_value_t = 4)]
     videos: u64,
@@ -100,6 +103,9 @@ pub(super) struct Eval {
 
 impl Eval {
     pub(super) fn run(mut self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        if self.manifest.is_none() && (self.part.shard.is_some() || self.part.join) {
+            return Err(usage("--shard and --join divide an evaluation on a manifest; give --manifest"));
+        }
         if let Some(manifest) = &self.manifest {
             let on_manifest = EvalManifest {
                 manifest,
@@ -109,6 +115,7 @@ impl Eval {
                 oracle: self.oracle.as_deref(),
                 out: self.out.as_deref(),
                 again: self.again,
+                part: &self.part,
                 options: RunOptions { cancel: Some(self.watch()), ..self.world.run_options() },
             };
             return on_manifest.run(registry, output);
@@ -157,7 +164,7 @@ impl Eval {
         let cancel = interrupt::watch(|| "nothing is kept of this evaluation; run it again".to_owned());
         let evaluated = match &mut dataset {
             None => {
-                let rollout = Rollout::new(0..self.episodes).seed(self.seed).cancel(cancel);
+                let rollout = Rollout::new(0..self.episodes).seed(self.seed).cancel(&cancel);
                 world.evaluate_with(&rollout.options(reset), &mut watch)
             }
             Some(dataset) => {
@@ -168,7 +175,7 @@ impl Eval {
                     seed: self.seed,
                     variation: reset.variation.unwrap_or_default(),
                     variation_values: reset.variation_values,
-                    cancel: Some(cancel.clone()),
+                    cancel: Some(cancel),
                 };
                 world.evaluate_from_dataset_with(dataset, &options, &mut watch)
             }
@@ -186,12 +193,13 @@ impl Eval {
     }
 
     /// What ends an evaluation on a manifest when the command is interrupted.
-    fn watch(&self) -> &'static Cancel {
-        let out = self.out.as_ref().map(|dir| dir.display().to_string());
-        interrupt::watch(move || match &out {
-            Some(dir) => format!("finished episodes are safe in {dir}; to continue, repeat the command"),
-            None => "nothing is kept of this evaluation; with --out DIR it can be continued".to_owned(),
-        })
+    fn watch(&self) -> Cancel {
+        match &self.out {
+            Some(dir) => interrupt::watch_resumable(interrupt::episodes_are_in(dir)),
+            None => interrupt::watch(|| {
+                "nothing is kept of this evaluation; with --out DIR it can be continued".to_owned()
+            }),
+        }
     }
 
     /// The format of videos, checked before anything runs.

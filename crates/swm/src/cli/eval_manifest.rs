@@ -8,11 +8,11 @@ use clap::ValueEnum;
 use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{EnvEntry, Manifest, Registry};
 
-use super::args::policy_args;
+use super::args::{PartArgs, Shard, policy_args};
 use super::output::{counted, create_folder, table};
 use super::{Failure, Output, held, usage};
 use crate::evaluation::{
-    Candidate, Code, Ledger, RECEIPT_VERSION, Receipt, Reference, Role, RunOptions, fingerprints,
+    Candidate, CellLedger, Code, Ledger, RECEIPT_VERSION, Receipt, Reference, Role, RunOptions, fingerprints,
     read_manifest, roles, run_pairs,
 };
 
@@ -43,6 +43,8 @@ pub(super) struct EvalManifest<'a> {
     pub(super) out: Option<&'a Path>,
     /// Run what `out` holds already again, and replace it.
     pub(super) again: bool,
+    /// The part to run, or that parts are joined; both need `out`.
+    pub(super) part: &'a PartArgs,
     pub(super) options: RunOptions,
 }
 
@@ -57,7 +59,7 @@ impl EvalManifest<'_> {
         if let Some(dir) = self.out {
             create_folder(dir)?;
         }
-        let run = Run { registry, manifest: &manifest, output, out: self.out, options: self.options };
+        let run = Run { registry, manifest: &manifest, output, out: self.out, options: &self.options };
         let fingerprints = fingerprints(entry, &manifest, candidate.seed)?;
         let steps = candidate.plan_steps(registry, entry, &manifest);
         let asked = Receipt {
@@ -88,21 +90,43 @@ impl EvalManifest<'_> {
             output.note(format!("{}: already done; --again repeats it", path.display()));
             return output.result(held, || text(held, Some(&path)));
         }
+        let is_divided = self.part.shard.is_some() || self.part.join;
+        if let (Some(_), Some(dir), true) = (&held, self.out, is_divided) {
+            return Err(held::refusal(dir, "a receipt with other reference policies"));
+        }
+        let others = wanted.iter().map(|(_, other)| other).filter(|other| **other != candidate);
+        let policies: Vec<&Candidate> = std::iter::once(&candidate).chain(others).collect();
+        let (cells, pairs) = (policies.len() as u64, manifest.pairs.len() as u64);
+        let whole = (manifest.hash(), &policies, &fingerprints, steps);
+        if let (Some(shard), Some(dir)) = (self.part.shard, self.out) {
+            run.part(dir, shard, &policies, steps, &whole)?;
+            return self.part.done(dir, shard, shard.of(cells * pairs), output);
+        }
+        let joined = match self.out {
+            Some(dir) if self.part.join => Some(CellLedger::join(dir, &whole, cells, pairs).map_err(usage)?),
+            _ => None,
+        };
         let identity =
             |candidate: &Candidate| (manifest.hash(), candidate.clone(), fingerprints.clone(), steps);
         let started = Instant::now();
-        let (episodes, wall_time_s, mut references) = match held {
-            Some(held) => (held.episodes, held.wall_time_s, held.references),
-            None => {
+        let (episodes, wall_time_s, mut references) = match (held, &joined) {
+            (Some(held), _) => (held.episodes, held.wall_time_s, held.references),
+            (None, Some(joined)) => (joined.known(0).into_values().collect(), joined.seconds(0), Vec::new()),
+            (None, None) => {
                 let episodes = run.policy("episodes", &candidate, steps, &identity(&candidate), "")?;
                 (episodes, started.elapsed().as_secs_f64(), Vec::new())
             }
         };
+        let mut cell = 0;
         for (role, other) in wanted {
             // A planner on the true dynamics is its own oracle: nothing to run again.
-            let others = match other == candidate {
-                true => episodes.clone(),
-                false => {
+            let others = match (other == candidate, &joined) {
+                (true, _) => episodes.clone(),
+                (false, Some(joined)) => {
+                    cell += 1;
+                    joined.known(cell).into_values().collect()
+                }
+                (false, None) => {
                     let file = format!("episodes-{}", role.name());
                     run.policy(&file, &other, steps, &identity(&other), role.name())?
                 }
@@ -126,6 +150,7 @@ impl EvalManifest<'_> {
                 Some(path)
             }
         };
+        joined.map_or(Ok(()), CellLedger::close)?;
         output.result(&receipt, || text(&receipt, path.as_deref()))
     }
 
@@ -161,10 +186,50 @@ struct Run<'a> {
     manifest: &'a Manifest,
     output: &'a Output,
     out: Option<&'a Path>,
-    options: RunOptions,
+    options: &'a RunOptions,
 }
 
 impl Run<'_> {
+    /// Runs a part of the episodes of all policies.
+    fn part(
+        &self,
+        dir: &Path,
+        shard: Shard,
+        policies: &[&Candidate],
+        steps: u64,
+        identity: &impl serde::Serialize,
+    ) -> Result<(), Failure> {
+        let Self { registry, manifest, output, options, .. } = *self;
+        let (cells, pairs) = (policies.len() as u64, manifest.pairs.len() as u64);
+        let mut ledger = CellLedger::open_part(dir, shard.numbers(), identity, cells, pairs)?;
+        let resets = manifest.resets()?;
+        let episodes = shard.of(cells * pairs);
+        let bar = output.bar(episodes.end - episodes.start, "episodes");
+        let run = (0..).zip(policies).try_for_each(|(cell, candidate)| {
+            let (wanted, known) = (ledger.wanted(cell), ledger.known(cell));
+            bar.inc(known.len() as u64);
+            let options = RunOptions { pairs: Some(wanted.collect()), ..options.clone() };
+            let ran = run_pairs(
+                registry,
+                manifest,
+                &resets,
+                candidate,
+                steps,
+                &options,
+                &known,
+                true,
+                |pair, result| {
+                    bar.inc(1);
+                    ledger.push(cell, pair, result)
+                },
+            );
+            ran.map(drop)
+        });
+        bar.finish_and_clear();
+        run?;
+        Ok(ledger.finish_part()?)
+    }
+
     /// Runs what is not in the ledger yet.
     fn policy(
         &self,

@@ -12,7 +12,9 @@ use super::{Failure, Output};
 
 /// Show format, episodes, columns and metadata of a dataset.
 #[derive(Args)]
-#[command(after_help = "Examples:\n  swm inspect pusht.h5\n  swm inspect pusht.h5 --json")]
+#[command(
+    after_help = "Examples:\n  swm inspect pusht.h5\n  swm inspect pusht.h5 --json\n  swm inspect parts    (a folder of parts of `swm collect --shard`)"
+)]
 pub(super) struct Inspect {
     /// The dataset.
     file: PathBuf,
@@ -75,6 +77,16 @@ impl Inspect {
             if let Some(rows) = dataset.metadata().and_then(|metadata| metadata.checkpoints) {
                 text += &format!(
                     "replayable: states every {rows} rows, from which images are rendered when read\n"
+                );
+            }
+            if let Some(part) = dataset.metadata().and_then(|metadata| metadata.part) {
+                text += &format!(
+                    "part {}/{} of {} episodes: {} of its {}\n",
+                    part.shard,
+                    part.of,
+                    part.total,
+                    lengths.len(),
+                    part.end - part.first
                 );
             }
             if dataset.info().runs.is_empty() {

@@ -1,13 +1,16 @@
 //! Ctrl-C and SIGTERM: the running command stops at its next step, says in one line what is safe and how to continue, and
-//! ends with exit status 130. What does not stop by itself soon is ended: all files survive a kill.
+//! ends. What does not stop by itself soon is ended: all files survive a kill.
+//!
+//! The exit status is 130 after Ctrl-C, as shells give it. After SIGTERM, by which schedulers stop a job, it is 75 where the same
+//! command continues (`EX_TEMPFAIL` of BSD's `sysexits.h`), and else 143, as shells give it.
 
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use swm_core::Cancel;
 
-/// The exit status of an interrupted command, as shells give it for SIGINT.
-pub(super) const STATUS: u8 = 130;
 /// How long a command may take to stop by itself.
 const GRACE: Duration = Duration::from_millis(200);
 
@@ -15,23 +18,34 @@ type Advice = Box<dyn Fn() -> String + Send>;
 
 static CANCEL: OnceLock<Cancel> = OnceLock::new();
 static ADVICE: Mutex<Option<Advice>> = Mutex::new(None);
+/// Whether the same command continues what is interrupted.
+static IS_RESUMABLE: AtomicBool = AtomicBool::new(false);
+/// Whether SIGTERM came, and not Ctrl-C.
+static IS_TERMINATED: AtomicBool = AtomicBool::new(false);
 
-/// From now on a signal sets the returned flag. `advice` says what is safe and how to continue.
-pub(super) fn watch(advice: impl Fn() -> String + Send + 'static) -> &'static Cancel {
-    *ADVICE.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(advice));
-    CANCEL.get_or_init(|| {
-        let cancel = Cancel::new();
-        let flag = cancel.clone();
-        let handler = move || {
-            flag.cancel();
-            std::thread::sleep(GRACE);
-            say();
-            std::process::exit(i32::from(STATUS));
-        };
-        // A program that embeds this command and handles signals itself keeps its handler.
-        let _ = ctrlc::set_handler(handler);
-        cancel
-    })
+/// From now on a signal sets the returned flag. `advice` says what is safe. Nothing of it is continued.
+pub(super) fn watch(advice: impl Fn() -> String + Send + 'static) -> Cancel {
+    begin(false, Box::new(advice))
+}
+
+/// As [`watch`], for a command that continues where it stopped; `advice` says how.
+pub(super) fn watch_resumable(advice: impl Fn() -> String + Send + 'static) -> Cancel {
+    begin(true, Box::new(advice))
+}
+
+/// The advice for evaluations whose finished episodes are in files of the folder `dir`.
+pub(super) fn episodes_are_in(dir: &Path) -> impl Fn() -> String + Send + 'static {
+    let dir = dir.display().to_string();
+    move || format!("finished episodes are safe in {dir}; to continue, repeat the command")
+}
+
+/// The exit status of the interrupted command.
+pub(super) fn status() -> u8 {
+    match (IS_TERMINATED.load(Ordering::SeqCst), IS_RESUMABLE.load(Ordering::SeqCst)) {
+        (false, _) => 130,
+        (true, true) => 75,
+        (true, false) => 143,
+    }
 }
 
 /// Says, once, what is safe and how to continue.
@@ -40,4 +54,43 @@ pub(super) fn say() {
     if let Some(advice) = advice.take() {
         eprintln!("interrupted: {}", advice());
     }
+}
+
+fn begin(is_resumable: bool, advice: Advice) -> Cancel {
+    IS_RESUMABLE.store(is_resumable, Ordering::SeqCst);
+    *ADVICE.lock().unwrap_or_else(PoisonError::into_inner) = Some(advice);
+    let mut is_new = false;
+    let cancel = CANCEL.get_or_init(|| {
+        is_new = true;
+        Cancel::new()
+    });
+    if is_new {
+        let flag = cancel.clone();
+        // A program that embeds this command and handles Ctrl-C itself keeps its handler.
+        let _ = ctrlc::set_handler(move || stop(&flag, false));
+        #[cfg(unix)]
+        listen(cancel.clone());
+    }
+    cancel.clone()
+}
+
+/// Waits for SIGTERM on a thread. Without it the signal ends the process at once, which all files survive.
+#[cfg(unix)]
+fn listen(cancel: Cancel) {
+    let Ok(mut signals) = signal_hook::iterator::Signals::new([signal_hook::consts::SIGTERM]) else { return };
+    std::thread::spawn(move || {
+        // Schedulers send some twice: the first one counts.
+        if signals.forever().next().is_some() {
+            stop(&cancel, true);
+        }
+    });
+}
+
+/// Asks the command to stop, and ends it if it does not.
+fn stop(cancel: &Cancel, is_terminated: bool) {
+    IS_TERMINATED.store(is_terminated, Ordering::SeqCst);
+    cancel.cancel();
+    std::thread::sleep(GRACE);
+    say();
+    std::process::exit(i32::from(status()));
 }

@@ -1,7 +1,8 @@
 //! The command line of `swm`. A downstream crate gives it its own registry: `swm::cli::main(&registry)`.
 //!
 //! Results go to stdout (tables, or JSON with `--json`), everything else to stderr. Exit status: 0 done, 1 the work
-//! failed or found a difference, 2 the request itself is wrong, 130 interrupted.
+//! failed or found a difference, 2 the request itself is wrong, 130 interrupted by Ctrl-C; by SIGTERM 75 if the same command
+//! continues, else 143.
 
 mod args;
 mod bench;
@@ -53,7 +54,8 @@ pub(crate) use output::{Failure, Output, usage};
     propagate_version = true,
     arg_required_else_help = true,
     after_help = "\
-Exit status: 0 done, 1 the work failed or found a difference, 2 the request itself is wrong, 130 interrupted.
+Exit status: 0 done, 1 the work failed or found a difference, 2 the request itself is wrong, 130 interrupted by Ctrl-C, 75 stopped
+by SIGTERM and continued by the same command.
 
 Results go to the standard output, progress and messages to the standard error. Every command explains itself: `swm eval --help`."
 )]
@@ -132,7 +134,7 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) if failure.is_cancelled() => {
             interrupt::say();
-            ExitCode::from(interrupt::STATUS)
+            ExitCode::from(interrupt::status())
         }
         Err(failure) => {
             eprintln!("{failure}");

@@ -3,13 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use swm_core::Registry;
+use swm_core::{Cancel, Registry};
 
-use super::args::{WorldArgs, policy_args};
+use super::args::{PartArgs, WorldArgs, policy_args};
 use super::eval_manifest::{p_value, rate};
 use super::output::{create_folder, table};
-use super::{Failure, Output, held, usage};
-use crate::evaluation::{Candidate, Change, Sweep, Values, changes, read_manifest, sweep};
+use super::{Failure, Output, held, interrupt, usage};
+use crate::evaluation::{
+    Candidate, CellLedger, Change, RunOptions, Sweep, SweepRun, Values, changes, read_manifest,
+};
 use crate::report_page::sweep_figure;
 
 /// Evaluate a policy under every factor of variation, one by one, by group and together.
@@ -19,9 +21,11 @@ Examples:
   swm sweep --manifest pusht-strict.toml --policy cem --out sweep
   swm sweep --manifest pusht-strict.toml --policy weak --factors block,agent.color --values extremes --json
   swm sweep --manifest pusht-strict.toml --policy weak --factors agent.scale --values grid --points 7
+  swm sweep --manifest pusht-strict.toml --policy cem --out sweep --shard 3/64    (one of 64 parts; then --join in place of it)
 
 Each factor alone, each group, and all together, on the pairs of the manifest, against the unchanged environment. With --out,
-the folder gets sweep.json, sweep.csv and sweep.svg; `swm report` shows it with other results.")]
+the folder gets sweep.json, sweep.csv and sweep.svg; `swm report` shows it with other results. An interrupted sweep continues
+where it stopped. Parts write to parts/ in --out; joined, they are the undivided sweep.")]
 pub(super) struct SweepCommand {
     /// The manifest; `swm manifest make` makes one.
     #[arg(long, value_name = "FILE")]
@@ -49,6 +53,8 @@ pub(super) struct SweepCommand {
     /// With --out: run again what the folder holds already, and replace it.
     #[arg(long, requires = "out")]
     again: bool,
+    #[command(flatten)]
+    part: PartArgs,
 }
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
@@ -80,7 +86,9 @@ impl SweepCommand {
         let config = swm_core::EnvConfig { image: None, settings: manifest.settings.clone() };
         let factors = entry.make(&config)?.spec().factors.clone();
         let changes = changes(&factors, &self.factors, values).map_err(usage)?;
-        let count = changes.len() + 1;
+        let options = RunOptions { cancel: Some(self.watch()), ..self.world.run_options() };
+        let mut run = SweepRun::new(registry, &manifest, &candidate, changes.clone(), values, options)?;
+        let (cells, pairs) = (run.cells(), run.pairs());
         if let Some(dir) = &self.out {
             create_folder(dir)?;
             if !self.again
@@ -96,12 +104,27 @@ impl SweepCommand {
                 return output.result(&held, || text(&held, Some(dir)));
             }
         }
-        let bar = output.bar(count as u64, "evaluations");
-        let options = self.world.run_options();
-        let result = sweep(registry, &manifest, &candidate, &self.factors, values, options, |_, _, cell| {
+        let bar = output.bar(cells, "evaluations");
+        let told = |name: &str| {
             bar.inc(1);
-            bar.set_message(cell.name.clone());
-        });
+            bar.set_message(name.to_owned());
+        };
+        let mut ledger = match (&self.out, self.part.shard) {
+            (None, _) => CellLedger::in_memory(cells, pairs),
+            (Some(dir), Some(shard)) => {
+                let mut ledger = CellLedger::open_part(dir, shard.numbers(), &run.identity()?, cells, pairs)?;
+                let done = run.run_part(&mut ledger, told);
+                bar.finish_and_clear();
+                done?;
+                ledger.finish_part()?;
+                return self.part.done(dir, shard, shard.of(cells * pairs), output);
+            }
+            (Some(dir), None) if self.part.join => {
+                CellLedger::join(dir, &run.identity()?, cells, pairs).map_err(usage)?
+            }
+            (Some(dir), None) => CellLedger::open(&dir.join("sweep.jsonl"), &run.identity()?, cells, pairs)?,
+        };
+        let result = run.run(&mut ledger, |cell| told(&cell.name));
         bar.finish_and_clear();
         let result = result?;
         if let Some(dir) = &self.out {
@@ -114,7 +137,20 @@ impl SweepCommand {
             write("sweep.csv", &result.csv())?;
             write("sweep.svg", &sweep_figure(&result))?;
         }
+        ledger.close()?;
         output.result(&result, || text(&result, self.out.as_deref()))
+    }
+}
+
+impl SweepCommand {
+    /// What ends the sweep when the command is interrupted.
+    fn watch(&self) -> Cancel {
+        match &self.out {
+            Some(dir) => interrupt::watch_resumable(interrupt::episodes_are_in(dir)),
+            None => interrupt::watch(|| {
+                "nothing is kept of this sweep; with --out DIR it can be continued".to_owned()
+            }),
+        }
     }
 }
 

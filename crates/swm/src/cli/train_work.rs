@@ -42,7 +42,7 @@ impl Train {
         let shown = Shown { bar: bar.clone(), output, lines, has_phases, begun_at };
         // Checkpoints survive a kill, so nothing has to be ended by hand.
         let run = out.display().to_string();
-        interrupt::watch(move || {
+        interrupt::watch_resumable(move || {
             format!("the last checkpoint is safe in {run}; to continue: swm train --resume --out {run}")
         });
         let state = training.run(vec![Box::new(shown)]).map_err(failure)?;

@@ -7,7 +7,7 @@ use swm_core::Registry;
 
 use super::eval_manifest::rate;
 use super::output::counted;
-use super::{Failure, Output, usage};
+use super::{Failure, Output, interrupt, usage};
 use crate::evaluation::{Role, RunOptions, Verification, read_receipt, verify};
 
 /// Repeat an evaluation: is the result equal bit for bit, and if not, which part differs?
@@ -39,8 +39,10 @@ impl VerifyResult {
         let references = receipt.references.iter().filter(|known| self.oracle || known.role != Role::Oracle);
         let episodes = receipt.episodes.len() + references.map(|known| known.episodes.len()).sum::<usize>();
         let bar = output.bar(episodes as u64, "episodes");
-        let options = RunOptions { num_envs: self.num_envs, threads: self.threads, cancel: None };
-        let verification = verify(registry, &receipt, options, self.oracle, || bar.inc(1));
+        let cancel = interrupt::watch(|| "the result is not verified; run it again".to_owned());
+        let (num_envs, threads) = (self.num_envs, self.threads);
+        let options = RunOptions { num_envs, threads, cancel: Some(cancel), ..RunOptions::default() };
+        let verification = verify(registry, &receipt, &options, self.oracle, || bar.inc(1));
         bar.finish_and_clear();
         let verification = verification?;
         output.result(&verification, || text(&verification))?;

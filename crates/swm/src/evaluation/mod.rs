@@ -1,6 +1,7 @@
 //! Evaluations that can be compared and repeated: manifests on disk, the success rules of the tiers, reference policies,
 //! receipts, and their verification. Statistics and manifests themselves are `swm_core::evaluate`.
 
+mod cells;
 mod compare;
 mod files;
 mod hash;
@@ -16,6 +17,7 @@ mod sweep;
 mod tiers;
 mod verify;
 
+pub use cells::CellLedger;
 pub use compare::{Compared, Side, compare};
 pub use files::{read_manifest, read_receipt, write_manifest};
 pub use hash::file_hash;
@@ -29,6 +31,6 @@ pub use receipt::{Code, RECEIPT_VERSION, Receipt};
 pub use reference::{Reference, Regret, Role, roles};
 pub use resume::Ledger;
 pub use run::{Candidate, RunOptions, run_pairs};
-pub use sweep::{Cell, Change, SWEEP_VERSION, Scope, Sweep, Values, changes, is_sweep, sweep};
+pub use sweep::{Cell, Change, SWEEP_VERSION, Scope, Sweep, SweepRun, Values, changes, is_sweep};
 pub use tiers::{TierRules, tier_rules};
 pub use verify::{Part, Verification, verify};

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 use swm_core::error::BoxError;
@@ -14,9 +15,14 @@ use crate::text_file::read_text;
 /// A file of finished episodes.
 pub struct Ledger {
     path: PathBuf,
-    file: File,
+    file: Option<File>,
     /// What is known already.
     pub known: BTreeMap<u64, EpisodeResult>,
+    /// Seconds that each known episode took after the one before it.
+    pub(super) seconds: BTreeMap<u64, f64>,
+    is_finished: bool,
+    /// When the last episode was written.
+    last: Instant,
 }
 
 /// The first line: what the episodes belong to.
@@ -30,6 +36,15 @@ struct Line {
     episode: u64,
     #[serde(flatten)]
     result: EpisodeResult,
+    /// Seconds since the line before it, or since the ledger was opened.
+    #[serde(default)]
+    seconds: f64,
+}
+
+/// The last line of a part that is complete.
+#[derive(Serialize, Deserialize)]
+struct End {
+    finished: bool,
 }
 
 impl Ledger {
@@ -41,33 +56,61 @@ impl Ledger {
     /// It belongs to another evaluation, or cannot be read or written.
     pub fn open(path: &Path, identity: &impl Serialize) -> Result<Self, BoxError> {
         let failed = |error: std::io::Error| format!("cannot write {}: {error}", path.display());
-        let evaluation = sha256(serde_json::to_string(identity)?.as_bytes());
-        let head = Head { evaluation };
-        let mut known = BTreeMap::new();
-        if path.exists() {
-            let text = read_text(path).map_err(failed)?;
-            let mut lines = text.lines();
-            let found = lines.next().and_then(|line| serde_json::from_str::<Head>(line).ok());
-            if found.is_some_and(|found| found != head) {
-                return Err(format!(
-                    "{} holds episodes of another evaluation (manifest, policy, seed or physics differ); remove it, or give \
-                     another folder",
-                    path.display()
-                )
-                .into());
-            }
-            let complete = lines.map_while(|line| serde_json::from_str::<Line>(line).ok());
-            known.extend(complete.map(|line| (line.episode, line.result)));
-        }
+        let mut ledger = match path.exists() {
+            true => Self::read(path, identity)?,
+            false => Self::empty(path),
+        };
         // Written anew, so that what follows a line that was cut off is not lost.
-        let mut text = serde_json::to_string(&head)? + "\n";
-        for (&episode, result) in &known {
-            text += &(serde_json::to_string(&Line { episode, result: result.clone() })? + "\n");
+        let mut text = serde_json::to_string(&Head::of(identity)?)? + "\n";
+        for (&episode, result) in &ledger.known {
+            let seconds = ledger.seconds.get(&episode).copied().unwrap_or_default();
+            text += &(serde_json::to_string(&Line { episode, result: result.clone(), seconds })? + "\n");
         }
         let new = path.with_extension("new");
         fs::write(&new, text).and_then(|()| fs::rename(&new, path)).map_err(failed)?;
-        let file = OpenOptions::new().append(true).open(path).map_err(failed)?;
-        Ok(Self { path: path.to_owned(), file, known })
+        ledger.file = Some(OpenOptions::new().append(true).open(path).map_err(failed)?);
+        ledger.is_finished = false;
+        Ok(ledger)
+    }
+
+    /// Reads a ledger that is there, and leaves it as it is.
+    ///
+    /// # Errors
+    ///
+    /// It belongs to another evaluation, or cannot be read.
+    pub(super) fn read(path: &Path, identity: &impl Serialize) -> Result<Self, BoxError> {
+        let text = read_text(path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
+        let mut lines = text.lines();
+        let found = lines.next().and_then(|line| serde_json::from_str::<Head>(line).ok());
+        let head = Head::of(identity)?;
+        if found.is_some_and(|found| found != head) {
+            return Err(format!(
+                "{} holds episodes of another evaluation (manifest, policy, seed or physics differ); remove it, or give \
+                 another folder",
+                path.display()
+            )
+            .into());
+        }
+        let mut ledger = Self::empty(path);
+        for line in lines {
+            let Ok(Line { episode, result, seconds }) = serde_json::from_str(line) else {
+                ledger.is_finished = serde_json::from_str::<End>(line).is_ok_and(|end| end.finished);
+                break;
+            };
+            ledger.known.insert(episode, result);
+            ledger.seconds.insert(episode, seconds);
+        }
+        Ok(ledger)
+    }
+
+    fn empty(path: &Path) -> Self {
+        let (known, seconds) = (BTreeMap::new(), BTreeMap::new());
+        Self { path: path.to_owned(), file: None, known, seconds, is_finished: false, last: Instant::now() }
+    }
+
+    /// Whether [`Ledger::finish`] ended it.
+    pub(super) fn is_finished(&self) -> bool {
+        self.is_finished
     }
 
     /// Appends a finished episode.
@@ -76,9 +119,24 @@ impl Ledger {
     ///
     /// The file cannot be written.
     pub fn push(&mut self, episode: u64, result: &EpisodeResult) -> Result<(), BoxError> {
-        let line = serde_json::to_string(&Line { episode, result: result.clone() })? + "\n";
-        let written = self.file.write_all(line.as_bytes());
+        let seconds = self.last.elapsed().as_secs_f64();
+        self.last = Instant::now();
+        self.write(&Line { episode, result: result.clone(), seconds })
+    }
+
+    fn write(&mut self, line: &impl Serialize) -> Result<(), BoxError> {
+        let line = serde_json::to_string(line)? + "\n";
+        let written = self.file.as_mut().map_or(Ok(()), |file| file.write_all(line.as_bytes()));
         Ok(written.map_err(|error| format!("cannot write {}: {error}", self.path.display()))?)
+    }
+
+    /// Ends the file: it holds every episode of its part.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
+    pub(super) fn finish(mut self) -> Result<(), BoxError> {
+        self.write(&End { finished: true })
     }
 
     /// Removes the file: the receipt holds everything.
@@ -87,8 +145,14 @@ impl Ledger {
     ///
     /// The file cannot be removed.
     pub fn close(self) -> Result<(), BoxError> {
-        let Self { path, file, known: _ } = self;
+        let Self { path, file, .. } = self;
         drop(file);
         Ok(fs::remove_file(&path).map_err(|error| format!("cannot remove {}: {error}", path.display()))?)
+    }
+}
+
+impl Head {
+    fn of(identity: &impl Serialize) -> Result<Self, BoxError> {
+        Ok(Self { evaluation: sha256(serde_json::to_string(identity)?.as_bytes()) })
     }
 }

@@ -101,24 +101,26 @@ fn manifest_config(manifest: &Manifest) -> EnvConfig {
     EnvConfig { image: None, settings: manifest.settings.clone() }
 }
 
-/// How a run is spread. Results do not depend on it.
-#[derive(Clone, Copy, Debug)]
+/// How a run is spread, and which part of it is run. Results do not depend on it.
+#[derive(Clone, Debug)]
 pub struct RunOptions {
     /// Environments side by side.
     pub num_envs: usize,
     /// Threads; `None`: one per core.
     pub threads: Option<usize>,
     /// What ends the run early; results that were handed on stay.
-    pub cancel: Option<&'static Cancel>,
+    pub cancel: Option<Cancel>,
+    /// The pairs to run, in ascending order; `None`: all.
+    pub pairs: Option<Vec<u64>>,
 }
 
 impl Default for RunOptions {
     fn default() -> Self {
-        Self { num_envs: 16, threads: None, cancel: None }
+        Self { num_envs: 16, threads: None, cancel: None, pairs: None }
     }
 }
 
-/// Runs the pairs of `manifest` that are not in `known`, from `resets` (the manifest's own or changed ones), and calls
+/// Runs the pairs of `options` that are not in `known`, from `resets` (the manifest's own or changed ones), and calls
 /// `each(pair, result)` as they end. `checked`: the first row of each must be the manifest's.
 ///
 /// # Errors
@@ -134,13 +136,16 @@ pub fn run_pairs(
     resets: &[ResetOptions],
     candidate: &Candidate,
     steps_per_plan: u64,
-    options: RunOptions,
+    options: &RunOptions,
     known: &BTreeMap<u64, EpisodeResult>,
     checked: bool,
     mut each: impl FnMut(u64, &EpisodeResult) -> Result<(), BoxError> + Send,
 ) -> Result<Vec<EpisodeResult>, BoxError> {
     let entry = registry.env(&manifest.env)?;
-    let missing = missing(manifest.pairs.len() as u64, known);
+    let missing = match &options.pairs {
+        Some(pairs) => missing(pairs.iter().copied(), known),
+        None => missing(0..manifest.pairs.len() as u64, known),
+    };
     let mut results = known.clone();
     if !missing.is_empty() {
         let most = missing.iter().map(|range| range.end - range.start).max().unwrap_or(1);
@@ -150,7 +155,7 @@ pub fn run_pairs(
         world.set_policy_seed(candidate.seed);
         world.set_transform(distractors::parse_all(&manifest.distractors)?);
         let mut rollout = Rollout::new(0..0).seed(manifest.seed).each(resets);
-        if let Some(cancel) = options.cancel {
+        if let Some(cancel) = &options.cancel {
             rollout = rollout.cancel(cancel);
         }
         for range in missing {
@@ -167,10 +172,10 @@ pub fn run_pairs(
     Ok(results.into_values().collect())
 }
 
-/// The stretches of `0..count` that are not known.
-fn missing(count: u64, known: &BTreeMap<u64, EpisodeResult>) -> Vec<Range<u64>> {
+/// The stretches of ascending `pairs` that are not known.
+fn missing(pairs: impl Iterator<Item = u64>, known: &BTreeMap<u64, EpisodeResult>) -> Vec<Range<u64>> {
     let mut ranges: Vec<Range<u64>> = Vec::new();
-    for pair in (0..count).filter(|pair| !known.contains_key(pair)) {
+    for pair in pairs.filter(|pair| !known.contains_key(pair)) {
         match ranges.last_mut() {
             Some(range) if range.end == pair => range.end += 1,
             _ => ranges.push(pair..pair + 1),

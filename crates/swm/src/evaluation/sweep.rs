@@ -1,22 +1,20 @@
 //! Robustness: the same pairs under changed factors of variation, one factor alone, each group, all together, beside the
-//! unchanged environment. Which changes there are is the duty of `changes`.
+//! unchanged environment. Which changes there are is the duty of `changes`, running them that of `run`.
 
 mod changes;
+mod run;
 mod trial;
 
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
-use swm_core::error::BoxError;
-use swm_core::evaluate::{EpisodeResult, PairedTest, Summary};
-use swm_core::{Manifest, Registry, ResetOptions};
+use swm_core::evaluate::{PairedTest, Summary};
 
 use super::receipt::Code;
-use super::run::{Candidate, RunOptions, run_pairs};
+use super::run::Candidate;
 pub use changes::{Change, Scope, Values, changes};
-use trial::Trial;
+pub use run::SweepRun;
 
 /// The version of [`Sweep`] that is written and read.
 pub const SWEEP_VERSION: u32 = 1;
@@ -69,96 +67,20 @@ pub struct Cell {
     pub successes: Vec<bool>,
 }
 
-/// Evaluates the unchanged environment and every change. `each` is called after every cell with its number and their count.
-///
-/// # Errors
-///
-/// A factor is unknown or a grid too small; the unchanged environment cannot be evaluated. A change that
-/// cannot be is a cell with a note; one that can be in some pairs, or nearly, is evaluated so.
-pub fn sweep(
-    registry: &Registry,
-    manifest: &Manifest,
-    candidate: &Candidate,
-    asked: &[String],
-    values: Values,
-    options: RunOptions,
-    mut each: impl FnMut(usize, usize, &Cell),
-) -> Result<Sweep, BoxError> {
-    let entry = registry.env(&manifest.env)?;
-    let mut trial = Trial::new(entry, manifest)?;
-    let changes = changes(&trial.factors, asked, values)?;
-    let count = changes.len() + 1;
-    let policy = candidate.make(registry, entry, manifest)?.describe();
-    let (none, steps) = (BTreeMap::new(), candidate.plan_steps(registry, entry, manifest));
-    let run = |resets: &[ResetOptions], known: &BTreeMap<u64, EpisodeResult>, checked: bool| {
-        run_pairs(registry, manifest, resets, candidate, steps, options, known, checked, |_, _| Ok(()))
-    };
-    let base_resets = manifest.resets()?;
-    let base = run(&base_resets, &none, true)?;
-    let successes = |episodes: &[EpisodeResult]| episodes.iter().map(|e| e.success).collect::<Vec<bool>>();
-    let mut cells = vec![Cell {
-        name: "unchanged".to_owned(),
-        scope: Scope::Unchanged,
-        value: String::new(),
-        summary: Some(Summary::of(&base)),
-        test: None,
-        pairs: Vec::new(),
-        note: None,
-        successes: successes(&base),
-    }];
-    each(0, count, &cells[0]);
-    for change in changes {
-        let mut cell = Cell {
-            name: change.name.clone(),
-            scope: change.scope,
-            value: change.value.clone(),
+impl Cell {
+    /// A cell that nothing is known of yet.
+    fn new(name: &str, scope: Scope, value: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            scope,
+            value: value.to_owned(),
             summary: None,
             test: None,
             pairs: Vec::new(),
             note: None,
             successes: Vec::new(),
-        };
-        let tried = trial.admit(manifest, &base_resets, &change)?;
-        let pairs = tried.pairs();
-        let mut notes: Vec<String> = tried.note(base.len()).into_iter().collect();
-        if !pairs.is_empty() {
-            // Pairs that cannot have the values are not run.
-            let left_out = (0..base.len()).filter(|pair| !pairs.contains(pair));
-            let known = left_out.map(|pair| (pair as u64, base[pair].clone())).collect();
-            let all = run(&tried.resets(&base_resets), &known, false)?;
-            let of_pairs = |episodes: &[EpisodeResult]| -> Vec<EpisodeResult> {
-                pairs.iter().map(|&pair| episodes[pair].clone()).collect()
-            };
-            let (before, episodes) = (of_pairs(&base), of_pairs(&all));
-            let same = |(a, b): (&EpisodeResult, &EpisodeResult)| {
-                (a.success, a.steps, &a.decisions, a.final_cost)
-                    == (b.success, b.steps, &b.decisions, b.final_cost)
-            };
-            if before.iter().zip(&episodes).all(same) {
-                notes.push("every episode goes as without the change".to_owned());
-            }
-            cell.successes = successes(&episodes);
-            cell.summary = Some(Summary::of(&episodes));
-            cell.test = Some(PairedTest::of(&cell.successes, &successes(&before)));
-            if pairs.len() < base.len() {
-                cell.pairs = pairs;
-            }
         }
-        cell.note = (!notes.is_empty()).then(|| notes.join("; "));
-        cells.push(cell);
-        each(cells.len() - 1, count, &cells[cells.len() - 1]);
     }
-    Ok(Sweep {
-        sweep: SWEEP_VERSION,
-        env: manifest.env.clone(),
-        manifest_hash: manifest.hash(),
-        tier: manifest.tier.name().to_owned(),
-        candidate: candidate.clone(),
-        policy,
-        values,
-        code: Code::this(),
-        cells,
-    })
 }
 
 impl Sweep {

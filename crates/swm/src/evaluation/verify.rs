@@ -64,7 +64,7 @@ pub struct Verification {
 pub fn verify(
     registry: &Registry,
     receipt: &Receipt,
-    options: RunOptions,
+    options: &RunOptions,
     oracle: bool,
     mut each: impl FnMut() + Send,
 ) -> Result<Verification, BoxError> {
