@@ -19,6 +19,7 @@ pub(super) const DRAG_AREA: [f64; 3] = [1.16 * 1.7649, 1.16 * 1.7649, 2.0 * 0.10
 const AREA: f64 = 0.25;
 const CHORD: f64 = 0.5;
 /// Slope of the lift coefficient: of a thin plate, corrected for the aspect ratio.
+#[expect(clippy::approx_constant, reason = "PyFlyt rounds the slope of a thin plate")]
 const LIFT_SLOPE: f64 = 6.283 / (1.0 + 10.0 / 3.0);
 /// Share of the flap's angle that acts on the lift.
 const FLAP_EFFECT: f64 = 0.65;
