@@ -9,16 +9,17 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use nalgebra::Vector3;
 
 use super::attitude::{atan2, sin_cos};
-use super::body::BOOSTER;
+use super::body::{BOOSTER, FIN_PLACE};
 
 /// Half of the density of air, kg/m³.
-const HALF_DENSITY: f64 = 0.6125;
+pub(super) const HALF_DENSITY: f64 = 0.6125;
 /// Drag coefficient times area along each axis, m².
-const DRAG_AREA: [f64; 3] = [1.16 * 1.7649, 1.16 * 1.7649, 2.0 * 0.1075];
+pub(super) const DRAG_AREA: [f64; 3] = [1.16 * 1.7649, 1.16 * 1.7649, 2.0 * 0.1075];
 /// Area of a surface, m²; its chord, m.
 const AREA: f64 = 0.25;
 const CHORD: f64 = 0.5;
 /// Slope of the lift coefficient: of a thin plate, corrected for the aspect ratio.
+#[expect(clippy::approx_constant, reason = "PyFlyt rounds the slope of a thin plate")]
 const LIFT_SLOPE: f64 = 6.283 / (1.0 + 10.0 / 3.0);
 /// Share of the flap's angle that acts on the lift.
 const FLAP_EFFECT: f64 = 0.65;
@@ -35,13 +36,11 @@ struct Surface {
     lift: [f64; 3],
 }
 
-const FIN_X: f64 = 0.35;
-const FIN_Z: f64 = 2.051;
 const SURFACES: [Surface; 4] = [
     Surface { place: [0.0; 3], lift: [0.0, 1.0, 0.0] },
     Surface { place: BOOSTER, lift: [0.0, 1.0, 0.0] },
-    Surface { place: [FIN_X, 0.0, FIN_Z], lift: [1.0, 0.0, 0.0] },
-    Surface { place: [-FIN_X, 0.0, FIN_Z], lift: [1.0, 0.0, 0.0] },
+    Surface { place: [FIN_PLACE[0], 0.0, FIN_PLACE[1]], lift: [1.0, 0.0, 0.0] },
+    Surface { place: [-FIN_PLACE[0], 0.0, FIN_PLACE[1]], lift: [1.0, 0.0, 0.0] },
 ];
 
 /// Force and torque about the origin, in the body frame.

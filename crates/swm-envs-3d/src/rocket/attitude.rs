@@ -85,7 +85,7 @@ mod tests {
         }
         let up = world_from_body(from_euler([0.0, std::f64::consts::FRAC_PI_2, 0.0])) * Vector3::z();
         assert!((up - Vector3::x()).norm() < 1e-12, "pitch turns z towards x: {up}");
-        let [roll, pitch, _] = euler(from_euler([0.0, 1.5707963, 0.4]));
+        let [roll, pitch, _] = euler(from_euler([0.0, std::f64::consts::FRAC_PI_2, 0.4]));
         assert_eq!((roll, pitch), (0.0, std::f64::consts::FRAC_PI_2));
     }
 

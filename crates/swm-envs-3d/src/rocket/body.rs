@@ -22,7 +22,7 @@ const BOOSTER_BODY: (f64, [f64; 3]) = (47.0, [192.43, 192.43, 0.81]);
 const TANK_INERTIA: [f64; 3] = [1678.0, 1678.0, 7.01];
 const FIN_MASS: f64 = 0.05;
 /// Distance of fins from the axis, and their height.
-const FIN_PLACE: [f64; 2] = [0.35, 2.051];
+pub(super) const FIN_PLACE: [f64; 2] = [0.35, 2.051];
 
 /// Mass properties of the whole, symmetric about z.
 #[derive(Clone, Copy, Debug, PartialEq)]

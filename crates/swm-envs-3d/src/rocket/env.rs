@@ -262,7 +262,7 @@ impl Env for RocketLanding {
     fn step(&mut self, action: Slice<'_>) -> Result<Outcome, EnvError> {
         let diverged = |reason: String| EnvError::Diverged { env: ROCKET_LANDING.id.to_owned(), reason };
         let values = match action {
-            Slice::F64(values) => values.as_array(),
+            Slice::F64(values) => values.try_into().ok(),
             _ => None,
         };
         let Some(action) = values else {

@@ -49,7 +49,7 @@ pub(super) fn conditions(fov: &Fov) -> Conditions {
     Conditions { dry_mass: fov.f64("rocket.dry_mass"), wind: fov.vector("environment.wind") }
 }
 
-/// Colors of sky and pad, then of the parts.
+/// The color of the parts of a kind.
 pub(super) fn color(fov: &Fov, kind: Kind) -> [u8; 3] {
     fov.rgb(match kind {
         Kind::Hull => "rocket.body_color",

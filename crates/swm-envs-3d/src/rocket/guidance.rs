@@ -4,8 +4,9 @@
 
 use nalgebra::Vector3;
 
+use super::aerodynamics::{DRAG_AREA, HALF_DENSITY};
 use super::attitude::world_from_body;
-use super::body::{BOOSTER, MassProperties};
+use super::body::{BOOSTER, FIN_PLACE, MassProperties};
 use super::flight::{Conditions, GIMBAL_LIMIT_DEG, GRAVITY, MAX_THRUST, MIN_THROTTLE, MIN_THRUST};
 use super::rules::End;
 use super::state::{ACTION_DIM, State};
@@ -28,9 +29,8 @@ const SIDE_GAINS: [f64; 2] = [0.3, 0.9];
 const SIDE_LIMIT: f64 = 1.6;
 /// Angular acceleration per leaning and per angular velocity.
 const LEAN_GAINS: [f64; 2] = [6.0, 4.0];
-/// Lift of the two surfaces of an axis at full deflection, N s²/m², and the height of those on the x axis.
-const FIN_LIFT: f64 = 2.0 * 0.6125 * 0.25 * 0.74;
-const FIN_HEIGHT: f64 = 2.051;
+/// Lift of the two surfaces of an axis at full deflection, N s²/m².
+const FIN_LIFT: f64 = 2.0 * HALF_DENSITY * 0.25 * 0.74;
 /// Fins that turn less than this, N m, are left alone.
 const LEAST_FIN_TORQUE: f64 = 20.0;
 /// Costs per squared error of the sideways velocity, of the direction of thrust and of the angular velocity, beside that of
@@ -51,7 +51,7 @@ fn descent(mass: f64, height: f64) -> (f64, f64) {
 
 /// The acceleration by drag in the wind along x and y, m/s², of a rocket that does not move sideways.
 fn drift(conditions: &Conditions, mass: f64) -> [f64; 2] {
-    conditions.wind.map(|wind| 0.6125 * 1.16 * 1.7649 * wind * wind.abs() / mass)
+    conditions.wind.map(|wind| HALF_DENSITY * DRAG_AREA[0] * wind * wind.abs() / mass)
 }
 
 /// The controller's memory: the share of a pulse that is due.
@@ -115,7 +115,7 @@ fn steer(
         let turn = LEAN_GAINS[0] * error[axis] - LEAN_GAINS[1] * spin[axis];
         turn * properties.inertia[axis]
     });
-    let by_fins = FIN_LIFT * velocity.z * velocity.z * (FIN_HEIGHT - properties.center_z);
+    let by_fins = FIN_LIFT * velocity.z * velocity.z * (FIN_PLACE[1] - properties.center_z);
     let fin = if by_fins > LEAST_FIN_TORQUE { (torques[1] / by_fins).clamp(-1.0, 1.0) } else { 0.0 };
     torques[1] -= fin * by_fins;
     let arm = properties.center_z - BOOSTER[2];
@@ -140,8 +140,8 @@ pub(super) fn cost(conditions: &Conditions, state: &State, end: End) -> f64 {
     let side = (vx + approach * x).hypot(vy + approach * y);
     let error = lean_error(conditions, mass, state, GRAVITY + braking);
     let spin = Vector3::from(state.spin).norm_squared();
-    // Flying up gains nothing.
-    let fall = vz - speed + 0.1 * (z - TOUCHDOWN).max(0.0).min(1.0);
+    // Over the pad, a little faster than the descent: hovering there costs.
+    let fall = vz - speed + 0.1 * (z - TOUCHDOWN).clamp(0.0, 1.0);
     fall * fall + SIDE_COST * side * side + LEAN_COST * error.norm_squared() + SPIN_COST * spin
 }
 

@@ -1,8 +1,8 @@
 //! Rocket landing: a throttled, gimbaled engine and fins bring a falling rocket onto a pad.
 //!
 //! The model is that of PyFlyt 0.29.0 on PyBullet 3.2.7, which the *reference*, the Python package `stable-worldmodel`,
-//! wraps. Free flight follows PyBullet's update formula ([`flight`]); parry3d finds what is near a body, and rapier3d
-//! takes over the physics steps that touch ([`contact`]).
+//! wraps. Free flight follows PyBullet's update formula (`flight`); parry3d finds what is near a body, and rapier3d
+//! takes over the physics steps that touch (`contact`).
 
 mod aerodynamics;
 mod attitude;
