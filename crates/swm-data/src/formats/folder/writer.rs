@@ -161,7 +161,7 @@ impl Session for FolderSession {
         self.ep_offset.sync()?;
         self.ep_len.sync()?;
         self.index.sync()?;
-        Ok(disk::sync(&[self.manifest.clone()])?)
+        Ok(disk::sync(std::slice::from_ref(&self.manifest))?)
     }
 
     fn close(self) -> Result<()> {
