@@ -359,6 +359,14 @@ pub fn sorted(json: Json) -> Json {
 mod tests {
     use super::*;
 
+    #[test]
+    fn bytes_are_hashed_in_pieces_as_if_at_once() {
+        for size in [0, 1, (1 << 20) - 1, 1 << 20, (1 << 20) + 1, 3 << 20] {
+            let bytes: Vec<u8> = (0..size).map(|at| (at % 251) as u8).collect();
+            assert_eq!(sha256_of(&bytes[..]).unwrap(), sha256(&bytes), "{size}");
+        }
+    }
+
     fn manifest() -> Manifest {
         Manifest {
             version: MANIFEST_VERSION,

@@ -82,7 +82,7 @@ fn a_flipped_length_of_a_chunk_is_damage_and_not_the_end() {
 fn a_commit_that_is_gone_is_missed() {
     let folder = tempfile::tempdir().unwrap();
     let (path, good) = recorded(folder.path());
-    let last = records(&good).into_iter().filter(|record| record.0 == 0x0C).next_back().unwrap();
+    let last = records(&good).into_iter().rfind(|record| record.0 == 0x0C).unwrap();
     let mut bytes = good.clone();
     // The last commit becomes a record of another kind, which a reader passes over.
     bytes[last.1] ^= 0x40;
