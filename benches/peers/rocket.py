@@ -18,7 +18,7 @@ import peer
 ENV = "swm/PFRocketLanding-v0"
 
 # (case here, of PyFlyt, least ratio wanted)
-PAIRS = [("step/none", "bare", 100), ("step/64/exact", "64", 10), ("reset/none", "reset", 100)]
+PAIRS = [("step/none", "bare", 100), ("step/64/exact", "64", 20), ("reset/none", "reset", 100)]
 
 
 def main():
