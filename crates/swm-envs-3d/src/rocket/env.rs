@@ -30,7 +30,7 @@ const CONTROL_STEPS: usize = 3;
 /// Duration of a step, s.
 const STEP_S: f64 = PHYSICS_STEP_S * (CONTROL_STEPS * PHYSICS_STEPS) as f64;
 /// Height that the start's ratio is a share of, m.
-const CEILING: f64 = 500.0;
+const MAX_HEIGHT: f64 = 500.0;
 /// Speed at which a start falls, m/s.
 const DROP_SPEED: f64 = 30.0;
 /// Physics steps, without a command, before the first observation.
@@ -110,7 +110,7 @@ impl RocketLanding {
         let ratio = self.fov.f64("environment.start_height_ratio");
         let [x, y] = self.fov.vector::<f32, 2>("environment.start_horizontal_offset").map(f64::from);
         let [roll, pitch] = self.fov.vector::<f32, 2>("environment.start_tilt").map(f64::from);
-        let (mut position, mut angles) = ([x, y, CEILING * ratio], [roll, pitch, 0.0]);
+        let (mut position, mut angles) = ([x, y, MAX_HEIGHT * ratio], [roll, pitch, 0.0]);
         if self.settings.randomize_drop {
             let stream = &mut seed.stream("rocket drop");
             for coordinate in &mut position[..2] {
