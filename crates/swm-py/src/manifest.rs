@@ -5,17 +5,16 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use pyo3::prelude::*;
-use serde_json::json;
 use swm::core::error::BoxError;
 use swm::core::evaluate::{
-    EpisodeResult, ManifestOptions, OutcomeRecorder, RecordedPairs, Summary, make_manifest as make,
+    EpisodeResult, ManifestOptions, OutcomeRecorder, RecordedPairs, make_manifest as make,
 };
 use swm::core::{
     Cancel, EnvConfig, EnvEntry, ImageSize, Manifest, PolicyArgs, PolicyError, Rollout, WorldError,
 };
 use swm::evaluation::{
-    Candidate, Code, Ledger, RECEIPT_VERSION, Receipt, Reference, Role, RunOptions, file_hash, fingerprints,
-    read_manifest, read_receipt, roles, run_pairs, tier_rules, write_manifest,
+    Candidate, Ledger, Receipt, Reference, Role, RunOptions, file_hash, fingerprints, read_manifest,
+    read_receipt, roles, run_pairs, tier_rules, write_manifest, write_receipt,
 };
 
 use crate::errors::{IntoPy as _, OrRaise as _, SwmError};
@@ -307,29 +306,10 @@ fn evaluate_manifest(
         };
         others.push(Reference::new(role, other, found, &episodes));
     }
-    let receipt = json!({
-        "receipt": RECEIPT_VERSION,
-        "manifest_hash": manifest.hash(),
-        "candidate": candidate,
-        "policy": description,
-        "files": files,
-        "fingerprints": fingerprints,
-        "code": Code::this(),
-        "summary": Summary::of(&episodes),
-        "phases": Receipt::by_phase(&manifest, &episodes),
-        "references": others,
-        "plan_steps": steps,
-        "episodes": episodes,
-        "manifest": manifest,
-        "wall_time_s": wall_time_s,
-    });
-    let receipt: Receipt = from_json("the receipt", &receipt.to_string())?;
+    let receipt = Receipt::new(manifest.clone(), candidate, description, files, fingerprints.clone(), steps)
+        .with_results(episodes, others, wall_time_s);
     if let Some(dir) = &out {
-        let path = dir.join("receipt.json");
-        let text =
-            serde_json::to_string_pretty(&receipt).map_err(|error| SwmError::new_err(error.to_string()))?;
-        std::fs::write(&path, text + "\n")
-            .map_err(|error| SwmError::new_err(format!("cannot write {}: {error}", path.display())))?;
+        write_receipt(dir, &receipt).map_err(boxed)?;
     }
     to_json(&receipt)
 }

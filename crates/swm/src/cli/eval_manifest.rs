@@ -12,8 +12,8 @@ use super::args::{PartArgs, Shard, policy_args};
 use super::output::{counted, create_folder, table};
 use super::{Failure, Output, held, usage};
 use crate::evaluation::{
-    Candidate, CellLedger, Code, Ledger, RECEIPT_VERSION, Receipt, Reference, Role, RunOptions, fingerprints,
-    read_manifest, roles, run_pairs,
+    Candidate, CellLedger, Ledger, Receipt, Reference, Role, RunOptions, fingerprints, read_manifest, roles,
+    run_pairs, write_receipt,
 };
 
 /// A choice of reference policies.
@@ -62,22 +62,14 @@ impl EvalManifest<'_> {
         let run = Run { registry, manifest: &manifest, output, out: self.out, options: &self.options };
         let fingerprints = fingerprints(entry, &manifest, candidate.seed)?;
         let steps = candidate.plan_steps(registry, entry, &manifest);
-        let asked = Receipt {
-            receipt: RECEIPT_VERSION,
-            manifest_hash: manifest.hash(),
-            files: candidate.files(registry, entry)?,
-            candidate: candidate.clone(),
+        let asked = Receipt::new(
+            manifest.clone(),
+            candidate.clone(),
             policy,
-            fingerprints: fingerprints.clone(),
-            code: Code::this(),
-            summary: Summary::of(&[]),
-            phases: Vec::new(),
-            references: Vec::new(),
-            plan_steps: steps,
-            episodes: Vec::new(),
-            manifest: manifest.clone(),
-            wall_time_s: 0.0,
-        };
+            candidate.files(registry, entry)?,
+            fingerprints.clone(),
+            steps,
+        );
         let held = match self.out {
             Some(dir) if !self.again => held::receipt(dir, &asked, &wanted)?,
             _ => None,
@@ -133,23 +125,8 @@ impl EvalManifest<'_> {
             };
             references.push(Reference::new(role, other, others, &episodes));
         }
-        let receipt = Receipt {
-            summary: Summary::of(&episodes),
-            phases: Receipt::by_phase(&manifest, &episodes),
-            references,
-            episodes,
-            wall_time_s,
-            ..asked
-        };
-        let path = match self.out {
-            None => None,
-            Some(dir) => {
-                let path = dir.join("receipt.json");
-                std::fs::write(&path, serde_json::to_string_pretty(&receipt)? + "\n")
-                    .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
-                Some(path)
-            }
-        };
+        let receipt = asked.with_results(episodes, references, wall_time_s);
+        let path = self.out.map(|dir| write_receipt(dir, &receipt)).transpose()?;
         joined.map_or(Ok(()), CellLedger::close)?;
         output.result(&receipt, || text(&receipt, path.as_deref()))
     }

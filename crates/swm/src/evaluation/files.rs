@@ -1,7 +1,7 @@
 //! Manifests and receipts on disk.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
@@ -73,6 +73,18 @@ pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
         }
     }
     Ok(serde_json::from_value(json).map_err(|error| wrong(error.to_string()))?)
+}
+
+/// Writes a receipt into the folder `dir`, and returns its path. An existing one is replaced.
+///
+/// # Errors
+///
+/// The file cannot be written.
+pub fn write_receipt(dir: &Path, receipt: &Receipt) -> Result<PathBuf, BoxError> {
+    let path = dir.join("receipt.json");
+    let text = serde_json::to_string_pretty(receipt)? + "\n";
+    fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+    Ok(path)
 }
 
 fn read(path: &Path, what: &str) -> Result<String, BoxError> {

@@ -19,7 +19,7 @@ mod verify;
 
 pub use cells::CellLedger;
 pub use compare::{Compared, Side, compare};
-pub use files::{read_manifest, read_receipt, write_manifest};
+pub use files::{read_manifest, read_receipt, write_manifest, write_receipt};
 pub use hash::file_hash;
 pub use image_model::ImageModel;
 pub use probe::{Fingerprints, fingerprints};

@@ -77,13 +77,52 @@ impl Code {
 }
 
 impl Receipt {
+    /// A receipt without results yet. `files` are those of [`Candidate::files`].
+    pub fn new(
+        manifest: Manifest,
+        candidate: Candidate,
+        policy: String,
+        files: BTreeMap<String, String>,
+        fingerprints: Fingerprints,
+        plan_steps: u64,
+    ) -> Self {
+        Self {
+            receipt: RECEIPT_VERSION,
+            manifest_hash: manifest.hash(),
+            candidate,
+            policy,
+            files,
+            fingerprints,
+            code: Code::this(),
+            summary: Summary::of(&[]),
+            phases: Vec::new(),
+            references: Vec::new(),
+            plan_steps,
+            episodes: Vec::new(),
+            manifest,
+            wall_time_s: 0.0,
+        }
+    }
+
+    /// With every pair's episode, in order, what is derived from them, and the reference policies.
+    #[must_use]
+    pub fn with_results(
+        self,
+        episodes: Vec<EpisodeResult>,
+        references: Vec<Reference>,
+        wall_time_s: f64,
+    ) -> Self {
+        let (summary, phases) = (Summary::of(&episodes), Self::by_phase(&self.manifest, &episodes));
+        Self { summary, phases, references, episodes, wall_time_s, ..self }
+    }
+
     /// Successes, pair by pair.
     pub fn successes(&self) -> Vec<bool> {
         self.episodes.iter().map(|episode| episode.success).collect()
     }
 
     /// Success by phase of the manifest's stream; empty if it is none.
-    pub fn by_phase(manifest: &Manifest, episodes: &[EpisodeResult]) -> Vec<Summary> {
+    pub(super) fn by_phase(manifest: &Manifest, episodes: &[EpisodeResult]) -> Vec<Summary> {
         if manifest.phases() < 2 {
             return Vec::new();
         }
