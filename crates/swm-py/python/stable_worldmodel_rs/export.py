@@ -16,14 +16,18 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import torch
+from ._arrays import require_torch
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    import torch
+
     from .world.manifests import AnyPath
 
 __all__ = ["export_onnx"]
+
+_NEED = "export_onnx takes PyTorch modules"
 
 
 def export_onnx(
@@ -65,6 +69,7 @@ def export_onnx(
     Example:
         See ``tests/onnx/make_model.py`` in the repository, and the page *Custom world models by ONNX*.
     """
+    torch = require_torch(_NEED)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     encode, cost = encode.eval(), cost.eval()
@@ -83,12 +88,14 @@ def export_onnx(
         raise ValueError(f"cost gave {tuple(costs.shape)} for {samples} candidates, and ({samples},) is wanted")
 
     examples = tuple(fields.values())
-    _write(folder / "encode.onnx", _Encode(encode, fields, encoded), examples, list(fields), list(encoded))
+    encode = _by_position(encode, list(fields), list(encoded))
+    _write(folder / "encode.onnx", encode, examples, list(fields), list(encoded))
+    cost = _by_position(cost, list(encoded))
     inputs = (actions, *encoded.values())
     names = ["actions", *encoded]
-    _write(folder / "cost.onnx", _Cost(cost, encoded), inputs, names, ["cost"])
+    _write(folder / "cost.onnx", cost, inputs, names, ["cost"])
     if gradient:
-        both = _with_gradient(_Cost(cost, encoded), inputs)
+        both = _with_gradient(cost, inputs)
         _write(folder / "cost_grad.onnx", both, inputs, names, ["cost", "gradient"])
 
     settings: dict[str, Any] = {"name": name, "action_block": action_block}
@@ -99,31 +106,26 @@ def export_onnx(
     (folder / "model.json").write_text(json.dumps(settings, indent=2) + "\n")
 
 
-class _Encode(torch.nn.Module):
-    """Takes fields by position, gives tensors in order."""
+def _by_position(module: torch.nn.Module, names: Sequence[str], outputs: Sequence[str] | None = None) -> torch.nn.Module:
+    """``module`` with its last inputs, ``names``, given by position; of a dict, the values of ``outputs`` in order."""
+    torch = require_torch(_NEED)
 
-    def __init__(self, encode: torch.nn.Module, fields: Iterable[str], encoded: Iterable[str]) -> None:
-        super().__init__()
-        self.encode, self.fields, self.encoded = encode, list(fields), list(encoded)
+    class ByPosition(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.module = module
 
-    def forward(self, *values: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        found = self.encode(**dict(zip(self.fields, values, strict=True)))
-        return tuple(found[name] for name in self.encoded)
+        def forward(self, *values: torch.Tensor) -> Any:
+            count = len(values) - len(names)
+            found = self.module(*values[:count], **dict(zip(names, values[count:], strict=True)))
+            return found if outputs is None else tuple(found[name] for name in outputs)
 
-
-class _Cost(torch.nn.Module):
-    """Takes encoded tensors by position."""
-
-    def __init__(self, cost: torch.nn.Module, encoded: Iterable[str]) -> None:
-        super().__init__()
-        self.cost, self.encoded = cost, list(encoded)
-
-    def forward(self, actions: torch.Tensor, *values: torch.Tensor) -> torch.Tensor:
-        return self.cost(actions, **dict(zip(self.encoded, values, strict=True)))
+    return ByPosition()
 
 
-def _with_gradient(cost: _Cost, inputs: tuple[torch.Tensor, ...]) -> torch.nn.Module:
+def _with_gradient(cost: torch.nn.Module, inputs: tuple[torch.Tensor, ...]) -> torch.nn.Module:
     """A graph of the costs and their derivatives; candidates do not interact, so the sum's derivative holds each one's."""
+    torch = require_torch(_NEED)
     from torch._decomp import core_aten_decompositions
     from torch.fx.experimental.proxy_tensor import make_fx
     from torch.nn.attention import SDPBackend, sdpa_kernel
@@ -147,7 +149,7 @@ def _write(
     input_names: Sequence[str],
     output_names: Sequence[str],
 ) -> None:
-    program: Any = torch.onnx.export(
+    program: Any = require_torch(_NEED).onnx.export(
         module, inputs, input_names=input_names, output_names=output_names, dynamo=True, optimize=False, verbose=False
     )
     program.save(str(path))
