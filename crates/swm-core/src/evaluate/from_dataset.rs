@@ -99,9 +99,9 @@ impl World {
             );
             return Err(WorldError::Dataset(reason.into()));
         }
-        let lengths = episode_lengths(source);
-        let starts = choose_starts(&lengths, options.episodes, options.goal_offset, options.seed)
-            .map_err(WorldError::Dataset)?;
+        let starts =
+            choose_starts(&source.info().lengths, options.episodes, options.goal_offset, options.seed)
+                .map_err(WorldError::Dataset)?;
         let resets = starts
             .iter()
             .map(|&start| reset_options(&self.spec, source, start, options))
@@ -166,11 +166,6 @@ pub fn choose_starts(
             [episode, row + valid(episode) - ends[episode]]
         })
         .collect())
-}
-
-/// The number of rows of every episode.
-pub(super) fn episode_lengths(source: &dyn Dataset) -> Vec<usize> {
-    (0..source.num_episodes()).map(|episode| source.episode_len(episode)).collect()
 }
 
 /// What a reset needs to stand at a recorded row with a recorded goal.

@@ -8,7 +8,7 @@ use rand::RngExt as _;
 use rand::seq::SliceRandom as _;
 use serde_json::Value as Json;
 
-use super::from_dataset::{choose_starts, episode_lengths};
+use super::from_dataset::choose_starts;
 use super::manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, witness};
 use crate::batch::{Batch, Schema, Value};
 use crate::dataset::{Dataset, read_known, recorded_state};
@@ -229,8 +229,8 @@ impl<'a> Sample<'a> {
     /// Rows sampled uniformly from all episodes, as published.
     fn historic(&mut self, recorded: &mut RecordedPairs<'_>) -> Result<Vec<Pair>, BoxError> {
         let options = self.options;
-        let lengths = episode_lengths(&*recorded.source);
-        let starts = choose_starts(&lengths, options.pairs, recorded.goal_offset, options.seed)?;
+        let lengths = &recorded.source.info().lengths;
+        let starts = choose_starts(lengths, options.pairs, recorded.goal_offset, options.seed)?;
         let mut pairs = Vec::with_capacity(starts.len());
         for start in starts {
             let pair = self.recorded_pair(recorded, start)?;

@@ -23,7 +23,7 @@ pub(super) struct Inspect {
 impl Inspect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let dataset = swm_data::open_in(registry, &self.file)?;
-        let lengths: Vec<usize> = (0..dataset.num_episodes()).map(|e| dataset.episode_len(e)).collect();
+        let lengths = &dataset.info().lengths;
         let steps: usize = lengths.iter().sum();
         let fields = dataset.schema().fields();
         let columns: Map<_, _> = fields
