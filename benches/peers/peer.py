@@ -1,9 +1,11 @@
 """What the comparisons share: a peer's virtual environment, this project's release binaries, and a process that answers
 line by line. Not a program, and it knows no case that is measured. Needs only Python's standard library."""
 
+import argparse
 import hashlib
 import json
 import os
+import statistics
 import subprocess
 import sys
 import venv
@@ -78,6 +80,50 @@ class Peer:
     def __exit__(self, *error):
         self.process.stdin.close()
         self.process.wait()
+
+
+def compare_rates(doc, peer_name, place, requirements, script, envs, cases):
+    """The whole program of a comparison of environments: measures the peer's `script` and our `env-rates` in turns, and prints
+    ratios of medians.
+
+    `doc`: the program's help. `place`: the name of the virtual environment. `cases`: (label, case here, of the peer,
+    least ratio wanted), where a case here is an environment's id and what `env-rates` calls it, with a blank between.
+    """
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--venv", type=Path, default=folder(place))
+    parser.add_argument("--env-rates", type=Path, help="the release binary; default: built by cargo")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--seconds", type=float, default=1.0, help="CPU time per measurement")
+    parser.add_argument("--check", action="store_true", help="exit with status 1 if a target is missed")
+    options = parser.parse_args()
+    python = environment(options.venv, requirements)
+    binary = options.env_rates or build("swm-benches", "env-rates")
+    rates = {}
+    with Peer(python, script) as reference:
+        for _ in range(options.rounds):
+            for case, rate in reference.ask(options.seconds).items():
+                rates.setdefault(case, []).append(rate)
+            for env in envs:
+                for measured in own([binary, env, options.seconds]):
+                    case = f"{env} {measured['case']}"
+                    rates.setdefault(case, []).append(measured["count"] / measured["cpu_s"])
+    missed = report_rates(rates, cases, peer_name)
+    sys.exit(1 if missed and options.check else 0)
+
+
+def report_rates(rates, cases, peer_name):
+    """Prints the table; returns how many targets are missed."""
+    missed = 0
+    wide = max(len(label) for label, *_ in cases) + 2
+    print("Per second of CPU time, one environment, one thread: median of the rounds")
+    print(f"{'case':{wide}}{peer_name:>12}{'here':>12}{'ratio':>9}  target")
+    for label, ours, theirs, target in cases:
+        here, there = statistics.median(rates[ours]), statistics.median(rates[theirs])
+        missed += here / there < target
+        verdict = "met" if here / there >= target else "MISSED"
+        print(f"{label:{wide}}{there:12,.0f}{here:12,.0f}{here / there:9.1f}  >= {target} {verdict}")
+    print(f"load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores")
+    return missed
 
 
 def run(command, cwd=None, capture=False):
