@@ -198,7 +198,13 @@ suite!(HOPPER, "swm/HopperDMControl-v0", 7, 7, 15, |factors| {
     adapt_suite(factors, &["agent.foot_locked", "floor.friction"], 0.0)
 });
 suite!(WALKER, "swm/WalkerDMControl-v0", 9, 9, 24, |factors| {
-    adapt_suite(factors, &["agent.right_knee_locked"], 0.7)
+    let mut differences = adapt_suite(factors, &["agent.right_knee_locked"], 0.7);
+    if factors.contains_key("floor.rotation_y") {
+        differences.push(
+            "floor.rotation_y: the recorded floor rotates about a point 248 m ahead; trajectories differ",
+        );
+    }
+    differences
 });
 suite!(HUMANOID, "swm/HumanoidDMControl-v0", 28, 27, 67, |factors| {
     adapt_suite(factors, &["agent.left_knee_locked"], 0.7)
