@@ -2,7 +2,7 @@
 
 use serde_json::Value as Json;
 
-use crate::evaluation::{QUICK, manifest};
+use crate::evaluation::{QUICK, manifest, read};
 use crate::support::{Folder, PUSHT, swm, swm_fails, swm_json, swm_ok};
 
 #[test]
@@ -87,4 +87,71 @@ fn a_sweep_counts_the_pairs_that_can_have_a_value() {
     let again = ["sweep", "--manifest", &task, "--policy", "random", "--factors", "door.size"];
     let message = swm_fails(2, &[&again[..], &["--out", &folder.path("doors")]].concat());
     assert!(message.contains("another sweep") && message.contains("--again"), "{message}");
+}
+
+#[test]
+fn results_on_one_manifest_are_compared_pair_by_pair() {
+    let folder = Folder::new();
+    let manifest = manifest(&folder, "moderate", "m.toml", &["--held-out", "1"]);
+    let eval = |out: &str, policy: &str, seed: &str| {
+        let out = folder.path(out);
+        let args = ["eval", "--manifest", &manifest, "--policy", policy, "--reference", "none", "--quiet"];
+        swm_ok(&[&args[..], &["--out", &out, "--policy-seed", seed]].concat());
+        out
+    };
+    let (a, b, c) = (eval("a", QUICK, "0"), eval("b", QUICK, "1"), eval("c", "constant", "0"));
+    let (first, second) = (read(&format!("{a}/receipt.json")), read(&format!("{b}/receipt.json")));
+    assert_eq!(first["manifest_hash"], second["manifest_hash"]);
+    assert_ne!(
+        first["episodes"][0]["decisions"], second["episodes"][0]["decisions"],
+        "noise has a seed of its own"
+    );
+    let compared = swm_json(&["compare", &format!("{a},{b}"), &c]);
+    assert_eq!(compared[0]["runs"], 2);
+    assert_eq!(compared[1]["test"]["pairs"], 5);
+    assert_eq!(
+        compared[1]["test"]["runs"],
+        serde_json::json!([2, 1]),
+        "all runs of both sides are in the test"
+    );
+    let rate =
+        |path: &str| read(&format!("{path}/receipt.json"))["summary"]["success_rate"].as_f64().unwrap();
+    let difference = compared[1]["test"]["difference"].as_f64().unwrap();
+    assert!((difference - ((rate(&a) + rate(&b)) / 2.0 - rate(&c))).abs() < 1e-9, "{compared}");
+    let message = swm_fails(2, &["compare", &format!("{a},{a}"), &c]);
+    assert!(message.contains("same policy seed"), "{message}");
+    let message = swm_fails(2, &["compare", &format!("{a},{c}")]);
+    assert!(message.contains("not runs of one policy"), "{message}");
+}
+
+/// Of version 1: `beside` for `references`, with the roles `do_nothing` and `ceiling`, a hash of tables over help texts, and a
+/// setting of iCEM under its former name.
+#[test]
+fn old_receipts_verify_and_old_flags_work() {
+    let old = concat!(env!("CARGO_MANIFEST_DIR"), "/integration/receipt-v1.json");
+    let result = swm_json(&["verify-result", old, "--ceiling", "--quiet"]);
+    assert_eq!((&result["equal"], &result["differences"]), (&true.into(), &Json::Object(Default::default())));
+    assert!(result["notes"][0].as_str().unwrap().contains("version 1"), "{result}");
+    // Everything but that hash is compared, the reference policies included.
+    let folder = Folder::new();
+    let changed = folder.path("changed.json");
+    let mut receipt = read(old);
+    receipt["fingerprints"]["tables"] = "0".into();
+    std::fs::write(&changed, receipt.to_string()).unwrap();
+    assert_eq!(swm_json(&["verify-result", &changed, "--quiet"])["equal"], true);
+    receipt["beside"][1]["episodes"][0]["digest"] = "0".into();
+    std::fs::write(&changed, receipt.to_string()).unwrap();
+    assert!(swm_fails(1, &["verify-result", &changed, "--quiet"]).contains("not equal"));
+
+    let task = folder.path("task.json");
+    std::fs::write(&task, receipt["manifest"].to_string()).unwrap();
+    let args = ["eval", "--manifest", &task, "--policy", "random", "--ceiling", QUICK, "--quiet"];
+    let written = swm_json(&[&args[..], &["--beside", "do_nothing,ceiling"]].concat());
+    let references = written["references"].as_array().unwrap().iter();
+    assert_eq!(
+        references.map(|known| known["role"].as_str().unwrap()).collect::<Vec<_>>(),
+        ["no_op", "oracle"]
+    );
+    assert_eq!(written["receipt"], 2);
+    assert_eq!(written["manifest_hash"], receipt["manifest_hash"], "a task keeps its hash");
 }

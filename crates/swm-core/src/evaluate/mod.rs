@@ -4,6 +4,7 @@
 //! [`World::run_pairs`] runs it, [`OutcomeRecorder`] watches, [`stats`] compares. Files are not known here.
 
 mod from_dataset;
+mod hash;
 mod manifest;
 mod model_entry;
 mod outcome;
@@ -29,9 +30,8 @@ use crate::world::World;
 
 pub use crate::success::{Condition, Judge, Measure, SuccessRule};
 pub use from_dataset::{EvalOptions, choose_starts};
-pub use manifest::{
-    Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, sha256, sha256_of, sorted, witness,
-};
+pub use hash::{sha256, sha256_of, sorted, witness};
+pub use manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier};
 pub use model_entry::{MakeModel, ModelEntry};
 pub use outcome::{EpisodeResult, OutcomeRecorder, Summary};
 pub use pairs::{ManifestOptions, RecordedPairs, is_held_out, make_manifest};

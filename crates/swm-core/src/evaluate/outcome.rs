@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::manifest::{Fnv, Manifest, witness};
+use super::hash::{Fnv, witness};
+use super::manifest::Manifest;
 use super::wilson95;
 use crate::batch::Dtype;
 use crate::env::{EnvConfig, EnvSpec};

@@ -9,7 +9,8 @@ use rand::seq::SliceRandom as _;
 use serde_json::Value as Json;
 
 use super::from_dataset::choose_starts;
-use super::manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier, witness};
+use super::hash::witness;
+use super::manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier};
 use crate::batch::{Batch, Schema, Value};
 use crate::dataset::{Dataset, read_known, recorded_state};
 use crate::env::{Env, EnvConfig, Episode, ImageSize, ResetOptions};

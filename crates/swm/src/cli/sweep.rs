@@ -96,7 +96,12 @@ impl SweepCommand {
             {
                 let is_same = held.manifest_hash == manifest.hash()
                     && (&held.candidate, held.values) == (&candidate, values)
-                    && held.cells.iter().skip(1).map(|cell| &cell.name).eq(changes.iter().map(Change::name));
+                    && held
+                        .cells
+                        .iter()
+                        .skip(1)
+                        .map(|cell| cell.name.as_str())
+                        .eq(changes.iter().map(Change::name));
                 if !is_same {
                     return Err(held::refusal(dir, "the result of another sweep"));
                 }

@@ -93,8 +93,8 @@ pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Resu
 }
 
 impl Change {
-    /// What is changed.
-    pub(crate) fn name(&self) -> &String {
+    /// What is changed: a factor's name, a group's, or `all`.
+    pub fn name(&self) -> &str {
         &self.name
     }
 

@@ -1,5 +1,8 @@
 //! The environment trait and what surrounds it: description, episode options, saved states.
 
+mod factor;
+mod state;
+
 use std::collections::BTreeMap;
 
 use serde::de::DeserializeOwned;
@@ -9,6 +12,9 @@ use crate::batch::{Dtype, Field, RowsMut, Slice, Value};
 use crate::error::EnvError;
 use crate::seed::EpisodeSeed;
 use crate::space::Space;
+
+pub use factor::{FactorSpec, VARIATION_PREFIX, selects};
+pub use state::EnvState;
 
 /// An environment: one simulated world, its observations and its images.
 ///
@@ -206,64 +212,6 @@ impl EnvSpec {
 
 /// The name of the pixel field.
 pub const PIXELS: &str = "pixels";
-/// What stands before a factor's name in tables.
-pub const VARIATION_PREFIX: &str = "variation.";
-
-/// One factor of variation, as data.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[non_exhaustive]
-pub struct FactorSpec {
-    /// Dotted name: `block.color`.
-    pub name: String,
-    /// What it does, in a few words.
-    pub doc: String,
-    /// What it may be.
-    pub space: Space,
-    /// The default, as JSON.
-    pub default: serde_json::Value,
-    /// Whether it is sampled when a reset names no factors.
-    pub sampled_by_default: bool,
-    /// Its constraint in words, if it has one.
-    pub constraint: Option<String>,
-    /// Values of other factors without which it changes nothing: a disc has no angle.
-    pub shows_with: Vec<(String, serde_json::Value)>,
-}
-
-impl FactorSpec {
-    /// A factor that is set only where a reset names it, without a constraint.
-    pub fn new(name: impl Into<String>, space: Space, default: impl Into<serde_json::Value>) -> Self {
-        Self {
-            name: name.into(),
-            doc: String::new(),
-            space,
-            default: default.into(),
-            sampled_by_default: false,
-            constraint: None,
-            shows_with: Vec::new(),
-        }
-    }
-
-    /// What it does, in a few words.
-    #[must_use]
-    pub fn doc(mut self, doc: &str) -> Self {
-        doc.clone_into(&mut self.doc);
-        self
-    }
-
-    /// Whether `asked` selects it: its name, its group, `*.` and the end of its name, `default` (all that are sampled when a
-    /// reset names no factors), or `all`.
-    pub fn is_selected_by(&self, asked: &str) -> bool {
-        (asked == "default" && self.sampled_by_default) || selects(asked, &self.name)
-    }
-
-    /// Whether it is sampled when a reset names no factors.
-    #[must_use]
-    pub fn sampled_by_default(mut self, sampled: bool) -> Self {
-        self.sampled_by_default = sampled;
-        self
-    }
-}
-
 /// The pixels that an environment renders: height and width.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ImageSize {
@@ -355,25 +303,6 @@ impl ResetOptions {
     }
 }
 
-/// Whether `asked` selects the factor `name`: a factor's name, a group's name, `*.color` (every factor or group of that
-/// name, in any group), or `all`. See [`FactorSpec::is_selected_by`] for `default`.
-///
-/// ```
-/// use swm_core::env::selects;
-///
-/// assert!(selects("agent", "agent.color") && selects("*.color", "agent.color"));
-/// assert!(!selects("agent", "agents.color") && !selects("*.col", "agent.color"));
-/// ```
-pub fn selects(asked: &str, name: &str) -> bool {
-    let is_whole = |asked: &str, name: &str| {
-        name.strip_prefix(asked).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
-    };
-    match asked.strip_prefix("*.") {
-        Some(end) => name.match_indices('.').any(|(dot, _)| is_whole(end, &name[dot + 1..])),
-        None => asked == "all" || is_whole(asked, name),
-    }
-}
-
 /// One episode, as its environment sees it at reset.
 #[derive(Clone, Copy, Debug)]
 pub struct Episode<'a> {
@@ -381,52 +310,4 @@ pub struct Episode<'a> {
     pub seed: EpisodeSeed,
     /// What was asked for.
     pub options: &'a ResetOptions,
-}
-
-/// A saved state of an environment: plain bytes, so that it can be kept, compared, sent and stored.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct EnvState {
-    bytes: Vec<u8>,
-}
-
-impl EnvState {
-    /// An empty state, to be filled by [`Env::snapshot`].
-    pub fn new() -> Self {
-        Self::default()
-    }
-
-    /// Takes bytes that [`EnvState::bytes`] gave.
-    pub fn from_bytes(bytes: Vec<u8>) -> Self {
-        Self { bytes }
-    }
-
-    /// The bytes.
-    pub fn bytes(&self) -> &[u8] {
-        &self.bytes
-    }
-
-    /// Replaces the content by `value`, reusing the memory. For environments.
-    ///
-    /// # Errors
-    ///
-    /// [`EnvError::State`]: `value` has a part that cannot be serialized.
-    pub fn store<T: Serialize>(&mut self, env: &str, value: &T) -> Result<(), EnvError> {
-        let mut bytes = std::mem::take(&mut self.bytes);
-        bytes.clear();
-        self.bytes = postcard::to_extend(value, bytes)
-            .map_err(|error| EnvError::State { env: env.to_owned(), reason: error.to_string() })?;
-        Ok(())
-    }
-
-    /// The content as the `T` that was stored. For environments.
-    ///
-    /// # Errors
-    ///
-    /// [`EnvError::State`]: the bytes are no `T`, or more than one.
-    pub fn load<T: DeserializeOwned>(&self, env: &str) -> Result<T, EnvError> {
-        let damaged = |reason: String| EnvError::State { env: env.to_owned(), reason };
-        let (value, rest) =
-            postcard::take_from_bytes(&self.bytes).map_err(|error| damaged(error.to_string()))?;
-        if rest.is_empty() { Ok(value) } else { Err(damaged(format!("{} bytes too many", rest.len()))) }
-    }
 }

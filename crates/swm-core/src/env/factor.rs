@@ -1,0 +1,82 @@
+//! Factors of variation: their description, and how a reset selects them.
+
+use serde::Serialize;
+
+use crate::space::Space;
+
+/// What stands before a factor's name in tables.
+pub const VARIATION_PREFIX: &str = "variation.";
+
+/// One factor of variation, as data.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct FactorSpec {
+    /// Dotted name: `block.color`.
+    pub name: String,
+    /// What it does, in a few words.
+    pub doc: String,
+    /// What it may be.
+    pub space: Space,
+    /// The default, as JSON.
+    pub default: serde_json::Value,
+    /// Whether it is sampled when a reset names no factors.
+    pub sampled_by_default: bool,
+    /// Its constraint in words, if it has one.
+    pub constraint: Option<String>,
+    /// Values of other factors without which it changes nothing: a disc has no angle.
+    pub shows_with: Vec<(String, serde_json::Value)>,
+}
+
+impl FactorSpec {
+    /// A factor that is set only where a reset names it, without a constraint.
+    pub fn new(name: impl Into<String>, space: Space, default: impl Into<serde_json::Value>) -> Self {
+        Self {
+            name: name.into(),
+            doc: String::new(),
+            space,
+            default: default.into(),
+            sampled_by_default: false,
+            constraint: None,
+            shows_with: Vec::new(),
+        }
+    }
+
+    /// What it does, in a few words.
+    #[must_use]
+    pub fn doc(mut self, doc: &str) -> Self {
+        doc.clone_into(&mut self.doc);
+        self
+    }
+
+    /// Whether `asked` selects it: its name, its group, `*.` and the end of its name, `default` (all that are sampled when a
+    /// reset names no factors), or `all`.
+    pub fn is_selected_by(&self, asked: &str) -> bool {
+        (asked == "default" && self.sampled_by_default) || selects(asked, &self.name)
+    }
+
+    /// Whether it is sampled when a reset names no factors.
+    #[must_use]
+    pub fn sampled_by_default(mut self, sampled: bool) -> Self {
+        self.sampled_by_default = sampled;
+        self
+    }
+}
+
+/// Whether `asked` selects the factor `name`: a factor's name, a group's name, `*.color` (every factor or group of that
+/// name, in any group), or `all`. See [`FactorSpec::is_selected_by`] for `default`.
+///
+/// ```
+/// use swm_core::env::selects;
+///
+/// assert!(selects("agent", "agent.color") && selects("*.color", "agent.color"));
+/// assert!(!selects("agent", "agents.color") && !selects("*.col", "agent.color"));
+/// ```
+pub fn selects(asked: &str, name: &str) -> bool {
+    let is_whole = |asked: &str, name: &str| {
+        name.strip_prefix(asked).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    };
+    match asked.strip_prefix("*.") {
+        Some(end) => name.match_indices('.').any(|(dot, _)| is_whole(end, &name[dot + 1..])),
+        None => asked == "all" || is_whole(asked, name),
+    }
+}
