@@ -1,6 +1,5 @@
 //! Evaluations: episodes of a run, or of chosen starts and goals, under a native policy or a Python one.
 
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -9,12 +8,10 @@ use pyo3::types::PyList;
 use swm::core::error::BoxError;
 use swm::core::evaluate::{EvaluationRecorder, choose_starts};
 use swm::core::{EpisodeEnd, EpisodeSeed, LiveStep, Recorder, ResetOptions, Rollout};
-use swm::media::Format;
-use swm::video::Video;
 
 use crate::errors::SwmError;
 use crate::manifest::boxed;
-use crate::media::VIDEO_SIDE;
+use crate::media::VideoFolder;
 use crate::policy::drive;
 use crate::world::PyWorld;
 
@@ -117,9 +114,11 @@ fn evaluate(
     let world = world.get();
     let rollout = rollout(world, episodes, seed, options, seeds)?;
     let mut evaluation = EvaluationRecorder::default();
-    let mut clips = Video::first(if video.is_some() { episodes.1 - episodes.0 } else { 0 });
+    let mut videos = video.map(|folder| VideoFolder::new(&folder));
     let progress = Progress::default();
-    let mut watch = (&mut evaluation, &mut clips, progress.clone());
+    let mut nobody = ();
+    let video: &mut dyn Recorder = videos.as_mut().map_or(&mut nobody, |videos| videos);
+    let mut watch = (&mut evaluation, video, progress.clone());
     let before =
         limit.map(|limit| world.shared.lock()?.world().map(|world| world.set_max_episode_steps(Some(limit))));
     let before = before.transpose()?;
@@ -129,33 +128,9 @@ fn evaluate(
     }
     driven?;
     progress.tell(tick)?;
-    let paths = match video {
-        None => Vec::new(),
-        Some(dir) => py.detach(|| save(Path::new(&dir), &clips))?,
-    };
+    let paths = videos.map_or_else(Vec::new, VideoFolder::into_paths);
     let json = serde_json::to_string(&evaluation.result());
     Ok((json.map_err(|error| SwmError::new_err(error.to_string()))?, paths))
-}
-
-/// Saves the video of every episode; gives the paths.
-fn save(dir: &Path, clips: &Video) -> PyResult<Vec<String>> {
-    let refuse = |path: &Path, error: &dyn std::fmt::Display| {
-        SwmError::new_err(format!("cannot write {}: {error}", path.display()))
-    };
-    std::fs::create_dir_all(dir).map_err(|error| refuse(dir, &error))?;
-    let format = if Format::Mp4.is_built() { Format::Mp4 } else { Format::Gif };
-    let mut paths = Vec::new();
-    for (index, scene) in clips.scenes() {
-        let path = dir.join(format!("episode_{index}.{}", format.extension()));
-        scene.clip.upscaled(VIDEO_SIDE).save(&path).map_err(|error| refuse(&path, &error))?;
-        paths.push(path.display().to_string());
-    }
-    if paths.is_empty() {
-        return Err(SwmError::new_err(
-            "a video needs images, and this World has none; make it with image_shape=(height, width)",
-        ));
-    }
-    Ok(paths)
 }
 
 /// Rows `[episode, row]` of an evaluation from a dataset whose episodes have these lengths.

@@ -1,14 +1,22 @@
 //! Images and videos for notebooks and results, and intervals of success rates.
 
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::PathBuf;
+
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods as _};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use swm::media::{Clip, contact_sheet as sheet, png};
+use swm::core::env::PIXELS;
+use swm::core::error::BoxError;
+use swm::core::{EpisodeEnd, LiveStep, Recorder, RunInfo};
+use swm::media::{Clip, Format, contact_sheet as sheet, png};
+use swm::video::Video;
 
 use crate::errors::SwmError;
 
 /// Videos are enlarged to at least this short side, in pixels: players blur smaller ones.
-pub(crate) const VIDEO_SIDE: usize = 256;
+const VIDEO_SIDE: usize = 256;
 /// Images per row of a contact sheet.
 const COLUMNS: usize = 4;
 /// White between them, in pixels.
@@ -59,6 +67,52 @@ fn contact_sheet<'py>(py: Python<'py>, frames: PyReadonlyArrayDyn<'py, u8>) -> P
 fn wilson95(successes: usize, episodes: usize) -> (f64, f64) {
     let [low, high] = swm::core::evaluate::wilson95(successes, episodes);
     (low, high)
+}
+
+/// Writes `episode_<i>.mp4` of every episode into a folder, each as it ends: memory holds the episodes that run.
+pub(crate) struct VideoFolder {
+    folder: PathBuf,
+    running: Video,
+    paths: BTreeMap<u64, String>,
+}
+
+impl VideoFolder {
+    pub(crate) fn new(folder: &str) -> Self {
+        Self { folder: folder.into(), running: Video::first(u64::MAX), paths: BTreeMap::new() }
+    }
+
+    /// The videos, by episode.
+    pub(crate) fn into_paths(self) -> Vec<String> {
+        self.paths.into_values().collect()
+    }
+}
+
+impl Recorder for VideoFolder {
+    fn start(&mut self, run: &RunInfo<'_>) -> Result<(), BoxError> {
+        if run.schema.index(PIXELS).is_none() {
+            return Err(
+                "a video needs images, and this World has none; make it with image_shape=(height, width)"
+                    .into(),
+            );
+        }
+        let refuse = |error| format!("cannot write {}: {error}", self.folder.display());
+        fs::create_dir_all(&self.folder).map_err(refuse)?;
+        self.running.start(run)
+    }
+
+    fn step(&mut self, step: &LiveStep<'_>) -> Result<(), BoxError> {
+        self.running.step(step)
+    }
+
+    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
+        let Some(scene) = self.running.take(end.index) else { return Ok(()) };
+        let format = if Format::Mp4.is_built() { Format::Mp4 } else { Format::Gif };
+        let path = self.folder.join(format!("episode_{}.{}", end.index, format.extension()));
+        let saved = scene.clip.upscaled(VIDEO_SIDE).save(&path);
+        saved.map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+        self.paths.insert(end.index, path.display().to_string());
+        Ok(())
+    }
 }
 
 /// Adds this file's classes and functions to the module.

@@ -5,8 +5,8 @@ use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError, TryLockError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swm::core::{
-    Batch, EnvConfig, EnvEntry, EnvSpec, EpisodeSeed, ImageSize, LiveEpisode, Policy, Registry, ResetOptions,
-    SuccessRule, World, WorldOptions,
+    Batch, EnvConfig, EnvEntry, EnvSpec, EpisodeSeed, FactorSpec, ImageSize, LiveEpisode, Policy, Registry,
+    ResetOptions, SuccessRule, World, WorldOptions,
 };
 
 use crate::errors::{OrRaise as _, SwmError};
@@ -107,7 +107,7 @@ type Reset<'py> = (usize, u64, u64, Option<i64>, Option<Bound<'py, PyAny>>);
 impl PyWorld {
     /// `settings`: a JSON object; `image`: (height, width).
     #[new]
-    #[pyo3(signature = (id, num_envs, image=None, max_episode_steps=Some(100), frame_skip=1, threads=None, settings="{}", unrecorded=Vec::new(), checkpoints=None))]
+    #[pyo3(signature = (id, num_envs, image=None, max_episode_steps=Some(100), frame_skip=1, threads=None, settings="{}", unrecorded=None, checkpoints=None))]
     #[expect(clippy::too_many_arguments, reason = "they are keyword arguments of Python")]
     fn new(
         py: Python<'_>,
@@ -118,7 +118,7 @@ impl PyWorld {
         frame_skip: u32,
         threads: Option<usize>,
         settings: &str,
-        unrecorded: Vec<String>,
+        unrecorded: Option<Vec<String>>,
         checkpoints: Option<u32>,
     ) -> PyResult<Self> {
         let entry = registry().env(id).or_raise()?;
@@ -131,7 +131,7 @@ impl PyWorld {
             .max_episode_steps(max_episode_steps)
             .frame_skip(frame_skip)
             .threads(threads)
-            .unrecorded(unrecorded)
+            .unrecorded(unrecorded.unwrap_or_default())
             .checkpoints(checkpoints);
         let world = py.detach(|| World::new(entry, options)).or_raise()?;
         let mirror = Mirror::new(&world)?;
@@ -218,10 +218,25 @@ impl PyWorld {
         })
     }
 
-    /// Steps every environment that is in an episode, of those that `mask` chooses, with `actions` `(N, …)`.
-    #[pyo3(signature = (actions, mask=None))]
-    fn step(&self, py: Python<'_>, actions: &Bound<'_, PyAny>, mask: Option<Vec<bool>>) -> PyResult<()> {
-        let actions = infos::actions(&self.shared.spec, self.shared.num_envs, actions)?;
+    /// The factors that a reset samples which asks for `asked`: names, groups, `*.color`, `default`, `all`. None: no request.
+    #[pyo3(signature = (asked=None))]
+    fn sampled_factors(&self, asked: Option<Vec<String>>) -> Vec<&str> {
+        let asked = asked.unwrap_or_else(|| vec!["default".to_owned()]);
+        let is_sampled = |factor: &&FactorSpec| asked.iter().any(|asked| factor.is_selected_by(asked));
+        self.shared.spec.factors.iter().filter(is_sampled).map(|factor| factor.name.as_str()).collect()
+    }
+
+    /// Steps every environment that is in an episode, of those that `mask` chooses, with `actions` `(N, …)`. Without actions:
+    /// all of them, with those of the attached policy.
+    #[pyo3(signature = (actions=None, mask=None))]
+    fn step(
+        &self,
+        py: Python<'_>,
+        actions: Option<&Bound<'_, PyAny>>,
+        mask: Option<Vec<bool>>,
+    ) -> PyResult<()> {
+        let given = actions.map(|actions| infos::actions(&self.shared.spec, self.shared.num_envs, actions));
+        let given = given.transpose()?;
         py.detach(|| {
             let mut core = self.shared.lock()?;
             let (world, mirror) = core.parts()?;
@@ -237,12 +252,16 @@ impl PyWorld {
                 )));
             }
             mirror.begin_step(world, mask.as_deref());
-            match &mask {
-                None => world.step_with(actions.as_slice()),
-                Some(mask) => world.step_slots(mask, actions.as_slice()),
+            match (&given, &mask) {
+                (None, None) => world.step(),
+                (None, Some(_)) => {
+                    return Err(SwmError::new_err("a mask needs actions; give both, or neither"));
+                }
+                (Some(actions), None) => world.step_with(actions.as_slice()),
+                (Some(actions), Some(mask)) => world.step_slots(mask, actions.as_slice()),
             }
             .or_raise()?;
-            mirror.end_step(world.infos(), actions.as_slice());
+            mirror.end_step(world.infos(), world.actions());
             Ok(())
         })
     }

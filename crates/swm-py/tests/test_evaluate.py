@@ -140,8 +140,8 @@ def test_options_of_single_episodes() -> None:
 def test_videos_are_written(tmp_path: Path) -> None:
     world = make(2, max_episode_steps=3)
     world.set_policy("random")
-    result = world.evaluate(episodes=2, seed=0, video=tmp_path / "videos")
-    assert [Path(path).stem for path in result["videos"]] == ["episode_0", "episode_1"]
+    result = world.evaluate(episodes=3, seed=0, video=tmp_path / "videos")
+    assert [Path(path).stem for path in result["videos"]] == ["episode_0", "episode_1", "episode_2"]
     assert all(Path(path).stat().st_size > 100 for path in result["videos"])
     assert "base64" in result._repr_html_()
     plain = swm.World("swm/PushT-v1", 1, add_pixels=False)

@@ -87,6 +87,23 @@ def test_classes_have_the_members_of_the_stub(name: str) -> None:
         assert same(parameters(node), actual(signature)), (member, signature)
 
 
+@pytest.mark.parametrize("module", [swm, swm.planning, swm.world], ids=lambda module: module.__name__)
+def test_type_checkers_see_the_names_that_are_loaded_late(module: Any) -> None:
+    tree = ast.parse(Path(module.__file__).read_text())
+    seen = {
+        alias.asname or alias.name: node.module
+        for block in tree.body
+        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert seen == {**module._HOMES, **dict.fromkeys(getattr(module, "_MODULES", ()))}
+    assert set(seen) <= set(module.__all__)
+    # Some of planning's names are torch modules.
+    assert module is swm.planning or all(hasattr(module, name) for name in module.__all__)
+
+
 def test_the_package_says_that_it_is_typed() -> None:
     assert (PACKAGE / "py.typed").is_file()
 

@@ -123,6 +123,32 @@ def test_factors_are_sampled_set_and_shown() -> None:
     assert "variation.block.color" in world.infos
 
 
+def test_factors_are_chosen_by_the_rules_of_the_command() -> None:
+    world = make(1)
+    world.reset(seed=0, options={"variation": ["*.color", "default"]})
+    shown = {name for name in world.infos if name.startswith("variation.")}
+    assert {"variation.agent.color", "variation.block.color", "variation.block.start_position"} <= shown
+    assert "variation.block.scale" not in shown
+
+
+def test_policies_of_the_core_act_in_single_steps() -> None:
+    world = make(2, max_episode_steps=4)
+    world.set_policy("weak")
+    with pytest.raises(swm.SwmError, match="reset"):
+        world.step()
+    actions = []
+    world.reset(seed=5)
+    for _ in range(4):
+        world.step()
+        actions.append(world.infos["action"].copy())
+    assert np.isfinite(actions).all() and world.truncateds is not None and world.truncateds.all()
+    assert len(np.unique(np.array(actions), axis=0)) == 4
+    # The same episodes as in a run of the same seed.
+    states = world.infos["state"].copy()
+    world.evaluate(episodes=2, seed=5)
+    np.testing.assert_array_equal(world.infos["state"], states)
+
+
 def test_each_environment_may_have_options_of_its_own() -> None:
     world = make(2)
     states = [np.array([100.0, 120, 200, 210, 0.3, 0, 0]), np.array([300.0, 320, 220, 250, 1.3, 0, 0])]

@@ -41,6 +41,11 @@ impl Video {
         self.scenes.iter().map(|(&index, scene)| (index, scene))
     }
 
+    /// Gives up what it holds of one episode.
+    pub fn take(&mut self, episode: u64) -> Option<Scene> {
+        self.scenes.remove(&episode)
+    }
+
     fn wants(&self, episode: u64) -> bool {
         self.size[0] > 0 && episode - self.first < self.episodes
     }

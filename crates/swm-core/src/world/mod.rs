@@ -254,6 +254,11 @@ impl World {
         self.step_phase(None)
     }
 
+    /// The actions of the last step, `[N, …action shape]` of the action space's type. Those of idle slots mean nothing.
+    pub fn actions(&self) -> Slice<'_> {
+        self.actions.as_slice()
+    }
+
     /// Steps with given actions, `[N, …action shape]` of the action space's type.
     ///
     /// # Errors

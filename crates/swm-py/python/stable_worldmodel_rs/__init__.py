@@ -4,9 +4,76 @@ Names are loaded when they are first used, so that `import stable_worldmodel_rs`
 """
 
 from importlib import import_module as _import_module
+from typing import TYPE_CHECKING
 
 from . import _files, _gym
 from ._swm import __version__
+
+if TYPE_CHECKING:
+    # What type checkers and editors see of the names below.
+    from . import buffer, compat, data, envs, planning, policy, protocols, spaces, vector, world
+    from ._swm import DataError, EnvError, PlanError, PolicyError, SwmError
+    from .buffer import HistoryBuffer
+    from .planning.mpc import MpcPolicy
+    from .policy import BasePolicy, ExpertPolicy, FeedForwardPolicy, PlanConfig, Policy, RandomPolicy, WorldModelPolicy
+    from .world.dataset_runs import evaluate_from_dataset
+    from .world.env_pool import EnvPool
+    from .world.manifests import (
+        Manifest,
+        Receipt,
+        compare,
+        evaluate,
+        make_manifest,
+        read_manifest,
+        read_receipt,
+        replay,
+        verify,
+    )
+    from .world.policies import NativePolicy
+    from .world.results import EvaluationResult
+    from .world.world import World
+
+__all__ = [
+    "BasePolicy",
+    "DataError",
+    "EnvError",
+    "EnvPool",
+    "EvaluationResult",
+    "ExpertPolicy",
+    "FeedForwardPolicy",
+    "HistoryBuffer",
+    "Manifest",
+    "MpcPolicy",
+    "NativePolicy",
+    "PlanConfig",
+    "PlanError",
+    "Policy",
+    "PolicyError",
+    "RandomPolicy",
+    "Receipt",
+    "SwmError",
+    "World",
+    "WorldModelPolicy",
+    "__version__",
+    "buffer",
+    "compare",
+    "compat",
+    "data",
+    "envs",
+    "evaluate",
+    "evaluate_from_dataset",
+    "make_manifest",
+    "planning",
+    "policy",
+    "protocols",
+    "read_manifest",
+    "read_receipt",
+    "replay",
+    "spaces",
+    "vector",
+    "verify",
+    "world",
+]
 
 # Public name -> the module that defines it.
 _HOMES: dict[str, str] = {
@@ -43,21 +110,20 @@ _MODULES = frozenset(
     {"buffer", "compat", "data", "envs", "planning", "policy", "protocols", "spaces", "vector", "world"}
 )
 
-__all__ = ["__version__", *_HOMES, *_MODULES]
-
-
 _files.choose()
 _gym.register_when_imported()
 
 
-def __getattr__(name: str) -> object:
-    if name in _MODULES:
-        return _import_module(f".{name}", __name__)
-    if name in _HOMES:
-        value = getattr(_import_module(f".{_HOMES[name]}", __name__), name)
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:
+    # Type checkers would take any name for granted.
+    def __getattr__(name: str) -> object:
+        if name in _MODULES:
+            return _import_module(f".{name}", __name__)
+        if name in _HOMES:
+            value = getattr(_import_module(f".{_HOMES[name]}", __name__), name)
+            globals()[name] = value
+            return value
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from .policies import NativePolicy
 from .progress import Progress
 from .results import EvaluationResult
 from .rows import apply_callables, extract_init_goal
@@ -54,9 +55,12 @@ def run_iter(
     steps = 0
     while max_steps is None or steps < max_steps:
         steps += 1
-        actions = world._get_actions()
         mask = None if alive.all() else alive
-        _, world.rewards, world.terminateds, world.truncateds, world.infos = world.envs.step(actions, mask=mask)
+        if isinstance(world.policy, NativePolicy):
+            world.step()
+        else:
+            actions = world._get_actions()
+            _, world.rewards, world.terminateds, world.truncateds, world.infos = world.envs.step(actions, mask=mask)
         if on_step:
             on_step(world, mask=alive if mask is None else mask)  # type: ignore[call-arg]
         done = alive & (world.terminateds | world.truncateds)

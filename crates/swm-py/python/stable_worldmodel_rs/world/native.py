@@ -203,16 +203,7 @@ class NativePool:
         given = options or {}
         asked = given.get("variation")
         asked = [asked] if isinstance(asked, str) else asked
-        names: set[str] = set(given.get("variation_values") or ())
-        for factor in self.spec_data["factors"]:
-            name: str = factor["name"]
-            if asked is None:
-                is_sampled = factor["sampled_by_default"]
-            else:
-                is_sampled = any(one in ("all", name) or name.startswith(f"{one}.") for one in asked)
-            if is_sampled:
-                names.add(name)
-        return frozenset(names)
+        return frozenset(self.core.sampled_factors(asked)) | set(given.get("variation_values") or ())
 
 
 class EnvHandle:

@@ -249,9 +249,9 @@ class World(Runs):
         """Step every environment whose episode is not over; infos and results are updated.
 
         Args:
-            actions: ``(N, *A)`` of any real type; None: those of the policy, a Python object.
+            actions: ``(N, *A)`` of any real type; None: those of the policy.
         """
-        if actions is None:
+        if actions is None and not isinstance(self.policy, NativePolicy):
             actions = self._get_actions()
         if self._core is None:
             _, self.rewards, self.terminateds, self.truncateds, self.infos = self.envs.step(actions)
@@ -262,10 +262,6 @@ class World(Runs):
             self._show()
 
     def _get_actions(self) -> npt.NDArray[Any]:
-        if isinstance(self.policy, NativePolicy):
-            raise RuntimeError(
-                f"`{self.policy.text}` acts in whole episodes: use evaluate or collect, or give actions to step"
-            )
         if self.policy is None:
             raise RuntimeError("No policy set. Call world.set_policy(...) first, or give actions to step.")
         return self.policy.get_action(self.infos)
