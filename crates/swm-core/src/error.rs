@@ -205,7 +205,7 @@ pub struct UnknownName {
     /// For a name that other builds know: what brings it.
     pub fix: Option<String>,
     /// The command that lists what exists.
-    pub command: &'static str,
+    pub command: String,
 }
 
 impl UnknownName {
@@ -232,7 +232,10 @@ pub fn nearest<'a>(name: &str, names: impl IntoIterator<Item = &'a str>) -> Opti
         .iter()
         .map(|candidate| (strsim::damerau_levenshtein(&wanted, &fold(candidate)), candidate))
         .min_by_key(|&(distance, _)| distance)
-        .filter(|&(distance, candidate)| distance <= 2 + candidate.len().max(wanted.len()) / 3)
+        .filter(|&(distance, candidate)| {
+            let longer = candidate.len().max(wanted.len());
+            distance < longer && distance <= 2 + longer / 3
+        })
         .map(|(_, candidate)| candidate);
     let part = wanted.rsplit('/').next().filter(|part| part.len() >= PART);
     let whole = || {

@@ -10,7 +10,7 @@ use crate::error::WorldError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SuccessRule {
-    /// In how many rows on end the conditions must hold; 1: at first touch.
+    /// In how many rows on end the conditions must hold; 1: at any step.
     #[serde(default = "one")]
     pub hold: u64,
     /// All of them must hold.
@@ -92,12 +92,12 @@ impl SuccessRule {
     /// The rule in words.
     pub fn describe(&self) -> String {
         if self.is_environment() {
-            return "the environment's own, at first touch".to_owned();
+            return "the environment's own, at any step".to_owned();
         }
         let conditions: Vec<String> = self.all.iter().map(Condition::describe).collect();
         let held = match self.hold {
-            1 => "at first touch".to_owned(),
-            hold => format!("in {hold} rows on end"),
+            1 => "at any step".to_owned(),
+            hold => format!("in {hold} steps in a row"),
         };
         format!("{}, {held}", conditions.join(" and "))
     }
@@ -110,10 +110,16 @@ impl Condition {
         let measure = match measure {
             Measure::Distance => "distance",
             Measure::Largest => "largest difference",
-            Measure::Angle => "largest angle",
+            Measure::Angle => {
+                let degrees = (below.to_degrees() * 10.0).round() / 10.0;
+                return format!("angle of {column}{elements} within {degrees}° of {goal}{elements}");
+            }
             Measure::CubeRotation => "rotation, as of a cube,",
         };
-        format!("{measure} of {column}{elements} from {goal}{elements} below {}", (below * 1e4).round() / 1e4)
+        format!(
+            "{measure} between {column}{elements} and {goal}{elements} below {}",
+            (below * 1e4).round() / 1e4
+        )
     }
 }
 

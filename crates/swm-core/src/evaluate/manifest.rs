@@ -163,6 +163,9 @@ impl Excluded {
     /// In words.
     pub fn describe(&self) -> String {
         let Self { solved_at_start, little_motion, too_short } = self;
+        if *self == Self::default() {
+            return "nothing".to_owned();
+        }
         format!(
             "{solved_at_start} solved at the start, {little_motion} with little motion, {too_short} too short"
         )

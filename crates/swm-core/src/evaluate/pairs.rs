@@ -270,8 +270,8 @@ impl<'a> Sample<'a> {
             let (all, share) = (recorded.source.num_episodes(), recorded.held_out);
             let found = format!("only {} of {} pairs found", pairs.len(), options.pairs);
             return Err(format!(
-                "{found} in {candidates} held-out episodes (a share of {share} of {all}): {}, a larger held-out share, or \
-                 more episodes",
+                "{found}: one pair comes from each held-out episode, of which there are {candidates} (about {share} of {all}, chosen \
+                 by a hash of their index); {}, a larger held-out share, or more episodes",
                 self.left_out()
             )
             .into());

@@ -84,13 +84,25 @@ impl PolicyArgs {
 
     fn named_as<T: DeserializeOwned>(&self) -> Result<T, PolicyError> {
         serde_json::from_value(Json::Object(self.named.clone()))
-            .map_err(|error| self.wrong(error.to_string()))
+            .map_err(|error| self.wrong(plain(&error.to_string())))
     }
 
     /// An error about these arguments.
     pub fn wrong(&self, reason: impl Into<String>) -> PolicyError {
         PolicyError::Argument { policy: self.name.clone(), reason: reason.into() }
     }
+}
+
+/// What serde says of a wrong value, without the names of Rust's types.
+fn plain(said: &str) -> String {
+    const WORDS: [(&str, &str); 5] = [
+        ("expected usize", "expected a whole number, 0 or more"),
+        ("expected u64", "expected a whole number, 0 or more"),
+        ("expected u32", "expected a whole number, 0 or more"),
+        ("expected f64", "expected a number"),
+        ("expected f32", "expected a number"),
+    ];
+    WORDS.iter().fold(said.to_owned(), |said, (theirs, ours)| said.replace(theirs, ours))
 }
 
 /// A value as it is written on a command line.

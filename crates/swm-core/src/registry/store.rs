@@ -111,7 +111,10 @@ impl Registry {
     /// As of [`Registry::find`].
     pub fn policy_entry(&self, env: &EnvEntry, name: &str) -> Result<&'static PolicyEntry, UnknownName> {
         let found = self.policies(env).find(|entry| entry.name == name);
-        found.ok_or_else(|| self.unknown::<PolicyEntry>(name, self.policies(env).map(|entry| entry.name)))
+        found.ok_or_else(|| {
+            let unknown = self.unknown::<PolicyEntry>(name, self.policies(env).map(|entry| entry.name));
+            UnknownName { command: format!("{} {}", unknown.command, env.id), ..unknown }
+        })
     }
 
     fn unknown<T: Entry>(&self, name: &str, known: impl Iterator<Item = &'static str>) -> UnknownName {
@@ -124,7 +127,7 @@ impl Registry {
             name: name.to_owned(),
             nearest: nearest(name, known),
             fix,
-            command: T::COMMAND,
+            command: T::COMMAND.to_owned(),
         }
     }
 

@@ -10,7 +10,7 @@ use std::thread;
 
 use swm_core::dataset::METADATA_VERSION;
 use swm_core::error::BoxError;
-use swm_core::{Batch, Column, Metadata, Registry, Schema};
+use swm_core::{Batch, Column, Dtype, Metadata, Registry, Schema};
 
 use crate::dataset::{self, Dataset, Steps, WriteMode, WriteOptions};
 use crate::error::DataError;
@@ -172,6 +172,16 @@ fn held(
     if count > pieces.len() {
         return differs(format!("it holds {count} episodes, the source {}", pieces.len()));
     }
+    let shape = |dataset: &dyn Dataset, name: &str| {
+        let schema = dataset.schema();
+        schema.index(name).map(|index| schema.fields()[index].shape.clone())
+    };
+    let wanted = sources.first().map_or(&[][..], |source| source.schema().fields());
+    for field in wanted.iter().filter(|field| field.dtype == Dtype::U8 && field.shape.len() == 3) {
+        if let Some(found) = shape(there.as_ref(), &field.name).filter(|found| *found != field.shape) {
+            return differs(format!("its images `{}` are {found:?}, not {:?}", field.name, field.shape));
+        }
+    }
     for (index, &(source, episode)) in pieces[..count].iter().enumerate() {
         let (rows, expected) = (there.episode_len(index), sources[source].episode_len(episode));
         if rows != expected {
@@ -232,7 +242,10 @@ fn check_columns(source: &dyn Dataset, schema: &Schema) -> Result<(), DataError>
                 ));
             }
             None => {
-                let reason = format!("it has no column `{}`, which the first source has", field.name);
+                let is_image = field.dtype == Dtype::U8 && field.shape.len() == 3;
+                let fix =
+                    if is_image { "; give an image size, so that images are rendered for all" } else { "" };
+                let reason = format!("it has no column `{}`, which the first source has{fix}", field.name);
                 return Err(DataError::request(source.path(), reason));
             }
         }

@@ -51,7 +51,6 @@ impl EnvArgs {
 #[derive(Args, Clone)]
 pub(super) struct OptionalEnvArgs {
     /// The environment's id; `swm envs` lists them.
-    #[arg(required_unless_present = "manifest")]
     env: Option<String>,
     /// A setting of the environment, `NAME=VALUE`; may be repeated. `swm envs` lists them.
     #[arg(long = "env-option", value_name = "NAME=VALUE")]

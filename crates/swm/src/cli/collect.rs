@@ -11,7 +11,7 @@ use serde_json::json;
 use swm_core::error::BoxError;
 use swm_core::{
     Batch, Cancel, EpisodeEnd, EpisodeSink, LiveStep, Metadata, Recorder, RecordingPart, Registry, Rollout,
-    Schema, World,
+    Schema, World, WorldError,
 };
 use swm_data::tools::parts::check_continuation;
 use swm_data::{DataError, DatasetWriter, WriteMode, WriteOptions};
@@ -66,7 +66,7 @@ pub(super) struct Collect {
     world: WorldArgs,
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Columns to leave out, separated by commas, such as `goal` (one image per episode).
+    /// Columns to leave out, separated by commas, such as `goal` (an image that is the same at every step of an episode).
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     without: Vec<String>,
     /// The file to write.
@@ -95,9 +95,15 @@ impl Collect {
         let config = self.env.config(self.image_size.0.filter(|_| self.replayable.is_none()))?;
         let world = self.world.options(config, self.max_steps);
         let world = world.unrecorded(&self.without).checkpoints(self.replayable);
-        let mut world = World::new(entry, world)?;
+        let mut world = World::new(entry, world).map_err(|error| match error {
+            WorldError::Option { option: "unrecorded", reason } => usage(format!("--without: {reason}")),
+            error => error.into(),
+        })?;
         world.set_policy(policy(registry, &self.policy, &world)?);
         let options = self.scenario.options(&world.spec().factors, output)?;
+        if self.mode == WriteMode::Error && self.out.exists() {
+            return Err(usage(self.exists()));
+        }
         let how = WriteOptions::default().mode(self.mode).quality(self.quality);
         // What the file holds of factors that this run does not vary is recorded, too.
         let existing = match self.mode {
@@ -123,8 +129,7 @@ impl Collect {
             (None, total) => total.unwrap_or(first).max(first),
         };
         let part = self.shard.and_then(|shard| shard.part(wanted));
-        // What is complete stays as it is, whatever made it.
-        let is_continued = held > 0 && last > first && !self.mix;
+        let is_continued = held > 0 && !self.mix;
         let continues = last_run.filter(|run| {
             is_continued && (run.part.is_some() || self.shard.is_some() || self.total.is_some())
         });
@@ -179,6 +184,19 @@ impl Collect {
 }
 
 impl Collect {
+    /// How to go on with a file that is there.
+    fn exists(&self) -> String {
+        let wanted = self.episodes.or(self.total).unwrap_or(0);
+        let rest = match (self.shard, self.episodes) {
+            (None, Some(_)) => format!(
+                "to complete it to {wanted} episodes, add `--mode append --total {wanted}` in place of --episodes; to record {wanted} \
+                 more, `--mode append`"
+            ),
+            _ => "to complete it, add `--mode append`".to_owned(),
+        };
+        format!("{} exists: {rest}; to replace it, `--mode overwrite`", self.out.display())
+    }
+
     /// What ends the recording when the command is interrupted.
     fn watch(&self, committed: &Arc<AtomicU64>, total: u64) -> Cancel {
         let (out, committed) = (self.out.display().to_string(), Arc::clone(committed));

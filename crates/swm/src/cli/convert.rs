@@ -37,7 +37,8 @@ pub(super) struct TargetArgs {
     /// Default: 64x64 where a recording without images is copied to `video` or `lerobot`, else none.
     #[arg(long)]
     image_size: Option<ImageArg>,
-    /// Replace an existing dataset. Without it, an interrupted copy of the same source is continued, and anything else is refused.
+    /// Replace an existing dataset. Without it, a dataset that holds the first episodes of this copy is continued, and anything else
+    /// is refused.
     #[arg(long)]
     overwrite: bool,
 }
@@ -108,7 +109,12 @@ impl TargetArgs {
         let Copied { resumed, episodes, rows } =
             copy_in(registry, sources, pieces, to, (self.format.as_deref(), &self.options()), &mut watch)?;
         bar.finish_and_clear();
-        if resumed > 0 {
+        if resumed > 0 && episodes == 0 && (self.quality.is_some() || self.key_frames.is_some()) {
+            output.note(format!(
+                "note: {} was complete, and its images keep the quality that they have; --overwrite writes them anew",
+                to.display()
+            ));
+        } else if resumed > 0 {
             output.note(format!("{}: {resumed} episodes were there already", to.display()));
         }
         let seconds = started.elapsed().as_secs_f64();
@@ -142,7 +148,7 @@ fn line(result: &Json) -> String {
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  swm convert pusht.h5 pusht.video                 (H.264 videos: a hundredth of the size, lossy)
+  swm convert pusht.h5 pusht.video                 (H.264 videos: smaller, lossy)
   swm convert pusht.h5 pusht.video --quality 95 --key-frames 30
   swm convert from_the_reference.h5 pusht.folder
   swm convert small.h5 pusht.video --image-size 96x96    (images of a recording without images are rendered)
@@ -270,6 +276,17 @@ impl Split {
             )));
         }
         let mut sources = vec![self.to.open(registry, &self.source, Path::new(&self.out), output)?];
+        let sum: f64 = fractions.iter().sum();
+        if (sum - 1.0).abs() > 1e-9 {
+            let shares = names
+                .iter()
+                .zip(&fractions)
+                .map(|(name, part)| format!("{name} {:.1} %", 100.0 * part / sum));
+            output.note(format!(
+                "note: --parts sum to {sum}; the parts are {}",
+                shares.collect::<Vec<_>>().join(", ")
+            ));
+        }
         let divided = split_episodes(sources[0].num_episodes(), &fractions, self.seed).map_err(usage)?;
         if let Some((name, _)) = names.iter().zip(&divided).find(|(_, episodes)| episodes.is_empty()) {
             let count = sources[0].num_episodes();

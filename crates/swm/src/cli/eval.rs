@@ -263,7 +263,7 @@ fn returns(all: &[f64]) -> String {
     let squares: f64 = all.iter().map(|value| (value - mean) * (value - mean)).sum();
     let error = (squares / (count - 1.0) / count).sqrt();
     let (low, high) = all.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (v.min(l), v.max(h)));
-    format!("{mean:.2} ± {error:.2} ({low:.2} to {high:.2})")
+    format!("{mean:.2} ± {error:.2} standard error ({low:.2} to {high:.2})")
 }
 
 struct Progress {

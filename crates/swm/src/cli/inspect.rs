@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::{Map, json};
-use swm_core::Metadata;
-use swm_core::Registry;
+use serde_json::{Map, Value as Json, json};
+use swm_core::{FieldKind, Metadata, Registry};
 
 use super::output::{counted, table};
 use super::{Failure, Output};
@@ -47,7 +46,15 @@ impl Inspect {
         output.result(&result, || {
             let rows: Vec<_> = fields
                 .iter()
-                .map(|field| vec![field.name.clone(), field.dtype.to_string(), format!("{:?}", field.shape)])
+                .map(|field| {
+                    let per = if field.kind == FieldKind::Episode { "episode" } else { "step" };
+                    vec![
+                        field.name.clone(),
+                        field.dtype.to_string(),
+                        format!("{:?}", field.shape),
+                        per.to_owned(),
+                    ]
+                })
                 .collect();
             let range = match (lengths.iter().min(), lengths.iter().max()) {
                 (Some(min), Some(max)) if min == max => format!(" of {min} rows"),
@@ -60,7 +67,7 @@ impl Inspect {
                 dataset.info().format,
                 counted(lengths.len(), "episode"),
                 counted(steps, "row"),
-                table(&["column", "dtype", "shape"], &rows),
+                table(&["column", "dtype", "shape", "per"], &rows),
             );
             for (name, reason) in &*dataset.info().skipped {
                 text += &format!("skipped `{name}`: {reason}\n");
@@ -73,6 +80,7 @@ impl Inspect {
                     text += &format!(", factors sampled: {}", names.join(", "));
                 }
                 text.push('\n');
+                text += &details(run);
             }
             if let Some(rows) = dataset.metadata().and_then(|metadata| metadata.checkpoints) {
                 text += &format!(
@@ -95,4 +103,22 @@ impl Inspect {
             text
         })
     }
+}
+
+/// What a run was made with, beyond environment, policy and seed: a line per kind.
+fn details(run: &Metadata) -> String {
+    let listed = |values: &mut dyn Iterator<Item = (&String, &Json)>| {
+        values.map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(", ")
+    };
+    let packages = run.packages.iter().map(|(name, version)| format!("{name} {version}"));
+    let lines = [
+        ("settings", listed(&mut run.settings.iter())),
+        ("factors set", listed(&mut run.variation_values.iter())),
+        ("made by", packages.collect::<Vec<_>>().join(", ")),
+    ];
+    lines
+        .iter()
+        .filter(|(_, text)| !text.is_empty())
+        .map(|(name, text)| format!("  {name}: {text}\n"))
+        .collect()
 }

@@ -89,6 +89,9 @@ struct Make {
     stream: Option<PathBuf>,
     #[command(flatten)]
     scenario: ScenarioArgs,
+    /// Replace an existing file.
+    #[arg(long)]
+    overwrite: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -175,9 +178,30 @@ impl Make {
         if let Some(path) = &self.stream {
             read_stream(path)?.lay_over(&mut manifest, entry)?;
         }
-        create_parent(&self.out)?;
-        write_manifest(&self.out, &manifest)?;
+        if self.overwrite || !self.holds(&manifest)? {
+            create_parent(&self.out)?;
+            write_manifest(&self.out, &manifest)?;
+        }
         show(&manifest, &self.out, output)
+    }
+
+    /// Whether the file is this manifest already. What else is there is not replaced: results refer to it.
+    fn holds(&self, manifest: &Manifest) -> Result<bool, Failure> {
+        if !self.out.exists() {
+            return Ok(false);
+        }
+        let out = self.out.display();
+        match read_manifest(&self.out) {
+            Ok(held) if held.hash() == manifest.hash() => Ok(true),
+            Ok(held) => Err(usage(format!(
+                "{out} holds another manifest ({}, {} pairs); give another --out, or --overwrite to replace it",
+                held.env,
+                held.pairs.len()
+            ))),
+            Err(_) => Err(usage(format!(
+                "{out} exists and is no manifest; give another --out, or --overwrite to replace it"
+            ))),
+        }
     }
 }
 

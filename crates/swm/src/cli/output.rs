@@ -38,6 +38,12 @@ impl<E: Into<BoxError>> From<E> for Failure {
     fn from(error: E) -> Self {
         let source: BoxError = error.into();
         let usage = is_usage(source.as_ref());
+        // A wrong request is wrong for every environment: the first that met it says nothing.
+        let source = match source.downcast::<WorldError>().map(|error| *error) {
+            Ok(WorldError::Env { source, .. }) if usage => source.into(),
+            Ok(error) => error.into(),
+            Err(source) => source,
+        };
         Self { source, usage }
     }
 }
@@ -166,18 +172,22 @@ pub(super) fn create_folder(dir: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(dir).map_err(failed)
 }
 
-/// A plain table: columns as wide as their widest cell, numbers to the right.
+/// A plain table: columns as wide as their widest cell, those of numbers to the right.
 pub(crate) fn table(header: &[&str], rows: &[Vec<String>]) -> String {
     let width = |column: usize| {
         let cells = rows.iter().map(|row| row[column].chars().count());
         cells.chain([header[column].chars().count()]).max().unwrap_or(0)
     };
     let widths: Vec<usize> = (0..header.len()).map(width).collect();
-    let numeric = |cell: &str| cell.starts_with(|c: char| c.is_ascii_digit() || c == '-' || c == '+');
+    let is_number = |cell: &str| cell.starts_with(|c: char| c.is_ascii_digit() || c == '-' || c == '+');
+    let is_empty = |cell: &str| ["", "–", "-"].contains(&cell);
+    let numeric: Vec<bool> = (0..header.len())
+        .map(|column| rows.iter().all(|row| is_number(&row[column]) || is_empty(&row[column])))
+        .collect();
     let line = |cells: &mut dyn Iterator<Item = &str>| {
-        let padded = cells.zip(&widths).map(|(cell, &width)| {
+        let padded = cells.zip(widths.iter().zip(&numeric)).map(|(cell, (&width, &numeric))| {
             let pad = " ".repeat(width - cell.chars().count());
-            if numeric(cell) { format!("{pad}{cell}") } else { format!("{cell}{pad}") }
+            if numeric && is_number(cell) { format!("{pad}{cell}") } else { format!("{cell}{pad}") }
         });
         padded.collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n"
     };

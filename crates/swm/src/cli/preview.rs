@@ -101,7 +101,7 @@ impl Preview {
                 shots.iter().map(|shots| shots.iter().map(Vec::as_slice).collect()).collect();
             let (height, width, pixels) = contact_sheet(&rows, height, width, GAP)?;
             png::write(&self.out, height, width, &pixels)?;
-            1
+            per_episode.min(shots.iter().map(Vec::len).max().unwrap_or(0))
         } else {
             video(&shots, height, width)?.save(&self.out)?;
             shots.iter().map(Vec::len).max().unwrap_or(0)
@@ -109,7 +109,7 @@ impl Preview {
         let result = json!({"out": self.out, "episodes": episodes, "frames": frames});
         output.result(&result, || {
             let (episodes, frames) = (counted(episodes.len(), "episode"), counted(frames, "frame"));
-            format!("wrote {} ({episodes}, {frames})", self.out.display())
+            format!("wrote {} ({episodes}, up to {frames} each)", self.out.display())
         })
     }
 }

@@ -69,10 +69,15 @@ pub(super) struct QualityCommand {
 impl QualityCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let Self { episodes, rows, horizon, plans, seed, .. } = self;
-        if episodes == 0 || horizon == 0 || plans < 2 || rows <= horizon {
-            return Err(usage(
-                "at least 1 episode, 2 plans and a horizon of 1 are needed, and more rows than the horizon",
-            ));
+        for (option, value, least) in
+            [("episodes", episodes, 1), ("horizon", horizon, 1), ("plans", plans, 2)]
+        {
+            if value < least {
+                return Err(usage(format!("--{option} {value}: use {least} or more")));
+            }
+        }
+        if rows <= horizon {
+            return Err(usage(format!("--rows {rows}: use more than --horizon, which is {horizon}")));
         }
         let entry = self.env.entry(registry)?;
         let mut dataset =

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use clap::Args;
+use swm_core::error::{did_you_mean, nearest};
 use swm_core::{FactorSpec, ResetOptions, Value};
 
 use super::args::assignment;
@@ -27,16 +28,24 @@ impl ScenarioArgs {
     pub(super) fn options(&self, factors: &[FactorSpec], output: &Output) -> Result<ResetOptions, Failure> {
         let variation = self.variation(true)?;
         let values = self.values(factors, output)?;
+        for name in values
+            .keys()
+            .filter(|name| self.vary.iter().flatten().any(|asked| asked.trim_start_matches('+') == **name))
+        {
+            output.note(format!("note: --vary {name} samples nothing, since --set {name} sets it"));
+        }
         if let Some(asked) = &variation
             && !asked.is_empty()
         {
+            let is_known = |asked: &String| factors.iter().any(|factor| factor.is_selected_by(asked));
             let left: Vec<&str> = factors
                 .iter()
                 .filter(|factor| factor.sampled_by_default && !values.contains_key(&factor.name))
                 .filter(|factor| !asked.iter().any(|asked| factor.is_selected_by(asked)))
                 .map(|factor| factor.name.as_str())
                 .collect();
-            if !left.is_empty() {
+            // A name that does not exist is refused in the words of the environment.
+            if !left.is_empty() && asked.iter().all(is_known) {
                 output.note(format!(
                     "note: --vary samples only what it names; {} keep their defaults in every episode (`--vary +{}` samples them, too)",
                     left.join(", "),
@@ -101,12 +110,20 @@ pub(super) fn factor_values(
                 }
                 color.values
             }
-            None => numbers(inner)
-                .ok_or_else(|| usage(format!("--set {option}: `{text}` is no number or list of numbers")))?,
+            None => numbers(inner).ok_or_else(|| usage(not_numbers(option, name, text, factors)))?,
         };
         values.insert(name.to_owned(), Value::vector(&numbers));
     }
     Ok(values)
+}
+
+/// Why a value that is not numbers cannot be set.
+fn not_numbers(option: &str, name: &str, text: &str, factors: &[FactorSpec]) -> String {
+    if factors.iter().any(|factor| factor.name == name) {
+        return format!("--set {option}: `{text}` is not a number or a list of numbers");
+    }
+    let near = nearest(name, factors.iter().map(|factor| factor.name.as_str()));
+    format!("--set {option}: unknown factor `{name}`{}; `swm fovs` lists them", did_you_mean(near.as_deref()))
 }
 
 /// `1,2.5` as numbers.

@@ -42,9 +42,9 @@ pub(super) struct SweepCommand {
     /// Which values they get.
     #[arg(long, value_enum, default_value_t)]
     values: ValuesArg,
-    /// With --values grid: how many.
-    #[arg(long, default_value_t = 5)]
-    points: usize,
+    /// With --values grid: how many. Default: 5.
+    #[arg(long)]
+    points: Option<usize>,
     #[command(flatten)]
     world: WorldArgs,
     /// A folder for sweep.json, sweep.csv and sweep.svg.
@@ -77,10 +77,13 @@ impl SweepCommand {
         let entry = registry.env(&manifest.env)?;
         let candidate = Candidate { policy: policy_args(&self.policy)?, seed: self.policy_seed };
         let candidate = candidate.on(registry, entry, &manifest);
+        if self.points.is_some() && !matches!(self.values, ValuesArg::Grid) {
+            return Err(usage("--points is for --values grid; give both"));
+        }
         let values = match self.values {
             ValuesArg::Sampled => Values::Sampled,
             ValuesArg::Extremes => Values::Extremes,
-            ValuesArg::Grid => Values::Grid(self.points),
+            ValuesArg::Grid => Values::Grid(self.points.unwrap_or(5)),
         };
         candidate.make(registry, entry, &manifest)?;
         let config = swm_core::EnvConfig { image: None, settings: manifest.settings.clone() };

@@ -192,7 +192,7 @@ impl Diff {
                         column.psnr.map_or(String::new(), |psnr| format!("{psnr:.1} dB")),
                     ]
                 });
-                let header = ["column", "rows that differ", "by at most", "first", "PSNR"];
+                let header = ["column", "rows that differ", "largest difference", "first", "PSNR"];
                 text += &table(&header, &cells.collect::<Vec<_>>());
             }
             text + if found.equal { "equal" } else { "different" }

@@ -22,7 +22,7 @@ pub(super) fn repair(path: &Path, apply: bool) -> Result<Vec<String>, DataError>
     let old = Hdf5Dataset::open(&path)?;
     let episodes = old.num_episodes();
     let steps = vec![
-        "take away the mark of a recording that goes on, so that h5py opens the file without `swmr=True`"
+        "clear the flag that HDF5 sets while a file is open for writing, so that h5py opens it without `swmr=True`"
             .to_owned(),
         format!("cut what lies behind the {episodes} finished episodes"),
     ];

@@ -65,7 +65,11 @@ pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Resu
     let groups: BTreeSet<&str> = wanted
         .iter()
         .filter_map(|name| name.split_once('.').map(|(group, _)| group))
-        .filter(|group| wanted.iter().filter(|name| selects(group, name)).count() > 1)
+        .filter(|group| {
+            // A group is changed as a whole, so all of it must have been asked for.
+            let of_group: Vec<_> = all.iter().filter(|name| selects(group, name)).collect();
+            of_group.len() > 1 && of_group.iter().all(|name| wanted.contains(name))
+        })
         .collect();
     let singles = wanted.iter().map(|&name| (name, Scope::Factor));
     let groups = groups.into_iter().map(|name| (name, Scope::Group));
@@ -75,17 +79,18 @@ pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Resu
         Values::Extremes => vec![("lowest".to_owned(), Some(0.0)), ("highest".to_owned(), Some(1.0))],
         Values::Grid(count) if count >= 2 => (0..count)
             .map(|index| index as f64 / (count - 1) as f64)
-            .map(|share| (format!("{:.0} %", 100.0 * share), Some(share)))
+            .map(|share| (format!("{:.0} % of the range", 100.0 * share), Some(share)))
             .collect(),
         Values::Grid(count) => return Err(format!("a grid of {count} value(s); use 2 or more")),
     };
     let scopes = singles.chain(groups).chain(whole);
     Ok(scopes
         .flat_map(|(name, scope)| {
+            let space = factors.iter().find(|factor| factor.name == name).map(|factor| &factor.space);
             shares.iter().map(move |(value, share)| Change {
                 name: name.to_owned(),
                 scope,
-                value: value.clone(),
+                value: share.and_then(|share| shown(space?, share)).unwrap_or_else(|| value.clone()),
                 share: *share,
             })
         })
@@ -152,6 +157,13 @@ fn at_share(space: &Space, share: f64, own: &[f64], toward: f64) -> Option<Value
     let dtype = space.dtype()?;
     let finite = numbers.iter().all(|number| number.is_finite());
     finite.then(|| Value::vector(&numbers).cast("factor", dtype, &space.shape()).ok())?
+}
+
+/// The value at a share, for people: `20`, `0, 0.5, 1`; none where there is none, or it has many elements.
+fn shown(space: &Space, share: f64) -> Option<String> {
+    let numbers = at_share(space, share, &[], 0.0)?.to_f64s("factor").ok()?;
+    let text = |number: &f64| format!("{}", (number * 1e4).round() / 1e4);
+    (numbers.len() <= 4).then(|| numbers.iter().map(text).collect::<Vec<_>>().join(", "))
 }
 
 #[cfg(test)]

@@ -1,9 +1,11 @@
 //! `demo/Point-v0`: a point on a line that must reach a goal.
 
 use serde::{Deserialize, Serialize};
+use swm_core::policy::{scripted, write_action};
+use swm_core::registry::NoArgs;
 use swm_core::{
-    Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, RowsMut, Slice,
-    Space,
+    Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvSpec, EnvState, Episode, Field, Outcome, PolicyEntry,
+    RowsMut, Slice, Space,
 };
 use swm_fov::{Factor, Fov, FovSpace, SavedFov};
 
@@ -11,7 +13,18 @@ use swm_fov::{Factor, Fov, FovSpace, SavedFov};
 pub const POINT: EnvEntry =
     EnvEntry::new("demo/Point-v0", "a point on a line that must reach a goal", |config| {
         Ok(Box::new(Point::new(config)?))
-    });
+    })
+    .policies(&[EXPERT]);
+
+/// A policy of this environment: `--policy expert`. One that remembers implements `Actor`, wrapped in `PerEpisode`.
+const EXPERT: PolicyEntry = PolicyEntry::new("expert", "moves to the goal", |_, args| {
+    args.parse_as::<NoArgs>()?;
+    Ok(Box::new(scripted("expert", |view, action| {
+        let [state, goal]: [&[f64]; 2] = [view.row.get("state")?, view.row.get("goal_state")?];
+        write_action(action, &[(10.0 * (goal[0] - state[0])).clamp(-1.0, 1.0) as f32]);
+        Ok(())
+    })))
+});
 
 // Field indices, in the order of `fields`.
 const STATE: usize = 0;
