@@ -107,7 +107,7 @@ type Reset<'py> = (usize, u64, u64, Option<i64>, Option<Bound<'py, PyAny>>);
 impl PyWorld {
     /// `settings`: a JSON object; `image`: (height, width).
     #[new]
-    #[pyo3(signature = (id, num_envs, image=None, max_episode_steps=Some(100), frame_skip=1, threads=None, settings="{}", unrecorded=None, checkpoints=None))]
+    #[pyo3(signature = (id, num_envs, image=None, max_episode_steps=None, frame_skip=1, threads=None, settings="{}", unrecorded=None, checkpoints=None))]
     #[expect(clippy::too_many_arguments, reason = "they are keyword arguments of Python")]
     fn new(
         py: Python<'_>,

@@ -8,7 +8,46 @@ from typing import Any, Protocol, TypeAlias, final
 import numpy as np
 import numpy.typing as npt
 
-__all__: list[str]
+__all__ = [
+    "BatchStream",
+    "ClipReader",
+    "DataError",
+    "EnvError",
+    "EpisodeWriter",
+    "Episodes",
+    "PlanError",
+    "PolicyError",
+    "Reader",
+    "Solver",
+    "SwmError",
+    "Table",
+    "World",
+    "__version__",
+    "choose_starts",
+    "collect",
+    "compare_receipts",
+    "contact_sheet",
+    "copy_datasets",
+    "dataset_formats",
+    "detect_dataset",
+    "env_ids",
+    "environments",
+    "episode_seed",
+    "episodes",
+    "evaluate",
+    "evaluate_manifest",
+    "files",
+    "make_manifest",
+    "manifest_json",
+    "receipt_json",
+    "replay",
+    "run_command",
+    "save_video",
+    "set_files",
+    "solvers",
+    "verify_receipt",
+    "wilson95",
+]
 __version__: str
 
 _Path: TypeAlias = str | PathLike[str]
@@ -51,7 +90,7 @@ class World:
         id: str,
         num_envs: int,
         image: tuple[int, int] | None = None,
-        max_episode_steps: int | None = 100,
+        max_episode_steps: int | None = None,
         frame_skip: int = 1,
         threads: int | None = None,
         settings: str = "{}",
