@@ -18,8 +18,8 @@ Examples:
   swm compare results/cem-seed1,results/cem-seed2,results/cem-seed3 results/mppi-seed1,results/mppi-seed2
   swm compare --stream after-phase-0 after-phase-1 after-phase-2 --untrained random
 
-Runs of one policy with several seeds, joined by commas, are one side: the difference is that of the means of all runs, its interval
-a bootstrap over pairs and runs, its p-value that of an exact sign-flip test over pairs (for one run each: McNemar's).
+Runs of one policy with several seeds, joined by commas, are one side: the difference is that of the means of all runs, its interval \
+a bootstrap over pairs and runs, its p-value that of an exact sign-flip test over pairs (for one run each: McNemar's). \
 --stream takes results of one policy on one stream, after training on each of its phases, and reports forward and backward transfer.")]
 pub(super) struct Compare {
     /// Receipts, or the folders that hold them; several seeds of one policy joined by commas.

@@ -188,9 +188,9 @@ Examples:
   swm merge expert.h5 weak.video --out both.h5
   swm merge part.*.h5 --out whole.h5    (parts of `swm collect --shard`; or the folder that holds them)
 
-Episodes come in the order of the sources, those of parts in the order of the parts. A missing, repeated or incomplete part, or one
-of another recording, is refused. The sources may be of different formats, but must have the same columns, and
-be recordings of the same environment under the same settings. A factor of variation that only some of them varied is filled in
+Episodes come in the order of the sources, those of parts in the order of the parts. A missing, repeated or incomplete part, or one \
+of another recording, is refused. The sources may be of different formats, but must have the same columns, and \
+be recordings of the same environment under the same settings. A factor of variation that only some of them varied is filled in \
 for the others, with its constant value. After an interruption, the same command continues.")]
 pub(super) struct Merge {
     /// The datasets to join: two or more, or a folder of parts.
@@ -243,8 +243,8 @@ Examples:
   swm split pusht.h5 --parts train=8,val=1,test=1 --seed 7 --out '{}.video'
   swm split small.h5 --image-size 64x64 --out 'images_{}.h5'   (renders a recording without images)
 
-`{}` in --out becomes the part's name. Fractions need not sum to 1. Parts are made of whole episodes: clips of one episode
-overlap, so a split by clip would show the training data to the test. The parts depend on --seed and the number of
+`{}` in --out becomes the part's name. Fractions need not sum to 1. Parts are made of whole episodes: clips of one episode \
+overlap, so a split by clip would show the training data to the test. The parts depend on --seed and the number of \
 episodes alone, and are those of the loader's `split_episodes`.")]
 pub(super) struct Split {
     /// The dataset to divide.

@@ -34,9 +34,9 @@ Examples:
   swm eval --manifest pusht-strict.toml --policy cem --out results
   swm eval --manifest pusht-strict.toml --policy cem --out results --shard 3/64    (one of 64 parts; then --join in place of it)
 
-With --manifest, the task is that of the manifest, reference policies are evaluated on the same pairs (--reference), --out gets
-receipt.json, and an interrupted evaluation continues where it stopped. Without --manifest, --out gets result.json, a contact sheet
-(episodes.png) and videos (--videos). A folder that holds a result is kept: the same evaluation is not run twice, another one is
+With --manifest, the task is that of the manifest, reference policies are evaluated on the same pairs (--reference), --out gets \
+receipt.json, and an interrupted evaluation continues where it stopped. Without --manifest, --out gets result.json, a contact sheet \
+(episodes.png) and videos (--videos). A folder that holds a result is kept: the same evaluation is not run twice, another one is \
 refused, and --again repeats or replaces it.")]
 pub(super) struct Eval {
     #[command(flatten)]

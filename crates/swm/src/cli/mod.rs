@@ -54,7 +54,7 @@ pub(crate) use output::{Failure, Output, usage};
     propagate_version = true,
     arg_required_else_help = true,
     after_help = "\
-Exit status: 0 done, 1 the work failed or found a difference, 2 the request itself is wrong, 130 interrupted by Ctrl-C, 75 stopped
+Exit status: 0 done, 1 the work failed or found a difference, 2 the request itself is wrong, 130 interrupted by Ctrl-C, 75 stopped \
 by SIGTERM and continued by the same command.
 
 Results go to the standard output, progress and messages to the standard error. Every command explains itself: `swm eval --help`."

@@ -27,7 +27,7 @@ Examples:
   swm new-env my-env
   swm new-env my-env --checkout ~/stable-worldmodel-rs     (build from this checkout, without the network)
 
-In the new folder, `cargo test` builds the environment and its conformance test only: seconds, and no build tools. The command
+In the new folder, `cargo test` builds the environment and its conformance test only: seconds, and no build tools. The command \
 (`cargo run --features cli -- …`) builds everything that `swm` has, in minutes, and needs a C compiler, cmake and ninja.")]
 pub(super) struct NewEnv {
     /// Name of the crate: lower-case letters, digits, `-` and `_`.

@@ -29,7 +29,7 @@ Examples:
   swm plan swm/PushT-v1 --policy cem:horizon=4,receding_horizon=2 --episodes 3 --budget 60 --trace out --details elites
   swm plan swm/PushT-v1 --policy cem --plan-only --json
 
-With --trace, the folder gets index.html (open it in a browser), the figures as SVG files, a video per episode,
+With --trace, the folder gets index.html (open it in a browser), the figures as SVG files, a video per episode, \
 result.json, and trace.jsonl: a line per iteration of every plan. `swm solvers` lists the solvers.")]
 pub(super) struct Plan {
     #[command(flatten)]

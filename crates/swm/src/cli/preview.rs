@@ -26,8 +26,8 @@ Examples:
   swm preview pusht.h5 --episodes 0..8 --frames 12 --out sheet.png
   swm preview pusht.h5 --column goal --out goals.png
 
-A sheet (.png) has one row per episode, with --frames images from its first to its last. A video (.mp4, .gif) plays the
-episodes in a grid; those that end early show their last frame. Images of a recording without images are rendered by
+A sheet (.png) has one row per episode, with --frames images from its first to its last. A video (.mp4, .gif) plays the \
+episodes in a grid; those that end early show their last frame. Images of a recording without images are rendered by \
 replaying the episodes.")]
 pub(super) struct Preview {
     /// The dataset.

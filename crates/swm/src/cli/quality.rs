@@ -23,12 +23,12 @@ Examples:
   swm quality swm/PushT-v1 --dataset pusht.h5 --episodes 200 --rows 100 --model constant --json
   swm quality swm/TwoRoom-v1 --dataset two-room.h5 --model lewm:runs/lewm   (of `swm train`, in builds with baselines)
 
-Models that need no training are for comparison: `true` (the environment in its state space), `gain=G` (the same with actions
-multiplied by G), `constant` (nothing ever changes), and `pixels=C` (the image in C × C cells, and nothing ever changes).
-Trained ones are `lewm:RUN`, `pldm:RUN`, `dino-wm:RUN` (`checkpoint=best` behind a comma), which predict as many steps at a
-time as the frame skip that they were trained with.
-Probes predict columns of the true state from latents: a linear one and a small MLP, fitted to four fifths of the episodes and
-scored on the others. A violation is `teleport`, COLUMN[ELEMENTS]=VALUES for something that
+Models that need no training are for comparison: `true` (the environment in its state space), `gain=G` (the same with actions \
+multiplied by G), `constant` (nothing ever changes), and `pixels=C` (the image in C × C cells, and nothing ever changes). \
+Trained ones are `lewm:RUN`, `pldm:RUN`, `dino-wm:RUN` (`checkpoint=best` behind a comma), which predict as many steps at a \
+time as the frame skip that they were trained with. \
+Probes predict columns of the true state from latents: a linear one and a small MLP, fitted to four fifths of the episodes and \
+scored on the others. A violation is `teleport`, COLUMN[ELEMENTS]=VALUES for something that \
 jumps or vanishes, or the name of a factor, which changes. An accuracy of 0.5 is chance.")]
 pub(super) struct QualityCommand {
     #[command(flatten)]

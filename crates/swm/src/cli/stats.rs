@@ -17,8 +17,8 @@ Examples:
   swm stats pusht.h5 --columns action,proprio --json
   swm stats pusht.h5 --quantiles 0.01,0.99
 
-Found in one pass and kept in `<dataset>.stats.json`, where the loader's normalization looks for them. Of images there is
-one set of numbers per channel, of other columns one per value. Rows with a NaN, such as the last action of an episode, do
+Found in one pass and kept in `<dataset>.stats.json`, where the loader's normalization looks for them. Of images there is \
+one set of numbers per channel, of other columns one per value. Rows with a NaN, such as the last action of an episode, do \
 not count.")]
 pub(super) struct Stats {
     /// The dataset.

@@ -23,8 +23,8 @@ Examples:
   swm sweep --manifest pusht-strict.toml --policy weak --factors agent.scale --values grid --points 7
   swm sweep --manifest pusht-strict.toml --policy cem --out sweep --shard 3/64    (one of 64 parts; then --join in place of it)
 
-Each factor alone, each group, and all together, on the pairs of the manifest, against the unchanged environment. With --out,
-the folder gets sweep.json, sweep.csv and sweep.svg; `swm report` shows it with other results. An interrupted sweep continues
+Each factor alone, each group, and all together, on the pairs of the manifest, against the unchanged environment. With --out, \
+the folder gets sweep.json, sweep.csv and sweep.svg; `swm report` shows it with other results. An interrupted sweep continues \
 where it stopped. Parts write to parts/ in --out; joined, they are the undivided sweep.")]
 pub(super) struct SweepCommand {
     /// The manifest; `swm manifest make` makes one.

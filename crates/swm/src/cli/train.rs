@@ -15,7 +15,7 @@ Examples:
   swm train pldm --data tworoom.h5 --preset small --out runs/pldm --steps 2000 --set optim.lr=0.001
   swm train --resume --out runs/lewm
 
-RUN gets config.json, checkpoints, metrics.jsonl and an event file for TensorBoard. --resume continues an interrupted run from its
+RUN gets config.json, checkpoints, metrics.jsonl and an event file for TensorBoard. --resume continues an interrupted run from its \
 last checkpoint, with the same losses as without the interruption. Evaluate it: `swm eval … --policy mpc:RUN`.")]
 pub(super) struct Train {
     /// The baseline; `--list` names them.

@@ -21,11 +21,11 @@ Examples:
   swm verify pusht.video --fix --dry-run     (print what an interrupted recording needs)
   swm verify pusht.video --fix
 
-Checked: the index of episodes; that every row of every column can be read and decoded; checksums, where the format has
-them (images in HDF5, everything in `folder` and `video`); lengths; columns that must not change in an episode; NaN and
+Checked: the index of episodes; that every row of every column can be read and decoded; checksums, where the format has \
+them (images in HDF5, everything in `folder` and `video`); lengths; columns that must not change in an episode; NaN and \
 infinite numbers. NaN is expected in the last action of an episode, and in first and last rows.
 
---fix repairs a dataset whose recording was interrupted and prints each step; committed episodes are not touched. Continuing
+--fix repairs a dataset whose recording was interrupted and prints each step; committed episodes are not touched. Continuing \
 the recording with `--mode append` does the same. Damaged images cannot be fixed; record or copy them again.
 
 Exit status 1 if anything is wrong or has to be repaired.")]
@@ -123,7 +123,7 @@ Examples:
   swm diff pusht.h5 pusht.video --ignore pixels,goal
   swm diff here.h5 there.h5 --tolerance 1e-9 --json
 
-Shows columns that one of them lacks, episodes of different lengths, and for each column the number of rows that differ,
+Shows columns that one of them lacks, episodes of different lengths, and for each column the number of rows that differ, \
 by how much, and where first; for images also the PSNR in dB (differences above 35 dB are hard to see).
 
 Exit status 1 if they differ.")]

@@ -17,7 +17,7 @@ Examples:
   swm verify-result results/receipt.json
   swm verify-result results --threads 1 --num-envs 3
 
-Exit status 0: equal. 1: protocol, physics, images, model, seed, solver, outcomes or reference policies differ.
+Exit status 0: equal. 1: protocol, physics, images, model, seed, solver, outcomes or reference policies differ. \
 Of receipts of version 1, the hash of the environment's tables is not compared: it counted help texts, too.")]
 pub(super) struct VerifyResult {
     /// The receipt, or the folder that holds it.
