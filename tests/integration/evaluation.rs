@@ -311,7 +311,7 @@ fn wrong_requests_are_refused() {
     says(&[&make(PUSHT, "moderate")[..], &["--distractor", "noise"]].concat(), &["--image-size"]);
     let image = ["--image-size", "32", "--distractor", "noize"];
     says(&[&make(PUSHT, "moderate")[..], &image].concat(), &["did you mean `noise`?"]);
-    says(&["eval", "--policy", "random"], &["<ENV>"]);
+    says(&["eval", "--policy", "random"], &["name an environment, or give --manifest"]);
     says(&["eval", "--manifest", &out, "--policy", "random"], &["cannot read the manifest"]);
     swm_ok(&[&make(PUSHT, "moderate")[..], &["--episodes", "2", "--budget", "4"]].concat());
     says(&["eval", PUSHT, "--manifest", &out, "--policy", "random"], &["cannot be used with"]);
@@ -350,7 +350,7 @@ fn factors_are_swept_alone_in_groups_and_together() {
     assert_eq!(first, sweep("b", &[&factors[..], &["--num-envs", "3", "--threads", "2"]].concat()).0);
     let names: Vec<&str> =
         first["cells"].as_array().unwrap().iter().map(|cell| cell["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["unchanged", "block.shape", "agent.color", "agent.scale", "agent"]);
+    assert_eq!(names, ["unchanged", "block.shape", "agent.color", "agent.scale"]);
     assert!(
         first["cells"][2]["note"].as_str().unwrap().contains("every episode goes as without"),
         "a color moves nothing"
@@ -358,7 +358,7 @@ fn factors_are_swept_alone_in_groups_and_together() {
     assert!(first["cells"][3]["note"].is_null(), "a scale does");
     let csv = std::fs::read_to_string(format!("{out}/sweep.csv")).unwrap();
     let columns = csv.lines().next().unwrap().split(',').count();
-    assert_eq!(csv.lines().count(), 6);
+    assert_eq!(csv.lines().count(), 5);
     assert!(csv.lines().all(|line| line.split(',').count() == columns), "{csv}");
     let svg = std::fs::read_to_string(format!("{out}/sweep.svg")).unwrap();
     assert!(svg.starts_with("<svg xmlns=") && svg.contains("block.shape") && !svg.contains("NaN"));
@@ -367,7 +367,7 @@ fn factors_are_swept_alone_in_groups_and_together() {
     assert_eq!(grid["cells"].as_array().unwrap().len(), 4);
     let (extremes, _) = sweep("d", &["--factors", "block.start_position", "--values", "extremes"]);
     let cells = extremes["cells"].as_array().unwrap();
-    assert_eq!(cells[1]["value"], "lowest");
+    assert!(cells[1]["value"].as_str().unwrap().starts_with("lowest ("), "{cells:?}");
     let message =
         swm_fails(2, &["sweep", "--manifest", &manifest, "--policy", "weak", "--factors", "agent.colour"]);
     assert!(message.contains("did you mean `agent.color`?"), "{message}");

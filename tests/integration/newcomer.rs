@@ -169,7 +169,7 @@ fn folders_of_results_are_made_and_counts_are_of_their_number() {
     assert!(output.status.success() && !said.contains("written to"), "a short run has no lines: {said}");
     assert!(String::from_utf8_lossy(&output.stdout).contains("wrote 1 episode (3 rows"));
     let sheet = ["preview", &out, "--frames", "1", "--out", &folder.path("more/sheet.png")];
-    assert!(swm_ok(&sheet).contains("(1 episode, 1 frame)"));
+    assert!(swm_ok(&sheet).contains("(1 episode, 1 frame each)"));
     let output =
         swm(&[&args[..9], &[&folder.path("b.h5"), "--report-every", "0"]].concat()).output().unwrap();
     assert!(String::from_utf8_lossy(&output.stderr).contains("episode 0 written to"));

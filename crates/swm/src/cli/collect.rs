@@ -102,7 +102,7 @@ impl Collect {
         world.set_policy(policy(registry, &self.policy, &world)?);
         let options = self.scenario.options(&world.spec().factors, output)?;
         if self.mode == WriteMode::Error && self.out.exists() {
-            return Err(usage(self.exists()));
+            return Err(self.exists().into());
         }
         let how = WriteOptions::default().mode(self.mode).quality(self.quality);
         // What the file holds of factors that this run does not vary is recorded, too.

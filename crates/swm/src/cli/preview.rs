@@ -96,20 +96,21 @@ impl Preview {
         }
         bar.finish_and_clear();
         create_parent(&self.out)?;
-        let frames = if format == Format::Png {
+        if format == Format::Png {
             let rows: Vec<Vec<&[u8]>> =
                 shots.iter().map(|shots| shots.iter().map(Vec::as_slice).collect()).collect();
             let (height, width, pixels) = contact_sheet(&rows, height, width, GAP)?;
             png::write(&self.out, height, width, &pixels)?;
-            per_episode.min(shots.iter().map(Vec::len).max().unwrap_or(0))
         } else {
             video(&shots, height, width)?.save(&self.out)?;
-            shots.iter().map(Vec::len).max().unwrap_or(0)
-        };
-        let result = json!({"out": self.out, "episodes": episodes, "frames": frames});
+        }
+        let lengths = shots.iter().map(Vec::len);
+        let (fewest, most) = (lengths.clone().min().unwrap_or(0), lengths.max().unwrap_or(0));
+        let result = json!({"out": self.out, "episodes": episodes, "frames": most});
         output.result(&result, || {
-            let (episodes, frames) = (counted(episodes.len(), "episode"), counted(frames, "frame"));
-            format!("wrote {} ({episodes}, up to {frames} each)", self.out.display())
+            let (episodes, frames) = (counted(episodes.len(), "episode"), counted(most, "frame"));
+            let about = if fewest == most { "" } else { "up to " };
+            format!("wrote {} ({episodes}, {about}{frames} each)", self.out.display())
         })
     }
 }

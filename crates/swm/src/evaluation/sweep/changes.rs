@@ -90,7 +90,11 @@ pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Resu
             shares.iter().map(move |(value, share)| Change {
                 name: name.to_owned(),
                 scope,
-                value: share.and_then(|share| shown(space?, share)).unwrap_or_else(|| value.clone()),
+                value: match (values, share.and_then(|share| shown(space?, share))) {
+                    (Values::Grid(_), Some(number)) => number,
+                    (_, Some(number)) => format!("{value} ({number})"),
+                    (_, None) => value.clone(),
+                },
                 share: *share,
             })
         })
@@ -204,10 +208,13 @@ mod tests {
                 "all sampled"
             ]
         );
-        assert_eq!(of(&["agent"], Values::Extremes).unwrap(), ["agent.shape lowest", "agent.shape highest"]);
+        assert_eq!(
+            of(&["agent"], Values::Extremes).unwrap(),
+            ["agent.shape lowest (1)", "agent.shape highest (4)"]
+        );
         assert_eq!(
             of(&["agent.shape"], Values::Grid(3)).unwrap(),
-            ["agent.shape 0 %", "agent.shape 50 %", "agent.shape 100 %"]
+            ["agent.shape 1", "agent.shape 3", "agent.shape 4"]
         );
         assert!(of(&["agent.shap"], Values::Sampled).unwrap_err().contains("did you mean `agent.shape`?"));
         assert!(of(&["all"], Values::Grid(1)).unwrap_err().contains("2 or more"));
