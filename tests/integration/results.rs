@@ -80,7 +80,7 @@ fn a_sweep_counts_the_pairs_that_can_have_a_value() {
     // A thick wall leaves out the pairs that start inside it, and no others.
     let walls = sweep("wall.thickness", "walls");
     let thickest = &walls["cells"][2];
-    assert_eq!(thickest["value"], "highest");
+    assert!(thickest["value"].as_str().unwrap().starts_with("highest ("), "{thickest}");
     let count = thickest["summary"]["episodes"].as_u64().unwrap();
     assert_eq!(count, 12, "nearer values are found for all: {}", thickest["note"]);
 
