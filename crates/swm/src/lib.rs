@@ -22,6 +22,8 @@ pub mod cli;
 pub mod distractors;
 pub mod evaluation;
 mod html;
+#[cfg(feature = "cli")]
+mod jobs;
 pub mod plan;
 pub mod replay;
 pub mod report;

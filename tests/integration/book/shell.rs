@@ -85,6 +85,9 @@ impl Machine {
         {
             machine.features.push("torch".to_owned());
         }
+        if machine.run("parallel --version", machine.shared()).is_ok() {
+            machine.features.push("parallel".to_owned());
+        }
         machine
     }
 

@@ -1,6 +1,6 @@
 //! Arguments that several commands share: the environment, the policy, the world.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde_json::{Map, Value as Json, json};
@@ -184,6 +184,14 @@ impl PartArgs {
 /// The policy of `--policy NAME:ARGS` for a world.
 pub(super) fn policy(registry: &Registry, text: &str, world: &World) -> Result<Box<dyn Policy>, Failure> {
     Ok(registry.policy_from(&policy_args(text)?, world)?)
+}
+
+/// The files that a policy's text names: its settings and its models.
+pub(super) fn policy_files(registry: &Registry, env: &EnvEntry, text: &str) -> Result<Vec<PathBuf>, Failure> {
+    let args = policy_args(text)?;
+    let mut files = registry.policy_entry(env, &args.name)?.model_files(&args)?;
+    files.extend(text.split_once(":@").map(|(_, rest)| rest.split(',').next().unwrap_or_default().into()));
+    Ok(files)
 }
 
 /// The image size that the model behind a policy was trained on, for worlds that no image size is asked for.

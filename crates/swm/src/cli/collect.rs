@@ -16,9 +16,10 @@ use swm_core::{
 use swm_data::tools::parts::check_continuation;
 use swm_data::{DataError, DatasetWriter, WriteMode, WriteOptions};
 
-use super::args::{EnvArgs, ImageArg, Shard, WorldArgs, policy};
+use super::args::{EnvArgs, ImageArg, Shard, WorldArgs, policy, policy_files};
 use super::output::{counted, create_parent};
 use super::scenario::ScenarioArgs;
+use super::work::Plan;
 use super::{Failure, Output, interrupt, usage};
 
 /// Record episodes of a policy to a dataset.
@@ -91,15 +92,7 @@ pub(super) struct Collect {
 
 impl Collect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let entry = self.env.entry(registry)?;
-        let config = self.env.config(self.image_size.0.filter(|_| self.replayable.is_none()))?;
-        let world = self.world.options(config, self.max_steps);
-        let world = world.unrecorded(&self.without).checkpoints(self.replayable);
-        let mut world = World::new(entry, world).map_err(|error| match error {
-            WorldError::Option { option: "unrecorded", reason } => usage(format!("--without: {reason}")),
-            error => error.into(),
-        })?;
-        world.set_policy(policy(registry, &self.policy, &world)?);
+        let mut world = self.make_world(registry)?;
         let options = self.scenario.options(&world.spec().factors, output)?;
         if self.mode == WriteMode::Error && self.out.exists() {
             return Err(self.exists().into());
@@ -195,6 +188,34 @@ impl Collect {
             _ => "to complete it, add `--mode append`".to_owned(),
         };
         format!("{} exists: {rest}; to replace it, `--mode overwrite`", self.out.display())
+    }
+
+    /// The world with its policy.
+    fn make_world(&self, registry: &Registry) -> Result<World, Failure> {
+        let config = self.env.config(self.image_size.0.filter(|_| self.replayable.is_none()))?;
+        let world = self.world.options(config, self.max_steps);
+        let world = world.unrecorded(&self.without).checkpoints(self.replayable);
+        let mut world = World::new(self.env.entry(registry)?, world).map_err(|error| match error {
+            WorldError::Option { option: "unrecorded", reason } => usage(format!("--without: {reason}")),
+            error => error.into(),
+        })?;
+        world.set_policy(policy(registry, &self.policy, &world)?);
+        Ok(world)
+    }
+
+    /// What a job needs to know before it is submitted, and how many steps it records at most.
+    pub(super) fn plan(&self, registry: &Registry, output: &Output) -> Result<(Plan, u64), Failure> {
+        let world = self.make_world(registry)?;
+        self.scenario.options(&world.spec().factors, output)?;
+        let episodes = self.episodes.or(self.total).unwrap_or(0);
+        if episodes == 0 {
+            return Err(usage("0 episodes asked for; use 1 or more"));
+        }
+        if let Some(format) = &self.format {
+            swm_data::format::by_name(registry, format)?;
+        }
+        let inputs = policy_files(registry, self.env.entry(registry)?, &self.policy)?;
+        Ok((Plan { episodes, inputs }, episodes.saturating_mul(self.max_steps)))
     }
 
     /// What ends the recording when the command is interrupted.

@@ -13,6 +13,7 @@ use super::args::{EnvArgs, ImageArg, OptionalEnvArgs, PartArgs, WorldArgs, model
 use super::eval_manifest::{EvalManifest, ReferenceArg};
 use super::output::{create_folder, key_values};
 use super::scenario::ScenarioArgs;
+use super::work::Plan;
 use super::{Failure, Output, held, interrupt, usage};
 use crate::evaluation::RunOptions;
 use crate::report::write_report;
@@ -102,23 +103,35 @@ pub(super) struct Eval {
 }
 
 impl Eval {
+    /// What a job needs to know before it is submitted.
+    pub(super) fn plan(&self, registry: &Registry) -> Result<Plan, Failure> {
+        let Some(manifest) = &self.manifest else {
+            return Err(usage("only an evaluation on a manifest can be divided; give --manifest"));
+        };
+        self.on_manifest(manifest, self.world.run_options()).plan(registry)
+    }
+
+    fn on_manifest<'a>(&'a self, manifest: &'a Path, options: RunOptions) -> EvalManifest<'a> {
+        EvalManifest {
+            manifest,
+            policy: &self.policy,
+            policy_seed: self.policy_seed,
+            reference: &self.reference,
+            oracle: self.oracle.as_deref(),
+            out: self.out.as_deref(),
+            again: self.again,
+            part: &self.part,
+            options,
+        }
+    }
+
     pub(super) fn run(mut self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         if self.manifest.is_none() && (self.part.shard.is_some() || self.part.join) {
             return Err(usage("--shard and --join divide an evaluation on a manifest; give --manifest"));
         }
         if let Some(manifest) = &self.manifest {
-            let on_manifest = EvalManifest {
-                manifest,
-                policy: &self.policy,
-                policy_seed: self.policy_seed,
-                reference: &self.reference,
-                oracle: self.oracle.as_deref(),
-                out: self.out.as_deref(),
-                again: self.again,
-                part: &self.part,
-                options: RunOptions { cancel: Some(self.watch()), ..self.world.run_options() },
-            };
-            return on_manifest.run(registry, output);
+            let options = RunOptions { cancel: Some(self.watch()), ..self.world.run_options() };
+            return self.on_manifest(manifest, options).run(registry, output);
         }
         let env = self.env.take()?;
         self.run_in(&env, registry, output)

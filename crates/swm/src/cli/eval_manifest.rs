@@ -8,8 +8,9 @@ use clap::ValueEnum;
 use swm_core::evaluate::{EpisodeResult, Summary};
 use swm_core::{EnvEntry, Manifest, Registry};
 
-use super::args::{PartArgs, Shard, policy_args};
+use super::args::{PartArgs, Shard, policy_args, policy_files};
 use super::output::{counted, create_folder, table};
+use super::work::Plan;
 use super::{Failure, Output, held, usage};
 use crate::evaluation::{
     Candidate, CellLedger, Ledger, Receipt, Reference, Role, RunOptions, fingerprints, read_manifest, roles,
@@ -129,6 +130,26 @@ impl EvalManifest<'_> {
         let path = self.out.map(|dir| write_receipt(dir, &receipt)).transpose()?;
         joined.map_or(Ok(()), CellLedger::close)?;
         output.result(&receipt, || text(&receipt, path.as_deref()))
+    }
+
+    /// What a job needs to know before it is submitted.
+    pub(super) fn plan(&self, registry: &Registry) -> Result<Plan, Failure> {
+        let manifest = read_manifest(self.manifest).map_err(usage)?;
+        let entry = registry.env(&manifest.env)?;
+        let candidate = Candidate { policy: policy_args(self.policy)?, seed: self.policy_seed };
+        let candidate = candidate.on(registry, entry, &manifest);
+        let others = self.wanted(registry, entry, &manifest, &candidate)?;
+        let mut cells = 1;
+        candidate.make(registry, entry, &manifest)?;
+        for (_, other) in others.iter().filter(|(_, other)| *other != candidate) {
+            other.make(registry, entry, &manifest)?;
+            cells += 1;
+        }
+        let mut inputs = vec![self.manifest.to_owned()];
+        for policy in std::iter::once(self.policy).chain(self.oracle) {
+            inputs.extend(policy_files(registry, entry, policy)?);
+        }
+        Ok(Plan { episodes: cells * manifest.pairs.len() as u64, inputs })
     }
 
     /// The reference policies to run.

@@ -18,6 +18,7 @@ mod held;
 mod images;
 mod inspect;
 mod interrupt;
+mod jobs;
 mod man;
 mod manifest;
 mod new_env;
@@ -32,11 +33,14 @@ mod scenario;
 mod solvers;
 mod stats;
 mod stream;
+mod submit;
 mod sweep;
+mod task;
 mod train;
 mod verify;
 mod verify_result;
 mod version;
+mod work;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -90,6 +94,9 @@ enum Command {
     VerifyResult(verify_result::VerifyResult),
     Sweep(sweep::SweepCommand),
     Report(report::ReportCommand),
+    Submit(submit::Submit),
+    Jobs(jobs::Jobs),
+    Task(task::Task),
     Quality(quality::QualityCommand),
     Train(Box<train::Train>),
     Checkpoints(train::Checkpoints),
@@ -163,6 +170,9 @@ fn run_command(registry: &Registry, command: Command, output: &Output) -> Result
         Command::VerifyResult(command) => command.run(registry, output),
         Command::Sweep(command) => command.run(registry, output),
         Command::Report(command) => command.run(registry, output),
+        Command::Submit(command) => command.run(registry, output),
+        Command::Jobs(command) => command.run(output),
+        Command::Task(command) => command.run(registry, output),
         Command::Quality(command) => command.run(registry, output),
         Command::Train(command) => command.run(registry, output),
         Command::Checkpoints(command) => command.run(output),

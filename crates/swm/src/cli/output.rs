@@ -25,9 +25,39 @@ impl Failure {
     }
 
     pub(crate) fn exit_code(&self) -> u8 {
-        if self.usage { 2 } else { 1 }
+        match self.usage {
+            _ if self.source.is::<Postponed>() => 75,
+            true => 2,
+            false => 1,
+        }
+    }
+
+    /// Whether another process is at it.
+    pub(super) fn is_busy(&self) -> bool {
+        matches!(self.source.downcast_ref(), Some(DataError::Busy { .. }))
+    }
+
+    /// Whether the file system failed in a way that may pass.
+    pub(super) fn is_passing(&self) -> bool {
+        let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(self.source.as_ref());
+        while let Some(error) = cause {
+            if let Some(error) = error.downcast_ref::<std::io::Error>() {
+                use std::io::ErrorKind::{
+                    AlreadyExists, NotFound, PermissionDenied, QuotaExceeded, StorageFull,
+                };
+                let stays = [AlreadyExists, NotFound, PermissionDenied, QuotaExceeded, StorageFull];
+                return !self.usage && !stays.contains(&error.kind());
+            }
+            cause = error.source();
+        }
+        false
     }
 }
+
+/// What is left does not fit into the time that is left: the same command continues.
+#[derive(Debug, thiserror::Error)]
+#[error("the time that is left is too short for another shard; start the task again to continue")]
+pub(super) struct Postponed;
 
 /// A wrong request.
 pub(crate) fn usage(reason: impl Into<BoxError>) -> Failure {

@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use swm_core::{Cancel, Registry};
+use swm_core::{Cancel, Manifest, Registry};
 
-use super::args::{PartArgs, WorldArgs, policy_args};
+use super::args::{PartArgs, WorldArgs, policy_args, policy_files};
 use super::eval_manifest::{p_value, rate};
 use super::output::{create_folder, table};
+use super::work::Plan;
 use super::{Failure, Output, held, interrupt, usage};
 use crate::evaluation::{
     Candidate, CellLedger, Change, RunOptions, Sweep, SweepRun, Values, changes, read_manifest,
@@ -70,25 +71,7 @@ enum ValuesArg {
 
 impl SweepCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let manifest = read_manifest(&self.manifest).map_err(usage)?;
-        if self.world.frame_skip.is_some() {
-            return Err(usage("--frame-skip: the manifest says how often actions are applied"));
-        }
-        let entry = registry.env(&manifest.env)?;
-        let candidate = Candidate { policy: policy_args(&self.policy)?, seed: self.policy_seed };
-        let candidate = candidate.on(registry, entry, &manifest);
-        if self.points.is_some() && !matches!(self.values, ValuesArg::Grid) {
-            return Err(usage("--points is for --values grid; give both"));
-        }
-        let values = match self.values {
-            ValuesArg::Sampled => Values::Sampled,
-            ValuesArg::Extremes => Values::Extremes,
-            ValuesArg::Grid => Values::Grid(self.points.unwrap_or(5)),
-        };
-        candidate.make(registry, entry, &manifest)?;
-        let config = swm_core::EnvConfig { image: None, settings: manifest.settings.clone() };
-        let factors = entry.make(&config)?.spec().factors.clone();
-        let changes = changes(&factors, &self.factors, values).map_err(usage)?;
+        let (manifest, candidate, values, changes) = self.asked(registry)?;
         let options = RunOptions { cancel: Some(self.watch()), ..self.world.run_options() };
         let mut run = SweepRun::new(registry, &manifest, &candidate, changes.clone(), values, options)?;
         let (cells, pairs) = (run.cells(), run.pairs());
@@ -151,6 +134,38 @@ impl SweepCommand {
 }
 
 impl SweepCommand {
+    /// What is asked for.
+    fn asked(&self, registry: &Registry) -> Result<(Manifest, Candidate, Values, Vec<Change>), Failure> {
+        let manifest = read_manifest(&self.manifest).map_err(usage)?;
+        if self.world.frame_skip.is_some() {
+            return Err(usage("--frame-skip: the manifest says how often actions are applied"));
+        }
+        let entry = registry.env(&manifest.env)?;
+        let candidate = Candidate { policy: policy_args(&self.policy)?, seed: self.policy_seed };
+        let candidate = candidate.on(registry, entry, &manifest);
+        if self.points.is_some() && !matches!(self.values, ValuesArg::Grid) {
+            return Err(usage("--points is for --values grid; give both"));
+        }
+        let values = match self.values {
+            ValuesArg::Sampled => Values::Sampled,
+            ValuesArg::Extremes => Values::Extremes,
+            ValuesArg::Grid => Values::Grid(self.points.unwrap_or(5)),
+        };
+        candidate.make(registry, entry, &manifest)?;
+        let config = swm_core::EnvConfig { image: None, settings: manifest.settings.clone() };
+        let factors = entry.make(&config)?.spec().factors.clone();
+        let changes = changes(&factors, &self.factors, values).map_err(usage)?;
+        Ok((manifest, candidate, values, changes))
+    }
+
+    /// What a job needs to know before it is submitted.
+    pub(super) fn plan(&self, registry: &Registry) -> Result<Plan, Failure> {
+        let (manifest, _, _, changes) = self.asked(registry)?;
+        let mut inputs = vec![self.manifest.clone()];
+        inputs.extend(policy_files(registry, registry.env(&manifest.env)?, &self.policy)?);
+        Ok(Plan { episodes: (changes.len() as u64 + 1) * manifest.pairs.len() as u64, inputs })
+    }
+
     /// What ends the sweep when the command is interrupted.
     fn watch(&self) -> Cancel {
         match &self.out {

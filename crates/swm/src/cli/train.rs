@@ -90,6 +90,7 @@ mod work {
     use swm_core::Registry;
 
     use super::{Checkpoints, Train};
+    use crate::cli::work::Plan;
     use crate::cli::{Failure, Output, usage};
 
     use crate::absent::BASELINES;
@@ -122,6 +123,12 @@ mod work {
                 keep: _,
                 patience: _,
             } = self;
+            Err(not_built())
+        }
+    }
+
+    impl Train {
+        pub(in crate::cli) fn plan(&self) -> Result<Plan, Failure> {
             Err(not_built())
         }
     }

@@ -12,6 +12,7 @@ use swm_core::Registry;
 use super::{Checkpoints, Train};
 use crate::cli::args::{assignment, json_value};
 use crate::cli::output::{key_values, table};
+use crate::cli::work::Plan;
 use crate::cli::{Failure, Output, interrupt, usage};
 
 impl Train {
@@ -51,6 +52,18 @@ impl Train {
             output.note("nothing was left to do; --epochs or --steps give it more");
         }
         output.result(&state, || text(&state, &out.display().to_string()))
+    }
+
+    /// What a job needs to know before it is submitted.
+    pub(in crate::cli) fn plan(&self) -> Result<Plan, Failure> {
+        let Self { baseline, data, encoder, resume, .. } = self;
+        let name = baseline.as_deref().unwrap_or_default();
+        if !resume && !BASELINES.iter().any(|entry| entry.name == name) {
+            let names: Vec<&str> = BASELINES.iter().map(|entry| entry.name).collect();
+            return Err(usage(format!("there is no baseline `{name}`; there are: {}", names.join(", "))));
+        }
+        changes(&self.set)?;
+        Ok(Plan { episodes: 0, inputs: data.iter().chain(encoder).cloned().collect() })
     }
 
     /// The settings that were given.

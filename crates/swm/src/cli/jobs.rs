@@ -1,0 +1,311 @@
+//! `swm jobs`: what is done of a job, from its files; the scheduler is asked only who is at work.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use serde_json::{Value as Json, json};
+use swm_data::tools::parts;
+
+use super::output::{counted, key_values, print, table};
+use super::submit::{held_shards, queued};
+use super::{Failure, Output, usage};
+use crate::jobs::JobFolder;
+use crate::jobs::engine::{Queued, Submission, engine};
+use crate::jobs::files::{ranges, read_json};
+use crate::jobs::log::last_episode;
+use crate::jobs::progress::{Done, Failed, Finished, Progress};
+use crate::text_file::read_text;
+
+/// Show the progress of jobs.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm jobs                    (every job in this folder)
+  swm jobs pusht --watch
+  swm jobs --logs pusht 3     (what shard 3 printed)
+  swm jobs --cancel pusht     (what is done is kept; swm submit --job pusht goes on)")]
+pub(super) struct Jobs {
+    /// The job's folder. Default: every job in this folder.
+    #[arg(value_name = "JOB")]
+    job: Option<PathBuf>,
+    /// With --logs: the shard.
+    #[arg(value_name = "I", requires = "logs")]
+    shard: Option<u64>,
+    /// Show it again every S seconds until the result is there.
+    #[arg(long, value_name = "S", num_args = 0..=1, default_missing_value = "10", require_equals = true)]
+    watch: Option<u64>,
+    /// Print the log of shard I, or of the join where no shard is given.
+    #[arg(long, requires = "job", conflicts_with = "watch")]
+    logs: bool,
+    /// Cancel what is queued and running.
+    #[arg(long, requires = "job", conflicts_with_all = ["watch", "logs"])]
+    cancel: bool,
+}
+
+/// Schedulers are asked so often at most.
+const ASK_EVERY: Duration = Duration::from_secs(30);
+/// Shards that are listed.
+const MAX_LISTED: usize = 20;
+
+impl Jobs {
+    pub(super) fn run(self, output: &Output) -> Result<(), Failure> {
+        let folders = match &self.job {
+            Some(job) => {
+                let folder = JobFolder::open(job).map_err(usage)?;
+                vec![folder.ok_or_else(|| {
+                    usage(format!("{} holds no job; `swm submit` makes one", job.display()))
+                })?]
+            }
+            None => jobs_in(Path::new("."))?,
+        };
+        if let (true, [folder]) = (self.logs, folders.as_slice()) {
+            return self.print_log(folder);
+        }
+        if let (true, [folder]) = (self.cancel, folders.as_slice()) {
+            return cancel(folder, output);
+        }
+        let mut asked: Option<(Instant, Vec<Held>)> = None;
+        loop {
+            let is_old = asked.as_ref().is_none_or(|(time, _)| time.elapsed() >= ASK_EVERY);
+            if is_old {
+                asked =
+                    Some((Instant::now(), folders.iter().map(|folder| Held::of(folder, output)).collect()));
+            }
+            let held = asked.as_ref().map_or(&[][..], |(_, held)| held.as_slice());
+            let all: Vec<Status> = folders
+                .iter()
+                .zip(held)
+                .map(|(folder, held)| Status::of(folder, held))
+                .collect::<Result<_, _>>()?;
+            let json: Vec<Json> = all.iter().map(Status::json).collect();
+            let json = match (&self.job, json.as_slice()) {
+                (Some(_), [one]) => one.clone(),
+                _ => Json::Array(json),
+            };
+            output.result(&json, || text(&all, self.job.is_some()))?;
+            let is_finished = all.iter().all(|status| status.finished.is_some());
+            match self.watch {
+                Some(seconds) if !is_finished => std::thread::sleep(Duration::from_secs(seconds.max(1))),
+                _ => return Ok(()),
+            }
+        }
+    }
+
+    fn print_log(&self, folder: &JobFolder) -> Result<(), Failure> {
+        let path = match self.shard {
+            Some(shard) if (1..=folder.job.shards).contains(&shard) => folder.log(shard),
+            Some(shard) => {
+                return Err(usage(format!("{shard}: the job has {}", counted(folder.job.shards, "shard"))));
+            }
+            None => folder.dir.join("logs/finish.log"),
+        };
+        let text = read_text(&path);
+        print(&text.map_err(|error| format!("cannot read {}: {error} (has it started?)", path.display()))?)
+    }
+}
+
+/// The jobs in a folder, by name.
+fn jobs_in(dir: &Path) -> Result<Vec<JobFolder>, Failure> {
+    let entries = std::fs::read_dir(dir).map_err(|error| format!("cannot read the folder: {error}"))?;
+    let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+    paths.sort();
+    paths.retain(|path| path.join("job.json").is_file());
+    if paths.is_empty() {
+        return Err(usage("this folder holds no jobs; name one, or make one with `swm submit`"));
+    }
+    let mut folders = Vec::new();
+    for path in paths {
+        folders.extend(JobFolder::open(&path).map_err(usage)?);
+    }
+    Ok(folders)
+}
+
+fn cancel(folder: &JobFolder, output: &Output) -> Result<(), Failure> {
+    let mut names = Vec::new();
+    for submission in Submission::all(folder)? {
+        let (engine, _) = engine(&submission.on)?;
+        if !names.contains(&engine.name) {
+            engine.driver.cancel(folder)?;
+            names.push(engine.name);
+        }
+    }
+    let done = Progress::of(folder)?.done.len();
+    let result = json!({ "job": folder.dir, "engines": names, "done": done });
+    output.result(&result, || match names.is_empty() {
+        true => "nothing was submitted".to_owned(),
+        false => format!(
+            "canceled on {}; {done} of {} are done, and swm submit --job {} goes on",
+            names.join(" and "),
+            counted(folder.job.shards, "shard"),
+            folder.dir.display()
+        ),
+    })
+}
+
+/// What engines hold of a job.
+struct Held(BTreeMap<u64, Queued>);
+
+impl Held {
+    /// An engine that does not answer is named, and the files are shown alone.
+    fn of(folder: &JobFolder, output: &Output) -> Self {
+        let tasks = Submission::all(folder).map_err(Failure::from).and_then(|before| {
+            let shards = folder.job.shards;
+            Ok(held_shards(&queued(folder, &before, None)?, &before, shards, shards))
+        });
+        Self(tasks.unwrap_or_else(|failure| {
+            output.note(format!("{}: {failure}", folder.dir.display()));
+            BTreeMap::new()
+        }))
+    }
+}
+
+/// What is known of a job.
+struct Status<'a> {
+    folder: &'a JobFolder,
+    done: BTreeMap<u64, Done>,
+    failed: BTreeMap<u64, Failed>,
+    /// What engines hold and is not done.
+    held: BTreeMap<u64, Queued>,
+    /// Neither done nor held.
+    missing: Vec<u64>,
+    /// Episodes of shards that are not done, as their logs say.
+    begun: BTreeMap<u64, u64>,
+    finished: Option<Finished>,
+}
+
+impl<'a> Status<'a> {
+    fn of(folder: &'a JobFolder, held: &Held) -> Result<Self, Failure> {
+        let progress = Progress::of(folder)?;
+        let done = Done::all(folder, &progress)?;
+        let mut failed = BTreeMap::new();
+        for &shard in &progress.failed {
+            failed.extend(read_json(&folder.failed(shard))?.map(|failed: Failed| (shard, failed)));
+        }
+        let left = progress.missing(folder);
+        let begun = left.iter().filter_map(|&shard| {
+            let range = parts::range(shard, folder.job.shards, folder.job.episodes);
+            Some((shard, last_episode(&folder.log(shard))?.clamp(range.start, range.end) - range.start))
+        });
+        let begun = begun.collect();
+        let held: BTreeMap<u64, Queued> =
+            left.iter().filter_map(|shard| Some((*shard, held.0.get(shard)?.clone()))).collect();
+        let missing = left.into_iter().filter(|shard| !held.contains_key(shard)).collect();
+        Ok(Self { folder, done, failed, held, missing, begun, finished: read_json(&folder.finished())? })
+    }
+
+    fn episodes(&self) -> u64 {
+        self.done.values().map(|done| done.episodes).sum::<u64>() + self.begun.values().sum::<u64>()
+    }
+
+    fn running(&self) -> usize {
+        self.held.values().filter(|task| task.is_running).count()
+    }
+
+    fn json(&self) -> Json {
+        let job = &self.folder.job;
+        json!({
+            "job": self.folder.dir,
+            "name": job.name(),
+            "command": job.command,
+            "shards": job.shards,
+            "done": self.done.len(),
+            "running": self.running(),
+            "waiting": self.held.len() - self.running(),
+            "failed": self.failed,
+            "missing": self.missing,
+            "episodes": self.episodes(),
+            "total_episodes": job.episodes,
+            "result": self.finished,
+        })
+    }
+
+    /// One line: how far it is.
+    fn line(&self) -> String {
+        let waiting = self.held.len() - self.running();
+        let lost = self.missing.iter().filter(|shard| !self.failed.contains_key(shard)).count();
+        let counts = [
+            (self.done.len(), "done"),
+            (self.running(), "running"),
+            (waiting, "waiting"),
+            (self.failed.len(), "failed"),
+            (lost, "not submitted"),
+        ];
+        let counts: Vec<String> = counts
+            .iter()
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, what)| format!("{count} {what}"))
+            .collect();
+        format!("{} shards: {}", self.folder.job.shards, counts.join(", "))
+    }
+
+    fn page(&self) -> String {
+        let (job, dir) = (&self.folder.job, self.folder.dir.display().to_string());
+        let mut rows = vec![("job", dir.clone()), ("command", format!("swm {}", job.command.join(" ")))];
+        rows.push(("shards", self.line()));
+        if job.episodes > 0 {
+            rows.push(("episodes", format!("{} of {}", self.episodes(), job.episodes)));
+        }
+        let took: f64 = self.done.values().map(|done| done.seconds).sum();
+        if !self.done.is_empty() {
+            let longest = self.done.values().map(|done| done.seconds).fold(0.0, f64::max);
+            let mean = took / self.done.len() as f64;
+            rows.push(("time per shard", format!("{mean:.1} s, longest {longest:.1} s")));
+        }
+        if let Some(finished) = &self.finished {
+            rows.push(("result", format!("{dir}/{} ({} bytes)", finished.result, finished.bytes)));
+        } else if self.missing.is_empty() && self.held.is_empty() {
+            rows.push((
+                "result",
+                format!("not joined yet: swm submit --job {dir}, or swm task {dir} --finish"),
+            ));
+        } else if !self.missing.is_empty() {
+            let missing = ranges(&self.missing);
+            rows.push(("to submit", format!("{missing}: swm submit --job {dir}")));
+        }
+        let mut text = key_values(&rows);
+        let shown = |shard: &u64| {
+            let state = match (self.held.get(shard), self.failed.get(shard)) {
+                (Some(task), _) => task.state.clone(),
+                (None, Some(failed)) => format!("failed on {}", failed.node),
+                (None, None) => "not submitted".to_owned(),
+            };
+            let message =
+                self.failed.get(shard).map_or("", |failed| failed.message.lines().next().unwrap_or(""));
+            let episodes = self.begun.get(shard).map_or(String::new(), ToString::to_string);
+            vec![shard.to_string(), state, episodes, message.to_owned()]
+        };
+        let mut open: Vec<u64> = self.failed.keys().chain(self.held.keys()).copied().collect();
+        open.dedup();
+        let rows: Vec<Vec<String>> = open.iter().take(MAX_LISTED).map(shown).collect();
+        if !rows.is_empty() {
+            text += &format!("\n{}", table(&["shard", "state", "episodes", ""], &rows));
+        }
+        if open.len() > MAX_LISTED {
+            text += &format!("and {} more\n", open.len() - MAX_LISTED);
+        }
+        text
+    }
+}
+
+fn text(all: &[Status<'_>], is_one: bool) -> String {
+    if let ([status], true) = (all, is_one) {
+        return status.page();
+    }
+    let rows: Vec<Vec<String>> = all
+        .iter()
+        .map(|status| {
+            let dir = status.folder.dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let result =
+                status.finished.as_ref().map_or("–".to_owned(), |finished| finished.result.clone());
+            vec![
+                dir,
+                status.folder.job.command[..2.min(status.folder.job.command.len())].join(" "),
+                status.line(),
+                result,
+            ]
+        })
+        .collect();
+    table(&["job", "command", "progress", "result"], &rows)
+}

@@ -1,0 +1,393 @@
+//! `swm submit`: divides a command into shards and hands them to a scheduler; again, only those that are missing.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use serde_json::{Value as Json, json};
+use swm_core::Registry;
+
+use super::output::counted;
+use super::task::{Redirected, bytes};
+use super::work::{self, Kind};
+use super::{Failure, Output, usage, version};
+use crate::jobs::engine::{ENGINES, Engine, Queued, Request, Settings, Submission};
+use crate::jobs::files::{now, ranges};
+use crate::jobs::job::{Input, Program};
+use crate::jobs::progress::{Progress, shards_of};
+use crate::jobs::{Job, JobFolder, engine, free_bytes};
+use crate::text_file::read_text;
+
+/// Divide a command among the machines of a cluster.
+#[derive(Args)]
+#[command(after_help = help())]
+pub(super) struct Submit {
+    /// The engine, ENGINE or ENGINE:KEY=VALUE,…: slurm, hq or script. Default: as before.
+    #[arg(long, value_name = "ENGINE")]
+    on: Option<String>,
+    /// The number of shards. Choose it so that each takes 10 to 60 minutes.
+    #[arg(long, value_name = "N", conflicts_with = "each", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    shards: Option<u64>,
+    /// The job's folder.
+    #[arg(long, value_name = "DIR")]
+    job: PathBuf,
+    /// With train: a file with further arguments, a line per run; each is a shard.
+    #[arg(long, value_name = "FILE")]
+    each: Option<PathBuf>,
+    /// Print what the scheduler would get, and submit nothing.
+    #[arg(long)]
+    dry_run: bool,
+    /// Wait for the result; exit status 1 if shards fail.
+    #[arg(long, conflicts_with = "dry_run")]
+    wait: bool,
+    /// Let tasks start this program where it is, in place of a copy in the job's folder.
+    #[arg(long)]
+    no_copy: bool,
+    /// With collect: record about K episodes first, and refuse a job that the disk has no space for.
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    pilot: u64,
+    /// Submit although the disk seems too small.
+    #[arg(long)]
+    force: bool,
+    /// The command and its arguments, after `--`.
+    #[arg(last = true, value_name = "COMMAND")]
+    command: Vec<String>,
+}
+
+/// Examples, and the engines with their keys.
+fn help() -> String {
+    let engines = ENGINES.iter().map(|engine| {
+        let keys = engine.keys.iter().map(|(key, about)| format!("    {key:12} {about}\n"));
+        format!("  {:12}   {}\n{}", engine.name, engine.about, keys.collect::<String>())
+    });
+    format!(
+        "\
+Examples:
+  swm submit --on slurm:partition=cpu,time=2:00:00,cpus=16 --shards 64 --job pusht -- collect swm/PushT-v1 --episodes 100000
+  swm submit --on hq:cpus=8 --shards 64 --job sweep -- sweep --manifest pusht-strict.toml --policy cem
+  swm submit --on script --shards 8 --job pusht -- collect swm/PushT-v1 --episodes 800    (prints the commands)
+  swm submit --job pusht      (again: what is neither done nor queued)
+  swm submit --on slurm --each runs.txt --job runs -- train lewm --data tworoom.h5    (a training run per line of arguments)
+
+The commands are collect, eval --manifest, sweep and train, without --out: results go to the job's folder, which all machines must
+see. It holds the program itself, so that a rebuild does not change queued tasks. The last task joins the shards: the result equals
+that of the undivided command. `swm jobs` shows progress. `swm submit` does not wait; --wait does.
+
+Engines and their keys, --on ENGINE:KEY=VALUE,…:
+{}",
+        engines.collect::<String>()
+    )
+}
+
+/// Engines are asked so often at most, while somebody waits.
+const ASK_EVERY: Duration = Duration::from_secs(30);
+/// A result has this part of the free space, so that parts and result fit.
+const PARTS_AND_RESULT: u64 = 2;
+
+impl Submit {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        if let Some(on) = &self.on {
+            engine(on).map_err(usage)?;
+        }
+        let asked = if self.command.is_empty() { None } else { Some(self.job(registry, output)?) };
+        let _lock = if self.dry_run { None } else { Some(JobFolder::lock(&self.job)?) };
+        let folder = match (JobFolder::open(&self.job).map_err(usage)?, asked) {
+            (Some(held), Some(asked)) => {
+                if let Some(difference) = held.job.difference(&asked) {
+                    let dir = held.dir.display();
+                    return Err(usage(format!("{dir} is another job in {difference}; give another folder")));
+                }
+                held
+            }
+            (Some(held), None) => {
+                held.job.inputs.iter().try_for_each(|input| input.check(false)).map_err(usage)?;
+                held
+            }
+            (None, Some(job)) if self.dry_run => JobFolder::planned(&self.job, job)?,
+            (None, Some(job)) => JobFolder::create(&self.job, job)?,
+            (None, None) => {
+                let dir = self.job.display();
+                return Err(usage(format!("{dir} holds no job; give the command: -- collect …")));
+            }
+        };
+        self.measure(registry, &folder, output)?;
+        let submissions = Submission::all(&folder)?;
+        let on = self.on.clone().or_else(|| Some(submissions.last()?.on.clone()));
+        let on = on.ok_or_else(|| usage("--on: name the engine: slurm, hq or script"))?;
+        let (engine, settings) = engine(&on).map_err(usage)?;
+        if self.wait && engine.name == "script" {
+            return Err(usage(
+                "--wait: nothing is started by --on script; `swm task JOB --all` runs the shards here",
+            ));
+        }
+        let sent = Sending { folder: &folder, engine, settings: &settings, on: &on }
+            .send(&submissions, self.dry_run)?;
+        if self.wait {
+            output.note(sent.text(&folder, engine));
+            wait(&folder, engine)?;
+        }
+        let prints_script = !sent.is_submitted && !sent.script.is_empty();
+        output.result(&sent.json(&folder, engine), || match prints_script {
+            true => sent.script.clone(),
+            false => sent.text(&folder, engine),
+        })
+    }
+
+    /// The job that is asked for. Environment and policy are made, and manifests read.
+    fn job(&self, registry: &Registry, output: &Output) -> Result<Job, Failure> {
+        let kind = Kind::of(&self.command)?;
+        let each = match &self.each {
+            None => Vec::new(),
+            Some(_) if kind != Kind::Train => return Err(usage("--each is for `swm train`; use --shards")),
+            Some(path) => {
+                let text =
+                    read_text(path).map_err(|error| usage(format!("--each {}: {error}", path.display())))?;
+                let lines = text.lines().filter(|line| !line.trim().is_empty());
+                lines.map(|line| line.split_whitespace().map(str::to_owned).collect()).collect()
+            }
+        };
+        let shards = match (kind, self.shards) {
+            (Kind::Train, None | Some(1)) => each.len().max(1) as u64,
+            (Kind::Train, _) => {
+                return Err(usage("a training run is not divided; --each FILE submits several runs"));
+            }
+            (_, Some(shards)) => shards,
+            (_, None) => return Err(usage("--shards: into how many shards?")),
+        };
+        let program = Program::this(version::long(), !self.no_copy)?;
+        let mut job = Job::new(self.command.clone(), each, (shards, 0), program, Vec::new())?;
+        let mut inputs: BTreeSet<PathBuf> = BTreeSet::new();
+        let folder = JobFolder::planned(&self.job, job.clone())?;
+        for shard in 1..=if kind == Kind::Train { shards } else { 1 } {
+            let plan = work::plan(registry, &work::shard_line(&folder, kind, shard), output)?;
+            job.episodes = plan.episodes;
+            inputs.extend(plan.inputs);
+        }
+        if kind != Kind::Train && shards > job.episodes {
+            let episodes = counted(job.episodes, "episode");
+            return Err(usage(format!(
+                "--shards {shards}: there are {episodes}; use as many shards or fewer"
+            )));
+        }
+        let inputs = inputs.iter().map(|path| Input::of(path)).collect::<Result<_, _>>().map_err(usage)?;
+        Ok(Job::new(job.command, job.each, (shards, job.episodes), job.program, inputs)?)
+    }
+
+    /// Records some episodes and compares the space of all with what is free.
+    fn measure(&self, registry: &Registry, folder: &JobFolder, output: &Output) -> Result<(), Failure> {
+        if self.pilot == 0 || self.dry_run {
+            return Ok(());
+        }
+        if Kind::of(&folder.job.command)? != Kind::Collect {
+            return Err(usage("--pilot records episodes; it is for `swm collect`"));
+        }
+        let (line, path) = work::pilot_line(folder, self.pilot);
+        {
+            let _redirected = Redirected::to(&folder.dir.join("logs/pilot.log"))?;
+            work::run(registry, &line, &Output::new(false, false))?;
+        }
+        let recorded = swm_data::open_in(registry, &path)?.num_episodes().max(1) as u64;
+        let bytes = bytes(&path)?;
+        let removed =
+            if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
+        removed.map_err(|error| format!("cannot remove {}: {error}", path.display()))?;
+        let needed = (bytes as f64 / recorded as f64 * folder.job.episodes as f64) as u64 * PARTS_AND_RESULT;
+        let gigabytes = |bytes: u64| format!("{:.2} GB", bytes as f64 / 1e9);
+        let free = free_bytes(&folder.dir);
+        match free {
+            Some(free) if free < needed && !self.force => Err(usage(format!(
+                "{}: parts and result need about {}, and {} are free; use --replayable or another disk, or --force",
+                folder.dir.display(),
+                gigabytes(needed),
+                gigabytes(free)
+            ))),
+            free => {
+                let free =
+                    free.map_or(String::new(), |free| format!(" of {} that are free", gigabytes(free)));
+                output.note(format!("parts and result need about {}{free}", gigabytes(needed)));
+                Ok(())
+            }
+        }
+    }
+}
+
+/// Handing shards over.
+struct Sending<'a> {
+    folder: &'a JobFolder,
+    engine: &'static Engine,
+    settings: &'a Settings,
+    on: &'a str,
+}
+
+/// What was handed over.
+struct Sent {
+    /// The shards.
+    shards: Vec<u64>,
+    /// Shards that are done.
+    done: usize,
+    /// Shards that engines hold already.
+    queued: usize,
+    /// The engine's name for it.
+    id: Option<String>,
+    /// Whether only the join was left.
+    is_finish: bool,
+    /// Whether the engine got something.
+    is_submitted: bool,
+    script: String,
+}
+
+impl Sending<'_> {
+    fn send(&self, before: &[Submission], is_dry: bool) -> Result<Sent, Failure> {
+        let Self { folder, engine, settings, on } = *self;
+        let shards = folder.job.shards;
+        let progress = Progress::of(folder)?;
+        let entries = engine.driver.entries(shards, settings).map_err(usage)?;
+        let tasks =
+            if is_dry && before.is_empty() { Vec::new() } else { queued(folder, before, Some(engine))? };
+        let held = held_shards(&tasks, before, entries, shards);
+        let is_free = |shard: &u64| !held.contains_key(shard);
+        let missing: Vec<u64> = progress.missing(folder).into_iter().filter(is_free).collect();
+        let waiting = held.keys().filter(|shard| !progress.done.contains(shard)).count();
+        let is_finish = progress.done.len() as u64 == shards
+            && !progress.is_finished
+            && tasks.iter().all(|task| task.entry.is_some());
+        let entry = |shard: &u64| (shard - 1) % entries + 1;
+        let indices: Vec<u64> = missing.iter().map(entry).collect::<BTreeSet<u64>>().into_iter().collect();
+        let after: BTreeSet<String> =
+            tasks.iter().filter(|task| task.entry.is_some()).map(|task| task.id.clone()).collect();
+        let after: Vec<String> = after.into_iter().collect();
+        let request = Request { folder, settings, entries, indices: &indices, after: &after };
+        let mut sent = Sent {
+            shards: missing.clone(),
+            done: progress.done.len(),
+            queued: waiting,
+            id: None,
+            is_finish,
+            is_submitted: false,
+            script: String::new(),
+        };
+        if indices.is_empty() && !is_finish {
+            return Ok(sent);
+        }
+        sent.script = engine.driver.script(&request).map_err(usage)?;
+        if is_dry {
+            return Ok(sent);
+        }
+        for &shard in &missing {
+            match std::fs::remove_file(folder.failed(shard)) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error.into()),
+                _ => {}
+            }
+        }
+        sent.id = engine.driver.submit(&request, &sent.script)?;
+        sent.is_submitted = engine.name != "script";
+        if let Some(id) = &sent.id {
+            let (on, id, indices) = (on.to_owned(), id.clone(), ranges(&indices));
+            let line =
+                Submission { on, id: id.clone(), entries, indices, script: sent.script.clone(), time: now() };
+            line.record(folder)?;
+            engine.driver.submit_finish(&request, &id).map_err(|error| {
+                format!("the shards are submitted as job {id}, but not their join: {error}; when they are done: swm submit --job {}", folder.dir.display())
+            })?;
+        }
+        Ok(sent)
+    }
+}
+
+impl Sent {
+    fn text(&self, folder: &JobFolder, engine: &Engine) -> String {
+        let (dir, shards) = (folder.dir.display(), self.shards.len());
+        let Self { done, queued, .. } = self;
+        match &self.id {
+            Some(id) if shards > 0 => format!(
+                "submitted {} to {} as job {id} ({done} done, {queued} queued before); swm jobs {dir} shows progress",
+                counted(shards, "shard"),
+                engine.name
+            ),
+            _ if self.is_finish => {
+                format!("all shards are done; their join was submitted to {}", engine.name)
+            }
+            _ => format!(
+                "nothing to submit: of {} {done} are done and {queued} are queued",
+                counted(folder.job.shards, "shard")
+            ),
+        }
+    }
+
+    fn json(&self, folder: &JobFolder, engine: &Engine) -> Json {
+        json!({
+            "job": folder.dir,
+            "name": folder.job.name(),
+            "engine": engine.name,
+            "id": self.id,
+            "shards": folder.job.shards,
+            "submitted": self.shards,
+            "done": self.done,
+            "queued": self.queued,
+            "script": self.script,
+        })
+    }
+}
+
+/// The tasks that engines hold: those of former submissions, and of `engine`, to which one may have been handed without a trace.
+pub(super) fn queued(
+    folder: &JobFolder,
+    before: &[Submission],
+    engine: Option<&'static Engine>,
+) -> Result<Vec<Queued>, Failure> {
+    let mut engines: BTreeMap<&str, &Engine> = engine.iter().map(|&engine| (engine.name, engine)).collect();
+    for submission in before {
+        let (engine, _) = self::engine(&submission.on)?;
+        engines.insert(engine.name, engine);
+    }
+    let mut all = Vec::new();
+    for engine in engines.values() {
+        let held = engine.driver.queued(folder);
+        all.extend(held.map_err(|error| format!("cannot find out what is queued: {error}"))?);
+    }
+    Ok(all)
+}
+
+/// The shards of queued tasks. What `entries` were when a task was submitted says which shards it runs.
+pub(super) fn held_shards(
+    tasks: &[Queued],
+    before: &[Submission],
+    entries: u64,
+    shards: u64,
+) -> BTreeMap<u64, Queued> {
+    let mut held = BTreeMap::new();
+    for task in tasks {
+        let Some(entry) = task.entry else { continue };
+        let of = before.iter().find(|submission| submission.id == task.id);
+        let entries = of.map_or(entries, |submission| submission.entries);
+        held.extend(shards_of(entry, entries, shards).map(|shard| (shard, task.clone())));
+    }
+    held
+}
+
+/// Waits until the result is there, or nobody is at it any more.
+fn wait(folder: &JobFolder, engine: &'static Engine) -> Result<(), Failure> {
+    let mut pause = Duration::from_secs(1);
+    loop {
+        std::thread::sleep(pause);
+        pause = (pause * 2).min(ASK_EVERY);
+        if Progress::of(folder)?.is_finished {
+            return Ok(());
+        }
+        if queued(folder, &[], Some(engine))?.is_empty() {
+            // It may have ended between the two looks.
+            let progress = Progress::of(folder)?;
+            if progress.is_finished {
+                return Ok(());
+            }
+            let dir = folder.dir.display();
+            return Err(format!(
+                "{} has ended without a result, and these shards are not done: {}; swm jobs {dir} shows why",
+                engine.name,
+                ranges(&progress.missing(folder))
+            )
+            .into());
+        }
+    }
+}

@@ -1,0 +1,390 @@
+//! `swm task`: a shard of a job, all that are left, or their join. Schedulers start it.
+
+use std::fs::OpenOptions;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use serde_json::json;
+use swm_core::Registry;
+use swm_data::recording::WriterLock;
+use swm_data::tools::parts;
+
+use super::output::{Postponed, counted};
+use super::work::{self, Kind};
+use super::{Failure, Output, interrupt, usage, version};
+use crate::evaluation::file_hash;
+use crate::jobs::JobFolder;
+use crate::jobs::files::{cannot, node, ranges, write_json};
+use crate::jobs::log::{Attempt, attempts};
+use crate::jobs::progress::{Done, Failed, Finished, Progress, shards_of};
+
+/// Run a shard of a job: what schedulers start.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  swm task JOB --index 3
+  swm task JOB --all        (every shard that is left, one after the other)
+  swm task JOB --finish     (join the shards)
+  parallel -j8 swm task JOB --index ::: $(seq 64)
+
+Without --index, the shard is that of the scheduler's environment variable: SLURM_ARRAY_TASK_ID, HQ_TASK_ID, JOB_COMPLETION_INDEX
+(Kubernetes), AWS_BATCH_JOB_ARRAY_INDEX, PBS_ARRAY_INDEX or SGE_TASK_ID. A shard that is done is not run again, and one that was
+interrupted goes on. Exit status: 0 done, 1 failed, 2 the request is wrong, 75 stopped in time: start the task again.")]
+pub(super) struct Task {
+    /// The job's folder.
+    #[arg(value_name = "JOB")]
+    job: PathBuf,
+    /// The shard, counted from 1.
+    #[arg(long, value_name = "I", conflicts_with_all = ["all", "finish"])]
+    index: Option<u64>,
+    /// Also run every T-th shard after it.
+    #[arg(long, value_name = "T", requires = "index", value_parser = clap::value_parser!(u64).range(1..))]
+    entries: Option<u64>,
+    /// Run every shard that is not done, one after the other. Shards that other tasks are running are left to them.
+    #[arg(long, conflicts_with = "finish")]
+    all: bool,
+    /// Join the shards to the result and verify it.
+    #[arg(long)]
+    finish: bool,
+}
+
+/// Where schedulers say which task it is, and the number that is the first one's.
+const INDEX_VARIABLES: &[(&str, u64)] = &[
+    ("SLURM_ARRAY_TASK_ID", 1),
+    ("HQ_TASK_ID", 1),
+    ("JOB_COMPLETION_INDEX", 0),
+    ("AWS_BATCH_JOB_ARRAY_INDEX", 0),
+    ("PBS_ARRAY_INDEX", 1),
+    ("SGE_TASK_ID", 1),
+];
+/// Where schedulers say which job it is. Requeued, it is the same.
+const ENGINE_VARIABLES: &[(&str, &str)] =
+    &[("slurm", "SLURM_ARRAY_JOB_ID"), ("slurm", "SLURM_JOB_ID"), ("hq", "HQ_JOB_ID")];
+/// Who started a task without a scheduler.
+const NOBODY: &str = "hand";
+/// Starts by the same job without a new episode, after which it is given up.
+const MAX_IDLE_STARTS: usize = 3;
+/// Before a shard that met an error of the file system is tried once more.
+const RETRY_AFTER: Duration = Duration::from_secs(2);
+/// A shard is started if so many times the longest one fits into the time that is left.
+const TIME_MARGIN: f64 = 1.3;
+
+impl Task {
+    pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let started = Instant::now();
+        let folder = JobFolder::open(&self.job).map_err(usage)?;
+        let folder = folder
+            .ok_or_else(|| usage(format!("{} holds no job; `swm submit` makes one", self.job.display())))?;
+        let dir = folder.dir.display().to_string();
+        interrupt::watch_resumable(move || {
+            format!("what is committed is safe in {dir}; to continue, start the task again")
+        });
+        folder.check(version::long(), self.finish).map_err(usage)?;
+        let here = &folder.job.folder;
+        std::env::set_current_dir(here).map_err(|error| {
+            usage(format!(
+                "the job was submitted in the folder {}, which is not there: {error}",
+                here.display()
+            ))
+        })?;
+        let kind = Kind::of(&folder.job.command)?;
+        let run = Run { registry, folder: &folder, kind, output };
+        if self.finish {
+            return run.finish();
+        }
+        let shards: Vec<u64> = match self.all {
+            true => Progress::of(&folder)?.missing(&folder),
+            false => {
+                let (index, of) = (self.index()?, folder.job.shards);
+                let entries = self.entries.unwrap_or(of);
+                if !(1..=entries.min(of)).contains(&index) {
+                    return Err(usage(format!("--index {index}: the job has {}", counted(of, "shard"))));
+                }
+                shards_of(index, entries, of).collect()
+            }
+        };
+        let mut failed: Option<Failure> = None;
+        let mut longest = 0.0_f64;
+        for &shard in &shards {
+            let left = time_left(started);
+            if left.is_some_and(|left| longest > 0.0 && longest * TIME_MARGIN > left) {
+                return Err(Postponed.into());
+            }
+            let begun = Instant::now();
+            match run.shard(shard) {
+                Ok(()) => longest = longest.max(begun.elapsed().as_secs_f64()),
+                Err(failure) if failure.is_cancelled() => return Err(failure),
+                Err(failure) if shards.len() == 1 => return Err(failure),
+                Err(failure) if self.all && failure.is_busy() => {
+                    output.note(format!("shard {shard} is left out: {failure}"))
+                }
+                Err(failure) => {
+                    output.note(format!("shard {shard} failed: {failure}"));
+                    failed = failed.or(Some(failure));
+                }
+            }
+        }
+        failed.map_or(Ok(()), Err)
+    }
+
+    /// The shard that is asked for.
+    fn index(&self) -> Result<u64, Failure> {
+        if let Some(index) = self.index {
+            return Ok(index);
+        }
+        let found = INDEX_VARIABLES.iter().find_map(|(name, first)| {
+            let index: u64 = std::env::var(name).ok()?.parse().ok()?;
+            Some(index + 1 - first)
+        });
+        found.ok_or_else(|| usage("no scheduler says which shard this is; give --index I, --all or --finish"))
+    }
+}
+
+/// Seconds until the scheduler ends the task, where it is known.
+fn time_left(started: Instant) -> Option<f64> {
+    let limit: f64 = std::env::var("SWM_TIME_LIMIT").ok()?.parse().ok()?;
+    Some(limit - started.elapsed().as_secs_f64())
+}
+
+/// The scheduler's job that this process belongs to.
+fn engine_job() -> String {
+    let found = ENGINE_VARIABLES.iter().find_map(|(engine, name)| {
+        Some(format!("{engine} {}", std::env::var(name).ok().filter(|id| !id.is_empty())?))
+    });
+    found.unwrap_or_else(|| NOBODY.to_owned())
+}
+
+/// A job at work.
+struct Run<'a> {
+    registry: &'a Registry,
+    folder: &'a JobFolder,
+    kind: Kind,
+    output: &'a Output,
+}
+
+impl Run<'_> {
+    /// Runs a shard, or the rest of it.
+    fn shard(&self, shard: u64) -> Result<(), Failure> {
+        let Self { registry, folder, kind, output } = *self;
+        let done = folder.done(shard);
+        let of = folder.job.shards;
+        let lock = WriterLock::take(&folder.dir.join("done").join(format!("{shard:04}")))?;
+        if done.is_file() {
+            output.note(format!("shard {shard} of {of} was done already"));
+            return Ok(());
+        }
+        let log = folder.log(shard);
+        let (earlier, held) = (attempts(&log), work::held(registry, folder, kind, shard));
+        let attempt = Attempt {
+            number: earlier.last().map_or(0, |last| last.number) + 1,
+            node: node(),
+            engine: engine_job(),
+            held,
+        };
+        let is_idle = |earlier: &&Attempt| earlier.engine == attempt.engine && earlier.held == held;
+        let idle = earlier.iter().rev().take_while(is_idle).count();
+        let started = Instant::now();
+        let ran = if attempt.engine != NOBODY && idle >= MAX_IDLE_STARTS {
+            let engine = &attempt.engine;
+            Err(Failure::from(format!(
+                "it makes no progress: {engine} started it {idle} times without a new episode; give its tasks more time, or make \
+                 more shards"
+            )))
+        } else {
+            let _redirected = Redirected::to(&log)?;
+            eprintln!("{attempt}");
+            let line = work::shard_line(folder, kind, shard);
+            let ran = again_after_io_error(|| work::run(registry, &line, &Output::new(false, false)));
+            let ran = ran.and_then(|()| work::check_shard(registry, folder, kind, shard));
+            match &ran {
+                Err(failure) if failure.is_cancelled() => interrupt::say(),
+                Err(failure) => eprintln!("{failure}"),
+                Ok(()) => {}
+            }
+            ran
+        };
+        match ran {
+            Err(failure) if failure.is_cancelled() => Err(failure),
+            Err(failure) => {
+                let (status, message) = (failure.exit_code(), failure.to_string());
+                let Attempt { number: attempt, node, .. } = attempt;
+                // On a full disk this fails, too: the error that counts is the first one.
+                let _ = write_json(&folder.failed(shard), &Failed { status, message, attempt, node });
+                Err(failure)
+            }
+            Ok(()) => {
+                self.write_done(shard, &attempt, started.elapsed())?;
+                drop(lock);
+                output.note(format!(
+                    "shard {shard} of {of} is done ({:.1} s)",
+                    started.elapsed().as_secs_f64()
+                ));
+                Ok(())
+            }
+        }
+    }
+
+    fn write_done(&self, shard: u64, attempt: &Attempt, took: Duration) -> Result<(), Failure> {
+        let Self { folder, kind, .. } = *self;
+        let range = parts::range(shard, folder.job.shards, folder.job.episodes);
+        let path = work::shard_output(folder, kind, shard);
+        let done = Done {
+            shard,
+            range: [range.start, range.end],
+            episodes: range.end - range.start,
+            bytes: bytes(&path)?,
+            sha256: file_hash(&path)?,
+            attempt: attempt.number,
+            node: attempt.node.clone(),
+            seconds: took.as_secs_f64(),
+        };
+        write_json(&folder.done(shard), &done)?;
+        match std::fs::remove_file(folder.failed(shard)) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                Err(cannot("remove", &folder.failed(shard), error).into())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Joins the shards, if all are done.
+    fn finish(&self) -> Result<(), Failure> {
+        let Self { registry, folder, kind, output } = *self;
+        let dir = folder.dir.display();
+        let _lock = WriterLock::take(&folder.dir.join("finish"))?;
+        let result = kind.result(&folder.job.command);
+        let path = folder.dir.join(&result);
+        let progress = Progress::of(folder)?;
+        if progress.is_finished {
+            output.note(format!("{} was there already", path.display()));
+            return Ok(());
+        }
+        let missing = progress.missing(folder);
+        if !missing.is_empty() {
+            let failed: Vec<u64> = progress.failed.iter().copied().collect();
+            let failed = match failed.is_empty() {
+                true => String::new(),
+                false => {
+                    format!(" (failed: {}; `swm jobs --logs {dir} {}` shows why)", ranges(&failed), failed[0])
+                }
+            };
+            return Err(format!(
+                "{} of {} shards of {dir} are not done: {}{failed}; to submit them again: swm submit --job {dir}",
+                missing.len(),
+                folder.job.shards,
+                ranges(&missing)
+            )
+            .into());
+        }
+        {
+            let _redirected = Redirected::to(&folder.dir.join("logs/finish.log"))?;
+            let joined = work::join(registry, folder, kind, &Output::new(false, false));
+            if let Err(failure) = &joined {
+                eprintln!("{failure}");
+            }
+            joined?;
+        }
+        let sha256 = if kind == Kind::Train { String::new() } else { file_hash(&path)? };
+        let finished = Finished { result, bytes: bytes(&path)?, sha256, episodes: folder.job.episodes };
+        write_json(&folder.finished(), &finished)?;
+        let told = json!({ "job": folder.dir, "result": path, "bytes": finished.bytes, "episodes": finished.episodes });
+        output
+            .result(&told, || format!("wrote {} ({})", path.display(), counted(finished.episodes, "episode")))
+    }
+}
+
+/// The size of a file, or of what is in a folder.
+pub(super) fn bytes(path: &Path) -> Result<u64, Failure> {
+    let failed = |error| Failure::from(cannot("read", path, error));
+    let metadata = std::fs::metadata(path).map_err(failed)?;
+    if !metadata.is_dir() {
+        return Ok(metadata.len());
+    }
+    let mut sum = 0;
+    for entry in std::fs::read_dir(path).map_err(failed)? {
+        sum += bytes(&entry.map_err(failed)?.path())?;
+    }
+    Ok(sum)
+}
+
+/// Runs something, once more if the file system failed: over networks that passes.
+fn again_after_io_error(mut run: impl FnMut() -> Result<(), Failure>) -> Result<(), Failure> {
+    match run() {
+        Err(failure) if failure.is_passing() => {
+            eprintln!("{failure}\nswm task: tried once more");
+            std::thread::sleep(RETRY_AFTER);
+            run()
+        }
+        ran => ran,
+    }
+}
+
+/// What is printed goes to a log until this is dropped.
+pub(super) struct Redirected {
+    #[cfg(unix)]
+    before: [std::os::fd::OwnedFd; 2],
+}
+
+#[cfg(unix)]
+impl Redirected {
+    pub(super) fn to(log: &Path) -> Result<Self, Failure> {
+        use std::os::fd::AsFd as _;
+
+        let failed = |error| Failure::from(cannot("write", log, error));
+        let file = OpenOptions::new().create(true).append(true).open(log).map_err(failed)?;
+        std::io::stdout().flush()?;
+        let before = [
+            std::io::stdout().as_fd().try_clone_to_owned()?,
+            std::io::stderr().as_fd().try_clone_to_owned()?,
+        ];
+        rustix::stdio::dup2_stdout(&file)?;
+        rustix::stdio::dup2_stderr(&file)?;
+        Ok(Self { before })
+    }
+}
+
+#[cfg(unix)]
+impl Drop for Redirected {
+    fn drop(&mut self) {
+        let [out, err] = &self.before;
+        // Where the former ones are closed, nobody reads them.
+        let _ = std::io::stdout().flush();
+        let _ = rustix::stdio::dup2_stdout(out);
+        let _ = rustix::stdio::dup2_stderr(err);
+    }
+}
+
+#[cfg(not(unix))]
+impl Redirected {
+    /// Here the log holds the attempts alone; what is printed goes where the scheduler puts it.
+    pub(super) fn to(log: &Path) -> Result<Self, Failure> {
+        OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(log)
+            .map_err(|error| cannot("write", log, error))?;
+        Ok(Self {})
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_may_pass_is_tried_again() {
+        let tries = |kind: std::io::ErrorKind| {
+            let mut count = 0;
+            let ran = again_after_io_error(|| {
+                count += 1;
+                Err(std::io::Error::from(kind).into())
+            });
+            assert!(ran.is_err());
+            count
+        };
+        assert_eq!(tries(std::io::ErrorKind::StorageFull), 1);
+        assert_eq!(tries(std::io::ErrorKind::Other), 2);
+    }
+}

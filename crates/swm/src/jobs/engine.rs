@@ -1,0 +1,229 @@
+//! Engines: schedulers that start the tasks of a job. Each is one file in `engines/` and one line of [`ENGINES`].
+
+use std::collections::BTreeMap;
+use std::fs::OpenOptions;
+use std::io::Write as _;
+
+use serde::{Deserialize, Serialize};
+use swm_core::error::{BoxError, nearest};
+
+use super::JobFolder;
+use super::engines::{hq, script, slurm};
+use super::files::cannot;
+use crate::text_file::read_text;
+
+/// Every engine.
+pub(crate) const ENGINES: &[Engine] = &[slurm::ENGINE, hq::ENGINE, script::ENGINE];
+
+/// An engine, as `--on NAME:KEY=VALUE,…` chooses it.
+pub(crate) struct Engine {
+    pub(crate) name: &'static str,
+    /// What it is, for help texts.
+    pub(crate) about: &'static str,
+    /// Its keys and what they mean.
+    pub(crate) keys: &'static [(&'static str, &'static str)],
+    pub(crate) driver: &'static dyn Driver,
+}
+
+/// What is to be submitted.
+pub(crate) struct Request<'a> {
+    pub(crate) folder: &'a JobFolder,
+    pub(crate) settings: &'a Settings,
+    /// The number of entries that the shards are spread over: entry t runs shards t, t + entries, …
+    pub(crate) entries: u64,
+    /// The entries to start, ascending; none: only the end is left.
+    pub(crate) indices: &'a [u64],
+    /// Jobs of the engine that still hold shards: the end waits for them, too.
+    pub(crate) after: &'a [String],
+}
+
+/// A task that an engine holds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Queued {
+    /// The engine's job.
+    pub(crate) id: String,
+    /// The entry; `None`: the task that joins the shards.
+    pub(crate) entry: Option<u64>,
+    /// Whether it runs.
+    pub(crate) is_running: bool,
+    /// The engine's words.
+    pub(crate) state: String,
+}
+
+/// How an engine is talked to.
+pub(crate) trait Driver: Sync {
+    /// How many entries the shards of a job can be spread over.
+    ///
+    /// # Errors
+    ///
+    /// A setting is wrong.
+    fn entries(&self, shards: u64, settings: &Settings) -> Result<u64, BoxError>;
+
+    /// What the engine is given.
+    ///
+    /// # Errors
+    ///
+    /// A setting is wrong, or the engine cannot have it.
+    fn script(&self, request: &Request<'_>) -> Result<String, BoxError>;
+
+    /// Hands a script over; returns the engine's name for it. `None`: nothing was submitted, a person does it.
+    ///
+    /// # Errors
+    ///
+    /// The engine refuses it, in its words.
+    fn submit(&self, request: &Request<'_>, script: &str) -> Result<Option<String>, BoxError>;
+
+    /// Submits the task that joins the shards once job `id` has ended, where [`Driver::script`] does not hold it.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Driver::submit`].
+    fn submit_finish(&self, _request: &Request<'_>, _id: &str) -> Result<(), BoxError> {
+        Ok(())
+    }
+
+    /// The tasks of the job that the engine holds.
+    ///
+    /// # Errors
+    ///
+    /// The engine does not answer.
+    fn queued(&self, folder: &JobFolder) -> Result<Vec<Queued>, BoxError>;
+
+    /// Cancels the tasks of the job.
+    ///
+    /// # Errors
+    ///
+    /// The engine does not answer.
+    fn cancel(&self, folder: &JobFolder) -> Result<(), BoxError>;
+}
+
+/// A line of `submissions.jsonl`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Submission {
+    /// The engine with its settings, as `--on` has them.
+    pub(crate) on: String,
+    pub(crate) id: String,
+    pub(crate) entries: u64,
+    /// The entries that were started, as `1-3,7`.
+    pub(crate) indices: String,
+    pub(crate) script: String,
+    /// Seconds since 1970.
+    pub(crate) time: u64,
+}
+
+impl Submission {
+    /// Appends it to the file.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
+    pub(crate) fn record(&self, folder: &JobFolder) -> Result<(), BoxError> {
+        let path = folder.submissions();
+        let line = serde_json::to_string(self)? + "\n";
+        let file = OpenOptions::new().create(true).append(true).open(&path);
+        file.and_then(|mut file| file.write_all(line.as_bytes()))
+            .map_err(|error| cannot("write", &path, error))
+    }
+
+    /// All submissions of a job; a line that was cut off is left out.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read.
+    pub(crate) fn all(folder: &JobFolder) -> Result<Vec<Self>, BoxError> {
+        let path = folder.submissions();
+        match read_text(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
+            Err(error) => Err(cannot("read", &path, error)),
+            Ok(text) => Ok(text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()),
+        }
+    }
+}
+
+/// The settings of an engine.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Settings(BTreeMap<String, String>);
+
+impl Settings {
+    pub(crate) fn get(&self, key: &str) -> Option<&str> {
+        self.0.get(key).map(String::as_str)
+    }
+
+    /// A whole number above 0.
+    ///
+    /// # Errors
+    ///
+    /// It is something else.
+    pub(crate) fn number(&self, key: &str) -> Result<Option<u64>, BoxError> {
+        let read = |text: &str| match text.parse() {
+            Ok(number) if number > 0 => Ok(number),
+            _ => Err(format!("--on: {key}={text} is no whole number above 0").into()),
+        };
+        self.get(key).map(read).transpose()
+    }
+}
+
+/// Reads `NAME:KEY=VALUE,…`. The value of `raw` is everything behind it.
+///
+/// # Errors
+///
+/// There is no such engine or key; the message names those that exist.
+pub(crate) fn engine(text: &str) -> Result<(&'static Engine, Settings), BoxError> {
+    let (name, rest) = text.split_once(':').unwrap_or((text, ""));
+    let names = || ENGINES.iter().map(|engine| engine.name).collect::<Vec<_>>().join(", ");
+    let engine = ENGINES.iter().find(|engine| engine.name == name);
+    let engine =
+        engine.ok_or_else(|| format!("--on: there is no engine `{name}`; there are: {}", names()))?;
+    let mut settings = BTreeMap::new();
+    let mut rest = rest;
+    while !rest.is_empty() {
+        let is_raw = rest.starts_with("raw=");
+        let (one, more) = if is_raw { (rest, "") } else { rest.split_once(',').unwrap_or((rest, "")) };
+        rest = more;
+        let (key, value) =
+            one.split_once('=').ok_or_else(|| format!("--on {name}: write KEY=VALUE, not `{one}`"))?;
+        if !engine.keys.iter().any(|(known, _)| *known == key) {
+            let keys: Vec<&str> = engine.keys.iter().map(|(key, _)| *key).collect();
+            let known = match keys.is_empty() {
+                true => "it has none".to_owned(),
+                false => format!("its keys: {}", keys.join(", ")),
+            };
+            let hint = nearest(key, keys).map_or(String::new(), |near| format!(" (did you mean `{near}`?)"));
+            return Err(format!("--on {name}: there is no key `{key}`{hint}; {known}").into());
+        }
+        let value = value.trim_matches('"');
+        if value.is_empty() || value.contains('\n') {
+            return Err(format!("--on {name}: {key} needs a value in one line").into());
+        }
+        settings.insert(key.to_owned(), value.to_owned());
+    }
+    Ok((engine, Settings(settings)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_engine_has_a_name_and_explains_its_keys() {
+        for (at, engine) in ENGINES.iter().enumerate() {
+            assert!(ENGINES[..at].iter().all(|other| other.name != engine.name), "{}", engine.name);
+            assert!(!engine.about.is_empty() && engine.keys.iter().all(|(_, about)| !about.is_empty()));
+        }
+    }
+
+    #[test]
+    fn settings_are_read() {
+        let (slurm, settings) = engine("slurm:partition=cpu,tasks=8,raw=--constraint=a,b --nice").unwrap();
+        assert_eq!((slurm.name, settings.get("partition")), ("slurm", Some("cpu")));
+        assert_eq!(settings.number("tasks").unwrap(), Some(8));
+        assert_eq!(settings.get("raw"), Some("--constraint=a,b --nice"));
+        let message = |text: &str| engine(text).err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(message("pbs").contains("slurm, hq, script"), "{}", message("pbs"));
+        assert!(message("slurm:partion=cpu").contains("no key `partion` (did you mean `partition`?); its"));
+        assert!(message("slurm:cpu").contains("KEY=VALUE"));
+        assert!(message("script:a=b").contains("it has none"));
+        let (_, settings) = engine("slurm:tasks=0").unwrap();
+        assert!(settings.number("tasks").is_err());
+    }
+}

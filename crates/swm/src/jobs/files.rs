@@ -1,0 +1,115 @@
+//! Small files of a job, and lists of shards.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use swm_core::error::BoxError;
+
+use crate::text_file::read_text;
+
+/// Writes a file as a whole: readers see the old one or the new one.
+///
+/// # Errors
+///
+/// The file cannot be written.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), BoxError> {
+    let text = serde_json::to_string_pretty(value)? + "\n";
+    let new = path.with_extension(format!("{}.new", std::process::id()));
+    let written = fs::write(&new, text).and_then(|()| fs::rename(&new, path));
+    written.map_err(|error| {
+        // What is half written is of no use; the error that counts is the first one.
+        let _ = fs::remove_file(&new);
+        cannot("write", path, error)
+    })
+}
+
+/// Reads a file that [`write_json`] wrote; `None` if it is not there.
+///
+/// # Errors
+///
+/// It cannot be read, or is not such a file.
+pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, BoxError> {
+    match read_text(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(cannot("read", path, error)),
+        Ok(text) => match serde_json::from_str(&text) {
+            Ok(value) => Ok(Some(value)),
+            Err(error) => Err(format!("cannot read {}: {error}", path.display()).into()),
+        },
+    }
+}
+
+/// `cannot read FILE: …`, with the system's error as the cause.
+pub(crate) fn cannot(what: &str, path: &Path, error: io::Error) -> BoxError {
+    io::Error::new(error.kind(), format!("cannot {what} {}: {error}", path.display())).into()
+}
+
+/// Ascending numbers as `1-3,7`.
+pub(crate) fn ranges(numbers: &[u64]) -> String {
+    let mut runs: Vec<(u64, u64)> = Vec::new();
+    for &number in numbers {
+        match runs.last_mut() {
+            Some((_, last)) if *last + 1 == number => *last = number,
+            _ => runs.push((number, number)),
+        }
+    }
+    let text = |(first, last): (u64, u64)| match first == last {
+        true => first.to_string(),
+        false => format!("{first}-{last}"),
+    };
+    runs.into_iter().map(text).collect::<Vec<_>>().join(",")
+}
+
+/// Seconds since 1970.
+pub(crate) fn now() -> u64 {
+    seconds(SystemTime::now())
+}
+
+/// A point in time as seconds since 1970.
+pub(crate) fn seconds(time: SystemTime) -> u64 {
+    time.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
+}
+
+/// The name of this machine, as the system gives it.
+pub(crate) fn node() -> String {
+    let named = std::env::var("SLURMD_NODENAME").ok();
+    let named = named.or_else(|| fs::read_to_string("/proc/sys/kernel/hostname").ok());
+    named.or_else(|| std::env::var("HOSTNAME").ok()).map_or_else(String::new, |name| name.trim().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbors_are_one_range() {
+        assert_eq!(ranges(&[]), "");
+        assert_eq!(ranges(&[3]), "3");
+        assert_eq!(ranges(&[1, 2, 3, 7, 9, 10]), "1-3,7,9-10");
+    }
+
+    #[test]
+    fn files_are_written_as_a_whole() {
+        let folder = tempfile_folder();
+        let path = folder.join("a.json");
+        assert_eq!(read_json::<u64>(&path).unwrap(), None);
+        write_json(&path, &7).unwrap();
+        assert_eq!(read_json::<u64>(&path).unwrap(), Some(7));
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
+        let message = write_json(&folder.join("none/a.json"), &7).unwrap_err().to_string();
+        assert!(message.contains("cannot write") && message.contains("none"), "{message}");
+        fs::write(&path, "{").unwrap();
+        assert!(read_json::<u64>(&path).unwrap_err().to_string().contains("cannot read"));
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    fn tempfile_folder() -> std::path::PathBuf {
+        let folder = std::env::temp_dir().join(format!("swm-files-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+}

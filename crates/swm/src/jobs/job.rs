@@ -1,0 +1,342 @@
+//! The description of a job, `job.json`: the command, its shards, the program and the files that it depends on; and the folder.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use swm_core::error::BoxError;
+use swm_core::evaluate::sha256;
+use swm_data::recording::WriterLock;
+
+use super::files::{cannot, read_json, seconds, write_json};
+use crate::evaluation::file_hash;
+
+/// The version of [`Job`] that is written.
+const JOB_VERSION: u32 = 1;
+
+/// What is asked for.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Job {
+    version: u32,
+    /// SHA-256 of what the results depend on; see [`Job::new`].
+    pub(crate) hash: String,
+    /// The command with its arguments, without those that divide it.
+    pub(crate) command: Vec<String>,
+    /// Further arguments of each shard, where the shards are runs of their own.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) each: Vec<Vec<String>>,
+    /// The number of shards.
+    pub(crate) shards: u64,
+    /// Episodes of all shards; 0 for training runs.
+    pub(crate) episodes: u64,
+    pub(crate) program: Program,
+    pub(crate) inputs: Vec<Input>,
+    /// The working folder of the command, to which its paths are relative.
+    pub(crate) folder: PathBuf,
+}
+
+/// The program that runs the shards.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Program {
+    /// What `swm --version` prints: commit, renderer, physics, features.
+    pub(crate) about: String,
+    /// Where it was when the job was submitted.
+    pub(crate) path: PathBuf,
+    /// Whether the folder has a copy, which tasks start: another build cannot change it.
+    pub(crate) is_copied: bool,
+    pub(crate) sha256: String,
+}
+
+/// A file or folder that the command reads.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Input {
+    pub(crate) path: PathBuf,
+    pub(crate) bytes: u64,
+    /// Seconds since 1970.
+    pub(crate) modified: u64,
+    pub(crate) sha256: String,
+}
+
+impl Program {
+    /// This program, described by `about`.
+    ///
+    /// # Errors
+    ///
+    /// Its file cannot be read.
+    pub(crate) fn this(about: &str, is_copied: bool) -> Result<Self, BoxError> {
+        let path = std::env::current_exe()?;
+        Ok(Self { about: about.to_owned(), sha256: file_hash(&path)?, path, is_copied })
+    }
+}
+
+impl Input {
+    /// The file or folder at `path`.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be read.
+    pub(crate) fn of(path: &Path) -> Result<Self, BoxError> {
+        let path = std::path::absolute(path).map_err(|error| cannot("read", path, error))?;
+        let (bytes, modified) = stamp(&path)?;
+        Ok(Self { bytes, modified, sha256: file_hash(&path)?, path })
+    }
+
+    /// Checks that it is as it was: size and time, else its content; with `fully` always the content.
+    ///
+    /// # Errors
+    ///
+    /// It is missing or has changed.
+    pub(crate) fn check(&self, fully: bool) -> Result<(), BoxError> {
+        let is_as_it_was = !fully && !self.path.is_dir() && stamp(&self.path)? == (self.bytes, self.modified);
+        if is_as_it_was || file_hash(&self.path)? == self.sha256 {
+            return Ok(());
+        }
+        Err(format!(
+            "{} has changed since the job was submitted; restore it, or submit another job for it",
+            self.path.display()
+        )
+        .into())
+    }
+}
+
+/// Size and time of the last change.
+fn stamp(path: &Path) -> Result<(u64, u64), BoxError> {
+    let metadata = fs::metadata(path).map_err(|error| cannot("read", path, error))?;
+    Ok((metadata.len(), metadata.modified().map_or(0, seconds)))
+}
+
+impl Job {
+    /// A job. Its hash is of the command, the shards, the program and the content of the inputs.
+    ///
+    /// # Errors
+    ///
+    /// The working folder is unknown.
+    pub(crate) fn new(
+        command: Vec<String>,
+        each: Vec<Vec<String>>,
+        (shards, episodes): (u64, u64),
+        program: Program,
+        inputs: Vec<Input>,
+    ) -> Result<Self, BoxError> {
+        let contents: Vec<(&Path, &str)> =
+            inputs.iter().map(|input| (input.path.as_path(), input.sha256.as_str())).collect();
+        let all = (JOB_VERSION, &command, &each, shards, episodes, &program.sha256, &program.about, contents);
+        let hash = sha256(serde_json::to_string(&all)?.as_bytes());
+        let folder = std::env::current_dir()?;
+        Ok(Self { version: JOB_VERSION, hash, command, each, shards, episodes, program, inputs, folder })
+    }
+
+    /// The name that engines show, by which its tasks are found again.
+    pub(crate) fn name(&self) -> String {
+        format!("swm-{}", &self.hash[..12.min(self.hash.len())])
+    }
+
+    /// In what `asked` differs from this job.
+    pub(crate) fn difference(&self, asked: &Job) -> Option<String> {
+        let line = |job: &Job| job.command.join(" ");
+        let differs = |a: &Input, b: &Input| (&a.path, &a.sha256) != (&b.path, &b.sha256);
+        let changed = self.inputs.iter().zip(&asked.inputs).find(|(a, b)| differs(a, b));
+        if self.hash == asked.hash {
+            None
+        } else if self.command != asked.command || self.each != asked.each {
+            Some(format!("its arguments: it holds `{}`, not `{}`", line(self), line(asked)))
+        } else if self.shards != asked.shards {
+            Some(format!("its shards: it has {}, not {}", self.shards, asked.shards))
+        } else if let Some((input, _)) = changed {
+            Some(format!("its inputs: {} has changed", input.path.display()))
+        } else if self.program.sha256 != asked.program.sha256 {
+            Some("its program: this is another build of `swm`".to_owned())
+        } else {
+            Some("what it depends on: the physics, the number of episodes or the version of `swm`".to_owned())
+        }
+    }
+}
+
+/// The folder of a job.
+#[derive(Clone, Debug)]
+pub(crate) struct JobFolder {
+    pub(crate) dir: PathBuf,
+    pub(crate) job: Job,
+}
+
+impl JobFolder {
+    /// Opens the job in `dir`; `None` if there is none.
+    ///
+    /// # Errors
+    ///
+    /// The folder holds something else, or a job of a newer version.
+    pub(crate) fn open(dir: &Path) -> Result<Option<Self>, BoxError> {
+        let dir = std::path::absolute(dir).map_err(|error| cannot("read", dir, error))?;
+        let Some(job) = read_json::<Job>(&dir.join("job.json"))? else {
+            let is_used = fs::read_dir(&dir).is_ok_and(|entries| {
+                // What an interrupted `swm submit` leaves is no obstacle.
+                entries.flatten().any(|entry| !OWN_FOLDERS.iter().any(|own| entry.file_name() == *own))
+            });
+            return match is_used {
+                true => {
+                    Err(format!("{} holds no job but other files; give another folder", dir.display()).into())
+                }
+                false => Ok(None),
+            };
+        };
+        if job.version > JOB_VERSION {
+            let (dir, version) = (dir.display(), job.version);
+            return Err(format!("{dir} is a job of a newer version ({version}); use a newer `swm`").into());
+        }
+        Ok(Some(Self { dir, job }))
+    }
+
+    /// Makes the folder of a job, with the program in it. The description comes last.
+    ///
+    /// # Errors
+    ///
+    /// The folder cannot be written.
+    pub(crate) fn create(dir: &Path, job: Job) -> Result<Self, BoxError> {
+        let created = Self::planned(dir, job)?;
+        for folder in ["parts", "done", "logs"] {
+            let folder = created.dir.join(folder);
+            fs::create_dir_all(&folder).map_err(|error| cannot("make the folder", &folder, error))?;
+        }
+        if created.job.program.is_copied {
+            let (to, new) = (created.copy(), created.dir.join("swm.new"));
+            let copied = fs::copy(&created.job.program.path, &new).and_then(|_| fs::rename(&new, &to));
+            copied.map_err(|error| cannot("copy the program to", &to, error))?;
+        }
+        write_json(&created.dir.join("job.json"), &created.job)?;
+        Ok(created)
+    }
+
+    /// The folder of a job that is not made yet.
+    ///
+    /// # Errors
+    ///
+    /// The working folder is unknown.
+    pub(crate) fn planned(dir: &Path, job: Job) -> Result<Self, BoxError> {
+        let dir = std::path::absolute(dir).map_err(|error| cannot("write", dir, error))?;
+        Ok(Self { dir, job })
+    }
+
+    /// Held while the job is being submitted, so that nobody submits it at the same time.
+    ///
+    /// # Errors
+    ///
+    /// Another process holds it, who is named.
+    pub(crate) fn lock(dir: &Path) -> Result<WriterLock, BoxError> {
+        fs::create_dir_all(dir).map_err(|error| cannot("make the folder", dir, error))?;
+        Ok(WriterLock::take(&dir.join("job"))?)
+    }
+
+    fn copy(&self) -> PathBuf {
+        self.dir.join("swm")
+    }
+
+    /// The program that tasks start.
+    pub(crate) fn program(&self) -> PathBuf {
+        if self.job.program.is_copied { self.copy() } else { self.job.program.path.clone() }
+    }
+
+    /// Checks that the program, which `about` describes, and the inputs are those of the job; with `fully` the content of all.
+    ///
+    /// # Errors
+    ///
+    /// One of them differs.
+    pub(crate) fn check(&self, about: &str, fully: bool) -> Result<(), BoxError> {
+        let program = &self.job.program;
+        let this = std::env::current_exe()?;
+        let is_copy = match (fs::canonicalize(&this), fs::canonicalize(self.copy())) {
+            (Ok(this), Ok(copy)) => this == copy,
+            _ => false,
+        };
+        if (fully || !is_copy) && file_hash(&this)? != program.sha256 {
+            return Err(format!(
+                "{} is not the program of the job {}: run the tasks with {}",
+                this.display(),
+                self.dir.display(),
+                self.program().display()
+            )
+            .into());
+        }
+        if about != program.about {
+            return Err(format!(
+                "on this machine results would differ from those of the job: it was submitted with\n{}\nand here is\n{about}",
+                program.about
+            )
+            .into());
+        }
+        self.job.inputs.iter().try_for_each(|input| input.check(fully))
+    }
+
+    /// `DIR/parts/0003-of-0064.h5`: what shard `shard` writes.
+    pub(crate) fn part(&self, shard: u64, extension: &str) -> PathBuf {
+        self.dir.join("parts").join(format!("{shard:04}-of-{:04}.{extension}", self.job.shards))
+    }
+
+    /// `DIR/runs/0003`: the folder of a training run.
+    pub(crate) fn run(&self, shard: u64) -> PathBuf {
+        self.dir.join("runs").join(format!("{shard:04}"))
+    }
+
+    /// `DIR/done/0003.json`: that shard `shard` is done.
+    pub(crate) fn done(&self, shard: u64) -> PathBuf {
+        self.dir.join("done").join(format!("{shard:04}.json"))
+    }
+
+    /// `DIR/done/0003.failed`: that shard `shard` ended with an error.
+    pub(crate) fn failed(&self, shard: u64) -> PathBuf {
+        self.dir.join("done").join(format!("{shard:04}.failed"))
+    }
+
+    /// `DIR/logs/0003.log`: what shard `shard` printed.
+    pub(crate) fn log(&self, shard: u64) -> PathBuf {
+        self.dir.join("logs").join(format!("{shard:04}.log"))
+    }
+
+    /// `DIR/finished.json`: that the shards were joined to the result.
+    pub(crate) fn finished(&self) -> PathBuf {
+        self.dir.join("finished.json")
+    }
+
+    /// `DIR/submissions.jsonl`: what was handed to engines.
+    pub(crate) fn submissions(&self) -> PathBuf {
+        self.dir.join("submissions.jsonl")
+    }
+}
+
+/// What `swm submit` makes before `job.json`.
+const OWN_FOLDERS: &[&str] = &["parts", "done", "logs", "swm", "swm.new", "job.lock"];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn job(command: &str, shards: u64, program: &str, content: &str) -> Job {
+        let (about, path) = ("swm".to_owned(), "/bin/swm".into());
+        let program = Program { about, path, is_copied: true, sha256: program.into() };
+        let input = Input { path: "/m.toml".into(), bytes: 1, modified: 2, sha256: content.into() };
+        let command = command.split(' ').map(str::to_owned).collect();
+        Job::new(command, Vec::new(), (shards, 16), program, vec![input]).unwrap()
+    }
+
+    #[test]
+    fn what_differs_is_named() {
+        let one = job("collect a", 4, "p", "c");
+        assert_eq!(one.difference(&job("collect a", 4, "p", "c")), None);
+        let named = |other: Job| one.difference(&other).unwrap();
+        assert!(named(job("collect b", 4, "p", "c")).contains("`collect a`, not `collect b`"));
+        assert!(named(job("collect a", 8, "p", "c")).contains("it has 4, not 8"));
+        assert!(named(job("collect a", 4, "q", "c")).contains("another build"));
+        assert!(named(job("collect a", 4, "p", "d")).contains("/m.toml has changed"));
+        assert_eq!(one.name().len(), 16);
+    }
+
+    #[test]
+    fn the_time_of_a_change_is_no_change() {
+        let mut other = job("collect a", 4, "p", "c");
+        other.inputs[0].modified = 9;
+        let again = Job::new(other.command, other.each, (4, 16), other.program, other.inputs).unwrap();
+        assert_eq!(again.hash, job("collect a", 4, "p", "c").hash);
+    }
+}

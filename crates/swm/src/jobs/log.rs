@@ -1,0 +1,94 @@
+//! The log of a shard: a line per attempt, and what the command printed.
+
+use std::fs::File;
+use std::io::{Read as _, Seek as _, SeekFrom};
+use std::path::Path;
+
+/// How an attempt begins.
+const ATTEMPT: &str = "swm task: attempt ";
+/// Attempts are looked for in so many bytes at the end.
+const ATTEMPT_BYTES: u64 = 256 << 10;
+/// Progress is looked for in so many.
+const PROGRESS_BYTES: u64 = 4 << 10;
+
+/// A start of a shard's task.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Attempt {
+    /// Counted from 1.
+    pub(crate) number: u64,
+    /// The node.
+    pub(crate) node: String,
+    /// The engine's job, if there is one.
+    pub(crate) engine: String,
+    /// Episodes that were committed before it.
+    pub(crate) held: u64,
+}
+
+impl std::fmt::Display for Attempt {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { number, node, engine, held } = self;
+        write!(f, "{ATTEMPT}{number} on {node} by {engine}: {held} committed")
+    }
+}
+
+impl Attempt {
+    fn parse(line: &str) -> Option<Self> {
+        let (number, rest) = line.strip_prefix(ATTEMPT)?.split_once(" on ")?;
+        let (node, rest) = rest.split_once(" by ")?;
+        let (engine, rest) = rest.rsplit_once(": ")?;
+        let held = rest.strip_suffix(" committed")?.parse().ok()?;
+        Some(Self { number: number.parse().ok()?, node: node.to_owned(), engine: engine.to_owned(), held })
+    }
+}
+
+/// The last attempts, the oldest first. A log that is not there has none.
+pub(crate) fn attempts(log: &Path) -> Vec<Attempt> {
+    tail(log, ATTEMPT_BYTES).lines().filter_map(Attempt::parse).collect()
+}
+
+/// The number after the last episode that `swm collect` said it wrote.
+pub(crate) fn last_episode(log: &Path) -> Option<u64> {
+    let text = tail(log, PROGRESS_BYTES);
+    let number =
+        |line: &str| line.strip_prefix("episode ")?.split_once(" written to ")?.0.parse::<u64>().ok();
+    text.lines().rev().find_map(number).map(|episode| episode + 1)
+}
+
+/// The last `bytes` of a file, as text.
+fn tail(path: &Path, bytes: u64) -> String {
+    let read = || -> std::io::Result<String> {
+        let mut file = File::open(path)?;
+        let len = file.metadata()?.len();
+        file.seek(SeekFrom::Start(len.saturating_sub(bytes)))?;
+        let mut text = Vec::new();
+        file.take(bytes).read_to_end(&mut text)?;
+        Ok(String::from_utf8_lossy(&text).into_owned())
+    };
+    read().unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn attempts_are_read_as_they_are_written() {
+        let attempt = |number, engine: &str, held| {
+            Attempt { number, node: "n1".into(), engine: engine.into(), held }.to_string()
+        };
+        let path = std::env::temp_dir().join(format!("swm-log-{}", std::process::id()));
+        let lines = [
+            attempt(1, "slurm 12", 0),
+            "episode 7 written to a.h5 (3 rows)".to_owned(),
+            attempt(2, "nothing", 8),
+            "swm task: attempt without an end".to_owned(),
+        ];
+        std::fs::write(&path, lines.join("\n")).unwrap();
+        let found = attempts(&path);
+        assert_eq!(found.len(), 2);
+        assert_eq!((found[0].engine.as_str(), found[1].number, found[1].held), ("slurm 12", 2, 8));
+        assert_eq!(last_episode(&path), Some(8));
+        std::fs::remove_file(&path).unwrap();
+        assert!(attempts(&path).is_empty() && last_episode(&path).is_none());
+    }
+}

@@ -1,0 +1,123 @@
+//! What is done of a job, from its files alone.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+
+use serde::{Deserialize, Serialize};
+use swm_core::error::BoxError;
+
+use super::JobFolder;
+use super::files::{cannot, read_json};
+
+/// `done/0003.json`: a shard is done.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Done {
+    /// Its number, counted from 1.
+    pub(crate) shard: u64,
+    /// Its first episode, and the one after its last.
+    pub(crate) range: [u64; 2],
+    pub(crate) episodes: u64,
+    pub(crate) bytes: u64,
+    /// Of what it wrote.
+    pub(crate) sha256: String,
+    pub(crate) attempt: u64,
+    pub(crate) node: String,
+    /// Of the last attempt.
+    pub(crate) seconds: f64,
+}
+
+/// `done/0003.failed`: a shard ended with an error.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Failed {
+    /// The exit status: 1 failed, 2 the request is wrong.
+    pub(crate) status: u8,
+    pub(crate) message: String,
+    pub(crate) attempt: u64,
+    pub(crate) node: String,
+}
+
+/// `finished.json`: the shards are joined.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Finished {
+    /// The result, relative to the folder.
+    pub(crate) result: String,
+    pub(crate) bytes: u64,
+    pub(crate) sha256: String,
+    pub(crate) episodes: u64,
+}
+
+/// What `done/` lists.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Progress {
+    pub(crate) done: BTreeSet<u64>,
+    pub(crate) failed: BTreeSet<u64>,
+    /// Whether the result is there.
+    pub(crate) is_finished: bool,
+}
+
+impl Progress {
+    /// Lists what is done.
+    ///
+    /// # Errors
+    ///
+    /// The folder cannot be read.
+    pub(crate) fn of(folder: &JobFolder) -> Result<Self, BoxError> {
+        let dir = folder.dir.join("done");
+        let mut progress = Self { is_finished: folder.finished().is_file(), ..Self::default() };
+        let entries = match fs::read_dir(&dir) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(progress),
+            entries => entries.map_err(|error| cannot("read the folder", &dir, error))?,
+        };
+        for entry in entries {
+            let name = entry.map_err(|error| cannot("read the folder", &dir, error))?.file_name();
+            let Some((shard, kind)) = name.to_str().and_then(|name| name.split_once('.')) else { continue };
+            let Some(shard) = shard.parse().ok().filter(|shard| (1..=folder.job.shards).contains(shard))
+            else {
+                continue;
+            };
+            match kind {
+                "json" => progress.done.insert(shard),
+                "failed" => progress.failed.insert(shard),
+                _ => false,
+            };
+        }
+        let done = &progress.done;
+        progress.failed.retain(|shard| !done.contains(shard));
+        Ok(progress)
+    }
+
+    /// The shards that are not done.
+    pub(crate) fn missing(&self, folder: &JobFolder) -> Vec<u64> {
+        (1..=folder.job.shards).filter(|shard| !self.done.contains(shard)).collect()
+    }
+}
+
+impl Done {
+    /// All that are done.
+    ///
+    /// # Errors
+    ///
+    /// A file cannot be read.
+    pub(crate) fn all(folder: &JobFolder, progress: &Progress) -> Result<BTreeMap<u64, Self>, BoxError> {
+        let read = |&shard: &u64| Ok(read_json(&folder.done(shard))?.map(|done| (shard, done)));
+        progress.done.iter().filter_map(|shard| read(shard).transpose()).collect()
+    }
+}
+
+/// The shards of entry `entry` (counted from 1) of `entries`: every `entries`-th.
+pub(crate) fn shards_of(entry: u64, entries: u64, shards: u64) -> impl Iterator<Item = u64> {
+    (entry..=shards).step_by(usize::try_from(entries.max(1)).unwrap_or(usize::MAX))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn entries_share_the_shards() {
+        assert_eq!(shards_of(2, 3, 8).collect::<Vec<_>>(), [2, 5, 8]);
+        let all: BTreeSet<u64> = (1..=3).flat_map(|entry| shards_of(entry, 3, 8)).collect();
+        assert_eq!(all, (1..=8).collect());
+        assert_eq!(shards_of(9, 9, 8).count(), 0);
+    }
+}
