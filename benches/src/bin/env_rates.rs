@@ -1,6 +1,6 @@
-//! `env-rates ENV [SECONDS]`: steps and resets per second of any environment without MuJoCo in a world of one, without images
-//! and with images of 64 × 64 px, as JSON. For `peers/two_room_v2.py`, `peers/classic_control.py` and `peers/rocket.py`;
-//! PushT has `step-rates`.
+//! `env-rates ENV [SECONDS]`: steps and resets per second of any environment in a world of one, without images and with
+//! images of 64 × 64 px, as JSON. For `peers/two_room_v2.py`, `peers/classic_control.py`, `peers/rocket.py` and
+//! `peers/fetch.py`; PushT has `step-rates`.
 
 use anyhow::{Context as _, Result};
 use swm_benches::{Image, Measurement, print, seconds, world_of};
@@ -10,7 +10,9 @@ fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
     let id = arguments.next().context("usage: env-rates ENV [SECONDS]")?;
     let seconds = seconds(arguments.next())?;
-    let entry = Registry::new().with(swm_envs_2d::ENVS).with(swm_envs_3d::ENVS).env(&id)?;
+    let registry =
+        Registry::new().with(swm_envs_2d::ENVS).with(swm_envs_3d::ENVS).with(swm_envs_mujoco::ENVS);
+    let entry = registry.env(&id)?;
     // Random pushes end an episode of CartPole after some 20 steps.
     let policy = if id.contains("CartPole") { "expert" } else { "random" };
     let mut measurements = Vec::new();

@@ -4,6 +4,7 @@
 //! variation, its policies; rendering comes from `swm-render`. No solver, dataset or model is known here.
 
 pub mod classic_control;
+pub mod piecewise;
 #[cfg(feature = "rapier")]
 pub mod point_maze;
 pub mod pusht;
@@ -21,6 +22,7 @@ pub const ENVS: &[EnvEntry] = &[
     pusht::PUSHT_DISCRETE,
     tworoom_v1::TWO_ROOM,
     tworoom_v2::TWO_ROOM_V2,
+    piecewise::PIECEWISE,
     #[cfg(feature = "rapier")]
     pusht::PUSHT_RAPIER,
     #[cfg(feature = "rapier")]

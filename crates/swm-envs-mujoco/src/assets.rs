@@ -5,6 +5,7 @@
 //! <data>/dm_control/1.0.50/suite/*.xml, suite/common/*.xml
 //! <data>/ogbench/1.2.2/manipspace/*.xml, and folders of meshes
 //! <data>/ogbench/1.2.2/locomaze/*.xml
+//! <data>/gymnasium_robotics/1.4.2/fetch/*.xml, stls/fetch/*.stl, textures/block.png
 //! ```
 //!
 //! `<data>` is [`data_folder`]. A program that brings its own files says so with [`set_library`], [`set_folder`] and
@@ -22,6 +23,8 @@ pub const MUJOCO_VERSION: &str = "3.17.0";
 pub const DM_CONTROL_VERSION: &str = "1.0.50";
 /// The pinned version of `ogbench`, whose arm, gripper and scenes the manipulation environments use, and whose bodies the mazes.
 pub const OGBENCH_VERSION: &str = "1.2.2";
+/// The pinned version of `gymnasium_robotics`, whose robot and tables the Fetch environments use.
+pub const GYMNASIUM_ROBOTICS_VERSION: &str = "1.4.2";
 /// The folder with everything, instead of the user's data folder.
 pub const HOME_VARIABLE: &str = "SWM_HOME";
 /// A MuJoCo library, instead of the one of the data folder.
@@ -159,6 +162,16 @@ pub fn maze_model(name: &str) -> Result<PathBuf, MujocoError> {
     ogbench_model("locomaze", name)
 }
 
+/// A model of the Fetch environments: `push.xml`.
+///
+/// # Errors
+///
+/// As of [`suite_model`].
+pub fn fetch_model(name: &str) -> Result<PathBuf, MujocoError> {
+    let folder = known_data_folder()?.join("gymnasium_robotics").join(GYMNASIUM_ROBOTICS_VERSION);
+    present(folder.join("fetch").join(name))
+}
+
 fn ogbench_model(folder: &str, name: &str) -> Result<PathBuf, MujocoError> {
     present(known_data_folder()?.join("ogbench").join(OGBENCH_VERSION).join(folder).join(name))
 }
@@ -207,7 +220,7 @@ mod tests {
 
     #[test]
     fn a_missing_model_names_its_path_and_the_command() {
-        for find in [suite_model, manipulation_model, maze_model] {
+        for find in [suite_model, manipulation_model, maze_model, fetch_model] {
             let message = find("no_such.xml").unwrap_err().to_string();
             assert!(message.contains("no_such.xml") && message.contains("cargo xtask setup"), "{message}");
         }

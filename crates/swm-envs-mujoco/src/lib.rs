@@ -1,11 +1,12 @@
-//! Environments on MuJoCo: the DeepMind Control Suite, and OGBench's manipulation environments and mazes.
+//! Environments on MuJoCo: the DeepMind Control Suite, OGBench's manipulation environments and mazes, and Fetch.
 //!
 //! * [`ffi`]: the C library, loaded at run time, behind safe owners;
 //! * [`assets`]: where library and models lie (`cargo xtask setup` puts them there);
 //! * [`suite`]: what all domains share;
 //! * one file per domain, and one line in [`ENVS`];
 //! * `ogbench`: the arm at its tables;
-//! * `locomaze`: OGBench's mazes.
+//! * `locomaze`: OGBench's mazes;
+//! * `fetch`: an arm that reaches, pushes, slides, and picks and places.
 //!
 //! The crate builds with nothing installed. Without the library, making an environment fails with the command that
 //! fixes it.
@@ -16,6 +17,7 @@ mod ball_in_cup;
 mod cartpole;
 mod cheetah;
 pub mod error;
+mod fetch;
 #[expect(unsafe_code, reason = "the C library; the only folder of the workspace with such code")]
 pub mod ffi;
 mod finger;
@@ -41,6 +43,11 @@ pub use ball_in_cup::BALL_IN_CUP;
 pub use cartpole::CARTPOLE;
 pub use cheetah::CHEETAH;
 pub use error::MujocoError;
+pub use fetch::{
+    FETCH_PICK_AND_PLACE, FETCH_PICK_AND_PLACE_DENSE, FETCH_PICK_AND_PLACE_DICT, FETCH_PUSH,
+    FETCH_PUSH_DENSE, FETCH_PUSH_DICT, FETCH_REACH, FETCH_REACH_DENSE, FETCH_REACH_DICT, FETCH_SLIDE,
+    FETCH_SLIDE_DENSE, FETCH_SLIDE_DICT,
+};
 pub use finger::FINGER;
 pub use hopper::HOPPER;
 pub use humanoid::HUMANOID;
@@ -70,4 +77,16 @@ pub const ENVS: &[EnvEntry] = &[
     OGB_SCENE,
     OGB_POINT_MAZE,
     OGB_ANT_MAZE,
+    FETCH_REACH,
+    FETCH_REACH_DENSE,
+    FETCH_REACH_DICT,
+    FETCH_PUSH,
+    FETCH_PUSH_DENSE,
+    FETCH_PUSH_DICT,
+    FETCH_SLIDE,
+    FETCH_SLIDE_DENSE,
+    FETCH_SLIDE_DICT,
+    FETCH_PICK_AND_PLACE,
+    FETCH_PICK_AND_PLACE_DENSE,
+    FETCH_PICK_AND_PLACE_DICT,
 ];

@@ -59,6 +59,18 @@ pub(crate) const NAMES: &[Absent] = &[
     env("swm/OGBScene-v0", MUJOCO),
     env("swm/OGBPointMaze-v0", MUJOCO),
     env("swm/OGBAntMaze-v0", MUJOCO),
+    env("swm/FetchReach-v3", MUJOCO),
+    env("swm/FetchReachDense-v3", MUJOCO),
+    env("swm/FetchReachDict-v3", MUJOCO),
+    env("swm/FetchPush-v3", MUJOCO),
+    env("swm/FetchPushDense-v3", MUJOCO),
+    env("swm/FetchPushDict-v3", MUJOCO),
+    env("swm/FetchSlide-v3", MUJOCO),
+    env("swm/FetchSlideDense-v3", MUJOCO),
+    env("swm/FetchSlideDict-v3", MUJOCO),
+    env("swm/FetchPickAndPlace-v3", MUJOCO),
+    env("swm/FetchPickAndPlaceDense-v3", MUJOCO),
+    env("swm/FetchPickAndPlaceDict-v3", MUJOCO),
 ];
 
 #[cfg(test)]

@@ -70,8 +70,9 @@ impl GoldenFile {
                 numbers.insert(key, array);
             }
         }
-        let meta: Json =
-            serde_json::from_slice(bytes.get("meta").ok_or_else(|| anyhow!("{name} has no `meta`"))?)?;
+        let meta = bytes.get("meta").ok_or_else(|| anyhow!("{name} has no `meta`"))?;
+        // Python writes numbers that are none in a way that JSON has not.
+        let meta: Json = serde_json::from_str(&String::from_utf8_lossy(meta).replace(": NaN", ": null"))?;
         if let Some(id) = meta["env_id"].as_str() {
             let factors = meta["options"]["variation_values"].as_object().cloned().unwrap_or_default();
             return Ok(vec![Self::from_arrays(name, id.to_owned(), factors, numbers, &bytes)?]);
@@ -86,12 +87,21 @@ impl GoldenFile {
                 numbers.iter().filter_map(|(key, array)| Some((own(key)?, array.clone()))).collect();
             let pngs = bytes.iter().filter_map(|(key, png)| Some((own(key)?, png.clone()))).collect();
             let factors = factors_in_force(&run, &arrays);
-            // The simulator's state, by the name of its column here.
+            // By the names of the columns here.
             let arrays = arrays.into_iter().map(|(key, array)| match key.as_str() {
                 "state" => ("state_simulator_state".to_owned(), array),
+                "observation" => ("info_proprio".to_owned(), array),
+                "distance" => ("info_distance_to_target".to_owned(), array),
+                "reward_sparse" => ("reward".to_owned(), array),
                 _ => (key, array),
             });
-            Self::from_arrays(format!("{name} {run}"), format!("swm/{id}"), factors, arrays.collect(), &pngs)
+            let mut arrays: BTreeMap<_, _> = arrays.collect();
+            // A goal of the whole run, which its start takes over.
+            if let Some(goal) = arrays.remove("desired_goal") {
+                arrays.insert("state_desired_goal".to_owned(), goal.clone().insert_axis(ndarray::Axis(0)));
+                arrays.insert("goal_state".to_owned(), goal);
+            }
+            Self::from_arrays(format!("{name} {run}"), format!("swm/{id}"), factors, arrays, &pngs)
         };
         runs.into_iter().map(run_of).collect()
     }
@@ -120,12 +130,12 @@ impl GoldenFile {
     }
 }
 
-/// The factors of a run: arrays `fov.NAME`, or `fov_value` of the factor that the run `fov/NAME/…` is about.
+/// The factors of a run: arrays `fov.NAME`, or `fov_value` (of Fetch `value`) of the factor that the run `fov/NAME/…` is about.
 fn factors_in_force(run: &str, arrays: &BTreeMap<String, ArrayD<f64>>) -> Map<String, Json> {
     let one = run.strip_prefix("fov/").and_then(|run| run.split('/').next());
     let named = arrays.iter().filter_map(|(key, array)| match key.strip_prefix("fov.") {
         Some(factor) => Some((factor, array)),
-        None => one.filter(|_| key == "fov_value").map(|factor| (factor, array)),
+        None => one.filter(|_| ["fov_value", "value"].contains(&key.as_str())).map(|factor| (factor, array)),
     });
     let list = |array: &ArrayD<f64>| array.iter().copied().collect::<Vec<f64>>();
     named.map(|(factor, array)| (factor.to_owned(), list(array).into())).collect()

@@ -5,8 +5,10 @@
 
 mod classic_control;
 mod doors;
+mod fetch;
 mod file;
 mod own;
+mod piecewise;
 mod replay;
 mod rules;
 

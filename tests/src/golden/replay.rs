@@ -12,7 +12,9 @@ use swm::core::{
 };
 
 use super::doors;
+use super::fetch;
 use super::file::{GoldenFile, Image};
+use super::piecewise;
 use super::rules::{ImageTolerance, Rules, Tolerance, Unit, placed_in_model};
 
 /// How one array compares.
@@ -58,7 +60,7 @@ impl Report {
 }
 
 /// Arrays of which row t belongs to the step from t to t + 1.
-const OUTCOMES: [&str; 2] = ["reward", "terminated"];
+const OUTCOMES: [&str; 3] = ["reward", "terminated", "is_success"];
 
 /// Replays one file.
 ///
@@ -67,7 +69,8 @@ const OUTCOMES: [&str; 2] = ["reward", "terminated"];
 /// The file lacks an array, or the environment cannot be made, reset or stepped. Differences are part of the report.
 pub fn check_file(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Result<Report> {
     let mut factors = file.factors.clone();
-    let expected = (rules.adapt)(&mut factors);
+    let mut expected = (rules.adapt)(&mut factors);
+    expected.extend(fetch::was_not_drawn(file));
     let mut run = Run::new(registry, rules, file)?;
     if rules.env_id == doors::ENV {
         doors::add_unrecorded(&mut run, rules, file, &mut factors)?;
@@ -96,7 +99,8 @@ pub fn check_file(registry: &Registry, rules: &Rules, file: &GoldenFile) -> Resu
         }
         if let Some(action) = actions.get(row).filter(|_| row < rules.steps) {
             let outcome = run.step(action)?;
-            let actual = [outcome.reward, f64::from(u8::from(outcome.terminated))];
+            let of = |flag: bool| f64::from(u8::from(flag));
+            let actual = [outcome.reward, of(outcome.terminated), of(outcome.success == Some(true))];
             for &(key, units) in rules.compared {
                 let Some(index) = OUTCOMES.iter().position(|outcome| *outcome == key) else { continue };
                 let Some(expected) = recorded(file, key, row) else { continue };
@@ -206,6 +210,7 @@ impl Run {
             ..EnvConfig::default()
         };
         (rules.settings)(&mut config.settings);
+        piecewise::set_grid(file, &mut config.settings);
         let env = registry.env(rules.env_id)?.make(&config)?;
         let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
         Ok(Self { env, row })

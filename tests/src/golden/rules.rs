@@ -3,7 +3,9 @@
 use serde_json::{Map, Value as Json, json};
 
 use super::classic_control as classic;
+use super::fetch;
 use super::own::{POINT_MAZE, PUSHT_RAPIER};
+use super::piecewise::PIECEWISE;
 
 /// The rules of one environment of the reference.
 #[derive(Clone, Copy, Debug)]
@@ -117,6 +119,11 @@ const RULES: &[Rules] = &[
     classic::MOUNTAIN_CAR_CONTINUOUS,
     classic::ACROBOT,
     classic::PENDULUM,
+    fetch::REACH,
+    fetch::PUSH,
+    fetch::SLIDE,
+    fetch::PICK_AND_PLACE,
+    PIECEWISE,
 ];
 
 /// `(array of the file, row, start column)`.

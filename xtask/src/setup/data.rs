@@ -14,7 +14,7 @@ use super::folder;
 use super::wheel::{self, ANY, Keep, Package, Wheel};
 
 /// One line per thing to fetch: what it is, what it is for, where it goes below the data folder.
-pub(super) const PACKAGES: &[&Package] = &[&MUJOCO, &DM_CONTROL, &OGBENCH];
+pub(super) const PACKAGES: &[&Package] = &[&MUJOCO, &DM_CONTROL, &OGBENCH, &GYMNASIUM_ROBOTICS];
 
 /// The physics engine, loaded at run time; Apache-2.0. There are no wheels for Intel Macs and musl.
 pub(crate) const MUJOCO: Package = Package {
@@ -82,6 +82,24 @@ const OGBENCH: Package = Package {
         Keep { from: &["ogbench/locomaze/assets/point.xml"], to: "locomaze" },
         Keep { from: &["ogbench/locomaze/assets/ant.xml"], to: "locomaze" },
         Keep { from: &["ogbench-1.2.2.dist-info/LICENSE"], to: "" },
+    ],
+};
+
+/// The Fetch robot and its tables; MIT. Its meshes carry no license of their own, so they are fetched and never passed on.
+const GYMNASIUM_ROBOTICS: Package = Package {
+    name: "gymnasium_robotics",
+    version: "1.4.2",
+    wheels: &[Wheel {
+        platforms: &[ANY],
+        tag: ANY,
+        sha256: "a1743530431cb377e6b3b956d284bc96436fc68bac1648ef205054c178e7dc4b",
+    }],
+    keep: &[
+        Keep { from: &["gymnasium_robotics/envs/assets/fetch/*.xml"], to: "fetch" },
+        Keep { from: &["gymnasium_robotics/envs/assets/stls/fetch/*.stl"], to: "stls/fetch" },
+        Keep { from: &["gymnasium_robotics/envs/assets/textures/block.png"], to: "textures" },
+        Keep { from: &["gymnasium_robotics/envs/assets/LICENSE.md"], to: "" },
+        Keep { from: &["gymnasium_robotics-1.4.2.dist-info/licenses/*"], to: "" },
     ],
 };
 

@@ -7,10 +7,10 @@ use super::room::IMAGE_PX;
 
 /// A dot in the world: its center and its standard deviation in pixels of the 224-px image.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Dot {
-    pub(super) center: [f32; 2],
-    pub(super) radius: f32,
-    pub(super) color: Rgb,
+pub(crate) struct Dot {
+    pub(crate) center: [f32; 2],
+    pub(crate) radius: f32,
+    pub(crate) color: Rgb,
 }
 
 /// Beyond this exponent a dot changes no byte: its weight is below half of the last bit of 1 - weight, and 255 times its
@@ -37,7 +37,7 @@ impl Dot {
     ///
     /// weight = exp(-d^2 / (2 r^2)) in f32, divided by its largest value in the image; byte = trunc(old (1 - weight) +
     /// color weight), in f32. The reference's exponential is not always rounded correctly either; one byte in 400,000 differs.
-    pub(super) fn blend_exactly(&self, image: &mut [u8]) -> Rect {
+    pub(crate) fn blend_exactly(&self, image: &mut [u8]) -> Rect {
         let bounds = self.bounds([IMAGE_PX; 2], [1.0; 2], [self.radius; 2]);
         let radius = f64::from(self.radius);
         let spread = (2.0 * radius * radius) as f32;
@@ -72,7 +72,7 @@ impl Dot {
     ///
     /// The filter of the resize, a triangle, is taken for a Gaussian of its variance, so that the dot stays one: wider, and
     /// fainter at its peak.
-    pub(super) fn blend_quickly(&self, image: &mut [u8], [height, width]: [usize; 2]) -> Rect {
+    pub(crate) fn blend_quickly(&self, image: &mut [u8], [height, width]: [usize; 2]) -> Rect {
         let scale = [width, height].map(|size| IMAGE_PX as f32 / size as f32);
         // A triangle of half-width h has the variance h^2 / 6.
         let variance = scale.map(|scale| self.radius * self.radius + scale.max(1.0) * scale.max(1.0) / 6.0);

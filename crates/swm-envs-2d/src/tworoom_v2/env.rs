@@ -44,7 +44,7 @@ pub struct TwoRoom {
 
 /// What rendering needs.
 struct Image {
-    artist: Artist,
+    artist: Artist<Look>,
     agent: Dot,
     goal: Vec<u8>,
     /// The goal image belongs to an earlier episode.

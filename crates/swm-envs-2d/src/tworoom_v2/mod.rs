@@ -11,12 +11,12 @@
 //! | `rendering`, `dot` | images |
 //! | `expert` | policies |
 
-mod dot;
+pub(crate) mod dot;
 mod env;
 mod expert;
 mod factors;
-mod rendering;
-mod room;
+pub(crate) mod rendering;
+pub(crate) mod room;
 mod route;
 mod settings;
 

@@ -14,6 +14,12 @@ use crate::settings::Render;
 const BORDER_LINES: [i32; 2] = [10, 210];
 const BORDER_LINE_PX: i32 = 4;
 
+/// What does not move in an episode: it is rendered anew only where it differs.
+pub(crate) trait Scenery: PartialEq {
+    /// Renders everything but the agent into a `[224, 224, 3]` image.
+    fn render(&self, image: &mut [u8]);
+}
+
 /// Colors and things of an episode.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Look {
@@ -44,8 +50,9 @@ impl Look {
             }),
         }
     }
+}
 
-    /// Renders everything but the agent into a `[224, 224, 3]` image.
+impl Scenery for Look {
     fn render(&self, image: &mut [u8]) {
         let size = IMAGE_PX as i32;
         let (center, half) = (WALL_CENTER_PX as i32, self.room.wall_half as i32);
@@ -60,21 +67,27 @@ impl Look {
             let (center, reach) = (door.center as i32, door.half_extent as i32);
             fill(image, stripe(center - reach, center + reach), self.door);
         }
-        for start in BORDER_LINES {
-            fill(image, Rect::new(start, 0, start + BORDER_LINE_PX, size), self.border);
-            fill(image, Rect::new(0, start, size, start + BORDER_LINE_PX), self.border);
-        }
+        render_border(image, self.border);
         if let Some(target) = &self.target {
             target.blend_exactly(image);
         }
     }
 }
 
+/// Renders the lines around the rooms.
+pub(crate) fn render_border(image: &mut [u8], color: Rgb) {
+    let size = IMAGE_PX as i32;
+    for start in BORDER_LINES {
+        fill(image, Rect::new(start, 0, start + BORDER_LINE_PX, size), color);
+        fill(image, Rect::new(0, start, size, start + BORDER_LINE_PX), color);
+    }
+}
+
 /// Renders frames of one size.
-pub(super) struct Artist {
+pub(crate) struct Artist<L> {
     style: Render,
     size: [usize; 2],
-    look: Option<Look>,
+    look: Option<L>,
     /// Everything but the agent, and with it: `[224, 224, 3]`; in the fast style the second has the size of the frame.
     scene: Vec<u8>,
     canvas: Vec<u8>,
@@ -87,8 +100,8 @@ pub(super) struct Artist {
     dotted: Rect,
 }
 
-impl Artist {
-    pub(super) fn new(size: ImageSize, style: Render) -> Result<Self, RenderError> {
+impl<L: Scenery> Artist<L> {
+    pub(crate) fn new(size: ImageSize, style: Render) -> Result<Self, RenderError> {
         let [size, image] = [[size.height, size.width], [IMAGE_PX; 2]];
         let is_resized = size != image;
         let bytes = |[height, width]: [usize; 2]| vec![0; height * width * 3];
@@ -107,7 +120,7 @@ impl Artist {
     }
 
     /// Renders what does not move, unless it looks as before.
-    pub(super) fn set_look(&mut self, look: Look) -> Result<(), RenderError> {
+    pub(crate) fn set_look(&mut self, look: L) -> Result<(), RenderError> {
         if self.look.as_ref() == Some(&look) {
             return Ok(());
         }
@@ -131,7 +144,7 @@ impl Artist {
     }
 
     /// Renders the agent over the scene and writes the frame, `[H, W, 3]`.
-    pub(super) fn render(&mut self, agent: &Dot, out: &mut [u8]) -> Result<(), RenderError> {
+    pub(crate) fn render(&mut self, agent: &Dot, out: &mut [u8]) -> Result<(), RenderError> {
         let old = self.dotted;
         match self.style {
             Render::Fast => {
@@ -160,7 +173,7 @@ impl Artist {
 }
 
 /// Fills the part of a rectangle that lies in a `[224, 224, 3]` image.
-fn fill(image: &mut [u8], rect: Rect, color: Rgb) {
+pub(crate) fn fill(image: &mut [u8], rect: Rect, color: Rgb) {
     let size = IMAGE_PX as i32;
     let rect = rect.intersect(&Rect::new(0, 0, size, size));
     if rect.is_empty() {

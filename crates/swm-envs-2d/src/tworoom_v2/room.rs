@@ -4,13 +4,13 @@
 use swm_fov::Fov;
 
 /// Height and width of the image, and of the world.
-pub(super) const IMAGE_PX: usize = 224;
+pub(crate) const IMAGE_PX: usize = 224;
 /// The rooms begin this far from the image's edge.
-pub(super) const BORDER_PX: f64 = 14.0;
+pub(crate) const BORDER_PX: f64 = 14.0;
 /// Where the middle of the wall is.
 pub(super) const WALL_CENTER_PX: f64 = 112.0;
 /// The target is reached nearer than this.
-pub(super) const SUCCESS_PX: f64 = 16.0;
+pub(crate) const SUCCESS_PX: f64 = 16.0;
 /// A door is passable this far beyond its half extent.
 const DOOR_MARGIN_PX: f64 = 1.75;
 /// An agent that runs into the wall is put this far before it.
@@ -128,7 +128,7 @@ pub(super) fn distance([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> f64 {
 
 /// The distance of two positions as the reference computes it: in f32, where the second square is added without having
 /// been rounded first.
-pub(super) fn distance_f32([ax, ay]: [f32; 2], [bx, by]: [f32; 2]) -> f32 {
+pub(crate) fn distance_f32([ax, ay]: [f32; 2], [bx, by]: [f32; 2]) -> f32 {
     let (dx, dy) = (ax - bx, ay - by);
     let first = dx * dx;
     ((f64::from(first) + f64::from(dy) * f64::from(dy)) as f32).sqrt()

@@ -109,6 +109,8 @@ impl Model {
         site_pos / site_pos_mut: f64 [nsite, 3];
         /// Site orientations in their bodies, `[nsite, 4]`.
         site_quat / site_quat_mut: f64 [nsite, 4];
+        /// Camera positions in their bodies, `[ncam, 3]`, m.
+        cam_pos / cam_pos_mut: f64 [ncam, 3];
         /// Camera orientations in their bodies, `[ncam, 4]`.
         cam_quat / cam_quat_mut: f64 [ncam, 4];
         /// Site sizes, `[nsite, 3]`.
@@ -127,6 +129,8 @@ impl Model {
         actuator_biasprm / actuator_biasprm_mut: f64 [nu, 10];
         /// Gears of actuators, `[nu, 6]`: the first scales the force of a joint's motor.
         actuator_gear / actuator_gear_mut: f64 [nu, 6];
+        /// Data of equality constraints, `[neq, 12]`; of a weld: anchor, relative position, relative quaternion, torque scale.
+        eq_data / eq_data_mut: f64 [neq, 12];
         /// Control ranges, `[nu, 2]`.
         actuator_ctrlrange / actuator_ctrlrange_mut: f64 [nu, 2];
     }

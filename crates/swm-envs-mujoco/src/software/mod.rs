@@ -78,15 +78,19 @@ impl SoftwareRenderer {
         Ok(())
     }
 
-    /// Shows a flat texture of the model, which lends all others, in colors that depend on its own, row
-    /// and column of a pixel and its color.
+    /// Shows a texture of the model, which lends all others, in colors that depend on its own: row and column of a
+    /// pixel, of a cube's in its face, and its color.
     pub fn recolor(&mut self, index: usize, recolor: impl Fn([usize; 2], [u8; 3]) -> [u8; 3]) {
-        if let Some(Slot::Flat(slot)) = self.shared.slots.get(index).copied() {
-            // What others show stays as it is.
-            let mut own = Store::clone(&self.shared);
-            own.assets.textures[slot] = Arc::new(own.assets.textures[slot].recolored(recolor));
-            self.store = Arc::new(own);
+        let Some(slot) = self.shared.slots.get(index) else { return };
+        // What others show stays as it is.
+        let mut own = Store::clone(&self.shared);
+        match *slot {
+            Slot::Flat(slot) => {
+                own.assets.textures[slot] = Arc::new(own.assets.textures[slot].recolored(recolor));
+            }
+            Slot::Cube(slot) => own.assets.cubes[slot] = Arc::new(own.assets.cubes[slot].recolored(recolor)),
         }
+        self.store = Arc::new(own);
     }
 
     /// Writes the image of the simulation as it stands computed, `[height, width, 3]`.

@@ -53,7 +53,7 @@ impl Canvas {
         }
     }
 
-    /// Shows a flat texture of `model`, which lends all others, in colors that depend on its own.
+    /// Shows a texture of `model`, which lends all others, in colors that depend on its own.
     pub(super) fn recolor(
         &mut self,
         model: &Arc<Model>,

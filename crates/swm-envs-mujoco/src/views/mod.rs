@@ -125,7 +125,7 @@ impl Images {
         self.canvases.iter_mut().try_for_each(|canvas| canvas.set_model(model))
     }
 
-    /// Shows a flat texture of `model`, which lends all others, in colors that depend on its own.
+    /// Shows a texture of `model`, which lends all others, in colors that depend on its own.
     pub(crate) fn recolor(
         &mut self,
         model: &Arc<Model>,

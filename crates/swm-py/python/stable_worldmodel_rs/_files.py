@@ -19,7 +19,8 @@ from . import _swm
 _LIB = Path(__file__).parent / "_lib"
 _FIX = (
     "reinstall the package from a wheel (`pip install --force-reinstall stable-worldmodel-rs`); models of OGBench need "
-    "`pip install stable-worldmodel-rs[ogbench]`; or let SWM_HOME name a folder that `cargo xtask setup` filled"
+    "`pip install stable-worldmodel-rs[ogbench]`; those of Fetch are in no package: let SWM_HOME name a folder that "
+    "`cargo xtask setup` filled"
 )
 # Where ogbench has its models, what the data folder calls that, and which of them are read (None: all).
 _OGBENCH_PARTS: tuple[tuple[str, str, tuple[str, ...] | None], ...] = (

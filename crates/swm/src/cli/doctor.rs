@@ -125,7 +125,9 @@ mod mujoco {
 
     use std::path::Path;
 
-    use swm_envs_mujoco::assets::{self, DM_CONTROL_VERSION, HOME_VARIABLE, MUJOCO_VERSION, OGBENCH_VERSION};
+    use swm_envs_mujoco::assets::{
+        self, DM_CONTROL_VERSION, GYMNASIUM_ROBOTICS_VERSION, HOME_VARIABLE, MUJOCO_VERSION, OGBENCH_VERSION,
+    };
     use swm_envs_mujoco::ffi::{Library, gl::GlContext};
 
     use super::Check;
@@ -151,7 +153,7 @@ mod mujoco {
     }
 
     pub(super) fn checks() -> Vec<Check> {
-        vec![folder(), library(), suite(), ogbench(), gl()]
+        vec![folder(), library(), suite(), ogbench(), fetch(), gl()]
     }
 
     fn folder() -> Check {
@@ -189,6 +191,14 @@ mod mujoco {
         const NAME: &str = "models of OGBench";
         match assets::manipulation_model("robotiq_2f85/2f85.xml") {
             Ok(_) => Check::works(NAME, format!("ogbench {OGBENCH_VERSION}")),
+            Err(_) => Check::missing(NAME, "not in the data folder", &setup()),
+        }
+    }
+
+    fn fetch() -> Check {
+        const NAME: &str = "models of Fetch";
+        match assets::fetch_model("push.xml") {
+            Ok(_) => Check::works(NAME, format!("gymnasium_robotics {GYMNASIUM_ROBOTICS_VERSION}")),
             Err(_) => Check::missing(NAME, "not in the data folder", &setup()),
         }
     }

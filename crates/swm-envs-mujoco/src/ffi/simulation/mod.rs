@@ -196,6 +196,25 @@ impl Simulation {
         unsafe { slice_mut(self.header().mocap_quat, self.model.header().nmocap, 4) }
     }
 
+    /// The linear velocity, m/s, and the angular velocity, rad/s, of a site: its Jacobian, by the positions that were last
+    /// computed, times the present velocities. `jacobian` is scratch.
+    pub fn site_velocity(&self, site: usize, jacobian: &mut Vec<f64>) -> [[f64; 3]; 2] {
+        let nv = self.qvel().len();
+        assert!(site < self.model.header().nsite as usize, "the model has no site {site}");
+        jacobian.clear();
+        jacobian.resize(6 * nv, 0.0);
+        let (linear, angular) = jacobian.split_at_mut(3 * nv);
+        // SAFETY: model and data are valid and belong together, the site exists, and both arrays have room for 3 × nv values.
+        unsafe {
+            let (linear, angular) = (linear.as_mut_ptr(), angular.as_mut_ptr());
+            let (model, data) = (self.model.as_ptr(), self.raw.as_ptr());
+            (self.library.api().mj_jacSite)(model, data, linear, angular, site as i32);
+        }
+        let times = |row: &[f64]| row.iter().zip(self.qvel()).map(|(a, b)| a * b).sum::<f64>();
+        let product = |half: &[f64]| std::array::from_fn(|k| times(&half[k * nv..][..nv]));
+        [product(linear), product(angular)]
+    }
+
     /// Simulated seconds since the reset.
     pub fn time_s(&self) -> f64 {
         self.header().time

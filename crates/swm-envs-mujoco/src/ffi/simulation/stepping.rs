@@ -52,6 +52,20 @@ impl Simulation {
         })
     }
 
+    /// `count` physics steps. What is computed belongs to the state before the last of them.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Simulation::forward`].
+    pub fn steps(&mut self, count: u32) -> Result<(), MujocoError> {
+        // SAFETY: model and data are valid and belong together.
+        self.checked(|api, model, data| unsafe {
+            for _ in 0..count {
+                (api.mj_step)(model, data);
+            }
+        })
+    }
+
     /// `substeps` physics steps, and the forces of contacts in the last one. Everything that is read afterwards belongs to
     /// the state **before** the last of them, but for `qpos`, `qvel` and the time: how OGBench steps. That state is written
     /// to `before_last`; [`Simulation::replay_last`] restores this state bit for bit.

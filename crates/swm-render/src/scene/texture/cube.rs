@@ -33,6 +33,12 @@ impl CubeTexture {
         Ok(Self { faces: faces?, size })
     }
 
+    /// The same images in other colors; as [`Texture::recolored`], of each face.
+    #[must_use]
+    pub fn recolored(&self, recolor: impl Fn([usize; 2], [u8; 3]) -> [u8; 3]) -> Self {
+        Self { faces: self.faces.iter().map(|face| face.recolored(&recolor)).collect(), size: self.size }
+    }
+
     /// The color, 0 to 255, in a direction; `across` says how the direction changes from pixel to pixel.
     pub(in crate::scene) fn at(&self, direction: [f32; 3], across: [[f32; 3]; 2]) -> [f32; 3] {
         let (face, [u, v, major]) = project(direction);
