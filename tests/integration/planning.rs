@@ -179,6 +179,17 @@ fn the_planner_of_the_rocket_lands_it() {
 }
 
 #[test]
+fn the_planners_of_fetch_and_piecewise_reach_their_goals() {
+    for (id, budget) in [("swm/FetchReach-v3", "15"), ("swm/Piecewise-v0", "100")] {
+        let planner = swm::registry().env(id).unwrap().planner.expect("its entry names one");
+        let eval = ["eval", id, "--episodes", "3", "--budget", budget, "--quiet"];
+        let rate = |policy| swm_json(&[&eval[..], &["--policy", policy]].concat())["success_rate"].clone();
+        assert_eq!(rate(planner), 100.0, "{id}");
+        assert!(rate("random").as_f64() < Some(60.0), "{id} needs no planner");
+    }
+}
+
+#[test]
 fn the_planners_of_classic_control_solve_it() {
     for id in [
         "swm/CartPoleControl-v1",

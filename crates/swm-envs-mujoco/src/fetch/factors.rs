@@ -56,7 +56,8 @@ pub(super) fn controls(task: Task) -> Vec<Control> {
     controls.push(start(goal(task)));
     if task == Task::PickAndPlace {
         let doc = "1: the goal is as high as `goal.start_position` says, 0: on the table";
-        controls.push(start(Factor::integer(IN_THE_AIR, 0, 1, 0).doc(doc).sampled_by_default()));
+        let in_the_air = Factor::integer(IN_THE_AIR, 0, 1, 0).doc(doc).sampled_by_default();
+        controls.push(start(in_the_air.shows_with(GOAL, vec![1.3, 0.74, 0.6])));
     }
     controls
 }
