@@ -29,6 +29,89 @@ fn the_doctor_knows_that_setup_cannot_write_there() {
     assert!(folder["fix"].as_str().unwrap().contains("set SWM_HOME to a folder that can"), "{folder}");
 }
 
+/// A data folder with the files of the installed one, to change some of them.
+#[cfg(all(unix, feature = "mujoco"))]
+fn copied_home(folder: &Folder) -> std::path::PathBuf {
+    let home = std::path::PathBuf::from(folder.path("home"));
+    let installed = swm::envs_mujoco::assets::data_folder().unwrap();
+    copy_files(&installed.join("dm_control"), &home.join("dm_control"));
+    for name in ["mujoco", "ogbench"] {
+        std::os::unix::fs::symlink(installed.join(name), home.join(name)).unwrap();
+    }
+    home
+}
+
+#[cfg(all(unix, feature = "mujoco"))]
+fn copy_files(from: &std::path::Path, to: &std::path::Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap().map(Result::unwrap) {
+        let target = to.join(entry.file_name());
+        if entry.path().is_dir() {
+            copy_files(&entry.path(), &target);
+        } else {
+            std::fs::copy(entry.path(), target).unwrap();
+        }
+    }
+}
+
+#[cfg(all(unix, feature = "mujoco"))]
+#[test]
+fn altered_models_and_libraries_are_not_used() {
+    let folder = Folder::new();
+    let (home, cache, data) = (copied_home(&folder), folder.path("cache"), folder.path("data.h5"));
+    let run = |args: &[&str]| {
+        let output = swm(args).env("SWM_HOME", &home).env("XDG_CACHE_HOME", &cache).output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned(), output.stdout)
+    };
+    let collect =
+        ["collect", "swm/CheetahDMControl-v0", "--episodes", "1", "--max-steps", "3", "--out", &data];
+    let (status, message, _) = run(&collect);
+    assert_eq!(status, Some(0), "{message}");
+    // The record names what the environment was made from.
+    let recorded = |path: &str| {
+        let dataset = swm::data::open(std::path::Path::new(path)).unwrap();
+        dataset.metadata().unwrap().made_from.clone()
+    };
+    let record = recorded(&data);
+    let names: Vec<&str> = record.keys().map(String::as_str).collect();
+    assert_eq!(names, ["MuJoCo 3.17.0", "dm_control 1.0.50, suite"]);
+    assert!(record.values().all(|hash| hash.len() == 64), "{record:?}");
+
+    let model = home.join("dm_control/1.0.50/suite/walker.xml");
+    let sound = std::fs::read(&model).unwrap();
+    std::fs::write(&model, [&sound[..], b"<!-- heavier -->"].concat()).unwrap();
+    let other = folder.path("other.h5");
+    let other = [&collect[..7], &[&other]].concat();
+    let (status, message, _) = run(&other);
+    assert_eq!(status, Some(2), "{message}");
+    for part in ["walker.xml is not the file that was published", "SHA-256", "cargo xtask setup"] {
+        assert!(message.contains(part), "{message}");
+    }
+    let (status, _, checks) = run(&["doctor", "--json"]);
+    let checks: serde_json::Value = serde_json::from_slice(&checks).unwrap();
+    let suite = checks.as_array().unwrap().iter().find(|check| check["state"] == "missing").unwrap();
+    assert_eq!((status, &suite["what"]), (Some(1), &json!("models of the Control Suite")));
+    assert!(suite["found"].as_str().unwrap().contains("walker.xml is not the file"), "{suite}");
+
+    // A library that lies there is not run before it was compared.
+    std::fs::write(&model, sound).unwrap();
+    std::fs::remove_file(home.join("mujoco")).unwrap();
+    let library = swm::envs_mujoco::assets::library_path().unwrap();
+    let place = home.join("mujoco/3.17.0").join(library.file_name().unwrap());
+    std::fs::create_dir_all(place.parent().unwrap()).unwrap();
+    let bytes = std::fs::read(&library).unwrap();
+    std::fs::write(&place, [&bytes[..], b"0"].concat()).unwrap();
+    let (status, message, _) = run(&other);
+    assert_eq!(status, Some(2), "{message}");
+    assert!(message.contains("is not the file that was published"), "{message}");
+    // The user's own choice is.
+    let choice = folder.path("own.so");
+    std::fs::rename(&place, &choice).unwrap();
+    let own = swm(&other).env("SWM_HOME", &home).env("SWM_MUJOCO_LIB", &choice).output().unwrap();
+    assert!(own.status.success(), "{}", String::from_utf8_lossy(&own.stderr));
+    assert_ne!(recorded(other[7])["MuJoCo 3.17.0"], record["MuJoCo 3.17.0"]);
+}
+
 #[test]
 fn exit_statuses_are_those_that_the_help_names() {
     let folder = Folder::new();

@@ -50,6 +50,20 @@ pub enum MujocoError {
         /// The file.
         path: PathBuf,
     },
+    /// A file of the data folder is not as it was published.
+    #[error(
+        "{} is not the file that was published: its SHA-256 is {found}, not {expected}; {}",
+        .path.display(),
+        fix(" again")
+    )]
+    Altered {
+        /// The file.
+        path: PathBuf,
+        /// The SHA-256 that it must have.
+        expected: String,
+        /// The SHA-256 that it has.
+        found: String,
+    },
     /// A model file cannot be read, or an edited model cannot be compiled.
     #[error("the model {model} is unusable: {reason}")]
     Model {

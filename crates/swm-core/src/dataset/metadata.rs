@@ -52,6 +52,10 @@ pub struct Metadata {
     /// Versions of the packages that made it.
     #[serde(default)]
     pub packages: BTreeMap<String, String>,
+    /// SHA-256 of the libraries and files that the environment was made from, by name; none where it is made of the program
+    /// alone.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub made_from: BTreeMap<String, String>,
 }
 
 /// A part of a recording that is divided among several processes. It says which episodes the file will hold once it is
@@ -107,6 +111,7 @@ impl Metadata {
             checkpoints: run.options.checkpoints,
             part: None,
             packages: BTreeMap::from([("swm-core".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
+            made_from: run.spec.made_from.clone(),
         }
     }
 }

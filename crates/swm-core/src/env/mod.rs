@@ -158,6 +158,9 @@ pub struct EnvSpec {
     pub start_columns: &'static [&'static str],
     /// Step columns from which [`ResetOptions::goal`] sets a goal, likewise.
     pub goal_columns: &'static [&'static str],
+    /// SHA-256 of the libraries and files, besides the program, that it was made from, by name. Recordings and receipts keep
+    /// them.
+    pub made_from: BTreeMap<String, String>,
 }
 
 impl EnvSpec {
@@ -172,6 +175,7 @@ impl EnvSpec {
             time_step_s: 1.0,
             start_columns: &[],
             goal_columns: &[],
+            made_from: BTreeMap::new(),
         }
     }
 
@@ -200,6 +204,13 @@ impl EnvSpec {
     #[must_use]
     pub fn goal_columns(mut self, columns: &'static [&'static str]) -> Self {
         self.goal_columns = columns;
+        self
+    }
+
+    /// SHA-256 of the libraries and files that it was made from, by name.
+    #[must_use]
+    pub fn made_from(mut self, hashes: BTreeMap<String, String>) -> Self {
+        self.made_from = hashes;
         self
     }
 

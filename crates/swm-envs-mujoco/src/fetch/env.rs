@@ -15,6 +15,7 @@ use super::robot::{Robot, distance};
 use super::rows::{TaskState, episode_columns, fields, start_columns};
 use super::settings::{SETTINGS, Settings};
 use super::task::{REACHED, Reward, SUBSTEPS, Task, Variant};
+use crate::assets;
 use crate::error::MujocoError;
 use crate::ffi::visuals::mjTEXTURE_SKYBOX;
 use crate::ffi::{Object, Simulation};
@@ -93,7 +94,8 @@ impl FetchEnv {
             .factors(space.specs())
             .time_step_s(model.timestep_s() * f64::from(SUBSTEPS))
             .start_columns(start_columns(task))
-            .goal_columns(&["achieved_goal", "qpos"]);
+            .goal_columns(&["achieved_goal", "qpos"])
+            .made_from(assets::made_from(assets::FETCH));
         let mut sim = Simulation::new(Arc::clone(&model))?;
         sim.reset();
         sim.forward()?;

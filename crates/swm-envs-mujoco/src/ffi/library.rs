@@ -38,8 +38,10 @@ impl Library {
             return Ok(library);
         }
         let path = assets::library_path()?;
+        // Before it is loaded, for loading runs it.
+        let sha256 = assets::library_sha256(&path, assets::expected_library(&path))?;
         let library = Library::open(&path)?;
-        assets::set_loaded(&path);
+        assets::set_loaded(&path, sha256);
         Ok(LIBRARY.get_or_init(|| library))
     }
 

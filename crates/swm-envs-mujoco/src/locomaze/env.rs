@@ -18,6 +18,7 @@ use super::models::{Models, TARGET, TOP};
 use super::rows::{FACTORS, START_COLUMNS, fields};
 use super::settings::{Mode, SETTINGS, Settings};
 use super::state::TaskState;
+use crate::assets;
 use crate::error::MujocoError;
 use crate::ffi::{Object, Simulation};
 use crate::suite::{normal, uniform};
@@ -98,7 +99,8 @@ impl MazeEnv {
             .factors(space.specs())
             .time_step_s(sim.model().timestep_s() * f64::from(SUBSTEPS))
             .start_columns(START_COLUMNS)
-            .goal_columns(&["qpos"]);
+            .goal_columns(&["qpos"])
+            .made_from(assets::made_from(assets::MAZES));
         let target = models.light().id(Object::Geom, TARGET)?;
         let task_state = TaskState::new(0, nq, nv);
         let ways = ([0, 0], Vec::new());

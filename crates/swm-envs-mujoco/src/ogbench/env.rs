@@ -20,6 +20,7 @@ use super::standing::{Goal, Standing};
 use super::state::TaskState;
 use super::table::Table;
 use super::{start, targets};
+use crate::assets;
 use crate::error::MujocoError;
 use crate::ffi::{Object, Simulation};
 use crate::views::{CameraName, Images, Views, settings};
@@ -109,7 +110,8 @@ impl TableEnv {
             .factors(space.specs())
             .time_step_s(sim.model().timestep_s() * f64::from(SUBSTEPS))
             .start_columns(if is_scene { SCENE_START_COLUMNS } else { START_COLUMNS })
-            .goal_columns(if is_scene { &["qpos", "button_states"] } else { &["qpos"] });
+            .goal_columns(if is_scene { &["qpos", "button_states"] } else { &["qpos"] })
+            .made_from(assets::made_from(assets::MANIPULATION));
         let images = views.map(|views| Images::new(views, &full)).transpose()?;
         let goal_image = (vec![0; image.map_or(0, |size| size.shape().iter().product())], true);
         let fov = space.defaults();

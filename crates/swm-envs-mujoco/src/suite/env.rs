@@ -14,6 +14,7 @@ use super::domain::{Domain, Task, TaskEntry};
 use super::image::Image;
 use super::models::{Models, Origin};
 use super::settings::{OnDivergence, SETTINGS, Settings};
+use crate::assets;
 use crate::error::MujocoError;
 use crate::views::{CameraName, Views, settings};
 pub(crate) use rows::recorded;
@@ -95,7 +96,8 @@ impl SuiteEnv {
                 .factors(space.specs())
                 .time_step_s(control_step_s * f64::from(settings.action_repeat))
                 .start_columns(domain.start_columns)
-                .goal_columns(entry.goal_columns);
+                .goal_columns(entry.goal_columns)
+                .made_from(assets::made_from(assets::SUITE));
         let image = views.map(|views| Image::new(&models, views, &space.defaults())).transpose()?;
         Ok(Self {
             spec,

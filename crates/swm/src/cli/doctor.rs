@@ -123,8 +123,9 @@ fn environments(registry: &Registry) -> Check {
 mod mujoco {
     //! What the environments on MuJoCo need.
 
-    use std::path::Path;
+    use std::path::{Path, PathBuf};
 
+    use swm_envs_mujoco::MujocoError;
     use swm_envs_mujoco::assets::{
         self, DM_CONTROL_VERSION, GYMNASIUM_ROBOTICS_VERSION, HOME_VARIABLE, MUJOCO_VERSION, OGBENCH_VERSION,
     };
@@ -173,7 +174,13 @@ mod mujoco {
     fn library() -> Check {
         match (Library::get(), assets::library_path()) {
             (Ok(library), Ok(path)) => {
-                Check::works("MuJoCo", format!("{} at {}", library.version(), path.display()))
+                let sha256 = assets::loaded_sha256().unwrap_or_default();
+                let source = match assets::expected_library(&path) {
+                    Some(_) => "as published".to_owned(),
+                    None => format!("SHA-256 {sha256}, not compared"),
+                };
+                let version = library.version();
+                Check::works("MuJoCo", format!("{version} at {} ({source})", path.display()))
             }
             (Err(error), _) | (_, Err(error)) => Check::missing("MuJoCo", error.to_string(), &setup()),
         }
@@ -181,26 +188,32 @@ mod mujoco {
 
     fn suite() -> Check {
         const NAME: &str = "models of the Control Suite";
-        match assets::suite_model("cheetah.xml") {
-            Ok(_) => Check::works(NAME, format!("dm_control {DM_CONTROL_VERSION}")),
-            Err(_) => Check::missing(NAME, "not in the data folder", &setup()),
-        }
+        models(NAME, assets::suite_model("cheetah.xml"), &format!("dm_control {DM_CONTROL_VERSION}"))
     }
 
     fn ogbench() -> Check {
         const NAME: &str = "models of OGBench";
-        match assets::manipulation_model("robotiq_2f85/2f85.xml") {
-            Ok(_) => Check::works(NAME, format!("ogbench {OGBENCH_VERSION}")),
-            Err(_) => Check::missing(NAME, "not in the data folder", &setup()),
+        let both = assets::manipulation_model("robotiq_2f85/2f85.xml").and(assets::maze_model("ant.xml"));
+        models(NAME, both, &format!("ogbench {OGBENCH_VERSION}"))
+    }
+
+    fn models(name: &'static str, found: Result<PathBuf, MujocoError>, version: &str) -> Check {
+        match found {
+            Ok(_) => Check::works(name, format!("{version}, as published")),
+            Err(MujocoError::NoAsset { .. } | MujocoError::NoLibrary { .. }) => {
+                Check::missing(name, "not in the data folder", &setup())
+            }
+            Err(error) => Check::missing(name, error.to_string(), &setup()),
         }
     }
 
     fn fetch() -> Check {
         const NAME: &str = "models of Fetch";
-        match assets::fetch_model("push.xml") {
-            Ok(_) => Check::works(NAME, format!("gymnasium_robotics {GYMNASIUM_ROBOTICS_VERSION}")),
-            Err(_) => Check::missing(NAME, "not in the data folder", &setup()),
-        }
+        models(
+            NAME,
+            assets::fetch_model("push.xml"),
+            &format!("gymnasium_robotics {GYMNASIUM_ROBOTICS_VERSION}"),
+        )
     }
 
     /// Our own renderer draws without it.

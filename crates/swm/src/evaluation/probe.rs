@@ -1,5 +1,7 @@
 //! Fingerprints of everything that a result depends on, measured one by one, so that a difference can be named.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
 use swm_core::error::BoxError;
@@ -27,6 +29,10 @@ pub struct Fingerprints {
     pub images: Option<String>,
     /// The noise that policies get in the first pair.
     pub noise: String,
+    /// SHA-256 of the libraries and files that the environment was made from, by name. What differs here may still lead to
+    /// the same states: `physics` decides.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub made_from: BTreeMap<String, String>,
 }
 
 /// Takes them.
@@ -76,6 +82,7 @@ pub fn fingerprints(
         physics: sha256(rows.as_bytes()),
         images: manifest.image.map(|_| sha256(&images)),
         noise: sha256(&noise_seed.value().to_le_bytes()),
+        made_from: spec.made_from,
     })
 }
 

@@ -47,7 +47,7 @@ pub struct Verification {
     pub episodes: Vec<usize>,
     /// What is not compared, and why.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub notes: Vec<&'static str>,
+    pub notes: Vec<String>,
     /// The results of the repetition.
     pub summary: Summary,
     /// What the receipt says.
@@ -85,13 +85,23 @@ pub fn verify(
     differ(Part::Protocol, &receipt.manifest_hash, &manifest.hash(), "manifest");
     let mut notes = Vec::new();
     if receipt.receipt < 2 {
-        notes.push("a receipt of version 1: the environment's tables, whose hash counted help texts, are not compared");
+        let skipped = "a receipt of version 1: the environment's tables, whose hash counted help texts, are not compared";
+        notes.push(skipped.to_owned());
     } else {
         differ(Part::Protocol, &then.tables, &now.tables, "tables of the environment");
     }
     differ(Part::Physics, &then.physics, &now.physics, "probe of 25 random actions");
     let (a, b) = (then.images.as_deref().unwrap_or("none"), now.images.as_deref().unwrap_or("none"));
     differ(Part::Images, a, b, "images of the probe");
+    for (name, then) in &then.made_from {
+        match now.made_from.get(name) {
+            Some(now) if now == then => {}
+            now => {
+                let now = now.map_or("not used", String::as_str);
+                notes.push(format!("{name}: recorded SHA-256 {then}, now {now}"));
+            }
+        }
+    }
     differ(Part::Seed, &then.noise, &now.noise, "noise of the first pair");
     for (file, hash) in &receipt.files {
         let now = file_hash(std::path::Path::new(file)).unwrap_or_else(|error| error.to_string());

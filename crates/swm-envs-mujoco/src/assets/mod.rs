@@ -8,13 +8,18 @@
 //! <data>/gymnasium_robotics/1.4.2/fetch/*.xml, stls/fetch/*.stl, textures/block.png
 //! ```
 //!
-//! `<data>` is [`data_folder`]. A program that brings its own files says so with [`set_library`], [`set_folder`] and
-//! [`set_fix`], before it makes an environment.
+//! `<data>` is [`data_folder`]. Its files must be those that were published (`published`). A program that brings its own files
+//! says so with [`set_library`], [`set_folder`] and [`set_fix`], before it makes an environment.
+
+mod hashes;
+mod published;
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::{PoisonError, RwLock};
 
+pub(crate) use self::published::{FETCH, MANIPULATION, MAZES, SUITE, library_sha256, made_from};
+use self::published::{FileSet, LIBRARY_SHA256};
 use crate::error::MujocoError;
 
 /// The pinned version of MuJoCo: trajectories differ between versions.
@@ -45,8 +50,8 @@ struct Chosen {
     library: Option<PathBuf>,
     folder: Option<PathBuf>,
     fix: Option<String>,
-    /// The library that the process has loaded.
-    loaded: Option<PathBuf>,
+    /// The library that the process has loaded, and its SHA-256.
+    loaded: Option<(PathBuf, String)>,
 }
 
 static CHOSEN: RwLock<Chosen> = RwLock::new(Chosen { library: None, folder: None, fix: None, loaded: None });
@@ -67,7 +72,7 @@ fn choose<T>(write: impl FnOnce(&mut Chosen) -> T) -> T {
 pub fn set_library(path: impl Into<PathBuf>) -> Result<(), MujocoError> {
     let path = path.into();
     choose(|chosen| match &chosen.loaded {
-        Some(loaded) if *loaded != path => Err(MujocoError::Loaded { path: loaded.clone() }),
+        Some((loaded, _)) if *loaded != path => Err(MujocoError::Loaded { path: loaded.clone() }),
         _ => {
             chosen.library = Some(path);
             Ok(())
@@ -93,8 +98,20 @@ pub(crate) fn fix(or: &str) -> String {
 }
 
 /// Remembers which library the process has loaded.
-pub(crate) fn set_loaded(path: &Path) {
-    choose(|chosen| chosen.loaded = Some(path.to_owned()));
+pub(crate) fn set_loaded(path: &Path, sha256: String) {
+    choose(|chosen| chosen.loaded = Some((path.to_owned(), sha256)));
+}
+
+/// The SHA-256 of the library that the process has loaded; `None` before the first environment.
+pub fn loaded_sha256() -> Option<String> {
+    chosen(|chosen| chosen.loaded.as_ref().map(|(_, sha256)| sha256.clone()))
+}
+
+/// What the SHA-256 of the library at `path` must be: that of the published one in the data folder, anything elsewhere, for
+/// there the user or the program chose it.
+pub fn expected_library(path: &Path) -> Option<&'static str> {
+    let ours = known_data_folder().ok()?.join("mujoco").join(MUJOCO_VERSION).join(LIBRARY_FILE);
+    LIBRARY_SHA256.filter(|_| path == ours)
 }
 
 /// The data folder: what [`set_folder`] says, else `$SWM_HOME`, else `stable-worldmodel` where the system keeps the data of programs: `$XDG_DATA_HOME`
@@ -139,9 +156,10 @@ pub fn library_path() -> Result<PathBuf, MujocoError> {
 ///
 /// # Errors
 ///
-/// [`MujocoError::NoAsset`]: the file is missing; [`MujocoError::NoLibrary`]: nothing says where the data folder is.
+/// [`MujocoError::NoAsset`]: a file is missing; [`MujocoError::Altered`]: one is not as it was published;
+/// [`MujocoError::NoLibrary`]: nothing says where the data folder is.
 pub fn suite_model(name: &str) -> Result<PathBuf, MujocoError> {
-    present(known_data_folder()?.join("dm_control").join(DM_CONTROL_VERSION).join("suite").join(name))
+    model(SUITE, &format!("dm_control/{DM_CONTROL_VERSION}/suite/{name}"))
 }
 
 /// A model of OGBench's manipulation environments: `robotiq_2f85/2f85.xml`.
@@ -150,7 +168,7 @@ pub fn suite_model(name: &str) -> Result<PathBuf, MujocoError> {
 ///
 /// As of [`suite_model`].
 pub fn manipulation_model(name: &str) -> Result<PathBuf, MujocoError> {
-    ogbench_model("manipspace", name)
+    model(MANIPULATION, &format!("ogbench/{OGBENCH_VERSION}/manipspace/{name}"))
 }
 
 /// A body of OGBench's mazes: `ant.xml`.
@@ -159,7 +177,7 @@ pub fn manipulation_model(name: &str) -> Result<PathBuf, MujocoError> {
 ///
 /// As of [`suite_model`].
 pub fn maze_model(name: &str) -> Result<PathBuf, MujocoError> {
-    ogbench_model("locomaze", name)
+    model(MAZES, &format!("ogbench/{OGBENCH_VERSION}/locomaze/{name}"))
 }
 
 /// A model of the Fetch environments: `push.xml`.
@@ -168,16 +186,18 @@ pub fn maze_model(name: &str) -> Result<PathBuf, MujocoError> {
 ///
 /// As of [`suite_model`].
 pub fn fetch_model(name: &str) -> Result<PathBuf, MujocoError> {
-    let folder = known_data_folder()?.join("gymnasium_robotics").join(GYMNASIUM_ROBOTICS_VERSION);
-    present(folder.join("fetch").join(name))
+    model(FETCH, &format!("gymnasium_robotics/{GYMNASIUM_ROBOTICS_VERSION}/fetch/{name}"))
 }
 
-fn ogbench_model(folder: &str, name: &str) -> Result<PathBuf, MujocoError> {
-    present(known_data_folder()?.join("ogbench").join(OGBENCH_VERSION).join(folder).join(name))
-}
-
-fn present(path: PathBuf) -> Result<PathBuf, MujocoError> {
-    if path.is_file() { Ok(path) } else { Err(MujocoError::NoAsset { path }) }
+/// A file of a set, once all of the set were compared.
+fn model(files: FileSet, name: &str) -> Result<PathBuf, MujocoError> {
+    let home = known_data_folder()?;
+    let path = home.join(name);
+    if !path.is_file() {
+        return Err(MujocoError::NoAsset { path });
+    }
+    files.check(&home)?;
+    Ok(path)
 }
 
 fn known_data_folder() -> Result<PathBuf, MujocoError> {
