@@ -49,4 +49,4 @@ pub use seed::EpisodeSeed;
 pub use settings::Settings;
 pub use space::Space;
 pub use success::SuccessRule;
-pub use world::{Run, World};
+pub use world::{Run, SavedSlot, World};

@@ -243,3 +243,37 @@ fn a_cancelled_run_keeps_what_it_committed() {
     stopped.cancel();
     assert!(matches!(world.evaluate(&rollout.cancel(stopped)), Err(WorldError::Cancelled)));
 }
+
+#[test]
+fn a_slot_goes_back_and_the_same_actions_give_the_same_bits() {
+    let mut world = world(2, 1);
+    world.reset(3, &ResetOptions::default()).unwrap();
+    let step = |world: &mut World, action: f32| world.step_with(Slice::F32(&[action; 2])).unwrap();
+    (0..3).for_each(|_| step(&mut world, 0.5));
+    let saved = world.save_slot(0).unwrap();
+    assert_eq!(saved.step(), Some(3));
+    let row = |world: &World, slot: usize| {
+        let row = world.infos().row(slot);
+        (
+            row.get::<f64>("state").unwrap().to_vec(),
+            row.get::<f64>("reward").unwrap()[0].to_bits(),
+            world.episode(slot),
+        )
+    };
+    let there = row(&world, 0);
+    // To the end of the episode, and back.
+    let mut first = Vec::new();
+    for index in 0..6 {
+        step(&mut world, 0.1 * index as f32);
+        first.push(row(&world, 0));
+    }
+    let other = row(&world, 1);
+    world.restore_slot(0, &saved).unwrap();
+    assert_eq!((row(&world, 0), row(&world, 1)), (there, other));
+    for (index, expected) in first.iter().enumerate() {
+        world.step_slots(&[true, false], Slice::F32(&[0.1 * index as f32; 2])).unwrap();
+        assert_eq!(row(&world, 0), *expected, "step {index}");
+    }
+    assert!(world.restore_slot(2, &saved).unwrap_err().to_string().contains("no slot 2"));
+    assert!(world.save_slot(2).is_err());
+}

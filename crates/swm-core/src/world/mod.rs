@@ -5,11 +5,12 @@
 mod fields;
 mod phases;
 mod run;
+mod saved;
 
 use std::sync::Arc;
 
 use crate::batch::{Batch, Column, Field, Schema, Slice};
-use crate::env::{EnvSpec, ResetOptions, VARIATION_PREFIX};
+use crate::env::{EnvSpec, Place, ResetOptions, VARIATION_PREFIX};
 use crate::error::{BatchError, PolicyError, WorldError};
 use crate::policy::{Actions, Policy, View};
 use crate::registry::{EnvEntry, PolicyContext};
@@ -19,6 +20,7 @@ use crate::threads::{Pace, Threads};
 use crate::view::{Frames, Transform};
 
 pub use run::Run;
+pub use saved::SavedSlot;
 
 use fields::CommonFields;
 use phases::{OptionsOf, ResetRules, StepRules};
@@ -154,6 +156,22 @@ impl World {
     /// If there is no such slot.
     pub fn episode(&self, slot: usize) -> Option<EpisodeEnd> {
         self.slots[slot].progress.as_ref().map(Progress::summary)
+    }
+
+    /// Where the things that move are in a slot's image: see [`Env::places`](crate::Env::places).
+    ///
+    /// # Panics
+    /// If there is no such slot.
+    pub fn places(&self, slot: usize) -> Vec<Place> {
+        self.slots[slot].env.places()
+    }
+
+    /// How far a slot's task is from done: see [`Env::task_cost`](crate::Env::task_cost).
+    ///
+    /// # Panics
+    /// If there is no such slot.
+    pub fn task_cost(&self, slot: usize) -> Option<f64> {
+        self.slots[slot].env.task_cost()
     }
 
     /// Attaches the policy that `step` and `run` ask for actions. Its own fields, if it has any, become the last of
