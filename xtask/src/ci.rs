@@ -8,7 +8,9 @@ use anyhow::{Result, bail};
 use clap::builder::PossibleValuesParser;
 
 use crate::metadata::Metadata;
-use crate::{apart, book, demo, deny, interop, plugin, process, release, setup, sizes, test, tidy, wheel};
+use crate::{
+    apart, book, demo, deny, interop, plugin, process, release, setup, sizes, test, tidy, ui, wheel,
+};
 
 /// Options of `cargo xtask ci`.
 #[derive(clap::Args)]
@@ -65,6 +67,11 @@ const STEPS: &[Step] = &[
         run: || cargo("test --package swm-benches --benches"),
     },
     Step { name: "wheel", about: "the Python package as a wheel, and its tests", run: wheel::check },
+    Step {
+        name: "ui",
+        about: "the page of `swm ui` is what its sources build, and works in a browser",
+        run: || ui::run(&ui::Args::default()),
+    },
     Step { name: "demo", about: "the main job, in a short form", run: short_demo },
     Step {
         name: "plugin",

@@ -27,6 +27,7 @@ mod setup;
 mod sizes;
 mod test;
 mod tidy;
+mod ui;
 mod wheel;
 
 use std::process::ExitCode;
@@ -87,6 +88,8 @@ enum Command {
     ReferenceTests(reference_tests::Args),
     /// Check the rules of the architecture and of the sources
     Tidy(tidy::Args),
+    /// Build the page of `swm ui` again, compare it, and open it in a headless Chromium
+    Ui(ui::Args),
     /// List the public types that break a downstream crate when they get a field or a variant
     Api(api::Args),
     /// Check the licenses and origins of all dependencies against deny.toml
@@ -112,6 +115,7 @@ fn main() -> ExitCode {
         Command::Wheel(args) => wheel::run(&args),
         Command::ReferenceTests(args) => reference_tests::run(&args),
         Command::Tidy(args) => tidy::run(&args),
+        Command::Ui(args) => ui::run(&args),
         Command::Api(args) => api::run(&args),
         Command::Deny(args) => deny::run(&args),
     };

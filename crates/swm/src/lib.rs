@@ -49,6 +49,8 @@ pub use swm_media as media;
 pub use swm_onnx as onnx;
 pub use swm_render as render;
 pub use swm_solvers as solvers;
+#[cfg(feature = "ui")]
+pub use swm_ui as ui;
 
 use swm_core::Registry;
 

@@ -16,6 +16,7 @@ const PHYSICS_2D: &str = "rapier2d-f64";
 const PHYSICS_3D: &str = "rapier3d-f64";
 const VIDEOS: &str = "openh264";
 const SHELL: &str = "clap";
+const WEB: &str = "axum";
 
 /// What the lowest crates keep out: all of it, and images.
 const ALL_HEAVY: &[&str] = &[
@@ -135,6 +136,22 @@ const NEVER: &[(&str, &[&str])] = &[
             SHELL,
         ],
     ),
+    (
+        "swm-ui",
+        &[
+            "swm-solvers",
+            TENSORS,
+            LANCE,
+            MATRICES,
+            MUJOCO,
+            ONNX,
+            PARQUET,
+            PHYSICS_2D,
+            PHYSICS_3D,
+            VIDEOS,
+            SHELL,
+        ],
+    ),
     ("swm-baselines", &[LANCE, MUJOCO, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D, SHELL]),
 ];
 
@@ -151,6 +168,7 @@ const ONLY_WITH: &[(&str, &str)] = &[
     ("onnx", ONNX),
     ("rapier", PHYSICS_2D),
     ("rapier", PHYSICS_3D),
+    ("ui", WEB),
 ];
 
 /// Features that turn on another one.

@@ -37,6 +37,8 @@ mod submit;
 mod sweep;
 mod task;
 mod train;
+#[cfg(feature = "ui")]
+mod ui;
 mod verify;
 mod verify_result;
 mod version;
@@ -104,6 +106,8 @@ enum Command {
     Solvers(solvers::Solvers),
     Render(render::Render),
     Bench(bench::Bench),
+    #[cfg(feature = "ui")]
+    Ui(ui::Ui),
     Doctor(doctor::Doctor),
     NewEnv(new_env::NewEnv),
     Man(man::Man),
@@ -180,6 +184,8 @@ fn run_command(registry: &Registry, command: Command, output: &Output) -> Result
         Command::Solvers(command) => command.run(registry, output),
         Command::Render(command) => command.run(registry, output),
         Command::Bench(command) => command.run(registry, output),
+        #[cfg(feature = "ui")]
+        Command::Ui(command) => command.run(registry, output),
         Command::Doctor(command) => command.run(registry, output),
         Command::NewEnv(command) => command.run(output),
         Command::Man(command) => command.run(),

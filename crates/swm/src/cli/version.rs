@@ -37,6 +37,7 @@ fn features() -> Vec<&'static str> {
         ("mujoco", cfg!(feature = "mujoco")),
         ("onnx", cfg!(feature = "onnx")),
         ("rapier", cfg!(feature = "rapier")),
+        ("ui", cfg!(feature = "ui")),
     ]
     .into_iter()
     .filter_map(|(name, built)| built.then_some(name))

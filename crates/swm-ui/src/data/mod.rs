@@ -1,0 +1,161 @@
+//! Datasets: what they hold, their episodes by filter, images, values of an episode, samples of columns.
+
+mod image;
+mod opened;
+mod query;
+mod sample;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use axum::extract::{Query, State};
+use axum::http::header;
+use axum::response::{IntoResponse as _, Response};
+use serde::Deserialize;
+use serde_json::{Value as Json, json};
+
+use crate::error::{Answer, Refusal, json};
+use crate::play::catalog::column;
+use crate::server::App;
+
+use opened::Opened;
+pub(crate) use opened::Store;
+use query::Filter;
+
+/// Does work that takes its time on a thread for it.
+pub(crate) async fn blocking(work: impl FnOnce() -> Answer + Send + 'static) -> Answer {
+    match tokio::task::spawn_blocking(work).await {
+        Ok(answer) => answer,
+        Err(_) => Err(Refusal::new(
+            axum::http::StatusCode::INTERNAL_SERVER_ERROR,
+            "the request failed within the server, which is a bug",
+        )),
+    }
+}
+
+/// Opens the dataset, and works on it.
+async fn with(app: Arc<App>, id: String, work: impl FnOnce(&Opened) -> Answer + Send + 'static) -> Answer {
+    blocking(move || {
+        let path = app.roots.resolve(&id)?;
+        work(app.store.open(&path)?.as_ref())
+    })
+    .await
+}
+
+#[derive(Deserialize)]
+pub(crate) struct Named {
+    id: String,
+}
+
+/// Columns, runs and sizes.
+pub(crate) async fn about(State(app): State<Arc<App>>, Query(Named { id }): Query<Named>) -> Answer {
+    with(app, id, |opened| {
+        let info = opened.info();
+        let steps: usize = info.lengths.iter().sum();
+        let runs = info.runs.iter().map(|(first, run)| json!({ "first_episode": first, "run": run }));
+        let skipped = info.skipped.iter().map(|(name, reason)| json!({ "name": name, "reason": reason }));
+        json(&json!({
+            "path": info.path.display().to_string(),
+            "format": info.format,
+            "episodes": info.lengths.len(),
+            "steps": steps,
+            "shortest": info.lengths.iter().min(),
+            "longest": info.lengths.iter().max(),
+            "columns": info.schema.fields().iter().map(column).collect::<Vec<_>>(),
+            "images": opened.image_columns(),
+            "can_render": opened.can_render(),
+            "runs": runs.collect::<Vec<_>>(),
+            "skipped": skipped.collect::<Vec<_>>(),
+        }))
+    })
+    .await
+}
+
+#[derive(Deserialize)]
+pub(crate) struct Episodes {
+    id: String,
+    #[serde(default)]
+    first: usize,
+    #[serde(default = "page")]
+    count: usize,
+    #[serde(flatten)]
+    filter: Filter,
+}
+
+fn page() -> usize {
+    48
+}
+
+/// Episodes that pass a filter, with length, return and success, a page at a time.
+pub(crate) async fn episodes(State(app): State<Arc<App>>, Query(asked): Query<Episodes>) -> Answer {
+    let Episodes { id, first, count, filter } = asked;
+    with(app, id, move |opened| {
+        let (matching, known) = query::matching(opened, &filter)?;
+        let shown = matching.iter().skip(first).take(count.min(500));
+        let shown = shown.map(|&episode| query::summary(opened, episode)).collect::<Result<Vec<_>, _>>()?;
+        json(&json!({ "matching": matching.len(), "known": known, "of": opened.info().lengths.len(), "episodes": shown }))
+    })
+    .await
+}
+
+#[derive(Deserialize)]
+pub(crate) struct Image {
+    id: String,
+    episode: usize,
+    step: usize,
+    #[serde(default)]
+    column: Option<String>,
+    /// Side of an image that is rendered, because the recording has none or with other factors.
+    #[serde(default)]
+    render: Option<usize>,
+    /// Factors in place of the recorded ones, as a JSON object.
+    #[serde(default)]
+    set: Option<String>,
+}
+
+/// One image as PNG.
+pub(crate) async fn image(State(app): State<Arc<App>>, Query(asked): Query<Image>) -> Answer {
+    let registry = app.registry.clone();
+    with(app, asked.id.clone(), move |opened| {
+        let Image { episode, step, column, render, set, .. } = asked;
+        let factors: BTreeMap<String, Json> = serde_json::from_str(set.as_deref().unwrap_or("{}"))?;
+        let png = match render {
+            Some(side) => image::rendered(opened, &registry, side, &factors, episode, step)?,
+            None => image::stored(opened, column.as_deref(), episode, step)?,
+        };
+        Ok(png_answer(png))
+    })
+    .await
+}
+
+fn png_answer(png: Vec<u8>) -> Response {
+    ([(header::CONTENT_TYPE, "image/png")], png).into_response()
+}
+
+#[derive(Deserialize)]
+pub(crate) struct Values {
+    id: String,
+    episode: usize,
+}
+
+/// The values of all columns of an episode, images apart.
+pub(crate) async fn values(
+    State(app): State<Arc<App>>,
+    Query(Values { id, episode }): Query<Values>,
+) -> Answer {
+    with(app, id, move |opened| json(&sample::episode(opened, episode)?)).await
+}
+
+#[derive(Deserialize)]
+pub(crate) struct Sample {
+    id: String,
+    column: String,
+}
+
+/// Values of a column from all over the dataset, for histograms and coverage.
+pub(crate) async fn sample(
+    State(app): State<Arc<App>>,
+    Query(Sample { id, column }): Query<Sample>,
+) -> Answer {
+    with(app, id, move |opened| json(&sample::column(opened, &column)?)).await
+}

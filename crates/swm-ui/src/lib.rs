@@ -1,0 +1,28 @@
+//! `swm ui`: one local web page that steers and records environments, and shows datasets and results.
+//!
+//! [`Server::bind`] takes a port of the loopback interface, [`Server::url`] is the address with its one-time token, and
+//! [`Server::run`] serves until it is stopped or nobody has looked for a while. The page drives a `World` from outside
+//! and adds no loop of its own (design page 16); its assets are part of the program.
+//!
+//! | module | duty |
+//! |---|---|
+//! | `guard` | token, cookie, `Host`, `Origin`, content security policy |
+//! | `roots` | which files may be read and written |
+//! | `play` | a WebSocket per live environment, and the thread that steps it |
+//! | `data` | datasets: episodes, images, values, samples |
+//! | `results` | receipts, manifests, sweeps, training curves |
+//! | `server` | routes, limits, the idle stop |
+//!
+//! What is deliberately absent: environments, numerics, a file format, and any state that is not in files.
+
+mod assets;
+mod data;
+mod error;
+mod guard;
+mod play;
+mod results;
+mod roots;
+mod server;
+
+pub use error::UiError;
+pub use server::{Options, Server, serve};

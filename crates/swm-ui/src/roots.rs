@@ -1,0 +1,272 @@
+//! Which files may be read and written: those below the paths that the user gave, wherever links lead.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Component, Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::SystemTime;
+
+use serde::Serialize;
+use serde_json::Value as Json;
+use swm_core::{PolicyArgs, Registry};
+
+use crate::error::{Refusal, UiError};
+
+/// The paths that are shown, and the folder that is recorded into.
+pub(crate) struct Roots {
+    shown: Vec<PathBuf>,
+    save: Option<PathBuf>,
+    /// What was found at a path, until its size or time changes: lists are asked for every few seconds.
+    kinds: Mutex<HashMap<PathBuf, (Stamp, Option<Known>)>>,
+}
+
+type Stamp = (u64, Option<SystemTime>);
+type Known = (Kind, Option<&'static str>);
+
+/// Something to look at.
+#[derive(Debug, Serialize)]
+pub(crate) struct Found {
+    /// What requests name it by: the number of its root, and the path below it.
+    pub id: String,
+    /// As the user wrote the path.
+    pub name: String,
+    pub kind: Kind,
+    /// Of a dataset.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub format: Option<&'static str>,
+    pub bytes: u64,
+}
+
+/// What is at a path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Kind {
+    Dataset,
+    Manifest,
+    Receipt,
+    Sweep,
+    Evaluation,
+    Training,
+}
+
+/// So deep are folders searched…
+const MAX_DEPTH: usize = 5;
+/// …and so many entries of them looked at: a folder of a million files must not hold the page up.
+const MAX_ENTRIES: usize = 20_000;
+/// Files of results above this size are no results.
+pub(crate) const MAX_RESULT_BYTES: u64 = 64 << 20;
+
+impl Roots {
+    /// `shown` and `save` exist, or the error says which does not; `save` is made.
+    pub(crate) fn new(shown: &[PathBuf], save: Option<&Path>) -> Result<Self, UiError> {
+        let real = |path: &PathBuf| {
+            fs::canonicalize(path).map_err(|source| UiError::Path { path: path.clone(), source })
+        };
+        let shown = shown.iter().map(real).collect::<Result<_, _>>()?;
+        let make = |path: &Path| {
+            let made = fs::create_dir_all(path).and_then(|()| fs::canonicalize(path));
+            made.map_err(|source| UiError::Save { path: path.to_owned(), source })
+        };
+        Ok(Self { shown, save: save.map(make).transpose()?, kinds: Mutex::default() })
+    }
+
+    fn all(&self) -> impl Iterator<Item = &PathBuf> {
+        self.shown.iter().chain(&self.save)
+    }
+
+    /// The file or folder that an id stands for.
+    ///
+    /// # Errors
+    ///
+    /// It is not below a root, or not there.
+    pub(crate) fn resolve(&self, id: &str) -> Result<PathBuf, Refusal> {
+        let outside =
+            || Refusal::forbidden(format!("`{id}` is outside of the paths that `swm ui` was given"));
+        let (root, rest) = id.split_once('/').unwrap_or((id, ""));
+        let root = root.parse::<usize>().ok().and_then(|root| self.all().nth(root)).ok_or_else(outside)?;
+        let below = Path::new(rest);
+        if !below.components().all(|part| matches!(part, Component::Normal(_))) {
+            return Err(outside());
+        }
+        let path = if rest.is_empty() { root.clone() } else { root.join(below) };
+        // Links are followed, and what they lead to must lie below a root, too.
+        let real = fs::canonicalize(&path).map_err(|error| Refusal::bad(format!("`{id}`: {error}")))?;
+        if self.holds(&real) { Ok(real) } else { Err(outside()) }
+    }
+
+    /// Whether a path, links resolved, is below a root.
+    fn holds(&self, real: &Path) -> bool {
+        self.all().any(|root| real.starts_with(root))
+    }
+
+    /// Refuses arguments of policies and environments that name files elsewhere.
+    ///
+    /// # Errors
+    ///
+    /// Such an argument.
+    pub(crate) fn check_text(&self, text: &str) -> Result<(), Refusal> {
+        let path = Path::new(text);
+        let is_path = text.contains(['/', '\\']) || text.starts_with('@') || path.exists();
+        match fs::canonicalize(path) {
+            _ if !is_path => Ok(()),
+            Ok(real) if self.holds(&real) => Ok(()),
+            _ => {
+                let fix = "give that path to `swm ui` as well";
+                Err(Refusal::forbidden(format!(
+                    "`{text}` is outside of the paths that `swm ui` was given; {fix}"
+                )))
+            }
+        }
+    }
+
+    /// As [`Roots::check_text`], for every text of a policy's arguments.
+    pub(crate) fn check_policy(&self, args: &PolicyArgs) -> Result<(), Refusal> {
+        args.named.values().chain(&args.positional).try_for_each(|value| self.check_json(value))
+    }
+
+    /// As [`Roots::check_text`], for every text within a setting.
+    pub(crate) fn check_json(&self, value: &Json) -> Result<(), Refusal> {
+        match value {
+            Json::String(text) => self.check_text(text),
+            Json::Array(items) => items.iter().try_for_each(|item| self.check_json(item)),
+            Json::Object(map) => map.values().try_for_each(|item| self.check_json(item)),
+            _ => Ok(()),
+        }
+    }
+
+    /// The file of this name in the folder for recordings.
+    ///
+    /// # Errors
+    ///
+    /// There is no such folder; the name is no plain file name; what is there is a link.
+    pub(crate) fn writable(&self, name: &str) -> Result<PathBuf, Refusal> {
+        let Some(save) = &self.save else {
+            return Err(Refusal::forbidden(
+                "nothing is written: start `swm ui --save FOLDER` to record into that folder",
+            ));
+        };
+        let is_plain = !name.is_empty()
+            && name.len() <= 128
+            && !name.starts_with('.')
+            && name.chars().all(|c| c.is_alphanumeric() || "._- ".contains(c));
+        if !is_plain {
+            return Err(Refusal::bad(format!(
+                "`{name}` is no file name; use letters, digits, `.`, `_` and `-`"
+            )));
+        }
+        let path = save.join(name);
+        match fs::symlink_metadata(&path) {
+            Ok(there) if there.is_symlink() => {
+                Err(Refusal::forbidden(format!("`{name}` is a link, which is not followed")))
+            }
+            _ => Ok(path),
+        }
+    }
+
+    /// The id of a file in the folder for recordings.
+    pub(crate) fn saved_id(&self, name: &str) -> String {
+        format!("{}/{name}", self.shown.len())
+    }
+
+    /// The folder for recordings, as a name for people.
+    pub(crate) fn save_folder(&self) -> Option<String> {
+        self.save.as_ref().map(|path| path.display().to_string())
+    }
+
+    /// Everything below the roots that there is a view for, by name.
+    pub(crate) fn list(&self, registry: &Registry) -> Vec<Found> {
+        let (mut found, mut left) = (Vec::new(), MAX_ENTRIES);
+        for (index, root) in self.all().enumerate() {
+            let is_covered = self.all().take(index).any(|other| root.starts_with(other));
+            if !is_covered {
+                self.walk(registry, root, index.to_string(), MAX_DEPTH, &mut left, &mut found);
+            }
+        }
+        found.sort_by(|a, b| a.name.cmp(&b.name));
+        found
+    }
+
+    fn walk(
+        &self,
+        registry: &Registry,
+        path: &Path,
+        id: String,
+        depth: usize,
+        left: &mut usize,
+        found: &mut Vec<Found>,
+    ) {
+        if *left == 0 || !self.resolve(&id).is_ok_and(|real| real == path) {
+            return;
+        }
+        *left -= 1;
+        let Ok(there) = fs::metadata(path) else { return };
+        let bytes = there.len();
+        if let Some((kind, format)) = self.known_kind(registry, path, (bytes, there.modified().ok())) {
+            found.push(Found { id, name: path.display().to_string(), kind, format, bytes });
+            return;
+        }
+        let entries = fs::read_dir(path).ok().filter(|_| depth > 0);
+        for entry in entries.into_iter().flatten().flatten() {
+            let name = entry.file_name();
+            let Some(name) = name.to_str().filter(|name| !name.starts_with('.')) else { continue };
+            self.walk(registry, &entry.path(), format!("{id}/{name}"), depth - 1, left, found);
+        }
+    }
+
+    fn known_kind(&self, registry: &Registry, path: &Path, stamp: Stamp) -> Option<Known> {
+        let kinds = || self.kinds.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((known, kind)) = kinds().get(path)
+            && *known == stamp
+        {
+            return *kind;
+        }
+        let kind = kind_of(registry, path);
+        kinds().insert(path.to_owned(), (stamp, kind));
+        kind
+    }
+}
+
+/// What there is a view for at a path.
+pub(crate) fn kind_of(registry: &Registry, path: &Path) -> Option<Known> {
+    if path.is_dir() {
+        if path.join("metrics.jsonl").is_file() {
+            return Some((Kind::Training, None));
+        }
+        return swm_data::format::detect(registry, path).map(|format| (Kind::Dataset, Some(format.name)));
+    }
+    let extension = path.extension()?.to_str()?;
+    match extension {
+        "json" | "toml" => Some((result_kind(&read_result(path).ok()?)?, None)),
+        "jsonl" | "md" | "txt" | "png" | "gif" | "html" | "svg" | "lock" | "safetensors" => None,
+        _ => swm_data::format::detect(registry, path).map(|format| (Kind::Dataset, Some(format.name))),
+    }
+}
+
+fn result_kind(json: &Json) -> Option<Kind> {
+    let has = |key: &str| json.get(key).is_some();
+    match () {
+        () if has("receipt") && has("episodes") => Some(Kind::Receipt),
+        () if has("sweep") && has("cells") => Some(Kind::Sweep),
+        () if has("pairs") && has("budget") => Some(Kind::Manifest),
+        () if has("success_rate") && has("episodes") => Some(Kind::Evaluation),
+        () => None,
+    }
+}
+
+/// A file of results: JSON, or TOML by its extension.
+pub(crate) fn read_result(path: &Path) -> Result<Json, Refusal> {
+    let bytes = fs::metadata(path)?.len();
+    if bytes > MAX_RESULT_BYTES {
+        let limit = MAX_RESULT_BYTES >> 20;
+        return Err(Refusal::bad(format!(
+            "{} has {} MB, results have up to {limit}",
+            path.display(),
+            bytes >> 20
+        )));
+    }
+    let text = fs::read_to_string(path)?;
+    match path.extension().is_some_and(|extension| extension == "toml") {
+        true => Ok(toml::from_str(&text)?),
+        false => Ok(serde_json::from_str(&text)?),
+    }
+}

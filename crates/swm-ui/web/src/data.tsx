@@ -1,0 +1,288 @@
+// Data: a dataset, or two side by side: episodes, player, distributions.
+
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
+import { type Dataset, type Env, type Episodes, type File, url, type Values } from "./api";
+import { Coverage, Histograms } from "./distribution";
+import { Factors, type Scenario } from "./factors";
+import { Button, CommandLine, Field, Notice, Panel, csv, download, number, quoted, useGet } from "./kit";
+import { Plot } from "./plot";
+
+export function Data({ query }: { query: URLSearchParams }) {
+  const files = useGet<{ files: File[] }>("files", {}, 5000);
+  const datasets = files.value?.files.filter((file) => file.kind === "dataset") ?? [];
+  const id = query.get("id") ?? datasets[0]?.id ?? null;
+  const other = query.get("beside");
+  const go = (next: Record<string, string | null>) => {
+    const to = new URLSearchParams(Object.entries({ id, beside: other, ...next }).filter((pair): pair is [string, string] => !!pair[1]));
+    location.hash = `#data?${to}`;
+  };
+  if (files.value && datasets.length === 0) {
+    return <Panel title="No datasets"><p>Start <code>swm ui PATH</code> with a dataset, or a folder that holds some. To record one: <code>swm collect swm/PushT-v1 --policy expert --episodes 20 --out pusht.h5</code>.</p></Panel>;
+  }
+  const choice = (value: string | null, label: string, key: string, none?: string) => (
+    <Field label={label}>
+      <select value={value ?? ""} onChange={(event) => go({ [key]: event.currentTarget.value })}>
+        {none && <option value="">{none}</option>}
+        {datasets.map((file) => <option key={file.id} value={file.id}>{short(file.name)} ({file.format})</option>)}
+      </select>
+    </Field>
+  );
+  return (
+    <div class="data">
+      <Notice text={files.error} />
+      <div class="choice wide">{choice(id, "Dataset", "id")}{choice(other, "Side by side with", "beside", "–")}</div>
+      <div class={other ? "panes two" : "panes"}>
+        {id && <Pane key={id} id={id} />}
+        {other && <Pane key={"b" + other} id={other} />}
+      </div>
+    </div>
+  );
+}
+
+function short(name: string): string {
+  return name.split("/").slice(-2).join("/");
+}
+
+function Pane({ id }: { id: string }) {
+  // A dataset that is being recorded grows.
+  const about = useGet<Dataset>("data", { id }, 2000);
+  const [tab, setTab] = useState<"episodes" | "distributions" | "about">("episodes");
+  const [episode, setEpisode] = useState<number | null>(null);
+  const data = about.value;
+  if (!data) return <div><Notice text={about.error} /></div>;
+  return (
+    <div class="pane">
+      <Notice text={about.error} />
+      <div class="facts">
+        <b title={data.path}>{short(data.path)}</b>
+        <span>{data.format}</span><span>{number(data.episodes)} episodes</span><span>{number(data.steps)} steps</span>
+        <span>{data.shortest}–{data.longest} per episode</span>
+        {data.runs[0] && <span>{data.runs[0].run.env}</span>}
+      </div>
+      <div class="tabs" role="tablist">
+        {(["episodes", "distributions", "about"] as const).map((name) => (
+          <button key={name} type="button" role="tab" aria-selected={tab === name} onClick={() => setTab(name)}>{name}</button>
+        ))}
+      </div>
+      {tab === "episodes" && (episode === null
+        ? <Grid id={id} data={data} onOpen={setEpisode} />
+        : <Player id={id} data={data} episode={episode} onMove={setEpisode} onClose={() => setEpisode(null)} />)}
+      {tab === "distributions" && <Distributions id={id} data={data} />}
+      {tab === "about" && <AboutData data={data} />}
+    </div>
+  );
+}
+
+function imageUrl(id: string, data: Dataset, episode: number, step: number, side: number, set?: Record<string, unknown>): string | null {
+  const isChanged = set && Object.keys(set).length > 0;
+  if (data.images.length > 0 && !isChanged) return url("data/image", { id, episode, step });
+  if (!data.can_render) return null;
+  return url("data/image", { id, episode, step, render: side, set: isChanged ? JSON.stringify(set) : null });
+}
+
+const PAGE = 48;
+
+function Grid({ id, data, onOpen }: { id: string; data: Dataset; onOpen: (episode: number) => void }) {
+  const [filter, setFilter] = useState<Record<string, string>>({});
+  const [first, setFirst] = useState(0);
+  const [pending, setPending] = useState(false);
+  const found = useGet<Episodes>("data/episodes", { id, first, count: PAGE, grown: data.episodes, ...filter }, pending ? 300 : 0);
+  const list = found.value;
+  useEffect(() => setPending(!!list && list.known < list.of), [list]);
+  const change = (next: Record<string, string>) => {
+    setFirst(0);
+    setFilter(Object.fromEntries(Object.entries({ ...filter, ...next }).filter(([, value]) => value !== "")));
+  };
+  const constants = data.columns.filter((column) => column.kind === "episode" && column.dtype !== "string" && column.shape.length < 2);
+  const bound = (name: string, label: string) => (
+    <input type="number" step="any" placeholder={label} aria-label={`${name} ${label}`} value={filter[name] ?? ""} onChange={(event) => change({ [name]: event.currentTarget.value })} />
+  );
+  return (
+    <>
+      <div class="filters">
+        <Field label="Success"><select value={filter.success ?? ""} onChange={(event) => change({ success: event.currentTarget.value })}><option value="">any</option><option value="true">yes</option><option value="false">no</option></select></Field>
+        <Field label="Length"><span class="range">{bound("min_length", "min")}{bound("max_length", "max")}</span></Field>
+        <Field label="Return"><span class="range">{bound("min_return", "min")}{bound("max_return", "max")}</span></Field>
+        <Field label="Factor">
+          <select value={filter.factor ?? ""} onChange={(event) => change({ factor: event.currentTarget.value })}>
+            <option value="">–</option>
+            {constants.flatMap((column) => {
+              const size = column.shape[0] ?? 1;
+              return Array.from({ length: Math.min(size, 8) }, (_, i) => (size === 1 ? column.name : `${column.name}[${i}]`));
+            }).map((name) => <option key={name} value={name}>{name.replace("variation.", "")}</option>)}
+          </select>
+        </Field>
+        {filter.factor && <Field label="between"><span class="range">{bound("min_factor", "min")}{bound("max_factor", "max")}</span></Field>}
+        <Field label="Order">
+          <select value={filter.sort ?? ""} onChange={(event) => change({ sort: event.currentTarget.value })}>
+            <option value="">as recorded</option><option value="length">shortest</option><option value="-length">longest</option>
+            <option value="-return">highest return</option><option value="return">lowest return</option>
+          </select>
+        </Field>
+      </div>
+      <Notice text={found.error} />
+      {list && (
+        <>
+          <p class="muted">{number(list.matching)} of {number(list.of)} episodes{list.known < list.of ? `; ${number(list.known)} read so far` : ""}</p>
+          <div class="thumbs">
+            {list.episodes.map((episode) => {
+              const src = imageUrl(id, data, episode.episode, Math.max(0, Math.floor((episode.length - 1) * 0.75)), 96);
+              return (
+                <button type="button" key={episode.episode} onClick={() => onOpen(episode.episode)} class="thumb">
+                  {src ? <img src={src} loading="lazy" alt={`Episode ${episode.episode}`} width="96" height="96" /> : <span class="blank">no image</span>}
+                  <span><b>{episode.episode}</b>{episode.success !== null && <i class={episode.success ? "ok" : "no"}>{episode.success ? "success" : "no success"}</i>}</span>
+                  <small>{episode.length} steps{episode.total_reward !== null && ` · ${number(episode.total_reward, 3)}`}</small>
+                </button>
+              );
+            })}
+          </div>
+          {list.matching > PAGE && (
+            <div class="row pages">
+              <Button disabled={first === 0} onClick={() => setFirst(Math.max(0, first - PAGE))}>◂ earlier</Button>
+              <span>{first + 1}–{Math.min(first + PAGE, list.matching)}</span>
+              <Button disabled={first + PAGE >= list.matching} onClick={() => setFirst(first + PAGE)}>later ▸</Button>
+            </div>
+          )}
+        </>
+      )}
+    </>
+  );
+}
+
+interface PlayerProps { id: string; data: Dataset; episode: number; onMove: (episode: number) => void; onClose: () => void }
+
+function Player({ id, data, episode, onMove, onClose }: PlayerProps) {
+  const values = useGet<Values>("data/values", { id, episode });
+  const env = useGet<Env>(data.can_render && data.runs[0] ? "env" : null, { id: data.runs[0]?.run.env });
+  const [step, setStep] = useState(0);
+  const [playing, setPlaying] = useState(false);
+  const [scenario, setScenario] = useState<Scenario>({ set: {}, vary: [] });
+  const [failed, setFailed] = useState<string | null>(null);
+  const length = values.value?.length ?? 1;
+  const last = length - 1;
+  useEffect(() => { setStep(0); setPlaying(false); }, [episode]);
+  useEffect(() => setFailed(null), [episode, scenario]);
+  useEffect(() => {
+    if (!playing) return;
+    const timer = setInterval(() => setStep((at) => {
+      if (at >= last) setPlaying(false);
+      return Math.min(at + 1, last);
+    }), 66);
+    return () => clearInterval(timer);
+  }, [playing, last]);
+  const numeric = useMemo(() => Object.entries(values.value?.columns ?? {}).filter(([name]) => !["ep_idx", "checkpoint"].includes(name)), [values.value]);
+  const x = useMemo(() => Array.from({ length: numeric[0]?.[1][0]?.length ?? 0 }, (_, row) => row * (values.value?.stride ?? 1)), [numeric]);
+  const src = imageUrl(id, data, episode, step, 256, scenario.set);
+  const explain = async () => {
+    if (!src) return;
+    const answer = await fetch(src).then((response) => (response.ok ? null : response.json())).catch(() => null);
+    if (answer) setFailed(answer.error);
+  };
+  return (
+    <div class="player">
+      <div class="row between">
+        <Button onClick={onClose}>◂ all episodes</Button>
+        <b>Episode {episode}</b>
+        <span class="row">
+          <Button disabled={episode === 0} onClick={() => onMove(episode - 1)} aria-label="Previous episode">◂</Button>
+          <Button disabled={episode + 1 >= data.episodes} onClick={() => onMove(episode + 1)} aria-label="Next episode">▸</Button>
+        </span>
+      </div>
+      <Notice text={values.error ?? failed} />
+      <div class="player-body">
+        <div>
+          {src ? <Steady src={src} alt={`Step ${step} of episode ${episode}`} onError={explain} /> : <p class="muted">The dataset holds no images, and does not say how they could be rendered.</p>}
+          <div class="transport">
+            <Button primary class="wide" onClick={() => { if (step >= last) setStep(0); setPlaying(!playing); }}>{playing ? "Pause" : "Play"}</Button>
+            <input type="range" class="time" aria-label="Step" min={0} max={Math.max(last, 1)} value={step} onInput={(event) => { setPlaying(false); setStep(Math.min(event.currentTarget.valueAsNumber, last)); }} />
+            <output class="steps">{step}/{last}</output>
+          </div>
+          {env.value && env.value.factors.length > 0 && (
+            <details><summary><b>Other factors</b>{Object.keys(scenario.set).length > 0 && <span class="badge">{Object.keys(scenario.set).length} set</span>}</summary>
+              <p class="muted">The episode is rendered again with these. A factor that would change what happens is refused.</p>
+              <Factors factors={env.value.factors} values={recorded(values.value, scenario)} scenario={scenario} onChange={(next) => setScenario({ ...next, vary: [] })} />
+            </details>
+          )}
+          <div class="row">
+            {src && <a class="button" href={src} download={`episode_${episode}_step_${step}.png`}>Image as PNG</a>}
+            <Button disabled={numeric.length === 0} onClick={() => {
+              const named = numeric.flatMap(([name, list]) => list.map((column, i) => [list.length > 1 ? `${name}[${i}]` : name, column] as const));
+              download(`episode_${episode}.csv`, csv(["step", ...named.map(([name]) => name)], [x, ...named.map(([, column]) => column)]));
+            }}>Columns as CSV</Button>
+          </div>
+          <CommandLine text={`swm preview ${quoted(data.path)} --episodes ${episode} --out episode_${episode}.mp4`} />
+        </div>
+        <div class="plots">
+          {numeric.map(([name, series]) => (
+            <figure key={name}>
+              <figcaption>{name}</figcaption>
+              <Plot names={series.slice(0, 8).map((_, i) => (series.length > 1 ? `[${i}]` : name))} data={[x, ...series.slice(0, 8)]} height={110} cursor={step} onPick={(at) => setStep(Math.min(Math.max(0, Math.round(at)), last))} />
+            </figure>
+          ))}
+        </div>
+      </div>
+      <details><summary><b>Constants of the episode</b></summary>
+        <table class="small"><tbody>
+          {Object.entries(values.value?.constants ?? {}).map(([name, list]) => <tr key={name}><th>{name}</th><td><code>{list.map((v) => number(v)).join(", ")}</code></td></tr>)}
+        </tbody></table>
+      </details>
+    </div>
+  );
+}
+
+/** An image that keeps the last one until the next is there. */
+function Steady({ src, alt, onError }: { src: string; alt: string; onError: () => void }) {
+  const [shown, setShown] = useState(src);
+  const wanted = useRef(src);
+  useEffect(() => {
+    wanted.current = src;
+    const image = new Image();
+    image.onload = () => { if (wanted.current === src) setShown(src); };
+    image.onerror = onError;
+    image.src = src;
+  }, [src]);
+  return <div class="screen"><img src={shown} alt={alt} onError={() => {}} /></div>;
+}
+
+function recorded(values: Values | null, scenario: Scenario): Record<string, unknown> {
+  const stored = Object.entries(values?.constants ?? {}).filter(([name]) => name.startsWith("variation."));
+  return { ...Object.fromEntries(stored.map(([name, list]) => [name.slice("variation.".length), list.length === 1 ? list[0] : list])), ...scenario.set };
+}
+
+function Distributions({ id, data }: { id: string; data: Dataset }) {
+  const names = data.columns
+    .filter((column) => column.dtype !== "string" && column.shape.reduce((a, b) => a * b, 1) <= 32 && column.name !== "ep_idx")
+    .map((column) => column.name);
+  const [name, setName] = useState(names.includes("state") ? "state" : names[0] ?? "");
+  const sample = useGet<{ name: string; values: (number | null)[][] }>(name ? "data/sample" : null, { id, column: name, grown: data.episodes });
+  const groups = [["Columns", names.filter((known) => !known.startsWith("variation."))], ["Factors", names.filter((known) => known.startsWith("variation."))]] as const;
+  return (
+    <div class="distributions">
+      <Field label="Column"><select value={name} onChange={(event) => setName(event.currentTarget.value)}>
+        {groups.map(([label, list]) => list.length > 0 && <optgroup key={label} label={label}>{list.map((known) => <option key={known}>{known}</option>)}</optgroup>)}
+      </select></Field>
+      <Notice text={sample.error} />
+      {sample.value && <p class="muted">{number(sample.value.values[0]?.length ?? 0)} values, spread evenly over the episodes.</p>}
+      {sample.value && <Histograms values={sample.value.values} />}
+      {sample.value && sample.value.values.length > 1 && <Coverage key={name} values={sample.value.values} name={name} />}
+      <CommandLine text={`swm stats ${quoted(data.path)}`} />
+    </div>
+  );
+}
+
+function AboutData({ data }: { data: Dataset }) {
+  return (
+    <div class="stack">
+      <div class="scroll"><table class="small">
+        <thead><tr><th>column</th><th>type</th><th>shape</th><th>per</th></tr></thead>
+        <tbody>{data.columns.map((column) => <tr key={column.name}><td><code>{column.name}</code></td><td>{column.dtype}</td><td>{column.shape.length ? column.shape.join(" × ") : "–"}</td><td>{column.kind}</td></tr>)}</tbody>
+      </table></div>
+      {data.skipped.map((column) => <p key={column.name} class="muted">Left out <code>{column.name}</code>: {column.reason}</p>)}
+      {data.runs.map(({ first_episode, run }) => (
+        <p key={first_episode}>From episode {first_episode}: <code>{run.env}</code>, policy <code>{run.policy}</code>, seed {run.seed}{run.variation?.length ? `, sampled ${run.variation.join(", ")}` : ""}</p>
+      ))}
+      {data.runs.length === 0 && <p class="muted">The dataset does not say how it was recorded.</p>}
+      <CommandLine text={`swm inspect ${quoted(data.path)}`} />
+    </div>
+  );
+}

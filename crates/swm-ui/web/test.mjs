@@ -1,0 +1,305 @@
+// The page in a headless Chromium: `node test.mjs SWM DATA [SHOTS]`. SWM is the program, DATA a folder with `demo.h5`, `result`
+// and `run`; screenshots go to SHOTS. Every view is opened with that data, an episode of PushT is steered by the pointer to
+// success, recorded and loaded back, and any message on the console is a failure. `cargo xtask ui` makes DATA and calls this.
+import { spawn } from "node:child_process";
+import { existsSync, mkdirSync, mkdtempSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { chromium } from "playwright-core";
+
+const [program, data, shots] = process.argv.slice(2);
+const browserPath = process.env.CHROMIUM ?? ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"].find(existsSync);
+const profile = mkdtempSync(join(tmpdir(), "swm-ui-"));
+const save = join(profile, "save");
+if (shots) mkdirSync(shots, { recursive: true });
+
+function check(truth, words) {
+  if (!truth) throw new Error(words);
+}
+
+/** Starts the server; its address with the token. */
+async function serve(args) {
+  const server = spawn(program, ["ui", "--no-open", ...args], { stdio: ["ignore", "pipe", "inherit"] });
+  const url = await new Promise((resolve, reject) => {
+    let text = "";
+    server.stdout.on("data", (piece) => {
+      text += piece;
+      const found = text.match(/http:\/\/\S+/);
+      if (found) resolve(found[0]);
+    });
+    server.on("exit", (code) => reject(new Error(`swm ui ended with ${code}`)));
+  });
+  return { server, url, origin: new URL(url).origin };
+}
+
+const { server, url, origin } = await serve([data, "--save", save]);
+const context = await chromium.launchPersistentContext(join(profile, "profile"), {
+  executablePath: browserPath,
+  headless: true,
+  viewport: { width: 1440, height: 900 },
+  args: ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"],
+});
+const page = await context.newPage();
+// While the page is worked on: its files from `dist`, so that a change needs no build of the program.
+if (process.env.SWM_UI_DIST) await page.route("**/assets/app.*", (route) => route.fulfill({ path: join(process.env.SWM_UI_DIST, new URL(route.request().url()).pathname.split("/").pop()) }));
+const said = [];
+page.on("console", (message) => said.push(`${message.type()}: ${message.text()}`));
+page.on("pageerror", (error) => said.push(`error: ${error.message}`));
+page.on("requestfailed", (request) => { if (!request.failure()?.errorText.includes("ABORTED")) said.push(`failed: ${request.url()} ${request.failure()?.errorText}`); });
+
+// What the server sends, as the page gets it.
+const live = {};
+page.on("websocket", (socket) => socket.on("framereceived", ({ payload }) => {
+  if (typeof payload === "string") {
+    const message = JSON.parse(payload);
+    live[message.kind] = message;
+  } else {
+    const head = JSON.parse(payload.subarray(4, 4 + payload.readUInt32LE(0)).toString());
+    if (!head.goal) live.head = head;
+  }
+}));
+
+const shot = async (name) => { if (shots) await page.screenshot({ path: join(shots, `${name}.png`) }); };
+const quiet = (where) => { check(said.length === 0, `${where}: the console says\n${said.join("\n")}`); };
+const text = (selector) => page.locator(selector).first().innerText();
+const step = async () => Number(await text(".steps"));
+// A copy is read: reading the canvas itself would change how the browser keeps it.
+const pixels = () => page.evaluate(() => {
+  const canvas = document.querySelector(".screen > canvas");
+  const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
+  copy.drawImage(canvas, 0, 0);
+  return copy.getImageData(0, 0, canvas.width, canvas.height).data.reduce((a, b) => (a * 31 + b) | 0, 7);
+});
+async function until(words, truth, seconds = 20) {
+  const end = Date.now() + 1000 * seconds;
+  while (!(await truth())) {
+    check(Date.now() < end, `waited ${seconds} s in vain: ${words}`);
+    await new Promise((resolve) => setTimeout(resolve, 15));
+  }
+}
+
+const parts = {
+  async play() {
+    await page.goto(url);
+    await page.waitForSelector("canvas");
+    await until("the first image", async () => (await pixels()) !== 0 && (await text(".readout")).includes("human"));
+    check(!(await page.evaluate(() => location.search)), "the token stays in the address");
+    await shot("play-light");
+    const start = await pixels();
+    await page.keyboard.press(".");
+    await until("a step", async () => (await step()) === 1);
+    await page.keyboard.press(",");
+    await until("back", async () => (await step()) === 0);
+    check((await pixels()) === start, "the image after a step back is another one");
+    quiet("play");
+  },
+
+  async factors() {
+    const before = await pixels();
+    const color = page.locator('input[type="color"]').first();
+    const began = Date.now();
+    for (let change = 0; change < 300; change += 1) {
+      await color.evaluate((input, value) => {
+        input.value = value;
+        input.dispatchEvent(new Event("input", { bubbles: true }));
+      }, `#${(change % 256).toString(16).padStart(2, "0")}4080`);
+    }
+    await until("the last color", async () => (await page.locator(".factor.set code").first().innerText()).startsWith(`${299 % 256} 64 128`));
+    console.log(`300 factor changes: ${Date.now() - began} ms`);
+    check((await pixels()) !== before, "another color is not seen");
+    check((await page.locator(".factor.set").count()) >= 1, "what is set is not marked");
+    await page.getByRole("button", { name: "default", exact: true }).first().click();
+    await until("the defaults", async () => (await page.locator(".factor.set").count()) === 0);
+    quiet("factors");
+  },
+
+  async steering() {
+    await page.getByLabel("File").fill("steered.h5");
+    await page.getByRole("button", { name: "Record", exact: true }).click();
+    await page.waitForSelector(".rec");
+    const box = await page.locator(".screen > canvas").boundingBox();
+    check(await steerToSuccess(box), "the episode was not steered to success");
+    await until("the kept episode", async () => (await text(".recording")).includes("success"));
+    await shot("play-recorded");
+    await page.getByRole("button", { name: "Finish" }).click();
+    await page.waitForSelector("text=look at the recording");
+    await page.click("text=look at the recording");
+    await page.waitForSelector(".thumb");
+    check((await text(".thumb")).includes("success"), "the recorded episode is no success");
+    await page.locator(".thumb").first().click();
+    await page.waitForSelector(".player .screen img");
+    await until("the recorded image", () => page.evaluate(() => document.querySelector(".player .screen img").naturalWidth === 96));
+    await shot("recorded-player");
+    quiet("steering");
+  },
+
+  /** A dataset grows while another tab shows it, also by the episode that waits when the page of the recording is gone. */
+  async growing() {
+    const other = await context.newPage();
+    await other.goto(`${origin}/#data?id=${encodeURIComponent(live.recorded.id)}`);
+    await until("one episode", async () => (await other.locator(".thumb").count()) === 1);
+    await page.goto(`${origin}/#play`);
+    await page.getByLabel("File").fill("steered.h5");
+    await page.getByRole("button", { name: "Record", exact: true }).click();
+    await page.waitForSelector(".rec");
+    for (const wanted of [1, 2]) {
+      await page.keyboard.press(".");
+      await until("a step", async () => (await step()) === 1);
+      await page.getByRole("button", { name: "Keep now" }).click();
+      await until("the kept episode", async () => live.head.recording?.in_file === wanted && live.head.recording.waiting?.steps === 1);
+      await until("the next episode", async () => (await step()) === 0);
+    }
+    await until("two episodes", async () => (await other.locator(".thumb").count()) === 2);
+    await page.getByRole("button", { name: "Undo last" }).click();
+    await until("nothing to confirm", async () => live.head.recording.waiting === null);
+    await page.keyboard.press(".");
+    await until("a step", async () => (await step()) === 1);
+    await page.getByRole("button", { name: "Keep now" }).click();
+    await until("the kept episode", async () => live.head.recording.waiting !== null);
+    await page.goto("about:blank");
+    await until("three episodes", async () => (await other.locator(".thumb").count()) === 3);
+    await other.close();
+    quiet("growing");
+  },
+
+  async data() {
+    await page.goto(`${origin}/#data`);
+    await page.waitForSelector(".thumb img");
+    await until("thumbnails", () => page.evaluate(() => [...document.querySelectorAll(".thumb img")].slice(0, 6).every((image) => image.complete && image.naturalWidth > 0)));
+    await shot("data-grid");
+    const all = await page.locator(".thumb").count();
+    await page.getByLabel("min_length min").fill("100000");
+    await page.keyboard.press("Tab");
+    await until("the filter", async () => (await page.locator(".thumb").count()) === 0);
+    await page.getByLabel("min_length min").fill("");
+    await page.keyboard.press("Tab");
+    await until("all again", async () => (await page.locator(".thumb").count()) === all);
+    await page.locator(".thumb").nth(1).click();
+    await page.waitForSelector(".player .u-wrap");
+    await page.getByLabel("Step", { exact: true }).fill("5");
+    await until("the step", async () => (await text(".steps")).startsWith("5/"));
+    await shot("data-player");
+    for (const [name, ending] of [["Columns as CSV", "episode_1.csv"], ["Image as PNG", "episode_1_step_5.png"]]) {
+      const waiting = page.waitForEvent("download");
+      await page.getByText(name).click();
+      check((await waiting).suggestedFilename() === ending, `${name} gives another file`);
+    }
+    await page.getByRole("tab", { name: "distributions" }).click();
+    await page.waitForSelector(".histograms svg");
+    await shot("data-distributions");
+    await page.getByRole("tab", { name: "about" }).click();
+    await page.waitForSelector("table");
+    quiet("data");
+  },
+
+  async results() {
+    await page.goto(`${origin}/#results`);
+    await page.waitForSelector(".strip a");
+    await shot("results-receipt");
+    const run = page.locator(".files a", { hasText: "run" }).last();
+    await run.click();
+    await page.waitForSelector(".curves .u-wrap");
+    await shot("results-training");
+    await page.goto(`${origin}/#results`);
+    await page.waitForSelector(".strip a");
+    await page.locator(".strip a").first().click();
+    await page.waitForSelector("canvas");
+    await until("the policy of the receipt", async () => !(await text(".readout")).includes("human"));
+    await page.getByRole("button", { name: "Play", exact: true }).click();
+    await until("the pair plays", async () => (await step()) > 3);
+    quiet("results");
+  },
+
+  async looks() {
+    for (const [name, width, height, scheme] of [["dark", 1440, 900, "dark"], ["narrow", 380, 800, "light"], ["narrow-dark", 380, 800, "dark"], ["wide", 2560, 1300, "light"]]) {
+      await page.emulateMedia({ colorScheme: scheme });
+      await page.setViewportSize({ width, height });
+      for (const view of ["play", "data", "results"]) {
+        await page.goto(`${origin}/#${view}`);
+        await page.waitForSelector({ play: "canvas", data: ".thumb img", results: ".strip a" }[view]);
+        await page.waitForTimeout(600);
+        const over = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+        check(over <= 0, `${view} at ${width} px is ${over} px too wide`);
+        await shot(`${view}-${name}`);
+      }
+    }
+    await page.emulateMedia({ colorScheme: "light" });
+    await page.setViewportSize({ width: 1440, height: 900 });
+    quiet("looks");
+  },
+
+  /** Figures, for docs/ui.md. */
+  async speed() {
+    await page.goto(`${origin}/#play`);
+    await page.waitForSelector("canvas");
+    await page.getByRole("slider", { name: /Speed/ }).fill("3");
+    await page.getByRole("button", { name: "Play", exact: true }).click();
+    await page.waitForTimeout(3500);
+    console.log(`PushT at 256 px: ${(await page.locator("dd").nth(2).innerText())} frames a second`);
+    const box = await page.locator(".screen > canvas").boundingBox();
+    const waits = [];
+    for (let turn = 0; turn < 20; turn += 1) {
+      const before = await pixels();
+      const at = performance.now();
+      await page.mouse.move(box.x + box.width * (0.2 + 0.6 * (turn % 2)), box.y + box.height * 0.3);
+      await until("another image", async () => (await pixels()) !== before, 5);
+      waits.push(performance.now() - at);
+    }
+    waits.sort((a, b) => a - b);
+    console.log(`pointer to image, the browser's driver included: median ${waits[10].toFixed(0)} ms`);
+    quiet("speed");
+  },
+
+  /** Last: the page says that the server is gone. */
+  async ending() {
+    await page.goto(`${origin}/#play`);
+    await page.waitForSelector("canvas");
+    server.kill("SIGKILL");
+    await page.waitForSelector(".notice");
+    check((await text(".notice")).includes("the server has ended"), "the end of the server is not said");
+    await shot("gone");
+  },
+};
+
+/** Points where the agent must be led so that it acts as the expert of the first recorded episode did, until success. */
+async function steerToSuccess(box) {
+  const { id, values } = await page.evaluate(async () => {
+    const { files } = await (await fetch("/api/files")).json();
+    const { id } = files.find((file) => file.name.endsWith("demo.h5"));
+    return { id, values: await (await fetch(`/api/data/values?id=${id}&episode=0`)).json() };
+  });
+  check(id && values.columns.action, "the demo has no actions");
+  await page.getByLabel("Seed").fill("1");
+  await page.getByLabel("Seed").press("Enter");
+  await until("the seed", async () => live.episode?.seed === 1 && live.head.step === 0);
+  const [[a, b], [c, d]] = live.opened.steer.follow.action_from_image;
+  const determinant = a * d - b * c;
+  const [across, down] = values.columns.action;
+  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await page.mouse.down();
+  for (let at = 0; at < across.length && across[at] !== null; at += 1) {
+    const [x, y] = live.head.agent;
+    const way = [(d * across[at] - b * down[at]) / determinant, (a * down[at] - c * across[at]) / determinant];
+    await page.mouse.move(box.x + (x + way[0]) * box.width, box.y + (y + way[1]) * box.height);
+    await page.keyboard.press(".");
+    await until("a step", async () => live.head.step > at);
+    if (live.head.success) break;
+  }
+  await page.mouse.up();
+  return live.head.success;
+}
+
+try {
+  for (const [name, part] of Object.entries(parts)) {
+    const began = Date.now();
+    await part().catch(async (error) => {
+      await shot(`failed-${name}`);
+      throw new Error(`${name}: ${error.message}\nconsole: ${said.join("\n")}`);
+    });
+    console.log(`${name}: ${((Date.now() - began) / 1000).toFixed(1)} s`);
+  }
+} finally {
+  await context.close();
+  server.kill("SIGKILL");
+  rmSync(profile, { recursive: true, force: true });
+}
