@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from os import PathLike
 from types import TracebackType
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,9 @@ from .results import html_image, html_table
 from .rows import apply_callables as _apply_callables
 from .rows import extract_init_goal as _extract_init_goal
 from .runs import Runs
+
+if TYPE_CHECKING:
+    from ..ui import Page
 
 __all__ = ["World", "_apply_callables", "_extract_init_goal"]
 
@@ -302,6 +306,24 @@ class World(Runs):
         if self._core is None:
             raise TypeError("this World holds environments of gymnasium; only those of this package can do that")
         return self._core
+
+    def show(
+        self,
+        *paths: str | PathLike[str],
+        save: str | PathLike[str] | None = None,
+        notebook: str | None = None,
+        open_browser: bool | None = None,
+    ) -> Page:
+        """Open the page in the browser on this kind of environment; see :class:`stable_worldmodel_rs.ui.Page`.
+
+        The page steers an environment of its own: this World does not change.
+        """
+        from ..ui import Page
+
+        env = self._built.get("id")
+        if env is None:
+            raise TypeError("this World holds environments of gymnasium; the page shows those of this package only")
+        return Page(*paths, env=str(env), save=save, notebook=notebook, open_browser=open_browser)
 
     def close(self) -> None:
         """Free the environments. Arrays that were taken from the infos stay readable."""
