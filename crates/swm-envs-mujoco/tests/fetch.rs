@@ -21,25 +21,25 @@ struct Bench {
 impl Bench {
     fn new(entry: &EnvEntry, settings: &serde_json::Value) -> Self {
         let settings = settings.as_object().cloned().unwrap_or_default();
-        let env = entry.make(&EnvConfig { image: None, settings }).unwrap();
-        let row = Batch::new(Schema::new(env.spec().fields.clone()).unwrap(), 1);
+        let env = entry.make(&EnvConfig { image: None, settings }).expect("settings are valid");
+        let row = Batch::new(Schema::new(env.spec().fields.clone()).expect("fields differ in name"), 1);
         Self { env, row }
     }
 
     fn reset(&mut self, seed: u64, options: &ResetOptions) {
-        self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options }).unwrap();
+        self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options }).expect("options are valid");
         self.env.write_episode(&mut self.row.rows_mut());
         self.env.observe(&mut self.row.rows_mut());
     }
 
     fn step(&mut self, action: [f32; 4]) -> f64 {
-        let reward = self.env.step(Slice::F32(&action)).unwrap().reward;
+        let reward = self.env.step(Slice::F32(&action)).expect("the action is finite").reward;
         self.env.observe(&mut self.row.rows_mut());
         reward
     }
 
     fn values(&self, column: &str) -> Vec<f64> {
-        self.row.get::<f64>(column).unwrap().to_vec()
+        self.row.get::<f64>(column).expect("a column").to_vec()
     }
 
     fn columns(&self, names: &[&str]) -> BTreeMap<String, Value> {

@@ -142,10 +142,8 @@ impl FetchEnv {
     fn show_goal(&mut self) {
         let (marker, body) = self.target;
         let goal = self.task_state.goal;
-        let places = self.robot.sim.model_mut().site_pos_mut();
-        for k in 0..3 {
-            places[3 * marker + k] = goal[k] - body[k];
-        }
+        let place: [f64; 3] = std::array::from_fn(|k| goal[k] - body[k]);
+        self.robot.sim.model_mut().site_pos_mut()[3 * marker..][..3].copy_from_slice(&place);
         if let Some(rendering) = &mut self.images {
             rendering.goal.1 = true;
         }

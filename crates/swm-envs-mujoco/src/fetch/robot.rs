@@ -40,8 +40,8 @@ impl Robot {
 
     /// One control step.
     ///
-    /// Without a mocap body's forward pass at the end, positions would be one physics step old; as in the original, that
-    /// is how `observation` is left with PickAndPlace, whose forward pass is part of drawing (see `observation`).
+    /// After physics steps, positions are one step old. Where the fingers are blocked, they are computed anew before the
+    /// observation is taken; with PickAndPlace behind it, where the reference draws.
     pub(super) fn advance(
         &mut self,
         action: [f32; 4],
@@ -49,12 +49,10 @@ impl Robot {
     ) -> Result<(), MujocoError> {
         let action = action.map(|value| value.clamp(-1.0, 1.0));
         let (place, turn) = (self.sim.xpos(self.ids.gripper_link), self.sim.xquat(self.ids.gripper_link));
-        for k in 0..3 {
-            self.sim.mocap_pos_mut()[k] = place[k] + f64::from(action[k] * STRIDE);
-        }
-        for k in 0..4 {
-            self.sim.mocap_quat_mut()[k] = turn[k] + TURN[k];
-        }
+        let target: [f64; 3] = std::array::from_fn(|k| place[k] + f64::from(action[k] * STRIDE));
+        let turned: [f64; 4] = std::array::from_fn(|k| turn[k] + TURN[k]);
+        self.sim.mocap_pos_mut().copy_from_slice(&target);
+        self.sim.mocap_quat_mut().copy_from_slice(&turned);
         let [right, left] = self.ids.fingers.map(|(qpos, _)| qpos);
         if self.task.blocks_gripper() {
             self.sim.steps(SUBSTEPS)?;

@@ -121,7 +121,7 @@ fn sampled(mean: Candidate, spread: Candidate, stream: &mut Stream) -> Candidate
 }
 
 fn failed(error: MujocoError) -> PolicyError {
-    PolicyError::Unsupported { policy: "expert".to_owned(), reason: error.to_string() }
+    PolicyError::Other(error.into())
 }
 
 /// The episode's simulation once more, at its first row.
