@@ -32,6 +32,11 @@ impl Failure {
         }
     }
 
+    /// Why, without its causes.
+    pub(super) fn reason(&self) -> String {
+        self.source.to_string()
+    }
+
     /// Whether another process is at it.
     pub(super) fn is_busy(&self) -> bool {
         matches!(self.source.downcast_ref(), Some(DataError::Busy { .. }))
@@ -54,10 +59,10 @@ impl Failure {
     }
 }
 
-/// What is left does not fit into the time that is left: the same command continues.
+/// What is left is to be done later, for this reason: the same command continues.
 #[derive(Debug, thiserror::Error)]
-#[error("the time that is left is too short for another shard; start the task again to continue")]
-pub(super) struct Postponed;
+#[error("{0}; start the task again to continue")]
+pub(super) struct Postponed(pub(super) String);
 
 /// A wrong request.
 pub(crate) fn usage(reason: impl Into<BoxError>) -> Failure {

@@ -110,15 +110,21 @@ impl Task {
         for &shard in &shards {
             let left = time_left(started);
             if left.is_some_and(|left| longest > 0.0 && longest * TIME_MARGIN > left) {
-                return Err(Postponed.into());
+                return Err(
+                    Postponed("the time that is left is too short for another shard".to_owned()).into()
+                );
             }
             let begun = Instant::now();
             match run.shard(shard) {
                 Ok(()) => longest = longest.max(begun.elapsed().as_secs_f64()),
                 Err(failure) if failure.is_cancelled() => return Err(failure),
+                // Such as the process of a node that only seemed lost: it may finish the shard, or end.
+                Err(failure) if failure.is_busy() && !self.all => {
+                    return Err(Postponed(failure.reason()).into());
+                }
                 Err(failure) if shards.len() == 1 => return Err(failure),
-                Err(failure) if self.all && failure.is_busy() => {
-                    output.note(format!("shard {shard} is left out: {failure}"))
+                Err(failure) if failure.is_busy() => {
+                    output.note(format!("shard {shard} is left out: {failure}"));
                 }
                 Err(failure) => {
                     output.note(format!("shard {shard} failed: {failure}"));

@@ -42,9 +42,12 @@ impl Driver for HyperQueue {
         let resources = resources(settings)?;
         let mut text = format!("name = {}\n", toml(&folder.job.name()));
         for index in *indices {
-            // A failed task would cancel the one that joins the shards, which is to say what is missing.
+            // A failed task would cancel the one that joins the shards, which is to say what is missing. 75: again, later.
             let failed = quoted(&folder.failed(*index).display().to_string());
-            let command = format!("{task} --index {index} 2>&1 || test -e {failed}");
+            let command = format!(
+                "s=75; while [ $s = 75 ]; do {task} --index {index}; s=$?; [ $s != 75 ] || sleep 10; done; [ $s = 0 ] || test -e \
+                 {failed}"
+            );
             push_task(&mut text, *index, &command);
             let _ = writeln!(text, "crash_limit = {crash_limit}\n{resources}");
         }
