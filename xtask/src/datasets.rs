@@ -28,6 +28,13 @@ pub(crate) struct Args {
     /// Join N parts that lie in the folder; the result is that of an undivided run
     #[arg(long, value_name = "N", conflicts_with_all = ["verify", "list"])]
     merge: Option<u64>,
+    /// Record each as a job of `swm submit` on ENGINE[:KEY=VALUE,…], in `NAME.job`. Again: submits what is missing, and takes over
+    /// the results that are there
+    #[arg(long, value_name = "ENGINE", requires = "shards", conflicts_with_all = ["shard", "merge", "verify", "list"])]
+    submit: Option<String>,
+    /// With --submit: divide each into N shards
+    #[arg(long, value_name = "N", requires = "submit")]
+    shards: Option<u64>,
     /// Record so many episodes of each, instead of the recipe's number
     #[arg(long, value_name = "N")]
     episodes: Option<u64>,
@@ -92,7 +99,13 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             continue;
         }
         let file = out.join(format!("{name}.h5"));
+        if let (Some(engine), Some(shards)) = (&args.submit, args.shards)
+            && !submit(&swm, &recipe, &out.join(format!("{name}.job")), engine, shards, &file)?
+        {
+            continue;
+        }
         match args.merge {
+            None if args.submit.is_some() => {}
             Some(count) => merge(&swm, &out, name, count, &file)?,
             None => record(&swm, &recipe, &file, None)?,
         }
@@ -130,9 +143,9 @@ struct Swm {
 impl Swm {
     fn run(&self, args: &[&str]) -> Result<Json> {
         let mut command = process::cargo(["run", "--quiet", "--package", "swm", "--bin", "swm"]);
-        command.args(self.profile).arg("--").args(args);
+        command.args(self.profile).args(["--", "--json", "--quiet"]).args(args);
         eprintln!("swm {}", args.join(" "));
-        let printed = process::output(command.args(["--json", "--quiet"]))?;
+        let printed = process::output(&mut command)?;
         serde_json::from_slice(&printed).with_context(|| format!("`swm {}` printed no JSON", args.join(" ")))
     }
 }
@@ -146,6 +159,35 @@ fn record(swm: &Swm, recipe: &Recipe, file: &Path, shard: Option<&str>) -> Resul
     let said = swm.run(&args)?;
     println!("{file}: {} episodes", said["total_episodes"]);
     Ok(())
+}
+
+/// Submits what is missing of a recording. Once its result is there, it becomes `file`, and the answer is `true`.
+fn submit(swm: &Swm, recipe: &Recipe, job: &Path, engine: &str, shards: u64, file: &Path) -> Result<bool> {
+    let result = job.join("result.h5");
+    if file.is_file() && !result.is_file() {
+        println!("{}: there already", file.display());
+        return Ok(false);
+    }
+    if job.join("finished.json").is_file() {
+        // The parts stay until a person removes the folder.
+        fs::rename(&result, file).with_context(|| format!("cannot move {}", result.display()))?;
+        return Ok(true);
+    }
+    let (shards, episodes) = (shards.min(recipe.episodes).to_string(), recipe.episodes.to_string());
+    let mut args = vec!["submit", "--on", engine, "--shards", &shards, "--job", text(job)?, "--"];
+    args.extend(["collect", &recipe.env, "--total", &episodes]);
+    args.extend(recipe.collect.split_whitespace());
+    let said = swm.run(&args)?;
+    match said["script"].as_str() {
+        Some(script) if engine == "script" => print!("{script}"),
+        _ => println!(
+            "{}: {} done, {} queued now",
+            job.display(),
+            said["done"],
+            said["submitted"].as_array().map_or(0, Vec::len)
+        ),
+    }
+    Ok(false)
 }
 
 /// Where part `3/16` of a dataset lies.
