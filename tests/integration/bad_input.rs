@@ -29,6 +29,14 @@ fn unknown_names_are_told_with_the_nearest() {
 }
 
 #[test]
+fn a_filter_of_another_program_is_told_in_a_sentence() {
+    let path = crate::support::root().join("tests/golden/hostile/long_filter.h5");
+    for command in ["inspect", "verify"] {
+        says(1, &[command, path.to_str().unwrap()], &["long_filter.h5", "`odd`", "more than 32 parameters"]);
+    }
+}
+
+#[test]
 fn environments_on_rapier_name_what_is_wrong() {
     let folder = Folder::new();
     let out = folder.path("a.h5");

@@ -168,11 +168,15 @@ fn damage_is_found_and_an_interruption_fixed() {
     let bytes = fs::read(&array).unwrap();
     fs::write(&array, &bytes[..bytes.len() - 60]).unwrap();
     assert!(swm_fails(1, &["verify", &videos]).contains("has to be repaired"));
-    let plan = swm_json(&["verify", &videos, "--fix", "--dry-run"]);
+    let plan = swm(&["verify", &videos, "--fix", "--dry-run", "--json"]).output().unwrap();
+    assert_eq!(plan.status.code(), Some(1), "what has to be repaired is no success");
+    let plan: serde_json::Value = serde_json::from_slice(&plan.stdout).unwrap();
+    assert_eq!(plan["ok"], false);
     assert!(plan["fixed"][0].as_str().unwrap().contains("state.npz"), "{plan}");
     assert!(fs::read(&array).unwrap() != bytes);
     swm_ok(&["verify", &videos, "--fix"]);
     assert!(fs::read(&array).unwrap() == bytes);
+    swm_ok(&["verify", &videos, "--fix", "--dry-run"]);
 
     let video = Path::new(&videos).join(SMALL.1);
     let mut bytes = fs::read(&video).unwrap();

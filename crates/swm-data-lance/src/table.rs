@@ -4,7 +4,6 @@
 use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::io;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
@@ -18,7 +17,8 @@ use lance_table::io::commit::ManifestNamingScheme;
 use lance_table::io::deletion::read_deletion_file;
 use lance_table::io::manifest::{read_manifest, write_manifest};
 use object_store::path::Path as ObjectPath;
-use swm_data::error::{At as _, FormatError, Result, invalid, missing, unsupported};
+use swm_data::error::{At as _, FormatError, Result, guarded, invalid, missing, unsupported};
+use swm_data::recording::sync_files;
 use tokio::runtime::{Builder, Runtime};
 
 /// The version of data files that is written; the first that has today's encodings, and still the most widely read.
@@ -45,6 +45,8 @@ pub(crate) struct Table {
     manifest: Manifest,
     /// How many of its fragments the newest manifest lists.
     listed: usize,
+    /// How many of its fragments are on the disk for certain, as far as this program wrote them.
+    synced: usize,
 }
 
 impl Table {
@@ -63,7 +65,8 @@ impl Table {
             return Err(invalid(format!("its manifest {name} is of version {}", manifest.version)));
         }
         let listed = manifest.fragments.len();
-        let table = Self { folder: folder.to_owned(), store: Arc::new(store), base, manifest, listed };
+        let (folder, store) = (folder.to_owned(), Arc::new(store));
+        let table = Self { folder, store, base, manifest, listed, synced: listed };
         table.fragments().iter().try_for_each(check_fragment)?;
         // Lance knows what the types are called, but not what to do about others.
         guarded(|| {
@@ -83,7 +86,8 @@ impl Table {
         let mut manifest =
             Manifest::new(schema, fragments, DataStorageFormat::new(FILE_VERSION), HashMap::new());
         manifest.table_metadata = about;
-        let mut table = Self { folder: folder.to_owned(), store: Arc::new(store), base, manifest, listed: 0 };
+        let (folder, store) = (folder.to_owned(), Arc::new(store));
+        let mut table = Self { folder, store, base, manifest, listed: 0, synced: 0 };
         table.write(true)?;
         Ok(table)
     }
@@ -165,6 +169,7 @@ impl Table {
     /// description of the table.
     pub(crate) fn resume(&mut self, count: usize, about: Option<HashMap<String, String>>) -> Result<()> {
         Arc::make_mut(&mut self.manifest.fragments).truncate(count);
+        self.synced = self.synced.min(count);
         if let Some(about) = about {
             self.manifest.table_metadata = about;
         }
@@ -173,7 +178,22 @@ impl Table {
 
     /// Lists everything, and ends the recording.
     pub(crate) fn close(&mut self) -> Result<()> {
-        self.next(false)
+        self.next(false)?;
+        self.sync()
+    }
+
+    /// Brings the files of rows that are new, the newest manifest and their folders from the system's memory to the disk.
+    pub(crate) fn sync(&mut self) -> Result<()> {
+        let (data, manifests) = (self.folder.join(DATA), self.folder.join(VERSIONS));
+        let new = &self.fragments()[self.synced.min(self.fragments().len())..];
+        let mut files: Vec<PathBuf> =
+            new.iter().flat_map(|fragment| &fragment.files).map(|file| data.join(&file.path)).collect();
+        files.extend(versions(&self.folder).pop().map(|(_, name)| manifests.join(name)));
+        // The folders themselves last: with them, what they name is part of the table.
+        sync_files(&files)?;
+        sync_files(&[data, manifests])?;
+        self.synced = self.fragments().len();
+        Ok(())
     }
 
     /// The fragments that are there now become the next version.
@@ -288,11 +308,6 @@ pub(crate) fn wait<T>(work: impl Future<Output = lance_core::Result<T>>) -> Resu
     let started = runtime.as_ref().map_err(|error| io::Error::new(error.kind(), error.to_string()));
     let _context = started.at("no thread can be started")?.enter();
     guarded(|| futures::executor::block_on(work).map_err(|error| FormatError::other(LanceError(error))))
-}
-
-/// Lance panics on some damaged files.
-fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| Err(invalid("it cannot be decoded")))
 }
 
 /// An error of Lance, shown without the place in its sources.

@@ -225,6 +225,12 @@ impl Session for LanceSession {
         self.table.commit(fragment)
     }
 
+    /// Videos first: rows commit an episode.
+    fn sync(&mut self) -> Result<()> {
+        self.videos.as_mut().map_or(Ok(()), Table::sync)?;
+        self.table.sync()
+    }
+
     fn close(mut self) -> Result<()> {
         self.videos.as_mut().map_or(Ok(()), Table::close)?;
         self.table.close()

@@ -10,6 +10,8 @@ use thiserror::Error;
 
 pub use swm_core::dataset::DataError;
 
+pub use crate::guarded::guarded;
+
 /// What is wrong inside a file of a format, or with rows that are to be stored in it. The [`DataError`] around it names
 /// the file.
 #[derive(Debug, Error)]

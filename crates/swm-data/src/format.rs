@@ -13,9 +13,9 @@ use std::sync::LazyLock;
 
 use swm_core::Registry;
 
-use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
+use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions, row_bytes};
 use crate::error::DataError;
-use crate::formats;
+use crate::formats::{self, disk};
 use crate::tools::part_folder;
 
 pub use crate::entry::{Create, Detect, Format, Open, Opened, Repair};
@@ -74,7 +74,11 @@ pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
         return Err(DataError::not_a_dataset(path, "the file is empty"));
     }
     match detect(registry, path) {
-        Some(format) => format.open(path),
+        Some(format) => {
+            let dataset = format.open(path)?;
+            check_rows(dataset.as_ref())?;
+            Ok(dataset)
+        }
         None if path.join("_versions").is_dir() => {
             let reason = "it is a Lance table; this program was built without the feature `lance`";
             Err(DataError::not_a_dataset(path, reason))
@@ -88,6 +92,38 @@ pub fn open_in(registry: &Registry, path: &Path) -> Opened<dyn Dataset> {
             let reason = format!("its content is of no known format ({})", known(registry));
             Err(DataError::not_a_dataset(path, reason))
         }
+    }
+}
+
+/// Rows above this size are compared with the size of their dataset…
+const LARGE_ROW: usize = 64 << 20;
+/// …of which no compression of images makes more than so many times its bytes: PNG and gzip 1,032, JPEG 1,365.
+const MAX_RATIO: u64 = 2048;
+
+/// Refuses a dataset that claims larger rows than its bytes can hold: a head of a few bytes can claim an image of 800 MB.
+fn check_rows(dataset: &dyn Dataset) -> Result<(), DataError> {
+    let fields = dataset.schema().fields();
+    let Some(largest) = fields.iter().max_by_key(|field| row_bytes(std::slice::from_ref(field))) else {
+        return Ok(());
+    };
+    let claimed = row_bytes(std::slice::from_ref(largest));
+    if claimed <= LARGE_ROW || (0..dataset.num_episodes()).all(|episode| dataset.episode_len(episode) == 0) {
+        return Ok(());
+    }
+    let path = dataset.path();
+    let held = disk::size(path).map_err(|source| DataError::io(path, "open", source))?;
+    match claimed as u64 / MAX_RATIO > held {
+        true => Err(DataError::damaged(
+            path,
+            format!(
+                "a row of column `{}` claims {} MB ({} {:?}), more than {held} bytes can hold",
+                largest.name,
+                claimed / 1_000_000,
+                largest.dtype,
+                largest.shape
+            ),
+        )),
+        false => Ok(()),
     }
 }
 

@@ -43,6 +43,7 @@ mod entry;
 pub mod error;
 pub mod format;
 mod formats;
+mod guarded;
 pub mod loader;
 mod lock;
 pub mod memory;

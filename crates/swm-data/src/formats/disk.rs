@@ -59,10 +59,17 @@ pub(crate) fn open_regular(path: &Path) -> io::Result<File> {
     }
 }
 
+/// A file above this size is not read as a whole: no index, image or video of an episode is as large.
+const MAX_WHOLE: u64 = 1 << 30;
+
 /// All of a file that [`open_regular`] opens, up to the length that it has now.
 pub(crate) fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
     let file = open_regular(path)?;
     let length = file.metadata()?.len();
+    if length > MAX_WHOLE {
+        let reason = format!("it has {length} bytes, more than are read at once");
+        return Err(io::Error::new(io::ErrorKind::InvalidData, reason));
+    }
     let mut bytes = Vec::with_capacity(length as usize);
     file.take(length).read_to_end(&mut bytes)?;
     Ok(bytes)
@@ -137,6 +144,24 @@ pub(crate) fn names(_file: &fs::Metadata) -> u64 {
     1
 }
 
+/// Bytes of a file, or of all files of a folder; links are not followed.
+pub(crate) fn size(path: &Path) -> io::Result<u64> {
+    let there = fs::symlink_metadata(path)?;
+    if there.is_symlink() || !there.is_dir() {
+        // A dataset that is a link is opened by it.
+        return Ok(fs::metadata(path)?.len());
+    }
+    let mut bytes = 0u64;
+    for entry in fs::read_dir(path)? {
+        let entry = entry?;
+        bytes = bytes.saturating_add(match entry.file_type()? {
+            kind if kind.is_dir() => size(&entry.path())?,
+            _ => entry.metadata()?.len(),
+        });
+    }
+    Ok(bytes)
+}
+
 /// The first symbolic link below a folder.
 pub(crate) fn first_link(folder: &Path) -> io::Result<Option<PathBuf>> {
     for entry in fs::read_dir(folder)? {
@@ -156,7 +181,11 @@ pub(crate) fn first_link(folder: &Path) -> io::Result<Option<PathBuf>> {
 
 /// Brings files, and the folders that name them, from the system's memory to the disk. Files that are gone again are
 /// passed over.
-pub(crate) fn sync(files: &[PathBuf]) -> io::Result<()> {
+///
+/// # Errors
+///
+/// A file cannot be opened or synced.
+pub fn sync(files: &[PathBuf]) -> io::Result<()> {
     let folders: BTreeSet<&Path> = files.iter().filter_map(|file| file.parent()).collect();
     let mut options = OpenOptions::new();
     options.read(true).write(cfg!(windows));

@@ -19,6 +19,7 @@ use swm_core::{Batch, EpisodeSink, Field, Metadata, Schema};
 use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
 use crate::error::{DataError, Result, invalid};
 use crate::formats::disk;
+pub use crate::formats::disk::sync as sync_files;
 pub use crate::lock::WriterLock;
 
 pub use self::fit::{check_fit, foreign, with_run};
@@ -337,7 +338,11 @@ impl<S: Backend> EpisodeSink for BackendWriter<S> {
         if !matches!(self.state, State::Waiting) {
             return Err(DataError::record(&self.path, "the recording has begun already").into());
         }
-        self.state = State::Recording(Box::new(self.start(schema, metadata)?), schema.clone());
+        let session = self.start(schema, metadata)?;
+        // Its name in the folder around it; what it holds is synced with its episodes.
+        sync_files(std::slice::from_ref(&self.path))
+            .map_err(|error| DataError::io(&self.path, "sync", error))?;
+        self.state = State::Recording(Box::new(session), schema.clone());
         self.identity = identity(&self.path);
         Ok(self.episodes)
     }

@@ -15,6 +15,12 @@ use crate::{WriteMode, create_in, open_in};
 use swm_core::error::BoxError;
 use swm_core::{Batch, Column, Dtype, Field, Metadata, Registry, Schema, SliceMut};
 
+/// How often a test tries: `few` times in a usual run, `many` times where the variable `SWM_ENDURE` is 1, as `cargo xtask
+/// endure` sets it.
+pub fn rounds(few: usize, many: usize) -> usize {
+    if std::env::var_os("SWM_ENDURE").is_some_and(|value| value == "1") { many } else { few }
+}
+
 /// A schema with every type, images, and an episode column.
 pub fn schema() -> Arc<Schema> {
     Schema::new(vec![

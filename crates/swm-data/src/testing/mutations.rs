@@ -5,15 +5,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use super::{episode, metadata};
+use super::{episode, metadata, rounds};
 use crate::format::built_in;
 use crate::{ReplayBuffer, WriteMode, create_in, open_in};
 use swm_core::{Batch, Dtype, Field, Registry, Schema};
 
 /// Numbers that sizes, counts and offsets are overwritten with.
 const WORDS: [u32; 6] = [0, 1, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x0100_0000];
-/// Mutations per file.
-const PER_FILE: usize = 160;
+/// Mutations per file, in a usual run and in a long one.
+const PER_FILE: [usize; 2] = [160, 800];
+/// Memory that the process may have used in the end.
+const MAX_RESIDENT_KIB: u64 = 2 << 20;
 /// Growth of the address space that all mutations together may cause.
 const MAX_GROWTH_KIB: u64 = 3 << 20;
 
@@ -97,10 +99,10 @@ pub fn play_in(registry: &Registry, path: &Path) -> bool {
     sound & ReplayBuffer::load(dataset.as_mut(), 1000).is_ok()
 }
 
-/// The largest address space that this process had, in KiB.
-fn peak_kib() -> Option<u64> {
+/// The largest address space (`VmPeak`) or memory (`VmHWM`) that this process had, in KiB.
+fn peak_kib(kind: &str) -> Option<u64> {
     let status = fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|line| line.starts_with("VmPeak:"))?;
+    let line = status.lines().find(|line| line.split(':').next() == Some(kind))?;
     line.split_whitespace().nth(1)?.parse().ok()
 }
 
@@ -112,11 +114,11 @@ pub fn mutate(name: &str, path: &Path) {
 /// As [`mutate`], with another way to use the dataset: `play` says whether there was no error.
 pub fn mutate_for(name: &str, path: &Path, play: &mut dyn FnMut(&Path) -> bool) {
     assert!(play(path), "{name}: the seed itself");
-    let (started, before) = (Instant::now(), peak_kib());
+    let (started, before) = (Instant::now(), peak_kib("VmPeak"));
     let (mut errors, mut all) = (0, 0);
     for file in files(path) {
         let bytes = fs::read(&file).unwrap();
-        for number in 0..PER_FILE {
+        for number in 0..rounds(PER_FILE[0], PER_FILE[1]) {
             // A new file, for images may be links to one another.
             fs::remove_file(&file).unwrap();
             fs::write(&file, mutated(&bytes, number)).unwrap();
@@ -134,8 +136,11 @@ pub fn mutate_for(name: &str, path: &Path, play: &mut dyn FnMut(&Path) -> bool) 
     }
     assert!(play(path), "{name}: the seed again");
     assert!(errors * 20 > all, "{name}: {errors} of {all} mutations were noticed");
-    if let (Some(before), Some(after)) = (before, peak_kib()) {
+    if let (Some(before), Some(after)) = (before, peak_kib("VmPeak")) {
         assert!(after - before < MAX_GROWTH_KIB, "{name}: {} MiB more", (after - before) >> 10);
+    }
+    if let Some(resident) = peak_kib("VmHWM") {
+        assert!(resident < MAX_RESIDENT_KIB, "{name}: {} MiB of memory", resident >> 10);
     }
     eprintln!("{name}: {errors} of {all} mutations noticed in {:?}", started.elapsed());
 }

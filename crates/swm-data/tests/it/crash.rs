@@ -6,7 +6,7 @@ use std::path::Path;
 use swm_data::testing::kills::{self, child, kill, last};
 use swm_data::{WriteMode, create, open};
 
-use crate::support::{assert_same, contents, episode, record, rows_of, schema};
+use crate::support::{assert_same, contents, episode, record, rounds, rows_of, schema};
 
 /// The test that is the recording process.
 const TEST: &str = "crash::record_until_stopped";
@@ -16,49 +16,50 @@ fn record_until_stopped() {
     kills::record_until_stopped();
 }
 
+/// Kills a recording of this name 20 times, or many recordings, and looks at what each left, of so many episodes.
+fn kill_each(name: &str, look: impl Fn(&Path, usize)) {
+    for _ in 0..rounds(1, 12) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        let episodes = kill(&path, TEST, 20);
+        look(&path, episodes);
+    }
+}
+
 #[test]
 fn a_killed_recording_keeps_what_it_committed_and_can_be_continued() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("data.h5");
-    kill(&path, TEST, 20);
-    // A clean end: plain opening works.
-    hdf5_metno::File::open(&path).unwrap();
+    kill_each("data.h5", |path, _| {
+        // A clean end: plain opening works.
+        hdf5_metno::File::open(path).unwrap();
+    });
 }
 
 #[test]
 fn a_killed_folder_keeps_what_it_committed_and_can_be_continued() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("data.folder");
-    let episodes = kill(&path, TEST, 20);
-    assert_whole(&path, episodes);
+    kill_each("data.folder", assert_whole);
 }
 
 #[cfg(feature = "video")]
 #[test]
 fn killed_videos_keep_what_they_committed_and_can_be_continued() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("data.video");
-    let episodes = kill(&path, TEST, 20);
-    assert_whole(&path, episodes);
+    kill_each("data.video", assert_whole);
 }
 
 #[cfg(feature = "lerobot")]
 #[test]
 fn a_killed_lerobot_folder_keeps_what_it_committed_and_can_be_continued() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("data.lerobot");
-    let episodes = kill(&path, TEST, 20);
-    let mut dataset = open(&path).unwrap();
-    (0..episodes).for_each(|episode| dataset.check_episode(episode).unwrap());
+    kill_each("data.lerobot", |path, episodes| {
+        let mut dataset = open(path).unwrap();
+        (0..episodes).for_each(|episode| dataset.check_episode(episode).unwrap());
+    });
 }
 
 #[test]
 fn a_killed_log_keeps_what_it_committed_and_can_be_continued() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("data.mcap");
-    let episodes = kill(&path, TEST, 20);
-    let mut dataset = open(&path).unwrap();
-    (0..episodes).for_each(|episode| dataset.check_episode(episode).unwrap());
+    kill_each("data.mcap", |path, episodes| {
+        let mut dataset = open(path).unwrap();
+        (0..episodes).for_each(|episode| dataset.check_episode(episode).unwrap());
+    });
 }
 
 /// Every checksum is right, and other programs can open the arrays.

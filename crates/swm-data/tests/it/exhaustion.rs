@@ -52,6 +52,28 @@ fn a_row_is_no_file() {
     assert!(message.contains("a row of column `wide` has the shape"), "{message}");
 }
 
+#[test]
+fn an_image_cannot_claim_more_than_its_dataset_can_hold() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused = |path: &Path, megabytes: &str| {
+        let message = open(path).err().unwrap().to_string();
+        assert!(
+            message.contains("a row of column `pixels` claims") && message.contains(megabytes),
+            "{message}"
+        );
+    };
+    let path = folder.path().join("data.folder");
+    // One row: some 20 kB.
+    record(&path, WriteMode::Error, 1..2).unwrap();
+    let manifest = fs::read_to_string(path.join("ep_len.json")).unwrap();
+    let mut edited: serde_json::Value = serde_json::from_str(&manifest).unwrap();
+    edited["columns"][0]["shape"] = serde_json::json!([6000, 6000, 3]);
+    fs::write(path.join("ep_len.json"), edited.to_string()).unwrap();
+    refused(&path, "108 MB");
+    fs::write(path.join("ep_len.json"), manifest).unwrap();
+    assert!(open(&path).is_ok());
+}
+
 /// Makes an archive of zeros that are compressed away.
 fn bomb(path: &Path, descriptor: &str, rows: u64, bytes: u64) {
     let mut archive = zip::ZipWriter::new(fs::File::create(path).unwrap());

@@ -22,6 +22,8 @@ mod loader_properties;
 mod loader_sharing;
 mod mutations;
 mod parts;
+#[cfg(target_os = "linux")]
+mod power_loss;
 mod round_trip;
 mod statistics;
 mod streams;

@@ -74,8 +74,7 @@ impl Verify {
             _ => Vec::new(),
         };
         let sound = report.problems.is_empty();
-        // Who asks for the plan gets it.
-        let finished = pending.is_empty() || self.dry_run;
+        let finished = pending.is_empty();
         let result = json!({"ok": sound && finished, "fixed": steps, "to_fix": pending, "report": report});
         output.result(&result, || {
             let mut text = format!(

@@ -2,15 +2,13 @@
 //! files, raw values in any file of the machine, datasets made of pieces of other datasets, filters that are loaded from
 //! a library. None of these is followed, for the file may come from anywhere; they are left out with the reason.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
 use hdf5_metno as h5;
 use hdf5_metno::dataset::Layout;
 use hdf5_metno::filters::Filter;
 use hdf5_metno::{IndexType, IterationOrder, LinkType, LocationType};
 
 use super::handles::library_error;
-use crate::error::{At as _, Result, invalid, unsupported};
+use crate::error::{At as _, Result, guarded, invalid, unsupported};
 
 /// The datasets at the root of a file.
 #[derive(Debug, Default)]
@@ -66,7 +64,7 @@ fn foreign_part(dataset: &h5::Dataset) -> Result<Option<String>> {
         ));
     }
     // The binding takes room for 32 parameters of a filter for granted.
-    let filters = catch_unwind(AssertUnwindSafe(|| storage.get_filters()))
+    let filters = guarded(|| Ok(storage.get_filters()))
         .map_err(|_| unsupported("one of its filters has more than 32 parameters"))?;
     match filters {
         Ok(filters) => Ok(filters.iter().find_map(|filter| match filter {

@@ -2,10 +2,9 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use crate::error::{At as _, FormatError, Result, invalid, missing, unsupported, wrong_type};
+use crate::error::{At as _, FormatError, Result, guarded, invalid, missing, unsupported, wrong_type};
 use crate::formats::disk::open_regular;
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
@@ -118,9 +117,4 @@ fn values<T: DataType>(
         true => Err(missing("some values are missing")),
         false => Ok(values),
     }
-}
-
-/// The library panics on some damaged files.
-fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| Err(invalid("it cannot be decoded")))
 }

@@ -2,7 +2,9 @@
 //! the list of episodes names them; the list appears by renaming. So after a kill at any moment every committed episode
 //! is there. `meta/info.json` follows the list, statistics follow at the end of the recording.
 
+use std::collections::BTreeSet;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -130,12 +132,28 @@ impl Session for LeRobotSession {
     }
 
     fn sync(&mut self) -> Result<()> {
-        Ok(disk::sync(&std::mem::take(&mut self.unsynced))?)
+        Ok(sync_below(&self.path, std::mem::take(&mut self.unsynced))?)
     }
 
     fn close(self) -> Result<()> {
-        Ok(self.statistics.write(&self.path, &self.manifest)?)
+        self.statistics.write(&self.path, &self.manifest)?;
+        Ok(sync_below(&self.path, Vec::new())?)
     }
+}
+
+/// Brings these files, the descriptions in `meta`, and all folders above them to the disk: a file that no folder names is
+/// lost.
+fn sync_below(path: &Path, mut files: Vec<PathBuf>) -> io::Result<()> {
+    for entry in fs::read_dir(path.join("meta"))? {
+        let entry = entry?;
+        if entry.file_type()?.is_file() {
+            files.push(entry.path());
+        }
+    }
+    disk::sync(&files)?;
+    let above = files.iter().flat_map(|file| file.ancestors().skip(1));
+    let folders: BTreeSet<&Path> = above.filter(|folder| folder.starts_with(path)).collect();
+    disk::sync(&folders.into_iter().map(Path::to_owned).collect::<Vec<_>>())
 }
 
 impl LeRobotSession {
