@@ -15,6 +15,7 @@ mod docs;
 mod engines;
 mod evaluation;
 mod experts;
+mod factor_bounds;
 mod hyperqueue;
 mod images;
 mod interop;

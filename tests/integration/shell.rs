@@ -33,23 +33,27 @@ fn the_doctor_knows_that_setup_cannot_write_there() {
 #[cfg(all(unix, feature = "mujoco"))]
 fn copied_home(folder: &Folder) -> std::path::PathBuf {
     let home = std::path::PathBuf::from(folder.path("home"));
-    let installed = swm::envs_mujoco::assets::data_folder().unwrap();
+    let installed = swm::envs_mujoco::assets::data_folder().expect("the data folder can be copied");
     copy_files(&installed.join("dm_control"), &home.join("dm_control"));
     for name in ["mujoco", "ogbench"] {
-        std::os::unix::fs::symlink(installed.join(name), home.join(name)).unwrap();
+        std::os::unix::fs::symlink(installed.join(name), home.join(name))
+            .expect("the data folder can be copied");
     }
     home
 }
 
 #[cfg(all(unix, feature = "mujoco"))]
 fn copy_files(from: &std::path::Path, to: &std::path::Path) {
-    std::fs::create_dir_all(to).unwrap();
-    for entry in std::fs::read_dir(from).unwrap().map(Result::unwrap) {
+    std::fs::create_dir_all(to).expect("the data folder can be copied");
+    for entry in std::fs::read_dir(from)
+        .expect("the data folder can be copied")
+        .map(|entry| entry.expect("the data folder can be read"))
+    {
         let target = to.join(entry.file_name());
         if entry.path().is_dir() {
             copy_files(&entry.path(), &target);
         } else {
-            std::fs::copy(entry.path(), target).unwrap();
+            std::fs::copy(entry.path(), target).expect("the data folder can be copied");
         }
     }
 }

@@ -200,7 +200,7 @@ impl Space {
         }
         for index in 0..values.len() {
             let value = values.as_f64(index).unwrap_or(f64::NAN);
-            if !(low[index] <= value && value <= high[index]) {
+            if !self.is_within(low[index], value, high[index]) {
                 return Err(BatchError::WrongValue {
                     name: what.to_owned(),
                     expected: format!("between {} and {}", low[index], high[index]),
@@ -209,6 +209,14 @@ impl Space {
             }
         }
         Ok(())
+    }
+
+    /// Compares at the precision of the values: 0.05 as `f32` lies above 0.05, and is the bound all the same.
+    fn is_within(&self, low: f64, value: f64, high: f64) -> bool {
+        match self {
+            Space::Box { dtype: Dtype::F32, .. } => low as f32 <= value as f32 && value as f32 <= high as f32,
+            _ => low <= value && value <= high,
+        }
     }
 
     /// Whether integers lie in this space of integers; true for other spaces, whose bounds are advice. Allocates
@@ -266,6 +274,19 @@ mod tests {
             assert_eq!(space.batch(4).dim(), 4 * space.dim());
             assert_eq!(space.dim(), space.bounds().0.len());
         }
+    }
+
+    #[test]
+    fn bounds_lie_in_their_space_at_every_precision() {
+        let space = Space::uniform_box(Dtype::F32, &[], 0.01, 0.05);
+        for bound in [0.01, 0.05] {
+            assert!(space.check("x", Slice::F64(&[bound])).is_ok());
+            assert!(space.check("x", Slice::F32(&[bound as f32])).is_ok(), "{bound}");
+            assert!(space.check("x", Slice::F64(&[f64::from(bound as f32)])).is_ok(), "{bound}");
+        }
+        assert!(space.check("x", Slice::F32(&[0.05f32.next_up()])).is_err());
+        assert!(space.check("x", Slice::F32(&[0.01f32.next_down()])).is_err());
+        assert!(space.check("x", Slice::F32(&[f32::NAN])).is_err());
     }
 
     #[test]

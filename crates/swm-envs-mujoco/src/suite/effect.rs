@@ -28,7 +28,7 @@ pub enum Effect {
     ///
     /// MuJoCo takes the larger of two geoms' frictions, so that the floor's number alone says little. Here a value v gives
     /// the floor v, and the others at most v times what counts between them and a floor of 1: contacts slide by v times
-    /// their friction at v = 1.
+    /// their friction at v = 1. Below [`LEAST_FRICTION`] it counts as that.
     FloorFriction(&'static str),
     /// In place: 0 holds a joint at its angle of the start, 1 leaves it free.
     ///
@@ -50,6 +50,9 @@ pub enum Effect {
     /// Recompiles: anything else.
     Spec(fn(&mut Spec, &[f64]) -> Result<(), MujocoError>),
 }
+
+/// Contacts without friction make simulations diverge within an episode: cheetah, humanoid, quadruped, walker, hopper.
+const LEAST_FRICTION: f64 = 1e-3;
 
 /// Damping, or rotor inertia, of a joint that is held.
 const LOCK: f64 = 1e6;
@@ -140,6 +143,9 @@ fn set_floor_friction(model: &mut Model, floor: &str, value: f64) -> Result<(), 
     let moving: Vec<usize> =
         model.geom_body().iter().enumerate().filter(|(_, body)| **body > 0).map(|(geom, _)| geom).collect();
     let friction = model.geom_friction_mut();
+    // A geom's own friction, rounded as factors are, means itself.
+    let own = moving.iter().map(|geom| friction[3 * geom]).find(|own| *own as f32 == value as f32);
+    let value = own.unwrap_or(value).max(LEAST_FRICTION);
     for geom in moving {
         let own = friction[3 * geom];
         friction[3 * geom] = own.min(value * own.max(1.0));
@@ -218,7 +224,13 @@ mod tests {
         let floor = model.id(Object::Geom, "ground").unwrap();
         let foot = model.id(Object::Geom, "bfoot").unwrap();
         // (floor, foot): at 1 the file's own; below the foot's 0.4 both follow.
-        for (value, expected) in [(1.0, [1.0, 0.4]), (0.5, [0.5, 0.4]), (0.1, [0.1, 0.1])] {
+        for (value, expected) in [
+            (1.0, [1.0, 0.4]),
+            (0.5, [0.5, 0.4]),
+            (0.1, [0.1, 0.1]),
+            (f64::from(0.4f32), [0.4, 0.4]),
+            (0.0, [1e-3; 2]),
+        ] {
             let mut edited = model.clone();
             Effect::FloorFriction("ground").edit_model(&mut edited, &[value]).unwrap();
             assert_eq!([edited.geom_friction()[3 * floor], edited.geom_friction()[3 * foot]], expected);
