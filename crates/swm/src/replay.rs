@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use rayon::prelude::*;
 use serde::Serialize;
 use swm_core::batch::FieldKind;
 use swm_core::dataset::{self, CHECKPOINT, Checkpoints, Dataset};
@@ -44,13 +45,16 @@ pub struct Difference {
     pub final_abs: f64,
 }
 
-/// Replays `episodes` of `source` on `entry`, with the factors of `overrides` in place of recorded ones; `watch` is
-/// called after each.
+/// Episodes that one thread replays before the others are waited for.
+const EPISODES_PER_THREAD: usize = 8;
+
+/// Replays `episodes` of `source` on `entry`, with the factors of `overrides` in place of recorded ones, on all threads;
+/// `watch` is called for each, in order.
 ///
 /// # Errors
 ///
 /// The dataset lacks what a reset needs, has a frame skip that cannot be, or cannot be read; the environment cannot
-/// be made or reset. Differences are no errors.
+/// be made or reset. Differences are no errors. Of several episodes, the error of the first.
 pub fn replay(
     entry: &EnvEntry,
     source: &mut dyn Dataset,
@@ -59,16 +63,6 @@ pub fn replay(
     tolerance: f64,
     mut watch: impl FnMut(usize),
 ) -> Result<ReplayReport, BoxError> {
-    let metadata = source.metadata().cloned();
-    let settings = metadata.as_ref().map(|m| m.settings.clone()).unwrap_or_default();
-    let frame_skip = metadata.as_ref().map_or(1, |m| m.frame_skip);
-    if frame_skip > MAX_FRAME_SKIP {
-        return Err(format!("its frame skip of {frame_skip} is more than {MAX_FRAME_SKIP}").into());
-    }
-    let mut env = entry.make(&EnvConfig { image: None, settings })?;
-    let mut live = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
-    let columns = Columns::shared(env.as_ref(), source)?;
-    let mut recorded = Batch::new(Schema::new(columns.read.clone())?, 0);
     let mut report = ReplayReport {
         ok: true,
         tolerance,
@@ -78,33 +72,110 @@ pub fn replay(
         checkpoints: 0,
         checkpoints_differ: 0,
     };
-    let saved = metadata.as_ref().filter(|_| overrides.is_empty());
-    let saved = saved.and_then(|metadata| Checkpoints::of(source.schema(), metadata.checkpoints));
-    let mut pieces = Batch::new(Schema::new(saved.map(|saved| saved.field()).into_iter().collect())?, 0);
-    let mut state = EnvState::new();
-    for &episode in episodes {
-        let mut options = dataset::whole_episode(env.spec(), source, episode)?;
+    let threads = rayon::current_num_threads().clamp(1, episodes.len().max(1));
+    let workers = (0..threads).map(|_| Worker::new(entry, source.share(), overrides));
+    let mut workers = workers.collect::<Result<Vec<Worker>, _>>()?;
+    for round in episodes.chunks(threads * EPISODES_PER_THREAD) {
+        let run = |(thread, worker): (usize, &mut Worker)| -> Vec<_> {
+            let own = round.iter().enumerate().skip(thread).step_by(threads);
+            own.map(|(at, &episode)| (at, worker.replay(episode, overrides))).collect()
+        };
+        let mut replayed: Vec<(usize, Result<Replayed, BoxError>)> =
+            workers.par_iter_mut().enumerate().flat_map_iter(run).collect();
+        replayed.sort_by_key(|(at, _)| *at);
+        for (at, replayed) in replayed {
+            replayed?.add_to(&mut report);
+            watch(round[at]);
+        }
+    }
+    report.ok = report.columns.values().all(|difference| difference.max_abs <= tolerance);
+    Ok(report)
+}
+
+/// What one episode showed.
+#[derive(Default)]
+struct Replayed {
+    rows: usize,
+    columns: BTreeMap<String, Difference>,
+    checkpoints: usize,
+    checkpoints_differ: usize,
+}
+
+impl Replayed {
+    fn add_to(self, report: &mut ReplayReport) {
+        report.rows += self.rows;
+        report.checkpoints += self.checkpoints;
+        report.checkpoints_differ += self.checkpoints_differ;
+        for (name, Difference { max_abs, final_abs }) in self.columns {
+            let largest = report.columns.entry(name).or_default();
+            largest.max_abs = largest.max_abs.max(max_abs);
+            largest.final_abs = largest.final_abs.max(final_abs);
+        }
+    }
+}
+
+/// An environment of one thread, and its handle of the dataset.
+struct Worker {
+    env: Box<dyn Env>,
+    source: Box<dyn Dataset>,
+    frame_skip: u32,
+    columns: Columns,
+    saved: Option<Checkpoints>,
+    recorded: Batch,
+    pieces: Batch,
+    live: Batch,
+    state: EnvState,
+}
+
+impl Worker {
+    fn new(
+        entry: &EnvEntry,
+        source: Box<dyn Dataset>,
+        overrides: &BTreeMap<String, Value>,
+    ) -> Result<Self, BoxError> {
+        let metadata = source.metadata().cloned();
+        let settings = metadata.as_ref().map(|m| m.settings.clone()).unwrap_or_default();
+        let frame_skip = metadata.as_ref().map_or(1, |m| m.frame_skip);
+        if frame_skip > MAX_FRAME_SKIP {
+            return Err(format!("its frame skip of {frame_skip} is more than {MAX_FRAME_SKIP}").into());
+        }
+        let env = entry.make(&EnvConfig { image: None, settings })?;
+        let live = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
+        let columns = Columns::shared(env.as_ref(), source.as_ref())?;
+        let recorded = Batch::new(Schema::new(columns.read.clone())?, 0);
+        let saved = metadata.as_ref().filter(|_| overrides.is_empty());
+        let saved = saved.and_then(|metadata| Checkpoints::of(source.schema(), metadata.checkpoints));
+        let pieces =
+            Batch::new(Schema::new(saved.as_ref().map(|saved| saved.field()).into_iter().collect())?, 0);
+        let state = EnvState::new();
+        Ok(Self { env, source, frame_skip, columns, saved, recorded, pieces, live, state })
+    }
+
+    fn replay(&mut self, episode: usize, overrides: &BTreeMap<String, Value>) -> Result<Replayed, BoxError> {
+        let Self { env, source, frame_skip, columns, saved, recorded, pieces, live, state } = self;
+        let mut found = Replayed::default();
+        let mut options = dataset::whole_episode(env.spec(), source.as_mut(), episode)?;
         options.variation_values.extend(overrides.clone());
         let steps = source.episode_len(episode);
-        source.read(episode, 0..steps, &mut recorded)?;
+        source.read(episode, 0..steps, recorded)?;
         if saved.is_some() {
-            source.read(episode, 0..steps, &mut pieces)?;
+            source.read(episode, 0..steps, pieces)?;
         }
         let seed = options.seed.unwrap_or(EpisodeSeed::new(0));
         env.reset(&Episode { seed, options: &options })?;
         for step in 0..steps {
             env.observe(&mut live.rows_mut());
-            columns.compare(&recorded, step, &live, step + 1 == steps, &mut report.columns);
-            report.rows += 1;
+            columns.compare(recorded, step, live, step + 1 == steps, &mut found.columns);
+            found.rows += 1;
             if let Some(saved) =
-                saved.filter(|saved| saved.is_at(step as u64) && step + saved.every() <= steps)
+                saved.as_ref().filter(|saved| saved.is_at(step as u64) && step + saved.every() <= steps)
             {
                 let size = pieces.schema().dim(0);
                 let whole = &pieces.get::<u8>(CHECKPOINT)?[step * size..(step + saved.every()) * size];
                 if let Some(recorded) = saved.read(whole) {
-                    env.snapshot(&mut state)?;
-                    report.checkpoints += 1;
-                    report.checkpoints_differ += usize::from(state.bytes() != recorded);
+                    env.snapshot(state)?;
+                    found.checkpoints += 1;
+                    found.checkpoints_differ += usize::from(state.bytes() != recorded);
                 }
             }
             if step + 1 < steps {
@@ -114,13 +185,11 @@ pub fn replay(
                         format!("episode {episode}, step {step}: the recorded action is not finite").into()
                     );
                 }
-                step_times(env.as_mut(), action, frame_skip)?;
+                step_times(env.as_mut(), action, *frame_skip)?;
             }
         }
-        watch(episode);
+        Ok(found)
     }
-    report.ok = report.columns.values().all(|difference| difference.max_abs <= tolerance);
-    Ok(report)
 }
 
 /// Which columns are compared.

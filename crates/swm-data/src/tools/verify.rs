@@ -1,6 +1,7 @@
 //! Proving a dataset sound: every row of every column can be read, checksums are right, episodes have rows, episode
 //! columns do not change within an episode, numbers are finite.
 
+use rayon::prelude::*;
 use serde::Serialize;
 use swm_core::{FieldKind, Slice};
 
@@ -40,7 +41,10 @@ pub struct Problem {
     pub reason: String,
 }
 
-/// Reads everything. `watch` is told after each episode how many rows it has.
+/// Episodes that one thread reads before the others are waited for.
+const EPISODES_PER_THREAD: usize = 8;
+
+/// Reads everything, the episodes on all threads. `watch` is told of each episode, in order, how many rows it has.
 pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report {
     let mut report = Report { has_checksums: dataset.info().has_checksums, ..Report::default() };
     let schema = dataset.schema().clone();
@@ -55,12 +59,51 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
         report.problems.push(Problem { episode: None, column: None, reason });
     }
     let mut missing = vec![0usize; schema.fields().len()];
-    for episode in 0..dataset.num_episodes() {
-        let rows = dataset.episode_len(episode);
+    let count = dataset.num_episodes();
+    let threads = rayon::current_num_threads().clamp(1, count.max(1));
+    let mut handles: Vec<Box<dyn Dataset>> = (0..threads).map(|_| dataset.share()).collect();
+    let per_round = threads * EPISODES_PER_THREAD;
+    for first in (0..count).step_by(per_round) {
+        let end = count.min(first + per_round);
+        let look = |(thread, handle): (usize, &mut Box<dyn Dataset>)| -> Vec<(usize, EpisodeCheck)> {
+            let own = (first + thread..end).step_by(threads);
+            own.map(|episode| (episode, EpisodeCheck::of(handle.as_mut(), episode))).collect()
+        };
+        let mut checks: Vec<_> = handles.par_iter_mut().enumerate().flat_map_iter(look).collect();
+        checks.sort_by_key(|(episode, _)| *episode);
+        for (_, check) in checks {
+            let room = MAX_PROBLEMS.saturating_sub(report.problems.len());
+            report.problems.extend(check.problems.into_iter().take(room));
+            missing.iter_mut().zip(&check.missing).for_each(|(all, more)| *all += more);
+            report.episodes += 1;
+            report.rows += check.rows;
+            watch(check.rows);
+        }
+    }
+    for (field, &missing) in schema.fields().iter().zip(&missing) {
+        if missing > 0 && field.name != ACTION {
+            report.notes.push(format!("column `{}` is NaN in {missing} of {} rows", field.name, report.rows));
+        }
+    }
+    report
+}
+
+/// What was found in one episode.
+struct EpisodeCheck {
+    rows: usize,
+    problems: Vec<Problem>,
+    /// By column: rows with a NaN.
+    missing: Vec<usize>,
+}
+
+impl EpisodeCheck {
+    fn of(dataset: &mut dyn Dataset, episode: usize) -> Self {
+        let (rows, schema) = (dataset.episode_len(episode), dataset.schema().clone());
+        let mut found = Self { rows, problems: Vec::new(), missing: vec![0; schema.fields().len()] };
         let mut problem = |column: Option<&str>, reason: String| {
-            if report.problems.len() < MAX_PROBLEMS {
+            if found.problems.len() < MAX_PROBLEMS {
                 let (episode, column) = (Some(episode), column.map(str::to_owned));
-                report.problems.push(Problem { episode, column, reason });
+                found.problems.push(Problem { episode, column, reason });
             }
         };
         if rows == 0 {
@@ -98,23 +141,15 @@ pub fn verify(dataset: &mut dyn Dataset, watch: &mut dyn FnMut(usize)) -> Report
             if let Some(row) = column_check.infinite {
                 problem(Some(&field.name), format!("row {row} holds an infinite number"));
             }
-            missing[column] += column_check.missing;
+            found.missing[column] = column_check.missing;
             // Recordings leave out an action at the end, and what a first row cannot have; a column may be unused.
             let everywhere = column_check.missing == column_check.rows && field.name != ACTION;
             if let Some(row) = column_check.missing_within.filter(|_| !everywhere) {
                 problem(Some(&field.name), format!("row {row} holds NaN"));
             }
         }
-        report.episodes += 1;
-        report.rows += rows;
-        watch(rows);
+        found
     }
-    for (field, &missing) in schema.fields().iter().zip(&missing) {
-        if missing > 0 && field.name != ACTION {
-            report.notes.push(format!("column `{}` is NaN in {missing} of {} rows", field.name, report.rows));
-        }
-    }
-    report
 }
 
 /// What an error says, without the place that the report names already.

@@ -65,6 +65,9 @@ impl OptionalEnvArgs {
     }
 }
 
+/// More environments than anybody needs.
+const MANY_ENVS: usize = 1 << 15;
+
 /// How many environments run at once.
 #[derive(Args, Clone)]
 pub(super) struct WorldArgs {
@@ -83,6 +86,14 @@ impl WorldArgs {
     /// How a run on a manifest is spread.
     pub(super) fn run_options(&self) -> RunOptions {
         RunOptions { num_envs: self.num_envs, threads: self.threads, ..RunOptions::default() }
+    }
+
+    /// The same with no more environments than episodes, for each takes time and memory to make. Numbers above
+    /// [`MANY_ENVS`] stay, so that the world refuses those that it never takes, whatever the number of episodes.
+    pub(super) fn at_most(&self, episodes: u64) -> Self {
+        let most = usize::try_from(episodes.max(1)).unwrap_or(usize::MAX);
+        let num_envs = if self.num_envs > MANY_ENVS { self.num_envs } else { self.num_envs.min(most) };
+        Self { num_envs, ..self.clone() }
     }
 
     pub(super) fn options(&self, env: EnvConfig, max_steps: u64) -> WorldOptions {
@@ -233,4 +244,19 @@ pub(super) fn assignment<'a>(text: &'a str, option: &str) -> Result<(&'a str, &'
 /// JSON if it is JSON, else text.
 pub(super) fn json_value(text: &str) -> Json {
     serde_json::from_str(text).unwrap_or_else(|_| Json::String(text.to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn environments_are_no_more_than_episodes() {
+        let made = |num_envs, episodes| {
+            WorldArgs { num_envs, threads: None, frame_skip: None }.at_most(episodes).num_envs
+        };
+        assert_eq!([made(8, 100), made(10_000, 1), made(8, 3), made(0, 3), made(8, 0)], [8, 1, 3, 0, 1]);
+        // Refused by the world.
+        assert_eq!(made(10_000_000, 1), 10_000_000);
+    }
 }

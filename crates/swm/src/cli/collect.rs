@@ -20,7 +20,7 @@ use super::args::{EnvArgs, ImageArg, Shard, WorldArgs, policy, policy_files};
 use super::output::{counted, create_parent};
 use super::scenario::ScenarioArgs;
 use super::work::Plan;
-use super::{Failure, Output, interrupt, usage};
+use super::{Failure, Output, interrupt, memory, usage};
 
 /// Record episodes of a policy to a dataset.
 #[derive(Args)]
@@ -93,6 +93,10 @@ pub(super) struct Collect {
 impl Collect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let mut world = self.make_world(registry)?;
+        let (row_bytes, num_envs) = (memory::row_bytes(world.infos()), world.options().num_envs);
+        if let Some(much) = memory::note(num_envs, self.max_steps, row_bytes, memory::machine_bytes()) {
+            output.note(much);
+        }
         let options = self.scenario.options(&world.spec().factors, output)?;
         if self.mode == WriteMode::Error && self.out.exists() {
             return Err(self.exists().into());
@@ -109,8 +113,7 @@ impl Collect {
         create_parent(&self.out)?;
         let mut writer = swm_data::create_in(registry, &self.out, &how, self.format.as_deref())?;
         let held = writer.num_episodes();
-        let wanted = self.episodes.or(self.total).unwrap_or(0);
-        let part = self.shard.map(|shard| shard.of(wanted));
+        let part = self.shard.map(|shard| shard.of(asked));
         let offset = part.as_ref().map_or(0, |part| part.start);
         let first = offset + held;
         let last = match (self.episodes, self.total) {
@@ -193,7 +196,9 @@ impl Collect {
     /// The world with its policy.
     fn make_world(&self, registry: &Registry) -> Result<World, Failure> {
         let config = self.env.config(self.image_size.0.filter(|_| self.replayable.is_none()))?;
-        let world = self.world.options(config, self.max_steps);
+        let asked = self.episodes.or(self.total).unwrap_or(0);
+        let own = self.shard.map_or(0..asked, |shard| shard.of(asked));
+        let world = self.world.at_most(own.end - own.start).options(config, self.max_steps);
         let world = world.unrecorded(&self.without).checkpoints(self.replayable);
         let mut world = World::new(self.env.entry(registry)?, world).map_err(|error| match error {
             WorldError::Option { option: "unrecorded", reason } => usage(format!("--without: {reason}")),

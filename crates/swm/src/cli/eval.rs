@@ -164,7 +164,10 @@ impl Eval {
                 return Err(held::refusal(dir, "the result of an evaluation, result.json"));
             }
         }
-        let mut world = World::new(entry, self.world.options(config, budget).frame_skip(frame_skip))?;
+        let mut world = World::new(
+            entry,
+            self.world.at_most(self.episodes).options(config, budget).frame_skip(frame_skip),
+        )?;
         world.set_policy(policy(registry, &self.policy, &world)?);
         let factors = &world.spec().factors;
         let reset = match &dataset {

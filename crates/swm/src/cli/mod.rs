@@ -21,6 +21,7 @@ mod interrupt;
 mod jobs;
 mod man;
 mod manifest;
+mod memory;
 mod new_env;
 mod output;
 mod plan;
