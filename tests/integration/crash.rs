@@ -6,11 +6,13 @@ use std::time::Duration;
 
 use rand::RngExt as _;
 use swm::core::seed::keyed;
+use swm::data::testing::rounds;
 
 use crate::support::{Folder, PUSHT, content, swm, swm_ok};
 
 const EPISODES: u64 = 60;
-const KILLS: u64 = 20;
+/// In a usual run, and in a long one.
+const KILLS: [usize; 2] = [20, 200];
 
 fn collect<'a>(out: &'a str, extra: &[&'a str]) -> Vec<&'a str> {
     let base =
@@ -47,7 +49,7 @@ fn kills_lose_nothing_that_was_committed() {
     let expected = content(&whole);
     let mut rng = keyed(0, "moments of kills", [0, 0]);
     let mut partial = 0;
-    for kill in 0..KILLS {
+    for kill in 0..rounds(KILLS[0], KILLS[1]) {
         let out = folder.path(&format!("killed{kill}.h5"));
         let delay = Duration::from_secs_f64(undisturbed_seconds * rng.random::<f64>());
         let committed = killed_after(&collect(&out, &["--total", &total]), delay);

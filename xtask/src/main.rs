@@ -11,6 +11,7 @@ mod ci;
 mod datasets;
 mod demo;
 mod deny;
+mod endure;
 mod gallery;
 mod golden;
 mod interop;
@@ -70,6 +71,8 @@ enum Command {
     Gallery(gallery::Args),
     /// Run the tests of the `unsafe` code under valgrind
     Memcheck(memcheck::Args),
+    /// Kill recordings, damage files and try hostile ones, thousands of times, for an hour or more
+    Endure(endure::Args),
     /// Make the declarations of MuJoCo's C interface anew from its headers
     Bindgen(bindgen::Args),
     /// Record the standard datasets, whole or in parts, with a page and checksums for each
@@ -103,6 +106,7 @@ fn main() -> ExitCode {
         Command::Proof(args) => proof::run(&args),
         Command::Test(args) => test::run(&args),
         Command::Memcheck(args) => memcheck::run(&args),
+        Command::Endure(args) => endure::run(&args),
         Command::Bindgen(args) => bindgen::run(&args),
         Command::Ci(args) => ci::run(&args),
         Command::Golden(args) => golden::run(&args),
