@@ -53,6 +53,8 @@ page.on("websocket", (socket) => socket.on("framereceived", ({ payload }) => {
   if (typeof payload === "string") {
     const message = JSON.parse(payload);
     live[message.kind] = message;
+    // The frames of another episode say nothing of this one.
+    if (message.kind === "episode") live.head = undefined;
   } else {
     const head = JSON.parse(payload.subarray(4, 4 + payload.readUInt32LE(0)).toString());
     if (!head.goal) live.head = head;
@@ -146,16 +148,16 @@ const parts = {
       await page.keyboard.press(".");
       await until("a step", async () => (await step()) === 1);
       await page.getByRole("button", { name: "Keep now" }).click();
-      await until("the kept episode", async () => live.head.recording?.in_file === wanted && live.head.recording.waiting?.steps === 1);
+      await until("the kept episode", async () => live.head?.recording?.in_file === wanted && live.head.recording.waiting?.steps === 1);
       await until("the next episode", async () => (await step()) === 0);
     }
     await until("two episodes", async () => (await other.locator(".thumb").count()) === 2);
     await page.getByRole("button", { name: "Undo last" }).click();
-    await until("nothing to confirm", async () => live.head.recording.waiting === null);
+    await until("nothing to confirm", async () => live.head?.recording.waiting === null);
     await page.keyboard.press(".");
     await until("a step", async () => (await step()) === 1);
     await page.getByRole("button", { name: "Keep now" }).click();
-    await until("the kept episode", async () => live.head.recording.waiting !== null);
+    await until("the kept episode", async () => live.head?.recording.waiting !== null);
     await page.goto("about:blank");
     await until("three episodes", async () => (await other.locator(".thumb").count()) === 3);
     await other.close();
@@ -271,7 +273,7 @@ async function steerToSuccess(box) {
   check(id && values.columns.action, "the demo has no actions");
   await page.getByLabel("Seed").fill("1");
   await page.getByLabel("Seed").press("Enter");
-  await until("the seed", async () => live.episode?.seed === 1 && live.head.step === 0);
+  await until("the seed", async () => live.episode?.seed === 1 && live.head?.step === 0);
   const [[a, b], [c, d]] = live.opened.steer.follow.action_from_image;
   const determinant = a * d - b * c;
   const [across, down] = values.columns.action;
@@ -282,7 +284,7 @@ async function steerToSuccess(box) {
     const way = [(d * across[at] - b * down[at]) / determinant, (a * down[at] - c * across[at]) / determinant];
     await page.mouse.move(box.x + (x + way[0]) * box.width, box.y + (y + way[1]) * box.height);
     await page.keyboard.press(".");
-    await until("a step", async () => live.head.step > at);
+    await until("a step", async () => live.head?.step > at);
     if (live.head.success) break;
   }
   await page.mouse.up();
