@@ -113,7 +113,8 @@ impl Collect {
         create_parent(&self.out)?;
         let mut writer = swm_data::create_in(registry, &self.out, &how, self.format.as_deref())?;
         let held = writer.num_episodes();
-        let part = self.shard.map(|shard| shard.of(asked));
+        let wanted = self.episodes.or(self.total).unwrap_or(0);
+        let part = self.shard.map(|shard| shard.of(wanted));
         let offset = part.as_ref().map_or(0, |part| part.start);
         let first = offset + held;
         let last = match (self.episodes, self.total) {
