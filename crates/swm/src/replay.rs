@@ -146,7 +146,7 @@ impl Worker {
         let saved = metadata.as_ref().filter(|_| overrides.is_empty());
         let saved = saved.and_then(|metadata| Checkpoints::of(source.schema(), metadata.checkpoints));
         let pieces =
-            Batch::new(Schema::new(saved.as_ref().map(|saved| saved.field()).into_iter().collect())?, 0);
+            Batch::new(Schema::new(saved.as_ref().map(Checkpoints::field).into_iter().collect())?, 0);
         let state = EnvState::new();
         Ok(Self { env, source, frame_skip, columns, saved, recorded, pieces, live, state })
     }
