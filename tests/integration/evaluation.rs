@@ -321,7 +321,7 @@ fn wrong_requests_are_refused() {
     says(&["eval", "--manifest", &out, "--policy", "random"], &["m.toml"]);
 
     // A manifest whose environment has changed since does not pass in silence.
-    swm_ok(&[&make(PUSHT, "moderate")[..], &["--episodes", "2", "--budget", "4"]].concat());
+    swm_ok(&[&make(PUSHT, "moderate")[..], &["--episodes", "2", "--budget", "4", "--overwrite"]].concat());
     let text = std::fs::read_to_string(&out).unwrap();
     let (head, rest) = text.split_once("witness = \"").unwrap();
     let changed = format!("{head}witness = \"0{}", &rest[1..]);

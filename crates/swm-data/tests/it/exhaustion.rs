@@ -112,6 +112,29 @@ fn archives_that_unpack_to_more_than_memory_are_refused() {
 }
 
 #[test]
+fn a_trillion_bytes_without_content_are_no_archive() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("data.folder");
+    fs::create_dir(&path).unwrap();
+    for (file, descriptor, bytes) in
+        [("ep_len.npz", "<i4", 4), ("ep_offset.npz", "<i8", 8), ("state.npz", "<f8", 8)]
+    {
+        bomb(&path.join(file), descriptor, 1, bytes);
+    }
+    assert!(open(&path).is_ok());
+    for file in ["state.npz", "ep_len.npz"] {
+        fs::File::create(path.join(file)).unwrap().set_len(1 << 40).unwrap();
+        let start = Instant::now();
+        let said = match open(&path) {
+            Ok(dataset) => dataset.info().skipped.iter().map(|(_, reason)| reason.clone()).collect(),
+            Err(error) => error.to_string(),
+        };
+        assert!(said.contains("zip archive"), "{file}: {said}");
+        assert!(start.elapsed() < Duration::from_secs(20), "{file}: {:?}", start.elapsed());
+    }
+}
+
+#[test]
 fn pipes_and_devices_are_no_files_of_a_dataset() {
     let folder = tempfile::tempdir().unwrap();
     let pipe = folder.path().join("pipe.h5");

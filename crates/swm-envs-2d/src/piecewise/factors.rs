@@ -5,6 +5,9 @@ use std::f64::consts::TAU;
 use swm_fov::{Factor, FovSpace};
 use swm_render::Rgb;
 
+use super::zones::SIDE_PX;
+use crate::tworoom_v2::room::BORDER_PX;
+
 /// Saturation of the zones' default colors.
 const SATURATION: f64 = 0.25;
 /// Length of the zones' default pushes, px per step.
@@ -53,13 +56,22 @@ pub(super) fn factors(grid_n: usize) -> FovSpace {
         let angle = TAU * share(zone);
         let default = [BIAS * angle.cos(), BIAS * angle.sin()].map(|value| value as f32);
         let doc = format!("push of zone {zone} along x and y, px per step");
-        Factor::vector_f32(&bias_name(zone), -4.0, 4.0, &default).doc(&doc)
+        // Seen for sure by an agent that starts in the zone.
+        Factor::vector_f32(&bias_name(zone), -4.0, 4.0, &default)
+            .doc(&doc)
+            .shows_with("agent.position", middle(zone, grid_n).to_vec())
     }));
     factors.extend((0..zones).map(|zone| {
         let doc = format!("color of zone {zone}");
         Factor::rgb(&color_name(zone), pastel(share(zone))).doc(&doc).shows_with("rendering.render_zones", 1)
     }));
     FovSpace::new(factors)
+}
+
+/// The middle of a zone, `[x, y]` in px.
+fn middle(zone: usize, grid_n: usize) -> [f64; 2] {
+    let side = f64::from(SIDE_PX) / grid_n as f64;
+    [zone % grid_n, zone / grid_n].map(|cell| BORDER_PX + (cell as f64 + 0.5) * side)
 }
 
 /// A color of this hue, 0..1, of full value and low saturation.

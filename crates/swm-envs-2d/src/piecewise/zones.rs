@@ -7,7 +7,7 @@ use super::factors::bias_name;
 use crate::tworoom_v2::room::{BORDER_PX, IMAGE_PX};
 
 /// The side of the room, px.
-const SIDE_PX: f32 = IMAGE_PX as f32 - 2.0 * BORDER_PX as f32;
+pub(super) const SIDE_PX: f32 = IMAGE_PX as f32 - 2.0 * BORDER_PX as f32;
 
 /// What of an assignment of factors matters for moving.
 #[derive(Clone, Debug, PartialEq)]

@@ -153,7 +153,8 @@ mod tests {
             for (shift, expected) in [([0.0; 2], [x, y, z]), ([dx, dy], [x + dx, y + dy, z])] {
                 let found = grip(shift);
                 let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-                assert!(off < if shift == [0.0; 2] { 1e-4 } else { 0.01 }, "{task:?} {shift:?}: {found:?}");
+                // The reference's own starts (row 0 of its recordings) are up to 0.2 mm from what it takes for the start.
+                assert!(off < if shift == [0.0; 2] { 3e-4 } else { 0.01 }, "{task:?} {shift:?}: {found:?}");
             }
         }
     }

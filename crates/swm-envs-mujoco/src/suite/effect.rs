@@ -28,7 +28,7 @@ pub enum Effect {
     ///
     /// MuJoCo takes the larger of two geoms' frictions, so that the floor's number alone says little. Here a value v gives
     /// the floor v, and the others at most v times what counts between them and a floor of 1: contacts slide by v times
-    /// their friction at v = 1. Below [`LEAST_FRICTION`] it counts as that.
+    /// their friction at v = 1. Below `LEAST_FRICTION` it counts as that.
     FloorFriction(&'static str),
     /// In place: 0 holds a joint at its angle of the start, 1 leaves it free.
     ///

@@ -24,6 +24,9 @@ const MAX_INFLATED: u64 = 1 << 30;
 const MAX_INTEGERS: usize = 1 << 24;
 /// A head is never longer.
 const MAX_HEAD: u64 = 1 << 16;
+/// The record at the end of a zip archive: how it begins, and its most bytes, with a comment.
+const END: &[u8] = b"PK\x05\x06";
+const MAX_END: u64 = 22 + 65_535;
 
 /// An open array: rows of one shape.
 #[derive(Debug)]
@@ -47,6 +50,7 @@ impl Array {
     pub(in crate::formats) fn open(path: &Path) -> Result<Self> {
         let file = open_regular(path)?;
         let length = file.metadata()?.len();
+        check_end(&file, length)?;
         let mut archive = ZipArchive::new(BufReader::new(&file)).map_err(archive_error)?;
         let entry = archive.by_name(ENTRY).map_err(archive_error)?;
         let (size, stored) = (entry.size(), entry.compression() == CompressionMethod::Stored);
@@ -173,6 +177,17 @@ impl Array {
             swm_core::Column::I64(values) => Ok(values),
             other => Err(wrong_type(format!("it holds {}, not integers", other.dtype()))),
         }
+    }
+}
+
+/// Whether a zip archive ends here. The zip crate would look for the record through all of the file, however large.
+fn check_end(file: &File, length: u64) -> Result<()> {
+    let count = length.min(MAX_END);
+    let mut tail = vec![0; count as usize];
+    read_exact_at(file, &mut tail, length - count)?;
+    match tail.windows(END.len()).any(|bytes| bytes == END) {
+        true => Ok(()),
+        false => Err(invalid("it does not end as a zip archive")),
     }
 }
 
