@@ -19,6 +19,12 @@ import stable_worldmodel_rs as swm
 PATIENCE = 1.5 if os.environ.get("CI") else 0.6
 
 
+@pytest.fixture(autouse=True)
+def _ctrl_c_raises() -> None:
+    # A shell starts background jobs with the signal ignored, and Python then leaves it so.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def make(num_envs: int = 2) -> swm.World:
     return swm.World("swm/PushT-v1", num_envs, image_shape=(32, 32), threads=1)
 

@@ -196,7 +196,7 @@ pub struct Pair {
     /// Episode, start row and goal row of the dataset.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<[usize; 3]>,
-    /// Digest of the first row that this gives, images apart: what [`witness`] makes of it.
+    /// Digest of the first row that this gives, images apart: what [`witness`](super::witness) makes of it.
     pub witness: String,
 }
 
