@@ -121,14 +121,6 @@ def test_names_and_arguments_of_native_policies(tmp_path: Path) -> None:
         world.set_policy("cem:sampels=3")
 
 
-def test_native_policies_act_in_whole_episodes_only() -> None:
-    world = make(1)
-    world.set_policy("random")
-    world.reset(seed=0)
-    with pytest.raises(RuntimeError, match="evaluate or collect"):
-        world.step()
-
-
 def test_seeds_of_a_policys_own_noise() -> None:
     world = make(2)
 
