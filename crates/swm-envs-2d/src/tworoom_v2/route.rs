@@ -19,6 +19,8 @@ pub(super) struct Way {
 
 /// A way is planned this far from the edges of doors, so that rounding does not lead into the wall.
 const CLEARANCE_PX: f64 = 0.25;
+/// A way ends this far before the wall: a step that rounding carries into the wall is put back by more than that.
+const SHORT_OF_WALL_PX: f64 = 1e-3;
 /// A gate is passed when it is so near.
 const AT_GATE_PX: f64 = 1e-3;
 /// What success needs, less something for rounding.
@@ -110,6 +112,8 @@ impl Map {
     /// The part that an agent is in; inside the wall, the room that a step puts it into.
     fn part_of(&self, [across, along]: Place) -> Part {
         let [low, high] = self.wall;
+        // A place on the border may lie beyond it by a rounding.
+        let along = along.clamp(self.limits[0], self.limits[1]);
         let passage = || self.open().find(|(_, [from, to])| (*from..=*to).contains(&along));
         match across {
             x if x <= low => Part::Low,
@@ -126,8 +130,8 @@ impl Map {
     fn nearest(&self, part: Part, [across, along]: Place) -> Place {
         let ([least, most], [low, high]) = (self.limits, self.wall);
         match part {
-            Part::Low => [across.clamp(least, low), along.clamp(least, most)],
-            Part::High => [across.clamp(high, most), along.clamp(least, most)],
+            Part::Low => [across.clamp(least, low - SHORT_OF_WALL_PX), along.clamp(least, most)],
+            Part::High => [across.clamp(high + SHORT_OF_WALL_PX, most), along.clamp(least, most)],
             Part::Passage(index) => {
                 let [from, to] = self.passages[index].unwrap_or([along, along]);
                 [across.clamp(low, high), along.clamp(from, to)]
