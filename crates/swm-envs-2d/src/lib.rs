@@ -4,6 +4,7 @@
 //! variation, its policies; rendering comes from `swm-render`. No solver, dataset or model is known here.
 
 pub mod classic_control;
+mod dot_room;
 pub mod piecewise;
 #[cfg(feature = "rapier")]
 pub mod point_maze;
