@@ -87,6 +87,18 @@ impl PolicyArgs {
             .map_err(|error| self.wrong(plain(&error.to_string())))
     }
 
+    /// Refuses a value that is negative or not finite: the spread of a noise is neither.
+    ///
+    /// # Errors
+    ///
+    /// [`PolicyError::Argument`], with the name of the setting.
+    pub fn check_not_negative(&self, name: &str, value: f64) -> Result<(), PolicyError> {
+        match value >= 0.0 && value.is_finite() {
+            true => Ok(()),
+            false => Err(self.wrong(format!("{name} {value} must be 0 or more, and finite"))),
+        }
+    }
+
     /// An error about these arguments.
     pub fn wrong(&self, reason: impl Into<String>) -> PolicyError {
         PolicyError::Argument { policy: self.name.clone(), reason: reason.into() }

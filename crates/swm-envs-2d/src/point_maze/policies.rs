@@ -54,9 +54,7 @@ enum Errand {
 
 fn noisy(args: &PolicyArgs, errand: Errand) -> Result<Box<dyn Policy>, PolicyError> {
     let Noise { std } = args.parse_with("std")?;
-    if !(std >= 0.0 && std.is_finite()) {
-        return Err(args.wrong(format!("std {std} must be 0 or more, and finite")));
-    }
+    args.check_not_negative("std", std)?;
     Ok(navigator(format!("{}:std={std}", args.name), std, errand))
 }
 

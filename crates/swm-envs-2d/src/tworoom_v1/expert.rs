@@ -49,9 +49,7 @@ fn make(args: &PolicyArgs, default_std: f64) -> Result<Box<dyn Policy>, PolicyEr
         args.named.entry("std").or_insert(default_std.into());
     }
     let Arguments { std } = args.parse_with("std")?;
-    if !(std >= 0.0 && std.is_finite()) {
-        return Err(args.wrong(format!("std {std} must be 0 or more, and finite")));
-    }
+    args.check_not_negative("std", std)?;
     let description = if std == 0.0 { "expert".to_owned() } else { format!("{}:std={std}", args.name) };
     Ok(Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
         Ok(Box::new(Expert { std, rooms: Rooms::of(view)? }) as Box<dyn Actor>)

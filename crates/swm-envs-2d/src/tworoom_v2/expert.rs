@@ -57,9 +57,7 @@ fn make(
     arguments: Arguments,
 ) -> Result<Box<dyn Policy>, PolicyError> {
     let Arguments { noise, action_repeat_prob } = arguments;
-    if !(noise >= 0.0 && noise.is_finite()) {
-        return Err(args.wrong(format!("noise {noise} must be 0 or more, and finite")));
-    }
+    args.check_not_negative("noise", noise)?;
     if !(0.0..=1.0).contains(&action_repeat_prob) {
         return Err(args.wrong(format!("action_repeat_prob {action_repeat_prob} must be 0 to 1")));
     }

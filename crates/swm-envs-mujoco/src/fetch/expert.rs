@@ -38,9 +38,7 @@ const NOISY: PolicyEntry = PolicyEntry::new(
     "the expert with normal noise on its actions (`noisy-expert:STD`)",
     |context, args| {
         let Noise { std } = args.parse_with("std")?;
-        if !(std >= 0.0 && std.is_finite()) {
-            return Err(args.wrong(format!("std {std} must be 0 or more, and finite")));
-        }
+        args.check_not_negative("std", std)?;
         make(context, args, std)
     },
 )

@@ -43,9 +43,7 @@ const SETTINGS: &[Setting] = Arguments::SETTINGS;
 
 fn make(context: &PolicyContext<'_>, args: &PolicyArgs, body: Body) -> Result<Box<dyn Policy>, PolicyError> {
     let Arguments { noise } = args.parse_with("noise")?;
-    if !(noise >= 0.0 && noise.is_finite()) {
-        return Err(args.wrong(format!("noise {noise} must be 0 or more, and finite")));
-    }
+    args.check_not_negative("noise", noise)?;
     let settings: Settings = settings::read(context.config, context.env.id, ENV_SETTINGS)?;
     let maze = settings.maze_type;
     let description = format!("{}:noise={noise}", args.name);

@@ -71,9 +71,7 @@ impl ExpertSettings {
             ("std", self.std),
         ];
         for (name, value) in values {
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(args.wrong(format!("{name} {value} must be 0 or more, and finite")));
-            }
+            args.check_not_negative(name, value)?;
         }
         Ok(self)
     }

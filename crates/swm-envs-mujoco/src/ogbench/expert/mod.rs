@@ -71,9 +71,7 @@ fn make(
         ("noise_smoothing", arguments.noise_smoothing),
         ("min_norm", arguments.min_norm),
     ] {
-        if !(value >= 0.0 && value.is_finite()) {
-            return Err(args.wrong(format!("{name} {value} must be 0 or more, and finite")));
-        }
+        args.check_not_negative(name, value)?;
     }
     if !(0.0..=1.0).contains(&arguments.p_random_action) {
         return Err(args.wrong(format!("p_random_action {} must be 0 to 1", arguments.p_random_action)));
