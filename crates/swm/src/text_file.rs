@@ -1,6 +1,7 @@
-//! Texts that a user names: settings, manifests, receipts. They may be pipes, but not endless.
+//! Texts that a user names: settings, manifests, receipts. They may be pipes, but not endless. And texts that are replaced while
+//! others read them.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Read as _};
 use std::path::Path;
 
@@ -19,6 +20,18 @@ pub(crate) fn read_text(path: &Path) -> io::Result<String> {
         true => Err(io::Error::new(io::ErrorKind::InvalidData, "it is longer than 256 MB")),
         false => Ok(text),
     }
+}
+
+/// Writes a text as a whole: readers see the old one or the new one.
+///
+/// # Errors
+///
+/// It cannot be written.
+pub(crate) fn replace_text(path: &Path, text: &str) -> io::Result<()> {
+    let new = path.with_extension(format!("{}.new", std::process::id()));
+    let written = fs::write(&new, text).and_then(|()| fs::rename(&new, path));
+    // What is half written is of no use; the error that counts is the first one.
+    written.inspect_err(|_| drop(fs::remove_file(&new)))
 }
 
 #[cfg(test)]

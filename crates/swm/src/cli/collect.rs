@@ -113,7 +113,7 @@ impl Collect {
         create_parent(&self.out)?;
         let mut writer = swm_data::create_in(registry, &self.out, &how, self.format.as_deref())?;
         let held = writer.num_episodes();
-        let wanted = self.episodes.or(self.total).unwrap_or(0);
+        let wanted = self.wanted();
         let part = self.shard.map(|shard| shard.of(wanted));
         let offset = part.as_ref().map_or(0, |part| part.start);
         let first = offset + held;
@@ -181,9 +181,14 @@ impl Collect {
 }
 
 impl Collect {
+    /// Episodes that are asked for.
+    fn wanted(&self) -> u64 {
+        self.episodes.or(self.total).unwrap_or(0)
+    }
+
     /// How to go on with a file that is there.
     fn exists(&self) -> String {
-        let wanted = self.episodes.or(self.total).unwrap_or(0);
+        let wanted = self.wanted();
         let rest = match (self.shard, self.episodes) {
             (None, Some(_)) => format!(
                 "to complete it to {wanted} episodes, add `--mode append --total {wanted}` in place of --episodes; to record {wanted} \
@@ -197,7 +202,7 @@ impl Collect {
     /// The world with its policy.
     fn make_world(&self, registry: &Registry) -> Result<World, Failure> {
         let config = self.env.config(self.image_size.0.filter(|_| self.replayable.is_none()))?;
-        let asked = self.episodes.or(self.total).unwrap_or(0);
+        let asked = self.wanted();
         let own = self.shard.map_or(0..asked, |shard| shard.of(asked));
         let world = self.world.at_most(own.end - own.start).options(config, self.max_steps);
         let world = world.unrecorded(&self.without).checkpoints(self.replayable);
@@ -213,7 +218,7 @@ impl Collect {
     pub(super) fn plan(&self, registry: &Registry, output: &Output) -> Result<(Plan, u64), Failure> {
         let world = self.make_world(registry)?;
         self.scenario.options(&world.spec().factors, output)?;
-        let episodes = self.episodes.or(self.total).unwrap_or(0);
+        let episodes = self.wanted();
         if episodes == 0 {
             return Err(usage("0 episodes asked for; use 1 or more"));
         }

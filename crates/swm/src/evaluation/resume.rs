@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, sha256};
 
-use crate::text_file::read_text;
+use crate::text_file::{read_text, replace_text};
 
 /// A file of finished episodes.
 pub struct Ledger {
@@ -66,8 +66,7 @@ impl Ledger {
             let seconds = ledger.seconds.get(&episode).copied().unwrap_or_default();
             text += &(serde_json::to_string(&Line { episode, result: result.clone(), seconds })? + "\n");
         }
-        let new = path.with_extension("new");
-        fs::write(&new, text).and_then(|()| fs::rename(&new, path)).map_err(failed)?;
+        replace_text(path, &text).map_err(failed)?;
         ledger.file = Some(OpenOptions::new().append(true).open(path).map_err(failed)?);
         ledger.is_finished = false;
         Ok(ledger)

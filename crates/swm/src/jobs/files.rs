@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use swm_core::error::BoxError;
 
-use crate::text_file::read_text;
+use crate::text_file::{read_text, replace_text};
 
 /// Writes a file as a whole: readers see the old one or the new one.
 ///
@@ -18,13 +18,7 @@ use crate::text_file::read_text;
 /// The file cannot be written.
 pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), BoxError> {
     let text = serde_json::to_string_pretty(value)? + "\n";
-    let new = path.with_extension(format!("{}.new", std::process::id()));
-    let written = fs::write(&new, text).and_then(|()| fs::rename(&new, path));
-    written.map_err(|error| {
-        // What is half written is of no use; the error that counts is the first one.
-        let _ = fs::remove_file(&new);
-        cannot("write", path, error)
-    })
+    replace_text(path, &text).map_err(|error| cannot("write", path, error))
 }
 
 /// Reads a file that [`write_json`] wrote; `None` if it is not there.
