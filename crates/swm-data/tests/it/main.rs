@@ -14,6 +14,8 @@ mod folders;
 mod golden;
 mod hostile_hdf5;
 #[cfg(unix)]
+mod hostile_places;
+#[cfg(unix)]
 mod hostile_writes;
 #[cfg(feature = "lerobot")]
 mod lerobot;
