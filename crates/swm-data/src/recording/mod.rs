@@ -6,6 +6,7 @@
 //! any later moment, and a loss of power once it was synced; of one that was not committed nothing is seen; and nothing is
 //! recorded into a dataset that is no longer at its path.
 
+mod backend;
 mod fit;
 
 use std::fmt;
@@ -22,137 +23,12 @@ use crate::formats::disk;
 pub use crate::formats::disk::sync as sync_files;
 pub use crate::lock::WriterLock;
 
+pub use self::backend::{Backend, Existing, Session, SessionStart, StepIndex};
 pub use self::fit::{check_fit, foreign, with_run};
 pub(crate) use self::fit::{check_own, resolve};
 
 /// The episode that a row belongs to, i32: a column that formats fill or make up themselves.
 pub const EP_IDX: &str = "ep_idx";
-
-/// How a format stores datasets.
-pub trait Backend: Send + 'static {
-    /// An open recording.
-    type Session: Session;
-
-    /// The format's name.
-    fn name(&self) -> &'static str;
-
-    /// Whether a dataset is a folder; else it is a file.
-    fn is_folder(&self) -> bool;
-
-    /// Whether nothing is there yet that could be continued or replaced.
-    ///
-    /// # Errors
-    ///
-    /// What is there cannot be looked at.
-    fn is_new(&self, path: &Path) -> Result<bool, DataError> {
-        Ok(!path.exists())
-    }
-
-    /// Opens what is there.
-    ///
-    /// # Errors
-    ///
-    /// What is there is no dataset of this format, or is damaged.
-    fn open(&self, path: &Path) -> Result<Box<dyn Dataset>, DataError>;
-
-    /// Why it cannot hold a column of this name, to complete "`name` cannot name a column: …".
-    fn refuses(&self, name: &str) -> Option<&'static str>;
-
-    /// Makes, continues or replaces a dataset.
-    ///
-    /// # Errors
-    ///
-    /// It cannot be made, or what is there does not fit.
-    fn start(&self, start: &SessionStart<'_>) -> Result<Self::Session, DataError>;
-}
-
-/// What a recording begins with.
-#[derive(Clone, Copy, Debug)]
-pub struct SessionStart<'a> {
-    /// The file or folder.
-    pub path: &'a Path,
-    /// How it is written.
-    pub options: &'a WriteOptions,
-    /// What is at the path.
-    pub existing: Existing,
-    /// The columns of the tables that will come.
-    pub schema: &'a Arc<Schema>,
-    /// Those of them that are to be stored: all but [`EP_IDX`].
-    pub fields: &'a [Field],
-    /// What is known of the new episodes.
-    pub metadata: &'a Metadata,
-    /// The episodes that are there, and stay.
-    pub episodes: u64,
-}
-
-/// What a recording finds at its path.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Existing {
-    /// No dataset.
-    None,
-    /// One that is to be continued.
-    Continued,
-    /// One that is to be replaced.
-    Replaced,
-}
-
-/// The open files of a dataset that is being recorded.
-pub trait Session: Send {
-    /// Appends rows to the open episode.
-    ///
-    /// # Errors
-    ///
-    /// What failed, and in which column; the recording takes no more after it.
-    fn append(&mut self, at: StepIndex, rows: &Batch) -> Result<()>;
-
-    /// Commits the open episode, which ends at `end`: when this returns, no kill can lose it.
-    ///
-    /// # Errors
-    ///
-    /// As of [`Session::append`].
-    fn commit(&mut self, end: StepIndex) -> Result<()>;
-
-    /// Brings everything that was committed from the system's memory to the disk, where a loss of power does not reach it.
-    /// Called from time to time, for it takes long, and before [`Session::close`].
-    ///
-    /// # Errors
-    ///
-    /// As of [`Session::append`].
-    fn sync(&mut self) -> Result<()> {
-        Ok(())
-    }
-
-    /// Ends the recording. No episode is open.
-    ///
-    /// # Errors
-    ///
-    /// As of [`Session::append`].
-    fn close(self) -> Result<()>;
-
-    /// Ends the recording amid an episode, of which nothing may be seen. As a kill would, if nothing better is known.
-    fn cancel(self)
-    where
-        Self: Sized,
-    {
-        self.abandon();
-    }
-
-    /// Leaves everything as a kill would: after an error.
-    fn abandon(self)
-    where
-        Self: Sized,
-    {
-    }
-}
-
-/// A step of the open episode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StepIndex {
-    /// The episode's number.
-    pub episode: i32,
-    /// The step of the episode.
-    pub step: usize,
-}
 
 /// The [`DatasetWriter`] over a [`Backend`].
 pub struct BackendWriter<S: Backend> {
