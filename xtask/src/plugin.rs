@@ -8,7 +8,7 @@ use std::process::Command;
 use anyhow::{Context as _, Result};
 
 use crate::metadata::Metadata;
-use crate::{apart, process};
+use crate::{process, test};
 
 /// Options of `cargo xtask plugin`.
 #[derive(clap::Args, Default)]
@@ -41,10 +41,7 @@ struct Workspace {
 impl Workspace {
     /// `swm new-env`, from the program that the tests build.
     fn make(&self, name: &str, folder: &Path) -> Result<()> {
-        let mut build =
-            process::cargo(["build", "--quiet", "--lib", "--bins", "--tests", "--features", "swm/lerobot"]);
-        process::run(build.args(apart::all_others()))?;
-        let mut command = Command::new(self.metadata.target_directory.join("debug/swm"));
+        let mut command = Command::new(test::program()?);
         command.args(["new-env", name, "--out"]).arg(folder).arg("--checkout").arg(process::root());
         process::run(&mut command)
     }

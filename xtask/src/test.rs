@@ -2,7 +2,7 @@
 //!
 //! Benchmarks in test mode are a step of `cargo xtask ci`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 
@@ -64,6 +64,15 @@ pub(crate) fn doctests(args: &Args) -> Result<()> {
     process::run(
         process::cargo(["test", "--doc", "--quiet"]).args(libraries.selection()).args(features(&libraries)),
     )
+}
+
+/// Builds what tests use, and nothing twice: the program `swm`, whose path is returned, and the Python extension.
+pub(crate) fn program() -> Result<PathBuf> {
+    let all = Args::default();
+    // With tests: what they depend on decides about features, too.
+    let mut build = process::cargo(["build", "--quiet", "--lib", "--bins", "--tests"]);
+    process::run(build.args(all.selection()).args(features(&all)))?;
+    Ok(Metadata::load()?.target_directory.join("debug").join(format!("swm{}", std::env::consts::EXE_SUFFIX)))
 }
 
 /// The pages of the book that need the feature `what` of a command `swm`, with `program`, which has it.

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context as _, Result, bail};
 
-use crate::process;
+use crate::{process, test};
 
 /// Options of `cargo xtask ui`.
 #[derive(clap::Args, Default)]
@@ -86,9 +86,7 @@ fn files(folder: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>> {
 
 /// A dataset, a manifest with a receipt, and a training run's metrics below `folder`; the program that made them.
 fn demo_data(folder: &Path) -> Result<PathBuf> {
-    process::run(&mut process::cargo(["build", "--quiet", "--package", "swm"]))?;
-    let target = crate::metadata::Metadata::load()?.target_directory;
-    let program = target.join("debug").join(format!("swm{}", std::env::consts::EXE_SUFFIX));
+    let program = test::program()?;
     let commands = [
         "collect swm/PushT-v1 --policy expert --episodes 8 --seed 1 --max-steps 200 --out demo.h5 --quiet",
         "manifest make swm/PushT-v1 --tier moderate --episodes 8 --budget 60 --out task.json --quiet",

@@ -13,7 +13,7 @@ use anyhow::{Context as _, Result, ensure};
 
 use crate::metadata::Metadata;
 use crate::setup::data;
-use crate::{apart, interop, process, setup};
+use crate::{interop, process, setup, test};
 
 /// Options of `cargo xtask wheel`.
 #[derive(clap::Args)]
@@ -81,13 +81,8 @@ pub(crate) fn check() -> Result<()> {
 
     let mut tests = Command::new(&python);
     tests.args(["-m", "pytest", "-q", "-p", "no:cacheprovider"]).current_dir(process::root().join(CRATE));
-    tests.env("SWM_HOME", data::home()?).env("SWM_COMMAND", program()?);
+    tests.env("SWM_HOME", data::home()?).env("SWM_COMMAND", test::program()?);
     process::run(tests.env_remove("PYTHONPATH").env("PYTHONDONTWRITEBYTECODE", "1"))
-}
-
-/// The command of the same build, with which the package is compared.
-fn program() -> Result<PathBuf> {
-    Ok(Metadata::load()?.target_directory.join("debug/swm"))
 }
 
 fn make(args: &Args) -> Result<PathBuf> {
@@ -130,9 +125,7 @@ fn by_maturin(zig: bool, python: &Path, work: &Path) -> Result<PathBuf> {
 
 /// Builds the workspace as tests do, and lays the extension, the Python files and maturin's metadata out as a wheel.
 fn from_the_workspace(metadata: &Metadata, python: &Path, work: &Path) -> Result<PathBuf> {
-    // With tests: what they depend on decides about features, too.
-    let mut build = process::cargo(["build", "--lib", "--bins", "--tests", "--features", "swm/lerobot"]);
-    process::run(build.args(apart::all_others()))?;
+    test::program()?;
     let tree = work.join("tree");
     copy(&process::root().join(CRATE).join("python").join(PACKAGE), &tree.join(PACKAGE), &is_source)?;
     let library = if cfg!(windows) {
