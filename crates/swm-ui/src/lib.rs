@@ -25,4 +25,4 @@ mod roots;
 mod server;
 
 pub use error::UiError;
-pub use server::{Options, Server, serve};
+pub use server::{Options, SAVING, Server, serve};

@@ -63,7 +63,7 @@ impl Options {
 /// Bytes of a request's body and of a message from the page: settings and factors are far smaller.
 pub(crate) const MAX_MESSAGE_BYTES: usize = 256 << 10;
 /// How long environments that are being recorded have to commit what they hold when the server ends.
-const GRACE: Duration = Duration::from_secs(5);
+pub const SAVING: Duration = Duration::from_secs(30);
 
 /// What every request sees.
 pub(crate) struct App {
@@ -201,7 +201,7 @@ impl Server {
         runtime.shutdown_timeout(Duration::from_millis(500));
         let threads = std::mem::take(&mut *app.threads.lock().unwrap_or_else(PoisonError::into_inner));
         let started = Instant::now();
-        while started.elapsed() < GRACE && threads.iter().any(|thread| !thread.is_finished()) {
+        while started.elapsed() < SAVING && threads.iter().any(|thread| !thread.is_finished()) {
             std::thread::sleep(Duration::from_millis(10));
         }
         served.map_err(UiError::Server)

@@ -1,7 +1,7 @@
 // The page in a headless Chromium: `node test.mjs SWM DATA [SHOTS]`. SWM is the program, DATA a folder with `demo.h5`, `result`
 // and `run`; screenshots go to SHOTS. Every view is opened with that data, an episode of PushT is steered by the pointer to
 // success, recorded and loaded back, and any message on the console is a failure. `cargo xtask ui` makes DATA and calls this.
-import { spawn } from "node:child_process";
+import { spawn, spawnSync } from "node:child_process";
 import { existsSync, mkdirSync, mkdtempSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
@@ -252,11 +252,24 @@ const parts = {
     quiet("speed");
   },
 
-  /** Last: the page says that the server is gone. */
+  /** Last: Ctrl-C commits the episode that waits, however long that takes, and the page says that the server is gone. */
   async ending() {
     await page.goto(`${origin}/#play`);
     await page.waitForSelector("canvas");
-    server.kill("SIGKILL");
+    await page.getByLabel("File").fill("interrupted.h5");
+    await page.getByLabel("Images").selectOption("256");
+    await page.getByRole("button", { name: "Record", exact: true }).click();
+    await page.waitForSelector(".rec");
+    await page.getByRole("slider", { name: /Speed/ }).fill("3");
+    await page.getByRole("button", { name: "Play", exact: true }).click();
+    await until("many steps", async () => (await step()) > 150, 40);
+    await page.getByRole("button", { name: "Keep now" }).click();
+    await until("the kept episode", async () => live.head?.recording.waiting !== null);
+    const ended = new Promise((resolve) => server.once("exit", resolve));
+    server.kill("SIGINT");
+    check((await ended) === 130, "Ctrl-C has another exit status");
+    const { stdout } = spawnSync(program, ["inspect", join(save, "interrupted.h5"), "--json"], { encoding: "utf8" });
+    check(JSON.parse(stdout).episodes === 1, `the episode is lost: ${stdout}`);
     await page.waitForSelector(".notice");
     check((await text(".notice")).includes("the server has ended"), "the end of the server is not said");
     await shot("gone");

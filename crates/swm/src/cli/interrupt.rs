@@ -5,14 +5,14 @@
 //! command continues (`EX_TEMPFAIL` of BSD's `sysexits.h`), and else 143, as shells give it.
 
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use swm_core::Cancel;
 
-/// How long a command may take to stop by itself.
-const GRACE: Duration = Duration::from_millis(200);
+/// How long a command may take to stop by itself, in ms.
+static GRACE_MS: AtomicU64 = AtomicU64::new(200);
 
 type Advice = Box<dyn Fn() -> String + Send>;
 
@@ -26,6 +26,12 @@ static IS_TERMINATED: AtomicBool = AtomicBool::new(false);
 /// From now on a signal sets the returned flag. `advice` says what is safe. Nothing of it is continued.
 pub(super) fn watch(advice: impl Fn() -> String + Send + 'static) -> Cancel {
     begin(false, Box::new(advice))
+}
+
+/// As [`watch`], for a command that may take `grace` to save what it holds.
+pub(super) fn watch_saving(grace: Duration, advice: impl Fn() -> String + Send + 'static) -> Cancel {
+    GRACE_MS.store(grace.as_millis() as u64, Ordering::SeqCst);
+    watch(advice)
 }
 
 /// As [`watch`], for a command that continues where it stopped; `advice` says how.
@@ -90,7 +96,7 @@ fn listen(cancel: Cancel) {
 fn stop(cancel: &Cancel, is_terminated: bool) {
     IS_TERMINATED.store(is_terminated, Ordering::SeqCst);
     cancel.cancel();
-    std::thread::sleep(GRACE);
+    std::thread::sleep(Duration::from_millis(GRACE_MS.load(Ordering::SeqCst)));
     say();
     std::process::exit(i32::from(status()));
 }

@@ -66,7 +66,9 @@ impl Ui {
         if !self.no_open {
             open_browser(&url);
         }
-        let cancel = interrupt::watch(|| "the page is closed; what was recorded is in its files".to_owned());
+        let advice = || "the page is closed; what was recorded is in its files".to_owned();
+        // The server itself waits so long for recordings.
+        let cancel = interrupt::watch_saving(swm_ui::SAVING + Duration::from_secs(1), advice);
         let stop = server.stopper();
         std::thread::spawn(move || {
             while !cancel.is_cancelled() {
