@@ -208,10 +208,10 @@ fn previews_show_the_episodes() {
     let [sheet, video, gif] = ["sheet.png", "grid.mp4", "grid.gif"].map(|name| folder.path(name));
     let result = swm_json(&["preview", &source, "--episodes", "0..2", "--frames", "4", "--out", &sheet]);
     assert_eq!(result["episodes"], serde_json::json!([0, 1]));
-    // Four images of 40 pixels with three gaps of 2, two of them above each other with one gap.
+    // The goal and four images of 40 pixels with four gaps of 2, two rows of them with one gap.
     let png = fs::read(&sheet).unwrap();
     let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
-    assert_eq!((side(16), side(20)), (4 * 40 + 3 * 2, 2 * 40 + 2));
+    assert_eq!((side(16), side(20)), (5 * 40 + 4 * 2, 2 * 40 + 2));
     for out in [&video, &gif].into_iter().filter(|out| cfg!(feature = "mp4") || out.ends_with("gif")) {
         let result = swm_json(&["preview", &source, "--out", out]);
         assert_eq!(result["episodes"].as_array().unwrap().len(), 3);

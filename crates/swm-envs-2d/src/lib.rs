@@ -17,6 +17,9 @@ pub mod tworoom_v2;
 
 use swm_core::EnvEntry;
 
+/// What lists of environments show most of these under; those of classic control have a family of their own.
+const FAMILY: &str = "2D manipulation and navigation";
+
 /// All environments of this crate.
 pub const ENVS: &[EnvEntry] = &[
     pusht::PUSHT,

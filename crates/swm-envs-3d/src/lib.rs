@@ -7,5 +7,8 @@ pub mod rocket;
 
 use swm_core::EnvEntry;
 
+/// What lists of environments show these under.
+const FAMILY: &str = "3D, on rapier3d";
+
 /// All environments of this crate.
 pub const ENVS: &[EnvEntry] = &[rocket::ROCKET_LANDING];

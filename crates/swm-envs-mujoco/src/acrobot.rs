@@ -19,6 +19,7 @@ pub const ACROBOT: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/AcrobotDMControl-v0",
     summary: "swing two links up with one torque at the elbow",
+    success: "the tip within 0.2 m of the point 4 m up",
     model: "acrobot.xml",
     substeps: 1,
     time_limit_s: 10.0,

@@ -17,6 +17,7 @@ pub const BALL_IN_CUP: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config))
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/BallInCupDMControl-v0",
     summary: "catch a ball on a string with a cup; two forces",
+    success: "the whole ball in the cup's opening",
     model: "ball_in_cup.xml",
     substeps: 10,
     time_limit_s: 20.0,

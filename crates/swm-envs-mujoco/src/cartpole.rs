@@ -19,6 +19,7 @@ pub const CARTPOLE: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/CartpoleDMControl-v0",
     summary: "swing a pole up on a cart and hold it; one force",
+    success: "the cart within 0.25 m of the center, the pole upright",
     model: "cartpole.xml",
     substeps: 1,
     time_limit_s: 10.0,

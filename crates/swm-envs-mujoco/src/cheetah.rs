@@ -17,6 +17,7 @@ pub const CHEETAH: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/CheetahDMControl-v0",
     summary: "a planar two-legged runner that gains speed; six torques",
+    success: "",
     model: "cheetah.xml",
     substeps: 1,
     // The reference's; dm_control's own episodes last 10 s.

@@ -18,6 +18,7 @@ pub const FINGER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/FingerDMControl-v0",
     summary: "turn a spinner with a finger of two links; two torques",
+    success: "the tip in the target",
     model: "finger.xml",
     substeps: 2,
     time_limit_s: 20.0,

@@ -17,6 +17,7 @@ pub const HOPPER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/HopperDMControl-v0",
     summary: "a planar one-legged hopper that moves on; four torques",
+    success: "",
     model: "hopper.xml",
     substeps: 4,
     time_limit_s: 20.0,

@@ -17,6 +17,7 @@ pub const HUMANOID: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/HumanoidDMControl-v0",
     summary: "a humanoid that stands up and walks; 21 torques",
+    success: "",
     model: "humanoid.xml",
     substeps: 5,
     time_limit_s: 25.0,

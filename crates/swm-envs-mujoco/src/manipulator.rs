@@ -19,6 +19,7 @@ pub const MANIPULATOR: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config))
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/ManipulatorDMControl-v0",
     summary: "bring a ball to a place with a planar arm; four torques and a grasp",
+    success: "the ball within 1 cm of the target",
     model: "manipulator.xml",
     substeps: 10,
     time_limit_s: 10.0,

@@ -19,6 +19,7 @@ pub const PENDULUM: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/PendulumDMControl-v0",
     summary: "swing a pendulum up and hold it; one weak torque",
+    success: "within 8° of upright",
     model: "pendulum.xml",
     substeps: 1,
     time_limit_s: 20.0,

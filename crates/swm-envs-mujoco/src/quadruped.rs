@@ -17,6 +17,7 @@ pub const QUADRUPED: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/QuadrupedDMControl-v0",
     summary: "a four-legged robot that walks; twelve position servos",
+    success: "",
     model: "quadruped.xml",
     substeps: 4,
     time_limit_s: TIME_LIMIT_S,

@@ -19,6 +19,7 @@ pub const REACHER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/ReacherDMControl-v0",
     summary: "reach a point with a planar arm; two torques",
+    success: "the finger touches the target",
     model: "reacher.xml",
     substeps: 1,
     time_limit_s: 20.0,

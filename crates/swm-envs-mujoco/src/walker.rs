@@ -18,6 +18,7 @@ pub const WALKER: EnvEntry = entry(&DOMAIN, |config| make(&DOMAIN, config));
 pub(crate) static DOMAIN: Domain = Domain {
     id: "swm/WalkerDMControl-v0",
     summary: "a planar walker on two legs; six torques",
+    success: "",
     model: "walker.xml",
     substeps: 10,
     time_limit_s: 25.0,

@@ -46,4 +46,4 @@ pub mod sheet;
 pub use clip::Clip;
 pub use error::MediaError;
 pub use format::Format;
-pub use sheet::contact_sheet;
+pub use sheet::{contact_sheet, framed};

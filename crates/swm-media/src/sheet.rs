@@ -5,6 +5,9 @@ use crate::error::MediaError;
 
 /// The color between and in place of frames.
 const WHITE: [u8; 3] = [255; 3];
+/// The color of the frame of a goal, and its width in pixels.
+const GOAL_COLOR: [u8; 3] = [220, 120, 0];
+const GOAL_FRAME: usize = 3;
 
 /// A grid of frames on white: `rows` of frames `[H, W, 3]`, with `gap` pixels between them.
 ///
@@ -53,4 +56,17 @@ pub fn contact_sheet_on(
         }
     }
     Ok((sheet_height, sheet_width, sheet))
+}
+
+/// A goal image `[H, W, 3]` as sheets show it: in an orange frame.
+pub fn framed(goal: &[u8], width: usize) -> Vec<u8> {
+    let mut framed = goal.to_vec();
+    let height = goal.len() / 3 / width;
+    for (index, pixel) in framed.chunks_exact_mut(3).enumerate() {
+        let (y, x) = (index / width, index % width);
+        if x.min(width - 1 - x).min(y).min(height - 1 - y) < GOAL_FRAME {
+            pixel.copy_from_slice(&GOAL_COLOR);
+        }
+    }
+    framed
 }

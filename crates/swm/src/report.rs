@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use swm_core::Evaluation;
 use swm_core::error::BoxError;
-use swm_media::{Clip, Format, contact_sheet, png};
+use swm_media::{Clip, Format, contact_sheet, framed, png};
 
 use crate::video::{Scene, Video};
 
@@ -14,9 +14,6 @@ const SHEET_COLUMNS: usize = 8;
 const MIN_SIDE: usize = 256;
 /// And never beyond this long side.
 const MAX_SIDE: usize = 2160;
-/// Frame around the goal, so that it is not taken for a frame.
-const GOAL_FRAME: usize = 3;
-const GOAL_COLOR: [u8; 3] = [220, 120, 0];
 
 /// Writes all of it and returns the paths.
 ///
@@ -93,17 +90,4 @@ fn write_sheet<'a>(path: &Path, scenes: impl Iterator<Item = &'a Scene>) -> Resu
         .collect();
     let (height, width, rgb) = contact_sheet(&rows, size.0, size.1, 4)?;
     Ok(png::write(path, height, width, &rgb)?)
-}
-
-/// An image `[H, W, 3]` with a colored frame.
-fn framed(image: &[u8], width: usize) -> Vec<u8> {
-    let mut framed = image.to_vec();
-    let height = image.len() / 3 / width;
-    for (index, pixel) in framed.chunks_exact_mut(3).enumerate() {
-        let (y, x) = (index / width, index % width);
-        if x.min(width - 1 - x).min(y).min(height - 1 - y) < GOAL_FRAME {
-            pixel.copy_from_slice(&GOAL_COLOR);
-        }
-    }
-    framed
 }

@@ -24,9 +24,10 @@ pub use {format::JSONL, model::FITTED_MODEL, solver::SHOTGUN};
 /// `demo/IceRink-v0`.
 pub const ICE_RINK: EnvEntry = EnvEntry::new(
     "demo/IceRink-v0",
-    "push a puck over ice until it lies on a mark; two-dimensional continuous actions",
+    "push a puck over ice until it lies on a mark",
     |config| Ok(Box::new(Rink::new(config)?)),
 )
+.success("at rest on the mark")
 .policies(&[expert::EXPERT]);
 
 /// Everything of stable-worldmodel, and the environment, solver, model and format of this crate. The solver plans on the true

@@ -44,6 +44,10 @@ pub struct EnvEntry {
     pub id: &'static str,
     /// What it is, in one line.
     pub summary: &'static str,
+    /// What it belongs to, as the heading of a list: `Classic control`. Empty: nothing.
+    pub family: &'static str,
+    /// When its task is solved, in a few words: `within 20 px of the goal`. Empty: it has rewards only.
+    pub success: &'static str,
     /// What [`EnvConfig::settings`] may hold.
     pub settings: &'static [Setting],
     /// Policies that know this environment.
@@ -57,7 +61,21 @@ pub struct EnvEntry {
 impl EnvEntry {
     /// An environment without settings, policies and a planner.
     pub const fn new(id: &'static str, summary: &'static str, make: MakeEnv) -> Self {
-        Self { id, summary, settings: &[], policies: &[], planner: None, make }
+        Self { id, summary, family: "", success: "", settings: &[], policies: &[], planner: None, make }
+    }
+
+    /// What it belongs to: see [`EnvEntry::family`].
+    #[must_use]
+    pub const fn family(mut self, family: &'static str) -> Self {
+        self.family = family;
+        self
+    }
+
+    /// When its task is solved: see [`EnvEntry::success`].
+    #[must_use]
+    pub const fn success(mut self, success: &'static str) -> Self {
+        self.success = success;
+        self
     }
 
     /// What its configuration may hold.

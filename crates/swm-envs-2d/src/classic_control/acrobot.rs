@@ -95,6 +95,7 @@ fn wrapped(mut angle: f64) -> f64 {
 impl Task for Acrobot {
     const ID: &'static str = "swm/AcrobotControl-v1";
     const SUMMARY: &'static str = "swing the end of two links above a line by a torque at their joint";
+    const SUCCESS: &'static str = "the tip above the line";
     const PLANNER: &'static str = "categorical-cem:samples=64,elites=8,iterations=3,horizon=10,receding_horizon=2,\
                                    action_block=2";
     const TIME_LIMIT: u64 = 500;

@@ -51,6 +51,7 @@ fn is_out(&[x, _, angle, _]: &[f64; 4]) -> bool {
 impl Task for CartPole {
     const ID: &'static str = "swm/CartPoleControl-v1";
     const SUMMARY: &'static str = "keep a pole upright by pushing its cart left or right";
+    const SUCCESS: &'static str = "upright after 500 steps";
     const PLANNER: &'static str = "categorical-cem:samples=64,elites=8,iterations=3,horizon=12,receding_horizon=1,\
                                    action_block=1";
     const TIME_LIMIT: u64 = 500;

@@ -33,6 +33,8 @@ pub const PENDULUM: EnvEntry = entry::<pendulum::Pendulum>();
 
 const fn entry<T: Task>() -> EnvEntry {
     EnvEntry::new(T::ID, T::SUMMARY, |config| Ok(Box::new(ClassicControl::<T>::new(config)?)))
+        .family("Classic control")
+        .success(T::SUCCESS)
         .settings(settings::SETTINGS)
         .policies(policies::policies::<T>())
         .planner(T::PLANNER)

@@ -123,6 +123,7 @@ impl MountainCar {
 impl Task for MountainCar {
     const ID: &'static str = "swm/MountainCarControl-v0";
     const SUMMARY: &'static str = "swing a weak car up a hill to a flag; three discrete pushes";
+    const SUCCESS: &'static str = "at x = 0.5 or beyond, not rolling back";
     const PLANNER: &'static str = "categorical-cem:samples=64,elites=8,iterations=3,horizon=10,receding_horizon=2,\
                                    action_block=5";
     const TIME_LIMIT: u64 = 200;
@@ -218,6 +219,7 @@ impl MountainCarContinuous {
 impl Task for MountainCarContinuous {
     const ID: &'static str = "swm/MountainCarContinuousControl-v0";
     const SUMMARY: &'static str = "swing a weak car up a hill to a flag; continuous pushes, which cost";
+    const SUCCESS: &'static str = "at x = 0.45 or beyond, not rolling back";
     const PLANNER: &'static str =
         "icem:samples=64,elites=8,iterations=3,horizon=10,receding_horizon=2,action_block=5";
     const TIME_LIMIT: u64 = 999;

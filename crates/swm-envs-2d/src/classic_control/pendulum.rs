@@ -54,6 +54,7 @@ impl Pendulum {
 impl Task for Pendulum {
     const ID: &'static str = "swm/PendulumControl-v1";
     const SUMMARY: &'static str = "swing up a pendulum by a weak torque and hold it upright";
+    const SUCCESS: &'static str = "within 8° of upright, slower than 1 rad/s";
     const PLANNER: &'static str =
         "icem:samples=100,elites=10,iterations=4,horizon=12,receding_horizon=1,action_block=2";
     const TIME_LIMIT: u64 = 200;

@@ -13,6 +13,8 @@ pub(super) trait Task: Send + Sync + Sized + 'static {
     const ID: &'static str;
     /// What it is, in one line.
     const SUMMARY: &'static str;
+    /// When it is solved, in a few words.
+    const SUCCESS: &'static str;
     /// A planner on the true dynamics that solves it.
     const PLANNER: &'static str;
     /// Steps after which Gymnasium truncates an episode.

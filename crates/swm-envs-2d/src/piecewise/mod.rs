@@ -26,9 +26,11 @@ pub use env::Piecewise;
 /// `swm/Piecewise-v0`.
 pub const PIECEWISE: EnvEntry = EnvEntry::new(
     "swm/Piecewise-v0",
-    "walk to a target over zones that push the agent, each its own way; two-dimensional continuous actions",
+    "walk to a target over zones that push the agent, each its own way",
     |config| Ok(Box::new(Piecewise::new(config)?)),
 )
+.family(crate::FAMILY)
+.success("less than 16 px from the target")
 .settings(settings::SETTINGS)
 .policies(&[expert::EXPERT, expert::NOISY_EXPERT])
 .planner(expert::PLANNER);

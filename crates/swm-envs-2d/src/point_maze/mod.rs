@@ -20,10 +20,11 @@ pub use env::PointMaze;
 pub use factors::factors;
 
 /// `swm/PointMaze-v0`.
-pub const POINT_MAZE: EnvEntry = EnvEntry::new(
-    "swm/PointMaze-v0",
-    "drive a disc through a maze to a goal by a force; two-dimensional continuous actions",
-    |config| Ok(Box::new(PointMaze::new(config)?)),
-)
-.settings(settings::SETTINGS)
-.policies(policies::POLICIES);
+pub const POINT_MAZE: EnvEntry =
+    EnvEntry::new("swm/PointMaze-v0", "drive a disc through a maze to a goal by a force", |config| {
+        Ok(Box::new(PointMaze::new(config)?))
+    })
+    .family(crate::FAMILY)
+    .success("within `goal.radius` of the goal")
+    .settings(settings::SETTINGS)
+    .policies(policies::POLICIES);

@@ -23,20 +23,25 @@ pub use env::PushT;
 pub use factors::factors;
 pub use goal::{PushTState, angle_error, is_success, observed_state, reward, task_cost};
 
+const SUCCESS: &str = "agent and block within 20 px of the goal, the block within 20°";
+
 /// `swm/PushT-v1`.
-pub const PUSHT: EnvEntry = EnvEntry::new(
-    "swm/PushT-v1",
-    "push a block to a goal pose with a disc or polygon; two-dimensional continuous actions",
-    |config| Ok(Box::new(PushT::<Sim>::new(PUSHT.id, false, config)?)),
-)
-.settings(settings::SETTINGS)
-.policies(policies::<Sim>());
+pub const PUSHT: EnvEntry =
+    EnvEntry::new("swm/PushT-v1", "push a block to a goal pose with a disc or polygon", |config| {
+        Ok(Box::new(PushT::<Sim>::new(PUSHT.id, false, config)?))
+    })
+    .family(crate::FAMILY)
+    .success(SUCCESS)
+    .settings(settings::SETTINGS)
+    .policies(policies::<Sim>());
 
 /// `swm/PushT-Discrete-v1`.
 pub const PUSHT_DISCRETE: EnvEntry =
     EnvEntry::new("swm/PushT-Discrete-v1", "PushT with 16 × 16 polar actions", |config| {
         Ok(Box::new(PushT::<Sim>::new(PUSHT_DISCRETE.id, true, config)?))
     })
+    .family(crate::FAMILY)
+    .success(SUCCESS)
     .settings(settings::SETTINGS)
     .policies(policies::<Sim>());
 
@@ -47,6 +52,8 @@ pub const PUSHT_RAPIER: EnvEntry = EnvEntry::new(
     "PushT on rapier2d, with friction and solid walls: to test robustness across physics engines",
     |config| Ok(Box::new(PushT::<physics::RapierSim>::new(PUSHT_RAPIER.id, false, config)?)),
 )
+.family(crate::FAMILY)
+.success(SUCCESS)
 .settings(settings::RAPIER_SETTINGS)
 .policies(policies::<physics::RapierSim>());
 

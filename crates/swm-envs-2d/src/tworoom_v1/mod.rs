@@ -26,5 +26,7 @@ pub const TWO_ROOM: EnvEntry = EnvEntry::new(
     "steer a disc through the door of a wall to a goal in the other room, before its energy is spent",
     |config| Ok(Box::new(TwoRoom::new(TWO_ROOM.id, config)?)),
 )
+.family(crate::FAMILY)
+.success("half of either disc covered by the other")
 .settings(settings::SETTINGS)
 .policies(&[expert::EXPERT, expert::NOISY_EXPERT]);

@@ -31,8 +31,10 @@ pub use factors::factors;
 /// `swm/TwoRoom-v2`.
 pub const TWO_ROOM_V2: EnvEntry = EnvEntry::new(
     "swm/TwoRoom-v2",
-    "walk to a target in one of two rooms, through a door if need be; two-dimensional continuous actions",
+    "walk to a target in one of two rooms, through a door if need be",
     |config| Ok(Box::new(TwoRoom::new(config)?)),
 )
+.family(crate::FAMILY)
+.success("less than 16 px from the target")
 .settings(settings::SETTINGS)
 .policies(&[expert::EXPERT, expert::NOISY_EXPERT]);

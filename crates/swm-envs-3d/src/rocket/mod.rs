@@ -28,9 +28,11 @@ pub use factors::factors;
 /// `swm/PFRocketLanding-v0`.
 pub const ROCKET_LANDING: EnvEntry = EnvEntry::new(
     "swm/PFRocketLanding-v0",
-    "land a falling rocket on a pad by throttle, gimbal and fins; seven-dimensional continuous actions",
+    "land a falling rocket on a pad by throttle, gimbal and fins",
     |config| Ok(Box::new(RocketLanding::new(config)?)),
 )
+.family(crate::FAMILY)
+.success("upright with its legs on the pad, slower than 4 m/s")
 .settings(settings::SETTINGS)
 .policies(policies::POLICIES)
 .planner(policies::PLANNER);

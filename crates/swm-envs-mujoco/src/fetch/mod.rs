@@ -63,6 +63,8 @@ macro_rules! entry {
         EnvEntry::new(concat!("swm/Fetch", $name, $suffix, "-v3"), concat!($summary, $more), |config| {
             Ok(Box::new(FetchEnv::new(variant!($name, $suffix, $reward, $form, $task), config)?))
         })
+        .family("Fetch robot, on MuJoCo")
+        .success("less than 0.05 m from the goal")
         .settings(settings::SETTINGS)
         .policies($policies)
         .planner($planner)

@@ -54,6 +54,8 @@ pub const OGB_POINT_MAZE: EnvEntry =
     EnvEntry::new(POINT_ID, "a ball in one of five mazes, moved by what an action says", |config| {
         Ok(Box::new(MazeEnv::new(POINT_ID, Body::Point, config)?))
     })
+    .family(crate::ogbench::FAMILY)
+    .success("within 1 m of the goal")
     .settings(settings::SETTINGS)
     .policies(expert::POINT_POLICIES);
 
@@ -62,5 +64,7 @@ pub const OGB_ANT_MAZE: EnvEntry =
     EnvEntry::new(ANT_ID, "an ant of four legs in one of five mazes; torques of eight joints", |config| {
         Ok(Box::new(MazeEnv::new(ANT_ID, Body::Ant, config)?))
     })
+    .family(crate::ogbench::FAMILY)
+    .success("the torso within 0.5 m of the goal")
     .settings(settings::SETTINGS)
     .policies(expert::ANT_POLICIES);

@@ -34,12 +34,17 @@ use env::TableEnv;
 const CUBE_ID: &str = "swm/OGBCube-v0";
 const SCENE_ID: &str = "swm/OGBScene-v0";
 
+/// What `swm envs` lists OGBench's environments under.
+pub(crate) const FAMILY: &str = "OGBench, on MuJoCo";
+
 /// `swm/OGBCube-v0`.
 pub const OGB_CUBE: EnvEntry = EnvEntry::new(
     CUBE_ID,
     "a robot arm that picks up one to four cubes and places them; effector and gripper commands",
     |config| Ok(Box::new(TableEnv::new(CUBE_ID, false, config)?)),
 )
+.family(FAMILY)
+.success("every cube within 4 cm of its goal")
 .settings(settings::CUBE_SETTINGS)
 .policies(expert::POLICIES);
 
@@ -49,5 +54,7 @@ pub const OGB_SCENE: EnvEntry = EnvEntry::new(
     "a robot arm with a cube, and a drawer and a window that buttons lock",
     |config| Ok(Box::new(TableEnv::new(SCENE_ID, true, config)?)),
 )
+.family(FAMILY)
+.success("cube, drawer, window and buttons at their goals")
 .settings(settings::SCENE_SETTINGS)
 .policies(expert::POLICIES);

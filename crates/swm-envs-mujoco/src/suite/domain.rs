@@ -15,6 +15,8 @@ pub struct Domain {
     pub id: &'static str,
     /// What it is, in one line.
     pub summary: &'static str,
+    /// When the default task is solved, in a few words; empty: it has rewards only.
+    pub success: &'static str,
     /// Its file in the suite: `cheetah.xml`.
     pub model: &'static str,
     /// Physics steps per control step.
@@ -98,7 +100,11 @@ pub trait Task: Send + Sync {
 
 /// The table entry of a domain.
 pub const fn entry(domain: &'static Domain, make: MakeEnv) -> EnvEntry {
-    EnvEntry::new(domain.id, domain.summary, make).settings(SETTINGS).planner(domain.planner)
+    EnvEntry::new(domain.id, domain.summary, make)
+        .family("DeepMind Control Suite, on MuJoCo")
+        .success(domain.success)
+        .settings(SETTINGS)
+        .planner(domain.planner)
 }
 
 /// iCEM with these settings, as [`Domain::planner`], and what all domains share: plan at every action, go on from the last

@@ -16,8 +16,13 @@ use crate::server::App;
 
 /// The environments, the formats, and what may be written.
 pub(crate) async fn about(State(app): State<Arc<App>>) -> Answer {
-    let envs: Vec<Json> =
-        app.registry.envs().map(|entry| json!({ "id": entry.id, "summary": entry.summary })).collect();
+    let envs: Vec<Json> = app
+        .registry
+        .envs()
+        .map(|entry| {
+            json!({ "id": entry.id, "summary": entry.summary, "family": entry.family, "success": entry.success })
+        })
+        .collect();
     let formats = app.registry.all::<Format>().map(|format| {
         json!({ "name": format.name, "extension": format.extensions.first(), "about": format.about })
     });

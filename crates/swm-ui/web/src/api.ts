@@ -12,7 +12,7 @@ export interface Env {
   action: Space; columns: Column[]; time_step_s: number;
 }
 export interface About {
-  version: string; envs: { id: string; summary: string }[];
+  version: string; envs: { id: string; summary: string; family: string; success: string }[];
   formats: { name: string; extension: string | null; about: string }[]; save: string | null;
 }
 export type Kind = "dataset" | "manifest" | "receipt" | "sweep" | "evaluation" | "training";

@@ -30,11 +30,12 @@ function EnvChoice({ about, id }: { about: About; id: string }) {
   const families = useMemo(() => {
     const families = new Map<string, About["envs"]>();
     for (const env of about.envs) {
-      const family = env.id.split("/")[0];
+      const family = env.family || "Others";
       families.set(family, [...(families.get(family) ?? []), env]);
     }
     return [...families];
   }, [about]);
+  const chosen = about.envs.find((env) => env.id === id);
   return (
     <div class="choice">
       <select aria-label="Environment" value={id} onChange={(event) => { location.hash = `#play?env=${encodeURIComponent(event.currentTarget.value)}`; }}>
@@ -42,7 +43,7 @@ function EnvChoice({ about, id }: { about: About; id: string }) {
           <optgroup key={family} label={family}>{list.map((env) => <option key={env.id} value={env.id}>{env.id}</option>)}</optgroup>
         ))}
       </select>
-      <p class="muted">{about.envs.find((env) => env.id === id)?.summary}</p>
+      <p class="muted">{chosen?.summary}{chosen?.success && `; success: ${chosen.success}`}</p>
     </div>
   );
 }

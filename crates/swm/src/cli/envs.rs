@@ -2,9 +2,9 @@
 
 use clap::Args;
 use serde_json::json;
-use swm_core::{EnvConfig, EnvEntry, EnvSpec, FactorSpec, PolicyEntry, Registry, Setting};
+use swm_core::{EnvConfig, EnvEntry, EnvSpec, FactorSpec, PolicyEntry, Registry, Setting, Space};
 
-use super::output::{counted, table};
+use super::output::{key_values, table};
 use super::{Failure, Output};
 
 /// List environments, their policies and settings.
@@ -29,28 +29,49 @@ impl Envs {
     }
 }
 
+/// How big images are.
+const IMAGES: &str =
+    "Without --image-size HxW, recordings and evaluations have no images; `swm render` renders 224x224.\n";
+
 fn spec_of(entry: &EnvEntry) -> Result<EnvSpec, Failure> {
     Ok(entry.make(&EnvConfig::default())?.spec().clone())
 }
 
 fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
-    let mut rows = Vec::new();
+    // Families in the order of their first entry; what has none comes last.
+    let mut families: Vec<(&str, Vec<Vec<String>>)> = Vec::new();
     let mut list = Vec::new();
     let mut failures: Vec<String> = Vec::new();
     for entry in registry.envs() {
-        let row = |factors: String| vec![entry.id.to_owned(), factors, entry.summary.to_owned()];
-        match entry.make(&EnvConfig::default()) {
-            Ok(env) => {
-                rows.push(row(env.spec().factors.len().to_string()));
-                list.push(describe(registry, entry, env.spec()));
-            }
+        let made = entry.make(&EnvConfig::default());
+        let [factors, action, step] = match &made {
+            Ok(env) => brief(env.spec()),
             // What cannot run here, for want of a library say, is listed with the reason.
+            Err(_) => ["-", "-", "-"].map(str::to_owned),
+        };
+        let success = if entry.success.is_empty() { "-" } else { entry.success };
+        let row =
+            vec![format!("  {}", entry.id), factors, action, step, entry.summary.into(), success.into()];
+        match families.iter_mut().find(|(family, _)| *family == entry.family) {
+            Some((_, rows)) => rows.push(row),
+            None => families.push((entry.family, vec![row])),
+        }
+        match made {
+            Ok(env) => list.push(describe(registry, entry, env.spec())),
             Err(error) => {
-                rows.push(row("-".to_owned()));
-                list.push(json!({"id": entry.id, "summary": entry.summary, "error": error.to_string()}));
+                list.push(json!({
+                    "id": entry.id, "summary": entry.summary, "family": entry.family, "error": error.to_string(),
+                }));
                 failures.push(error.to_string());
             }
         }
+    }
+    families.sort_by_key(|(family, _)| family.is_empty());
+    let mut rows = Vec::new();
+    for (family, of_family) in families {
+        let title = if family.is_empty() { "Others" } else { family };
+        rows.push([title, "", "", "", "", ""].map(str::to_owned).to_vec());
+        rows.extend(of_family);
     }
     // Most often all of them lack the same library: one message tells what to do.
     let failed = match failures.as_slice() {
@@ -60,7 +81,20 @@ fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
             format!("\n{first}\n(and {} more without factors: `swm envs ENV` says why)\n", rest.len())
         }
     };
-    output.result(&list, || table(&["id", "factors", "summary"], &rows) + &failed)
+    let header = ["id", "factors", "action", "step (s)", "summary", "success"];
+    output.result(&list, || table(&header, &rows) + "\n" + IMAGES + &failed)
+}
+
+/// The number of factors, the action, and the time of a control step in seconds.
+fn brief(spec: &EnvSpec) -> [String; 3] {
+    let action = match &spec.action {
+        Space::Discrete { n, .. } => format!("{n} choices"),
+        Space::MultiDiscrete { n, .. } => {
+            format!("{} choices", n.iter().map(ToString::to_string).collect::<Vec<_>>().join("×"))
+        }
+        space => format!("{} real", space.dim()),
+    };
+    [spec.factors.len().to_string(), action, format!("{}", (spec.time_step_s * 1e6).round() / 1e6)]
 }
 
 fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Output) -> Result<(), Failure> {
@@ -68,14 +102,20 @@ fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Outpu
     output.result(&describe(registry, entry, &spec), || {
         let policies: Vec<&PolicyEntry> = registry.policies(entry).collect();
         let settings = entry.settings.iter().map(|s| setting_row("", s, s.default)).collect::<Vec<_>>();
-        let expert = entry.planner.map(|planner| format!("`expert` plans by `{planner}`\n\n"));
+        let [factors, action, step] = brief(&spec);
+        let success = if entry.success.is_empty() { "none: rewards only" } else { entry.success };
+        let mut about = vec![
+            ("success", success.to_owned()),
+            ("action", action),
+            ("time step", format!("{step} s")),
+            ("factors", format!("{factors}: `swm fovs {}`", entry.id)),
+        ];
+        about.extend(entry.planner.map(|planner| ("`expert`", format!("plans by `{planner}`"))));
         let mut text = format!(
-            "{}: {}\n{} of variation: `swm fovs {}`\n\n{}{}\n",
+            "{}: {}\n\n{}\n{}\n",
             entry.id,
             entry.summary,
-            counted(spec.factors.len(), "factor"),
-            entry.id,
-            expert.unwrap_or_default(),
+            key_values(&about),
             table(&["setting (--env-option)", "default", "what it does"], &settings),
         );
         let mut rows = Vec::new();
@@ -132,6 +172,8 @@ fn describe(registry: &Registry, entry: &'static EnvEntry, spec: &EnvSpec) -> se
     json!({
         "id": entry.id,
         "summary": entry.summary,
+        "family": entry.family,
+        "success": entry.success,
         "num_factors": spec.factors.len(),
         "action": spec.action,
         "time_step_s": spec.time_step_s,

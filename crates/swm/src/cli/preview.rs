@@ -4,15 +4,18 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
+use swm_core::env::PIXELS;
 use swm_core::{Dtype, ImageSize, Registry, SliceMut};
 use swm_data::{Dataset, Steps};
-use swm_media::{Clip, Format, contact_sheet, png};
+use swm_media::{Clip, Format, contact_sheet, framed, png};
 
 use super::args::ImageArg;
 use super::output::{counted, create_parent};
 use super::replay::selection;
 use super::{Failure, Output, images, usage};
 
+/// The column of goal images.
+const GOAL: &str = "goal";
 /// White space between the tiles, in pixels.
 const GAP: usize = 2;
 /// Size of images that are rendered because the recording holds none.
@@ -26,7 +29,8 @@ Examples:
   swm preview pusht.h5 --episodes 0..8 --frames 12 --out sheet.png
   swm preview pusht.h5 --column goal --out goals.png
 
-A sheet (.png) has one row per episode, with --frames images from its first to its last. A video (.mp4, .gif) plays the \
+A sheet (.png) has one row per episode: the goal in an orange frame, where the dataset holds its image, then --frames images \
+from the first to the last. A video (.mp4, .gif) plays the \
 episodes in a grid; those that end early show their last frame. Images of a recording without images are rendered by \
 replaying the episodes.")]
 pub(super) struct Preview {
@@ -36,7 +40,7 @@ pub(super) struct Preview {
     #[arg(long)]
     episodes: Option<String>,
     /// The column of images.
-    #[arg(long, default_value = "pixels")]
+    #[arg(long, default_value = PIXELS)]
     column: String,
     /// Images per episode. Default: 8 for a sheet, at most 300 for a video.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
@@ -83,22 +87,32 @@ impl Preview {
         let per_episode =
             self.frames.map_or(if format == Format::Png { 8 } else { 300 }, |frames| frames as usize);
         let bar = output.bar(episodes.len() as u64, "episodes");
+        let goal = dataset.schema().index(GOAL).filter(|&goal| {
+            let goal = &dataset.schema().fields()[goal];
+            format == Format::Png
+                && self.column == PIXELS
+                && goal.shape == field.shape
+                && goal.dtype == field.dtype
+        });
         let mut shots = Vec::with_capacity(episodes.len());
+        let mut goals = Vec::new();
         for &episode in &episodes {
-            shots.push(episode_images(
-                dataset.as_mut(),
-                column,
-                episode,
-                per_episode,
-                [height, width, channels],
-            )?);
+            let shape = [height, width, channels];
+            shots.push(episode_images(dataset.as_mut(), column, episode, per_episode, shape)?);
+            if let Some(goal) = goal {
+                let images = episode_images(dataset.as_mut(), goal, episode, 1, shape)?;
+                goals.extend(images.first().map(|image| framed(image, width)));
+            }
             bar.inc(1);
         }
         bar.finish_and_clear();
         create_parent(&self.out)?;
         if format == Format::Png {
-            let rows: Vec<Vec<&[u8]>> =
+            let mut rows: Vec<Vec<&[u8]>> =
                 shots.iter().map(|shots| shots.iter().map(Vec::as_slice).collect()).collect();
+            for (row, goal) in rows.iter_mut().zip(&goals) {
+                row.insert(0, goal);
+            }
             let (height, width, pixels) = contact_sheet(&rows, height, width, GAP)?;
             png::write(&self.out, height, width, &pixels)?;
         } else {

@@ -182,6 +182,20 @@ fn short(note: &str) -> &str {
     note.split_once(": ").map_or(note, |(short, _)| short)
 }
 
+/// Reasons, which are longer than a line of the table; each once, with the changes that it holds for.
+fn reasons(sweep: &Sweep) -> Vec<(&str, Vec<String>)> {
+    let mut reasons: Vec<(&str, Vec<String>)> = Vec::new();
+    for cell in &sweep.cells {
+        let Some((_, reason)) = cell.note.as_deref().and_then(|note| note.split_once(": ")) else { continue };
+        let change = format!("{} {}", cell.name, cell.value);
+        match reasons.iter_mut().find(|(known, _)| *known == reason) {
+            Some((_, changes)) => changes.push(change),
+            None => reasons.push((reason, vec![change])),
+        }
+    }
+    reasons
+}
+
 fn text(sweep: &Sweep, out: Option<&Path>) -> String {
     let rows: Vec<Vec<String>> = sweep
         .cells
@@ -203,12 +217,8 @@ fn text(sweep: &Sweep, out: Option<&Path>) -> String {
         })
         .collect();
     let pairs = sweep.cells[0].successes.len();
-    // Reasons are longer than a line of the table.
-    let reasons = sweep.cells.iter().filter_map(|cell| {
-        let note = cell.note.as_deref().filter(|note| short(note) != *note)?;
-        Some(format!("{} {}: {note}\n", cell.name, cell.value))
-    });
-    let reasons: String = reasons.collect();
+    let reasons: String =
+        reasons(sweep).iter().map(|(reason, cells)| format!("{}: {reason}\n", cells.join(", "))).collect();
     let folder = out.map(|dir| format!("{}\n", dir.join("sweep.json").display())).unwrap_or_default();
     format!(
         "{}, {} tier, {pairs} pairs, {}\n\n{}{reasons}{folder}",
