@@ -28,10 +28,9 @@ pub(super) fn watch(advice: impl Fn() -> String + Send + 'static) -> Cancel {
     begin(false, Box::new(advice))
 }
 
-/// As [`watch`], for a command that may take `grace` to save what it holds.
-pub(super) fn watch_saving(grace: Duration, advice: impl Fn() -> String + Send + 'static) -> Cancel {
+/// A command that is interrupted may take so long to save what it holds.
+pub(super) fn allow(grace: Duration) {
     GRACE_MS.store(grace.as_millis() as u64, Ordering::SeqCst);
-    watch(advice)
 }
 
 /// As [`watch`], for a command that continues where it stopped; `advice` says how.

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 use serde_json::json;
-use swm_core::Registry;
+use swm_core::{Registry, WorldError};
 use swm_ui::Server;
 
 use super::{Failure, Output, interrupt, usage};
@@ -66,9 +66,10 @@ impl Ui {
         if !self.no_open {
             open_browser(&url);
         }
-        let advice = || "the page is closed; what was recorded is in its files".to_owned();
         // The server itself waits so long for recordings.
-        let cancel = interrupt::watch_saving(swm_ui::SAVING + Duration::from_secs(1), advice);
+        interrupt::allow(swm_ui::SAVING + Duration::from_secs(1));
+        let cancel = interrupt::watch(|| "the page is closed; what was recorded is in its files".to_owned());
+        let interrupted = cancel.clone();
         let stop = server.stopper();
         std::thread::spawn(move || {
             while !cancel.is_cancelled() {
@@ -76,7 +77,8 @@ impl Ui {
             }
             stop.cancel();
         });
-        Ok(server.run()?)
+        server.run()?;
+        if interrupted.is_cancelled() { Err(WorldError::Cancelled.into()) } else { Ok(()) }
     }
 }
 
