@@ -260,6 +260,7 @@ fn router(app: Arc<App>) -> Router {
         .route("/api/data", get(data::about))
         .route("/api/data/episodes", get(data::episodes))
         .route("/api/data/image", get(data::image))
+        .route("/api/data/video", get(data::video))
         .route("/api/data/values", get(data::values))
         .route("/api/data/sample", get(data::sample))
         .layer(DefaultBodyLimit::max(MAX_MESSAGE_BYTES))

@@ -2,7 +2,7 @@
 // and `run`; screenshots go to SHOTS. Every view is opened with that data, an episode of PushT is steered by the pointer to
 // success, recorded and loaded back, and any message on the console is a failure. `cargo xtask ui` makes DATA and calls this.
 import { spawn, spawnSync } from "node:child_process";
-import { existsSync, mkdirSync, mkdtempSync, rmSync } from "node:fs";
+import { existsSync, mkdirSync, readFileSync, mkdtempSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { chromium } from "playwright-core";
@@ -181,10 +181,12 @@ const parts = {
     await page.getByLabel("Step", { exact: true }).fill("5");
     await until("the step", async () => (await text(".steps")).startsWith("5/"));
     await shot("data-player");
-    for (const [name, ending] of [["Columns as CSV", "episode_1.csv"], ["Image as PNG", "episode_1_step_5.png"]]) {
+    for (const [name, ending] of [["Columns as CSV", "episode_1.csv"], ["Image as PNG", "episode_1_step_5.png"], ["Episode as MP4", "episode_1.mp4"]]) {
       const waiting = page.waitForEvent("download");
       await page.getByText(name).click();
-      check((await waiting).suggestedFilename() === ending, `${name} gives another file`);
+      const given = await waiting;
+      check(given.suggestedFilename() === ending, `${name} gives another file`);
+      check(readFileSync(await given.path()).length > 200, `${name} gives an empty file`);
     }
     await page.getByRole("tab", { name: "distributions" }).click();
     await page.waitForSelector(".histograms svg");

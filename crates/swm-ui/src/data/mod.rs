@@ -5,14 +5,14 @@ mod opened;
 mod query;
 mod sample;
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use axum::extract::{Query, State};
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde::Deserialize;
-use serde_json::{Value as Json, json};
+use serde_json::json;
+use swm_media::Format;
 
 use crate::error::{Answer, Refusal, json};
 use crate::play::catalog::column;
@@ -102,7 +102,10 @@ pub(crate) async fn episodes(State(app): State<Arc<App>>, Query(asked): Query<Ep
 pub(crate) struct Image {
     id: String,
     episode: usize,
+    /// Of a video: nothing.
+    #[serde(default)]
     step: usize,
+    /// No column: that of the observation.
     #[serde(default)]
     column: Option<String>,
     /// Side of an image that is rendered, because the recording has none or with other factors.
@@ -116,20 +119,22 @@ pub(crate) struct Image {
 /// One image as PNG.
 pub(crate) async fn image(State(app): State<Arc<App>>, Query(asked): Query<Image>) -> Answer {
     let registry = app.registry.clone();
+    with(app, asked.id.clone(), move |opened| Ok(file("image/png", image::still(opened, &registry, &asked)?)))
+        .await
+}
+
+/// An episode as a video.
+pub(crate) async fn video(State(app): State<Arc<App>>, Query(asked): Query<Image>) -> Answer {
+    let registry = app.registry.clone();
     with(app, asked.id.clone(), move |opened| {
-        let Image { episode, step, column, render, set, .. } = asked;
-        let factors: BTreeMap<String, Json> = serde_json::from_str(set.as_deref().unwrap_or("{}"))?;
-        let png = match render {
-            Some(side) => image::rendered(opened, &registry, side, &factors, episode, step)?,
-            None => image::stored(opened, column.as_deref(), episode, step)?,
-        };
-        Ok(png_answer(png))
+        let (format, bytes) = image::video(opened, &registry, &asked)?;
+        Ok(file(if format == Format::Gif { "image/gif" } else { "video/mp4" }, bytes))
     })
     .await
 }
 
-fn png_answer(png: Vec<u8>) -> Response {
-    ([(header::CONTENT_TYPE, "image/png")], png).into_response()
+fn file(kind: &'static str, bytes: Vec<u8>) -> Response {
+    ([(header::CONTENT_TYPE, kind)], bytes).into_response()
 }
 
 #[derive(Deserialize)]

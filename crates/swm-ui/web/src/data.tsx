@@ -205,6 +205,7 @@ function Player({ id, data, episode, onMove, onClose }: PlayerProps) {
           )}
           <div class="row">
             {src && <a class="button" href={src} download={`episode_${episode}_step_${step}.png`}>Image as PNG</a>}
+            {src && <a class="button" href={src.replace("data/image?", "data/video?")} download={`episode_${episode}.mp4`}>Episode as MP4</a>}
             <Button disabled={numeric.length === 0} onClick={() => {
               const named = numeric.flatMap(([name, list]) => list.map((column, i) => [list.length > 1 ? `${name}[${i}]` : name, column] as const));
               download(`episode_${episode}.csv`, csv(["step", ...named.map(([name]) => name)], [x, ...named.map(([, column]) => column)]));
