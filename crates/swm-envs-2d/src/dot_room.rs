@@ -10,9 +10,9 @@ use swm_core::{
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 
+use crate::artist::{Artist, Scenery};
 use crate::settings::Render;
 use crate::tworoom_v2::dot::Dot;
-use crate::tworoom_v2::rendering::{Artist, Scenery};
 use crate::tworoom_v2::room::IMAGE_PX;
 
 // Field indices, in the order of `spec`.

@@ -3,6 +3,7 @@
 //! Each environment is one module and one line in [`ENVS`]. It brings its physics, its rendering, its factors of
 //! variation, its policies; rendering comes from `swm-render`. No solver, dataset or model is known here.
 
+mod artist;
 pub mod classic_control;
 mod dot_room;
 pub mod piecewise;
@@ -12,8 +13,11 @@ pub mod pusht;
 #[cfg(feature = "rapier")]
 mod rigid;
 mod settings;
+pub mod simple_navigation;
+pub mod simple_point_maze;
 pub mod tworoom_v1;
 pub mod tworoom_v2;
+mod ways;
 
 use swm_core::EnvEntry;
 
@@ -27,6 +31,8 @@ pub const ENVS: &[EnvEntry] = &[
     tworoom_v1::TWO_ROOM,
     tworoom_v2::TWO_ROOM_V2,
     piecewise::PIECEWISE,
+    simple_point_maze::SIMPLE_POINT_MAZE,
+    simple_navigation::SIMPLE_NAVIGATION,
     #[cfg(feature = "rapier")]
     pusht::PUSHT_RAPIER,
     #[cfg(feature = "rapier")]

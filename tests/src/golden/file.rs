@@ -10,6 +10,8 @@ use ndarray::{ArrayD, OwnedRepr};
 use ndarray_npy::NpzReader;
 use serde_json::{Map, Value as Json};
 
+use super::simple;
+
 /// A recorded trajectory: arrays by name, and what its `meta` says.
 #[derive(Debug)]
 pub struct GoldenFile {
@@ -89,7 +91,9 @@ impl GoldenFile {
             let factors = factors_in_force(&run, &arrays);
             // By the names of the columns here.
             let arrays = arrays.into_iter().map(|(key, array)| match key.as_str() {
+                "state" if simple::records_state(id) => ("state_state".to_owned(), array),
                 "state" => ("state_simulator_state".to_owned(), array),
+                "walls" => ("state_walls".to_owned(), array.insert_axis(ndarray::Axis(0))),
                 "observation" => ("info_proprio".to_owned(), array),
                 "distance" => ("info_distance_to_target".to_owned(), array),
                 "reward_sparse" => ("reward".to_owned(), array),

@@ -11,6 +11,7 @@ mod own;
 mod piecewise;
 mod replay;
 mod rules;
+mod simple;
 
 pub use file::GoldenFile;
 pub use replay::{Comparison, Report, check_file};

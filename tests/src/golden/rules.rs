@@ -6,6 +6,7 @@ use super::classic_control as classic;
 use super::fetch;
 use super::own::{POINT_MAZE, PUSHT_RAPIER};
 use super::piecewise::PIECEWISE;
+use super::simple;
 
 /// The rules of one environment of the reference.
 #[derive(Clone, Copy, Debug)]
@@ -124,23 +125,9 @@ const RULES: &[Rules] = &[
     fetch::SLIDE,
     fetch::PICK_AND_PLACE,
     PIECEWISE,
+    simple::POINT_MAZE,
+    simple::NAVIGATION,
 ];
-
-/// `(array of the file, row, start column)`.
-pub(super) type Place = (&'static str, usize, &'static str);
-
-/// Where a reset of an environment places things by writing into the model.
-pub(super) fn placed_in_model(env_id: &str) -> &'static [Place] {
-    const PLACED: &[(&str, &[Place])] = &[
-        ("swm/ReacherDMControl-v0", &[("model_geom_pos", 6, "target_pos")]),
-        ("swm/FingerDMControl-v0", &[("model_site_pos", 0, "target_pos")]),
-        (
-            "swm/ManipulatorDMControl-v0",
-            &[("model_body_pos", 11, "target_pos"), ("model_body_quat", 11, "target_quat")],
-        ),
-    ];
-    PLACED.iter().find(|(id, _)| *id == env_id).map_or(&[], |(_, places)| places)
-}
 
 /// What all environments of the DeepMind Control Suite have in common: bit-equal from the recorded start on.
 const SUITE: Rules = Rules {

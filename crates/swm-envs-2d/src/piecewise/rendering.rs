@@ -5,8 +5,9 @@ use swm_render::{Rect, Rgb};
 
 use super::factors::color_name;
 use super::zones::Zones;
+use crate::artist::{Scenery, Sprite as _};
 use crate::tworoom_v2::dot::Dot;
-use crate::tworoom_v2::rendering::{Scenery, fill, render_border};
+use crate::tworoom_v2::rendering::{fill, render_border};
 use crate::tworoom_v2::room::IMAGE_PX;
 
 /// Colors and things of an episode.
@@ -78,6 +79,8 @@ impl Look {
 }
 
 impl Scenery for Look {
+    const SIDE: usize = IMAGE_PX;
+
     fn render(&self, image: &mut [u8]) {
         let size = IMAGE_PX as i32;
         fill(image, Rect::new(0, 0, size, size), self.background);

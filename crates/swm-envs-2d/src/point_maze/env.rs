@@ -18,7 +18,8 @@ use super::layout::cell_at;
 use super::physics::{PointSim, STEP_S};
 use super::rendering::{Look, in_image};
 use super::settings::Settings;
-use super::ways::{Ways, distance};
+use super::ways::ways;
+use crate::ways::{Ways, distance};
 
 // Field indices, in the order of `fields`.
 const STATE: usize = 0;
@@ -237,9 +238,9 @@ impl Env for PointMaze {
 
     fn task_cost(&self) -> Option<f64> {
         let disc = disc(&self.fov);
-        let ways = self.ways.get_or_init(|| Ways::new(layout(&self.fov), disc.radius, self.goal));
+        let to_goal = self.ways.get_or_init(|| ways(layout(&self.fov), disc.radius, self.goal));
         let (position, velocity) = (self.sim.position(), self.sim.velocity());
-        let leg = ways.leg(position);
+        let leg = to_goal.leg(position);
         let reach = distance(position, leg.to);
         let along: f64 = [0, 1].iter().map(|&axis| (leg.to[axis] - position[axis]) * velocity[axis]).sum();
         let coasting = if reach > 0.0 { along / reach / disc.damping } else { 0.0 };

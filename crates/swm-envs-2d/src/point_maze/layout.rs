@@ -3,6 +3,8 @@
 //! Wall cells, cell size and coordinates are those of OGBench's locomotion mazes (`ogbench` 1.2.2, `locomaze/maze.py`),
 //! so that positions compare with its datasets.
 
+use crate::ways::Rectangle;
+
 /// Side of a cell, in the maze's unit of length.
 pub(super) const CELL: f64 = 4.0;
 
@@ -63,13 +65,6 @@ pub(super) const LAYOUTS: [Layout; 4] = [
 
 /// Row and column of a cell.
 pub(super) type Cell = [i64; 2];
-
-/// A rectangle along the axes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Rectangle {
-    pub(super) min: [f64; 2],
-    pub(super) max: [f64; 2],
-}
 
 impl Layout {
     /// Rows and columns, walls of the border included.

@@ -12,7 +12,8 @@ use swm_core::{
 use super::factors::layout_at;
 use super::layout::{Layout, center};
 use super::physics::{Disc, STEP_S};
-use super::ways::{Ways, distance};
+use super::ways::ways;
+use crate::ways::{Ways, distance};
 
 /// The policies of the maze.
 pub(super) const POLICIES: &[PolicyEntry] = &[
@@ -111,7 +112,7 @@ impl Navigator {
             }
             Errand::Cells => (random_cell(layout, view.episode.seed, 0), VISITED),
         };
-        let ways = Ways::new(layout, disc.radius, target);
+        let ways = ways(layout, disc.radius, target);
         Ok(Self { std, errand, layout, disc, goal_radius, ways, target, errands: 0 })
     }
 
@@ -147,7 +148,7 @@ impl Actor for Navigator {
         if self.errand == Errand::Cells && distance(position, self.target) < VISITED {
             self.errands += 1;
             self.target = random_cell(self.layout, view.episode.seed, self.errands);
-            self.ways = Ways::new(self.layout, self.disc.radius, self.target);
+            self.ways = ways(self.layout, self.disc.radius, self.target);
         }
         let mut force = self.steer(position, velocity);
         if self.std > 0.0 {

@@ -4,7 +4,8 @@ use swm_fov::Fov;
 use swm_render::{Painter, Rgb, light};
 
 use super::factors::{disc, layout};
-use super::layout::{CELL, Rectangle, center};
+use super::layout::{CELL, center};
+use crate::ways::Rectangle;
 
 /// Side of the canvas, pixels.
 const CANVAS: f64 = 512.0;

@@ -4,6 +4,7 @@
 use swm_render::{Rect, Rgb};
 
 use super::room::IMAGE_PX;
+use crate::artist::Sprite;
 
 /// A dot in the world: its center and its standard deviation in pixels of the 224-px image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,12 +33,14 @@ impl Dot {
         let ([x0, x1], [y0, y1]) = (span(0, width), span(1, height));
         Rect::new(x0, y0, x1, y1)
     }
+}
 
+impl Sprite for Dot {
     /// Blends the dot over a `[224, 224, 3]` image and returns the pixels that may have changed.
     ///
     /// weight = exp(-d^2 / (2 r^2)) in f32, divided by its largest value in the image; byte = trunc(old (1 - weight) +
     /// color weight), in f32. The reference's exponential is not always rounded correctly either; one byte in 400,000 differs.
-    pub(crate) fn blend_exactly(&self, image: &mut [u8]) -> Rect {
+    fn blend_exactly(&self, image: &mut [u8]) -> Rect {
         let bounds = self.bounds([IMAGE_PX; 2], [1.0; 2], [self.radius; 2]);
         let radius = f64::from(self.radius);
         let spread = (2.0 * radius * radius) as f32;
@@ -72,7 +75,7 @@ impl Dot {
     ///
     /// The filter of the resize, a triangle, is taken for a Gaussian of its variance, so that the dot stays one: wider, and
     /// fainter at its peak.
-    pub(crate) fn blend_quickly(&self, image: &mut [u8], [height, width]: [usize; 2]) -> Rect {
+    fn blend_quickly(&self, image: &mut [u8], [height, width]: [usize; 2]) -> Rect {
         let scale = [width, height].map(|size| IMAGE_PX as f32 / size as f32);
         // A triangle of half-width h has the variance h^2 / 6.
         let variance = scale.map(|scale| self.radius * self.radius + scale.max(1.0) * scale.max(1.0) / 6.0);

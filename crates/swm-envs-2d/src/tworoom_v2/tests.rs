@@ -12,6 +12,7 @@ use swm_core::{
 use super::dot::Dot;
 use super::room::{IMAGE_PX, Room, distance};
 use super::{TWO_ROOM_V2, TwoRoom, factors, route};
+use crate::artist::Sprite as _;
 
 /// An environment with a row to look at.
 struct Bench {
