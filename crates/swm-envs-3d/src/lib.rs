@@ -3,7 +3,12 @@
 //! Each environment is one module and one line in [`ENVS`]. They need neither MuJoCo nor any asset: rendering comes from
 //! the 3D scenes of `swm-render`. No solver, dataset or model is known here.
 
+mod attitude;
 pub mod rocket;
+mod scene;
+mod settings;
+mod shapes;
+pub mod table_push;
 
 use swm_core::EnvEntry;
 
@@ -11,4 +16,4 @@ use swm_core::EnvEntry;
 const FAMILY: &str = "3D, on rapier3d";
 
 /// All environments of this crate.
-pub const ENVS: &[EnvEntry] = &[rocket::ROCKET_LANDING];
+pub const ENVS: &[EnvEntry] = &[rocket::ROCKET_LANDING, table_push::TABLE_PUSH];

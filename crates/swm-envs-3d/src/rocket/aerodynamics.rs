@@ -8,8 +8,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::Vector3;
 
-use super::attitude::{atan2, sin_cos};
 use super::body::{BOOSTER, FIN_PLACE};
+use crate::attitude::{atan2, sin_cos};
 
 /// Half of the density of air, kg/m³.
 pub(super) const HALF_DENSITY: f64 = 0.6125;

@@ -14,10 +14,11 @@ use rapier3d_f64::prelude::{
 };
 
 use super::aerodynamics::Load;
-use super::attitude::{Xyzw, sin_cos, unit, world_from_body};
 use super::body::{MassProperties, PARTS, Part, RADIUS, Solid};
 use super::flight::{Conditions, GRAVITY, PHYSICS_STEP_S};
 use super::state::State;
+use crate::attitude::{sin_cos, unit, world_from_body};
+use crate::shapes::{cylinder, pose};
 
 /// The pad: radius, half its length, height of its center.
 pub(super) const PAD: [f64; 3] = [2.0, 0.05, 0.1];
@@ -60,13 +61,6 @@ pub(super) struct Stage {
     world: Box<PhysicsWorld>,
 }
 
-/// A cylinder along z: parry's lie along y.
-fn cylinder(radius: f64, half: f64, place: [f64; 3]) -> (SharedShape, Pose) {
-    let (sin, cos) = (std::f64::consts::FRAC_1_SQRT_2, std::f64::consts::FRAC_1_SQRT_2);
-    let pose = Pose::from_parts(Vector::from(place), Rotation::from_xyzw(sin, 0.0, 0.0, cos));
-    (SharedShape::cylinder(half, radius), pose)
-}
-
 fn shape(part: &Part) -> (SharedShape, Pose) {
     match part.solid {
         Solid::Cylinder { radius, half } => cylinder(radius, half, part.place),
@@ -78,10 +72,6 @@ fn shape(part: &Part) -> (SharedShape, Pose) {
     }
 }
 
-fn pose(position: [f64; 3], [x, y, z, w]: Xyzw) -> Pose {
-    Pose::from_parts(Vector::from(position), Rotation::from_xyzw(x, y, z, w))
-}
-
 impl Stage {
     pub(super) fn new() -> Self {
         let parts: Vec<_> = PARTS.iter().map(shape).collect();
@@ -89,7 +79,7 @@ impl Stage {
         let pad = cylinder(radius, half, [0.0, 0.0, height]);
         let half = FLOOR_DEPTH / 2.0;
         let floor = SharedShape::cuboid(FLOOR_HALF, FLOOR_HALF, half);
-        let floor = (floor, pose([0.0, 0.0, -half], super::attitude::UPRIGHT));
+        let floor = (floor, pose([0.0, 0.0, -half], crate::attitude::UPRIGHT));
         let (mut bodies, mut colliders) = (RigidBodySet::new(), ColliderSet::new());
         let collider = |(shape, pose): &(SharedShape, Pose), friction: f64| {
             let collider = ColliderBuilder::new(shape.clone()).position(*pose).density(0.0);

@@ -15,7 +15,6 @@ use swm_fov::{Fov, FovSpace, SavedFov};
 
 use super::ROCKET_LANDING;
 use super::aerodynamics::Load;
-use super::attitude::{euler, from_euler, world_from_body};
 use super::contact::Stage;
 use super::factors::{conditions, factors_with};
 use super::flight::{Conditions, PHYSICS_STEP_S, fly};
@@ -24,6 +23,7 @@ use super::rendering::Image;
 use super::rules::{End, PHYSICS_STEPS, control_step, physics_step};
 use super::settings::Settings;
 use super::state::{ACTION_DIM, STATE_DIM, State};
+use crate::attitude::{euler, from_euler, world_from_body};
 
 /// Control steps per step of the agent.
 const CONTROL_STEPS: usize = 3;

@@ -1,13 +1,12 @@
 //! The factors of rocket landing, and what an assignment means.
 
-use std::collections::BTreeMap;
-
 use serde_json::{Map, Value as Json};
-use swm_core::{EnvError, Value};
+use swm_core::EnvError;
 use swm_fov::{Factor, Fov, FovSpace};
 
 use super::body::{DRY_MASS, Kind};
 use super::flight::Conditions;
+use crate::settings::with_defaults;
 
 /// The factor table, in sampling order: the reference's, then fuel, dry mass and wind.
 pub fn factors() -> FovSpace {
@@ -37,11 +36,7 @@ pub fn factors() -> FovSpace {
 
 /// The factor table of the environment `env` with other defaults, by name.
 pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<FovSpace, EnvError> {
-    let wrong = |reason: String| EnvError::Setting { env: env.to_owned(), reason };
-    let read = |(name, json): (&String, &Json)| Ok((name.clone(), Value::from_json(name, json)?));
-    let values = defaults.iter().map(read).collect::<Result<BTreeMap<_, _>, swm_core::error::BatchError>>();
-    let values = values.map_err(|error| wrong(error.to_string()))?;
-    factors().with_defaults(&values).map_err(|error| wrong(format!("init_value: {error}")))
+    with_defaults(factors(), env, defaults)
 }
 
 /// The conditions of an assignment.

@@ -6,9 +6,9 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::aerodynamics::{Load, add_air_forces};
-use super::attitude::{sin_cos, turned, world_from_body};
 use super::body::{BOOSTER, MassProperties, TANK_MASS};
 use super::state::{ACTION_DIM, State};
+use crate::attitude::{sin_cos, turned, world_from_body};
 
 /// Duration of a physics step, s.
 pub(super) const PHYSICS_STEP_S: f64 = 1.0 / 240.0;

@@ -5,11 +5,11 @@
 use nalgebra::Vector3;
 
 use super::aerodynamics::{DRAG_AREA, HALF_DENSITY};
-use super::attitude::world_from_body;
 use super::body::{BOOSTER, FIN_PLACE, MassProperties};
 use super::flight::{Conditions, GIMBAL_LIMIT_DEG, GRAVITY, MAX_THRUST, MIN_THROTTLE, MIN_THRUST};
 use super::rules::End;
 use super::state::{ACTION_DIM, State};
+use crate::attitude::world_from_body;
 
 /// The descent ends at this height of the origin, m.
 const TOUCHDOWN: f64 = 2.6;

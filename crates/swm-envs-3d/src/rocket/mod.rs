@@ -5,7 +5,6 @@
 //! takes over the physics steps that touch (`contact`).
 
 mod aerodynamics;
-mod attitude;
 mod body;
 mod contact;
 mod env;

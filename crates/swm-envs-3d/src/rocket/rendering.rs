@@ -7,18 +7,17 @@ use std::sync::Arc;
 use nalgebra::{Matrix3, Vector3};
 use swm_core::ImageSize;
 use swm_fov::Fov;
-use swm_render::Geometry;
 use swm_render::scene::{
-    Assets, Camera, CubeTexture, Instance, Light, LightKind, Mapping, Material, NO_SEGMENT, Projection,
-    Quality, Scene, SceneRenderer, Shape, Texture,
+    Assets, Camera, Instance, Light, LightKind, Mapping, Material, Scene, SceneRenderer, Shape,
 };
 
-use super::attitude::{euler, from_euler, world_from_body};
 use super::body::{PARTS, Solid};
 use super::contact::{FLOOR_HALF, PAD};
 use super::factors::color;
 use super::flight::PHYSICS_STEP_S;
 use super::state::State;
+use crate::attitude::{euler, from_euler, world_from_body};
+use crate::scene;
 
 /// The eye, in the body frame.
 const EYE: [f64; 3] = [-1.0, 0.0, 3.0];
@@ -49,11 +48,10 @@ pub(super) struct Image {
 impl Image {
     /// For images of this size.
     pub(super) fn new(size: ImageSize, fov: &Fov) -> Result<Self, String> {
-        let quality = Quality { antialias: true, shadows: false, reflections: false };
-        let renderer = SceneRenderer::new(Geometry::new(size.height, size.width), quality);
-        let renderer = renderer.map_err(|error| error.to_string())?;
-        let assets = Assets { textures: vec![Arc::new(squares()?)], ..Assets::default() };
-        let (scene, ground) = scene();
+        let renderer = scene::renderer(size)?;
+        let floor = scene::squares(SQUARES, SQUARE_TEXELS)?;
+        let assets = Assets { textures: vec![Arc::new(floor)], ..Assets::default() };
+        let (scene, ground) = parts();
         let mut image = Self { renderer, scene, ground, assets };
         image.dress(fov);
         Ok(image)
@@ -62,11 +60,10 @@ impl Image {
     /// Takes the colors of an assignment.
     pub(super) fn dress(&mut self, fov: &Fov) {
         let sky = fov.rgb("environment.sky_color");
-        let sky = CubeTexture::new(1, &sky.repeat(6)).expect("six texels of three bytes");
-        self.assets.cubes = vec![Arc::new(sky)];
-        self.ground[1].material.color = opaque(fov.rgb("pad.color"));
+        self.assets.cubes = vec![Arc::new(scene::sky(sky))];
+        self.ground[1].material.color = scene::opaque(fov.rgb("pad.color"));
         for (part, instance) in PARTS.iter().zip(&mut self.scene.instances) {
-            instance.material.color = opaque(color(fov, part.kind));
+            instance.material.color = scene::opaque(color(fov, part.kind));
         }
     }
 
@@ -75,10 +72,10 @@ impl Image {
         let world = world_from_body(state.attitude);
         let origin = Vector3::from(state.position);
         for (part, instance) in PARTS.iter().zip(&mut self.scene.instances) {
-            place(instance, &world, origin, part.place, part.turn_rad);
+            scene::place(instance, &world, origin, part.place, part.turn_rad);
         }
         let flame = &mut self.scene.instances[FLAME_INSTANCE];
-        place(flame, &world, origin, FLAME.2, 0.0);
+        scene::place(flame, &world, origin, FLAME.2, 0.0);
         flame.material.color = FLAME_COLORS[usize::from(state.throttle > 0.0 && state.action[3] > 0.5)];
         // The reference's camera lags a physics step behind.
         self.scene.camera = camera(state, &world, origin - Vector3::from(state.velocity) * PHYSICS_STEP_S);
@@ -93,85 +90,41 @@ impl Image {
     }
 }
 
-fn place(
-    instance: &mut Instance,
-    world: &Matrix3<f64>,
-    origin: Vector3<f64>,
-    offset: [f64; 3],
-    turn_rad: f64,
-) {
-    let turn = world_from_body(from_euler([0.0, 0.0, turn_rad]));
-    instance.position = (origin + world * Vector3::from(offset)).into();
-    instance.rotation = rows(&(world * turn));
-}
-
-fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
-    matrix.transpose().into()
-}
-
-fn opaque(color: [u8; 3]) -> [f32; 4] {
-    let [r, g, b] = color.map(|channel| f32::from(channel) / 255.0);
-    [r, g, b, 1.0]
-}
-
 fn camera(state: &State, world: &Matrix3<f64>, origin: Vector3<f64>) -> Camera {
     let [roll, pitch, yaw] = euler(state.attitude);
     let up = world_from_body(from_euler([roll, pitch + UP_PITCH_DEG.to_radians(), yaw])) * Vector3::z();
     let eye = world * Vector3::from(EYE);
-    let forward = -eye.normalize();
-    let right = forward.cross(&up).normalize();
-    Camera {
-        position: (origin + eye).into(),
-        forward: forward.into(),
-        up: right.cross(&forward).into(),
-        projection: Projection { bottom: -1.0, top: 1.0, center: 0.0, half_width: None },
-        near: 0.1,
-        far: 255.0,
-    }
-}
-
-/// Two by two squares.
-fn squares() -> Result<Texture, String> {
-    let side = 2 * SQUARE_TEXELS;
-    let texels = (0..side * side).flat_map(|at| {
-        let (row, column) = (at / side / SQUARE_TEXELS, at % side / SQUARE_TEXELS);
-        SQUARES[(row + column) % 2]
-    });
-    Texture::new(side, side, &texels.collect::<Vec<u8>>()).map_err(|error| error.to_string())
+    scene::camera(origin + eye, -eye.normalize(), up, 1.0, [0.1, 255.0])
 }
 
 /// Parts and flame, with the light of PyBullet's renderer: mostly ambient, the rest from above; then floor and pad.
-fn scene() -> (Scene, [Instance; 2]) {
-    let matte = Material { color: [1.0; 4], specular: 0.0, ..Material::default() };
-    let still = |shape: Shape, position: [f64; 3], material: Material| Instance {
-        shape,
-        position,
-        rotation: rows(&Matrix3::identity()),
-        material,
-        segment: NO_SEGMENT,
-        casts_shadow: false,
-    };
+fn parts() -> (Scene, [Instance; 2]) {
+    let matte = scene::matte();
     let floor =
         Material { texture: Some(Mapping::Flat { texture: 0, scale: [0.5; 2], offset: [0.0; 2] }), ..matte };
     let half = FLOOR_HALF as f32;
     let [radius, pad_half, height] = PAD;
     let ground = [
-        still(Shape::Plane { half: [half; 2], cell: [half; 2] }, [0.0; 3], floor),
-        still(Shape::Cylinder { radius: radius as f32, half: pad_half as f32 }, [0.0, 0.0, height], matte),
+        scene::upright(Shape::Plane { half: [half; 2], cell: [half; 2] }, [0.0; 3], floor),
+        scene::upright(
+            Shape::Cylinder { radius: radius as f32, half: pad_half as f32 },
+            [0.0, 0.0, height],
+            matte,
+        ),
     ];
     let parts = PARTS.iter().map(|part| {
         let shape = match part.solid {
             Solid::Cylinder { radius, half } => Shape::Cylinder { radius: radius as f32, half: half as f32 },
             Solid::Box { half } => Shape::Box { half: half.map(|half| half as f32) },
         };
-        still(shape, part.place, matte)
+        scene::upright(shape, part.place, matte)
     });
     // Room for the ground, too.
     let mut instances = Vec::with_capacity(GROUND + ground.len());
     instances.extend(parts);
     let (radius, half, offset) = FLAME;
     let flame = Shape::Cylinder { radius: radius as f32, half: half as f32 };
-    instances.push(still(flame, offset, Material { emission: 0.4, ..matte }));
+    instances.push(scene::upright(flame, offset, Material { emission: 0.4, ..matte }));
     let light = Light {
         kind: LightKind::Sun,
         direction: [0.8, -0.33166, -0.5],

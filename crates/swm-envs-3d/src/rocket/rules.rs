@@ -2,10 +2,10 @@
 
 use nalgebra::Vector3;
 
-use super::attitude::{euler, exp, world_from_body};
 use super::contact::{Stage, Touch};
 use super::flight::{Conditions, actuate, fly};
 use super::state::State;
+use crate::attitude::{euler, exp, world_from_body};
 
 /// Physics steps per control step.
 pub(super) const PHYSICS_STEPS: usize = 2;

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::attitude::{UPRIGHT, Xyzw};
 use super::body::STANDING_HEIGHT;
+use crate::attitude::{UPRIGHT, Xyzw};
 
 /// Values of the column `state`.
 pub(super) const STATE_DIM: usize = 34;

@@ -8,10 +8,10 @@ use swm_core::{
 };
 
 use super::super::ROCKET_LANDING;
-use super::super::attitude::UPRIGHT;
 use super::super::body::STANDING_HEIGHT;
 use super::super::env::RocketLanding;
 use super::super::state::State;
+use crate::attitude::UPRIGHT;
 
 fn evaluate(policy: &str, settings: &serde_json::Value, options: &ResetOptions, episodes: u64) -> Evaluation {
     let config = EnvConfig { image: None, settings: settings.as_object().unwrap().clone() };

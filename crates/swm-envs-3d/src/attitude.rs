@@ -5,50 +5,50 @@
 use nalgebra::{ComplexField, Matrix3, Quaternion, RealField, UnitQuaternion, Vector3};
 
 /// A quaternion of length 1: x, y, z, w.
-pub(super) type Xyzw = [f64; 4];
+pub(crate) type Xyzw = [f64; 4];
 
 /// No rotation.
-pub(super) const UPRIGHT: Xyzw = [0.0, 0.0, 0.0, 1.0];
+pub(crate) const UPRIGHT: Xyzw = [0.0, 0.0, 0.0, 1.0];
 
 /// Sine and cosine.
-pub(super) fn sin_cos(angle_rad: f64) -> (f64, f64) {
+pub(crate) fn sin_cos(angle_rad: f64) -> (f64, f64) {
     ComplexField::sin_cos(angle_rad)
 }
 
 /// The angle of the point (x, y), radians.
-pub(super) fn atan2(y: f64, x: f64) -> f64 {
+pub(crate) fn atan2(y: f64, x: f64) -> f64 {
     RealField::atan2(y, x)
 }
 
 /// The exponential function.
-pub(super) fn exp(value: f64) -> f64 {
+pub(crate) fn exp(value: f64) -> f64 {
     ComplexField::exp(value)
 }
 
 /// As nalgebra's type. The length stays as it is.
-pub(super) fn rotation([x, y, z, w]: Xyzw) -> UnitQuaternion<f64> {
+pub(crate) fn rotation([x, y, z, w]: Xyzw) -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
 }
 
 /// The matrix that turns body coordinates into world coordinates.
-pub(super) fn world_from_body(attitude: Xyzw) -> Matrix3<f64> {
+pub(crate) fn world_from_body(attitude: Xyzw) -> Matrix3<f64> {
     rotation(attitude).to_rotation_matrix().into_inner()
 }
 
 /// The attitude after a rotation about the world axis `turn` by its length, radians.
-pub(super) fn turned(attitude: Xyzw, turn: Vector3<f64>) -> Xyzw {
+pub(crate) fn turned(attitude: Xyzw, turn: Vector3<f64>) -> Xyzw {
     let turned = UnitQuaternion::from_scaled_axis(turn) * rotation(attitude);
     unit(turned.coords.into())
 }
 
 /// Scaled to length 1.
-pub(super) fn unit(quaternion: Xyzw) -> Xyzw {
+pub(crate) fn unit(quaternion: Xyzw) -> Xyzw {
     let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
     quaternion.map(|part| part / length)
 }
 
 /// Roll, pitch and yaw, radians.
-pub(super) fn euler([x, y, z, w]: Xyzw) -> [f64; 3] {
+pub(crate) fn euler([x, y, z, w]: Xyzw) -> [f64; 3] {
     let sine = -2.0 * (x * z - w * y);
     if sine.abs() >= 0.99999 {
         let half = atan2(if sine < 0.0 { x } else { -x }, if sine < 0.0 { -y } else { y });
@@ -63,7 +63,7 @@ pub(super) fn euler([x, y, z, w]: Xyzw) -> [f64; 3] {
 }
 
 /// The quaternion of roll, pitch and yaw, radians.
-pub(super) fn from_euler(angles_rad: [f64; 3]) -> Xyzw {
+pub(crate) fn from_euler(angles_rad: [f64; 3]) -> Xyzw {
     let [(sx, cx), (sy, cy), (sz, cz)] = angles_rad.map(|angle| sin_cos(0.5 * angle));
     unit([
         sx * cy * cz - cx * sy * sz,

@@ -1,0 +1,27 @@
+//! Constructor settings of TablePush3D.
+
+use serde_json::{Map, Value as Json};
+use swm_core::{Setting, Settings as _};
+
+swm_core::settings! {
+    /// Constructor settings. Unknown names are refused.
+    pub(super) struct Settings {
+        /// Steps after which an episode is truncated; 0: never.
+        time_limit: u64 = 200,
+        /// Render the goal.
+        with_target: bool = true,
+        /// Other defaults of factors, {name: value}.
+        init_value: Map<String, Json> = Map::new() => "{}",
+    }
+}
+
+/// The settings for help and docs.
+pub(super) const SETTINGS: &[Setting] = Settings::SETTINGS;
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn documented_defaults_are_the_defaults() {
+        swm_core::testing::assert_documented_defaults::<super::Settings>();
+    }
+}
