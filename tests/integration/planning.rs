@@ -179,8 +179,14 @@ fn the_planner_of_the_rocket_lands_it() {
 }
 
 #[test]
-fn the_planners_of_fetch_and_piecewise_reach_their_goals() {
-    for (id, budget) in [("swm/FetchReach-v3", "15"), ("swm/Piecewise-v0", "100")] {
+fn the_planners_of_small_tasks_reach_their_goals() {
+    for (id, budget) in [
+        ("swm/FetchReach-v3", "15"),
+        ("swm/Piecewise-v0", "100"),
+        ("swm/SimplePointMaze-v0", "100"),
+        ("swm/SimpleNavigation-v0", "40"),
+        ("swm/TablePush3D-v0", "150"),
+    ] {
         let planner = swm::registry().env(id).unwrap().planner.expect("its entry names one");
         let eval = ["eval", id, "--episodes", "3", "--budget", budget, "--quiet"];
         let rate = |policy| swm_json(&[&eval[..], &["--policy", policy]].concat())["success_rate"].clone();

@@ -43,6 +43,7 @@ pub(crate) const NAMES: &[Absent] = &[
     env("swm/PushTRapier-v0", RAPIER),
     env("swm/PointMaze-v0", RAPIER),
     env("swm/PFRocketLanding-v0", RAPIER),
+    env("swm/TablePush3D-v0", RAPIER),
     env("swm/HumanoidDMControl-v0", MUJOCO),
     env("swm/CheetahDMControl-v0", MUJOCO),
     env("swm/HopperDMControl-v0", MUJOCO),
