@@ -174,6 +174,17 @@ fn columns_can_be_left_out() {
 }
 
 #[test]
+fn a_dataset_of_integers_replays_exactly() {
+    let folder = Folder::new();
+    let data = folder.path("grid.h5");
+    let collect = ["collect", "swm/SimpleNavigation-v0", "--policy", "expert", "--episodes", "2", "--quiet"];
+    swm_ok(&[&collect[..], &["--image-size", "16x16", "--out", &data]].concat());
+    let report = swm_json(&["replay", &data, "--tolerance", "0"]);
+    assert_eq!(report["ok"], true, "{report}");
+    assert_eq!(report["columns"]["state"]["max_abs"], 0.0, "{report}");
+}
+
+#[test]
 fn a_dataset_replays_exactly() {
     let folder = Folder::new();
     let data = dataset(&folder);

@@ -1,7 +1,7 @@
 //! Replays a dataset on the simulator, and compares the two.
 //!
 //! Each recorded episode's factors, goal and start are restored, its actions are run again, and every column of
-//! real values that both have is compared step by step.
+//! real values that both have, and every integer state, is compared step by step.
 
 use std::collections::BTreeMap;
 
@@ -206,20 +206,30 @@ impl Columns {
         let schema = source.schema();
         let (mut read, mut live) = (Vec::new(), Vec::new());
         for (index, field) in env.spec().fields.iter().enumerate() {
-            let real = matches!(field.dtype, Dtype::F32 | Dtype::F64) && field.kind == FieldKind::Step;
-            if !real {
+            // Integers where they are the state, as on a grid; elsewhere they count things, in ways that differ.
+            let is_state = env.spec().start_columns.contains(&field.name.as_str());
+            let is_compared = |dtype: Dtype| match dtype {
+                Dtype::F32 | Dtype::F64 => true,
+                Dtype::I64 => is_state,
+                _ => false,
+            };
+            if !is_compared(field.dtype) || field.kind != FieldKind::Step {
                 continue;
             }
             if let Some(found) = schema.index(&field.name).map(|index| &schema.fields()[index])
                 && found.dim() == field.dim()
-                && matches!(found.dtype, Dtype::F32 | Dtype::F64)
+                && is_compared(found.dtype)
             {
                 read.push(found.clone());
                 live.push(index);
             }
         }
         if read.is_empty() {
-            return Err(format!("the dataset shares no column of real values with {}", env.spec().id).into());
+            return Err(format!(
+                "the dataset shares no column of real values and no integer state with {}",
+                env.spec().id
+            )
+            .into());
         }
         let action = schema.fields()[schema.require("action")?].clone();
         let wanted = &env.spec().action;
