@@ -166,6 +166,7 @@ impl<'a, E: Engine> Rollout<'a, E> {
 
     fn step(&mut self, command: Command) {
         let scene = self.scene;
+        let command = scene.steering.limited(&self.sim, command);
         self.success = scene.steering.drive(&mut self.sim, command, |sim| scene.is_success(sim));
         self.steps += 1;
         if let Some(commands) = &mut self.commands {

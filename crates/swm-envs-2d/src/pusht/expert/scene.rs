@@ -5,7 +5,7 @@ use super::outline::Outline;
 use super::primitive::Spot;
 use super::route::Routes;
 use super::settings::ExpertSettings;
-use super::steering::{ActionKind, Command, Steering};
+use super::steering::{ActionKind, Command, REACH_PX, Steering};
 use crate::pusht::engine::Engine;
 use crate::pusht::env::LoadedState;
 use crate::pusht::goal::{PushTState, angle_error, is_success, observed_state};
@@ -70,14 +70,17 @@ impl Scene {
         loaded: &LoadedState<E>,
     ) -> Result<Scene, PhysicsError> {
         let setup = &loaded.setup;
-        let steering = Steering::new::<E>(kind, frame_skip, setup)?;
+        let steering = Steering::new::<E>(kind, frame_skip, settings.max_step, setup)?;
         let rectangles: Vec<_> = setup.block.shape.rectangles(setup.block.scale).collect();
         let slow = setup.agent.shape != Shape::Disc;
+        let fastest_px = if slow { steering.step_px() } else { REACH_PX };
+        let slowdown = (fastest_px / settings.max_step).max(1.0);
+        let steps = |count: u32| (f64::from(count) * slowdown).ceil() as u32;
         let limits = Limits {
-            approach: if slow { 60 } else { 25 },
-            push: if slow { 45 } else { 12 },
-            patience: if slow { 14 } else { 5 },
-            finish: if slow { 60 } else { 30 },
+            approach: steps(if slow { 60 } else { 25 }),
+            push: steps(if slow { 45 } else { 12 }),
+            patience: steps(if slow { 14 } else { 5 }),
+            finish: steps(if slow { 60 } else { 30 }),
             standoff_px: if slow { 4.0 } else { 18.0 },
             weakest: if slow { 0.7 } else { 0.15 },
         };
@@ -95,7 +98,8 @@ impl Scene {
             limits,
             block_shape: setup.block.shape,
             angle_weight: settings.angle_weight * f64::from(setup.block.scale) / USUAL_SCALE,
-            step_weight: settings.step_weight * (steering.step_px() / USUAL_STEP_PX).powi(2),
+            step_weight: settings.step_weight
+                * (steering.step_px().min(settings.max_step) / USUAL_STEP_PX).powi(2),
         })
     }
 

@@ -20,6 +20,10 @@ swm_core::settings! {
         angle_weight: f64 = 50.0,
         /// Cost of a control step in pixels.
         step_weight: f64 = 2.0,
+        /// Longest way of the agent in a control step, pixels: about 12 for an expert as slow as people.
+        ///
+        /// A disc goes at most 57 px, a polygon 10: the default limits neither.
+        max_step: f64 = 100.0,
         /// 0: the best primitive; above: sampled by the softmax of cost, in pixels, for diverse data.
         temperature: f64 = 0.0,
         /// Standard deviation of the noise on each component, in units of 100 px.
@@ -35,6 +39,8 @@ const NOISY_REPLAN: usize = 4;
 
 /// More than this in one decision is a typing error.
 const MAX_COUNT: usize = 100_000;
+/// No agent goes further in a control step.
+const MAX_STEP_PX: f64 = 100.0;
 
 impl ExpertSettings {
     /// Reads the arguments of `expert`.
@@ -72,6 +78,9 @@ impl ExpertSettings {
         ];
         for (name, value) in values {
             args.check_not_negative(name, value)?;
+        }
+        if !(1.0..=MAX_STEP_PX).contains(&self.max_step) {
+            return Err(args.wrong(format!("max_step {} must be 1 to {MAX_STEP_PX} px", self.max_step)));
         }
         Ok(self)
     }

@@ -9,12 +9,14 @@ use swm_core::{PolicyError, SliceMut};
 
 use crate::pusht::discrete;
 use crate::pusht::engine::Engine;
-use crate::pusht::physics::{ActionMode, BodyId, BodySetup, PhysicsError, Placement, Setup, Shape, Vec2};
+use crate::pusht::physics::{
+    ActionMode, BodyId, BodySetup, PhysicsError, Placement, Setup, Shape, Vec2, vec2,
+};
 
 /// Length of a relative action of 1, pixels.
 const ACTION_PX: f64 = 100.0;
 /// The agent is not asked to go further than this in a control step, pixels. Beyond it, it overshoots corners.
-const REACH_PX: f64 = 38.0;
+pub(super) const REACH_PX: f64 = 38.0;
 
 /// What actions mean in the environment that is planned for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +39,8 @@ pub(super) struct Steering {
     kind: ActionKind,
     /// How often the world applies each action.
     frame_skip: u32,
+    /// The longest way that the agent is asked to go in a control step, pixels.
+    max_step_px: f64,
     /// Way in a free control step per offset of the target.
     offset_share: f64,
     /// Way in a free control step per velocity, seconds.
@@ -48,6 +52,7 @@ impl Steering {
     pub(super) fn new<E: Engine>(
         kind: ActionKind,
         frame_skip: u32,
+        max_step_px: f64,
         setup: &Setup,
     ) -> Result<Steering, PhysicsError> {
         // A small agent of the same kind alone in the middle; the block is far off in a corner.
@@ -71,6 +76,7 @@ impl Steering {
         Ok(Steering {
             kind,
             frame_skip,
+            max_step_px,
             offset_share: way(0.0, 1.0)? / ACTION_PX,
             velocity_share_s: way(100.0, 0.0)? / 100.0,
         })
@@ -81,12 +87,22 @@ impl Steering {
         self.offset_share * ACTION_PX
     }
 
+    /// The command, or, if the agent would go further than it is allowed to, the one that takes it as far as that in the
+    /// same direction.
+    pub(super) fn limited(&self, sim: &impl Engine, command: Command) -> Command {
+        let [position, velocity] = [sim.position(BodyId::Agent), sim.velocity(BodyId::Agent)].map(Vec2::from);
+        let way =
+            vec2(command[0].into(), command[1].into()) * self.step_px() + velocity * self.velocity_share_s;
+        if way.norm() <= self.max_step_px { command } else { self.toward(sim, position + way) }
+    }
+
     /// The command after which the agent is at `target`, or as near on the way to it as it can get.
     pub(super) fn toward(&self, sim: &impl Engine, target: Vec2) -> Command {
         let [position, velocity] = [sim.position(BodyId::Agent), sim.velocity(BodyId::Agent)].map(Vec2::from);
         let way = target - position;
         let distance = way.norm();
-        let way = if distance > REACH_PX { way * (REACH_PX / distance) } else { way };
+        let reach = REACH_PX.min(self.max_step_px);
+        let way = if distance > reach { way * (reach / distance) } else { way };
         let offset = (way - velocity * self.velocity_share_s) * (1.0 / (self.offset_share * ACTION_PX));
         let scale = 1.0 / offset.x.abs().max(offset.y.abs()).max(1.0);
         [(offset.x * scale) as f32, (offset.y * scale) as f32]
@@ -150,7 +166,7 @@ fn absolute(sim: &impl Engine, command: Command) -> Command {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pusht::physics::{Sim, vec2};
+    use crate::pusht::physics::Sim;
 
     fn alone(shape: Shape) -> (Setup, Sim) {
         let mut setup = Setup::default();
@@ -171,7 +187,7 @@ mod tests {
             (Shape::L, ActionKind::Relative),
         ] {
             let (setup, mut sim) = alone(shape);
-            let steering = Steering::new::<Sim>(kind, 1, &setup).unwrap();
+            let steering = Steering::new::<Sim>(kind, 1, 100.0, &setup).unwrap();
             let target = vec2(254.0, 243.0);
             let command = steering.toward(&sim, target);
             steering.drive(&mut sim, command, |_| false);
@@ -183,16 +199,33 @@ mod tests {
     #[test]
     fn polygons_cover_a_tenth_of_the_way() {
         let (setup, _) = alone(Shape::Z);
-        let steering = Steering::new::<Sim>(ActionKind::Relative, 1, &setup).unwrap();
+        let steering = Steering::new::<Sim>(ActionKind::Relative, 1, 100.0, &setup).unwrap();
         assert!((steering.step_px() - 100.0 * (1.0 - 0.99_f64.powi(10))).abs() < 1e-9);
     }
 
     #[test]
     fn far_targets_keep_commands_in_the_box_and_the_direction() {
         let (setup, sim) = alone(Shape::Square);
-        let steering = Steering::new::<Sim>(ActionKind::Relative, 1, &setup).unwrap();
+        let steering = Steering::new::<Sim>(ActionKind::Relative, 1, 100.0, &setup).unwrap();
         let [x, y] = steering.toward(&sim, vec2(450.0, 350.0));
         assert!((x - 1.0).abs() < 1e-6 && (y - 0.5).abs() < 1e-6);
         assert_eq!(Steering::push(vec2(0.6, -0.8), 0.5), [0.375, -0.5]);
+    }
+
+    #[test]
+    fn a_limited_agent_goes_no_further_in_a_step() {
+        let (setup, mut sim) = alone(Shape::Disc);
+        let steering = Steering::new::<Sim>(ActionKind::Relative, 1, 12.0, &setup).unwrap();
+        let command = [1.0, 0.25];
+        for step in 0..6 {
+            let before = Vec2::from(sim.position(BodyId::Agent));
+            let limited = steering.limited(&sim, command);
+            steering.drive(&mut sim, limited, |_| false);
+            let way = (Vec2::from(sim.position(BodyId::Agent)) - before).norm();
+            assert!((way - 12.0).abs() < 1e-3, "step {step}: {way} px");
+        }
+        let weak = [0.05, 0.0];
+        let resting = alone(Shape::Square).1;
+        assert_eq!(steering.limited(&resting, weak), weak, "what is shorter anyway stays");
     }
 }

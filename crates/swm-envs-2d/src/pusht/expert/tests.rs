@@ -127,6 +127,22 @@ fn noise_and_temperature_are_survived() {
 }
 
 #[test]
+fn a_slow_expert_succeeds_with_small_actions() {
+    let spread = |policy| {
+        let mut actions = Actions::default();
+        let evaluation = Run { policy, ..Run::default() }.watched(&mut actions);
+        assert_eq!(successes(&evaluation), 4, "{policy}: {evaluation:?}");
+        let squares = actions.0.values().flatten().map(|value| value * value).sum::<f32>();
+        ((squares / (2 * actions.0.len()) as f32).sqrt(), actions.0.len())
+    };
+    let (fast, few) = spread("expert:samples=40,refinements=1,beams=2,detours=2,beam_samples=10");
+    let (slow, many) =
+        spread("expert:max_step=12,samples=40,refinements=1,beams=2,detours=2,beam_samples=10");
+    assert!(slow < 0.25 && slow < 0.6 * fast, "{slow} and {fast}");
+    assert!(many > 2 * few, "{many} and {few} steps");
+}
+
+#[test]
 fn actions_do_not_depend_on_company() {
     for policy in [
         "expert:samples=20,beams=1,detours=1,beam_samples=5",
@@ -156,6 +172,7 @@ fn wrong_arguments_are_refused_with_the_fix() {
     assert!(error("expert:samples=0").contains("samples 0 must be 1 to 100000"));
     assert!(error("expert:5").contains("write key=value"));
     assert!(error("expert:temperature=-1").contains("temperature -1 must be 0 or more"));
+    assert!(error("expert:max_step=0.5").contains("max_step 0.5 must be 1 to 100 px"));
     assert!(error("noisy-expert:-0.1").contains("std -0.1 must be 0 or more"));
     assert!(error("noisy-expert:0.1,0.2").contains("unexpected second value"));
 }
