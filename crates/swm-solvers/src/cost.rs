@@ -75,7 +75,7 @@ pub trait DifferentiableCost: Cost {
 /// A cost with C inequality constraints g: a plan is feasible when every g is 0 or less. An equality is two of them.
 pub trait ConstrainedCost: Cost {
     /// C, for plans of H = `horizon` blocks of D = `dim` values.
-    fn constraints(&self, horizon: usize, dim: usize) -> usize;
+    fn constraints(&mut self, horizon: usize, dim: usize) -> usize;
 
     /// Fills `costs`, `[B, S]`, and `values`, `[B, S, C]`, in one rollout.
     ///

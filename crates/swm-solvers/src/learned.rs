@@ -8,6 +8,7 @@ use crate::context::ActionScale;
 use crate::cost::Cost;
 use crate::entry::SolverEntry;
 use crate::error::PlanError;
+use crate::executed::AsExecuted;
 use crate::mpc::{MpcPolicy, PlanConfig};
 use crate::settings::{refuse_rest, take, take_named};
 use crate::solvers::SOLVERS;
@@ -44,7 +45,8 @@ fn solver_setting(
     })
 }
 
-/// A policy that plans on a learned model. `given` holds [`SOLVER_SETTING`], the settings of that solver, and those of
+/// A policy that plans on a learned model, whose cost gets candidates as they are executed: clipped to the bounds of the
+/// actions, unless `clip_actions` is off. `given` holds [`SOLVER_SETTING`], the settings of that solver, and those of
 /// [`PlanConfig`] but `action_block`, which is the model's.
 ///
 /// # Errors
@@ -69,7 +71,7 @@ pub fn plan_on(
         &given,
         &[solver.settings, PlanConfig::SETTINGS, &[SOLVER_SETTING], learned.settings].concat(),
     )?;
-    let policy = MpcPolicy::new(solver.make(own)?, learned.cost, config)?;
+    let policy = MpcPolicy::new(solver.make(own)?, Box::new(AsExecuted::new(learned.cost)), config)?;
     Ok(match learned.scale {
         Some(scale) => policy.with_scale(scale),
         None => policy,

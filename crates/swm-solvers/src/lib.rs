@@ -56,6 +56,7 @@ mod cost;
 mod descent;
 mod entry;
 mod error;
+mod executed;
 mod learned;
 #[cfg(feature = "faer")]
 mod matrix;

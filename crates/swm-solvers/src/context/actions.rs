@@ -79,6 +79,11 @@ impl ActionMap {
         [self.low, self.high]
     }
 
+    /// Whether it clips any value.
+    pub fn clips(&self) -> bool {
+        self.low.iter().chain(&self.high).any(|bound| bound.is_finite())
+    }
+
     /// A: plan values per action.
     pub fn dim(&self) -> usize {
         self.low.len()

@@ -101,7 +101,7 @@ impl<M: ControlModel> DifferentiableCost for ControlCost<M> {
 }
 
 impl<M: ControlModel> ConstrainedCost for ControlCost<M> {
-    fn constraints(&self, horizon: usize, dim: usize) -> usize {
+    fn constraints(&mut self, horizon: usize, dim: usize) -> usize {
         horizon * (dim / self.model.action_dim().max(1)) * self.model.constraints()
     }
 

@@ -160,7 +160,7 @@ impl<D: Dynamics> DifferentiableCost for ShootingCost<D> {
 }
 
 impl<D: Dynamics> ConstrainedCost for ShootingCost<D> {
-    fn constraints(&self, horizon: usize, dim: usize) -> usize {
+    fn constraints(&mut self, horizon: usize, dim: usize) -> usize {
         self.constraints.iter().map(|constraint| constraint.count(horizon, dim)).sum()
     }
 

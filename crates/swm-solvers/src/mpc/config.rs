@@ -17,6 +17,11 @@ swm_core::settings! {
         horizon: usize = 5,
         /// Blocks executed before replanning (at most horizon).
         receding_horizon: usize = 5,
+        /// Plan only as far as the last full plan reached, until all of that is executed.
+        ///
+        /// After R of H blocks the next plan has H - R. For costs that ask for the goal at the end of a plan: a plan that is
+        /// cut short at a full horizon has not begun to approach it.
+        shrinking_horizon: bool = false,
         /// Frames that a model is shown, the present one included, `action_block` steps apart.
         history_len: usize = 1,
         /// Consecutive, different actions per block.

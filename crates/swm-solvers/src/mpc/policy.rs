@@ -1,6 +1,7 @@
 //! The policy: queues of planned actions, one per environment, refilled by the solver when they are empty.
 
 use std::any::Any;
+use std::cmp::Reverse;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -77,6 +78,8 @@ struct Slot {
     taken: usize,
     /// `[H - R, D]`: the unexecuted rest of the last plan.
     rest: Vec<f32>,
+    /// Blocks of the last plan that are not executed yet, where the horizon shrinks.
+    ahead: usize,
     /// The solver's state of the episode.
     memory: Vec<f64>,
 }
@@ -88,13 +91,22 @@ impl Slot {
         self.queue.clear();
         self.taken = 0;
         self.rest.clear();
+        self.ahead = 0;
         self.memory.clear();
+    }
+
+    /// Blocks of its next plan.
+    fn horizon(&self, config: &PlanConfig) -> usize {
+        if self.ahead > 0 { self.ahead } else { config.horizon }
     }
 }
 
 /// Buffers of one round of planning.
 #[derive(Default)]
 struct Search {
+    /// The slots that need a plan, by the blocks that theirs has: the longest first.
+    waiting: Vec<(Reverse<usize>, usize)>,
+    /// Those that are planned for together.
     slots: Vec<usize>,
     keys: Vec<PlanKey>,
     initial: Vec<f32>,
@@ -206,7 +218,8 @@ impl Policy for MpcPolicy {
         let Self { config, tools, setup, slots, histories, search, .. } = self;
         let setup = setup.as_ref().expect("prepared above");
         let dim = setup.map.dim();
-        search.slots.clear();
+        let mut waiting = std::mem::take(&mut search.waiting);
+        waiting.clear();
         for index in view.live() {
             let Some(live) = view.row(index) else { continue };
             let (slot, history) = (&mut slots[index], &mut histories[index]);
@@ -221,14 +234,18 @@ impl Policy for MpcPolicy {
                 history.observe(live.row, &setup.history);
             }
             if slot.taken == slot.queue.len() {
-                search.slots.push(index);
+                waiting.push((Reverse(slot.horizon(config)), index));
             }
         }
-        if !search.slots.is_empty() {
-            let started = Instant::now();
-            search.run(config, tools, setup, view, slots, histories)?;
+        waiting.sort_unstable();
+        for alike in waiting.chunk_by(|(one, _), (other, _)| one == other) {
+            let (Reverse(horizon), started) = (alike[0].0, Instant::now());
+            search.slots.clear();
+            search.slots.extend(alike.iter().map(|&(_, index)| index));
+            search.run(config, horizon, tools, setup, view, slots, histories)?;
             config.report.write(&search.slots, &search.plan, started.elapsed(), actions);
         }
+        search.waiting = waiting;
         for index in view.live() {
             let slot = &mut slots[index];
             let planned = &slot.queue[slot.taken..][..dim];
@@ -243,19 +260,21 @@ impl Policy for MpcPolicy {
 }
 
 impl Search {
-    /// Plans for all chosen slots together and refills their queues.
+    /// Plans `horizon` blocks for all chosen slots together and refills their queues.
+    #[expect(clippy::too_many_arguments, reason = "the parts of a policy, borrowed apart")]
     fn run(
         &mut self,
         config: &PlanConfig,
+        horizon: usize,
         tools: &mut Tools,
         setup: &Setup,
         view: &View<'_>,
         all: &mut [Slot],
         histories: &[Option<History>],
     ) -> Result<(), PlanError> {
-        let Self { slots, keys, initial, memory, workspace, plan } = self;
+        let Self { slots, keys, initial, memory, workspace, plan, .. } = self;
         let dim = config.action_block * setup.map.dim();
-        let size = config.horizon * dim;
+        let size = horizon * dim;
         keys.clear();
         initial.clear();
         initial.resize(slots.len() * size, 0.0);
@@ -271,7 +290,7 @@ impl Search {
         tools.cost.prepare(&PlanningContext { view: *view, slots, histories, actions: &setup.map })?;
         let problem = Problem {
             keys,
-            horizon: config.horizon,
+            horizon,
             action_block: config.action_block,
             action: setup.map.space(),
             initial,
@@ -282,8 +301,15 @@ impl Search {
         let plans = plan.actions.chunks_exact(size).zip(&plan.memory);
         for (&index, (actions, memory)) in slots.iter().zip(plans) {
             let slot = &mut all[index];
-            slot.memory.clone_from(memory);
-            let (now, later) = actions.split_at(config.receding_horizon * dim);
+            let executed = config.receding_horizon.min(horizon);
+            let (now, later) = actions.split_at(executed * dim);
+            if config.shrinking_horizon {
+                // What a solver remembers is of the size of its plan, and the next has another.
+                slot.ahead = horizon - executed;
+                slot.memory.clear();
+            } else {
+                slot.memory.clone_from(memory);
+            }
             slot.plans += 1;
             slot.taken = 0;
             slot.queue.clear();

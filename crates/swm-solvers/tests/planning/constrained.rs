@@ -49,7 +49,7 @@ impl DifferentiableCost for Capped {
 }
 
 impl ConstrainedCost for Capped {
-    fn constraints(&self, horizon: usize, dim: usize) -> usize {
+    fn constraints(&mut self, horizon: usize, dim: usize) -> usize {
         horizon * dim
     }
     fn evaluate_constrained(

@@ -2,12 +2,12 @@
 
 use std::sync::{Arc, Mutex};
 
-use serde_json::{Map, Value as Json};
+use serde_json::{Map, Value as Json, json};
 use swm_core::testing::TOY;
-use swm_core::{EnvConfig, EpisodeSeed, ResetOptions, Space};
+use swm_core::{EnvConfig, EpisodeSeed, PolicyContext, ResetOptions, Space};
 use swm_solvers::{
-    ActionScale, Candidates, Cem, Cost, MpcPolicy, Plan, PlanConfig, PlanError, PlanningContext, Problem,
-    SimulatorCost, SimulatorOptions, Solver, Trace, Workspace,
+    ActionScale, Candidates, Cem, Cost, DifferentiableCost, LearnedCost, MpcPolicy, Plan, PlanConfig,
+    PlanError, PlanningContext, Problem, SimulatorCost, SimulatorOptions, Solver, Trace, Workspace, plan_on,
 };
 
 use crate::worlds::{Setting, Story, run, toward};
@@ -145,6 +145,92 @@ fn carries_out_the_first_blocks_then_plans_again_from_what_is_left() {
     assert!(cold.asked.iter().all(|asked| asked.initial == [0.0; 15]));
     let whole = act(config(2, 2, 3), &far_goal(), 1.0);
     assert!(whole.asked.iter().all(|asked| asked.initial == [0.0; 6]), "nothing is left of a whole plan");
+}
+
+#[test]
+fn a_shrinking_horizon_ends_where_the_full_plan_did() {
+    // H = 5, R = 2, k = 1: plans of 5, 3 and 1 blocks, then again; neighbors that are at another plan change nothing.
+    let config = PlanConfig { shrinking_horizon: true, ..config(5, 2, 1) };
+    let Outcome { asked, stories, .. } = act(config.clone(), &far_goal(), 1.0);
+    let sizes: Vec<usize> = asked.iter().map(|asked| asked.initial.len()).collect();
+    assert_eq!(sizes, [5, 3, 1, 5, 3, 1, 5]);
+    assert_eq!(
+        asked[1].initial,
+        [2, 3, 4].map(|block| stair(0, block)),
+        "it goes on with the rest of the last"
+    );
+    assert_eq!(asked[3].initial, [0.0; 5], "nothing is left of a plan that is executed");
+    let expected = [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (3, 0)].map(|(plan, block)| stair(plan, block));
+    assert_eq!(stories[0].actions[..6], expected);
+
+    let setting = Setting { num_envs: 4, episodes: 12, max_steps: 30, ..Setting::default() };
+    let together = act(config.clone(), &setting, 10.0);
+    let alone = act(config, &Setting { num_envs: 1, ..setting }, 10.0);
+    assert_eq!(together.stories, alone.stories);
+    assert!(together.asked.iter().any(|asked| asked.episodes.len() > 1));
+}
+
+/// A cost that keeps what it was asked for: the sum of the actions, and its gradient of 1.
+struct Sum {
+    seen: Arc<Mutex<Vec<f32>>>,
+}
+
+impl Cost for Sum {
+    fn prepare(&mut self, _context: &PlanningContext<'_>) -> Result<(), PlanError> {
+        Ok(())
+    }
+    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+        self.seen.lock().expect("one thread").extend_from_slice(candidates.actions);
+        for (plan, cost) in candidates.plans().zip(costs) {
+            *cost = -f64::from(plan.iter().sum::<f32>());
+        }
+        Ok(())
+    }
+    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
+        Some(self)
+    }
+}
+
+impl DifferentiableCost for Sum {
+    fn evaluate_with_gradient(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        gradient.fill(-1.0);
+        self.evaluate(candidates, costs)
+    }
+}
+
+#[test]
+fn learned_costs_see_candidates_as_they_are_executed() {
+    let seen_with = |settings: serde_json::Value| {
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        let cost = Box::new(Sum { seen: Arc::clone(&seen) });
+        let learned = LearnedCost { cost, action_block: 1, scale: None, settings: &[] };
+        let config = EnvConfig::default();
+        let context = PolicyContext::new(&TOY, &config);
+        let given = settings.as_object().expect("settings").clone();
+        let policy = plan_on(&context, learned, given).expect("sound settings");
+        let stories = run(&Setting { max_steps: 4, ..far_goal() }, policy).expect("a run without failures");
+        let largest = seen.lock().expect("one thread").iter().fold(0.0_f32, |most, x| most.max(x.abs()));
+        (largest, stories[0].actions.clone())
+    };
+    // The toy's actions are within 1; a search for the largest sum leaves them far behind.
+    let search = json!({ "samples": 40, "iterations": 6, "elites": 4, "horizon": 2, "receding_horizon": 2 });
+    let with = |more: serde_json::Value| {
+        let mut settings = search.clone();
+        settings.as_object_mut().expect("settings").extend(more.as_object().expect("settings").clone());
+        seen_with(settings)
+    };
+    let (largest, actions) = with(json!({}));
+    assert_eq!(largest, 1.0);
+    assert_eq!(actions, [1.0; 4]);
+    assert!(with(json!({ "clip_actions": false })).0 > 1.5, "as they are executed, again");
+    // Behind a bound the cost is flat: descent that has crossed it stops there.
+    let steps = json!({ "solver": "sgd", "samples": 1, "iterations": 50, "lr": 0.3, "horizon": 2, "receding_horizon": 2 });
+    assert_eq!(seen_with(steps).0, 1.0);
 }
 
 #[test]

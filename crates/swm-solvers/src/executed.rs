@@ -1,0 +1,127 @@
+//! The cost of plans as they are executed: clipped to the bounds of the actions before the cost sees them, by the map that
+//! [`crate::MpcPolicy`] executes them with. Solvers search without bounds unless they are told to clip.
+
+use std::sync::Arc;
+
+use serde_json::{Map, Value as Json};
+
+use crate::context::{ActionMap, PlanningContext};
+use crate::control::ControlModel;
+use crate::cost::{ConstrainedCost, Cost, DifferentiableCost, WeightFn};
+use crate::error::PlanError;
+use crate::problem::Candidates;
+
+/// A cost whose candidates are clipped first. Where the policy does not clip, it is the cost itself.
+pub(crate) struct AsExecuted {
+    cost: Box<dyn Cost>,
+    /// Of the last context.
+    map: Option<Arc<ActionMap>>,
+    /// `[B, S, H, D]`.
+    clipped: Vec<f32>,
+}
+
+impl AsExecuted {
+    pub(crate) fn new(cost: Box<dyn Cost>) -> Self {
+        Self { cost, map: None, clipped: Vec::new() }
+    }
+
+    /// The cost, and the candidates as they are executed.
+    fn split<'a>(&'a mut self, candidates: &Candidates<'a>) -> (&'a mut dyn Cost, Candidates<'a>) {
+        let Self { cost, map, clipped } = self;
+        let Some(map) = map.as_deref().filter(|map| map.clips()) else { return (cost.as_mut(), *candidates) };
+        clipped.resize(candidates.actions.len(), 0.0);
+        let dim = map.dim();
+        for (planned, out) in candidates.actions.chunks_exact(dim).zip(clipped.chunks_exact_mut(dim)) {
+            map.executed(planned, out);
+        }
+        (cost.as_mut(), Candidates { actions: clipped, ..*candidates })
+    }
+}
+
+/// Nothing that lies behind a bound changes the cost.
+fn zero_behind_bounds(planned: &Candidates<'_>, executed: &Candidates<'_>, gradient: &mut [f32]) {
+    for ((planned, executed), slope) in planned.actions.iter().zip(executed.actions).zip(gradient) {
+        if planned != executed {
+            *slope = 0.0;
+        }
+    }
+}
+
+impl Cost for AsExecuted {
+    fn prepare(&mut self, context: &PlanningContext<'_>) -> Result<(), PlanError> {
+        self.map = Some(Arc::clone(context.actions()));
+        self.cost.prepare(context)
+    }
+
+    fn evaluate(&mut self, candidates: &Candidates<'_>, costs: &mut [f64]) -> Result<(), PlanError> {
+        let (cost, executed) = self.split(candidates);
+        cost.evaluate(&executed, costs)
+    }
+
+    fn differentiable(&mut self) -> Option<&mut dyn DifferentiableCost> {
+        self.cost.differentiable().is_some().then_some(self as &mut dyn DifferentiableCost)
+    }
+
+    fn constrained(&mut self) -> Option<&mut dyn ConstrainedCost> {
+        self.cost.constrained().is_some().then_some(self as &mut dyn ConstrainedCost)
+    }
+
+    fn control(&self) -> Option<&dyn ControlModel> {
+        self.cost.control()
+    }
+
+    fn history_fields(&self) -> Vec<String> {
+        self.cost.history_fields()
+    }
+
+    fn changed_settings(&self) -> Map<String, Json> {
+        self.cost.changed_settings()
+    }
+}
+
+impl DifferentiableCost for AsExecuted {
+    fn evaluate_with_gradient(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        let (cost, executed) = self.split(candidates);
+        let cost = cost.differentiable().expect("it was asked for as differentiable");
+        cost.evaluate_with_gradient(&executed, costs, gradient)?;
+        zero_behind_bounds(candidates, &executed, gradient);
+        Ok(())
+    }
+}
+
+impl ConstrainedCost for AsExecuted {
+    fn constraints(&mut self, horizon: usize, dim: usize) -> usize {
+        self.cost.constrained().map_or(0, |cost| cost.constraints(horizon, dim))
+    }
+
+    fn evaluate_constrained(
+        &mut self,
+        candidates: &Candidates<'_>,
+        costs: &mut [f64],
+        values: &mut [f64],
+    ) -> Result<(), PlanError> {
+        let (cost, executed) = self.split(candidates);
+        let cost = cost.constrained().expect("it was asked for as constrained");
+        cost.evaluate_constrained(&executed, costs, values)
+    }
+
+    fn evaluate_constrained_with_gradient(
+        &mut self,
+        candidates: &Candidates<'_>,
+        weights_of: &WeightFn<'_>,
+        costs: &mut [f64],
+        values: &mut [f64],
+        gradient: &mut [f32],
+    ) -> Result<(), PlanError> {
+        let (cost, executed) = self.split(candidates);
+        let cost = cost.constrained().expect("it was asked for as constrained");
+        cost.evaluate_constrained_with_gradient(&executed, weights_of, costs, values, gradient)?;
+        zero_behind_bounds(candidates, &executed, gradient);
+        Ok(())
+    }
+}
