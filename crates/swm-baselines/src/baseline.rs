@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 use swm_data::loader::GoalWeights;
-use swm_solvers::Candidates;
+use swm_solvers::{Aggregate, Candidates};
 
 use crate::data::{ClipBatch, DataDims, Observations, PlanningBatch};
 use crate::error::BaselineError;
@@ -42,12 +42,28 @@ pub trait Baseline: Send {
     /// A loss or gradient is not finite, the batch is of another form, or there is no such phase.
     fn train_step(&mut self, batch: &ClipBatch<'_>, at: &Step) -> Result<Losses, BaselineError>;
 
-    /// The loss of a phase as the trained model has it: without dropout, with running statistics.
+    /// The loss of a phase as the trained model has it: without dropout, with running statistics, and with the average of the
+    /// weights where `optim.ema` is set.
     ///
     /// # Errors
     ///
     /// The batch is of another form, or there is no such phase. A loss that is not finite is none.
     fn validate(&self, batch: &ClipBatch<'_>, phase: usize) -> Result<Losses, BaselineError>;
+
+    /// Takes a batch into the running statistics of batch normalization, with the weights that are saved and without dropout:
+    /// the first, `before` it 0, replaces what training has gathered. A model without batch normalization does nothing.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Baseline::validate`].
+    fn estimate_statistics(
+        &mut self,
+        _batch: &ClipBatch<'_>,
+        _phase: usize,
+        _before: u64,
+    ) -> Result<(), BaselineError> {
+        Ok(())
+    }
 
     /// Writes the weights as safetensors, with PyTorch's names and layouts.
     ///
@@ -70,7 +86,8 @@ pub trait Baseline: Send {
     /// As of [`Baseline::load_weights`]; or the model has no encoder of that kind.
     fn load_encoder(&mut self, path: &Path) -> Result<(), BaselineError>;
 
-    /// Writes what resuming needs in addition to the weights: the state of the optimizers.
+    /// Writes what resuming needs in addition to the weights: the state of the optimizers, and the weights themselves where
+    /// their average is what is saved.
     ///
     /// # Errors
     ///
@@ -101,6 +118,9 @@ pub trait PlanModel: Send {
     /// N: how many observations it can make use of.
     fn history(&self) -> usize;
 
+    /// Sets how the distances of a plan's predicted states from the goal become its cost. At first the last one counts.
+    fn set_aggregate(&mut self, aggregate: Aggregate);
+
     /// Z: values of the latent of an observation.
     fn latent_dim(&self) -> usize;
 
@@ -125,7 +145,8 @@ pub trait PlanModel: Send {
     /// The network fails.
     fn prepare(&mut self, batch: &PlanningBatch<'_>) -> Result<(), BaselineError>;
 
-    /// Fills `costs`, `[B, S]`: how far the predicted end of each candidate, `[B, S, H, D]`, is from the goal.
+    /// Fills `costs`, `[B, S]`: how far the predicted end of each candidate, `[B, S, H, D]`, is from the goal, or what
+    /// [`PlanModel::set_aggregate`] asks for.
     ///
     /// # Errors
     ///

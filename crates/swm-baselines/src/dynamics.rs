@@ -6,6 +6,7 @@
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
+use swm_solvers::Aggregate;
 
 use crate::data::{Form, Observations, Start};
 use crate::error::BaselineError;
@@ -29,8 +30,8 @@ pub(crate) trait LatentDynamics: Module + Sync {
     /// Encodes the planning problem `index` of `start`.
     fn problem(&self, start: &Start, index: usize) -> Self::Problem;
 
-    /// `[C]`: costs of candidates `[C, H, D]` of one problem.
-    fn costs(&self, problem: &Self::Problem, plans: Tensor<3>) -> Tensor<1>;
+    /// `[C]`: costs of candidates `[C, H, D]` of one problem; [`aggregate`] makes them of distances from the goal.
+    fn costs(&self, problem: &Self::Problem, plans: Tensor<3>, how: Aggregate) -> Tensor<1>;
 
     /// Z: values of a latent.
     fn latent_dim(&self) -> usize;
@@ -40,6 +41,17 @@ pub(crate) trait LatentDynamics: Module + Sync {
 
     /// `[C, Z]`: the latents that follow `[C, Z]` under blocks `[C, D]`, each on its own.
     fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2>;
+}
+
+/// `[C]`: costs of candidates from the distances `[C]` of their predicted states 0 to `horizon` - 1 from the goal.
+pub(crate) fn aggregate(how: Aggregate, horizon: usize, distance: impl Fn(usize) -> Tensor<1>) -> Tensor<1> {
+    let last = distance(horizon - 1);
+    let all = || (0..horizon - 1).map(&distance).chain([last.clone()]);
+    match how {
+        Aggregate::Last => last,
+        Aggregate::Mean => Tensor::stack::<2>(all().collect(), 1).mean_dim(1).squeeze_dim(1),
+        Aggregate::Best => Tensor::stack::<2>(all().collect(), 1).min_dim(1).squeeze_dim(1),
+    }
 }
 
 /// Fills `latents`, `[B, Z]`, with those of single observations.

@@ -134,6 +134,14 @@ pub enum BaselineError {
         /// What is wrong, and what is allowed.
         reason: String,
     },
+    /// A model could not be measured while it was trained.
+    #[error("cannot measure the model at step {step}: {source}")]
+    Diagnosis {
+        /// The step.
+        step: u64,
+        /// Why.
+        source: BoxError,
+    },
     /// A dataset cannot be read.
     #[error(transparent)]
     Dataset(#[from] DataError),

@@ -26,6 +26,8 @@ pub(crate) struct Learner<N> {
     phases: Vec<Phase>,
     /// `None` only while a step replaces it.
     network: Option<N>,
+    /// The moving average of its weights, if it has one yet: what is validated, saved and used.
+    average: Option<N>,
     /// One for each phase.
     optimizers: Vec<AdamW>,
     device: Device,
@@ -51,11 +53,26 @@ impl<N: Network> Learner<N> {
             network = follow(network, phase.targets, 0.0);
         }
         let optimizers = phases.iter().map(|_| AdamW::default()).collect();
-        Ok(Self { name, model_config, input_spec, form, phases, network: Some(network), optimizers, device })
+        Ok(Self {
+            name,
+            model_config,
+            input_spec,
+            form,
+            phases,
+            network: Some(network),
+            average: None,
+            optimizers,
+            device,
+        })
     }
 
     fn network(&self) -> &N {
         self.network.as_ref().expect("a step gives the network back")
+    }
+
+    /// What is validated, saved and used.
+    fn at_work(&self) -> &N {
+        self.average.as_ref().unwrap_or_else(|| self.network())
     }
 
     fn phase(&self, phase: usize) -> Result<&Phase, BaselineError> {
@@ -127,7 +144,12 @@ impl<N: Network> Baseline for Learner<N> {
         let network = begun.or_else(|| self.network.take()).expect("a step gives the network back");
         let network = self.optimizers[at.phase].step(network, gradients, &phase.optim, lr);
         let network = follow_statistics(network, &pass);
-        self.network = Some(follow(network, phase.targets, phase.momentum));
+        let network = follow(network, phase.targets, phase.momentum);
+        self.average = phase.optim.ema_at(at.step).map(|decay| match self.average.take() {
+            Some(average) => averaged(average, &network, phase.trains, decay),
+            None => network.clone(),
+        });
+        self.network = Some(network);
         losses.parts.extend([("lr", lr as f32), ("gradient_norm", norm)]);
         Ok(losses)
     }
@@ -135,20 +157,37 @@ impl<N: Network> Baseline for Learner<N> {
     fn validate(&self, batch: &ClipBatch<'_>, phase: usize) -> Result<Losses, BaselineError> {
         self.phase(phase)?;
         let inputs = Inputs::new(batch, &self.form, &self.device)?;
-        Ok(read(self.network().loss(phase, &inputs, &mut Pass::evaluate())?))
+        Ok(read(self.at_work().loss(phase, &inputs, &mut Pass::evaluate())?))
+    }
+
+    fn estimate_statistics(
+        &mut self,
+        batch: &ClipBatch<'_>,
+        phase: usize,
+        before: u64,
+    ) -> Result<(), BaselineError> {
+        self.phase(phase)?;
+        let inputs = Inputs::new(batch, &self.form, &self.device)?;
+        let mut pass = Pass::statistics(before);
+        self.at_work().loss(phase, &inputs, &mut pass)?;
+        let of = if self.average.is_some() { &mut self.average } else { &mut self.network };
+        *of = of.take().map(|network| follow_statistics(network, &pass));
+        Ok(())
     }
 
     fn save_weights(&self, path: &Path) -> Result<(), BaselineError> {
-        weights::save_network(self.network(), path)
+        weights::save_network(self.at_work(), path)
     }
 
     fn load_weights(&mut self, path: &Path) -> Result<(), BaselineError> {
         self.network = Some(weights::load_network(self.network(), path)?);
+        self.average = None;
         Ok(())
     }
 
     fn load_encoder(&mut self, path: &Path) -> Result<(), BaselineError> {
         self.network = Some(weights::load_below(self.network(), path, N::ENCODER)?);
+        self.average = None;
         Ok(())
     }
 
@@ -158,6 +197,12 @@ impl<N: Network> Baseline for Learner<N> {
             for (name, shape, values) in optimizer.to_host(self.network()) {
                 tensors.push((format!("{}.{name}", phase.name), shape, values));
             }
+        }
+        if self.average.is_some() {
+            params::visit(self.network(), |spec, tensor| {
+                let values = params::to_host(spec, tensor);
+                tensors.push((format!("{ONLINE}.{}", spec.name), spec.shape.clone(), values));
+            });
         }
         weights::write(path, tensors)
     }
@@ -172,6 +217,16 @@ impl<N: Network> Baseline for Learner<N> {
                 tensors.remove(&name).map(|tensor| tensor.values)
             });
         }
+        let mut online = 0;
+        let trained = params::map(network.clone(), |spec, average| {
+            let stored = tensors.remove(&format!("{ONLINE}.{}", spec.name));
+            let Some(stored) = stored.filter(|stored| stored.shape == spec.shape) else { return average };
+            online += 1;
+            params::from_host(spec, stored.values, &average)
+        });
+        if online > 0 {
+            self.average = self.network.replace(trained);
+        }
         if let Some(name) = tensors.keys().next() {
             let reason =
                 format!("holds `{name}`, which is no state of this model's optimizers; it is of another run");
@@ -181,12 +236,29 @@ impl<N: Network> Baseline for Learner<N> {
     }
 
     fn planner(&self) -> Option<Box<dyn PlanModel>> {
-        self.network().planner()
+        self.at_work().planner()
     }
 
     fn policy(&self) -> Option<Box<dyn GoalPolicy>> {
-        self.network().policy()
+        self.at_work().policy()
     }
+}
+
+/// What the names of weights begin with in the state of a training whose saved weights are their average.
+const ONLINE: &str = "online";
+
+/// The average of weights after a step: of what the phase trains by this decay, of all else as it is now.
+fn averaged<N: Module>(average: N, network: &N, trains: &[&str], decay: f64) -> N {
+    let mut now = Vec::new();
+    params::visit(network, |_, tensor| now.push(tensor));
+    let mut now = now.into_iter();
+    params::map(average, |spec, old| {
+        let new = now.next().expect("a network and its average have the same tensors");
+        if spec.is_buffer() || !spec.is_below(trains) {
+            return new;
+        }
+        old * decay + new * (1.0 - decay)
+    })
 }
 
 /// The values of a loss.

@@ -43,7 +43,7 @@ pub use losses::SigregConfig;
 pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};
 pub use models::{
     DinoWmConfig, EncoderConfig, GcbcConfig, GciqlConfig, GcivlConfig, GoalConfig, JointConfig, LaterGoals,
-    LewmConfig, PldmConfig, PldmWeights, ValueConfig,
+    LewmConfig, LewmWeights, PldmConfig, PldmWeights, ValueConfig,
 };
 pub use nn::{CnnConfig, GoalTransformerConfig, Pool, PredictorConfig, VitConfig};
 pub use optim::{OptimConfig, Schedule};

@@ -60,6 +60,7 @@ const NAMES: &[(&str, &str, &str)] = &[
     ("AttentionPair", "attention", "0"),
     ("AttentionPair", "feed_forward", "1"),
     ("Lewm", "model", ""),
+    ("Lewm", "inverse", "idm"),
     ("Pldm", "model", ""),
     ("Pldm", "inverse", "idm"),
     ("Gcbc", "observer", ""),

@@ -11,6 +11,8 @@ use swm_core::seed::keyed;
 /// One forward pass.
 pub(crate) struct Pass {
     noise: Option<Noise>,
+    /// The share of this batch in running statistics; `None`: they are used, and stay.
+    batch_share: Option<f32>,
     /// New running statistics, by the tensor that holds them.
     pub(crate) statistics: Vec<(ParamId, Tensor<1>)>,
     /// What [`Pass::normal`] shall give, for comparisons with other implementations.
@@ -28,26 +30,46 @@ struct Noise {
 impl Pass {
     /// As when a trained model is used: no dropout, running statistics. A loss that needs noise samples it from `seed`.
     pub(crate) fn evaluate() -> Self {
-        Self::new(None)
+        Self::new(None, None)
+    }
+
+    /// To estimate statistics anew, as a trained model is used but for them: those of this batch count as much as those of
+    /// each of the `before` batches.
+    pub(crate) fn statistics(before: u64) -> Self {
+        Self::new(None, Some(1.0 / (before + 1) as f32))
     }
 
     /// As in step `step` of a training with this seed.
     pub(crate) fn train(seed: u64, step: u64) -> Self {
-        Self::new(Some(Noise { seed, step, samples: 0 }))
+        Self::new(Some(Noise { seed, step, samples: 0 }), Some(RUNNING_SHARE))
     }
 
-    fn new(noise: Option<Noise>) -> Self {
+    fn new(noise: Option<Noise>, batch_share: Option<f32>) -> Self {
         Self {
             noise,
+            batch_share,
             statistics: Vec::new(),
             #[cfg(test)]
             given: Vec::new(),
         }
     }
 
-    /// Whether batch statistics and dropout are in use.
+    /// Whether dropout is in use.
     pub(crate) fn is_training(&self) -> bool {
         self.noise.is_some()
+    }
+
+    /// The share of the batch in running statistics, if its own are in use.
+    pub(crate) fn batch_share(&self) -> Option<f32> {
+        self.batch_share
+    }
+
+    /// What `forward` computes, whose batches leave no trace in running statistics.
+    pub(crate) fn untold<T>(&mut self, forward: impl FnOnce(&mut Self) -> T) -> T {
+        let told = std::mem::take(&mut self.statistics);
+        let output = forward(self);
+        self.statistics = told;
+        output
     }
 
     /// Zeroes a share `rate` of the values and scales the others up, in training.
@@ -87,6 +109,8 @@ impl Pass {
 }
 
 const PURPOSE: &str = "baseline noise";
+/// PyTorch's `momentum` of batch normalization.
+const RUNNING_SHARE: f32 = 0.1;
 
 impl Noise {
     fn next_stream(&mut self) -> swm_core::seed::Stream {

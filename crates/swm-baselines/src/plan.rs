@@ -5,7 +5,7 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
-use swm_solvers::Candidates;
+use swm_solvers::{Aggregate, Candidates};
 
 use crate::baseline::PlanModel;
 use crate::data::{Observations, PlanningBatch, Start};
@@ -18,12 +18,13 @@ pub(crate) struct Planner<M: LatentDynamics> {
     model: M,
     device: Device,
     problems: Vec<M::Problem>,
+    aggregate: Aggregate,
 }
 
 impl<M: LatentDynamics> Planner<M> {
     /// Of a copy of the model.
     pub(crate) fn new(model: M) -> Self {
-        Self { device: device_of(&model), model, problems: Vec::new() }
+        Self { device: device_of(&model), model, problems: Vec::new(), aggregate: Aggregate::Last }
     }
 
     fn groups<'a>(&self, candidates: &Candidates<'a>) -> Result<Groups<'a>, BaselineError> {
@@ -33,7 +34,7 @@ impl<M: LatentDynamics> Planner<M> {
     fn run(&self, groups: Vec<Group<'_>>) {
         groups.into_par_iter().for_each(|group| {
             let problem = &self.problems[group.row];
-            group.run(&self.device, |plans| self.model.costs(problem, plans));
+            group.run(&self.device, |plans| self.model.costs(problem, plans, self.aggregate));
         });
     }
 }
@@ -45,6 +46,10 @@ impl<M: LatentDynamics> PlanModel for Planner<M> {
 
     fn history(&self) -> usize {
         self.model.history()
+    }
+
+    fn set_aggregate(&mut self, aggregate: Aggregate) {
+        self.aggregate = aggregate;
     }
 
     fn latent_dim(&self) -> usize {

@@ -1,7 +1,7 @@
 //! A trained world model as the cost of plans: how far from the goal the model says a plan ends.
 
-use serde_json::{Map, Value as Json};
-use swm_solvers::{ActionScale, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext};
+use serde_json::{Map, Value as Json, json};
+use swm_solvers::{ActionScale, Aggregate, Candidates, Cost, DifferentiableCost, PlanError, PlanningContext};
 
 use super::planning::PlanningTable;
 use crate::baseline::{Baseline, PlanModel};
@@ -14,9 +14,13 @@ use crate::train::{ACTION, TrainedModel};
 /// the frames they can show, each group by a copy of the model. A candidate's cost has the same bits in any company.
 pub struct ModelCost {
     model: TrainedModel,
+    aggregate: Aggregate,
     /// By the number of frames, from 1.
     copies: Vec<Copy>,
 }
+
+/// The setting that says how costs are made: its name is that of planners on the true dynamics.
+pub(super) const AGGREGATE: &str = "aggregate";
 
 /// A copy of the model and the environments that it plans for.
 struct Copy {
@@ -40,9 +44,17 @@ impl ModelCost {
             let reason = "is no world model and predicts nothing; act with it: `policy:RUN`";
             return Err(BaselineError::Unfit { baseline: model.baseline.name(), reason });
         };
-        let mut cost = Self { model, copies: Vec::new() };
+        let mut cost = Self { model, aggregate: Aggregate::default(), copies: Vec::new() };
         cost.copies.push(cost.copy(planner));
         Ok(cost)
+    }
+
+    /// With the cost of a plan made of the distances of all its predicted states from the goal, as `aggregate` says.
+    #[must_use]
+    pub fn with_aggregate(mut self, aggregate: Aggregate) -> Self {
+        self.aggregate = aggregate;
+        self.copies.iter_mut().for_each(|copy| copy.model.set_aggregate(aggregate));
+        self
     }
 
     /// How actions are scaled in plans.
@@ -56,7 +68,8 @@ impl ModelCost {
         self.model.baseline.input_spec().frameskip
     }
 
-    fn copy(&self, model: Box<dyn PlanModel>) -> Copy {
+    fn copy(&self, mut model: Box<dyn PlanModel>) -> Copy {
+        model.set_aggregate(self.aggregate);
         let baseline: &dyn Baseline = self.model.baseline.as_ref();
         let table = PlanningTable::new(baseline, &self.model.config.data);
         let (rows, actions, costs, gradient) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -154,11 +167,15 @@ impl Cost for ModelCost {
         self.copies[0].table.fields()
     }
 
-    /// Name, step and the beginning of the weights' hash.
+    /// Name, step and the beginning of the weights' hash; how costs are made, if not of the last state.
     fn changed_settings(&self) -> Map<String, Json> {
         let TrainedModel { baseline, step, weights, .. } = &self.model;
         let model = format!("{}@{step}#{}", baseline.name(), weights.get(..12).unwrap_or(weights));
-        Map::from_iter([("model".to_owned(), model.into())])
+        let mut settings = Map::from_iter([("model".to_owned(), model.into())]);
+        if self.aggregate != Aggregate::default() {
+            settings.insert(AGGREGATE.to_owned(), json!(self.aggregate));
+        }
+        settings
     }
 }
 

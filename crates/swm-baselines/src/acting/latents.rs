@@ -10,9 +10,9 @@ use swm_core::{Batch, BoxError, PolicyArgs, PolicyError, Row};
 
 use super::planning::{bytes, scaled, size_of, vector};
 use super::policies::{Given, image_size};
-use crate::baseline::PlanModel;
+use crate::baseline::{Baseline, InputSpec, PlanModel};
 use crate::data::{Images, Observations, Vectors};
-use crate::train::{ACTION, PROPRIO, Scale, TrainedModel};
+use crate::train::{ACTION, DataConfig, PROPRIO, Scale, TrainedModel};
 
 /// Trained models whose quality is measured: `lewm:RUN`, or `model:RUN` for any.
 pub const MODELS: &[ModelEntry] = &[
@@ -60,12 +60,20 @@ impl LatentModel {
                 given.wrong(args, format!("it trained {found}, not {}; use `{found}:RUN`", args.name))
             );
         }
-        let input_spec = baseline.input_spec();
-        let scale = |column: &str| config.data.scales.get(column).cloned();
-        let action = scale(ACTION).ok_or_else(|| args.wrong("the run has no scale of actions".to_owned()))?;
-        let proprio = input_spec.proprio.then(|| scale(PROPRIO)).flatten();
+        Self::with_network(network, baseline.input_spec(), &config.data)
+            .ok_or_else(|| args.wrong("the run has no scale of actions".to_owned()))
+    }
+
+    /// A model as it is now, which is trained on data of this form; `None` if it predicts nothing.
+    pub fn of(baseline: &dyn Baseline, data: &DataConfig) -> Option<Self> {
+        Self::with_network(baseline.planner()?, baseline.input_spec(), data)
+    }
+
+    fn with_network(network: Box<dyn PlanModel>, input_spec: &InputSpec, data: &DataConfig) -> Option<Self> {
+        let scale = |column: &str| data.scales.get(column).cloned();
+        let (action, proprio) = (scale(ACTION)?, input_spec.proprio.then(|| scale(PROPRIO)).flatten());
         let frameskip = input_spec.frameskip;
-        Ok(Self { network, frameskip, action, proprio, latents: Vec::new(), actions: Vec::new() })
+        Some(Self { network, frameskip, action, proprio, latents: Vec::new(), actions: Vec::new() })
     }
 
     fn encode_seen(

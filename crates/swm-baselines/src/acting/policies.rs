@@ -3,13 +3,14 @@
 use std::fmt::Display;
 use std::path::PathBuf;
 
+use serde::Deserialize as _;
 use serde_json::{Map, Value as Json};
 use swm_core::error::{did_you_mean, nearest};
 use swm_core::registry::{MakePolicy, Setting};
 use swm_core::{ImageSize, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
-use swm_solvers::{LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
+use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 
-use super::cost::ModelCost;
+use super::cost::{self, ModelCost};
 use super::goal_policy::ModelPolicy;
 use crate::device::Device;
 use crate::error::BaselineError;
@@ -21,16 +22,18 @@ pub const POLICIES: &[PolicyEntry] = &[
         "mpc",
         "plans on a trained world model (`mpc:RUN,solver=cem`), with the settings of the solver and of the plan",
         |context, args| {
-            let given = Given::of(args)?;
+            let mut given = Given::of(args)?;
             let model = given.model(args, context.env.id)?;
+            let aggregate = aggregate(args, given.rest.shift_remove(AGGREGATE.name))?;
             let cost = ModelCost::new(model).map_err(|error| given.wrong(args, error))?;
+            let cost = cost.with_aggregate(aggregate);
             let (action_block, scale) = (cost.action_block(), Some(cost.action_scale()));
-            let learned = LearnedCost { cost: Box::new(cost), action_block, scale, settings: OF_MODELS };
+            let learned = LearnedCost { cost: Box::new(cost), action_block, scale, settings: OF_PLANNERS };
             let policy = plan_on(context, learned, given.rest);
             Ok(Box::new(policy.map_err(|error| args.wrong(error.to_string()))?))
         },
     )
-    .settings(&[RUN, CHECKPOINT, DEVICE, TRANSFER, SOLVER_SETTING])
+    .settings(&[RUN, CHECKPOINT, DEVICE, TRANSFER, AGGREGATE, SOLVER_SETTING])
     .image(image_size)
     .files(model_files)
     .oracle(|context, args| on_true_dynamics(context, Given::of(args).ok()?.rest)),
@@ -52,6 +55,22 @@ const DEVICE: Setting = Setting::new("device", "Device: cpu, cuda, cuda:1 …", 
 const TRANSFER: Setting = Setting::new("transfer", "Accept a run of another environment", "false");
 /// What all policies of trained models know by name.
 const OF_MODELS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER];
+
+/// And what those that plan know.
+const OF_PLANNERS: &[Setting] = &[CHECKPOINT, DEVICE, TRANSFER, AGGREGATE];
+/// The oracle's setting, too.
+const AGGREGATE: Setting = Setting::new(
+    cost::AGGREGATE,
+    "Cost of a plan: last, mean or best distance of its predicted states from the goal",
+    "last",
+);
+
+/// What [`AGGREGATE`] is set to.
+fn aggregate(args: &PolicyArgs, given: Option<Json>) -> Result<Aggregate, PolicyError> {
+    let Some(given) = given else { return Ok(Aggregate::default()) };
+    Aggregate::deserialize(&given)
+        .map_err(|_| args.wrong(format!("setting `{}`: {given}; use last, mean or best", AGGREGATE.name)))
+}
 
 const fn acting(name: &'static str, summary: &'static str, make: MakePolicy) -> PolicyEntry {
     PolicyEntry::new(name, summary, make)

@@ -32,3 +32,11 @@ pub(crate) struct Terms {
     /// Its parts and other metrics, as they are before they are weighed.
     pub(crate) parts: Vec<(&'static str, Tensor<1>)>,
 }
+
+impl Terms {
+    /// Adds a part, weighed.
+    pub(crate) fn add(&mut self, name: &'static str, weight: f64, part: Tensor<1>) {
+        self.total = self.total.clone() + part.clone() * weight;
+        self.parts.push((name, part));
+    }
+}

@@ -12,7 +12,8 @@ use crate::pass::Pass;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SigregConfig {
-    /// Its weight in the loss.
+    /// Its weight in the loss. The statistic is proportional to the clips of a batch: a batch half as large asks for twice the
+    /// weight.
     pub weight: f64,
     /// Points at which characteristic functions are compared, at least 2.
     pub knots: usize,

@@ -14,3 +14,35 @@ pub(crate) fn straightening(states: Tensor<3>) -> Tensor<1> {
     let lengths = length(&before) * length(&after);
     ((before * after).sum_dim(2) / lengths).mean() * -1.0
 }
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::{Device, TensorData};
+
+    use super::*;
+    use crate::params::host;
+
+    fn of(path: &[[f32; 2]]) -> f32 {
+        let values: Vec<f32> = path.iter().flatten().copied().collect();
+        let states = Tensor::from_data(TensorData::new(values, [1, path.len(), 2]), &Device::flex());
+        host(straightening(states))[0]
+    }
+
+    #[test]
+    fn straight_paths_have_the_least_and_turns_cost_their_cosine() {
+        // Straight on at any speed; a right angle; there and back; a turn by 60 degrees, then straight on.
+        let turn = [0.5, 0.75_f32.sqrt()];
+        for (path, wanted) in [
+            (&[[0.0, 0.0], [1.0, 0.0], [4.0, 0.0]][..], -1.0),
+            (&[[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]], 0.0),
+            (&[[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]], 1.0),
+            (
+                &[[0.0, 0.0], [1.0, 0.0], [1.0 + turn[0], turn[1]], [1.0 + 2.0 * turn[0], 2.0 * turn[1]]],
+                -0.75,
+            ),
+        ] {
+            let found = of(path);
+            assert!((found - wanted).abs() < 1e-6, "{path:?}: {found} is not {wanted}");
+        }
+    }
+}

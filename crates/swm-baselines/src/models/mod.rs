@@ -21,5 +21,5 @@ pub use gciql::GciqlConfig;
 pub use gcivl::{GcivlConfig, ValueConfig};
 pub use goal::GoalConfig;
 pub use joint::JointConfig;
-pub use lewm::LewmConfig;
+pub use lewm::{LewmConfig, LewmWeights};
 pub use pldm::{PldmConfig, PldmWeights};

@@ -176,7 +176,7 @@ mod tests {
         ] {
             let settings = (find(name).unwrap().settings)("paper", &Json::Null).unwrap();
             let optim = json!({ "lr": lr, "weight_decay": decay, "betas": [0.9, 0.999], "epsilon": 1e-8, "clip": clip,
-                "schedule": schedule });
+                "schedule": schedule, "ema": 0.0 });
             assert_eq!(settings["optim"], optim, "{name}");
             let model = settings.get("model").unwrap_or(&settings);
             let sizes = ["image", "history", "frameskip", "batch"].map(|size| model[size].clone());
@@ -196,7 +196,7 @@ mod tests {
         let value = |alpha| json!({ "discount": 0.99, "expectile": 0.9, "momentum": 0.995, "alpha": alpha });
         assert_eq!((of("gcivl", "value"), of("gciql", "value")), (value(3.0), value(10.0)));
         let weights = json!({ "std": 18.0, "std_t": 0.7, "cov": 12.0, "cov_t": 0.0, "alignment": 0.2, "inverse": 0.0,
-            "straightening": 0.0 });
+            "straightening": 0.0, "rollout": 0.0 });
         assert_eq!(of("pldm", "weights"), weights);
         assert_eq!((of("dino-wm", "proprio"), of("dino-wm", "action")), (json!(10), json!(10)));
     }

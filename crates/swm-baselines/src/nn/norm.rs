@@ -44,7 +44,7 @@ impl LayerNorm {
     }
 }
 
-/// Over a batch: its own statistics in training, running ones otherwise.
+/// Over a batch: its own statistics in training (and where running ones are estimated), running ones otherwise.
 #[derive(Module, Debug)]
 pub(crate) struct BatchNorm {
     weight: Param<Tensor<1>>,
@@ -55,8 +55,6 @@ pub(crate) struct BatchNorm {
 
 impl BatchNorm {
     const EPSILON: f32 = 1e-5;
-    /// The share of a batch in the running statistics.
-    const MOMENTUM: f32 = 0.1;
 
     /// For `[N, D]`.
     pub(crate) fn new(dim: usize, device: &Device) -> Self {
@@ -66,14 +64,14 @@ impl BatchNorm {
 
     /// `[N, W]` → `[N, W]`; in training N must be more than 1.
     pub(crate) fn forward(&self, input: Tensor<2>, pass: &mut Pass) -> Tensor<2> {
-        let (centered, variance) = if pass.is_training() {
+        let (centered, variance) = if let Some(share) = pass.batch_share() {
             let count = input.dims()[0] as f32;
             let mean = input.clone().mean_dim(0);
             let centered = input - mean.clone();
             let variance = centered.clone().square().mean_dim(0);
             let unbiased = variance.clone() * (count / (count - 1.0));
-            self.follow(&self.running_mean, mean, pass);
-            self.follow(&self.running_var, unbiased, pass);
+            follow(&self.running_mean, mean, share, pass);
+            follow(&self.running_var, unbiased, share, pass);
             (centered, variance)
         } else {
             (input - self.running_mean.val().unsqueeze(), self.running_var.val().unsqueeze())
@@ -81,12 +79,12 @@ impl BatchNorm {
         let scale = self.weight.val().unsqueeze() / (variance + Self::EPSILON).sqrt();
         centered * scale + self.bias.val().unsqueeze()
     }
+}
 
-    fn follow(&self, running: &Param<Tensor<1>>, new: Tensor<2>, pass: &mut Pass) {
-        let old = running.val() * (1.0 - Self::MOMENTUM);
-        let value = old + new.inner().squeeze_dim(0) * Self::MOMENTUM;
-        // A layer that is called twice in a step follows both batches.
-        pass.statistics.retain(|(id, _)| *id != running.id);
-        pass.statistics.push((running.id, value));
-    }
+fn follow(running: &Param<Tensor<1>>, new: Tensor<2>, share: f32, pass: &mut Pass) {
+    let old = running.val() * (1.0 - share);
+    let value = old + new.inner().squeeze_dim(0) * share;
+    // A layer that is called twice in a step follows both batches.
+    pass.statistics.retain(|(id, _)| *id != running.id);
+    pass.statistics.push((running.id, value));
 }

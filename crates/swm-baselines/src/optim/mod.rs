@@ -26,12 +26,21 @@ pub struct OptimConfig {
     pub clip: Option<f64>,
     /// How the learning rate changes over a training.
     pub schedule: Schedule,
+    /// Decay of an exponential moving average (EMA) of the weights, which is what is validated, saved and used; 0: none. It
+    /// grows to this value from the first step on, as (1 + step) / (10 + step).
+    pub ema: f64,
 }
 
 impl OptimConfig {
+    /// The decay of the average of weights after step `step` of a phase; `None`: there is none.
+    pub(crate) fn ema_at(&self, step: u64) -> Option<f64> {
+        let growing = (1 + step) as f64 / (10 + step) as f64;
+        (self.ema > 0.0).then(|| self.ema.min(growing))
+    }
+
     /// What is wrong with it, if anything is.
     pub(crate) fn check(&self) -> Result<(), String> {
-        let Self { lr, weight_decay, betas, epsilon, clip, schedule } = self;
+        let Self { lr, weight_decay, betas, epsilon, clip, schedule, ema } = self;
         let above_zero = |name: &str, value: f64| match value > 0.0 && value.is_finite() {
             true => Ok(()),
             false => Err(format!("`optim.{name}` is {value}; it must be above 0")),
@@ -44,6 +53,9 @@ impl OptimConfig {
         above_zero("epsilon", *epsilon)?;
         clip.map_or(Ok(()), |clip| above_zero("clip", clip))?;
         in_unit("weight_decay", *weight_decay)?;
+        if !(0.0..1.0).contains(ema) {
+            return Err(format!("`optim.ema` is {ema}; it must be in [0, 1)"));
+        }
         if let Some(beta) = betas.iter().find(|beta| !(0.0..1.0).contains(*beta)) {
             return Err(format!("`optim.betas` holds {beta}; each must be in [0, 1)"));
         }
@@ -63,6 +75,7 @@ impl Default for OptimConfig {
             epsilon: 1e-8,
             clip: Some(1.0),
             schedule: Schedule::default(),
+            ema: 0.0,
         }
     }
 }

@@ -243,6 +243,16 @@ fn parts(dataset: &dyn Dataset, split: Split) -> Result<[Vec<usize>; 2], Baselin
     Ok([train, validation])
 }
 
+/// The episodes that validate; those that are learnt from where none is left for that.
+///
+/// # Errors
+///
+/// A share out of range, or no episode to learn from.
+pub fn validation_episodes(dataset: &dyn Dataset, split: Split) -> Result<Vec<usize>, BaselineError> {
+    let [train, validation] = parts(dataset, split)?;
+    Ok(if validation.is_empty() { train } else { validation })
+}
+
 fn scales(
     dataset: &mut dyn Dataset,
     baseline: &str,

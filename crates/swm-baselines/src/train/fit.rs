@@ -9,6 +9,7 @@ use swm_data::loader::Position;
 
 use super::clips::ClipFeed;
 use super::data::{PhaseClips, TrainData};
+use super::diagnosis::Diagnosis;
 use super::folder::{Checkpoint, RunFolder};
 use super::metrics::{MetricSink, Part, Record};
 use super::settings::FitSettings;
@@ -50,7 +51,7 @@ pub enum End {
     EarlyStop,
 }
 
-/// Trains `model` in `run`, from the last checkpoint if there is one, and returns where it ended.
+/// Trains `model` in `run`, measured by `diagnosis` on its way if there is one, from the last checkpoint if there is one, and returns where it ended.
 ///
 /// # Errors
 ///
@@ -62,6 +63,7 @@ pub fn fit(
     data: &TrainData,
     settings: &FitSettings,
     sinks: &mut [Box<dyn MetricSink + '_>],
+    diagnosis: Option<&mut (dyn Diagnosis + '_)>,
 ) -> Result<State, BaselineError> {
     settings.check()?;
     let settings = &FitSettings {
@@ -72,7 +74,7 @@ pub fn fit(
         data.phases.iter().map(|clips| settings.total(clips.steps_per_epoch(settings.batch))).collect();
     let state = begin(run, model)?;
     let pace = Pace { started: Instant::now(), last: Instant::now(), clips: 0 };
-    let mut fit = Fit { run, model, data, settings, sinks, totals, state, pace };
+    let mut fit = Fit { run, model, data, settings, sinks, diagnosis, totals, state, pace };
     fit.state.end = None;
     fit.go_on_or_end();
     while fit.state.end.is_none() {
@@ -108,19 +110,20 @@ impl State {
 }
 
 /// A training at work.
-struct Fit<'a, 's> {
+struct Fit<'a, 's, 'd> {
     run: &'a RunFolder,
     model: &'a mut dyn Baseline,
     data: &'a TrainData,
     settings: &'a FitSettings,
     sinks: &'a mut [Box<dyn MetricSink + 's>],
+    diagnosis: Option<&'a mut (dyn Diagnosis + 'd)>,
     /// Steps of each phase.
     totals: Vec<u64>,
     state: State,
     pace: Pace,
 }
 
-impl Fit<'_, '_> {
+impl Fit<'_, '_, '_> {
     /// Trains until the phase or the whole training is over.
     fn phase(&mut self) -> Result<(), BaselineError> {
         let phase = self.state.phase;
@@ -146,6 +149,7 @@ impl Fit<'_, '_> {
                 let losses = self.model.train_step(&feed.clips(&batch)?, &at);
                 let values = self.finite(losses)?;
                 self.took(&values, batch.rows())?;
+                self.diagnose(clips)?;
                 look |= settings.checkpoint_every > 0
                     && self.state.step.is_multiple_of(settings.checkpoint_every);
             }
@@ -167,14 +171,34 @@ impl Fit<'_, '_> {
         self.sinks.iter_mut().for_each(|sink| sink.step(state.step, total));
         if state.step.is_multiple_of(self.settings.log_every) || state.done == self.totals[state.phase] {
             state.train = state.sums.take();
-            self.tell(Part::Train)?;
+            self.tell(Part::Train, self.state.train.clone())?;
             self.pace.lap();
         }
         Ok(())
     }
 
+    /// Measures the model, if it is time to.
+    fn diagnose(&mut self, clips: &PhaseClips) -> Result<(), BaselineError> {
+        let Some(every) = self.diagnosis.as_ref().map(|diagnosis| diagnosis.every().max(1)) else {
+            return Ok(());
+        };
+        let step = self.state.step;
+        if !step.is_multiple_of(every) && step != self.totals.iter().sum::<u64>() {
+            return Ok(());
+        }
+        self.estimate_statistics(clips)?;
+        let Self { model, data, diagnosis, .. } = self;
+        let Some(diagnosis) = diagnosis else { return Ok(()) };
+        let values = diagnosis.measure(&**model, &data.config);
+        let values = values.map_err(|source| BaselineError::Diagnosis { step, source })?;
+        self.tell(Part::Quality, values)?;
+        self.pace.lap();
+        Ok(())
+    }
+
     /// Validates, decides whether to go on, and writes a checkpoint.
     fn look(&mut self, clips: &PhaseClips) -> Result<(), BaselineError> {
+        self.estimate_statistics(clips)?;
         if clips.validation.is_some() {
             self.state.validation = self.validate(clips)?;
             // Weights with a NaN loss are no good checkpoint.
@@ -182,7 +206,7 @@ impl Fit<'_, '_> {
                 let (step, name, value) = (self.state.step, name.clone(), *value);
                 return Err(self.stopped(BaselineError::NotFiniteValidation { step, name, value })?);
             }
-            self.tell(Part::Validation)?;
+            self.tell(Part::Validation, self.state.validation.clone())?;
             let state = &mut self.state;
             let loss = state.validation.first().map_or(f64::NAN, |&(_, loss)| loss);
             if state.best.is_none_or(|(_, best)| loss < best) {
@@ -228,6 +252,28 @@ impl Fit<'_, '_> {
         (state.best, state.since_best) = (None, 0);
     }
 
+    /// Estimates the statistics of batch normalization anew, from the same batches every time.
+    fn estimate_statistics(&mut self, clips: &PhaseClips) -> Result<(), BaselineError> {
+        if self.settings.norm_batches == 0 {
+            return Ok(());
+        }
+        let options = BatchOptions::default()
+            .size(self.settings.batch.min(clips.train.len()))
+            .shuffle(Some(self.settings.seed))
+            .epochs(Some(1))
+            .drop_last(true);
+        let mut feed = ClipFeed::new(&self.data.config.scales);
+        let mut batches = clips.train.batches(&options)?;
+        let mut batch = batches.new_batch();
+        for before in 0..self.settings.norm_batches as u64 {
+            if !batches.next_batch(&mut batch)? {
+                break;
+            }
+            self.model.estimate_statistics(&feed.clips(&batch)?, self.state.phase, before)?;
+        }
+        Ok(())
+    }
+
     /// Means over the validation clips, each clip counting once.
     fn validate(&self, clips: &PhaseClips) -> Result<Vec<(String, f64)>, BaselineError> {
         let Some(loader) = &clips.validation else { return Ok(Vec::new()) };
@@ -268,7 +314,7 @@ impl Fit<'_, '_> {
         Ok(BaselineError::Stopped { kept, source: Box::new(source) })
     }
 
-    fn tell(&mut self, part: Part) -> Result<(), BaselineError> {
+    fn tell(&mut self, part: Part, values: Vec<(String, f64)>) -> Result<(), BaselineError> {
         let state = &self.state;
         let record = Record {
             part,
@@ -276,10 +322,7 @@ impl Fit<'_, '_> {
             step: state.step,
             total: self.totals.iter().sum(),
             epoch: state.position.as_ref().map_or(0, |position| position.epoch),
-            values: match part {
-                Part::Train => state.train.clone(),
-                Part::Validation => state.validation.clone(),
-            },
+            values,
             clips_per_s: self.pace.clips as f64 / self.pace.last.elapsed().as_secs_f64().max(1e-9),
             elapsed: self.pace.started.elapsed(),
         };

@@ -20,6 +20,8 @@ pub enum Part {
     Train,
     /// Those of the episodes that are kept apart.
     Validation,
+    /// No clips: what a [`Diagnosis`](super::Diagnosis) measures.
+    Quality,
 }
 
 impl Part {
@@ -28,6 +30,7 @@ impl Part {
         match self {
             Part::Train => "train",
             Part::Validation => "validation",
+            Part::Quality => "quality",
         }
     }
 }

@@ -6,12 +6,14 @@
 //! | `fit`, `settings` | the loop |
 //! | `data`, `clips` | clips, splits, statistics |
 //! | `folder`, `run` | files that survive a kill, and what they say |
+//! | `diagnosis` | what a model is worth, measured while it trains |
 //! | `metrics`, `events` | metrics and their files |
 //!
 //! Networks, losses and optimizers are not known here: they are behind [`Baseline`](crate::Baseline).
 
 mod clips;
 mod data;
+mod diagnosis;
 mod events;
 mod fit;
 mod folder;
@@ -22,7 +24,10 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-pub use data::{ACTION, DataConfig, PROPRIO, PhaseClips, Scale, Split, TrainData, data_dims};
+pub use data::{
+    ACTION, DataConfig, PROPRIO, PhaseClips, Scale, Split, TrainData, data_dims, validation_episodes,
+};
+pub use diagnosis::Diagnosis;
 pub use events::EventWriter;
 pub use fit::{End, State, fit};
 pub use folder::{Checkpoint, RunFolder, RunLock};

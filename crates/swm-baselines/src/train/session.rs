@@ -7,6 +7,7 @@ use swm_core::Registry;
 use swm_data::{Dataset, Loader};
 
 use super::data::{Split, TrainData, data_dims};
+use super::diagnosis::Diagnosis;
 use super::fit::{State, fit};
 use super::folder::{RunFolder, RunLock};
 use super::metrics::{JsonLines, MetricSink, TensorBoard};
@@ -170,11 +171,24 @@ impl Training {
     ///
     /// As of [`fit`].
     pub fn run(&mut self, sinks: Vec<Box<dyn MetricSink + '_>>) -> Result<State, BaselineError> {
+        self.run_with(sinks, None)
+    }
+
+    /// As [`Training::run`], with the model measured by `diagnosis` on its way.
+    ///
+    /// # Errors
+    ///
+    /// As of [`fit`].
+    pub fn run_with(
+        &mut self,
+        sinks: Vec<Box<dyn MetricSink + '_>>,
+        diagnosis: Option<&mut (dyn Diagnosis + '_)>,
+    ) -> Result<State, BaselineError> {
         let Self { run, model, data, config, .. } = self;
         let from = run.steps()?.last().copied();
         let mut all: Vec<Box<dyn MetricSink + '_>> =
             vec![Box::new(JsonLines::after(run, from.unwrap_or(0))?), Box::new(TensorBoard::new(run, from)?)];
         all.extend(sinks);
-        fit(run, model.as_mut(), data, &config.fit, &mut all)
+        fit(run, model.as_mut(), data, &config.fit, &mut all, diagnosis)
     }
 }

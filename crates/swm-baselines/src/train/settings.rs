@@ -24,6 +24,9 @@ pub struct FitSettings {
     pub keep: usize,
     /// Clips that validate, a random choice that is always the same; 0: all.
     pub validation_clips: usize,
+    /// Training batches from which the running statistics of batch normalization are estimated anew before each validation
+    /// and checkpoint, without dropout; 0: they are those that training gathers.
+    pub norm_batches: usize,
     /// Stop when so many validations in a row were not better than the best; 0: never.
     pub patience: u64,
 }
@@ -40,6 +43,7 @@ impl Default for FitSettings {
             checkpoint_every: 0,
             keep: 3,
             validation_clips: 1024,
+            norm_batches: 0,
             patience: 0,
         }
     }

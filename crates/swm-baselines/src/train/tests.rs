@@ -167,7 +167,7 @@ fn train(run: &RunFolder, mut model: Toy, settings: &FitSettings) -> Result<Stat
     let from = run.steps()?.last().copied();
     let mut sinks: Vec<Box<dyn MetricSink>> =
         vec![Box::new(JsonLines::after(run, from.unwrap_or(0))?), Box::new(TensorBoard::new(run, from)?)];
-    fit(run, &mut model, &data(), settings, &mut sinks)
+    fit(run, &mut model, &data(), settings, &mut sinks, None)
 }
 
 /// Everything that must be equal: weights, where training stands, and metrics without times.

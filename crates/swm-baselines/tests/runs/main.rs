@@ -8,8 +8,10 @@ use std::path::Path;
 
 use serde_json::json;
 use swm_baselines::acting::{LatentModel, MODELS, POLICIES};
-use swm_baselines::train::{FitSettings, MetricSink, NewRun, Record, RunFolder, Split, State, Training};
-use swm_baselines::{BaselineError, Device};
+use swm_baselines::train::{
+    DataConfig, Diagnosis, FitSettings, MetricSink, NewRun, Record, RunFolder, Split, State, Training,
+};
+use swm_baselines::{Baseline, BaselineError, Device};
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
 use swm_core::evaluate::random_episodes;
 use swm_core::policies;
@@ -145,6 +147,32 @@ impl MetricSink for BreakAt {
 }
 
 #[test]
+fn averages_and_estimated_statistics_go_on_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = record(folder.path());
+    let train = |name: &str, ema: f64, norm_batches: usize, break_at: Option<u64>| {
+        let mut new = new_run("lewm");
+        new.changes["optim"] = json!({ "ema": ema });
+        new.fit.norm_batches = norm_batches;
+        let path = folder.path().join(name);
+        let mut training = Training::create(&path, dataset.as_ref(), &new).unwrap();
+        if let Some(step) = break_at {
+            training.run(vec![Box::new(BreakAt(step))]).unwrap_err();
+            drop(training);
+            training = Training::resume(built_in(), &path, Device::Cpu, None, |_| ()).unwrap();
+        }
+        let state = training.run(Vec::new()).unwrap();
+        (state, std::fs::read(RunFolder::open(&path).unwrap().weights(9)).unwrap())
+    };
+    let whole = train("whole", 0.9, 2, None);
+    assert!(train("broken", 0.9, 2, Some(4)) == whole, "the weights or the losses differ");
+    let (plain, estimated) = (train("plain", 0.0, 0, None), train("estimated", 0.0, 2, None));
+    assert_eq!(plain.0.train, estimated.0.train, "training does not depend on what is saved");
+    assert_eq!(plain.0.train, whole.0.train);
+    assert!(plain.1 != estimated.1 && estimated.1 != whole.1 && plain.0.validation != whole.0.validation);
+}
+
+#[test]
 fn an_interrupted_training_goes_on_to_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = record(folder.path());
@@ -187,6 +215,7 @@ fn plans_do_not_depend_on_what_else_is_planned() {
     for settings in [
         "samples=40,iterations=2,elites=4,horizon=2,receding_horizon=1,history_len=3",
         "solver=adam,samples=2,iterations=2,horizon=2,receding_horizon=2",
+        "samples=20,iterations=2,elites=4,horizon=3,receding_horizon=1,shrinking_horizon=true,aggregate=mean",
     ] {
         let policy = format!("mpc:{run},{settings}");
         let alone = paths(&policy, 1, Some(IMAGE)).unwrap();
@@ -197,6 +226,7 @@ fn plans_do_not_depend_on_what_else_is_planned() {
     assert!(fails(",solver=cen").contains("did you mean `cem`"));
     assert!(fails(",sample=3").contains("did you mean `samples`"));
     assert!(fails(",checkpont=4").contains("did you mean `checkpoint`"));
+    assert!(fails(",aggregate=worst").contains("setting `aggregate`: \"worst\"; use last, mean or best"));
     assert!(fails(",action_block=5").contains("blocks of 2"));
     assert!(fails(",checkpoint=4").contains("[3, 6, 9]"));
     assert!(fails(",device=gpu").contains("use cpu, cuda"));
@@ -208,12 +238,55 @@ fn plans_do_not_depend_on_what_else_is_planned() {
     let args = |text: &str| PolicyArgs::parse(text).unwrap();
     let (mpc, config) = (&POLICIES[0], EnvConfig::default());
     assert_eq!(mpc.image_size(&args(&format!("mpc:{run}"))), Some(IMAGE));
-    let named = args(&format!("mpc:{run},solver=icem,samples=7,checkpoint=best"));
+    let named = args(&format!("mpc:{run},solver=icem,samples=7,checkpoint=best,aggregate=mean"));
     let oracle = mpc.oracle_args(&PolicyContext::new(&DOT, &config), &named);
-    assert_eq!(oracle, Some(args("icem:samples=7")));
+    assert_eq!(oracle, Some(args("icem:samples=7,aggregate=mean")));
     let files = mpc.model_files(&named).unwrap();
     assert_eq!(files[0], Path::new(&run).join("config.json"));
     assert!(made(&format!("mpc:{run}")).unwrap().as_any().is_some_and(|policy| policy.is::<MpcPolicy>()));
+}
+
+/// Keeps the step counts at which it measured, and gives the size of a latent.
+struct LatentSize(u64, u64);
+
+impl Diagnosis for LatentSize {
+    fn every(&self) -> u64 {
+        self.0
+    }
+
+    fn measure(&mut self, model: &dyn Baseline, data: &DataConfig) -> Result<Vec<(String, f64)>, BoxError> {
+        self.1 += 1;
+        let model = LatentModel::of(model, data).ok_or("it predicts nothing")?;
+        Ok(vec![("latent_dim".to_owned(), model.latent_dim() as f64)])
+    }
+}
+
+#[test]
+fn models_are_measured_while_they_train() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = record(folder.path());
+    let whole = trained(folder.path(), "lewm", "whole");
+    let path = folder.path().join("measured");
+    let mut training = Training::create(&path, dataset.as_ref(), &new_run("lewm")).unwrap();
+    let mut diagnosis = LatentSize(4, 0);
+    assert_eq!(
+        training.run_with(Vec::new(), Some(&mut diagnosis)).unwrap(),
+        whole,
+        "training does not see it"
+    );
+    assert_eq!(diagnosis.1, 3, "after 4, 8 and 9 steps");
+    let metrics = std::fs::read_to_string(path.join("metrics.jsonl")).unwrap();
+    let lines = metrics.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    let measured: Vec<u64> = lines
+        .filter(|line| line["part"] == "quality" && line["latent_dim"] == 8.0)
+        .filter_map(|line| line["step"].as_u64())
+        .collect();
+    assert_eq!(measured, [4, 8, 9]);
+
+    let mut training =
+        Training::create(&folder.path().join("policy"), dataset.as_ref(), &new_run("gcbc")).unwrap();
+    let error = training.run_with(Vec::new(), Some(&mut LatentSize(4, 0))).unwrap_err().to_string();
+    assert!(error.contains("cannot measure the model at step 4: it predicts nothing"), "{error}");
 }
 
 #[test]

@@ -72,6 +72,14 @@ pub(super) struct Train {
     /// Checkpoints to keep in addition to the best. Default: 3.
     #[arg(long)]
     keep: Option<usize>,
+    /// Batches from which batch-norm statistics are estimated anew before each validation and checkpoint, without dropout.
+    /// Default: 0, those that training gathers.
+    #[arg(long, value_name = "BATCHES", conflicts_with = "resume")]
+    norm_batches: Option<usize>,
+    /// Measure the model every so many steps as `swm quality` does (probes, ranking of plans, open-loop error), for
+    /// metrics.jsonl and TensorBoard. Default: never.
+    #[arg(long, value_name = "STEPS")]
+    quality_every: Option<u64>,
     /// Early stopping: validations without improvement after which training stops.
     #[arg(long, value_name = "VALIDATIONS")]
     patience: Option<u64>,
@@ -121,6 +129,8 @@ mod work {
                 log_every: _,
                 checkpoint_every: _,
                 keep: _,
+                norm_batches: _,
+                quality_every: _,
                 patience: _,
             } = self;
             Err(not_built())

@@ -1,11 +1,12 @@
-//! Planning with DINO-WM: the mean squared distance of the last predicted tokens from the goal's, plus that of
-//! proprioception where it is used.
+//! Planning with DINO-WM: the mean squared distance of predicted tokens from the goal's, of the last ones unless told
+//! otherwise, plus that of proprioception where it is used.
 
 use burn::tensor::Tensor;
+use swm_solvers::Aggregate;
 
 use super::DinoWm;
 use crate::data::{Form, Start};
-use crate::dynamics::LatentDynamics;
+use crate::dynamics::{LatentDynamics, aggregate};
 use crate::nn::StateEmbedder;
 use crate::pass::Pass;
 
@@ -59,7 +60,7 @@ impl LatentDynamics for DinoWm {
         self.predict(frames, &mut Pass::evaluate()).reshape([count, dim])
     }
 
-    fn costs(&self, problem: &Problem, plans: Tensor<3>) -> Tensor<1> {
+    fn costs(&self, problem: &Problem, plans: Tensor<3>, how: Aggregate) -> Tensor<1> {
         let [count, horizon, dim] = plans.dims();
         let pass = &mut Pass::evaluate();
         let [_, seen, patches, tokens] = problem.frames.dims();
@@ -74,16 +75,17 @@ impl LatentDynamics for DinoWm {
             let next = self.predict(window, pass).narrow(1, end - start - 1, 1);
             frames = Tensor::cat(vec![frames, next], 1);
         }
-        let last = frames.narrow(1, seen + horizon - 1, 1);
-        let error = (last - problem.goal.clone()).square();
         let of_proprio = self.proprio.as_ref().map_or(0, StateEmbedder::dim);
         let of_pixels = tokens - of_proprio;
         let mean = |part: Tensor<4>| part.flatten::<2>(1, 3).mean_dim(1).squeeze_dim::<1>(1);
-        let pixels = mean(error.clone().narrow(3, 0, of_pixels));
-        if of_proprio == 0 {
-            return pixels;
-        }
-        // All tokens of an observed frame say the same of proprioception; the reference asks the first.
-        pixels + mean(error.narrow(3, of_pixels, of_proprio).narrow(2, 0, 1))
+        aggregate(how, horizon, |step| {
+            let error = (frames.clone().narrow(1, seen + step, 1) - problem.goal.clone()).square();
+            let pixels = mean(error.clone().narrow(3, 0, of_pixels));
+            if of_proprio == 0 {
+                return pixels;
+            }
+            // All tokens of an observed frame say the same of proprioception; the reference asks the first.
+            pixels + mean(error.narrow(3, of_pixels, of_proprio).narrow(2, 0, 1))
+        })
     }
 }

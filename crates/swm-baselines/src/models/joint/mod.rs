@@ -1,6 +1,7 @@
 //! The world model that LeWM and PLDM share: one vector per image, and a predictor that actions steer. What sets them
 //! apart is the loss.
 
+mod auxiliary;
 mod planner;
 
 use burn::module::Module;
@@ -15,6 +16,7 @@ use crate::models::settings::check_sizes;
 use crate::nn::{ActionEmbedder, CnnConfig, Mlp, Predictor, PredictorConfig, VitConfig};
 use crate::pass::Pass;
 
+pub(crate) use auxiliary::Auxiliary;
 pub(crate) use planner::JointPlanner;
 
 /// Its size.
@@ -88,10 +90,11 @@ impl JointConfig {
         self.encoder.check(self.image)
     }
 
-    /// What the model is fed with.
-    pub(crate) fn input_spec(&self) -> InputSpec {
+    /// What the model is fed with: clips that hold as many predictions on end as `auxiliary` asks for.
+    pub(crate) fn input_spec(&self, auxiliary: &Auxiliary) -> InputSpec {
         let &Self { image, history, frameskip, batch, .. } = self;
-        InputSpec { num_steps: history + 1, frameskip, image, proprio: false, batch }
+        let num_steps = history.max(auxiliary.steps()) + 1;
+        InputSpec { num_steps, frameskip, image, proprio: false, batch }
     }
 
     /// The form of its tensors.
@@ -118,7 +121,7 @@ pub(crate) struct Joint {
 pub(crate) struct Predicted {
     /// `[B, T, W]`: encoded.
     pub(crate) states: Tensor<3>,
-    /// `[B, T - 1, W]`: predicted for all but the first.
+    /// `[B, P, W]`: predicted for the P after the first, at most as many as the model sees states.
     pub(crate) predicted: Tensor<3>,
 }
 
@@ -158,8 +161,23 @@ impl Joint {
     pub(crate) fn predict_batch(&self, inputs: &Inputs, pass: &mut Pass) -> Predicted {
         let states = self.encode(inputs.pixels.clone(), pass);
         let actions = self.action_encoder.forward(inputs.action.clone());
-        let seen = states.dims()[1] - 1;
+        let seen = (states.dims()[1] - 1).min(self.config.history);
         let predicted = self.predict(states.clone().narrow(1, 0, seen), actions.narrow(1, 0, seen), pass);
         Predicted { states, predicted }
+    }
+
+    /// Predicts `[B, R, W]` on end from states `[B, 1, W]` under actions `[B, R, D]`, as plans are predicted from one frame.
+    /// Batch normalization does not remember it.
+    pub(crate) fn roll_out(&self, first: Tensor<3>, actions: Tensor<3>, pass: &mut Pass) -> Tensor<3> {
+        let actions = self.action_encoder.forward(actions);
+        let mut states = vec![first];
+        for end in 1..=actions.dims()[1] {
+            let start = end.saturating_sub(self.config.history);
+            let window = Tensor::cat(states[start..end].to_vec(), 1);
+            let next = self.predictor.forward(window, actions.clone().narrow(1, start, end - start), pass);
+            let next = next.narrow(1, end - start - 1, 1);
+            states.push(pass.untold(|pass| self.pred_proj.forward_frames(next, pass)));
+        }
+        Tensor::cat(states.split_off(1), 1)
     }
 }

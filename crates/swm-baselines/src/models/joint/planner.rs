@@ -1,10 +1,12 @@
-//! Planning with LeWM and PLDM: the squared distance of the last predicted state from the goal's.
+//! Planning with LeWM and PLDM: the squared distance of predicted states from the goal's, of the last one unless told
+//! otherwise.
 
 use burn::tensor::Tensor;
+use swm_solvers::Aggregate;
 
 use super::Joint;
 use crate::data::{Form, Start};
-use crate::dynamics::LatentDynamics;
+use crate::dynamics::{LatentDynamics, aggregate};
 use crate::nn::SeenStates;
 use crate::pass::Pass;
 use crate::plan::Planner;
@@ -57,7 +59,7 @@ impl LatentDynamics for Joint {
         self.predict(latents.unsqueeze_dim(1), actions, &mut Pass::evaluate()).squeeze_dim(1)
     }
 
-    fn costs(&self, problem: &Problem, plans: Tensor<3>) -> Tensor<1> {
+    fn costs(&self, problem: &Problem, plans: Tensor<3>, how: Aggregate) -> Tensor<1> {
         let [count, horizon, _] = plans.dims();
         let pass = &mut Pass::evaluate();
         let [_, observed, dim] = problem.states.dims();
@@ -89,7 +91,9 @@ impl LatentDynamics for Joint {
             };
             states.push(self.pred_proj.forward_frames(next, pass));
         }
-        let last: Tensor<2> = states.pop().expect("a plan has a step").squeeze_dim(1);
-        (last - problem.goal.clone()).square().sum_dim(1).squeeze_dim(1)
+        aggregate(how, horizon, |step| {
+            let state: Tensor<2> = states[1 + step].clone().squeeze_dim(1);
+            (state - problem.goal.clone()).square().sum_dim(1).squeeze_dim(1)
+        })
     }
 }

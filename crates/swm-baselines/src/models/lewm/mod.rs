@@ -1,6 +1,7 @@
 //! LeWM: a joint-embedding world model that a test of normality keeps from collapsing (arXiv 2603.19312).
 //!
 //! Loss: squared error of the predicted states, plus SIGReg of the encoded ones. No target network, no stop-gradient.
+//! Beyond the paper, inverse dynamics, straightening and predictions on end can be added.
 
 use burn::module::Module;
 use burn::tensor::Device;
@@ -10,8 +11,9 @@ use crate::baseline::{Phase, PlanModel};
 use crate::data::{DataDims, Inputs};
 use crate::error::BaselineError;
 use crate::losses::{SigregConfig, Terms, mean_squared_error, sigreg};
-use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
+use crate::models::joint::{Auxiliary, Joint, JointConfig, JointPlanner, Predicted};
 use crate::network::{Network, Parts};
+use crate::nn::InverseDynamics;
 use crate::optim::OptimConfig;
 use crate::pass::Pass;
 
@@ -26,22 +28,66 @@ pub struct LewmConfig {
     pub model: JointConfig,
     /// What keeps states apart.
     pub sigreg: SigregConfig,
+    /// Hidden dim of the inverse-dynamics MLP.
+    #[serde(default = "inverse_hidden")]
+    pub inverse_hidden: usize,
+    /// How many states are predicted on end for `weights.rollout`.
+    #[serde(default = "rollout_steps")]
+    pub rollout_steps: usize,
+    /// What additional terms are worth.
+    #[serde(default)]
+    pub weights: LewmWeights,
     /// The optimizer.
     pub optim: OptimConfig,
+}
+
+/// Weights of additional terms, which the paper does not have. A term of weight 0 is not computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LewmWeights {
+    /// Inverse dynamics.
+    pub inverse: f64,
+    /// Straightness of the paths of states.
+    pub straightening: f64,
+    /// Predictions on end, from the first state of a clip.
+    pub rollout: f64,
+}
+
+fn inverse_hidden() -> usize {
+    512
+}
+
+fn rollout_steps() -> usize {
+    3
 }
 
 impl LewmConfig {
     /// The paper's settings, with the weight of SIGReg as the reference sets it.
     pub fn paper() -> Self {
-        Self { model: JointConfig::paper(), sigreg: SigregConfig::default(), optim: OptimConfig::default() }
+        Self {
+            model: JointConfig::paper(),
+            sigreg: SigregConfig::default(),
+            inverse_hidden: inverse_hidden(),
+            rollout_steps: rollout_steps(),
+            weights: LewmWeights::default(),
+            optim: OptimConfig::default(),
+        }
     }
 
-    /// Settings for a CPU.
+    fn auxiliary(&self) -> Auxiliary {
+        let LewmWeights { inverse, straightening, rollout } = self.weights;
+        Auxiliary { inverse, straightening, rollout, rollout_steps: self.rollout_steps }
+    }
+
+    /// Settings for a CPU. SIGReg's statistic grows with the batch: on 64 clips, where the paper has 128, it weighs twice as
+    /// much.
     pub fn small() -> Self {
+        let sigreg = SigregConfig::default();
         Self {
             model: JointConfig::small(),
-            sigreg: SigregConfig { projections: 256, ..SigregConfig::default() },
+            sigreg: SigregConfig { projections: 256, weight: 2.0 * sigreg.weight, ..sigreg },
             optim: OptimConfig { lr: 1e-3, ..OptimConfig::default() },
+            ..Self::paper()
         }
     }
 }
@@ -49,8 +95,12 @@ impl LewmConfig {
 #[derive(Module, Debug)]
 struct Lewm {
     model: Joint,
+    /// Only where it has a weight: others' weights have none.
+    inverse: Option<InverseDynamics>,
     #[module(skip)]
     sigreg: SigregConfig,
+    #[module(skip)]
+    auxiliary: Auxiliary,
 }
 
 /// Network and training of these settings.
@@ -59,8 +109,14 @@ pub(crate) fn make(
     dims: &DataDims,
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
-    config.sigreg.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
+    let auxiliary = config.auxiliary();
+    let checked = config.sigreg.check().and_then(|()| auxiliary.check());
+    checked.map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let model = Joint::new(NAME, &config.model, dims, device)?;
+    let form = config.model.form(dims);
+    let inverse =
+        || InverseDynamics::new(config.model.latent_dim, config.inverse_hidden, form.action, device);
+    let inverse = (auxiliary.inverse != 0.0).then(inverse);
     let phase = Phase {
         name: "train",
         optim: config.optim.clone(),
@@ -70,9 +126,9 @@ pub(crate) fn make(
         momentum: 0.0,
     };
     Ok(Parts {
-        network: Lewm { model, sigreg: config.sigreg },
-        input_spec: config.model.input_spec(),
-        form: config.model.form(dims),
+        network: Lewm { model, inverse, sigreg: config.sigreg, auxiliary },
+        input_spec: config.model.input_spec(&auxiliary),
+        form,
         phases: vec![phase],
     })
 }
@@ -82,11 +138,11 @@ impl Network for Lewm {
         let Predicted { states, predicted } = self.model.predict_batch(inputs, pass);
         let targets = states.clone().narrow(1, 1, predicted.dims()[1]);
         let prediction = mean_squared_error(predicted, targets);
-        let normality = sigreg(states, &self.sigreg, pass);
-        Ok(Terms {
-            total: prediction.clone() + normality.clone() * self.sigreg.weight,
-            parts: vec![("prediction", prediction), ("sigreg", normality)],
-        })
+        let normality = sigreg(states.clone(), &self.sigreg, pass);
+        let mut terms = Terms { total: prediction.clone(), parts: vec![("prediction", prediction)] };
+        terms.add("sigreg", self.sigreg.weight, normality);
+        self.auxiliary.add_to(&mut terms, &self.model, self.inverse.as_ref(), &states, inputs, pass);
+        Ok(terms)
     }
 
     fn planner(&self) -> Option<Box<dyn PlanModel>> {

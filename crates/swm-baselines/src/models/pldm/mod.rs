@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use crate::baseline::{Phase, PlanModel};
 use crate::data::{DataDims, Inputs};
 use crate::error::BaselineError;
-use crate::losses::{Terms, Vicreg, mean_squared_error, straightening, vicreg};
-use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
+use crate::losses::{Terms, Vicreg, mean_squared_error, vicreg};
+use crate::models::joint::{Auxiliary, Joint, JointConfig, JointPlanner, Predicted};
 use crate::network::{Network, Parts};
 use crate::nn::InverseDynamics;
 use crate::optim::OptimConfig;
@@ -26,6 +26,9 @@ pub struct PldmConfig {
     pub model: JointConfig,
     /// Hidden dim of the inverse-dynamics MLP.
     pub inverse_hidden: usize,
+    /// How many states are predicted on end for `weights.rollout`.
+    #[serde(default = "rollout_steps")]
+    pub rollout_steps: usize,
     /// What the terms are worth.
     pub weights: PldmWeights,
     /// The optimizer.
@@ -50,6 +53,12 @@ pub struct PldmWeights {
     pub inverse: f64,
     /// Straightness of the paths of states.
     pub straightening: f64,
+    /// Predictions on end, from the first state of a clip; not in the reference.
+    pub rollout: f64,
+}
+
+fn rollout_steps() -> usize {
+    3
 }
 
 impl Default for PldmWeights {
@@ -63,6 +72,7 @@ impl Default for PldmWeights {
             alignment: 0.2,
             inverse: 0.0,
             straightening: 0.0,
+            rollout: 0.0,
         }
     }
 }
@@ -73,6 +83,7 @@ impl PldmConfig {
         Self {
             model: JointConfig::paper(),
             inverse_hidden: 512,
+            rollout_steps: rollout_steps(),
             weights: PldmWeights::default(),
             optim: OptimConfig::default(),
         }
@@ -86,6 +97,11 @@ impl PldmConfig {
             ..Self::paper()
         }
     }
+
+    fn auxiliary(&self) -> Auxiliary {
+        let PldmWeights { inverse, straightening, rollout, .. } = self.weights;
+        Auxiliary { inverse, straightening, rollout, rollout_steps: self.rollout_steps }
+    }
 }
 
 #[derive(Module, Debug)]
@@ -94,6 +110,8 @@ struct Pldm {
     inverse: InverseDynamics,
     #[module(skip)]
     weights: PldmWeights,
+    #[module(skip)]
+    auxiliary: Auxiliary,
 }
 
 /// Network and training of these settings.
@@ -102,6 +120,8 @@ pub(crate) fn make(
     dims: &DataDims,
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
+    let auxiliary = config.auxiliary();
+    auxiliary.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let model = Joint::new(NAME, &config.model, dims, device)?;
     let form = config.model.form(dims);
     let phase = Phase {
@@ -114,8 +134,8 @@ pub(crate) fn make(
     };
     let inverse = InverseDynamics::new(config.model.latent_dim, config.inverse_hidden, form.action, device);
     Ok(Parts {
-        network: Pldm { model, inverse, weights: config.weights },
-        input_spec: config.model.input_spec(),
+        network: Pldm { model, inverse, weights: config.weights, auxiliary },
+        input_spec: config.model.input_spec(&auxiliary),
         form,
         phases: vec![phase],
     })
@@ -130,9 +150,7 @@ impl Network for Pldm {
         let mut terms = Terms { total: prediction.clone(), parts: vec![("prediction", prediction)] };
         let mut add = |name, weight: f64, term: &dyn Fn() -> burn::tensor::Tensor<1>| {
             if weight != 0.0 {
-                let term = term();
-                terms.total = terms.total.clone() + term.clone() * weight;
-                terms.parts.push((name, term));
+                terms.add(name, weight, term());
             }
         };
         let weights = &self.weights;
@@ -142,11 +160,7 @@ impl Network for Pldm {
         add("cov", weights.cov, &|| cov.clone());
         add("cov_t", weights.cov_t, &|| cov_t.clone());
         add("alignment", weights.alignment, &|| mean_squared_error(before.clone(), after.clone()));
-        add("inverse", weights.inverse, &|| {
-            let actions = inputs.action.clone().narrow(1, 0, seen);
-            mean_squared_error(self.inverse.forward(states.clone()), actions)
-        });
-        add("straightening", weights.straightening, &|| straightening(states.clone()));
+        self.auxiliary.add_to(&mut terms, &self.model, Some(&self.inverse), &states, inputs, pass);
         Ok(terms)
     }
 

@@ -1,6 +1,9 @@
 //! What every line of the table keeps to: it trains, resumes with the same bits, saves, says what is wrong with its input,
 //! and plans or acts the same whatever else is asked. Tiny networks; another one is tested by its line in [`TINY`].
 
+mod averages;
+mod costs;
+
 use std::path::Path;
 
 use serde_json::{Value as Json, json};
@@ -165,15 +168,17 @@ fn a_resumed_training_gives_the_bits_of_one_that_never_stopped() {
     });
 }
 
+/// The weights that a model saves.
+fn weights(model: &dyn Baseline) -> std::collections::BTreeMap<String, crate::weights::Stored> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("weights.safetensors");
+    model.save_weights(&path).unwrap();
+    crate::weights::read(&path).unwrap()
+}
+
 #[test]
 fn target_networks_are_moving_averages() {
     for name in ["gcivl", "gciql"] {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("weights.safetensors");
-        let weights = |model: &dyn Baseline| {
-            model.save_weights(&path).unwrap();
-            crate::weights::read(&path).unwrap()
-        };
         let mut model = tiny(name);
         let before = weights(model.as_ref());
         step(model.as_mut(), 0, 0);
@@ -195,12 +200,7 @@ fn target_networks_are_moving_averages() {
 
 #[test]
 fn weights_keep_the_names_that_runs_have_written() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("weights.safetensors");
-    let names = |name: &str| -> Vec<String> {
-        tiny(name).save_weights(&path).unwrap();
-        crate::weights::read(&path).unwrap().into_keys().collect()
-    };
+    let names = |name: &str| -> Vec<String> { weights(tiny(name).as_ref()).into_keys().collect() };
     assert!(names("lewm").iter().any(|name| name == "encoder.background.deviation"));
     assert!(names("gciql").iter().any(|name| name.starts_with("critic_predictor.teacher.")));
 }

@@ -1,0 +1,102 @@
+//! What costs of plans and additional losses are made of, against each other.
+
+use serde_json::json;
+use swm_solvers::{Aggregate, Candidates};
+
+use super::{CLIPS, Clips, joint, options, step, tiny};
+use crate::{Images, MakeOptions, PlanningBatch, Vectors, make};
+
+#[test]
+fn additional_losses_are_what_they_say() {
+    for name in ["lewm", "pldm"] {
+        let mut changes = joint();
+        // More predictions on end than the model sees states: the window slides.
+        changes["rollout_steps"] = json!(4);
+        changes["weights"] = json!({ "inverse": 0.5, "straightening": 0.25, "rollout": 2.0 });
+        let mut model = make(name, &MakeOptions { seed: 3, ..options("small", changes) }).unwrap();
+        assert_eq!(model.input_spec().num_steps, 5);
+        (0..3).for_each(|index| drop(step(model.as_mut(), 0, index)));
+        let clips = Clips::of(model.as_ref());
+        let losses = model.validate(&clips.batch(), 0).unwrap();
+        let part =
+            |name: &str| f64::from(losses.parts.iter().find(|(part, _)| *part == name).expect("a part").1);
+        if name == "lewm" {
+            let sigreg = model.model_config().settings["sigreg"]["weight"].as_f64().unwrap();
+            let added = 0.5 * part("inverse") + 0.25 * part("straightening") + 2.0 * part("rollout");
+            let total = part("prediction") + sigreg * part("sigreg") + added;
+            assert!((f64::from(losses.total) - total).abs() < 1e-5 * total.abs(), "{losses:?}");
+        }
+        assert!(part("inverse") > 0.0 && (-1.0..=1.0).contains(&part("straightening")));
+
+        // A plan's cost is the squared distance of what it leads to from a goal, here the true state, over 8 numbers.
+        let mut planner = model.planner().unwrap();
+        let dim = clips.dim;
+        let mut sum = 0.0;
+        for clip in 0..CLIPS {
+            for steps in 1..=4 {
+                let frame = |step: usize| Images {
+                    values: &clips.pixels[(clip * 5 + step) * 768..][..768],
+                    rows: 1,
+                    steps: 1,
+                    height: 16,
+                    width: 16,
+                    channels_last: true,
+                };
+                let action = Vectors { values: &[], rows: 1, steps: 0, dim };
+                let (pixels, goal_pixels) = (frame(0), frame(steps));
+                planner
+                    .prepare(&PlanningBatch {
+                        pixels,
+                        action,
+                        proprio: None,
+                        goal_pixels,
+                        goal_proprio: None,
+                    })
+                    .unwrap();
+                let actions = &clips.action[clip * 5 * dim..][..steps * dim];
+                let candidates = Candidates { actions, episodes: 1, samples: 1, horizon: steps, dim };
+                let mut cost = [0.0];
+                planner.evaluate(&candidates, &mut cost).unwrap();
+                sum += cost[0] / 8.0;
+            }
+        }
+        let (rollout, wanted) = (part("rollout"), sum / (CLIPS * 4) as f64);
+        assert!((rollout - wanted).abs() < 1e-4 * wanted, "{name}: {rollout} is not {wanted}");
+    }
+    let none = json!({ "rollout_steps": 0, "weights": { "rollout": 1.0 } });
+    let refused = make("lewm", &options("small", none)).err().unwrap().to_string();
+    assert!(refused.contains("`rollout_steps` 0"), "{refused}");
+}
+
+#[test]
+fn costs_are_aggregated_over_predicted_states() {
+    for name in ["lewm", "dino-wm"] {
+        let mut model = tiny(name);
+        let clips = Clips::of(model.as_ref());
+        (0..3).for_each(|index| drop(step(model.as_mut(), 0, index)));
+        let mut planner = model.planner().unwrap();
+        planner.prepare(&clips.planning_batch(0..1)).unwrap();
+        let dim = planner.block_dim();
+        let plans: Vec<f32> = (0..5 * 3 * dim).map(|i| (i as f32).cos()).collect();
+        let mut costs = |how, horizon: usize| {
+            planner.set_aggregate(how);
+            let actions: Vec<f32> =
+                plans.chunks(3 * dim).flat_map(|plan| &plan[..horizon * dim]).copied().collect();
+            let (mut costs, mut gradient) = (vec![0.0; 5], vec![0.0; actions.len()]);
+            let candidates = Candidates { actions: &actions, episodes: 1, samples: 5, horizon, dim };
+            planner.evaluate(&candidates, &mut costs).unwrap();
+            planner.evaluate_with_gradient(&candidates, &mut [0.0; 5], &mut gradient).unwrap();
+            assert!(gradient.iter().any(|slope| *slope != 0.0));
+            costs
+        };
+        // The last state of a plan's beginning is a state on the way.
+        let states = [1, 2, 3].map(|horizon| costs(Aggregate::Last, horizon));
+        let (mean, best) = (costs(Aggregate::Mean, 3), costs(Aggregate::Best, 3));
+        for plan in 0..5 {
+            let each = [0, 1, 2].map(|step| states[step][plan]);
+            let close = |found: f64, wanted: f64| (found - wanted).abs() < 1e-5 * wanted.abs();
+            assert!(close(mean[plan], each.iter().sum::<f64>() / 3.0), "{name}: {} of {each:?}", mean[plan]);
+            assert!(close(best[plan], each.into_iter().fold(f64::INFINITY, f64::min)), "{name}: {each:?}");
+        }
+    }
+}
