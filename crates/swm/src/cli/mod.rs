@@ -38,6 +38,8 @@ mod submit;
 mod sweep;
 mod task;
 mod train;
+#[cfg(feature = "baselines")]
+mod train_quality;
 #[cfg(feature = "ui")]
 mod ui;
 mod verify;

@@ -3,15 +3,18 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::Map;
+use serde_json::{Map, Value as Json};
 use swm_core::evaluate::quality::WorldModel;
 use swm_core::evaluate::{ModelEntry, StateModel, Violation, random_episodes};
-use swm_core::{EnvConfig, EnvEntry, PolicyArgs, PolicyContext, Registry};
+use swm_core::{Batch, EnvConfig, EnvEntry, EnvSpec, PolicyArgs, PolicyContext, Registry};
 
 use super::args::{EnvArgs, ImageArg, policy_args};
 use super::output::table;
 use super::{Failure, Output, usage};
-use crate::evaluation::{ImageModel, ProbeScore, Quality, QualityOptions, quality, recorded_episodes};
+use crate::evaluation::{
+    GateCheck, ImageModel, ProbeScore, ProbeTarget, Quality, QualityOptions, quality, recorded_episodes,
+    task_probes,
+};
 
 /// Evaluate a world model without control: open-loop prediction, probes of the state, ranking of plans, violation of expectation.
 #[derive(Args)]
@@ -28,7 +31,7 @@ multiplied by G), `constant` (nothing ever changes), and `pixels=C` (the image i
 Trained ones are `lewm:RUN`, `pldm:RUN`, `dino-wm:RUN` (`checkpoint=best` behind a comma), which predict as many steps at a \
 time as the frame skip that they were trained with. \
 Probes predict columns of the true state from latents: a linear one and a small MLP, fitted to four fifths of the episodes and \
-scored on the others. A violation is `teleport`, COLUMN[ELEMENTS]=VALUES for something that \
+scored on the others. The gate says what a model should reach before plans are made on it: an R² of 0.8 of all that is probed, a rank correlation of 0.85. A violation is `teleport`, COLUMN[ELEMENTS]=VALUES for something that \
 jumps or vanishes, or the name of a factor, which changes. An accuracy of 0.5 is chance.")]
 pub(super) struct QualityCommand {
     #[command(flatten)]
@@ -42,8 +45,8 @@ pub(super) struct QualityCommand {
     /// Size of the images that the model sees, or `none`. Default: that of its training, the dataset's, or none.
     #[arg(long)]
     image_size: Option<ImageArg>,
-    /// A column of the true state to probe latents for; may be repeated. Default: the environment's start columns;
-    /// `none`: no probes.
+    /// What to probe latents for: COLUMN, COLUMN[0,1] or angle(COLUMN[4]); may be repeated. Default: what the moderate
+    /// tier's test of success reads, else the environment's start columns; `none`: no probes.
     #[arg(long = "probe", value_name = "COLUMN")]
     probes: Vec<String>,
     /// An impossible event; may be repeated.
@@ -105,16 +108,34 @@ impl QualityCommand {
             Some(dataset) => recorded_episodes(env.as_ref(), dataset, episodes, rows)?,
             None => random_episodes(env.as_mut(), episodes, rows, seed)?,
         };
-        let probed: Vec<String> = match self.probes.as_slice() {
+        let probed: Vec<ProbeTarget> = match self.probes.as_slice() {
             // One episode leaves nothing to score on.
             [] if recorded.len() < 2 => Vec::new(),
-            [] => env.spec().start_columns.iter().map(|&column| column.to_owned()).collect(),
+            [] => default_probes(env.spec(), &config.settings, &recorded),
             [none] if none == "none" => Vec::new(),
-            named => named.to_vec(),
+            named => named
+                .iter()
+                .map(|text| text.parse().map_err(|reason| usage(format!("--probe {reason}"))))
+                .collect::<Result<_, _>>()?,
         };
         let options = QualityOptions { episodes, rows, horizon, plans, seed };
         let found = quality(model.as_mut(), env.as_mut(), &recorded, &probed, &violations, &options)?;
         output.result(&found, || text(entry.id, &self.model, &found))
+    }
+}
+
+/// What is probed unless something is named: what decides on success, where that is known and in the rows.
+pub(super) fn default_probes(
+    spec: &EnvSpec,
+    settings: &Map<String, Json>,
+    recorded: &[Batch],
+) -> Vec<ProbeTarget> {
+    let deciding = task_probes(&spec.id, settings);
+    let is_there =
+        |target: &ProbeTarget| recorded.iter().all(|rows| rows.schema().index(&target.column).is_some());
+    match !deciding.is_empty() && deciding.iter().all(is_there) {
+        true => deciding,
+        false => spec.start_columns.iter().map(|&column| column.into()).collect(),
     }
 }
 
@@ -179,11 +200,7 @@ fn violation(text: &str) -> Result<Violation, Failure> {
 
 fn text(env: &str, model: &str, found: &Quality) -> String {
     let mut text = format!("{env}, model `{model}`\n\n");
-    let errors: Vec<Vec<String>> = (1..)
-        .zip(&found.open_loop_error)
-        .map(|(step, error): (usize, _)| vec![(step * found.stride).to_string(), format!("{error:.4e}")])
-        .collect();
-    text += &table(&["steps ahead", "squared error"], &errors);
+    text += &diagnosis(found);
     let probes: Vec<Vec<String>> = found
         .probes
         .iter()
@@ -200,10 +217,6 @@ fn text(env: &str, model: &str, found: &Quality) -> String {
         text += "\n";
         text += &table(&head, &probes);
     }
-    if let Some(ranking) = &found.ranking {
-        let mean = ranking.mean.map_or("– (a cost is constant)".to_owned(), |mean| format!("{mean:.3}"));
-        text += &format!("\nrank correlation of model cost and true cost: {mean}\n");
-    }
     let rows: Vec<Vec<String>> = found
         .violations
         .iter()
@@ -214,6 +227,27 @@ fn text(env: &str, model: &str, found: &Quality) -> String {
         })
         .collect();
     text + "\n" + &table(&["violation", "accuracy", "surprise if possible", "if impossible"], &rows)
+}
+
+/// The gate, then errors of prediction: what is asked before a plan is made.
+fn diagnosis(found: &Quality) -> String {
+    let check = |check: &GateCheck| {
+        let found = check.found.map_or("–".to_owned(), |found| format!("{found:.3}"));
+        let passes = if check.passes { "passes" } else { "fails" };
+        vec![check.name.clone(), found, format!("{} or more: {passes}", check.least)]
+    };
+    let errors = (1..).zip(&found.open_loop_error).map(|(step, error): (usize, _)| {
+        let share = found.open_loop_unexplained.get(step - 1);
+        let share = share.map_or(String::new(), |share| format!("{share:.3} of the variance"));
+        vec![format!("squared error {} steps ahead", step * found.stride), format!("{error:.4e}"), share]
+    });
+    let rows: Vec<Vec<String>> = found.gate.iter().map(check).chain(errors).collect();
+    let (passed, all) = (found.gate.iter().filter(|check| check.passes).count(), found.gate.len());
+    let verdict = match all {
+        0 => String::new(),
+        _ => format!("\n{passed} of {all} requirements of the gate are met\n"),
+    };
+    table(&["measure", "result", "gate"], &rows) + &verdict
 }
 
 /// Unexplained share of the variance, and mean correlation.

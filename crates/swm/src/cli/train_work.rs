@@ -3,8 +3,8 @@
 use indicatif::{HumanDuration, ProgressBar};
 use serde_json::{Map, Value as Json, json};
 use swm_baselines::train::{
-    Checkpoint, End, FitSettings, MetricSink, NewRun, Part, Record, RunConfig, RunFolder, Split, State,
-    Training,
+    Checkpoint, Diagnosis, End, FitSettings, MetricSink, NewRun, Part, Record, RunConfig, RunFolder, Split,
+    State, Training,
 };
 use swm_baselines::{BASELINES, BaselineEntry, BaselineError};
 use swm_core::Registry;
@@ -12,6 +12,7 @@ use swm_core::Registry;
 use super::{Checkpoints, Train};
 use crate::cli::args::{assignment, json_value};
 use crate::cli::output::{key_values, table};
+use crate::cli::train_quality::OnTheWay;
 use crate::cli::work::Plan;
 use crate::cli::{Failure, Output, interrupt, usage};
 
@@ -46,7 +47,10 @@ impl Train {
         interrupt::watch_resumable(move || {
             format!("the last checkpoint is safe in {run}; to continue: swm train --resume --out {run}")
         });
-        let state = training.run(vec![Box::new(shown)]).map_err(failure)?;
+        let mut measured =
+            self.quality_every.map(|every| on_the_way(registry, every, &training)).transpose()?;
+        let diagnosis = measured.as_mut().map(|measured| measured as &mut dyn Diagnosis);
+        let state = training.run_with(vec![Box::new(shown)], diagnosis).map_err(failure)?;
         bar.finish_and_clear();
         if state.step == begun_at {
             output.note("nothing was left to do; --epochs or --steps give it more");
@@ -68,7 +72,18 @@ impl Train {
 
     /// The settings that were given.
     fn apply(&self, fit: &mut FitSettings) {
-        let Self { epochs, steps, batch, seed, log_every, checkpoint_every, keep, patience, .. } = self;
+        let Self {
+            epochs,
+            steps,
+            batch,
+            seed,
+            log_every,
+            checkpoint_every,
+            keep,
+            norm_batches,
+            patience,
+            ..
+        } = self;
         if let Some(epochs) = *epochs {
             (fit.epochs, fit.steps) = (epochs, None);
         }
@@ -78,8 +93,16 @@ impl Train {
         fit.log_every = log_every.unwrap_or(fit.log_every);
         fit.checkpoint_every = checkpoint_every.unwrap_or(fit.checkpoint_every);
         fit.keep = keep.unwrap_or(fit.keep);
+        fit.norm_batches = norm_batches.unwrap_or(fit.norm_batches);
         fit.patience = patience.unwrap_or(fit.patience);
     }
+}
+
+/// Measurements of what is trained, on the episodes of its dataset that validate.
+fn on_the_way(registry: &Registry, every: u64, training: &Training) -> Result<OnTheWay, Failure> {
+    let RunConfig { data, fit, .. } = training.config();
+    let dataset = swm_data::open_in(registry, &data.path)?;
+    OnTheWay::new(registry, every, dataset.as_ref(), data.split, training.model().input_spec(), fit.seed)
 }
 
 /// Wrong settings and folders are wrong requests.
@@ -177,13 +200,13 @@ impl MetricSink for Shown<'_> {
             self.bar
                 .set_message(format!("loss {}, {speed}", short(record.value("loss").unwrap_or(f64::NAN))));
         }
-        if self.lines || record.part == Part::Validation {
+        if self.lines || record.part != Part::Train {
             let Record { step, total, elapsed, .. } = *record;
             let done = step.saturating_sub(self.begun_at).max(1);
             let left = elapsed.mul_f64(total.saturating_sub(step) as f64 / done as f64);
             let speed = match record.part {
                 Part::Train => format!("; {speed}, {} left", HumanDuration(left)),
-                Part::Validation => String::new(),
+                Part::Validation | Part::Quality => String::new(),
             };
             let phase = if self.has_phases { format!(" ({})", record.phase) } else { String::new() };
             let line = format!("{step} of {total}{phase}: {} {losses}{speed}", record.part.name());

@@ -4,6 +4,7 @@
 mod cells;
 mod compare;
 mod files;
+mod gate;
 mod hash;
 mod image_model;
 mod probe;
@@ -20,17 +21,18 @@ mod verify;
 pub use cells::CellLedger;
 pub use compare::{Compared, Side, compare};
 pub use files::{read_manifest, read_receipt, write_manifest, write_receipt};
+pub use gate::{GateCheck, PROBE_R2, RANK_CORRELATION};
 pub use hash::file_hash;
 pub use image_model::ImageModel;
 pub use probe::{Fingerprints, fingerprints};
 #[cfg(feature = "faer")]
 pub use probes::LinearProbe;
-pub use probes::{NetworkProbe, ProbeScore, Probed, Samples, probe};
+pub use probes::{NetworkProbe, ProbeScore, ProbeTarget, Probed, Samples, probe};
 pub use quality::{Quality, QualityOptions, Ranking, Surprised, quality, recorded_episodes};
 pub use receipt::{Code, RECEIPT_VERSION, Receipt};
 pub use reference::{Reference, Regret, Role, roles};
 pub use resume::Ledger;
 pub use run::{Candidate, RunOptions, run_pairs};
 pub use sweep::{Cell, Change, SWEEP_VERSION, Scope, Sweep, SweepRun, Values, changes, is_sweep};
-pub use tiers::{TierRules, tier_rules};
+pub use tiers::{TierRules, task_probes, tier_rules};
 pub use verify::{Part, Verification, verify};

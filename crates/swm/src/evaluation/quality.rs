@@ -4,11 +4,12 @@
 use serde::Serialize;
 use swm_core::dataset::Dataset;
 use swm_core::error::BoxError;
-use swm_core::evaluate::quality::{WorldModel, open_loop_error, surprise, violation_accuracy};
+use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error, surprise, violation_accuracy};
 use swm_core::evaluate::{RankingOptions, Violation, ViolationOptions, action_ranking, violation_pairs};
 use swm_core::{Batch, Env, Field, Schema};
 
-use super::probes::{Probed, probe};
+use super::gate::{self, GateCheck};
+use super::probes::{ProbeTarget, Probed, probe};
 
 /// How much is measured.
 #[derive(Clone, Copy, Debug)]
@@ -33,10 +34,14 @@ pub struct Quality {
     pub stride: usize,
     /// Mean squared error per number of the latent after 1, 2, … open-loop predictions of F rows each.
     pub open_loop_error: Vec<f64>,
+    /// The same as a share of the variance of the latents: 1 is as good as their mean. Empty where they do not vary.
+    pub open_loop_unexplained: Vec<f64>,
     /// What probes tell of the true state, column by column.
     pub probes: Vec<Probed>,
     /// Ranking of plans; none where the environment has no task cost.
     pub ranking: Option<Ranking>,
+    /// What a model should reach before plans are made on it.
+    pub gate: Vec<GateCheck>,
     /// One per violation.
     pub violations: Vec<Surprised>,
 }
@@ -64,7 +69,7 @@ pub struct Surprised {
 }
 
 /// Measures `model` in `env` and on `recorded` episodes, tables with the columns that it reads and `action`; `violations` have
-/// names, `probed` are columns of the true state.
+/// names, `probed` are parts of the true state.
 ///
 /// # Errors
 ///
@@ -73,7 +78,7 @@ pub fn quality(
     model: &mut dyn WorldModel,
     env: &mut dyn Env,
     recorded: &[Batch],
-    probed: &[String],
+    probed: &[ProbeTarget],
     violations: &[(String, Violation)],
     options: &QualityOptions,
 ) -> Result<Quality, BoxError> {
@@ -90,6 +95,11 @@ pub fn quality(
             "no episode has more rows than the horizon of {horizon}: use longer ones, or a shorter horizon"
         )
     })?;
+    let variance = variance(model, recorded)?;
+    let open_loop_unexplained = match variance > 0.0 {
+        true => open_loop_error.iter().map(|error| error / variance).collect(),
+        false => Vec::new(),
+    };
     let probes = if probed.is_empty() { Vec::new() } else { probe(model, recorded, probed, seed)? };
     let ranking = match env.task_cost() {
         None => None,
@@ -106,7 +116,25 @@ pub fn quality(
         .iter()
         .map(|(name, violation)| surprised(model, env, name, violation, &pairs))
         .collect::<Result<_, _>>()?;
-    Ok(Quality { stride, open_loop_error, probes, ranking, violations })
+    let gate = gate::checks(&probes, ranking.as_ref());
+    Ok(Quality { stride, open_loop_error, open_loop_unexplained, probes, ranking, gate, violations })
+}
+
+/// Of the latents of recorded rows, the mean over their numbers.
+fn variance(model: &mut dyn WorldModel, recorded: &[Batch]) -> Result<f64, BoxError> {
+    let dim = model.latent_dim().max(1);
+    let (mut sums, mut squares, mut count) = (vec![0.0; dim], vec![0.0; dim], 0.0);
+    for rows in recorded {
+        for latent in latents(model, rows)?.chunks_exact(dim) {
+            count += 1.0;
+            for ((sum, square), value) in sums.iter_mut().zip(&mut squares).zip(latent) {
+                *sum += value;
+                *square += value * value;
+            }
+        }
+    }
+    let variance = |(sum, square): (&f64, &f64)| (square / count - (sum / count).powi(2)).max(0.0);
+    Ok(sums.iter().zip(&squares).map(variance).sum::<f64>() / dim as f64)
 }
 
 fn surprised(

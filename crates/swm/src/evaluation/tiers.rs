@@ -10,6 +10,8 @@ use std::ops::Range;
 use serde_json::{Map, Value as Json};
 use swm_core::evaluate::{Condition, Measure, SuccessRule, Tier};
 
+use super::probes::ProbeTarget;
+
 /// What a tier asks for in one environment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TierRules {
@@ -58,6 +60,18 @@ pub fn tier_rules(env: &str, settings: &Map<String, Json>, tier: Tier) -> Result
         motion: Some(rule.motion.condition(task)),
         rest: task.rest.iter().map(|(name, elements)| ((*name).to_owned(), elements.clone())).collect(),
     })
+}
+
+/// The parts of the true state that the moderate tier's test of success reads in an environment; none where that is the
+/// environment's own.
+pub fn task_probes(env: &str, settings: &Map<String, Json>) -> Vec<ProbeTarget> {
+    let rules = tier_rules(env, settings, Tier::Moderate).unwrap_or_default();
+    let target = |Condition { column, elements, measure, .. }| ProbeTarget {
+        column,
+        elements,
+        is_angle: measure == Measure::Angle,
+    };
+    rules.success.all.into_iter().map(target).collect()
 }
 
 struct Task {
@@ -230,6 +244,16 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_parts_that_decide_are_probed() {
+        let probes = |env: &str| -> Vec<String> {
+            task_probes(env, &Map::new()).iter().map(ToString::to_string).collect()
+        };
+        assert_eq!(probes("swm/PushT-v1"), ["state[0,1,2,3]", "angle(state[4])"]);
+        assert_eq!(probes("swm/TwoRoom-v2"), ["state"]);
+        assert!(probes("swm/CheetahDMControl-v0").is_empty());
     }
 
     #[test]

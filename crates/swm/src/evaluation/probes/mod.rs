@@ -4,6 +4,7 @@
 mod network;
 #[cfg(feature = "faer")]
 mod ridge;
+mod target;
 
 use serde::Serialize;
 use swm_core::Batch;
@@ -14,6 +15,7 @@ use swm_core::evaluate::stats::correlation;
 pub use network::NetworkProbe;
 #[cfg(feature = "faer")]
 pub use ridge::LinearProbe;
+pub use target::ProbeTarget;
 
 /// Rows with latents and what they should tell: `inputs` is `[N, Z]`, `outputs` `[N, S]`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -44,7 +46,7 @@ impl Samples {
 #[derive(Clone, Debug, Serialize)]
 #[non_exhaustive]
 pub struct Probed {
-    /// The column.
+    /// What is told, as [`ProbeTarget`] writes it.
     pub column: String,
     /// By a linear map; none where this program was built without `faer`.
     pub linear: Option<ProbeScore>,
@@ -60,6 +62,8 @@ pub struct ProbeScore {
     pub mse: Vec<f64>,
     /// Pearson's correlation of what is told and what is true, per number; none where one is constant.
     pub correlation: Vec<Option<f64>>,
+    /// Share of the variance that is explained, R², per number; none where it is constant.
+    pub r2: Vec<Option<f64>>,
     /// Mean over the numbers that vary of MSE by variance: 1 is as good as their mean, 0 is perfect.
     pub unexplained: Option<f64>,
 }
@@ -75,8 +79,10 @@ impl ProbeScore {
         let column = |values: &[f64], index: usize| -> Vec<f64> {
             values.chunks_exact(width.max(1)).map(|row| row[index]).collect()
         };
-        let (mut score, mut unexplained) =
-            (Self { mse: Vec::new(), correlation: Vec::new(), unexplained: None }, Vec::new());
+        let (mut score, mut unexplained) = (
+            Self { mse: Vec::new(), correlation: Vec::new(), r2: Vec::new(), unexplained: None },
+            Vec::new(),
+        );
         for index in 0..width {
             let (told, truth) = (column(told, index), column(truth, index));
             let center = mean(truth.iter().copied()).unwrap_or(0.0);
@@ -85,9 +91,9 @@ impl ProbeScore {
             let variance = mean(truth.iter().map(|x| (x - center) * (x - center))).unwrap_or(0.0);
             score.mse.push(mse);
             score.correlation.push(correlation(&told, &truth));
-            if variance > 0.0 {
-                unexplained.push(mse / variance);
-            }
+            let share = (variance > 0.0).then(|| mse / variance);
+            score.r2.push(share.map(|share| 1.0 - share));
+            unexplained.extend(share);
         }
         score.unexplained = mean(unexplained.into_iter());
         score
@@ -99,7 +105,7 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| sum / count as f64)
 }
 
-/// Fits probes for each of `columns` to four fifths of the episodes, and scores them on every fifth. `seed`: of the network's
+/// Fits probes for each of `targets` to four fifths of the episodes, and scores them on every fifth. `seed`: of the network's
 /// weights and of the order of its samples.
 ///
 /// # Errors
@@ -108,7 +114,7 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
 pub fn probe(
     model: &mut dyn WorldModel,
     episodes: &[Batch],
-    columns: &[String],
+    targets: &[ProbeTarget],
     seed: u64,
 ) -> Result<Vec<Probed>, BoxError> {
     if episodes.len() < 2 {
@@ -118,19 +124,15 @@ pub fn probe(
         );
     }
     let known = episodes.iter().map(|rows| latents(model, rows)).collect::<Result<Vec<_>, _>>()?;
-    let probed = |column: &String| {
+    let probed = |target: &ProbeTarget| {
         let mut parts = [Samples::default(), Samples::default()];
         for (index, (rows, latents)) in episodes.iter().zip(&known).enumerate() {
             // With few episodes the last one is the fifth.
             let is_scored = index % 5 == 4 || (episodes.len() < 5 && index + 1 == episodes.len());
             let part = &mut parts[usize::from(is_scored)];
-            let values = rows.column(rows.schema().require(column)?);
-            let width = values.len() / rows.rows().max(1);
+            let (values, width) = target.values(rows)?;
             (part.input_width, part.output_width) = (model.latent_dim(), width);
-            for row in 0..rows.rows() {
-                let numbers: Option<Vec<f64>> =
-                    (row * width..(row + 1) * width).map(|index| values.as_f64(index)).collect();
-                let numbers = numbers.ok_or_else(|| format!("`{column}` holds no numbers"))?;
+            for (row, numbers) in values.chunks_exact(width.max(1)).enumerate() {
                 let latent = &latents[row * part.input_width..][..part.input_width];
                 // What is missing somewhere (no action behind the last row) cannot be told there.
                 if numbers.iter().chain(latent).all(|number| number.is_finite()) {
@@ -141,7 +143,7 @@ pub fn probe(
         }
         let [fitted, scored] = &parts;
         if fitted.is_empty() || scored.is_empty() {
-            return Err(format!("`{column}`: no rows with numbers on both sides of the split").into());
+            return Err(format!("`{target}`: no rows with numbers on both sides of the split").into());
         }
         let score = |told: Vec<f64>| ProbeScore::of(&told, &scored.outputs, scored.output_width);
         #[cfg(feature = "faer")]
@@ -149,9 +151,9 @@ pub fn probe(
         #[cfg(not(feature = "faer"))]
         let linear = None;
         let network = NetworkProbe::fit(fitted, seed);
-        Ok(Probed { column: column.clone(), linear, network: score(network.tell(&scored.inputs)) })
+        Ok(Probed { column: target.to_string(), linear, network: score(network.tell(&scored.inputs)) })
     };
-    columns.iter().map(probed).collect()
+    targets.iter().map(probed).collect()
 }
 
 /// Penalty of the linear probe, in units of the inputs' variance.
@@ -229,6 +231,11 @@ mod tests {
         let mean = ProbeScore::of(&[1.0, 6.0, 1.0, 6.0, 1.0, 6.0], &truth, 2);
         assert_eq!(mean.unexplained, Some(1.0));
         assert!((mean.mse[0] - 2.0 / 3.0).abs() < 1e-15 && mean.mse[1] == 1.0);
+        assert_eq!(
+            mean.r2,
+            [Some(0.0), None],
+            "the mean explains nothing, and of a constant there is nothing to"
+        );
         assert_eq!(mean.mean_correlation(), None);
     }
 

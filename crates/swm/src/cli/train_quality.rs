@@ -1,0 +1,79 @@
+//! `swm train --quality-every`: `swm quality` on the way, on episodes that validate.
+
+use swm_baselines::acting::LatentModel;
+use swm_baselines::train::{DataConfig, Diagnosis, Split, validation_episodes};
+use swm_baselines::{Baseline, InputSpec};
+use swm_core::{Batch, BoxError, Env, EnvConfig, ImageSize, Registry};
+use swm_data::{Dataset, Subset};
+
+use crate::cli::quality::default_probes;
+use crate::cli::{Failure, usage};
+use crate::evaluation::{ProbeTarget, QualityOptions, quality, recorded_episodes};
+
+/// Episodes, and steps of each, that are encoded; plans per start. They take some seconds.
+const EPISODES: usize = 40;
+const ROWS: usize = 60;
+const PLANS: usize = 32;
+/// Predictions on end, each over the frame skip of the model.
+const PREDICTIONS: usize = 5;
+
+/// What is measured, and on what.
+pub(super) struct OnTheWay {
+    every: u64,
+    env: Box<dyn Env>,
+    recorded: Vec<Batch>,
+    probed: Vec<ProbeTarget>,
+    options: QualityOptions,
+}
+
+impl OnTheWay {
+    /// Measures every so many steps, in the environment of the dataset.
+    pub(super) fn new(
+        registry: &Registry,
+        every: u64,
+        dataset: &dyn Dataset,
+        split: Split,
+        input: &InputSpec,
+        seed: u64,
+    ) -> Result<Self, Failure> {
+        let metadata = dataset.metadata().cloned().unwrap_or_default();
+        if every == 0 {
+            return Err(usage("--quality-every 0: use 1 or more"));
+        }
+        if metadata.env.is_empty() {
+            return Err(usage(
+                "--quality-every: the dataset does not say which environment it was recorded in",
+            ));
+        }
+        let entry = registry.env(&metadata.env)?;
+        let image = Some(ImageSize { height: input.image, width: input.image });
+        let config = EnvConfig { image, settings: metadata.settings };
+        let env = entry.make(&config)?;
+        let episodes = validation_episodes(dataset, split).map_err(|error| usage(error.to_string()))?;
+        let mut source = Subset::new(dataset.share(), &episodes)?;
+        let recorded = recorded_episodes(env.as_ref(), &mut source, EPISODES, ROWS)?;
+        let probed = default_probes(env.spec(), &config.settings, &recorded);
+        let horizon = PREDICTIONS * input.frameskip;
+        let options = QualityOptions { episodes: EPISODES / 2, rows: ROWS, horizon, plans: PLANS, seed };
+        Ok(Self { every, env, recorded, probed, options })
+    }
+}
+
+impl Diagnosis for OnTheWay {
+    fn every(&self) -> u64 {
+        self.every
+    }
+
+    fn measure(&mut self, model: &dyn Baseline, data: &DataConfig) -> Result<Vec<(String, f64)>, BoxError> {
+        let Some(mut model) = LatentModel::of(model, data) else {
+            return Err(format!("{} is no world model; leave --quality-every out", model.name()).into());
+        };
+        let Self { env, recorded, probed, options, .. } = self;
+        let found = quality(&mut model, env.as_mut(), recorded, probed, &[], options)?;
+        let gate = found.gate.iter().filter_map(|check| Some((check.name.clone(), check.found?)));
+        let open_loop = (1..).zip(&found.open_loop_unexplained).map(|(prediction, &share): (usize, _)| {
+            (format!("open-loop error after {} steps", prediction * found.stride), share)
+        });
+        Ok(gate.chain(open_loop).collect())
+    }
+}
