@@ -77,6 +77,22 @@ const TASKS: &[Task] = &[
             settings: SEARCH,
         }],
     },
+    // Data and goals of an expert that moves as slowly as the people whose episodes the published models learn from.
+    Task {
+        name: "pusht-slow",
+        env: "swm/PushT-v1",
+        data: &[(
+            "slow.h5",
+            &["--policy", "expert:max_step=12", "--episodes", "3000", "--max-steps", "300", "--seed", "102"],
+        )],
+        trials: &[Trial {
+            baseline: "lewm",
+            data: "slow.h5",
+            steps: "3000",
+            policy: "mpc",
+            settings: REPLANNED,
+        }],
+    },
 ];
 
 impl Task {
@@ -88,6 +104,8 @@ impl Task {
 
 /// A search that a CPU does in a fraction of a second.
 const SEARCH: &str = ",samples=100,iterations=8,elites=10";
+/// The same, of which 10 actions are executed before it is planned anew for the rest.
+const REPLANNED: &str = ",samples=100,iterations=8,elites=10,receding_horizon=2,shrinking_horizon=true";
 const IMAGES: &[&str] = &["--image-size", "64x64", "--env-option", "render=fast"];
 const HISTORIC: &[&str] =
     &["--tier", "historic", "--episodes", "100", "--goal-offset", "25", "--budget", "50"];
@@ -96,7 +114,10 @@ const HISTORIC: &[&str] =
 pub(crate) fn run(args: &Args) -> Result<()> {
     for name in &args.only {
         let known = |task: &Task| task.trials.iter().any(|trial| task.is_named(trial, name));
-        ensure!(TASKS.iter().any(known), "--only {name}: name tasks (tworoom, pusht) or baselines");
+        ensure!(
+            TASKS.iter().any(known),
+            "--only {name}: name tasks (tworoom, pusht, pusht-slow) or baselines"
+        );
     }
     if args.swm.is_none() {
         setup::for_demo()?;

@@ -2,7 +2,7 @@
 
 use burn::tensor::Tensor;
 
-/// The least product of lengths that a cosine divides by, as PyTorch's.
+/// The least length that a cosine divides by, PyTorch's.
 const EPSILON: f32 = 1e-8;
 
 /// Of embeddings `[B, T, W]` with T of 3 or more: the mean of minus the cosine between changes.
@@ -10,7 +10,8 @@ pub(crate) fn straightening(states: Tensor<3>) -> Tensor<1> {
     let steps = states.dims()[1];
     let changes = states.clone().narrow(1, 1, steps - 1) - states.narrow(1, 0, steps - 1);
     let (before, after) = (changes.clone().narrow(1, 0, steps - 2), changes.narrow(1, 1, steps - 2));
-    let length = |change: &Tensor<3>| change.clone().square().sum_dim(2).sqrt().clamp_min(EPSILON);
+    // Under the root: where nothing changes from frame to frame, the slope of a root of 0 would be infinite.
+    let length = |change: &Tensor<3>| change.clone().square().sum_dim(2).clamp_min(EPSILON * EPSILON).sqrt();
     let lengths = length(&before) * length(&after);
     ((before * after).sum_dim(2) / lengths).mean() * -1.0
 }
@@ -26,6 +27,16 @@ mod tests {
         let values: Vec<f32> = path.iter().flatten().copied().collect();
         let states = Tensor::from_data(TensorData::new(values, [1, path.len(), 2]), &Device::flex());
         host(straightening(states))[0]
+    }
+
+    #[test]
+    fn a_path_that_stands_still_has_a_gradient_of_zero() {
+        let values = vec![1.0_f32, 2.0, 1.0, 2.0, 1.0, 2.0];
+        let states = Tensor::<3>::from_data(TensorData::new(values, [1, 3, 2]), &Device::flex());
+        let states = states.autodiff().require_grad();
+        let gradients = straightening(states.clone()).backward();
+        let gradient = host(states.grad(&gradients).expect("it is tracked"));
+        assert_eq!(gradient, [0.0; 6]);
     }
 
     #[test]

@@ -4,7 +4,8 @@ use swm_baselines::acting::LatentModel;
 use swm_baselines::train::{DataConfig, Diagnosis, Split, validation_episodes};
 use swm_baselines::{Baseline, InputSpec};
 use swm_core::{Batch, BoxError, Env, EnvConfig, ImageSize, Registry};
-use swm_data::{Dataset, Subset};
+use swm_data::Dataset;
+use swm_data::adapt::Subset;
 
 use crate::cli::quality::default_probes;
 use crate::cli::{Failure, usage};
@@ -70,10 +71,15 @@ impl Diagnosis for OnTheWay {
         };
         let Self { env, recorded, probed, options, .. } = self;
         let found = quality(&mut model, env.as_mut(), recorded, probed, &[], options)?;
-        let gate = found.gate.iter().filter_map(|check| Some((check.name.clone(), check.found?)));
+        let probes = found
+            .probes
+            .iter()
+            .filter_map(|probed| Some((format!("probe_r2.{}", probed.column), probed.r2()?)));
+        let ranking = found.ranking.as_ref().and_then(|ranking| ranking.mean);
+        let ranking = ranking.map(|mean| ("rank_correlation".to_owned(), mean));
         let open_loop = (1..).zip(&found.open_loop_unexplained).map(|(prediction, &share): (usize, _)| {
-            (format!("open-loop error after {} steps", prediction * found.stride), share)
+            (format!("open_loop_error.{}", prediction * found.stride), share)
         });
-        Ok(gate.chain(open_loop).collect())
+        Ok(probes.chain(ranking).chain(open_loop).collect())
     }
 }

@@ -33,11 +33,9 @@ impl GateCheck {
 
 /// The requirements on probes, by the better of both, and on the ranking of plans where there is one.
 pub(super) fn checks(probes: &[Probed], ranking: Option<&Ranking>) -> Vec<GateCheck> {
-    let probes = probes.iter().map(|probed| {
-        let scores = [probed.linear.as_ref(), Some(&probed.network)];
-        let found = scores.into_iter().flatten().filter_map(|score| score.unexplained).reduce(f64::min);
-        GateCheck::new(format!("probe R² of {}", probed.column), found.map(|rest| 1.0 - rest), PROBE_R2)
-    });
+    let probes = probes
+        .iter()
+        .map(|probed| GateCheck::new(format!("probe R² of {}", probed.column), probed.r2(), PROBE_R2));
     let name = "rank correlation of model cost and true cost".to_owned();
     let ranking = ranking.map(|ranking| GateCheck::new(name, ranking.mean, RANK_CORRELATION));
     probes.chain(ranking).collect()

@@ -54,6 +54,19 @@ pub struct Probed {
     pub network: ProbeScore,
 }
 
+impl Probed {
+    /// The mean share of the variance that the better probe explains, R²; none where nothing varies.
+    pub fn r2(&self) -> Option<f64> {
+        let scores = [self.linear.as_ref(), Some(&self.network)];
+        scores
+            .into_iter()
+            .flatten()
+            .filter_map(|score| score.unexplained)
+            .reduce(f64::min)
+            .map(|rest| 1.0 - rest)
+    }
+}
+
 /// How well a probe tells one column.
 #[derive(Clone, Debug, Serialize)]
 #[non_exhaustive]
