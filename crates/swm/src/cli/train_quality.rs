@@ -15,7 +15,7 @@ use crate::evaluation::{ProbeTarget, QualityOptions, quality, recorded_episodes}
 const EPISODES: usize = 40;
 const ROWS: usize = 60;
 const PLANS: usize = 32;
-/// Predictions on end, each over the frame skip of the model.
+/// Most predictions on end, each over the frame skip of the model.
 const PREDICTIONS: usize = 5;
 
 /// What is measured, and on what.
@@ -54,7 +54,9 @@ impl OnTheWay {
         let mut source = Subset::new(dataset.share(), &episodes)?;
         let recorded = recorded_episodes(env.as_ref(), &mut source, EPISODES, ROWS)?;
         let probed = default_probes(env.spec(), &config.settings, &recorded);
-        let horizon = PREDICTIONS * input.frameskip;
+        // Episodes may be short; an error is for episodes that go on after it.
+        let longest = recorded.iter().map(Batch::rows).max().unwrap_or(0).saturating_sub(1);
+        let horizon = PREDICTIONS.min(longest / input.frameskip).max(1) * input.frameskip;
         let options = QualityOptions { episodes: EPISODES / 2, rows: ROWS, horizon, plans: PLANS, seed };
         Ok(Self { every, env, recorded, probed, options })
     }

@@ -101,6 +101,12 @@ impl Train {
 /// Measurements of what is trained, on the episodes of its dataset that validate.
 fn on_the_way(registry: &Registry, every: u64, training: &Training) -> Result<OnTheWay, Failure> {
     let RunConfig { data, fit, .. } = training.config();
+    if training.model().planner().is_none() {
+        let name = training.model().name();
+        return Err(usage(format!(
+            "--quality-every: {name} is no world model; leave it out, and give --resume"
+        )));
+    }
     let dataset = swm_data::open_in(registry, &data.path)?;
     OnTheWay::new(registry, every, dataset.as_ref(), data.split, training.model().input_spec(), fit.seed)
 }
