@@ -226,7 +226,7 @@ fn learned_costs_see_candidates_as_they_are_executed() {
     };
     let (largest, actions) = with(json!({}));
     assert_eq!(largest, 1.0);
-    assert_eq!(actions, [1.0; 4]);
+    assert!(actions.iter().all(|action| (0.8..=1.0).contains(action)), "{actions:?}");
     assert!(with(json!({ "clip_actions": false })).0 > 1.5, "as they are executed, again");
     // Behind a bound the cost is flat: descent that has crossed it stops there.
     let steps = json!({ "solver": "sgd", "samples": 1, "iterations": 50, "lr": 0.3, "horizon": 2, "receding_horizon": 2 });
