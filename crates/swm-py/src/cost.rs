@@ -104,7 +104,7 @@ impl DifferentiableCost for PythonCost {
 }
 
 impl ConstrainedCost for PythonCost {
-    fn constraints(&self, _horizon: usize, _dim: usize) -> usize {
+    fn constraints(&mut self, _horizon: usize, _dim: usize) -> usize {
         self.constraints
     }
 

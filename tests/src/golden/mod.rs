@@ -12,6 +12,7 @@ mod piecewise;
 mod replay;
 mod rules;
 mod simple;
+mod suite;
 
 pub use file::GoldenFile;
 pub use replay::{Comparison, Report, check_file};

@@ -4,6 +4,7 @@
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
+use swm_core::Cancel;
 use swm_data::BatchOptions;
 use swm_data::loader::Position;
 
@@ -49,9 +50,12 @@ pub enum End {
     Complete,
     /// Validation did not get better any more.
     EarlyStop,
+    /// Somebody asked to stop; it goes on from here.
+    Interrupted,
 }
 
 /// Trains `model` in `run`, measured by `diagnosis` on its way if there is one, from the last checkpoint if there is one, and returns where it ended.
+/// Once `cancel` is set, the step at work is the last one, and a checkpoint follows it.
 ///
 /// # Errors
 ///
@@ -64,6 +68,7 @@ pub fn fit(
     settings: &FitSettings,
     sinks: &mut [Box<dyn MetricSink + '_>],
     diagnosis: Option<&mut (dyn Diagnosis + '_)>,
+    cancel: &Cancel,
 ) -> Result<State, BaselineError> {
     settings.check()?;
     let settings = &FitSettings {
@@ -74,7 +79,7 @@ pub fn fit(
         data.phases.iter().map(|clips| settings.total(clips.steps_per_epoch(settings.batch))).collect();
     let state = begin(run, model)?;
     let pace = Pace { started: Instant::now(), last: Instant::now(), clips: 0 };
-    let mut fit = Fit { run, model, data, settings, sinks, diagnosis, totals, state, pace };
+    let mut fit = Fit { run, model, data, settings, sinks, diagnosis, cancel, totals, state, pace };
     fit.state.end = None;
     fit.go_on_or_end();
     while fit.state.end.is_none() {
@@ -117,6 +122,7 @@ struct Fit<'a, 's, 'd> {
     settings: &'a FitSettings,
     sinks: &'a mut [Box<dyn MetricSink + 's>],
     diagnosis: Option<&'a mut (dyn Diagnosis + 'd)>,
+    cancel: &'a Cancel,
     /// Steps of each phase.
     totals: Vec<u64>,
     state: State,
@@ -153,8 +159,15 @@ impl Fit<'_, '_, '_> {
                 look |= settings.checkpoint_every > 0
                     && self.state.step.is_multiple_of(settings.checkpoint_every);
             }
-            if look || self.state.done >= self.totals[phase] {
+            let looks = look || self.state.done >= self.totals[phase];
+            if looks {
                 self.look(clips)?;
+            }
+            if self.cancel.is_cancelled() && self.state.end.is_none() {
+                if !looks {
+                    self.save()?;
+                }
+                self.state.end = Some(End::Interrupted);
             }
         }
         Ok(())
@@ -217,20 +230,25 @@ impl Fit<'_, '_, '_> {
         }
         let best = self.state.best.map(|(step, _)| step);
         self.go_on_or_end();
+        self.save()?;
+        self.run.tidy(self.settings.keep, best)?;
+        self.pace.lap();
+        Ok(())
+    }
+
+    /// Writes a checkpoint.
+    fn save(&mut self) -> Result<(), BaselineError> {
         for sink in &mut *self.sinks {
             sink.flush()?;
         }
-        let Self { run, model, state, settings, .. } = self;
+        let Self { run, model, state, .. } = self;
         let (weights, training) = (&**model, &**model);
         run.write_checkpoint(
             state.step,
             |path| weights.save_weights(path),
             |path| training.save_training(path),
             state,
-        )?;
-        run.tidy(settings.keep, best)?;
-        self.pace.lap();
-        Ok(())
+        )
     }
 
     /// Whether the phase is over; then the next begins, or training ends.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde_json::Value as Json;
-use swm_core::Registry;
+use swm_core::{Cancel, Registry};
 use swm_data::{Dataset, Loader};
 
 use super::data::{Split, TrainData, data_dims};
@@ -171,10 +171,11 @@ impl Training {
     ///
     /// As of [`fit`].
     pub fn run(&mut self, sinks: Vec<Box<dyn MetricSink + '_>>) -> Result<State, BaselineError> {
-        self.run_with(sinks, None)
+        self.run_with(sinks, None, &Cancel::new())
     }
 
-    /// As [`Training::run`], with the model measured by `diagnosis` on its way.
+    /// As [`Training::run`], with the model measured by `diagnosis` on its way. Once `cancel` is set, the step at work is the
+    /// last one, and a checkpoint follows it.
     ///
     /// # Errors
     ///
@@ -183,12 +184,13 @@ impl Training {
         &mut self,
         sinks: Vec<Box<dyn MetricSink + '_>>,
         diagnosis: Option<&mut (dyn Diagnosis + '_)>,
+        cancel: &Cancel,
     ) -> Result<State, BaselineError> {
         let Self { run, model, data, config, .. } = self;
         let from = run.steps()?.last().copied();
         let mut all: Vec<Box<dyn MetricSink + '_>> =
             vec![Box::new(JsonLines::after(run, from.unwrap_or(0))?), Box::new(TensorBoard::new(run, from)?)];
         all.extend(sinks);
-        fit(run, model.as_mut(), data, &config.fit, &mut all, diagnosis)
+        fit(run, model.as_mut(), data, &config.fit, &mut all, diagnosis, cancel)
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use swm_core::env::PIXELS;
-use swm_core::{Batch, Dtype, Field, Schema};
+use swm_core::{Batch, Cancel, Dtype, Field, Schema};
 use swm_data::MemoryDataset;
 
 use super::*;
@@ -167,7 +167,41 @@ fn train(run: &RunFolder, mut model: Toy, settings: &FitSettings) -> Result<Stat
     let from = run.steps()?.last().copied();
     let mut sinks: Vec<Box<dyn MetricSink>> =
         vec![Box::new(JsonLines::after(run, from.unwrap_or(0))?), Box::new(TensorBoard::new(run, from)?)];
-    fit(run, &mut model, &data(), settings, &mut sinks, None)
+    fit(run, &mut model, &data(), settings, &mut sinks, None, &Cancel::new())
+}
+
+/// Asks to stop after so many steps.
+struct StopAt(u64, Cancel);
+
+impl MetricSink for StopAt {
+    fn record(&mut self, _record: &Record) -> Result<(), BaselineError> {
+        Ok(())
+    }
+    fn step(&mut self, step: u64, _total: u64) {
+        if step == self.0 {
+            self.1.cancel();
+        }
+    }
+}
+
+/// At every step: amid an epoch, where a checkpoint is due anyway, and where a phase ends.
+#[test]
+fn a_stopped_run_ends_with_its_step_and_goes_on_as_if_nothing_had_been() {
+    let whole = tempfile::tempdir().unwrap();
+    train(&new_run(whole.path()), Toy::new(), &settings()).unwrap();
+    let whole = outcome(&RunFolder::open(whole.path()).unwrap());
+    for stop in [1, 4, 7, 9, 15, 18, 19, 35] {
+        let folder = tempfile::tempdir().unwrap();
+        let run = new_run(folder.path());
+        let cancel = Cancel::new();
+        let mut sinks: Vec<Box<dyn MetricSink>> =
+            vec![Box::new(JsonLines::after(&run, 0).unwrap()), Box::new(StopAt(stop, cancel.clone()))];
+        let state = fit(&run, &mut Toy::new(), &data(), &settings(), &mut sinks, None, &cancel).unwrap();
+        assert_eq!((state.step, state.end), (stop, Some(End::Interrupted)));
+        assert_eq!(run.steps().unwrap().last(), Some(&stop));
+        assert_eq!(train(&run, Toy::new(), &settings()).unwrap().end, Some(End::Complete));
+        assert_eq!(outcome(&run), whole, "stopped after {stop} steps");
+    }
 }
 
 /// Everything that must be equal: weights, where training stands, and metrics without times.

@@ -16,7 +16,7 @@ use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error};
 use swm_core::evaluate::random_episodes;
 use swm_core::policies;
 use swm_core::{
-    Batch, Dtype, EnvConfig, EnvEntry, Field, ImageSize, LiveStep, Policy, PolicyArgs, PolicyContext,
+    Batch, Cancel, Dtype, EnvConfig, EnvEntry, Field, ImageSize, LiveStep, Policy, PolicyArgs, PolicyContext,
     Recorder, Registry, Rollout, Schema, World, WorldOptions,
 };
 use swm_core::{BoxError, EpisodeEnd};
@@ -270,7 +270,7 @@ fn models_are_measured_while_they_train() {
     let mut training = Training::create(&path, dataset.as_ref(), &new_run("lewm")).unwrap();
     let mut diagnosis = LatentSize(4, 0);
     assert_eq!(
-        training.run_with(Vec::new(), Some(&mut diagnosis)).unwrap(),
+        training.run_with(Vec::new(), Some(&mut diagnosis), &Cancel::new()).unwrap(),
         whole,
         "training does not see it"
     );
@@ -285,7 +285,8 @@ fn models_are_measured_while_they_train() {
 
     let mut training =
         Training::create(&folder.path().join("policy"), dataset.as_ref(), &new_run("gcbc")).unwrap();
-    let error = training.run_with(Vec::new(), Some(&mut LatentSize(4, 0))).unwrap_err().to_string();
+    let error =
+        training.run_with(Vec::new(), Some(&mut LatentSize(4, 0)), &Cancel::new()).unwrap_err().to_string();
     assert!(error.contains("cannot measure the model at step 4: it predicts nothing"), "{error}");
 }
 

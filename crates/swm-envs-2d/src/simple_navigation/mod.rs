@@ -27,11 +27,12 @@ use swm_core::EnvEntry;
 pub use env::SimpleNavigation;
 
 /// `swm/SimpleNavigation-v0`.
-pub const SIMPLE_NAVIGATION: EnvEntry = EnvEntry::new(
-    "swm/SimpleNavigation-v0",
-    "turn and walk through a maze on a grid to a goal; three discrete actions",
-    |config| Ok(Box::new(SimpleNavigation::new(config)?)),
-)
-.settings(settings::SETTINGS)
-.policies(&[policies::EXPERT, policies::NOISY_EXPERT])
-.planner(policies::PLANNER);
+pub const SIMPLE_NAVIGATION: EnvEntry =
+    EnvEntry::new("swm/SimpleNavigation-v0", "turn and walk through a maze on a grid to a goal", |config| {
+        Ok(Box::new(SimpleNavigation::new(config)?))
+    })
+    .family(crate::FAMILY)
+    .success("the agent stands on the goal")
+    .settings(settings::SETTINGS)
+    .policies(&[policies::EXPERT, policies::NOISY_EXPERT])
+    .planner(policies::PLANNER);

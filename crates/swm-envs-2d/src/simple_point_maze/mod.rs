@@ -24,11 +24,12 @@ use swm_core::EnvEntry;
 pub use env::SimplePointMaze;
 
 /// `swm/SimplePointMaze-v0`.
-pub const SIMPLE_POINT_MAZE: EnvEntry = EnvEntry::new(
-    "swm/SimplePointMaze-v0",
-    "move a disc past rectangular walls to a goal; two-dimensional continuous actions",
-    |config| Ok(Box::new(SimplePointMaze::new(config)?)),
-)
-.settings(settings::SETTINGS)
-.policies(&[policies::EXPERT, policies::NOISY_EXPERT])
-.planner(policies::PLANNER);
+pub const SIMPLE_POINT_MAZE: EnvEntry =
+    EnvEntry::new("swm/SimplePointMaze-v0", "move a disc past rectangular walls to a goal", |config| {
+        Ok(Box::new(SimplePointMaze::new(config)?))
+    })
+    .family(crate::FAMILY)
+    .success("within `goal.radius` of the goal")
+    .settings(settings::SETTINGS)
+    .policies(&[policies::EXPERT, policies::NOISY_EXPERT])
+    .planner(policies::PLANNER);

@@ -30,9 +30,11 @@ pub use factors::factors;
 /// `swm/TablePush3D-v0`.
 pub const TABLE_PUSH: EnvEntry = EnvEntry::new(
     "swm/TablePush3D-v0",
-    "push an object over a table to a goal by a pusher of limited force; two-dimensional continuous actions",
+    "push an object over a table to a goal by a pusher of limited force",
     |config| Ok(Box::new(TablePush::new(config)?)),
 )
+.family(crate::FAMILY)
+.success("the object within `goal.radius` of the goal")
 .settings(settings::SETTINGS)
 .policies(policies::POLICIES)
 .planner(policies::PLANNER);

@@ -1,5 +1,7 @@
 //! `swm train` and `swm checkpoints` at work, in builds that have baselines.
 
+use std::time::Duration;
+
 use indicatif::{HumanDuration, ProgressBar};
 use serde_json::{Map, Value as Json, json};
 use swm_baselines::train::{
@@ -7,7 +9,7 @@ use swm_baselines::train::{
     State, Training,
 };
 use swm_baselines::{BASELINES, BaselineEntry, BaselineError};
-use swm_core::Registry;
+use swm_core::{Registry, WorldError};
 
 use super::{Checkpoints, Train};
 use crate::cli::args::{assignment, json_value};
@@ -15,6 +17,9 @@ use crate::cli::output::{key_values, table};
 use crate::cli::train_quality::OnTheWay;
 use crate::cli::work::Plan;
 use crate::cli::{Failure, Output, interrupt, usage};
+
+/// How long an interrupted training may take to end its step and to write a checkpoint. Slurm waits 30 s.
+const SAVING: Duration = Duration::from_secs(25);
 
 impl Train {
     pub(in crate::cli) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
@@ -42,16 +47,19 @@ impl Train {
         let (lines, has_phases) = (!output.shows_bars(), training.model().phases().len() > 1);
         let begun_at = training.done().map_err(failure)?;
         let shown = Shown { bar: bar.clone(), output, lines, has_phases, begun_at };
-        // Checkpoints survive a kill, so nothing has to be ended by hand.
         let run = out.display().to_string();
-        interrupt::watch_resumable(move || {
+        interrupt::allow(SAVING);
+        let cancel = interrupt::watch_resumable(move || {
             format!("the last checkpoint is safe in {run}; to continue: swm train --resume --out {run}")
         });
         let mut measured =
             self.quality_every.map(|every| on_the_way(registry, every, &training)).transpose()?;
         let diagnosis = measured.as_mut().map(|measured| measured as &mut dyn Diagnosis);
-        let state = training.run_with(vec![Box::new(shown)], diagnosis).map_err(failure)?;
+        let state = training.run_with(vec![Box::new(shown)], diagnosis, &cancel).map_err(failure)?;
         bar.finish_and_clear();
+        if state.end == Some(End::Interrupted) {
+            return Err(WorldError::Cancelled.into());
+        }
         if state.step == begun_at {
             output.note("nothing was left to do; --epochs or --steps give it more");
         }
