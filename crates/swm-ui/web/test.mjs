@@ -256,6 +256,8 @@ const parts = {
 
   /** Last: Ctrl-C commits the episode that waits, however long that takes, and the page says that the server is gone. */
   async ending() {
+    // A fresh page: the one before plays on.
+    await page.goto("about:blank");
     await page.goto(`${origin}/#play`);
     await page.waitForSelector("canvas");
     await page.getByLabel("File").fill("interrupted.h5");

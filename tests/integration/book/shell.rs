@@ -42,6 +42,7 @@ const ADDED: &[(&str, &str, &str)] = &[
     ("swm eval swm/", "--episodes ", "2"),
     ("swm quality ", "--episodes ", "4"),
     ("swm train pldm ", "--batch ", "4"),
+    ("swm train lewm ", "--split ", "0.5"),
     ("swm train gcbc ", "--batch ", "4"),
 ];
 

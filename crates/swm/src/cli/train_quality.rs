@@ -51,6 +51,13 @@ impl OnTheWay {
         let config = EnvConfig { image, settings: metadata.settings };
         let env = entry.make(&config)?;
         let episodes = validation_episodes(dataset, split).map_err(|error| usage(error.to_string()))?;
+        if episodes.len() < 2 {
+            return Err(usage(format!(
+                "--quality-every measures on episodes that validate, and needs 2 or more: there are {}; use a smaller --split or \
+                 more episodes",
+                episodes.len()
+            )));
+        }
         let mut source = Subset::new(dataset.share(), &episodes)?;
         let recorded = recorded_episodes(env.as_ref(), &mut source, EPISODES, ROWS)?;
         let probed = default_probes(env.spec(), &config.settings, &recorded);
