@@ -43,7 +43,7 @@ pub enum DataError {
         reason: BoxError,
     },
     /// No format has this name or file extension.
-    #[error("unknown dataset format `{name}`; known formats: {known}{}{hint}", did_you_mean(.nearest.as_deref()))]
+    #[error("{}; known formats: {known}{}{hint}", no_format(.name), did_you_mean(.nearest.as_deref()))]
     UnknownFormat {
         /// The name asked for.
         name: String,
@@ -179,4 +179,11 @@ fn part(column: Option<&str>, episode: Option<usize>) -> String {
     let column = column.map(|column| format!("column `{column}`"));
     let parts: Vec<String> = column.into_iter().chain(episode.map(|at| format!("episode {at}"))).collect();
     if parts.is_empty() { String::new() } else { parts.join(", ") + ": " }
+}
+
+fn no_format(name: &str) -> String {
+    match name.is_empty() {
+        true => "the name of a dataset ends with the extension of its format".to_owned(),
+        false => format!("unknown dataset format `{name}`"),
+    }
 }

@@ -1,6 +1,7 @@
 //! Tables of several crates, merged.
 
 use std::any::Any;
+use std::collections::BTreeSet;
 use std::iter;
 
 use super::{Absent, BASIC_POLICIES, Entry, EnvEntry, PolicyArgs, PolicyContext, PolicyEntry};
@@ -101,7 +102,8 @@ impl Registry {
     pub fn policies(&self, env: &EnvEntry) -> impl Iterator<Item = &'static PolicyEntry> {
         let like_it = self.all::<PolicyEntry>().filter(|entry| entry.fits.is_some_and(|fits| fits(env)));
         let general = self.all::<PolicyEntry>().filter(|entry| entry.fits.is_none());
-        env.policies.iter().chain(like_it).chain(general)
+        let mut seen = BTreeSet::new();
+        env.policies.iter().chain(like_it).chain(general).filter(move |entry| seen.insert(entry.name))
     }
 
     /// The policy of an environment with this name.
@@ -219,6 +221,7 @@ mod tests {
         assert!(message(&TOY).contains("unknown policy `own`"), "{}", message(&TOY));
         assert!(message(&ENV).contains("like"), "{}", message(&ENV));
         assert!(message(&BOTH).contains("own"), "{}", message(&BOTH));
+        assert_eq!(registry.policies(&BOTH).count(), 1, "a name is listed once");
         assert_eq!(registry.policies(&ENV).next().map(|entry| entry.name), Some("own"));
     }
 }

@@ -127,9 +127,10 @@ impl Collect {
         };
         let part = self.shard.and_then(|shard| shard.part(wanted));
         let is_continued = held > 0 && !self.mix;
-        let continues = last_run.filter(|run| {
-            is_continued && (run.part.is_some() || self.shard.is_some() || self.total.is_some())
-        });
+        let continues = last_run.filter(|_| is_continued);
+        let must_continue = self.shard.is_some()
+            || self.total.is_some()
+            || continues.as_ref().is_some_and(|run| run.part.is_some());
         let committed = Arc::new(AtomicU64::new(held));
         let cancel = self.watch(&committed, last - offset);
         let rollout = Rollout::new(first..last).seed(self.seed).options(options).cancel(cancel);
@@ -145,6 +146,7 @@ impl Collect {
             held_columns,
             part,
             continues,
+            must_continue,
             refused: None,
             reported: started,
             report_every: Duration::from_secs(self.report_every),
@@ -284,8 +286,10 @@ struct Committed<'a> {
     held_columns: Vec<String>,
     /// Which part of a divided recording this is.
     part: Option<RecordingPart>,
-    /// The run that this one must continue.
+    /// The run that this one follows in the file.
     continues: Option<Metadata>,
+    /// Whether this one must be of the same recording; else a note says what differs.
+    must_continue: bool,
     /// Why it does not.
     refused: Option<DataError>,
     /// When the last line was written, where there is no bar.
@@ -298,9 +302,12 @@ impl EpisodeSink for Committed<'_> {
         let metadata = Metadata { part: self.part, ..metadata.clone() };
         let checked = self.continues.as_ref().map(|run| check_continuation(self.path, run, &metadata));
         if let Some(Err(error)) = checked {
-            let refusal = error.to_string();
-            self.refused = Some(error);
-            return Err(refusal.into());
+            if self.must_continue {
+                let refusal = error.to_string();
+                self.refused = Some(error);
+                return Err(refusal.into());
+            }
+            self.output.note(format_args!("note: {error}"));
         }
         Ok(self.offset + self.writer.begin(schema, &metadata)?)
     }

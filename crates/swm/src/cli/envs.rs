@@ -30,8 +30,7 @@ impl Envs {
 }
 
 /// How big images are.
-const IMAGES: &str =
-    "Without --image-size HxW, recordings and evaluations have no images; `swm render` renders 224x224.\n";
+const IMAGES: &str = "Images (--image-size): `swm collect` records 64x64, evaluations have none, `swm render` renders 224x224.\n";
 
 fn spec_of(entry: &EnvEntry) -> Result<EnvSpec, Failure> {
     Ok(entry.make(&EnvConfig::default())?.spec().clone())
@@ -110,7 +109,12 @@ fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Outpu
             ("time step", format!("{step} s")),
             ("factors", format!("{factors}: `swm fovs {}`", entry.id)),
         ];
-        about.extend(entry.planner.map(|planner| ("`expert`", format!("plans by `{planner}`"))));
+        about.extend(entry.planner.map(
+            |planner| match entry.policies.iter().any(|own| own.name == "expert") {
+                true => ("planner", format!("`{planner}` solves it on the true dynamics")),
+                false => ("`expert`", format!("plans on the true dynamics by `{planner}`")),
+            },
+        ));
         let mut text = format!(
             "{}: {}\n\n{}\n{}\n",
             entry.id,

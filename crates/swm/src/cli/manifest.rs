@@ -208,10 +208,11 @@ impl Make {
 fn show(manifest: &Manifest, path: &Path, output: &Output) -> Result<(), Failure> {
     let excluded = &manifest.excluded;
     let hash = manifest.hash();
+    let image = manifest.image.map(|size| format!("{}x{}", size.height, size.width));
     let json = json!({
         "manifest": path, "hash": hash, "env": manifest.env, "tier": manifest.tier, "pairs": manifest.pairs.len(),
         "budget": manifest.budget, "success": manifest.success, "source": manifest.source, "excluded": excluded,
-        "solved_at_start": manifest.solved_at_start, "phases": manifest.phases(),
+        "solved_at_start": manifest.solved_at_start, "image": manifest.image, "phases": manifest.phases(),
     });
     let mut rows = vec![
         ["environment", &manifest.env].map(str::to_owned),
@@ -220,6 +221,7 @@ fn show(manifest: &Manifest, path: &Path, output: &Output) -> Result<(), Failure
         ["success at reset".to_owned(), manifest.solved_at_start.to_string()],
         ["left out".to_owned(), excluded.describe()],
         ["source".to_owned(), manifest.source.describe()],
+        ["images".to_owned(), image.unwrap_or_else(|| "none (--image-size makes some)".to_owned())],
         ["actions allowed".to_owned(), manifest.budget.to_string()],
         ["success".to_owned(), manifest.success.describe()],
         ["hash".to_owned(), hash],

@@ -37,13 +37,14 @@ pub(super) struct Stats {
 impl Stats {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let mut dataset = swm_data::open_in(registry, &self.file)?;
+        let (asked, named) = (self.columns.clone(), self.quantiles.clone());
         let default = StatisticsOptions::default();
         let options = StatisticsOptions {
             keys: self.columns,
             quantiles: self.quantiles.unwrap_or(default.quantiles),
             ..default
         };
-        let statistics = if self.no_store {
+        let mut statistics = if self.no_store {
             Statistics::compute(dataset.as_mut(), &options)?
         } else {
             let found = Statistics::load_or_compute(dataset.as_mut(), &options)?;
@@ -56,12 +57,18 @@ impl Stats {
             });
             found
         };
+        if let Some(asked) = &asked {
+            // What is kept may hold more.
+            statistics.columns.retain(|name, _| asked.contains(name));
+        }
         output.result(&statistics, || {
             let mut rows = Vec::new();
             for (name, column) in &statistics.columns {
-                rows.extend(lines(name, column));
+                rows.extend(lines(name, column, named.as_deref().unwrap_or_default()));
             }
-            let header = ["column", "rows", "not finite", "mean", "std", "min", "max"];
+            let quantiles: Vec<String> = named.iter().flatten().map(|q| format!("{} %", 100.0 * q)).collect();
+            let mut header = vec!["column", "rows", "not finite", "mean", "std", "min", "max"];
+            header.extend(quantiles.iter().map(String::as_str));
             let (episodes, steps) =
                 (counted(statistics.episodes, "episode"), counted(statistics.rows, "row"));
             format!("{episodes}, {steps}\n\n{}", table(&header, &rows))
@@ -69,15 +76,15 @@ impl Stats {
     }
 }
 
-/// One line per value of a column, the first few of them.
-fn lines(name: &str, column: &ColumnStatistics) -> Vec<Vec<String>> {
+/// One line per value of a column, the first few of them, with these quantiles.
+fn lines(name: &str, column: &ColumnStatistics, quantiles: &[f64]) -> Vec<Vec<String>> {
     const MOST: usize = 8;
     let cell =
         |values: &[f64], at: usize| values.get(at).map_or("-".to_owned(), |value| format!("{value:.4}"));
     let count = column.mean.len().max(1);
     let mut rows: Vec<Vec<String>> = (0..count.min(MOST))
         .map(|at| {
-            vec![
+            let mut row = vec![
                 if count == 1 { name.to_owned() } else { format!("{name}[{at}]") },
                 column.rows.to_string(),
                 column.not_finite.to_string(),
@@ -85,12 +92,15 @@ fn lines(name: &str, column: &ColumnStatistics) -> Vec<Vec<String>> {
                 cell(&column.std, at),
                 cell(&column.min, at),
                 cell(&column.max, at),
-            ]
+            ];
+            let values = quantiles.iter().map(|q| column.quantiles.iter().find(|(known, _)| known == q));
+            row.extend(values.map(|found| found.map_or("-".to_owned(), |(_, values)| cell(values, at))));
+            row
         })
         .collect();
     if count > MOST {
         let mut rest = vec![format!("{name}[{MOST}…{}]", count - 1)];
-        rest.resize(7, "…".to_owned());
+        rest.resize(7 + quantiles.len(), "…".to_owned());
         rows.push(rest);
     }
     rows
