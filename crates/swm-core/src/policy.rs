@@ -2,6 +2,8 @@
 
 use std::any::Any;
 
+use rand_distr::{Distribution as _, StandardNormal};
+
 use crate::batch::{Batch, Column, Element, Field, Row, SliceMut};
 use crate::env::{Env, EnvSpec, EnvState};
 use crate::error::{EnvError, PolicyError};
@@ -172,6 +174,18 @@ pub fn write_action(action: &mut SliceMut<'_>, values: &[f32]) {
         SliceMut::F64(out) => out.iter_mut().zip(values).for_each(|(out, &v)| *out = f64::from(v)),
         SliceMut::I64(out) => out.iter_mut().zip(values).for_each(|(out, &v)| *out = v.round() as i64),
         _ => unreachable!("action spaces are boxes or integers"),
+    }
+}
+
+/// Adds normal noise of this std to the values of an action. 0: none is sampled. `purpose` names the random stream of the
+/// episode; every step has its own part of it.
+pub fn add_noise(view: &SlotView<'_>, purpose: &str, std: f64, values: &mut [f64]) {
+    if std > 0.0 {
+        let mut stream = view.episode.seed.indexed(purpose, [view.episode.step, 0]);
+        for value in values {
+            let normal: f64 = StandardNormal.sample(&mut stream);
+            *value += std * normal;
+        }
     }
 }
 

@@ -16,7 +16,10 @@ pub(crate) trait Scenery: PartialEq {
 }
 
 /// What moves.
-pub(crate) trait Sprite {
+pub(crate) trait Sprite: Copy {
+    /// The same elsewhere, at a position of the environment.
+    fn at(self, center: [f32; 2]) -> Self;
+
     /// Blends it over the canvas and returns the pixels that may have changed.
     fn blend_exactly(&self, image: &mut [u8]) -> Rect;
 

@@ -1,5 +1,5 @@
-//! What the environments have in common whose agent is a dot that walks to a target in a room, at the scale of its 224-px
-//! image: description, positions, saved states, targets that are far enough, images.
+//! What the environments have in common whose agent walks to a target in a square room that is seen from above: description,
+//! positions, saved states, targets that are far enough, images.
 
 use std::collections::BTreeMap;
 
@@ -10,10 +10,8 @@ use swm_core::{
 };
 use swm_fov::{Fov, FovSpace, SavedFov};
 
-use crate::artist::{Artist, Scenery};
+use crate::artist::{Artist, Scenery, Sprite};
 use crate::settings::Render;
-use crate::tworoom_v2::dot::Dot;
-use crate::tworoom_v2::room::IMAGE_PX;
 
 // Field indices, in the order of `spec`.
 pub(crate) const OBSERVATION: usize = 0;
@@ -29,8 +27,15 @@ const LEAST: &str = "task.min_steps";
 /// Samples of a target that is far enough, before the farthest of them is taken.
 const MAX_TARGETS: usize = 1000;
 
-/// The description of an environment whose observation has `observation_dim` values.
-pub(crate) fn spec(id: &str, observation_dim: usize, image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
+/// The description of an environment whose observation has `observation_dim` values, and whose actions have two within
+/// `bound`.
+pub(crate) fn spec(
+    id: &str,
+    observation_dim: usize,
+    bound: f64,
+    image: Option<ImageSize>,
+    space: &FovSpace,
+) -> EnvSpec {
     let mut fields = vec![
         Field::step("observation", Dtype::F32, &[observation_dim]),
         Field::step("state", Dtype::F32, &[2]),
@@ -43,7 +48,7 @@ pub(crate) fn spec(id: &str, observation_dim: usize, image: Option<ImageSize>, s
         fields.push(size.field(PIXELS));
         fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
     }
-    EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[2], -1.0, 1.0), fields)
+    EnvSpec::new(id, Space::uniform_box(Dtype::F32, &[2], -bound, bound), fields)
         .factors(space.specs())
         .time_step_s(0.1)
         .start_columns(&["state", "proprio"])
@@ -55,21 +60,21 @@ pub(crate) fn reset_error(id: &str, reason: impl Into<String>) -> EnvError {
     EnvError::Reset { env: id.to_owned(), reason: reason.into() }
 }
 
-/// The position of a recorded row, `[x, y]` in px.
-pub(crate) fn recorded(id: &str, row: &BTreeMap<String, Value>) -> Result<[f32; 2], EnvError> {
+/// The position of a recorded row, `[x, y]` in a room of this side.
+pub(crate) fn recorded(id: &str, side: f32, row: &BTreeMap<String, Value>) -> Result<[f32; 2], EnvError> {
     let column = ["state", "proprio"].into_iter().find(|column| row.contains_key(*column));
     let column =
         column.ok_or_else(|| reset_error(id, "start and goal need the column `state` or `proprio`"))?;
     let value = row[column].cast(column, Dtype::F32, &[2])?;
     let Slice::F32(&[x, y]) = value.data.as_slice() else { unreachable!("cast to two f32") };
-    check_position([x, y]).map_err(|reason| reset_error(id, format!("`{column}`: {reason}")))?;
+    check_position([x, y], side).map_err(|reason| reset_error(id, format!("`{column}`: {reason}")))?;
     Ok([x, y])
 }
 
-/// Refuses positions that are not in the image.
-fn check_position(position: [f32; 2]) -> Result<(), String> {
-    let is_inside = position.iter().all(|c| (0.0..=IMAGE_PX as f32).contains(c));
-    if is_inside { Ok(()) } else { Err(format!("the position {position:?} is not between 0 and {IMAGE_PX}")) }
+/// Refuses positions that are not in the room.
+fn check_position(position: [f32; 2], side: f32) -> Result<(), String> {
+    let is_inside = position.iter().all(|c| (0.0..=side).contains(c));
+    if is_inside { Ok(()) } else { Err(format!("the position {position:?} is not between 0 and {side}")) }
 }
 
 /// A saved state.
@@ -82,11 +87,16 @@ pub(crate) struct Saved {
 
 impl Saved {
     /// The state of the environment `id` that was stored, with its factors.
-    pub(crate) fn load(id: &str, space: &FovSpace, state: &EnvState) -> Result<(Self, Fov), EnvError> {
+    pub(crate) fn load(
+        id: &str,
+        side: f32,
+        space: &FovSpace,
+        state: &EnvState,
+    ) -> Result<(Self, Fov), EnvError> {
         let saved: Self = state.load(id)?;
         let foreign = |reason: String| EnvError::State { env: id.to_owned(), reason };
         for position in [saved.agent, saved.target] {
-            check_position(position).map_err(foreign)?;
+            check_position(position, side).map_err(foreign)?;
         }
         let fov = space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
         Ok((saved, fov))
@@ -138,32 +148,33 @@ fn far_target(
 }
 
 /// What rendering needs.
-pub(crate) struct Image<L> {
+pub(crate) struct Image<L, S> {
     artist: Artist<L>,
-    agent: Dot,
+    /// The agent of the episode; `None` before the first.
+    agent: Option<S>,
     goal: Vec<u8>,
     /// The goal image belongs to an earlier episode.
     goal_is_stale: bool,
 }
 
-impl<L: Scenery> Image<L> {
+impl<L: Scenery, S: Sprite> Image<L, S> {
     pub(crate) fn new(size: ImageSize, style: Render) -> Result<Self, String> {
         let artist = Artist::new(size, style).map_err(|error| error.to_string())?;
-        let agent = Dot { center: [0.0; 2], radius: 1.0, color: [0; 3] };
         let bytes = size.shape().iter().product();
-        Ok(Self { artist, agent, goal: vec![0; bytes], goal_is_stale: true })
+        Ok(Self { artist, agent: None, goal: vec![0; bytes], goal_is_stale: true })
     }
 
     /// Takes the look of an episode, or of another state of one.
-    pub(crate) fn set_look(&mut self, id: &str, fov: &Fov, agent: [f32; 2], look: L) -> Result<(), EnvError> {
-        self.agent = Dot { center: agent, radius: fov.f32("agent.radius"), color: fov.rgb("agent.color") };
+    pub(crate) fn set_look(&mut self, id: &str, agent: S, look: L) -> Result<(), EnvError> {
+        self.agent = Some(agent);
         self.goal_is_stale = true;
         self.artist.set_look(look).map_err(|error| reset_error(id, error.to_string()))
     }
 
     /// Renders the agent at a position.
     pub(crate) fn render(&mut self, agent: [f32; 2], out: &mut [u8]) {
-        let rendered = self.artist.render(&Dot { center: agent, ..self.agent }, out);
+        let agent = self.agent.expect("environments set the look when they are made").at(agent);
+        let rendered = self.artist.render(&agent, out);
         rendered.expect("the pixel field has the artist's size");
     }
 

@@ -87,7 +87,7 @@ impl PolicyArgs {
             .map_err(|error| self.wrong(plain(&error.to_string())))
     }
 
-    /// Refuses a value that is negative or not finite: the spread of a noise is neither.
+    /// Refuses a value that is negative or not finite, as no std is.
     ///
     /// # Errors
     ///

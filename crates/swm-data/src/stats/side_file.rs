@@ -67,7 +67,7 @@ impl Statistics {
         Ok(path)
     }
 
-    /// The statistics that are kept with a dataset, if they have all that is asked for; else computes them, and keeps them
+    /// Those of the statistics that are kept with a dataset that are asked for, if all of them are there; else computes them, and keeps them
     /// where that is possible: shared data often lies where nobody may write.
     ///
     /// # Errors
@@ -84,11 +84,12 @@ impl Statistics {
             Some(keys) => keys.iter().collect(),
             None => numbers.map(|field| &field.name).collect(),
         };
-        if let Some(kept) = Self::load(dataset)?
+        if let Some(mut kept) = Self::load(dataset)?
             && wanted
                 .iter()
                 .all(|key| kept.columns.get(*key).is_some_and(|column| column.has(&options.quantiles)))
         {
+            kept.columns.retain(|name, _| wanted.contains(&name));
             return Ok(kept);
         }
         let statistics = Self::compute(dataset, options)?;

@@ -12,7 +12,8 @@ use crate::dot_room::{
     DISTANCE, FACTORS, GOAL_STATE, Image, OBSERVATION, PROPRIO, STATE, Saved, recorded, spec, target,
 };
 use crate::settings::with_defaults;
-use crate::tworoom_v2::room::{IMAGE_PX, SUCCESS_PX, distance_f32};
+use crate::tworoom_v2::dot::Dot;
+use crate::tworoom_v2::room::{IMAGE_PX, SIDE, SUCCESS_PX, distance_f32};
 
 /// Walk to a target over zones that push. See the module's documentation.
 pub struct Piecewise {
@@ -23,12 +24,12 @@ pub struct Piecewise {
     zones: Zones,
     agent: [f32; 2],
     target: [f32; 2],
-    image: Option<Image<Look>>,
+    image: Option<Image<Look, Dot>>,
 }
 
 /// The zones of a state that [`Env::snapshot`] saved.
 pub(super) fn saved_zones(settings: &Settings, state: &EnvState) -> Result<Zones, EnvError> {
-    let (_, fov) = Saved::load(PIECEWISE.id, &factors(settings.grid_n), state)?;
+    let (_, fov) = Saved::load(PIECEWISE.id, SIDE, &factors(settings.grid_n), state)?;
     Ok(Zones::new(&fov, settings.grid_n))
 }
 
@@ -48,7 +49,7 @@ impl Piecewise {
         let fov = space.defaults();
         let image = config.image.map(|size| Image::new(size, settings.render)).transpose().map_err(wrong)?;
         let mut env = Self {
-            spec: spec(id, 4, config.image, &space),
+            spec: spec(id, 4, 1.0, config.image, &space),
             zones: Zones::new(&fov, settings.grid_n),
             agent: fov.vector("agent.position"),
             target: fov.vector("target.position"),
@@ -73,7 +74,7 @@ impl Piecewise {
     fn refresh_look(&mut self) -> Result<(), EnvError> {
         let Some(image) = &mut self.image else { return Ok(()) };
         let look = Look::new(&self.fov, &self.zones, self.target);
-        image.set_look(&self.spec.id, &self.fov, self.agent, look)
+        image.set_look(&self.spec.id, Dot::new(&self.fov, self.agent), look)
     }
 }
 
@@ -86,11 +87,11 @@ impl Env for Piecewise {
         self.fov = self.space.sample(&self.spec.id, episode)?;
         self.zones = Zones::new(&self.fov, self.settings.grid_n);
         self.agent = match &episode.options.start {
-            Some(row) => recorded(&self.spec.id, row)?,
+            Some(row) => recorded(&self.spec.id, SIDE, row)?,
             None => self.fov.vector("agent.position"),
         };
         self.target = match &episode.options.goal {
-            Some(row) => recorded(&self.spec.id, row)?,
+            Some(row) => recorded(&self.spec.id, SIDE, row)?,
             None => {
                 let least_px = |steps: i64| f64::from(steps as f32 * self.zones.speed);
                 let way_to = |target| f64::from(distance_f32(self.agent, target));
@@ -138,7 +139,7 @@ impl Env for Piecewise {
     }
 
     fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
-        let (saved, fov) = Saved::load(&self.spec.id, &self.space, state)?;
+        let (saved, fov) = Saved::load(&self.spec.id, SIDE, &self.space, state)?;
         let is_same_look = fov == self.fov && saved.target == self.target;
         (self.fov, self.agent, self.target) = (fov, saved.agent, saved.target);
         if !is_same_look {

@@ -1,7 +1,6 @@
 //! The expert of Piecewise: walks straight to the target against the push of its zone, with noise if asked.
 
-use rand_distr::{Distribution as _, StandardNormal};
-use swm_core::policy::write_action;
+use swm_core::policy::{add_noise, write_action};
 use swm_core::{
     Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Settings as _,
     SliceMut, SlotView,
@@ -69,16 +68,11 @@ impl Actor for Expert {
         };
         let (agent, target) = (position("state")?, position("goal_state")?);
         let bias = self.zones.bias(agent);
-        let mut chosen: [f32; 2] =
-            std::array::from_fn(|axis| (target[axis] - agent[axis] - bias[axis]) / self.zones.speed);
-        if self.std > 0.0 {
-            let mut stream = view.episode.seed.indexed("policy expert noise", [view.episode.step, 0]);
-            chosen = chosen.map(|value| {
-                let normal: f64 = StandardNormal.sample(&mut stream);
-                (f64::from(value) + self.std * normal) as f32
-            });
-        }
-        write_action(&mut action, &chosen.map(|value| value.clamp(-1.0, 1.0)));
+        let mut chosen: [f64; 2] = std::array::from_fn(|axis| {
+            f64::from((target[axis] - agent[axis] - bias[axis]) / self.zones.speed)
+        });
+        add_noise(view, "policy expert noise", self.std, &mut chosen);
+        write_action(&mut action, &chosen.map(|value| (value as f32).clamp(-1.0, 1.0)));
         Ok(())
     }
 }

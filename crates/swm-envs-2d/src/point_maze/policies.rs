@@ -2,8 +2,8 @@
 //!
 //! Both steer by the velocity that they want: along the way, as fast as the next bend allows.
 
-use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
-use swm_core::policy::write_action;
+use rand_distr::{Distribution as _, StandardUniform};
+use swm_core::policy::{add_noise, write_action};
 use swm_core::{
     Actor, EpisodeSeed, PerEpisode, Policy, PolicyArgs, PolicyEntry, PolicyError, Settings as _, SliceMut,
     SlotView,
@@ -152,11 +152,8 @@ impl Actor for Navigator {
         }
         let mut force = self.steer(position, velocity);
         if self.std > 0.0 {
-            let mut stream = view.episode.seed.indexed("policy maze noise", [view.episode.step, 0]);
-            for component in &mut force {
-                let noise: f64 = StandardNormal.sample(&mut stream);
-                *component = (*component + self.std * noise).clamp(-1.0, 1.0);
-            }
+            add_noise(view, "policy maze noise", self.std, &mut force);
+            force = force.map(|component| component.clamp(-1.0, 1.0));
         }
         write_action(&mut action, &force.map(|component| component as f32));
         Ok(())

@@ -3,29 +3,18 @@
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
-use serde::{Deserialize, Serialize};
-use swm_core::env::PIXELS;
-use swm_core::{
-    Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Field, ImageSize, Outcome, Place, RowsMut,
-    Slice, Space, Value,
-};
-use swm_fov::{Fov, FovSpace, SavedFov};
+use swm_core::{Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Outcome, Place, RowsMut, Slice, Value};
+use swm_fov::{Fov, FovSpace};
 
 use super::SIMPLE_POINT_MAZE;
 use super::factors::Factors;
 use super::rendering::{Disc, Look};
 use super::settings::Settings;
 use super::walls::{MAX_ACTION, Room, SIDE};
-use crate::artist::Artist;
+use crate::dot_room::{
+    DISTANCE, FACTORS, GOAL_STATE, Image, OBSERVATION, PROPRIO, STATE, Saved, recorded, spec,
+};
 use crate::ways::{Ways, distance};
-
-// Field indices, in the order of `spec`.
-const OBSERVATION: usize = 0;
-const STATE: usize = 1;
-const PROPRIO: usize = 2;
-const DISTANCE: usize = 3;
-const GOAL_STATE: usize = 4;
-const FACTORS: usize = 5;
 
 /// Move a disc past walls to a goal. See the module's documentation.
 pub struct SimplePointMaze {
@@ -38,47 +27,12 @@ pub struct SimplePointMaze {
     goal: [f32; 2],
     /// Ways to the goal, found when first asked for.
     ways: OnceLock<Ways>,
-    image: Option<Image>,
-}
-
-/// What rendering needs.
-struct Image {
-    artist: Artist<Look>,
-    goal: Vec<u8>,
-    /// The goal image belongs to an earlier episode.
-    goal_is_stale: bool,
-}
-
-/// A saved state.
-#[derive(Serialize, Deserialize)]
-struct Saved {
-    fov: SavedFov,
-    agent: [f32; 2],
-    goal: [f32; 2],
-}
-
-fn check_position(position: [f32; 2]) -> Result<[f32; 2], String> {
-    let is_inside = position.iter().all(|c| (0.0..=SIDE).contains(c));
-    if is_inside {
-        Ok(position)
-    } else {
-        Err(format!("the position {position:?} is not between 0 and {SIDE}"))
-    }
+    image: Option<Image<Look, Disc>>,
 }
 
 /// The room of a state that [`Env::snapshot`] saved.
 pub(super) fn saved_room(space: &FovSpace, state: &EnvState) -> Result<Room, EnvError> {
-    load(space, state).map(|(_, fov)| Room::new(&fov))
-}
-
-fn load(space: &FovSpace, state: &EnvState) -> Result<(Saved, Fov), EnvError> {
-    let saved: Saved = state.load(SIMPLE_POINT_MAZE.id)?;
-    let foreign = |reason: String| EnvError::State { env: SIMPLE_POINT_MAZE.id.to_owned(), reason };
-    for position in [saved.agent, saved.goal] {
-        check_position(position).map_err(foreign)?;
-    }
-    let fov = space.recall(&saved.fov).map_err(|error| foreign(error.to_string()))?;
-    Ok((saved, fov))
+    Saved::load(SIMPLE_POINT_MAZE.id, SIDE, space, state).map(|(_, fov)| Room::new(&fov))
 }
 
 impl SimplePointMaze {
@@ -93,10 +47,10 @@ impl SimplePointMaze {
         let settings: Settings = config.parse_settings(id)?;
         let factors = Factors::new(id, &settings.init_value)?;
         let fov = factors.space.defaults();
-        let image = config.image.map(|size| Image::new(size, &settings)).transpose();
+        let image = config.image.map(|size| Image::new(size, settings.render)).transpose();
         let image = image.map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
         let mut env = Self {
-            spec: spec(config.image, &factors.space),
+            spec: spec(id, 2, f64::from(MAX_ACTION), config.image, &factors.space),
             room: Room::new(&fov),
             agent: fov.vector("agent.position"),
             goal: fov.vector("goal.position"),
@@ -108,17 +62,6 @@ impl SimplePointMaze {
         };
         env.refresh()?;
         Ok(env)
-    }
-
-    /// The position of a recorded row.
-    fn recorded(&self, row: &BTreeMap<String, Value>) -> Result<[f32; 2], EnvError> {
-        let wrong = |reason: String| EnvError::Reset { env: self.spec.id.clone(), reason };
-        let column = ["state", "proprio"].into_iter().find(|column| row.contains_key(*column));
-        let column =
-            column.ok_or_else(|| wrong("start and goal need the column `state` or `proprio`".to_owned()))?;
-        let value = row[column].cast(column, Dtype::F32, &[2])?;
-        let Slice::F32(&[x, y]) = value.data.as_slice() else { unreachable!("cast to two f32") };
-        check_position([x, y]).map_err(|reason| wrong(format!("`{column}`: {reason}")))
     }
 
     /// Euclidean distance to the goal, summed in f32 as in the reference.
@@ -138,15 +81,8 @@ impl SimplePointMaze {
         self.ways = OnceLock::new();
         let Some(image) = &mut self.image else { return Ok(()) };
         let goal = self.settings.show_goal.then_some(self.goal);
-        image.goal_is_stale = true;
-        image
-            .artist
-            .set_look(Look::new(&self.fov, &self.room, goal))
-            .map_err(|error| EnvError::Reset { env: self.spec.id.clone(), reason: error.to_string() })
-    }
-
-    fn disc(&self, center: [f32; 2]) -> Disc {
-        Disc { center, radius: self.room.radius, color: self.fov.rgb("agent.color") }
+        let disc = Disc { center: self.agent, radius: self.room.radius, color: self.fov.rgb("agent.color") };
+        image.set_look(&self.spec.id, disc, Look::new(&self.fov, &self.room, goal))
     }
 }
 
@@ -156,8 +92,9 @@ impl Env for SimplePointMaze {
     }
 
     fn reset(&mut self, episode: &Episode<'_>) -> Result<Outcome, EnvError> {
-        let position =
-            |row: &Option<BTreeMap<String, Value>>| row.as_ref().map(|row| self.recorded(row)).transpose();
+        let position = |row: &Option<BTreeMap<String, Value>>| {
+            row.as_ref().map(|row| recorded(&self.spec.id, SIDE, row)).transpose()
+        };
         let (start, goal) = (position(&episode.options.start)?, position(&episode.options.goal)?);
         self.fov = self.factors.sample(&self.spec.id, episode, start, goal)?;
         self.agent = start.unwrap_or_else(|| self.fov.vector("agent.position"));
@@ -181,14 +118,8 @@ impl Env for SimplePointMaze {
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
         out.write(GOAL_STATE, &self.goal);
         self.fov.write(FACTORS, out);
-        let disc = self.disc(self.goal);
         if let Some(image) = &mut self.image {
-            if image.goal_is_stale {
-                let rendered = image.artist.render(&disc, &mut image.goal);
-                rendered.expect("the goal image has the artist's size");
-                image.goal_is_stale = false;
-            }
-            out.write(self.spec.fields.len() - 1, &image.goal);
+            image.write_goal(self.goal, &self.spec, out);
         }
     }
 
@@ -197,23 +128,21 @@ impl Env for SimplePointMaze {
             out.write(field, &self.agent);
         }
         out.write(DISTANCE, &[f64::from(self.distance())]);
-        let disc = self.disc(self.agent);
         if let Some(image) = &mut self.image {
-            let rendered = image.artist.render(&disc, out.at(self.spec.fields.len() - 2));
-            rendered.expect("the pixel field has the artist's size");
+            image.render(self.agent, out.at(self.spec.fields.len() - 2));
         }
     }
 
     fn snapshot(&self, state: &mut EnvState) -> Result<(), EnvError> {
-        let saved = Saved { fov: self.fov.save(), agent: self.agent, goal: self.goal };
+        let saved = Saved { fov: self.fov.save(), agent: self.agent, target: self.goal };
         state.store(&self.spec.id, &saved)
     }
 
     fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
-        let (saved, fov) = load(&self.factors.space, state)?;
+        let (saved, fov) = Saved::load(&self.spec.id, SIDE, &self.factors.space, state)?;
         // Planners return to states of one episode again and again: what does not change in it stays.
-        let is_same_episode = fov == self.fov && saved.goal == self.goal;
-        (self.fov, self.agent, self.goal) = (fov, saved.agent, saved.goal);
+        let is_same_episode = fov == self.fov && saved.target == self.goal;
+        (self.fov, self.agent, self.goal) = (fov, saved.agent, saved.target);
         if is_same_episode { Ok(()) } else { self.refresh() }
     }
 
@@ -230,33 +159,4 @@ impl Env for SimplePointMaze {
         let [x, y] = self.agent.map(|c| f64::from(c / SIDE));
         vec![Place { name: "agent", at: [x, 1.0 - y] }]
     }
-}
-
-impl Image {
-    fn new(size: ImageSize, settings: &Settings) -> Result<Self, String> {
-        let artist = Artist::new(size, settings.render).map_err(|error| error.to_string())?;
-        let bytes = size.shape().iter().product();
-        Ok(Self { artist, goal: vec![0; bytes], goal_is_stale: true })
-    }
-}
-
-fn spec(image: Option<ImageSize>, space: &FovSpace) -> EnvSpec {
-    let mut fields = vec![
-        Field::step("observation", Dtype::F32, &[2]),
-        Field::step("state", Dtype::F32, &[2]),
-        Field::step("proprio", Dtype::F32, &[2]),
-        Field::step("distance_to_target", Dtype::F64, &[]),
-        Field::episode("goal_state", Dtype::F32, &[2]),
-    ];
-    fields.extend(space.fields());
-    if let Some(size) = image {
-        fields.push(size.field(PIXELS));
-        fields.push(Field::episode("goal", Dtype::U8, &size.shape()));
-    }
-    let bound = f64::from(MAX_ACTION);
-    EnvSpec::new(SIMPLE_POINT_MAZE.id, Space::uniform_box(Dtype::F32, &[2], -bound, bound), fields)
-        .factors(space.specs())
-        .time_step_s(0.1)
-        .start_columns(&["state", "proprio"])
-        .goal_columns(&["state", "proprio"])
 }

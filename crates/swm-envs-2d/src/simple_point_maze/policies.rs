@@ -1,7 +1,6 @@
 //! The expert of SimplePointMaze: takes the shortest way around the walls, with noise if asked.
 
-use rand_distr::{Distribution as _, StandardNormal};
-use swm_core::policy::write_action;
+use swm_core::policy::{add_noise, write_action};
 use swm_core::{
     Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Settings as _,
     SliceMut, SlotView,
@@ -78,13 +77,7 @@ impl Actor for Expert {
         let bound = f64::from(MAX_ACTION);
         let excess = wanted.iter().map(|value| value.abs() / bound).fold(1.0, f64::max);
         let mut chosen = wanted.map(|value| value / excess);
-        if self.std > 0.0 {
-            let mut stream = view.episode.seed.indexed("policy expert noise", [view.episode.step, 0]);
-            chosen = chosen.map(|value| {
-                let normal: f64 = StandardNormal.sample(&mut stream);
-                value + self.std * normal
-            });
-        }
+        add_noise(view, "policy expert noise", self.std, &mut chosen);
         write_action(&mut action, &chosen.map(|value| value.clamp(-bound, bound) as f32));
         Ok(())
     }

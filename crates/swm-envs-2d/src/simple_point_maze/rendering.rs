@@ -101,6 +101,10 @@ fn under_frame(x: usize, y: usize, color: Rgb) -> Rgb {
 }
 
 impl Sprite for Disc {
+    fn at(self, center: [f32; 2]) -> Self {
+        Self { center, ..self }
+    }
+
     fn blend_exactly(&self, image: &mut [u8]) -> Rect {
         let pixels = image.as_chunks_mut::<3>().0;
         self.circle([SIDE_PX; 2]).cover([SIDE_PX; 2], |x, y, level| {

@@ -1,6 +1,7 @@
 //! Dots with the profile of a Gaussian, blended over packed RGB bytes: exactly as the reference computes them, or
 //! quickly, at the size of the frame. Which dots there are is `rendering.rs`'s business.
 
+use swm_fov::Fov;
 use swm_render::{Rect, Rgb};
 
 use super::room::IMAGE_PX;
@@ -19,6 +20,11 @@ pub(crate) struct Dot {
 const LAST_EXPONENT: f32 = 18.0;
 
 impl Dot {
+    /// The agent of an episode.
+    pub(crate) fn new(fov: &Fov, center: [f32; 2]) -> Self {
+        Self { center, radius: fov.f32("agent.radius"), color: fov.rgb("agent.color") }
+    }
+
     /// All pixels of an image of `[height, width]` that the dot can change, if a pixel is `scale` world pixels wide, per
     /// axis x, y.
     fn bounds(&self, [height, width]: [usize; 2], scale: [f32; 2], radius: [f32; 2]) -> Rect {
@@ -36,6 +42,10 @@ impl Dot {
 }
 
 impl Sprite for Dot {
+    fn at(self, center: [f32; 2]) -> Self {
+        Self { center, ..self }
+    }
+
     /// Blends the dot over a `[224, 224, 3]` image and returns the pixels that may have changed.
     ///
     /// weight = exp(-d^2 / (2 r^2)) in f32, divided by its largest value in the image; byte = trunc(old (1 - weight) +

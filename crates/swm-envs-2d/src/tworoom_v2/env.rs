@@ -4,9 +4,10 @@ use swm_core::{Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, Outcome, Ro
 use swm_fov::{Fov, FovSpace};
 
 use super::TWO_ROOM_V2;
+use super::dot::Dot;
 use super::factors::factors;
 use super::rendering::Look;
-use super::room::{Room, SUCCESS_PX, distance_f32};
+use super::room::{Room, SIDE, SUCCESS_PX, distance_f32};
 use super::route;
 use super::settings::Settings;
 use crate::dot_room::{
@@ -23,7 +24,7 @@ pub struct TwoRoom {
     room: Room,
     agent: [f32; 2],
     target: [f32; 2],
-    image: Option<Image<Look>>,
+    image: Option<Image<Look, Dot>>,
 }
 
 /// The factor table as the settings have it.
@@ -33,7 +34,7 @@ pub(super) fn factors_with(settings: &Settings) -> Result<FovSpace, EnvError> {
 
 /// The rooms of a state that [`Env::snapshot`] saved.
 pub(super) fn saved_room(space: &FovSpace, state: &EnvState) -> Result<Room, EnvError> {
-    let (_, fov) = Saved::load(TWO_ROOM_V2.id, space, state)?;
+    let (_, fov) = Saved::load(TWO_ROOM_V2.id, SIDE, space, state)?;
     Ok(Room::new(&fov))
 }
 
@@ -53,7 +54,7 @@ impl TwoRoom {
         let (agent, target) = (fov.vector("agent.position"), fov.vector("target.position"));
         let image = config.image.map(|size| Image::new(size, settings.render)).transpose().map_err(wrong)?;
         let mut env = Self {
-            spec: spec(id, 10, config.image, &space),
+            spec: spec(id, 10, 1.0, config.image, &space),
             room: Room::new(&fov),
             settings,
             space,
@@ -84,7 +85,7 @@ impl TwoRoom {
     fn refresh_look(&mut self) -> Result<(), EnvError> {
         let Some(image) = &mut self.image else { return Ok(()) };
         let look = Look::new(&self.fov, self.target, &self.settings);
-        image.set_look(&self.spec.id, &self.fov, self.agent, look)
+        image.set_look(&self.spec.id, Dot::new(&self.fov, self.agent), look)
     }
 }
 
@@ -97,18 +98,18 @@ impl Env for TwoRoom {
         self.fov = match (self.space.sample(&self.spec.id, episode), &episode.options.start) {
             // A recorded start stands elsewhere than the factor says: what counts is whether it can stand there.
             (Err(EnvError::Constraint { .. }), Some(row)) => {
-                let in_use = [("agent.position", Value::vector(&recorded(&self.spec.id, row)?))];
+                let in_use = [("agent.position", Value::vector(&recorded(&self.spec.id, SIDE, row)?))];
                 self.space.sample_in_use(&self.spec.id, episode, &in_use)?
             }
             (drawn, _) => drawn?,
         };
         self.room = Room::new(&self.fov);
         self.agent = match &episode.options.start {
-            Some(row) => recorded(&self.spec.id, row)?,
+            Some(row) => recorded(&self.spec.id, SIDE, row)?,
             None => self.fov.vector("agent.position"),
         };
         self.target = match &episode.options.goal {
-            Some(row) => recorded(&self.spec.id, row)?,
+            Some(row) => recorded(&self.spec.id, SIDE, row)?,
             None => {
                 let least_px = |steps: i64| steps as f64 * f64::from(self.room.speed);
                 let way_to = |target| self.way_to(target);
@@ -160,7 +161,7 @@ impl Env for TwoRoom {
     }
 
     fn restore(&mut self, state: &EnvState) -> Result<(), EnvError> {
-        let (saved, fov) = Saved::load(&self.spec.id, &self.space, state)?;
+        let (saved, fov) = Saved::load(&self.spec.id, SIDE, &self.space, state)?;
         let same_look = fov == self.fov && saved.target == self.target;
         (self.fov, self.agent, self.target) = (fov, saved.agent, saved.target);
         if !same_look {

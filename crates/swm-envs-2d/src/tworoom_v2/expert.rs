@@ -1,8 +1,8 @@
 //! The expert of TwoRoom: walks the shortest way to the target, with noise if asked. It knows the rooms; the factors are
 //! read from the environment once per episode.
 
-use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
-use swm_core::policy::write_action;
+use rand_distr::{Distribution as _, StandardUniform};
+use swm_core::policy::{add_noise, write_action};
 use swm_core::settings::Table;
 use swm_core::{
     Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Settings as _,
@@ -107,17 +107,15 @@ impl Actor for Expert {
             Ok([0, 1].map(|axis| f64::from(values[axis])))
         };
         let heading = self.heading(position("state")?, position("goal_state")?);
-        let stream = |purpose: &str| view.episode.seed.indexed(purpose, [view.episode.step, 0]);
         let mut chosen = heading.map(|component| component as f32);
         if noise > 0.0 {
-            let mut stream = stream("policy expert noise");
-            chosen = heading.map(|component| {
-                let normal: f64 = StandardNormal.sample(&mut stream);
-                (component + noise * normal).clamp(-1.0, 1.0) as f32
-            });
+            let mut noisy = heading;
+            add_noise(view, "policy expert noise", noise, &mut noisy);
+            chosen = noisy.map(|component| component.clamp(-1.0, 1.0) as f32);
         }
         if let Some(last) = self.last.filter(|_| action_repeat_prob > 0.0) {
-            let sampled: f64 = StandardUniform.sample(&mut stream("policy expert repeat"));
+            let mut stream = view.episode.seed.indexed("policy expert repeat", [view.episode.step, 0]);
+            let sampled: f64 = StandardUniform.sample(&mut stream);
             if sampled < action_repeat_prob {
                 chosen = last;
             }

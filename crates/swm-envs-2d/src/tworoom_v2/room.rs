@@ -5,6 +5,8 @@ use swm_fov::Fov;
 
 /// Height and width of the image, and of the world.
 pub(crate) const IMAGE_PX: usize = 224;
+/// The same as a length.
+pub(crate) const SIDE: f32 = IMAGE_PX as f32;
 /// The rooms begin this far from the image's edge.
 pub(crate) const BORDER_PX: f64 = 14.0;
 /// Where the middle of the wall is.

@@ -1,7 +1,6 @@
 //! Policies of rocket landing: the expert, alone and with noise, and the planner's settings.
 
-use rand_distr::{Distribution as _, StandardNormal};
-use swm_core::policy::write_action;
+use swm_core::policy::{add_noise, write_action};
 use swm_core::{
     Actor, PerEpisode, Policy, PolicyArgs, PolicyEntry, PolicyError, Settings as _, SliceMut, SlotView,
 };
@@ -71,11 +70,10 @@ impl Actor for Expert {
         })?;
         let mut values = self.pilot.act(&self.conditions, &State::from_row(row));
         if self.std > 0.0 {
-            let mut stream = view.episode.seed.indexed("policy rocket noise", [view.episode.step, 0]);
+            add_noise(view, "policy rocket noise", self.std, &mut values);
             let (low, high) = view.spec.action.bounds();
             for (value, (low, high)) in values.iter_mut().zip(low.into_iter().zip(high)) {
-                let noise: f64 = StandardNormal.sample(&mut stream);
-                *value = (*value + self.std * noise).clamp(low, high);
+                *value = value.clamp(low, high);
             }
         }
         write_action(&mut action, &values.map(|value| value as f32));

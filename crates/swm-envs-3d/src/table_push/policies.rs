@@ -1,7 +1,6 @@
 //! Policies of TablePush3D: the expert, alone and with noise, and the planner's settings.
 
-use rand_distr::{Distribution as _, StandardNormal};
-use swm_core::policy::write_action;
+use swm_core::policy::{add_noise, write_action};
 use swm_core::{
     Actor, EnvState, PerEpisode, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Settings as _,
     SliceMut, SlotView,
@@ -74,11 +73,8 @@ impl Actor for Expert {
         let (state, goal) = (row("state")?, row("goal_state")?.object());
         let mut values = self.pilot.act(&self.conditions, &state, goal);
         if self.std > 0.0 {
-            let mut stream = view.episode.seed.indexed("policy expert noise", [view.episode.step, 0]);
-            for value in &mut values {
-                let normal: f64 = StandardNormal.sample(&mut stream);
-                *value = (*value + self.std * normal).clamp(-1.0, 1.0);
-            }
+            add_noise(view, "policy expert noise", self.std, &mut values);
+            values = values.map(|value| value.clamp(-1.0, 1.0));
         }
         write_action(&mut action, &values.map(|value| value as f32));
         Ok(())

@@ -37,14 +37,14 @@ pub(super) struct Stats {
 impl Stats {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let mut dataset = swm_data::open_in(registry, &self.file)?;
-        let (asked, named) = (self.columns.clone(), self.quantiles.clone());
+        let named = self.quantiles.clone();
         let default = StatisticsOptions::default();
         let options = StatisticsOptions {
             keys: self.columns,
             quantiles: self.quantiles.unwrap_or(default.quantiles),
             ..default
         };
-        let mut statistics = if self.no_store {
+        let statistics = if self.no_store {
             Statistics::compute(dataset.as_mut(), &options)?
         } else {
             let found = Statistics::load_or_compute(dataset.as_mut(), &options)?;
@@ -57,10 +57,6 @@ impl Stats {
             });
             found
         };
-        if let Some(asked) = &asked {
-            // What is kept may hold more.
-            statistics.columns.retain(|name, _| asked.contains(name));
-        }
         output.result(&statistics, || {
             let mut rows = Vec::new();
             for (name, column) in &statistics.columns {

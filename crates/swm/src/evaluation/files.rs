@@ -56,14 +56,12 @@ pub fn write_manifest(path: &Path, manifest: &Manifest) -> Result<(), BoxError> 
 ///
 /// The file cannot be read, or is no receipt of a known version.
 pub fn read_receipt(path: &Path) -> Result<Receipt, BoxError> {
-    let (folder, path) = match path.is_dir() {
-        true => (Some(path), path.join("receipt.json")),
-        false => (None, path.to_owned()),
-    };
-    if let Some(folder) = folder.filter(|_| !path.exists()) {
+    let is_folder = path.is_dir();
+    if is_folder && !path.join("receipt.json").exists() {
         let advice = "`swm eval --manifest TASK --out DIR` writes one";
-        return Err(format!("{} holds no receipt: {advice}", folder.display()).into());
+        return Err(format!("{} holds no receipt: {advice}", path.display()).into());
     }
+    let path = if is_folder { path.join("receipt.json") } else { path.to_owned() };
     let text = read(&path, "receipt")?;
     let wrong = |reason: String| format!("receipt {}: {reason}", path.display());
     let json: Json = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;

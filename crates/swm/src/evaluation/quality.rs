@@ -95,12 +95,15 @@ pub fn quality(
             "no episode has more rows than the horizon of {horizon}: use longer ones, or a shorter horizon"
         )
     })?;
-    let variance = variance(model, recorded)?;
+    let latent_dim = model.latent_dim();
+    let known = recorded.iter().map(|rows| latents(model, rows)).collect::<Result<Vec<_>, _>>()?;
+    let variance = variance(&known, latent_dim);
     let open_loop_unexplained = match variance > 0.0 {
         true => open_loop_error.iter().map(|error| error / variance).collect(),
         false => Vec::new(),
     };
-    let probes = if probed.is_empty() { Vec::new() } else { probe(model, recorded, probed, seed)? };
+    let probes =
+        if probed.is_empty() { Vec::new() } else { probe(recorded, &known, latent_dim, probed, seed)? };
     let ranking = match env.task_cost() {
         None => None,
         Some(_) => {
@@ -120,21 +123,19 @@ pub fn quality(
     Ok(Quality { stride, open_loop_error, open_loop_unexplained, probes, ranking, gate, violations })
 }
 
-/// Of the latents of recorded rows, the mean over their numbers.
-fn variance(model: &mut dyn WorldModel, recorded: &[Batch]) -> Result<f64, BoxError> {
-    let dim = model.latent_dim().max(1);
+/// Of latents, `[T, Z]` an episode, the mean over their numbers.
+fn variance(known: &[Vec<f64>], latent_dim: usize) -> f64 {
+    let dim = latent_dim.max(1);
     let (mut sums, mut squares, mut count) = (vec![0.0; dim], vec![0.0; dim], 0.0);
-    for rows in recorded {
-        for latent in latents(model, rows)?.chunks_exact(dim) {
-            count += 1.0;
-            for ((sum, square), value) in sums.iter_mut().zip(&mut squares).zip(latent) {
-                *sum += value;
-                *square += value * value;
-            }
+    for latent in known.iter().flat_map(|latents| latents.chunks_exact(dim)) {
+        count += 1.0;
+        for ((sum, square), value) in sums.iter_mut().zip(&mut squares).zip(latent) {
+            *sum += value;
+            *square += value * value;
         }
     }
     let variance = |(sum, square): (&f64, &f64)| (square / count - (sum / count).powi(2)).max(0.0);
-    Ok(sums.iter().zip(&squares).map(variance).sum::<f64>() / dim as f64)
+    sums.iter().zip(&squares).map(variance).sum::<f64>() / dim as f64
 }
 
 fn surprised(

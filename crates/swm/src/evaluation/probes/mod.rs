@@ -9,7 +9,6 @@ mod target;
 use serde::Serialize;
 use swm_core::Batch;
 use swm_core::error::BoxError;
-use swm_core::evaluate::quality::{WorldModel, latents};
 use swm_core::evaluate::stats::correlation;
 
 pub use network::NetworkProbe;
@@ -118,15 +117,16 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| sum / count as f64)
 }
 
-/// Fits probes for each of `targets` to four fifths of the episodes, and scores them on every fifth. `seed`: of the network's
-/// weights and of the order of its samples.
+/// Fits probes for each of `targets` to four fifths of the episodes, and scores them on every fifth. `known` are the latents of
+/// each episode, `[T, Z]`. `seed`: of the network's weights and of the order of its samples.
 ///
 /// # Errors
 ///
-/// Fewer than two episodes, a column that does not exist or holds no numbers on one side, or the model fails.
+/// Fewer than two episodes, or a column that does not exist or holds no numbers on one side.
 pub fn probe(
-    model: &mut dyn WorldModel,
     episodes: &[Batch],
+    known: &[Vec<f64>],
+    latent_dim: usize,
     targets: &[ProbeTarget],
     seed: u64,
 ) -> Result<Vec<Probed>, BoxError> {
@@ -136,15 +136,14 @@ pub fn probe(
                 .into(),
         );
     }
-    let known = episodes.iter().map(|rows| latents(model, rows)).collect::<Result<Vec<_>, _>>()?;
     let probed = |target: &ProbeTarget| {
         let mut parts = [Samples::default(), Samples::default()];
-        for (index, (rows, latents)) in episodes.iter().zip(&known).enumerate() {
+        for (index, (rows, latents)) in episodes.iter().zip(known).enumerate() {
             // With few episodes the last one is the fifth.
             let is_scored = index % 5 == 4 || (episodes.len() < 5 && index + 1 == episodes.len());
             let part = &mut parts[usize::from(is_scored)];
             let (values, width) = target.values(rows)?;
-            (part.input_width, part.output_width) = (model.latent_dim(), width);
+            (part.input_width, part.output_width) = (latent_dim, width);
             for (row, numbers) in values.chunks_exact(width.max(1)).enumerate() {
                 let latent = &latents[row * part.input_width..][..part.input_width];
                 // What is missing somewhere (no action behind the last row) cannot be told there.
