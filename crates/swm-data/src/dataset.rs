@@ -8,7 +8,7 @@ use std::str::FromStr;
 use swm_core::error::BoxError;
 use swm_core::{Batch, Dtype, EpisodeSink, Field, Schema, Slice, SliceMut};
 
-pub use swm_core::dataset::{Dataset, DatasetInfo, Steps};
+pub use swm_core::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
 
 /// A dataset that is being recorded.
 pub trait DatasetWriter: EpisodeSink {
@@ -23,6 +23,24 @@ pub trait DatasetWriter: EpisodeSink {
     /// The rows have other columns than were committed, or cannot be written. The open episode is then lost, those
     /// before it are not.
     fn write_rows(&mut self, rows: &Batch) -> Result<(), BoxError>;
+
+    /// How it stores a column of those that were committed, as [`Dataset::encoding`] says it of open datasets.
+    fn encoding(&self, _column: usize) -> Option<&str> {
+        None
+    }
+
+    /// As [`DatasetWriter::write_rows`], where some columns are given as they are stored: their positions among the committed
+    /// columns, with as many rows as `rows` has of the others.
+    ///
+    /// # Errors
+    ///
+    /// As of [`DatasetWriter::write_rows`]; a column is given that has no [`DatasetWriter::encoding`].
+    fn write_encoded_rows(&mut self, rows: &Batch, encoded: &[(usize, EncodedRows)]) -> Result<(), BoxError> {
+        match encoded {
+            [] => self.write_rows(rows),
+            _ => Err("this format takes no rows as they are stored".into()),
+        }
+    }
 
     /// Ends the open episode. When it returns, the episode is safe: a crash cannot lose it.
     ///

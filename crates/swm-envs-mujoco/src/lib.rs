@@ -18,7 +18,7 @@ mod cartpole;
 mod cheetah;
 pub mod error;
 mod fetch;
-#[expect(unsafe_code, reason = "the C library; the only folder of the workspace with such code")]
+#[expect(unsafe_code, reason = "the C library")]
 pub mod ffi;
 mod finger;
 mod hopper;

@@ -1,6 +1,7 @@
 //! Datasets: recording whole episodes, reading rows of them, and starting episodes from recorded rows. File formats are
 //! absent: other crates implement [`EpisodeSink`] and [`Dataset`].
 
+mod encoded;
 mod error;
 mod metadata;
 mod reader;
@@ -8,6 +9,7 @@ mod record;
 mod restore;
 
 pub use crate::checkpoint::{CHECKPOINT, Checkpoints};
+pub use encoded::EncodedRows;
 pub use error::DataError;
 pub use metadata::{METADATA_VERSION, Metadata, RecordingPart};
 pub use reader::{Dataset, DatasetInfo, Steps};

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::{DataError, Metadata};
+use super::{DataError, EncodedRows, Metadata};
 use crate::batch::{Batch, Dtype, Field, Schema, SliceMut};
 use crate::error::BoxError;
 
@@ -132,6 +132,32 @@ pub trait Dataset: Send {
         Ok(())
     }
 
+    /// How a column is stored, if each of its rows is stored on its own: its format and compression in words. Columns of one
+    /// type, shape and encoding hold the same bytes for the same values, so that a copy may pass them on as they are.
+    fn encoding(&self, _column: usize) -> Option<&str> {
+        None
+    }
+
+    /// Reads the stored form of rows of a column that has an [`Dataset::encoding`]; what was in `out` is replaced. Column,
+    /// episode and rows exist.
+    ///
+    /// # Errors
+    ///
+    /// What is stored is damaged or cannot be read, or the column has no encoding.
+    fn encoded_rows(
+        &mut self,
+        column: usize,
+        _episode: usize,
+        _rows: Range<usize>,
+        _out: &mut EncodedRows,
+    ) -> Result<(), DataError> {
+        let name = &self.info().field(column).name;
+        Err(DataError::request(
+            self.path(),
+            format!("rows of column `{name}` are not stored each on its own"),
+        ))
+    }
+
     /// As [`Dataset::rows`], for unchecked requests.
     ///
     /// # Errors
@@ -216,6 +242,20 @@ impl<D: Dataset + ?Sized> Dataset for Box<D> {
 
     fn check_whole(&mut self) -> Result<(), DataError> {
         (**self).check_whole()
+    }
+
+    fn encoding(&self, column: usize) -> Option<&str> {
+        (**self).encoding(column)
+    }
+
+    fn encoded_rows(
+        &mut self,
+        column: usize,
+        episode: usize,
+        rows: Range<usize>,
+        out: &mut EncodedRows,
+    ) -> Result<(), DataError> {
+        (**self).encoded_rows(column, episode, rows, out)
     }
 }
 

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use swm_core::{Batch, Field, Metadata, Schema};
 
-use crate::dataset::{Dataset, WriteOptions};
-use crate::error::{DataError, Result};
+use crate::dataset::{Dataset, EncodedRows, WriteOptions};
+use crate::error::{DataError, Result, unsupported};
 
 /// How a format stores datasets.
 pub trait Backend: Send + 'static {
@@ -84,6 +84,25 @@ pub trait Session: Send {
     ///
     /// What failed, and in which column; the recording takes no more after it.
     fn append(&mut self, at: StepIndex, rows: &Batch) -> Result<()>;
+
+    /// How a column is stored, by its position in the schema: see [`Dataset::encoding`].
+    fn encoding(&self, _column: usize) -> Option<&str> {
+        None
+    }
+
+    /// As [`Session::append`], with some columns as they are stored: those that have an [`Session::encoding`].
+    ///
+    /// # Errors
+    ///
+    /// As of [`Session::append`].
+    fn append_encoded(
+        &mut self,
+        _at: StepIndex,
+        _rows: &Batch,
+        _encoded: &[(usize, EncodedRows)],
+    ) -> Result<()> {
+        Err(unsupported("this format takes no rows as they are stored"))
+    }
 
     /// Commits the open episode, which ends at `end`: when this returns, no kill can lose it.
     ///

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use swm_core::error::BoxError;
 use swm_core::{Batch, EpisodeSink, Field, Metadata, Schema};
 
-use crate::dataset::{Dataset, DatasetWriter, WriteMode, WriteOptions};
+use crate::dataset::{Dataset, DatasetWriter, EncodedRows, WriteMode, WriteOptions};
 use crate::error::{DataError, Result, invalid};
 use crate::formats::disk;
 pub use crate::formats::disk::sync as sync_files;
@@ -164,6 +164,24 @@ impl<S: Backend> BackendWriter<S> {
         })
     }
 
+    /// Appends rows to the open episode, or opens one.
+    fn append(
+        &mut self,
+        rows: &Batch,
+        write: impl FnOnce(&mut S::Session, StepIndex) -> Result<()>,
+    ) -> Result<(), BoxError> {
+        let more = rows.rows();
+        if more == 0 {
+            return Ok(());
+        }
+        self.record(|recording, at| match i32::try_from(at.step.saturating_add(more)) {
+            Ok(_) => write(recording, at),
+            Err(_) => Err(invalid("too many rows in an episode for the format")),
+        })?;
+        self.open += more;
+        Ok(())
+    }
+
     /// Whether what is recorded into is still at its path; if not, nothing more is written.
     fn check_place(&mut self) -> Result<(), DataError> {
         if self.identity.is_none() || identity(&self.path) == self.identity {
@@ -248,16 +266,24 @@ impl<S: Backend> DatasetWriter for BackendWriter<S> {
             let reason = "the episode has other columns than the recording";
             return Err(DataError::record(&self.path, reason).into());
         }
-        if rows.rows() == 0 {
-            return Ok(());
+        self.append(rows, |recording, at| recording.append(at, rows))
+    }
+
+    fn encoding(&self, column: usize) -> Option<&str> {
+        match &self.state {
+            State::Recording(recording, _) => recording.encoding(column),
+            State::Waiting | State::Closed => None,
         }
-        let more = rows.rows();
-        self.record(|recording, at| match i32::try_from(at.step.saturating_add(more)) {
-            Ok(_) => recording.append(at, rows),
-            Err(_) => Err(invalid("too many rows in an episode for the format")),
-        })?;
-        self.open += more;
-        Ok(())
+    }
+
+    fn write_encoded_rows(&mut self, rows: &Batch, encoded: &[(usize, EncodedRows)]) -> Result<(), BoxError> {
+        if encoded.is_empty() {
+            return self.write_rows(rows);
+        }
+        if encoded.iter().any(|(_, encoded)| encoded.len() != rows.rows()) {
+            return Err(DataError::record(&self.path, "its columns differ in their numbers of rows").into());
+        }
+        self.append(rows, |recording, at| recording.append_encoded(at, rows, encoded))
     }
 
     fn end_episode(&mut self) -> Result<(), BoxError> {

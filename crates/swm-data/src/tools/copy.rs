@@ -1,10 +1,13 @@
 //! Copying episodes of datasets into another, of any format: conversion, merging and splitting are all that.
 //!
-//! One thread reads the next rows while the caller's writes the ones before. Episodes flow in pieces, so that memory is
-//! bounded whatever their length. A copy that was interrupted continues where it ended, if what it holds is what it would
+//! One thread reads the next rows while the caller's writes the ones before. Columns that both sides store alike, such as
+//! images in HDF5, pass as they are stored, without being decoded. Episodes flow in pieces, so that memory is bounded
+//! whatever their length. A copy that was interrupted continues where it ended, if what it holds is what it would
 //! be given.
 
+use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
@@ -12,7 +15,7 @@ use swm_core::dataset::METADATA_VERSION;
 use swm_core::error::BoxError;
 use swm_core::{Batch, Column, Dtype, Metadata, Registry, Schema};
 
-use crate::dataset::{self, Dataset, Steps, WriteMode, WriteOptions};
+use crate::dataset::{self, Dataset, EncodedRows, Steps, WriteMode, WriteOptions};
 use crate::error::DataError;
 use crate::format;
 use crate::recording::EP_IDX;
@@ -87,35 +90,41 @@ pub fn copy_in(
         let same = pieces[start..].iter().take_while(|&&piece| metadata_of(sources, piece) == metadata);
         let end = start + same.count();
         let run = &pieces[start..end];
+        let failed = |error: BoxError| match error.downcast::<DataError>() {
+            Ok(error) => *error,
+            Err(error) => DataError::request(to, error.to_string()),
+        };
+        let mut writer = format::create_in(registry, to, &options, format)?;
+        writer.begin(&schema, &metadata).map_err(failed)?;
+        let spare = Rows::new(&schema, |column| {
+            let name = &schema.fields()[column].name;
+            let of = |source: &dyn Dataset| source.encoding(source.schema().index(name)?).map(str::to_owned);
+            let wanted = writer.encoding(column);
+            wanted.is_some() && sources.iter().all(|source| of(source.as_ref()).as_deref() == wanted)
+        });
         let (to_writer, from_reader) = sync_channel(1);
         let (to_reader, from_writer) = sync_channel(2);
         for _ in 0..2 {
             // Two tables: one is read into, the other written from.
-            let _ = to_reader.send(Batch::new(schema.clone(), 0));
+            let _ = to_reader.send(spare.clone());
         }
         thread::scope(|scope| {
-            let sources = &mut *sources;
-            scope.spawn(move || read(sources, run, &from_writer, &to_writer));
-            let mut writer = format::create_in(registry, to, &options, format)?;
-            let failed = |error: BoxError| match error.downcast::<DataError>() {
-                Ok(error) => *error,
-                Err(error) => DataError::request(to, error.to_string()),
-            };
-            writer.begin(&schema, &metadata).map_err(failed)?;
-            let mut rows = 0;
+            let (sources, schema) = (&mut *sources, &*schema);
+            scope.spawn(move || read(sources, schema, run, &from_writer, &to_writer));
+            let mut count = 0;
             for rows_read in from_reader {
-                let (batch, is_last): (Batch, bool) = rows_read?;
-                writer.write_rows(&batch).map_err(failed)?;
-                rows += batch.rows();
+                let (rows, is_last): (Rows, bool) = rows_read?;
+                writer.write_encoded_rows(&rows.plain, &rows.encoded).map_err(failed)?;
+                count += rows.plain.rows();
                 if is_last {
                     writer.end_episode().map_err(failed)?;
                     copied.episodes += 1;
-                    copied.rows += rows;
-                    watch(rows);
-                    rows = 0;
+                    copied.rows += count;
+                    watch(count);
+                    count = 0;
                 }
                 // The reader may have read the last one.
-                let _ = to_reader.send(batch);
+                let _ = to_reader.send(rows);
             }
             drop(to_reader);
             writer.finish().map_err(failed)
@@ -126,13 +135,49 @@ pub fn copy_in(
     Ok(copied)
 }
 
+/// Rows on their way from one dataset to another.
+#[derive(Clone)]
+struct Rows {
+    /// Columns whose values are read.
+    plain: Batch,
+    /// The others, by their positions in the schema.
+    encoded: Vec<(usize, EncodedRows)>,
+}
+
+impl Rows {
+    fn new(schema: &Arc<Schema>, is_encoded: impl Fn(usize) -> bool) -> Self {
+        let (encoded, plain): (Vec<_>, Vec<_>) = (0..schema.fields().len()).partition(|&at| is_encoded(at));
+        let plain = plain.into_iter().map(|column| schema.fields()[column].clone()).collect();
+        let plain = Schema::new(plain).expect("a part of a schema is one");
+        let encoded = encoded.into_iter().map(|column| (column, EncodedRows::default())).collect();
+        Self { plain: Batch::new(plain, 0), encoded }
+    }
+
+    fn read(
+        &mut self,
+        source: &mut dyn Dataset,
+        schema: &Schema,
+        episode: usize,
+        rows: Range<usize>,
+    ) -> Result<(), DataError> {
+        source.read(episode, rows.clone(), &mut self.plain)?;
+        for (column, encoded) in &mut self.encoded {
+            let name = &schema.fields()[*column].name;
+            let found = source.schema().index(name).expect("a column that is not there has no encoding");
+            source.encoded_rows(found, episode, rows.clone(), encoded)?;
+        }
+        Ok(())
+    }
+}
+
 /// Reads episodes into spare tables, until there are no more or nobody wants them. Each table comes with whether it ends
 /// its episode.
 fn read(
     sources: &mut [Box<dyn Dataset>],
+    schema: &Schema,
     pieces: &[Piece],
-    spare: &Receiver<Batch>,
-    out: &SyncSender<Result<(Batch, bool), DataError>>,
+    spare: &Receiver<Rows>,
+    out: &SyncSender<Result<(Rows, bool), DataError>>,
 ) {
     for &(source, episode) in pieces {
         let source = &mut sources[source];
@@ -143,11 +188,11 @@ fn read(
             return;
         }
         for rows in dataset::pieces(source.schema(), len) {
-            let Ok(mut batch) = spare.recv() else { return };
+            let Ok(mut piece) = spare.recv() else { return };
             let is_last = rows.end == len;
-            let read = source.read(episode, rows, &mut batch);
+            let read = piece.read(source.as_mut(), schema, episode, rows);
             let failed = read.is_err();
-            if out.send(read.map(|()| (batch, is_last))).is_err() || failed {
+            if out.send(read.map(|()| (piece, is_last))).is_err() || failed {
                 return;
             }
         }

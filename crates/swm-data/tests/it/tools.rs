@@ -1,7 +1,7 @@
 //! Copying, verifying and comparing whole datasets.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use swm_data::tools::compare::compare;
 use swm_data::tools::copy::{Copied, all, copy};
@@ -87,6 +87,52 @@ fn merged_and_chosen_episodes_stay_what_they_were() {
     for (index, batch) in found.iter().enumerate() {
         assert!(batch.get::<i32>("ep_idx").unwrap().iter().all(|&value| value == index as i32));
     }
+}
+
+#[test]
+fn parts_of_hdf5_are_merged_to_the_bytes_of_one_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    record(&path("whole.h5"), WriteMode::Append, 0..9).unwrap();
+    let bounds = [0, 1, 4, 9];
+    let parts = bounds.windows(2).map(|bounds| {
+        let part = path(&format!("part{}.h5", bounds[0]));
+        record(&part, WriteMode::Append, bounds[0]..bounds[1]).unwrap();
+        part
+    });
+    let parts: Vec<PathBuf> = parts.collect();
+    let merge = |target: &Path, count: usize| {
+        let mut sources: Vec<_> = parts[..count].iter().map(|part| open(part).unwrap()).collect();
+        let images = ["pixels", "goal"].map(|name| sources[0].schema().index(name).unwrap());
+        assert!(images.iter().all(|&column| sources[0].encoding(column).is_some_and(|e| e.contains("LZ4"))));
+        assert_eq!(sources[0].encoding(sources[0].schema().index("state").unwrap()), None);
+        let pieces = all(&sources);
+        copy(&mut sources, &pieces, target, (None, &WriteOptions::default()), &mut |_| {}).unwrap()
+    };
+    assert_eq!(merge(&path("merged.h5"), 3).episodes, 9);
+    assert!(fs::read(path("merged.h5")).unwrap() == fs::read(path("whole.h5")).unwrap());
+    // One that ended between two parts goes on from there.
+    assert_eq!(merge(&path("continued.h5"), 2).episodes, 4);
+    assert_eq!(merge(&path("continued.h5"), 3), Copied { resumed: 4, episodes: 5, rows: 1123 });
+    for (a, b) in contents(&path("whole.h5")).iter().zip(&contents(&path("continued.h5"))) {
+        assert_same(a, b);
+    }
+}
+
+#[test]
+fn damage_is_not_copied() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, bad, target] = ["data.h5", "bad.h5", "copy.h5"].map(|name| folder.path().join(name));
+    record(&path, WriteMode::Append, 0..3).unwrap();
+    let mut bytes = fs::read(&path).unwrap();
+    let head = [2u8, 1, 0x21, 1];
+    let starts: Vec<usize> = (0..bytes.len() - 4).filter(|&at| bytes[at..at + 4] == head).collect();
+    bytes[starts[starts.len() / 2] + 60] ^= 8;
+    fs::write(&bad, &bytes).unwrap();
+    let message = convert(&bad, &target).unwrap_err().to_string();
+    assert!(message.contains("bad.h5") && message.contains("checksum is wrong"), "{message}");
+    // What was committed before it is there.
+    assert!(open(&target).unwrap().num_episodes() < 3);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //! whose writer lives or was killed opens too, with the episodes that were finished.
 
 use std::fs::File;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -15,7 +16,7 @@ use super::layout::{EP_LEN, EP_OFFSET, element_of};
 use super::members::Members;
 use super::storage::{ColumnStorage, Scratch};
 use super::superblock;
-use crate::dataset::{Dataset, DatasetInfo, Steps};
+use crate::dataset::{Dataset, DatasetInfo, EncodedRows, Steps};
 use crate::error::DataError;
 use crate::formats::element::Element;
 use crate::recording::EP_IDX;
@@ -177,6 +178,23 @@ impl Dataset for Hdf5Dataset {
             checked.map_err(|error| info.damaged(column, episode, error))?;
         }
         Ok(())
+    }
+
+    fn encoding(&self, column: usize) -> Option<&str> {
+        self.shared.columns.get(column)?.encoding()
+    }
+
+    fn encoded_rows(
+        &mut self,
+        column: usize,
+        episode: usize,
+        rows: Range<usize>,
+        out: &mut EncodedRows,
+    ) -> Result<(), DataError> {
+        let Shared { info, file, columns, first, .. } = &*self.shared;
+        let rows = first[episode] + rows.start..first[episode] + rows.end;
+        let read = columns[column].read_encoded(file, rows, out, &mut self.scratch);
+        read.map_err(|error| info.damaged(column, episode, error))
     }
 }
 

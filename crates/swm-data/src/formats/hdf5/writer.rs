@@ -9,12 +9,13 @@ use swm_core::{Batch, Field, Metadata, Schema, Slice};
 
 use super::FORMAT;
 use super::create::{self, EndOfData};
+use super::encoding::{LastRow, encoding};
 use super::handles::{Handles, library_error};
 use super::layout::{EP_LEN, EP_OFFSET};
 use super::library;
 use super::reader::Hdf5Dataset;
-use crate::dataset::Dataset;
-use crate::error::{At as _, DataError, Result};
+use crate::dataset::{Dataset, EncodedRows};
+use crate::error::{At as _, DataError, FormatError, Result, unsupported};
 use crate::formats::disk;
 use crate::recording::{self, Backend, EP_IDX, Existing, Session, SessionStart, StepIndex};
 
@@ -27,11 +28,22 @@ pub(super) struct Hdf5Session {
     handles: Handles,
     path: PathBuf,
     schema: Arc<Schema>,
-    /// Positions in the schema of the columns that are stored as they are given (all but `ep_idx`).
-    stored: Vec<usize>,
+    /// The columns that are given (all but `ep_idx`), in the order of their datasets.
+    given: Vec<Given>,
     /// Rows of all committed episodes.
     rows: usize,
     ep_idx: Vec<i32>,
+}
+
+/// A column that is given.
+#[derive(Debug)]
+struct Given {
+    /// Its position in the schema.
+    column: usize,
+    /// How its rows are stored, if each on its own.
+    encoding: Option<String>,
+    /// The last row that came as it is stored.
+    last: LastRow,
 }
 
 impl Backend for Hdf5Backend {
@@ -77,12 +89,17 @@ impl Backend for Hdf5Backend {
                 (create::reopen(path, fields, &end, metadata)?, end.rows)
             }
         };
-        let stored = (0..schema.fields().len()).filter(|&index| schema.fields()[index].name != EP_IDX);
+        let given = (0..schema.fields().len()).filter(|&index| schema.fields()[index].name != EP_IDX);
+        let given = given.zip(&handles.columns).map(|(column, dataset)| {
+            let encoding = encoding(dataset, &schema.fields()[column]).map_err(library_error)?;
+            Ok(Given { column, encoding, last: LastRow::default() })
+        });
+        let given = given.collect::<Result<_>>().map_err(|error| DataError::record(path, error))?;
         Ok(Hdf5Session {
             handles,
             path: path.to_owned(),
             schema: schema.clone(),
-            stored: stored.collect(),
+            given,
             rows,
             ep_idx: Vec::new(),
         })
@@ -91,14 +108,37 @@ impl Backend for Hdf5Backend {
 
 impl Session for Hdf5Session {
     fn append(&mut self, at: StepIndex, batch: &Batch) -> Result<()> {
+        self.append_encoded(at, batch, &[])
+    }
+
+    fn encoding(&self, column: usize) -> Option<&str> {
+        self.given.iter().find(|given| given.column == column)?.encoding.as_deref()
+    }
+
+    fn append_encoded(
+        &mut self,
+        at: StepIndex,
+        batch: &Batch,
+        encoded: &[(usize, EncodedRows)],
+    ) -> Result<()> {
         let first = self.rows + at.step;
         let end = first + batch.rows();
-        for (dataset, &column) in self.handles.columns.iter().zip(&self.stored) {
-            let field = &self.schema.fields()[column];
-            let written = create::set_rows(dataset, end).map_err(library_error);
-            written
-                .and_then(|()| library::write(dataset, field, first, batch.rows(), batch.column(column)))
-                .at(format_args!("column `{}`", field.name))?;
+        for (dataset, Given { column, encoding, last }) in self.handles.columns.iter().zip(&mut self.given) {
+            let field = &self.schema.fields()[*column];
+            let encoded = encoded.iter().find(|(encoded, _)| encoded == column);
+            let write = || {
+                create::set_rows(dataset, end).map_err(library_error)?;
+                match (encoded, encoding) {
+                    (Some((_, rows)), Some(_)) => last.append(dataset, first, rows),
+                    (Some(_), None) => Err(unsupported("its rows are not stored each on its own")),
+                    (None, _) => {
+                        last.write(dataset)?;
+                        let values = batch.schema().require(&field.name).map_err(FormatError::other)?;
+                        library::write(dataset, field, first, batch.rows(), batch.column(values))
+                    }
+                }
+            };
+            write().at(format_args!("column `{}`", field.name))?;
         }
         self.ep_idx.clear();
         self.ep_idx.resize(batch.rows(), at.episode);
@@ -107,7 +147,11 @@ impl Session for Hdf5Session {
 
     /// Columns, then offset, then length, each on its way to the disk before the next.
     fn commit(&mut self, end: StepIndex) -> Result<()> {
-        let Handles { file, ep_len, ep_offset, .. } = &self.handles;
+        let Handles { file, columns, ep_len, ep_offset, .. } = &self.handles;
+        for (dataset, Given { column, last, .. }) in columns.iter().zip(&mut self.given) {
+            let field = &self.schema.fields()[*column];
+            last.hand_over(dataset, field).at(format_args!("column `{}`", field.name))?;
+        }
         let flush = || file.flush().map_err(library_error);
         flush()?;
         append(ep_offset, end.episode as usize, Slice::I64(&[self.rows as i64]))?;
