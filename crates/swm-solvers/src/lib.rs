@@ -100,7 +100,7 @@ pub use solvers::{
 pub use solvers::{CmaEs, FullCem, Ilqr};
 pub use space::{categories, largest, plan_dim};
 pub use trace::{
-    Detail, Elite, Iteration, IterationRecord, JsonLines, Memory, NoTrace, PlanRecord, Records, Trace,
-    TracedIteration, TracedPlan,
+    Detail, Elite, Iteration, IterationRecord, JsonLines, Memory, NoTrace, PlanPaths, PlanRecord, Records,
+    Trace, TracedIteration, TracedPlan, stops_at_success,
 };
 pub use workspace::{Scratch, Workspace};

@@ -164,6 +164,53 @@ const parts = {
     quiet("growing");
   },
 
+  /** A planner's search lies over the image, with its costs. */
+  async planning() {
+    await page.goto(`${origin}/#play`);
+    await page.waitForSelector("canvas");
+    await page.getByLabel("Who acts").selectOption("cem");
+    await page.locator("summary", { hasText: "Settings" }).click();
+    for (const [name, value] of [["samples", "64"], ["iterations", "5"], ["elites", "8"]]) await page.getByLabel(name, { exact: true }).fill(value);
+    await page.getByRole("button", { name: "Apply" }).click();
+    await until("the planner", async () => (await text(".readout")).includes("samples=64"));
+    await page.locator("summary", { hasText: "Settings" }).click();
+    await page.keyboard.press(".");
+    await until("a plan", async () => (await page.locator("polyline.plan").count()) > 0);
+    check(live.plan.costs.length === 5 && live.plan.cost !== null && live.plan.true_cost !== null, "the plan has no costs");
+    for (const kind of ["candidate", "first-elite", "last-elite"]) check((await page.locator(`polyline.${kind}`).count()) > 3, `no path of a ${kind}`);
+    const [over, below] = await Promise.all([".paths", ".screen > canvas"].map((one) => page.locator(one).boundingBox()));
+    check(Math.abs(over.x - below.x) < 1.5 && Math.abs(over.width - below.width) < 1.5, "the paths do not lie on the image");
+    await shot("play-planner");
+    await page.getByLabel("over the image").uncheck();
+    check((await page.locator(".paths").count()) === 0, "the paths stay");
+    await page.getByLabel("over the image").check();
+    await page.keyboard.press(",");
+    await until("no plan before its step", async () => (await page.locator(".paths").count()) === 0);
+    quiet("planning");
+  },
+
+  /** A browser that is killed loses nothing: what was kept is committed, and the environment closes. */
+  async killed() {
+    const browser = await chromium.launchServer({ executablePath: browserPath, headless: true, args: ["--no-sandbox", "--disable-gpu"] });
+    const client = await chromium.connect(browser.wsEndpoint());
+    const other = await client.newContext();
+    await other.addCookies(await context.cookies());
+    const tab = await other.newPage();
+    await tab.goto(`${origin}/#play`);
+    await tab.waitForSelector("canvas");
+    await tab.getByLabel("File").fill("killed.h5");
+    await tab.getByRole("button", { name: "Record", exact: true }).click();
+    await tab.waitForSelector(".rec");
+    await tab.keyboard.press(".");
+    await until("a step", async () => (await tab.locator(".steps").first().innerText()) === "1");
+    await tab.getByRole("button", { name: "Keep now" }).click();
+    await until("the kept episode", async () => (await tab.locator(".recording").innerText()).includes("to confirm"));
+    browser.process().kill("SIGKILL");
+    const inspect = () => spawnSync(program, ["inspect", join(save, "killed.h5"), "--json"], { encoding: "utf8" });
+    await until("the committed episode", () => { const { status, stdout } = inspect(); return status === 0 && JSON.parse(stdout).episodes === 1; });
+    quiet("killed");
+  },
+
   async data() {
     await page.goto(`${origin}/#data`);
     await page.waitForSelector(".thumb img");

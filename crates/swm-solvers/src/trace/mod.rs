@@ -3,6 +3,7 @@
 
 mod json_lines;
 mod memory;
+mod paths;
 mod records;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,6 +13,7 @@ use crate::sampling::cheapest;
 
 pub use json_lines::{Detail, JsonLines};
 pub use memory::{Elite, Memory, TracedIteration, TracedPlan};
+pub use paths::{PlanPaths, stops_at_success};
 pub use records::{IterationRecord, PlanRecord, Records};
 
 /// Observes every iteration of every solve. It cannot change them.

@@ -1,47 +1,51 @@
-//! What a plan leads to, by simulating it.
+//! What plans lead to, by simulating them: where objects are in the image after every action, and the task cost at the end.
 
 use swm_core::env::step_times;
 use swm_core::error::BoxError;
-use swm_core::{Column, Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvState, Place};
-use swm_solvers::ActionMap;
+use swm_core::{Column, Dtype, Env, EnvConfig, EnvEntry, EnvError, EnvState, Place, PolicyArgs};
+
+use crate::context::ActionMap;
 
 /// An environment to try plans in.
-pub(super) struct Future<'a> {
+pub struct PlanPaths {
     env: Box<dyn Env>,
-    actions: &'a ActionMap,
+    actions: ActionMap,
     action: Column,
     frame_skip: u32,
-    /// Whether the planner's roll-outs end at the environment's success.
     stops_at_success: bool,
-    /// Height and width of the images that paths are rendered over.
-    pub(super) size: Option<[usize; 2]>,
 }
 
-impl<'a> Future<'a> {
-    pub(super) fn new(
+impl PlanPaths {
+    /// Makes an environment as `config` says, without images. `actions`: [`MpcPolicy::actions`](crate::MpcPolicy::actions) of the
+    /// planner. `stops_at_success`: whether its roll-outs end at the environment's own success: [`stops_at_success`].
+    ///
+    /// # Errors
+    ///
+    /// Those of making the environment.
+    pub fn new(
         entry: &EnvEntry,
         config: &EnvConfig,
-        actions: &'a ActionMap,
+        actions: ActionMap,
         frame_skip: u32,
         stops_at_success: bool,
     ) -> Result<Self, BoxError> {
-        let size = config.image.map(|image| [image.height, image.width]);
         let env = entry.make(&EnvConfig { image: None, ..config.clone() })?;
         let space = &env.spec().action;
         let action = Column::zeros(space.dtype().unwrap_or(Dtype::F32), space.dim());
-        Ok(Self { env, actions, action, frame_skip, stops_at_success, size })
+        Ok(Self { env, actions, action, frame_skip, stops_at_success })
     }
 
-    /// Names of the dimensions of an action: `action[0]`.
-    pub(super) fn action_names(&self) -> Vec<String> {
-        match self.action.len() {
-            1 => vec!["action".to_owned()],
-            dim => (0..dim).map(|index| format!("action[{index}]")).collect(),
-        }
+    /// How many values an action has.
+    pub fn action_dim(&self) -> usize {
+        self.action.len()
     }
 
-    /// Where objects are, at `start` and after every action of `plan`, `[H × k, A]`, as far as the planner's roll-outs went.
-    pub(super) fn places(&mut self, start: &EnvState, plan: &[f32]) -> Result<Vec<Vec<Place>>, BoxError> {
+    /// Where objects are, at `start` and after every action of `plan`, `[H, D]`, as far as the planner's roll-outs went.
+    ///
+    /// # Errors
+    ///
+    /// The state is of another environment, or the simulation fails.
+    pub fn places(&mut self, start: &EnvState, plan: &[f32]) -> Result<Vec<Vec<Place>>, BoxError> {
         self.env.restore(start)?;
         let mut all = vec![self.env.places()];
         for values in plan.chunks_exact(self.actions.dim()) {
@@ -62,4 +66,20 @@ impl<'a> Future<'a> {
         }
         Ok(all)
     }
+
+    /// The task cost where the last plan ended; `None` in environments without one.
+    pub fn task_cost(&self) -> Option<f64> {
+        self.env.task_cost()
+    }
+}
+
+impl std::fmt::Debug for PlanPaths {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("PlanPaths").field("env", &self.env.spec().id).finish_non_exhaustive()
+    }
+}
+
+/// Whether roll-outs of a planner with these arguments end at the environment's own success.
+pub fn stops_at_success(args: &PolicyArgs) -> bool {
+    args.named.get("stop_at_success").and_then(serde_json::Value::as_bool).unwrap_or(true)
 }

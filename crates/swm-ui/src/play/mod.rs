@@ -7,6 +7,7 @@ pub(crate) mod catalog;
 mod history;
 mod inbox;
 mod message;
+mod planner;
 mod recording;
 mod session;
 mod stage;

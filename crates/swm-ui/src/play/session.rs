@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use axum::extract::ws::Message;
+use serde::Serialize;
 use serde_json::{Value as Json, json};
 use swm_core::settings::describe;
 use swm_core::{ImageSize, Manifest, PolicyArgs};
@@ -201,8 +202,11 @@ impl Session<'_> {
             return self.next_episode();
         }
         stage.step()?;
-        let (point, is_over) = (stage.point(), stage.is_over());
+        let (point, is_over, plan) = (stage.point(), stage.is_over(), stage.plan());
         self.points.push(point);
+        if let Some(plan) = plan {
+            self.tell(&plan);
+        }
         if is_over && self.recording.is_some() {
             self.keep()?;
         }
@@ -242,9 +246,10 @@ impl Session<'_> {
         self.frame();
     }
 
-    fn tell(&self, message: &Json) {
+    fn tell(&self, message: &impl Serialize) {
+        let Ok(text) = serde_json::to_string(message) else { return };
         // The page may be gone, which the loop finds out.
-        let _ = self.out.blocking_send(Message::Text(message.to_string().into()));
+        let _ = self.out.blocking_send(Message::Text(text.into()));
     }
 
     /// Sends the current image. A page that lags behind while the environment plays gets a later one.

@@ -14,6 +14,7 @@ use swm_core::{
 
 use super::history::History;
 use super::message::{Open, Reset};
+use super::planner::{Planner, Shown, Starts};
 use super::recording::{Ending, Take};
 use super::steer::Steer;
 
@@ -33,6 +34,7 @@ pub(super) struct Stage {
     pointer: Option<[f64; 2]>,
     pub steer: Option<Steer>,
     policy: Option<PolicyArgs>,
+    planner: Option<Planner>,
     /// What the policy did last.
     acted: Arc<Mutex<Option<Column>>>,
     /// Of every step of the episode.
@@ -100,6 +102,7 @@ impl Stage {
             pointer: None,
             steer,
             policy: None,
+            planner: None,
             acted: Arc::default(),
             actions: Vec::new(),
             actors: BTreeSet::new(),
@@ -167,11 +170,21 @@ impl Stage {
 
     /// Attaches the policy anew: what it remembers is of another past.
     fn attach(&mut self, registry: &Registry) -> Result<(), BoxError> {
-        if let Some(args) = &self.policy {
-            let inner = registry.policy_from(args, &self.world)?;
-            self.world.set_policy(Noted { inner, last: Arc::clone(&self.acted) });
-        }
+        let Some(args) = &self.policy else {
+            self.planner = None;
+            return Ok(());
+        };
+        let mut inner = registry.policy_from(args, &self.world)?;
+        let space = &self.world.spec().action;
+        self.planner = Planner::of(inner.as_mut(), args, self.entry, &self.config, space, self.frame_skip)?;
+        let starts = self.planner.as_ref().map(Planner::starts);
+        self.world.set_policy(Noted { inner, starts, last: Arc::clone(&self.acted) });
         Ok(())
+    }
+
+    /// The plan that the last step began, if it did.
+    pub(super) fn plan(&mut self) -> Option<Shown> {
+        self.planner.as_mut()?.take()
     }
 
     pub(super) fn is_over(&self) -> bool {
@@ -355,9 +368,10 @@ fn neutral(world: &World) -> Vec<f64> {
     low.iter().zip(high).map(|(&low, high)| 0f64.clamp(low, high)).collect()
 }
 
-/// A policy whose last action is known.
+/// A policy whose last action is known, and where its plans begin.
 struct Noted {
     inner: Box<dyn Policy>,
+    starts: Option<Starts>,
     last: Arc<Mutex<Option<Column>>>,
 }
 
@@ -372,6 +386,7 @@ impl Policy for Noted {
 
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
         self.inner.act(view, actions)?;
+        self.starts.iter().try_for_each(|starts| starts.note(view))?;
         let action = actions.row(0).as_slice().to_column();
         *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(action);
         Ok(())

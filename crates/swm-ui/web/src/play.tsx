@@ -5,9 +5,10 @@ import { type About, type Env } from "./api";
 import { Actor, Hand } from "./actor";
 import { Factors, type Scenario } from "./factors";
 import { Button, CommandLine, Field, Notice, Panel, csv, download, number, quoted, useGet } from "./kit";
+import { Paths, Thoughts } from "./planner";
 import { Plot } from "./plot";
 import { Recorder } from "./recorder";
-import { type Head, type Size, Socket } from "./socket";
+import { type Head, type Plan, type Size, Socket } from "./socket";
 import { useSteering } from "./steering";
 
 const START = "swm/PushT-v1";
@@ -76,6 +77,8 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
   const [plotted, setPlotted] = useState<string[]>([]);
   const [series, setSeries] = useState<Series>({ names: [], rows: [] });
   const [saved, setSaved] = useState<string | null>(null);
+  const [plan, setPlan] = useState<Plan | null>(null);
+  const [showsPlan, setShowsPlan] = useState(true);
   const shown = useRef({ frames: 0, since: performance.now(), head: null as Head | null, rows: [] as (number | null)[][], queued: false });
   const send = (message: object) => socket.current?.send(message);
 
@@ -102,6 +105,7 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
             setFactors(message.factors);
             setSeed(message.seed);
             setEpisode(message.episode);
+            setPlan(null);
             state.rows = [];
             break;
           case "plotted":
@@ -109,6 +113,7 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
             state.rows = [];
             break;
           case "recorded": setSaved(message.id); break;
+          case "plan": setPlan(message); break;
         }
       },
       goal: (size, rgb) => {
@@ -160,6 +165,7 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
   const choosePolicy = (text: string | null) => {
     setError(null);
     setPolicy(text);
+    setPlan(null);
     send({ type: "policy", text });
   };
   const watch = (columns: string[]) => {
@@ -186,6 +192,8 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
 
   const data = useMemo(() => columns(series.rows, 3 + plotted.length), [series, plotted]);
   const steps = head?.step ?? 0;
+  // A plan holds from its step on, until the next one.
+  const current = plan && policy !== null && steps > plan.step ? plan : null;
   const furthest = Math.max(steps, ...(series.rows.length ? [series.rows.at(-1)![0] ?? 0] : [0]));
   const name = `${env.id.split("/").pop()}_seed_${seed}_episode_${episode}`;
   // The lines of the plot stay from episode to episode.
@@ -199,6 +207,7 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
         <Panel class="stage">
           <div class={`screen ${steers && policy === null ? "steers" : ""}`}>
             <canvas ref={canvas} width={side} height={side} tabIndex={0} aria-label={`Image of ${env.id}`} {...act} />
+            {current && showsPlan && <Paths plan={current} />}
             <figure class="goal" hidden={!hasGoal}><canvas ref={goal} aria-label="Goal" /><figcaption>goal</figcaption></figure>
             {head?.over && <div class={`outcome ${head.success ? "good" : ""}`}>{head.success ? "success" : head.over}</div>}
           </div>
@@ -221,6 +230,7 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
             <div class="grow"><dt>actor</dt><dd><code>{head?.actor ?? ""}</code></dd></div>
           </dl>
         </Panel>
+        {current && <Thoughts plan={current} shown={showsPlan} onShow={setShowsPlan} />}
         <Panel title="Plots" aside={
           <select aria-label="Add a column" value="" onChange={(event) => event.currentTarget.value && watch([...watched, event.currentTarget.value])}>
             <option value="">+ column</option>

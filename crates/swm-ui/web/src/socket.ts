@@ -9,11 +9,17 @@ export interface Head extends Size {
   over: "terminated" | "truncated" | null; success: boolean | null; total_reward: number | null;
   recording: Recording | null; agent: [number, number] | null; points: Point[];
 }
+/** What a planner thought: points are fractions of the image's width and height, by object. */
+export interface Plan {
+  kind: "plan"; step: number; objects: string[]; costs: (number | null)[][]; cost: number | null; true_cost: number | null;
+  paths: { of: "candidate" | "first elite" | "last elite" | "plan"; objects: [number, number][][] }[];
+}
 export type Message =
   | { kind: "error"; text: string }
   | { kind: "opened"; env: string; hz: number; steer: object | null; policy: string | null }
   | { kind: "episode"; seed: number; episode: number; factors: Record<string, unknown> }
   | { kind: "plotted"; names: string[] }
+  | Plan
   | { kind: "recorded"; id: string | null };
 
 export interface Listener {

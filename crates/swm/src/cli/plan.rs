@@ -10,15 +10,13 @@ use clap::{Args, ValueEnum};
 use swm_core::error::{BoxError, did_you_mean, nearest};
 use swm_core::{EpisodeEnd, LiveStep, Policy, Recorder, Registry, Rollout, World};
 use swm_media::Format;
-use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace};
+use swm_solvers::{ActionMap, Detail, JsonLines, NoTrace, SolverEntry, Trace, stops_at_success};
 
 use super::args::{EnvArgs, ImageArg, WorldArgs, model_image, policy_args};
 use super::output::table;
 use super::scenario::ScenarioArgs;
 use super::{Failure, Output, usage};
-use crate::plan::{
-    EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, planner_of, stops_at_success, write_report,
-};
+use crate::plan::{EpisodeSummary, PlanFigures, PlanSummary, Report, Watched, planner_of, write_report};
 use crate::video::Video;
 
 /// Plan with a solver on the true simulator or a model, carry the plans out, and show the search.

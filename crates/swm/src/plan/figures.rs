@@ -1,11 +1,10 @@
 //! Every figure of a report on plans, as SVG.
 
 use swm_core::error::BoxError;
-use swm_core::{EnvConfig, EnvEntry, PolicyArgs};
+use swm_core::{EnvConfig, EnvEntry};
 use swm_media::Format;
-use swm_solvers::ActionMap;
+use swm_solvers::{ActionMap, PlanPaths};
 
-use super::future::Future;
 use super::summary::{PlanFigures, PlanSummary};
 use super::watched::Session;
 use super::{costs, elites, paths};
@@ -29,13 +28,8 @@ pub struct Report<'a> {
     pub format: Format,
     /// How many plans get figures: the first ones.
     pub drawn: usize,
-    /// Whether the planner's roll-outs end at the environment's success: [`stops_at_success`].
+    /// Whether the planner's roll-outs end at the environment's success: [`swm_solvers::stops_at_success`].
     pub stops_at_success: bool,
-}
-
-/// Whether roll-outs of a planner with these arguments end at the environment's own success.
-pub fn stops_at_success(args: &PolicyArgs) -> bool {
-    args.named.get("stop_at_success").and_then(serde_json::Value::as_bool).unwrap_or(true)
 }
 
 /// The figures of a report.
@@ -67,8 +61,13 @@ impl PlanFigure {
 pub(crate) fn render_figures(report: &Report<'_>) -> Result<Figures, BoxError> {
     let plans = report.session.memory.plans();
     let (frame_skip, stops) = (report.summary.frame_skip, report.stops_at_success);
-    let mut future = Future::new(report.entry, report.config, report.actions, frame_skip, stops)?;
-    let names = future.action_names();
+    let actions = report.actions.clone();
+    let mut simulator = PlanPaths::new(report.entry, report.config, actions, frame_skip, stops)?;
+    let names = match simulator.action_dim() {
+        1 => vec!["action".to_owned()],
+        dim => (0..dim).map(|index| format!("action[{index}]")).collect(),
+    };
+    let size = report.config.image.map(|image| [image.height, image.width]);
     let mut figures = Vec::new();
     for (start, plan) in report.session.starts.iter().zip(plans).take(report.drawn) {
         let (episode, index) = (plan.key.episode, plan.key.plan);
@@ -76,7 +75,7 @@ pub(crate) fn render_figures(report: &Report<'_>) -> Result<Figures, BoxError> {
             name: format!("episode_{episode:03}_plan_{index:03}"),
             title: format!("Episode {episode}, plan {index}, made at step {}", start.step),
             elites: elites::render(plan, report.actions, &names),
-            paths: paths::render(start, plan, &mut future)?,
+            paths: paths::render(start, plan, size, &mut simulator)?,
         });
     }
     let table = report.summary.plans.iter().take(report.drawn).cloned().collect();

@@ -6,14 +6,13 @@
 mod costs;
 mod elites;
 mod figures;
-mod future;
 mod page;
 mod paths;
 mod summary;
 mod watched;
 
+pub use figures::Report;
 pub(crate) use figures::{Figures, PlanFigure, render_figures};
-pub use figures::{Report, stops_at_success};
 pub use page::write_report;
 pub use summary::{EpisodeSummary, PlanFigures, PlanSummary};
 pub use watched::{PlanStart, Session, SharedSession, Watched, planner_of};

@@ -5,9 +5,8 @@ use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use swm_core::Place;
 use swm_core::error::BoxError;
 use swm_media::png;
-use swm_solvers::TracedPlan;
+use swm_solvers::{PlanPaths, TracedPlan};
 
-use super::future::Future;
 use super::watched::PlanStart;
 use crate::svg::{Anchor, Entry, Grid, Mark, Svg, evenly};
 
@@ -27,10 +26,11 @@ const START: &str = "fill=\"#fff\" stroke=\"#333\" stroke-width=\"1.5\"";
 pub(super) fn render(
     start: &PlanStart,
     plan: &TracedPlan,
-    future: &mut Future<'_>,
+    size: Option<[usize; 2]>,
+    simulator: &mut PlanPaths,
 ) -> Result<Option<String>, BoxError> {
-    let (Some(image), Some([height, width])) = (&start.image, future.size) else { return Ok(None) };
-    let expected = future.places(&start.state, &plan.actions)?;
+    let (Some(image), Some([height, width])) = (&start.image, size) else { return Ok(None) };
+    let expected = simulator.places(&start.state, &plan.actions)?;
     let Some(objects) = expected.first().filter(|objects| !objects.is_empty()).cloned() else {
         return Ok(None);
     };
@@ -68,7 +68,7 @@ pub(super) fn render(
     for (column, &index) in shown.iter().enumerate() {
         // The cheapest last, so that they lie on top.
         let elites = plan.iterations[index].elites.iter().rev();
-        let paths = elites.map(|elite| future.places(&start.state, &elite.actions));
+        let paths = elites.map(|elite| simulator.places(&start.state, &elite.actions));
         let title = format!("iteration {} of {}", index + 1, plan.iterations.len());
         render(
             column,

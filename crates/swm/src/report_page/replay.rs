@@ -8,12 +8,12 @@ use swm_core::error::BoxError;
 use swm_core::evaluate::{EpisodeResult, OutcomeRecorder};
 use swm_core::{EnvConfig, EnvEntry, ImageSize, Registry, World};
 use swm_media::{Format, png};
+use swm_solvers::stops_at_success;
 
 use crate::distractors;
 use crate::evaluation::Receipt;
 use crate::plan::{
     EpisodeSummary, Figures, PlanFigures, PlanSummary, Report, Watched, planner_of, render_figures,
-    stops_at_success,
 };
 use crate::svg::base64;
 use crate::video::{Scene, Video};
