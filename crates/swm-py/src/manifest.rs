@@ -7,7 +7,7 @@ use std::time::Instant;
 use pyo3::prelude::*;
 use swm::core::error::BoxError;
 use swm::core::evaluate::{
-    EpisodeResult, ManifestOptions, OutcomeRecorder, RecordedPairs, make_manifest as make,
+    EpisodeResult, ManifestOptions, OutcomeRecorder, RecordedPairs, is_held_out, make_manifest as make,
 };
 use swm::core::{
     Cancel, EnvConfig, EnvEntry, ImageSize, Manifest, PolicyArgs, PolicyError, Rollout, WorldError,
@@ -128,6 +128,12 @@ fn make_manifest(
     })?;
     write_manifest(&path, &manifest).map_err(boxed)?;
     Ok((to_json(&manifest)?, manifest.hash()))
+}
+
+/// Of these episodes of a dataset, which are held out from training (see `swm_core::evaluate::is_held_out`).
+#[pyfunction]
+fn held_out(episodes: Vec<usize>, share: f64) -> Vec<bool> {
+    episodes.into_iter().map(|episode| is_held_out(episode, share)).collect()
 }
 
 /// Who is evaluated on a manifest: a native policy by its name, or a Python one in a World that was made for it.
@@ -344,6 +350,7 @@ fn wanted(
 pub(crate) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(manifest_json, m)?)?;
     m.add_function(wrap_pyfunction!(receipt_json, m)?)?;
+    m.add_function(wrap_pyfunction!(held_out, m)?)?;
     m.add_function(wrap_pyfunction!(make_manifest, m)?)?;
     m.add_function(wrap_pyfunction!(evaluate_manifest, m)?)
 }

@@ -178,6 +178,23 @@ def test_subsets_and_splits(path: Path) -> None:
         swm.data.split(dataset, [0.9, 0.9])
 
 
+def test_held_out_episodes_are_those_of_manifests(tmp_path: Path) -> None:
+    path = tmp_path / "recorded.h5"
+    world = swm.World("swm/TwoRoom-v2", num_envs=4, image_shape=None, max_episode_steps=40)
+    world.set_policy(swm.policy.RandomPolicy())
+    world.collect(path, episodes=30, seed=3)
+    dataset = swm.data.load_dataset(path, num_steps=2)
+    training, held_out = swm.data.split_held_out(dataset, 0.4)
+    assert sorted([*training.episodes, *held_out.episodes]) == list(range(30)) and len(held_out.episodes) > 3
+    task = tmp_path / "task.json"
+    made = swm.make_manifest(task, "swm/TwoRoom-v2", 3, tier="moderate", dataset=path, goal_offset=12, held_out=0.4)
+    assert {pair["from"][0] for pair in made["pairs"]} <= set(held_out.episodes)
+    # A part of a dataset keeps the positions of its episodes.
+    assert swm.data.split_held_out(held_out, 0.4)[1].episodes == held_out.episodes
+    with pytest.raises(ValueError, match="use 0 to 1"):
+        swm.data.split_held_out(dataset, 20)
+
+
 def test_statistics_and_verification(path: Path) -> None:
     dataset = swm.data.load_dataset(path)
     found = dataset.statistics(["action"])["action"]

@@ -37,6 +37,7 @@ __all__ = [
     "evaluate",
     "evaluate_manifest",
     "files",
+    "held_out",
     "make_manifest",
     "manifest_json",
     "receipt_json",
@@ -300,6 +301,7 @@ def evaluate_manifest(
     tick: _Tick | None = None,
 ) -> str: ...
 def files() -> tuple[Path | None, Path | None, list[str]]: ...
+def held_out(episodes: list[int], share: float) -> list[bool]: ...
 def make_manifest(
     path: _Path, options: str, set: Any | None = None, dataset: tuple[_Path, int, float] | None = None
 ) -> tuple[str, str]: ...

@@ -192,9 +192,37 @@ impl PartArgs {
     }
 }
 
-/// The policy of `--policy NAME:ARGS` for a world.
-pub(super) fn policy(registry: &Registry, text: &str, world: &World) -> Result<Box<dyn Policy>, Failure> {
-    Ok(registry.policy_from(&policy_args(text)?, world)?)
+/// The policy of `--policy NAME:ARGS` for a world; a note tells of settings with which it can hardly search.
+pub(super) fn policy(
+    registry: &Registry,
+    text: &str,
+    world: &World,
+    output: &Output,
+) -> Result<Box<dyn Policy>, Failure> {
+    let args = policy_args(text)?;
+    let policy = registry.policy_from(&args, world)?;
+    note_elites(registry, world.entry(), &args, output);
+    Ok(policy)
+}
+
+/// Tells of a search that keeps most of its samples as elites. It stays where it began, which looks like a model or a task
+/// that is too hard.
+pub(super) fn note_elites(registry: &Registry, env: &EnvEntry, args: &PolicyArgs, output: &Output) {
+    let Ok(entry) = registry.policy_entry(env, &args.name) else { return };
+    let value = |name: &str| {
+        let default = || entry.settings.iter().find(|setting| setting.name == name)?.default.parse().ok();
+        args.named.get(name).map_or_else(default, Json::as_u64)
+    };
+    if let (Some(samples), Some(elites)) = (value("samples"), value("elites"))
+        && 2 * elites > samples
+    {
+        let fewer = (samples / 10).max(2);
+        output.note(format!(
+            "note: {} keeps {elites} of {samples} samples as elites, so that the search hardly improves; a tenth is usual: \
+             elites={fewer}",
+            args.name
+        ));
+    }
 }
 
 /// The files that a policy's text names: its settings and its models.

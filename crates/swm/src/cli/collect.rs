@@ -92,7 +92,7 @@ pub(super) struct Collect {
 
 impl Collect {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let mut world = self.make_world(registry)?;
+        let mut world = self.make_world(registry, output)?;
         let (row_bytes, num_envs) = (memory::row_bytes(world.infos()), world.options().num_envs);
         if let Some(much) = memory::note(num_envs, self.max_steps, row_bytes, memory::machine_bytes()) {
             output.note(much);
@@ -202,7 +202,7 @@ impl Collect {
     }
 
     /// The world with its policy.
-    fn make_world(&self, registry: &Registry) -> Result<World, Failure> {
+    fn make_world(&self, registry: &Registry, output: &Output) -> Result<World, Failure> {
         let config = self.env.config(self.image_size.0.filter(|_| self.replayable.is_none()))?;
         let asked = self.wanted();
         let own = self.shard.map_or(0..asked, |shard| shard.of(asked));
@@ -212,13 +212,13 @@ impl Collect {
             WorldError::Option { option: "unrecorded", reason } => usage(format!("--without: {reason}")),
             error => error.into(),
         })?;
-        world.set_policy(policy(registry, &self.policy, &world)?);
+        world.set_policy(policy(registry, &self.policy, &world, output)?);
         Ok(world)
     }
 
     /// What a job needs to know before it is submitted, and how many steps it records at most.
     pub(super) fn plan(&self, registry: &Registry, output: &Output) -> Result<(Plan, u64), Failure> {
-        let world = self.make_world(registry)?;
+        let world = self.make_world(registry, output)?;
         self.scenario.options(&world.spec().factors, output)?;
         let episodes = self.wanted();
         if episodes == 0 {

@@ -168,7 +168,7 @@ impl Eval {
             entry,
             self.world.at_most(self.episodes).options(config, budget).frame_skip(frame_skip),
         )?;
-        world.set_policy(policy(registry, &self.policy, &world)?);
+        world.set_policy(policy(registry, &self.policy, &world, output)?);
         let factors = &world.spec().factors;
         let reset = match &dataset {
             None => self.scenario.options(factors, output)?,

@@ -6,9 +6,10 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 use swm_core::evaluate::{EpisodeResult, Summary};
+use swm_core::settings::describe;
 use swm_core::{EnvEntry, Manifest, Registry};
 
-use super::args::{PartArgs, Shard, policy_args, policy_files};
+use super::args::{PartArgs, Shard, note_elites, policy_args, policy_files};
 use super::output::{counted, create_folder, table};
 use super::work::Plan;
 use super::{Failure, Output, held, usage};
@@ -86,6 +87,17 @@ impl EvalManifest<'_> {
         let is_divided = self.part.shard.is_some() || self.part.join;
         if let (Some(_), Some(dir), true) = (&held, self.out, is_divided) {
             return Err(held::refusal(dir, "a receipt with other reference policies"));
+        }
+        note_elites(registry, entry, &candidate.policy, output);
+        let oracle = wanted.iter().find(|(role, other)| *role == Role::Oracle && *other != candidate);
+        if let Some((_, oracle)) = oracle {
+            let roles: Vec<&str> = wanted.iter().map(|(role, _)| role.name()).collect();
+            output.note(format!(
+                "note: reference policies on the same pairs: {}; the oracle, `{}` on the true dynamics, takes longest (--reference \
+                 chooses)",
+                roles.join(", "),
+                describe(&oracle.policy.name, &oracle.policy.named)
+            ));
         }
         let others = wanted.iter().map(|(_, other)| other).filter(|other| **other != candidate);
         let policies: Vec<&Candidate> = std::iter::once(&candidate).chain(others).collect();
@@ -331,6 +343,9 @@ fn text(receipt: &Receipt, path: Option<&Path>) -> String {
             text += &format!("mean regret after each plan: {}\n", plans.join(", "));
         }
     }
-    text += &format!("manifest {}\n{:.1} s\n", receipt.manifest_hash, receipt.wall_time_s);
+    text += &format!(
+        "manifest {}\nwall time of the policy: {:.1} s\n",
+        receipt.manifest_hash, receipt.wall_time_s
+    );
     text + &path.map(|path| format!("{}\n", path.display())).unwrap_or_default()
 }

@@ -13,7 +13,7 @@ use super::scenario::ScenarioArgs;
 use super::stream::read_stream;
 use super::{Failure, Output, usage};
 use crate::distractors;
-use crate::evaluation::{file_hash, read_manifest, tier_rules, write_manifest};
+use crate::evaluation::{TierRules, file_hash, read_manifest, tier_rules, write_manifest};
 
 /// Actions allowed per episode, online and on recorded pairs (the reference's).
 const BUDGET_ONLINE: u64 = 200;
@@ -136,6 +136,13 @@ impl Make {
         let settings = recorded.as_ref().map_or_else(Map::new, |recorded| recorded.settings.clone());
         let config = self.env.config_like(settings, self.image_size.0)?;
         let rules = tier_rules(entry.id, &config.settings, tier).map_err(usage)?;
+        if tier == Tier::Moderate && rules == TierRules::default() {
+            output.note(format!(
+                "note: {} has no moderate rules of its own: success is the environment's test, starts may move, and goals may \
+                 be near",
+                entry.id
+            ));
+        }
         if !self.distractors.is_empty() && config.image.is_none() {
             return Err(usage("--distractor changes images, and there are none; give --image-size"));
         }

@@ -55,9 +55,13 @@ fn folder(path: &Path) -> PathBuf {
 /// Values without a key, then settings in which results differ (all of them for a single result), then the seed.
 fn settings(candidate: &Candidate, results: &[(&Path, &Candidate)]) -> Vec<String> {
     let plain = |value: &Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    // What another policy lacks it may not have; what the same policy lacks is a default.
+    let is_alike = |other: &Candidate, key: &str, value: &Json| match other.policy.named.get(key) {
+        Some(known) => known == value,
+        None => other.policy.name != candidate.policy.name,
+    };
     let shared = |key: &str, value: &Json| {
-        results.len() > 1
-            && results.iter().all(|(_, other)| other.policy.named.get(key).is_none_or(|known| known == value))
+        results.len() > 1 && results.iter().all(|(_, other)| is_alike(other, key, value))
     };
     let mut settings: Vec<String> = candidate.policy.positional.iter().map(plain).collect();
     let named = candidate.policy.named.iter().filter(|(key, value)| !shared(key, value));
@@ -105,6 +109,12 @@ mod tests {
             "learned | mpc: runs/lewm",
         ];
         assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn a_setting_differs_from_the_default() {
+        let found = named(&[("a", "cem", 0), ("b", "cem:samples=32", 0), ("c", "icem", 0)]);
+        assert_eq!(found, ["a | cem", "b | cem: samples=32", "c | icem"]);
     }
 
     #[test]

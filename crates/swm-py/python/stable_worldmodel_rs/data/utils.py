@@ -35,6 +35,7 @@ __all__ = [
     "load_dataset",
     "merge",
     "split",
+    "split_held_out",
 ]
 
 logger = logging.getLogger("stable_worldmodel_rs")
@@ -111,6 +112,23 @@ def split(dataset: NativeDataset, fractions: Sequence[float], seed: int = 0) -> 
     order = np.random.default_rng(seed).permutation(len(dataset.lengths))
     ends = np.rint(np.cumsum([0.0, *fractions]) * len(order)).astype(int)
     return [dataset.subset(np.sort(order[first:end]).tolist()) for first, end in zip(ends[:-1], ends[1:], strict=True)]
+
+
+def split_held_out(dataset: NativeDataset, share: float = 0.2) -> tuple[NativeDataset, NativeDataset]:
+    """The episodes to train on, and those that moderate and strict manifests of the file take their pairs from.
+
+    The choice depends on the position of an episode in its file alone, so every program makes the same.
+
+    Args:
+        dataset: A dataset of a file or folder.
+        share: As ``held_out`` of :func:`make_manifest`.
+    """
+    if not 0 <= share <= 1:
+        raise ValueError(f"a share of {share} of the episodes; use 0 to 1")
+    positions = list(range(len(dataset.lengths))) if dataset.episodes is None else list(dataset.episodes)
+    held = _swm.held_out(positions, share)
+    training, evaluation = ([at for at, is_held in enumerate(held) if is_held == part] for part in (False, True))
+    return dataset.subset(training), dataset.subset(evaluation)
 
 
 @contextmanager
