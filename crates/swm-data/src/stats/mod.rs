@@ -10,6 +10,7 @@ mod side_file;
 
 use std::collections::BTreeMap;
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use swm_core::{Column, Dtype, Field, FieldKind};
 
@@ -109,38 +110,19 @@ impl Statistics {
         if let Some(text) = fields.iter().find(|field| field.dtype == Dtype::Str) {
             return wrong("keys", format!("column `{}` holds text, which has no statistics", text.name));
         }
-        let mut found: Vec<Box<dyn Accumulate>> = Vec::with_capacity(fields.len());
-        for (&column, field) in chosen.iter().zip(&fields) {
-            found.push(match (&field.shape[..], field.dtype) {
-                (&[_, _, channels], Dtype::U8) => Box::new(Histograms::new(channels)),
-                _ => Box::new(Moments::new(field.dim(), options.sample, column as u64)),
-            });
+        // Images are what takes time: each column of them goes to a thread, and the others, which some formats decode at once,
+        // to another. A column's rows are summed in their order, whatever the number of threads.
+        let is_image = |&column: &usize| schema.fields()[column].shape.len() == 3;
+        let (images, others): (Vec<usize>, Vec<usize>) = chosen.iter().copied().partition(is_image);
+        let groups = [others].into_iter().chain(images.into_iter().map(|column| vec![column]));
+        let groups: Vec<_> = groups.map(|columns| (columns, dataset.share())).collect();
+        let found =
+            groups.into_par_iter().map(|(columns, mut dataset)| of_columns(&mut *dataset, &columns, options));
+        let mut columns = BTreeMap::new();
+        for group in found.collect::<Vec<_>>() {
+            columns.extend(group?);
         }
-        let mut buffers: Vec<Column> = fields.iter().map(|field| Column::zeros(field.dtype, 0)).collect();
-        let mut rows = 0;
-        for episode in 0..dataset.num_episodes() {
-            let len = dataset.episode_len(episode);
-            rows += len as u64;
-            for ((&column, found), buffer) in chosen.iter().zip(&mut found).zip(&mut buffers) {
-                let field = &schema.fields()[column];
-                let counted = if field.kind == FieldKind::Episode { len.min(1) } else { len };
-                let piece = (PIECE_BYTES / (8 * field.dim()).max(1)).max(1);
-                let mut first = 0;
-                while first < counted {
-                    let count = piece.min(counted - first);
-                    buffer.resize(count * field.dim());
-                    let steps = Steps { first, count, stride: 1 };
-                    dataset.read_column(column, episode, steps, buffer.as_slice_mut())?;
-                    found.add(buffer.as_slice());
-                    first += count;
-                }
-            }
-        }
-        let columns = fields
-            .iter()
-            .zip(found)
-            .map(|(field, mut found)| (field.name.clone(), found.finish(&options.quantiles)))
-            .collect();
+        let rows = (0..dataset.num_episodes()).map(|episode| dataset.episode_len(episode) as u64).sum();
         Ok(Self { version: VERSION, episodes: dataset.num_episodes() as u64, rows, columns })
     }
 
@@ -152,6 +134,42 @@ impl Statistics {
             && self.rows == lengths.sum::<u64>()
             && self.columns.keys().all(|name| dataset.schema().index(name).is_some())
     }
+}
+
+/// The statistics of some columns, in one pass, with their names.
+fn of_columns(
+    dataset: &mut dyn Dataset,
+    columns: &[usize],
+    options: &StatisticsOptions,
+) -> Result<Vec<(String, ColumnStatistics)>, DataError> {
+    let schema = dataset.schema().clone();
+    let begun = columns.iter().map(|&column| -> (usize, &Field, Box<dyn Accumulate>, Column) {
+        let field = &schema.fields()[column];
+        let found: Box<dyn Accumulate> = match (&field.shape[..], field.dtype) {
+            (&[_, _, channels], Dtype::U8) => Box::new(Histograms::new(channels)),
+            _ => Box::new(Moments::new(field.dim(), options.sample, column as u64)),
+        };
+        (column, field, found, Column::zeros(field.dtype, 0))
+    });
+    let mut begun: Vec<_> = begun.collect();
+    for episode in 0..dataset.num_episodes() {
+        let len = dataset.episode_len(episode);
+        for (column, field, found, buffer) in &mut begun {
+            let counted = if field.kind == FieldKind::Episode { len.min(1) } else { len };
+            let piece = (PIECE_BYTES / (8 * field.dim()).max(1)).max(1);
+            for first in (0..counted).step_by(piece) {
+                let count = piece.min(counted - first);
+                buffer.resize(count * field.dim());
+                let steps = Steps { first, count, stride: 1 };
+                dataset.read_column(*column, episode, steps, buffer.as_slice_mut())?;
+                found.add(buffer.as_slice());
+            }
+        }
+    }
+    let finished = begun
+        .into_iter()
+        .map(|(_, field, mut found, _)| (field.name.clone(), found.finish(&options.quantiles)));
+    Ok(finished.collect())
 }
 
 impl ColumnStatistics {
