@@ -176,9 +176,9 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
   useEffect(() => {
     const pressed = (event: KeyboardEvent) => {
       const target = event.target as HTMLElement;
-      if (/^(INPUT|SELECT|TEXTAREA)$/.test(target.tagName) || event.metaKey || event.ctrlKey || event.altKey) return;
+      if (target.matches("input:not([type=checkbox]), select, textarea") || event.metaKey || event.ctrlKey || event.altKey) return;
       const step = shown.current.head?.step ?? 0;
-      if (event.key === " " && target.tagName !== "BUTTON" && target.tagName !== "SUMMARY") play();
+      if (event.key === " " && !target.matches("button, summary, input")) play();
       else if (event.key === ".") send({ type: "step" });
       else if (event.key === ",") send({ type: "rewind", step: Math.max(0, step - 1) });
       else if (event.key === "r") reset({});
