@@ -51,6 +51,7 @@ pub struct Condition {
 /// How a difference of several numbers becomes one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Measure {
     /// The Euclidean distance.
     Distance,

@@ -15,6 +15,7 @@ use crate::runtime::session;
 /// Settings in `model.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct ModelSettings {
     /// The model's name, for reports.
     pub name: String,

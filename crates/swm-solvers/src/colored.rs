@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 /// Normalization of colored noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Normalize {
     /// Every sequence is divided by its own standard deviation over time, as in the reference: a nearly constant
     /// sequence becomes large.

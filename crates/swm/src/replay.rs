@@ -38,6 +38,7 @@ pub struct ReplayReport {
 
 /// How far a column of the replay is from the recorded one.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
+#[non_exhaustive]
 pub struct Difference {
     /// Largest absolute difference over all steps.
     pub max_abs: f64,

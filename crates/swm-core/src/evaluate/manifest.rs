@@ -22,6 +22,7 @@ pub const MANIFEST_VERSION: u32 = 1;
 /// How pairs of start and goal were chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Tier {
     /// As published: rows sampled uniformly from all episodes, pairs solved at the start included, the environment's test.
     #[default]

@@ -12,6 +12,7 @@ use super::state_model::{ActionColumn, defaults, rows_with_actions, start_at};
 
 /// Something that cannot happen.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Violation {
     /// Everything is suddenly where it is in another episode.
     Teleport,

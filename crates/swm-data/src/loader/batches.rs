@@ -41,6 +41,7 @@ pub struct Batches<T = Batch> {
 /// Where a [`Batches`] is: what its next batch will be. Small, and made to be stored with a training checkpoint.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Position {
     /// The epoch, from 0.
     pub epoch: u64,

@@ -39,6 +39,7 @@ setters!(ClipOptions {
 
 /// The order of axes of images (u8 columns of rank 3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Images {
     /// `[num_steps, H, W, C]`, as stored.
     #[default]

@@ -146,6 +146,7 @@ pub trait Session: Send {
 
 /// A step of the open episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct StepIndex {
     /// The episode's number.
     pub episode: i32,

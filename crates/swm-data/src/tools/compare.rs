@@ -9,6 +9,7 @@ use crate::error::DataError;
 
 /// What differs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Comparison {
     /// Whether nothing does, within the tolerance.
     pub equal: bool,

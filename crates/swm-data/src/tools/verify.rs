@@ -17,6 +17,7 @@ const MAX_PROBLEMS: usize = 100;
 
 /// What was found.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Report {
     /// Episodes that were read.
     pub episodes: usize,
@@ -32,6 +33,7 @@ pub struct Report {
 
 /// One thing that is wrong.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[non_exhaustive]
 pub struct Problem {
     /// The episode, where it is one episode's.
     pub episode: Option<usize>,

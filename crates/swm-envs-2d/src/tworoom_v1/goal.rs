@@ -15,6 +15,7 @@ const NO_WAY_PX: f64 = 512.0;
 
 /// Where agent and goal overlap, as shares of either's area.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Overlap {
     /// Share of the goal's area.
     pub of_goal: f64,

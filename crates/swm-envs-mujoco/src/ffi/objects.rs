@@ -4,6 +4,7 @@ use super::bindings as mj;
 
 /// A kind of named object in a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Object {
     /// A rigid body.
     Body,
@@ -74,6 +75,7 @@ impl Object {
 
 /// Shapes that geoms and sites may be given: those without data of their own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Shape {
     /// Size: radius.
     Sphere,
@@ -101,6 +103,7 @@ impl Shape {
 
 /// What a joint lets move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum JointKind {
     /// Everything: 7 values in `qpos`, 6 in `qvel`.
     Free,

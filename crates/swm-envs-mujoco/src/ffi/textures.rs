@@ -4,6 +4,7 @@ use super::model::{Model, slice, slice_mut};
 
 /// The pixels of one texture, `[height, width, channels]`.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Texture<'a> {
     /// Rows; of a cube texture, of all six sides.
     pub height: usize,

@@ -2,6 +2,7 @@
 
 /// How the reward falls off beyond the bounds; each takes its value at the margin.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Falloff {
     /// exp(-(d k)²/2)
     Gaussian(f64),

@@ -34,6 +34,7 @@ swm_core::settings! {
 /// Which gradients are measured together when they are clipped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum GradClip {
     /// Every candidate's own: plans stay independent of each other.
     #[default]

@@ -11,6 +11,7 @@ use crate::problem::Plan;
 /// for integers) at all others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Report {
     /// None.
     #[default]

@@ -9,6 +9,7 @@ use crate::settings::Validate;
 /// How the task costs of a rollout become its cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Aggregate {
     /// The task cost at the end.
     #[default]

@@ -50,6 +50,7 @@ swm_core::settings! {
 /// Optimizer of the descent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Optimizer {
     /// As [`crate::Sgd`].
     Sgd,
@@ -63,6 +64,7 @@ pub enum Optimizer {
 /// Penalty of violations, given multipliers λ and ρ. Either way λ becomes max(0, λ + ρ g) after a round.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Penalty {
     /// Σ (max(0, λ + ρ g)² - λ²) / 2ρ, with separate multipliers for every candidate.
     #[default]

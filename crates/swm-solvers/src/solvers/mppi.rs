@@ -40,6 +40,7 @@ swm_core::settings! {
 /// Unit of the temperature.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum TemperatureMode {
     /// Units of the cost, as in the reference: what it does depends on the scale of the cost.
     #[default]

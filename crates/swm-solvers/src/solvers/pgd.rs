@@ -35,6 +35,7 @@ swm_core::settings! {
 /// How relaxed plans of integers are compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Select {
     /// By their cost after rounding.
     #[default]

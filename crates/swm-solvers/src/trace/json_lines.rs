@@ -10,6 +10,7 @@ use crate::problem::{Plan, Problem};
 
 /// How much of each iteration is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
 pub enum Detail {
     /// The figures.
     #[default]

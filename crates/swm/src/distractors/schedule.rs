@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 /// How a value changes from `start` to `end`; formulas are the reference's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Schedule {
     /// `start` for ever.
     #[default]

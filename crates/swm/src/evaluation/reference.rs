@@ -11,6 +11,7 @@ use super::run::Candidate;
 /// What a reference policy is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Role {
     /// Actions sampled uniformly.
     Random,
@@ -35,6 +36,7 @@ impl Role {
 
 /// A reference policy on the same pairs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Reference {
     /// Which of them it is.
     pub role: Role,
@@ -53,6 +55,7 @@ pub struct Reference {
 
 /// True cost of the evaluated policy minus that of the oracle, in the environment's task cost: positive is worse.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Regret {
     /// Pairs in which both costs are known.
     pub pairs: usize,

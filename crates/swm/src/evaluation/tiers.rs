@@ -14,6 +14,7 @@ use super::probes::ProbeTarget;
 
 /// What a tier asks for in one environment.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct TierRules {
     /// When an episode is a success.
     pub success: SuccessRule,

@@ -16,6 +16,7 @@ use super::run::{Candidate, RunOptions, run_pairs};
 /// A part of a result that can differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Part {
     /// The manifest, or the environment's tables.
     Protocol,

@@ -15,6 +15,7 @@ pub struct Watched {
 
 /// Everything that a watched planner has planned.
 #[derive(Debug, Default)]
+#[non_exhaustive]
 pub struct Session {
     /// The plans.
     pub memory: Memory,
@@ -24,6 +25,7 @@ pub struct Session {
 
 /// The state in which a plan was made.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct PlanStart {
     /// The step of the episode.
     pub step: u64,

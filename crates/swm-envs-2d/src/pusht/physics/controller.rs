@@ -15,6 +15,7 @@ const DAMPING: f64 = 20.0;
 
 /// What an action means.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum ActionMode {
     /// The target is the agent's position at the start of the control step plus 100 px times the action.
     #[default]

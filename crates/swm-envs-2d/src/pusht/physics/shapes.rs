@@ -11,6 +11,7 @@ pub const MAX_PARTS: usize = 3;
 
 /// A shape of the agent or of the block. The order is that of the factor values 0 to 7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Shape {
     /// A disc, `o`. Only the agent may have it; it is moved by the controller alone and pushes with full strength.
     Disc,

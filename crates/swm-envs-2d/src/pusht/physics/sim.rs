@@ -38,6 +38,7 @@ pub struct State {
 
 /// One contact of the last substep.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Contact {
     /// The point on the first shape, pixels.
     pub on_first: [f64; 2],

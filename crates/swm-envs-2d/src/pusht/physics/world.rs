@@ -138,6 +138,7 @@ impl std::error::Error for PhysicsError {}
 
 /// A wall: a segment with a radius, which nothing moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Wall {
     /// First end, pixels.
     pub from: [f64; 2],

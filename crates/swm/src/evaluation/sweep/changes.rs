@@ -10,6 +10,7 @@ use swm_core::{ResetOptions, Space, Value};
 /// Which values factors get.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Values {
     /// Drawn for every episode, by its seed.
     Sampled,
@@ -22,6 +23,7 @@ pub enum Values {
 /// What is changed in a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Scope {
     /// Nothing.
     Unchanged,
