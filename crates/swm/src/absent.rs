@@ -36,6 +36,7 @@ pub(crate) const NAMES: &[Absent] = &[
     policy("gcbc", BASELINES),
     policy("gcivl", BASELINES),
     policy("gciql", BASELINES),
+    policy("hilp", BASELINES),
     policy("onnx", ONNX),
     model("lewm"),
     model("pldm"),

@@ -47,6 +47,7 @@ pub const POLICIES: &[PolicyEntry] = &[
     acting("gciql", "a trained GCIQL (`gciql:RUN`)", |context, args| {
         model_policy(context, args, Some("gciql"))
     }),
+    acting("hilp", "a trained HILP (`hilp:RUN`)", |context, args| model_policy(context, args, Some("hilp"))),
 ];
 
 const RUN: Setting = Setting::new("RUN", "Folder of a training run", "required");

@@ -29,6 +29,7 @@ const TINY: &[(&str, Changes)] = &[
     ("gcbc", goal),
     ("gciql", goal),
     ("gcivl", goal),
+    ("hilp", goal),
     ("lewm", joint),
     ("pldm", joint),
 ];
@@ -178,7 +179,7 @@ fn weights(model: &dyn Baseline) -> std::collections::BTreeMap<String, crate::we
 
 #[test]
 fn target_networks_are_moving_averages() {
-    for name in ["gcivl", "gciql"] {
+    for name in ["gcivl", "gciql", "hilp"] {
         let mut model = tiny(name);
         let before = weights(model.as_ref());
         step(model.as_mut(), 0, 0);
@@ -309,6 +310,7 @@ fn what_cannot_be_made_says_why() {
         ("pldm", json!({"inverse_hidden": 0}), "some size is 0"),
         ("gciql", json!({"critic_hidden": 0}), "some size is 0"),
         ("gcivl", json!({"value": {"expectile": 2.0}}), "`value.expectile` is 2"),
+        ("hilp", json!({"embed_dim": 0}), "some size is 0"),
     ] {
         let message = error(name, &options("small", changes));
         assert!(

@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 use swm_core::error::nearest;
 
 use super::settings::with_changes;
-use super::{dino_wm, gcbc, gciql, gcivl, lewm, pldm};
+use super::{dino_wm, gcbc, gciql, gcivl, hilp, lewm, pldm};
 use crate::baseline::{Baseline, ModelConfig};
 use crate::data::DataDims;
 use crate::device::Device;
@@ -65,6 +65,7 @@ pub const BASELINES: &[BaselineEntry] = &[
     entry!(gcbc, GcbcConfig, "policy: goal-conditioned behavioral cloning"),
     entry!(gciql, GciqlConfig, "policy: goal-conditioned implicit Q-learning"),
     entry!(gcivl, GcivlConfig, "policy: goal-conditioned implicit value learning"),
+    entry!(hilp, HilpConfig, "policy: goal-conditioned value that is a learned metric"),
     entry!(lewm, LewmConfig, "world model: joint embedding, regularized by SIGReg"),
     entry!(pldm, PldmConfig, "world model: joint embedding, regularized by VICReg"),
 ];
@@ -171,6 +172,7 @@ mod tests {
             ("gcbc", 1e-4, 0.01, &Json::Null, &warm, 128, 1, 0.0, &frozen),
             ("gciql", 3e-4, 0.01, &clip, &cosine, 32, 1, 0.0, &frozen),
             ("gcivl", 3e-4, 0.01, &clip, &cosine, 128, 1, 0.0, &frozen),
+            ("hilp", 3e-4, 0.01, &clip, &cosine, 128, 1, 0.0, &frozen),
             ("lewm", 5e-5, 1e-3, &clip, &warm, 128, 5, 0.1, &tiny),
             ("pldm", 5e-5, 1e-3, &clip, &warm, 128, 5, 0.1, &tiny),
         ] {
@@ -195,6 +197,7 @@ mod tests {
         assert_eq!(of("gcbc", "goals"), json!("uniform"));
         let value = |alpha| json!({ "discount": 0.99, "expectile": 0.9, "momentum": 0.995, "alpha": alpha });
         assert_eq!((of("gcivl", "value"), of("gciql", "value")), (value(3.0), value(10.0)));
+        assert_eq!((of("hilp", "value"), of("hilp", "embed_dim")), (value(3.0), json!(64)));
         let weights = json!({ "std": 18.0, "std_t": 0.7, "cov": 12.0, "cov_t": 0.0, "alignment": 0.2, "inverse": 0.0,
             "straightening": 0.0, "rollout": 0.0 });
         assert_eq!(of("pldm", "weights"), weights);

@@ -1,7 +1,7 @@
 //! Transformers that look at a history of frames and at a goal: policies, values, critics. Blocks look at the frames and at
-//! the goal by turns; then each frame becomes one vector.
+//! the goal by turns; then each frame becomes one vector. [`metric`](super::metric) is built of the same blocks.
 
-use burn::module::{Module, Param};
+use burn::module::{Module, ModuleDisplay, Param};
 use burn::tensor::activation::relu;
 use burn::tensor::{Bool, Device, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
@@ -69,9 +69,15 @@ pub(crate) struct TokenForm {
     pub(crate) dim: usize,
 }
 
+/// A network that gives frames a value, depending on the goal.
+pub(crate) trait ValueNetwork: Module + ModuleDisplay + 'static {
+    /// `[B, T, P, W]` frames and `[B, 1, P, W]` goal → `[B, T, 1]`.
+    fn value(&self, frames: Tensor<4>, goal: Tensor<4>, pass: &mut Pass) -> Tensor<3>;
+}
+
 /// Whose keys a block looks at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Looks {
+pub(super) enum Looks {
     AtFrames,
     AtGoal,
     /// From one query per frame.
@@ -95,8 +101,9 @@ struct GoalAttention {
     patches: usize,
 }
 
+/// Attention, then the network between two of them.
 #[derive(Module, Debug)]
-struct AttentionPair {
+pub(super) struct AttentionPair {
     attention: GoalAttention,
     feed_forward: FeedForward,
 }
@@ -131,13 +138,13 @@ impl GoalAttention {
         }
     }
 
-    fn forward(&self, input: Tensor<3>, goal: Tensor<3>, pass: &mut Pass) -> Tensor<3> {
+    fn forward(&self, input: Tensor<3>, goal: Option<Tensor<3>>, pass: &mut Pass) -> Tensor<3> {
         let [batch, count, dim] = input.dims();
         let frames = count / self.patches;
         let input = self.norm.forward(input);
-        let (queries, keys, who) = match (&self.norm_c, &self.frame_tokens) {
-            (Some(norm), _) => (input, norm.forward(goal), Attend::All),
-            (_, Some(tokens)) => {
+        let (queries, keys, who) = match (&self.norm_c, goal, &self.frame_tokens) {
+            (Some(norm), Some(goal), _) => (input, norm.forward(goal), Attend::All),
+            (_, _, Some(tokens)) => {
                 let queries = tokens.val().narrow(1, 0, frames).expand([batch, frames, dim]);
                 let who = later_frames(frames, 1, self.patches, &input);
                 (queries, input, who)
@@ -172,6 +179,32 @@ pub(crate) fn later_frames(frames: usize, queries: usize, keys: usize, like: &Te
     Attend::Unless(Tensor::<4, Bool>::from_data(data, &like.device().inner()))
 }
 
+impl AttentionPair {
+    /// One of a transformer's blocks.
+    pub(super) fn new(
+        config: &GoalTransformerConfig,
+        looks: Looks,
+        form: &TokenForm,
+        device: &Device,
+    ) -> Self {
+        Self {
+            attention: GoalAttention::new(config, looks, form, device),
+            feed_forward: FeedForward::new(form.dim, config.hidden, config.dropout, device),
+        }
+    }
+
+    /// `[B, T × P, W]`, and `[B, P, W]` of the goal where the block looks at it → `[B, T × P, W]`; one that looks per frame
+    /// gives `[B, T, W]`, and has no residuals.
+    pub(super) fn forward(&self, state: Tensor<3>, goal: Option<Tensor<3>>, pass: &mut Pass) -> Tensor<3> {
+        let seen = self.attention.forward(state.clone(), goal, pass);
+        if self.attention.looks == Looks::PerFrame {
+            return self.feed_forward.forward(seen, pass);
+        }
+        let state = seen + state;
+        self.feed_forward.forward(state.clone(), pass) + state
+    }
+}
+
 impl GoalTransformer {
     fn new(config: &GoalTransformerConfig, form: &TokenForm, device: &Device) -> Self {
         let block = |index| {
@@ -181,10 +214,7 @@ impl GoalTransformer {
                 0 => Looks::AtFrames,
                 _ => Looks::AtGoal,
             };
-            AttentionPair {
-                attention: GoalAttention::new(config, looks, form, device),
-                feed_forward: FeedForward::new(form.dim, config.hidden, config.dropout, device),
-            }
+            AttentionPair::new(config, looks, form, device)
         };
         Self {
             norm: LayerNorm::new(form.dim, device),
@@ -212,13 +242,7 @@ impl GoalTransformer {
         let mut state = placed(frames, positions);
         let goal = placed(goal, positions_goal);
         for layer in &self.layers {
-            let seen = layer.attention.forward(state.clone(), goal.clone(), pass);
-            if layer.attention.looks == Looks::PerFrame {
-                state = layer.feed_forward.forward(seen, pass);
-                continue;
-            }
-            state = seen + state;
-            state = layer.feed_forward.forward(state.clone(), pass) + state;
+            state = layer.forward(state, Some(goal.clone()), pass);
         }
         if self.pool == Pool::Mean {
             let [batch, count, dim] = state.dims();
@@ -263,8 +287,14 @@ impl GoalPredictor {
     }
 }
 
+impl ValueNetwork for GoalPredictor {
+    fn value(&self, frames: Tensor<4>, goal: Tensor<4>, pass: &mut Pass) -> Tensor<3> {
+        self.forward(frames, goal, pass)
+    }
+}
+
 /// `[B, T, P, W]` → `[B, T × P, W]`, with the first positions of a table added.
-fn placed(tokens: Tensor<4>, positions: &Param<Tensor<3>>) -> Tensor<3> {
+pub(super) fn placed(tokens: Tensor<4>, positions: &Param<Tensor<3>>) -> Tensor<3> {
     let tokens: Tensor<3> = tokens.flatten(1, 2);
     let count = tokens.dims()[1];
     tokens + positions.val().narrow(1, 0, count)

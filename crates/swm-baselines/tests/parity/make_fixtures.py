@@ -79,9 +79,9 @@ def is_read(name: str, tensor: torch.Tensor) -> bool:
     return not name.endswith(ends) and not is_mask
 
 
-def vit(image: int) -> ViTModel:
+def vit(image: int, dim: int = 12) -> ViTModel:
     config = ViTConfig(
-        hidden_size=12, num_hidden_layers=2, num_attention_heads=3, intermediate_size=24, patch_size=4, image_size=image,
+        hidden_size=dim, num_hidden_layers=2, num_attention_heads=3, intermediate_size=24, patch_size=4, image_size=image,
         hidden_dropout_prob=0.0, attention_probs_dropout_prob=0.0,
     )
     return ViTModel(config, add_pooling_layer=False)
@@ -329,7 +329,7 @@ class Pair(nn.Module):
         self.student, self.teacher = make(), make()
 
 
-def goal_batch(case: Case, steps: int):
+def goal_batch(case: Case, steps: int, history: int = HISTORY):
     """Two of five clips stand at their goal: one in its first frame, one in its second."""
     pixels = torch.randint(0, 256, (5, steps, 3, 8, 8), dtype=torch.uint8)
     goals = torch.randint(0, 256, (5, 1, 3, 8, 8), dtype=torch.uint8)
@@ -340,13 +340,27 @@ def goal_batch(case: Case, steps: int):
     case.add("inputs", pixels=pixels, goal_pixels=goals, action=action, proprio=proprio, goal_proprio=goal_state)
     reached = (pixels == goals).all(dim=(2, 3, 4)) & (proprio == goal_state).all(dim=2)
     info = {"pixels": normal(pixels), "proprio": proprio, "goal": normal(goals), "goal_proprio": goal_state}
-    return info, action, reached[:, :HISTORY, None].float()
+    return info, action, reached[:, :history, None].float()
 
 
 def see(model: GCRL, info: dict):
     info = model.encode(dict(info), pixels_key="pixels", target="embed")
     info = model.encode(info, pixels_key="goal", prefix="goal_", target="goal_embed")
     return info["embed"], info["goal_embed"].flatten(1, 2)
+
+
+def hilp_model() -> GCRL:
+    """Tokens of 6 + 2 values, 4 of each frame, 3 frames."""
+    sizes = dict(num_patches=4, num_frames=3, dim=8, depth=3, heads=2, mlp_dim=20, dim_head=5)
+    model = GCRL(
+        vit(8, 6),
+        gcrl.Predictor(**sizes, out_dim=ACTION),
+        Pair(lambda: gcrl.MetricValuePredictor(**sizes, embed_dim=5)),
+        None,
+        nn.ModuleDict({"proprio": gcrl.Embedder(in_chans=STATE, emb_dim=2)}),
+        history_size=3,
+    )
+    return randomize(model)
 
 
 def goal_model(value=None, critic=None) -> GCRL:
@@ -363,9 +377,9 @@ def goal_model(value=None, critic=None) -> GCRL:
     return randomize(model)
 
 
-def decide(case: Case, model: GCRL, info: dict) -> None:
+def decide(case: Case, model: GCRL, info: dict, history: int = HISTORY) -> None:
     """The mean actions for the first frames."""
-    info = dict(info, pixels=info["pixels"][:, :HISTORY], proprio=info["proprio"][:, :HISTORY])
+    info = dict(info, pixels=info["pixels"][:, :history], proprio=info["proprio"][:, :history])
     with torch.no_grad():
         case.add("outputs", act=model.get_action(info))
 
@@ -394,7 +408,7 @@ def advantage_weighted(model: GCRL, now, after, goal, action, alpha: float) -> t
         worth = torch.exp(alpha * (value(after, goal) - value(now, goal))).clamp(max=100.0)
     means = model.action_predictor(now.detach(), goal.detach())
     log_stds = model.log_stds.clamp(model.log_std_min, model.log_std_max)
-    unlikely = log_stds + 0.5 * (action[:, :HISTORY] - means).square() / torch.exp(2 * log_stds)
+    unlikely = log_stds + 0.5 * (action[:, : means.shape[1]] - means).square() / torch.exp(2 * log_stds)
     return (worth * unlikely).mean()
 
 
@@ -434,8 +448,31 @@ def gciql() -> None:
     value_learner("gciql", 7, critic=True, alpha=10.0)
 
 
+def hilp() -> None:
+    """Both phases; the values of the first also by themselves, on given tokens."""
+    for phase in ("value", "policy"):
+        torch.manual_seed(10)
+        case, model = Case(), hilp_model()
+        case.add_weights("weights", model)
+        info, action, reached = goal_batch(case, 4, history=3)
+        decide(case, model, info, history=3)
+        frames, goal = see(model, info)
+        now, after = frames[:, :3].flatten(1, 2), frames[:, 1:].flatten(1, 2)
+        if phase == "policy":
+            loss = advantage_weighted(model, now, after, goal, action, 3.0)
+        else:
+            networks = model.value_predictor
+            with torch.no_grad():
+                target = (1 - reached) * (0.99 * networks.teacher(after, goal) - 1)
+            value = networks.student(now, goal)
+            loss = gcrl.ExpectileLoss(tau=0.9)(value, target)
+            case.add("inputs", frames=frames[:, :3], goal=goal.unflatten(1, (1, 4)))
+            case.add("outputs", values=value, value=value.mean().reshape(1))
+        finish(case, model, f"hilp_{phase}", loss)
+
+
 CASES = dict(
-    encoders=encoders, lewm=lewm, pldm=pldm, dino_wm=dino_wm, gcbc=gcbc, gcivl=gcivl, gciql=gciql
+    encoders=encoders, lewm=lewm, pldm=pldm, dino_wm=dino_wm, gcbc=gcbc, gcivl=gcivl, gciql=gciql, hilp=hilp
 )
 
 # Made when they are named only.

@@ -1,20 +1,16 @@
 //! GCIVL: goal-conditioned implicit value learning. First a value, by expectile regression on a target
 //! network's value of the next observation; then a policy, by advantage-weighted regression.
 
-use burn::module::{Module, Param};
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use swm_data::loader::GoalWeights;
 
-use crate::baseline::{GoalPolicy, Phase};
-use crate::data::{DataDims, Form, Inputs};
+use crate::data::DataDims;
 use crate::error::BaselineError;
-use crate::losses::{Terms, expectile};
-use crate::models::goal::{ActingPolicy, GoalConfig, Observer, Transition};
+use crate::models::goal::{GoalConfig, ValueLearner};
 use crate::network::{Network, Parts};
-use crate::nn::{GoalPredictor, parameter};
+use crate::nn::GoalPredictor;
 use crate::optim::{OptimConfig, Schedule};
-use crate::pass::Pass;
 
 /// Its name.
 pub(crate) const NAME: &str = "gcivl";
@@ -87,21 +83,6 @@ impl GcivlConfig {
     }
 }
 
-#[derive(Module, Debug)]
-struct Gcivl {
-    observer: Observer,
-    value: GoalPredictor,
-    value_target: GoalPredictor,
-    action_predictor: GoalPredictor,
-    log_stds: Param<Tensor<1>>,
-    #[module(skip)]
-    config: ValueConfig,
-    #[module(skip)]
-    form: Form,
-    #[module(skip)]
-    history: usize,
-}
-
 /// Network and training of these settings.
 pub(crate) fn make(
     config: &GcivlConfig,
@@ -109,55 +90,7 @@ pub(crate) fn make(
     device: &Device,
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let GcivlConfig { model, optim, value } = config;
-    value.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
-    let observer = Observer::new(NAME, model, dims, device)?;
-    let (form, tokens) = (model.form(dims), model.tokens());
-    let value_transformer = model.value_transformer();
-    let values = || GoalPredictor::new(&value_transformer, &tokens, 1, device);
-    let value_phase = Phase {
-        name: "value",
-        optim: optim.clone(),
-        goals: model.goals(GoalWeights::default()),
-        trains: if model.train_encoder {
-            &["value_predictor.student", "extra_encoders", "encoder"]
-        } else {
-            &["value_predictor.student", "extra_encoders"]
-        },
-        targets: &[("value_predictor.student", "value_predictor.teacher")],
-        momentum: value.momentum,
-    };
-    let network = Gcivl {
-        observer,
-        value: values(),
-        value_target: values(),
-        action_predictor: GoalPredictor::new(&model.predictor, &tokens, form.action, device),
-        log_stds: parameter([form.action], device),
-        config: *value,
-        form,
-        history: model.history,
-    };
-    Ok(Parts {
-        network,
-        input_spec: model.input_spec(1),
-        form,
-        phases: vec![value_phase, model.policy_phase(optim)],
-    })
-}
-
-impl Network for Gcivl {
-    fn loss(&self, phase: usize, inputs: &Inputs, pass: &mut Pass) -> Result<Terms, BaselineError> {
-        let seen = Transition::see(&self.observer, inputs, self.history)?;
-        let ValueConfig { discount, expectile: share, alpha, .. } = self.config;
-        if phase > 0 {
-            let (actor, log_stds) = (&self.action_predictor, &self.log_stds);
-            return Ok(seen.weighted_regression(&self.value, actor, log_stds, alpha, pass));
-        }
-        let value = self.value.forward(seen.now.clone(), seen.goal.clone(), pass);
-        let loss = expectile(value.clone(), seen.target(&self.value_target, discount, pass), share);
-        Ok(Terms { total: loss.clone(), parts: vec![("value_error", loss), ("value", value.mean())] })
-    }
-
-    fn policy(&self) -> Option<Box<dyn GoalPolicy>> {
-        ActingPolicy::of(&self.observer, &self.action_predictor, self.form, self.history)
-    }
+    let (transformer, tokens) = (model.value_transformer(), model.tokens());
+    let values = || GoalPredictor::new(&transformer, &tokens, 1, device);
+    ValueLearner::make(NAME, (model, optim, value), GoalWeights::default(), values, dims, device)
 }

@@ -2,6 +2,7 @@
 
 mod policy;
 mod transition;
+mod value_learner;
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
@@ -18,6 +19,7 @@ use crate::optim::OptimConfig;
 
 pub(crate) use policy::ActingPolicy;
 pub(crate) use transition::Transition;
+pub(crate) use value_learner::ValueLearner;
 
 /// How they see and how large they are.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,7 +7,7 @@ use super::{Observer, Seen};
 use crate::data::Inputs;
 use crate::error::BaselineError;
 use crate::losses::Terms;
-use crate::nn::GoalPredictor;
+use crate::nn::{GoalPredictor, ValueNetwork};
 use crate::pass::Pass;
 
 /// Bounds of the logarithms of a policy's stds.
@@ -43,8 +43,13 @@ impl Transition {
     }
 
     /// The TD target: a reward of −1 plus the discounted value of the next observation by `target_network`; 0 at the goal.
-    pub(crate) fn target(&self, target_network: &GoalPredictor, discount: f64, pass: &mut Pass) -> Tensor<3> {
-        let next = target_network.forward(self.next.clone(), self.goal.clone(), pass).detach();
+    pub(crate) fn target(
+        &self,
+        target_network: &impl ValueNetwork,
+        discount: f64,
+        pass: &mut Pass,
+    ) -> Tensor<3> {
+        let next = target_network.value(self.next.clone(), self.goal.clone(), pass).detach();
         self.goes_on.clone() * (next * discount - 1.0)
     }
 
@@ -52,15 +57,14 @@ impl Transition {
     /// exp(alpha × advantage), at most 100.
     pub(crate) fn weighted_regression(
         self,
-        value: &GoalPredictor,
+        value: &impl ValueNetwork,
         actor: &GoalPredictor,
         log_stds: &Param<Tensor<1>>,
         alpha: f64,
         pass: &mut Pass,
     ) -> Terms {
         let Self { now, next, goal, actions, .. } = self;
-        let advantage =
-            value.forward(next, goal.clone(), pass) - value.forward(now.clone(), goal.clone(), pass);
+        let advantage = value.value(next, goal.clone(), pass) - value.value(now.clone(), goal.clone(), pass);
         let worth = (advantage.detach() * alpha).exp().clamp_max(MOST);
         let log_stds: Tensor<3> = log_stds.val().clamp(LOG_STDS[0], LOG_STDS[1]).unsqueeze();
         let variance = (log_stds.clone() * 2.0).exp();
