@@ -37,6 +37,7 @@ pub(crate) const NAMES: &[Absent] = &[
     policy("gcivl", BASELINES),
     policy("gciql", BASELINES),
     policy("onnx", ONNX),
+    model("conv-jepa"),
     model("lewm"),
     model("pldm"),
     model("dino-wm"),
