@@ -42,8 +42,9 @@ pub use error::BaselineError;
 pub use losses::SigregConfig;
 pub use models::table::{BASELINES, BaselineEntry, MakeOptions, make, restore};
 pub use models::{
-    DinoWmConfig, EncoderConfig, GcbcConfig, GciqlConfig, GcivlConfig, GoalConfig, HilpConfig, JointConfig,
-    LaterGoals, LewmConfig, LewmWeights, PldmConfig, PldmWeights, ValueConfig,
+    AuxiliaryWeights, ConvJepaConfig, DinoWmConfig, EncoderConfig, FeatureMapConfig, GcbcConfig, GciqlConfig,
+    GcivlConfig, GoalConfig, HilpConfig, JointConfig, LaterGoals, LewmConfig, PldmConfig, PldmWeights,
+    ValueConfig,
 };
-pub use nn::{CnnConfig, GoalTransformerConfig, Pool, PredictorConfig, VitConfig};
+pub use nn::{CnnConfig, FilmPredictorConfig, GoalTransformerConfig, Pool, PredictorConfig, VitConfig};
 pub use optim::{OptimConfig, Schedule};

@@ -59,6 +59,7 @@ const NAMES: &[(&str, &str, &str)] = &[
     ("ActionEmbedder", "down", "embed.2"),
     ("AttentionPair", "attention", "0"),
     ("AttentionPair", "feed_forward", "1"),
+    ("ConvJepa", "inverse", "idm"),
     ("Lewm", "model", ""),
     ("Lewm", "inverse", "idm"),
     ("Pldm", "model", ""),

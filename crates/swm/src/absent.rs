@@ -38,6 +38,7 @@ pub(crate) const NAMES: &[Absent] = &[
     policy("gciql", BASELINES),
     policy("hilp", BASELINES),
     policy("onnx", ONNX),
+    model("conv-jepa"),
     model("lewm"),
     model("pldm"),
     model("dino-wm"),

@@ -17,6 +17,7 @@ use crate::train::{ACTION, DataConfig, PROPRIO, Scale, TrainedModel};
 /// Trained models whose quality is measured: `lewm:RUN`, or `model:RUN` for any.
 pub const MODELS: &[ModelEntry] = &[
     model(ANY, "any trained world model"),
+    model("conv-jepa", "a trained Conv-JEPA"),
     model("lewm", "a trained LeWM"),
     model("pldm", "a trained PLDM"),
     model("dino-wm", "a trained DINO-WM"),

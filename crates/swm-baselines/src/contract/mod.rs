@@ -22,6 +22,7 @@ type Changes = fn() -> Json;
 
 /// Settings that make each baseline tiny.
 const TINY: &[(&str, Changes)] = &[
+    ("conv-jepa", maps),
     ("dino-wm", || {
         let encoder = json!({"kind": "vit", "dim": 8, "depth": 1, "heads": 2, "hidden": 8, "patch": 8, "positions_for": 16});
         json!({"image": 16, "encoder": encoder, "action": 2, "predictor": {"depth": 1, "heads": 2, "head_dim": 4, "hidden": 8}})
@@ -38,6 +39,11 @@ fn joint() -> Json {
     let predictor = json!({"depth": 1, "heads": 2, "head_dim": 4, "hidden": 8});
     let encoder = json!({"kind": "cnn", "channels": [4, 8]});
     json!({"model": {"image": 16, "encoder": encoder, "latent_dim": 8, "projector": 12, "predictor": predictor}})
+}
+
+fn maps() -> Json {
+    let predictor = json!({"depth": 2, "channels": 8, "action": 8});
+    json!({"model": {"image": 16, "channels": [4, 8], "projector": 8, "token_dim": 2, "predictor": predictor}})
 }
 
 fn goal() -> Json {
@@ -293,7 +299,8 @@ fn what_cannot_be_made_says_why() {
         Err(error) => error.to_string(),
     };
     assert!(
-        error("lewn", &options("small", Json::Null)).contains("did you mean `lewm`?; there are dino-wm, ")
+        error("lewn", &options("small", Json::Null))
+            .contains("did you mean `lewm`?; there are conv-jepa, dino-wm, ")
     );
     assert!(error("lewm", &options("huge", Json::Null)).contains("it has: paper, small"));
     assert!(

@@ -2,6 +2,8 @@
 //!
 //! A new one is a folder with a settings struct and a `make` function, and one line in [`table::BASELINES`].
 
+mod auxiliary;
+pub(crate) mod conv_jepa;
 pub(crate) mod dino_wm;
 mod encoder;
 pub(crate) mod gcbc;
@@ -15,6 +17,8 @@ pub(crate) mod pldm;
 pub(crate) mod settings;
 pub(crate) mod table;
 
+pub use auxiliary::AuxiliaryWeights;
+pub use conv_jepa::{ConvJepaConfig, FeatureMapConfig};
 pub use dino_wm::DinoWmConfig;
 pub use encoder::EncoderConfig;
 pub use gcbc::{GcbcConfig, LaterGoals};
@@ -23,5 +27,5 @@ pub use gcivl::{GcivlConfig, ValueConfig};
 pub use goal::GoalConfig;
 pub use hilp::HilpConfig;
 pub use joint::JointConfig;
-pub use lewm::{LewmConfig, LewmWeights};
+pub use lewm::LewmConfig;
 pub use pldm::{PldmConfig, PldmWeights};

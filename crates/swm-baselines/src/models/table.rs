@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 use swm_core::error::nearest;
 
 use super::settings::with_changes;
-use super::{dino_wm, gcbc, gciql, gcivl, hilp, lewm, pldm};
+use super::{conv_jepa, dino_wm, gcbc, gciql, gcivl, hilp, lewm, pldm};
 use crate::baseline::{Baseline, ModelConfig};
 use crate::data::DataDims;
 use crate::device::Device;
@@ -27,7 +27,7 @@ pub struct BaselineEntry {
     pub name: &'static str,
     /// One line about it.
     pub about: &'static str,
-    /// Its presets, the paper's first.
+    /// Its presets, the default first: the paper's, if there is a paper.
     pub presets: &'static [&'static str],
     /// Settings of a preset.
     settings: SettingsOf,
@@ -35,17 +35,26 @@ pub struct BaselineEntry {
     make: Make,
 }
 
-/// A line for the folder `$folder`, whose settings are a `$config` and whose `make` gives network and training.
+/// A line for the folder `$folder`, whose settings are a `$config` and whose `make` gives network and training. Its presets are
+/// functions of `$config`: the paper's, and one for two CPU cores, unless others are named.
 macro_rules! entry {
     ($folder:ident, $config:ident, $about:literal) => {
+        entry!($folder, $config, $about, paper, small)
+    };
+    ($folder:ident, $config:ident, $about:literal, $($preset:ident),+) => {
         BaselineEntry {
             name: $folder::NAME,
             about: $about,
-            presets: PRESETS,
+            presets: &[$(stringify!($preset)),+],
             settings: |preset, changes| {
-                let preset =
-                    if preset == "small" { $folder::$config::small() } else { $folder::$config::paper() };
-                changed($folder::NAME, &preset, changes)
+                $(if preset == stringify!($preset) {
+                    return changed($folder::NAME, &$folder::$config::$preset(), changes);
+                })+
+                Err(BaselineError::UnknownPreset {
+                    baseline: $folder::NAME,
+                    preset: preset.to_owned(),
+                    known: [$(stringify!($preset)),+].join(", "),
+                })
             },
             make: |model_config, device| {
                 let config: $folder::$config = parse($folder::NAME, &model_config.settings)?;
@@ -56,11 +65,14 @@ macro_rules! entry {
     };
 }
 
-/// Presets that every baseline has: the paper's, and one for two CPU cores.
-const PRESETS: &[&str] = &["paper", "small"];
-
 /// All baselines.
 pub const BASELINES: &[BaselineEntry] = &[
+    entry!(
+        conv_jepa,
+        ConvJepaConfig,
+        "world model: joint embedding of feature maps, predicted by convolutions",
+        small
+    ),
     entry!(dino_wm, DinoWmConfig, "world model: predicts the patch tokens of a frozen DINOv2"),
     entry!(gcbc, GcbcConfig, "policy: goal-conditioned behavioral cloning"),
     entry!(gciql, GciqlConfig, "policy: goal-conditioned implicit Q-learning"),
@@ -92,13 +104,6 @@ pub struct MakeOptions<'a> {
 /// No such baseline or preset, or an unknown or misfit setting.
 pub fn make(name: &str, options: &MakeOptions<'_>) -> Result<Box<dyn Baseline>, BaselineError> {
     let entry = find(name)?;
-    if !entry.presets.contains(&options.preset) {
-        return Err(BaselineError::UnknownPreset {
-            baseline: entry.name,
-            preset: options.preset.to_owned(),
-            known: entry.presets.join(", "),
-        });
-    }
     let model_config = ModelConfig {
         baseline: entry.name.to_owned(),
         preset: options.preset.to_owned(),

@@ -73,8 +73,15 @@ impl Conv {
 
     /// The kernel at every second pixel, its middle on it, rectified: `[N, H, W, in]` → `[N, ⌈H / 2⌉, ⌈W / 2⌉, out]`.
     pub(crate) fn halve(&self, input: Tensor<4>) -> Tensor<4> {
+        self.rectified(input, 2)
+    }
+
+    /// The kernel at every `stride`-th pixel, rectified, with as many zeros around the image as leave ⌈pixels / stride⌉ places
+    /// where the stride divides the pixels: `[N, H, W, in]` → `[N, H / stride, W / stride, out]`.
+    pub(crate) fn rectified(&self, input: Tensor<4>, stride: usize) -> Tensor<4> {
         let [outputs, inputs, size, _] = self.weight.dims();
         let weight = self.weight.val().permute([2, 3, 1, 0]).reshape([size * size * inputs, outputs]);
-        convolve(input, weight, self.bias.val(), Kernel { size, stride: 2, padding: size / 2 })
+        let padding = (size - stride).div_ceil(2);
+        convolve(input, weight, self.bias.val(), Kernel { size, stride, padding })
     }
 }

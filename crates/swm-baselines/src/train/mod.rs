@@ -33,5 +33,5 @@ pub use fit::{End, State, fit};
 pub use folder::{Checkpoint, RunFolder, RunLock};
 pub use metrics::{JsonLines, MetricSink, Part, Record, TensorBoard};
 pub use run::{RUN_VERSION, RunConfig, TrainedModel, Which};
-pub use session::{NewRun, Training};
+pub use session::{NewRun, PreparedRun, Training};
 pub use settings::FitSettings;

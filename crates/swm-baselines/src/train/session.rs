@@ -37,6 +37,13 @@ pub struct NewRun<'a> {
     pub device: Device,
 }
 
+/// A new run that is checked and not written yet.
+pub struct PreparedRun {
+    model: Box<dyn Baseline>,
+    data: TrainData,
+    config: RunConfig,
+}
+
 /// A training that is ready to run. It holds the run's folder until it is dropped.
 pub struct Training {
     run: RunFolder,
@@ -46,14 +53,13 @@ pub struct Training {
     config: RunConfig,
 }
 
-impl Training {
-    /// A new run in `folder`, which must hold none.
+impl PreparedRun {
+    /// Makes the model and opens its clips.
     ///
     /// # Errors
     ///
-    /// A run is there already, settings that do not go together, a dataset that lacks what the model needs, or an
-    /// encoder that cannot be read.
-    pub fn create(folder: &Path, dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
+    /// Settings that do not go together, a dataset that lacks what the model needs, or an encoder that cannot be read.
+    pub fn new(dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
         let &NewRun { baseline, preset, ref changes, encoder, split, ref fit, device } = new;
         fit.check()?;
         let dims = data_dims(dataset, baseline)?;
@@ -79,8 +85,39 @@ impl Training {
         }
         let model_config = model.model_config().clone();
         let config = RunConfig { version: RUN_VERSION, model_config, data: data.config.clone(), fit };
+        Ok(Self { model, data, config })
+    }
+
+    /// The model, with its initial weights.
+    pub fn model(&self) -> &dyn Baseline {
+        self.model.as_ref()
+    }
+
+    /// What the run's `config.json` will say.
+    pub fn config(&self) -> &RunConfig {
+        &self.config
+    }
+
+    /// Writes the run in `folder`, which must hold none.
+    ///
+    /// # Errors
+    ///
+    /// A run is there already, or the folder cannot be written.
+    pub fn create(self, folder: &Path) -> Result<Training, BaselineError> {
+        let Self { model, data, config } = self;
         let run = RunFolder::create(folder, &config)?;
-        Ok(Self { _lock: run.lock()?, run, model, data, config })
+        Ok(Training { _lock: run.lock()?, run, model, data, config })
+    }
+}
+
+impl Training {
+    /// A new run in `folder`, which must hold none.
+    ///
+    /// # Errors
+    ///
+    /// As of [`PreparedRun::new`] and [`PreparedRun::create`].
+    pub fn create(folder: &Path, dataset: &dyn Dataset, new: &NewRun<'_>) -> Result<Self, BaselineError> {
+        PreparedRun::new(dataset, new)?.create(folder)
     }
 
     /// Resumes the run in `folder`, on the dataset that it was begun with, which may have `moved` to another place and is of a format of `registry`. `change`

@@ -1,7 +1,6 @@
 //! The world model that LeWM and PLDM share: one vector per image, and a predictor that actions steer. What sets them
 //! apart is the loss.
 
-mod auxiliary;
 mod planner;
 
 use burn::module::Module;
@@ -11,12 +10,12 @@ use serde::{Deserialize, Serialize};
 use crate::baseline::InputSpec;
 use crate::data::{DataDims, Form, Inputs};
 use crate::error::BaselineError;
+use crate::models::auxiliary::Auxiliary;
 use crate::models::encoder::{Encoder, EncoderConfig};
 use crate::models::settings::check_sizes;
 use crate::nn::{ActionEmbedder, CnnConfig, Mlp, Predictor, PredictorConfig, VitConfig};
 use crate::pass::Pass;
 
-pub(crate) use auxiliary::Auxiliary;
 pub(crate) use planner::JointPlanner;
 
 /// Its size.

@@ -11,7 +11,8 @@ use crate::baseline::{Phase, PlanModel};
 use crate::data::{DataDims, Inputs};
 use crate::error::BaselineError;
 use crate::losses::{SigregConfig, Terms, mean_squared_error, sigreg};
-use crate::models::joint::{Auxiliary, Joint, JointConfig, JointPlanner, Predicted};
+use crate::models::auxiliary::{Auxiliary, AuxiliaryWeights};
+use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
 use crate::network::{Network, Parts};
 use crate::nn::InverseDynamics;
 use crate::optim::OptimConfig;
@@ -34,23 +35,11 @@ pub struct LewmConfig {
     /// How many states are predicted on end for `weights.rollout`.
     #[serde(default = "rollout_steps")]
     pub rollout_steps: usize,
-    /// What additional terms are worth.
+    /// What additional terms are worth, which the paper does not have.
     #[serde(default)]
-    pub weights: LewmWeights,
+    pub weights: AuxiliaryWeights,
     /// The optimizer.
     pub optim: OptimConfig,
-}
-
-/// Weights of additional terms, which the paper does not have. A term of weight 0 is not computed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct LewmWeights {
-    /// Inverse dynamics.
-    pub inverse: f64,
-    /// Straightness of the paths of states.
-    pub straightening: f64,
-    /// Predictions on end, from the first state of a clip.
-    pub rollout: f64,
 }
 
 fn inverse_hidden() -> usize {
@@ -69,14 +58,13 @@ impl LewmConfig {
             sigreg: SigregConfig::default(),
             inverse_hidden: inverse_hidden(),
             rollout_steps: rollout_steps(),
-            weights: LewmWeights::default(),
+            weights: AuxiliaryWeights::default(),
             optim: OptimConfig::default(),
         }
     }
 
     fn auxiliary(&self) -> Auxiliary {
-        let LewmWeights { inverse, straightening, rollout } = self.weights;
-        Auxiliary { inverse, straightening, rollout, rollout_steps: self.rollout_steps }
+        Auxiliary::new(&self.weights, self.rollout_steps)
     }
 
     /// Settings for a CPU. SIGReg's statistic grows with the batch: on 64 clips, where the paper has 128, it weighs twice as
@@ -114,9 +102,7 @@ pub(crate) fn make(
     checked.map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let model = Joint::new(NAME, &config.model, dims, device)?;
     let form = config.model.form(dims);
-    let inverse =
-        || InverseDynamics::new(config.model.latent_dim, config.inverse_hidden, form.action, device);
-    let inverse = (auxiliary.inverse != 0.0).then(inverse);
+    let inverse = auxiliary.inverse(config.model.latent_dim, config.inverse_hidden, form.action, device);
     let phase = Phase {
         name: "train",
         optim: config.optim.clone(),
@@ -141,7 +127,9 @@ impl Network for Lewm {
         let normality = sigreg(states.clone(), &self.sigreg, pass);
         let mut terms = Terms { total: prediction.clone(), parts: vec![("prediction", prediction)] };
         terms.add("sigreg", self.sigreg.weight, normality);
-        self.auxiliary.add_to(&mut terms, &self.model, self.inverse.as_ref(), &states, inputs, pass);
+        self.auxiliary.add_to(&mut terms, self.inverse.as_ref(), &states, inputs, |first, actions| {
+            self.model.roll_out(first, actions, pass)
+        });
         Ok(terms)
     }
 

@@ -9,7 +9,8 @@ use crate::baseline::{Phase, PlanModel};
 use crate::data::{DataDims, Inputs};
 use crate::error::BaselineError;
 use crate::losses::{Terms, Vicreg, mean_squared_error, vicreg};
-use crate::models::joint::{Auxiliary, Joint, JointConfig, JointPlanner, Predicted};
+use crate::models::auxiliary::Auxiliary;
+use crate::models::joint::{Joint, JointConfig, JointPlanner, Predicted};
 use crate::network::{Network, Parts};
 use crate::nn::InverseDynamics;
 use crate::optim::OptimConfig;
@@ -160,7 +161,9 @@ impl Network for Pldm {
         add("cov", weights.cov, &|| cov.clone());
         add("cov_t", weights.cov_t, &|| cov_t.clone());
         add("alignment", weights.alignment, &|| mean_squared_error(before.clone(), after.clone()));
-        self.auxiliary.add_to(&mut terms, &self.model, Some(&self.inverse), &states, inputs, pass);
+        self.auxiliary.add_to(&mut terms, Some(&self.inverse), &states, inputs, |first, actions| {
+            self.model.roll_out(first, actions, pass)
+        });
         Ok(terms)
     }
 

@@ -1,15 +1,26 @@
 //! Losses that a joint-embedding model can have in addition to its own: inverse dynamics, straightening, and predictions
-//! on end. All have weight 0 unless they are asked for.
+//! on end. A term of weight 0 is not computed.
 
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
+use serde::{Deserialize, Serialize};
 
-use super::Joint;
 use crate::data::Inputs;
 use crate::losses::{Terms, mean_squared_error, straightening};
 use crate::nn::InverseDynamics;
-use crate::pass::Pass;
 
-/// What they are worth. A term of weight 0 is not computed.
+/// Weights of additional terms. A term of weight 0 is not computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AuxiliaryWeights {
+    /// Inverse dynamics.
+    pub inverse: f64,
+    /// Straightness of the paths of states.
+    pub straightening: f64,
+    /// Predictions on end, from the first state of a clip.
+    pub rollout: f64,
+}
+
+/// What they are worth, and over how many steps.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Auxiliary {
     /// Inverse dynamics: squared error of the actions between two states, told from both.
@@ -23,6 +34,12 @@ pub(crate) struct Auxiliary {
 }
 
 impl Auxiliary {
+    /// Of these weights.
+    pub(crate) fn new(weights: &AuxiliaryWeights, rollout_steps: usize) -> Self {
+        let &AuxiliaryWeights { inverse, straightening, rollout } = weights;
+        Self { inverse, straightening, rollout, rollout_steps }
+    }
+
     /// What is wrong with it, if anything is.
     pub(crate) fn check(&self) -> Result<(), String> {
         match (self.rollout, self.rollout_steps) {
@@ -38,15 +55,26 @@ impl Auxiliary {
         if self.rollout == 0.0 { 0 } else { self.rollout_steps }
     }
 
-    /// Adds the terms that have a weight. `states` are those of the batch, `[B, T, W]`.
+    /// The inverse-dynamics MLP for latents of `dim` values and blocks of `actions`, if it has a weight.
+    pub(crate) fn inverse(
+        &self,
+        dim: usize,
+        hidden: usize,
+        actions: usize,
+        device: &Device,
+    ) -> Option<InverseDynamics> {
+        (self.inverse != 0.0).then(|| InverseDynamics::new(dim, hidden, actions, device))
+    }
+
+    /// Adds the terms that have a weight. `states` are those of the batch, `[B, T, W]`; `roll_out` predicts `[B, R, W]` on end
+    /// from states `[B, 1, W]` under actions `[B, R, D]`.
     pub(crate) fn add_to(
         &self,
         terms: &mut Terms,
-        model: &Joint,
         inverse: Option<&InverseDynamics>,
         states: &Tensor<3>,
         inputs: &Inputs,
-        pass: &mut Pass,
+        roll_out: impl FnOnce(Tensor<3>, Tensor<3>) -> Tensor<3>,
     ) {
         let transitions = states.dims()[1] - 1;
         if let (true, Some(inverse)) = (self.inverse != 0.0, inverse) {
@@ -59,7 +87,7 @@ impl Auxiliary {
         let steps = self.steps();
         if steps > 0 {
             let actions = inputs.action.clone().narrow(1, 0, steps);
-            let predicted = model.roll_out(states.clone().narrow(1, 0, 1), actions, pass);
+            let predicted = roll_out(states.clone().narrow(1, 0, 1), actions);
             let rollout = mean_squared_error(predicted, states.clone().narrow(1, 1, steps));
             terms.add("rollout", self.rollout, rollout);
         }

@@ -1,0 +1,63 @@
+//! Planning with feature maps: the mean squared difference of predicted tokens from the goal's, of the last ones unless told
+//! otherwise.
+
+use burn::tensor::Tensor;
+use swm_solvers::Aggregate;
+
+use super::ConvJepa;
+use crate::data::{Form, Start};
+use crate::dynamics::{LatentDynamics, aggregate};
+use crate::pass::Pass;
+
+/// One planning problem, encoded.
+pub(crate) struct Problem {
+    /// `[1, 1, Z]`.
+    map: Tensor<3>,
+    /// `[1, 1, Z]`.
+    goal: Tensor<3>,
+}
+
+impl LatentDynamics for ConvJepa {
+    /// A candidate is tens of cells.
+    const GROUP: usize = 20;
+
+    type Problem = Problem;
+
+    fn form(&self) -> &Form {
+        &self.form
+    }
+
+    /// A map tells no velocity, and the predictor takes one.
+    fn history(&self) -> usize {
+        1
+    }
+
+    fn problem(&self, start: &Start, row: usize) -> Problem {
+        let newest = start.pixels.dims()[1] - 1;
+        let encode = |pixels: &Tensor<5>, step| {
+            self.encode(pixels.clone().narrow(0, row, 1).narrow(1, step, 1), &mut Pass::evaluate())
+        };
+        Problem { map: encode(&start.pixels, newest), goal: encode(&start.goal_pixels, 0) }
+    }
+
+    fn latent_dim(&self) -> usize {
+        self.dim()
+    }
+
+    fn latent(&self, pixels: Tensor<5>, _proprio: Option<Tensor<3>>) -> Tensor<2> {
+        self.encode(pixels, &mut Pass::evaluate()).squeeze_dim(1)
+    }
+
+    fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
+        let actions = self.action_encoder.forward(actions.unsqueeze_dim(1));
+        self.predict(latents, actions.squeeze_dim(1))
+    }
+
+    fn costs(&self, problem: &Problem, plans: Tensor<3>, how: Aggregate) -> Tensor<1> {
+        let [count, horizon, _] = plans.dims();
+        let maps = self.roll_out(problem.map.clone().expand([count, 1, self.dim()]), plans);
+        aggregate(how, horizon, |step| {
+            (maps.clone().narrow(1, step, 1) - problem.goal.clone()).square().mean_dim(2).flatten(0, 2)
+        })
+    }
+}

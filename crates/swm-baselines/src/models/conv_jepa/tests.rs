@@ -1,0 +1,135 @@
+//! Conv-JEPA on a dot that actions move: it learns to predict and to plan, and its maps neither vanish nor shrink.
+
+use serde_json::{Value as Json, json};
+use swm_core::seed::keyed;
+use swm_solvers::Candidates;
+
+use rand::RngExt as _;
+
+use crate::{
+    Baseline, ClipBatch, DataDims, Device, Images, MakeOptions, Observations, PlanningBatch, Step, Vectors,
+    make,
+};
+
+const SIDE: usize = 16;
+const BYTES: usize = SIDE * SIDE * 3;
+const CLIPS: usize = 32;
+
+/// Where a dot goes: `CLIPS` clips of `steps` images, and the moves between them.
+struct Dots {
+    pixels: Vec<u8>,
+    moves: Vec<f32>,
+    steps: usize,
+}
+
+impl Dots {
+    fn new(seed: u64, steps: usize) -> Self {
+        let mut stream = keyed(seed, "test dots", [0, 0]);
+        let (mut pixels, mut moves) = (Vec::new(), Vec::new());
+        for _ in 0..CLIPS {
+            let mut at: [i32; 2] = [(); 2].map(|()| stream.random_range(2..14));
+            for _ in 0..steps {
+                pixels.extend(image(at));
+                let to: [i32; 2] = at.map(|from| (from + stream.random_range(-3..=3)).clamp(2, 13));
+                moves.extend(to.iter().zip(at).map(|(to, from)| (to - from) as f32 / 2.0));
+                at = to;
+            }
+        }
+        Self { pixels, moves, steps }
+    }
+
+    fn batch(&self) -> ClipBatch<'_> {
+        ClipBatch {
+            pixels: images(&self.pixels, self.steps),
+            action: Vectors { values: &self.moves, rows: CLIPS, steps: self.steps, dim: 2 },
+            proprio: None,
+            goal_pixels: None,
+            goal_proprio: None,
+        }
+    }
+
+    /// The images of one step of all clips.
+    fn step(&self, step: usize) -> Vec<u8> {
+        self.pixels
+            .chunks(self.steps * BYTES)
+            .flat_map(|clip| &clip[step * BYTES..][..BYTES])
+            .copied()
+            .collect()
+    }
+}
+
+/// A dot of 3 × 3 pixels on black.
+fn image(at: [i32; 2]) -> Vec<u8> {
+    let is_dot = |pixel: usize| {
+        let place = [pixel % SIDE, pixel / SIDE];
+        place.iter().zip(at).all(|(&place, at)| (place as i32 - at).abs() <= 1)
+    };
+    (0..SIDE * SIDE).flat_map(|pixel| [if is_dot(pixel) { 255 } else { 0 }; 3]).collect()
+}
+
+fn images(values: &[u8], steps: usize) -> Images<'_> {
+    Images { values, rows: CLIPS, steps, height: SIDE, width: SIDE, channels_last: true }
+}
+
+/// Trained for so many steps, with settings that differ from the tiny ones.
+fn trained(steps: u64, sigreg: Json) -> Box<dyn Baseline> {
+    let predictor = json!({ "depth": 2, "channels": 16, "action": 16 });
+    let changes = json!({
+        "model": { "image": SIDE, "channels": [16], "projector": 32, "token_dim": 4, "predictor": predictor, "frameskip": 1 },
+        "sigreg": sigreg,
+        "optim": { "lr": 3e-3 },
+    });
+    let dims = DataDims { action_dim: 2, proprio_dim: 0 };
+    let options = MakeOptions { preset: "small", changes, dims, seed: 1, device: Device::Cpu };
+    let mut model = make(super::NAME, &options).unwrap();
+    for step in 0..steps {
+        let dots = Dots::new(step, model.input_spec().num_steps);
+        model.train_step(&dots.batch(), &Step { seed: 1, phase: 0, step, total: steps }).unwrap();
+    }
+    model
+}
+
+/// The mean variance of the values of a map, over images that were not learned from.
+fn variance(model: &dyn Baseline) -> f64 {
+    let mut planner = model.planner().unwrap();
+    let dim = planner.latent_dim();
+    let dots = Dots::new(1_000_000, 1);
+    let mut maps = vec![0.0; CLIPS * dim];
+    planner.encode(&Observations { pixels: images(&dots.pixels, 1), proprio: None }, &mut maps).unwrap();
+    let moment =
+        |at: usize, power| maps.iter().skip(at).step_by(dim).map(|v| f64::from(*v).powi(power)).sum::<f64>();
+    let count = CLIPS as f64;
+    (0..dim).map(|at| moment(at, 2) / count - (moment(at, 1) / count).powi(2)).sum::<f64>() / dim as f64
+}
+
+#[test]
+fn a_short_training_tells_the_true_plan_from_others() {
+    let model = trained(250, json!({ "projections": 64 }));
+    let mut planner = model.planner().unwrap();
+    let (horizon, samples) = (3, 8);
+    let dots = Dots::new(1_000_001, horizon + 1);
+    let (start, goal) = (dots.step(0), dots.step(horizon));
+    let none = Vectors { values: &[], rows: CLIPS, steps: 0, dim: 2 };
+    let (pixels, goal_pixels) = (images(&start, 1), images(&goal, 1));
+    planner
+        .prepare(&PlanningBatch { pixels, action: none, proprio: None, goal_pixels, goal_proprio: None })
+        .unwrap();
+    // The first candidate is what happened; the others are what happened in other clips.
+    let plan = |clip: usize| &dots.moves[clip % CLIPS * (horizon + 1) * 2..][..horizon * 2];
+    let others = |clip: usize| (0..samples).flat_map(move |other| plan(clip + other));
+    let actions: Vec<f32> = (0..CLIPS).flat_map(others).copied().collect();
+    let candidates = Candidates { actions: &actions, episodes: CLIPS, samples, horizon, dim: 2 };
+    let mut costs = vec![0.0; CLIPS * samples];
+    planner.evaluate(&candidates, &mut costs).unwrap();
+    let is_least = |costs: &&[f64]| costs[1..].iter().all(|other| costs[0] < *other);
+    let found = costs.chunks(samples).filter(is_least).count();
+    // By chance 4 of 32.
+    assert!(found >= 16, "{found} of {CLIPS}");
+}
+
+#[test]
+fn sigreg_on_what_is_predicted_keeps_maps_from_shrinking() {
+    let kept = variance(trained(120, json!({ "projections": 64 })).as_ref());
+    let shrunk = variance(trained(120, json!({ "projections": 64, "weight": 0.0 })).as_ref());
+    assert!((0.3..3.0).contains(&kept) && shrunk < 0.1 * kept, "{kept} and without it {shrunk}");
+}
