@@ -11,6 +11,7 @@ use crate::pass::Pass;
 /// How it is computed, and what it is worth.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct SigregConfig {
     /// Its weight in the loss. The statistic is proportional to the clips of a batch: a batch half as large asks for twice the
     /// weight.

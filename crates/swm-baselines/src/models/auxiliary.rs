@@ -11,6 +11,7 @@ use crate::nn::InverseDynamics;
 /// Weights of additional terms. A term of weight 0 is not computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct AuxiliaryWeights {
     /// Inverse dynamics.
     pub inverse: f64,

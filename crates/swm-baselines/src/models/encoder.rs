@@ -9,6 +9,7 @@ use crate::nn::{Cnn, CnnConfig, Vit, VitConfig};
 /// Its kind and size.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum EncoderConfig {
     /// A vision transformer.
     Vit(VitConfig),

@@ -10,6 +10,7 @@ use super::layers::{Conv, Linear};
 /// Its size.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct CnnConfig {
     /// Channels of each layer; each halves the image.
     pub channels: Vec<usize>,

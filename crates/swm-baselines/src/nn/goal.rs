@@ -14,6 +14,7 @@ use crate::pass::Pass;
 /// Their size. The defaults are the reference's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct GoalTransformerConfig {
     /// Blocks.
     pub depth: usize,
@@ -37,6 +38,7 @@ pub struct GoalTransformerConfig {
 /// How the tokens of a frame become one vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Pool {
     /// The last block has one learned query per frame.
     Attention,

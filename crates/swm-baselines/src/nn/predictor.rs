@@ -13,6 +13,7 @@ use crate::pass::Pass;
 /// Its size. The defaults are the paper's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct PredictorConfig {
     /// Blocks.
     pub depth: usize,

@@ -14,6 +14,7 @@ use crate::pass::Pass;
 /// Its size. The defaults are those of ViT-tiny with patches of 14 pixels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct VitConfig {
     /// Embedding dim of a token.
     #[serde(alias = "width")]

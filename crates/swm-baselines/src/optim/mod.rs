@@ -13,6 +13,7 @@ pub use schedule::Schedule;
 /// Settings of AdamW. The defaults are LeWM's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct OptimConfig {
     /// The highest learning rate.
     pub lr: f64,

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 /// How the learning rate changes, step by step.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Schedule {
     /// Not at all.
     Constant,

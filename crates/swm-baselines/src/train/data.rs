@@ -44,6 +44,7 @@ impl Default for Split {
 
 /// What using the model requires to know of the data: part of the run's `config.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct DataConfig {
     /// The dataset.
     pub path: PathBuf,
@@ -100,6 +101,7 @@ impl Scale {
 }
 
 /// Loaders over the two parts of a dataset, for every phase of a training.
+#[non_exhaustive]
 pub struct TrainData {
     /// One per phase: they differ in their goals.
     pub phases: Vec<PhaseClips>,
@@ -108,6 +110,7 @@ pub struct TrainData {
 }
 
 /// The clips of a phase.
+#[non_exhaustive]
 pub struct PhaseClips {
     /// Training clips.
     pub train: Loader,

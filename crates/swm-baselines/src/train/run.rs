@@ -72,6 +72,7 @@ impl FromStr for Which {
 }
 
 /// A trained model and what it must be used with.
+#[non_exhaustive]
 pub struct TrainedModel {
     /// The model.
     pub baseline: Box<dyn Baseline>,

@@ -9,7 +9,6 @@ use crate::settings::Validate;
 /// How the task costs of a rollout become its cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[non_exhaustive]
 pub enum Aggregate {
     /// The task cost at the end.
     #[default]

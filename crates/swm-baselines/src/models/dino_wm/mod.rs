@@ -28,6 +28,7 @@ pub(crate) const NAME: &str = "dino-wm";
 /// Its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct DinoWmConfig {
     /// The side of images.
     pub image: usize,

@@ -21,6 +21,7 @@ pub(crate) const NAME: &str = "gcbc";
 /// Its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct GcbcConfig {
     /// The network.
     pub model: GoalConfig,
@@ -33,6 +34,7 @@ pub struct GcbcConfig {
 /// Which later steps of an episode are goals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum LaterGoals {
     /// All equally often.
     Uniform,

@@ -23,6 +23,7 @@ pub(crate) const NAME: &str = "gciql";
 /// Its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct GciqlConfig {
     /// The network. Value and critic take the mean of a frame's tokens; the policy what is set here.
     pub model: GoalConfig,

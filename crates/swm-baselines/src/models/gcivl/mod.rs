@@ -18,6 +18,7 @@ pub(crate) const NAME: &str = "gcivl";
 /// Its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct GcivlConfig {
     /// The network. The value takes the mean of a frame's tokens; the policy what is set here.
     pub model: GoalConfig,
@@ -30,6 +31,7 @@ pub struct GcivlConfig {
 /// Settings of goal-conditioned values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct ValueConfig {
     /// Discount per step.
     pub discount: f64,

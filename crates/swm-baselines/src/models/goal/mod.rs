@@ -24,6 +24,7 @@ pub(crate) use value_learner::ValueLearner;
 /// How they see and how large they are.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct GoalConfig {
     /// The side of images.
     pub image: usize,

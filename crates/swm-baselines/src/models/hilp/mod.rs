@@ -24,6 +24,7 @@ const GOALS: GoalWeights = GoalWeights { random: 0.375, geometric: 0.625, unifor
 /// Its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct HilpConfig {
     /// The network. The value's transformer has the size of the policy's; it looks at frames alone, and its last block has one
     /// learned query per frame.

@@ -21,6 +21,7 @@ pub(crate) use planner::JointPlanner;
 /// Its size.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct JointConfig {
     /// The side of images.
     pub image: usize,

@@ -24,6 +24,7 @@ pub(crate) const NAME: &str = "lewm";
 /// Its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct LewmConfig {
     /// The network.
     pub model: JointConfig,

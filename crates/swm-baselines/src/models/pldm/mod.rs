@@ -22,6 +22,7 @@ pub(crate) const NAME: &str = "pldm";
 /// Its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct PldmConfig {
     /// The network.
     pub model: JointConfig,
@@ -39,6 +40,7 @@ pub struct PldmConfig {
 /// Weights of the regularization terms. A term of weight 0 is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct PldmWeights {
     /// Std over the batch.
     pub std: f64,
