@@ -8,12 +8,9 @@ use hdf5_metno::filters::{Blosc, Filter};
 use swm_core::{Dtype, Field, Slice};
 
 use super::handles::library_error;
-use super::{blosc, ffi, library};
+use super::{blosc, checksum, ffi, library};
 use crate::dataset::EncodedRows;
 use crate::error::{Result, invalid};
-
-/// Bytes behind a chunk that has a checksum.
-pub(super) const CHECKSUM_BYTES: usize = 4;
 
 /// The encoding of a column of bytes whose rows are compressed each on its own, with a checksum, as ours are.
 pub(super) fn encoding(dataset: &Dataset, field: &Field) -> hdf5_metno::Result<Option<String>> {
@@ -58,7 +55,7 @@ impl LastRow {
     /// Gives the library the values of the row, if there is one.
     pub(super) fn hand_over(&mut self, dataset: &Dataset, field: &Field) -> Result<()> {
         let mut stored = mem::take(&mut self.stored);
-        if let Some((bytes, _)) = stored.split_last_chunk::<CHECKSUM_BYTES>() {
+        if let Some((bytes, _)) = stored.split_last_chunk::<{ checksum::BYTES }>() {
             let mut values = vec![0; field.dim()];
             let decoded = blosc::decode(
                 bytes,

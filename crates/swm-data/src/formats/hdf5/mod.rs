@@ -3,6 +3,7 @@
 
 mod attributes;
 mod blosc;
+mod checksum;
 mod create;
 mod deflate;
 mod encoding;

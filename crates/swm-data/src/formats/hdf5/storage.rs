@@ -11,11 +11,12 @@ use hdf5_metno::datatype::ByteOrder;
 use hdf5_metno::filters::{Blosc, BloscShuffle, Filter};
 use swm_core::{Field, SliceMut};
 
+use super::checksum::{self, check_chunk};
 use super::deflate::Inflated;
-use super::encoding::{CHECKSUM_BYTES, encoding};
+use super::encoding::encoding;
 use super::fetch::Fetched;
 use super::{blosc, library};
-use crate::dataset::{CHANGED, EncodedRows, Steps};
+use crate::dataset::{EncodedRows, Steps};
 use crate::error::{At as _, FormatError, Result, invalid};
 use crate::formats::disk::read_exact_at;
 use crate::formats::element::{self, Element};
@@ -326,7 +327,7 @@ fn direct(
         [Filter::Shuffle, Filter::Deflate(_)] if !checksummed => Codec::Deflate { shuffled: Some(size) },
         _ => return Ok(None),
     };
-    let checksum_bytes = if checksummed { CHECKSUM_BYTES as u64 } else { 0 };
+    let checksum_bytes = if checksummed { checksum::BYTES as u64 } else { 0 };
     if dataset.layout() == Layout::Contiguous {
         let access = dataset.offset().map(|address| {
             let chunks = vec![Chunk { address, size: (rows * row_bytes) as u64 }];
@@ -382,41 +383,4 @@ fn adjacent(chunks: &[Chunk]) -> u64 {
         bytes += chunk.size;
     }
     bytes
-}
-
-/// Compares the checksum at the end of a chunk.
-fn check_chunk(stored: &[u8]) -> Result<()> {
-    let is_right = stored
-        .split_last_chunk::<CHECKSUM_BYTES>()
-        .is_some_and(|(bytes, checksum)| fletcher32(bytes) == u32::from_le_bytes(*checksum));
-    if is_right { Ok(()) } else { Err(invalid(CHANGED)) }
-}
-
-/// HDF5's checksum of chunks: Fletcher's over big-endian words of 16 bits (`H5checksum.c`).
-fn fletcher32(bytes: &[u8]) -> u32 {
-    let (words, rest) = bytes.as_chunks::<2>();
-    let (mut low, mut high) = (0u32, 0u32);
-    let fold = |sum: u32| (sum & 0xffff) + (sum >> 16);
-    // So many words cannot overflow the sums.
-    for piece in words.chunks(360) {
-        // Eight words at once: the sum of the eight sums that `low` goes through has a closed form.
-        let (blocks, rest) = piece.as_chunks::<8>();
-        for block in blocks {
-            let values = block.map(|word| u32::from(u16::from_be_bytes(word)));
-            let weighted = values.iter().zip([8, 7, 6, 5, 4, 3, 2, 1]).map(|(value, weight)| value * weight);
-            high += 8 * low + weighted.sum::<u32>();
-            low += values.iter().sum::<u32>();
-        }
-        for &word in rest {
-            low += u32::from(u16::from_be_bytes(word));
-            high += low;
-        }
-        (low, high) = (fold(low), fold(high));
-    }
-    if let [last] = rest {
-        low += u32::from(*last) << 8;
-        high += low;
-        (low, high) = (fold(low), fold(high));
-    }
-    fold(high) << 16 | fold(low)
 }
