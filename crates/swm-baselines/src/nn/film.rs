@@ -62,7 +62,7 @@ impl FilmPredictor {
     }
 
     /// `[N, G, G, C]` and embedded actions `[N, E]` → the maps after them, `[N, G, G, C]`.
-    pub(crate) fn forward(&self, maps: Tensor<4>, actions: Tensor<2>) -> Tensor<4> {
+    pub(crate) fn forward(&self, maps: Tensor<4>, actions: &Tensor<2>) -> Tensor<4> {
         let [count, rows, columns, dim] = maps.dims();
         let cells = self.input.forward(maps.clone().reshape([count * rows * columns, dim]));
         let grid = [count, rows, columns];
@@ -119,7 +119,7 @@ mod tests {
             |values: Vec<f32>, shape| Tensor::<4>::from_data(TensorData::new(values, shape), &device);
         let maps = tensor(vec![3.0, 1.0, -1.0, 5.0], [1, 1, 2, 2]);
         let action = Tensor::<2>::from_data(TensorData::new(vec![0.5_f32], [1, 1]), &device);
-        let next = host(predictor.forward(maps, action));
+        let next = host(predictor.forward(maps, &action));
         // Of two channels, layer norm leaves ±1. Cell 1: (1, -1) → FiLM (2.25, -0.5) → rectified (2.25, 0), added (5.25, 1), whose
         // norm is (1, -1), added: (4, 0). Cell 2: (-1, 1) → (-1.75, 0.5) → (0, 0.5), added (-1, 5.5) → (-1, 1) → (-2, 6).
         for (found, wanted) in next.iter().zip([4.0, 0.0, -2.0, 6.0]) {

@@ -181,7 +181,7 @@ impl ConvJepa {
     }
 
     /// Maps `[N, Z]` and embedded actions `[N, E]` → the maps after them, `[N, Z]`.
-    fn predict(&self, maps: Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
+    fn predict(&self, maps: Tensor<2>, actions: &Tensor<2>) -> Tensor<2> {
         let ([count, dim], [grid, channels]) = (maps.dims(), self.map);
         self.predictor.forward(maps.reshape([count, grid, grid, channels]), actions).reshape([count, dim])
     }
@@ -191,7 +191,7 @@ impl ConvJepa {
         let actions = self.action_encoder.forward(actions);
         let mut map: Tensor<2> = first.squeeze_dim(1);
         let next = |step| {
-            map = self.predict(map.clone(), actions.clone().narrow(1, step, 1).squeeze_dim(1));
+            map = self.predict(map.clone(), &actions.clone().narrow(1, step, 1).squeeze_dim(1));
             map.clone()
         };
         Tensor::stack((0..actions.dims()[1]).map(next).collect(), 1)
@@ -206,7 +206,7 @@ impl Network for ConvJepa {
         let actions = self.action_encoder.forward(inputs.action.clone().narrow(1, 0, seen));
         let embedding = actions.dims()[2];
         let before = states.clone().narrow(1, 0, seen).reshape([batch * seen, dim]);
-        let predicted = self.predict(before, actions.reshape([batch * seen, embedding]));
+        let predicted = self.predict(before, &actions.reshape([batch * seen, embedding]));
         let targets = states.clone().narrow(1, 1, seen).reshape([batch * seen, dim]);
         let prediction = mean_squared_error(predicted, targets);
         let mut terms = Terms { total: prediction.clone(), parts: vec![("prediction", prediction)] };

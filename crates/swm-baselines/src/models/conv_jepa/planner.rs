@@ -50,7 +50,7 @@ impl LatentDynamics for ConvJepa {
 
     fn next(&self, latents: Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
         let actions = self.action_encoder.forward(actions.unsqueeze_dim(1));
-        self.predict(latents, actions.squeeze_dim(1))
+        self.predict(latents, &actions.squeeze_dim(1))
     }
 
     fn costs(&self, problem: &Problem, plans: Tensor<3>, how: Aggregate) -> Tensor<1> {

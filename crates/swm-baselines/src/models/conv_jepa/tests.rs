@@ -72,7 +72,7 @@ fn images(values: &[u8], steps: usize) -> Images<'_> {
 }
 
 /// Trained for so many steps, with settings that differ from the tiny ones.
-fn trained(steps: u64, sigreg: Json) -> Box<dyn Baseline> {
+fn trained(steps: u64, sigreg: &Json) -> Box<dyn Baseline> {
     let predictor = json!({ "depth": 2, "channels": 16, "action": 16 });
     let changes = json!({
         "model": { "image": SIDE, "channels": [16], "projector": 32, "token_dim": 4, "predictor": predictor, "frameskip": 1 },
@@ -104,7 +104,7 @@ fn variance(model: &dyn Baseline) -> f64 {
 
 #[test]
 fn a_short_training_tells_the_true_plan_from_others() {
-    let model = trained(250, json!({ "projections": 64 }));
+    let model = trained(250, &json!({ "projections": 64 }));
     let mut planner = model.planner().unwrap();
     let (horizon, samples) = (3, 8);
     let dots = Dots::new(1_000_001, horizon + 1);
@@ -129,7 +129,7 @@ fn a_short_training_tells_the_true_plan_from_others() {
 
 #[test]
 fn sigreg_on_what_is_predicted_keeps_maps_from_shrinking() {
-    let kept = variance(trained(120, json!({ "projections": 64 })).as_ref());
-    let shrunk = variance(trained(120, json!({ "projections": 64, "weight": 0.0 })).as_ref());
+    let kept = variance(trained(120, &json!({ "projections": 64 })).as_ref());
+    let shrunk = variance(trained(120, &json!({ "projections": 64, "weight": 0.0 })).as_ref());
     assert!((0.3..3.0).contains(&kept) && shrunk < 0.1 * kept, "{kept} and without it {shrunk}");
 }
