@@ -30,8 +30,12 @@ pub(crate) struct Args {
 struct Task {
     name: &'static str,
     env: &'static str,
-    /// What is recorded: a file, and how. Pairs are sampled from the first.
+    /// Size of images. Models of smaller ones resize them.
+    images: &'static str,
+    /// What is recorded: a file, and how.
     data: &'static [(&'static str, &'static [&'static str])],
+    /// Which of the files pairs are sampled from.
+    pairs: &'static str,
     trials: &'static [Trial],
 }
 
@@ -48,6 +52,8 @@ const TASKS: &[Task] = &[
     Task {
         name: "tworoom",
         env: "swm/TwoRoom-v2",
+        images: "64x64",
+        pairs: "noisy.h5",
         data: &[
             // As the reference records it.
             ("noisy.h5", &["--policy", "noisy-expert:2", "--episodes", "2000", "--seed", "1"]),
@@ -66,33 +72,74 @@ const TASKS: &[Task] = &[
     Task {
         name: "pusht",
         env: "swm/PushT-v1",
-        data: &[(
-            "weak.h5",
-            &["--policy", "weak", "--episodes", "3000", "--max-steps", "100", "--seed", "101"],
-        )],
-        trials: &[Trial {
-            baseline: "lewm",
-            data: "weak.h5",
-            steps: "3000",
-            policy: "mpc",
-            settings: SEARCH,
-        }],
+        images: "96x96",
+        // Of episodes that nothing learns from.
+        pairs: "pairs.h5",
+        data: &[
+            ("weak.h5", &["--policy", "weak", "--episodes", "3000", "--max-steps", "100", "--seed", "101"]),
+            ("pairs.h5", &["--policy", "weak", "--episodes", "200", "--max-steps", "100", "--seed", "103"]),
+        ],
+        trials: &[
+            Trial { baseline: "lewm", data: "weak.h5", steps: "3000", policy: "mpc", settings: REPLANNED },
+            Trial { baseline: "pldm", data: "weak.h5", steps: "3000", policy: "mpc", settings: REPLANNED },
+            Trial {
+                baseline: "conv-jepa",
+                data: "weak.h5",
+                steps: "1200",
+                policy: "mpc",
+                settings: REPLANNED,
+            },
+            Trial { baseline: "gcbc", data: "weak.h5", steps: "1500", policy: "gcbc", settings: "" },
+            Trial { baseline: "gciql", data: "weak.h5", steps: "1000", policy: "gciql", settings: "" },
+        ],
     },
     // Data and goals of an expert that moves as slowly as the people whose episodes the published models learn from.
     Task {
         name: "pusht-slow",
         env: "swm/PushT-v1",
-        data: &[(
-            "slow.h5",
-            &["--policy", "expert:max_step=12", "--episodes", "3000", "--max-steps", "300", "--seed", "102"],
-        )],
-        trials: &[Trial {
-            baseline: "lewm",
-            data: "slow.h5",
-            steps: "3000",
-            policy: "mpc",
-            settings: REPLANNED,
-        }],
+        images: "96x96",
+        pairs: "pairs.h5",
+        data: &[
+            (
+                "slow.h5",
+                &[
+                    "--policy",
+                    "expert:max_step=12",
+                    "--episodes",
+                    "1500",
+                    "--max-steps",
+                    "300",
+                    "--seed",
+                    "102",
+                ],
+            ),
+            (
+                "pairs.h5",
+                &[
+                    "--policy",
+                    "expert:max_step=12",
+                    "--episodes",
+                    "200",
+                    "--max-steps",
+                    "300",
+                    "--seed",
+                    "103",
+                ],
+            ),
+        ],
+        trials: &[
+            Trial { baseline: "lewm", data: "slow.h5", steps: "3000", policy: "mpc", settings: REPLANNED },
+            Trial { baseline: "pldm", data: "slow.h5", steps: "3000", policy: "mpc", settings: REPLANNED },
+            Trial {
+                baseline: "conv-jepa",
+                data: "slow.h5",
+                steps: "1200",
+                policy: "mpc",
+                settings: REPLANNED,
+            },
+            Trial { baseline: "gcbc", data: "slow.h5", steps: "1500", policy: "gcbc", settings: "" },
+            Trial { baseline: "gciql", data: "slow.h5", steps: "1000", policy: "gciql", settings: "" },
+        ],
     },
 ];
 
@@ -107,7 +154,6 @@ impl Task {
 const SEARCH: &str = ",samples=100,iterations=8,elites=10";
 /// The same, of which 10 actions are executed before it is planned anew for the rest.
 const REPLANNED: &str = ",samples=100,iterations=8,elites=10,receding_horizon=2,shrinking_horizon=true";
-const IMAGES: &[&str] = &["--image-size", "64x64", "--env-option", "render=fast"];
 const HISTORIC: &[&str] =
     &["--tier", "historic", "--episodes", "100", "--goal-offset", "25", "--budget", "50"];
 
@@ -143,17 +189,18 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 fn table(task: &Task, trials: &[&Trial], out: &Path, given: Option<&Path>) -> Result<String> {
     let swm = |words: &[&str], paths: &[(&str, &Path)]| swm(given, words, paths);
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    let images = ["--image-size", task.images, "--env-option", "render=fast"];
     for (file, how) in task.data {
         let file = out.join(file);
         if !file.exists() {
-            let words = [&["collect", task.env, "--without", "goal"], IMAGES, how].concat();
+            let words = [&["collect", task.env, "--without", "goal"], &images[..], how].concat();
             swm(&words, &[("--out", &file)])?;
         }
     }
     let manifest = out.join("historic.toml");
     if !manifest.exists() {
-        let words = [&["manifest", "make", task.env], HISTORIC, IMAGES].concat();
-        swm(&words, &[("--dataset", &out.join(task.data[0].0)), ("--out", &manifest)])?;
+        let words = [&["manifest", "make", task.env], HISTORIC, &images].concat();
+        swm(&words, &[("--dataset", &out.join(task.pairs)), ("--out", &manifest)])?;
     }
     let mut table =
         format!("\n{}\n\n| policy | success | 95 % interval | training |\n|---|---|---|---|\n", task.env);

@@ -35,7 +35,7 @@ pub use manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier}
 pub use model_entry::{MakeModel, ModelEntry};
 pub use outcome::{EpisodeResult, OutcomeRecorder, Summary};
 pub use pairs::{ManifestOptions, RecordedPairs, is_held_out, make_manifest};
-pub use ranking::{RankingOptions, action_ranking};
+pub use ranking::{Distances, RankingOptions, action_ranking};
 pub use runs::{PairedRuns, sign_flip_exact};
 pub use state_model::StateModel;
 pub use stats::{PairedTest, wilson95};

@@ -11,7 +11,7 @@ use crate::registry::EnvEntry;
 use crate::seed::{EpisodeSeed, keyed};
 use crate::space::Space;
 
-use super::quality::WorldModel;
+use super::quality::{WorldModel, latents};
 
 /// A model whose latent is what an environment can be reset to: its start columns, one after another.
 ///
@@ -24,6 +24,8 @@ pub struct StateModel {
     action: ActionColumn,
     /// What actions are multiplied by; `None`: nothing ever changes.
     gain: Option<f64>,
+    /// What numbers of the state are divided by, `[Z]`; empty: nothing.
+    scales: Vec<f64>,
 }
 
 impl StateModel {
@@ -44,7 +46,30 @@ impl StateModel {
         }
         let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
         let action = ActionColumn::new(&env.spec().action);
-        Ok(Self { env, row, action, gain })
+        Ok(Self { env, row, action, gain, scales: Vec::new() })
+    }
+
+    /// With each number of the latent in units of its std over the rows of `episodes`: columns have units of their own (pixels, radians,
+    /// pixels per second), and a distance between latents shall not be that of the largest. What does not vary stays.
+    ///
+    /// # Errors
+    ///
+    /// A row lacks a start column.
+    pub fn standardized(mut self, episodes: &[Batch]) -> Result<Self, BoxError> {
+        let dim = self.latent_dim();
+        self.scales.clear();
+        let mut all = Vec::new();
+        for rows in episodes {
+            all.extend(latents(&mut self, rows)?);
+        }
+        let count = (all.len() / dim.max(1)).max(1) as f64;
+        let std = |element: usize| {
+            let values = || all.iter().skip(element).step_by(dim);
+            let mean = values().sum::<f64>() / count;
+            (values().map(|value| (value - mean).powi(2)).sum::<f64>() / count).sqrt()
+        };
+        self.scales = (0..dim).map(std).map(|std| if std > 0.0 { std } else { 1.0 }).collect();
+        Ok(self)
     }
 }
 
@@ -59,11 +84,11 @@ impl WorldModel for StateModel {
     }
 
     fn encode(&mut self, row: Row<'_>, latent: &mut [f64]) -> Result<(), BoxError> {
-        let mut rest = latent.iter_mut();
+        let mut rest = latent.iter_mut().zip(self.scales.iter().copied().chain(std::iter::repeat(1.0)));
         for name in self.env.spec().start_columns {
             let values = row.at(row.schema().require(name)?);
-            for (index, number) in (0..values.len()).zip(&mut rest) {
-                *number = values.as_f64(index).ok_or_else(|| format!("`{name}` holds no numbers"))?;
+            for (index, (number, scale)) in (0..values.len()).zip(&mut rest) {
+                *number = values.as_f64(index).ok_or_else(|| format!("`{name}` holds no numbers"))? / scale;
             }
         }
         Ok(())
@@ -71,6 +96,7 @@ impl WorldModel for StateModel {
 
     fn predict(&mut self, latent: &mut [f64], action: &[f64]) -> Result<(), BoxError> {
         let Some(gain) = self.gain else { return Ok(()) };
+        latent.iter_mut().zip(&self.scales).for_each(|(number, scale)| *number *= scale);
         let schema = Arc::clone(self.row.schema());
         let (mut start, mut taken) = (BTreeMap::new(), 0);
         for name in self.env.spec().start_columns {
@@ -165,6 +191,23 @@ mod tests {
         let mut latent = [2.0];
         model.predict(&mut latent, &[action])?;
         Ok(latent[0])
+    }
+
+    #[test]
+    fn a_standardized_latent_is_in_units_of_its_std_and_predicts_the_same() {
+        let mut model = StateModel::new(&TOY, &EnvConfig::default(), Some(1.0)).unwrap();
+        let mut rows = Batch::new(model.row.schema().clone(), 2);
+        let state = rows.schema().require("state").unwrap();
+        for (row, value) in [1.0, 7.0].into_iter().enumerate() {
+            rows.rows_mut().select(row).write(state, &[value]);
+        }
+        assert_eq!(latents(&mut model, &rows).unwrap(), [1.0, 7.0]);
+        // The std of 1 and 7 is 3.
+        let mut model = model.standardized(&[rows.clone()]).unwrap();
+        let mut found = latents(&mut model, &rows).unwrap();
+        assert_eq!(found, [1.0 / 3.0, 7.0 / 3.0]);
+        model.predict(&mut found[..1], &[0.5]).unwrap();
+        assert_eq!(found[0], 0.5);
     }
 
     #[test]

@@ -16,6 +16,9 @@ use crate::evaluation::{
     task_probes,
 };
 
+/// Most starts of the ranking: its mean hardly changes with more.
+const STARTS: usize = 50;
+
 /// Evaluate a world model without control: open-loop prediction, probes of the state, ranking of plans, violation of expectation.
 #[derive(Args)]
 #[command(after_help = "\
@@ -26,9 +29,9 @@ Examples:
   swm quality swm/PushT-v1 --dataset pusht.h5 --episodes 200 --rows 100 --model constant --json
   swm quality swm/TwoRoom-v1 --dataset two-room.h5 --model lewm:runs/lewm   (of `swm train`, in builds with baselines)
 
-Models that need no training are for comparison: `true` (the environment in its state space), `gain=G` (the same with actions \
+Models that need no training are for comparison: `true` (the environment in its standardized state space), `gain=G` (the same with actions \
 multiplied by G), `constant` (nothing ever changes), and `pixels=C` (the image in C × C cells, and nothing ever changes). \
-Trained ones are `lewm:RUN`, `pldm:RUN`, `dino-wm:RUN` (`checkpoint=best` behind a comma), which predict as many steps at a \
+Trained ones are `lewm:RUN`, `pldm:RUN`, `conv-jepa:RUN`, `dino-wm:RUN` (`checkpoint=best` behind a comma), which predict as many steps at a \
 time as the frame skip that they were trained with. \
 Probes predict columns of the true state from latents: a linear one and a small MLP, fitted to four fifths of the episodes and \
 scored on the others. The gate says what a model should reach before plans are made on it: an R² of 0.8 of all that is probed, a rank correlation of 0.85. A violation is `teleport`, COLUMN[ELEMENTS]=VALUES for something that \
@@ -52,7 +55,8 @@ pub(super) struct QualityCommand {
     /// An impossible event; may be repeated.
     #[arg(long = "violation", value_name = "WHAT", default_value = "teleport")]
     violations: Vec<String>,
-    /// Episodes, pairs per violation, and starts of the ranking.
+    /// Episodes, pairs per violation, and starts of the ranking, of which there are 50 at most. Probes need many: 100 or more where what
+    /// they tell changes little within an episode.
     #[arg(long, default_value_t = 20)]
     episodes: usize,
     /// Steps per episode; of recorded ones the first.
@@ -61,7 +65,7 @@ pub(super) struct QualityCommand {
     /// Steps of open-loop prediction, and actions of a plan.
     #[arg(long, default_value_t = 10)]
     horizon: usize,
-    /// Random plans per start.
+    /// Plans per start: the recorded actions, left ever earlier for random ones.
     #[arg(long, default_value_t = 64)]
     plans: usize,
     /// Seed of episodes, plans and probes.
@@ -99,14 +103,14 @@ impl QualityCommand {
             .iter()
             .map(|text| Ok((text.clone(), violation(text)?)))
             .collect::<Result<_, Failure>>()?;
-        let mut model = match &trained {
-            Some((model, args)) => model.make(&PolicyContext::new(entry, &config).within(registry), args)?,
-            None => yardstick(&self.model, entry, &config)?,
-        };
         let mut env = entry.make(&config)?;
         let recorded = match &mut dataset {
             Some(dataset) => recorded_episodes(env.as_ref(), dataset, episodes, rows)?,
             None => random_episodes(env.as_mut(), episodes, rows, seed)?,
+        };
+        let mut model = match &trained {
+            Some((model, args)) => model.make(&PolicyContext::new(entry, &config).within(registry), args)?,
+            None => yardstick(&self.model, entry, &config, &recorded)?,
         };
         let probed: Vec<ProbeTarget> = match self.probes.as_slice() {
             // One episode leaves nothing to score on.
@@ -118,7 +122,7 @@ impl QualityCommand {
                 .map(|text| text.parse().map_err(|reason| usage(format!("--probe {reason}"))))
                 .collect::<Result<_, _>>()?,
         };
-        let options = QualityOptions { episodes, rows, horizon, plans, seed };
+        let options = QualityOptions { episodes, starts: episodes.min(STARTS), rows, horizon, plans, seed };
         let found = quality(model.as_mut(), env.as_mut(), &recorded, &probed, &violations, &options)?;
         output.result(&found, || text(entry.id, &self.model, &found))
     }
@@ -156,14 +160,19 @@ fn trained(registry: &Registry, name: &str) -> Result<Option<(&'static ModelEntr
 }
 
 /// A model that needs no training.
-fn yardstick(name: &str, entry: &EnvEntry, config: &EnvConfig) -> Result<Box<dyn WorldModel>, Failure> {
+fn yardstick(
+    name: &str,
+    entry: &EnvEntry,
+    config: &EnvConfig,
+    recorded: &[Batch],
+) -> Result<Box<dyn WorldModel>, Failure> {
     let cells = name.strip_prefix("pixels=").map(str::parse::<usize>);
     match cells {
         Some(Ok(cells)) if cells > 0 && config.image.is_none() => Err(usage(format!(
             "--model {name} sees images, and there are none of {cells} cells; give --image-size"
         ))),
         Some(Ok(cells)) if cells > 0 => Ok(Box::new(ImageModel::new(cells))),
-        _ => Ok(Box::new(StateModel::new(entry, config, gain(name)?)?)),
+        _ => Ok(Box::new(StateModel::new(entry, config, gain(name)?)?.standardized(recorded)?)),
     }
 }
 

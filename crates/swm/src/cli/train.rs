@@ -30,9 +30,9 @@ pub(super) struct Train {
     /// The run's folder.
     #[arg(long, short, value_name = "RUN", required_unless_present = "list")]
     out: Option<PathBuf>,
-    /// Preset: paper or small.
-    #[arg(long, default_value = "paper", conflicts_with = "resume")]
-    preset: String,
+    /// Preset, such as paper or small; `--list` names them. Default: the baseline's first.
+    #[arg(long, conflicts_with = "resume")]
+    preset: Option<String>,
     /// A setting of the baseline, `NAME=VALUE`, such as `optim.lr=0.001`; may be repeated.
     #[arg(long = "set", value_name = "NAME=VALUE", conflicts_with = "resume")]
     set: Vec<String>,

@@ -11,9 +11,11 @@ use crate::cli::quality::default_probes;
 use crate::cli::{Failure, usage};
 use crate::evaluation::{ProbeTarget, QualityOptions, quality, recorded_episodes};
 
-/// Episodes, and steps of each, that are encoded; plans per start. They take some seconds.
-const EPISODES: usize = 40;
+/// Episodes, and steps of each, that are encoded; starts of the ranking, and plans of each. They take some seconds. With 40 episodes
+/// of PushT, probes of the true state itself explain 0.84 of its angle's variance, with 100 0.95.
+const EPISODES: usize = 120;
 const ROWS: usize = 60;
+const STARTS: usize = 20;
 const PLANS: usize = 32;
 /// Most predictions on end, each over the frame skip of the model.
 const PREDICTIONS: usize = 5;
@@ -64,7 +66,7 @@ impl OnTheWay {
         // Episodes may be short; an error is for episodes that go on after it.
         let longest = recorded.iter().map(Batch::rows).max().unwrap_or(0).saturating_sub(1);
         let horizon = PREDICTIONS.min(longest / input.frameskip).max(1) * input.frameskip;
-        let options = QualityOptions { episodes: EPISODES / 2, rows: ROWS, horizon, plans: PLANS, seed };
+        let options = QualityOptions { episodes: 0, starts: STARTS, rows: ROWS, horizon, plans: PLANS, seed };
         Ok(Self { every, env, recorded, probed, options })
     }
 }

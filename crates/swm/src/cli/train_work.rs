@@ -5,10 +5,10 @@ use std::time::Duration;
 use indicatif::{HumanDuration, ProgressBar};
 use serde_json::{Map, Value as Json, json};
 use swm_baselines::train::{
-    Checkpoint, Diagnosis, End, FitSettings, MetricSink, NewRun, Part, Record, RunConfig, RunFolder, Split,
-    State, Training,
+    Checkpoint, Diagnosis, End, FitSettings, MetricSink, NewRun, Part, PreparedRun, Record, RunConfig,
+    RunFolder, Split, State, Training,
 };
-use swm_baselines::{BASELINES, BaselineEntry, BaselineError};
+use swm_baselines::{BASELINES, Baseline, BaselineEntry, BaselineError};
 use swm_core::{Registry, WorldError};
 
 use super::{Checkpoints, Train};
@@ -28,9 +28,15 @@ impl Train {
         }
         let out = self.out.as_deref().ok_or_else(|| usage("--out: name the run's folder"))?;
         let device = self.device.parse().map_err(failure)?;
-        let mut training = if self.resume {
-            Training::resume(registry, out, device, self.data.as_deref(), |fit| self.apply(fit))
-                .map_err(failure)?
+        let measured = |model: &dyn Baseline, config: &RunConfig| {
+            self.quality_every.map(|every| on_the_way(registry, every, model, config)).transpose()
+        };
+        let (mut training, mut measured) = if self.resume {
+            let training =
+                Training::resume(registry, out, device, self.data.as_deref(), |fit| self.apply(fit))
+                    .map_err(failure)?;
+            let measured = measured(training.model(), training.config())?;
+            (training, measured)
         } else {
             let (Some(baseline), Some(data)) = (self.baseline.as_deref(), &self.data) else {
                 return Err(usage("name a baseline and give --data"));
@@ -39,8 +45,15 @@ impl Train {
             self.apply(&mut fit);
             let split = Split { train: self.split, held_out: self.held_out, seed: fit.seed };
             let (changes, encoder) = (changes(&self.set)?, self.encoder.as_deref());
-            let new = NewRun { baseline, preset: &self.preset, changes, encoder, split, fit, device };
-            Training::create(out, swm_data::open_in(registry, data)?.as_ref(), &new).map_err(failure)?
+            let of_baseline = BASELINES.iter().find(|entry| entry.name == baseline);
+            let first = of_baseline.map_or("", |entry| entry.presets[0]);
+            let preset = self.preset.as_deref().unwrap_or(first);
+            let new = NewRun { baseline, preset, changes, encoder, split, fit, device };
+            let prepared =
+                PreparedRun::new(swm_data::open_in(registry, data)?.as_ref(), &new).map_err(failure)?;
+            // What cannot be measured is refused before anything is written.
+            let measured = measured(prepared.model(), prepared.config())?;
+            (prepared.create(out).map_err(failure)?, measured)
         };
         output.note(beginning(&training));
         let bar = output.bar(0, "steps");
@@ -52,8 +65,6 @@ impl Train {
         let cancel = interrupt::watch_resumable(move || {
             format!("the last checkpoint is safe in {run}; to continue: swm train --resume --out {run}")
         });
-        let mut measured =
-            self.quality_every.map(|every| on_the_way(registry, every, &training)).transpose()?;
         let diagnosis = measured.as_mut().map(|measured| measured as &mut dyn Diagnosis);
         let state = training.run_with(vec![Box::new(shown)], diagnosis, &cancel).map_err(failure)?;
         bar.finish_and_clear();
@@ -107,16 +118,21 @@ impl Train {
 }
 
 /// Measurements of what is trained, on the episodes of its dataset that validate.
-fn on_the_way(registry: &Registry, every: u64, training: &Training) -> Result<OnTheWay, Failure> {
-    let RunConfig { data, fit, .. } = training.config();
-    if training.model().planner().is_none() {
-        let name = training.model().name();
+fn on_the_way(
+    registry: &Registry,
+    every: u64,
+    model: &dyn Baseline,
+    config: &RunConfig,
+) -> Result<OnTheWay, Failure> {
+    let RunConfig { data, fit, .. } = config;
+    if model.planner().is_none() {
+        let name = model.name();
         return Err(usage(format!(
-            "--quality-every: {name} is no world model; leave it out, and give --resume"
+            "--quality-every measures world models, and {name} is a policy; leave it out"
         )));
     }
     let dataset = swm_data::open_in(registry, &data.path)?;
-    OnTheWay::new(registry, every, dataset.as_ref(), data.split, training.model().input_spec(), fit.seed)
+    OnTheWay::new(registry, every, dataset.as_ref(), data.split, model.input_spec(), fit.seed)
 }
 
 /// Wrong settings and folders are wrong requests.
@@ -286,12 +302,55 @@ impl Checkpoints {
 
 #[cfg(test)]
 mod tests {
+    use std::ffi::OsString;
+
     use super::*;
 
     #[test]
     fn numbers_keep_their_digits() {
         let shown = [0.0, 5e-5, 0.0123, -1.5, 15.5682, 12345.6, 2e9, f64::NAN].map(short);
         assert_eq!(shown, ["0", "5.0e-5", "0.0123", "-1.5000", "15.57", "12346", "2.000e9", "NaN"]);
+    }
+
+    #[derive(clap::Parser)]
+    struct TrainAlone {
+        #[command(flatten)]
+        train: Train,
+    }
+
+    #[test]
+    fn what_cannot_be_measured_is_refused_before_a_run_is_written() {
+        let registry = crate::registry();
+        let folder = std::env::temp_dir().join(format!("swm-train-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let [data, run] = ["a.h5", "run"].map(|name| folder.join(name));
+        let words = "swm -q collect swm/TwoRoom-v2 --policy random --episodes 6 --max-steps 30 --image-size 64x64 --out";
+        let _ = crate::cli::run(&registry, words.split(' ').map(Into::into).chain([data.clone().into()]));
+        let train = |baseline: &str, more: &str| {
+            let words = format!("swm {baseline} --steps 1 --batch 2 {more}");
+            let paths = [OsString::from("--data"), data.clone().into(), "--out".into(), run.clone().into()];
+            let words = words.split_whitespace().map(OsString::from).chain(paths);
+            let TrainAlone { train } = <TrainAlone as clap::Parser>::parse_from(words);
+            train.run(&registry, &Output::new(false, true)).map_err(|failure| failure.to_string())
+        };
+        for (baseline, more, reason) in [
+            (
+                "gcbc",
+                "--quality-every 1",
+                "--quality-every measures world models, and gcbc is a policy; leave it out",
+            ),
+            ("lewm", "--quality-every 0", "--quality-every 0: use 1 or more"),
+            ("lewm", "--quality-every 1 --split 0.8", "needs 2 or more"),
+            ("conv-jepa", "--preset paper", "it has: small"),
+        ] {
+            let more = if more.starts_with("--preset") { more } else { &format!("{more} --preset small") };
+            let message = train(baseline, more).unwrap_err();
+            assert!(message.contains(reason), "{message}");
+            assert!(!run.exists(), "{baseline} {more} left a run behind");
+        }
+        train("gcbc", "--preset small").unwrap();
+        assert!(run.exists());
+        std::fs::remove_dir_all(folder).unwrap();
     }
 
     #[test]

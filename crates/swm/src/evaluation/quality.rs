@@ -5,7 +5,9 @@ use serde::Serialize;
 use swm_core::dataset::Dataset;
 use swm_core::error::BoxError;
 use swm_core::evaluate::quality::{WorldModel, latents, open_loop_error, surprise, violation_accuracy};
-use swm_core::evaluate::{RankingOptions, Violation, ViolationOptions, action_ranking, violation_pairs};
+use swm_core::evaluate::{
+    Distances, RankingOptions, Violation, ViolationOptions, action_ranking, random_episodes, violation_pairs,
+};
 use swm_core::{Batch, Env, Field, Schema};
 
 use super::gate::{self, GateCheck};
@@ -14,8 +16,10 @@ use super::probes::{ProbeTarget, Probed, probe};
 /// How much is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct QualityOptions {
-    /// Pairs of a violation, and starts of the ranking.
+    /// Pairs of a violation.
     pub episodes: usize,
+    /// Starts of the ranking.
+    pub starts: usize,
     /// Rows of an episode; violations happen in the middle.
     pub rows: usize,
     /// Rows of open-loop prediction, and actions of a plan.
@@ -38,7 +42,7 @@ pub struct Quality {
     pub open_loop_unexplained: Vec<f64>,
     /// What probes tell of the true state, column by column.
     pub probes: Vec<Probed>,
-    /// Ranking of plans; none where the environment has no task cost.
+    /// Ranking of plans; none where nothing is probed and the environment has no task cost.
     pub ranking: Option<Ranking>,
     /// What a model should reach before plans are made on it.
     pub gate: Vec<GateCheck>,
@@ -82,7 +86,7 @@ pub fn quality(
     violations: &[(String, Violation)],
     options: &QualityOptions,
 ) -> Result<Quality, BoxError> {
-    let QualityOptions { episodes, rows, horizon, plans, seed } = *options;
+    let QualityOptions { episodes, starts, rows, horizon, plans, seed } = *options;
     let stride = model.stride();
     if horizon < stride {
         return Err(format!(
@@ -104,14 +108,11 @@ pub fn quality(
     };
     let probes =
         if probed.is_empty() { Vec::new() } else { probe(recorded, &known, latent_dim, probed, seed)? };
-    let ranking = match env.task_cost() {
-        None => None,
-        Some(_) => {
-            let options = RankingOptions { starts: episodes, plans, horizon, seed };
-            let by_start = action_ranking(model, env, &options)?;
-            let known: Vec<f64> = by_start.iter().flatten().copied().collect();
-            let mean = (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64);
-            Some(Ranking { mean, by_start })
+    let ranking = match probed.is_empty() && env.task_cost().is_none() {
+        true => None,
+        false => {
+            let options = RankingOptions { starts, plans, horizon, seed };
+            Some(ranking(model, env, recorded, probed, &options)?)
         }
     };
     let pairs = ViolationOptions { pairs: episodes, rows, at: rows / 2, seed };
@@ -121,6 +122,78 @@ pub fn quality(
         .collect::<Result<_, _>>()?;
     let gate = gate::checks(&probes, ranking.as_ref());
     Ok(Quality { stride, open_loop_error, open_loop_unexplained, probes, ranking, gate, violations })
+}
+
+/// The ranking of plans by how far they end from the goal in what is `probed`, each value in units of its std over the recorded
+/// rows, or by the environment's task cost where nothing is. Starts are recorded rows; where those do not hold the environment's
+/// start columns, episodes of random actions.
+fn ranking(
+    model: &mut dyn WorldModel,
+    env: &mut dyn Env,
+    recorded: &[Batch],
+    probed: &[ProbeTarget],
+    options: &RankingOptions,
+) -> Result<Ranking, BoxError> {
+    let start_columns = env.spec().start_columns;
+    let holds = |rows: &Batch| start_columns.iter().all(|column| rows.schema().index(column).is_some());
+    let simulated = match recorded.iter().all(holds) {
+        true => Vec::new(),
+        false => random_episodes(env, options.starts, 2 * options.horizon, options.seed)?,
+    };
+    let known: Vec<Values> =
+        probed.iter().map(|target| Values::of(target, recorded)).collect::<Result<_, _>>()?;
+    let distances = |rows: &Batch| {
+        let mut sums = vec![0.0; rows.rows().saturating_sub(1)];
+        known.iter().try_for_each(|values| values.add_distances(rows, &mut sums))?;
+        Ok(sums)
+    };
+    let distances = (!known.is_empty()).then_some(&distances as &Distances<'_>);
+    let recorded = if simulated.is_empty() { recorded } else { &simulated };
+    let by_start = action_ranking(model, env, recorded, distances, options)?;
+    let found: Vec<f64> = by_start.iter().flatten().copied().collect();
+    let mean = (!found.is_empty()).then(|| found.iter().sum::<f64>() / found.len() as f64);
+    Ok(Ranking { mean, by_start })
+}
+
+/// A probed quantity, whose values are compared in units of their variance.
+struct Values<'a> {
+    target: &'a ProbeTarget,
+    /// Per value; 1 where it does not vary.
+    variance: Vec<f64>,
+}
+
+impl<'a> Values<'a> {
+    fn of(target: &'a ProbeTarget, recorded: &[Batch]) -> Result<Self, BoxError> {
+        let (mut all, mut dim) = (Vec::new(), 1);
+        for rows in recorded {
+            let (values, wide) = target.values(rows)?;
+            dim = wide.max(1);
+            // What is missing is NaN.
+            all.extend(
+                values.chunks_exact(dim).filter(|row| row.iter().all(|value| value.is_finite())).flatten(),
+            );
+        }
+        let count = (all.len() / dim).max(1) as f64;
+        let variance = (0..dim).map(|at| {
+            let values = || all.iter().skip(at).step_by(dim);
+            let mean = values().sum::<f64>() / count;
+            let variance = values().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+            if variance > 0.0 { variance } else { 1.0 }
+        });
+        Ok(Self { target, variance: variance.collect() })
+    }
+
+    /// Adds the squared distances of all rows but the first from the first.
+    fn add_distances(&self, rows: &Batch, sums: &mut [f64]) -> Result<(), BoxError> {
+        let (values, dim) = self.target.values(rows)?;
+        let mut rows = values.chunks_exact(dim.max(1));
+        let goal = rows.next().unwrap_or_default();
+        for (sum, row) in sums.iter_mut().zip(rows) {
+            let apart = row.iter().zip(goal).zip(&self.variance);
+            *sum += apart.map(|((a, b), variance)| (a - b).powi(2) / variance).sum::<f64>();
+        }
+        Ok(())
+    }
 }
 
 /// Of latents, `[T, Z]` an episode, the mean over their numbers.
