@@ -66,7 +66,7 @@ const TASKS: &[Task] = &[
             Trial { baseline: "gcbc", data: "calm.h5", steps: "600", policy: "gcbc", settings: "" },
             Trial { baseline: "gcivl", data: "calm.h5", steps: "600", policy: "gcivl", settings: "" },
             Trial { baseline: "gciql", data: "calm.h5", steps: "600", policy: "gciql", settings: "" },
-            Trial { baseline: "hilp", data: "calm.h5", steps: "600", policy: "hilp", settings: "" },
+            Trial { baseline: "hilp", data: "calm.h5", steps: "300", policy: "hilp", settings: "" },
         ],
     },
     Task {

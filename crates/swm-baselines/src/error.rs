@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use swm_core::BoxError;
 use swm_core::error::did_you_mean;
+use swm_core::{BoxError, WorldError};
 use swm_data::DataError;
 use swm_solvers::PlanError;
 use thiserror::Error;
@@ -145,6 +145,9 @@ pub enum BaselineError {
     /// A dataset cannot be read.
     #[error(transparent)]
     Dataset(#[from] DataError),
+    /// An environment that an agent learns in fails.
+    #[error(transparent)]
+    World(#[from] WorldError),
     /// A dataset lacks what the baseline learns from.
     #[error("{} cannot train {baseline}: {reason}", path.display())]
     Columns {

@@ -33,7 +33,8 @@ fn fill(spec: &Spec, inputs: usize, seed: u64, values: &mut [f32]) {
         ("LayerNorm" | "BatchNorm", "weight") | (_, "running_var" | "lambda1" | "deviation") => {
             return values.fill(1.0);
         }
-        ("LayerNorm" | "BatchNorm" | "Background", _) | (_, "log_stds") => return,
+        ("LayerNorm" | "BatchNorm" | "Background", _)
+        | (_, "log_stds" | "log_ent_coef" | "running_mean" | "running_count") => return,
         _ if spec.name.contains("adaLN_modulation") => return,
         (_, "bias") if spec.is_in_vit => return,
         (_, "pos_embedding" | "pos_embedding_goal") => 1.0,

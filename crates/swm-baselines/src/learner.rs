@@ -262,7 +262,7 @@ fn averaged<N: Module>(average: N, network: &N, trains: &[&str], decay: f64) -> 
 }
 
 /// The values of a loss.
-fn read(terms: Terms) -> Losses {
+pub(crate) fn read(terms: Terms) -> Losses {
     let value = |tensor| host::<1>(tensor)[0];
     Losses {
         total: value(terms.total),
@@ -282,7 +282,7 @@ pub(crate) fn follow_statistics<N: Module>(network: N, pass: &Pass) -> N {
 }
 
 /// Updates target networks by an exponential moving average with decay `momentum`.
-fn follow<N: Network>(network: N, targets: &[(&str, &str)], momentum: f64) -> N {
+pub(crate) fn follow<N: Module>(network: N, targets: &[(&str, &str)], momentum: f64) -> N {
     if targets.is_empty() {
         return network;
     }

@@ -80,6 +80,8 @@ const NAMES: &[(&str, &str, &str)] = &[
     ("DinoWm", "proprio", "extra_encoders.proprio"),
     ("DinoWm", "action", "extra_encoders.action"),
     ("GoalAttention", "to_out", "to_out.0"),
+    ("Trunk", "first", "0"),
+    ("Trunk", "second", "2"),
     ("QHead", "first", "0"),
     ("QHead", "second", "2"),
     ("QHead", "third", "4"),

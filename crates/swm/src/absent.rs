@@ -37,6 +37,7 @@ pub(crate) const NAMES: &[Absent] = &[
     policy("gcivl", BASELINES),
     policy("gciql", BASELINES),
     policy("hilp", BASELINES),
+    policy("sac", BASELINES),
     policy("onnx", ONNX),
     model("conv-jepa"),
     model("lewm"),

@@ -5,15 +5,18 @@
 //! | `planning` | from infos to planning batches |
 //! | `cost` | a world model as the cost of plans |
 //! | `goal_policy` | a policy that acts directly |
+//! | `agent_policy` | an agent that learned online |
 //! | `latents` | a world model for `swm quality` |
 //! | `policies` | `mpc:RUN`, `policy:RUN` and their arguments |
 
+mod agent_policy;
 mod cost;
 mod goal_policy;
 mod latents;
 mod planning;
 mod policies;
 
+pub use agent_policy::AgentPolicy;
 pub use cost::ModelCost;
 pub use goal_policy::ModelPolicy;
 pub use latents::{LatentModel, MODELS};

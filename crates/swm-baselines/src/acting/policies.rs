@@ -10,10 +10,12 @@ use swm_core::registry::{MakePolicy, Setting};
 use swm_core::{ImageSize, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
 use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 
+use super::agent_policy::AgentPolicy;
 use super::cost::{self, ModelCost};
 use super::goal_policy::ModelPolicy;
 use crate::device::Device;
 use crate::error::BaselineError;
+use crate::online::TrainedAgent;
 use crate::train::{RunConfig, RunFolder, TrainedModel, Which};
 
 /// Policies for every environment that shows images.
@@ -48,6 +50,17 @@ pub const POLICIES: &[PolicyEntry] = &[
         model_policy(context, args, Some("gciql"))
     }),
     acting("hilp", "a trained HILP (`hilp:RUN`)", |context, args| model_policy(context, args, Some("hilp"))),
+    PolicyEntry::new("sac", "acts as an agent trained by `swm train sac` (`sac:RUN`)", |context, args| {
+        let given = Given::of(args)?;
+        let agent = given.agent(args, context.env.id)?;
+        given.check_all_known(args)?;
+        Ok(Box::new(AgentPolicy::new(agent)))
+    })
+    .settings(&[RUN, CHECKPOINT, DEVICE, TRANSFER])
+    .files(|args| {
+        let given = Given::of(args)?;
+        TrainedAgent::files(&given.run, given.which).map_err(|error| given.wrong(args, error))
+    }),
 ];
 
 const RUN: Setting = Setting::new("RUN", "Folder of a training run", "required");
@@ -168,12 +181,25 @@ impl Given {
     pub(super) fn model(&self, args: &PolicyArgs, env: &str) -> Result<TrainedModel, PolicyError> {
         let model = TrainedModel::open(&self.run, self.which, self.device)
             .map_err(|error| args.wrong(error.to_string()))?;
-        match model.config.data.env.as_deref() {
+        self.check_env(args, model.config.data.env.as_deref(), env)?;
+        Ok(model)
+    }
+
+    /// The agent, for use in the environment `env`.
+    fn agent(&self, args: &PolicyArgs, env: &str) -> Result<TrainedAgent, PolicyError> {
+        let agent = TrainedAgent::open(&self.run, self.which, self.device)
+            .map_err(|error| args.wrong(error.to_string()))?;
+        self.check_env(args, Some(&agent.config.env), env)?;
+        Ok(agent)
+    }
+
+    fn check_env(&self, args: &PolicyArgs, trained_in: Option<&str>, env: &str) -> Result<(), PolicyError> {
+        match trained_in {
             Some(of) if of != env && !self.transfer => {
                 let fix = format!("use a run of {env}, or allow it with transfer=true");
                 Err(self.wrong(args, format!("it was trained in {of}, and this is {env}; {fix}")))
             }
-            _ => Ok(model),
+            _ => Ok(()),
         }
     }
 }

@@ -311,11 +311,29 @@ pub(crate) struct Critic {
     q_head: QHead,
 }
 
+/// Three linear layers with ReLU between them, to one value.
 #[derive(Module, Debug)]
-struct QHead {
+pub(crate) struct QHead {
     first: Linear,
     second: Linear,
     third: Linear,
+}
+
+impl QHead {
+    /// With these hidden dims.
+    pub(crate) fn new(inputs: usize, [first, second]: [usize; 2], device: &Device) -> Self {
+        Self {
+            first: Linear::new(inputs, first, device),
+            second: Linear::new(first, second, device),
+            third: Linear::new(second, 1, device),
+        }
+    }
+
+    /// `[…, inputs]` → `[…, 1]`.
+    pub(crate) fn forward<const D: usize>(&self, input: Tensor<D>) -> Tensor<D> {
+        let hidden = relu(self.first.forward(input));
+        self.third.forward(relu(self.second.forward(hidden)))
+    }
 }
 
 impl Critic {
@@ -331,11 +349,7 @@ impl Critic {
             pos_embedding: parameter([1, form.frames * form.patches, form.dim], device),
             pos_embedding_goal: parameter([1, form.patches, form.dim], device),
             transformer: GoalTransformer::new(config, form, device),
-            q_head: QHead {
-                first: Linear::new(form.dim + actions, hidden, device),
-                second: Linear::new(hidden, hidden, device),
-                third: Linear::new(hidden, 1, device),
-            },
+            q_head: QHead::new(form.dim + actions, [hidden, hidden], device),
         }
     }
 
@@ -349,8 +363,6 @@ impl Critic {
     ) -> Tensor<3> {
         let positions = [&self.pos_embedding, &self.pos_embedding_goal];
         let states = self.transformer.forward([frames, goal], positions, pass);
-        let QHead { first, second, third } = &self.q_head;
-        let hidden = relu(first.forward(Tensor::cat(vec![states, actions], 2)));
-        third.forward(relu(second.forward(hidden)))
+        self.q_head.forward(Tensor::cat(vec![states, actions], 2))
     }
 }

@@ -5,6 +5,7 @@ mod dino;
 mod encoders;
 mod goal;
 mod joint;
+mod sac;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

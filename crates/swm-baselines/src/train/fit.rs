@@ -349,20 +349,22 @@ impl Fit<'_, '_, '_> {
     }
 }
 
-fn values(losses: &Losses) -> Vec<(String, f64)> {
+/// The values of a step, the loss first.
+pub(crate) fn values(losses: &Losses) -> Vec<(String, f64)> {
     let parts = losses.parts.iter().map(|&(name, value)| (name.to_owned(), f64::from(value)));
     [("loss".to_owned(), f64::from(losses.total))].into_iter().chain(parts).collect()
 }
 
 /// Means in the making.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct Sums {
+pub(crate) struct Sums {
     values: Vec<(String, f64)>,
     weight: f64,
 }
 
 impl Sums {
-    fn add(&mut self, values: &[(String, f64)], weight: f64) {
+    /// Adds values, weighed.
+    pub(crate) fn add(&mut self, values: &[(String, f64)], weight: f64) {
         self.weight += weight;
         for (name, value) in values {
             match self.values.iter_mut().find(|(known, _)| known == name) {
@@ -373,7 +375,7 @@ impl Sums {
     }
 
     /// The means; then there is nothing.
-    fn take(&mut self) -> Vec<(String, f64)> {
+    pub(crate) fn take(&mut self) -> Vec<(String, f64)> {
         let Self { values, weight } = std::mem::take(self);
         values.into_iter().map(|(name, sum)| (name, sum / weight)).collect()
     }

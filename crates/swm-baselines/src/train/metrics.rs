@@ -22,6 +22,8 @@ pub enum Part {
     Validation,
     /// No clips: what a [`Diagnosis`](super::Diagnosis) measures.
     Quality,
+    /// No clips: episodes of an agent that learns online.
+    Evaluation,
 }
 
 impl Part {
@@ -31,6 +33,7 @@ impl Part {
             Part::Train => "train",
             Part::Validation => "validation",
             Part::Quality => "quality",
+            Part::Evaluation => "evaluation",
         }
     }
 }

@@ -30,8 +30,10 @@ pub use data::{
 pub use diagnosis::Diagnosis;
 pub use events::EventWriter;
 pub use fit::{End, State, fit};
+pub(crate) use fit::{Sums, values};
 pub use folder::{Checkpoint, RunFolder, RunLock};
 pub use metrics::{JsonLines, MetricSink, Part, Record, TensorBoard};
+pub(crate) use run::step_of;
 pub use run::{RUN_VERSION, RunConfig, TrainedModel, Which};
 pub use session::{NewRun, PreparedRun, Training};
 pub use settings::FitSettings;

@@ -13,6 +13,7 @@ use crate::baseline::{Baseline, ModelConfig};
 use crate::device::Device;
 use crate::error::BaselineError;
 use crate::models::table::restore;
+use crate::online::is_online;
 
 /// The version of [`RunConfig`] that is written and read.
 pub const RUN_VERSION: u32 = 1;
@@ -39,6 +40,11 @@ impl RunConfig {
     ///
     /// The file cannot be read, or has a version that this program does not read.
     pub fn read(run: &RunFolder) -> Result<Self, BaselineError> {
+        if is_online(run)? {
+            return Err(
+                run.wrong("it trained an agent online, not a model on a dataset; use it as `sac:RUN`")
+            );
+        }
         let config: Self = run.config()?;
         match config.version {
             RUN_VERSION => Ok(config),
@@ -53,7 +59,7 @@ pub enum Which {
     /// The last.
     #[default]
     Last,
-    /// That with the least validation loss.
+    /// That with the least validation loss, or an agent's with the greatest return.
     Best,
     /// That of this step.
     Step(u64),
@@ -93,7 +99,7 @@ impl TrainedModel {
     pub fn open(path: &Path, which: Which, device: Device) -> Result<Self, BaselineError> {
         let run = RunFolder::open(path)?;
         let config = RunConfig::read(&run)?;
-        let checkpoint: Checkpoint<State> = run.checkpoint(step_of(&run, which)?)?;
+        let checkpoint: Checkpoint<State> = run.checkpoint(find(&run, which)?)?;
         let mut baseline = restore(&config.model_config, device)?;
         baseline.load_weights(&run.checked_weights(&checkpoint)?)?;
         Ok(Self { baseline, config, step: checkpoint.step, weights: checkpoint.weights })
@@ -106,13 +112,21 @@ impl TrainedModel {
     /// There is no run, or no such checkpoint.
     pub fn files(path: &Path, which: Which) -> Result<Vec<PathBuf>, BaselineError> {
         let run = RunFolder::open(path)?;
-        let step = step_of(&run, which)?;
+        let step = find(&run, which)?;
         Ok(vec![run.config_file(), run.weights(step)])
     }
 }
 
-/// The step of a checkpoint that is there.
-fn step_of(run: &RunFolder, which: Which) -> Result<u64, BaselineError> {
+fn find(run: &RunFolder, which: Which) -> Result<u64, BaselineError> {
+    step_of(run, which, |last| Ok(run.checkpoint::<State>(last)?.state.best))
+}
+
+/// The step of a checkpoint that is there; `best` tells the best one that the last knows.
+pub(crate) fn step_of(
+    run: &RunFolder,
+    which: Which,
+    best: impl FnOnce(u64) -> Result<Option<(u64, f64)>, BaselineError>,
+) -> Result<u64, BaselineError> {
     let steps = run.steps()?;
     let Some(&last) = steps.last() else {
         return Err(run.wrong("it has no checkpoint yet; train longer, or with a smaller --checkpoint-every"));
@@ -120,9 +134,8 @@ fn step_of(run: &RunFolder, which: Which) -> Result<u64, BaselineError> {
     let wanted = match which {
         Which::Last => last,
         Which::Best => {
-            let best = run.checkpoint::<State>(last)?.state.best;
-            best.map(|(step, _)| step)
-                .ok_or_else(|| run.wrong("nothing validated it; use checkpoint=last"))?
+            let missing = || run.wrong("nothing validated it; use checkpoint=last");
+            best(last)?.map(|(step, _)| step).ok_or_else(missing)?
         }
         Which::Step(step) => step,
     };

@@ -471,8 +471,97 @@ def hilp() -> None:
         finish(case, model, f"hilp_{phase}", loss)
 
 
+class SacPolicy(nn.Module):
+    """SAC's networks by the names of Stable-Baselines3, observations of 3 values and actions of 2."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        actor = nn.Module()
+        actor.latent_pi = nn.Sequential(nn.Linear(3, 7), nn.ReLU(), nn.Linear(7, 5), nn.ReLU())
+        actor.mu, actor.log_std = nn.Linear(5, 2), nn.Linear(5, 2)
+        self.actor, self.critic, self.critic_target = actor, self.twin(), self.twin()
+        self.log_ent_coef = nn.Parameter(torch.zeros(1))
+
+    @staticmethod
+    def twin() -> nn.Module:
+        twin = nn.Module()
+        for name in ("qf0", "qf1"):
+            layers = nn.Linear(5, 7), nn.ReLU(), nn.Linear(7, 5), nn.ReLU(), nn.Linear(5, 1)
+            setattr(twin, name, nn.Sequential(*layers))
+        return twin
+
+    def sample(self, observation: torch.Tensor, noise: torch.Tensor):
+        hidden = self.actor.latent_pi(observation)
+        mean, log_std = self.actor.mu(hidden), self.actor.log_std(hidden).clamp(-20, 2)
+        gaussian = mean + log_std.exp() * noise
+        action = torch.tanh(gaussian)
+        density = torch.distributions.Normal(mean, log_std.exp()).log_prob(gaussian).sum(dim=1)
+        return action, (density - torch.log(1 - action**2 + 1e-6).sum(dim=1)).reshape(-1, 1)
+
+
+def values(twin: nn.Module, observation: torch.Tensor, action: torch.Tensor) -> torch.Tensor:
+    both = torch.cat([observation, action], dim=1)
+    return torch.cat([twin.qf0(both), twin.qf1(both)], dim=1)
+
+
+def sac() -> None:
+    """Losses and gradients of critics and policy at the first weights, and all weights after one update of Stable-Baselines3's
+    `SAC.train`: temperature, critics, policy, target networks."""
+    torch.manual_seed(11)
+    case, model = Case(), randomize(SacPolicy())
+    mean, var = torch.randn(3), torch.rand(3) + 0.5
+    case.add_weights("weights", model)
+    case.add("weights.observation", running_mean=mean, running_var=var, running_count=torch.tensor([40.0]))
+    observation, action, noise = torch.randn(6, 2, 3), torch.rand(6, 2, 2) * 2 - 1, torch.randn(2, 6, 2)
+    observation[0, 0, 0] = 50.0  # clipped
+    reward, terminated = torch.randn(6, 2), torch.zeros(6, 2)
+    terminated[2, 1] = 1.0
+    case.add("inputs", observation=observation, action=action, reward=reward, terminated=terminated, noise=noise)
+    now, after = ((observation - mean) / torch.sqrt(var + 1e-8)).clamp(-10, 10).unbind(1)
+
+    ent_coef = model.log_ent_coef.exp().detach()
+
+    def critic_loss() -> torch.Tensor:
+        with torch.no_grad():
+            following, density = model.sample(after, noise[1])
+            soft = values(model.critic_target, after, following).min(dim=1, keepdim=True).values - ent_coef * density
+            target = reward[:, 1:] + (1 - terminated[:, 1:]) * 0.99 * soft
+        q = values(model.critic, now, action[:, 0])
+        return 0.5 * sum(F.mse_loss(q[:, i : i + 1], target) for i in range(2))
+
+    def actor_loss() -> torch.Tensor:
+        chosen, density = model.sample(now, noise[0])
+        return (ent_coef * density - values(model.critic, now, chosen).min(dim=1, keepdim=True).values).mean()
+
+    for part, loss in (("critic", critic_loss()), ("actor", actor_loss())):
+        module = getattr(model, part)
+        names, tensors = zip(*module.named_parameters())
+        case.add("outputs", **{part: loss.reshape(1)})
+        gradients = torch.autograd.grad(loss, tensors)
+        case.add("gradients", **{f"{part}.{name}": gradient for name, gradient in zip(names, gradients)})
+
+    adam = lambda parameters: torch.optim.Adam(parameters, lr=0.01)
+    optimizers = adam([model.log_ent_coef]), adam(model.critic.parameters()), adam(model.actor.parameters())
+
+    def temperature_loss() -> torch.Tensor:
+        with torch.no_grad():
+            _, density = model.sample(now, noise[0])
+        return -(model.log_ent_coef * (density - 2.0)).mean()
+
+    for optimizer, loss in zip(optimizers, (temperature_loss, critic_loss, actor_loss)):
+        optimizer.zero_grad()
+        loss().backward()
+        optimizer.step()
+    with torch.no_grad():
+        for target, online in zip(model.critic_target.parameters(), model.critic.parameters()):
+            target.mul_(1 - 0.005).add_(online, alpha=0.005)
+    case.add_weights("stepped", model)
+    case.save("sac")
+
+
 CASES = dict(
-    encoders=encoders, lewm=lewm, pldm=pldm, dino_wm=dino_wm, gcbc=gcbc, gcivl=gcivl, gciql=gciql, hilp=hilp
+    encoders=encoders, lewm=lewm, pldm=pldm, dino_wm=dino_wm, gcbc=gcbc, gcivl=gcivl, gciql=gciql, hilp=hilp,
+    sac=sac,
 )
 
 # Made when they are named only.

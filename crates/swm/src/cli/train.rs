@@ -1,4 +1,4 @@
-//! `swm train` and `swm checkpoints`: baselines learn from datasets.
+//! `swm train` and `swm checkpoints`: baselines learn from datasets, agents in environments.
 //!
 //! Without the feature `baselines` the commands are there and say how to build it.
 
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-/// Train a baseline on a dataset, or resume a run.
+/// Train a baseline on a dataset or an agent in an environment, or resume a run.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -14,26 +14,30 @@ Examples:
   swm train lewm --data tworoom.h5 --preset small --out runs/lewm --epochs 10
   swm train pldm --data tworoom.h5 --preset small --out runs/pldm --steps 2000 --set optim.lr=0.001
   swm train --resume --out runs/lewm
+  swm train sac --env swm/CartpoleDMControl-v0 --env-option task=swingup --preset small --steps 30000 --out runs/sac
 
 RUN gets config.json, checkpoints, metrics.jsonl and an event file for TensorBoard. --resume continues an interrupted run from its \
-last checkpoint, with the same losses as without the interruption. Evaluate it: `swm eval … --policy mpc:RUN`.")]
+last checkpoint, with the same losses as without the interruption. Evaluate it: `swm eval … --policy mpc:RUN`. \
+An agent learns online, from episodes that it collects; they are committed to RUN/episodes.h5.")]
 pub(super) struct Train {
-    /// The baseline; `--list` names them.
+    /// The baseline or agent; `--list` names them.
     #[arg(required_unless_present_any = ["list", "resume"])]
     baseline: Option<String>,
-    /// List baselines and their presets.
+    /// List baselines and agents, and their presets.
     #[arg(long, conflicts_with_all = ["data", "out", "resume"])]
     list: bool,
     /// The dataset; with --resume only if it has moved.
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["list", "resume"])]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["list", "resume", "env"])]
     data: Option<PathBuf>,
+    #[command(flatten)]
+    online: OnlineArgs,
     /// The run's folder.
     #[arg(long, short, value_name = "RUN", required_unless_present = "list")]
     out: Option<PathBuf>,
-    /// Preset, such as paper or small; `--list` names them. Default: the baseline's first.
+    /// Preset, such as paper or small; `--list` names them. Default: the first of them.
     #[arg(long, conflicts_with = "resume")]
     preset: Option<String>,
-    /// A setting of the baseline, `NAME=VALUE`, such as `optim.lr=0.001`; may be repeated.
+    /// A setting of the baseline or agent, `NAME=VALUE`, such as `optim.lr=0.001`; may be repeated.
     #[arg(long = "set", value_name = "NAME=VALUE", conflicts_with = "resume")]
     set: Vec<String>,
     /// Initial weights of a vision transformer (.safetensors, .pt, .ckpt), such as a frozen DINOv2.
@@ -45,7 +49,7 @@ pub(super) struct Train {
     /// Epochs over the clips, in each phase. Default: 10.
     #[arg(long, conflicts_with = "steps")]
     epochs: Option<u64>,
-    /// Optimizer steps, in each phase.
+    /// Optimizer steps, in each phase; of an agent, steps of the environment.
     #[arg(long)]
     steps: Option<u64>,
     /// Clips per step. Default: the preset's.
@@ -58,7 +62,7 @@ pub(super) struct Train {
     #[arg(long, conflicts_with = "resume")]
     seed: Option<u64>,
     /// Fraction of episodes for training; the others are for validation.
-    #[arg(long, default_value_t = 0.9, conflicts_with = "resume")]
+    #[arg(long, default_value_t = SPLIT, conflicts_with = "resume")]
     split: f64,
     /// Fraction of episodes that is held out from both, for `swm manifest make --held-out` of the same share.
     #[arg(long, default_value_t = 0.0, conflicts_with = "resume", value_name = "SHARE")]
@@ -84,6 +88,33 @@ pub(super) struct Train {
     #[arg(long, value_name = "VALIDATIONS")]
     patience: Option<u64>,
 }
+
+/// What agents learn in.
+#[derive(Args)]
+#[command(next_help_heading = "Learning online")]
+struct OnlineArgs {
+    /// The environment that an agent learns in; `swm envs` lists them.
+    #[arg(long, value_name = "ID", conflicts_with_all = ["data", "resume"])]
+    env: Option<String>,
+    /// A setting of the environment, `NAME=VALUE`; may be repeated.
+    #[arg(long = "env-option", value_name = "NAME=VALUE", requires = "env")]
+    env_options: Vec<String>,
+    /// Columns that the agent observes, with commas. Default: observation, state or proprio, whichever is there.
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "env")]
+    observe: Vec<String>,
+    /// Steps after which an episode is truncated. Default: 500.
+    #[arg(long, value_name = "STEPS", requires = "env")]
+    max_steps: Option<u64>,
+    /// Steps between evaluations, each with a checkpoint. Default: 5000.
+    #[arg(long, value_name = "STEPS")]
+    eval_every: Option<u64>,
+    /// Episodes of an evaluation. Default: 5.
+    #[arg(long, value_name = "EPISODES")]
+    eval_episodes: Option<u64>,
+}
+
+/// The default of `--split`.
+const SPLIT: f64 = 0.9;
 
 /// List the checkpoints of a training run.
 #[derive(Args)]
@@ -114,6 +145,15 @@ mod work {
                 baseline: _,
                 list: _,
                 data: _,
+                online:
+                    super::OnlineArgs {
+                        env: _,
+                        env_options: _,
+                        observe: _,
+                        max_steps: _,
+                        eval_every: _,
+                        eval_episodes: _,
+                    },
                 out: _,
                 preset: _,
                 set: _,
@@ -154,3 +194,7 @@ mod work {
 #[cfg(feature = "baselines")]
 #[path = "train_work.rs"]
 mod work;
+
+#[cfg(feature = "baselines")]
+#[path = "train_online.rs"]
+mod online;

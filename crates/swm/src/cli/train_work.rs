@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use indicatif::{HumanDuration, ProgressBar};
 use serde_json::{Map, Value as Json, json};
+use swm_baselines::online::{AGENTS, is_online};
 use swm_baselines::train::{
     Checkpoint, Diagnosis, End, FitSettings, MetricSink, NewRun, Part, PreparedRun, Record, RunConfig,
     RunFolder, Split, State, Training,
 };
-use swm_baselines::{BASELINES, Baseline, BaselineEntry, BaselineError};
+use swm_baselines::{BASELINES, Baseline, BaselineError};
 use swm_core::{Registry, WorldError};
 
 use super::{Checkpoints, Train};
@@ -19,7 +20,7 @@ use crate::cli::work::Plan;
 use crate::cli::{Failure, Output, interrupt, usage};
 
 /// How long an interrupted training may take to end its step and to write a checkpoint. Slurm waits 30 s.
-const SAVING: Duration = Duration::from_secs(25);
+pub(super) const SAVING: Duration = Duration::from_secs(25);
 
 impl Train {
     pub(in crate::cli) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
@@ -27,6 +28,9 @@ impl Train {
             return list(output);
         }
         let out = self.out.as_deref().ok_or_else(|| usage("--out: name the run's folder"))?;
+        if self.is_online(out)? {
+            return self.run_online(out, registry, output);
+        }
         let device = self.device.parse().map_err(failure)?;
         let measured = |model: &dyn Baseline, config: &RunConfig| {
             self.quality_every.map(|every| on_the_way(registry, every, model, config)).transpose()
@@ -81,8 +85,8 @@ impl Train {
     pub(in crate::cli) fn plan(&self) -> Result<Plan, Failure> {
         let Self { baseline, data, encoder, resume, .. } = self;
         let name = baseline.as_deref().unwrap_or_default();
-        if !resume && !BASELINES.iter().any(|entry| entry.name == name) {
-            let names: Vec<&str> = BASELINES.iter().map(|entry| entry.name).collect();
+        let names: Vec<&str> = trainable().map(|(name, ..)| name).collect();
+        if !resume && !names.contains(&name) {
             return Err(usage(format!("there is no baseline `{name}`; there are: {}", names.join(", "))));
         }
         changes(&self.set)?;
@@ -136,7 +140,7 @@ fn on_the_way(
 }
 
 /// Wrong settings and folders are wrong requests.
-fn failure(error: BaselineError) -> Failure {
+pub(super) fn failure(error: BaselineError) -> Failure {
     match error {
         BaselineError::UnknownBaseline { .. }
         | BaselineError::UnknownPreset { .. }
@@ -145,12 +149,13 @@ fn failure(error: BaselineError) -> Failure {
         | BaselineError::Columns { .. }
         | BaselineError::Device { .. }
         | BaselineError::Run { .. } => usage(error),
+        BaselineError::World(error) => error.into(),
         error => error.into(),
     }
 }
 
 /// `--set a.b=1` as nested objects.
-fn changes(set: &[String]) -> Result<Json, Failure> {
+pub(super) fn changes(set: &[String]) -> Result<Json, Failure> {
     let mut changes = Json::Object(Map::new());
     for option in set {
         let (name, value) = assignment(option, "--set")?;
@@ -166,13 +171,19 @@ fn changes(set: &[String]) -> Result<Json, Failure> {
     Ok(changes)
 }
 
+/// Name, presets and description of all that can be trained: baselines, then agents.
+pub(super) fn trainable() -> impl Iterator<Item = (&'static str, &'static [&'static str], &'static str)> {
+    let agents = AGENTS.iter().map(|agent| (agent.name, agent.presets, agent.about));
+    BASELINES.iter().map(|entry| (entry.name, entry.presets, entry.about)).chain(agents)
+}
+
 fn list(output: &Output) -> Result<(), Failure> {
-    let describe =
-        |entry: &BaselineEntry| json!({ "name": entry.name, "about": entry.about, "presets": entry.presets });
-    let all: Vec<Json> = BASELINES.iter().map(describe).collect();
-    let row =
-        |entry: &BaselineEntry| vec![entry.name.to_owned(), entry.presets.join(", "), entry.about.to_owned()];
-    let rows: Vec<Vec<String>> = BASELINES.iter().map(row).collect();
+    let all: Vec<Json> = trainable()
+        .map(|(name, presets, about)| json!({ "name": name, "about": about, "presets": presets }))
+        .collect();
+    let rows: Vec<Vec<String>> = trainable()
+        .map(|(name, presets, about)| vec![name.to_owned(), presets.join(", "), about.to_owned()])
+        .collect();
     output.result(&all, || table(&["baseline", "presets", "what it is"], &rows))
 }
 
@@ -189,16 +200,21 @@ fn beginning(training: &Training) -> String {
         })
         .take(if same { 1 } else { clips.len() })
         .collect();
-    let numbers = match model.parameters() {
-        few @ ..1_000_000 => few.to_string(),
-        many => format!("{:.2} million", many as f64 / 1e6),
-    };
+    let numbers = many(model.parameters());
     let (name, preset) = (model.name(), &model.model_config().preset);
     format!("{name}, preset {preset}, {numbers} numbers to learn; clips: {}", clips.join("; "))
 }
 
+/// A number of parameters.
+pub(super) fn many(count: usize) -> String {
+    match count {
+        few @ ..1_000_000 => few.to_string(),
+        many => format!("{:.2} million", many as f64 / 1e6),
+    }
+}
+
 /// A loss or another value, to four digits or so.
-fn short(value: f64) -> String {
+pub(super) fn short(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),
         size if size < 1e-3 => format!("{value:.1e}"),
@@ -210,14 +226,14 @@ fn short(value: f64) -> String {
 }
 
 /// Progress for people: a bar where somebody watches, else lines.
-struct Shown<'a> {
-    bar: ProgressBar,
-    output: &'a Output,
-    lines: bool,
+pub(super) struct Shown<'a> {
+    pub(super) bar: ProgressBar,
+    pub(super) output: &'a Output,
+    pub(super) lines: bool,
     /// Whether there is more than one phase, so that a loss alone does not tell what it is of.
-    has_phases: bool,
+    pub(super) has_phases: bool,
     /// Steps that were done before.
-    begun_at: u64,
+    pub(super) begun_at: u64,
 }
 
 impl MetricSink for Shown<'_> {
@@ -236,7 +252,7 @@ impl MetricSink for Shown<'_> {
             let left = elapsed.mul_f64(total.saturating_sub(step) as f64 / done as f64);
             let speed = match record.part {
                 Part::Train => format!("; {speed}, {} left", HumanDuration(left)),
-                Part::Validation | Part::Quality => String::new(),
+                Part::Validation | Part::Quality | Part::Evaluation => String::new(),
             };
             let phase = if self.has_phases { format!(" ({})", record.phase) } else { String::new() };
             let line = format!("{step} of {total}{phase}: {} {losses}{speed}", record.part.name());
@@ -270,6 +286,9 @@ fn text(state: &State, run: &str) -> String {
 impl Checkpoints {
     pub(in crate::cli) fn run(self, output: &Output) -> Result<(), Failure> {
         let run = RunFolder::open(&self.run).map_err(failure)?;
+        if is_online(&run).map_err(failure)? {
+            return super::online::checkpoints(&run, output);
+        }
         let config = RunConfig::read(&run).map_err(failure)?;
         let checkpoint = |step: u64| run.checkpoint::<State>(step).map_err(failure);
         let all: Vec<Checkpoint<State>> =

@@ -1,0 +1,120 @@
+//! What learns online, on slices of values: no tensors, no environment.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value as Json;
+use swm_core::LiveEpisode;
+
+use super::settings::CollectConfig;
+use crate::baseline::Losses;
+use crate::error::BaselineError;
+
+/// An agent: acts on observations, and learns from clips of what came of it.
+///
+/// Learning is a function of settings, seed and batches: the noise of an update is keyed by the seed and its index, that of an
+/// action by the episode and its step. So an agent that is saved and resumed gives the bits of one that never stopped.
+pub trait OnlineAgent: Send {
+    /// What makes it again, except its weights.
+    fn config(&self) -> &AgentConfig;
+
+    /// How it collects.
+    fn collect(&self) -> &CollectConfig;
+
+    /// T: steps of the clips that it learns from. The action of the last one is not used.
+    fn clip_steps(&self) -> usize;
+
+    /// B: clips of an update.
+    fn batch(&self) -> usize;
+
+    /// Number of trainable parameters.
+    fn parameters(&self) -> usize;
+
+    /// Takes the observations of a collected episode, `[N, O]`, into the statistics that it normalizes with.
+    fn observe(&mut self, observations: &[f32]);
+
+    /// Writes the action, `[A]` in [-1, 1], for `observation`, `[O]`, in the environment of this slot: with the noise of
+    /// exploration, or the one that it thinks best.
+    ///
+    /// # Errors
+    ///
+    /// The values have other dimensions than the agent was made for.
+    fn act(
+        &mut self,
+        slot: usize,
+        episode: &LiveEpisode,
+        explore: bool,
+        observation: &[f32],
+        action: &mut [f32],
+    ) -> Result<(), BaselineError>;
+
+    /// One update: losses, gradients, optimizers, target networks. `index` counts updates from 0.
+    ///
+    /// # Errors
+    ///
+    /// The clips have another form, or a loss or gradient is not finite.
+    fn update(&mut self, clips: &Transitions<'_>, index: u64) -> Result<Losses, BaselineError>;
+
+    /// Writes the weights, and the statistics of observations, as safetensors.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
+    fn save_weights(&self, path: &Path) -> Result<(), BaselineError>;
+
+    /// Takes what [`OnlineAgent::save_weights`] wrote.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read, lacks a weight or holds one of another shape.
+    fn load_weights(&mut self, path: &Path) -> Result<(), BaselineError>;
+
+    /// Writes what resuming needs in addition to the weights: the state of the optimizers.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
+    fn save_training(&self, path: &Path) -> Result<(), BaselineError>;
+
+    /// Takes what [`OnlineAgent::save_training`] wrote.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read, or is of another agent.
+    fn load_training(&mut self, path: &Path) -> Result<(), BaselineError>;
+}
+
+/// B clips of T consecutive steps.
+#[derive(Clone, Copy, Debug)]
+pub struct Transitions<'a> {
+    /// B.
+    pub rows: usize,
+    /// T.
+    pub steps: usize,
+    /// `[B, T, O]`.
+    pub observation: &'a [f32],
+    /// `[B, T, A]`, in [-1, 1]: the actions taken from the observations.
+    pub action: &'a [f32],
+    /// `[B, T]`: the reward that came with each observation, of the action before it.
+    pub reward: &'a [f32],
+    /// `[B, T]`: 1 where the task ended with the observation, else 0. A time limit is no end.
+    pub terminated: &'a [f32],
+}
+
+/// What makes an agent again, except its weights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AgentConfig {
+    /// Its line in [`super::AGENTS`].
+    pub agent: String,
+    /// The preset that the settings began with.
+    pub preset: String,
+    /// All settings.
+    pub settings: Json,
+    /// O: values of an observation.
+    pub observation_dim: usize,
+    /// A: values of an action.
+    pub action_dim: usize,
+    /// The seed of its first weights and of its noise.
+    pub seed: u64,
+}

@@ -1,0 +1,34 @@
+//! Online learning: an agent collects episodes in an environment, learns from what it has collected, and is evaluated on its
+//! way.
+//!
+//! | file | duty |
+//! |---|---|
+//! | `session` | a run: begin here |
+//! | `learn`, `settings` | the loop |
+//! | `agent`, `table` | what an agent is, and all of them |
+//! | `sac` | soft actor-critic |
+//! | `interface` | an environment's observations and actions as vectors |
+//! | `replay` | the dataset that grows, and the buffer that is sampled from |
+//! | `run` | what a run's folder holds; the agent of a checkpoint |
+//!
+//! The loop knows agents as [`OnlineAgent`] alone: one is a folder next to these files, and a line of [`AGENTS`].
+
+mod agent;
+mod interface;
+mod learn;
+mod replay;
+mod run;
+pub mod sac;
+mod session;
+mod settings;
+mod table;
+#[cfg(test)]
+mod tests;
+
+pub use agent::{AgentConfig, OnlineAgent, Transitions};
+pub use interface::Interface;
+pub use learn::OnlineState;
+pub use run::{OnlineConfig, TrainedAgent, is_online};
+pub use session::{NewOnlineRun, OnlineTraining};
+pub use settings::{CollectConfig, OnlineSettings};
+pub use table::{AGENTS, AgentEntry, make_agent, restore_agent};

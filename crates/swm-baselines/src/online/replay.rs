@@ -1,0 +1,166 @@
+//! What an agent has collected: every episode is committed to the run's dataset, and its transitions go into the replay
+//! buffer, from which clips are sampled.
+//!
+//! A resumed run collects again what it had collected after its last checkpoint. The dataset holds it already, so it is
+//! compared and not written.
+
+use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::Arc;
+
+use swm_core::{Batch, BoxError, EpisodeSink, Metadata, Schema, Slice};
+use swm_data::dataset::DatasetWriter;
+use swm_data::{ClipOptions, ReplayBuffer, Sampler, WriteMode};
+
+use super::agent::{OnlineAgent, Transitions};
+use super::interface::{ACTION, Interface, OBSERVATION, REWARD, TERMINATED};
+use crate::error::BaselineError;
+
+/// Dataset, buffer and sampler of a run.
+pub(super) struct Replay {
+    interface: Interface,
+    writer: Box<dyn DatasetWriter>,
+    is_begun: bool,
+    /// Transitions of the episodes that the dataset holds and the last checkpoint does not know.
+    ahead: VecDeque<Batch>,
+    buffer: ReplayBuffer,
+    sampler: Sampler,
+    clips: Batch,
+    /// Observations, `[N, O]`, that the agent has not been shown.
+    observed: Vec<f32>,
+}
+
+impl Replay {
+    /// That of a run in whose checkpoint `episodes` were collected, committed to the dataset at `path`.
+    ///
+    /// # Errors
+    ///
+    /// The dataset cannot be read or written, or holds fewer episodes.
+    pub(super) fn open(
+        path: &Path,
+        interface: &Interface,
+        agent: &dyn OnlineAgent,
+        episodes: u64,
+    ) -> Result<Self, BaselineError> {
+        let mut buffer = ReplayBuffer::new(agent.collect().capacity);
+        let failed = |error: BoxError| BaselineError::data(OBSERVATION, error.to_string());
+        buffer.begin(&interface.schema(), &Metadata::default()).map_err(failed)?;
+        let mut ahead = VecDeque::new();
+        if path.exists() {
+            let mut dataset = swm_data::open(path)?;
+            let held = dataset.num_episodes();
+            if (held as u64) < episodes {
+                let reason =
+                    format!("it holds {held} of the {episodes} episodes of the run; bring back the rest");
+                return Err(BaselineError::Run { path: path.to_owned(), reason });
+            }
+            let mut rows = Batch::new(dataset.schema().clone(), 0);
+            for episode in 0..held {
+                dataset.read(episode, 0..dataset.episode_len(episode), &mut rows)?;
+                let transitions = interface.transitions(&rows)?;
+                if (episode as u64) < episodes {
+                    buffer.write_episode(&transitions).map_err(failed)?;
+                } else {
+                    ahead.push_back(transitions);
+                }
+            }
+        } else if episodes > 0 {
+            let reason = format!("it is gone, with the {episodes} episodes of the run; bring it back");
+            return Err(BaselineError::Run { path: path.to_owned(), reason });
+        }
+        let keys = [OBSERVATION, ACTION, REWARD, TERMINATED].map(str::to_owned).to_vec();
+        let options = ClipOptions::default().num_steps(agent.clip_steps()).keys(Some(keys)).threads(Some(1));
+        Ok(Self {
+            interface: interface.clone(),
+            writer: swm_data::create(path, WriteMode::Append, None)?,
+            is_begun: false,
+            ahead,
+            buffer,
+            sampler: Sampler::new(options, agent.config().seed),
+            clips: Batch::new(Arc::default(), 0),
+            observed: Vec::new(),
+        })
+    }
+
+    /// Steps that the buffer holds, the last one of each episode included.
+    pub(super) fn rows(&self) -> usize {
+        self.buffer.rows()
+    }
+
+    /// The observations that came since the last call.
+    pub(super) fn take_observed(&mut self) -> Vec<f32> {
+        std::mem::take(&mut self.observed)
+    }
+
+    /// Samples `size` clips for update `index`.
+    ///
+    /// # Errors
+    ///
+    /// No episode is as long as a clip.
+    pub(super) fn sample(&mut self, size: usize, index: u64) -> Result<Transitions<'_>, BaselineError> {
+        self.sampler.sample(&self.buffer, size, index, &mut self.clips)?;
+        let clips = &self.clips;
+        let values = |name: &str| match clips.schema().index(name).map(|index| clips.column(index)) {
+            Some(Slice::F32(values)) => values,
+            _ => &[],
+        };
+        let reward = values(REWARD);
+        Ok(Transitions {
+            rows: size,
+            steps: reward.len() / size.max(1),
+            observation: values(OBSERVATION),
+            action: values(ACTION),
+            reward,
+            terminated: values(TERMINATED),
+        })
+    }
+}
+
+impl EpisodeSink for Replay {
+    fn begin(&mut self, schema: &Arc<Schema>, metadata: &Metadata) -> Result<u64, BoxError> {
+        if !std::mem::replace(&mut self.is_begun, true) {
+            self.writer.begin(schema, metadata)?;
+        }
+        Ok(self.buffer.written())
+    }
+
+    fn holds(&self, column: &str) -> bool {
+        self.writer.holds(column)
+    }
+
+    fn write_episode(&mut self, rows: &Batch) -> Result<(), BoxError> {
+        let transitions = self.interface.transitions(rows)?;
+        match self.ahead.pop_front() {
+            Some(known) if !is_same(&known, &transitions) => {
+                let episode = self.buffer.written();
+                return Err(format!(
+                    "episode {episode} is another one than the run's dataset holds; another version of the program or of the \
+                     environment collected it: begin a new run"
+                )
+                .into());
+            }
+            Some(_) => {}
+            None => self.writer.write_episode(rows)?,
+        }
+        if let Slice::F32(values) = transitions.column(0) {
+            self.observed.extend_from_slice(values);
+        }
+        self.buffer.write_episode(&transitions)
+    }
+
+    /// The next round goes on with the same dataset.
+    fn finish(&mut self) -> Result<(), BoxError> {
+        Ok(())
+    }
+}
+
+/// Whether two episodes have the same bits.
+fn is_same(a: &Batch, b: &Batch) -> bool {
+    let same = |column: usize| match (a.column(column), b.column(column)) {
+        (Slice::F32(a), Slice::F32(b)) => {
+            a.iter().map(|value| value.to_bits()).eq(b.iter().map(|value| value.to_bits()))
+        }
+        _ => false,
+    };
+    a.schema() == b.schema() && (0..a.schema().fields().len()).all(same)
+}

@@ -1,0 +1,104 @@
+//! What an online run's `config.json` says, and the agent of a checkpoint.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
+
+use super::agent::{AgentConfig, OnlineAgent};
+use super::interface::Interface;
+use super::learn::OnlineState;
+use super::settings::OnlineSettings;
+use super::table::restore_agent;
+use crate::device::Device;
+use crate::error::BaselineError;
+use crate::train::{Checkpoint, RUN_VERSION, RunFolder, Which, step_of};
+
+/// An online run, but for its weights and episodes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OnlineConfig {
+    /// [`RUN_VERSION`].
+    pub version: u32,
+    /// The agent.
+    pub agent: AgentConfig,
+    /// The environment's id.
+    pub env: String,
+    /// Its settings.
+    pub env_settings: Map<String, Json>,
+    /// What of it the agent observes, and the bounds of actions.
+    pub interface: Interface,
+    /// How long, and how often it is looked at.
+    pub fit: OnlineSettings,
+}
+
+impl OnlineConfig {
+    /// That of a run.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read, is of a run on a dataset, or has a version that this program does not read.
+    pub fn read(run: &RunFolder) -> Result<Self, BaselineError> {
+        if !is_online(run)? {
+            return Err(
+                run.wrong("it learned from a dataset, not online; use a run of `swm train AGENT --env ENV`")
+            );
+        }
+        let config: Self = run.config()?;
+        match config.version {
+            RUN_VERSION => Ok(config),
+            version => Err(run.wrong(format!("it has version {version}, this program reads {RUN_VERSION}"))),
+        }
+    }
+}
+
+/// Whether a run learned online.
+///
+/// # Errors
+///
+/// Its `config.json` cannot be read.
+pub fn is_online(run: &RunFolder) -> Result<bool, BaselineError> {
+    Ok(run.config::<Json>()?.get("agent").is_some())
+}
+
+/// A trained agent and what it must be used with.
+pub struct TrainedAgent {
+    /// The agent.
+    pub agent: Box<dyn OnlineAgent>,
+    /// Its run.
+    pub config: OnlineConfig,
+    /// The checkpoint's step.
+    pub step: u64,
+    /// SHA-256 of its weights.
+    pub weights: String,
+}
+
+impl TrainedAgent {
+    /// Takes a checkpoint of the run in folder `path`, whose weights are those that were written.
+    ///
+    /// # Errors
+    ///
+    /// There is no run or no such checkpoint, or its files are not those that were written.
+    pub fn open(path: &Path, which: Which, device: Device) -> Result<Self, BaselineError> {
+        let run = RunFolder::open(path)?;
+        let config = OnlineConfig::read(&run)?;
+        let checkpoint: Checkpoint<OnlineState> = run.checkpoint(find(&run, which)?)?;
+        let mut agent = restore_agent(&config.agent, device)?;
+        agent.load_weights(&run.checked_weights(&checkpoint)?)?;
+        Ok(Self { agent, config, step: checkpoint.step, weights: checkpoint.weights })
+    }
+
+    /// The files that an agent depends on.
+    ///
+    /// # Errors
+    ///
+    /// There is no run, or no such checkpoint.
+    pub fn files(path: &Path, which: Which) -> Result<Vec<PathBuf>, BaselineError> {
+        let run = RunFolder::open(path)?;
+        Ok(vec![run.config_file(), run.weights(find(&run, which)?)])
+    }
+}
+
+fn find(run: &RunFolder, which: Which) -> Result<u64, BaselineError> {
+    step_of(run, which, |last| Ok(run.checkpoint::<OnlineState>(last)?.state.best))
+}

@@ -1,0 +1,177 @@
+//! `swm train AGENT --env ENV`: agents that learn online, and the checkpoints of their runs.
+
+use std::path::Path;
+
+use serde_json::{Map, json};
+use swm_baselines::online::{
+    AGENTS, NewOnlineRun, OnlineConfig, OnlineSettings, OnlineState, OnlineTraining, is_online,
+};
+use swm_baselines::train::{Checkpoint, End, RunFolder};
+use swm_core::error::{did_you_mean, nearest};
+use swm_core::{Registry, WorldError};
+
+use super::work::{SAVING, Shown, changes, failure, many, short, trainable};
+use super::{OnlineArgs, SPLIT, Train};
+use crate::cli::args::{assignment, json_value};
+use crate::cli::output::{key_values, table};
+use crate::cli::{Failure, Output, interrupt, usage};
+
+impl Train {
+    /// Whether an agent is to learn, by its name or by the run that is resumed; options that do not go with it are refused.
+    pub(super) fn is_online(&self, out: &Path) -> Result<bool, Failure> {
+        let is_online = match &self.baseline {
+            Some(name) if self.online.env.is_some() && !trainable().any(|(known, ..)| known == name) => {
+                let names: Vec<&str> = trainable().map(|(name, ..)| name).collect();
+                let meant = did_you_mean(nearest(name, names.iter().copied()).as_deref());
+                return Err(usage(format!("unknown agent `{name}`{meant}; there are {}", names.join(", "))));
+            }
+            Some(name) => AGENTS.iter().any(|agent| agent.name == name),
+            None => is_online(&RunFolder::open(out).map_err(failure)?).map_err(failure)?,
+        };
+        let name = self.baseline.as_deref().unwrap_or("this run");
+        let OnlineArgs { env, eval_every, eval_episodes, .. } = &self.online;
+        let (given, reason) = if is_online {
+            if env.is_none() && !self.resume {
+                return Err(usage(format!(
+                    "{name} learns online: name an environment with --env, such as swm/CartpoleDMControl-v0"
+                )));
+            }
+            let given = [
+                ("--data", self.data.is_some()),
+                ("--encoder", self.encoder.is_some()),
+                ("--epochs", self.epochs.is_some()),
+                ("--batch (use --set batch=B)", self.batch.is_some()),
+                ("--checkpoint-every (use --eval-every)", self.checkpoint_every.is_some()),
+                ("--norm-batches", self.norm_batches.is_some()),
+                ("--quality-every", self.quality_every.is_some()),
+                ("--patience", self.patience.is_some()),
+                ("--split", (self.split - SPLIT).abs() > 0.0),
+                ("--held-out", self.held_out > 0.0),
+            ];
+            (given.to_vec(), "learns online")
+        } else {
+            let given = [
+                ("--env", env.is_some()),
+                ("--eval-every", eval_every.is_some()),
+                ("--eval-episodes", eval_episodes.is_some()),
+            ];
+            (given.to_vec(), "learns from a dataset: give --data, or train an agent")
+        };
+        match given.iter().find(|(_, is_given)| *is_given) {
+            Some((option, _)) => Err(usage(format!("{option}: {name} {reason}"))),
+            None => Ok(is_online),
+        }
+    }
+
+    /// Begins or resumes an online run.
+    pub(super) fn run_online(&self, out: &Path, registry: &Registry, output: &Output) -> Result<(), Failure> {
+        let device = self.device.parse().map_err(failure)?;
+        let mut training = match (&self.baseline, &self.online.env) {
+            (Some(agent), Some(env)) => {
+                let mut fit = OnlineSettings::default();
+                self.apply_online(&mut fit);
+                let mut env_settings = Map::new();
+                for option in &self.online.env_options {
+                    let (name, value) = assignment(option, "--env-option")?;
+                    env_settings.insert(name.to_owned(), json_value(value));
+                }
+                let (changes, observe) = (changes(&self.set)?, &self.online.observe[..]);
+                let of_agent = AGENTS.iter().find(|entry| entry.name == agent);
+                let preset =
+                    self.preset.as_deref().or(of_agent.map(|entry| entry.presets[0])).unwrap_or_default();
+                let entry = registry.env(env)?;
+                let new = NewOnlineRun { agent, preset, changes, env_settings, observe, fit, device };
+                OnlineTraining::create(out, entry, &new).map_err(failure)?
+            }
+            _ => OnlineTraining::resume(registry, out, device, |fit| self.apply_online(fit))
+                .map_err(failure)?,
+        };
+        output.note(beginning(&training));
+        let bar = output.bar(0, "steps");
+        let begun_at = training.done().map_err(failure)?;
+        let shown =
+            Shown { bar: bar.clone(), output, lines: !output.shows_bars(), has_phases: false, begun_at };
+        let run = out.display().to_string();
+        interrupt::allow(SAVING);
+        let advice = run.clone();
+        let cancel = interrupt::watch_resumable(move || {
+            format!("the last checkpoint is safe in {advice}; to continue: swm train --resume --out {advice}")
+        });
+        let state = training.run(vec![Box::new(shown)], &cancel).map_err(failure)?;
+        bar.finish_and_clear();
+        if state.end == Some(End::Interrupted) {
+            return Err(WorldError::Cancelled.into());
+        }
+        if state.step == begun_at {
+            output.note("nothing was left to do; --steps gives it more");
+        }
+        output.result(&state, || text(&state, &run))
+    }
+
+    /// The settings that were given.
+    fn apply_online(&self, fit: &mut OnlineSettings) {
+        let Self { steps, seed, log_every, keep, online, .. } = self;
+        fit.steps = steps.unwrap_or(fit.steps);
+        fit.seed = seed.unwrap_or(fit.seed);
+        fit.log_every = log_every.unwrap_or(fit.log_every);
+        fit.keep = keep.unwrap_or(fit.keep);
+        fit.max_episode_steps = online.max_steps.unwrap_or(fit.max_episode_steps);
+        fit.eval_every = online.eval_every.unwrap_or(fit.eval_every);
+        fit.eval_episodes = online.eval_episodes.unwrap_or(fit.eval_episodes);
+    }
+}
+
+/// What learns, and where.
+fn beginning(training: &OnlineTraining) -> String {
+    let OnlineConfig { agent, env, interface, .. } = training.config();
+    let [observed, acted] = interface.dims();
+    format!(
+        "{}, preset {}, {} numbers to learn; in {env}: {observed} values observed ({}), {acted} of an action",
+        agent.agent,
+        agent.preset,
+        many(training.agent().parameters()),
+        interface.columns.join(", "),
+    )
+}
+
+/// The first of some values: the mean return of an evaluation.
+fn first(values: &[(String, f64)]) -> String {
+    values.first().map_or("–".to_owned(), |(_, value)| short(*value))
+}
+
+fn text(state: &OnlineState, run: &str) -> String {
+    let best =
+        state.best.map_or("–".to_owned(), |(step, value)| format!("{} at step {step}", short(value)));
+    key_values(&[
+        ("steps", state.step.to_string()),
+        ("episodes", format!("{} in {run}/episodes.h5", state.episodes)),
+        ("mean return", first(&state.evaluation)),
+        ("best", best),
+        ("run", run.to_owned()),
+    ])
+}
+
+/// Shows the checkpoints of an online run.
+pub(super) fn checkpoints(run: &RunFolder, output: &Output) -> Result<(), Failure> {
+    let config = OnlineConfig::read(run).map_err(failure)?;
+    let checkpoint = |step: u64| run.checkpoint::<OnlineState>(step).map_err(failure);
+    let all: Vec<Checkpoint<OnlineState>> =
+        run.steps().map_err(failure)?.into_iter().map(checkpoint).collect::<Result<_, _>>()?;
+    let best = all.last().and_then(|last| last.state.best).map(|(step, _)| step);
+    output.result(&json!({ "config": config, "checkpoints": all }), || {
+        let row = |one: &Checkpoint<OnlineState>| {
+            let mark = if Some(one.step) == best { "best" } else { "" };
+            vec![
+                one.step.to_string(),
+                one.state.episodes.to_string(),
+                first(&one.state.evaluation),
+                mark.to_owned(),
+                run.weights(one.step).display().to_string(),
+            ]
+        };
+        let rows: Vec<Vec<String>> = all.iter().map(row).collect();
+        let OnlineConfig { agent, env, .. } = &config;
+        let shown = table(&["step", "episodes", "mean return", "", "weights"], &rows);
+        format!("{}, preset {}, in {env}\n\n{shown}", agent.agent, agent.preset)
+    })
+}
