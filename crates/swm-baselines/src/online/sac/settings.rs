@@ -85,34 +85,27 @@ impl SacConfig {
     }
 }
 
-/// A domain's environment, and the reference's settings that differ from its defaults. Updates are per step of one of four
-/// environments. Source: `scripts/expert/sac_online.py` of the reference, August 2026.
-const DOMAINS: &[(&str, fn() -> Json)] = &[
-    ("swm/HopperDMControl-v0", || json!({ "batch": 1024, "collect": { "updates_per_step": 0.5 } })),
-    ("swm/HumanoidDMControl-v0", || {
-        let collect = json!({ "updates_per_step": 0.5, "random_steps": 25_000 });
-        json!({ "batch": 1024, "hidden": [1024, 1024], "collect": collect })
-    }),
-    ("swm/PendulumDMControl-v0", || {
-        let collect = json!({ "updates_per_step": 0.5, "random_steps": 25_000 });
-        json!({ "batch": 1024, "hidden": [400, 300], "collect": collect })
-    }),
-    ("swm/QuadrupedDMControl-v0", || json!({ "batch": 1024, "hidden": [400, 300] })),
-    ("swm/ReacherDMControl-v0", || json!({ "collect": { "random_steps": 5_000 } })),
-    (
-        "swm/WalkerDMControl-v0",
-        || json!({ "batch": 1024, "hidden": [400, 300], "collect": { "updates_per_step": 0.5 } }),
-    ),
-];
+/// The reference's settings that differ from its defaults in an environment. Updates are per step of one of four environments.
+/// Source: `scripts/expert/sac_online.py` of the reference, August 2026.
+fn of_domain(env: &str) -> Json {
+    let half = json!({ "updates_per_step": 0.5 });
+    let late = json!({ "updates_per_step": 0.5, "random_steps": 25_000 });
+    match env {
+        "swm/HopperDMControl-v0" => json!({ "batch": 1024, "collect": half }),
+        "swm/HumanoidDMControl-v0" => json!({ "batch": 1024, "hidden": [1024, 1024], "collect": late }),
+        "swm/PendulumDMControl-v0" => json!({ "batch": 1024, "hidden": [400, 300], "collect": late }),
+        "swm/QuadrupedDMControl-v0" => json!({ "batch": 1024, "hidden": [400, 300] }),
+        "swm/ReacherDMControl-v0" => json!({ "collect": { "random_steps": 5_000 } }),
+        "swm/WalkerDMControl-v0" => json!({ "batch": 1024, "hidden": [400, 300], "collect": half }),
+        _ => Json::Null,
+    }
+}
 
 /// All settings: the preset's, those of the environment's domain where the preset is the reference's, and changes.
 pub(in crate::online) fn settings(preset: &str, env: &str, changes: &Json) -> Result<Json, BaselineError> {
     let config = match preset {
         "small" => SacConfig::small(),
-        _ => {
-            let domain = DOMAINS.iter().find(|(of, _)| *of == env);
-            with_changes(NAME, &SacConfig::paper(), &domain.map_or(Json::Null, |(_, changes)| changes()))?
-        }
+        _ => with_changes(NAME, &SacConfig::paper(), &of_domain(env))?,
     };
     let config = with_changes(NAME, &config, changes)?;
     config.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
