@@ -84,7 +84,7 @@ mod tests {
     use crate::init::initialize;
 
     #[test]
-    fn maps_have_the_announced_grid() {
+    fn maps_have_the_grid_that_is_computed() {
         let device = Device::flex();
         for (image, channels, grid) in
             [(96, &[4, 4, 4][..], 6), (64, &[4, 4, 4], 4), (30, &[4, 4], 4), (8, &[4], 2)]
