@@ -211,7 +211,11 @@ impl Learn<'_, '_> {
             elapsed: self.started.elapsed(),
         };
         self.pace = (Instant::now(), 0);
-        self.sinks.iter_mut().try_for_each(|sink| sink.record(&record))
+        // At once, for those who watch the curves: records are seconds apart.
+        self.sinks.iter_mut().try_for_each(|sink| {
+            sink.record(&record)?;
+            sink.flush()
+        })
     }
 }
 

@@ -29,8 +29,6 @@ pub(super) struct Train {
     /// The dataset; with --resume only if it has moved.
     #[arg(long, value_name = "FILE", required_unless_present_any = ["list", "resume", "env"])]
     data: Option<PathBuf>,
-    #[command(flatten)]
-    online: OnlineArgs,
     /// The run's folder.
     #[arg(long, short, value_name = "RUN", required_unless_present = "list")]
     out: Option<PathBuf>,
@@ -87,6 +85,8 @@ pub(super) struct Train {
     /// Early stopping: validations without improvement after which training stops.
     #[arg(long, value_name = "VALIDATIONS")]
     patience: Option<u64>,
+    #[command(flatten)]
+    online: OnlineArgs,
 }
 
 /// What agents learn in.

@@ -48,7 +48,7 @@ impl Train {
                 ("--split", (self.split - SPLIT).abs() > 0.0),
                 ("--held-out", self.held_out > 0.0),
             ];
-            (given.to_vec(), "learns online")
+            (given.to_vec(), "learns online, without this option; leave it out")
         } else {
             let given = [
                 ("--env", env.is_some()),
