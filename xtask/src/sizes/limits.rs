@@ -136,22 +136,7 @@ const NEVER: &[(&str, &[&str])] = &[
             SHELL,
         ],
     ),
-    (
-        "swm-ui",
-        &[
-            "swm-solvers",
-            TENSORS,
-            LANCE,
-            MATRICES,
-            MUJOCO,
-            ONNX,
-            PARQUET,
-            PHYSICS_2D,
-            PHYSICS_3D,
-            VIDEOS,
-            SHELL,
-        ],
-    ),
+    ("swm-ui", &[TENSORS, LANCE, MATRICES, MUJOCO, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D, VIDEOS, SHELL]),
     ("swm-baselines", &[LANCE, MUJOCO, ONNX, PARQUET, PHYSICS_2D, PHYSICS_3D, SHELL]),
 ];
 
