@@ -181,7 +181,7 @@ def test_subsets_and_splits(path: Path) -> None:
 def test_held_out_episodes_are_those_of_manifests(tmp_path: Path) -> None:
     path = tmp_path / "recorded.h5"
     world = swm.World("swm/TwoRoom-v2", num_envs=4, add_pixels=False, max_episode_steps=40)
-    world.set_policy(swm.policy.RandomPolicy())
+    world.set_policy("expert")
     world.collect(path, episodes=30, seed=3)
     dataset = swm.data.load_dataset(path, num_steps=2)
     training, held_out = swm.data.split_held_out(dataset, 0.4)
