@@ -228,6 +228,13 @@ pub struct Phase {
     pub(crate) momentum: f64,
 }
 
+impl Phase {
+    /// The only phase of a training without goals and target networks.
+    pub(crate) fn only(optim: &OptimConfig, trains: &'static [&'static str]) -> Self {
+        Self { name: "train", optim: optim.clone(), goals: None, trains, targets: &[], momentum: 0.0 }
+    }
+}
+
 /// Which goals clips get: see [`swm_data::loader::GoalOptions`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhaseGoals {

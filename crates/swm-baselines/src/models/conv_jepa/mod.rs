@@ -154,14 +154,7 @@ pub(crate) fn make(
         sigreg: config.sigreg,
         auxiliary,
     };
-    let phase = Phase {
-        name: "train",
-        optim: config.optim.clone(),
-        goals: None,
-        trains: &[""],
-        targets: &[],
-        momentum: 0.0,
-    };
+    let phase = Phase::only(&config.optim, &[""]);
     // Straightening compares two changes: three maps.
     let num_steps = auxiliary.steps().max(if config.weights.straightening == 0.0 { 1 } else { 2 }) + 1;
     let input_spec =

@@ -129,14 +129,7 @@ pub(crate) fn make(
 ) -> Result<Parts<impl Network + use<>>, BaselineError> {
     let (network, form) = network(config, dims, device)?;
     let &DinoWmConfig { image, proprio, history, frameskip, batch, .. } = config;
-    let phase = Phase {
-        name: "train",
-        optim: config.optim.clone(),
-        goals: None,
-        trains: &["predictor", "extra_encoders"],
-        targets: &[],
-        momentum: 0.0,
-    };
+    let phase = Phase::only(&config.optim, &["predictor", "extra_encoders"]);
     let input_spec = InputSpec { num_steps: history + 1, frameskip, image, proprio: proprio > 0, batch };
     Ok(Parts { network, input_spec, form, phases: vec![phase] })
 }

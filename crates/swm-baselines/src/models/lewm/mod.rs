@@ -104,14 +104,7 @@ pub(crate) fn make(
     let model = Joint::new(NAME, &config.model, dims, device)?;
     let form = config.model.form(dims);
     let inverse = auxiliary.inverse(config.model.latent_dim, config.inverse_hidden, form.action, device);
-    let phase = Phase {
-        name: "train",
-        optim: config.optim.clone(),
-        goals: None,
-        trains: &[""],
-        targets: &[],
-        momentum: 0.0,
-    };
+    let phase = Phase::only(&config.optim, &[""]);
     Ok(Parts {
         network: Lewm { model, inverse, sigreg: config.sigreg, auxiliary },
         input_spec: config.model.input_spec(&auxiliary),

@@ -127,14 +127,7 @@ pub(crate) fn make(
     auxiliary.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
     let model = Joint::new(NAME, &config.model, dims, device)?;
     let form = config.model.form(dims);
-    let phase = Phase {
-        name: "train",
-        optim: config.optim.clone(),
-        goals: None,
-        trains: &[""],
-        targets: &[],
-        momentum: 0.0,
-    };
+    let phase = Phase::only(&config.optim, &[""]);
     let inverse = InverseDynamics::new(config.model.latent_dim, config.inverse_hidden, form.action, device);
     Ok(Parts {
         network: Pldm { model, inverse, weights: config.weights, auxiliary },
