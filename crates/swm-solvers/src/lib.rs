@@ -85,7 +85,7 @@ pub use descent::{Descent, GradClip};
 pub use entry::{MakeSolver, SolverEntry};
 pub use error::PlanError;
 pub use learned::{LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
-pub use mpc::{MpcPolicy, PlanConfig, Report};
+pub use mpc::{MpcPolicy, PlanConfig, Report, planner_of};
 pub use planners::{EXPERT, PLANNERS};
 pub use problem::{Candidates, Plan, PlanKey, Problem};
 pub use sampling::{Noise, cheapest, clip, count_non_finite};

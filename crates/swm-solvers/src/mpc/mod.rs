@@ -5,5 +5,5 @@ mod policy;
 mod report;
 
 pub use config::PlanConfig;
-pub use policy::MpcPolicy;
+pub use policy::{MpcPolicy, planner_of};
 pub use report::Report;

@@ -115,6 +115,11 @@ struct Search {
     plan: Plan,
 }
 
+/// The planner of a policy that plans: on the true dynamics, or on a model of any crate.
+pub fn planner_of(policy: &mut dyn Policy) -> Option<&mut MpcPolicy> {
+    policy.as_any()?.downcast_mut()
+}
+
 impl MpcPolicy {
     /// A policy that minimizes `cost` with `solver`: `config.horizon` blocks of `config.action_block` actions, of which
     /// `config.receding_horizon` are executed before it plans again.

@@ -9,7 +9,7 @@ use serde::Serialize;
 use swm_core::error::BoxError;
 use swm_core::{EnvConfig, EnvEntry, EnvState, Policy, PolicyArgs, PolicyError, Space, View};
 use swm_solvers::{
-    Iteration, Memory, MpcPolicy, Plan, PlanPaths, Problem, Trace, TracedPlan, stops_at_success,
+    Iteration, Memory, Plan, PlanPaths, Problem, Trace, TracedPlan, planner_of, stops_at_success,
 };
 
 /// Elites of an iteration that are shown.
@@ -78,9 +78,7 @@ impl Planner {
         space: &Space,
         frame_skip: u32,
     ) -> Result<Option<Self>, BoxError> {
-        let Some(planner) = policy.as_any().and_then(|any| any.downcast_mut::<MpcPolicy>()) else {
-            return Ok(None);
-        };
+        let Some(planner) = planner_of(policy) else { return Ok(None) };
         let paths =
             PlanPaths::new(entry, config, planner.actions(space)?, frame_skip, stops_at_success(args))?;
         let latest = Arc::default();

@@ -15,4 +15,5 @@ pub use figures::Report;
 pub(crate) use figures::{Figures, PlanFigure, render_figures};
 pub use page::write_report;
 pub use summary::{EpisodeSummary, PlanFigures, PlanSummary};
-pub use watched::{PlanStart, Session, SharedSession, Watched, planner_of};
+pub use swm_solvers::planner_of;
+pub use watched::{PlanStart, Session, SharedSession, Watched};

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use swm_core::env::PIXELS;
 use swm_core::{Actions, EnvState, Field, Policy, PolicyError, View};
-use swm_solvers::{Memory, MpcPolicy, Trace};
+use swm_solvers::{Memory, Trace, planner_of};
 
 /// A planner whose plans are kept with the simulator states they were made in. For a world of one environment.
 pub struct Watched {
@@ -60,11 +60,6 @@ fn lock(session: &Mutex<Session>) -> MutexGuard<'_, Session> {
 
 /// A session that the policy goes on writing while its owner reads.
 pub type SharedSession = Arc<Mutex<Session>>;
-
-/// The planner of a policy that plans: on the true dynamics, or on a model of any crate.
-pub fn planner_of(policy: &mut dyn Policy) -> Option<&mut MpcPolicy> {
-    policy.as_any()?.downcast_mut()
-}
 
 impl Watched {
     /// Watches the planner of `policy`; of every iteration up to `elites` elites are kept. `trace` sees everything too.
