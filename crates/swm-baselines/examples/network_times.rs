@@ -9,9 +9,7 @@ use std::time::{Duration, Instant};
 
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::json;
-use swm_baselines::{
-    Baseline, ClipBatch, DataDims, Device, Images, MakeOptions, PlanningBatch, Step, Vectors, make,
-};
+use swm_baselines::{Baseline, ClipBatch, DataDims, Images, MakeOptions, PlanningBatch, Step, Vectors, make};
 use swm_solvers::Candidates;
 
 const HORIZON: usize = 5;
@@ -26,8 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [kind, name, preset, count] = parts[..] else { return Err(usage.into()) };
     let count: usize = count.parse()?;
     let dims = DataDims { action_dim: ACTION, proprio_dim: 4 };
-    let changes = serde_json::Value::Null;
-    let model = make(name, &MakeOptions { preset, changes, dims, seed: 1, device: Device::Cpu })?;
+    let model = make(name, &MakeOptions { seed: 1, ..MakeOptions::new(preset, dims) })?;
     let times = match kind {
         "train" => train(model, count, seconds)?,
         "plan" | "descend" => plan(model.as_ref(), count, kind == "descend", seconds)?,

@@ -53,7 +53,7 @@ fn goal() -> Json {
 }
 
 fn options(preset: &str, changes: Json) -> MakeOptions<'_> {
-    MakeOptions { preset, changes, dims: DIMS, seed: 0, device: Device::Cpu }
+    MakeOptions { changes, ..MakeOptions::new(preset, DIMS) }
 }
 
 fn tiny(name: &str) -> Box<dyn Baseline> {

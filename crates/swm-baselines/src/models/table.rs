@@ -97,6 +97,13 @@ pub struct MakeOptions<'a> {
     pub device: Device,
 }
 
+impl<'a> MakeOptions<'a> {
+    /// A preset for data of these dimensions, without changes, with seed 0, on the CPU.
+    pub fn new(preset: &'a str, dims: DataDims) -> Self {
+        Self { preset, changes: Json::Null, dims, seed: 0, device: Device::Cpu }
+    }
+}
+
 /// A new model with fresh weights.
 ///
 /// # Errors

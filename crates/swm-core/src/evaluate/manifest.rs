@@ -47,22 +47,9 @@ impl Tier {
 /// A task: environment, pairs of start and goal, budget, success test.
 /// ```
 /// use swm_core::evaluate::{ManifestOptions, Tier, make_manifest};
-/// use swm_core::{EnvConfig, Manifest, SuccessRule, testing::TOY};
+/// use swm_core::{EnvConfig, Manifest, testing::TOY};
 ///
-/// let options = ManifestOptions {
-///     tier: Tier::Moderate,
-///     pairs: 10,
-///     budget: 30,
-///     frame_skip: 1,
-///     image: None,
-///     seed: 42,
-///     vary: None,
-///     set: Default::default(),
-///     distractors: Vec::new(),
-///     success: SuccessRule::default(),
-///     motion: None,
-///     rest: Vec::new(),
-/// };
+/// let options = ManifestOptions { tier: Tier::Moderate, pairs: 10, budget: 30, ..Default::default() };
 /// let manifest = make_manifest(&TOY, &EnvConfig::default(), &options, None)?;
 /// assert_eq!(manifest.pairs.len(), 10);
 ///

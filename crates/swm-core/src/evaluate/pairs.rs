@@ -48,6 +48,26 @@ pub struct ManifestOptions {
     pub rest: Vec<(String, Range<usize>)>,
 }
 
+impl Default for ManifestOptions {
+    /// 100 historic pairs, 200 actions, no images, seed 42, the environment's own factors and test.
+    fn default() -> Self {
+        Self {
+            tier: Tier::default(),
+            pairs: 100,
+            budget: 200,
+            frame_skip: 1,
+            image: None,
+            seed: 42,
+            vary: None,
+            set: BTreeMap::new(),
+            distractors: Vec::new(),
+            success: SuccessRule::default(),
+            motion: None,
+            rest: Vec::new(),
+        }
+    }
+}
+
 /// Recorded rows to sample pairs from.
 pub struct RecordedPairs<'a> {
     /// The episodes.

@@ -25,6 +25,13 @@ pub struct RankingOptions {
     pub seed: u64,
 }
 
+impl Default for RankingOptions {
+    /// 50 starts, 64 plans of 10 actions each, seed 42.
+    fn default() -> Self {
+        Self { starts: 50, plans: 64, horizon: 10, seed: 42 }
+    }
+}
+
 /// How far each row of a table is from the first one, `[N - 1]`: the true cost of plans that end there, where the first row is
 /// their goal.
 pub type Distances<'a> = dyn Fn(&Batch) -> Result<Vec<f64>, BoxError> + 'a;

@@ -46,6 +46,13 @@ pub struct ViolationOptions {
     pub seed: u64,
 }
 
+impl Default for ViolationOptions {
+    /// 20 pairs of 30 rows, the violation in the middle, seed 42.
+    fn default() -> Self {
+        Self { pairs: 20, rows: 30, at: 15, seed: 42 }
+    }
+}
+
 /// `[possible, impossible]`, of random actions and with the factors' defaults; each a table of the environment's fields and
 /// `action`. Before row `at` the two are equal. There both are reset to the state of `at`, so that what a reset forgets is
 /// forgotten in both, and no trace of the making tells them apart.

@@ -57,19 +57,19 @@ pub(super) struct QualityCommand {
     violations: Vec<String>,
     /// Episodes, pairs per violation, and starts of the ranking, of which there are 50 at most. Probes need many: 100 or more where what
     /// they tell changes little within an episode.
-    #[arg(long, default_value_t = 20)]
+    #[arg(long, default_value_t = QualityOptions::default().episodes)]
     episodes: usize,
     /// Steps per episode; of recorded ones the first.
-    #[arg(long, default_value_t = 30)]
+    #[arg(long, default_value_t = QualityOptions::default().rows)]
     rows: usize,
     /// Steps of open-loop prediction, and actions of a plan.
-    #[arg(long, default_value_t = 10)]
+    #[arg(long, default_value_t = QualityOptions::default().horizon)]
     horizon: usize,
     /// Plans per start: the recorded actions, left ever earlier for random ones.
-    #[arg(long, default_value_t = 64)]
+    #[arg(long, default_value_t = QualityOptions::default().plans)]
     plans: usize,
     /// Seed of episodes, plans and probes.
-    #[arg(long, default_value_t = 42)]
+    #[arg(long, default_value_t = QualityOptions::default().seed)]
     seed: u64,
 }
 

@@ -26,13 +26,13 @@ pub(super) struct ReportCommand {
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Videos of successes, and as many of failures, per result.
-    #[arg(long, alias = "films", default_value_t = 3)]
+    #[arg(long, alias = "films", default_value_t = PageOptions::default().videos)]
     videos: usize,
     /// Kind of video. Default: mp4 where this build can make it.
     #[arg(long, alias = "film-format", value_parser = ["mp4", "gif"])]
     video_format: Option<String>,
     /// Plans shown of the first success and the first failure of a planner.
-    #[arg(long, default_value_t = 2)]
+    #[arg(long, default_value_t = PageOptions::default().plans)]
     plans: usize,
 }
 
@@ -40,7 +40,7 @@ impl ReportCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let format = match self.video_format.as_deref() {
             Some("gif") => Format::Gif,
-            None if !Format::Mp4.is_built() => Format::Gif,
+            None => PageOptions::default().format,
             _ if Format::Mp4.is_built() => Format::Mp4,
             _ => {
                 return Err(usage(

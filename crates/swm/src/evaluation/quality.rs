@@ -30,6 +30,13 @@ pub struct QualityOptions {
     pub seed: u64,
 }
 
+impl Default for QualityOptions {
+    /// 20 pairs per violation, 20 starts, 30 rows, a horizon of 10, 64 plans, seed 42.
+    fn default() -> Self {
+        Self { episodes: 20, starts: 20, rows: 30, horizon: 10, plans: 64, seed: 42 }
+    }
+}
+
 /// What came out.
 #[derive(Clone, Debug, Serialize)]
 #[non_exhaustive]

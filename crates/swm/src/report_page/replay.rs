@@ -29,6 +29,14 @@ pub struct PageOptions {
     pub plans: usize,
 }
 
+impl Default for PageOptions {
+    /// Three videos of each outcome and two plans; MP4 where this build makes it, else GIF.
+    fn default() -> Self {
+        let format = if Format::Mp4.is_built() { Format::Mp4 } else { Format::Gif };
+        Self { videos: 3, format, plans: 2 }
+    }
+}
+
 /// Height and width of videos where the manifest has no images.
 const SIDE: usize = 192;
 /// Elites of an iteration in figures.

@@ -7,8 +7,7 @@ use swm_solvers::Candidates;
 use rand::RngExt as _;
 
 use crate::{
-    Baseline, ClipBatch, DataDims, Device, Images, MakeOptions, Observations, PlanningBatch, Step, Vectors,
-    make,
+    Baseline, ClipBatch, DataDims, Images, MakeOptions, Observations, PlanningBatch, Step, Vectors, make,
 };
 
 const SIDE: usize = 16;
@@ -80,7 +79,7 @@ fn trained(steps: u64, sigreg: &Json) -> Box<dyn Baseline> {
         "optim": { "lr": 3e-3 },
     });
     let dims = DataDims { action_dim: 2, proprio_dim: 0 };
-    let options = MakeOptions { preset: "small", changes, dims, seed: 1, device: Device::Cpu };
+    let options = MakeOptions { changes, seed: 1, ..MakeOptions::new("small", dims) };
     let mut model = make(super::NAME, &options).unwrap();
     for step in 0..steps {
         let dots = Dots::new(step, model.input_spec().num_steps);
