@@ -156,6 +156,12 @@ fn an_environment_is_shown_on_a_page() {
     assert!(at(&short, "--env-option") < at(&short, "--policy"), "settings of the environment come first");
     assert_eq!(short.matches("receding_horizon").count(), 1, "a shared setting stands once");
     assert!(short.contains("--full") && full.matches("receding_horizon").count() > 5);
+    // What would refuse to act is not on offer.
+    let grid = swm_json(&["envs", "swm/SimpleNavigation-v0"]);
+    let offered: Vec<&str> =
+        grid["policies"].as_array().unwrap().iter().filter_map(|policy| policy["name"].as_str()).collect();
+    assert!(offered.contains(&"expert") && offered.contains(&"random"), "{offered:?}");
+    assert!(!offered.contains(&"cem") && !offered.contains(&"ou"), "{offered:?}");
 }
 
 #[test]

@@ -13,13 +13,15 @@ pub const BASIC_POLICIES: &[PolicyEntry] = &[
     PolicyEntry::new("ou", "smooth random actions: an Ornstein-Uhlenbeck process per element", |_, args| {
         Ok(Box::new(ornstein_uhlenbeck(args.parse_as()?)?))
     })
-    .settings(OrnsteinUhlenbeck::SETTINGS),
+    .settings(OrnsteinUhlenbeck::SETTINGS)
+    .continuous(),
     PolicyEntry::new(
         "sine",
         "smooth random actions: sums of sines with random frequencies and phases",
         |_, args| Ok(Box::new(sines(args.parse_as()?)?)),
     )
-    .settings(Sines::SETTINGS),
+    .settings(Sines::SETTINGS)
+    .continuous(),
     PolicyEntry::new(
         "constant",
         "one action for ever (`constant:0.5,0`); without values all zeros: a no-op",

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use serde_json::Value as Json;
 
 use super::{Entry, EnvEntry, PolicyArgs, PolicyContext, Setting};
-use crate::env::ImageSize;
+use crate::env::{Env, ImageSize};
 use crate::error::PolicyError;
 use crate::policy::Policy;
+use crate::space::Space;
 
 /// Makes a policy for an environment from its arguments.
 pub type MakePolicy = fn(&PolicyContext<'_>, &PolicyArgs) -> Result<Box<dyn Policy>, PolicyError>;
@@ -46,6 +47,8 @@ pub struct PolicyEntry {
     pub settings: &'static [Setting],
     /// Whether it plans on the environment's own dynamics: nothing that plans on a model can be better informed.
     pub on_true_dynamics: bool,
+    /// Whether its actions are real numbers, in every environment.
+    is_continuous: bool,
     make: MakePolicy,
     image: ImageOf,
     files: FilesOf,
@@ -61,6 +64,7 @@ impl PolicyEntry {
             summary,
             settings: &[],
             on_true_dynamics: false,
+            is_continuous: false,
             make,
             image: |_| None,
             files: named_files,
@@ -81,6 +85,21 @@ impl PolicyEntry {
     pub const fn on_true_dynamics(mut self) -> Self {
         self.on_true_dynamics = true;
         self
+    }
+
+    /// Its actions are real numbers.
+    #[must_use]
+    pub const fn continuous(mut self) -> Self {
+        self.is_continuous = true;
+        self
+    }
+
+    /// Whether it can act in an environment: a planner on the true dynamics needs a task cost, and some policies need actions that are
+    /// real numbers.
+    pub fn suits(&self, env: &dyn Env) -> bool {
+        let has_its_actions = !self.is_continuous || matches!(env.spec().action, Space::Box { .. });
+        let has_its_cost = !self.on_true_dynamics || env.task_cost().is_some();
+        has_its_actions && has_its_cost
     }
 
     /// It is offered for environments of which `fits` is true, before the policies for all.

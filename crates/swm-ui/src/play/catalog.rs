@@ -6,7 +6,7 @@ use axum::extract::{Query, State};
 use serde::Deserialize;
 use serde_json::{Value as Json, json};
 use swm_core::{
-    Dtype, EnvConfig, EnvEntry, EnvSpec, FactorSpec, Field, ImageSize, PolicyEntry, Registry, Setting, Space,
+    Dtype, Env, EnvConfig, EnvEntry, FactorSpec, Field, ImageSize, PolicyEntry, Registry, Setting, Space,
 };
 use swm_data::Format;
 
@@ -46,13 +46,14 @@ pub(crate) async fn env(State(app): State<Arc<App>>, Query(Id { id }): Query<Id>
         let image = Some(ImageSize { height: 64, width: 64 });
         let made = entry.make(&EnvConfig { image, ..EnvConfig::default() });
         let made = made.map_err(|error| Refusal::bad(crate::error::sentence(&error)))?;
-        json(&describe(&app.registry, entry, made.spec()))
+        json(&describe(&app.registry, entry, made.as_ref()))
     })
     .await
 }
 
-fn describe(registry: &Registry, entry: &EnvEntry, spec: &EnvSpec) -> Json {
-    let policies = registry.policies(entry).map(policy);
+fn describe(registry: &Registry, entry: &EnvEntry, made: &dyn Env) -> Json {
+    let spec = made.spec();
+    let policies = registry.policies(entry).filter(|policy| policy.suits(made)).map(policy);
     json!({
         "id": entry.id,
         "summary": entry.summary,

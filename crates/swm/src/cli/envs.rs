@@ -2,7 +2,7 @@
 
 use clap::Args;
 use serde_json::json;
-use swm_core::{EnvConfig, EnvEntry, EnvSpec, FactorSpec, PolicyEntry, Registry, Setting, Space};
+use swm_core::{Env, EnvConfig, EnvEntry, EnvSpec, FactorSpec, PolicyEntry, Registry, Setting, Space};
 
 use super::output::{key_values, table};
 use super::{Failure, Output};
@@ -32,10 +32,6 @@ impl Envs {
 /// How big images are.
 const IMAGES: &str = "Images (--image-size): `swm collect` records 64x64, evaluations have none, `swm render` renders 224x224.\n";
 
-fn spec_of(entry: &EnvEntry) -> Result<EnvSpec, Failure> {
-    Ok(entry.make(&EnvConfig::default())?.spec().clone())
-}
-
 fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
     // Families in the order of their first entry; what has none comes last.
     let mut families: Vec<(&str, Vec<Vec<String>>)> = Vec::new();
@@ -56,7 +52,7 @@ fn all(registry: &Registry, output: &Output) -> Result<(), Failure> {
             None => families.push((entry.family, vec![row])),
         }
         match made {
-            Ok(env) => list.push(describe(registry, entry, env.spec())),
+            Ok(env) => list.push(describe(entry, env.spec(), &policies(registry, entry, env.as_ref()).0)),
             Err(error) => {
                 list.push(json!({
                     "id": entry.id, "summary": entry.summary, "family": entry.family, "error": error.to_string(),
@@ -97,11 +93,12 @@ fn brief(spec: &EnvSpec) -> [String; 3] {
 }
 
 fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Output) -> Result<(), Failure> {
-    let spec = spec_of(entry)?;
-    output.result(&describe(registry, entry, &spec), || {
-        let policies: Vec<&PolicyEntry> = registry.policies(entry).collect();
+    let env = entry.make(&EnvConfig::default())?;
+    let (policies, others) = policies(registry, entry, env.as_ref());
+    let spec = env.spec();
+    output.result(&describe(entry, spec, &policies), || {
         let settings = entry.settings.iter().map(|s| setting_row("", s, s.default)).collect::<Vec<_>>();
-        let [factors, action, step] = brief(&spec);
+        let [factors, action, step] = brief(spec);
         let success = if entry.success.is_empty() { "none: rewards only" } else { entry.success };
         let mut about = vec![
             ("success", success.to_owned()),
@@ -122,6 +119,10 @@ fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Outpu
             key_values(&about),
             table(&["setting (--env-option)", "default", "what it does"], &settings),
         );
+        let others = match others.iter().map(|policy| policy.name).collect::<Vec<_>>().join(", ") {
+            none if none.is_empty() => none,
+            names => format!("\nnot here, for want of a task cost or of real actions: {names}\n"),
+        };
         let mut rows = Vec::new();
         for policy in &policies {
             rows.push(vec![policy.name.to_owned(), String::new(), policy.summary.to_owned()]);
@@ -130,7 +131,7 @@ fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Outpu
             }
         }
         if full {
-            return text + &table(&["policy", "default", "what it does"], &rows);
+            return text + &table(&["policy", "default", "what it does"], &rows) + &others;
         }
         let rows: Vec<_> = rows.iter().map(|row| vec![row[0].clone(), row[2].clone()]).collect();
         text += &table(&["policy (--policy NAME:KEY=VALUE,…)", "what it does"], &rows);
@@ -139,8 +140,17 @@ fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Outpu
             text +=
                 &format!("\n{}", table(&["setting of most planners", "default", "what it does"], &shared));
         }
-        text + &format!("\n`swm envs {} --full` lists the settings of each policy.\n", entry.id)
+        text + &others + &format!("\n`swm envs {} --full` lists the settings of each policy.\n", entry.id)
     })
+}
+
+/// The policies that suit an environment, and the others.
+fn policies(
+    registry: &Registry,
+    entry: &EnvEntry,
+    env: &dyn Env,
+) -> (Vec<&'static PolicyEntry>, Vec<&'static PolicyEntry>) {
+    registry.policies(entry).partition(|policy| policy.suits(env))
 }
 
 fn setting_row(indent: &str, setting: &Setting, default: &str) -> Vec<String> {
@@ -167,12 +177,12 @@ fn shared_settings(policies: &[&PolicyEntry]) -> Vec<Vec<String>> {
         .collect()
 }
 
-fn describe(registry: &Registry, entry: &'static EnvEntry, spec: &EnvSpec) -> serde_json::Value {
+fn describe(entry: &EnvEntry, spec: &EnvSpec, policies: &[&PolicyEntry]) -> serde_json::Value {
     let settings = |list: &[Setting]| -> Vec<_> {
         list.iter().map(|s| json!({"name": s.name, "default": s.default, "doc": s.doc})).collect()
     };
     let policy =
-        |p: &PolicyEntry| json!({"name": p.name, "summary": p.summary, "settings": settings(p.settings)});
+        |p: &&PolicyEntry| json!({"name": p.name, "summary": p.summary, "settings": settings(p.settings)});
     json!({
         "id": entry.id,
         "summary": entry.summary,
@@ -182,7 +192,7 @@ fn describe(registry: &Registry, entry: &'static EnvEntry, spec: &EnvSpec) -> se
         "action": spec.action,
         "time_step_s": spec.time_step_s,
         "planner": entry.planner,
-        "policies": registry.policies(entry).map(policy).collect::<Vec<_>>(),
+        "policies": policies.iter().map(policy).collect::<Vec<_>>(),
         "settings": settings(entry.settings),
     })
 }
@@ -197,7 +207,8 @@ pub(super) struct Fovs {
 
 impl Fovs {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
-        let spec = spec_of(registry.env(&self.env)?)?;
+        let env = registry.env(&self.env)?.make(&EnvConfig::default())?;
+        let spec = env.spec();
         let list: Vec<_> = spec.factors.iter().map(factor_json).collect();
         output.result(&list, || {
             let rows: Vec<_> = spec.factors.iter().map(factor_row).collect();
