@@ -80,6 +80,38 @@ fn factor_tables_are_current() {
     assert!(pages > 0, "no page of an environment has a factor table");
 }
 
+/// The order of sections on the pages of environments; a page may leave out some. Others come between `Policies` and `Exactness`.
+const SECTIONS: &[&str] = &[
+    "Tasks",
+    "Starts and goals",
+    "Factors of variation",
+    "Settings",
+    "Policies",
+    "Exactness",
+    "Speed",
+    "Differences from the reference",
+];
+
+#[test]
+fn pages_of_environments_have_one_form() {
+    for entry in std::fs::read_dir(root().join("docs/envs")).unwrap() {
+        let path = entry.unwrap().path();
+        let text = std::fs::read_to_string(&path).unwrap();
+        if !text.contains("<!-- factors of ") {
+            continue; // What several environments share.
+        }
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        let sections: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("## ")).collect();
+        for wanted in ["Factors of variation", "Policies"] {
+            assert!(sections.contains(&wanted), "{name} has no section `{wanted}`");
+        }
+        let known = sections.iter().filter_map(|name| SECTIONS.iter().position(|known| known == name));
+        assert!(known.is_sorted(), "{name}: its sections are {sections:?}; their order is {SECTIONS:?}");
+        let images = text.matches("../gallery/").count();
+        assert!(images >= 2, "{name} shows {images} images: by default, and with all factors varied");
+    }
+}
+
 #[test]
 fn the_table_of_planners_is_current() {
     let path = root().join("docs/envs/suite.md");
