@@ -6,7 +6,6 @@
 mod attitude;
 pub mod rocket;
 mod scene;
-mod settings;
 mod shapes;
 pub mod table_push;
 

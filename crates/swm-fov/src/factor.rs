@@ -1,10 +1,8 @@
 //! The declaration of factors and constraints.
 
-use std::collections::BTreeMap;
-
-use serde_json::Value as Json;
+use serde_json::{Map, Value as Json};
 use swm_core::env::{FactorSpec, VARIATION_PREFIX};
-use swm_core::{Dtype, Field, Space, Value};
+use swm_core::{Dtype, EnvError, Field, Space, Value};
 
 use crate::assignment::{Fov, FovError};
 
@@ -159,20 +157,31 @@ impl FovSpace {
         found.unwrap_or_else(|| panic!("a constraint names `{name}`, which is no factor"))
     }
 
-    /// The same space with other defaults, by name.
+    /// The same space with other defaults, by name: the setting `init_value` of the environment `env`.
     ///
     /// # Errors
     ///
-    /// No such factor, or a value outside of its space.
-    pub fn with_defaults(mut self, defaults: &BTreeMap<String, Value>) -> Result<Self, FovError> {
-        for (name, value) in defaults {
-            let index = self.index(name)?;
-            let value = self.fit(index, value)?;
-            let factor = &mut self.factors[index];
-            factor.spec.default = value.to_json();
-            factor.default = value;
+    /// [`EnvError::Setting`]: no such factor, or a value outside of its space.
+    pub fn with_defaults(mut self, env: &str, defaults: &Map<String, Json>) -> Result<Self, EnvError> {
+        for (name, json) in defaults {
+            let value = Value::from_json(name, json).map_err(|error| error.to_string());
+            let set =
+                value.and_then(|value| self.set_default(name, &value).map_err(|error| error.to_string()));
+            set.map_err(|reason| EnvError::Setting {
+                env: env.to_owned(),
+                reason: format!("init_value: {reason}"),
+            })?;
         }
         Ok(self)
+    }
+
+    fn set_default(&mut self, name: &str, value: &Value) -> Result<(), FovError> {
+        let index = self.index(name)?;
+        let value = self.fit(index, value)?;
+        let factor = &mut self.factors[index];
+        factor.spec.default = value.to_json();
+        factor.default = value;
+        Ok(())
     }
 
     /// The factors as data.

@@ -14,7 +14,6 @@ use swm_render::{Geometry, Renderer};
 
 use super::settings::Settings;
 use super::task::{Step, Task, colors, factors};
-use crate::settings::with_defaults;
 
 // Field indices, in the order of `fields`.
 const OBSERVATION: usize = 0;
@@ -81,7 +80,7 @@ impl<T: Task> ClassicControl<T> {
     /// drawn.
     pub(super) fn new(config: &EnvConfig) -> Result<Self, EnvError> {
         let settings: Settings = config.parse_settings(T::ID)?;
-        let space = with_defaults(factors::<T>(), T::ID, &settings.init_value)?;
+        let space = factors::<T>().with_defaults(T::ID, &settings.init_value)?;
         let fov = space.defaults();
         let task = T::new(&fov);
         let renderer = config.image.map(|ImageSize { height, width }| {

@@ -9,7 +9,6 @@ use swm_core::{
 use super::env::{SIMULATOR_STATE_COLUMN, saved_task};
 use super::settings::Settings;
 use super::task::{Task, factors, uniform};
-use crate::settings::with_defaults;
 
 /// The policies of one environment.
 pub(super) const fn policies<T: Task>() -> &'static [PolicyEntry] {
@@ -55,7 +54,7 @@ fn make<T: Task>(
     share: f64,
 ) -> Result<Box<dyn Policy>, PolicyError> {
     let settings: Settings = context.config.parse_settings(T::ID)?;
-    let space = with_defaults(factors::<T>(), T::ID, &settings.init_value)?;
+    let space = factors::<T>().with_defaults(T::ID, &settings.init_value)?;
     Ok(Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
         let mut state = EnvState::new();
         view.snapshot(&mut state)?;

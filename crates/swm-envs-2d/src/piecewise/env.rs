@@ -11,7 +11,6 @@ use super::zones::Zones;
 use crate::dot_room::{
     DISTANCE, FACTORS, GOAL_STATE, Image, OBSERVATION, PROPRIO, STATE, Saved, recorded, spec, target,
 };
-use crate::settings::with_defaults;
 use crate::tworoom_v2::dot::Dot;
 use crate::tworoom_v2::room::{IMAGE_PX, SIDE, SUCCESS_PX, distance_f32};
 
@@ -45,7 +44,7 @@ impl Piecewise {
         let settings: Settings = config.parse_settings(id)?;
         let wrong = |reason: String| EnvError::Setting { env: id.to_owned(), reason };
         settings.check().map_err(wrong)?;
-        let space = with_defaults(factors(settings.grid_n), id, &settings.init_value)?;
+        let space = factors(settings.grid_n).with_defaults(id, &settings.init_value)?;
         let fov = space.defaults();
         let image = config.image.map(|size| Image::new(size, settings.render)).transpose().map_err(wrong)?;
         let mut env = Self {

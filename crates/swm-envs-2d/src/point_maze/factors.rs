@@ -6,7 +6,6 @@ use swm_fov::{Constraint, Factor, Fov, FovSpace};
 
 use super::layout::{Cell, LAYOUTS, Layout, center};
 use super::physics::Disc;
-use crate::settings::with_defaults;
 
 /// Rows and columns inside of the largest layout's border.
 const INNER: [i64; 2] = [10, 14];
@@ -61,7 +60,7 @@ pub fn factors() -> FovSpace {
 
 /// The factor table with other defaults.
 pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<FovSpace, EnvError> {
-    with_defaults(factors(), env, defaults)
+    factors().with_defaults(env, defaults)
 }
 
 /// The layout of a value of `maze.layout`.

@@ -7,7 +7,6 @@ use swm_fov::{Factor, Fov, FovSpace};
 use super::engine::Engine;
 use super::physics::{BodySetup, Setup, Shape};
 use super::settings::Settings;
-use crate::settings::with_defaults;
 
 /// The factor table, in sampling order. Bounds and defaults are the reference's (August 2026; the default
 /// block scale of January was 40, which its T ignored).
@@ -47,7 +46,7 @@ pub fn factors() -> FovSpace {
 
 /// The factor table with other defaults: the constructor argument `init_value` of the reference.
 pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<FovSpace, EnvError> {
-    with_defaults(factors(), env, defaults)
+    factors().with_defaults(env, defaults)
 }
 
 /// The physical world that an assignment describes.

@@ -15,7 +15,6 @@ use super::factors::{factors, maze};
 use super::maze::{Cell, Distances, Maze, SIDE, next_to};
 use super::rendering::{Artist, Scene};
 use super::settings::Settings;
-use crate::settings::with_defaults;
 
 // Field indices, in the order of `spec`.
 const STATE: usize = 0;
@@ -97,7 +96,7 @@ impl SimpleNavigation {
     pub fn new(config: &EnvConfig) -> Result<Self, EnvError> {
         let id = SIMPLE_NAVIGATION.id;
         let settings: Settings = config.parse_settings(id)?;
-        let space = with_defaults(factors([false; 2]), id, &settings.init_value)?;
+        let space = factors([false; 2]).with_defaults(id, &settings.init_value)?;
         let fov = space.defaults();
         let image = config.image.map(Image::new).transpose();
         let image = image.map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
@@ -191,7 +190,8 @@ impl Env for SimpleNavigation {
         let recorded = [start.is_some(), goal.is_some()];
         let fov = match recorded {
             [false, false] => self.space.sample(&self.spec.id, episode)?,
-            _ => with_defaults(factors(recorded), &self.spec.id, &self.settings.init_value)?
+            _ => factors(recorded)
+                .with_defaults(&self.spec.id, &self.settings.init_value)?
                 .sample(&self.spec.id, episode)?,
         };
         let maze = recorded_maze.unwrap_or_else(|| maze(&fov));

@@ -5,7 +5,6 @@ use swm_core::{Dtype, EnvError, Episode, Space, Value};
 use swm_fov::{Constraint, Factor, Fov, FovSpace};
 
 use super::walls::{MAX_WALLS, SIDE, Wall, is_blocked, walls};
-use crate::settings::with_defaults;
 
 /// The reference's default walls: extents and corners of least coordinates, wall by wall.
 const SHAPES: [f32; 2 * MAX_WALLS] = [
@@ -111,7 +110,7 @@ impl Factors {
     /// The table with other defaults.
     pub(super) fn new(env: &str, defaults: &Map<String, Json>) -> Result<Self, EnvError> {
         let [space, unconstrained] =
-            [factors([false; 2]), unconstrained()].map(|space| with_defaults(space, env, defaults));
+            [factors([false; 2]), unconstrained()].map(|space| space.with_defaults(env, defaults));
         Ok(Self { space: space?, unconstrained: unconstrained?, defaults: defaults.clone() })
     }
 
@@ -143,7 +142,7 @@ impl Factors {
         let episode = Episode { seed: episode.seed, options: &options };
         match [start.is_some(), goal.is_some()] {
             [false, false] => self.space.sample(env, &episode),
-            recorded => with_defaults(factors(recorded), env, &self.defaults)?.sample(env, &episode),
+            recorded => factors(recorded).with_defaults(env, &self.defaults)?.sample(env, &episode),
         }
     }
 }

@@ -6,7 +6,6 @@ use swm_fov::{Constraint, Factor, Fov, FovSpace};
 
 use super::physics::{Axis, FloorPlan, INNER_PX, Setup, Vec2, WALL_AT_PX};
 use super::settings::Settings;
-use crate::settings::with_defaults;
 
 /// Places where agent and goal may be, pixels.
 const PLACES_PX: (f64, f64) = (9.0, 503.0);
@@ -74,7 +73,7 @@ pub fn factors() -> FovSpace {
 
 /// The factor table with other defaults: the constructor argument `init_value` of the reference.
 pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<FovSpace, EnvError> {
-    with_defaults(factors(), env, defaults)
+    factors().with_defaults(env, defaults)
 }
 
 /// The reference's test: the wall's factor counts in full to either side, and the right and lower limit lacks the

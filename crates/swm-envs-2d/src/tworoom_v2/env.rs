@@ -13,7 +13,6 @@ use super::settings::Settings;
 use crate::dot_room::{
     DISTANCE, FACTORS, GOAL_STATE, Image, OBSERVATION, PROPRIO, STATE, Saved, recorded, spec, target,
 };
-use crate::settings::with_defaults;
 
 /// Walk from one room to a target in either. See the module's documentation.
 pub struct TwoRoom {
@@ -29,7 +28,7 @@ pub struct TwoRoom {
 
 /// The factor table as the settings have it.
 pub(super) fn factors_with(settings: &Settings) -> Result<FovSpace, EnvError> {
-    with_defaults(factors(), TWO_ROOM_V2.id, &settings.init_value)
+    factors().with_defaults(TWO_ROOM_V2.id, &settings.init_value)
 }
 
 /// The rooms of a state that [`Env::snapshot`] saved.

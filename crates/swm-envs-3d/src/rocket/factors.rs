@@ -6,7 +6,6 @@ use swm_fov::{Factor, Fov, FovSpace};
 
 use super::body::{DRY_MASS, Kind};
 use super::flight::Conditions;
-use crate::settings::with_defaults;
 
 /// The factor table, in sampling order: the reference's, then fuel, dry mass and wind.
 pub fn factors() -> FovSpace {
@@ -36,7 +35,7 @@ pub fn factors() -> FovSpace {
 
 /// The factor table of the environment `env` with other defaults, by name.
 pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<FovSpace, EnvError> {
-    with_defaults(factors(), env, defaults)
+    factors().with_defaults(env, defaults)
 }
 
 /// The conditions of an assignment.

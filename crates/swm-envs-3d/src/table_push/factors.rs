@@ -5,7 +5,6 @@ use swm_core::EnvError;
 use swm_fov::{Constraint, Factor, Fov, FovSpace};
 
 use super::body::Object;
-use crate::settings::with_defaults;
 
 /// Room between pusher and object at the start, m.
 const CLEARANCE: f64 = 0.01;
@@ -85,7 +84,6 @@ fn way(fov: &Fov, from: &str, to: &str) -> f64 {
 
 /// The factor table of the environment `env` with other defaults, by name; with constraints, and without.
 pub(super) fn factors_with(env: &str, defaults: &Map<String, Json>) -> Result<[FovSpace; 2], EnvError> {
-    let [space, unconstrained] =
-        [factors(), unconstrained()].map(|space| with_defaults(space, env, defaults));
+    let [space, unconstrained] = [factors(), unconstrained()].map(|space| space.with_defaults(env, defaults));
     Ok([space?, unconstrained?])
 }
