@@ -323,9 +323,14 @@ fn commands_that_need_baselines_say_how_to_build_them() {
 #[test]
 fn golden_trajectories_replay() {
     let registry = swm::registry();
-    for (folder, least) in
-        [("trajectories", 3), ("classic_control", 80), ("fetch", 11), ("piecewise", 4), ("simple", 18)]
-    {
+    for (folder, least) in [
+        ("trajectories", 3),
+        ("classic_control", 80),
+        ("fetch", 11),
+        ("piecewise", 4),
+        ("simple", 18),
+        ("mazes", 5),
+    ] {
         let mut checked = 0;
         for entry in std::fs::read_dir(root().join("tests/golden").join(folder)).unwrap() {
             let path = entry.unwrap().path();

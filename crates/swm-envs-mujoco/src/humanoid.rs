@@ -4,7 +4,7 @@ use swm_core::EnvEntry;
 use swm_core::seed::Stream;
 
 use crate::error::MujocoError;
-use crate::ffi::{Model, Object};
+use crate::ffi::{Model, Object, Simulation};
 use crate::hopper::small_control;
 use crate::suite::{
     Control, Domain, Effect, Falloff, GAUSSIAN, START_COLUMNS, Stage, Task, TaskEntry, entry, factors, make,
@@ -75,11 +75,10 @@ fn controls(_stock: bool) -> Vec<Control> {
 /// Height of the head that counts as standing, m.
 const STAND_HEIGHT: f64 = 1.4;
 /// Tries of placing the joints where nothing touches; the suite tries without end.
-const TRIES: u32 = 100_000;
+pub(crate) const TRIES: u32 = 100_000;
 
-struct Humanoid {
-    /// Rewarded speed, m/s; 0: stand still.
-    speed: f64,
+/// Where the parts that are observed lie in a model with `dm_control`'s humanoid, OGBench's too.
+pub(crate) struct Anatomy {
     torso: usize,
     head: usize,
     /// Hand and foot of the left, then of the right.
@@ -87,31 +86,67 @@ struct Humanoid {
     velocity_sensor: usize,
 }
 
-impl Humanoid {
-    #[expect(clippy::new_ret_no_self, reason = "tasks are made as trait objects")]
-    fn new(model: &Model, speed: f64) -> Result<Box<dyn Task>, MujocoError> {
+impl Anatomy {
+    /// Values that [`Anatomy::observe`] gives.
+    pub(crate) const OBSERVED: usize = 67;
+
+    /// # Errors
+    ///
+    /// [`MujocoError::NoObject`]: the model has no such humanoid.
+    pub(crate) fn new(model: &Model) -> Result<Self, MujocoError> {
         let body = |name: &str| model.id(Object::Body, name);
-        Ok(Box::new(Self {
-            speed,
+        Ok(Self {
             torso: body("torso")?,
             head: body("head")?,
             limbs: [body("left_hand")?, body("left_foot")?, body("right_hand")?, body("right_foot")?],
             velocity_sensor: model.id(Object::Sensor, "torso_subtreelinvel")?,
-        }))
+        })
+    }
+
+    /// Appends joint angles (21), the height of the head, hands and feet in the torso's frame (12), the torso's vertical (3), the
+    /// velocity of the center of mass (3), and all velocities (27).
+    pub(crate) fn observe(&self, sim: &Simulation, out: &mut Vec<f64>) {
+        let (torso, frame) = (sim.xpos(self.torso), sim.xmat(self.torso));
+        out.extend_from_slice(&sim.qpos()[7..]);
+        out.push(sim.xpos(self.head)[2]);
+        for limb in self.limbs {
+            let limb = sim.xpos(limb);
+            let offset = [0, 1, 2].map(|i| limb[i] - torso[i]);
+            // Into the torso's frame.
+            out.extend([0, 1, 2].map(|column| {
+                offset[0] * frame[column] + offset[1] * frame[3 + column] + offset[2] * frame[6 + column]
+            }));
+        }
+        out.extend_from_slice(&frame[6..9]);
+        out.extend_from_slice(sim.sensor(self.velocity_sensor));
+        out.extend_from_slice(sim.qvel());
+    }
+}
+
+struct Humanoid {
+    /// Rewarded speed, m/s; 0: stand still.
+    speed: f64,
+    anatomy: Anatomy,
+}
+
+impl Humanoid {
+    #[expect(clippy::new_ret_no_self, reason = "tasks are made as trait objects")]
+    fn new(model: &Model, speed: f64) -> Result<Box<dyn Task>, MujocoError> {
+        Ok(Box::new(Self { speed, anatomy: Anatomy::new(model)? }))
     }
 
     /// The cosine of the torso's angle from upright.
     fn upright(&self, stage: &Stage) -> f64 {
-        stage.sim.xmat(self.torso)[8]
+        stage.sim.xmat(self.anatomy.torso)[8]
     }
 
     fn head_height(&self, stage: &Stage) -> f64 {
-        stage.sim.xpos(self.head)[2]
+        stage.sim.xpos(self.anatomy.head)[2]
     }
 
     /// Velocity of the center of mass in the plane, m/s.
     fn velocity(&self, stage: &Stage) -> [f64; 2] {
-        let velocity = stage.sim.sensor(self.velocity_sensor);
+        let velocity = stage.sim.sensor(self.anatomy.velocity_sensor);
         [velocity[0], velocity[1]]
     }
 
@@ -131,21 +166,7 @@ impl Task for Humanoid {
     }
 
     fn observe(&self, stage: &Stage, out: &mut Vec<f64>) {
-        let sim = &stage.sim;
-        let (torso, frame) = (sim.xpos(self.torso), sim.xmat(self.torso));
-        out.extend_from_slice(&sim.qpos()[7..]);
-        out.push(self.head_height(stage));
-        for limb in self.limbs {
-            let limb = sim.xpos(limb);
-            let offset = [0, 1, 2].map(|i| limb[i] - torso[i]);
-            // Into the torso's frame.
-            out.extend([0, 1, 2].map(|column| {
-                offset[0] * frame[column] + offset[1] * frame[3 + column] + offset[2] * frame[6 + column]
-            }));
-        }
-        out.extend_from_slice(&frame[6..9]);
-        out.extend_from_slice(sim.sensor(self.velocity_sensor));
-        out.extend_from_slice(sim.qvel());
+        self.anatomy.observe(&stage.sim, out);
     }
 
     fn reward(&self, stage: &Stage) -> f64 {

@@ -51,7 +51,7 @@ pub use fetch::{
 pub use finger::FINGER;
 pub use hopper::HOPPER;
 pub use humanoid::HUMANOID;
-pub use locomaze::{OGB_ANT_MAZE, OGB_POINT_MAZE};
+pub use locomaze::{OGB_ANT_MAZE, OGB_ANT_SOCCER, OGB_HUMANOID_MAZE, OGB_POINT_MAZE};
 pub use manipulator::MANIPULATOR;
 pub use ogbench::{OGB_CUBE, OGB_SCENE};
 pub use pendulum::PENDULUM;
@@ -77,6 +77,8 @@ pub const ENVS: &[EnvEntry] = &[
     OGB_SCENE,
     OGB_POINT_MAZE,
     OGB_ANT_MAZE,
+    OGB_HUMANOID_MAZE,
+    OGB_ANT_SOCCER,
     FETCH_REACH,
     FETCH_REACH_DENSE,
     FETCH_REACH_DICT,

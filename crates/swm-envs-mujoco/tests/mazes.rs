@@ -1,4 +1,5 @@
-//! What OGBench's mazes promise beyond conformance: the reference's steps, experts, tasks, goals from rows, teleporters.
+//! What OGBench's mazes promise beyond conformance: the reference's steps, experts, tasks, goals from rows, teleporters. That steps
+//! of the humanoid and of AntSoccer are the reference's is checked by their golden trajectories (`cargo xtask golden`).
 
 use std::collections::BTreeMap;
 
@@ -6,10 +7,10 @@ use serde::Deserialize;
 use serde_json::json;
 use swm_core::testing::assert_conforms_with;
 use swm_core::{
-    Batch, EnvConfig, EnvEntry, Episode, EpisodeSeed, Evaluation, ImageSize, Registry, ResetOptions, Rollout,
-    Schema, Slice, Value, World, WorldOptions,
+    Batch, Env, EnvConfig, EnvEntry, Episode, EpisodeSeed, Evaluation, ImageSize, Registry, ResetOptions,
+    Rollout, Schema, Slice, Value, World, WorldOptions,
 };
-use swm_envs_mujoco::{OGB_ANT_MAZE, OGB_POINT_MAZE};
+use swm_envs_mujoco::{OGB_ANT_MAZE, OGB_ANT_SOCCER, OGB_HUMANOID_MAZE, OGB_POINT_MAZE};
 
 fn config(settings: &serde_json::Value) -> EnvConfig {
     EnvConfig { image: None, settings: settings.as_object().cloned().unwrap_or_default() }
@@ -97,15 +98,43 @@ fn the_ant_walks_to_its_goal() {
     assert!(found.success_rate >= 75.0, "{} %", found.success_rate);
 }
 
+/// How much nearer to its goal the ball is after `steps` steps of a policy, m, by episode.
+fn ball_progress(policy: &str, episodes: u64, steps: u64) -> Vec<f64> {
+    let options = WorldOptions::new(episodes as usize)
+        .max_episode_steps(steps)
+        .env(config(&json!({"terminate_at_goal": false})));
+    let mut world = World::new(&OGB_ANT_SOCCER, options).expect("it was set up");
+    world.set_policy(Registry::new().policy(policy, &world).expect("one"));
+    world.reset(7, &ResetOptions::default()).expect("a start");
+    let left = |world: &World| -> Vec<f64> {
+        let infos = world.infos();
+        let (ball, goal) = (infos.get::<f64>("ball_xy").unwrap(), infos.get::<f64>("goal_xy").unwrap());
+        ball.chunks(2).zip(goal.chunks(2)).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).collect()
+    };
+    let before = left(&world);
+    (0..steps - 1).for_each(|_| world.step().expect("it steps"));
+    before.iter().zip(left(&world)).map(|(before, after)| before - after).collect()
+}
+
+#[test]
+fn the_weak_policy_takes_the_ball_towards_its_goal() {
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let (weak, random) = (ball_progress("weak", 8, 600), ball_progress("random", 8, 600));
+    assert!(mean(&weak) > 1.0, "{weak:?}");
+    assert!(mean(&random).abs() < 0.5, "{random:?}");
+}
+
 #[test]
 fn mazes_in_other_settings_conform() {
     let image = Some(ImageSize { height: 48, width: 48 });
-    for settings in [
-        json!({"maze_type": "teleport", "terminate_at_goal": false}),
-        json!({"maze_type": "medium", "mode": "task", "camera": "top"}),
+    for (entry, settings) in [
+        (&OGB_POINT_MAZE, json!({"maze_type": "teleport", "terminate_at_goal": false})),
+        (&OGB_POINT_MAZE, json!({"maze_type": "medium", "mode": "task", "camera": "top"})),
+        (&OGB_HUMANOID_MAZE, json!({"maze_type": "teleport", "camera": "egocentric"})),
+        (&OGB_ANT_SOCCER, json!({"maze_type": "medium", "mode": "task", "task": 2, "camera": "top"})),
     ] {
         let settings = settings.as_object().cloned().expect("settings");
-        assert_conforms_with(&OGB_POINT_MAZE, &EnvConfig { image, settings }, &[]);
+        assert_conforms_with(entry, &EnvConfig { image, settings }, &[]);
     }
 }
 
@@ -135,6 +164,101 @@ fn a_teleporter_leads_to_one_of_three_exits_by_chance() {
     assert!(outs.values().all(|&count| count > 2), "{outs:?}");
 }
 
+/// An environment with a row.
+struct Bench {
+    env: Box<dyn Env>,
+    row: Batch,
+}
+
+impl Bench {
+    fn new(entry: &EnvEntry, settings: &serde_json::Value) -> Self {
+        let env = entry.make(&config(settings)).expect("it was set up");
+        let row = Batch::new(Schema::new(env.spec().fields.clone()).expect("distinct names"), 1);
+        Self { env, row }
+    }
+
+    fn reset(&mut self, seed: u64, options: &ResetOptions) {
+        self.env.reset(&Episode { seed: EpisodeSeed::new(seed), options }).expect("valid options");
+        self.env.write_episode(&mut self.row.rows_mut());
+        self.env.observe(&mut self.row.rows_mut());
+    }
+
+    fn values(&self, column: &str) -> Vec<f64> {
+        self.row.get::<f64>(column).expect("a column").to_vec()
+    }
+}
+
+fn cell(place: &[f64]) -> [i64; 2] {
+    [place[1], place[0]].map(|along| ((along + 6.0) / 4.0) as i64)
+}
+
+#[test]
+fn tasks_of_ant_soccer_place_ant_ball_and_goal() {
+    for (maze, task, cells) in [
+        ("arena", 1, [[1, 6], [2, 3], [5, 2]]),
+        ("arena", 4, [[6, 6], [1, 1], [6, 1]]),
+        ("medium", 3, [[5, 3], [4, 2], [6, 5]]),
+    ] {
+        let settings = json!({"maze_type": maze, "mode": "task", "task": task});
+        let mut bench = Bench::new(&OGB_ANT_SOCCER, &settings);
+        bench.reset(3, &ResetOptions::default());
+        let found = ["xy", "ball_xy", "goal_xy"].map(|column| cell(&bench.values(column)));
+        assert_eq!(found, cells, "{maze} {task}");
+        assert_eq!(bench.row.get::<i64>("task_id").unwrap(), [task]);
+        let (qpos, goal) = (bench.values("qpos"), bench.values("goal_observation"));
+        assert_eq!(bench.values("ball_xy"), qpos[15..17]);
+        // In the goal's observation both are there.
+        assert_eq!((&goal[..2], &goal[15..17]), (&bench.values("goal_xy")[..], &bench.values("goal_xy")[..]));
+        let outcome = bench.env.step(Slice::F32(&[0.0; 8])).unwrap();
+        assert_eq!((outcome.reward, outcome.terminated, outcome.success), (-1.0, false, Some(false)));
+    }
+}
+
+#[test]
+fn the_ball_counts_and_not_the_ant() {
+    let mut bench = Bench::new(&OGB_ANT_SOCCER, &json!({}));
+    bench.reset(0, &ResetOptions::default());
+    let (mut start, qvel) = (bench.values("qpos"), vec![0.0; 20]);
+    start[15..17].copy_from_slice(&[8.0, 8.0]);
+    start[17] = 0.25;
+    let mut goal = start.clone();
+    let mut success_at = |ball: f64| {
+        goal[15] = ball;
+        let options = ResetOptions {
+            start: row(&[("qpos", &start), ("qvel", &qvel)]),
+            goal: row(&[("qpos", &goal)]),
+            ..ResetOptions::default()
+        };
+        bench.reset(0, &options);
+        assert_eq!(bench.values("goal_xy"), [ball, 8.0]);
+        let outcome = bench.env.step(Slice::F32(&[0.0; 8])).unwrap();
+        assert_eq!(outcome.terminated, outcome.reward == 1.0);
+        outcome.success
+    };
+    assert_eq!(success_at(8.4), Some(true));
+    // The ant still stands where it did in the goal.
+    assert_eq!(success_at(8.6), Some(false));
+}
+
+#[test]
+fn the_humanoid_starts_untouched_and_observes_its_place() {
+    let mut bench = Bench::new(&OGB_HUMANOID_MAZE, &json!({"maze_type": "medium"}));
+    let mut postures = Vec::new();
+    for seed in 0..4 {
+        bench.reset(seed, &ResetOptions::default());
+        let (qpos, observation) = (bench.values("qpos"), bench.values("observation"));
+        assert_eq!(qpos[2], 1.5);
+        assert_eq!(observation[..2], qpos[..2]);
+        assert_eq!(observation[2..23], qpos[7..]);
+        assert_eq!(observation[42..], bench.values("qvel"));
+        assert_eq!(bench.values("goal_observation")[..2], bench.values("goal_xy"));
+        postures.push(qpos);
+    }
+    assert!(postures.windows(2).all(|pair| pair[0][7..] != pair[1][7..]));
+    // The teleporters of the point and the ant are there too.
+    Bench::new(&OGB_HUMANOID_MAZE, &json!({"maze_type": "teleport"})).reset(0, &ResetOptions::default());
+}
+
 #[test]
 fn wrong_settings_and_goals_are_told() {
     let message = |settings: serde_json::Value| {
@@ -143,6 +267,8 @@ fn wrong_settings_and_goals_are_told() {
     assert!(message(json!({"maze_type": "huge"})).contains("huge"));
     assert!(message(json!({"mode": "task", "task": 6})).contains("1 to 5"));
     assert!(message(json!({"maze": "large"})).contains("maze_type"));
+    let soccer = OGB_ANT_SOCCER.make(&config(&json!({"maze_type": "large"}))).err().expect("refused");
+    assert!(soccer.to_string().contains("`arena` and `medium`"), "{soccer}");
     let mut env = OGB_ANT_MAZE.make(&EnvConfig::default()).unwrap();
     let options = ResetOptions { goal: row(&[("qvel", &[0.0; 14])]), ..ResetOptions::default() };
     let error = env.reset(&Episode { seed: EpisodeSeed::new(1), options: &options }).unwrap_err();

@@ -63,6 +63,8 @@ pub(crate) const NAMES: &[Absent] = &[
     env("swm/OGBScene-v0", MUJOCO),
     env("swm/OGBPointMaze-v0", MUJOCO),
     env("swm/OGBAntMaze-v0", MUJOCO),
+    env("swm/OGBHumanoidMaze-v0", MUJOCO),
+    env("swm/OGBAntSoccer-v0", MUJOCO),
     env("swm/FetchReach-v3", MUJOCO),
     env("swm/FetchReachDense-v3", MUJOCO),
     env("swm/FetchReachDict-v3", MUJOCO),

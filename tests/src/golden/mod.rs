@@ -7,6 +7,7 @@ mod classic_control;
 mod doors;
 mod fetch;
 mod file;
+mod mazes;
 mod own;
 mod piecewise;
 mod replay;

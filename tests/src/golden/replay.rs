@@ -14,6 +14,7 @@ use swm::core::{
 use super::doors;
 use super::fetch;
 use super::file::{GoldenFile, Image};
+use super::mazes;
 use super::piecewise;
 use super::rules::{ImageTolerance, Rules, Tolerance, Unit};
 
@@ -213,6 +214,7 @@ impl Run {
         };
         (rules.settings)(&mut config.settings);
         piecewise::set_grid(file, &mut config.settings);
+        mazes::set_maze(file, &mut config.settings);
         let env = registry.env(rules.env_id)?.make(&config)?;
         let row = Batch::new(Schema::new(env.spec().fields.clone())?, 1);
         Ok(Self { env, row })

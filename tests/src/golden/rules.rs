@@ -4,6 +4,7 @@ use serde_json::{Map, Value as Json, json};
 
 use super::classic_control as classic;
 use super::fetch;
+use super::mazes;
 use super::own::{POINT_MAZE, PUSHT_RAPIER};
 use super::piecewise::PIECEWISE;
 use super::simple;
@@ -128,6 +129,8 @@ const RULES: &[Rules] = &[
     PIECEWISE,
     simple::POINT_MAZE,
     simple::NAVIGATION,
+    mazes::HUMANOID,
+    mazes::ANT_SOCCER,
 ];
 
 const PUSHT: Rules = Rules {

@@ -81,6 +81,7 @@ const OGBENCH: Package = Package {
         Keep { from: &["ogbench/manipspace/descriptions/**"], to: "manipspace" },
         Keep { from: &["ogbench/locomaze/assets/point.xml"], to: "locomaze" },
         Keep { from: &["ogbench/locomaze/assets/ant.xml"], to: "locomaze" },
+        Keep { from: &["ogbench/locomaze/assets/humanoid.xml"], to: "locomaze" },
         Keep { from: &["ogbench-1.2.2.dist-info/LICENSE"], to: "" },
     ],
 };

@@ -18,8 +18,10 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::{PoisonError, RwLock};
 
-pub(crate) use self::published::{FETCH, MANIPULATION, MAZES, SUITE, library_sha256, made_from};
-use self::published::{FileSet, LIBRARY_SHA256};
+use self::published::LIBRARY_SHA256;
+pub(crate) use self::published::{
+    FETCH, FileSet, HUMANOID_MAZE, MANIPULATION, MAZES, SUITE, library_sha256, made_from,
+};
 use crate::error::MujocoError;
 
 /// The pinned version of MuJoCo: trajectories differ between versions.
@@ -177,7 +179,8 @@ pub fn manipulation_model(name: &str) -> Result<PathBuf, MujocoError> {
 ///
 /// As of [`suite_model`].
 pub fn maze_model(name: &str) -> Result<PathBuf, MujocoError> {
-    model(MAZES, &format!("ogbench/{OGBENCH_VERSION}/locomaze/{name}"))
+    let files = if name == "humanoid.xml" { HUMANOID_MAZE } else { MAZES };
+    model(files, &format!("ogbench/{OGBENCH_VERSION}/locomaze/{name}"))
 }
 
 /// A model of the Fetch environments: `push.xml`.

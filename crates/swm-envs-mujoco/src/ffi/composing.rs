@@ -101,29 +101,68 @@ impl Spec {
         self.accept(status == 0)
     }
 
-    /// Adds a geom to the world: shape, place and size, m, and material; for the rest the defaults of the file hold. What does
-    /// not collide is only looked at.
+    /// Adds a geom to the body `parent` (`world` is one): shape, place and size, m, and material; for the rest the defaults of the
+    /// file hold. What does not collide is only looked at.
     ///
     /// # Errors
     ///
-    /// A name that holds a null byte, or one that is taken. That there is no such material is found when compiling.
+    /// No such parent, a name that holds a null byte, or one that is taken. That there is no such material is found when
+    /// compiling.
     pub fn add_geom(
         &mut self,
+        parent: &str,
         name: &str,
         (shape, position, size): (Shape, [f64; 3], [f64; 3]),
         material: &str,
         collides: bool,
     ) -> Result<(), MujocoError> {
-        let (world, name, material) =
-            (self.body_pointer("world")?, self.c_name(name)?, self.c_name(material)?);
+        let (parent, name, material) =
+            (self.body_pointer(parent)?, self.c_name(name)?, self.c_name(material)?);
         // SAFETY: as in `add_body`; the defaults and the text of the material belong to this spec.
         let status = guarded(|| unsafe {
             let defaults = (self.api().mjs_getSpecDefault)(self.as_mut_ptr());
-            let geom = (self.api().mjs_addGeom)(world.as_ptr(), defaults);
+            let geom = (self.api().mjs_addGeom)(parent.as_ptr(), defaults);
             ((*geom).type_, (*geom).pos, (*geom).size) = (shape.code(), position, size);
             ((*geom).contype, (*geom).conaffinity) = (i32::from(collides), i32::from(collides));
             (self.api().mjs_setString)((*geom).material, material.as_ptr());
             (self.api().mjs_setName)((*geom).element, name.as_ptr())
+        })?;
+        self.accept(status == 0)
+    }
+
+    /// Lets a body of the world move freely, by a joint without limits and friction.
+    ///
+    /// # Errors
+    ///
+    /// No such body, a name that holds a null byte, or one that is taken.
+    pub fn add_free_joint(&mut self, body: &str, name: &str) -> Result<(), MujocoError> {
+        let (body, name) = (self.body_pointer(body)?, self.c_name(name)?);
+        // SAFETY: as in `add_body`.
+        let status = guarded(|| unsafe {
+            let joint = (self.api().mjs_addFreeJoint)(body.as_ptr());
+            (self.api().mjs_setName)((*joint).element, name.as_ptr())
+        })?;
+        self.accept(status == 0)
+    }
+
+    /// Adds a spotlight at `position` from a body, m, that follows the center of mass of the body and all below it, without turning.
+    ///
+    /// # Errors
+    ///
+    /// No such body, a name that holds a null byte, or one that is taken.
+    pub fn add_following_light(
+        &mut self,
+        body: &str,
+        name: &str,
+        position: [f64; 3],
+    ) -> Result<(), MujocoError> {
+        let (body, name) = (self.body_pointer(body)?, self.c_name(name)?);
+        // SAFETY: as in `add_body`; the defaults belong to this spec.
+        let status = guarded(|| unsafe {
+            let defaults = (self.api().mjs_getSpecDefault)(self.as_mut_ptr());
+            let light = (self.api().mjs_addLight)(body.as_ptr(), defaults);
+            ((*light).pos, (*light).mode) = (position, mjCAMLIGHT_TRACKCOM);
+            (self.api().mjs_setName)((*light).element, name.as_ptr())
         })?;
         self.accept(status == 0)
     }

@@ -102,6 +102,10 @@ elements! {
         set_rgba: rgba, [f32; 4];
         /// Drawn by default in groups 0 to 2.
         set_group: group, i32;
+        /// Directions in which a contact acts: 1 without friction, 3 with sliding, 4 with torsional, 6 with rolling friction.
+        set_contact_dimensions: condim, i32;
+        /// Of two geoms that touch, that of the higher priority decides about friction and softness.
+        set_priority: priority, i32;
     }
     /// A site of a [`Spec`].
     site -> SpecSite(mjsSite via mjs_asSite, Site) {

@@ -1,8 +1,7 @@
-//! The environment: resets, control steps, saved states.
+//! The environment: resets, control steps, saved states; `start` says where episodes begin.
 
 use rand::RngExt as _;
 use serde::{Deserialize, Serialize};
-use swm_core::seed::Stream;
 use swm_core::{
     BatchError, Dtype, Env, EnvConfig, EnvError, EnvSpec, EnvState, Episode, EpisodeSeed, Field, Outcome,
     RowsMut, Slice, Space,
@@ -11,25 +10,20 @@ use swm_fov::{Fov, FovSpace, SavedFov};
 
 use super::Body;
 use super::factors::{self, FLOOR_COLOR, SPEED, factor_values};
-use super::layout::{
-    Cell, Maze, START_RANGE, TELEPORTER_RADIUS, TELEPORTER_REACH, cell_at, distance, place_of,
-};
+use super::humanoid::Observations;
+use super::layout::{Cell, Maze, TELEPORTER_RADIUS, TELEPORTER_REACH, cell_at, distance, place_of};
 use super::models::{Models, TARGET, TOP};
-use super::rows::{FACTORS, START_COLUMNS, fields};
-use super::settings::{Mode, SETTINGS, Settings};
+use super::rows::{START_COLUMNS, fields, first_factor};
+use super::settings::Settings;
+use super::soccer;
 use super::state::TaskState;
 use crate::assets;
 use crate::error::MujocoError;
 use crate::ffi::{Object, Simulation};
-use crate::suite::{normal, uniform};
-use crate::views::{CameraName, Images, Views, settings};
+use crate::views::{CameraName, Images, Views};
 
 /// Physics steps per control step.
 const SUBSTEPS: u32 = 5;
-/// Control steps of random actions that a goal's posture comes from.
-const SETTLING: u64 = 5;
-/// The range of positions and velocities at a start.
-const NOISE: f64 = 0.1;
 
 /// A body in a maze.
 pub(super) struct MazeEnv {
@@ -37,7 +31,7 @@ pub(super) struct MazeEnv {
     pub(super) body: Body,
     pub(super) sim: Simulation,
     pub(super) task_state: TaskState,
-    settings: Settings,
+    pub(super) settings: Settings,
     space: FovSpace,
     fov: Fov,
     models: Models,
@@ -45,6 +39,8 @@ pub(super) struct MazeEnv {
     target: usize,
     /// Cells on the way to the goal, from each cell.
     ways: (Cell, Vec<Option<u32>>),
+    /// Of the humanoid, whose observations are more than positions and velocities.
+    pub(super) observations: Option<Observations>,
     images: Option<Rendering>,
 }
 
@@ -68,8 +64,7 @@ struct Saved {
 impl MazeEnv {
     /// Makes the environment `id`.
     pub(super) fn new(id: &'static str, body: Body, config: &EnvConfig) -> Result<Self, EnvError> {
-        let settings: Settings = settings::read(config, id, SETTINGS)?;
-        settings.check().map_err(|reason| EnvError::Setting { env: id.to_owned(), reason })?;
+        let settings = Settings::read(config, id, body)?;
         Self::assemble(id, body, settings, config).map_err(|error| error.at_making(id))
     }
 
@@ -84,7 +79,7 @@ impl MazeEnv {
         columns.extend(space.fields());
         let image = config.image;
         columns.extend(image.iter().map(|size| Field::episode("goal", Dtype::U8, &size.shape())));
-        let camera = CameraName::Name(if body == Body::Ant { "back" } else { TOP }.to_owned());
+        let camera = CameraName::Name(if body == Body::Point { TOP } else { "back" }.to_owned());
         let full = models.full();
         let views = Views::new(&settings.images, &camera, &full, image)?;
         columns.extend(views.iter().flat_map(Views::fields));
@@ -100,17 +95,31 @@ impl MazeEnv {
             .time_step_s(sim.model().timestep_s() * f64::from(SUBSTEPS))
             .start_columns(START_COLUMNS)
             .goal_columns(&["qpos"])
-            .made_from(assets::made_from(assets::MAZES));
+            .made_from(assets::made_from(body.files()));
         let target = models.light().id(Object::Geom, TARGET)?;
         let task_state = TaskState::new(0, nq, nv);
         let ways = ([0, 0], Vec::new());
-        let mut env =
-            Self { spec, body, sim, task_state, settings, space, fov, models, target, ways, images };
+        let observations =
+            (body == Body::Humanoid).then(|| Observations::new(&models.light())).transpose()?;
+        let mut env = Self {
+            spec,
+            body,
+            sim,
+            task_state,
+            settings,
+            space,
+            fov,
+            models,
+            target,
+            ways,
+            observations,
+            images,
+        };
         env.set_model()?;
         Ok(env)
     }
 
-    fn maze(&self) -> Maze {
+    pub(super) fn maze(&self) -> Maze {
         self.settings.maze_type
     }
 
@@ -151,59 +160,21 @@ impl MazeEnv {
         }
     }
 
-    /// Start and goal of the episode.
-    fn sample_cells(&mut self, stream: &mut Stream) -> [Cell; 2] {
-        let maze = self.maze();
-        match self.settings.mode {
-            Mode::Task => {
-                let tasks = maze.tasks();
-                let task = self.settings.task.unwrap_or_else(|| stream.random_range(1..=tasks.len()));
-                self.task_state.task = task as i64;
-                tasks[task - 1]
-            }
-            Mode::DataCollection => {
-                let mut cells = maze.open_cells();
-                let start = cells.swap_remove(stream.random_range(0..cells.len()));
-                [start, cells[stream.random_range(0..cells.len())]]
-            }
-        }
+    /// The place of what has to reach the goal: x, y, m.
+    fn place_that_counts(&self) -> [f64; 2] {
+        if self.body.has_ball() { soccer::ball_place(self.sim.qpos()) } else { self.place() }
     }
 
-    /// The body near its reference posture, at `place`.
-    fn put(&mut self, place: [f64; 2], stream: &mut Stream) -> Result<(), MujocoError> {
-        let sim = &mut self.sim;
-        sim.reset();
-        sim.qpos_mut().iter_mut().for_each(|q| *q += uniform(stream, -NOISE, NOISE));
-        sim.qvel_mut().iter_mut().for_each(|v| *v += NOISE * normal(stream));
-        sim.qpos_mut()[..2].copy_from_slice(&place);
-        sim.forward()
-    }
-
-    fn begin(&mut self, episode: &Episode<'_>) -> Result<(), MujocoError> {
-        let (nq, nv) = (self.sim.model().nq(), self.sim.model().nv());
-        self.task_state = TaskState::new(episode.seed.value(), nq, nv);
-        let mut stream = episode.seed.stream("start");
-        let cells = self.sample_cells(&mut stream);
-        let mut near = |cell: Cell| {
-            place_of(cell).map(|middle| middle + uniform(&mut stream, -START_RANGE, START_RANGE))
-        };
-        let [start, goal] = cells.map(&mut near);
-        self.put(goal, &mut stream)?;
-        for step in 0..SETTLING {
-            let action = self.spec.action.sample(&mut episode.seed.indexed("goal action", [step, 0]));
-            if let Slice::F32(values) = action.data.as_slice() {
-                self.advance(values)?;
-            }
-        }
-        self.sim.qpos_mut()[..2].copy_from_slice(&goal);
-        self.task_state.goal = goal;
-        self.task_state.goal_qpos.copy_from_slice(self.sim.qpos());
-        self.task_state.goal_qvel.copy_from_slice(self.sim.qvel());
-        self.put(start, &mut stream)
+    /// Observes the goal, where that takes more than its positions and velocities.
+    fn observe_goal(&mut self) -> Result<(), MujocoError> {
+        let Self { observations, sim, task_state: TaskState { goal_qpos, goal_qvel, .. }, .. } = self;
+        observations
+            .as_mut()
+            .map_or(Ok(()), |observations| observations.observe_goal(sim, goal_qpos, goal_qvel))
     }
 
     /// One control step.
-    fn advance(&mut self, action: &[f32]) -> Result<(), MujocoError> {
+    pub(super) fn advance(&mut self, action: &[f32]) -> Result<(), MujocoError> {
         match self.body {
             Body::Point => {
                 // In single precision, as the reference has it.
@@ -212,7 +183,7 @@ impl MazeEnv {
                 places.zip(action).for_each(|(place, value)| *place += f64::from(speed * value));
                 self.sim.qvel_mut().fill(0.0);
             }
-            Body::Ant => {
+            Body::Ant | Body::Humanoid | Body::AntSoccer => {
                 let controls = self.sim.ctrl_mut().iter_mut();
                 controls.zip(action).for_each(|(control, value)| *control = f64::from(*value));
             }
@@ -236,7 +207,7 @@ impl MazeEnv {
     }
 
     fn is_at_goal(&self) -> bool {
-        distance(self.place(), self.task_state.goal) <= self.body.reach()
+        distance(self.place_that_counts(), self.task_state.goal) <= self.body.reach()
     }
 
     /// Renders the goal, and returns to where the episode stands.
@@ -275,6 +246,7 @@ impl Env for MazeEnv {
             self.set_goal(row)?;
         }
         self.know_goal();
+        self.observe_goal().map_err(at_reset)?;
         self.task_state.before_qpos.copy_from_slice(self.sim.qpos());
         self.task_state.before_qvel.copy_from_slice(self.sim.qvel());
         self.task_state.success = self.is_at_goal();
@@ -311,7 +283,8 @@ impl Env for MazeEnv {
 
     fn write_episode(&mut self, out: &mut RowsMut<'_>) {
         self.write_goal(out);
-        self.fov.write(FACTORS, out);
+        let first = first_factor(self.body);
+        self.fov.write(first, out);
         if self.images.as_ref().is_some_and(|rendering| rendering.goal.1)
             && self.render_goal().is_err()
             && let Some(rendering) = &mut self.images
@@ -320,13 +293,16 @@ impl Env for MazeEnv {
             rendering.goal.0.fill(0);
         }
         if let Some(rendering) = &self.images {
-            out.write(FACTORS + self.spec.factors.len(), &rendering.goal.0);
+            out.write(first + self.spec.factors.len(), &rendering.goal.0);
         }
     }
 
     fn observe(&mut self, out: &mut RowsMut<'_>) {
+        if let Some(observations) = &mut self.observations {
+            observations.observe(&self.sim);
+        }
         self.write_step(out);
-        let first = FACTORS + self.spec.factors.len() + 1;
+        let first = first_factor(self.body) + self.spec.factors.len() + 1;
         if let Some(rendering) = &mut self.images {
             rendering.images.write(&mut self.sim, first, out);
         }
@@ -357,20 +333,30 @@ impl Env for MazeEnv {
             self.task_state.goal = [f64::NAN; 2];
         }
         let is_same_goal = saved.task_state.goal == self.task_state.goal
-            && saved.task_state.goal_qpos == self.task_state.goal_qpos;
+            && saved.task_state.goal_qpos == self.task_state.goal_qpos
+            && saved.task_state.goal_qvel == self.task_state.goal_qvel;
         self.task_state = saved.task_state;
         if !is_same_goal {
             self.know_goal();
         }
-        self.sim.load(&saved.simulation).map_err(|error| error.at_restore(&self.spec.id))
+        self.sim.load(&saved.simulation).map_err(|error| error.at_restore(&self.spec.id))?;
+        if !is_same_goal {
+            self.observe_goal().map_err(|error| error.at_restore(&self.spec.id))?;
+        }
+        Ok(())
     }
 
     fn renderer(&self) -> Option<String> {
         self.images.as_ref().map(|rendering| rendering.images.renderer())
     }
 
-    /// The length of the way that is left, over the middles of cells, m.
+    /// The length of the way that is left, over the middles of cells, m; with a ball, see [`soccer::cost`].
     fn task_cost(&self) -> Option<f64> {
-        Some(self.maze().way_left(&self.ways.1, self.place(), self.task_state.goal))
+        let (maze, ways, goal) = (self.maze(), &self.ways.1, self.task_state.goal);
+        Some(if self.body.has_ball() {
+            soccer::cost(maze, ways, [self.place(), self.place_that_counts(), goal])
+        } else {
+            maze.way_left(ways, self.place(), goal)
+        })
     }
 }

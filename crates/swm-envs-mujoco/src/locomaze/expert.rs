@@ -1,4 +1,5 @@
-//! The experts: a navigator that knows the shortest path, a body that follows it. Both read the row and the maze of the settings.
+//! The experts of point and ant: a navigator that knows the shortest path, a body that follows it. Both read the row and the maze
+//! of the settings.
 
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::policy::write_action;
@@ -9,11 +10,10 @@ use swm_core::{
 
 use super::Body;
 use super::factors::SPEED;
-use super::gait::walk;
+use super::gait::{Gait, WALK, walk};
 use super::layout::{Leg, Maze, cell_at, distance};
-use super::settings::{SETTINGS as ENV_SETTINGS, Settings};
+use super::settings::Settings;
 use crate::suite::{normal, uniform};
-use crate::views::settings;
 
 /// The policies of the point's mazes.
 pub(super) const POINT_POLICIES: &[PolicyEntry] = &[PolicyEntry::new(
@@ -33,7 +33,7 @@ pub(super) const ANT_POLICIES: &[PolicyEntry] = &[PolicyEntry::new(
 
 swm_core::settings! {
     /// Arguments of the policies. Unknown names are refused.
-    struct Arguments {
+    pub(super) struct Arguments {
         /// Standard deviation of the noise on each action; 0: none.
         noise: f64 = 0.1,
     }
@@ -41,27 +41,39 @@ swm_core::settings! {
 
 const SETTINGS: &[Setting] = Arguments::SETTINGS;
 
+impl Arguments {
+    /// The noise of the actions, checked.
+    pub(super) fn noise(args: &PolicyArgs) -> Result<f64, PolicyError> {
+        let Self { noise } = args.parse_with("noise")?;
+        args.check_not_negative("noise", noise)?;
+        Ok(noise)
+    }
+}
+
 fn make(context: &PolicyContext<'_>, args: &PolicyArgs, body: Body) -> Result<Box<dyn Policy>, PolicyError> {
-    let Arguments { noise } = args.parse_with("noise")?;
-    args.check_not_negative("noise", noise)?;
-    let settings: Settings = settings::read(context.config, context.env.id, ENV_SETTINGS)?;
-    let maze = settings.maze_type;
+    let noise = Arguments::noise(args)?;
+    let maze = Settings::read(context.config, context.env.id, body)?.maze_type;
     let description = format!("{}:noise={noise}", args.name);
     Ok(Box::new(PerEpisode::new(description, move |view: &SlotView<'_>| {
         let goal = pair(view, "goal_xy")?;
-        let navigator = Navigator { maze, goal, ways: maze.ways(cell_at(goal)) };
-        let expert = Expert { navigator, body, noise, anchor: pair(view, "xy")?, anchored: 0, detour: None };
+        let expert = Expert {
+            navigator: Navigator::new(maze, goal),
+            body,
+            noise,
+            progress: Progress::new(pair(view, "xy")?),
+        };
         Ok(Box::new(expert) as Box<dyn Actor>)
     })))
 }
 
-fn pair(view: &SlotView<'_>, column: &str) -> Result<[f64; 2], PolicyError> {
+/// Two values of a row.
+pub(super) fn pair(view: &SlotView<'_>, column: &str) -> Result<[f64; 2], PolicyError> {
     let values = view.row.get::<f64>(column)?;
     Ok([values[0], values[1]])
 }
 
 /// Knows the way.
-struct Navigator {
+pub(super) struct Navigator {
     maze: Maze,
     goal: [f64; 2],
     ways: Vec<Option<u32>>,
@@ -71,9 +83,13 @@ impl Navigator {
     /// How far ahead on the way one aims, m.
     const AHEAD: f64 = 1.0;
 
+    pub(super) fn new(maze: Maze, goal: [f64; 2]) -> Self {
+        Self { maze, goal, ways: maze.ways(cell_at(goal)) }
+    }
+
     /// The place to go to from `place`: on the line from the middle of this cell to the next, so that corners are not cut; near
     /// the end the goal itself.
-    fn aim(&self, place: [f64; 2]) -> [f64; 2] {
+    pub(super) fn aim(&self, place: [f64; 2]) -> [f64; 2] {
         let Some(Leg { nearest, to, .. }) = self.maze.leg(&self.ways, place, self.goal) else {
             return self.goal;
         };
@@ -87,10 +103,15 @@ struct Expert {
     navigator: Navigator,
     body: Body,
     noise: f64,
-    /// Where the body was at the step `anchored`, to see whether it gets on.
+    progress: Progress,
+}
+
+/// Whether a walker gets on, and where to where it does not.
+pub(super) struct Progress {
+    /// Where the body was at the step `anchored`.
     anchor: [f64; 2],
     anchored: u64,
-    /// A direction, rad, to try until a step, where it did not.
+    /// A direction, rad, to try until a step, where it did not get on.
     detour: Option<(f64, u64)>,
 }
 
@@ -99,8 +120,13 @@ const PROGRESS: f64 = 0.5;
 const PATIENCE: u64 = 25;
 const DETOUR: u64 = 12;
 
-impl Expert {
-    fn heading(&mut self, view: &SlotView<'_>, place: [f64; 2]) -> f64 {
+impl Progress {
+    pub(super) fn new(anchor: [f64; 2]) -> Self {
+        Self { anchor, anchored: 0, detour: None }
+    }
+
+    /// The direction to try, rad, of a walker at `place` that is stuck.
+    pub(super) fn detour(&mut self, view: &SlotView<'_>, place: [f64; 2]) -> Option<f64> {
         let step = view.episode.step;
         if distance(place, self.anchor) > PROGRESS {
             (self.anchor, self.anchored) = (place, step);
@@ -110,37 +136,44 @@ impl Expert {
             self.detour = Some((turn, step + DETOUR));
             (self.anchor, self.anchored) = (place, step + DETOUR);
         }
-        match self.detour {
-            Some((direction, end)) if step < end => direction,
-            _ => {
-                let aim = self.navigator.aim(place);
-                (aim[1] - place[1]).atan2(aim[0] - place[0])
-            }
-        }
+        self.detour.filter(|&(_, end)| step < end).map(|(direction, _)| direction)
     }
+}
+
+/// The direction from one place to another, rad.
+pub(super) fn heading(from: [f64; 2], to: [f64; 2]) -> f64 {
+    (to[1] - from[1]).atan2(to[0] - from[0])
+}
+
+/// The ant's action that walks towards `heading_rad`, with noise.
+pub(super) fn walk_noisily(
+    view: &SlotView<'_>,
+    (gait, heading_rad): (&Gait, f64),
+    noise: f64,
+    action: &mut SliceMut<'_>,
+) -> Result<(), PolicyError> {
+    let mut stream = view.episode.seed.indexed("policy expert step", [view.episode.step, 0]);
+    let noise: [f64; 8] = std::array::from_fn(|_| noise * normal(&mut stream));
+    let (qpos, qvel) = (view.row.get::<f64>("qpos")?, view.row.get::<f64>("qvel")?);
+    let chosen = walk(gait, qpos, qvel, view.episode.step, heading_rad);
+    write_action(action, &std::array::from_fn::<_, 8, _>(|k| limited(chosen[k] + noise[k])));
+    Ok(())
 }
 
 impl Actor for Expert {
     fn act(&mut self, view: &SlotView<'_>, mut action: SliceMut<'_>) -> Result<(), PolicyError> {
         let place = pair(view, "xy")?;
-        let mut stream = view.episode.seed.indexed("policy expert step", [view.episode.step, 0]);
-        let mut noise =
-            |count: usize| -> Vec<f64> { (0..count).map(|_| self.noise * normal(&mut stream)).collect() };
-        match self.body {
-            Body::Point => {
-                let (noise, aim) = (noise(2), self.navigator.aim(place));
-                // One step may be longer than what is left.
-                let way =
-                    distance(place, aim).max(view.row.get::<f64>(&format!("{VARIATION_PREFIX}{SPEED}"))?[0]);
-                write_action(&mut action, &[0, 1].map(|k| limited((aim[k] - place[k]) / way + noise[k])));
-            }
-            Body::Ant => {
-                let (noise, heading) = (noise(8), self.heading(view, place));
-                let (qpos, qvel) = (view.row.get::<f64>("qpos")?, view.row.get::<f64>("qvel")?);
-                let chosen = walk(qpos, qvel, view.episode.step, heading);
-                write_action(&mut action, &std::array::from_fn::<_, 8, _>(|k| limited(chosen[k] + noise[k])));
-            }
+        if self.body != Body::Point {
+            let detour = self.progress.detour(view, place);
+            let heading = detour.unwrap_or_else(|| heading(place, self.navigator.aim(place)));
+            return walk_noisily(view, (&WALK, heading), self.noise, &mut action);
         }
+        let mut stream = view.episode.seed.indexed("policy expert step", [view.episode.step, 0]);
+        let noise: [f64; 2] = std::array::from_fn(|_| self.noise * normal(&mut stream));
+        let aim = self.navigator.aim(place);
+        // One step may be longer than what is left.
+        let way = distance(place, aim).max(view.row.get::<f64>(&format!("{VARIATION_PREFIX}{SPEED}"))?[0]);
+        write_action(&mut action, &[0, 1].map(|k| limited((aim[k] - place[k]) / way + noise[k])));
         Ok(())
     }
 }

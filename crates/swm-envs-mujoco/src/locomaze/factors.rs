@@ -1,9 +1,9 @@
-//! The factors of variation: those of the reference's mazes, and one that is felt in each body.
+//! The factors of variation: those of the reference's mazes, and what is felt in each body.
 
 use swm_core::{Dtype, Space, Value};
 use swm_fov::{Factor, Fov, FovSpace};
 
-use super::Body;
+use super::{Body, soccer};
 use crate::suite::{Control, Effect};
 
 /// The two colors of the floor.
@@ -56,7 +56,20 @@ pub(super) fn controls(body: Body) -> Vec<Control> {
             ),
             effect: Effect::Start,
         },
-        Body::Ant => Control {
+        Body::Humanoid => Control {
+            factor: uniform(
+                "agent.torque_scale",
+                &[1],
+                [0.5, 2.0],
+                &[1.0],
+                "torque of an action of 1, times the file's 20 to 120 N m",
+            ),
+            effect: Effect::Model(|model, scale| {
+                model.actuator_gear_mut().chunks_exact_mut(6).for_each(|gear| gear[0] *= scale[0]);
+                Ok(())
+            }),
+        },
+        Body::Ant | Body::AntSoccer => Control {
             factor: uniform("agent.torque", &[1], [15.0, 60.0], &[TORQUE], "torque of an action of 1, N m"),
             effect: Effect::Model(|model, torque| {
                 model.actuator_gear_mut().chunks_exact_mut(6).for_each(|gear| gear[0] = torque[0]);
@@ -64,7 +77,7 @@ pub(super) fn controls(body: Body) -> Vec<Control> {
             }),
         },
     });
-    if body == Body::Ant {
+    if body != Body::Point {
         controls.push(Control {
             factor: uniform(
                 "floor.friction",
@@ -76,6 +89,9 @@ pub(super) fn controls(body: Body) -> Vec<Control> {
             effect: Effect::FloorFriction("floor"),
         });
     }
+    if body.has_ball() {
+        controls.extend(soccer::controls());
+    }
     controls
 }
 
@@ -84,7 +100,13 @@ pub(super) fn space(controls: &[Control]) -> FovSpace {
     FovSpace::new(controls.iter().map(|control| control.factor.clone()).collect())
 }
 
-fn uniform(name: &str, shape: &[usize], [low, high]: [f64; 2], default: &[f64], doc: &str) -> Factor {
+pub(super) fn uniform(
+    name: &str,
+    shape: &[usize],
+    [low, high]: [f64; 2],
+    default: &[f64],
+    doc: &str,
+) -> Factor {
     let count = default.len();
     let space = Space::Box {
         dtype: Dtype::F64,

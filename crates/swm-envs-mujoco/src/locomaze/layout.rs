@@ -115,6 +115,27 @@ impl Maze {
         }
     }
 
+    /// Starts of the ant and of the ball, and the goal, of AntSoccer's tasks; none where it cannot be played.
+    pub(super) fn soccer_tasks(self) -> &'static [[Cell; 3]] {
+        match self {
+            Maze::Arena => &[
+                [[1, 6], [2, 3], [5, 2]],
+                [[2, 2], [5, 5], [2, 2]],
+                [[6, 1], [2, 3], [6, 6]],
+                [[6, 6], [1, 1], [6, 1]],
+                [[4, 6], [6, 2], [1, 6]],
+            ],
+            Maze::Medium => &[
+                [[1, 1], [3, 4], [6, 6]],
+                [[6, 1], [6, 5], [1, 1]],
+                [[5, 3], [4, 2], [6, 5]],
+                [[6, 5], [1, 1], [5, 3]],
+                [[1, 6], [6, 1], [1, 6]],
+            ],
+            Maze::Large | Maze::Giant | Maze::Teleport => &[],
+        }
+    }
+
     /// The teleporters; none but in one maze.
     pub(super) fn teleporters(self) -> Option<Teleporters> {
         const INS: &[Cell] = &[[4, 6], [5, 1]];
@@ -281,6 +302,9 @@ mod tests {
                     assert_ne!(next, cell, "{maze:?}: no way in task {}", number + 1);
                     cell = next;
                 }
+            }
+            for cells in maze.soccer_tasks() {
+                assert!(cells.iter().all(|&cell| maze.is_free(cell)), "{maze:?} {cells:?}");
             }
         }
     }

@@ -8,6 +8,7 @@ use swm_fov::Fov;
 use super::Body;
 use super::factors::{controls, is_encoded};
 use super::layout::{HEIGHT, Maze, TELEPORTER_RADIUS, UNIT, place_of};
+use super::soccer::add_ball;
 use crate::assets::maze_model;
 use crate::error::MujocoError;
 use crate::ffi::{Model, Object, Shape, Simulation, Spec};
@@ -65,7 +66,8 @@ impl Models {
             let kind = Kind { encoded: !self.kind.encoded, ..self.kind };
             (self.shared, self.kind) = (Shared::get(kind)?, kind);
         }
-        if is_other || Arc::strong_count(sim.model()) > 1 {
+        // The ball's density edits more than values.
+        if is_other || self.kind.body.has_ball() || Arc::strong_count(sim.model()) > 1 {
             sim.set_model(self.light())?;
         } else {
             sim.model_mut().copy_values(&self.shared.light);
@@ -117,7 +119,7 @@ fn composed(Kind { body, maze, .. }: Kind) -> Result<Spec, MujocoError> {
         let [x, y] = place_of(cell);
         let (side, height) = (UNIT / 2.0, HEIGHT / 2.0);
         let name = format!("block_{}_{}", cell[0], cell[1]);
-        spec.add_geom(&name, (Shape::Box, [x, y, height], [side, side, height]), "wall", true)?;
+        spec.add_geom("world", &name, (Shape::Box, [x, y, height], [side, side, height]), "wall", true)?;
     }
     let [x, y] = maze.center();
     let [rows, columns] = maze.size().map(|count| UNIT / 2.0 * count as f64);
@@ -125,16 +127,22 @@ fn composed(Kind { body, maze, .. }: Kind) -> Result<Spec, MujocoError> {
     let mut add_disc = |name: &str, [x, y]: [f64; 2], radius: f64, material: &str| {
         const HALF_HEIGHT: f64 = 0.05;
         let disc = (Shape::Cylinder, [x, y, HALF_HEIGHT], [radius, HALF_HEIGHT, 0.0]);
-        spec.add_geom(name, disc, material, false)
+        spec.add_geom("world", name, disc, material, false)
     };
     if let Some(teleporters) = maze.teleporters() {
-        for (cells, name) in [(teleporters.ins, "teleport_in"), (teleporters.outs, "teleport_out")] {
+        let [into, out] = body.teleporter_materials();
+        for (cells, name, material) in
+            [(teleporters.ins, "teleport_in", into), (teleporters.outs, "teleport_out", out)]
+        {
             for (index, cell) in cells.iter().enumerate() {
-                add_disc(&format!("{name}_{index}"), place_of(*cell), TELEPORTER_RADIUS, name)?;
+                add_disc(&format!("{name}_{index}"), place_of(*cell), TELEPORTER_RADIUS, material)?;
             }
         }
     }
     add_disc(TARGET, [0.0, 0.0], 0.5, "target")?;
+    if body.has_ball() {
+        add_ball(&mut spec)?;
+    }
     Ok(spec)
 }
 
@@ -162,6 +170,8 @@ mod tests {
             (Body::Point, Maze::Teleport, "point-maze-teleport"),
             (Body::Ant, Maze::Large, "ant-maze-large"),
             (Body::Ant, Maze::Giant, "ant-maze-giant"),
+            (Body::Humanoid, Maze::Medium, "humanoid-maze-medium"),
+            (Body::AntSoccer, Maze::Arena, "ant-soccer-arena"),
         ] {
             let kind = Kind { body, maze, encoded: false };
             assert_is_recorded(&composed(kind).unwrap().compile().unwrap(), file);

@@ -6,6 +6,8 @@ use swm_core::{Dtype, EnvError, Field, RowsMut, Value};
 
 use super::Body;
 use super::env::MazeEnv;
+use super::state::TaskState;
+use super::{humanoid, soccer};
 use crate::suite::recorded;
 
 // Positions of the step columns, in the order of `fields`; behind them those of the episode.
@@ -20,17 +22,25 @@ const XY: usize = 7;
 const TASK_ID: usize = 8;
 const GOAL_XY: usize = 9;
 const GOAL_OBSERVATION: usize = 10;
+const BALL_XY: usize = 11;
+
 /// Where the factors begin.
-pub(super) const FACTORS: usize = 11;
+pub(super) fn first_factor(body: Body) -> usize {
+    BALL_XY + usize::from(body.has_ball())
+}
 
 /// The columns that a start may name.
 pub(super) const START_COLUMNS: &[&str] = &["qpos", "qvel", "time", "qacc_warmstart"];
 
 /// The columns before the factors, for `nq` positions and `nv` velocities.
 pub(super) fn fields(body: Body, [nq, nv]: [usize; 2]) -> Vec<Field> {
-    let observed = if body == Body::Point { nq } else { nq + nv };
+    let observed = match body {
+        Body::Point => nq,
+        Body::Ant | Body::AntSoccer => nq + nv,
+        Body::Humanoid => humanoid::OBSERVED,
+    };
     let step = |name: &str, dim: usize| Field::step(name, Dtype::F64, &[dim]);
-    vec![
+    let mut fields = vec![
         step("observation", observed),
         step("qpos", nq),
         step("qvel", nv),
@@ -42,14 +52,21 @@ pub(super) fn fields(body: Body, [nq, nv]: [usize; 2]) -> Vec<Field> {
         Field::episode("task_id", Dtype::I64, &[]),
         Field::episode("goal_xy", Dtype::F64, &[2]),
         Field::episode("goal_observation", Dtype::F64, &[observed]),
-    ]
+    ];
+    if body.has_ball() {
+        fields.push(step("ball_xy", 2));
+    }
+    fields
 }
 
 impl MazeEnv {
     /// Writes the step columns, without images.
     pub(super) fn write_step(&self, out: &mut RowsMut<'_>) {
         let (sim, task_state) = (&self.sim, &self.task_state);
-        write_observation(self.body, out.at(OBSERVATION), sim.qpos(), sim.qvel());
+        match &self.observations {
+            Some(observations) => out.write(OBSERVATION, &observations.now),
+            None => write_observation(self.body, out.at(OBSERVATION), sim.qpos(), sim.qvel()),
+        }
         out.write(QPOS, sim.qpos());
         out.write(QVEL, sim.qvel());
         out.write(TIME, &[sim.time_s()]);
@@ -57,6 +74,9 @@ impl MazeEnv {
         out.write(PREV_QPOS, &task_state.before_qpos);
         out.write(PREV_QVEL, &task_state.before_qvel);
         out.write(XY, &self.place());
+        if self.body.has_ball() {
+            out.write(BALL_XY, &soccer::ball_place(sim.qpos()));
+        }
     }
 
     /// Writes the columns of the episode, without factors and images.
@@ -64,7 +84,11 @@ impl MazeEnv {
         let task_state = &self.task_state;
         out.write(TASK_ID, &[task_state.task]);
         out.write(GOAL_XY, &task_state.goal);
-        write_observation(self.body, out.at(GOAL_OBSERVATION), &task_state.goal_qpos, &task_state.goal_qvel);
+        let TaskState { goal_qpos, goal_qvel, .. } = task_state;
+        match &self.observations {
+            Some(observations) => out.write(GOAL_OBSERVATION, &observations.goal),
+            None => write_observation(self.body, out.at(GOAL_OBSERVATION), goal_qpos, goal_qvel),
+        }
     }
 
     /// Stands at a recorded row.
@@ -103,18 +127,18 @@ impl MazeEnv {
         let qpos = recorded(id, row, "qpos", self.sim.model().nq())?;
         let qpos = qpos.ok_or_else(|| wrong("a goal needs the column `qpos`".to_owned()))?;
         let task_state = &mut self.task_state;
-        task_state.goal = [qpos[0], qpos[1]];
+        task_state.goal = if self.body.has_ball() { soccer::ball_place(&qpos) } else { [qpos[0], qpos[1]] };
         task_state.goal_qpos = qpos;
         task_state.goal_qvel.fill(0.0);
         Ok(())
     }
 }
 
-/// The reference's observation: positions, and for the ant velocities.
+/// The reference's observation of point and ant: positions, and for the ant velocities.
 fn write_observation(body: Body, out: &mut [f64], qpos: &[f64], qvel: &[f64]) {
     let (positions, velocities) = out.split_at_mut(qpos.len());
     positions.copy_from_slice(qpos);
-    if body == Body::Ant {
+    if body != Body::Point {
         velocities.copy_from_slice(qvel);
     }
 }

@@ -25,9 +25,9 @@ _FIX = (
 # Where ogbench has its models, what the data folder calls that, and which of them are read (None: all).
 _OGBENCH_PARTS: tuple[tuple[str, str, tuple[str, ...] | None], ...] = (
     ("manipspace/descriptions", "manipspace", None),
-    ("locomaze/assets", "locomaze", ("ant.xml", "point.xml")),
+    ("locomaze/assets", "locomaze", ("ant.xml", "humanoid.xml", "point.xml")),
 )
-_OGBENCH_SHA256 = "3af341438533a83f15e8e6848916eeab5a81982ba0eb719a008d104126aa98bc"
+_OGBENCH_SHA256 = "4f36c4a9b018d914867ce78bc4b023bfb8f21e11d5a90b0e195058926c3062c8"
 
 
 # The data folder of the command, which `choose` may set aside.

@@ -193,8 +193,10 @@ mod mujoco {
 
     fn ogbench() -> Check {
         const NAME: &str = "models of OGBench";
-        let both = assets::manipulation_model("robotiq_2f85/2f85.xml").and(assets::maze_model("ant.xml"));
-        models(NAME, both, &format!("ogbench {OGBENCH_VERSION}"))
+        let all = assets::manipulation_model("robotiq_2f85/2f85.xml")
+            .and(assets::maze_model("ant.xml"))
+            .and(assets::maze_model("humanoid.xml"));
+        models(NAME, all, &format!("ogbench {OGBENCH_VERSION}"))
     }
 
     fn models(name: &'static str, found: Result<PathBuf, MujocoError>, version: &str) -> Check {
