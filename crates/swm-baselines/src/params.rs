@@ -27,7 +27,7 @@ pub(crate) struct Spec {
 impl Spec {
     /// Statistics of the data, which no optimizer touches.
     pub(crate) fn is_buffer(&self) -> bool {
-        self.place.0 == "Background" || self.place.1.starts_with("running_")
+        matches!(self.place.0, "Background" | "RunningScale") || self.place.1.starts_with("running_")
     }
 
     /// Whether the name lies below one of these (`predictor`, or all for an empty one).
@@ -82,6 +82,18 @@ const NAMES: &[(&str, &str, &str)] = &[
     ("GoalAttention", "to_out", "to_out.0"),
     ("Trunk", "first", "0"),
     ("Trunk", "second", "2"),
+    ("Tdmpc2Network", "encoder", "extra_encoders.observation"),
+    ("StateEncoder", "hidden", "0"),
+    ("StateEncoder", "output", "1"),
+    ("StateEncoder", "norm", "2"),
+    ("NormedLinear", "linear", ""),
+    ("NormedLinear", "norm", "ln"),
+    ("NormedMlp", "first", "0"),
+    ("NormedMlp", "second", "1"),
+    ("NormedMlp", "output", "2"),
+    ("LatentMlp", "first", "0"),
+    ("LatentMlp", "second", "1"),
+    ("LatentMlp", "output", "2"),
     ("QHead", "first", "0"),
     ("QHead", "second", "2"),
     ("QHead", "third", "4"),
@@ -123,7 +135,7 @@ impl Path {
 
 /// The containers that matter to anybody.
 fn kind(container: &str) -> &'static str {
-    const KINDS: [&str; 5] = ["Linear", "LayerNorm", "BatchNorm", "Background", "Vit"];
+    const KINDS: [&str; 6] = ["Linear", "LayerNorm", "BatchNorm", "Background", "RunningScale", "Vit"];
     KINDS.iter().find(|kind| **kind == container).unwrap_or(&"")
 }
 

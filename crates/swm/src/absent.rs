@@ -38,6 +38,7 @@ pub(crate) const NAMES: &[Absent] = &[
     policy("gciql", BASELINES),
     policy("hilp", BASELINES),
     policy("sac", BASELINES),
+    policy("tdmpc2", BASELINES),
     policy("onnx", ONNX),
     model("conv-jepa"),
     model("lewm"),

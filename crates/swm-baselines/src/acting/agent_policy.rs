@@ -25,8 +25,10 @@ impl AgentPolicy {
 
 impl Policy for AgentPolicy {
     fn describe(&self) -> String {
-        let TrainedAgent { agent, step, weights, .. } = &self.trained;
-        format!("{}:step={step},weights={}", agent.config().agent, weights.get(..12).unwrap_or(weights))
+        let TrainedAgent { agent, step, weights, options, .. } = &self.trained;
+        let options: String = options.iter().map(|(name, value)| format!(",{name}={value}")).collect();
+        let weights = weights.get(..12).unwrap_or(weights);
+        format!("{}:step={step},weights={weights}{options}", agent.config().agent)
     }
 
     fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {

@@ -50,7 +50,7 @@ impl LatentModel {
     pub fn new(args: &PolicyArgs, env: &str) -> Result<Self, PolicyError> {
         let given = Given::of(args)?;
         let TrainedModel { baseline, config, .. } = given.model(args, env)?;
-        given.check_all_known(args)?;
+        given.check_all_known(args, &[])?;
         let found = baseline.name();
         let Some(network) = baseline.planner() else {
             let reason = format!("{found} is no world model and predicts nothing; name a run of one");

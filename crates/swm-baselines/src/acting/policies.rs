@@ -7,6 +7,7 @@ use serde::Deserialize as _;
 use serde_json::{Map, Value as Json};
 use swm_core::error::{did_you_mean, nearest};
 use swm_core::registry::{MakePolicy, Setting};
+use swm_core::settings::Table;
 use swm_core::{ImageSize, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError};
 use swm_solvers::{Aggregate, LearnedCost, SOLVER_SETTING, on_true_dynamics, plan_on};
 
@@ -15,7 +16,7 @@ use super::cost::{self, ModelCost};
 use super::goal_policy::ModelPolicy;
 use crate::device::Device;
 use crate::error::BaselineError;
-use crate::online::TrainedAgent;
+use crate::online::{TrainedAgent, find_agent, tdmpc2};
 use crate::train::{RunConfig, RunFolder, TrainedModel, Which};
 
 /// Policies for every environment that shows images.
@@ -50,18 +51,12 @@ pub const POLICIES: &[PolicyEntry] = &[
         model_policy(context, args, Some("gciql"))
     }),
     acting("hilp", "a trained HILP (`hilp:RUN`)", |context, args| model_policy(context, args, Some("hilp"))),
-    PolicyEntry::new("sac", "acts as an agent trained by `swm train sac` (`sac:RUN`)", |context, args| {
-        let given = Given::of(args)?;
-        let agent = given.agent(args, context.env.id)?;
-        given.check_all_known(args)?;
-        Ok(Box::new(AgentPolicy::new(agent)))
-    })
-    .settings(&[RUN, CHECKPOINT, DEVICE, TRANSFER])
-    .files(|args| {
-        let given = Given::of(args)?;
-        TrainedAgent::files(&given.run, given.which).map_err(|error| given.wrong(args, error))
-    }),
+    agent("sac", "acts as an agent trained by `swm train sac` (`sac:RUN`)", OF_AGENTS),
+    agent("tdmpc2", "plans as an agent trained by `swm train tdmpc2` (`tdmpc2:RUN`)", OF_TDMPC2.as_slice()),
 ];
+
+const OF_AGENTS: &[Setting] = &[RUN, CHECKPOINT, DEVICE, TRANSFER];
+const OF_TDMPC2: &Table = &Table::of(&[OF_AGENTS, tdmpc2::OPTIONS]);
 
 const RUN: Setting = Setting::new("RUN", "Folder of a training run", "required");
 const CHECKPOINT: Setting = Setting::new("checkpoint", "Which checkpoint: last, best, or a step", "last");
@@ -93,6 +88,19 @@ const fn acting(name: &'static str, summary: &'static str, make: MakePolicy) -> 
         .files(model_files)
 }
 
+/// The policy of the agent of the same name.
+const fn agent(name: &'static str, summary: &'static str, settings: &'static [Setting]) -> PolicyEntry {
+    PolicyEntry::new(name, summary, |context, args| {
+        let agent = Given::of(args)?.agent(args, context.env.id)?;
+        Ok(Box::new(AgentPolicy::new(agent)))
+    })
+    .settings(settings)
+    .files(|args| {
+        let given = Given::of(args)?;
+        TrainedAgent::files(&given.run, given.which).map_err(|error| given.wrong(args, error))
+    })
+}
+
 fn model_policy(
     context: &PolicyContext<'_>,
     args: &PolicyArgs,
@@ -100,7 +108,7 @@ fn model_policy(
 ) -> Result<Box<dyn Policy>, PolicyError> {
     let given = Given::of(args)?;
     let model = given.model(args, context.env.id)?;
-    given.check_all_known(args)?;
+    given.check_all_known(args, &[])?;
     let found = model.baseline.name();
     let policy = ModelPolicy::new(model).map_err(|error| given.wrong(args, error))?;
     match baseline.filter(|wanted| *wanted != found) {
@@ -169,10 +177,10 @@ impl Given {
         args.wrong(format!("run {}: {reason}", self.run.display()))
     }
 
-    /// Refuses what is left where no planner takes settings.
-    pub(super) fn check_all_known(&self, args: &PolicyArgs) -> Result<(), PolicyError> {
+    /// Refuses what is left where no planner takes settings; `options` are known, too.
+    pub(super) fn check_all_known(&self, args: &PolicyArgs, options: &[Setting]) -> Result<(), PolicyError> {
         let Some(name) = self.rest.keys().next() else { return Ok(()) };
-        let known: Vec<&str> = OF_MODELS.iter().map(|setting| setting.name).collect();
+        let known: Vec<&str> = OF_MODELS.iter().chain(options).map(|setting| setting.name).collect();
         let meant = did_you_mean(nearest(name, known.iter().copied()).as_deref());
         Err(args.wrong(format!("setting `{name}`: unknown{meant}; known are {}", known.join(", "))))
     }
@@ -185,10 +193,24 @@ impl Given {
         Ok(model)
     }
 
-    /// The agent, for use in the environment `env`.
-    fn agent(&self, args: &PolicyArgs, env: &str) -> Result<TrainedAgent, PolicyError> {
-        let agent = TrainedAgent::open(&self.run, self.which, self.device)
-            .map_err(|error| args.wrong(error.to_string()))?;
+    /// The agent whose name the policy has, for use in the environment `env`, with the options of its plan.
+    fn agent(mut self, args: &PolicyArgs, env: &str) -> Result<TrainedAgent, PolicyError> {
+        let entry = find_agent(&args.name).map_err(|error| args.wrong(error.to_string()))?;
+        let is_option = |name: &String| entry.options.iter().any(|option| option.name == name);
+        let (mut options, rest): (Map<_, _>, _) =
+            std::mem::take(&mut self.rest).into_iter().partition(|(name, _)| is_option(name));
+        // Arguments have no other way to say that a setting is off.
+        options.values_mut().filter(|value| *value == "null").for_each(|value| *value = Json::Null);
+        self.rest = rest;
+        self.check_all_known(args, entry.options)?;
+        let wrong = |error: BaselineError| args.wrong(error.to_string());
+        let agent = TrainedAgent::open(&self.run, self.which, options, self.device).map_err(wrong)?;
+        let found = &agent.config.agent.agent;
+        if *found != args.name {
+            return Err(
+                self.wrong(args, format!("it trained {found}, not {}; use it as `{found}:RUN`", args.name))
+            );
+        }
         self.check_env(args, Some(&agent.config.env), env)?;
         Ok(agent)
     }

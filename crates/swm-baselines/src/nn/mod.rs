@@ -33,6 +33,7 @@ pub(crate) use goal::{Critic, GoalPredictor, QHead, TokenForm, ValueNetwork};
 pub use goal::{GoalTransformerConfig, Pool};
 pub(crate) use layers::{Linear, parameter};
 pub(crate) use metric::MetricValue;
+pub(crate) use norm::LayerNorm;
 pub use predictor::PredictorConfig;
 pub(crate) use predictor::{Predictor, SeenStates};
 pub(crate) use projector::{InverseDynamics, Mlp};

@@ -84,6 +84,15 @@ pub trait OnlineAgent: Send {
     fn load_training(&mut self, path: &Path) -> Result<(), BaselineError>;
 }
 
+/// What an agent is made for: presets may depend on it.
+#[derive(Clone, Copy, Debug)]
+pub struct Task<'a> {
+    /// The environment's id.
+    pub env: &'a str,
+    /// Steps after which an episode is truncated.
+    pub max_episode_steps: u64,
+}
+
 /// B clips of T consecutive steps.
 #[derive(Clone, Copy, Debug)]
 pub struct Transitions<'a> {

@@ -7,6 +7,8 @@
 //! | `learn`, `settings` | the loop |
 //! | `agent`, `table` | what an agent is, and all of them |
 //! | `sac` | soft actor-critic |
+//! | `tdmpc2` | TD-MPC2: plans in the latent space of a world model |
+//! | `training` | what agents share |
 //! | `interface` | an environment's observations and actions as vectors |
 //! | `replay` | the dataset that grows, and the buffer that is sampled from |
 //! | `run` | what a run's folder holds; the agent of a checkpoint |
@@ -22,13 +24,17 @@ pub mod sac;
 mod session;
 mod settings;
 mod table;
+pub mod tdmpc2;
 #[cfg(test)]
 mod tests;
+mod training;
 
-pub use agent::{AgentConfig, OnlineAgent, Transitions};
+pub use agent::{AgentConfig, OnlineAgent, Task, Transitions};
 pub use interface::Interface;
 pub use learn::OnlineState;
+pub(crate) use run::online_agent;
 pub use run::{OnlineConfig, TrainedAgent, is_online};
 pub use session::{NewOnlineRun, OnlineTraining};
 pub use settings::{CollectConfig, OnlineSettings};
+pub(crate) use table::find as find_agent;
 pub use table::{AGENTS, AgentEntry, make_agent, restore_agent};

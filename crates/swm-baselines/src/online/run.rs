@@ -58,7 +58,14 @@ impl OnlineConfig {
 ///
 /// Its `config.json` cannot be read.
 pub fn is_online(run: &RunFolder) -> Result<bool, BaselineError> {
-    Ok(run.config::<Json>()?.get("agent").is_some())
+    Ok(online_agent(run)?.is_some())
+}
+
+/// The name of the agent that a run taught online, if it did.
+pub(crate) fn online_agent(run: &RunFolder) -> Result<Option<String>, BaselineError> {
+    let config = run.config::<Json>()?;
+    let name = |agent: &Json| agent["agent"].as_str().unwrap_or("AGENT").to_owned();
+    Ok(config.get("agent").map(name))
 }
 
 /// A trained agent and what it must be used with.
@@ -67,6 +74,8 @@ pub struct TrainedAgent {
     pub agent: Box<dyn OnlineAgent>,
     /// Its run.
     pub config: OnlineConfig,
+    /// Settings of its plan that differ from the run's.
+    pub options: Map<String, Json>,
     /// The checkpoint's step.
     pub step: u64,
     /// SHA-256 of its weights.
@@ -74,18 +83,24 @@ pub struct TrainedAgent {
 }
 
 impl TrainedAgent {
-    /// Takes a checkpoint of the run in folder `path`, whose weights are those that were written.
+    /// Takes a checkpoint of the run in folder `path`, whose weights are those that were written, and of its plan the settings
+    /// `options`: see [`AgentEntry::options`](super::AgentEntry::options).
     ///
     /// # Errors
     ///
-    /// There is no run or no such checkpoint, or its files are not those that were written.
-    pub fn open(path: &Path, which: Which, device: Device) -> Result<Self, BaselineError> {
+    /// There is no run or no such checkpoint, its files are not those that were written, or the options do not fit it.
+    pub fn open(
+        path: &Path,
+        which: Which,
+        options: Map<String, Json>,
+        device: Device,
+    ) -> Result<Self, BaselineError> {
         let run = RunFolder::open(path)?;
         let config = OnlineConfig::read(&run)?;
         let checkpoint: Checkpoint<OnlineState> = run.checkpoint(find(&run, which)?)?;
-        let mut agent = restore_agent(&config.agent, device)?;
+        let mut agent = restore_agent(&config.agent, &options, device)?;
         agent.load_weights(&run.checked_weights(&checkpoint)?)?;
-        Ok(Self { agent, config, step: checkpoint.step, weights: checkpoint.weights })
+        Ok(Self { agent, config, options, step: checkpoint.step, weights: checkpoint.weights })
     }
 
     /// The files that an agent depends on.

@@ -6,7 +6,7 @@ use std::time::Instant;
 use serde_json::{Map, Value as Json};
 use swm_core::{Cancel, EnvConfig, EnvEntry, Registry, World, WorldOptions};
 
-use super::agent::OnlineAgent;
+use super::agent::{OnlineAgent, Task};
 use super::interface::Interface;
 use super::learn::{Learn, OnlineState};
 use super::replay::Replay;
@@ -60,7 +60,8 @@ impl OnlineTraining {
         fit.check()?;
         let probe = world(env, 1, env_settings, fit)?;
         let interface = Interface::new(&probe, observe)?;
-        let agent = make_agent(agent, preset, changes, env.id, interface.dims(), fit.seed, *device)?;
+        let task = Task { env: env.id, max_episode_steps: fit.max_episode_steps };
+        let agent = make_agent(agent, preset, changes, &task, interface.dims(), fit.seed, *device)?;
         let config = OnlineConfig {
             version: RUN_VERSION,
             agent: agent.config().clone(),
@@ -101,7 +102,7 @@ impl OnlineTraining {
         }
         let env =
             registry.env(&config.env).map_err(|error| run.wrong(format!("its environment: {error}")))?;
-        let agent = restore_agent(&config.agent, device)?;
+        let agent = restore_agent(&config.agent, &Map::new(), device)?;
         let worlds = worlds(env, agent.as_ref(), &config)?;
         if Interface::new(&worlds[0], &config.interface.columns)? != config.interface {
             return Err(run.wrong(format!(

@@ -1,4 +1,5 @@
-//! Whole runs in the toy environment: killed, stopped, resumed, used as policies, refused.
+//! What every line of [`AGENTS`] keeps to, in the toy environment: runs that are killed, stopped, resumed, used as policies,
+//! refused. A new agent is tested by its line in [`TINY`].
 
 use std::path::Path;
 
@@ -18,7 +19,42 @@ fn registry() -> Registry {
     Registry::new().with(POLICIES).with(&[TOY, DISCRETE_TOY])
 }
 
-fn begin(folder: &Path) -> OnlineTraining {
+/// What makes an agent tiny: for many short runs, and for one that learns.
+struct Tiny {
+    agent: &'static str,
+    changes: fn() -> Json,
+    learns_with: fn() -> Json,
+}
+
+const TINY: &[Tiny] = &[
+    Tiny {
+        agent: "sac",
+        changes: || json!({ "hidden": [8, 8], "batch": 8 }),
+        learns_with: || json!({ "hidden": [32, 32], "batch": 32, "lr": 3e-3, "tau": 0.02, "collect": { "random_steps": 200 } }),
+    },
+    Tiny {
+        agent: "tdmpc2",
+        changes: || {
+            let plan = json!({ "samples": 12, "collect_samples": 10, "elites": 4, "policy_samples": 3, "iterations": 2 });
+            json!({ "latent_dim": 8, "encoder_dim": 8, "mlp_dim": 8, "num_bins": 11, "batch": 8, "plan": plan })
+        },
+        learns_with: || {
+            let plan = json!({ "samples": 32, "collect_samples": 32, "elites": 8, "policy_samples": 8 });
+            json!({ "latent_dim": 16, "encoder_dim": 32, "mlp_dim": 32, "num_bins": 21, "vmin": -4.0, "vmax": 4.0, "batch": 32,
+                "horizon": 2, "lr": 3e-3, "plan": plan, "collect": { "random_steps": 200 } })
+        },
+    },
+];
+
+/// Calls `check` with each agent of the table.
+fn for_each(check: impl Fn(&Tiny)) {
+    for entry in AGENTS {
+        let tiny = TINY.iter().find(|tiny| tiny.agent == entry.name);
+        check(tiny.unwrap_or_else(|| panic!("{} has no line in TINY", entry.name)));
+    }
+}
+
+fn begin(tiny: &Tiny, folder: &Path) -> OnlineTraining {
     let fit = OnlineSettings {
         steps: STEPS,
         max_episode_steps: 20,
@@ -29,13 +65,20 @@ fn begin(folder: &Path) -> OnlineTraining {
         ..OnlineSettings::default()
     };
     let collect = json!({ "num_envs": 3, "random_steps": 30, "updates_per_step": 0.7, "capacity": 90 });
-    begin_with(folder, &json!({ "hidden": [8, 8], "batch": 8, "collect": collect }), &fit).unwrap()
+    let mut changes = (tiny.changes)();
+    changes["collect"] = collect;
+    begin_with(tiny.agent, folder, &changes, &fit).unwrap()
 }
 
-fn begin_with(folder: &Path, changes: &Json, fit: &OnlineSettings) -> Result<OnlineTraining, BaselineError> {
+fn begin_with(
+    agent: &str,
+    folder: &Path,
+    changes: &Json,
+    fit: &OnlineSettings,
+) -> Result<OnlineTraining, BaselineError> {
     let observe = OBSERVED.map(str::to_owned);
     let new = NewOnlineRun {
-        agent: "sac",
+        agent,
         preset: "small",
         changes: changes.clone(),
         env_settings: Map::new(),
@@ -90,15 +133,19 @@ fn left(folder: &Path) -> (Checkpoint<OnlineState>, Vec<Json>, Vec<Vec<String>>)
 }
 
 #[test]
-fn a_run_that_was_killed_and_stopped_goes_on_to_the_same_bits() {
+fn runs_that_were_killed_and_stopped_go_on_to_the_same_bits() {
+    for_each(goes_on_to_the_same_bits);
+}
+
+fn goes_on_to_the_same_bits(tiny: &Tiny) {
     let folder = tempfile::tempdir().unwrap();
     let [whole, cut] = ["whole", "cut"].map(|name| folder.path().join(name));
-    let state = begin(&whole).run(Vec::new(), &Cancel::new()).unwrap();
+    let state = begin(tiny, &whole).run(Vec::new(), &Cancel::new()).unwrap();
     assert_eq!((state.step, state.end), (STEPS, Some(End::Complete)));
     assert!(state.episodes >= 6 && state.collected >= STEPS, "{state:?}");
 
     // Killed after the checkpoint at step 40, when the dataset holds more episodes than the checkpoint knows.
-    let killed = begin(&cut).run(vec![Box::new(At(80, None))], &Cancel::new()).unwrap_err();
+    let killed = begin(tiny, &cut).run(vec![Box::new(At(80, None))], &Cancel::new()).unwrap_err();
     assert!(killed.to_string().contains("killed"), "{killed}");
     let held = left(&cut);
     assert_eq!(held.0.step, 40);
@@ -121,14 +168,18 @@ fn a_run_that_was_killed_and_stopped_goes_on_to_the_same_bits() {
 
 #[test]
 fn a_dataset_that_is_gone_or_another_is_refused() {
+    for_each(refuses_another_dataset);
+}
+
+fn refuses_another_dataset(tiny: &Tiny) {
     let folder = tempfile::tempdir().unwrap();
     let [run, other] = ["run", "other"].map(|name| folder.path().join(name));
-    begin(&run).run(vec![Box::new(At(80, None))], &Cancel::new()).unwrap_err();
+    begin(tiny, &run).run(vec![Box::new(At(80, None))], &Cancel::new()).unwrap_err();
     let goes_on = || resume(&run).unwrap().run(Vec::new(), &Cancel::new()).unwrap_err().to_string();
     let episodes = run.join("episodes.h5");
     // Another run's first episodes, and then those that this one has not learned from.
     let seed = OnlineSettings { steps: 200, seed: 5, max_episode_steps: 20, ..OnlineSettings::default() };
-    begin_with(&other, &json!({ "hidden": [8, 8], "batch": 8 }), &seed)
+    begin_with(tiny.agent, &other, &(tiny.changes)(), &seed)
         .unwrap()
         .run(Vec::new(), &Cancel::new())
         .unwrap();
@@ -140,7 +191,11 @@ fn a_dataset_that_is_gone_or_another_is_refused() {
 }
 
 #[test]
-fn an_agent_learns_to_reach_the_goal() {
+fn agents_learn_to_reach_the_goal() {
+    for_each(learns_to_reach_the_goal);
+}
+
+fn learns_to_reach_the_goal(tiny: &Tiny) {
     let folder = tempfile::tempdir().unwrap();
     let fit = OnlineSettings {
         steps: 1_500,
@@ -149,23 +204,28 @@ fn an_agent_learns_to_reach_the_goal() {
         eval_episodes: 20,
         ..OnlineSettings::default()
     };
-    let changes = json!({ "hidden": [32, 32], "batch": 32, "lr": 3e-3, "tau": 0.02, "collect": { "random_steps": 200 } });
-    let state = begin_with(folder.path(), &changes, &fit).unwrap().run(Vec::new(), &Cancel::new()).unwrap();
+    let mut training = begin_with(tiny.agent, folder.path(), &(tiny.learns_with)(), &fit).unwrap();
+    let state = training.run(Vec::new(), &Cancel::new()).unwrap();
     let value = |name: &str| state.evaluation.iter().find(|(known, _)| known == name).unwrap().1;
     let mut world = World::new(&TOY, WorldOptions::new(1).max_episode_steps(20).threads(1)).unwrap();
     world.set_policy(swm_core::policies::random());
     let random = world.evaluate(&Rollout::new(0..20).seed(!fit.seed)).unwrap();
     assert!(random.success_rate < 80.0, "random actions solve {} %", random.success_rate);
-    assert!(value("success_rate") >= 0.9, "{state:?}");
+    assert!(value("success_rate") >= 0.9, "{}: {state:?}", tiny.agent);
     let mean = random.episode_returns.iter().sum::<f64>() / 20.0;
-    assert!(value("return") > mean, "{state:?}, random actions get {mean}");
+    assert!(value("return") > mean, "{}: {state:?}, random actions get {mean}", tiny.agent);
 }
 
 #[test]
-fn an_agent_acts_as_a_policy() {
+fn agents_act_as_policies() {
+    for_each(acts_as_a_policy);
+}
+
+fn acts_as_a_policy(tiny: &Tiny) {
+    let agent = tiny.agent;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run");
-    begin(&path).run(Vec::new(), &Cancel::new()).unwrap();
+    begin(tiny, &path).run(Vec::new(), &Cancel::new()).unwrap();
     let run = path.display();
     let (registry, config) = (registry(), EnvConfig::default());
     let made = |text: String, env: &EnvEntry| {
@@ -174,25 +234,63 @@ fn an_agent_acts_as_a_policy() {
     let returns = |num_envs| {
         let mut world =
             World::new(&TOY, WorldOptions::new(num_envs).max_episode_steps(20).threads(1)).unwrap();
-        world.set_policy(made(format!("sac:{run}"), &TOY).unwrap());
+        world.set_policy(made(format!("{agent}:{run}"), &TOY).unwrap());
         world.evaluate(&Rollout::new(0..5).seed(3)).unwrap().episode_returns
     };
     assert_eq!(returns(1), returns(4));
-    assert!(made(format!("sac:{run},checkpoint=best"), &TOY).is_ok());
+    assert!(made(format!("{agent}:{run},checkpoint=best"), &TOY).is_ok());
     let fails = |text: String, env: &EnvEntry| made(text, env).err().unwrap();
-    assert!(fails(format!("sac:{run}"), &DISCRETE_TOY).contains("transfer=true"));
-    assert!(fails(format!("sac:{run},checkpoint=41"), &TOY).contains("it has [40, 80, 120, 130]"));
-    assert!(fails(format!("policy:{run}"), &TOY).contains("use it as `sac:RUN`"));
+    assert!(fails(format!("{agent}:{run}"), &DISCRETE_TOY).contains("transfer=true"));
+    assert!(fails(format!("{agent}:{run},checkpoint=41"), &TOY).contains("it has [40, 80, 120, 130]"));
+    assert!(fails(format!("policy:{run}"), &TOY).contains(&format!("use it as `{agent}:RUN`")));
+    assert!(fails(format!("{agent}:{run},checkpont=last"), &TOY).contains("did you mean `checkpoint`?"));
+    for other in AGENTS.iter().filter(|other| other.name != agent) {
+        let message = fails(format!("{}:{run}", other.name), &TOY);
+        assert!(
+            message.contains(&format!("it trained {agent}, not {}; use it as `{agent}:RUN`", other.name)),
+            "{message}"
+        );
+    }
     assert_eq!(TrainedAgent::files(&path, Which::Last).unwrap().len(), 2);
 }
 
 #[test]
+fn options_of_a_plan_are_the_policys_settings() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run");
+    let tiny = TINY.iter().find(|tiny| tiny.agent == "tdmpc2").unwrap();
+    begin(tiny, &path).run(Vec::new(), &Cancel::new()).unwrap();
+    let made = |options: &str| {
+        let (registry, config) = (registry(), EnvConfig::default());
+        let text = format!("tdmpc2:{}{options}", path.display());
+        registry.policy(&text, PolicyContext::new(&TOY, &config)).map_err(|error| error.to_string())
+    };
+    let returns = |options: &str| {
+        let mut world = World::new(&TOY, WorldOptions::new(1).max_episode_steps(20).threads(1)).unwrap();
+        world.set_policy(made(options).unwrap());
+        world.evaluate(&Rollout::new(0..3).seed(3)).unwrap().episode_returns
+    };
+    assert_ne!(returns(""), returns(",samples=40,iterations=5,temperature=null"));
+    assert_ne!(returns(""), returns(",mpc=false"));
+    let described = made(",samples=40,mpc=true").unwrap().describe();
+    assert!(described.ends_with(",samples=40,mpc=true"), "{described}");
+    let fails = |options: &str| made(options).err().unwrap();
+    assert!(fails(",samples=2").contains("`plan.samples` is 2; it must be at least 4"));
+    assert!(fails(",sampels=40").contains("did you mean `samples`?"));
+    assert!(fails(",elites=many").contains("`plan.elites` is \"many\"; it must be a whole number"));
+}
+
+#[test]
 fn what_an_agent_cannot_learn_in_is_refused() {
+    for_each(refuses_what_it_cannot_learn_in);
+}
+
+fn refuses_what_it_cannot_learn_in(tiny: &Tiny) {
     let folder = tempfile::tempdir().unwrap();
     let create = |env: &EnvEntry, observe: &[&str], steps: u64| {
         let observe: Vec<String> = observe.iter().map(|&name| name.to_owned()).collect();
         let new = NewOnlineRun {
-            agent: "sac",
+            agent: tiny.agent,
             preset: "small",
             changes: Json::Null,
             env_settings: Map::new(),

@@ -6,6 +6,7 @@ mod encoders;
 mod goal;
 mod joint;
 mod sac;
+mod tdmpc2;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

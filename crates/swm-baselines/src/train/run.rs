@@ -13,7 +13,7 @@ use crate::baseline::{Baseline, ModelConfig};
 use crate::device::Device;
 use crate::error::BaselineError;
 use crate::models::table::restore;
-use crate::online::is_online;
+use crate::online::online_agent;
 
 /// The version of [`RunConfig`] that is written and read.
 pub const RUN_VERSION: u32 = 1;
@@ -40,10 +40,10 @@ impl RunConfig {
     ///
     /// The file cannot be read, or has a version that this program does not read.
     pub fn read(run: &RunFolder) -> Result<Self, BaselineError> {
-        if is_online(run)? {
-            return Err(
-                run.wrong("it trained an agent online, not a model on a dataset; use it as `sac:RUN`")
-            );
+        if let Some(agent) = online_agent(run)? {
+            return Err(run.wrong(format!(
+                "it trained an agent online, not a model on a dataset; use it as `{agent}:RUN`"
+            )));
         }
         let config: Self = run.config()?;
         match config.version {

@@ -14,8 +14,10 @@ A fixture is one safetensors file per case, its tensors in sections: `weights.`,
 """
 
 import os
+import random
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import torch
 import torch.nn.functional as F
@@ -27,6 +29,8 @@ from stable_worldmodel.wm.lewm.module import MLP, Embedder, Predictor
 from stable_worldmodel.wm.loss import PLDMLoss, SIGReg, TemporalStraighteningLoss
 from stable_worldmodel.wm.prejepa import PreJEPA
 from stable_worldmodel.wm.prejepa import module as prejepa
+from stable_worldmodel.wm.tdmpc2 import TDMPC2, tdmpc2_forward
+from stable_worldmodel.wm.tdmpc2 import module as tdmpc2_module
 from torch import nn
 from transformers import Dinov2Config, Dinov2Model, ViTConfig, ViTModel
 
@@ -559,9 +563,83 @@ def sac() -> None:
     case.save("sac")
 
 
+class Settings(dict):
+    """Settings that are read as attributes, as OmegaConf's are."""
+
+    __getattr__ = dict.__getitem__
+
+
+def tdmpc2() -> None:
+    """The functions of TD-MPC2; its losses, gradients and scale with given noise and pairs of Qs; weights after one update; costs of
+    plans. Dropout is off. Two steps, three Qs, observations of 3 values and actions of 2."""
+    torch.manual_seed(12)
+    steps, clips, qs, actions = 2, 5, 3, 2
+    wm = Settings(
+        horizon=steps, mlp_dim=6, enc_dim=7, simnorm_dim=4, num_q=qs, rho=0.5, tau=0.01, consistency_coef=20.0, reward_coef=0.1,
+        value_coef=0.1, discount=0.97, uncertainty_penalty=0.5, entropy_coef=1e-4, num_bins=11, vmin=-3, vmax=3,
+        encoding={"observation": 8},
+    )
+    cfg = Settings(wm=wm, action_dim=actions, extra_dims={"observation": 3})
+    case, model = Case(), TDMPC2(cfg).eval()
+    randomize(model)
+    case.add_weights("weights", model)
+
+    values = torch.tensor([0.0, 0.3, -0.3, 2.5, -7.0, 15.0, 40.0, -40.0]).reshape(-1, 1)
+    inside = values[:6]  # At the upper bound the reference fills the last bin but one.
+    logits, latent = torch.randn(6, 11), torch.randn(4, 8)
+    mean, gaussian, log_density = torch.randn(4, 2), torch.randn(4, 2), torch.randn(4, 1)
+    case.add("inputs", values=values, inside=inside, logits=logits, latent=latent)
+    case.add("inputs", mean=mean, gaussian=gaussian, log_density=log_density)
+    _, action, density = tdmpc2_module.squash(mean, gaussian, log_density)
+    case.add(
+        "outputs", symlog=tdmpc2_module.symlog(values), symexp=tdmpc2_module.symexp(values / 8),
+        two_hot=tdmpc2_module.two_hot(inside, cfg), two_hot_inverse=tdmpc2_module.two_hot_inv(logits, cfg),
+        simnorm=model.sim_norm(latent), mish=F.mish(logits * 8), log_std=tdmpc2_module.log_std(mean), action=action, density=density,
+    )
+
+    observation, action = torch.randn(clips, steps + 1, 3), torch.rand(clips, steps + 1, actions) * 2 - 1
+    reward = torch.randn(clips, steps + 1)
+    noise = torch.randn(2 * steps, clips, actions)
+    pairs = [random.Random(12 + index).sample(range(qs), 2) for index in range(2 * steps)]
+    # Of the clips here, a reward comes with the observation after its action.
+    case.add("inputs", observation=observation, action=action, reward=reward.roll(1, dims=1), noise=noise)
+    case.add("inputs", pairs=torch.tensor(pairs))
+    with torch.no_grad():
+        case.add("outputs", encoded=model.encode({"observation": observation[:, 0]}))
+
+        candidates = torch.rand(2, 6, 3, actions) * 2 - 1
+        seen = observation[:2, None, 0].expand(-1, 6, -1)
+        case.add("inputs", candidates=candidates)
+        case.add("outputs", costs=model.get_cost({"observation": seen}, candidates))
+
+    names = dict(consist="consistency_loss", reward="reward_loss", value="value_loss", policy="policy_loss", loss="total")
+    logged = {}
+    context = SimpleNamespace(model=model, log_dict=lambda terms, **_: logged.update(terms))
+    given_noise, given_pairs = iter(noise), iter(pairs)
+    randn_like, sample = torch.randn_like, random.sample
+    torch.randn_like, random.sample = lambda _: next(given_noise), lambda *_: next(given_pairs)
+    loss = tdmpc2_forward(context, dict(observation=observation, action=action, reward=reward), "train", cfg)["loss"]
+    torch.randn_like, random.sample = randn_like, sample
+    case.add("outputs", **{ours: logged[f"train/{theirs}"].reshape(1) for theirs, ours in names.items()})
+    case.add("outputs", scale=model.scale.value)
+    loss.backward()
+    case.add_gradients(model)
+
+    adam = lambda modules, lr, eps=1e-8: torch.optim.Adam([p for m in modules for p in m.parameters()], lr=lr, eps=eps)
+    optimizers = (
+        adam([model.extra_encoders], 0.3 * 0.01), adam([model.dynamics, model.reward, model.qs], 0.01),
+        adam([model.pi], 0.1 * 0.01, eps=1e-5),
+    )
+    case.add("outputs", norm=nn.utils.clip_grad_norm_(model.parameters(), CLIP).reshape(1))
+    for optimizer in optimizers:
+        optimizer.step()
+    case.add_weights("stepped", model)
+    case.save("tdmpc2")
+
+
 CASES = dict(
     encoders=encoders, lewm=lewm, pldm=pldm, dino_wm=dino_wm, gcbc=gcbc, gcivl=gcivl, gciql=gciql, hilp=hilp,
-    sac=sac,
+    sac=sac, tdmpc2=tdmpc2,
 )
 
 # Made when they are named only.

@@ -15,6 +15,7 @@ Examples:
   swm train pldm --data tworoom.h5 --preset small --out runs/pldm --steps 2000 --set optim.lr=0.001
   swm train --resume --out runs/lewm
   swm train sac --env swm/CartpoleDMControl-v0 --env-option task=swingup --preset small --steps 30000 --out runs/sac
+  swm train tdmpc2 --env swm/CheetahDMControl-v0 --preset small --steps 100000 --out runs/tdmpc2
 
 RUN gets config.json, checkpoints, metrics.jsonl and an event file for TensorBoard. --resume continues an interrupted run from its \
 last checkpoint, with the same losses as without the interruption. Evaluate it: `swm eval … --policy mpc:RUN`. \

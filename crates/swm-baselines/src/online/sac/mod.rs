@@ -6,18 +6,19 @@ mod settings;
 
 use std::path::Path;
 
-use burn::tensor::{Device as TensorDevice, Tensor, TensorData};
+use burn::tensor::{Device as TensorDevice, Tensor};
 use rand::RngExt as _;
 use rand_distr::StandardNormal;
 use swm_core::LiveEpisode;
 
 use super::agent::{AgentConfig, OnlineAgent, Transitions};
 use super::settings::CollectConfig;
+use super::training::{differentiate, load_optimizer, observed, tensor, trainable};
 use crate::baseline::Losses;
 use crate::device::Device;
 use crate::error::BaselineError;
 use crate::init::initialize;
-use crate::learner::{follow, read};
+use crate::learner::follow;
 use crate::losses::Terms;
 use crate::optim::{AdamW, Gradients, OptimConfig, Schedule};
 use crate::params::{self, host};
@@ -75,10 +76,6 @@ impl Sac {
         Self { config, settings, optim, network, optimizer: AdamW::default(), device }
     }
 
-    fn tensor<const D: usize>(&self, values: Vec<f32>, shape: [usize; D]) -> Tensor<D> {
-        Tensor::from_data(TensorData::new(values, shape), &self.device)
-    }
-
     pub(crate) fn minibatch(&self, clips: &Transitions<'_>) -> Result<Minibatch, BaselineError> {
         let [observation, action] = [self.config.observation_dim, self.config.action_dim];
         let Transitions { rows, steps, .. } = *clips;
@@ -91,7 +88,7 @@ impl Sac {
         }
         let step = |values: &[f32], dim: usize, step: usize| {
             let of = values.chunks_exact(CLIP_STEPS * dim).flat_map(|clip| &clip[step * dim..][..dim]);
-            self.tensor::<2>(of.copied().collect(), [rows, dim])
+            tensor(of.copied().collect(), [rows, dim], &self.device)
         };
         Ok(Minibatch {
             observation: self.network.normalize(step(clips.observation, observation, 0)),
@@ -110,21 +107,9 @@ impl Sac {
         loss: impl FnOnce(&SacNetwork) -> Terms,
     ) -> Result<Losses, BaselineError> {
         let tracked = params::track(&self.network, trains);
-        let terms = loss(&tracked);
-        let mut gradients = terms.total.backward();
-        let losses = read(terms);
-        let gradients: Gradients = params::gradients(&tracked, &mut gradients)
-            .into_iter()
-            .map(|gradient| gradient.map(host))
-            .collect();
-        let found = gradients.iter().flatten().flatten().find(|value| !value.is_finite());
-        match found.copied().or((!losses.total.is_finite()).then_some(losses.total)) {
-            Some(value) => Err(BaselineError::NotFinite { step: index, value }),
-            None => {
-                self.apply(gradients);
-                Ok(losses)
-            }
-        }
+        let (losses, gradients) = differentiate(&tracked, loss(&tracked), index)?;
+        self.apply(gradients);
+        Ok(losses)
     }
 
     fn apply(&mut self, gradients: Gradients) {
@@ -175,9 +160,7 @@ impl OnlineAgent for Sac {
     }
 
     fn parameters(&self) -> usize {
-        let specs = params::specs(&self.network);
-        let trained = specs.iter().filter(|spec| !spec.is_buffer() && !spec.is_below(&["critic_target"]));
-        trained.map(|spec| spec.shape.iter().product::<usize>()).sum()
+        trainable(&self.network, TARGETS)
     }
 
     fn observe(&mut self, observations: &[f32]) {
@@ -211,20 +194,12 @@ impl OnlineAgent for Sac {
         observation: &[f32],
         action: &mut [f32],
     ) -> Result<(), BaselineError> {
-        let [inputs, outputs] = [self.config.observation_dim, self.config.action_dim];
-        if observation.len() != inputs || action.len() != outputs {
-            let reason = format!(
-                "{} values and an action of {}; this agent takes {inputs} and gives {outputs}",
-                observation.len(),
-                action.len()
-            );
-            return Err(BaselineError::data("observation", reason));
-        }
-        let observation = self.network.normalize(self.tensor(observation.to_vec(), [1, inputs]));
+        let observation = self.network.normalize(observed(&self.config, observation, action, &self.device)?);
         let chosen = if explore {
+            let outputs = self.config.action_dim;
             let mut stream = episode.seed.indexed("agent exploration", [episode.step, 0]);
             let noise = (0..outputs).map(|_| stream.sample(StandardNormal)).collect();
-            let [action, _] = self.network.sample(observation, self.tensor(noise, [1, outputs]));
+            let [action, _] = self.network.sample(observation, tensor(noise, [1, outputs], &self.device));
             action
         } else {
             self.network.best_action(observation)
@@ -254,20 +229,8 @@ impl OnlineAgent for Sac {
     }
 
     fn load_training(&mut self, path: &Path) -> Result<(), BaselineError> {
-        let mut tensors = weights::read(path)?;
-        self.optimizer = AdamW::from_host(&self.network, |name, count| {
-            tensors.get(name).filter(|tensor| tensor.values.len() == count)?;
-            tensors.remove(name).map(|tensor| tensor.values)
-        });
-        match tensors.keys().next() {
-            None => Ok(()),
-            Some(name) => {
-                let reason = format!(
-                    "holds `{name}`, which is no state of this agent's optimizer; it is of another run"
-                );
-                Err(BaselineError::weights(path, reason))
-            }
-        }
+        self.optimizer = load_optimizer(&self.network, path)?;
+        Ok(())
     }
 }
 

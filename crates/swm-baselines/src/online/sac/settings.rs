@@ -6,6 +6,7 @@ use serde_json::{Value as Json, json};
 use super::NAME;
 use crate::error::BaselineError;
 use crate::models::settings::with_changes;
+use crate::online::agent::Task;
 use crate::online::settings::CollectConfig;
 
 /// Its settings.
@@ -102,10 +103,14 @@ fn of_domain(env: &str) -> Json {
 }
 
 /// All settings: the preset's, those of the environment's domain where the preset is the reference's, and changes.
-pub(in crate::online) fn settings(preset: &str, env: &str, changes: &Json) -> Result<Json, BaselineError> {
+pub(in crate::online) fn settings(
+    preset: &str,
+    task: &Task<'_>,
+    changes: &Json,
+) -> Result<Json, BaselineError> {
     let config = match preset {
         "small" => SacConfig::small(),
-        _ => with_changes(NAME, &SacConfig::paper(), &of_domain(env))?,
+        _ => with_changes(NAME, &SacConfig::paper(), &of_domain(task.env))?,
     };
     let config = with_changes(NAME, &config, changes)?;
     config.check().map_err(|reason| BaselineError::Settings { baseline: NAME, reason })?;
@@ -117,14 +122,18 @@ pub(in crate::online) fn settings(preset: &str, env: &str, changes: &Json) -> Re
 mod tests {
     use super::*;
 
+    const fn of(env: &str) -> Task<'_> {
+        Task { env, max_episode_steps: 500 }
+    }
+
     #[test]
     fn domains_have_the_references_settings() {
-        let of = |env: &str| SacConfig::parse(&settings("paper", env, &Json::Null).unwrap()).unwrap();
-        assert_eq!(of("swm/CheetahDMControl-v0"), SacConfig::paper());
-        let walker = of("swm/WalkerDMControl-v0");
+        let paper = |env: &str| SacConfig::parse(&settings("paper", &of(env), &Json::Null).unwrap()).unwrap();
+        assert_eq!(paper("swm/CheetahDMControl-v0"), SacConfig::paper());
+        let walker = paper("swm/WalkerDMControl-v0");
         assert_eq!((walker.batch, walker.hidden, walker.collect.updates_per_step), (1024, [400, 300], 0.5));
-        assert_eq!(of("swm/ReacherDMControl-v0").collect.random_steps, 5_000);
-        let small = settings("small", "swm/WalkerDMControl-v0", &Json::Null).unwrap();
+        assert_eq!(paper("swm/ReacherDMControl-v0").collect.random_steps, 5_000);
+        let small = settings("small", &of("swm/WalkerDMControl-v0"), &Json::Null).unwrap();
         assert_eq!(SacConfig::parse(&small).unwrap(), SacConfig::small());
     }
 
@@ -137,7 +146,7 @@ mod tests {
             (json!({ "collect": { "updates_per_step": -1.0 } }), "`collect.updates_per_step` is -1"),
             (json!({ "collect": { "num_env": 3 } }), "did you mean `num_envs`?"),
         ] {
-            let message = settings("small", "x", &changes).unwrap_err().to_string();
+            let message = settings("small", &of("x"), &changes).unwrap_err().to_string();
             assert!(message.starts_with("settings of `sac`: ") && message.contains(reason), "{message}");
         }
     }

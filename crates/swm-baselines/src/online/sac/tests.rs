@@ -3,10 +3,11 @@
 use swm_core::LiveEpisode;
 
 use super::*;
+use crate::online::agent::Task;
 
 fn agent(seed: u64) -> Sac {
     let changes = serde_json::json!({ "hidden": [8, 8], "batch": 4 });
-    let settings = settings("small", "x", &changes).unwrap();
+    let settings = settings("small", &Task { env: "x", max_episode_steps: 500 }, &changes).unwrap();
     let (agent, preset) = (NAME.to_owned(), "small".to_owned());
     let config = AgentConfig { agent, preset, settings, observation_dim: 2, action_dim: 1, seed };
     Sac::new(config, Device::Cpu).unwrap()

@@ -1,0 +1,85 @@
+//! What agents share: tensors from values, gradients of a loss, the files of their optimizer.
+
+use std::path::Path;
+
+use burn::module::Module;
+use burn::tensor::{Device, Tensor, TensorData};
+
+use super::agent::AgentConfig;
+use crate::baseline::Losses;
+use crate::error::BaselineError;
+use crate::learner::read;
+use crate::losses::Terms;
+use crate::optim::{AdamW, Gradients};
+use crate::params::{self, host};
+use crate::weights;
+
+/// A tensor of this shape.
+pub(super) fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
+    Tensor::from_data(TensorData::new(values, shape), device)
+}
+
+/// The values of a loss of `tracked`, and its gradients; an error where one is not finite. `index` is the update's.
+pub(super) fn differentiate<M: Module>(
+    tracked: &M,
+    terms: Terms,
+    index: u64,
+) -> Result<(Losses, Gradients), BaselineError> {
+    let mut gradients = terms.total.backward();
+    let losses = read(terms);
+    let gradients: Gradients =
+        params::gradients(tracked, &mut gradients).into_iter().map(|gradient| gradient.map(host)).collect();
+    let found = gradients.iter().flatten().flatten().find(|value| !value.is_finite());
+    match found.copied().or((!losses.total.is_finite()).then_some(losses.total)) {
+        Some(value) => Err(BaselineError::NotFinite { step: index, value }),
+        None => Ok((losses, gradients)),
+    }
+}
+
+/// The observation of one environment, `[1, O]`, after checking it and the action that is to be written.
+pub(super) fn observed(
+    config: &AgentConfig,
+    observation: &[f32],
+    action: &[f32],
+    device: &Device,
+) -> Result<Tensor<2>, BaselineError> {
+    let [inputs, outputs] = [config.observation_dim, config.action_dim];
+    if observation.len() != inputs || action.len() != outputs {
+        let reason = format!(
+            "{} values and an action of {}; this agent takes {inputs} and gives {outputs}",
+            observation.len(),
+            action.len()
+        );
+        return Err(BaselineError::data("observation", reason));
+    }
+    Ok(tensor(observation.to_vec(), [1, inputs], device))
+}
+
+/// Number of trainable parameters: those that are neither statistics nor below `targets`.
+pub(super) fn trainable<M: Module>(network: &M, targets: &[(&str, &str)]) -> usize {
+    let is_target = |spec: &params::Spec| targets.iter().any(|(_, target)| spec.is_below(&[target]));
+    let specs = params::specs(network);
+    let trained = specs.iter().filter(|spec| !spec.is_buffer() && !is_target(spec));
+    trained.map(|spec| spec.shape.iter().product::<usize>()).sum()
+}
+
+/// The state of an optimizer of `network` in a file that [`AdamW::to_host`] was written to.
+///
+/// # Errors
+///
+/// The file cannot be read, or is of another agent.
+pub(super) fn load_optimizer<M: Module>(network: &M, path: &Path) -> Result<AdamW, BaselineError> {
+    let mut tensors = weights::read(path)?;
+    let optimizer = AdamW::from_host(network, |name, count| {
+        tensors.get(name).filter(|tensor| tensor.values.len() == count)?;
+        tensors.remove(name).map(|tensor| tensor.values)
+    });
+    match tensors.keys().next() {
+        None => Ok(optimizer),
+        Some(name) => {
+            let reason =
+                format!("holds `{name}`, which is no state of this agent's optimizer; it is of another run");
+            Err(BaselineError::weights(path, reason))
+        }
+    }
+}
