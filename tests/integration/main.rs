@@ -5,6 +5,7 @@
 mod bad_input;
 #[cfg(unix)]
 mod book;
+mod chosen;
 mod commands;
 mod completions;
 mod crash;
