@@ -31,3 +31,5 @@ mod shards;
 mod shell;
 mod slurm;
 mod support;
+#[cfg(feature = "ui")]
+mod ui;
