@@ -8,7 +8,8 @@ use crate::support::{Folder, PUSHT, swm, swm_fails, swm_json, swm_ok};
 pub(crate) const QUICK: &str =
     "cem:samples=20,elites=5,iterations=3,horizon=2,receding_horizon=2,action_block=4";
 
-fn dataset(folder: &Folder) -> String {
+/// A recording of 30 episodes, made once.
+pub(crate) fn dataset(folder: &Folder) -> String {
     let out = folder.path("pusht.h5");
     if std::path::Path::new(&out).exists() {
         return out;

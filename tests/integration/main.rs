@@ -5,6 +5,7 @@
 mod bad_input;
 #[cfg(unix)]
 mod book;
+mod chosen;
 mod commands;
 mod completions;
 mod crash;
@@ -30,3 +31,5 @@ mod shards;
 mod shell;
 mod slurm;
 mod support;
+#[cfg(feature = "ui")]
+mod ui;

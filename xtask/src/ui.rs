@@ -84,13 +84,16 @@ fn files(folder: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>> {
     Ok(all)
 }
 
-/// A dataset, a manifest with a receipt, and a training run's metrics below `folder`; the program that made them.
+/// A dataset, a manifest with a receipt, a job of which a part is done, and a training run's metrics below `folder`; the program that
+/// made them.
 fn demo_data(folder: &Path) -> Result<PathBuf> {
     let program = test::program()?;
     let commands = [
         "collect swm/PushT-v1 --policy expert --episodes 8 --seed 1 --max-steps 200 --out demo.h5 --quiet",
         "manifest make swm/PushT-v1 --tier moderate --episodes 8 --budget 60 --out task.json --quiet",
         "eval --manifest task.json --policy expert --reference random,no-op --out result --quiet",
+        "submit --job job --shards 3 --on script --no-copy -- collect swm/TwoRoom-v2 --policy expert --episodes 9 --image-size none",
+        "task job --index 2",
     ];
     for line in commands {
         process::run(Command::new(&program).args(line.split(' ')).current_dir(folder))?;

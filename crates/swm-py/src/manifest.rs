@@ -121,6 +121,7 @@ fn make_manifest(
                 hash: file_hash(path).map_err(boxed)?,
                 goal_offset: *goal_offset,
                 held_out: *held_out,
+                chosen: None,
             }),
             _ => None,
         };

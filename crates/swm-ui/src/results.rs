@@ -1,4 +1,4 @@
-//! Results: what lies below the given paths, files of results as they are, and the curves of training runs.
+//! Results: what lies below the given paths, files of results as they are, curves of training runs, the progress of jobs.
 
 use std::collections::BTreeMap;
 use std::io::{Read as _, Seek as _, SeekFrom};
@@ -29,7 +29,7 @@ pub(crate) async fn result(State(app): State<Arc<App>>, Query(Named { id }): Que
     blocking(move || {
         let path = app.roots.resolve(&id)?;
         match roots::kind_of(&app.registry, &path) {
-            Some((Kind::Dataset | Kind::Training, _)) | None => Err(Refusal::bad(format!("`{id}` is no file of results"))),
+            Some((Kind::Dataset | Kind::Training | Kind::Job, _)) | None => Err(Refusal::bad(format!("`{id}` is no file of results"))),
             Some((kind, _)) => json(&json!({ "kind": kind, "path": path.display().to_string(), "content": roots::read_result(&path)? })),
         }
     })
@@ -44,6 +44,15 @@ pub(crate) async fn training(State(app): State<Arc<App>>, Query(Named { id }): Q
         let config = path.join("config.json");
         let config = if config.is_file() { roots::read_result(&config)? } else { Json::Null };
         json(&json!({ "path": path.display().to_string(), "config": config, "series": curves(&file)? }))
+    })
+    .await
+}
+
+/// The progress of a job, as `swm jobs` has it.
+pub(crate) async fn job(State(app): State<Arc<App>>, Query(Named { id }): Query<Named>) -> Answer {
+    blocking(move || {
+        let dir = app.roots.resolve_job(&id)?;
+        json(&app.commands()?.job(&dir)?)
     })
     .await
 }

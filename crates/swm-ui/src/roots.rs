@@ -47,6 +47,7 @@ pub(crate) enum Kind {
     Sweep,
     Evaluation,
     Training,
+    Job,
 }
 
 /// So deep are folders searched…
@@ -92,6 +93,29 @@ impl Roots {
         // Links are followed, and what they lead to must lie below a root, too.
         let real = fs::canonicalize(&path).map_err(|error| Refusal::bad(format!("`{id}`: {error}")))?;
         if self.holds(&real) { Ok(real) } else { Err(outside()) }
+    }
+
+    /// The folder of a job. Links within are refused: what reads its files would follow them.
+    ///
+    /// # Errors
+    ///
+    /// As [`Roots::resolve`]; a link among its files.
+    pub(crate) fn resolve_job(&self, id: &str) -> Result<PathBuf, Refusal> {
+        let dir = self.resolve(id)?;
+        for folder in [dir.clone(), dir.join("done"), dir.join("logs")] {
+            let Ok(entries) = fs::read_dir(&folder) else { continue };
+            for entry in entries {
+                let entry = entry?;
+                if entry.file_type()?.is_symlink() {
+                    let name = entry.path();
+                    return Err(Refusal::forbidden(format!(
+                        "{} is a link, which is not followed within jobs",
+                        name.display()
+                    )));
+                }
+            }
+        }
+        Ok(dir)
     }
 
     /// Whether a path, links resolved, is below a root.
@@ -202,8 +226,11 @@ impl Roots {
         let Ok(there) = fs::metadata(path) else { return };
         let bytes = there.len();
         if let Some((kind, format)) = self.known_kind(registry, path, (bytes, there.modified().ok())) {
-            found.push(Found { id, name: path.display().to_string(), kind, format, bytes });
-            return;
+            found.push(Found { id: id.clone(), name: path.display().to_string(), kind, format, bytes });
+            // Within a job are its shards and its result.
+            if kind != Kind::Job {
+                return;
+            }
         }
         let entries = fs::read_dir(path).ok().filter(|_| depth > 0);
         for entry in entries.into_iter().flatten().flatten() {
@@ -231,6 +258,9 @@ pub(crate) fn kind_of(registry: &Registry, path: &Path) -> Option<Known> {
     if path.is_dir() {
         if path.join("metrics.jsonl").is_file() {
             return Some((Kind::Training, None));
+        }
+        if path.join("job.json").is_file() {
+            return Some((Kind::Job, None));
         }
         return swm_data::format::detect(registry, path).map(|format| (Kind::Dataset, Some(format.name)));
     }

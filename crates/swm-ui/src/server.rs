@@ -10,14 +10,15 @@ use std::time::{Duration, Instant};
 
 use axum::Router;
 use axum::extract::{DefaultBodyLimit, Request, State};
-use axum::http::header;
+use axum::http::{StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse as _, Response};
-use axum::routing::get;
+use axum::routing::{get, post};
 use swm_core::{Cancel, Registry};
 
+use crate::commands::Commands;
 use crate::data::Store;
-use crate::error::UiError;
+use crate::error::{Refusal, UiError};
 use crate::guard::{Guard, Pass};
 use crate::roots::Roots;
 use crate::{assets, data, play, results};
@@ -28,6 +29,8 @@ use crate::{assets, data, play, results};
 pub struct Options {
     /// Environments, policies, solvers and dataset formats.
     pub registry: Registry,
+    /// What the command line does for the page. `None`: no manifests are made, and neither jobs nor oracles are shown.
+    pub commands: Option<Arc<dyn Commands>>,
     /// What may be looked at: datasets, folders of results, training runs, or folders that hold them.
     pub paths: Vec<PathBuf>,
     /// The only folder that is written to: recordings and manifests. `None`: nothing is written.
@@ -49,6 +52,7 @@ impl Options {
     pub fn new(registry: Registry) -> Self {
         Self {
             registry,
+            commands: None,
             paths: Vec::new(),
             save: None,
             host: "127.0.0.1".to_owned(),
@@ -68,6 +72,7 @@ pub const SAVING: Duration = Duration::from_secs(30);
 /// What every request sees.
 pub(crate) struct App {
     pub registry: Registry,
+    commands: Option<Arc<dyn Commands>>,
     pub roots: Roots,
     pub store: Store,
     guard: Guard,
@@ -82,6 +87,16 @@ pub(crate) struct App {
 pub(crate) struct Seat(Arc<App>);
 
 impl App {
+    /// What the command line does.
+    ///
+    /// # Errors
+    ///
+    /// It was not handed in.
+    pub(crate) fn commands(&self) -> Result<&dyn Commands, Refusal> {
+        let missing = "this program serves the page without that; use the command `swm ui`";
+        self.commands.as_deref().ok_or_else(|| Refusal::new(StatusCode::NOT_IMPLEMENTED, missing))
+    }
+
     /// A place for one more environment, if there is one.
     pub(crate) fn seat(self: &Arc<Self>) -> Option<Seat> {
         let taken = self.sessions.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |open| {
@@ -131,7 +146,7 @@ impl Server {
     /// A path that is not there, a folder for recordings that cannot be made, a host that is no address of this machine, a
     /// port that is taken.
     pub fn bind(options: Options) -> Result<Self, UiError> {
-        let Options { registry, paths, save, host, port, idle, max_sessions, frame_from } = options;
+        let Options { registry, commands, paths, save, host, port, idle, max_sessions, frame_from } = options;
         let roots = Roots::new(&paths, save.as_deref())?;
         let ip = address_of(&host)?;
         let failed = |source| UiError::Listen { address: format!("{host}:{port}"), source };
@@ -146,6 +161,7 @@ impl Server {
         let app = App {
             store: Store::new(registry.clone()),
             registry,
+            commands,
             roots,
             guard: Guard::new(&names, address.port(), frame_from.as_deref())?,
             max_sessions,
@@ -257,6 +273,8 @@ fn router(app: Arc<App>) -> Router {
         .route("/api/files", get(results::files))
         .route("/api/result", get(results::result))
         .route("/api/training", get(results::training))
+        .route("/api/job", get(results::job))
+        .route("/api/manifest", post(data::make_manifest))
         .route("/api/data", get(data::about))
         .route("/api/data/episodes", get(data::episodes))
         .route("/api/data/image", get(data::image))

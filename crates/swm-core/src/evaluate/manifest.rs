@@ -116,6 +116,17 @@ pub enum PairSource {
         /// [`super::is_held_out`]. 1: all.
         held_out: f64,
     },
+    /// Steps of recorded episodes that were chosen one by one.
+    Chosen {
+        /// File name, for people.
+        name: String,
+        /// SHA-256 of the file, or of its files.
+        hash: String,
+        /// Episodes it holds.
+        episodes: usize,
+        /// Rows it holds.
+        rows: usize,
+    },
 }
 
 impl PairSource {
@@ -129,6 +140,9 @@ impl PairSource {
                     false => String::new(),
                 };
                 format!("{name}: {episodes} episodes, {rows} rows{share}; goals {goal_offset} rows ahead")
+            }
+            PairSource::Chosen { name, episodes, rows, .. } => {
+                format!("{name}: {episodes} episodes, {rows} rows; pairs chosen one by one")
             }
         }
     }
@@ -184,6 +198,9 @@ pub struct Pair {
     /// Episode, start row and goal row of the dataset.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<[usize; 3]>,
+    /// The episode of the goal's row, where it is not that of the start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub goal_episode: Option<usize>,
     /// Digest of the first row that this gives, images apart: what [`witness`](super::witness) makes of it.
     pub witness: String,
 }
@@ -287,6 +304,7 @@ mod tests {
                 start: Some(BTreeMap::from([("state".to_owned(), Json::from(vec![0.1 + 0.2]))])),
                 goal: None,
                 from: None,
+                goal_episode: None,
                 witness: String::new(),
             }],
         }

@@ -3,6 +3,7 @@
 //! A [`Manifest`] fixes what is evaluated: pairs of start and goal, budget, and a [`SuccessRule`] outside of the environment.
 //! [`World::run_pairs`] runs it, [`OutcomeRecorder`] watches, [`stats`] compares. Files are not known here.
 
+mod chosen;
 mod from_dataset;
 mod hash;
 mod manifest;
@@ -29,6 +30,7 @@ use crate::run::{EpisodeEnd, Rollout, RunInfo};
 use crate::world::World;
 
 pub use crate::success::{Condition, Judge, Measure, SuccessRule};
+pub use chosen::ChosenPair;
 pub use from_dataset::{EvalOptions, choose_starts};
 pub use hash::{sha256, sha256_of, sorted, witness};
 pub use manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier};

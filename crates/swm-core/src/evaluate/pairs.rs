@@ -8,6 +8,7 @@ use rand::RngExt as _;
 use rand::seq::SliceRandom as _;
 use serde_json::Value as Json;
 
+use super::chosen::ChosenPair;
 use super::from_dataset::choose_starts;
 use super::hash::witness;
 use super::manifest::{Excluded, MANIFEST_VERSION, Manifest, Pair, PairSource, Tier};
@@ -80,6 +81,8 @@ pub struct RecordedPairs<'a> {
     pub goal_offset: usize,
     /// The share of episodes to sample from; 1: all.
     pub held_out: f64,
+    /// The pairs themselves, in place of sampled ones: then `goal_offset`, `held_out` and the number of pairs do not count.
+    pub chosen: Option<Vec<ChosenPair>>,
 }
 
 /// Whether an episode of a dataset is held out from training and kept for evaluation: a share of all episodes, by a hash
@@ -104,7 +107,8 @@ pub fn make_manifest(
     recorded: Option<RecordedPairs<'_>>,
 ) -> Result<Manifest, WorldError> {
     let wrong = |reason: &str| WorldError::Option { option: "pairs", reason: reason.to_owned() };
-    if options.pairs == 0 {
+    let chosen = recorded.as_ref().and_then(|recorded| recorded.chosen.as_ref());
+    if chosen.map_or(options.pairs, Vec::len) == 0 {
         return Err(wrong("0 pairs asked for; use 1 or more"));
     }
     let env = entry.make(&EnvConfig { image: None, ..config.clone() })?;
@@ -113,17 +117,21 @@ pub fn make_manifest(
         None => (PairSource::Online, sample.online()?),
         Some(mut recorded) => {
             sample.check_source(&recorded)?;
-            let pairs = match options.tier {
-                Tier::Historic => sample.historic(&mut recorded),
-                Tier::Moderate | Tier::Strict => sample.held_out(&mut recorded),
+            let chosen = recorded.chosen.take();
+            let pairs = match (&chosen, options.tier) {
+                (Some(chosen), _) => sample.chosen(&mut recorded, chosen)?,
+                (None, Tier::Historic) => sample.historic(&mut recorded).map_err(WorldError::Dataset)?,
+                (None, _) => sample.held_out(&mut recorded).map_err(WorldError::Dataset)?,
             };
-            let pairs = pairs.map_err(WorldError::Dataset)?;
-            let (source, held_out) = (&*recorded.source, recorded.held_out);
+            let RecordedPairs { source, name, hash, goal_offset, held_out, .. } = recorded;
             let episodes = source.num_episodes();
             let rows = (0..episodes).map(|episode| source.episode_len(episode)).sum();
-            let (name, hash, goal_offset) = (recorded.name, recorded.hash, recorded.goal_offset);
             let held_out = if options.tier == Tier::Historic { 1.0 } else { held_out };
-            (PairSource::Dataset { name, hash, episodes, rows, goal_offset, held_out }, pairs)
+            let source = match chosen {
+                Some(_) => PairSource::Chosen { name, hash, episodes, rows },
+                None => PairSource::Dataset { name, hash, episodes, rows, goal_offset, held_out },
+            };
+            (source, pairs)
         }
     };
     Ok(Manifest {
@@ -227,6 +235,7 @@ impl<'a> Sample<'a> {
                 start: None,
                 goal: None,
                 from: None,
+                goal_episode: None,
                 witness: String::new(),
             };
             self.take(pair, &mut pairs)?;
@@ -254,8 +263,33 @@ impl<'a> Sample<'a> {
         let starts = choose_starts(lengths, options.pairs, recorded.goal_offset, options.seed)?;
         let mut pairs = Vec::with_capacity(starts.len());
         for start in starts {
-            let pair = self.recorded_pair(recorded, start)?;
+            let pair = self.recorded_pair(recorded, ChosenPair::ahead(start, recorded.goal_offset))?;
             self.take(pair, &mut pairs)?;
+        }
+        Ok(pairs)
+    }
+
+    /// The pairs that were chosen, in their order. One that the tier leaves out is refused.
+    fn chosen(
+        &mut self,
+        recorded: &mut RecordedPairs<'_>,
+        chosen: &[ChosenPair],
+    ) -> Result<Vec<Pair>, WorldError> {
+        let tier = self.options.tier.name();
+        let mut pairs = Vec::with_capacity(chosen.len());
+        for (at, wanted) in chosen.iter().enumerate() {
+            wanted.check(&*recorded.source, &chosen[..at])?;
+            let pair = self.recorded_pair(recorded, *wanted).map_err(WorldError::Dataset)?;
+            self.take(pair, &mut pairs)?;
+            if pairs.len() == at {
+                let why = match self.excluded.solved_at_start {
+                    0 => "has too little motion from start to goal",
+                    _ => "is a success at its start",
+                };
+                return Err(wanted.refuse(&format!(
+                    "{why} by the rules of the tier {tier}; choose other steps, or the tier historic"
+                )));
+            }
         }
         Ok(pairs)
     }
@@ -283,7 +317,8 @@ impl<'a> Sample<'a> {
                 continue;
             }
             let row = keyed(options.seed, "evaluation row", [episode as u64, 0]).random_range(0..valid);
-            let pair = self.recorded_pair(recorded, [episode, row])?;
+            let rows = ChosenPair::ahead([episode, row], recorded.goal_offset);
+            let pair = self.recorded_pair(recorded, rows)?;
             self.take(pair, &mut pairs)?;
         }
         if pairs.len() < options.pairs {
@@ -300,13 +335,9 @@ impl<'a> Sample<'a> {
         Ok(pairs)
     }
 
-    fn recorded_pair(
-        &self,
-        recorded: &mut RecordedPairs<'_>,
-        [episode, row]: [usize; 2],
-    ) -> Result<Pair, BoxError> {
+    fn recorded_pair(&self, recorded: &mut RecordedPairs<'_>, rows: ChosenPair) -> Result<Pair, BoxError> {
         let (options, spec) = (self.options, self.env.spec());
-        let goal_row = row + recorded.goal_offset;
+        let ChosenPair { start: [episode, row], goal: [goal_episode, goal_row] } = rows;
         let ResetOptions { variation_values: mut factors, start, .. } =
             recorded_state(spec, recorded.source, episode, row)?;
         let mut start = start.unwrap_or_default();
@@ -318,7 +349,7 @@ impl<'a> Sample<'a> {
                 *value = Value { shape: value.shape.clone(), ..Value::vector(&numbers) };
             }
         }
-        let goal = read_known(recorded.source, episode, goal_row, spec.goal_columns)?;
+        let goal = read_known(recorded.source, goal_episode, goal_row, spec.goal_columns)?;
         if spec.goal_columns.is_empty() {
             return Err(format!(
                 "{} sets no goals from recorded rows, so that a dataset gives no pairs; leave out the dataset",
@@ -346,6 +377,7 @@ impl<'a> Sample<'a> {
             start: Some(json(start)),
             goal: Some(json(goal)),
             from: Some([episode, row, goal_row]),
+            goal_episode: (goal_episode != episode).then_some(goal_episode),
             witness: String::new(),
         })
     }

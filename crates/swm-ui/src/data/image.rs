@@ -15,7 +15,7 @@ use crate::error::Refusal;
 /// The side of rendered images.
 const MAX_SIDE: usize = 512;
 /// Bytes of the frames of a video.
-const MAX_VIDEO: usize = 600 << 20;
+pub(crate) const MAX_VIDEO: usize = 600 << 20;
 /// As `swm preview` has it.
 const FRAMES_PER_SECOND: f64 = 10.0;
 
@@ -51,10 +51,15 @@ pub(super) fn video(
         }
         clip.ok_or_else(|| Refusal::bad(format!("episode {episode} has no steps")))
     })?;
+    Ok(encode(&clip)?)
+}
+
+/// A video as MP4, or as GIF where the program was built without MP4.
+pub(crate) fn encode(clip: &Clip) -> Result<(Format, Vec<u8>), MediaError> {
     match clip.encode(Format::Mp4) {
         Ok(bytes) => Ok((Format::Mp4, bytes)),
         Err(MediaError::NotBuilt { .. }) => Ok((Format::Gif, clip.encode(Format::Gif)?)),
-        Err(error) => Err(error.into()),
+        Err(error) => Err(error),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Datasets: what they hold, their episodes by filter, images, values of an episode, samples of columns.
 
 mod image;
+mod make;
 mod opened;
 mod query;
 mod sample;
@@ -18,6 +19,8 @@ use crate::error::{Answer, Refusal, json};
 use crate::play::catalog::column;
 use crate::server::App;
 
+pub(crate) use image::{MAX_VIDEO, encode};
+pub(crate) use make::make_manifest;
 use opened::Opened;
 pub(crate) use opened::Store;
 use query::Filter;

@@ -19,6 +19,8 @@ pub(super) struct Inbox {
 #[derive(Default)]
 struct State {
     waiting: VecDeque<Result<Command, String>>,
+    /// Frames that the page has shown.
+    shown: u64,
     is_closed: bool,
 }
 
@@ -28,6 +30,9 @@ impl Inbox {
         let command =
             serde_json::from_str::<Command>(text).map_err(|error| format!("the page sent `{error}`"));
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Ok(Command::Shown) = command {
+            state.shown += 1;
+        }
         if let (Ok(new), Some(Ok(last))) = (&command, state.waiting.back())
             && discriminant(new) == discriminant(last)
             && matches!(
@@ -37,6 +42,7 @@ impl Inbox {
                     | Command::Rewind { .. }
                     | Command::Reset(_)
                     | Command::Rate { .. }
+                    | Command::Shown
             )
         {
             state.waiting.pop_back();
@@ -44,6 +50,11 @@ impl Inbox {
         state.waiting.push_back(command);
         self.arrived.notify_one();
         state.waiting.len() <= MAX_WAITING
+    }
+
+    /// How many frames the page has shown.
+    pub(super) fn shown(&self) -> u64 {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).shown
     }
 
     /// The page is gone.
@@ -94,6 +105,15 @@ mod tests {
         let Some(Ok(Command::Pointer { at: Some([x, _]) })) = next(&inbox) else { panic!("a position") };
         assert_eq!(x, 999.0);
         assert!(matches!(next(&inbox), Some(Ok(Command::Step))));
+        assert!(next(&inbox).is_none());
+    }
+
+    #[test]
+    fn shown_frames_are_counted_and_one_word_of_them_waits() {
+        let inbox = Inbox::default();
+        assert!((0..1000).all(|_| inbox.push(r#"{"type":"shown"}"#)));
+        assert_eq!(inbox.shown(), 1000);
+        assert!(matches!(next(&inbox), Some(Ok(Command::Shown))));
         assert!(next(&inbox).is_none());
     }
 

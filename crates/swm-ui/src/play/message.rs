@@ -37,6 +37,10 @@ pub(super) enum Command {
     Undo,
     /// Ends the recording.
     StopRecording,
+    /// Asks for the episode up to here as a video.
+    Video,
+    /// The page has shown a frame.
+    Shown,
 }
 
 /// How an environment is made.
@@ -62,6 +66,22 @@ pub(super) struct Open {
 pub(super) struct Pair {
     pub id: String,
     pub index: usize,
+    /// Who acts in it.
+    #[serde(default)]
+    pub run: Run,
+}
+
+/// One of the policies of a file of results.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Run {
+    /// That of the receipt; nobody in a manifest.
+    #[default]
+    Policy,
+    /// A reference policy of the receipt.
+    Reference(usize),
+    /// The planner on the true dynamics that the policy is compared with, whether or not the receipt holds it.
+    Oracle,
 }
 
 /// How an episode begins.

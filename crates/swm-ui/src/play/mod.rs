@@ -1,17 +1,20 @@
 //! Live environments: a WebSocket each, and a thread that steps a `World` of one environment.
 //!
 //! Messages to the server are [`message::Command`]s in JSON. Messages to the page are JSON in text, and frames: binary, the
-//! length of a JSON head (u32, little-endian), the head, and the image `[H, W, 3]` u8 RGB.
+//! length of a JSON head (u32, little-endian), the head, and the image `[H, W, 3]` u8 RGB; or a head with `video` and a file.
 
 pub(crate) mod catalog;
 mod history;
 mod inbox;
 mod message;
+mod noted;
 mod planner;
 mod recording;
 mod session;
 mod stage;
 mod steer;
+mod take;
+mod task;
 
 use std::sync::Arc;
 
@@ -25,8 +28,8 @@ use crate::error::Refusal;
 use crate::server::{App, MAX_MESSAGE_BYTES, Seat};
 use inbox::Inbox;
 
-/// Frames that may be on their way: one more would only be older when it is seen.
-const FRAMES_IN_FLIGHT: usize = 2;
+/// Messages that may wait for the socket.
+const MESSAGES_WAITING: usize = 2;
 
 /// Opens a live environment, if there is room for one more.
 pub(crate) async fn connect(State(app): State<Arc<App>>, upgrade: WebSocketUpgrade) -> Response {
@@ -41,7 +44,7 @@ pub(crate) async fn connect(State(app): State<Arc<App>>, upgrade: WebSocketUpgra
 /// Carries messages between the socket and the session until either ends.
 async fn serve(app: Arc<App>, seat: Seat, mut socket: WebSocket) {
     let inbox = Arc::new(Inbox::default());
-    let (outbox, mut frames) = mpsc::channel(FRAMES_IN_FLIGHT);
+    let (outbox, mut frames) = mpsc::channel(MESSAGES_WAITING);
     let _closed = CloseOnDrop(Arc::clone(&inbox));
     let (its_app, its_inbox) = (Arc::clone(&app), Arc::clone(&inbox));
     let work = move || {

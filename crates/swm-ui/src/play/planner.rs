@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use swm_core::error::BoxError;
+use swm_core::evaluate::stats::rank_correlation;
 use swm_core::{EnvConfig, EnvEntry, EnvState, Policy, PolicyArgs, PolicyError, Space, View};
 use swm_solvers::{
     Iteration, Memory, Plan, PlanPaths, Problem, Trace, TracedPlan, planner_of, stops_at_success,
@@ -29,8 +30,8 @@ pub(super) struct Planner {
 #[derive(Default)]
 struct Latest {
     memory: Memory,
-    /// Of the first iteration, `[H, D]` each, evenly chosen.
-    candidates: Vec<Vec<f32>>,
+    /// Of the first iteration, evenly chosen: what each cost, and its actions `[H, D]`.
+    candidates: Vec<(f64, Vec<f32>)>,
     /// The step of the episode and the state that it begins in.
     start: Option<(u64, EnvState)>,
     is_new: bool,
@@ -49,14 +50,21 @@ pub(super) struct Shown {
     cost: Option<f64>,
     /// The task cost where the plan ends in the environment.
     true_cost: Option<f64>,
+    /// Spearman's rank correlation of both costs over all paths but the plan.
+    agreement: Option<f64>,
     /// Candidates and elites first, the plan last.
     paths: Vec<Path>,
 }
 
-/// Where a plan leads: points of each object, as fractions of the image's width and height.
+/// Where a plan leads.
 #[derive(Debug, Serialize)]
 struct Path {
     of: &'static str,
+    /// What the planner's model says that it costs.
+    cost: Option<f64>,
+    /// The task cost where it ends in the environment.
+    true_cost: Option<f64>,
+    /// Points of each object, as fractions of the image's width and height; empty where nothing is said of objects.
     objects: Vec<Vec<[f64; 2]>>,
 }
 
@@ -104,21 +112,30 @@ impl Planner {
         Some(self.shown(step, &state, plan, &candidates))
     }
 
-    fn shown(&mut self, step: u64, state: &EnvState, plan: &TracedPlan, candidates: &[Vec<f32>]) -> Shown {
-        let expected = self.path("plan", state, &plan.actions);
-        let true_cost = self.paths.task_cost();
+    fn shown(
+        &mut self,
+        step: u64,
+        state: &EnvState,
+        plan: &TracedPlan,
+        candidates: &[(f64, Vec<f32>)],
+    ) -> Shown {
+        let cost = plan.result.as_ref().and_then(|result| result.cost);
+        let expected = self.path("plan", cost, state, &plan.actions);
+        let true_cost = expected.as_ref().and_then(|path| path.true_cost);
         let mut objects = self.paths.places(state, &[]).unwrap_or_default();
         let objects = objects.pop().unwrap_or_default().into_iter().map(|place| place.name.to_string());
         let first = plan.iterations.first().map_or(&[][..], |iteration| &iteration.elites);
         let last = plan.iterations.last().map_or(&[][..], |iteration| &iteration.elites);
-        let plans = candidates.iter().map(|actions| ("candidate", actions));
-        let plans = plans.chain(first.iter().map(|elite| ("first elite", &elite.actions)));
-        let plans = plans.chain(last.iter().map(|elite| ("last elite", &elite.actions)));
+        let plans = candidates.iter().map(|(cost, actions)| ("candidate", *cost, actions));
+        let plans = plans.chain(first.iter().map(|elite| ("first elite", elite.cost, &elite.actions)));
+        let plans = plans.chain(last.iter().map(|elite| ("last elite", elite.cost, &elite.actions)));
         let started = Instant::now();
         let mut paths: Vec<Path> = Vec::new();
-        for (of, actions) in plans.take_while(|_| started.elapsed() < MAX_SIMULATED) {
-            paths.extend(self.path(of, state, actions));
+        for (of, cost, actions) in plans.take_while(|_| started.elapsed() < MAX_SIMULATED) {
+            paths.extend(self.path(of, Some(cost), state, actions));
         }
+        let costs = paths.iter().filter_map(|path| Some((path.cost?, path.true_cost?)));
+        let (predicted, found): (Vec<f64>, Vec<f64>) = costs.unzip();
         paths.extend(expected);
         let records = plan.iterations.iter().map(|iteration| &iteration.record);
         Shown {
@@ -126,18 +143,31 @@ impl Planner {
             step,
             objects: objects.collect(),
             costs: records.map(|record| [record.best, record.elite_mean, record.sample_mean]).collect(),
-            cost: plan.result.as_ref().and_then(|result| result.cost),
+            cost,
             true_cost,
+            agreement: rank_correlation(&predicted, &found),
             paths,
         }
     }
 
-    /// `None` where the simulation fails, or nothing moves in the image.
-    fn path(&mut self, of: &'static str, state: &EnvState, actions: &[f32]) -> Option<Path> {
+    /// `None` where the simulation fails.
+    fn path(
+        &mut self,
+        of: &'static str,
+        cost: Option<f64>,
+        state: &EnvState,
+        actions: &[f32],
+    ) -> Option<Path> {
         let places = self.paths.places(state, actions).ok()?;
         let count = places.iter().map(Vec::len).min()?;
         let points = |object: usize| places.iter().map(|places| places[object].at).collect();
-        (count > 0).then(|| Path { of, objects: (0..count).map(points).collect() })
+        let objects = (0..count).map(points).collect();
+        Some(Path {
+            of,
+            cost: cost.filter(|cost| cost.is_finite()),
+            true_cost: self.paths.task_cost(),
+            objects,
+        })
     }
 }
 
@@ -173,7 +203,8 @@ impl Trace for Tracer {
         let mut latest = lock(&self.0);
         if iteration.number == 0 {
             let stride = iteration.candidates.samples.div_ceil(CANDIDATES).max(1);
-            latest.candidates = iteration.candidates_of(0).step_by(stride).map(<[f32]>::to_vec).collect();
+            let all = iteration.costs_of(0).iter().copied().zip(iteration.candidates_of(0));
+            latest.candidates = all.step_by(stride).map(|(cost, plan)| (cost, plan.to_vec())).collect();
         }
         latest.memory.iteration(iteration);
     }

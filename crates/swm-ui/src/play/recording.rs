@@ -6,43 +6,10 @@ use std::path::PathBuf;
 use serde::Serialize;
 use swm_core::dataset::DatasetRecorder;
 use swm_core::error::BoxError;
-use swm_core::{
-    Batch, Column, EnvConfig, EnvEntry, EpisodeEnd, EpisodeSeed, EpisodeSink, ImageSize, LiveStep, Metadata,
-    Recorder, Registry, ResetOptions, Rollout, Schema, World, WorldOptions, policy,
-};
+use swm_core::{Batch, EpisodeSink, ImageSize, Metadata, Registry, Schema};
 use swm_data::{DatasetWriter, WriteMode, WriteOptions};
 
-/// An episode that was played: everything that repeats it.
-#[derive(Clone)]
-pub(super) struct Take {
-    pub entry: &'static EnvEntry,
-    pub config: EnvConfig,
-    /// Steps after which it is truncated.
-    pub limit: Option<u64>,
-    pub frame_skip: u32,
-    pub run_seed: u64,
-    pub seed: EpisodeSeed,
-    pub options: ResetOptions,
-    /// Of every step, `[A]` each.
-    pub actions: Vec<Column>,
-    /// Who acted.
-    pub actors: String,
-    pub end: Ending,
-}
-
-/// How an episode went, for the page and for the comparison with its repetition.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Ending {
-    pub steps: u64,
-    pub success: Option<bool>,
-    pub total_reward: f64,
-}
-
-impl From<&EpisodeEnd> for Ending {
-    fn from(end: &EpisodeEnd) -> Self {
-        Self { steps: end.steps, success: end.success, total_reward: end.total_reward }
-    }
-}
+use super::take::{Ending, Take};
 
 /// A file that grows by kept episodes. The last one waits until another is kept, so that it can be undone.
 pub(super) struct Recording {
@@ -125,55 +92,14 @@ impl Recording {
         };
         let mut writer = swm_data::create_in(&self.registry, &self.path, &append(), self.format.as_deref())?;
         let held = writer.num_episodes();
-        let config = EnvConfig { image: Some(self.image), ..take.config.clone() };
-        let options = WorldOptions::new(1)
-            .env(config)
-            .max_episode_steps(take.limit)
-            .frame_skip(take.frame_skip)
-            .threads(1);
-        let mut world = World::new(take.entry, options)?;
-        world.set_policy(policy::scripted(take.actors.clone(), |_, _| Ok(())));
-        let options = ResetOptions { seed: Some(take.seed), ..take.options.clone() };
-        let rollout = Rollout::new(held..held + 1).seed(take.run_seed).options(options);
         let mut sink = Continued { writer: writer.as_mut(), columns };
-        let mut end = End::default();
-        let mut watch = (DatasetRecorder::new(&mut sink), &mut end);
-        let mut run = world.begin(&rollout, &mut watch)?;
-        for action in &take.actions {
-            if run.needs_actions().is_none() {
-                break;
-            }
-            run.set_actions(action.as_slice())?;
-            run.advance()?;
-        }
-        match end.0 {
-            Some(end) if end.steps == take.end.steps && end.success == take.end.success => Ok(held + 1),
-            end => Err(format!(
-                "the episode was not repeated as it was played ({end:?}, not {:?}); the environment is not deterministic",
-                take.end
-            )
-            .into()),
-        }
+        take.repeat(held, self.image, None, &mut DatasetRecorder::new(&mut sink))?;
+        Ok(held + 1)
     }
 }
 
 fn append() -> WriteOptions {
     WriteOptions::default().mode(WriteMode::Append)
-}
-
-/// How the repetition ended.
-#[derive(Default)]
-struct End(Option<Ending>);
-
-impl Recorder for End {
-    fn step(&mut self, _row: &LiveStep<'_>) -> Result<(), BoxError> {
-        Ok(())
-    }
-
-    fn episode(&mut self, end: &EpisodeEnd) -> Result<(), BoxError> {
-        self.0 = Some(end.into());
-        Ok(())
-    }
 }
 
 /// A file that may hold factors that this episode does not vary.

@@ -6,15 +6,15 @@ use axum::extract::ws::Message;
 use serde::Serialize;
 use serde_json::{Value as Json, json};
 use swm_core::settings::describe;
-use swm_core::{ImageSize, Manifest, PolicyArgs};
+use swm_core::{ImageSize, PolicyArgs};
 use tokio::sync::mpsc::Sender;
 
 use super::inbox::Inbox;
-use super::message::{Command, Open, Pair};
+use super::message::{Command, Open};
 use super::recording::Recording;
 use super::stage::{Point, Stage};
+use super::task::Task;
 use crate::error::Refusal;
-use crate::roots::read_result;
 use crate::server::App;
 
 /// The side of the largest image that is shown live.
@@ -22,10 +22,18 @@ const MAX_IMAGE: usize = 512;
 const MAX_HZ: f64 = 60.0;
 /// After an episode its last image stays so long before the next one begins.
 const PAUSE_AFTER_EPISODE: Duration = Duration::from_millis(700);
+/// Frames that the page has not shown yet. While the environment plays, one more would only be older when it is seen, and sockets
+/// hold many: the next one leaves when the last one is shown.
+const MAX_UNSEEN: u64 = 1;
 
 struct Session<'a> {
     app: &'a App,
+    inbox: &'a Inbox,
     out: Sender<Message>,
+    /// Frames that were sent.
+    sent: u64,
+    /// There is a later image than the one that was sent last.
+    is_behind: bool,
     stage: Option<Stage>,
     recording: Option<Recording>,
     is_playing: bool,
@@ -40,7 +48,10 @@ struct Session<'a> {
 pub(super) fn run(app: &App, inbox: &Inbox, out: Sender<Message>) {
     let mut session = Session {
         app,
+        inbox,
         out,
+        sent: 0,
+        is_behind: false,
         stage: None,
         recording: None,
         is_playing: false,
@@ -102,7 +113,7 @@ impl Session<'_> {
             Command::Policy { text } => {
                 let args = text.map(|text| PolicyArgs::parse(&text)).transpose()?;
                 args.iter().try_for_each(|args| self.app.roots.check_policy(args))?;
-                self.stage()?.set_policy(registry, args)?;
+                self.stage()?.choose_policy(registry, args)?;
                 self.frame();
             }
             Command::Rewind { step } => {
@@ -133,6 +144,12 @@ impl Session<'_> {
                 self.tell(&json!({ "kind": "recorded", "id": file }));
                 self.frame();
             }
+            Command::Video => self.video()?,
+            Command::Shown => {
+                if self.is_behind {
+                    self.frame();
+                }
+            }
         }
         Ok(())
     }
@@ -154,8 +171,7 @@ impl Session<'_> {
         }
         open.settings.values().try_for_each(|value| self.app.roots.check_json(value))?;
         let task = open.pair.as_ref().map(|pair| Task::read(self.app, pair)).transpose()?;
-        let manifest = task.as_ref().map(|task| (&task.manifest, task.index));
-        let mut stage = Stage::open(&self.app.registry, open, manifest)?;
+        let mut stage = Stage::open(&self.app.registry, open, task.as_ref())?;
         let policy = task.as_ref().and_then(|task| task.policy.clone());
         stage.set_policy(&self.app.registry, policy.clone())?;
         (self.is_playing, self.points) = (false, Vec::new());
@@ -246,6 +262,16 @@ impl Session<'_> {
         self.frame();
     }
 
+    /// Sends the episode up to here as a file. Nothing is written: the page keeps it where its user says.
+    fn video(&mut self) -> Result<(), Refusal> {
+        let stage = self.stage()?;
+        let (height, width, _) = stage.image();
+        let take = stage.take().ok_or_else(|| Refusal::bad("the episode has no step yet"))?;
+        let (format, bytes) = take.video(ImageSize { height, width })?;
+        let _ = self.out.blocking_send(binary(&json!({ "video": format.extension() }), &bytes));
+        Ok(())
+    }
+
     fn tell(&self, message: &impl Serialize) {
         let Ok(text) = serde_json::to_string(message) else { return };
         // The page may be gone, which the loop finds out.
@@ -277,13 +303,13 @@ impl Session<'_> {
             "agent": stage.agent(),
             "points": self.points,
         });
-        let message = binary(&head, pixels);
-        let is_sent = if self.is_playing && end.is_some_and(|end| !end.terminated && !end.truncated) {
-            self.out.try_send(message).is_ok()
-        } else {
-            self.out.blocking_send(message).is_ok()
-        };
-        if is_sent {
+        let may_skip = self.is_playing && end.is_some_and(|end| !end.terminated && !end.truncated);
+        self.is_behind = may_skip && self.sent.saturating_sub(self.inbox.shown()) >= MAX_UNSEEN;
+        if self.is_behind {
+            return;
+        }
+        if self.out.blocking_send(binary(&head, pixels)).is_ok() {
+            self.sent += 1;
             self.points.clear();
         }
     }
@@ -297,30 +323,4 @@ fn binary(head: &Json, pixels: &[u8]) -> Message {
     bytes.extend(head.as_bytes());
     bytes.extend(pixels);
     Message::Binary(bytes.into())
-}
-
-/// A pair of a manifest, and the policy that a receipt on it is of.
-struct Task {
-    manifest: Manifest,
-    index: usize,
-    policy: Option<PolicyArgs>,
-}
-
-impl Task {
-    /// Reads the manifest, or the receipt that holds one.
-    fn read(app: &App, pair: &Pair) -> Result<Self, Refusal> {
-        let mut content = read_result(&app.roots.resolve(&pair.id)?)?;
-        let policy = content.pointer("/candidate/policy").cloned().map(serde_json::from_value::<PolicyArgs>);
-        let policy = policy.transpose()?;
-        policy.iter().try_for_each(|policy| app.roots.check_policy(policy))?;
-        if let Some(within) = content.get_mut("manifest") {
-            content = within.take();
-        }
-        if let Json::Object(map) = &mut content {
-            map.remove("hash");
-        }
-        let manifest: Manifest = serde_json::from_value(content)?;
-        manifest.check()?;
-        Ok(Self { manifest, index: pair.index, policy })
-    }
 }

@@ -7,16 +7,19 @@ use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use swm_core::env::VARIATION_PREFIX;
 use swm_core::error::BoxError;
+use swm_core::view::Transform;
 use swm_core::{
-    Actions, Column, EnvConfig, EnvEntry, EpisodeEnd, Field, ImageSize, LiveEpisode, Manifest, Policy,
-    PolicyArgs, PolicyError, Registry, ResetOptions, Value, View, World, WorldOptions,
+    Column, EnvConfig, EnvEntry, EpisodeEnd, Field, ImageSize, LiveEpisode, PolicyArgs, Registry,
+    ResetOptions, SuccessRule, Value, World, WorldOptions,
 };
 
 use super::history::History;
 use super::message::{Open, Reset};
-use super::planner::{Planner, Shown, Starts};
-use super::recording::{Ending, Take};
+use super::noted::Noted;
+use super::planner::{Planner, Shown};
 use super::steer::Steer;
+use super::take::{Ending, Take};
+use super::task::Task;
 
 pub(super) struct Stage {
     pub entry: &'static EnvEntry,
@@ -26,6 +29,8 @@ pub(super) struct Stage {
     frame_skip: u32,
     /// The pair of a manifest that every episode starts from.
     pair: Option<ResetOptions>,
+    success: SuccessRule,
+    transform: Option<Arc<dyn Transform>>,
     /// The run's seed, and which of its episodes.
     pub seed: u64,
     pub episode: u64,
@@ -63,14 +68,12 @@ impl Stage {
     /// # Errors
     ///
     /// No such environment, a setting or image size that it refuses, what it needs is not installed, a reset that it refuses.
-    pub(super) fn open(
-        registry: &Registry,
-        open: &Open,
-        task: Option<(&Manifest, usize)>,
-    ) -> Result<Self, BoxError> {
-        let entry = registry.env(&open.env)?;
-        let image = Some(ImageSize::new(open.image, open.image)?);
-        let manifest = task.map(|(manifest, _)| manifest);
+    pub(super) fn open(registry: &Registry, open: &Open, task: Option<&Task>) -> Result<Self, BoxError> {
+        let manifest = task.map(|task| &task.manifest);
+        let entry = registry.env(manifest.map_or(&open.env, |manifest| &manifest.env))?;
+        // Policies see what they saw in the evaluation.
+        let asked = ImageSize::new(open.image, open.image)?;
+        let image = Some(manifest.and_then(|manifest| manifest.image).unwrap_or(asked));
         let settings = manifest.map_or(&open.settings, |manifest| &manifest.settings).clone();
         let config = EnvConfig { image, settings };
         let limit = manifest.map_or(open.max_steps, |manifest| Some(manifest.budget));
@@ -78,10 +81,14 @@ impl Stage {
         let options =
             WorldOptions::new(1).env(config.clone()).max_episode_steps(limit).frame_skip(frame_skip);
         let mut world = World::new(entry, options)?;
+        let success = manifest.map(|manifest| manifest.success.clone()).unwrap_or_default();
+        world.set_success(&success)?;
+        world.set_policy_seed(task.map_or(0, |task| task.policy_seed));
+        let transform = task.and_then(|task| task.transform.clone());
+        world.set_transform(transform.clone());
         let pair = match task {
-            Some((manifest, index)) => {
-                world.set_success(&manifest.success)?;
-                let pair = manifest.pairs.get(index);
+            Some(Task { manifest, index, .. }) => {
+                let pair = manifest.pairs.get(*index);
                 Some(pair.ok_or_else(|| format!("the manifest has no pair {index}"))?.reset()?)
             }
             None => None,
@@ -95,8 +102,10 @@ impl Stage {
             limit,
             frame_skip,
             pair,
+            success,
+            transform,
             seed: manifest.map_or(0, |manifest| manifest.seed),
-            episode: task.map_or(0, |(_, index)| index as u64),
+            episode: task.map_or(0, |task| task.index as u64),
             options: ResetOptions::default(),
             hand,
             pointer: None,
@@ -166,6 +175,17 @@ impl Stage {
     ) -> Result<(), BoxError> {
         let before = std::mem::replace(&mut self.policy, policy);
         self.attach(registry).inspect_err(|_| self.policy = before)
+    }
+
+    /// As [`Stage::set_policy`], for one that the page chose: its noise comes from the episode alone.
+    pub(super) fn choose_policy(
+        &mut self,
+        registry: &Registry,
+        policy: Option<PolicyArgs>,
+    ) -> Result<(), BoxError> {
+        self.set_policy(registry, policy)?;
+        self.world.set_policy_seed(0);
+        Ok(())
     }
 
     /// Attaches the policy anew: what it remembers is of another past.
@@ -289,6 +309,8 @@ impl Stage {
             config: self.config.clone(),
             limit,
             frame_skip: self.frame_skip,
+            success: self.success.clone(),
+            transform: self.transform.clone(),
             run_seed: self.seed,
             seed: end.seed,
             options: self.options.clone(),
@@ -366,33 +388,4 @@ impl Stage {
 fn neutral(world: &World) -> Vec<f64> {
     let (low, high) = world.spec().action.bounds();
     low.iter().zip(high).map(|(&low, high)| 0f64.clamp(low, high)).collect()
-}
-
-/// A policy whose last action is known, and where its plans begin.
-struct Noted {
-    inner: Box<dyn Policy>,
-    starts: Option<Starts>,
-    last: Arc<Mutex<Option<Column>>>,
-}
-
-impl Policy for Noted {
-    fn describe(&self) -> String {
-        self.inner.describe()
-    }
-
-    fn fields(&self) -> Vec<Field> {
-        self.inner.fields()
-    }
-
-    fn act(&mut self, view: &View<'_>, actions: &mut Actions<'_>) -> Result<(), PolicyError> {
-        self.inner.act(view, actions)?;
-        self.starts.iter().try_for_each(|starts| starts.note(view))?;
-        let action = actions.row(0).as_slice().to_column();
-        *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(action);
-        Ok(())
-    }
-
-    fn is_parallel(&self) -> bool {
-        self.inner.is_parallel()
-    }
 }

@@ -3,6 +3,7 @@
 
 #![expect(clippy::unwrap_used, reason = "what a helper cannot do ends its test")]
 
+mod commands;
 mod server;
 
 use std::fs;
@@ -13,7 +14,25 @@ use std::time::{Duration, Instant};
 
 use swm_ui::{Options, Server};
 
-use server::{Running, message, receive, receive_text, registry, status};
+use server::{Running, message, receive, registry};
+
+fn status(answer: &str) -> u16 {
+    answer
+        .split(' ')
+        .nth(1)
+        .and_then(|word| word.parse().ok())
+        .unwrap_or_else(|| panic!("no status: {answer:?}"))
+}
+
+/// The next text of the server.
+fn receive_text(stream: &mut TcpStream) -> String {
+    loop {
+        match receive(stream).expect("the connection is open") {
+            (1, content) => return String::from_utf8(content).unwrap(),
+            _ => continue,
+        }
+    }
+}
 
 #[test]
 fn the_token_opens_the_page_once_and_the_cookie_from_then_on() {

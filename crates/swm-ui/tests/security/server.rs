@@ -45,9 +45,14 @@ impl Running {
 
     /// The answer to a request with these lines of headers; `Host` is the server's own, where they name none.
     pub(crate) fn ask(&self, path: &str, headers: &[String]) -> String {
+        self.request("GET", path, headers, "")
+    }
+
+    /// The same of any method, with a body.
+    pub(crate) fn request(&self, method: &str, path: &str, headers: &[String], body: &str) -> String {
         let mut stream = TcpStream::connect(self.address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-        let mut request = format!("GET {path} HTTP/1.1\r\n");
+        let mut request = format!("{method} {path} HTTP/1.1\r\n");
         let stays_open = headers.iter().any(|line| line.starts_with("Connection:"));
         if !stays_open {
             request += "Connection: close\r\n";
@@ -56,7 +61,11 @@ impl Running {
             request += &format!("Host: {}\r\n", self.host());
         }
         headers.iter().for_each(|line| request += &format!("{line}\r\n"));
-        stream.write_all((request + "\r\n").as_bytes()).unwrap();
+        if method != "GET" {
+            request += &format!("Content-Length: {}\r\n", body.len());
+        }
+        // A server that refuses what is too large does not read all of it.
+        let _ = stream.write_all((request + "\r\n" + body).as_bytes());
         let mut answer = Vec::new();
         let mut piece = [0; 4096];
         while let Ok(read @ 1..) = stream.read(&mut piece) {
@@ -121,14 +130,6 @@ impl Drop for Running {
     }
 }
 
-pub(crate) fn status(answer: &str) -> u16 {
-    answer
-        .split(' ')
-        .nth(1)
-        .and_then(|word| word.parse().ok())
-        .unwrap_or_else(|| panic!("no status: {answer:?}"))
-}
-
 /// A message of the page, masked as browsers do.
 pub(crate) fn message(text: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0x81];
@@ -168,14 +169,4 @@ pub(crate) fn receive(stream: &mut TcpStream) -> Option<(u8, Vec<u8>)> {
     let mut content = vec![0; len as usize];
     stream.read_exact(&mut content).ok()?;
     Some((head[0] & 0x0f, content))
-}
-
-/// The next text of the server.
-pub(crate) fn receive_text(stream: &mut TcpStream) -> String {
-    loop {
-        match receive(stream).expect("the connection is open") {
-            (1, content) => return String::from_utf8(content).unwrap(),
-            _ => continue,
-        }
-    }
 }

@@ -15,7 +15,7 @@ export interface About {
   version: string; envs: { id: string; summary: string; family: string; success: string }[];
   formats: { name: string; extension: string | null; about: string }[]; save: string | null;
 }
-export type Kind = "dataset" | "manifest" | "receipt" | "sweep" | "evaluation" | "training";
+export type Kind = "dataset" | "manifest" | "receipt" | "sweep" | "evaluation" | "training" | "job";
 export interface File { id: string; name: string; kind: Kind; format?: string; bytes: number }
 export interface Run { env: string; policy: string; seed: number; variation: string[] | null; variation_values: Record<string, unknown> }
 export interface Dataset {
@@ -38,9 +38,18 @@ export function url(path: string, query: Query = {}): string {
 }
 
 export async function get<T>(path: string, query: Query = {}): Promise<T> {
+  return ask(url(path, query));
+}
+
+/** Sends what is to be written. */
+export async function post<T>(path: string, content: object): Promise<T> {
+  return ask(url(path), { method: "POST", body: JSON.stringify(content) });
+}
+
+async function ask<T>(address: string, how?: RequestInit): Promise<T> {
   let response: Response;
   try {
-    response = await fetch(url(path, query));
+    response = await fetch(address, how);
   } catch {
     throw new Error("The server does not answer: it has ended, or the connection is gone. Start `swm ui` again.");
   }

@@ -1,13 +1,14 @@
 // Data: a dataset, or two side by side: episodes, player, distributions.
 
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
-import { type Dataset, type Env, type Episodes, type File, url, type Values } from "./api";
+import { type About, type Dataset, type Env, type Episodes, type File, url, type Values } from "./api";
 import { Coverage, Histograms } from "./distribution";
 import { Factors, type Scenario } from "./factors";
-import { Button, CommandLine, Field, Notice, Panel, csv, download, number, quoted, useGet } from "./kit";
+import { Button, CommandLine, Field, Notice, Panel, Save, csv, download, number, quoted, savePlots, useGet } from "./kit";
+import { PickedPairs, type Picks, type Step } from "./picks";
 import { Plot } from "./plot";
 
-export function Data({ query }: { query: URLSearchParams }) {
+export function Data({ about, query }: { about: About; query: URLSearchParams }) {
   const files = useGet<{ files: File[] }>("files", {}, 5000);
   const datasets = files.value?.files.filter((file) => file.kind === "dataset") ?? [];
   const id = query.get("id") ?? datasets[0]?.id ?? null;
@@ -32,8 +33,8 @@ export function Data({ query }: { query: URLSearchParams }) {
       <Notice text={files.error} />
       <div class="choice wide">{choice(id, "Dataset", "id")}{choice(other, "Side by side with", "beside", "–")}</div>
       <div class={other ? "panes two" : "panes"}>
-        {id && <Pane key={id} id={id} />}
-        {other && <Pane key={"b" + other} id={other} />}
+        {id && <Pane key={id} id={id} about={about} />}
+        {other && <Pane key={"b" + other} id={other} about={about} />}
       </div>
     </div>
   );
@@ -43,16 +44,17 @@ function short(name: string): string {
   return name.split("/").slice(-2).join("/");
 }
 
-function Pane({ id }: { id: string }) {
+function Pane({ id, about }: { id: string; about: About }) {
   // A dataset that is being recorded grows.
-  const about = useGet<Dataset>("data", { id }, 2000);
+  const found = useGet<Dataset>("data", { id }, 2000);
+  const [picks, setPicks] = useState<Picks>({ start: null, pairs: [] });
   const [tab, setTab] = useState<"episodes" | "distributions" | "about">("episodes");
   const [episode, setEpisode] = useState<number | null>(null);
-  const data = about.value;
-  if (!data) return <div><Notice text={about.error} /></div>;
+  const data = found.value;
+  if (!data) return <div><Notice text={found.error} /></div>;
   return (
     <div class="pane">
-      <Notice text={about.error} />
+      <Notice text={found.error} />
       <div class="facts">
         <b title={data.path}>{short(data.path)}</b>
         <span>{data.format}</span><span>{number(data.episodes)} episodes</span><span>{number(data.steps)} steps</span>
@@ -66,7 +68,10 @@ function Pane({ id }: { id: string }) {
       </div>
       {tab === "episodes" && (episode === null
         ? <Grid id={id} data={data} onOpen={setEpisode} />
-        : <Player id={id} data={data} episode={episode} onMove={setEpisode} onClose={() => setEpisode(null)} />)}
+        : <Player id={id} data={data} episode={episode} picks={picks} onPick={setPicks} onMove={setEpisode} onClose={() => setEpisode(null)} />)}
+      {tab === "episodes" && (episode !== null || picks.start !== null || picks.pairs.length > 0) && (
+        <PickedPairs about={about} id={id} data={data} picks={picks} onChange={setPicks} image={([episode, step]) => imageUrl(id, data, episode, step, 96)} />
+      )}
       {tab === "distributions" && <Distributions id={id} data={data} />}
       {tab === "about" && <AboutData data={data} />}
     </div>
@@ -95,7 +100,7 @@ function Grid({ id, data, onOpen }: { id: string; data: Dataset; onOpen: (episod
   };
   const constants = data.columns.filter((column) => column.kind === "episode" && column.dtype !== "string" && column.shape.length < 2);
   const bound = (name: string, label: string) => (
-    <input type="number" step="any" placeholder={label} aria-label={`${name} ${label}`} value={filter[name] ?? ""} onChange={(event) => change({ [name]: event.currentTarget.value })} />
+    <input type="number" step="any" placeholder={label} aria-label={`${name} ${label}`} value={filter[name] ?? ""} onInput={(event) => change({ [name]: event.currentTarget.value })} />
   );
   return (
     <>
@@ -123,7 +128,10 @@ function Grid({ id, data, onOpen }: { id: string; data: Dataset; onOpen: (episod
       <Notice text={found.error} />
       {list && (
         <>
-          <p class="muted">{number(list.matching)} of {number(list.of)} episodes{list.known < list.of ? `; ${number(list.known)} read so far` : ""}</p>
+          <div class="row between">
+            <p class="muted">{number(list.matching)} of {number(list.of)} episodes{list.known < list.of ? `; ${number(list.known)} read so far` : ""}</p>
+            <Save name="episodes.csv" columns={["episode", "length", "return", "success"]} rows={list.episodes.map((one) => [one.episode, one.length, one.total_reward, one.success])} />
+          </div>
           <div class="thumbs">
             {list.episodes.map((episode) => {
               const src = imageUrl(id, data, episode.episode, Math.max(0, Math.floor((episode.length - 1) * 0.75)), 96);
@@ -143,15 +151,19 @@ function Grid({ id, data, onOpen }: { id: string; data: Dataset; onOpen: (episod
               <Button disabled={first + PAGE >= list.matching} onClick={() => setFirst(first + PAGE)}>later ▸</Button>
             </div>
           )}
+          {list.episodes.length > 0 && <CommandLine text={`swm preview ${quoted(data.path)} --episodes ${list.episodes.slice(0, 16).map((one) => one.episode).join(",")} --out episodes.png`} />}
         </>
       )}
     </>
   );
 }
 
-interface PlayerProps { id: string; data: Dataset; episode: number; onMove: (episode: number) => void; onClose: () => void }
+interface PlayerProps {
+  id: string; data: Dataset; episode: number; picks: Picks; onPick: (picks: Picks) => void;
+  onMove: (episode: number) => void; onClose: () => void;
+}
 
-function Player({ id, data, episode, onMove, onClose }: PlayerProps) {
+function Player({ id, data, episode, picks, onPick, onMove, onClose }: PlayerProps) {
   const values = useGet<Values>("data/values", { id, episode });
   const env = useGet<Env>(data.can_render && data.runs[0] ? "env" : null, { id: data.runs[0]?.run.env });
   const [step, setStep] = useState(0);
@@ -173,6 +185,14 @@ function Player({ id, data, episode, onMove, onClose }: PlayerProps) {
   const numeric = useMemo(() => Object.entries(values.value?.columns ?? {}).filter(([name]) => !["ep_idx", "checkpoint"].includes(name)), [values.value]);
   const x = useMemo(() => Array.from({ length: numeric[0]?.[1][0]?.length ?? 0 }, (_, row) => row * (values.value?.stride ?? 1)), [numeric]);
   const src = imageUrl(id, data, episode, step, 256, scenario.set);
+  const plots = useRef<HTMLDivElement>(null);
+  const here: Step = [episode, step];
+  const pickGoal = () => {
+    if (!picks.start) return;
+    const pair = { start: picks.start, goal: here };
+    const isKnown = picks.pairs.some((other) => JSON.stringify(other) === JSON.stringify(pair));
+    onPick({ start: null, pairs: isKnown ? picks.pairs : [...picks.pairs, pair] });
+  };
   const explain = async () => {
     if (!src) return;
     const answer = await fetch(src).then((response) => (response.ok ? null : response.json())).catch(() => null);
@@ -197,6 +217,13 @@ function Player({ id, data, episode, onMove, onClose }: PlayerProps) {
             <input type="range" class="time" aria-label="Step" min={0} max={Math.max(last, 1)} value={step} onInput={(event) => { setPlaying(false); setStep(Math.min(event.currentTarget.valueAsNumber, last)); }} />
             <output class="steps">{step}/{last}</output>
           </div>
+          {data.runs[0] && (
+            <div class="row">
+              <Button on={picks.start?.join() === here.join()} onClick={() => onPick({ ...picks, start: here })} title="This step is the start of a pair">Start here</Button>
+              <Button disabled={!picks.start} onClick={pickGoal} title="This step is the goal: the pair is listed below">Goal here</Button>
+              {picks.start && <small>start: step {picks.start[1]} of episode {picks.start[0]}</small>}
+            </div>
+          )}
           {env.value && env.value.factors.length > 0 && (
             <details><summary><b>Other factors</b>{Object.keys(scenario.set).length > 0 && <span class="badge">{Object.keys(scenario.set).length} set</span>}</summary>
               <p class="muted">The episode is rendered again with these. A factor that would change what happens is refused.</p>
@@ -210,10 +237,11 @@ function Player({ id, data, episode, onMove, onClose }: PlayerProps) {
               const named = numeric.flatMap(([name, list]) => list.map((column, i) => [list.length > 1 ? `${name}[${i}]` : name, column] as const));
               download(`episode_${episode}.csv`, csv(["step", ...named.map(([name]) => name)], [x, ...named.map(([, column]) => column)]));
             }}>Columns as CSV</Button>
+            <Button disabled={numeric.length === 0} onClick={() => savePlots(`episode_${episode}_plots.png`, plots.current)}>Plots as PNG</Button>
           </div>
           <CommandLine text={`swm preview ${quoted(data.path)} --episodes ${episode} --out episode_${episode}.mp4`} />
         </div>
-        <div class="plots">
+        <div class="plots" ref={plots}>
           {numeric.map(([name, series]) => (
             <figure key={name}>
               <figcaption>{name}</figcaption>
@@ -266,6 +294,7 @@ function Distributions({ id, data }: { id: string; data: Dataset }) {
       {sample.value && <p class="muted">{number(sample.value.values[0]?.length ?? 0)} values, spread evenly over the episodes.</p>}
       {sample.value && <Histograms values={sample.value.values} />}
       {sample.value && sample.value.values.length > 1 && <Coverage key={name} values={sample.value.values} name={name} />}
+      {sample.value && <div class="row"><Button onClick={() => download(`${name}.csv`, csv(sample.value!.values.map((_, i) => (sample.value!.values.length > 1 ? `${name}[${i}]` : name)), sample.value!.values))}>Values as CSV</Button></div>}
       <CommandLine text={`swm stats ${quoted(data.path)}`} />
     </div>
   );

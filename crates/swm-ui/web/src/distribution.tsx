@@ -1,7 +1,7 @@
 // Histograms of values, and how two of them cover their plane.
 
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
-import { Field, number } from "./kit";
+import { Button, Field, download, number } from "./kit";
 import { color } from "./plot";
 
 const BINS = 40;
@@ -71,6 +71,7 @@ export function Coverage({ values, name }: { values: (number | null)[][]; name: 
       <canvas ref={canvas} width={size} height={size} aria-label={`Coverage of ${name}[${x}] and ${name}[${y}]`} />
       <div class="stack">
         {choice("Across", x, setX)}{choice("Down", y, setY)}
+        <div class="row"><Button onClick={() => canvas.current?.toBlob((image) => image && download(`${name}_coverage.png`, image))}>Coverage as PNG</Button></div>
         <p class="muted">{number(100 * covered, 3)} % of {size} × {size} cells hold a value.<br />Across {number(ends[0])} to {number(ends[1])}, down {number(ends[2])} to {number(ends[3])}.</p>
       </div>
     </div>

@@ -83,6 +83,19 @@ export function quoted(text: string): string {
   return /^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`;
 }
 
+/** Shows an image `[H, W, 3]`. */
+export function draw(canvas: HTMLCanvasElement | null, { height, width }: { height: number; width: number }, rgb: Uint8Array) {
+  if (!canvas || height === 0) return;
+  if (canvas.width !== width) canvas.width = width;
+  if (canvas.height !== height) canvas.height = height;
+  const image = new ImageData(width, height);
+  const out = new Uint32Array(image.data.buffer);
+  for (let pixel = 0, at = 0; pixel < out.length; pixel += 1, at += 3) {
+    out[pixel] = 0xff000000 | (rgb[at + 2] << 16) | (rgb[at + 1] << 8) | rgb[at];
+  }
+  canvas.getContext("2d")!.putImageData(image, 0, 0);
+}
+
 /** Hands a file to the browser. */
 export function download(name: string, content: Blob) {
   const link = document.createElement("a");
@@ -92,8 +105,56 @@ export function download(name: string, content: Blob) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
+export type Cell = string | number | boolean | null | undefined;
+
 /** Columns as CSV, with full precision; missing values are empty. */
-export function csv(names: string[], columns: (number | null)[][]): Blob {
-  const rows = (columns[0] ?? []).map((_, row) => columns.map((column) => column[row] ?? "").join(","));
-  return new Blob([[names.map((name) => (name.includes(",") ? `"${name}"` : name)).join(","), ...rows].join("\n") + "\n"], { type: "text/csv" });
+export function csv(names: string[], columns: Cell[][]): Blob {
+  const length = Math.max(0, ...columns.map((column) => column.length));
+  return rowsCsv(names, Array.from({ length }, (_, row) => columns.map((column) => column[row])));
+}
+
+function rowsCsv(names: string[], rows: Cell[][]): Blob {
+  const cell = (value: Cell) => {
+    const text = String(value ?? "");
+    return /[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
+  };
+  return new Blob([[names, ...rows].map((row) => row.map(cell).join(",") + "\n").join("")], { type: "text/csv" });
+}
+
+/** A table as CSV. */
+export function Save({ name, columns, rows }: { name: string; columns: string[]; rows: Cell[][] }) {
+  return <Button disabled={rows.length === 0} onClick={() => download(name, rowsCsv(columns, rows))}>CSV</Button>;
+}
+
+/** The plots within an element, one below the other, as PNG. */
+export function savePlots(name: string, within: Element | null) {
+  const plots = [...(within?.querySelectorAll(".u-wrap canvas") ?? [])] as HTMLCanvasElement[];
+  if (plots.length === 0) return;
+  const scale = devicePixelRatio, line = 20 * scale;
+  const style = getComputedStyle(document.documentElement);
+  const canvas = document.createElement("canvas");
+  canvas.width = Math.max(...plots.map((plot) => plot.width));
+  canvas.height = plots.reduce((height, plot) => height + plot.height + line, 0);
+  const context = canvas.getContext("2d")!;
+  context.fillStyle = style.getPropertyValue("--panel");
+  context.fillRect(0, 0, canvas.width, canvas.height);
+  context.font = `${12 * scale}px system-ui, sans-serif`;
+  let top = 0;
+  for (const plot of plots) {
+    let left = 6 * scale;
+    const write = (text: string, color: string) => {
+      context.fillStyle = color;
+      context.fillText(text, left, top + 14 * scale);
+      left += context.measureText(text).width + 12 * scale;
+    };
+    const caption = plot.closest("figure")?.querySelector("figcaption")?.textContent;
+    if (caption) write(caption, style.getPropertyValue("--text"));
+    plot.closest(".uplot")?.querySelectorAll(".u-series").forEach((series, at) => {
+      const marker = series.querySelector<HTMLElement>(".u-marker");
+      if (at > 0) write(series.querySelector(".u-label")?.textContent ?? "", marker?.style.borderColor || marker?.style.borderTopColor || style.getPropertyValue("--text"));
+    });
+    context.drawImage(plot, 0, top + line);
+    top += plot.height + line;
+  }
+  canvas.toBlob((blob) => blob && download(name, blob));
 }

@@ -59,7 +59,7 @@ function App() {
       <main>
         <Notice text={about.error} />
         {about.value && at.view === "play" && <Play about={about.value} query={at.query} />}
-        {about.value && at.view === "data" && <Data query={at.query} />}
+        {about.value && at.view === "data" && <Data about={about.value} query={at.query} />}
         {about.value && at.view === "results" && <Results query={at.query} />}
       </main>
     </>

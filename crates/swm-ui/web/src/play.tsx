@@ -4,20 +4,22 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { type About, type Env } from "./api";
 import { Actor, Hand } from "./actor";
 import { Factors, type Scenario } from "./factors";
-import { Button, CommandLine, Field, Notice, Panel, csv, download, number, quoted, useGet } from "./kit";
+import { Button, CommandLine, Field, Notice, Panel, csv, download, draw, number, quoted, savePlots, useGet } from "./kit";
 import { Paths, Thoughts } from "./planner";
 import { Plot } from "./plot";
 import { Recorder } from "./recorder";
-import { type Head, type Plan, type Size, Socket } from "./socket";
+import { type Head, type Plan, type Run, Socket } from "./socket";
 import { useSteering } from "./steering";
 
 const START = "swm/PushT-v1";
+/** Plots of a running episode are drawn so often, in milliseconds. */
+const PLOT_PERIOD = 150;
 const PLAIN: Scenario = { set: {}, vary: null };
 
 export function Play({ about, query }: { about: About; query: URLSearchParams }) {
   const id = query.get("env") ?? (about.envs.some((env) => env.id === START) ? START : about.envs[0]?.id);
   const env = useGet<Env>("env", { id });
-  const pair = query.get("receipt") ? { id: query.get("receipt")!, index: Number(query.get("pair") ?? 0) } : null;
+  const pair = query.get("receipt") ? { id: query.get("receipt")!, index: Number(query.get("pair") ?? 0), run: runOf(query.get("run")) } : null;
   return (
     <div class="play">
       <Notice text={env.error} />
@@ -25,6 +27,14 @@ export function Play({ about, query }: { about: About; query: URLSearchParams })
       {env.value && <Live key={id + JSON.stringify(pair)} about={about} env={env.value} pair={pair} />}
     </div>
   );
+}
+
+function runOf(text: string | null): Run {
+  try {
+    return JSON.parse(text ?? '"policy"');
+  } catch {
+    return "policy";
+  }
 }
 
 function EnvChoice({ about, id }: { about: About; id: string }) {
@@ -51,11 +61,12 @@ function EnvChoice({ about, id }: { about: About; id: string }) {
 
 interface Series { names: string[]; rows: (number | null)[][] }
 
-export interface Pair { id: string; index: number }
+export interface Pair { id: string; index: number; run: Run }
 
 function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null }) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const goal = useRef<HTMLCanvasElement>(null);
+  const plots = useRef<HTMLDivElement>(null);
   const [hasGoal, setHasGoal] = useState(false);
   const socket = useRef<Socket | null>(null);
   const [head, setHead] = useState<Head | null>(null);
@@ -85,9 +96,14 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
   // One connection per environment and image size.
   useEffect(() => {
     const state = shown.current;
+    let plottedAt = 0;
     const update = () => {
       state.queued = false;
       setHead(state.head);
+      // Plots take longer to draw than images.
+      const now = performance.now();
+      if (now - plottedAt < PLOT_PERIOD && state.head?.playing && !state.head.over) return;
+      plottedAt = now;
       setSeries((old) => ({ ...old, rows: [...state.rows] }));
     };
     const connection = new Socket({
@@ -120,6 +136,7 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
         setHasGoal(true);
         draw(goal.current, size, rgb);
       },
+      video: (extension, content) => download(`${env.id.split("/").pop()}.${extension}`, content),
       frame: (next, rgb) => {
         draw(canvas.current, next, rgb);
         state.head = next;
@@ -199,6 +216,41 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
   // The lines of the plot stay from episode to episode.
   const hadCost = useRef(false);
   const hasCost = (hadCost.current ||= series.rows.some((row) => row[2] !== null));
+  // What does not change from frame to frame is not made again: an image must not wait for it.
+  const latest = { change, choosePolicy, watch };
+  const calls = useRef(latest);
+  calls.current = latest;
+  const factorsPanel = useMemo(() => (
+    <Panel title="Factors of variation" class="factors-panel">
+      {env.factors.length === 0 ? <p class="muted">This environment has none.</p>
+        : <Factors factors={env.factors} values={factors} scenario={scenario} onChange={(next) => calls.current.change(next)} />}
+    </Panel>
+  ), [env, factors, scenario]);
+  const actor = head?.actor ?? "";
+  const actorForm = useMemo(() => <Actor env={env} actor={actor} onPolicy={(text) => calls.current.choosePolicy(text)} />, [env, actor]);
+  const recording = JSON.stringify(head?.recording ?? null);
+  const recorder = useMemo(() => (
+    <Recorder about={about} status={JSON.parse(recording)} canKeep={steps > 0} saved={saved} env={env.id} send={(message) => socket.current?.send(message)} />
+  ), [about, recording, steps > 0, saved, env.id]);
+  const planCommand = policy === null ? "" : `swm plan ${quoted(env.id)} --policy ${quoted(policy)} --seed ${seed} --trace plan`;
+  const thoughts = useMemo(() => current && <Thoughts plan={current} shown={showsPlan} command={planCommand} onShow={setShowsPlan} />, [current, showsPlan, planCommand]);
+  const plotPanel = useMemo(() => (
+    <Panel title="Plots" aside={
+      <select aria-label="Add a column" value="" onChange={(event) => event.currentTarget.value && calls.current.watch([...watched, event.currentTarget.value])}>
+        <option value="">+ column</option>
+        {env.columns.filter((column) => column.shape.reduce((a, b) => a * b, 1) <= 32 && !watched.includes(column.name) && column.kind === "step")
+          .map((column) => <option key={column.name} value={column.name}>{column.name}</option>)}
+      </select>
+    }>
+      <div class="stack" ref={plots}>
+        <Plot names={hasCost ? ["reward", "task cost"] : ["reward"]} data={hasCost ? data.slice(0, 3) : data.slice(0, 2)} height={140} />
+        {plotted.length > 0 && <Plot names={plotted} data={[data[0], ...data.slice(3)]} height={160} />}
+      </div>
+      {watched.length > 0 && (
+        <div class="chips">{watched.map((name) => <button type="button" key={name} onClick={() => calls.current.watch(watched.filter((other) => other !== name))} aria-label={`Remove ${name}`}>{name} ×</button>)}</div>
+      )}
+    </Panel>
+  ), [env, watched, plotted, data, hasCost]);
   return (
     <div class="live">
       <div class="scene">
@@ -230,24 +282,12 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
             <div class="grow"><dt>actor</dt><dd><code>{head?.actor ?? ""}</code></dd></div>
           </dl>
         </Panel>
-        {current && <Thoughts plan={current} shown={showsPlan} onShow={setShowsPlan} />}
-        <Panel title="Plots" aside={
-          <select aria-label="Add a column" value="" onChange={(event) => event.currentTarget.value && watch([...watched, event.currentTarget.value])}>
-            <option value="">+ column</option>
-            {env.columns.filter((column) => column.shape.reduce((a, b) => a * b, 1) <= 32 && !watched.includes(column.name) && column.kind === "step")
-              .map((column) => <option key={column.name} value={column.name}>{column.name}</option>)}
-          </select>
-        }>
-          <Plot names={hasCost ? ["reward", "task cost"] : ["reward"]} data={hasCost ? data.slice(0, 3) : data.slice(0, 2)} height={140} />
-          {plotted.length > 0 && <Plot names={plotted} data={[data[0], ...data.slice(3)]} height={160} />}
-          {watched.length > 0 && (
-            <div class="chips">{watched.map((name) => <button type="button" key={name} onClick={() => watch(watched.filter((other) => other !== name))} aria-label={`Remove ${name}`}>{name} ×</button>)}</div>
-          )}
-        </Panel>
+        {thoughts}
+        {plotPanel}
       </div>
       <div class="side">
         <Panel title="Control">
-          <Actor env={env} actor={head?.actor ?? ""} onPolicy={choosePolicy} />
+          {actorForm}
           {policy === null && (steers
             ? <p class="muted">The agent follows the pointer over the image, the arrow keys, or a gamepad.</p>
             : <Hand space={env.action} values={hand} onInput={(values) => { setHand(values); send({ type: "action", values }); }} />)}
@@ -263,34 +303,20 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
             <Field label="Ends after"><select value={limit ?? 0} onChange={(event) => setLimit(Number(event.currentTarget.value) || null)}>{[50, 100, 200, 300, 500, 1000].map((steps) => <option key={steps} value={steps}>{steps} steps</option>)}<option value={0}>never</option></select></Field>
           </div>
         </Panel>
-        <Recorder about={about} status={head?.recording ?? null} canKeep={steps > 0} saved={saved} env={env.id} send={send} />
+        {recorder}
         <Panel title="The same on the command line">
           <CommandLine text={command(env, policy, seed, scenario, limit)} />
           <div class="row">
             <Button onClick={() => canvas.current?.toBlob((image) => image && download(`${name}_step_${steps}.png`, image))}>Image as PNG</Button>
+            <Button disabled={steps === 0} onClick={() => send({ type: "video" })}>Episode as MP4</Button>
+            <Button onClick={() => savePlots(`${name}_plots.png`, plots.current)}>Plots as PNG</Button>
             <Button disabled={series.rows.length === 0} onClick={() => download(`${name}.csv`, csv(["step", "reward", "task_cost", ...plotted], data))}>Plots as CSV</Button>
           </div>
         </Panel>
       </div>
-      <Panel title="Factors of variation" class="factors-panel">
-        {env.factors.length === 0 ? <p class="muted">This environment has none.</p>
-          : <Factors factors={env.factors} values={factors} scenario={scenario} onChange={change} />}
-      </Panel>
+      {factorsPanel}
     </div>
   );
-}
-
-/** Shows an image. */
-function draw(canvas: HTMLCanvasElement | null, head: Size, rgb: Uint8Array) {
-  if (!canvas || head.height === 0) return;
-  if (canvas.width !== head.width) canvas.width = head.width;
-  if (canvas.height !== head.height) canvas.height = head.height;
-  const image = new ImageData(head.width, head.height);
-  const out = new Uint32Array(image.data.buffer);
-  for (let pixel = 0, at = 0; pixel < out.length; pixel += 1, at += 3) {
-    out[pixel] = 0xff000000 | (rgb[at + 2] << 16) | (rgb[at + 1] << 8) | rgb[at];
-  }
-  canvas.getContext("2d")!.putImageData(image, 0, 0);
 }
 
 function columns(rows: (number | null)[][], count: number): (number | null)[][] {

@@ -1,17 +1,19 @@
-// Results: receipts side by side, sweeps as heat maps, manifests, evaluations, curves of training runs.
+// Results: receipts side by side, sweeps as heat maps, manifests, evaluations, curves of training runs, jobs.
 
-import { useMemo, useState } from "preact/hooks";
+import { useMemo, useRef, useState } from "preact/hooks";
 import type { File } from "./api";
-import { CommandLine, Field, Notice, Panel, number, quoted, useGet } from "./kit";
+import { JobView } from "./job";
+import { Button, CommandLine, Field, Notice, Panel, Save, csv, download, number, quoted, savePlots, useGet } from "./kit";
+import { PairView } from "./pair";
 import { Plot } from "./plot";
 
 interface Summary { episodes: number; successes: number; success_rate: number; ci95: [number, number]; mean_success_steps: number | null }
-interface PairResult { success: boolean; solved_at_start: boolean; steps: number; total_reward?: number; final_cost?: number }
-interface Receipt {
+export interface PairResult { success: boolean; solved_at_start: boolean; steps: number; total_reward?: number; final_cost?: number }
+export interface Receipt {
   manifest_hash: string; policy: string; summary: Summary; episodes: PairResult[]; manifest: Manifest; wall_time_s: number;
   references: { role: string; candidate: { policy: { name: string } }; summary: Summary; episodes: PairResult[] }[];
 }
-interface Manifest { env: string; tier: string; budget: number; pairs: unknown[]; seed: number; frame_skip: number }
+export interface Manifest { env: string; tier: string; budget: number; pairs: unknown[]; seed: number; frame_skip: number }
 interface Sweep { env: string; policy: string; tier: string; cells: { name: string; scope: string; value: string; summary: Summary | null }[] }
 interface Result<T> { kind: string; path: string; content: T }
 
@@ -20,8 +22,9 @@ export function Results({ query }: { query: URLSearchParams }) {
   const list = files.value?.files.filter((file) => file.kind !== "dataset") ?? [];
   const id = query.get("id") ?? list.find((file) => file.kind === "receipt")?.id ?? list[0]?.id ?? null;
   const file = list.find((known) => known.id === id);
+  const pair = query.has("pair") ? Number(query.get("pair")) : null;
   if (files.value && list.length === 0) {
-    return <Panel title="No results"><p>Start <code>swm ui PATH</code> with a folder of results: what <code>swm eval --manifest … --out DIR</code>, <code>swm sweep</code> and <code>swm train</code> write.</p></Panel>;
+    return <Panel title="No results"><p>Start <code>swm ui PATH</code> with a folder of results: what <code>swm eval --manifest … --out DIR</code>, <code>swm sweep</code>, <code>swm train</code> and <code>swm submit</code> write.</p></Panel>;
   }
   const kinds = [...new Set(list.map((known) => known.kind))];
   return (
@@ -38,16 +41,22 @@ export function Results({ query }: { query: URLSearchParams }) {
         ))}
       </nav>
       <div class="result">
-        {file?.kind === "receipt" && <Receipts first={file} all={list.filter((known) => known.kind === "receipt")} />}
+        {file?.kind === "receipt" && <Receipts key={file.id} first={file} pair={pair} all={list.filter((known) => known.kind === "receipt")} />}
         {file?.kind === "sweep" && <SweepView id={file.id} />}
-        {file?.kind === "manifest" && <ManifestView id={file.id} />}
+        {file?.kind === "manifest" && <ManifestView key={file.id} id={file.id} pair={pair} />}
         {file?.kind === "evaluation" && <EvaluationView id={file.id} />}
         {file?.kind === "training" && <Training id={file.id} />}
+        {file?.kind === "job" && <JobView key={file.id} id={file.id} />}
       </div>
     </div>
   );
 }
 
+
+/** Shows a pair, or none. */
+function showPair(id: string, index: number | null) {
+  location.hash = `#results?id=${encodeURIComponent(id)}${index === null ? "" : `&pair=${index}`}`;
+}
 
 function label(file: File): string {
   const parts = file.name.split("/");
@@ -66,7 +75,7 @@ function Interval({ summary }: { summary: Summary }) {
 }
 
 /** The chosen receipt, and others on the same manifest beside it. */
-function Receipts({ first, all }: { first: File; all: File[] }) {
+function Receipts({ first, all, pair }: { first: File; all: File[]; pair: number | null }) {
   const main = useGet<Result<Receipt>>("result", { id: first.id });
   return (
     <>
@@ -75,6 +84,9 @@ function Receipts({ first, all }: { first: File; all: File[] }) {
         <ReceiptTable main={main.value.content} id={first.id} others={all.filter((file) => file.id !== first.id)} />
         <CommandLine text={`swm verify-result ${quoted(main.value.path)}`} />
       </Panel>}
+      {main.value && pair !== null && main.value.content.manifest.pairs[pair] !== undefined && (
+        <PairView key={pair} id={first.id} path={quoted(main.value.path)} manifest={main.value.content.manifest} receipt={main.value.content} index={pair} onMove={(index) => showPair(first.id, index)} />
+      )}
     </>
   );
 }
@@ -83,13 +95,19 @@ function ReceiptTable({ main, id, others }: { main: Receipt; id: string; others:
   const { manifest } = main;
   return (
     <>
-      <div class="facts"><span>{manifest.env}</span><span>tier {manifest.tier}</span><span>{manifest.pairs.length} pairs</span><span>budget {manifest.budget}</span><span title={main.manifest_hash}>manifest {main.manifest_hash.slice(0, 10)}</span></div>
+      <div class="row between">
+        <div class="facts"><span>{manifest.env}</span><span>tier {manifest.tier}</span><span>{manifest.pairs.length} pairs</span><span>budget {manifest.budget}</span><span title={main.manifest_hash}>manifest {main.manifest_hash.slice(0, 10)}</span></div>
+        <Save name="receipt.csv" columns={["policy", "pair", "success", "steps", "reward", "final_cost"]} rows={
+          [{ name: main.policy, episodes: main.episodes }, ...main.references.map(({ role, episodes }) => ({ name: role, episodes }))]
+            .flatMap(({ name, episodes }) => episodes.map((one, pair) => [name, pair, one.success, one.steps, one.total_reward, one.final_cost]))
+        } />
+      </div>
       <div class="scroll"><table class="outcomes">
-        <thead><tr><th>policy</th><th class="num">success</th><th>95 % interval</th><th class="num">steps</th><th>pairs: a click plays one</th></tr></thead>
+        <thead><tr><th>policy</th><th class="num">success</th><th>95 % interval</th><th class="num">steps</th><th>pairs: a click replays one beside the oracle</th></tr></thead>
         <tbody>
-          <ReceiptRow name={main.policy} summary={main.summary} episodes={main.episodes} env={manifest.env} id={id} />
+          <ReceiptRow name={main.policy} summary={main.summary} episodes={main.episodes} id={id} />
           {main.references.map((reference, index) => (
-            <ReceiptRow key={index} name={`${reference.candidate.policy.name} (${reference.role})`} summary={reference.summary} episodes={reference.episodes} env={manifest.env} id={null} />
+            <ReceiptRow key={index} name={`${reference.candidate.policy.name} (${reference.role})`} summary={reference.summary} episodes={reference.episodes} id={id} />
           ))}
           {others.map((file) => <OtherRow key={file.id} file={file} hash={main.manifest_hash} />)}
         </tbody>
@@ -102,10 +120,10 @@ function OtherRow({ file, hash }: { file: File; hash: string }) {
   const other = useGet<Result<Receipt>>("result", { id: file.id });
   const receipt = other.value?.content;
   if (!receipt || receipt.manifest_hash !== hash) return null;
-  return <ReceiptRow name={receipt.policy} summary={receipt.summary} episodes={receipt.episodes} env={receipt.manifest.env} id={file.id} />;
+  return <ReceiptRow name={receipt.policy} summary={receipt.summary} episodes={receipt.episodes} id={file.id} />;
 }
 
-function ReceiptRow({ name, summary, episodes, env, id }: { name: string; summary: Summary; episodes: PairResult[]; env: string; id: string | null }) {
+function ReceiptRow({ name, summary, episodes, id }: { name: string; summary: Summary; episodes: PairResult[]; id: string }) {
   return (
     <tr>
       <td><code>{name}</code></td>
@@ -116,10 +134,7 @@ function ReceiptRow({ name, summary, episodes, env, id }: { name: string; summar
         <div class="strip">
           {episodes.map((episode, index) => {
             const text = `pair ${index}: ${episode.success ? "success" : "no success"}, ${episode.steps} steps`;
-            const kind = episode.success ? "ok" : "no";
-            return id
-              ? <a key={index} class={kind} title={text} aria-label={text} href={`#play?env=${encodeURIComponent(env)}&receipt=${encodeURIComponent(id)}&pair=${index}`} />
-              : <i key={index} class={kind} title={text} />;
+            return <a key={index} class={episode.success ? "ok" : "no"} title={text} aria-label={text} href={`#results?id=${encodeURIComponent(id)}&pair=${index}`} />;
           })}
         </div>
       </td>
@@ -134,7 +149,10 @@ function SweepView({ id }: { id: string }) {
     <>
       <Notice text={sweep.error} />
       {sweep.value && <Panel title={sweep.value.content.policy}>
-        <div class="facts"><span>{sweep.value.content.env}</span><span>tier {sweep.value.content.tier}</span><span>{cells.length} cells</span></div>
+        <div class="row between">
+          <div class="facts"><span>{sweep.value.content.env}</span><span>tier {sweep.value.content.tier}</span><span>{cells.length} cells</span></div>
+          <Save name="sweep.csv" columns={["changed", "value", "success_rate", "ci95_low", "ci95_high"]} rows={cells.map(({ name, value, summary }) => [name, value, summary?.success_rate, summary?.ci95[0], summary?.ci95[1]])} />
+        </div>
         <div class="scroll"><table class="outcomes">
           <thead><tr><th>changed</th><th class="num">success</th><th>95 % interval</th></tr></thead>
           <tbody>{cells.map((cell, index) => cell.summary && (
@@ -151,7 +169,7 @@ function SweepView({ id }: { id: string }) {
   );
 }
 
-function ManifestView({ id }: { id: string }) {
+function ManifestView({ id, pair }: { id: string; pair: number | null }) {
   const manifest = useGet<Result<Manifest>>("result", { id });
   const content = manifest.value?.content;
   return (
@@ -160,10 +178,13 @@ function ManifestView({ id }: { id: string }) {
       {content && <Panel title={content.env}>
         <div class="facts"><span>tier {content.tier}</span><span>{content.pairs.length} pairs</span><span>budget {content.budget}</span><span>seed {content.seed}</span><span>frame skip {content.frame_skip}</span></div>
         <div class="strip large">{content.pairs.map((_, index) => (
-          <a key={index} class="plain" href={`#play?env=${encodeURIComponent(content.env)}&receipt=${encodeURIComponent(id)}&pair=${index}`} title={`play pair ${index}`}>{index}</a>
+          <a key={index} class="plain" href={`#results?id=${encodeURIComponent(id)}&pair=${index}`} title={`play pair ${index} beside the oracle`}>{index}</a>
         ))}</div>
         <CommandLine text={`swm eval --manifest ${quoted(manifest.value!.path)} --policy expert --out results`} />
       </Panel>}
+      {content && pair !== null && content.pairs[pair] !== undefined && (
+        <PairView key={pair} id={id} path={quoted(manifest.value!.path)} manifest={content} receipt={null} index={pair} onMove={(index) => showPair(id, index)} />
+      )}
     </>
   );
 }
@@ -180,7 +201,9 @@ function EvaluationView({ id }: { id: string }) {
       {content && <Panel title={content.setup?.policy ?? "Evaluation"}>
         <div class="facts"><span>{content.setup?.env}</span><span>{content.episodes} episodes</span><span>{number(content.success_rate, 3)} % successful</span><span>95 % interval {number(content.ci95?.[0], 3)}–{number(content.ci95?.[1], 3)}</span></div>
         {content.episode_successes && <div class="strip">{content.episode_successes.map((ok, index) => <i key={index} class={ok ? "ok" : "no"} title={`episode ${index}`} />)}</div>}
+        <div class="row"><Button onClick={() => download("episodes.csv", csv(["episode", "success", "return", "length"], [x, content.episode_successes ?? [], content.episode_returns ?? [], content.episode_lengths ?? []]))}>Episodes as CSV</Button></div>
         {content.episode_returns && <figure><figcaption>return by episode</figcaption><Plot names={["return"]} data={[x, content.episode_returns]} xLabel="episode" /></figure>}
+        {content.setup && <CommandLine text={`swm eval ${quoted(content.setup.env)} --policy ${quoted(content.setup.policy)} --seed ${content.setup.seed} --episodes ${content.episodes} --out results`} />}
       </Panel>}
     </>
   );
@@ -191,12 +214,17 @@ interface Curves { path: string; config: unknown; series: Record<string, Record<
 function Training({ id }: { id: string }) {
   const run = useGet<Curves>("training", { id }, 3000);
   const [log, setLog] = useState(false);
+  const curves = useRef<HTMLDivElement>(null);
   const names = useMemo(() => [...new Set(Object.values(run.value?.series ?? {}).flatMap((part) => Object.keys(part)))].filter((name) => name !== "epoch"), [run.value]);
   return (
     <>
       <Notice text={run.error} />
       {run.value && <Panel title={run.value.path.split("/").at(-1)} aside={<Field label="log"><input type="checkbox" checked={log} onChange={(event) => setLog(event.currentTarget.checked)} /></Field>}>
-        <div class="curves">{names.map((name) => <Curve key={name} name={name} series={run.value!.series} log={log} />)}</div>
+        <div class="row">
+          <Button onClick={() => savePlots("curves.png", curves.current)}>Curves as PNG</Button>
+          <Save name="curves.csv" columns={["part", "name", "step", "value"]} rows={Object.entries(run.value.series).flatMap(([part, all]) => Object.entries(all).flatMap(([name, points]) => points.map(([step, value]) => [part, name, step, value])))} />
+        </div>
+        <div class="curves" ref={curves}>{names.map((name) => <Curve key={name} name={name} series={run.value!.series} log={log} />)}</div>
         <CommandLine text={`swm train --resume ${quoted(run.value.path)}`} />
         <details><summary><b>Settings</b></summary><pre>{JSON.stringify(run.value.config, null, 2)}</pre></details>
       </Panel>}

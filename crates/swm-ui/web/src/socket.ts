@@ -9,10 +9,15 @@ export interface Head extends Size {
   over: "terminated" | "truncated" | null; success: boolean | null; total_reward: number | null;
   recording: Recording | null; agent: [number, number] | null; points: Point[];
 }
+/** Who acts in a pair of a receipt: its policy, one of its reference policies, or the oracle. */
+export type Run = "policy" | "oracle" | { reference: number };
 /** What a planner thought: points are fractions of the image's width and height, by object. */
 export interface Plan {
   kind: "plan"; step: number; objects: string[]; costs: (number | null)[][]; cost: number | null; true_cost: number | null;
-  paths: { of: "candidate" | "first elite" | "last elite" | "plan"; objects: [number, number][][] }[];
+  agreement: number | null; paths: Path[];
+}
+export interface Path {
+  of: "candidate" | "first elite" | "last elite" | "plan"; cost: number | null; true_cost: number | null; objects: [number, number][][];
 }
 export type Message =
   | { kind: "error"; text: string }
@@ -25,6 +30,8 @@ export type Message =
 export interface Listener {
   frame(head: Head, rgb: Uint8Array): void;
   goal(size: Size, rgb: Uint8Array): void;
+  /** The episode up to now as a file. */
+  video(extension: string, content: Blob): void;
   message(message: Message): void;
   opened(): void;
   closed(reason: string): void;
@@ -53,7 +60,11 @@ export class Socket {
       const head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, size)));
       const rgb = new Uint8Array(data, 4 + size);
       if (head.goal) listener.goal(head, rgb);
-      else listener.frame(head, rgb);
+      else if (head.video) listener.video(head.video, new Blob([rgb], { type: head.video === "mp4" ? "video/mp4" : "image/gif" }));
+      else {
+        listener.frame(head, rgb);
+        this.send({ type: "shown" });
+      }
     };
     this.socket.onclose = ({ reason }) => {
       listener.closed(reason || (wasOpen

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+#[cfg(feature = "ui")]
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use serde_json::{Value as Json, json};
-use swm_data::tools::parts;
 
 use super::output::{counted, key_values, print, table};
 use super::submit::{held_shards, queued};
@@ -70,8 +71,12 @@ impl Jobs {
         loop {
             let is_old = asked.as_ref().is_none_or(|(time, _)| time.elapsed() >= ASK_EVERY);
             if is_old {
-                asked =
-                    Some((Instant::now(), folders.iter().map(|folder| Held::of(folder, output)).collect()));
+                let ask = |folder: &JobFolder| {
+                    let (held, note) = Held::of(folder);
+                    note.iter().for_each(|note| output.note(note));
+                    held
+                };
+                asked = Some((Instant::now(), folders.iter().map(ask).collect()));
             }
             let held = asked.as_ref().map_or(&[][..], |(_, held)| held.as_slice());
             let all: Vec<Status> = folders
@@ -148,16 +153,42 @@ fn cancel(folder: &JobFolder, output: &Output) -> Result<(), Failure> {
 struct Held(BTreeMap<u64, Queued>);
 
 impl Held {
-    /// An engine that does not answer is named, and the files are shown alone.
-    fn of(folder: &JobFolder, output: &Output) -> Self {
+    /// An engine that does not answer is named in a note, and the files are shown alone.
+    fn of(folder: &JobFolder) -> (Self, Option<String>) {
         let tasks = Submission::all(folder).map_err(Failure::from).and_then(|before| {
             let shards = folder.job.shards;
             Ok(held_shards(&queued(folder, &before, None)?, &before, shards, shards))
         });
-        Self(tasks.unwrap_or_else(|failure| {
-            output.note(format!("{}: {failure}", folder.dir.display()));
-            BTreeMap::new()
-        }))
+        match tasks {
+            Ok(held) => (Self(held), None),
+            Err(failure) => (Self(BTreeMap::new()), Some(format!("{}: {failure}", folder.dir.display()))),
+        }
+    }
+}
+
+/// What engines held of jobs that are watched, and when they were asked.
+#[cfg(feature = "ui")]
+#[derive(Default)]
+pub(super) struct Watched(Mutex<BTreeMap<PathBuf, (Instant, Held, Option<String>)>>);
+
+#[cfg(feature = "ui")]
+impl Watched {
+    /// What `swm jobs DIR --json` prints, and as `note` what it tells.
+    ///
+    /// # Errors
+    ///
+    /// The folder holds no job, or one that cannot be read.
+    pub(super) fn status(&self, dir: &Path) -> Result<Json, Failure> {
+        let folder = JobFolder::open(dir)?.ok_or_else(|| format!("{} holds no job", dir.display()))?;
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if all.get(dir).is_none_or(|(time, ..)| time.elapsed() >= ASK_EVERY) {
+            let (held, note) = Held::of(&folder);
+            all.insert(dir.to_owned(), (Instant::now(), held, note));
+        }
+        let Some((_, held, note)) = all.get(dir) else { return Err("the job is not watched".into()) };
+        let mut json = Status::of(&folder, held)?.json();
+        json["note"] = note.clone().into();
+        Ok(json)
     }
 }
 
@@ -185,7 +216,7 @@ impl<'a> Status<'a> {
         }
         let left = progress.missing(folder);
         let begun = left.iter().filter_map(|&shard| {
-            let range = parts::range(shard, folder.job.shards, folder.job.episodes);
+            let range = folder.job.range(shard);
             Some((shard, last_episode(&folder.log(shard))?.clamp(range.start, range.end) - range.start))
         });
         let begun = begun.collect();
@@ -218,7 +249,40 @@ impl<'a> Status<'a> {
             "episodes": self.episodes(),
             "total_episodes": job.episodes,
             "result": self.finished,
+            "each": (1..=job.shards).map(|shard| self.shard(shard)).collect::<Vec<_>>(),
         })
+    }
+
+    /// The state of one shard: `done`, what its engine says, `failed` or `not submitted`.
+    fn shard(&self, shard: u64) -> Json {
+        let job = &self.folder.job;
+        let of = job.range(shard).count();
+        if let Some(done) = self.done.get(&shard) {
+            let (episodes, seconds) = (done.episodes, done.seconds);
+            return json!({ "shard": shard, "state": "done", "episodes": episodes, "of": of, "seconds": seconds });
+        }
+        json!({
+            "shard": shard,
+            "state": self.state(shard),
+            "running": self.held.get(&shard).is_some_and(|task| task.is_running),
+            "episodes": self.begun.get(&shard).copied().unwrap_or(0),
+            "of": of,
+            "message": self.message(shard),
+        })
+    }
+
+    /// The state of a shard that is not done.
+    fn state(&self, shard: u64) -> String {
+        match (self.held.get(&shard), self.failed.get(&shard)) {
+            (Some(task), _) => task.state.clone(),
+            (None, Some(failed)) => format!("failed on {}", failed.node),
+            (None, None) => "not submitted".to_owned(),
+        }
+    }
+
+    /// Why a shard failed, in a line.
+    fn message(&self, shard: u64) -> &str {
+        self.failed.get(&shard).map_or("", |failed| failed.message.lines().next().unwrap_or(""))
     }
 
     /// One line: how far it is.
@@ -265,16 +329,9 @@ impl<'a> Status<'a> {
             rows.push(("to submit", format!("{missing}: swm submit --job {dir}")));
         }
         let mut text = key_values(&rows);
-        let shown = |shard: &u64| {
-            let state = match (self.held.get(shard), self.failed.get(shard)) {
-                (Some(task), _) => task.state.clone(),
-                (None, Some(failed)) => format!("failed on {}", failed.node),
-                (None, None) => "not submitted".to_owned(),
-            };
-            let message =
-                self.failed.get(shard).map_or("", |failed| failed.message.lines().next().unwrap_or(""));
-            let episodes = self.begun.get(shard).map_or(String::new(), ToString::to_string);
-            vec![shard.to_string(), state, episodes, message.to_owned()]
+        let shown = |&shard: &u64| {
+            let episodes = self.begun.get(&shard).map_or(String::new(), ToString::to_string);
+            vec![shard.to_string(), self.state(shard), episodes, self.message(shard).to_owned()]
         };
         let mut open: Vec<u64> = self.failed.keys().chain(self.held.keys()).copied().collect();
         open.dedup();

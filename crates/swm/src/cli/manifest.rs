@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{Args, FromArgMatches as _, Subcommand, ValueEnum};
 use serde_json::{Map, json};
-use swm_core::evaluate::{ManifestOptions, RecordedPairs, Tier, make_manifest};
+use swm_core::evaluate::{ChosenPair, ManifestOptions, RecordedPairs, Tier, make_manifest};
 use swm_core::{EnvConfig, Manifest, Registry};
 
 use super::args::{EnvArgs, ImageArg};
@@ -25,6 +25,7 @@ const BUDGET_DATASET: u64 = 50;
 Examples:
   swm manifest make swm/PushT-v1 --dataset pusht.h5 --tier strict --episodes 100 --out pusht-strict.toml
   swm manifest make swm/TwoRoom-v2 --tier moderate --episodes 100 --out two-room.toml
+  swm manifest make swm/PushT-v1 --dataset pusht.h5 --pairs 3:10-35,4:0-25 --tier historic --out two.toml
   swm manifest show pusht-strict.toml
   swm eval --manifest pusht-strict.toml --policy cem --out results")]
 pub(super) struct ManifestCommand {
@@ -36,7 +37,7 @@ pub(super) struct ManifestCommand {
 enum Action {
     /// Sample pairs and write a manifest: JSON if the name ends in .json, else TOML.
     #[command(
-        after_help = "Example:\n  swm manifest make swm/PushT-v1 --dataset pusht.h5 --tier strict --episodes 100 --out strict.toml"
+        after_help = "Examples:\n  swm manifest make swm/PushT-v1 --dataset pusht.h5 --tier strict --episodes 100 --out strict.toml\n  swm manifest make swm/PushT-v1 --dataset pusht.h5 --pairs 3:10-35,4:0-25 --tier historic --out two.toml"
     )]
     Make(Box<Make>),
     /// Show a manifest.
@@ -66,6 +67,11 @@ struct Make {
     /// Take starts and goals from this dataset. Without it, the environment samples them.
     #[arg(long, value_name = "FILE")]
     dataset: Option<PathBuf>,
+    /// With --dataset: these pairs and no others. 3:10-35 starts at step 10 of episode 3 and has its goal at step 35; 3:10-4:0 has
+    /// it at step 0 of episode 4.
+    #[arg(long, value_name = "EPISODE:START-GOAL", value_delimiter = ',', requires = "dataset")]
+    #[arg(conflicts_with_all = ["episodes", "goal_offset", "held_out"])]
+    pairs: Option<Vec<ChosenPair>>,
     /// With --dataset: the goal is this many steps after the start.
     #[arg(long, default_value_t = 25, requires = "dataset")]
     goal_offset: usize,
@@ -117,7 +123,7 @@ impl From<TierArg> for Tier {
 impl ManifestCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         match self.action {
-            Action::Make(make) => make.run(registry, output),
+            Action::Make(make) => show(&make.write(registry, output)?, &make.out, output),
             Action::Show { manifest } => {
                 let found = read_manifest(&manifest)?;
                 show(&found, &manifest, output)
@@ -126,8 +132,17 @@ impl ManifestCommand {
     }
 }
 
+/// As `swm manifest make WORDS`, and prints nothing.
+#[cfg(feature = "ui")]
+pub(super) fn make(registry: &Registry, words: &[String]) -> Result<Manifest, Failure> {
+    let command = Make::augment_args(clap::Command::new("manifest make").no_binary_name(true));
+    let matches = command.try_get_matches_from(words).map_err(usage)?;
+    Make::from_arg_matches(&matches).map_err(usage)?.write(registry, &Output::new(false, true))
+}
+
 impl Make {
-    fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
+    /// Makes the manifest and writes it.
+    fn write(&self, registry: &Registry, output: &Output) -> Result<Manifest, Failure> {
         let tier = Tier::from(self.tier);
         let entry = self.env.entry(registry)?;
         let mut dataset =
@@ -178,6 +193,7 @@ impl Make {
                 hash: file_hash(path)?,
                 goal_offset: self.goal_offset,
                 held_out: self.held_out,
+                chosen: self.pairs.clone(),
             }),
             _ => None,
         };
@@ -189,7 +205,7 @@ impl Make {
             create_parent(&self.out)?;
             write_manifest(&self.out, &manifest)?;
         }
-        show(&manifest, &self.out, output)
+        Ok(manifest)
     }
 
     /// Whether the file is this manifest already. What else is there is not replaced: results refer to it.

@@ -37,6 +37,12 @@ impl Failure {
         self.source.to_string()
     }
 
+    /// Why, for who is no person at a terminal.
+    #[cfg(feature = "ui")]
+    pub(super) fn into_source(self) -> BoxError {
+        self.source
+    }
+
     /// Whether another process is at it.
     pub(super) fn is_busy(&self) -> bool {
         matches!(self.source.downcast_ref(), Some(DataError::Busy { .. }))

@@ -9,7 +9,6 @@ use clap::Args;
 use serde_json::json;
 use swm_core::Registry;
 use swm_data::recording::WriterLock;
-use swm_data::tools::parts;
 
 use super::output::{Postponed, counted};
 use super::work::{self, Kind};
@@ -234,7 +233,7 @@ impl Run<'_> {
 
     fn write_done(&self, shard: u64, attempt: &Attempt, took: Duration) -> Result<(), Failure> {
         let Self { folder, kind, .. } = *self;
-        let range = parts::range(shard, folder.job.shards, folder.job.episodes);
+        let range = folder.job.range(shard);
         let path = work::shard_output(folder, kind, shard);
         let done = Done {
             shard,

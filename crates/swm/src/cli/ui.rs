@@ -1,32 +1,39 @@
 //! `swm ui`: the local web page.
 
-use std::path::PathBuf;
+use std::fmt;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
-use serde_json::json;
-use swm_core::{Registry, WorldError};
-use swm_ui::Server;
+use serde_json::{Value as Json, json};
+use swm_core::error::BoxError;
+use swm_core::view::Transform;
+use swm_core::{Manifest, Registry, WorldError};
+use swm_ui::{Commands, Server};
 
-use super::{Failure, Output, interrupt, usage};
+use super::jobs::Watched;
+use super::{Failure, Output, interrupt, manifest, usage};
+use crate::distractors;
+use crate::evaluation::Candidate;
 
 /// Steer and record environments, and look at datasets and results, on a page in the browser.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   swm ui                                  (environments only)
-  swm ui pusht.h5 results runs            (with these datasets, results and training runs)
-  swm ui data --save recordings           (record what you steer into this folder)
+  swm ui pusht.h5 results runs jobs       (with these datasets, results, training runs and jobs)
+  swm ui data --save recordings           (record what you steer into this folder, and manifests of pairs that you pick)
   ssh -L 8000:127.0.0.1:8000 cluster swm ui --port 8000 --no-open runs    (a page of another machine)
 
 The address that is printed works once: the browser that opens it first keeps a cookie. The page is served to this machine only;
 --host NAME serves it by that name. Only files below PATH are read, only the folder of --save is written to.")]
 pub(super) struct Ui {
-    /// Datasets, results, training runs, or folders that hold them.
+    /// Datasets, results, training runs, jobs, or folders that hold them.
     #[arg(value_name = "PATH")]
     paths: Vec<PathBuf>,
-    /// The folder for recordings. Default: nothing is written.
+    /// The folder for recordings and manifests. Default: nothing is written.
     #[arg(long, value_name = "DIR")]
     save: Option<PathBuf>,
     /// The name or address by which browsers reach this machine.
@@ -52,6 +59,7 @@ pub(super) struct Ui {
 impl Ui {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let mut options = swm_ui::Options::new(registry.clone());
+        options.commands = Some(Arc::new(Own::default()));
         options.paths = self.paths;
         options.save = self.save;
         options.host = self.host;
@@ -79,6 +87,45 @@ impl Ui {
         });
         server.run()?;
         if interrupted.is_cancelled() { Err(WorldError::Cancelled.into()) } else { Ok(()) }
+    }
+}
+
+/// What other commands do, for the page.
+#[derive(Default)]
+struct Own(Watched);
+
+impl fmt::Debug for Own {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Own")
+    }
+}
+
+impl Commands for Own {
+    fn make_manifest(&self, registry: &Registry, words: &[String]) -> Result<Manifest, BoxError> {
+        manifest::make(registry, words).map_err(Failure::into_source)
+    }
+
+    fn job(&self, dir: &Path) -> Result<Json, BoxError> {
+        self.0.status(dir).map_err(Failure::into_source)
+    }
+
+    fn oracle(
+        &self,
+        registry: &Registry,
+        manifest: &Manifest,
+        (policy, seed): swm_ui::Candidate,
+    ) -> swm_ui::Candidate {
+        let candidate = Candidate { policy, seed };
+        let oracle = match registry.env(&manifest.env) {
+            Ok(entry) => candidate.oracle(registry, entry, manifest),
+            // That the environment is unknown is said when it is made.
+            Err(_) => candidate,
+        };
+        (oracle.policy, oracle.seed)
+    }
+
+    fn distractors(&self, names: &[String]) -> Result<Option<Arc<dyn Transform>>, BoxError> {
+        distractors::parse_all(names)
     }
 }
 

@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 
 use clap::{CommandFactory as _, FromArgMatches as _};
 use swm_core::Registry;
-use swm_data::tools::parts;
 
 use super::{Cli, Command, Failure, Output, run_command, usage};
 use crate::jobs::JobFolder;
@@ -207,7 +206,7 @@ pub(super) fn check_shard(
     kind: Kind,
     shard: u64,
 ) -> Result<(), Failure> {
-    let range = parts::range(shard, folder.job.shards, folder.job.episodes);
+    let range = folder.job.range(shard);
     let (found, expected) = (held(registry, folder, kind, shard), range.end - range.start);
     if kind == Kind::Collect && found != expected {
         let path = shard_output(folder, kind, shard);

@@ -1,12 +1,14 @@
 //! The description of a job, `job.json`: the command, its shards, the program and the files that it depends on; and the folder.
 
 use std::fs;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use swm_core::error::BoxError;
 use swm_core::evaluate::sha256;
 use swm_data::recording::WriterLock;
+use swm_data::tools::parts;
 
 use super::files::{cannot, read_json, seconds, write_json};
 use crate::evaluation::file_hash;
@@ -127,6 +129,11 @@ impl Job {
         let hash = sha256(serde_json::to_string(&all)?.as_bytes());
         let folder = std::env::current_dir()?;
         Ok(Self { version: JOB_VERSION, hash, command, each, shards, episodes, program, inputs, folder })
+    }
+
+    /// The episodes of a shard, counted from 1; none of training runs.
+    pub(crate) fn range(&self, shard: u64) -> Range<u64> {
+        parts::range(shard, self.shards, self.episodes)
     }
 
     /// The name that engines show, by which its tasks are found again.
