@@ -1,4 +1,5 @@
-//! OGBench's humanoid maze and AntSoccer: everything equal to the bit from the recorded start on. Runs are named after their
+//! OGBench's humanoid maze and AntSoccer: everything equal to the bit from the recorded start on, but for the places of the humanoid's
+//! hands and feet in the frame of its torso: products of matrices, which the linear algebra of NumPy rounds otherwise. Runs are named after their
 //! maze, files after the environments without their versions.
 
 use serde_json::{Map, Value as Json};
@@ -6,9 +7,20 @@ use serde_json::{Map, Value as Json};
 use super::file::GoldenFile;
 use super::rules::{ImageTolerance, Rules, Tolerance, Unit};
 
-/// Rules by the number of values in positions, velocities and observation.
+/// The humanoid's observation: 24 values before its hands and feet.
+const HUMANOID_OBSERVATION: [Unit; 69] = {
+    let mut units = [Unit::Given; 69];
+    let mut index = 24;
+    while index < 36 {
+        units[index] = Unit::Reward;
+        index += 1;
+    }
+    units
+};
+
+/// Rules by the number of values in positions and velocities, and the observation's units.
 macro_rules! maze {
-    ($name:ident, $recorded:literal, $id:literal, $nq:literal, $nv:literal, $observation:literal) => {
+    ($name:ident, $recorded:literal, $id:literal, $nq:literal, $nv:literal, $observation:expr) => {
         pub(super) const $name: Rules = Rules {
             reference_id: $recorded,
             env_id: $id,
@@ -20,14 +32,14 @@ macro_rules! maze {
                 ("state_qvel", &[Unit::Given; $nv]),
                 ("state_time", &[Unit::Given]),
                 ("state_qacc_warmstart", &[Unit::Given; $nv]),
-                ("obs", &[Unit::Given; $observation]),
+                ("obs", &$observation),
                 ("goal_xy", &[Unit::Given; 2]),
-                ("goal_observation", &[Unit::Given; $observation]),
+                ("goal_observation", &$observation),
                 ("reward", &[Unit::Given]),
                 ("is_success", &[Unit::Given]),
                 ("terminated", &[Unit::Given]),
             ],
-            tolerance: [Tolerance { px: 0.0, rad: 0.0, px_per_s: 0.0 }; 2],
+            tolerance: [Tolerance { px: 1e-15, rad: 0.0, px_per_s: 0.0 }; 2],
             images: ImageTolerance { equal_pixels: 0.0, largest_difference: 255 },
             steps: usize::MAX,
             starts: &[],
@@ -37,8 +49,8 @@ macro_rules! maze {
     };
 }
 
-maze!(HUMANOID, "swm/OGBHumanoidMaze", "swm/OGBHumanoidMaze-v0", 28, 27, 69);
-maze!(ANT_SOCCER, "swm/OGBAntSoccer", "swm/OGBAntSoccer-v0", 22, 20, 42);
+maze!(HUMANOID, "swm/OGBHumanoidMaze", "swm/OGBHumanoidMaze-v0", 28, 27, HUMANOID_OBSERVATION);
+maze!(ANT_SOCCER, "swm/OGBAntSoccer", "swm/OGBAntSoccer-v0", 22, 20, [Unit::Given; 42]);
 
 /// The maze of a run, which its name tells.
 pub(super) fn set_maze(file: &GoldenFile, settings: &mut Map<String, Json>) {
