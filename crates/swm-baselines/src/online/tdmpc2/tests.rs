@@ -124,6 +124,27 @@ fn noise_is_that_of_the_update() {
 }
 
 #[test]
+fn clips_become_steps() {
+    let count = |values| (0..values).map(|value| value as f32).collect::<Vec<f32>>();
+    let (observation, others) = (count(12), count(6));
+    let clips = Transitions {
+        rows: 2,
+        steps: 3,
+        observation: &observation,
+        action: &others,
+        reward: &others,
+        terminated: &[0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
+    };
+    let batch = agent(0).minibatch(&clips).unwrap();
+    let wanted = [0.0, 1.0, 6.0, 7.0, 2.0, 3.0, 8.0, 9.0, 4.0, 5.0, 10.0, 11.0];
+    assert_eq!(params::host(batch.observation), wanted);
+    assert_eq!(params::host(batch.action), [0.0, 3.0, 1.0, 4.0]);
+    // The reward of an action comes with the observation after it, and so does the end of the task.
+    assert_eq!(params::host(batch.reward), [1.0, 4.0, 2.0, 5.0]);
+    assert_eq!(params::host(batch.goes_on), [1.0, 1.0, 1.0, 0.0]);
+}
+
+#[test]
 fn clips_and_observations_of_another_form_are_refused() {
     let mut agent = agent(0);
     let clips = Transitions {
