@@ -110,11 +110,25 @@ stop() { # by pid only
   kill "$pid"; for _ in $(seq 50); do alive "$pid" || return 0; sleep 0.1; done; kill -9 "$pid" 2>/dev/null
 }
 
+# The processes below one, itself first.
+below() { local p; echo "$1"; for p in $(pgrep -P "$1"); do below "$p"; done; }
+
+kill_node() { # With what runs on it, which else would report its own end.
+  local steps pids=() id pid
+  for id in $(squeue -h -r -t RUNNING -w "n$arg" -o %A); do
+    for pid in $(pgrep -f "^slurmstepd: \[$id\."); do steps=$(below "$pid"); pids+=($steps); done
+  done
+  # The watchers come before the watched; one may have ended by now.
+  pid=$(cat "$root/slurmd.n$arg.pid"); kill -9 "$pid" "${pids[@]}" 2>/dev/null
+  sleep 0.2; alive "$pid" && fail "node n$arg still runs"
+  return 0
+}
+
 case $cmd in
   up) up; echo "export SLURM_CONF=$root/slurm.conf" ;;
   env) echo "export SLURM_CONF=$root/slurm.conf" ;;
   status) sinfo; squeue ;;
-  kill-node) kill -9 "$(cat "$root/slurmd.n$arg.pid")" ;;
+  kill-node) kill_node ;;
   kill-controller) kill -9 "$(cat "$root/slurmctld.pid")" ;;
   start-controller) pidof_file "$root/slurmctld.pid" >/dev/null || start slurmctld ;;
   start-node) rm -f "$root/slurmd.n$arg.pid"; node "$arg" ;;

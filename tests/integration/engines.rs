@@ -138,7 +138,7 @@ fn more_shards_than_an_array_may_have_are_packed() {
     };
     // No time for a second shard: the rest is requeued.
     fails(75, &run("1", "0.001"));
-    assert!(cluster.text("scontrol").contains("requeue 101\n"));
+    assert!(cluster.text("scontrol").contains("requeue 101_1\n"));
     let done = || fs::read_dir(cluster.path("job/done")).unwrap().count();
     assert_eq!(done(), 1);
     for index in ["1", "2", "3"] {
@@ -154,19 +154,25 @@ fn more_shards_than_an_array_may_have_are_packed() {
 }
 
 #[test]
-fn a_task_that_slurm_stops_is_requeued() {
+fn a_task_that_slurm_stops_is_requeued_unless_it_is_canceled() {
     let cluster = slurm(1001);
     ok(&cluster.submit(&["--on", "slurm"], "2", &[&collect("4000")[..], &["--report-every", "0"]].concat()));
-    let mut bash = cluster.with_path(Command::new("bash"));
-    bash.arg(cluster.path("job-101.sh")).env("SLURM_ARRAY_TASK_ID", "2").env("SLURM_JOB_ID", "109");
-    let mut child = bash.stderr(Stdio::null()).spawn().unwrap();
-    wait_for("episodes", || cluster.text("job/logs/0002.log").contains(" written to "));
-    // As Slurm sends it: to the shell alone, and twice.
-    signal(&child, "-TERM");
-    signal(&child, "-TERM");
-    assert_eq!(child.wait().unwrap().code(), Some(75));
-    assert!(cluster.text("scontrol").contains("requeue 109\n"), "{}", cluster.text("scontrol"));
-    assert!(cluster.text("job/logs/0002.log").contains("interrupted: "));
+    let stop = |index: &str| {
+        let mut bash = cluster.with_path(Command::new("bash"));
+        bash.arg(cluster.path("job-101.sh")).env("SLURM_ARRAY_TASK_ID", index);
+        let mut child = bash.env("SLURM_ARRAY_JOB_ID", "101").stderr(Stdio::null()).spawn().unwrap();
+        let log = format!("job/logs/000{index}.log");
+        wait_for("episodes", || cluster.text(&log).contains(" written to "));
+        // As Slurm sends it: to the shell alone, and twice.
+        signal(&child, "-TERM");
+        signal(&child, "-TERM");
+        assert_eq!(child.wait().unwrap().code(), Some(75));
+        assert!(cluster.text(&log).contains("interrupted: "));
+        cluster.text("scontrol").contains(&format!("requeue 101_{index}\n"))
+    };
+    assert!(stop("2"), "{}", cluster.text("scontrol"));
+    fs::write(cluster.path("queue"), "COMPLETING\n").unwrap();
+    assert!(!stop("1"), "{}", cluster.text("scontrol"));
 }
 
 #[test]

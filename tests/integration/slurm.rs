@@ -111,12 +111,8 @@ impl Slurm {
         let held = again().and_then(|line| line.split(": ").nth(1)?.split(' ').next()?.parse::<u64>().ok());
         assert!(held > Some(3), "what was committed is not recorded again: {held:?}");
         ok(&self.swm(&["jobs", "--cancel", &self.folder.path(job)]));
-        // Slurm cannot end what runs on a node that is lost.
-        for shard in ["0001", "0002"] {
-            if let Some(process) = process_of(self, job, shard) {
-                let _ = Command::new("kill").args(["-KILL", &process]).output();
-            }
-        }
+        // What is canceled does not start again.
+        self.wait_for_the_end();
     }
 
     #[track_caller]
@@ -201,6 +197,32 @@ fn what_a_cluster_does_to_a_job_does_not_change_its_result() {
         slurm.slurm("scontrol", &["requeue", &format!("{}_1", id["id"].as_str().unwrap())]);
     });
     assert!(slurm.text("requeued/logs/0001.log").contains("\ninterrupted: "));
+
+    // More important work takes every node: Slurm stops the tasks of `spot`, and starts them again.
+    slurm.survives("preempted", "spot", || {
+        let urgent = ["--partition", "cpu", "--nodes", "3", "--exclusive", "--output", "/dev/null"];
+        slurm.slurm("sbatch", &[&urgent[..], &["--wrap", "sleep 1"]].concat());
+    });
+
+    // A node is lost with all that ran on it.
+    slurm.survives("lost", "cpu", || {
+        let places = slurm.slurm("squeue", &["-h", "-r", "-t", "RUNNING", "-o", "%K %N"]);
+        let node = places.lines().find_map(|line| line.strip_prefix("1 n")).expect("shard 1 is at work");
+        ok(&slurm.script(&["kill-node", node]).output().unwrap());
+    });
+    for node in ["1", "2", "3"] {
+        ok(&slurm.script(&["start-node", node]).output().unwrap());
+    }
+
+    // The controller is lost: tasks go on, `swm jobs` counts files, and the join starts when the controller is back.
+    slurm.submit("headless", "slurm:partition=cpu,time=5", "2", "4000", &[]);
+    slurm.wait_for_a_start("headless");
+    ok(&slurm.script(&["kill-controller"]).output().unwrap());
+    let shown = ok(&slurm.swm(&["jobs", &slurm.folder.path("headless")]));
+    assert!(shown.contains("headless"), "{shown}");
+    ok(&slurm.script(&["start-controller"]).output().unwrap());
+    slurm.wait_for_result("headless");
+    assert!(slurm.bytes("headless/result.h5") == whole);
 
     // More shards than an array can have: the limit is on the index.
     let script = slurm.submit("packed", "slurm", "1100", "4000", &["--dry-run"]);

@@ -1,14 +1,12 @@
 //! The log of a shard: a line per attempt, and what the command printed.
 
 use std::fs::File;
-use std::io::{Read as _, Seek as _, SeekFrom};
+use std::io::{BufRead as _, BufReader, Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
 /// How an attempt begins.
 const ATTEMPT: &str = "swm task: attempt ";
-/// Attempts are looked for in so many bytes at the end.
-const ATTEMPT_BYTES: u64 = 256 << 10;
-/// Progress is looked for in so many.
+/// Progress is looked for in so many bytes at the end.
 const PROGRESS_BYTES: u64 = 4 << 10;
 
 /// A start of a shard's task.
@@ -41,9 +39,12 @@ impl Attempt {
     }
 }
 
-/// The last attempts, the oldest first. A log that is not there has none.
+/// All attempts, the oldest first. A log that is not there has none; one with a line per episode may be long.
 pub(crate) fn attempts(log: &Path) -> Vec<Attempt> {
-    tail(log, ATTEMPT_BYTES).lines().filter_map(Attempt::parse).collect()
+    let Ok(file) = File::open(log) else { return Vec::new() };
+    let lines = BufReader::new(file).split(b'\n').map_while(Result::ok);
+    let begun = lines.filter(|line| line.starts_with(ATTEMPT.as_bytes()));
+    begun.filter_map(|line| Attempt::parse(&String::from_utf8_lossy(&line))).collect()
 }
 
 /// The number after the last episode that `swm collect` said it wrote.
@@ -79,6 +80,7 @@ mod tests {
         let path = std::env::temp_dir().join(format!("swm-log-{}", std::process::id()));
         let lines = [
             attempt(1, "slurm 12", 0),
+            "episode 6 written to a.h5 (3 rows)\n".repeat(20_000),
             "episode 7 written to a.h5 (3 rows)".to_owned(),
             attempt(2, "nothing", 8),
             "swm task: attempt without an end".to_owned(),

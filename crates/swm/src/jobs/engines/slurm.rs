@@ -81,8 +81,12 @@ impl Driver for Slurm {
 {} --index \"$SLURM_ARRAY_TASK_ID\"{packed} & task=$!
 trap 'kill -TERM \"$task\" 2>/dev/null' TERM
 while :; do wait \"$task\"; status=$?; kill -0 \"$task\" 2>/dev/null || break; done
-# 75: stopped in time, to be continued. A preempted job is pending already, of which scontrol complains.
-if [ \"$status\" = 75 ]; then scontrol requeue \"$SLURM_JOB_ID\" 2>/dev/null; sleep 60; fi
+# 75: stopped in time, to be continued. What Slurm itself ends is completing: it starts what it preempted again, and what was canceled
+# must not start. The number of a job alone may mean the whole array.
+me=${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID
+if [ \"$status\" = 75 ]; then
+  case $(squeue -h -j \"$me\" -o %T) in *COMPLETING*) ;; *) scontrol requeue \"$me\"; sleep 60 ;; esac
+fi
 exit \"$status\"
 ",
             task(folder)
