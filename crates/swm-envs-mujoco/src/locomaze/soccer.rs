@@ -9,7 +9,7 @@ use crate::suite::{Control, Effect};
 /// Body, geom and material of the ball.
 const BALL: &str = "ball";
 /// Radius, m.
-pub(super) const RADIUS: f64 = 0.25;
+const RADIUS: f64 = 0.25;
 /// The file's density, kg/m³: 0.33 kg.
 const DENSITY: f64 = 5.0;
 /// How far behind the ball, as seen from where it has to go, the ant is to stand, m.
@@ -86,7 +86,7 @@ fn set_density(model: &mut Model, density: f64) -> Result<(), MujocoError> {
 }
 
 /// Where the ant is to stand to push the ball on to `aim`: x, y, m.
-pub(super) fn place_behind(ball: [f64; 2], aim: [f64; 2], distance_m: f64) -> [f64; 2] {
+fn place_behind(ball: [f64; 2], aim: [f64; 2], distance_m: f64) -> [f64; 2] {
     let length = distance(ball, aim).max(f64::MIN_POSITIVE);
     [0, 1].map(|k| ball[k] - distance_m * (aim[k] - ball[k]) / length)
 }
