@@ -1,5 +1,7 @@
 //! The page of `swm ui` from outside: what it does is what other commands do. What it refuses is tested in `swm-ui`.
 
+#![expect(clippy::unwrap_used, reason = "what a helper cannot do ends its test")]
+
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::process::{Child, Stdio};

@@ -203,7 +203,7 @@ impl Roots {
         for (index, root) in self.all().enumerate() {
             let is_covered = self.all().take(index).any(|other| root.starts_with(other));
             if !is_covered {
-                self.walk(registry, root, index.to_string(), MAX_DEPTH, &mut left, &mut found);
+                self.walk(registry, root, &index.to_string(), MAX_DEPTH, &mut left, &mut found);
             }
         }
         found.sort_by(|a, b| a.name.cmp(&b.name));
@@ -214,19 +214,19 @@ impl Roots {
         &self,
         registry: &Registry,
         path: &Path,
-        id: String,
+        id: &str,
         depth: usize,
         left: &mut usize,
         found: &mut Vec<Found>,
     ) {
-        if *left == 0 || !self.resolve(&id).is_ok_and(|real| real == path) {
+        if *left == 0 || !self.resolve(id).is_ok_and(|real| real == path) {
             return;
         }
         *left -= 1;
         let Ok(there) = fs::metadata(path) else { return };
         let bytes = there.len();
         if let Some((kind, format)) = self.known_kind(registry, path, (bytes, there.modified().ok())) {
-            found.push(Found { id: id.clone(), name: path.display().to_string(), kind, format, bytes });
+            found.push(Found { id: id.to_owned(), name: path.display().to_string(), kind, format, bytes });
             // Within a job are its shards and its result.
             if kind != Kind::Job {
                 return;
@@ -236,7 +236,7 @@ impl Roots {
         for entry in entries.into_iter().flatten().flatten() {
             let name = entry.file_name();
             let Some(name) = name.to_str().filter(|name| !name.starts_with('.')) else { continue };
-            self.walk(registry, &entry.path(), format!("{id}/{name}"), depth - 1, left, found);
+            self.walk(registry, &entry.path(), &format!("{id}/{name}"), depth - 1, left, found);
         }
     }
 

@@ -1,6 +1,6 @@
 //! Live environments as the page drives them: frames at the page's pace, pairs, videos, and what a planner's model predicts.
 
-#![expect(clippy::unwrap_used, clippy::panic, reason = "what a helper cannot do ends its test")]
+#![expect(clippy::unwrap_used, reason = "what a helper cannot do ends its test")]
 
 #[path = "security/server.rs"]
 mod server;

@@ -420,6 +420,7 @@ const parts = {
 
   /** Figures, for docs/ui.md. */
   async speed() {
+    await page.goto("about:blank");
     await page.goto(`${origin}/#play`);
     await page.waitForSelector("canvas");
     await page.getByRole("slider", { name: /Speed/ }).fill("3");

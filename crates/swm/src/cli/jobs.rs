@@ -166,10 +166,14 @@ impl Held {
     }
 }
 
-/// What engines held of jobs that are watched, and when they were asked.
+/// When engines were asked, what they held, and a note where one did not answer.
+#[cfg(feature = "ui")]
+type Asked = (Instant, Held, Option<String>);
+
+/// What engines held of jobs that are watched, by folder.
 #[cfg(feature = "ui")]
 #[derive(Default)]
-pub(super) struct Watched(Mutex<BTreeMap<PathBuf, (Instant, Held, Option<String>)>>);
+pub(super) struct Watched(Mutex<BTreeMap<PathBuf, Asked>>);
 
 #[cfg(feature = "ui")]
 impl Watched {
