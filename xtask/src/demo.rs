@@ -39,7 +39,7 @@ struct Size {
 }
 
 const FULL: Size = Size {
-    profile: &["--release"],
+    profile: &["--profile", "demo"],
     recorded: "200",
     evaluated: "50",
     planner: "cem:samples=128,iterations=8,elites=16,horizon=10,receding_horizon=4,action_block=1",
@@ -62,7 +62,7 @@ const ENV: &str = "swm/PushT-v1";
 
 /// The whole demonstration.
 pub(crate) fn run(args: &Args) -> Result<()> {
-    setup::for_demo()?;
+    setup::for_build()?;
     let size = Size { has_model: args.robustness, ..if args.short { SHORT } else { FULL } };
     process::run(process::cargo(["build"]).args(size.package()).args(size.profile))?;
     let started = Instant::now();
@@ -124,12 +124,12 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 }
 
 impl Size {
-    /// The command `swm`, with videos in MP4 where the machine can build them. The release build leaves out what the demo
-    /// does not need, MuJoCo, rapier and faer; the development build has the features of the tests, and so is built already.
+    /// The command `swm`, with videos in MP4 where the machine can build them. The build of the profile `demo` leaves out
+    /// what it does not need, MuJoCo, rapier and faer; the development build has the features of the tests, and so is built already.
     fn package(&self) -> Vec<&'static str> {
         let mut args = vec!["--package", "swm", "--bin", "swm"];
-        let is_release = !self.profile.is_empty();
-        match (is_release, process::has_cxx()) {
+        let is_own = !self.profile.is_empty();
+        match (is_own, process::has_cxx()) {
             (true, true) => args.extend(["--no-default-features", "--features", "cli,mp4"]),
             (_, false) => args.extend(["--no-default-features", "--features", "cli"]),
             (false, true) => {}

@@ -167,7 +167,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         );
     }
     if args.swm.is_none() {
-        setup::for_demo()?;
+        setup::for_build()?;
         process::run(process::cargo(["build"]).args(BUILD))?;
     }
     let out = std::path::absolute(&args.out)?;

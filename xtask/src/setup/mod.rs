@@ -17,8 +17,6 @@ use anyhow::{Context as _, Result};
 use bundle::Bundle;
 use wheel::{Package, Unpublished};
 
-use crate::process;
-
 /// Options of `cargo xtask setup`.
 #[derive(clap::Args, Default)]
 pub(crate) struct Args {
@@ -50,20 +48,13 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         Some(file) => Source::Bundle(Bundle::open(file)?),
         None => Source::Index,
     };
-    tools::run(args.pinned, &source)?;
+    tools::run(args.pinned, tools::Which::All, &source)?;
     ensure_data(&source)
 }
 
-/// For the demonstration on PushT, which needs the tools alone: data that cannot be had are a warning.
-pub(crate) fn for_demo() -> Result<()> {
-    tools::run(false, &Source::Index)?;
-    if let Err(error) = ensure_data(&Source::Index) {
-        eprintln!(
-            "setup: {}\nsetup: the demonstration goes on: it needs nothing of that",
-            process::report(&error)
-        );
-    }
-    Ok(())
+/// What a build of the default crates needs, and no data: enough for what runs in environments of `swm-envs-2d`.
+pub(crate) fn for_build() -> Result<()> {
+    tools::run(false, tools::Which::Required, &Source::Index)
 }
 
 fn ensure_data(source: &Source) -> Result<()> {

@@ -214,9 +214,17 @@ pub(crate) fn cargo_deny() -> PathBuf {
     process::root().join(".tools/cargo-deny/bin/cargo-deny")
 }
 
-/// Makes sure that every tool is there.
-pub(super) fn run(pinned_only: bool, source: &Source) -> Result<()> {
-    for tool in TOOLS {
+/// Which tools are wanted.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Which {
+    /// Those without which no default member builds.
+    Required,
+    All,
+}
+
+/// Makes sure that the tools are there.
+pub(super) fn run(pinned_only: bool, which: Which, source: &Source) -> Result<()> {
+    for tool in TOOLS.iter().filter(|tool| which == Which::All || !tool.is_optional) {
         let what = match tool.ensure(pinned_only, source) {
             Err(error) if tool.is_optional => {
                 eprintln!(
