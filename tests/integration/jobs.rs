@@ -131,7 +131,7 @@ fn a_job_by_hand_is_the_undivided_recording() {
     assert!(
         message.contains("3 of 4 shards")
             && message.contains("1-2,4")
-            && message.contains("swm submit --job")
+            && message.contains(&format!("to run them: swm task {job} --all"))
     );
     let status = swm_json(&["jobs", &job]);
     assert_eq!((&status["done"], &status["missing"]), (&1.into(), &serde_json::json!([1, 2, 4])));

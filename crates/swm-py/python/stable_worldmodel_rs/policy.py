@@ -127,7 +127,8 @@ class BasePolicy:
                 value = transform(transforms[key], key, value)
             value = np.asarray(value) if np.isscalar(value) and hasattr(value, "dtype") else value
             if tensors and is_array(value) and value.dtype.kind not in "USO":
-                value = require_torch("models take torch tensors").from_numpy(value)
+                what = 'models and costs without the attribute `array_api = "numpy"` take torch tensors'
+                value = require_torch(what).from_numpy(value)
             prepared[key] = value
         return prepared
 

@@ -10,6 +10,7 @@ use swm_core::settings::describe;
 use swm_core::{EnvEntry, Manifest, Registry};
 
 use super::args::{PartArgs, Shard, note_elites, policy_args, policy_files};
+use super::manifest::note_rewards_only;
 use super::output::{counted, create_folder, table};
 use super::work::Plan;
 use super::{Failure, Output, held, usage};
@@ -54,6 +55,7 @@ impl EvalManifest<'_> {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let manifest = read_manifest(self.manifest).map_err(usage)?;
         let entry = registry.env(&manifest.env)?;
+        note_rewards_only(entry, &manifest.success, output);
         let candidate = Candidate { policy: policy_args(self.policy)?, seed: self.policy_seed };
         let candidate = candidate.on(registry, entry, &manifest);
         let policy = candidate.make(registry, entry, &manifest)?.describe();

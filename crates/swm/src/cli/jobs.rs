@@ -324,13 +324,10 @@ impl<'a> Status<'a> {
         if let Some(finished) = &self.finished {
             rows.push(("result", format!("{dir}/{} ({} bytes)", finished.result, finished.bytes)));
         } else if self.missing.is_empty() && self.held.is_empty() {
-            rows.push((
-                "result",
-                format!("not joined yet: swm submit --job {dir}, or swm task {dir} --finish"),
-            ));
+            rows.push(("result", format!("not joined yet: swm task {dir} --finish")));
         } else if !self.missing.is_empty() {
             let missing = ranges(&self.missing);
-            rows.push(("to submit", format!("{missing}: swm submit --job {dir}")));
+            rows.push(("missing", format!("{missing}: {}", self.folder.command_for_the_rest())));
         }
         let mut text = key_values(&rows);
         let shown = |&shard: &u64| {

@@ -1,11 +1,12 @@
 //! `swm manifest`: an evaluation task as a file.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, FromArgMatches as _, Subcommand, ValueEnum};
-use serde_json::{Map, json};
+use serde_json::{Map, Value as Json, json};
 use swm_core::evaluate::{ChosenPair, ManifestOptions, RecordedPairs, Tier, make_manifest};
-use swm_core::{EnvConfig, Manifest, Registry};
+use swm_core::{EnvConfig, EnvEntry, Manifest, Registry, SuccessRule};
 
 use super::args::{EnvArgs, ImageArg};
 use super::output::{create_parent, table};
@@ -158,6 +159,7 @@ impl Make {
                 entry.id
             ));
         }
+        note_rewards_only(entry, &rules.success, output);
         if !self.distractors.is_empty() && config.image.is_none() {
             return Err(usage("--distractor changes images, and there are none; give --image-size"));
         }
@@ -228,6 +230,49 @@ impl Make {
     }
 }
 
+/// Says so where no episode can be a success.
+pub(super) fn note_rewards_only(entry: &EnvEntry, success: &SuccessRule, output: &Output) {
+    if success.all.is_empty() && entry.success.is_empty() {
+        output.note(format!(
+            "note: {0} has rewards and no success test, and a manifest counts successes: all rates will be 0; `swm eval {0}` without \
+             a manifest reports returns",
+            entry.id
+        ));
+    }
+}
+
+/// Names that are listed; of more, the number is told.
+const MAX_LISTED: usize = 6;
+
+/// Factors that pairs set: with their value, where all have the same.
+fn set(manifest: &Manifest) -> Vec<String> {
+    let mut values: BTreeMap<&str, Vec<&Json>> = BTreeMap::new();
+    for (name, value) in manifest.pairs.iter().flat_map(|pair| &pair.set) {
+        values.entry(name).or_default().push(value);
+    }
+    let one = |(name, values): (&str, Vec<&Json>)| {
+        let is_one = values.len() == manifest.pairs.len() && values.iter().all(|value| *value == values[0]);
+        if is_one { format!("{name}={}", values[0]) } else { name.to_owned() }
+    };
+    values.into_iter().map(one).collect()
+}
+
+/// Factors and groups that pairs sample.
+fn sampled(manifest: &Manifest) -> Vec<String> {
+    let named: BTreeSet<&String> =
+        manifest.pairs.iter().filter_map(|pair| pair.vary.as_ref()).flatten().collect();
+    named.into_iter().cloned().collect()
+}
+
+/// A list, cut off where it is long.
+fn some_of(list: &[String]) -> String {
+    let shown = &list[..list.len().min(MAX_LISTED)];
+    match list.len() - shown.len() {
+        0 => shown.join(", "),
+        more => format!("{}, and {more} more", shown.join(", ")),
+    }
+}
+
 fn show(manifest: &Manifest, path: &Path, output: &Output) -> Result<(), Failure> {
     let excluded = &manifest.excluded;
     let hash = manifest.hash();
@@ -236,6 +281,7 @@ fn show(manifest: &Manifest, path: &Path, output: &Output) -> Result<(), Failure
         "manifest": path, "hash": hash, "env": manifest.env, "tier": manifest.tier, "pairs": manifest.pairs.len(),
         "budget": manifest.budget, "success": manifest.success, "source": manifest.source, "excluded": excluded,
         "solved_at_start": manifest.solved_at_start, "image": manifest.image, "phases": manifest.phases(),
+        "settings": manifest.settings, "distractors": manifest.distractors,
     });
     let mut rows = vec![
         ["environment", &manifest.env].map(str::to_owned),
@@ -251,6 +297,13 @@ fn show(manifest: &Manifest, path: &Path, output: &Output) -> Result<(), Failure
     ];
     if manifest.phases() > 1 {
         rows.push(["phases of the stream".to_owned(), manifest.phases().to_string()]);
+    }
+    let settings: Vec<String> =
+        manifest.settings.iter().map(|(name, value)| format!("{name}={value}")).collect();
+    for (name, list) in [("settings", settings), ("set", set(manifest)), ("sampled", sampled(manifest))] {
+        if !list.is_empty() {
+            rows.push([name.to_owned(), some_of(&list)]);
+        }
     }
     if !manifest.distractors.is_empty() {
         rows.push(["distractors".to_owned(), manifest.distractors.join(" ")]);

@@ -114,7 +114,12 @@ impl Submit {
         self.measure(registry, &folder, output)?;
         let submissions = Submission::all(&folder)?;
         let on = self.on.clone().or_else(|| Some(submissions.last()?.on.clone()));
-        let on = on.ok_or_else(|| usage("--on: name the engine: slurm, hq or script"))?;
+        let on = on.ok_or_else(|| {
+            let here = folder.command_for_the_rest();
+            usage(format!(
+                "--on: the job was submitted to no engine yet; name one, slurm or hq, or run it here: {here}"
+            ))
+        })?;
         let (engine, settings) = engine(&on).map_err(usage)?;
         if self.wait && engine.name == "script" {
             return Err(usage(

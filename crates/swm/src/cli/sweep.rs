@@ -7,6 +7,7 @@ use swm_core::{Cancel, Manifest, Registry};
 
 use super::args::{PartArgs, WorldArgs, policy_args, policy_files};
 use super::eval_manifest::{p_value, rate};
+use super::manifest::note_rewards_only;
 use super::output::{create_folder, table};
 use super::work::Plan;
 use super::{Failure, Output, held, interrupt, usage};
@@ -72,6 +73,7 @@ enum ValuesArg {
 impl SweepCommand {
     pub(super) fn run(self, registry: &Registry, output: &Output) -> Result<(), Failure> {
         let (manifest, candidate, values, changes) = self.asked(registry)?;
+        note_rewards_only(registry.env(&manifest.env)?, &manifest.success, output);
         let options = RunOptions { cancel: Some(self.watch()), ..self.world.run_options() };
         let mut run = SweepRun::new(registry, &manifest, &candidate, changes.clone(), values, options)?;
         let (cells, pairs) = (run.cells(), run.pairs());

@@ -116,7 +116,13 @@ impl Task {
             let begun = Instant::now();
             match run.shard(shard) {
                 Ok(()) => longest = longest.max(begun.elapsed().as_secs_f64()),
-                Err(failure) if failure.is_cancelled() => return Err(failure),
+                Err(failure) if failure.is_cancelled() => {
+                    // What was told when the signal came is in the log of the shard.
+                    output.note(format!(
+                        "interrupted in shard {shard}: what is committed is safe; to continue, repeat the command"
+                    ));
+                    return Err(failure);
+                }
                 // Such as the process of a node that only seemed lost: it may finish the shard, or end.
                 Err(failure) if failure.is_busy() && !self.all => {
                     return Err(Postponed(failure.reason()).into());
@@ -276,10 +282,11 @@ impl Run<'_> {
                 }
             };
             return Err(format!(
-                "{} of {} shards of {dir} are not done: {}{failed}; to submit them again: swm submit --job {dir}",
+                "{} of {} shards of {dir} are not done: {}{failed}; to run them: {}",
                 missing.len(),
                 folder.job.shards,
-                ranges(&missing)
+                ranges(&missing),
+                folder.command_for_the_rest()
             )
             .into());
         }

@@ -170,6 +170,15 @@ pub(crate) struct JobFolder {
 }
 
 impl JobFolder {
+    /// The command that runs what is missing: by the engine that it was submitted to, or else on this machine.
+    pub(crate) fn command_for_the_rest(&self) -> String {
+        let dir = self.dir.display();
+        match self.submissions().is_file() {
+            true => format!("swm submit --job {dir}"),
+            false => format!("swm task {dir} --all"),
+        }
+    }
+
     /// Opens the job in `dir`; `None` if there is none.
     ///
     /// # Errors
