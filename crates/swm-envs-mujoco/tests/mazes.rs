@@ -108,7 +108,10 @@ fn ball_progress(policy: &str, episodes: u64, steps: u64) -> Vec<f64> {
     world.reset(7, &ResetOptions::default()).expect("a start");
     let left = |world: &World| -> Vec<f64> {
         let infos = world.infos();
-        let (ball, goal) = (infos.get::<f64>("ball_xy").unwrap(), infos.get::<f64>("goal_xy").unwrap());
+        let (ball, goal) = (
+            infos.get::<f64>("ball_xy").expect("it has a ball"),
+            infos.get::<f64>("goal_xy").expect("and a goal"),
+        );
         ball.chunks(2).zip(goal.chunks(2)).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).collect()
     };
     let before = left(&world);
