@@ -161,6 +161,7 @@ fn an_environment_is_shown_on_a_page() {
     let offered: Vec<&str> =
         grid["policies"].as_array().unwrap().iter().filter_map(|policy| policy["name"].as_str()).collect();
     assert!(offered.contains(&"expert") && offered.contains(&"random"), "{offered:?}");
+    assert!(offered.contains(&"categorical-cem"), "{offered:?}");
     assert!(!offered.contains(&"cem") && !offered.contains(&"ou"), "{offered:?}");
 }
 
@@ -181,4 +182,31 @@ fn folders_of_results_are_made_and_counts_are_of_their_number() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("episode 0 written to"));
     let factors = swm_ok(&["fovs", "swm/TwoRoom-v1"]);
     assert!(!factors.contains("99999"), "{factors}");
+}
+
+#[test]
+fn a_manifest_shows_what_it_changes_and_warns_where_nothing_can_succeed() {
+    let folder = Folder::new();
+    let (task, run) = (folder.path("task.toml"), folder.path("run.toml"));
+    let make = |env: &str, more: &[&str], out: &str| {
+        let base = ["manifest", "make", env, "--tier", "historic", "--episodes", "2", "--out", out];
+        let output = swm(&[&base[..], more].concat()).output().unwrap();
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    let noted = make(
+        PUSHT,
+        &["--set", "background.color=black", "--vary", "agent.color", "--env-option", "render=fast"],
+        &task,
+    );
+    assert!(!noted.contains("success test"), "{noted}");
+    let shown = swm_ok(&["manifest", "show", &task]);
+    for (row, what) in
+        [("settings", "render=\"fast\""), ("set", "background.color=[0,0,0]"), ("sampled", "agent.color")]
+    {
+        let found = shown.lines().any(|line| line.starts_with(row) && line.contains(what));
+        assert!(found, "no {row} {what} in\n{shown}");
+    }
+    let noted = make("swm/CheetahDMControl-v0", &[], &run);
+    assert!(noted.contains("rewards and no success test"), "{noted}");
 }

@@ -2,7 +2,9 @@
 
 use serde_json::{Map, Value as Json};
 use swm_core::settings::Table;
-use swm_core::{Entry, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Setting, Settings as _};
+use swm_core::{
+    Entry, Env, Policy, PolicyArgs, PolicyContext, PolicyEntry, PolicyError, Setting, Settings as _,
+};
 
 use crate::error::PlanError;
 use crate::mpc::{MpcPolicy, PlanConfig};
@@ -70,6 +72,13 @@ const fn on_simulator<S: SolverConfig>() -> PolicyEntry {
         .settings(AllSettings::<S>::TABLE)
         .on_true_dynamics()
         .oracle(|_, args| Some(args.clone()))
+        .suits_if(plans_in::<S>)
+}
+
+/// Whether there is something to minimize, over actions that the solver can sample.
+fn plans_in<S: SolverConfig>(env: &dyn Env) -> bool {
+    let solver = S::from_settings(Map::new());
+    env.task_cost().is_some() && solver.is_ok_and(|solver| solver.check_space(&env.spec().action).is_ok())
 }
 
 /// All arguments of the policy of one solver.

@@ -7,6 +7,7 @@ mod bundle;
 pub(crate) mod data;
 mod folder;
 pub(crate) mod tools;
+mod version;
 pub(crate) mod wheel;
 
 use std::fs;

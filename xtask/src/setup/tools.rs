@@ -3,17 +3,16 @@
 //! A tool that the machine already has is linked to, else the pinned one is fetched. Nothing is installed outside of the
 //! checkout.
 
-use std::fmt;
 use std::fs;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
 
 use super::Source;
 use super::folder;
+use super::version::{Version, version};
 use super::wheel::{Keep, Package, Wheel};
 use crate::process;
 
@@ -307,35 +306,6 @@ impl Tool {
     }
 }
 
-/// Major and minor: what build scripts ask for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Version(u32, u32);
-
-impl Version {
-    /// Reads major and minor of `3.31.10`, `1.13.0.git.kitware` and their like.
-    fn parse(text: &str) -> Option<Self> {
-        let mut parts = text.trim().split('.').map(str::parse);
-        Some(Self(parts.next()?.ok()?, parts.next()?.ok()?))
-    }
-
-    /// Finds the version in what `--version` prints: on the first line, alone or as its last word.
-    fn in_output(text: &str) -> Option<Self> {
-        Self::parse(text.lines().next()?.split_whitespace().last()?)
-    }
-}
-
-impl fmt::Display for Version {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}.{}", self.0, self.1)
-    }
-}
-
-/// The version that the program prints; none where it does not run.
-fn version(binary: &Path) -> Option<Version> {
-    let output = Command::new(binary).arg("--version").stdin(Stdio::null()).output().ok()?;
-    Version::in_output(std::str::from_utf8(&output.stdout).ok()?)
-}
-
 /// A wrapper script would break behind a link: it looks for its parts next to itself, or picks a program by its own name.
 fn is_native(path: &Path) -> bool {
     let mut start = [0; 2];
@@ -358,16 +328,6 @@ fn link(_: &Path, place: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn versions_are_read_from_what_the_tools_print() {
-        let cmake =
-            "cmake version 3.31.10\n\nCMake suite maintained and supported by Kitware (kitware.com/cmake).\n";
-        assert_eq!(Version::in_output(cmake), Some(Version(3, 31)));
-        assert_eq!(Version::in_output("1.13.0.git.kitware.jobserver-pipe-1\n"), Some(Version(1, 13)));
-        assert_eq!(Version::in_output("command not found"), None);
-        assert_eq!(Version::in_output(""), None);
-    }
 
     #[test]
     fn every_pin_is_a_fitting_version() {

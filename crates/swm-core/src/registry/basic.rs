@@ -1,8 +1,14 @@
 //! Policies that fit every environment.
 
 use super::{NoArgs, PolicyEntry};
+use crate::env::Env;
 use crate::policies::{OrnsteinUhlenbeck, Sines, constant, ornstein_uhlenbeck, random, sines};
 use crate::settings::Settings as _;
+use crate::space::Space;
+
+fn has_real_actions(env: &dyn Env) -> bool {
+    matches!(env.spec().action, Space::Box { .. })
+}
 
 /// Policies that fit every environment.
 pub const BASIC_POLICIES: &[PolicyEntry] = &[
@@ -14,14 +20,14 @@ pub const BASIC_POLICIES: &[PolicyEntry] = &[
         Ok(Box::new(ornstein_uhlenbeck(args.parse_as()?)?))
     })
     .settings(OrnsteinUhlenbeck::SETTINGS)
-    .continuous(),
+    .suits_if(has_real_actions),
     PolicyEntry::new(
         "sine",
         "smooth random actions: sums of sines with random frequencies and phases",
         |_, args| Ok(Box::new(sines(args.parse_as()?)?)),
     )
     .settings(Sines::SETTINGS)
-    .continuous(),
+    .suits_if(has_real_actions),
     PolicyEntry::new(
         "constant",
         "one action for ever (`constant:0.5,0`); without values all zeros: a no-op",

@@ -8,7 +8,6 @@ use super::{Entry, EnvEntry, PolicyArgs, PolicyContext, Setting};
 use crate::env::{Env, ImageSize};
 use crate::error::PolicyError;
 use crate::policy::Policy;
-use crate::space::Space;
 
 /// Makes a policy for an environment from its arguments.
 pub type MakePolicy = fn(&PolicyContext<'_>, &PolicyArgs) -> Result<Box<dyn Policy>, PolicyError>;
@@ -47,8 +46,7 @@ pub struct PolicyEntry {
     pub settings: &'static [Setting],
     /// Whether it plans on the environment's own dynamics: nothing that plans on a model can be better informed.
     pub on_true_dynamics: bool,
-    /// Whether its actions are real numbers, in every environment.
-    is_continuous: bool,
+    suits: fn(&dyn Env) -> bool,
     make: MakePolicy,
     image: ImageOf,
     files: FilesOf,
@@ -64,7 +62,7 @@ impl PolicyEntry {
             summary,
             settings: &[],
             on_true_dynamics: false,
-            is_continuous: false,
+            suits: |_| true,
             make,
             image: |_| None,
             files: named_files,
@@ -87,19 +85,16 @@ impl PolicyEntry {
         self
     }
 
-    /// Its actions are real numbers.
+    /// It can act only in environments of which `suits` is true; it is not on offer in others.
     #[must_use]
-    pub const fn continuous(mut self) -> Self {
-        self.is_continuous = true;
+    pub const fn suits_if(mut self, suits: fn(&dyn Env) -> bool) -> Self {
+        self.suits = suits;
         self
     }
 
-    /// Whether it can act in an environment: a planner on the true dynamics needs a task cost, and some policies need actions that are
-    /// real numbers.
+    /// Whether it can act in an environment.
     pub fn suits(&self, env: &dyn Env) -> bool {
-        let has_its_actions = !self.is_continuous || matches!(env.spec().action, Space::Box { .. });
-        let has_its_cost = !self.on_true_dynamics || env.task_cost().is_some();
-        has_its_actions && has_its_cost
+        (self.suits)(env)
     }
 
     /// It is offered for environments of which `fits` is true, before the policies for all.

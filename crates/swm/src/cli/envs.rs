@@ -121,7 +121,7 @@ fn one(registry: &Registry, entry: &'static EnvEntry, full: bool, output: &Outpu
         );
         let others = match others.iter().map(|policy| policy.name).collect::<Vec<_>>().join(", ") {
             none if none.is_empty() => none,
-            names => format!("\nnot here, for want of a task cost or of real actions: {names}\n"),
+            names => format!("\nnot for this task and its actions: {names}\n"),
         };
         let mut rows = Vec::new();
         for policy in &policies {

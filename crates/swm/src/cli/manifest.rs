@@ -244,17 +244,17 @@ pub(super) fn note_rewards_only(entry: &EnvEntry, success: &SuccessRule, output:
 /// Names that are listed; of more, the number is told.
 const MAX_LISTED: usize = 6;
 
-/// Factors that pairs set: with their value, where all have the same.
-fn set(manifest: &Manifest) -> Vec<String> {
+/// Factors that pairs set: those with one value in all pairs, and the others.
+fn set(manifest: &Manifest) -> [Vec<String>; 2] {
     let mut values: BTreeMap<&str, Vec<&Json>> = BTreeMap::new();
     for (name, value) in manifest.pairs.iter().flat_map(|pair| &pair.set) {
         values.entry(name).or_default().push(value);
     }
-    let one = |(name, values): (&str, Vec<&Json>)| {
-        let is_one = values.len() == manifest.pairs.len() && values.iter().all(|value| *value == values[0]);
-        if is_one { format!("{name}={}", values[0]) } else { name.to_owned() }
-    };
-    values.into_iter().map(one).collect()
+    let (same, other): (Vec<_>, Vec<_>) = values.into_iter().partition(|(_, values)| {
+        values.len() == manifest.pairs.len() && values.iter().all(|value| *value == values[0])
+    });
+    let same = same.into_iter().map(|(name, values)| format!("{name}={}", values[0]));
+    [same.collect(), other.into_iter().map(|(name, _)| name.to_owned()).collect()]
 }
 
 /// Factors and groups that pairs sample.
@@ -293,21 +293,22 @@ fn show(manifest: &Manifest, path: &Path, output: &Output) -> Result<(), Failure
         ["images".to_owned(), image.unwrap_or_else(|| "none (--image-size makes some)".to_owned())],
         ["actions allowed".to_owned(), manifest.budget.to_string()],
         ["success".to_owned(), manifest.success.describe()],
-        ["hash".to_owned(), hash],
     ];
     if manifest.phases() > 1 {
         rows.push(["phases of the stream".to_owned(), manifest.phases().to_string()]);
     }
     let settings: Vec<String> =
         manifest.settings.iter().map(|(name, value)| format!("{name}={value}")).collect();
-    for (name, list) in [("settings", settings), ("set", set(manifest)), ("sampled", sampled(manifest))] {
-        if !list.is_empty() {
-            rows.push([name.to_owned(), some_of(&list)]);
-        }
+    let [same, other] = set(manifest);
+    let lists =
+        [("settings", settings), ("set", same), ("set per pair", other), ("sampled", sampled(manifest))];
+    for (name, list) in lists.into_iter().filter(|(_, list)| !list.is_empty()) {
+        rows.push([name.to_owned(), some_of(&list)]);
     }
     if !manifest.distractors.is_empty() {
         rows.push(["distractors".to_owned(), manifest.distractors.join(" ")]);
     }
+    rows.push(["hash".to_owned(), hash]);
     let rows: Vec<Vec<String>> = rows.into_iter().map(Vec::from).collect();
     output.result(&json, || format!("{}{}\n", table(&["manifest", ""], &rows), path.display()))
 }

@@ -118,9 +118,7 @@ impl Task {
                 Ok(()) => longest = longest.max(begun.elapsed().as_secs_f64()),
                 Err(failure) if failure.is_cancelled() => {
                     // What was told when the signal came is in the log of the shard.
-                    output.note(format!(
-                        "interrupted in shard {shard}: what is committed is safe; to continue, repeat the command"
-                    ));
+                    output.note(format!("interrupted in shard {shard}; to continue, repeat the command"));
                     return Err(failure);
                 }
                 // Such as the process of a node that only seemed lost: it may finish the shard, or end.
