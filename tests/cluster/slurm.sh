@@ -131,7 +131,7 @@ case $cmd in
   kill-node) kill_node ;;
   kill-controller) kill -9 "$(cat "$root/slurmctld.pid")" ;;
   start-controller) pidof_file "$root/slurmctld.pid" >/dev/null || start slurmctld ;;
-  start-node) rm -f "$root/slurmd.n$arg.pid"; node "$arg" ;;
+  start-node) node "$arg" ;;
   down)
     command -v scancel >/dev/null && pidof_file "$root/slurmctld.pid" >/dev/null && timeout 10 scancel -u "$(id -un)" 2>/dev/null
     for f in "$root"/slurmd.*.pid "$root/slurmctld.pid" "$root/munge/munged.pid"; do stop "$f"; done ;;

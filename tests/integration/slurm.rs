@@ -214,13 +214,18 @@ fn what_a_cluster_does_to_a_job_does_not_change_its_result() {
         ok(&slurm.script(&["start-node", node]).output().unwrap());
     }
 
-    // The controller is lost: tasks go on, `swm jobs` counts files, and the join starts when the controller is back.
+    // The controller is lost, and with it what it had not yet saved: `swm jobs` counts files, and submitting again does the rest.
     slurm.submit("headless", "slurm:partition=cpu,time=5", "2", "4000", &[]);
     slurm.wait_for_a_start("headless");
     ok(&slurm.script(&["kill-controller"]).output().unwrap());
-    let shown = ok(&slurm.swm(&["jobs", &slurm.folder.path("headless")]));
-    assert!(shown.contains("headless"), "{shown}");
+    let out = slurm.folder.path("headless");
+    let shown = slurm.swm(&["jobs", &out]);
+    assert!(ok(&shown).contains("headless"), "{shown:?}");
+    assert!(String::from_utf8_lossy(&shown.stderr).contains("cannot find out what is queued"), "{shown:?}");
     ok(&slurm.script(&["start-controller"]).output().unwrap());
+    slurm.wait_for("the controller", || slurm.swm(&["jobs", "--cancel", &out]).status.success());
+    slurm.wait_for_the_end();
+    ok(&slurm.swm(&["submit", "--job", &out]));
     slurm.wait_for_result("headless");
     assert!(slurm.bytes("headless/result.h5") == whole);
 
