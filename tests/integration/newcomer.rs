@@ -201,9 +201,11 @@ fn a_manifest_shows_what_it_changes_and_warns_where_nothing_can_succeed() {
     );
     assert!(!noted.contains("success test"), "{noted}");
     let shown = swm_ok(&["manifest", "show", &task]);
-    for (row, what) in
-        [("settings", "render=\"fast\""), ("set", "background.color=[0,0,0]"), ("sampled", "agent.color")]
-    {
+    for (row, what) in [
+        ("settings", "render=\"fast\""),
+        ("set", "background.color=[0.0,0.0,0.0]"),
+        ("sampled", "agent.color"),
+    ] {
         let found = shown.lines().any(|line| line.starts_with(row) && line.contains(what));
         assert!(found, "no {row} {what} in\n{shown}");
     }
