@@ -13,18 +13,18 @@ use crate::support::{Folder, root, swm, swm_ok};
 
 /// What the script says if it cannot run here.
 const SKIPPED: i32 = 77;
-/// Ports from here on, and a folder, are the cluster's.
-const PORT: &str = "17400";
 
 /// A running cluster; it is stopped when this is dropped.
 struct Slurm {
     folder: Folder,
+    /// Ports from here on are the cluster's.
+    port: &'static str,
 }
 
 impl Slurm {
     /// Starts the cluster; `None`, and a line, where there cannot be one.
-    fn start() -> Option<Self> {
-        let slurm = Self { folder: Folder::new() };
+    fn start(port: &'static str) -> Option<Self> {
+        let slurm = Self { folder: Folder::new(), port };
         let up = slurm.script(&["up"]).output().expect("it starts");
         if up.status.code() == Some(SKIPPED) {
             println!("skipped: {}", String::from_utf8_lossy(&up.stderr).trim());
@@ -36,7 +36,7 @@ impl Slurm {
 
     fn script(&self, args: &[&str]) -> Command {
         let mut command = Command::new(root().join("tests/cluster/slurm.sh"));
-        command.args(args).env("SWM_SLURM_ROOT", self.folder.path("slurm")).env("SWM_SLURM_PORT", PORT);
+        command.args(args).env("SWM_SLURM_ROOT", self.folder.path("slurm")).env("SWM_SLURM_PORT", self.port);
         command
     }
 
@@ -59,6 +59,13 @@ impl Slurm {
         let out = self.folder.path(job);
         let submit = ["submit", "--job", &out, "--on", on, "--shards", shards, "--no-copy"];
         ok(&self.swm(&[&submit[..], more, &["--"], &collect(episodes)].concat()))
+    }
+
+    /// What one process records.
+    fn undivided(&self) -> Vec<u8> {
+        let whole = self.folder.path("whole.h5");
+        swm_ok(&[&collect("4000")[..], &["--out", &whole, "--quiet"]].concat());
+        fs::read(whole).unwrap()
     }
 
     fn bytes(&self, path: &str) -> Vec<u8> {
@@ -168,10 +175,8 @@ fn process_of(slurm: &Slurm, job: &str, shard: &str) -> Option<String> {
 
 #[test]
 fn what_a_cluster_does_to_a_job_does_not_change_its_result() {
-    let Some(slurm) = Slurm::start() else { return };
-    let whole = slurm.folder.path("whole.h5");
-    swm_ok(&[&collect("4000")[..], &["--out", &whole, "--quiet"]].concat());
-    let whole = fs::read(whole).unwrap();
+    let Some(slurm) = Slurm::start("17400") else { return };
+    let whole = slurm.undivided();
 
     // Undisturbed.
     slurm.submit("calm", "slurm:partition=cpu,time=5,cpus=1", "6", "4000", &["--wait"]);
@@ -210,13 +215,19 @@ fn what_a_cluster_does_to_a_job_does_not_change_its_result() {
         let node = places.lines().find_map(|line| line.strip_prefix("1 n")).expect("shard 1 is at work");
         ok(&slurm.script(&["kill-node", node]).output().unwrap());
     });
-    for node in ["1", "2", "3"] {
-        ok(&slurm.script(&["start-node", node]).output().unwrap());
-    }
 
-    // The controller is lost, and with it what it had not yet saved: `swm jobs` counts files, and submitting again does the rest.
+    // More shards than an array can have: the limit is on the index.
+    let script = slurm.submit("packed", "slurm", "1100", "4000", &["--dry-run"]);
+    assert!(script.contains("--array=1-1000%64") && script.contains("--entries 1000"), "{script}");
+}
+
+#[test]
+fn a_lost_controller_does_not_change_a_result() {
+    let Some(slurm) = Slurm::start("17440") else { return };
+    let whole = slurm.undivided();
     slurm.submit("headless", "slurm:partition=cpu,time=5", "2", "4000", &[]);
     slurm.wait_for_a_start("headless");
+    // With it goes what it had not yet saved. `swm jobs` counts files.
     ok(&slurm.script(&["kill-controller"]).output().unwrap());
     let out = slurm.folder.path("headless");
     let shown = slurm.swm(&["jobs", &out]);
@@ -228,8 +239,4 @@ fn what_a_cluster_does_to_a_job_does_not_change_its_result() {
     ok(&slurm.swm(&["submit", "--job", &out]));
     slurm.wait_for_result("headless");
     assert!(slurm.bytes("headless/result.h5") == whole);
-
-    // More shards than an array can have: the limit is on the index.
-    let script = slurm.submit("packed", "slurm", "1100", "4000", &["--dry-run"]);
-    assert!(script.contains("--array=1-1000%64") && script.contains("--entries 1000"), "{script}");
 }

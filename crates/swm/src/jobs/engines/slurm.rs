@@ -82,10 +82,12 @@ impl Driver for Slurm {
 trap 'kill -TERM \"$task\" 2>/dev/null' TERM
 while :; do wait \"$task\"; status=$?; kill -0 \"$task\" 2>/dev/null || break; done
 # 75: stopped in time, to be continued. What Slurm itself ends is completing: it starts what it preempted again, and what was canceled
-# must not start. The number of a job alone may mean the whole array.
+# must not start. Slurm ends this shell then; if the shell ended by itself, that could end the next start of the task. The number of a job
+# alone may mean the whole array.
 me=${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID
 if [ \"$status\" = 75 ]; then
-  case $(squeue -h -j \"$me\" -o %T) in *COMPLETING*) ;; *) scontrol requeue \"$me\"; sleep 60 ;; esac
+  case $(squeue -h -j \"$me\" -o %T) in *COMPLETING*) ;; *) scontrol requeue \"$me\" ;; esac
+  sleep 60
 fi
 exit \"$status\"
 ",
