@@ -65,7 +65,7 @@ impl Slurm {
     fn undivided(&self) -> Vec<u8> {
         let whole = self.folder.path("whole.h5");
         swm_ok(&[&collect("4000")[..], &["--out", &whole, "--quiet"]].concat());
-        fs::read(whole).unwrap()
+        fs::read(whole).expect("it was recorded")
     }
 
     fn bytes(&self, path: &str) -> Vec<u8> {
