@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use clap::{Args, FromArgMatches as _, Subcommand, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Map, Value as Json, json};
 use swm_core::evaluate::{ChosenPair, ManifestOptions, RecordedPairs, Tier, make_manifest};
 use swm_core::{EnvConfig, EnvEntry, Manifest, Registry, SuccessRule};
@@ -136,6 +136,8 @@ impl ManifestCommand {
 /// As `swm manifest make WORDS`, and prints nothing.
 #[cfg(feature = "ui")]
 pub(super) fn make(registry: &Registry, words: &[String]) -> Result<Manifest, Failure> {
+    use clap::FromArgMatches as _;
+
     let command = Make::augment_args(clap::Command::new("manifest make").no_binary_name(true));
     let matches = command.try_get_matches_from(words).map_err(usage)?;
     Make::from_arg_matches(&matches).map_err(usage)?.write(registry, &Output::new(false, true))
