@@ -15,12 +15,7 @@ ENVS = ["swm/FetchPush-v3", "swm/FetchPickAndPlace-v3"]
 # (case here, of gymnasium-robotics, least ratio wanted)
 PAIRS = [("step/none", "bare", 1.8), ("step/64/exact", "images", 50), ("reset/none", "reset", 1)]
 
-
-def name(env):
-    return env.removeprefix("swm/")
-
-
-CASES = [(f"{name(env)} {ours}", f"{env} {ours}", f"{name(env)} {theirs}", target) for env in ENVS for ours, theirs, target in PAIRS]
+CASES = peer.cases_of(ENVS, PAIRS)
 
 if __name__ == "__main__":
     requirements, script = ["requirements-fetch.txt"], "fetch_reference.py"

@@ -15,12 +15,7 @@ ENVS = ["swm/OGBHumanoidMaze-v0", "swm/OGBAntSoccer-v0"]
 # (case here, of the package, least ratio wanted)
 PAIRS = [("step/none", "bare", 0.9), ("step/64/exact", "images", 20), ("reset/none", "reset", 1)]
 
-
-def name(env):
-    return env.removeprefix("swm/")
-
-
-CASES = [(f"{name(env)} {ours}", f"{env} {ours}", f"{name(env)} {theirs}", target) for env in ENVS for ours, theirs, target in PAIRS]
+CASES = peer.cases_of(ENVS, PAIRS)
 
 if __name__ == "__main__":
     requirements, script = ["requirements-ogb.txt", "requirements-mazes.txt"], "mazes_reference.py"

@@ -82,6 +82,17 @@ class Peer:
         self.process.wait()
 
 
+def cases_of(envs, pairs):
+    """Cases for `compare_rates`: each of `pairs` (case here, of the peer, least ratio wanted) in each environment, which the peer
+    calls by its id without `swm/`."""
+    named = [(env, env.removeprefix("swm/")) for env in envs]
+    return [
+        (f"{name} {ours}", f"{env} {ours}", f"{name} {theirs}", target)
+        for env, name in named
+        for ours, theirs, target in pairs
+    ]
+
+
 def compare_rates(doc, peer_name, place, requirements, script, envs, cases):
     """The whole program of a comparison of environments: measures the peer's `script` and our `env-rates` in turns, and prints
     ratios of medians.
