@@ -82,9 +82,7 @@ fn controls(_stock: bool) -> Vec<Control> {
                 Ok(())
             }),
         ),
-        factors::switch(
-            "target.shape",
-            1,
+        factors::target_shape(
             "1: the target is a ball, not rendered by default; 0: a cube. The reward counts the distance either way",
             Effect::Model(|model, values| {
                 if values[0] == 0.0 {

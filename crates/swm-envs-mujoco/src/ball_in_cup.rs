@@ -87,9 +87,7 @@ fn controls(stock: bool) -> Vec<Control> {
                 Ok(())
             }),
         ),
-        factors::switch(
-            "target.shape",
-            1,
+        factors::target_shape(
             "1: the target is as the model has it, not rendered; 0: a rendered box. The reward counts the same opening",
             Effect::Model(|model, values| {
                 if values[0] == 0.0 {

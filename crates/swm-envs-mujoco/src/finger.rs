@@ -120,9 +120,7 @@ fn controls(stock: bool) -> Vec<Control> {
                 Ok(())
             }),
         ),
-        factors::switch(
-            "target.shape",
-            1,
+        factors::target_shape(
             "1: the target is a ball; 0: a cube as wide. The reward counts a disc either way",
             Effect::Model(|model, values| {
                 if values[0] == 0.0 {

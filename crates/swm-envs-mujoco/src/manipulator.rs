@@ -85,9 +85,7 @@ fn controls(stock: bool) -> Vec<Control> {
         factors::floor_color(),
         factors::light_intensity("light", if stock { 0.6 } else { 0.7 }),
         factors::color("target.color", [0.6, 0.3, 0.3], "color of the target", Effect::Material("target")),
-        factors::switch(
-            "target.shape",
-            1,
+        factors::target_shape(
             "1: the target is a ball; 0: a cube as wide. The reward counts the distance either way",
             Effect::Spec(if stock {
                 |spec, values| shape_target(spec, values, 0.02)

@@ -83,9 +83,7 @@ fn controls(_stock: bool) -> Vec<Control> {
         factors::floor_color(),
         factors::light_intensity("light", 0.7),
         factors::color("target.color", [0.6, 0.3, 0.3], "color of the target", Effect::Material("target")),
-        factors::switch(
-            "target.shape",
-            1,
+        factors::target_shape(
             "1: the target is a ball; 0: a cube as wide. The reward counts a disc either way",
             Effect::Spec(shape_target),
         ),

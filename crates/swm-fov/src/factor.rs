@@ -84,6 +84,13 @@ impl Factor {
         self.spec.shows_with.push((factor.to_owned(), value.into()));
         self
     }
+
+    /// Names of its values, from the smallest on.
+    #[must_use]
+    pub fn choices(mut self, names: &[&str]) -> Self {
+        self.spec.choices = names.iter().map(|&name| name.to_owned()).collect();
+        self
+    }
 }
 
 /// A rule between factors. It belongs to one of them, its owner: when the rule fails, the owner is sampled again.
@@ -118,6 +125,12 @@ impl FovSpace {
             assert!(
                 factor.spec.space.contains(&factor.default),
                 "the default of `{name}` lies outside its space"
+            );
+            let choices = factor.spec.choices.len() as i64;
+            let has_all = |space: &Space| matches!(space, Space::Discrete { n, .. } if *n == choices);
+            assert!(
+                choices == 0 || has_all(&factor.spec.space),
+                "`{name}` has {choices} names for another number of values"
             );
             assert!(
                 !factors[..index].iter().any(|other| other.spec.name == *name),

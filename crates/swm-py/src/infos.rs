@@ -103,13 +103,19 @@ fn values(option: &str, given: &Bound<'_, PyAny>) -> PyResult<BTreeMap<String, V
         .collect()
 }
 
-/// Values of factors from a dict, each as its factor's own type.
+/// Values of factors from a dict, each as its factor's own type; choices also by name.
 pub(crate) fn factors(spec: &EnvSpec, given: &Bound<'_, PyAny>) -> PyResult<BTreeMap<String, Value>> {
     let mut given = values("variation_values", given)?;
     for (name, value) in &mut given {
         if let Some(factor) = spec.factors.iter().find(|factor| factor.name == *name)
             && let Some(dtype) = factor.space.dtype()
         {
+            if let Column::Str(text) = &value.data
+                && let [text] = text.as_slice()
+                && let Some(choice) = factor.choice(text)
+            {
+                *value = Value::scalar(choice);
+            }
             *value = value.cast(name, dtype, &factor.space.shape()).or_raise()?;
         }
     }

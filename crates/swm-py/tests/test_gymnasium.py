@@ -104,6 +104,12 @@ def test_variations_and_settings() -> None:
     np.testing.assert_array_equal(image, observation["pixels"])
     space = env.unwrapped.variation_space  # type: ignore[attr-defined]
     np.testing.assert_array_equal(space["agent"]["color"].value, [255, 0, 0])
+    images = []
+    for shape in (6, "small T", "small-t"):
+        images.append(env.reset(seed=0, options={"variation_values": {"block.shape": shape}})[0]["pixels"].copy())
+    assert all(np.array_equal(images[0], image) for image in images), "a choice by number and by name"
+    with pytest.raises(ValueError, match=r"block\.shape"):
+        env.reset(options={"variation_values": {"block.shape": "U"}})
     with pytest.raises(swm.EnvError, match="nonsense"):
         gym.make("swm/PushT-v1", nonsense=1)
     with pytest.raises(ValueError, match="agent.colr"):

@@ -25,6 +25,9 @@ pub struct FactorSpec {
     pub constraint: Option<String>,
     /// Values of other factors without which it changes nothing: a disc has no angle.
     pub shows_with: Vec<(String, serde_json::Value)>,
+    /// Names of its values, from the smallest on, where it is a choice: `["box", "cylinder", "cross"]`. Else empty.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub choices: Vec<String>,
 }
 
 impl FactorSpec {
@@ -38,6 +41,7 @@ impl FactorSpec {
             sampled_by_default: false,
             constraint: None,
             shows_with: Vec::new(),
+            choices: Vec::new(),
         }
     }
 
@@ -46,6 +50,35 @@ impl FactorSpec {
     pub fn doc(mut self, doc: &str) -> Self {
         doc.clone_into(&mut self.doc);
         self
+    }
+
+    /// The value of the choice `name`, in any case, with a blank, `-` or `_` between words; `None` if it has no such choice.
+    ///
+    /// ```
+    /// use swm_core::{FactorSpec, Space};
+    ///
+    /// let mut shape = FactorSpec::new("shape", Space::Discrete { n: 2, start: 1 }, 1);
+    /// shape.choices = vec!["L".into(), "small T".into()];
+    /// assert_eq!((shape.choice("Small-T"), shape.choice("Z")), (Some(2), None));
+    /// assert_eq!(shape.choice_name(1), Some("L"));
+    /// ```
+    pub fn choice(&self, name: &str) -> Option<i64> {
+        let plain = |text: &str| text.trim().to_lowercase().replace(['-', '_'], " ");
+        let at = self.choices.iter().position(|choice| plain(choice) == plain(name))?;
+        Some(self.first_choice()? + i64::try_from(at).ok()?)
+    }
+
+    /// The name of the value `value`, if it is a choice.
+    pub fn choice_name(&self, value: i64) -> Option<&str> {
+        let at = usize::try_from(value - self.first_choice()?).ok()?;
+        self.choices.get(at).map(String::as_str)
+    }
+
+    fn first_choice(&self) -> Option<i64> {
+        match self.space {
+            Space::Discrete { start, .. } => Some(start),
+            _ => None,
+        }
     }
 
     /// Whether `asked` selects it: its name, its group, `*.` and the end of its name, `default` (all that are sampled when a

@@ -20,6 +20,7 @@ fn cell(name: &str, default: Cell) -> Factor {
 pub fn factors() -> FovSpace {
     let space = FovSpace::new(vec![
         Factor::integer("maze.layout", 0, LAYOUTS.len() as i64 - 1, 0)
+            .choices(&["medium", "large", "giant", "arena"])
             .doc("0 medium, 1 large, 2 giant, 3 arena"),
         Factor::rgb("floor.color", [255, 255, 255]).doc("color of the floor"),
         Factor::rgb("wall.color", [105, 115, 130]).doc("color of the walls"),

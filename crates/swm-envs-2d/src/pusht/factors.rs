@@ -26,7 +26,9 @@ pub fn factors() -> FovSpace {
             .sampled_by_default(),
         Factor::rgb("block.color", [119, 136, 153]).doc("color of the block"),
         Factor::scalar_f32("block.scale", 20.0, 60.0, 30.0).doc("size of the block, px per cell"),
-        Factor::integer("block.shape", 1, 7, 2).doc("1 L, 2 T, 3 Z, 4 square, 5 I, 6 small T, 7 +"),
+        Factor::integer("block.shape", 1, 7, 2)
+            .choices(&["L", "T", "Z", "square", "I", "small T", "+"])
+            .doc("1 L, 2 T, 3 Z, 4 square, 5 I, 6 small T, 7 +"),
         Factor::vector("block.start_position", 100.0, 400.0, &[400.0, 100.0])
             .doc("start position of the block's origin, px")
             .sampled_by_default(),
@@ -36,6 +38,7 @@ pub fn factors() -> FovSpace {
         Factor::rgb("agent.color", [65, 105, 225]).doc("color of the agent"),
         Factor::scalar_f32("agent.scale", 20.0, 60.0, 40.0).doc("size of the agent, px per cell"),
         Factor::integer("agent.shape", 0, 7, 0)
+            .choices(&["disc", "L", "T", "Z", "square", "I", "small T", "+"])
             .doc("0 disc (pushes with full strength), 1 to 7 as block.shape (pushed back)"),
         Factor::vector("agent.start_position", 50.0, 450.0, &[256.0, 400.0])
             .doc("start position of the agent, px")

@@ -24,7 +24,9 @@ pub fn factors() -> FovSpace {
         Factor::rgb("wall.color", [115, 127, 145]).doc("color of the dividing wall"),
         Factor::rgb("wall.border_color", [180, 189, 204]).doc("color of the borders"),
         Factor::integer("wall.thickness", 9, 33, 19).doc("twice what the dividing wall is thick, px"),
-        Factor::integer("wall.axis", 0, 1, 1).doc("0 horizontal, 1 vertical wall"),
+        Factor::integer("wall.axis", 0, 1, 1)
+            .choices(&["horizontal", "vertical"])
+            .doc("0 horizontal, 1 vertical wall"),
         Factor::rgb("agent.color", [255, 0, 0]).doc("color of the agent"),
         number("agent.radius", 15.0, 30.0, 15.0).doc("radius of the agent, px"),
         place("agent.position", [50.0, 50.0]).doc("start of the agent, px"),

@@ -21,6 +21,7 @@ pub fn factors() -> FovSpace {
         Factor::integer("wall.thickness", 7, 41, 10).doc("the wall is 2 floor(thickness / 2) + 1 px wide"),
         // Where the agent starts by default, a horizontal wall would stand.
         Factor::integer("wall.axis", 0, 1, 1)
+            .choices(&["horizontal", "vertical"])
             .doc("0: the wall is horizontal, 1: vertical")
             .shows_with("agent.position", vec![60.0, 60.0]),
         Factor::rgb("agent.color", [255, 0, 0]).doc("color of the agent"),

@@ -38,7 +38,9 @@ fn unconstrained() -> FovSpace {
         Factor::vector(name, -reach, reach, &default).sampled_by_default()
     };
     FovSpace::new(vec![
-        Factor::integer("object.shape", 0, 2, 0).doc("0 a box, 1 a cylinder, 2 a cross"),
+        Factor::integer("object.shape", 0, 2, 0)
+            .choices(&["box", "cylinder", "cross"])
+            .doc("0 a box, 1 a cylinder, 2 a cross"),
         Factor::scalar("object.size", 0.03, 0.06, 0.04).doc("half the width of the object, m"),
         Factor::scalar("object.mass", 0.05, 0.4, 0.2).doc("mass of the object, kg"),
         Factor::scalar("object.friction", 0.2, 1.0, 0.5)

@@ -56,6 +56,12 @@ pub fn switch(name: &str, default: i64, doc: &str, effect: Effect) -> Control {
     Control { factor: Factor::integer(name, 0, 1, default).doc(doc), effect }
 }
 
+/// `target.shape`: 0 a cube, 1 (the default) a ball.
+pub fn target_shape(doc: &str, effect: Effect) -> Control {
+    let control = switch("target.shape", 1, doc, effect);
+    Control { factor: control.factor.choices(&["cube", "ball"]), ..control }
+}
+
 /// `….…_locked`: 0 holds the joint, 1 (the default) leaves it free.
 pub fn locked(name: &str, joint: &'static str) -> Control {
     let doc = format!("1: free; 0: the joint `{joint}` is held at its angle of the start");

@@ -248,6 +248,7 @@ fn factor_json(factor: &FactorSpec) -> serde_json::Value {
         "default": factor.default,
         "sampled_by_default": factor.sampled_by_default,
         "constraint": factor.constraint,
+        "choices": factor.choices,
         "doc": factor.doc,
     })
 }

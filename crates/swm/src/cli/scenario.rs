@@ -18,7 +18,8 @@ pub(super) struct ScenarioArgs {
     /// factors.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     vary: Option<Vec<String>>,
-    /// A factor to set, `NAME=VALUE` (numbers separated by commas); may be repeated. Colors also as `#ff0000` or `red`.
+    /// A factor to set, `NAME=VALUE` (numbers separated by commas); may be repeated. Colors also as `#ff0000` or `red`, choices
+    /// by name, as in `block.shape=T`.
     #[arg(long = "set", value_name = "NAME=VALUE")]
     set: Vec<String>,
 }
@@ -110,7 +111,11 @@ pub(super) fn factor_values(
                 }
                 color.values
             }
-            None => numbers(inner).ok_or_else(|| usage(not_numbers(option, name, text, factors)))?,
+            None => factor
+                .and_then(|factor| factor.choice(inner))
+                .map(|choice| vec![choice as f64])
+                .or_else(|| numbers(inner))
+                .ok_or_else(|| usage(not_numbers(option, name, text, factors)))?,
         };
         values.insert(name.to_owned(), Value::vector(&numbers));
     }
@@ -119,8 +124,11 @@ pub(super) fn factor_values(
 
 /// Why a value that is not numbers cannot be set.
 fn not_numbers(option: &str, name: &str, text: &str, factors: &[FactorSpec]) -> String {
-    if factors.iter().any(|factor| factor.name == name) {
-        return format!("--set {option}: `{text}` is not a number or a list of numbers");
+    if let Some(factor) = factors.iter().find(|factor| factor.name == name) {
+        return match factor.choices.as_slice() {
+            [] => format!("--set {option}: `{text}` is not a number or a list of numbers"),
+            choices => format!("--set {option}: `{text}` is not a number or one of {}", choices.join(", ")),
+        };
     }
     let near = nearest(name, factors.iter().map(|factor| factor.name.as_str()));
     format!("--set {option}: unknown factor `{name}`{}; `swm fovs` lists them", did_you_mean(near.as_deref()))
@@ -138,6 +146,21 @@ mod tests {
     fn variation(text: &str, samples_defaults: bool) -> Option<Vec<String>> {
         let vary = Some(text.split(',').map(str::to_owned).collect());
         ScenarioArgs { vary, set: Vec::new() }.variation(samples_defaults).ok().flatten()
+    }
+
+    #[test]
+    fn choices_are_set_by_name_or_number() {
+        let registry = crate::registry();
+        let env = registry.env("swm/PushT-v1").unwrap().make(&swm_core::EnvConfig::default()).unwrap();
+        let set = |text: &str| {
+            factor_values(&[text.to_owned()], &env.spec().factors, &Output::new(false, true))
+                .map(|values| values["block.shape"].clone())
+        };
+        for text in ["block.shape=small T", "block.shape=Small-t", "block.shape=6"] {
+            assert_eq!(set(text).ok(), Some(Value::vector(&[6.0])), "{text}");
+        }
+        let refused = set("block.shape=U").unwrap_err().to_string();
+        assert!(refused.contains("not a number or one of L, T, Z"), "{refused}");
     }
 
     #[test]

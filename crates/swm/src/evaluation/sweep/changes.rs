@@ -86,13 +86,13 @@ pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Resu
         Values::Grid(count) => return Err(format!("a grid of {count} value(s); use 2 or more")),
     };
     let scopes = singles.chain(groups).chain(whole);
-    Ok(scopes
+    let mut changes: Vec<Change> = scopes
         .flat_map(|(name, scope)| {
-            let space = factors.iter().find(|factor| factor.name == name).map(|factor| &factor.space);
+            let factor = factors.iter().find(|factor| factor.name == name);
             shares.iter().map(move |(value, share)| Change {
                 name: name.to_owned(),
                 scope,
-                value: match (values, share.and_then(|share| shown(space?, share))) {
+                value: match (values, share.and_then(|share| shown(factor?, share))) {
                     (Values::Grid(_), Some(number)) => number,
                     (_, Some(number)) => format!("{value} ({number})"),
                     (_, None) => value.clone(),
@@ -100,7 +100,12 @@ pub fn changes(factors: &[FactorSpec], asked: &[String], values: Values) -> Resu
                 share: *share,
             })
         })
-        .collect())
+        .collect();
+    // A factor of few values has no other value at each point of the grid.
+    if let Values::Grid(_) = values {
+        changes.dedup_by(|next, before| (&next.name, &next.value) == (&before.name, &before.value));
+    }
+    Ok(changes)
 }
 
 impl Change {
@@ -165,10 +170,13 @@ fn at_share(space: &Space, share: f64, own: &[f64], toward: f64) -> Option<Value
     finite.then(|| Value::vector(&numbers).cast("factor", dtype, &space.shape()).ok())?
 }
 
-/// The value at a share, for people: `20`, `0, 0.5, 1`; none where there is none, or it has many elements.
-fn shown(space: &Space, share: f64) -> Option<String> {
-    let numbers = at_share(space, share, &[], 0.0)?.to_f64s("factor").ok()?;
-    let text = |number: &f64| format!("{}", (number * 1e4).round() / 1e4);
+/// The value at a share, for people: `20`, `0, 0.5, 1`, `2 (T)`; none where there is none, or it has many elements.
+fn shown(factor: &FactorSpec, share: f64) -> Option<String> {
+    let numbers = at_share(&factor.space, share, &[], 0.0)?.to_f64s("factor").ok()?;
+    let text = |number: &f64| match factor.choice_name(*number as i64) {
+        Some(name) => format!("{number} ({name})"),
+        None => format!("{}", (number * 1e4).round() / 1e4),
+    };
     (numbers.len() <= 4).then(|| numbers.iter().map(text).collect::<Vec<_>>().join(", "))
 }
 
@@ -218,6 +226,8 @@ mod tests {
             of(&["agent.shape"], Values::Grid(3)).unwrap(),
             ["agent.shape 1", "agent.shape 3", "agent.shape 4"]
         );
+        let every = ["agent.shape 1", "agent.shape 2", "agent.shape 3", "agent.shape 4"];
+        assert_eq!(of(&["agent.shape"], Values::Grid(9)).unwrap(), every, "each value once");
         assert!(of(&["agent.shap"], Values::Sampled).unwrap_err().contains("did you mean `agent.shape`?"));
         assert!(of(&["all"], Values::Grid(1)).unwrap_err().contains("2 or more"));
     }
