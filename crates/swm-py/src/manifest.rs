@@ -7,7 +7,8 @@ use std::time::Instant;
 use pyo3::prelude::*;
 use swm::core::error::BoxError;
 use swm::core::evaluate::{
-    EpisodeResult, ManifestOptions, OutcomeRecorder, RecordedPairs, is_held_out, make_manifest as make,
+    ChosenPair, EpisodeResult, ManifestOptions, OutcomeRecorder, RecordedPairs, is_held_out,
+    make_manifest as make,
 };
 use swm::core::{
     Cancel, EnvConfig, EnvEntry, ImageSize, Manifest, PolicyArgs, PolicyError, Rollout, WorldError,
@@ -64,7 +65,7 @@ fn receipt_json(path: PathBuf) -> PyResult<String> {
 }
 
 /// Makes a manifest and writes it to `path`; gives its JSON and hash. `options`: a JSON object with `env`, `settings`,
-/// `tier`, `pairs`, `budget`, `frame_skip`, `image`, `seed`, `distractors`, `vary`. `dataset`: path, goal offset, held-out
+/// `tier`, `pairs`, `budget`, `frame_skip`, `image`, `seed`, `distractors`, `vary`, `chosen`. `dataset`: path, goal offset, held-out
 /// share.
 #[pyfunction]
 #[pyo3(signature = (path, options, set=None, dataset=None))]
@@ -94,6 +95,12 @@ fn make_manifest(
     let distractors: Vec<String> =
         serde_json::from_value(get("distractors")).map_err(|error| parsed("distractors", error))?;
     swm::distractors::parse_all(&distractors).map_err(|error| SwmError::new_err(error.to_string()))?;
+    let chosen: Option<Vec<String>> =
+        serde_json::from_value(get("chosen")).map_err(|error| parsed("pairs", error))?;
+    let chosen: Option<Vec<ChosenPair>> = chosen
+        .map(|pairs| pairs.iter().map(|text| text.parse()).collect::<Result<_, String>>())
+        .transpose()
+        .map_err(|reason| SwmError::new_err(format!("pairs: {reason}")))?;
     let config = EnvConfig { image, settings };
     let spec = entry.make(&config).or_raise()?.spec().clone();
     let options = ManifestOptions {
@@ -121,7 +128,7 @@ fn make_manifest(
                 hash: file_hash(path).map_err(boxed)?,
                 goal_offset: *goal_offset,
                 held_out: *held_out,
-                chosen: None,
+                chosen: chosen.clone(),
             }),
             _ => None,
         };

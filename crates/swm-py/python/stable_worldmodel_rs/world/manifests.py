@@ -93,6 +93,16 @@ def read_manifest(path: AnyPath) -> Manifest:
     return Manifest(json.loads(text), hash)
 
 
+def _chosen(pair: str | tuple[int, int, int]) -> str:
+    """A chosen pair as text: ``EPISODE:START-GOAL``."""
+    if isinstance(pair, str):
+        return pair
+    if len(pair) != 3:
+        raise ValueError(f"a pair is (episode, start, goal) or a text such as '3:10-35', found {pair!r}")
+    episode, start, goal = map(int, pair)
+    return f"{episode}:{start}-{goal}"
+
+
 def make_manifest(
     path: AnyPath,
     env_name: str,
@@ -104,6 +114,7 @@ def make_manifest(
     dataset: AnyPath | None = None,
     goal_offset: int = 25,
     held_out: float = 0.2,
+    pairs: Sequence[str | tuple[int, int, int]] | None = None,
     frame_skip: int | None = None,
     image_shape: tuple[int, int] | None = None,
     distractors: Sequence[str] = (),
@@ -123,6 +134,8 @@ def make_manifest(
         budget: Actions allowed; None: 200, or 50 from a dataset.
         dataset: Take starts and goals from its rows, the goal ``goal_offset`` rows after the start.
         held_out: Share of its episodes that is held out from training.
+        pairs: These steps of ``dataset`` as starts and goals, in place of ``episodes``, ``goal_offset`` and ``held_out``:
+            (episode, start, goal), counted from 0, or ``"3:10-35"``, or ``"3:10-4:0"`` for a goal in another episode.
         frame_skip: How often each action is applied; None: 1, or as recorded.
         image_shape: (height, width) of the images that policies see.
         distractors: What changes those images.
@@ -131,6 +144,8 @@ def make_manifest(
     """
     from .ids import native_id
 
+    if pairs is not None and dataset is None:
+        raise ValueError("pairs are steps of a dataset; give dataset=…")
     options = {
         "env": native_id(env_name) or env_name,
         "settings": settings,
@@ -142,6 +157,7 @@ def make_manifest(
         "seed": seed,
         "distractors": list(distractors),
         "vary": None if variation is None else list(variation),
+        "chosen": None if pairs is None else [_chosen(pair) for pair in pairs],
     }
     source = None if dataset is None else (_existing(dataset, "dataset"), goal_offset, held_out)
     values = None if variation_values is None else dict(variation_values)
