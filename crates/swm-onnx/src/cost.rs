@@ -197,7 +197,7 @@ impl Input {
         if wanted != *shape {
             return Err(wrong(format!(
                 "the environment gives {shape:?}, the model was exported for {wanted:?}; take a model of this environment, or \
-                 let --image-size render images in its size"
+                 let --image-size (of `swm manifest make`, where there is a manifest) render images in its size"
             )));
         }
         let shape = self.shape.clone();

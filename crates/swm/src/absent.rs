@@ -4,10 +4,40 @@ use swm_core::evaluate::ModelEntry;
 use swm_core::registry::Absent;
 use swm_core::{EnvEntry, PolicyEntry};
 
-/// How to build with a feature.
+/// A macro that is `,FEATURE` where this build has the feature, and else nothing.
+macro_rules! held {
+    ($name:ident, $feature:literal) => {
+        #[cfg(feature = $feature)]
+        macro_rules! $name {
+            () => {
+                concat!(",", $feature)
+            };
+        }
+        #[cfg(not(feature = $feature))]
+        macro_rules! $name {
+            () => {
+                ""
+            };
+        }
+    };
+}
+
+held!(baselines, "baselines");
+held!(lance, "lance");
+held!(lerobot, "lerobot");
+held!(onnx, "onnx");
+
+/// How to build with a feature, and with those of this build that are not there by default.
 macro_rules! build_with {
     ($feature:literal) => {
-        concat!("in a checkout, cargo install --locked --path crates/swm --features ", $feature)
+        concat!(
+            "in a checkout, cargo install --locked --path crates/swm --features ",
+            $feature,
+            baselines!(),
+            lance!(),
+            lerobot!(),
+            onnx!()
+        )
     };
 }
 

@@ -9,6 +9,7 @@ mod bench;
 mod collect;
 mod colors;
 mod compare;
+mod conflicts;
 mod convert;
 mod doctor;
 mod envs;
@@ -138,6 +139,7 @@ pub fn run(registry: &Registry, args: impl IntoIterator<Item = OsString>) -> Exi
     let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => {
+            let error = conflicts::explained(error);
             // Help and version are no errors, and clap knows where each goes.
             let _ = error.print();
             return ExitCode::from(error.exit_code() as u8);

@@ -124,8 +124,25 @@ impl QualityCommand {
         };
         let options = QualityOptions { episodes, starts: episodes.min(STARTS), rows, horizon, plans, seed };
         let found = quality(model.as_mut(), env.as_mut(), &recorded, &probed, &violations, &options)?;
+        if let Some(note) = few_episodes(&found, recorded.len()) {
+            output.note(note);
+        }
         output.result(&found, || text(entry.id, &self.model, &found))
     }
+}
+
+/// Episodes from which on probes are fitted to enough rows: a fifth of them is held out.
+const ENOUGH: usize = 100;
+
+/// A note where a probe misses the gate, and the reason may be that it was fitted to few episodes.
+fn few_episodes(found: &Quality, episodes: usize) -> Option<String> {
+    let probe_fails = found.gate.iter().take(found.probes.len()).any(|check| !check.passes);
+    (probe_fails && episodes < ENOUGH).then(|| {
+        format!(
+            "note: probes were fitted to {}, which may be too few to reach the gate; --episodes {ENOUGH} says more",
+            super::output::counted(episodes as u64, "episode")
+        )
+    })
 }
 
 /// What is probed unless something is named: what decides on success, where that is known and in the rows.
