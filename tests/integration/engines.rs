@@ -41,6 +41,7 @@ fn slurm_gets_an_array_and_a_join() {
     let whole = whole(&cluster.folder, "10");
     let on = "slurm:partition=cpu,time=1:00:00,cpus=2,tasks=3,raw=--constraint=a,b";
     let dry = ok(&cluster.submit(&["--on", on, "--dry-run"], "5", &collect("10")));
+    assert!(dry.contains("#   #SBATCH --dependency=afterany:ARRAY_ID"), "the join: {dry}");
     assert!(!Path::new(&cluster.path("job")).exists() && !Path::new(&cluster.path("count")).exists());
     let mut submitted = cluster.swm(&[
         "submit",
@@ -58,7 +59,7 @@ fn slurm_gets_an_array_and_a_join() {
     let json: Json = serde_json::from_str(&ok(&submitted)).unwrap();
     assert_eq!((&json["id"], json["submitted"].as_array().unwrap().len()), (&"101".into(), 5));
     let script = cluster.text("job-101.sh");
-    assert_eq!(script, dry, "a dry run prints what is submitted");
+    assert!(dry.starts_with(&script), "a dry run prints what is submitted: {dry}");
     let name = json["name"].as_str().unwrap();
     for line in [
         &format!("#SBATCH --job-name={name}\n"),

@@ -135,6 +135,12 @@ fn a_job_by_hand_is_the_undivided_recording() {
     );
     let status = swm_json(&["jobs", &job]);
     assert_eq!((&status["done"], &status["missing"]), (&1.into(), &serde_json::json!([1, 2, 4])));
+    // No engine knows of a shard that runs by hand; its log does.
+    fs::write(format!("{job}/logs/0001.log"), "swm task: attempt 1 on n7 by nothing: 0 committed\n").unwrap();
+    let page = swm_ok(&["jobs", &job]);
+    assert!(page.contains("1 started, not queued, 2 not submitted"), "{page}");
+    assert!(page.contains("started on n7, not queued"), "{page}");
+    fs::remove_file(format!("{job}/logs/0001.log")).unwrap();
     // What is done is a dataset already.
     assert!(swm_ok(&["inspect", &job]).contains("episodes"));
     // A job that is interrupted between two shards is continued from any machine.

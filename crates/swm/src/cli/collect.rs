@@ -235,13 +235,13 @@ impl Collect {
     fn watch(&self, committed: &Arc<AtomicU64>, total: u64) -> Cancel {
         let (out, committed) = (self.out.display().to_string(), Arc::clone(committed));
         let rest = match (self.shard, self.total) {
-            (None, None) => format!("--mode append --total {total} in place of --episodes"),
-            _ => "--mode append".to_owned(),
+            (None, None) => {
+                format!("{} with --mode append --total {total} in place of --episodes", interrupt::REPEAT)
+            }
+            _ => format!("{} with --mode append", interrupt::REPEAT),
         };
-        interrupt::watch_resumable(move || {
-            let held = committed.load(Ordering::Relaxed);
-            format!("{held} episodes are safe in {out}; to continue, repeat the command with {rest}")
-        })
+        let safe = move || format!("{} episodes are safe in {out}", committed.load(Ordering::Relaxed));
+        interrupt::watch_resumable(safe, rest)
     }
 }
 

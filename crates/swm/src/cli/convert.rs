@@ -103,9 +103,8 @@ impl TargetArgs {
         let out = to.display().to_string();
         // Copied episodes survive a kill, so nothing has to be ended by hand.
         let is_continued = if self.overwrite { " without --overwrite" } else { "" };
-        interrupt::watch_resumable(move || {
-            format!("copied episodes are safe in {out}; to continue, repeat the command{is_continued}")
-        });
+        let how = format!("{}{is_continued}", interrupt::REPEAT);
+        interrupt::watch_resumable(move || format!("copied episodes are safe in {out}"), how);
         let Copied { resumed, episodes, rows } =
             copy_in(registry, sources, pieces, to, (self.format.as_deref(), &self.options()), &mut watch)?;
         bar.finish_and_clear();

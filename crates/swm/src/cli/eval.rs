@@ -211,7 +211,7 @@ impl Eval {
     /// What ends an evaluation on a manifest when the command is interrupted.
     fn watch(&self) -> Cancel {
         match &self.out {
-            Some(dir) => interrupt::watch_resumable(interrupt::episodes_are_in(dir)),
+            Some(dir) => interrupt::watch_resumable(interrupt::episodes_are_in(dir), interrupt::REPEAT),
             None => interrupt::watch(|| {
                 "nothing is kept of this evaluation; with --out DIR it can be continued".to_owned()
             }),

@@ -20,6 +20,8 @@ static CANCEL: OnceLock<Cancel> = OnceLock::new();
 static ADVICE: Mutex<Option<Advice>> = Mutex::new(None);
 /// Whether the same command continues what is interrupted.
 static IS_RESUMABLE: AtomicBool = AtomicBool::new(false);
+/// How a task of a job is continued, whatever command it runs.
+static TASK: OnceLock<String> = OnceLock::new();
 /// Whether SIGTERM came, and not Ctrl-C.
 static IS_TERMINATED: AtomicBool = AtomicBool::new(false);
 
@@ -34,15 +36,21 @@ pub(super) fn allow(grace: Duration) {
     GRACE_MS.store(grace.as_millis() as u64, Ordering::SeqCst);
 }
 
-/// As [`watch`], for a command that continues where it stopped; `advice` says how.
-pub(super) fn watch_resumable(advice: impl Fn() -> String + Send + 'static) -> Cancel {
-    begin(true, Box::new(advice))
+/// As [`watch`], for a command that continues where it stopped: `safe` says what is safe, `how` what continues it.
+pub(super) fn watch_resumable(safe: impl Fn() -> String + Send + 'static, how: impl Into<String>) -> Cancel {
+    let how = how.into();
+    begin(true, Box::new(move || format!("{}; to continue, {}", safe(), TASK.get().unwrap_or(&how))))
+}
+
+/// From now on this process is a task of a job, which is continued by `how`, and not by repeating a command.
+pub(super) fn within_task(how: String) {
+    let _ = TASK.set(how);
 }
 
 /// The advice for evaluations whose finished episodes are in files of the folder `dir`.
 pub(super) fn episodes_are_in(dir: &Path) -> impl Fn() -> String + Send + 'static {
     let dir = dir.display().to_string();
-    move || format!("finished episodes are safe in {dir}; to continue, repeat the command")
+    move || format!("finished episodes are safe in {dir}")
 }
 
 /// The exit status of the interrupted command.
@@ -53,6 +61,9 @@ pub(super) fn status() -> u8 {
         (true, false) => 143,
     }
 }
+
+/// What continues a command that finds by itself where it stopped.
+pub(super) const REPEAT: &str = "repeat the command";
 
 /// Says, once, what is safe and how to continue.
 pub(super) fn say() {

@@ -15,7 +15,7 @@ use super::{Failure, Output, usage};
 use crate::jobs::JobFolder;
 use crate::jobs::engine::{Queued, Submission, engine};
 use crate::jobs::files::{ranges, read_json};
-use crate::jobs::log::last_episode;
+use crate::jobs::log::{attempts, last_episode};
 use crate::jobs::progress::{Done, Failed, Finished, Progress};
 use crate::text_file::read_text;
 
@@ -207,6 +207,8 @@ struct Status<'a> {
     missing: Vec<u64>,
     /// Episodes of shards that are not done, as their logs say.
     begun: BTreeMap<u64, u64>,
+    /// The node of the last start of shards that have neither ended nor are with an engine: run by hand, or lost.
+    started: BTreeMap<u64, String>,
     finished: Option<Finished>,
 }
 
@@ -226,8 +228,13 @@ impl<'a> Status<'a> {
         let begun = begun.collect();
         let held: BTreeMap<u64, Queued> =
             left.iter().filter_map(|shard| Some((*shard, held.0.get(shard)?.clone()))).collect();
-        let missing = left.into_iter().filter(|shard| !held.contains_key(shard)).collect();
-        Ok(Self { folder, done, failed, held, missing, begun, finished: read_json(&folder.finished())? })
+        let missing: Vec<u64> = left.into_iter().filter(|shard| !held.contains_key(shard)).collect();
+        let unexplained = missing.iter().filter(|shard| !failed.contains_key(shard));
+        let started = unexplained
+            .filter_map(|&shard| Some((shard, attempts(&folder.log(shard)).pop()?.node)))
+            .collect();
+        let finished = read_json(&folder.finished())?;
+        Ok(Self { folder, done, failed, held, missing, begun, started, finished })
     }
 
     fn episodes(&self) -> u64 {
@@ -257,7 +264,7 @@ impl<'a> Status<'a> {
         })
     }
 
-    /// The state of one shard: `done`, what its engine says, `failed` or `not submitted`.
+    /// The state of one shard: `done`, what its engine says, `failed`, `started … not queued` or `not submitted`.
     fn shard(&self, shard: u64) -> Json {
         let job = &self.folder.job;
         let of = job.range(shard).count();
@@ -280,7 +287,10 @@ impl<'a> Status<'a> {
         match (self.held.get(&shard), self.failed.get(&shard)) {
             (Some(task), _) => task.state.clone(),
             (None, Some(failed)) => format!("failed on {}", failed.node),
-            (None, None) => "not submitted".to_owned(),
+            (None, None) => match self.started.get(&shard) {
+                Some(node) => format!("started on {node}, not queued"),
+                None => "not submitted".to_owned(),
+            },
         }
     }
 
@@ -292,13 +302,14 @@ impl<'a> Status<'a> {
     /// One line: how far it is.
     fn line(&self) -> String {
         let waiting = self.held.len() - self.running();
-        let lost = self.missing.iter().filter(|shard| !self.failed.contains_key(shard)).count();
+        let untouched = |shard: &&u64| !self.failed.contains_key(shard) && !self.started.contains_key(shard);
         let counts = [
             (self.done.len(), "done"),
             (self.running(), "running"),
             (waiting, "waiting"),
             (self.failed.len(), "failed"),
-            (lost, "not submitted"),
+            (self.started.len(), "started, not queued"),
+            (self.missing.iter().filter(untouched).count(), "not submitted"),
         ];
         let counts: Vec<String> = counts
             .iter()
@@ -334,7 +345,8 @@ impl<'a> Status<'a> {
             let episodes = self.begun.get(&shard).map_or(String::new(), ToString::to_string);
             vec![shard.to_string(), self.state(shard), episodes, self.message(shard).to_owned()]
         };
-        let mut open: Vec<u64> = self.failed.keys().chain(self.held.keys()).copied().collect();
+        let mut open: Vec<u64> =
+            self.failed.keys().chain(self.held.keys()).chain(self.started.keys()).copied().collect();
         open.dedup();
         let rows: Vec<Vec<String>> = open.iter().take(MAX_LISTED).map(shown).collect();
         if !rows.is_empty() {

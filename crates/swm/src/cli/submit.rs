@@ -275,8 +275,16 @@ impl Sending<'_> {
         if indices.is_empty() && !is_finish {
             return Ok(sent);
         }
-        sent.script = engine.driver.script(&request).map_err(usage)?;
+        let only_finish =
+            if is_finish { engine.driver.finish_script(&request, "").map_err(usage)? } else { None };
+        let has_array = only_finish.is_none();
+        sent.script = only_finish.map_or_else(|| engine.driver.script(&request), Ok).map_err(usage)?;
         if is_dry {
+            // In comments: what is printed can be handed to the engine as it is.
+            if has_array && let Some(finish) = engine.driver.finish_script(&request, "ARRAY_ID")? {
+                sent.script += "\n# The join of the shards, a job of its own that waits for the array:\n";
+                sent.script.extend(finish.lines().map(|line| format!("#   {line}\n")));
+            }
             return Ok(sent);
         }
         for &shard in &missing {

@@ -171,7 +171,7 @@ impl SweepCommand {
     /// What ends the sweep when the command is interrupted.
     fn watch(&self) -> Cancel {
         match &self.out {
-            Some(dir) => interrupt::watch_resumable(interrupt::episodes_are_in(dir)),
+            Some(dir) => interrupt::watch_resumable(interrupt::episodes_are_in(dir), interrupt::REPEAT),
             None => interrupt::watch(|| {
                 "nothing is kept of this sweep; with --out DIR it can be continued".to_owned()
             }),

@@ -77,9 +77,8 @@ impl Task {
         let folder = folder
             .ok_or_else(|| usage(format!("{} holds no job; `swm submit` makes one", self.job.display())))?;
         let dir = folder.dir.display().to_string();
-        interrupt::watch_resumable(move || {
-            format!("what is committed is safe in {dir}; to continue, start the task again")
-        });
+        interrupt::within_task(format!("start the task again, or `swm submit --job {dir}`"));
+        interrupt::watch_resumable(move || format!("what is committed is safe in {dir}"), interrupt::REPEAT);
         folder.check(version::long(), self.finish).map_err(usage)?;
         let here = &folder.job.folder;
         std::env::set_current_dir(here).map_err(|error| {

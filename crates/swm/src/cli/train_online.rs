@@ -94,9 +94,9 @@ impl Train {
         let run = out.display().to_string();
         interrupt::allow(SAVING);
         let advice = run.clone();
-        let cancel = interrupt::watch_resumable(move || {
-            format!("the last checkpoint is safe in {advice}; to continue: swm train --resume --out {advice}")
-        });
+        let how = format!("run: swm train --resume --out {advice}");
+        let cancel =
+            interrupt::watch_resumable(move || format!("the last checkpoint is safe in {advice}"), how);
         let state = training.run(vec![Box::new(shown)], &cancel).map_err(failure)?;
         bar.finish_and_clear();
         if state.end == Some(End::Interrupted) {

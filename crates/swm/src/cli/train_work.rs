@@ -66,9 +66,8 @@ impl Train {
         let shown = Shown { bar: bar.clone(), output, lines, has_phases, begun_at };
         let run = out.display().to_string();
         interrupt::allow(SAVING);
-        let cancel = interrupt::watch_resumable(move || {
-            format!("the last checkpoint is safe in {run}; to continue: swm train --resume --out {run}")
-        });
+        let how = format!("run: swm train --resume --out {run}");
+        let cancel = interrupt::watch_resumable(move || format!("the last checkpoint is safe in {run}"), how);
         let diagnosis = measured.as_mut().map(|measured| measured as &mut dyn Diagnosis);
         let state = training.run_with(vec![Box::new(shown)], diagnosis, &cancel).map_err(failure)?;
         bar.finish_and_clear();

@@ -73,6 +73,15 @@ pub(crate) trait Driver: Sync {
     /// The engine refuses it, in its words.
     fn submit(&self, request: &Request<'_>, script: &str) -> Result<Option<String>, BoxError>;
 
+    /// The script of the task that joins the shards once job `id` has ended, where [`Driver::script`] does not hold it.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Driver::script`].
+    fn finish_script(&self, _request: &Request<'_>, _id: &str) -> Result<Option<String>, BoxError> {
+        Ok(None)
+    }
+
     /// Submits the task that joins the shards once job `id` has ended, where [`Driver::script`] does not hold it.
     ///
     /// # Errors

@@ -103,7 +103,7 @@ exit \"$status\"
         sbatch(script).map(Some)
     }
 
-    fn submit_finish(&self, request: &Request<'_>, id: &str) -> Result<(), BoxError> {
+    fn finish_script(&self, request: &Request<'_>, id: &str) -> Result<Option<String>, BoxError> {
         let Request { folder, settings, after, .. } = request;
         let name = format!("{}-finish", folder.job.name());
         let mut text = head(folder, &name, settings, |key| FINISH_OPTIONS.contains(&key))?;
@@ -114,7 +114,11 @@ exit \"$status\"
             let _ = writeln!(text, "#SBATCH --dependency=afterany:{}", ids.join(":"));
         }
         let _ = writeln!(text, "exec {} --finish", task(folder));
-        sbatch(&text).map(drop)
+        Ok(Some(text))
+    }
+
+    fn submit_finish(&self, request: &Request<'_>, id: &str) -> Result<(), BoxError> {
+        self.finish_script(request, id)?.map_or(Ok(()), |script| sbatch(&script).map(drop))
     }
 
     fn queued(&self, folder: &JobFolder) -> Result<Vec<Queued>, BoxError> {
