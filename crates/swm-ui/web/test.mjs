@@ -509,6 +509,9 @@ async function steerToSuccess(box) {
   const values = await page.evaluate(async (id) => (await fetch(`/api/data/values?id=${id}&episode=0`)).json(), await demo());
   check(values.columns.action, "the demo has no actions");
   await page.getByLabel("Seed").fill("1");
+  // Frames and files go on arriving.
+  await page.waitForTimeout(500);
+  check((await page.getByLabel("Seed").inputValue()) === "1", "what was typed is gone before it was confirmed");
   await page.getByLabel("Seed").press("Enter");
   await until("the seed", async () => live.episode?.seed === 1 && live.head?.step === 0);
   const [[a, b], [c, d]] = live.opened.steer.follow.action_from_image;

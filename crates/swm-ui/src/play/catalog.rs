@@ -90,6 +90,7 @@ fn factor(factor: &FactorSpec) -> Json {
         "default": factor.default,
         "sampled": factor.sampled_by_default,
         "constraint": factor.constraint,
+        "choices": factor.choices,
         "shows_with": factor.shows_with,
     })
 }

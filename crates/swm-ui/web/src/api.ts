@@ -4,7 +4,7 @@ export interface Space { kind: string; shape: number[]; dtype: string | null; lo
 export interface Setting { name: string; doc: string; default: string }
 export interface Policy { name: string; summary: string; settings: Setting[]; is_planner: boolean }
 export interface Factor {
-  name: string; doc: string; space: Space; default: unknown; sampled: boolean; constraint: string | null;
+  name: string; doc: string; space: Space; default: unknown; sampled: boolean; constraint: string | null; choices: string[];
 }
 export interface Column { name: string; dtype: string; shape: number[]; kind: "step" | "episode" }
 export interface Env {

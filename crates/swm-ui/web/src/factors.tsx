@@ -2,7 +2,7 @@
 
 import { useMemo, useState } from "preact/hooks";
 import type { Factor } from "./api";
-import { Button, number } from "./kit";
+import { Button, NumberInput, number } from "./kit";
 
 /** What an episode is asked for: factors to set, and those to sample; none: the environment's default list. */
 export interface Scenario { set: Record<string, unknown>; vary: string[] | null }
@@ -82,7 +82,7 @@ interface ControlProps {
 }
 
 function Control({ factor, value, state, onInput, onSample, onDefault }: ControlProps) {
-  const { name, space, doc, constraint } = factor;
+  const { name, doc, constraint } = factor;
   const leaf = name.slice(name.lastIndexOf(".") + 1);
   const current = value ?? factor.default;
   const isChanged = JSON.stringify(rounded(current)) !== JSON.stringify(rounded(factor.default));
@@ -94,13 +94,14 @@ function Control({ factor, value, state, onInput, onSample, onDefault }: Control
         <button type="button" class="quiet" onClick={onSample} aria-label={`Sample ${name}`} title="sample">⚄</button>
         <button type="button" class="quiet" onClick={onDefault} aria-label={`Default of ${name}`} title="default">↺</button>
       </div>
-      <Value name={name} space={space} value={current} onInput={onInput} />
+      <Value factor={factor} value={current} onInput={onInput} />
       {constraint && <small>must be {constraint}</small>}
     </div>
   );
 }
 
-function Value({ name, space, value, onInput }: { name: string; space: Factor["space"]; value: unknown; onInput: (value: unknown) => void }) {
+function Value({ factor, value, onInput }: { factor: Factor; value: unknown; onInput: (value: unknown) => void }) {
+  const { name, space, choices: names } = factor;
   const values = (Array.isArray(value) ? value.flat(3) : [value]).map(Number);
   const { low, high } = space;
   const isUnit = low.every((v) => v === 0) && high.every((v) => v === 1);
@@ -138,7 +139,7 @@ function Value({ name, space, value, onInput }: { name: string; space: Factor["s
           return (
             <div class="choices" key={index} role="group" aria-label={name}>
               {Array.from({ length: to - from + 1 }, (_, i) => from + i).map((choice) => (
-                <button key={choice} type="button" class={choice === v ? "on" : ""} aria-pressed={choice === v} onClick={() => replace(index, choice)}>{choice}</button>
+                <button key={choice} type="button" class={choice === v ? "on" : ""} aria-pressed={choice === v} onClick={() => replace(index, choice)}>{names[choice - from] ?? choice}</button>
               ))}
             </div>
           );
@@ -147,7 +148,7 @@ function Value({ name, space, value, onInput }: { name: string; space: Factor["s
         return (
           <div class="slider" key={index}>
             <input type="range" aria-label={values.length > 1 ? `${name} ${index}` : name} min={from} max={to} step={step} value={v} onInput={(event) => replace(index, event.currentTarget.valueAsNumber)} />
-            <input type="number" aria-label={`${name} as a number`} min={from} max={to} step="any" value={number(v).replaceAll(",", "")} onChange={(event) => replace(index, event.currentTarget.valueAsNumber)} />
+            <NumberInput aria-label={`${name} as a number`} min={from} max={to} step="any" value={number(v).replaceAll(",", "")} onCommit={(next) => replace(index, next)} />
           </div>
         );
       })}

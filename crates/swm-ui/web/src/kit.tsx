@@ -1,6 +1,6 @@
 // Small parts that all views share.
 
-import type { ButtonHTMLAttributes, ComponentChildren } from "preact";
+import type { ButtonHTMLAttributes, ComponentChildren, TargetedEvent } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { get, type Query } from "./api";
 
@@ -20,6 +20,25 @@ export function Field(props: { label: string; hint?: string; children: Component
 export function Button(props: ButtonHTMLAttributes<HTMLButtonElement> & { primary?: boolean; on?: boolean }) {
   const { primary, on, ...rest } = props;
   return <button type="button" aria-pressed={on} {...rest} class={`${primary ? "primary" : ""} ${on ? "on" : ""}`} />;
+}
+
+/** A number that counts once it is left or confirmed; what is typed until then survives when the page loads its data again. */
+export function NumberInput(props: {
+  value: number | string; onCommit: (value: number) => void; min?: number; max?: number; step: number | "any"; "aria-label"?: string;
+}) {
+  const { value, onCommit, ...rest } = props;
+  const [typed, setTyped] = useState<string | null>(null);
+  const commit = (event: TargetedEvent<HTMLInputElement>) => {
+    const next = event.currentTarget.valueAsNumber;
+    setTyped(null);
+    if (Number.isFinite(next)) onCommit(next);
+  };
+  return (
+    <input
+      {...rest} type="number" value={typed ?? value}
+      onInput={(event) => setTyped(event.currentTarget.value)} onChange={commit} onBlur={() => setTyped(null)}
+    />
+  );
 }
 
 /** A command line that makes the same thing, to be copied. */

@@ -2,7 +2,7 @@
 
 import { useState } from "preact/hooks";
 import { type About, type Dataset, post } from "./api";
-import { Button, CommandLine, Field, Notice, Panel, quoted } from "./kit";
+import { Button, CommandLine, Field, Notice, NumberInput, Panel, quoted } from "./kit";
 
 /** Episode and step, counted from 0. */
 export type Step = [episode: number, step: number];
@@ -57,7 +57,7 @@ export function PickedPairs({ about, id, data, picks, onChange, image }: Props) 
             <Field label="Tier" hint="What counts as success. Moderate and strict refuse pairs that are solved at the start or have little motion.">
               <select value={tier} onChange={(event) => setTier(event.currentTarget.value)}>{["historic", "moderate", "strict"].map((name) => <option key={name}>{name}</option>)}</select>
             </Field>
-            <Field label="Actions allowed"><input type="number" min={1} step={1} value={budget} onChange={(event) => setBudget(Math.max(1, Math.floor(event.currentTarget.valueAsNumber || 1)))} /></Field>
+            <Field label="Actions allowed"><NumberInput min={1} step={1} value={budget} onCommit={(next) => setBudget(Math.max(1, Math.floor(next)))} /></Field>
             {about.save && <Field label="Manifest" hint={`In ${about.save}`}><input value={file} onInput={(event) => setFile(event.currentTarget.value)} /></Field>}
           </div>
           <div class="row">

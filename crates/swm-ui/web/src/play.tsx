@@ -4,7 +4,7 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { type About, type Env } from "./api";
 import { Actor, Hand } from "./actor";
 import { Factors, type Scenario } from "./factors";
-import { Button, CommandLine, Field, Notice, Panel, csv, download, draw, number, quoted, savePlots, useGet } from "./kit";
+import { Button, CommandLine, Field, Notice, NumberInput, Panel, csv, download, draw, number, quoted, savePlots, useGet } from "./kit";
 import { Paths, Thoughts } from "./planner";
 import { Plot } from "./plot";
 import { Recorder } from "./recorder";
@@ -297,8 +297,8 @@ function Live({ about, env, pair }: { about: About; env: Env; pair: Pair | null 
         </Panel>
         <Panel title="Episode">
           <div class="grid2">
-            <Field label="Seed"><input type="number" min={0} step={1} value={seed} onChange={(event) => reset({ seed: Math.max(0, Math.floor(event.currentTarget.valueAsNumber || 0)), episode: 0 })} /></Field>
-            <Field label="Episode"><input type="number" min={0} step={1} value={episode} onChange={(event) => reset({ episode: Math.max(0, Math.floor(event.currentTarget.valueAsNumber || 0)) })} /></Field>
+            <Field label="Seed"><NumberInput min={0} step={1} value={seed} onCommit={(next) => reset({ seed: Math.max(0, Math.floor(next)), episode: 0 })} /></Field>
+            <Field label="Episode"><NumberInput min={0} step={1} value={episode} onCommit={(next) => reset({ episode: Math.max(0, Math.floor(next)) })} /></Field>
             <Field label="Image"><select value={side} onChange={(event) => setSide(Number(event.currentTarget.value))}>{[64, 96, 128, 224, 256, 384, 512].map((size) => <option key={size} value={size}>{size} px</option>)}</select></Field>
             <Field label="Ends after"><select value={limit ?? 0} onChange={(event) => setLimit(Number(event.currentTarget.value) || null)}>{[50, 100, 200, 300, 500, 1000].map((steps) => <option key={steps} value={steps}>{steps} steps</option>)}<option value={0}>never</option></select></Field>
           </div>
