@@ -21,6 +21,7 @@ pub struct Video {
 
 /// One recorded episode.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Scene {
     /// Its images, first to last.
     pub clip: Clip,

@@ -60,6 +60,7 @@ impl Tier {
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Manifest {
     /// [`MANIFEST_VERSION`].
     pub version: u32,
@@ -97,6 +98,7 @@ pub struct Manifest {
 /// Where pairs come from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", tag = "kind")]
+#[non_exhaustive]
 pub enum PairSource {
     /// Sampled by the environment's reset.
     Online,
@@ -177,6 +179,7 @@ impl Excluded {
 /// One episode of a manifest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Pair {
     /// Its seed.
     pub seed: i64,

@@ -15,7 +15,8 @@ use crate::run::{EpisodeEnd, Rollout, RunInfo, WorldOptions};
 use crate::world::World;
 
 /// What one episode came to.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct EpisodeResult {
     /// Whether the goal was reached, by the manifest's test.
     pub success: bool,

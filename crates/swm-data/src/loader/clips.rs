@@ -2,6 +2,7 @@
 
 /// How the starts of clips are chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Clips {
     /// Every row from which a clip fits.
     #[default]

@@ -48,6 +48,7 @@ pub trait Backend: Send + 'static {
 
 /// What a recording begins with.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct SessionStart<'a> {
     /// The file or folder.
     pub path: &'a Path,
@@ -67,6 +68,7 @@ pub struct SessionStart<'a> {
 
 /// What a recording finds at its path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Existing {
     /// No dataset.
     None,

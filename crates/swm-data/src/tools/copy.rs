@@ -25,6 +25,7 @@ pub type Piece = (usize, usize);
 
 /// What a copy did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Copied {
     /// Episodes that were there already.
     pub resumed: usize,

@@ -16,6 +16,11 @@ fn convert(from: &Path, to: &Path) -> Result<Copied, DataError> {
     copy(&mut sources, &pieces, to, (None, &WriteOptions::default()), &mut |_| {})
 }
 
+/// Episodes that were there, episodes copied, rows copied.
+fn counts(copied: &Copied) -> [usize; 3] {
+    [copied.resumed, copied.episodes, copied.rows]
+}
+
 #[test]
 fn any_format_becomes_any_other() {
     let folder = tempfile::tempdir().unwrap();
@@ -24,7 +29,7 @@ fn any_format_becomes_any_other() {
     for format in FORMATS {
         let there = folder.path().join("there").with_extension(format.extensions[0]);
         let back = folder.path().join(format!("back-{}.h5", format.name));
-        assert_eq!(convert(&source, &there).unwrap(), Copied { resumed: 0, episodes: 4, rows: 323 });
+        assert_eq!(counts(&convert(&source, &there).unwrap()), [0, 4, 323]);
         assert_eq!(convert(&there, &back).unwrap().episodes, 4, "{}", format.name);
         assert_eq!(open(&there).unwrap().info().format, format.name);
         assert_eq!(open(&back).unwrap().metadata(), Some(&metadata()));
@@ -53,7 +58,7 @@ fn a_copy_is_continued_and_nothing_else_is() {
     let [source, other, target] = ["a.h5", "b.h5", "c.h5"].map(|name| folder.path().join(name));
     record(&source, WriteMode::Append, 0..5).unwrap();
     record(&target, WriteMode::Append, 0..2).unwrap();
-    assert_eq!(convert(&source, &target).unwrap(), Copied { resumed: 2, episodes: 3, rows: 1117 });
+    assert_eq!(counts(&convert(&source, &target).unwrap()), [2, 3, 1117]);
     for (a, b) in contents(&source).iter().zip(&contents(&target)) {
         assert_same(a, b);
     }
@@ -113,7 +118,7 @@ fn parts_of_hdf5_are_merged_to_the_bytes_of_one_recording() {
     assert!(fs::read(path("merged.h5")).unwrap() == fs::read(path("whole.h5")).unwrap());
     // One that ended between two parts goes on from there.
     assert_eq!(merge(&path("continued.h5"), 2).episodes, 4);
-    assert_eq!(merge(&path("continued.h5"), 3), Copied { resumed: 4, episodes: 5, rows: 1123 });
+    assert_eq!(counts(&merge(&path("continued.h5"), 3)), [4, 5, 1123]);
     for (a, b) in contents(&path("whole.h5")).iter().zip(&contents(&path("continued.h5"))) {
         assert_same(a, b);
     }

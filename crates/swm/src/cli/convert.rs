@@ -105,7 +105,7 @@ impl TargetArgs {
         let is_continued = if self.overwrite { " without --overwrite" } else { "" };
         let how = format!("{}{is_continued}", interrupt::REPEAT);
         interrupt::watch_resumable(move || format!("copied episodes are safe in {out}"), how);
-        let Copied { resumed, episodes, rows } =
+        let Copied { resumed, episodes, rows, .. } =
             copy_in(registry, sources, pieces, to, (self.format.as_deref(), &self.options()), &mut watch)?;
         bar.finish_and_clear();
         if resumed > 0 && episodes == 0 && (self.quality.is_some() || self.key_frames.is_some()) {

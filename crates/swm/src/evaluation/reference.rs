@@ -150,20 +150,11 @@ mod tests {
     use super::*;
 
     fn episode(plan_costs: &[f64], final_cost: f64) -> EpisodeResult {
-        EpisodeResult {
-            success: false,
-            solved_at_start: false,
-            first_success_step: None,
-            steps: 0,
-            total_reward: None,
-            best_margin: None,
-            last_margin: None,
-            plan_cost: plan_costs.first().copied(),
-            plan_costs: plan_costs.iter().copied().map(Some).collect(),
-            final_cost: Some(final_cost),
-            decisions: String::new(),
-            digest: String::new(),
-        }
+        let mut result = EpisodeResult::default();
+        result.plan_cost = plan_costs.first().copied();
+        result.plan_costs = plan_costs.iter().copied().map(Some).collect();
+        result.final_cost = Some(final_cost);
+        result
     }
 
     #[test]

@@ -11,6 +11,7 @@ use super::{costs, elites, paths};
 use crate::video::Video;
 
 /// What a report is made from.
+#[non_exhaustive]
 pub struct Report<'a> {
     /// The environment.
     pub entry: &'a EnvEntry,
