@@ -68,7 +68,6 @@ pub struct SessionStart<'a> {
 
 /// What a recording finds at its path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
 pub enum Existing {
     /// No dataset.
     None,
