@@ -190,7 +190,7 @@ def test_held_out_episodes_are_those_of_manifests(tmp_path: Path) -> None:
     made = swm.make_manifest(task, "swm/TwoRoom-v2", 3, tier="moderate", dataset=path, goal_offset=12, held_out=0.4)
     assert {pair["from"][0] for pair in made["pairs"]} <= set(held_out.episodes)
     chosen = swm.make_manifest(
-        tmp_path / "chosen.json", "swm/TwoRoom-v2", dataset=path, pairs=[(3, 0, 8), "5:1-9"]
+        tmp_path / "chosen.json", "swm/TwoRoom-v2", dataset=path, pairs=[(3, 0, 4), "5:1-3"]
     )
     assert [pair["from"] for pair in chosen["pairs"]] == [[3, 0], [5, 1]]
     for wrong, words in [((3, 0), "episode, start, goal"), ("3", "3"), ((99, 0, 1), "episode 99")]:
