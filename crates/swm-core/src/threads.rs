@@ -12,6 +12,8 @@ use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 const WORTH_NANOS: f64 = 15_000.0;
 /// Weight of the newest measurement.
 const LEARNING: f64 = 0.2;
+/// A measurement counts as at most this many times what is known.
+const MOST_GROWTH: f64 = 4.0;
 
 /// The threads that a world divides its work among. A single one is started when a policy first divides its work: most
 /// worlds of one thread never need it.
@@ -83,7 +85,7 @@ impl Pace {
         if slots <= 1 || threads.is_one() {
             return work(slots);
         }
-        let part = ((WORTH_NANOS / self.nanos_per_slot).ceil() as usize).clamp(1, slots);
+        let part = self.part_of(slots);
         // The hand-over is no cost of a slot: the clock starts behind it.
         let timed = || {
             let started = Instant::now();
@@ -94,10 +96,18 @@ impl Pace {
         result
     }
 
+    /// How many slots stay together: all of them, unless each half is worth handing over.
+    fn part_of(&self, slots: usize) -> usize {
+        let worth = (WORTH_NANOS / self.nanos_per_slot).ceil() as usize;
+        if slots < worth.saturating_mul(2) { slots } else { worth.max(1) }
+    }
+
     fn note(&mut self, slots: usize, part: usize, threads: usize, elapsed: Duration) {
         let busy = threads.min(slots.div_ceil(part));
         let nanos = elapsed.as_nanos() as f64 * busy as f64 / slots as f64;
-        self.nanos_per_slot += LEARNING * (nanos.max(1.0) - self.nanos_per_slot);
+        // One step during which another program had the core says little about the next.
+        let nanos = nanos.clamp(1.0, MOST_GROWTH * self.nanos_per_slot);
+        self.nanos_per_slot += LEARNING * (nanos - self.nanos_per_slot);
     }
 }
 
@@ -123,6 +133,21 @@ mod tests {
         (0..40).for_each(|_| _ = part(&mut pace, &threads, Duration::from_millis(1)));
         let (part, there) = part(&mut pace, &threads, Duration::ZERO);
         assert!(part == 1 && there != here);
+    }
+
+    #[test]
+    fn work_is_divided_where_each_half_is_worth_it() {
+        let part = |nanos_per_slot| Pace { nanos_per_slot }.part_of(8);
+        assert_eq!([1e6, 15e3, 8e3, 3.8e3, 3.7e3, 3e3, 100.0, 1.0].map(part), [1, 1, 2, 4, 8, 8, 8, 8]);
+    }
+
+    #[test]
+    fn one_pause_changes_little_and_lasting_cost_is_learned() {
+        let mut pace = Pace { nanos_per_slot: 2e3 };
+        pace.note(8, 8, 2, Duration::from_millis(10));
+        assert_eq!(pace.part_of(8), 8);
+        (0..30).for_each(|_| pace.note(8, 8, 2, Duration::from_millis(10)));
+        assert_eq!(pace.part_of(8), 1);
     }
 
     #[test]

@@ -9,6 +9,8 @@
 
 use std::ops::Range;
 
+use multiversion::multiversion;
+
 use crate::error::{RenderError, check_len, check_size};
 use crate::rect::Rect;
 
@@ -86,15 +88,15 @@ impl AntialiasBilinear {
         let strides = [self.source[1] * 3, self.target[1] * 3];
         match (&self.columns, &self.rows) {
             (Some(columns), Some(rows)) if self.rows_first => {
-                rows.across_rows(image, &mut self.half, strides[0], y.clone(), dirty.columns());
-                columns.along_rows(&self.half, out, strides, y.clone(), x.clone());
+                across_rows(rows, image, &mut self.half, strides[0], y.clone(), dirty.columns());
+                along_rows(columns, &self.half, out, strides, y.clone(), x.clone());
             }
             (Some(columns), Some(rows)) => {
-                columns.along_rows(image, &mut self.half, strides, dirty.rows(), x.clone());
-                rows.across_rows(&self.half, out, strides[1], y.clone(), x.clone());
+                along_rows(columns, image, &mut self.half, strides, dirty.rows(), x.clone());
+                across_rows(rows, &self.half, out, strides[1], y.clone(), x.clone());
             }
-            (Some(columns), None) => columns.along_rows(image, out, strides, y.clone(), x.clone()),
-            (None, Some(rows)) => rows.across_rows(image, out, strides[1], y.clone(), x.clone()),
+            (Some(columns), None) => along_rows(columns, image, out, strides, y.clone(), x.clone()),
+            (None, Some(rows)) => across_rows(rows, image, out, strides[1], y.clone(), x.clone()),
             (None, None) => {
                 for y in y.clone() {
                     let bytes = y * strides[0] + x.start * 3..y * strides[0] + x.end * 3;
@@ -156,75 +158,128 @@ impl Axis {
         let Window { source, weights, count } = self.windows[target];
         (source, &self.weights[weights..weights + count])
     }
+}
 
-    /// Resizes `rows` of an image along x, for the target columns `targets`. Strides are in bytes, in and out.
-    fn along_rows(
-        &self,
-        image: &[u8],
-        out: &mut [u8],
-        [stride_in, stride_out]: [usize; 2],
-        rows: Range<usize>,
-        targets: Range<usize>,
-    ) {
-        for y in rows {
-            let row = &image[y * stride_in..(y + 1) * stride_in];
-            let out = &mut out[y * stride_out + targets.start * 3..y * stride_out + targets.end * 3];
-            for (target, pixel) in targets.clone().zip(out.chunks_exact_mut(3)) {
-                let (source, weights) = self.taps(target);
-                let window = &row[source * 3..(source + weights.len()) * 3];
-                let mut sums = [ONE_HALF; 3];
-                for (&weight, channels) in weights.iter().zip(window.chunks_exact(3)) {
-                    for (sum, &channel) in sums.iter_mut().zip(channels) {
-                        *sum += weight * u32::from(channel);
-                    }
-                }
-                for (byte, sum) in pixel.iter_mut().zip(sums) {
-                    *byte = to_byte(sum);
-                }
+/// Resizes `rows` of an image along x, for the target columns `targets`. Strides are in bytes, in and out.
+#[multiversion(targets("x86_64+avx2"))]
+fn along_rows(
+    axis: &Axis,
+    image: &[u8],
+    out: &mut [u8],
+    [stride_in, stride_out]: [usize; 2],
+    rows: Range<usize>,
+    targets: Range<usize>,
+) {
+    for y in rows {
+        let row = &image[y * stride_in..];
+        let out = &mut out[y * stride_out + targets.start * 3..y * stride_out + targets.end * 3];
+        for (at, target) in (0..).step_by(3).zip(targets.clone()) {
+            let (source, weights) = axis.taps(target);
+            let window = &row[source * 3..];
+            // Four channels at a time are what SIMD takes. The fourth is the next pixel's, and written again by it.
+            match (out.get_mut(at..at + 4), window.get(..weights.len() * 3 + 1)) {
+                (Some(pixel), Some(window)) => pixel.copy_from_slice(&weighted::<4>(weights, window)),
+                _ => out[at..at + 3].copy_from_slice(&weighted::<3>(weights, window)),
             }
         }
     }
+}
 
-    /// Resizes an image along y, for the target rows `targets` and the pixels `columns`. `stride` is in bytes.
-    fn across_rows(
-        &self,
-        image: &[u8],
-        out: &mut [u8],
-        stride: usize,
-        targets: Range<usize>,
-        columns: Range<usize>,
-    ) {
-        const LANES: usize = 16;
-        let (left, right) = (columns.start * 3, columns.end * 3);
-        for target in targets {
-            let (source, weights) = self.taps(target);
-            let mut x = left;
-            while x < right {
-                let lanes = LANES.min(right - x);
-                let mut sums = [ONE_HALF; LANES];
-                for (index, &weight) in weights.iter().enumerate() {
-                    let start = (source + index) * stride + x;
-                    let bytes = &image[start..start + lanes];
-                    if let Some(bytes) = bytes.first_chunk::<LANES>() {
-                        for (sum, &byte) in sums.iter_mut().zip(bytes) {
-                            *sum += weight * u32::from(byte);
-                        }
-                    } else {
-                        for (sum, &byte) in sums.iter_mut().zip(bytes) {
-                            *sum += weight * u32::from(byte);
-                        }
+/// The sum of a pixel's window by its weights. Neighbors in the window are three bytes apart.
+#[inline(always)]
+fn weighted<const CHANNELS: usize>(weights: &[u32], window: &[u8]) -> [u8; CHANNELS] {
+    let mut sums = [ONE_HALF; CHANNELS];
+    for (&weight, bytes) in weights.iter().zip(window.windows(CHANNELS).step_by(3)) {
+        for (sum, &byte) in sums.iter_mut().zip(bytes) {
+            *sum = sum.wrapping_add(weight * u32::from(byte));
+        }
+    }
+    sums.map(to_byte)
+}
+
+/// Resizes an image along y, for the target rows `targets` and the pixels `columns`. `stride` is in bytes.
+#[multiversion(targets("x86_64+avx2"))]
+fn across_rows(
+    axis: &Axis,
+    image: &[u8],
+    out: &mut [u8],
+    stride: usize,
+    targets: Range<usize>,
+    columns: Range<usize>,
+) {
+    const LANES: usize = 16;
+    let (left, right) = (columns.start * 3, columns.end * 3);
+    for target in targets {
+        let (source, weights) = axis.taps(target);
+        let mut x = left;
+        while x < right {
+            let lanes = LANES.min(right - x);
+            let mut sums = [ONE_HALF; LANES];
+            for (index, &weight) in weights.iter().enumerate() {
+                let start = (source + index) * stride + x;
+                let bytes = &image[start..start + lanes];
+                if let Some(bytes) = bytes.first_chunk::<LANES>() {
+                    for (sum, &byte) in sums.iter_mut().zip(bytes) {
+                        *sum += weight * u32::from(byte);
+                    }
+                } else {
+                    for (sum, &byte) in sums.iter_mut().zip(bytes) {
+                        *sum += weight * u32::from(byte);
                     }
                 }
-                let start = target * stride + x;
-                for (byte, sum) in out[start..start + lanes].iter_mut().zip(sums) {
-                    *byte = to_byte(sum);
-                }
-                x += lanes;
             }
+            let start = target * stride + x;
+            for (byte, sum) in out[start..start + lanes].iter_mut().zip(sums) {
+                *byte = to_byte(sum);
+            }
+            x += lanes;
         }
     }
 }
 
 fn to_byte(sum: u32) -> u8 {
     (sum >> PRECISION_BITS).min(255) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One sum per channel, without SIMD: `get(s)` is the channel at source `s`.
+    fn by_the_rule(axis: &Axis, target: usize, get: impl Fn(usize) -> u8) -> u8 {
+        let (source, weights) = axis.taps(target);
+        let products = (source..).zip(weights).map(|(s, &weight)| u64::from(weight) * u64::from(get(s)));
+        let sum = u64::from(ONE_HALF) + products.sum::<u64>();
+        (sum >> PRECISION_BITS).min(255) as u8
+    }
+
+    /// Whichever version of the loops this CPU takes: the bytes are those of the rule.
+    #[test]
+    fn every_version_gives_the_bytes_of_the_rule() {
+        let mut state = 1_u32;
+        for [source, target] in [[224, 64], [224, 96], [64, 224], [37, 16], [16, 37], [9, 1], [1, 3], [7, 6]]
+        {
+            let image: Vec<u8> = (0..source * source * 3)
+                .map(|_| {
+                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    [0, 255, (state >> 24) as u8][(state >> 16) as usize % 3]
+                })
+                .collect();
+            let axis = Axis::new(source, target);
+            let mut half = vec![0; source * target * 3];
+            for (at, byte) in half.iter_mut().enumerate() {
+                let (y, x, c) = (at / (target * 3), at / 3 % target, at % 3);
+                *byte = by_the_rule(&axis, x, |s| image[(y * source + s) * 3 + c]);
+            }
+            let mut expected = vec![0; target * target * 3];
+            for (at, byte) in expected.iter_mut().enumerate() {
+                let (y, rest) = (at / (target * 3), at % (target * 3));
+                *byte = by_the_rule(&axis, y, |s| half[s * target * 3 + rest]);
+            }
+            let mut out = vec![0; target * target * 3];
+            let resized = AntialiasBilinear::new([source; 2], [target; 2])
+                .and_then(|mut resize| resize.resize(&image, &mut out));
+            assert!(resized.is_ok() && out == expected, "{source} to {target}");
+        }
+    }
 }

@@ -7,6 +7,8 @@
 //! The weights always add up to 2048 (rounding half to even is symmetric about 1024), so with the nearer pixel n, the
 //! farther f and its weight w <= 1024: R >> 4 = 128 n + (((f - n) w) >> 4), and everything fits 16-bit arithmetic.
 
+use multiversion::multiversion;
+
 use crate::canvas::Canvas;
 use crate::error::{RenderError, check_len, check_size};
 use crate::rect::Rect;
@@ -134,23 +136,25 @@ impl FixedBilinear {
     /// R >> 4 of a source row into `rows[slot]`, for the region's columns.
     fn horizontal(&mut self, source: &[u32], region: Rect, slot: usize) {
         let columns = region.columns();
-        let count = columns.len() * 3;
         for (index, tap) in self.taps[columns.clone()].iter().enumerate() {
             let at = index * 3..index * 3 + 4;
             self.near[at.clone()].copy_from_slice(&source[tap.near as usize].to_le_bytes());
             self.far[at].copy_from_slice(&source[tap.far as usize].to_le_bytes());
         }
         let bytes = columns.start * 3..columns.end * 3;
-        let weights = &self.far_weights[bytes.clone()];
-        let out = &mut self.rows[slot][bytes];
-        let pixels = self.near[..count].iter().zip(&self.far[..count]);
-        for ((out, (&near, &far)), &weight) in out.iter_mut().zip(pixels).zip(weights) {
-            let (near, far) = (i16::from(near), i16::from(far));
-            *out = (near << 7) + high_half((near - far) << 7, weight);
-        }
+        mix(&self.near, &self.far, &self.far_weights[bytes.clone()], &mut self.rows[slot][bytes]);
     }
 }
 
+#[multiversion(targets("x86_64+avx2"))]
+fn mix(near: &[u8], far: &[u8], far_weights: &[i16], out: &mut [i16]) {
+    for ((out, (&near, &far)), &weight) in out.iter_mut().zip(near.iter().zip(far)).zip(far_weights) {
+        let (near, far) = (i16::from(near), i16::from(far));
+        *out = (near << 7) + high_half((near - far) << 7, weight);
+    }
+}
+
+#[multiversion(targets("x86_64+avx2"))]
 fn vertical(first: &[i16], second: &[i16], [w0, w1]: [i16; 2], out: &mut [u8]) {
     for ((out, &r0), &r1) in out.iter_mut().zip(first).zip(second) {
         *out = ((high_half(r0, w0) + high_half(r1, w1) + 2) >> 2) as u8;
@@ -158,6 +162,7 @@ fn vertical(first: &[i16], second: &[i16], [w0, w1]: [i16; 2], out: &mut [u8]) {
 }
 
 /// (a * b) >> 16: one instruction for eight lanes on every 64-bit x86 and Arm.
+#[inline]
 fn high_half(a: i16, b: i16) -> i16 {
     ((i32::from(a) * i32::from(b)) >> 16) as i16
 }

@@ -91,3 +91,29 @@ fn veils_are_seen_through_and_labeled() {
         }
     }
 }
+
+/// Renderers of one thread work in the same memory: none sees what another left there.
+#[test]
+fn renderers_of_a_thread_take_turns() {
+    let (mut stage, mut later) = (Stage::new(), Stage::new());
+    stage.turn(0.0);
+    later.turn(5.0);
+    let labels = |renderer: &mut SceneRenderer, stage: &Stage| {
+        let (mut depth, mut segments) = (vec![0.0; HEIGHT * WIDTH], vec![0; HEIGHT * WIDTH]);
+        renderer.depth_of_last(&stage.scene, &stage.assets, &mut depth).expect("of its size");
+        renderer.segmentation_of_last(&stage.scene, &stage.assets, &mut segments).expect("of its size");
+        (depth, segments)
+    };
+    let mut alone = renderer(Quality::default());
+    let expected = (image(&mut alone, &stage), labels(&mut alone, &stage));
+    let mut large =
+        SceneRenderer::new(Geometry::new(2 * HEIGHT, WIDTH), Quality::default()).expect("sizes are fine");
+    let (mut first, mut second) = (renderer(Quality::default()), renderer(Quality::default()));
+    let mut frame = vec![0; 2 * HEIGHT * WIDTH * 3];
+    for _ in 0..2 {
+        let found = image(&mut first, &stage);
+        large.render(&later.scene, &later.assets, &mut frame).expect("a sound scene");
+        assert!(image(&mut second, &later) != found);
+        assert!((found, labels(&mut first, &stage)) == expected);
+    }
+}

@@ -1,6 +1,6 @@
 //! The pass of what one sees through.
 
-use super::{COARSENESS, SceneRenderer, is_behind, is_opaque};
+use super::passes::{COARSENESS, Passes, is_behind, is_opaque};
 use crate::scene::assets::Assets;
 use crate::scene::description::{Scene, Shape};
 use crate::scene::lanes::{LANES, Lanes3};
@@ -54,7 +54,7 @@ impl Veils {
     }
 }
 
-impl SceneRenderer {
+impl Passes {
     /// Surfaces that let light through, front to back and back again, as MuJoCo blends them.
     pub(super) fn blend(&mut self, scene: &Scene, assets: &Assets, view: &View) {
         self.veils.clear();
@@ -97,7 +97,7 @@ impl SceneRenderer {
             // What hides it is already there.
             self.window.begin_window(area, &self.raster);
             drawing.draw(instance, owner, &mut self.projected, &mut self.window);
-            self.mirrored.of_window(&self.window, self.width);
+            self.mirrored.of_window(&self.window, self.frame.width);
             let shading = Shading { view, assets, lamps: &self.lamps, maps: None };
             let fragments = &self.mirrored;
             let range = fragments.of(0);

@@ -1,6 +1,6 @@
 //! The pass of mirrors.
 
-use super::{COARSENESS, SceneRenderer, accumulate, draw_opaque, is_opaque};
+use super::passes::{COARSENESS, Passes, accumulate, draw_opaque, is_opaque};
 use crate::scene::assets::Assets;
 use crate::scene::description::{Scene, Shape};
 use crate::scene::lanes::Lanes3;
@@ -14,7 +14,7 @@ use crate::scene::visibility::Drawing;
 /// The density of points that can be anywhere in a pixel.
 const ANYWHERE: f32 = 4096.0;
 
-impl SceneRenderer {
+impl Passes {
     /// The first mirror shows what is in front of it, without shadows: the scene seen from the mirrored eye.
     pub(super) fn reflect(&mut self, scene: &Scene, assets: &Assets, view: &View) {
         let mirror = scene.instances.iter().position(|instance| {
@@ -33,12 +33,12 @@ impl SceneRenderer {
         let range = self.fragments.of(owner);
         let fragments = &self.fragments;
         let other = view.mirrored(point, normal);
-        self.mirror.begin(self.width, ANYWHERE);
+        self.mirror.begin(self.frame.width, ANYWHERE);
         for at in range.clone() {
             self.mirror.reach(fragments.pixel[at] as usize);
             self.mirror.push(fragments.x[at], fragments.y[at], fragments.nearness[at]);
         }
-        self.mirror.end(self.height, other.farthest());
+        self.mirror.end(self.frame.height, other.farthest());
         let (projected, samples) = (&mut self.projected, &mut self.mirror);
         draw_opaque(scene, assets, &other, Sides::MirroredFront, Some(owner), projected, samples);
         let whole = |at: usize| (fragments.pixel[range.start + at], fragments.share[range.start + at]);
