@@ -1,0 +1,1 @@
+//! What Craftax-Classic promises beyond conformance.
