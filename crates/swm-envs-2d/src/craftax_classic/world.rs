@@ -103,28 +103,36 @@ fn noise(key: Key, lattice: [usize; 2]) -> Layer {
     layer
 }
 
-fn perlin(key: Key, [rows, columns]: [usize; 2]) -> Layer {
-    let [tall, wide] = [SIDE / rows, SIDE / columns];
-    let gradients: Vec<[f32; 2]> = (0..(rows + 1) * (columns + 1))
+fn perlin(key: Key, lattice: [usize; 2]) -> Layer {
+    let [rows, columns] = lattice.map(axis);
+    let across = lattice[1] + 1;
+    let gradients: Vec<[f32; 2]> = (0..(lattice[0] + 1) * across)
         .map(|index| {
             let angle = std::f32::consts::TAU * key.uniform_at(index as u32);
             [angle.cos(), angle.sin()]
         })
         .collect();
-    let interpolant = |t: f32| t * t * t * (t * (t * 6.0 - 15.0) + 10.0);
-    (0..CELLS)
-        .map(|cell| {
-            let [row, column] = [cell / SIDE, cell % SIDE];
-            let [u, v] = [(row % tall) as f32 / tall as f32, (column % wide) as f32 / wide as f32];
-            let ramp = |down: usize, right: usize| {
-                let [x, y] = gradients[(row / tall + down) * (columns + 1) + column / wide + right];
-                fused(v - right as f32, y, (u - down as f32) * x)
+    let mut layer = Vec::with_capacity(CELLS);
+    for &(row, u, down) in &rows {
+        for &(column, v, right) in &columns {
+            let ramp = |below: usize, beside: usize| {
+                let [x, y] = gradients[(row + below) * across + column + beside];
+                fused(v - beside as f32, y, (u - below as f32) * x)
             };
-            let [down, right] = [interpolant(u), interpolant(v)];
-            let mix = |right: usize| fused(down, ramp(1, right), ramp(0, right) * (1.0 - down));
-            std::f32::consts::SQRT_2 * fused(right, mix(1), (1.0 - right) * mix(0))
-        })
-        .collect()
+            let mix = |beside: usize| fused(down, ramp(1, beside), ramp(0, beside) * (1.0 - down));
+            layer.push(std::f32::consts::SQRT_2 * fused(right, mix(1), (1.0 - right) * mix(0)));
+        }
+    }
+    layer
+}
+
+/// For each row or column: its place on the lattice, how far it is to the next, 0 to 1, and how much that one counts.
+fn axis(lattice: usize) -> [(usize, f32, f32); SIDE] {
+    let cells = SIDE / lattice;
+    std::array::from_fn(|i| {
+        let t = (i % cells) as f32 / cells as f32;
+        (i / cells, t, t * t * t * (t * (t * 6.0 - 15.0) + 10.0))
+    })
 }
 
 /// a · b + c with one rounding, as the original's compiler contracts them; on every machine alike.
