@@ -4,8 +4,8 @@ use swm_fov::{Factor, Fov, FovSpace};
 
 use super::rules::Params;
 
-/// A world in which both kinds of foes come near soon.
-const DANGEROUS_WORLD: i64 = 0;
+/// A world in which skeletons come near soon.
+const DANGEROUS_WORLD: i64 = 21;
 
 /// The factor table, in sampling order.
 pub(super) fn factors() -> FovSpace {
@@ -32,7 +32,8 @@ pub(super) fn factors() -> FovSpace {
             .shows_with("world.seed", DANGEROUS_WORLD),
         health("skeletons.health", skeleton_health)
             .doc("blows of strength 1 that kill a skeleton")
-            .shows_with("world.seed", DANGEROUS_WORLD),
+            .shows_with("world.seed", DANGEROUS_WORLD)
+            .shows_with("skeletons.chance", 0.5),
         Factor::integer("mobs.despawn_distance", 11, 20, despawn_distance.into())
             .doc("distance from the player at which mobs vanish and below which they appear, cells"),
     ])
