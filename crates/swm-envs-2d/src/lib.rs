@@ -5,6 +5,7 @@
 
 mod artist;
 pub mod classic_control;
+pub mod craftax_classic;
 mod dot_room;
 pub mod piecewise;
 #[cfg(feature = "rapier")]
@@ -37,6 +38,8 @@ pub const ENVS: &[EnvEntry] = &[
     pusht::PUSHT_RAPIER,
     #[cfg(feature = "rapier")]
     point_maze::POINT_MAZE,
+    craftax_classic::CRAFTAX_CLASSIC_SYMBOLIC,
+    craftax_classic::CRAFTAX_CLASSIC_PIXELS,
     classic_control::CART_POLE,
     classic_control::MOUNTAIN_CAR,
     classic_control::MOUNTAIN_CAR_CONTINUOUS,

@@ -1,0 +1,63 @@
+//! Craftax-Classic: an agent in a world of blocks collects, crafts, fights and sleeps, for 22 achievements.
+//!
+//! Worlds, steps and symbolic observations are those of the *reference*, the Python package `stable-worldmodel` (August 2026) on
+//! Craftax 1.6.1 (Matthews et al., ICML 2024) and JAX, of which the random stream is the same, too.
+//!
+//! | file | duty |
+//! |---|---|
+//! | `env`, `settings`, `factors` | the environment and its tables |
+//! | `rules`, `state` | blocks, actions, achievements, constants; what changes in a game |
+//! | `threefry` | JAX's random stream |
+//! | `world` | how a world is made |
+//! | `game`, `actions`, `mobs`, `spawning`, `vitals` | one step, by its parts |
+//! | `observation` | the symbolic observation |
+//! | `rendering`, `tiles` | images |
+//! | `expert`, `ways`, `policies` | the expert |
+
+mod actions;
+mod env;
+mod expert;
+mod factors;
+mod game;
+mod mobs;
+mod observation;
+mod policies;
+mod rendering;
+mod rules;
+mod settings;
+mod spawning;
+mod state;
+#[cfg(test)]
+mod tests;
+mod threefry;
+mod tiles;
+mod vitals;
+mod ways;
+mod world;
+
+use swm_core::EnvEntry;
+use swm_core::registry::MakeEnv;
+
+pub use env::CraftaxClassic;
+
+/// `swm/CraftaxClassicSymbolic-v1`.
+pub const CRAFTAX_CLASSIC_SYMBOLIC: EnvEntry = entry(
+    env::SYMBOLIC_ID,
+    "collect, craft and survive in a world of blocks, for 22 achievements; symbolic observations",
+    |config| Ok(Box::new(CraftaxClassic::symbolic(config)?)),
+);
+
+/// `swm/CraftaxClassicPixels-v1`.
+pub const CRAFTAX_CLASSIC_PIXELS: EnvEntry = entry(
+    env::PIXELS_ID,
+    "collect, craft and survive in a world of blocks, for 22 achievements; without symbolic observations",
+    |config| Ok(Box::new(CraftaxClassic::pixels(config)?)),
+);
+
+const fn entry(id: &'static str, summary: &'static str, make: MakeEnv) -> EnvEntry {
+    EnvEntry::new(id, summary, make)
+        .family("Worlds of blocks")
+        .settings(settings::SETTINGS)
+        .policies(&[policies::EXPERT, policies::NOISY_EXPERT])
+        .planner(policies::PLANNER)
+}
