@@ -3,8 +3,8 @@
 use clap::builder::StyledStr;
 use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
 
-/// An option, and the way out for whoever gives it with one that it excludes.
-const WAYS_OUT: &[(&str, &str)] = &[
+/// An option, and the remedy for whoever gives it with one that it excludes.
+const REMEDIES: &[(&str, &str)] = &[
     (
         "--manifest",
         "a manifest fixes the environment, its episodes, budget, factors and images; `swm manifest make` makes another one",
@@ -30,7 +30,7 @@ const WAYS_OUT: &[(&str, &str)] = &[
     ("--total", "--total counts the episodes that are there, --episodes only the new ones; give one of them"),
 ];
 
-/// The error with a way out, where it is about options that exclude each other.
+/// The error with a remedy, where it is about options that exclude each other.
 pub(super) fn explained(mut error: Error) -> Error {
     if error.kind() == ErrorKind::ArgumentConflict {
         let named = |kind| match error.get(kind) {
@@ -40,8 +40,8 @@ pub(super) fn explained(mut error: Error) -> Error {
         };
         let names = named(ContextKind::InvalidArg) + " " + &named(ContextKind::PriorArg);
         let is_named = |(option, _): &&(&str, &str)| names.split(' ').any(|word| word == *option);
-        if let Some((_, way_out)) = WAYS_OUT.iter().find(is_named) {
-            let tip = ContextValue::StyledStrs(vec![StyledStr::from(*way_out)]);
+        if let Some((_, remedy)) = REMEDIES.iter().find(is_named) {
+            let tip = ContextValue::StyledStrs(vec![StyledStr::from(*remedy)]);
             error.insert(ContextKind::Suggested, tip);
         }
     }
@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn options_that_exclude_each_other_name_a_way_out() {
+    fn options_that_exclude_each_other_name_a_remedy() {
         for (line, words) in [
             ("swm eval --manifest a.toml --policy weak --episodes 3", "swm manifest make"),
             (
@@ -85,7 +85,7 @@ mod tests {
             .flat_map(clap::Command::get_arguments)
             .filter_map(|argument| argument.get_long().map(|long| format!("--{long}")))
             .collect();
-        for (option, _) in WAYS_OUT {
+        for (option, _) in REMEDIES {
             assert!(options.iter().any(|known| known == option), "{option}");
         }
     }

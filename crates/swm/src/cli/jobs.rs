@@ -10,11 +10,11 @@ use clap::Args;
 use serde_json::{Value as Json, json};
 
 use super::output::{counted, key_values, print, table};
-use super::submit::{held_shards, queued};
 use super::{Failure, Output, usage};
 use crate::jobs::JobFolder;
 use crate::jobs::engine::{Queued, Submission, engine};
 use crate::jobs::files::{ranges, read_json};
+use crate::jobs::held::{held_shards, queued};
 use crate::jobs::log::{attempts, last_episode};
 use crate::jobs::progress::{Done, Failed, Finished, Progress};
 use crate::text_file::read_text;

@@ -1,6 +1,6 @@
 //! `swm submit`: divides a command into shards and hands them to a scheduler; again, only those that are missing.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -12,10 +12,11 @@ use super::output::counted;
 use super::task::{Redirected, bytes};
 use super::work::{self, Kind};
 use super::{Failure, Output, usage, version};
-use crate::jobs::engine::{ENGINES, Engine, Queued, Request, Settings, Submission};
+use crate::jobs::engine::{ENGINES, Engine, Request, Settings, Submission};
 use crate::jobs::files::{now, ranges};
+use crate::jobs::held::{held_shards, queued};
 use crate::jobs::job::{Input, Program};
-use crate::jobs::progress::{Progress, shards_of};
+use crate::jobs::progress::Progress;
 use crate::jobs::{Job, JobFolder, engine, free_bytes};
 use crate::text_file::read_text;
 
@@ -275,16 +276,13 @@ impl Sending<'_> {
         if indices.is_empty() && !is_finish {
             return Ok(sent);
         }
-        let only_finish =
-            if is_finish { engine.driver.finish_script(&request, "").map_err(usage)? } else { None };
-        let has_array = only_finish.is_none();
-        sent.script = only_finish.map_or_else(|| engine.driver.script(&request), Ok).map_err(usage)?;
+        let only_finish = if is_finish { engine.driver.finish_script(&request, "") } else { Ok(None) };
+        sent.script = match (only_finish.map_err(usage)?, is_dry) {
+            (Some(script), _) => script,
+            (None, true) => engine.driver.dry_run(&request).map_err(usage)?,
+            (None, false) => engine.driver.script(&request).map_err(usage)?,
+        };
         if is_dry {
-            // In comments: what is printed can be handed to the engine as it is.
-            if has_array && let Some(finish) = engine.driver.finish_script(&request, "ARRAY_ID")? {
-                sent.script += "\n# The join of the shards, a job of its own that waits for the array:\n";
-                sent.script.extend(finish.lines().map(|line| format!("#   {line}\n")));
-            }
             return Ok(sent);
         }
         for &shard in &missing {
@@ -341,42 +339,6 @@ impl Sent {
             "script": self.script,
         })
     }
-}
-
-/// The tasks that engines hold: those of former submissions, and of `engine`, to which one may have been handed without a trace.
-pub(super) fn queued(
-    folder: &JobFolder,
-    before: &[Submission],
-    engine: Option<&'static Engine>,
-) -> Result<Vec<Queued>, Failure> {
-    let mut engines: BTreeMap<&str, &Engine> = engine.iter().map(|&engine| (engine.name, engine)).collect();
-    for submission in before {
-        let (engine, _) = self::engine(&submission.on)?;
-        engines.insert(engine.name, engine);
-    }
-    let mut all = Vec::new();
-    for engine in engines.values() {
-        let held = engine.driver.queued(folder);
-        all.extend(held.map_err(|error| format!("cannot find out what is queued: {error}"))?);
-    }
-    Ok(all)
-}
-
-/// The shards of queued tasks. What `entries` were when a task was submitted says which shards it runs.
-pub(super) fn held_shards(
-    tasks: &[Queued],
-    before: &[Submission],
-    entries: u64,
-    shards: u64,
-) -> BTreeMap<u64, Queued> {
-    let mut held = BTreeMap::new();
-    for task in tasks {
-        let Some(entry) = task.entry else { continue };
-        let of = before.iter().find(|submission| submission.id == task.id);
-        let entries = of.map_or(entries, |submission| submission.entries);
-        held.extend(shards_of(entry, entries, shards).map(|shard| (shard, task.clone())));
-    }
-    held
 }
 
 /// Waits until the result is there, or nobody is at it any more.

@@ -82,6 +82,20 @@ pub(crate) trait Driver: Sync {
         Ok(None)
     }
 
+    /// [`Driver::script`], and behind it in comments what is submitted apart from it: handed over as it is printed, it is the same.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Driver::script`].
+    fn dry_run(&self, request: &Request<'_>) -> Result<String, BoxError> {
+        let mut text = self.script(request)?;
+        if let Some(finish) = self.finish_script(request, "ARRAY_ID")? {
+            text += "\n# The join of the shards, a job of its own that waits for the array:\n";
+            text.extend(finish.lines().map(|line| format!("#   {line}\n")));
+        }
+        Ok(text)
+    }
+
     /// Submits the task that joins the shards once job `id` has ended, where [`Driver::script`] does not hold it.
     ///
     /// # Errors

@@ -4,6 +4,7 @@
 pub(crate) mod engine;
 mod engines;
 pub(crate) mod files;
+pub(crate) mod held;
 pub(crate) mod job;
 pub(crate) mod log;
 mod process;
